@@ -48,14 +48,12 @@ class _Array(NamedTuple):
         return tuple(n for n in shape if n != 1)
 
     def column(self, index: int | None) -> FloatArray:
-        """Return one of its columns, or all of a vector."""
         values = self.data[()]
         values = np.squeeze(values.T if self.turned else values)
         return np.array(values if index is None else values[:, index], dtype=float)
 
 
 def column_names(path: Path) -> list[str]:
-    """Return the names of the columns of a file."""
     with _arrays(path) as arrays:
         return list(_columns(path, arrays))
 
@@ -95,7 +93,6 @@ def _columns(
 
 @contextmanager
 def _arrays(path: Path) -> Iterator[dict[str, _Array]]:
-    """Arrays of numbers in a file, by their paths."""
     from scipy.io.matlab import matfile_version
 
     with one_sentence(path):

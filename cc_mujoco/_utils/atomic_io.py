@@ -132,7 +132,6 @@ def is_marked(path: Path) -> bool:
 
 
 def require_writable(folder: str | os.PathLike[str]) -> None:
-    """Require that a folder can be written, or be made."""
     if not isinstance(folder, str | os.PathLike):
         raise CableError(f"the folder to write to must be a path, not {folder!r}.")
     if not os.fspath(folder):

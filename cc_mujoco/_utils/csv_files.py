@@ -147,7 +147,6 @@ def layout(path: Path, head: bytes) -> Layout:
 
 
 def is_number(cell: str, decimal: str = ".") -> bool:
-    """Return whether a cell holds a number."""
     try:
         float(cell.strip().replace(decimal, "."))
     except ValueError:
@@ -156,7 +155,6 @@ def is_number(cell: str, decimal: str = ".") -> bool:
 
 
 def _with_decimal_point(cell: str, separator: str) -> str:
-    """Return a cell with a decimal point where it has a decimal comma."""
     if separator != "," and _DECIMAL_COMMA.fullmatch(cell):
         return cell.replace(",", ".")
     return cell

@@ -32,7 +32,6 @@ _MAX_ELEMENTS = 64  # elements of an array; longer ones are images or scans
 
 
 def column_names(path: Path) -> list[str]:
-    """Return the names of the columns of a file."""
     return list(_table(path))
 
 
@@ -128,7 +127,6 @@ def _numbers(name: str, value: Any) -> Iterator[tuple[str, float]]:
 
 
 def _fields(name: str, message: Any) -> Iterator[tuple[str, float]]:
-    """Yield the numbers of the fields of a message."""
     fields = (
         message
         if isinstance(message, dict)

@@ -248,7 +248,6 @@ def _imported(path: str) -> set[str]:
 
 
 def _source_path(module: ModuleType | None) -> str | None:
-    """Return the path of a module's source, if it has one."""
     path = getattr(module, "__file__", None)
     return path if isinstance(path, str) and path.endswith(".py") else None
 

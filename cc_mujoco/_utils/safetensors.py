@@ -40,7 +40,6 @@ def to_bytes(tensors: Mapping[str, Any], metadata: Mapping[str, str]) -> bytes:
 
 
 def from_bytes(content: bytes) -> tuple[dict[str, Array], dict[str, str]]:
-    """Return the arrays and texts of a file."""
     length = int.from_bytes(content[:8], "little")
     if not 2 <= length <= min(MAX_HEADER_BYTES, len(content) - 8):
         raise ValueError("no header of safetensors")

@@ -38,7 +38,6 @@ ENDINGS = (
 
 
 def is_table(name: str | Path) -> bool:
-    """Return whether the name of a file ends as that of a table."""
     return Path(name).suffix.lower() in ENDINGS
 
 
@@ -118,7 +117,6 @@ def quantity_column(
 def _missing_quantity(
     path: Path, names: Sequence[str], name: str, measured: Kind
 ) -> CableError:
-    """Return the error for a column that is not there."""
     stem = name.rpartition("_")[0]
     start = f"{path}: there is no column {name!r}"
     near = next(iter(difflib.get_close_matches(name, names, 1, 0.4)), "")

@@ -43,7 +43,6 @@ class Table:
         return Table(f"{self.where}, [{key}]", content)
 
     def tables(self, key: str) -> dict[str, Table]:
-        """Return the tables inside a table."""
         outer = self.table(key)
         inner = {}
         for name, content in outer.content.items():

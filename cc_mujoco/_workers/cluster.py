@@ -157,7 +157,6 @@ def _portable() -> Callable[..., tuple[str, Answer]]:
 
 
 def _result_of(answer: Any, worker: str = "") -> Any:
-    """Return the result in the answer of a worker."""
     if isinstance(answer, BaseException):
         raise CableError(f"worker {worker} cannot take part: {answer}.")
     name, (result, why) = answer

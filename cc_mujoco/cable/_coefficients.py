@@ -131,7 +131,6 @@ def friction_holds(
     hold_proximal: FloatArray,
     drag: FloatArray,
 ) -> bool:
-    """Return whether friction holds the tensions of every segment."""
     for j in range(n):
         proximal, distal = max(tension[j], 0.0), max(tension[j + 1], 0.0)
         if (

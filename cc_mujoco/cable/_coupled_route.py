@@ -182,7 +182,6 @@ class CoupledCables:
 
 
 def _pack_on_path(cable: Cable, course: CoupledPath) -> FloatArray:
-    """Return the packed parameters of a cable on its course."""
     n = cable.segments
     if course.wrap.shape[1] != n:
         raise CableError(

@@ -47,7 +47,6 @@ _FLOW_TOLERANCE = 1e-15
 
 @internal
 def _cable_per_length(prm: FloatArray) -> elastic.Piece:
-    """Return the cable per unstretched length."""
     return elastic.Piece(1.0 / prm[_EA], prm[_BEDDING], prm[_BEDDING_TENSION])
 
 

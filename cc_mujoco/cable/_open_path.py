@@ -140,7 +140,6 @@ def fewest_segments(number: int, mouth: int) -> int:
 
 @internal
 def _geoms_behind(places: FloatArray, number: int, mouth: int) -> int:
-    """Return the number of geoms in the path behind a mouth."""
     count = 0
     for k in range(mouth, number):
         if places[PLACE_SIZE * k + KIND] != SITE:
@@ -309,7 +308,6 @@ def max_piece_stiffness(shape: FloatArray, stiffness: FloatArray, n: int) -> flo
 
 @internal
 def save_path(shape: FloatArray, n: int, memory: FloatArray) -> None:
-    """Write the path memory of a state."""
     own = memory[: memory_size(n)]
     own[:] = shape[_LENGTH * (n + 1) : _ROWS * (n + 1)]
 

@@ -67,7 +67,6 @@ def cross(a: Point, b: Point) -> Point:
 
 @internal
 def between(a: Point, b: Point) -> Point:
-    """Return the vector from a to b."""
     return Point(b.x - a.x, b.y - a.y, b.z - a.z)
 
 
@@ -83,7 +82,6 @@ def direction_to(a: Point, b: Point) -> tuple[Point, float]:
 
 @internal
 def in_geom_frame(places: FloatArray, k: int, v: Point) -> Point:
-    """Return a vector in the frame of the geom at place k."""
     return Point(
         dot(place_vector(places, k, AXES), v),
         dot(place_vector(places, k, AXES + 3), v),

@@ -137,7 +137,6 @@ def _print_names(groups: Mapping[str, Mapping[str, str]]) -> None:
 
 
 def _print_meanings(groups: Mapping[str, Mapping[str, str]]) -> None:
-    """Print groups of names with their meanings."""
     width = max(len(name) for group in groups.values() for name in group)
     for number, (group, entries) in enumerate(groups.items()):
         print(("\n" if number else "") + group)

@@ -81,7 +81,6 @@ class Play:
             self._record()
 
     def _record(self) -> None:
-        """Play and write."""
         names = self._names()
         # Controllers from elsewhere have a colon in their names, or a path.
         parts = [Path(self.scene).stem, *names.values(), str(self.seed)]
@@ -172,7 +171,6 @@ class Play:
         }
 
     def _env(self, names: dict[str, str]) -> Any:
-        """Return the environment."""
         import gymnasium
 
         return gymnasium.make(
@@ -203,7 +201,6 @@ class Play:
             )
 
     def _play_live(self) -> None:
-        """Play in a window."""
         self._refuse_other_options("live", "metric", "video", "html", "out")
         names = self._names()
 
@@ -217,7 +214,6 @@ class Play:
         env.close()
 
     def _show_log(self, log: Path) -> None:
-        """Show the log of a run."""
         names = (field.name for field in dataclasses.fields(self))
         self._refuse_other_options(
             "replay", *(n for n in names if n not in ("scene", "replay"))
@@ -229,7 +225,6 @@ class Play:
         print(f"open with:  rerun {recording}\nsee also:   {summary}")
 
     def _refuse_other_options(self, name: str, *others: str) -> None:
-        """Refuse options that one of them makes meaningless."""
         plain = Play(self.scene)
         for other in others:
             if getattr(self, other) != getattr(plain, other):

@@ -68,7 +68,6 @@ def fit_angle_pairs(pairs: Sequence[Sequence[float]], where: str) -> FittedArm:
 
 
 def arm_constants(found: FittedArm) -> dict[str, Constant]:
-    """Return the arm as constants of the rig."""
     slope, curve = found.coefficients
     return {
         RATIO_KEY: found.ratio,

@@ -26,7 +26,6 @@ JOINT_ANGLE, JOINT_TORQUE = "joint_angle_rad", "joint_torque_nm"
 ANGLES = (MOTOR_ANGLE, JOINT_ANGLE)
 TORQUES = (MOTOR_TORQUE, JOINT_TORQUE)
 MAIN_CHANNELS = (MOTOR_ANGLE, MOTOR_TORQUE, JOINT_ANGLE, JOINT_TORQUE)
-"""Angles and torques of both ends."""
 REQUIRED_CHANNELS = (TIME, *MAIN_CHANNELS)
 NON_TENSION_CHANNELS = (*MAIN_CHANNELS, MOTOR_CURRENT, TEMPERATURE)
 """Channels of a trial other than tensions and time."""
@@ -126,7 +125,6 @@ def is_further(channel: str) -> bool:
 
 
 def further_column(channel: str) -> str:
-    """Return the column of such a channel."""
     return channel.removeprefix(_FURTHER_PREFIX)
 
 

@@ -48,7 +48,6 @@ def columns_named(name: str, names: Sequence[str]) -> list[str]:
 
 
 def find_column(where: str, what: str, name: str, names: Sequence[str]) -> str:
-    """Return the one column of this name."""
     places = columns_named(name, names)
     if len(set(places)) > 1:
         raise _ambiguous_column(where, places, what)
@@ -141,7 +140,6 @@ def _missing_column(
     names: Sequence[str],
     used: Sequence[str] = (),
 ) -> CableError:
-    """Return the error for a column that is not there."""
     listing = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
     if channel != name:
         near = _nearest_name(name, names)

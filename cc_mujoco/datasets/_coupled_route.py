@@ -350,7 +350,6 @@ def _between(
 
 
 def _as_rows(signal: FloatArray, like: FloatArray) -> FloatArray:
-    """Return a signal that multiplies the rows of an array."""
     return signal if like.ndim == 1 else signal[:, None]
 
 

@@ -63,7 +63,6 @@ def _cell_names(end: str, bench: Bench) -> list[tuple[str, ...]]:
 
 
 def has_declared_cells(file: DatasetFile, end: str, bench: Bench) -> bool:
-    """Return whether load cells of all cables at one end are declared."""
     wanted = _cell_names(end, bench)
     given = [name for name in file.columns if is_cell_at_end(name, end)]
     for name in given:
@@ -151,7 +150,6 @@ def pull_torque(
 
 
 def cells_at_end(torque: str, trial: Trial) -> list[str]:
-    """Load cells of a trial at the end where this torque acts."""
     return [
         name for name in trial.tensions if is_cell_at_end(name, END_OF_TORQUE[torque])
     ]

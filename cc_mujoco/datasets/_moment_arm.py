@@ -17,7 +17,6 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
 
 LEVER_ANGLE_COUNT = 4001
-"""Angles at which a lever is known."""
 MIN_ARM_RATIO = 0.2
 """Arm over that at 0 beyond which a lever is as good as dead."""
 _MAX_ANGLE = 3.0

@@ -193,7 +193,6 @@ class Recording:
         return len(self.values[channels.TIME])
 
     def column(self, channel: str) -> str:
-        """Return the file and column of a channel, for a sentence."""
         path = self.paths.get(channel, self.path)
         return f"{path}, column {self.labels.get(channel, channel)}"
 

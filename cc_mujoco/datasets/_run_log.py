@@ -48,7 +48,6 @@ def other_scene(rows: Path, scene: str) -> str:
 
 
 def is_log(path: Path) -> bool:
-    """Return whether a file is a log of a run, or of an episode."""
     return bool(scene_of(path)) or (
         path.suffix.lower() == ".parquet" and is_marked(path)
     )

@@ -115,7 +115,6 @@ def derived_noise(
 def _instrument(
     torque: str, trials: Sequence[Trial], file: DatasetFile, bench: Bench | None
 ) -> tuple[Instrument | None, list[DataFinding]]:
-    """Return the instrument of a torque that all trials have."""
     if not file.source(torque).measured or not trials:
         if torque == channels.JOINT_TORQUE and file.has_known_load:
             return "known load", []

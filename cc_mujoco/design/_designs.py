@@ -59,7 +59,6 @@ def read_range(
     among: Mapping[str, Parameter] = VARIABLES,
     kind: str = "variable",
 ) -> Range:
-    """Parse the range of a variable."""
     variable = find(name, device.cables, device.axis_cables, among, kind)
     label = f"variable {name!r}"
     if isinstance(given, str) and ":" in given and not variable.text:

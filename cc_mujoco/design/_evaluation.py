@@ -62,8 +62,6 @@ latter counts: twice the inertia of an ideal wearer is at the edge of stability.
 
 
 class DesignResult(NamedTuple):
-    """Outcome of one design."""
-
     metrics: dict[str, float]
     """All `number_columns`; NaN where one cannot be had."""
     failed: str
@@ -125,7 +123,6 @@ def _try_case(
     designs: Sequence[Design],
     tick: Tick,
 ) -> list[_Tried]:
-    """Try designs in one case."""
     plants = [Plant(builder, {**design, **case}) for design in designs]
     models = [attended(plant) for plant in plants]
     tests = episodes(protocol, builder, plants[0].values)

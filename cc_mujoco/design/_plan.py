@@ -304,7 +304,6 @@ def _assigned(field: str, what: str, given: Assignments) -> Mapping[str, Given]:
 
 
 def require_optuna() -> Any:
-    """Return the module of Optuna."""
     try:
         import optuna
     except ImportError:
@@ -508,7 +507,6 @@ def _default_metrics_of(names: Collection[str], costs: bool) -> tuple[str, ...]:
 def _check(
     across: Across, builder: Device, rows: Sequence[Mapping[str, object]]
 ) -> list[Design]:
-    """Return every design as it is used."""
     checked: list[Design] = []
     wrong: list[tuple[int, str]] = []
     for index, row in enumerate(rows):

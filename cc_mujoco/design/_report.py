@@ -79,7 +79,6 @@ REPORT_FILES = (
 """All files that may be written in addition to the table."""
 
 RANKED_DESIGNS = 20
-"""Designs in the ranking."""
 DRAWN_VARIABLES = 3
 """Variables whose effects on the objectives are drawn unfolded."""
 

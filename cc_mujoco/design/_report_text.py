@@ -301,7 +301,6 @@ def _least_violating(found: RankedStudy) -> list[Html]:
 
 
 def best_designs(found: RankedStudy) -> Html | None:
-    """Return a table of the best designs."""
     if found.best is None:
         return None
     names = [goal.name for goal in found.goals]
@@ -506,7 +505,6 @@ def trade_offs(found: RankedStudy) -> Html | None:
 def deciding_variables(
     found: Sequence[Sensitivity], goals: Sequence[Objective]
 ) -> Html:
-    """State which variables decide each objective."""
     known = [one for goal in goals for one in found if one.metric == goal.name]
     unknown = [g.name for g in goals if g.name not in {one.metric for one in known}]
     parts: list[Html] = []

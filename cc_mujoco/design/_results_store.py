@@ -216,7 +216,6 @@ class Store:
 
 
 def _design_digest(written: Sequence[str]) -> tuple[int, bytes]:
-    """Return the number of designs, and a digest of them."""
     digest = hashlib.sha256("\n".join(written).encode())
     return len(written), digest.digest()
 
@@ -254,7 +253,6 @@ def _remove_parts(folder: Path) -> None:
 
 
 def read_study(folder: Path) -> dict[str, Any]:
-    """Read the description of the study in a folder."""
     try:
         found = dict(parse_json((folder / STUDY_FILE).read_text(encoding="utf-8")))
         _ = found["variables"], found["protocol"]["duration"]

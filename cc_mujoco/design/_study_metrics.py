@@ -64,7 +64,6 @@ DEFAULT_OBJECTIVES = ("rms_torque_error", "reflected_torque", "rms_motor_torque"
 how well the task is done, how the device feels without power, how large its motor is.
 """
 HELD_TESTS = ("backlash", "bandwidth")
-"""Tests in which the joints are held."""
 ROPE_METRICS = ("cable_mass", "mass", "bend_ratio", "bending_stress")
 """Metrics that the diameter of the rope decides."""
 COST_METRIC = "cost"
@@ -83,7 +82,6 @@ REQUIRED_VARIABLES = {
 """Variables of which a design must have one for a metric that needs this constant,
 since no scene has it."""
 _RESERVED_COLUMNS = {"design", "failed", "controller", WEARER.name, *VARIABLES}
-"""Columns of a table that are no metrics."""
 
 
 def split_metric(name: str) -> tuple[str, str]:
@@ -110,7 +108,6 @@ def metric_of(name: str) -> Metric:
 
 
 def metric_of_designs(given: str | Metric) -> Metric:
-    """Return a metric that the designs of a study can have."""
     axis = ""
     if isinstance(given, str) and ":" not in given:
         axis, given = split_metric(given)

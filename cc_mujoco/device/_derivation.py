@@ -119,7 +119,6 @@ class _End(NamedTuple):
     actuator: int
     out: int
     joints: tuple[int, ...]
-    """Joints that move it."""
 
 
 def describe(spec: mujoco.MjSpec, scene: str, table: Table) -> Description:
@@ -333,7 +332,6 @@ def _axis(
     table: Table,
     read: DescriptionReader,
 ) -> _Found:
-    """Return the axis of a motor."""
     model = arms.model
     name = model.actuator(motor).name
     drum = int(model.actuator_trnid[motor, 0])

@@ -190,7 +190,6 @@ def device_label(scene: str) -> str:
 
 
 def read_table(path: Path) -> Table:
-    """Read the file of a description."""
     try:
         content = parse_toml(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
@@ -224,7 +223,6 @@ class DescriptionReader:
         high: float = math.inf,
         label: str = "",
     ) -> float:
-        """Return a number of a table, or a default of some origin."""
         given = table.number(key, low)
         if given is not None and given > high:
             raise table.wrong(key, f"at most {high:.4g}, in SI units and radians")

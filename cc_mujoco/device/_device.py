@@ -228,7 +228,6 @@ class Device(Nominal):
 
 
 def _load_spec(scene: Path) -> mujoco.MjSpec:
-    """Return the specification of a scene."""
     try:
         return read_spec(scene)
     except ValueError as error:

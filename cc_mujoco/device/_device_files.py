@@ -14,7 +14,6 @@ from cc_mujoco.device._description import ENDING, read_table
 from cc_mujoco.errors import CableError
 
 FILE_ENDINGS = (".xml", ".toml")
-"""Endings of files that a device is given by."""
 
 
 def is_device_file(source: str | Path) -> bool:

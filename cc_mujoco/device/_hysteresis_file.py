@@ -19,14 +19,11 @@ from cc_mujoco._utils.toml_table import Table, finite
 from cc_mujoco.errors import CableError
 
 HYSTERESIS_ENDING = ".hysteresis.toml"
-"""Ending of the file."""
-
 Parameters = dict[str, dict[str, Any]]
 """Numbers and lists of numbers by controller and name."""
 
 
 def hysteresis_of(table: Table) -> dict[str, Parameters]:
-    """Return the parameters of every axis in a table."""
     found: dict[str, Parameters] = {}
     for axis in table.content:
         for law, values in table.tables(axis).items():

@@ -374,7 +374,6 @@ class Plant:
         return of_owner(self.values, *axes, cable)
 
     def _cable(self, name: str) -> Cable:
-        """Return a cable with its values."""
         cable, own = self.device.cables[name], self._own(name)
         changes: dict[str, object] = {
             key: own[key] for key in KEYS if key in own and key != "friction"
@@ -602,7 +601,6 @@ def _require_guided(name: str, cable: Cable, own: Mapping[str, Value]) -> None:
 
 
 def _conduit(cable: Cable, own: Mapping[str, Value]) -> Cable:
-    """Return a cable in the conduit that its values describe."""
     sections = cable.conduit
     if "length" in own:
         longer = float(own["length"]) / cable.length

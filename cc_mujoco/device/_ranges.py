@@ -81,7 +81,6 @@ class Ranges:
         return tuple(self._ranges)
 
     def draw(self, rng: np.random.Generator, given: Mapping[str, Any] | None) -> Plant:
-        """Return the plant of an episode."""
         values: dict[str, float] = {}
         tosses: dict[str, float] = {}
         for name, (low, high) in self._ranges.items():

@@ -237,7 +237,6 @@ def description_text(device: Device) -> str:
 
 
 def write_description(device: Device, path: str | os.PathLike[str]) -> None:
-    """Write the file of a device's description."""
     if Path(path).exists():
         raise CableError(f"{path} is there already; give another name with --out.")
     with replacing(path) as partial:
@@ -254,7 +253,6 @@ def _quoted(heading: str) -> str:
 
 
 def _toml(value: object) -> str:
-    """Return a value as TOML."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):

@@ -160,7 +160,6 @@ class Sensors:
 
 
 def _per_sensor(deviation: ArrayLike, count: int) -> tuple[float, ...]:
-    """Return one deviation per sensor, from as many or one for all."""
     given = numbers("deviation", deviation)
     if given.shape not in ((), (count,)):
         raise CableError(
@@ -462,8 +461,6 @@ class Measuring:
 
 
 class AxesMeasuring:
-    """Sensors of all axes of a device."""
-
     def __init__(self, prefixes: Sequence[str], axes: Sequence[Measuring]) -> None:
         self._prefixes, self._axes = tuple(prefixes), tuple(axes)
 

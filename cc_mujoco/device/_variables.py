@@ -388,7 +388,6 @@ def read_values(
 
 
 def owner_axes(cable: str, axes: Mapping[str, Sequence[str]]) -> list[str]:
-    """Return the axes that a cable belongs to."""
     return [axis for axis, names in axes.items() if cable in names]
 
 

@@ -110,7 +110,6 @@ def require_scene(device: Description, names: Collection[str]) -> None:
 def trajectory_of(
     design: Mapping[str, Value], trajectory: str | Trajectory
 ) -> str | Trajectory:
-    """Return the trajectory of the wearer of a design."""
     if SPEED in design or LEG_LENGTH in design:
         return Walk.at(speed_of(design), body_of(design))
     return trajectory

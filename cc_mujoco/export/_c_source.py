@@ -56,7 +56,6 @@ cmake -S . -B build && cmake --build build
 
 
 def header(plan: ExportPlan, what: str, notes: Sequence[str] = ()) -> str:
-    """Return the C header."""
     told = "".join(f"/* {note}. */\n" for note in notes)
     readings = "\n".join(
         f"    double {name}; /* {meaning} */"
@@ -155,7 +154,6 @@ static inline void cc_controller_given(cc_controller *controller, const double *
 
 
 def _meanings(axis: AxisPlan) -> Iterator[str]:
-    """Return the meanings of the readings of an axis."""
     known = _READING_MEANINGS
     if not axis.law.is_guarded:
         known = known | _POLICY_MEANINGS
@@ -235,7 +233,6 @@ def _span_text(low: float, high: float) -> str:
 
 
 def parameters(plan: ExportPlan) -> str:
-    """Return the parameters as a C array."""
     rows = "\n".join(
         f"    [CC_{field.name.upper()}] = {_c_literal(field.value)}, "
         f"/* {'-' if field.unit == '1' else field.unit} */"

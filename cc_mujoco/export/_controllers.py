@@ -91,7 +91,6 @@ class ExportedLaw:
     """True if it reads torques as of a round pulley, as every law with a model does."""
     is_guarded: bool = True
     numbers: str = "gains"
-    """Attribute of the controller that has its gains."""
 
 
 _FIXED_TUNING = frozenset(
@@ -207,8 +206,6 @@ class Field:
 
 @dataclass(frozen=True)
 class AxisPlan:
-    """The controller of one axis, as it is exported."""
-
     law: ExportedLaw
     fields: tuple[Field, ...]
     """Parameters in the order in which C has them."""
@@ -338,7 +335,6 @@ class AxisPlan:
 
     @property
     def tension_names(self) -> tuple[str, ...]:
-        """Names of the tensions among them."""
         return tuple(name for name, _, _ in self.tension_readings)
 
     @property

@@ -82,7 +82,6 @@ def whole_part(numbers: IntArray, first: int, count: int) -> IntArray:
 
 @reinterpret_part
 def whole_rows_of(numbers: IntArray, first: int, rows: int, columns: int) -> IntMatrix:
-    """Return a part of some whole numbers as a matrix."""
     return numbers[first : first + rows * columns].reshape(rows, columns)
 
 

@@ -33,7 +33,6 @@ class JointTorques:
     """Numbers of `own_readings` for a device."""
 
     readings: int
-    """Number of readings."""
     rows: tuple[tuple[int, ...], ...]
     """Rows of every axis, see `_ROWS`; the joint is 0 without a coupling."""
     shared: tuple[tuple[int, int, int], ...] = ()

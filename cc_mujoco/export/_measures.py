@@ -61,7 +61,6 @@ class Measures(NamedTuple):
     """Most basic blocks of a step."""
 
     def lines(self) -> list[str]:
-        """Return both in words."""
         machine = platform.machine()
         unknown = "not known, as there is no gcc here"
         stack, blocks = unknown, unknown

@@ -160,7 +160,6 @@ class RunRig:
         what: str,
         name: str | None = None,
     ) -> RunOutcome:
-        """Return one run, with its log."""
         from cc_mujoco._utils.provenance import versions
         from cc_mujoco.datasets._run_log import DEFAULT_LOG_NAME
         from cc_mujoco.hardware import Loop, RunLog, SystemClock, watch_for_stop

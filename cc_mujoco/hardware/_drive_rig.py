@@ -38,8 +38,6 @@ class MotorState(NamedTuple):
 
 
 class MotorDrive(Connection, Protocol):
-    """Motor drive."""
-
     def read(self) -> MotorState | None:
         """Return the newest reading, or None if none came since the last call."""
 
@@ -63,7 +61,6 @@ class Enabling:
             self._since = self._now()
 
     def status(self, enabled: bool) -> Status | None:
-        """Return the status of a drive by its report on whether it is enabled."""
         if enabled:
             self._enabled = True
             return Status.ENABLED

@@ -210,7 +210,6 @@ class Dynamixel:
         self._failures = 0
 
     def _reply(self, error: int, data: bytes) -> MotorState | None:
-        """Take the reply to the last read."""
         requested, self._requested = self._requested, None
         if requested is None or len(data) != requested[1]:
             self.ignored["error of the servo" if error else "corrupt"] += 1

@@ -25,7 +25,6 @@ MODE, POSITION, VELOCITY, FAULT_CODE = 0x000, 0x001, 0x002, 0x00F
 COMMAND, WATCHDOG_TIMEOUT, INTEGRAL_SCALE = 0x020, 0x027, 0x02B
 """Registers that are written: five from `COMMAND` on, then one each."""
 STOPPED, FAULT, PREPARING, POSITION_MODE = 0, 1, (2, 3, 4), 10
-"""Modes."""
 TIMEOUT = 0.05
 """Time after which a command without a successor ends [s]."""
 _REPLY_REQUESTED = 0x8000

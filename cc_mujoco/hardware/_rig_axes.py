@@ -24,7 +24,6 @@ from cc_mujoco.hardware._settings import Settings
 
 
 def laws_of(law: Controller) -> tuple[Controller, ...]:
-    """Return the controllers of each axis, or the one that has all axes."""
     return law.laws if isinstance(law, AxesController) else (law,)
 
 

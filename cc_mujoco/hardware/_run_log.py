@@ -42,7 +42,6 @@ one commanded in this cycle; the one that the controller requested (NaN if it wa
 called); how late the cycle began and how long it took until the command was sent; the
 number of the cycle."""
 _AXIS_COLUMNS = RUN_COLUMNS[1:-3]
-"""Columns of a run that belong to an axis."""
 SAMPLE_TIME = "sample_time_s"
 """Column of each of several axes: time of its reading by the clock of its own rig,
 since its first reading in the log. `time_s` is that of the first axis."""

@@ -146,7 +146,6 @@ class ReportedRun:
     """A run whose log is complete."""
 
     log: Path
-    """Its rows."""
     outcome: RunOutcome
     what: str
     """Name of its controller, or of its trial."""

@@ -126,10 +126,7 @@ TRIAL_COLUMNS = {"time_s": CLOCK, "motor_angle_rad": ANGLE, "joint_angle_rad": A
 
 @dataclass(frozen=True)
 class Planned:
-    """One trial."""
-
     path: Path
-    """Path of its motion."""
     name: str
     """Name that its log gets, and that `dataset.toml` knows."""
     notes: str

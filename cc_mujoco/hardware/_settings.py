@@ -103,7 +103,6 @@ MAX_MOTOR_TIME_CONSTANT = 0.02
 """Greatest time constant of a motor's torque that a loop is made for [s]."""
 _TASK_KEYS = ("torque", "csv", "name", "trajectory")
 _AXIS_TABLES = ("rig", "limits", "watchdog", "task", "servo")
-"""Tables that every axis has."""
 _REQUIRED_LIMITS = ("torque", "torque_rate", "motor_speed", "joint_range")
 
 
@@ -319,7 +318,6 @@ def read_axes(
 def _axis(
     path: Path, scene: str, period: float, top: Table, name: str | None
 ) -> Settings:
-    """Return the settings of an axis from the tables that belong to it."""
     lag = top.number("motor_lag")
     if lag is not None and not 0.0 <= lag <= MAX_MOTOR_TIME_CONSTANT:
         raise top.wrong(

@@ -105,4 +105,3 @@ class Body:
 
 
 SCENE_WEARER = Body()
-"""The wearer of the scenes."""

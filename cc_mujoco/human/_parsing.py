@@ -113,7 +113,6 @@ def user_object(
 
 
 def is_package_object(given: object) -> bool:
-    """Return whether an object is of a class of this package."""
     return type(given).__module__.partition(".")[0] == __name__.partition(".")[0]
 
 

@@ -144,7 +144,6 @@ def read_torque(
 def _torque_column(
     path: Path, names: Sequence[str], joints: Sequence[str]
 ) -> tables.Column:
-    """Return the column of the torque on a joint."""
     found: dict[tuple[str, ...], list[str]] = {}
     for name in names:
         key, unit = quantity_words(name, TORQUE)
@@ -187,7 +186,6 @@ class UserTask(Task):
     name: str
     """`MODULE:NAME`."""
     own: Task
-    """The user's task."""
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
         """Return the torque of the user's task [N m]; see `Task.torque`."""

@@ -71,7 +71,6 @@ class UserTrajectory(Trajectory):
     name: str
     """`MODULE:NAME`."""
     own: Trajectory
-    """The user's trajectory."""
 
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
         with user_errors(f"trajectory {self.name!r}"):

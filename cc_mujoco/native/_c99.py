@@ -242,7 +242,6 @@ class CLibrary:
         return short_name(kind)
 
     def head(self, name: str, signature: FunctionTypes) -> str:
-        """Return the head of a function."""
         given = [f"{self.type(k)} {c_name(n)}" for n, k in signature.arguments.items()]
         head = f"{self.type(signature.result)} {name}({', '.join(given) or 'void'})"
         if len(head) > 80:
@@ -288,7 +287,6 @@ def _names(base: str) -> Iterator[str]:
 
 
 def literal(found: Any) -> Value:
-    """Return a number in C."""
     if isinstance(found, bool):
         return Value("true" if found else "false", BOOL, _ATOM, found)
     kind, text = REAL, repr(float(found))

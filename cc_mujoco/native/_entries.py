@@ -105,7 +105,6 @@ def _format(function: Function, name: str, kind: Kind) -> str:
 
 
 def _argument(library: CLibrary, kind: Kind, cells: Iterator[int]) -> str:
-    """Return an argument, made of the cells that have been read."""
     if isinstance(kind, Scalar):
         cell = f"a[{next(cells)}].{'d' if kind == REAL else 'i'}"
         if kind == BOOL:

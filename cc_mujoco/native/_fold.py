@@ -158,8 +158,6 @@ def _jumps(body: list[ast.stmt]) -> bool:
 
 
 class _Folder(ast.NodeTransformer):
-    """One pass of folding."""
-
     def __init__(
         self,
         scope: Scope,

@@ -91,7 +91,6 @@ class _Lowering:
         self._source, self._count = source, 0
 
     def block(self, body: list[ast.stmt]) -> list[ast.stmt]:
-        """Return a block of lowered statements."""
         return [
             ast.fix_missing_locations(ast.copy_location(lowered, statement))
             for statement in body
@@ -173,13 +172,11 @@ class Writer(ast.NodeVisitor):
     """Text of one function: a method for each node, which a language adds."""
 
     def __init__(self, source: ReadFunction) -> None:
-        """Begin with a function that has been read."""
         self.source, self.scope = source, source.scope
         self.lines: list[str] = []
         self.depth = 0
 
     def emit(self, text: str) -> None:
-        """Add a line."""
         self.lines.append("    " * self.depth + text)
 
     def block(self, body: list[ast.stmt]) -> None:

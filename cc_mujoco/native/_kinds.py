@@ -56,7 +56,6 @@ class Structure:
     is_pointer: bool = False
 
     def kind_of(self, field: str) -> Kind:
-        """Return the type of a field."""
         return dict(self.fields)[field]
 
 
@@ -107,7 +106,6 @@ class UnknownTypeError(Exception):
 
 
 def tuple_of(kinds: tuple[Kind, ...]) -> Structure:
-    """Return the type of a tuple."""
     name = "Tuple_" + "_".join(short_name(kind) for kind in kinds)
     return Structure(name, tuple((f"f{i}", kind) for i, kind in enumerate(kinds)))
 
@@ -181,7 +179,6 @@ class FunctionTypes:
 
 
 def signature_of(function: types.FunctionType) -> FunctionTypes:
-    """Return the types of a function from its annotations."""
     try:
         hints = typing.get_type_hints(function, include_extras=True)
     except NameError as error:

@@ -154,7 +154,6 @@ class _WarpWriter(Writer):
         raise self.source.refusal(argument, f"an argument of the type `{written}`")
 
     def block(self, body: list[ast.stmt]) -> None:
-        """Add the lines of a block."""
         super().block(body or [ast.Pass()])
 
     def visit_If(self, node: ast.If) -> None:

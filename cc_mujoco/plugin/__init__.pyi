@@ -19,9 +19,9 @@ from ._registration import register as register
 from ._settle import StepLimits as StepLimits
 from ._settle import settle as settle
 from ._settle import step_limits as step_limits
-from ._takeover.report import AddedCables as AddedCables
-from ._tendon_report import TendonPlace as TendonPlace
-from ._tendon_report import TendonReport as TendonReport
-from ._tendon_report import TendonSummary as TendonSummary
-from ._tendon_report import tendon_report as tendon_report
-from ._tendons import add_friction as add_friction
+from ._tendons.account import AddedCables as AddedCables
+from ._tendons.friction import add_friction as add_friction
+from ._tendons.report import TendonPlace as TendonPlace
+from ._tendons.report import TendonReport as TendonReport
+from ._tendons.report import TendonSummary as TendonSummary
+from ._tendons.report import tendon_report as tendon_report

@@ -44,7 +44,7 @@ from cc_mujoco.plugin._spec import (
     plain_errors,
     require_spec,
 )
-from cc_mujoco.plugin._takeover.report import (
+from cc_mujoco.plugin._tendons.account import (
     ENDS,
     AddedCables,
     actuator_label,
@@ -234,7 +234,6 @@ def add_cable(
 def _report(
     before: mujoco.MjModel, after: mujoco.MjModel, drive: _Drive, cable: Cable
 ) -> AddedCables:
-    """Return the account of a new drive, by the models before and with it."""
     name, winch, gone = drive.name, "", drive.replace
     lines = [
         f"cable {name!r}: friction {cable.friction:g}, of {cable.segments} segments, "
@@ -473,7 +472,6 @@ def _name(kind: str, thing: Any, found: Iterable[Any]) -> str:
 
 
 def _site(spec: mujoco.MjSpec, place: Any, what: str, name: str) -> _Site:
-    """Return the site that a place stands for."""
     if isinstance(place, str | mujoco.MjsSite):
         return _Site(_name("site", place, spec.sites))
     if isinstance(place, Sequence) and len(place) == 2:

@@ -397,7 +397,6 @@ def equal_text(a: Bytes, b: Bytes) -> bool:
 
 @internal
 def append_key(message: Bytes, used: int, key: int) -> int:
-    """Add the name of a key."""
     start = 0
     for _ in range(key):
         while _NAMES[start] != 0:

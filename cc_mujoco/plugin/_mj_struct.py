@@ -240,7 +240,6 @@ def time(data: int) -> float:
 
 @internal
 def signature(model: int) -> int:
-    """Return the signature that distinguishes models."""
     return load_word(model + _SIGNATURE)
 
 

@@ -106,7 +106,7 @@ def step_limits(
         model: the model.
         data: a simulation whose pose counts; by default that of `qpos0`, and for the
             pieces of an open path the worst of the poses over the ranges of its joints,
-            see `_tendon_survey.sweep`.
+            see `_tendons.survey.sweep`.
 
     Returns:
         Limits [s], infinite for what moves nothing.
@@ -116,7 +116,12 @@ def step_limits(
     """
     require_kind("model", model, mujoco.MjModel)
     # Compiled code takes seconds to load, and few need it.
-    from cc_mujoco.plugin._readings import held_instance, require_data_of
+    from cc_mujoco.plugin._readings import (
+        held_instance,
+        require_data_of,
+        route_tendon,
+    )
+    from cc_mujoco.plugin._tendons.survey import survey_poses
 
     everywhere = data is None
     if data is None:
@@ -129,26 +134,25 @@ def step_limits(
     }
     for name, limits in found.items():
         if everywhere and math.isfinite(limits.pieces):
-            pieces = shortest_piece_step(model, data, name, model.qpos0)
+            poses = survey_poses(model, model.qpos0, route_tendon(model, name))
+            pieces = shortest_piece_step(model, data, name, poses)
             found[name] = limits._replace(pieces=pieces)
     return found
 
 
 def shortest_piece_step(
-    model: mujoco.MjModel, data: mujoco.MjData, name: str, rest: Floats
+    model: mujoco.MjModel, data: mujoco.MjData, name: str, poses: Floats
 ) -> float:
-    """Return the limit of the pieces of a cable over the poses of its tendon [s].
+    """Return the limit of the pieces of a cable in `poses` of its tendon (k, nq) [s].
 
-    The `qpos` of `data` is left at the last pose. `rest` is the pose of all joints that
-    do not move its tendon (nq,).
+    The `qpos` of `data` is left at the last pose.
     """
     # Compiled code takes seconds to load, and few need these.
     from cc_mujoco.plugin._readings import route_tendon
-    from cc_mujoco.plugin._tendon_survey import piece_timesteps, survey_poses
+    from cc_mujoco.plugin._tendons.survey import piece_timesteps
 
-    tendon, found = route_tendon(model, name), math.inf
-    poses = survey_poses(model, rest, tendon)
-    alone = piece_timesteps(model, data, tendon, 1.0, poses)
+    found = math.inf
+    alone = piece_timesteps(model, data, route_tendon(model, name), 1.0, poses)
     # With what all cables do to each other only where it is shortest without.
     for pose in (poses[0], *poses[np.argsort(alone)[:_WORST_POSES]]):
         data.qpos[:] = pose

@@ -134,13 +134,11 @@ def muted_warnings() -> Iterator[None]:
 
 
 def read_spec(path: str | os.PathLike[str]) -> mujoco.MjSpec:
-    """Return the specification in an MJCF file."""
     require_utf8(os.fspath(path))
     return mujoco.MjSpec.from_file(os.fspath(path))
 
 
 def compile_spec(spec: mujoco.MjSpec) -> mujoco.MjModel:
-    """Compile a specification."""
     with plain_errors():
         return spec.compile()
 

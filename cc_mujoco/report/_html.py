@@ -40,7 +40,6 @@ def element(name: str, *content: Content, **attributes: str) -> Html:
 
 
 def join_pieces(parts: Iterable[Content], between: Content = "") -> Html:
-    """Return several pieces as one."""
     return Html(_html(between).join(map(_html, parts)))
 
 
@@ -50,7 +49,6 @@ def paragraph(*content: Content, kind: str = "") -> Html:
 
 
 def bullet_list(items: Iterable[Content], ranked: bool = False) -> Html:
-    """Return a list, numbered if it is ranked."""
     return element("ol" if ranked else "ul", *(element("li", item) for item in items))
 
 

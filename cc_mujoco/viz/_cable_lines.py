@@ -35,7 +35,6 @@ Array = NDArray[np.float64]
 CONDUIT, MOTOR_END, JOINT_END = "conduit", "motor_end", "joint_end"
 """Parts of a cable that are drawn."""
 ROPE_POINTS = 40
-"""Points of a rope."""
 STRAIGHT_WIDTH = 0.004
 """Radius of a line that no tendon gives, over the extent of the model."""
 MIN_LENGTH = 1e-3
@@ -45,8 +44,6 @@ drawn."""
 
 @dataclass(frozen=True)
 class _Straight:
-    """Line from one end of a cable to the other."""
-
     ends: tuple[int, int]
     """Actuators of the ends, proximal and distal."""
     first: tuple[bool, bool]

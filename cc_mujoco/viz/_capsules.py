@@ -25,7 +25,6 @@ SHADE, EMISSION = 0.72, 0.25
 """Material of coloured cables: lit, their colours come near those of the scale."""
 
 HIDDEN_TENDON_GROUP = mujoco.mjNGROUP - 1
-"""Group of what is not shown."""
 
 
 class Capsules:

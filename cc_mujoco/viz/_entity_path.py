@@ -14,7 +14,6 @@ class Branch:
     """Place in a recording at which an episode is logged."""
 
     rec: rr.RecordingStream
-    """The open recording."""
     root: str = ""
     """Path under which all of it lies, escaped; empty for the recording's own root."""
 

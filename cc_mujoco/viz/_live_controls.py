@@ -101,7 +101,6 @@ class Knobs:
 
     @property
     def slides(self) -> tuple[float, ...]:
-        """Positions of the sliders."""
         places = self.friction, self.pretension, float(self._law)
         return places[: len(self.sliders)]
 

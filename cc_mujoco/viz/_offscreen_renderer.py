@@ -277,7 +277,6 @@ class OffscreenRenderer:
         )
 
     def _read(self, bottom: int, colors: Picture, depth: NDArray[np.float32]) -> None:
-        """Read colours and depth of the rendering, from this row on."""
         part = mujoco.MjrRect(0, bottom, self._size[1], len(depth))
         if len(depth):
             mujoco.mjr_readPixels(colors, depth, part, self._drawing)

@@ -15,8 +15,6 @@ Array = NDArray[np.float64]
 
 
 class PlotLine(NamedTuple):
-    """One line of a plot."""
-
     label: str
     values: Array
     """Values of all samples (T,), in the unit of its panel."""
@@ -25,8 +23,6 @@ class PlotLine(NamedTuple):
 
 
 class Panel(NamedTuple):
-    """One plot."""
-
     title: str
     unit: str
     lines: tuple[PlotLine, ...]

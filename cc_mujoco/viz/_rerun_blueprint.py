@@ -20,7 +20,6 @@ Array = NDArray[np.float64]
 View = rrb.View | rrb.Container
 
 ENDS = ("motor", "joint")
-"""Ends of a cable."""
 
 
 def blueprint(log: EpisodeLog, model: mujoco.MjModel) -> rrb.Blueprint:

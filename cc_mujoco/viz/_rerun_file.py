@@ -132,7 +132,6 @@ def write_recording(
 def log_episode(
     rec: Branch, log: EpisodeLog, model: mujoco.MjModel, highest: float
 ) -> None:
-    """Log all that an episode is."""
     log_lanes(rec, log)
     log = log.thinned(MAX_SAMPLES)
     frames = _frames(log["time_s"])

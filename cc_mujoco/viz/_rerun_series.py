@@ -38,16 +38,13 @@ class Series(NamedTuple):
     """One line of a plot."""
 
     path: tuple[str, ...]
-    """Parts of its path."""
     name: str
-    """Name in the legend."""
     values: NDArray[np.float64]
     """Values of all samples (T,)."""
     color: int
 
 
 def plotted_series(log: EpisodeLog) -> Iterator[Series]:
-    """Yield every line of the plots."""
     for axis, own in log.each_axis():
         ratio = own.metadata.get(RATIO)
         for path, name, column, color in SERIES:

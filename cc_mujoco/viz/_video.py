@@ -59,7 +59,6 @@ class Strips:
     """
 
     def __init__(self, log: EpisodeLog, highest: float) -> None:
-        """Draw them."""
         self._start, self._end = float(log["time_s"][0]), float(log["time_s"][-1])
         self._whole, self.rows = _draw_surroundings(log, highest, 1.0)
         self._faded_frame, _ = _draw_surroundings(log, highest, FUTURE_OPACITY)

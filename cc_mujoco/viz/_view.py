@@ -75,7 +75,6 @@ class Viewing:
     """A scene that is simulated as keys and sliders demand."""
 
     def __init__(self, path: Path, spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
-        """Prepare."""
         self._name, self._model = path.name, model
         self._data = mujoco.MjData(model)
         self._cables = plugin.from_mjcf(model)

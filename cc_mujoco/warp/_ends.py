@@ -73,7 +73,6 @@ def add_end(
 
 
 def force_of_callback(end: mujoco.MjsActuator) -> None:
-    """Let a callback give the force of an actuator."""
     end.gaintype = mujoco.mjtGain.mjGAIN_FIXED
     end.gainprm[0] = 0.0
     end.biastype = mujoco.mjtBias.mjBIAS_USER

@@ -31,7 +31,6 @@ class Poses:
         self._pose: Any = None
 
     def of(self, m: mjw.Model, d: mjw.Data) -> Any:
-        """Return the pose of the model in the data."""
         arrays = [
             getattr(m if i < _OF_DATA else d, name) for i, name in enumerate(_FIELDS)
         ]

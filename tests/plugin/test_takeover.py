@@ -15,7 +15,7 @@ import pytest
 import cc_mujoco
 from cc_mujoco.errors import CableError, CableWarning
 from cc_mujoco.plugin import AddedCables, read, route_wrap, step_limits
-from cc_mujoco.plugin._takeover.survey import kind_of
+from cc_mujoco.plugin._tendons.burden import kind_of
 
 Law = Callable[[float], float]
 LENGTH = 0.22

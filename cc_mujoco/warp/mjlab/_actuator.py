@@ -206,7 +206,6 @@ class CableActuator(Actuator):
 
 
 def _add_ends(spec: mujoco.MjSpec, name: str, drive: DrivenCable) -> tuple[Any, Any]:
-    """Add the actuators at both ends of a cable."""
     proximal = add_end(spec, f"{name}_proximal", -drive.drum, joint=drive.motor)
     if drive.pulley is None:
         distal = add_end(spec, f"{name}_distal", 1.0, tendon=drive.tendon)

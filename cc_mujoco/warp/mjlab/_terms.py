@@ -15,7 +15,6 @@ from cc_mujoco.warp.mjlab._actuator import CableActuator
 
 
 def cable_actuators(env: Any, entity: str = "robot") -> tuple[CableActuator, ...]:
-    """Return the cable actuators of an entity."""
     found = [a for a in env.scene[entity].actuators if isinstance(a, CableActuator)]
     if not found:
         raise CableError(f"entity {entity!r} has no CableActuatorCfg")

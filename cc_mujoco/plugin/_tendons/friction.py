@@ -47,7 +47,7 @@ from cc_mujoco.plugin._spec import (
     muted_warnings,
     require_spec,
 )
-from cc_mujoco.plugin._takeover.report import (
+from cc_mujoco.plugin._tendons.account import (
     AddedCables,
     describe_band,
     describe_winch,
@@ -55,15 +55,16 @@ from cc_mujoco.plugin._takeover.report import (
     range_lines,
     summary_line,
 )
-from cc_mujoco.plugin._takeover.stops import held_tension, keep_constraints
-from cc_mujoco.plugin._takeover.survey import (
+from cc_mujoco.plugin._tendons.burden import (
     Burden,
     TendonBranch,
     find_burden,
     slacken,
     write_branches,
 )
-from cc_mujoco.plugin._takeover.winch import (
+from cc_mujoco.plugin._tendons.report import TendonSummary, tendon_report
+from cc_mujoco.plugin._tendons.stops import held_tension, keep_constraints
+from cc_mujoco.plugin._tendons.winch import (
     Taken,
     largest_pull,
     plan_winches,
@@ -71,7 +72,6 @@ from cc_mujoco.plugin._takeover.winch import (
     sample_poses,
     write_winches,
 )
-from cc_mujoco.plugin._tendon_report import TendonSummary, tendon_report
 
 _ALLOWED_KEYS = [
     key for key in KEYS if key not in ("route", "bend", "path", "mouth", "guides")

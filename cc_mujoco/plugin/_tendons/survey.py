@@ -43,30 +43,36 @@ class PathSurvey(NamedTuple):
     """Path of a tendon of p places between its ends, in k poses.
 
     Attributes:
+        joints: those that move a part of it against the rest, by index.
+        poses: values of `qpos` over the ranges of these (k, nq), see `sweep`.
         turn: turning angle at every place (k, p) [rad].
         contact: length along every geom (k, p) [m], 0 at sites.
         length: length of every piece (k, p + 1) [m], half of the arcs beside it.
     """
 
+    joints: list[int]
+    poses: FloatArray
     turn: FloatArray
     contact: FloatArray
     length: FloatArray
 
 
 def survey(
-    model: mujoco.MjModel, data: mujoco.MjData, tendon: int, poses: FloatArray
+    model: mujoco.MjModel, data: mujoco.MjData, tendon: int, rest: FloatArray
 ) -> PathSurvey:
-    """Measure the path of a spatial tendon without pulleys in `poses` (k, nq).
+    """Measure the path of a spatial tendon without pulleys, in `rest` (nq,) first.
 
     The `qpos` of `data` is left at the last pose.
     """
-    places = int(model.tendon_num[tendon]) - 2
+    places, poses = int(model.tendon_num[tendon]) - 2, survey_poses(model, rest, tendon)
     found = PathSurvey(
+        spanned_joints(model, tendon),
+        poses,
         np.zeros((len(poses), places)),
         np.zeros((len(poses), places)),
         np.zeros((len(poses), places + 1)),
     )
-    _measure(model._address, data._address, tendon, poses, *found)
+    _measure(model._address, data._address, tendon, *found[1:])
     return found
 
 

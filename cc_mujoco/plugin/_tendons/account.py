@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import mujoco
 
-from cc_mujoco.plugin._takeover.survey import Burden, can_push, kind_of
-from cc_mujoco.plugin._takeover.winch import Winch
+from cc_mujoco.plugin._tendons.burden import Burden, can_push, kind_of
+from cc_mujoco.plugin._tendons.winch import Winch
 
 _GAIN = mujoco.mjtGain
 ENDS = ("proximal", "distal")

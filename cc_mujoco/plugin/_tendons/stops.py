@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.plugin._takeover.survey import Burden
+from cc_mujoco.plugin._tendons.burden import Burden
 
 
 def keep_constraints(

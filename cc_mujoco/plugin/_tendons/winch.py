@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from cc_mujoco.errors import CableError
 from cc_mujoco.plugin._spec import add_element, compile_spec
-from cc_mujoco.plugin._takeover.survey import (
+from cc_mujoco.plugin._tendons.burden import (
     CARRIED,
     Burden,
     can_push,

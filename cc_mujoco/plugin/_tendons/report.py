@@ -29,13 +29,12 @@ from cc_mujoco.plugin._mjcf import cable_of, instances
 from cc_mujoco.plugin._readings import require_data_of, route_tendon
 from cc_mujoco.plugin._settle import shortest_piece_step
 from cc_mujoco.plugin._spec import compile_spec
-from cc_mujoco.plugin._tendon_survey import (
+from cc_mujoco.plugin._tendons.survey import (
     SWEEP_POSES,
+    PathSurvey,
     path_guides,
     piece_timesteps,
-    spanned_joints,
     survey,
-    survey_poses,
 )
 
 if TYPE_CHECKING:
@@ -365,7 +364,7 @@ def tendon_report(
 
     Minima and maxima are over a fixed set of poses: every joint that moves the tendon
     over its range by itself, all of them together from one end to the other, and
-    random ones, see `_tendon_survey.sweep`. A joint without a range makes half a turn,
+    random ones, see `_tendons.survey.sweep`. A joint without a range makes half a turn,
     or moves by the length of the tendon, to either side. Equalities between joints are
     ignored.
 
@@ -438,15 +437,15 @@ def tendon_report(
         mu = given.friction if own is None else own.friction
         if friction is not None:
             mu, origin = given.friction, "given"
+        surveyed = survey(model, data, index, rest)
+        stiffness, poses = material.axial_stiffness, surveyed.poses
         if cable is not None and open_path:
-            limit = shortest_piece_step(model, data, cable, rest)
+            limit = shortest_piece_step(model, data, cable, poses)
         else:
-            poses = survey_poses(model, rest, index)
-            stiffness = material.axial_stiffness
             limit = float(piece_timesteps(model, data, index, stiffness, poses).min())
         found.append(
             _summarize(
-                model, data, rest, index, mu, origin, material.axial_stiffness, limit,
+                model, data, surveyed, index, mu, origin, stiffness, limit,
                 cable, own is not None and not open_path,
                 _guides(model, index, cable, own),
             )
@@ -457,7 +456,7 @@ def tendon_report(
 def _summarize(
     model: mujoco.MjModel,
     data: mujoco.MjData,
-    rest: Floats,
+    found: PathSurvey,
     tendon: int,
     friction: float,
     friction_source: str,
@@ -467,8 +466,7 @@ def _summarize(
     in_conduit: bool,
     guides: Floats,
 ) -> TendonSummary:
-    joints = spanned_joints(model, tendon)
-    found = survey(model, data, tendon, survey_poses(model, rest, tendon))
+    joints = found.joints
     turn, rubbing = found.turn, np.where(guides == ROLLING, 0.0, found.turn)
     contact = found.contact + np.maximum(guides, 0.0) * turn
     contact[:, guides == ROLLING] = 0.0
@@ -494,7 +492,7 @@ def _summarize(
                 ROLLER if guides[k] == ROLLING else float(guides[k]) or None,
             )
         )
-    data.qpos[:] = rest
+    data.qpos[:] = found.poses[0]
     mujoco.mj_fwdPosition(model, data)
     sums = rubbing.sum(axis=1)
     return TendonSummary(

@@ -340,21 +340,21 @@ WINDOW_COUNT = 12
 
 
 def decimate(
-    track: SampledTrack, path: str, name: str, most: int = MAX_TRIAL_SAMPLES
+    track: SampledTrack, path: str, name: str
 ) -> tuple[SampledTrack, list[DataFinding]]:
     """Average neighbours, then keep evenly spread stretches, to few samples."""
     before, rate = _sample_count(track), 1.0 / track.step
-    if before <= most:
+    if before <= MAX_TRIAL_SAMPLES:
         return track, []
     remarks = []
-    block = int(min(-(-before // most), rate // MIN_AVERAGED_RATE))
+    block = int(min(-(-before // MAX_TRIAL_SAMPLES), rate // MIN_AVERAGED_RATE))
     if block > 1:
         track = _average_neighbours(track, block)
         remarks.append(
             f"every {block} samples were averaged, to {1.0 / track.step:.5g} Hz"
         )
-    if _sample_count(track) > most:
-        length = most // WINDOW_COUNT
+    if _sample_count(track) > MAX_TRIAL_SAMPLES:
+        length = MAX_TRIAL_SAMPLES // WINDOW_COUNT
         track = _even_windows(track, length)
         remarks.append(
             f"{WINDOW_COUNT} evenly spread stretches of {length * track.step:.4g} s "

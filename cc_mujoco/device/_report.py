@@ -188,7 +188,7 @@ def account(device: Device) -> str:
     ):
         rows = [p for p in everything if p.origin == kind and p.known]
         if rows:
-            lines += ["", heading, *(_line(device, row) for row in rows)]
+            lines += ["", heading, *(_line(row) for row in rows)]
     missing = [p for p in everything if not p.known]
     if missing:
         lines += ["", "missing; what needs them shows - or says so"]
@@ -200,7 +200,7 @@ def _place(row: Property) -> str:
     return f"{row.table}.{row.key}" if row.table else row.key
 
 
-def _line(device: Device, row: Property) -> str:
+def _line(row: Property) -> str:
     value = f"{_toml(row.value)} {row.unit}".rstrip()
     return f"  {_place(row):32} {value:24} {row.meaning}"
 

@@ -303,15 +303,10 @@ def spring_stiffness(axis: Axis) -> float:
     return axis.torque_scale / axis.reach
 
 
-def first_wearers(
-    device: str | Path | Device,
-    axis: str | None = None,
-    crowd: int = 24,
-    seed: int = 0,
-) -> Array:
-    """Return places in the box: its corners, and a Latin hypercube (crowd, 3)."""
+def first_wearers(device: str | Path | Device, axis: str | None = None) -> Array:
+    """Return places in the box: its corners, and a Latin hypercube (24, 3)."""
     low, high = wearer_bounds(device, axis).T
-    places: Array = low + first_places(3, crowd, seed) * (high - low)
+    places: Array = low + first_places(3) * (high - low)
     return places
 
 
@@ -499,7 +494,6 @@ class Activity(NamedTuple):
 def activity(
     device: str | Path | Device,
     law: str,
-    variant: mujoco.MjModel | None = None,
     axis: str | None = None,
     progress: Callable[[float], object] = float,
 ) -> Activity:
@@ -509,19 +503,19 @@ def activity(
     hands of a spring; it finds more than that, and no search proves anything. What was
     found is kept by controller, model, description and code.
 
-    `variant` is played in place of the scene, `axis` is the only one by default, and
-    `progress` is called with the simulated time [s], up to `EPISODE_TIME`.
+    `axis` is the only one by default, and `progress` is called with the simulated time
+    [s], up to `EPISODE_TIME`.
     """
     device = find_device(device)
     own = device.description.axis(axis)
-    model = variant or Plant(device).model()
+    model = Plant(device).model()
     whole = np.empty(mujoco.mj_sizeModel(model), np.uint8)
     mujoco.mj_saveModel(model, None, whole)
     follows = [law, own.name, repr(device.description), whole.tobytes().hex()]
     if law.endswith(POLICY_ENDING):
         follows.append(Path(law).read_bytes().hex())
     energy, allowed, limb = native_library.kept(
-        "passivity", follows, lambda: _activity(device, law, variant, own, progress)
+        "passivity", follows, lambda: _activity(device, law, own, progress)
     )
     return Activity(energy, allowed, Limb(*limb))
 
@@ -529,21 +523,12 @@ def activity(
 def _activity(
     device: Device,
     law: str,
-    variant: mujoco.MjModel | None,
     own: Axis,
     progress: Callable[[float], object],
 ) -> tuple[float, float, tuple[float, ...]]:
     inertia = inertia_of(device, own.name)
     limbs = [limb_of(place, inertia) for place in first_wearers(device, own.name)]
-    found = play(
-        device,
-        law,
-        "spring",
-        limbs,
-        variant=variant,
-        axis=own.name,
-        progress=progress,
-    )
+    found = play(device, law, "spring", limbs, axis=own.name, progress=progress)
     worst = int(np.argmax(found.held))
     held = 0.5 * spring_stiffness(own) * (0.5 * own.reach) ** 2
     limb = dataclasses.astuple(limbs[worst])

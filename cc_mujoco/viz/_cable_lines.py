@@ -88,7 +88,7 @@ class CableLine:
         """Return its points (P, 3) [m] in a pose up to date as by `mj_tendon`."""
         if isinstance(self.source, _Straight):
             return resample(self.source.path(model, data), self.fine)
-        return resample(tendon_points(model, data, self.source), self.fine)
+        return resample(tendon_points(data, self.source), self.fine)
 
     def all_points(self, model: mujoco.MjModel, qpos: Array) -> Array:
         """Return its points in some poses (T, nq): (T, P, 3) [m]."""
@@ -258,7 +258,7 @@ def _place(
     """Return where an end is [m]: the axis of its joint, or an end of its tendon."""
     target = int(model.actuator_trnid[actuator, 0])
     if _on_tendon(model, actuator):
-        return np.array(tendon_points(model, data, target)[0 if first else -1])
+        return np.array(tendon_points(data, target)[0 if first else -1])
     return np.array(data.xanchor[target])
 
 

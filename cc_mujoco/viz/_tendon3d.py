@@ -87,11 +87,11 @@ def tendon_paths(
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_tendon(model, data)
-        paths.append(tendon_points(model, data, tendon).astype(np.float32))
+        paths.append(tendon_points(data, tendon).astype(np.float32))
     return paths
 
 
-def tendon_points(model: mujoco.MjModel, data: mujoco.MjData, tendon: int) -> Array:
+def tendon_points(data: mujoco.MjData, tendon: int) -> Array:
     """Return the points of a tendon (P, 3) [m], up to date as by `mj_tendon`."""
     start, count = data.ten_wrapadr[tendon], data.ten_wrapnum[tendon]
     part = slice(start, start + count)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.human._work import metabolic_energy
+from cc_mujoco.human._walking_body import metabolic_energy
 
 Array = NDArray[np.float64]
 

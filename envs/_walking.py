@@ -15,10 +15,16 @@ from cc_mujoco._validation import MAX_DURATION, require_number
 from cc_mujoco.cable import Cable
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.human import Task, WalkingController, WalkingPolicy
-from cc_mujoco.human._walking_body import POLICY, WalkingBody
+from cc_mujoco.human._walking_body import (
+    CABLE,
+    DRUM,
+    MOTOR_TORQUE,
+    POLICY,
+    PUSH_OFF,
+    WalkingBody,
+    metabolic_energy,
+)
 from cc_mujoco.human._walking_policy import MUSCLE_PERIOD, ExpectedHelp
-from cc_mujoco.human._walking_rig import CABLE, DRUM, MOTOR_TORQUE, PUSH_OFF
-from cc_mujoco.human._work import metabolic_energy
 from cc_mujoco.plugin import settle
 
 from ._render import RENDER_METADATA, SceneRenderer, check_mode
@@ -69,7 +75,7 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
     ## Reward
 
     Per second `reward_alive` = 1, `reward_person` = -P / 500 W with the metabolic power
-    P estimated from the person's joints (`cc_mujoco.human._work`), `reward_effort` =
+    P estimated from the person's joints (`metabolic_energy`), `reward_effort` =
     -0.05 mean(a^2) with the action a; a fall costs 10.
 
     ## Info

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from cc_mujoco.cable import Cable
 from cc_mujoco.errors import CableError
-from cc_mujoco.human._walking_body import SCENE
+from cc_mujoco.human._walking_body import DRUM, SCENE
 from cc_mujoco.human._walking_policy import WALKING_SIDES
-from cc_mujoco.human._walking_rig import DRUM
 from cc_mujoco.plugin import add_cable
 
 Array = NDArray[np.float64]

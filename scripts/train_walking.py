@@ -32,9 +32,8 @@ from numpy.typing import NDArray
 from cc_mujoco.human import WalkingController, WalkingPolicy
 from cc_mujoco.human import _gait_table as gait
 from cc_mujoco.human._gait import GAIT_ANGLES
-from cc_mujoco.human._walking_body import SCENE, WalkingBody
+from cc_mujoco.human._walking_body import SCENE, WalkingBody, metabolic_energy
 from cc_mujoco.human._walking_policy import MUSCLE_PERIOD
-from cc_mujoco.human._work import metabolic_energy
 
 Array = NDArray[np.float64]
 

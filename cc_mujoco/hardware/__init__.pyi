@@ -1,8 +1,8 @@
 from ._address import CanAddress as CanAddress
 from ._address import DriveAddress as DriveAddress
 from ._address import UdpAddress as UdpAddress
-from ._can_rig import CanLink as CanLink
-from ._can_rig import CanRig as CanRig
+from ._can_bus import CanLink as CanLink
+from ._can_bus import CanRig as CanRig
 from ._clock import Clock as Clock
 from ._clock import SystemClock as SystemClock
 from ._drive_model import Windings as Windings

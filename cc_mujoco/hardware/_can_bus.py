@@ -26,6 +26,14 @@ from cc_mujoco.hardware._rig import MAX_PENDING
 if TYPE_CHECKING:
     import can
 
+import time
+from abc import ABC, abstractmethod
+from typing import ClassVar
+
+from cc_mujoco.hardware._address import CanAddress
+from cc_mujoco.hardware._drive_rig import Enabling, Now
+from cc_mujoco.hardware._rig import PacketRig, pending
+
 MAX_FAILURES = 5
 """So many in a row are no accident: the bus is gone."""
 NETWORK_FOLDER = Path("/sys/class/net")
@@ -261,3 +269,72 @@ def _classical_can_error(where: str) -> CableError:
 def _error_text(error: Exception) -> str:
     message = getattr(error, "strerror", None) or str(error) or type(error).__name__
     return " ".join(str(message).split()).rstrip(".")
+
+
+class CanDrive(ABC):
+    """Connection to a drive on a CAN bus; a subclass makes it a `MotorDrive`."""
+
+    title: ClassVar[str]
+    """Name of the kind of drive in sentences."""
+    fd: ClassVar[bool]
+    """True if its frames are those of CAN FD."""
+
+    def __init__(
+        self,
+        place: CanPlace,
+        node: int,
+        buses: CanBuses | None = None,
+        now: Now = time.perf_counter,
+    ) -> None:
+        """Open the bus, unless it is open already; nothing is sent yet.
+
+        `node` is the number of the drive on it, see `DRIVE_NODES`; for `buses` see
+        `CanPort`, `now` is the clock of the host [s].
+        """
+        heard = self.identifiers(node)
+        self._port = CanPort(place, heard, fd=self.fd, buses=buses)
+        self.ignored = self._port.ignored
+        self.where = f"{self.title} {node} on {self._port.where}"
+        self._node, self._now = node, now
+        self._enabling = Enabling(now)
+        self._heard = False
+
+    @staticmethod
+    @abstractmethod
+    def identifiers(node: int) -> list[int]: ...
+
+    def close(self) -> None:
+        self._port.close()
+
+
+class CanLink:
+    """A packet in a CAN FD frame; frames with other identifiers are left alone."""
+
+    def __init__(self, address: CanAddress, buses: CanBuses | None = None) -> None:
+        """Open the bus, unless it is open already; nothing is sent yet."""
+        self._address = address
+        self._port = CanPort(address, [address.reading_id], fd=True, buses=buses)
+        self.ignored, self.where = self._port.ignored, self._port.where
+
+    def receive(self) -> bytes | None:
+        """See `Link`."""
+        for frame in pending(self._port.receive):
+            if frame.is_extended_id == (frame.arbitration_id > MAX_SHORT_ID):
+                return bytes(frame.data)
+        return None
+
+    def send(self, data: bytes) -> None:
+        """See `Link`."""
+        self._port.send(self._address.command_id, data)
+
+    def close(self) -> None:
+        """See `Link`; the last one closes the bus."""
+        self._port.close()
+
+
+class CanRig(PacketRig):
+    """A rig on a CAN FD bus."""
+
+    def __init__(self, address: CanAddress, buses: CanBuses | None = None) -> None:
+        """Open the bus, unless it is open already; nothing is sent yet."""
+        super().__init__(CanLink(address, buses))

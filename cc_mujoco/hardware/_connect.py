@@ -16,8 +16,7 @@ from cc_mujoco.hardware._address import (
     UdpAddress,
     address_of,
 )
-from cc_mujoco.hardware._can_bus import CanBuses
-from cc_mujoco.hardware._can_rig import CanRig
+from cc_mujoco.hardware._can_bus import CanBuses, CanRig
 from cc_mujoco.hardware._drive_rig import DriveRig, MotorDrive
 from cc_mujoco.hardware._dynamixel import Dynamixel
 from cc_mujoco.hardware._moteus import Moteus

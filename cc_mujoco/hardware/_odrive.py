@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 import struct
 
-from cc_mujoco.hardware._can_drive import CanDrive
+from cc_mujoco.hardware._can_bus import CanDrive
 from cc_mujoco.hardware._drive_rig import TURN, MotorState
 from cc_mujoco.hardware._packet import Status
 from cc_mujoco.hardware._rig import pending

@@ -4,18 +4,39 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco import assets
+from cc_mujoco.cable import Cable, Section
+from cc_mujoco.human._profile import Profile
 from cc_mujoco.human._walking_policy import (
     WALKING_JOINTS,
     WALKING_SIDES,
     Senses,
     WalkingPolicy,
 )
+
+DRUM = 0.025
+"""Radius of the drums [m]."""
+MOTOR_TORQUE = 15.0
+"""Largest torque of a motor, as of the heel's in the scene `bilateral` [N m]."""
+CABLE = Cable(
+    axial_stiffness=20e3,
+    pretension=5.0,
+    friction=0.1,
+    segments=16,
+    conduit=(Section(0.72, 0.45),),
+)
+"""Rope and conduit of the heel in the scene `bilateral`, at 1.6 rad of wrap."""
+PUSH_OFF = Profile(onset=44.0, peak_time=54.0, fall=6.0)
+"""Help of 30 N m while the ankle of the person who ships plantarflexes. Help that
+begins earlier, while the ankle still yields, does negative work on it; help that lasts
+longer acts on a foot in the air."""
+
 
 Array = NDArray[np.float64]
 
@@ -114,3 +135,19 @@ class WalkingBody:
     def position(self, data: mujoco.MjData) -> float:
         """Return the way that the hips have gone [m]."""
         return float(data.qpos[self._forward])
+
+
+POSITIVE_EFFICIENCY, NEGATIVE_EFFICIENCY = 0.25, 1.2
+"""Work of muscles over the energy that they take [-]."""
+
+
+def metabolic_energy(positive: Any, negative: Any) -> Any:
+    """Return the energy that work takes [J], or power for power [W], elementwise.
+
+    `negative` is at most 0. Positive work over 0.25 and negative work over 1.2,
+    efficiencies of muscles by R. Margaria, "Positive and negative work performances and
+    their efficiencies in human locomotion", Int. Z. angew. Physiol. 25, 1968. Work that
+    muscles of one joint do against each other, and the cost of holding a force, are not
+    in it.
+    """
+    return positive / POSITIVE_EFFICIENCY - negative / NEGATIVE_EFFICIENCY

@@ -106,7 +106,7 @@ def step_limits(
         model: the model.
         data: a simulation whose pose counts; by default that of `qpos0`, and for the
             pieces of an open path the worst of the poses over the ranges of its joints,
-            see `_tendons.survey.sweep`.
+            see `_tendon_survey.sweep`.
 
     Returns:
         Limits [s], infinite for what moves nothing.
@@ -121,7 +121,7 @@ def step_limits(
         require_data_of,
         route_tendon,
     )
-    from cc_mujoco.plugin._tendons.survey import survey_poses
+    from cc_mujoco.plugin._tendon_survey import survey_poses
 
     everywhere = data is None
     if data is None:
@@ -149,7 +149,7 @@ def shortest_piece_step(
     """
     # Compiled code takes seconds to load, and few need these.
     from cc_mujoco.plugin._readings import route_tendon
-    from cc_mujoco.plugin._tendons.survey import piece_timesteps
+    from cc_mujoco.plugin._tendon_survey import piece_timesteps
 
     found = math.inf
     alone = piece_timesteps(model, data, route_tendon(model, name), 1.0, poses)

@@ -29,8 +29,8 @@ from numpy.typing import NDArray
 
 from cc_mujoco.errors import CableError
 from cc_mujoco.viz._capsules import Capsules
+from cc_mujoco.viz._live_controls import Sliders
 from cc_mujoco.viz._scene3d import viewpoint
-from cc_mujoco.viz._sliders import Sliders
 
 Array = NDArray[np.float64]
 Rows = tuple[tuple[str, str], ...]

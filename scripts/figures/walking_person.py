@@ -19,7 +19,7 @@ from matplotlib.image import imsave
 from numpy.typing import NDArray
 
 from cc_mujoco.envs._strides import Stride, mean_stride
-from cc_mujoco.human._walking_rig import CABLE
+from cc_mujoco.human._walking_body import CABLE
 from cc_mujoco.report import _markdown as markdown
 
 DURATION, LEARNT = 30.0, 10

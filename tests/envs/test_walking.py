@@ -13,8 +13,7 @@ from cc_mujoco.envs._walking import WalkingEnv
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import WalkingPolicy
 from cc_mujoco.human._gait import GAIT_ANGLES
-from cc_mujoco.human._walking_body import POLICY
-from cc_mujoco.human._walking_rig import CABLE
+from cc_mujoco.human._walking_body import CABLE, POLICY
 
 ANKLE = 2
 

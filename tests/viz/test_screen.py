@@ -22,8 +22,14 @@ from cc_mujoco.assets import scene_path
 from cc_mujoco.cable import Cable
 from cc_mujoco.errors import CableError
 from cc_mujoco.viz import _viewer as screen
-from cc_mujoco.viz._live_controls import RIGHT, STEP_FACTOR, UP, Knobs
-from cc_mujoco.viz._sliders import HIDDEN_ACTUATOR_GROUP, Sliders
+from cc_mujoco.viz._live_controls import (
+    HIDDEN_ACTUATOR_GROUP,
+    RIGHT,
+    STEP_FACTOR,
+    UP,
+    Knobs,
+    Sliders,
+)
 from cc_mujoco.viz._viewer import Frame, Screen, require_screen, round_up_tension
 
 CABLES = ("flexor", "extensor")

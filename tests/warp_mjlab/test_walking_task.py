@@ -11,7 +11,7 @@ import torch
 from mjlab.envs import ManagerBasedRlEnv
 from mjlab.tasks.registry import load_env_cfg, load_rl_cfg
 
-from cc_mujoco.human._walking_rig import DRUM, PUSH_OFF
+from cc_mujoco.human._walking_body import DRUM, PUSH_OFF
 from cc_mujoco.warp.mjlab.walking_task import MOTORS, TASK, walker
 
 ANKLES = ("right_ankle", "left_ankle")

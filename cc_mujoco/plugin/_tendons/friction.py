@@ -59,11 +59,12 @@ from cc_mujoco.plugin._tendons.burden import (
     Burden,
     TendonBranch,
     find_burden,
+    held_tension,
+    keep_constraints,
     slacken,
     write_branches,
 )
 from cc_mujoco.plugin._tendons.report import TendonSummary, tendon_report
-from cc_mujoco.plugin._tendons.stops import held_tension, keep_constraints
 from cc_mujoco.plugin._tendons.winch import (
     Taken,
     largest_pull,

@@ -29,7 +29,7 @@ from cc_mujoco.plugin._mjcf import cable_of, instances
 from cc_mujoco.plugin._readings import require_data_of, route_tendon
 from cc_mujoco.plugin._settle import shortest_piece_step
 from cc_mujoco.plugin._spec import compile_spec
-from cc_mujoco.plugin._tendons.survey import (
+from cc_mujoco.plugin._tendon_survey import (
     SWEEP_POSES,
     PathSurvey,
     path_guides,
@@ -364,7 +364,7 @@ def tendon_report(
 
     Minima and maxima are over a fixed set of poses: every joint that moves the tendon
     over its range by itself, all of them together from one end to the other, and
-    random ones, see `_tendons.survey.sweep`. A joint without a range makes half a turn,
+    random ones, see `_tendon_survey.sweep`. A joint without a range makes half a turn,
     or moves by the length of the tendon, to either side. Equalities between joints are
     ignored.
 

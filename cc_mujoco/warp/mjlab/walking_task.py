@@ -39,7 +39,16 @@ from mjlab.tasks.registry import register_mjlab_task
 from mjlab.terrains import TerrainEntityCfg
 
 from cc_mujoco.errors import CableError
-from cc_mujoco.human._walking_body import LEGS, POLICY, SCENE, WalkingBody
+from cc_mujoco.human._walking_body import (
+    CABLE,
+    DRUM,
+    LEGS,
+    MOTOR_TORQUE,
+    POLICY,
+    SCENE,
+    WalkingBody,
+    metabolic_energy,
+)
 from cc_mujoco.human._walking_policy import (
     MUSCLE_PERIOD,
     WALKING_JOINTS,
@@ -49,8 +58,6 @@ from cc_mujoco.human._walking_policy import (
     WalkingController,
     WalkingPolicy,
 )
-from cc_mujoco.human._walking_rig import CABLE, DRUM, MOTOR_TORQUE
-from cc_mujoco.human._work import metabolic_energy
 from cc_mujoco.warp.mjlab._actuator import CableActuatorCfg, DrivenCable
 from cc_mujoco.warp.mjlab._terms import (
     cable_tension,

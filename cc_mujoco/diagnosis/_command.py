@@ -156,7 +156,7 @@ class Diagnose:
         print(f"report:   {report}")
 
     def _plan(self) -> None:
-        """Write what to record, and print what stays doubtful."""
+        """Write the trials to record, and print what they leave doubtful."""
         scene, data = _scene_and_data(self.words)
         if data:
             raise CableError("--plan is for before there are data; give none with it.")
@@ -194,11 +194,6 @@ def _scene_and_data(words: Sequence[Path]) -> tuple[Path | None, tuple[Path, ...
 
 
 def _require_scene(scene: Path | None, data: Sequence[Path]) -> Path:
-    """Return the scene.
-
-    Raises:
-        CableError: none was given, or there is none of that name.
-    """
     from cc_mujoco.device._device_files import locate
 
     if scene is not None:

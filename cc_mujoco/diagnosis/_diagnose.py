@@ -1,10 +1,4 @@
-"""The whole workflow: data and a scene in, a verdict, a report and a better scene out.
-
-from cc_mujoco.diagnosis import diagnose
-
-diagnosis = diagnose("bench.xml", ["data"], "out")
-diagnosis.verdict, diagnosis.effects, diagnosis.gap
-"""
+"""Workflow of a diagnosis: from a scene and data to verdict, report and repair."""
 
 from __future__ import annotations
 
@@ -112,15 +106,9 @@ def infer(
     effects: Sequence[Any] = (),
     progress: Progress = no_progress,
 ) -> tuple[DiagnosisResult, Dataset]:
-    """Return all of `diagnose` but the files: from data and a scene to a verdict.
+    """Diagnose as `diagnose` does, but write no files.
 
-    Args:
-        bench: of the scene.
-        data: as in `diagnose`.
-        dataset_toml: as in `diagnose`.
-        seed: as in `diagnose`.
-        effects: as in `diagnose`.
-        progress: as in `diagnose`.
+    Arguments as in `diagnose`, but `bench` is that of the scene.
 
     Raises:
         CableError: an effect that cannot be used, no data, a wrong dataset file or a
@@ -252,7 +240,7 @@ def run_inference(
 
 
 def _never_held_out_note(trials: Sequence[str]) -> tuple[str, ...]:
-    """Return a note on the trials that no held-out error is of."""
+    """Return a note that names the trials that are in every training part."""
     if not trials:
         return ()
     one = len(trials) == 1
@@ -288,11 +276,7 @@ def _runner_ups(step: Round) -> tuple[RunnerUp, ...]:
 def _paths(
     data: Iterable[str | os.PathLike[str]] | str | os.PathLike[str],
 ) -> list[Path]:
-    """Return the paths of files and folders, of which there may be a single one.
-
-    Raises:
-        CableError: something in their place is no path.
-    """
+    """Return the paths; a single one need not be in a list."""
     if isinstance(data, str | os.PathLike):
         return [Path(data)]
     paths = []
@@ -307,7 +291,7 @@ def _paths(
 
 
 def _noted(result: DiagnosisResult, findings: Sequence[DataFinding]) -> DiagnosisResult:
-    """Return a result that also lists what was found about the data."""
+    """Return the result with the findings on the data added."""
     doubts = [found.statement for found in findings if found.severity == "doubt"]
     question = " ".join([*doubts, result.diagnosis.question]).strip()
     notes = (finding.statement for finding in findings)

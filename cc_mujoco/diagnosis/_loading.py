@@ -182,7 +182,6 @@ def _own_files(folders: Mapping[str, Path]) -> list[Path]:
 def _load_each(
     folders: Mapping[str, Path], bench: Bench | None, columns: Collection[str]
 ) -> tuple[Dataset, list[DataFinding]]:
-    """Load every occasion by its own `dataset.toml`."""
     parts, findings = {}, []
     for name, folder in folders.items():
         part, found = load(folder, None, bench, columns)
@@ -199,7 +198,7 @@ def _load_each(
 
 
 def _check_origin(recording: Recording, bench: Bench | None) -> list[DataFinding]:
-    """Return errors of a recording of another device than that of the scene."""
+    """Return errors if the recording is of another device than the scene."""
     if bench is None:
         return []
     cables = [*bench.names, *bench.strangers]
@@ -225,9 +224,9 @@ def _check_origin(recording: Recording, bench: Bench | None) -> list[DataFinding
 
 
 def _count_as_data(recording: Recording, bench: Bench, file: DatasetFile) -> None:
-    """Make what a log has of the joint positive where the cable pulls.
+    """Make the joint's quantities in a log positive where the cable pulls.
 
-    Logs count it as the scene does; a sign in the `dataset.toml` has been applied.
+    Logs count them as the scene does; a sign in the `dataset.toml` has been applied.
     """
     if bench.lever is None or bench.lever.sign > 0.0:
         return
@@ -250,7 +249,7 @@ def _check_complete(path: Path, name: str) -> list[DataFinding]:
 def _trials_by_file(
     files: list[Path], file: DatasetFile
 ) -> tuple[dict[Path, str], dict[Path, tuple[TrialFile, ...]]]:
-    """Return the trial names by their first file, and files of multi-file trials."""
+    """Return trial names by their first file, and the files of multi-file trials."""
     alone, several = group_files(files, file)
     names = trial_names(alone)
     if twins := set(names.values()) & set(several):
@@ -300,7 +299,6 @@ def _trial(recording: Recording, track: SampledTrack, facts: Facts) -> Trial:
 def _further_columns(
     values: Mapping[str, FloatArray], temperature: FloatArray | None
 ) -> dict[str, FloatArray]:
-    """Return the columns that effects may take, the temperature among them."""
     found = {
         channels.further_column(channel): value
         for channel, value in values.items()

@@ -1,9 +1,7 @@
 """Words and numbers of the report: names of verdicts, channels and intervals.
 
-    names = Names({"stribeck_friction": "Stribeck friction"})
-    headline(diagnosis, names)   # "Missing: Stribeck friction"
-
-The module is independent of HTML and figures.
+names = Names({"stribeck_friction": "Stribeck friction"})
+headline(diagnosis, names)   # "Missing: Stribeck friction"
 """
 
 from __future__ import annotations
@@ -42,7 +40,7 @@ VERDICT_MEANINGS = {
 
 
 DATA_PREFIX = "The data must be put right first"
-"""Headline of a diagnosis without data to conclude from, and first words of it."""
+"""Headline of a diagnosis whose data allow no conclusion, and its first words."""
 NO_SCENE_PREFIX = "scene.xml cannot be written"
 """First words of the problem that gives the reason."""
 NOT_IN_SCENE_PREFIX = "scene.xml does not contain"
@@ -50,26 +48,20 @@ NOT_IN_SCENE_PREFIX = "scene.xml does not contain"
 
 
 class Names:
-    """Names of effect ids in sentences.
-
-    Args:
-        titles: id to name; an id that is not in it has its underscores replaced.
-    """
+    """Names of effects in sentences, by id; without a title, the id with spaces."""
 
     def __init__(self, titles: Mapping[str, str] | None = None) -> None:
         self._titles = dict(titles or {})
 
     def __call__(self, effect: str) -> str:
-        """Return the name of one effect."""
         return self._titles.get(effect, plain_name(effect))
 
     def list(self, effects: Iterable[str], last: str = "and") -> str:
-        """Return the names of several effects, as a sentence lists them."""
+        """Return the names of several effects as a list in a sentence."""
         return list_words([self(effect) for effect in effects], last)
 
 
 def plain_name(name: str) -> str:
-    """Return the name of a parameter or a key with spaces for underscores."""
     base, _, occasion = name.partition("@")
     text = base.replace("_", " ")
     return f"{text} on {occasion}, relative to the last occasion" if occasion else text
@@ -81,7 +73,6 @@ def channel_name(name: str) -> str:
 
 
 def capitalise(text: str) -> str:
-    """Return the same with a capital first letter."""
     return text[:1].upper() + text[1:]
 
 
@@ -126,7 +117,7 @@ def headline(diagnosis: Diagnosis, names: Names) -> str:
 
 
 def tried_sentence(diagnosis: Diagnosis) -> str:
-    """Return how many of the known effects were screened and refitted, as a sentence.
+    """Return in a sentence how many known effects were screened and refitted.
 
     It is empty where the search did not begin.
     """
@@ -161,13 +152,7 @@ def format_signed(value: float) -> str:
 
 
 def format_number(value: float, spread: float = math.nan) -> str:
-    """Return a number with as many digits as its spread justifies.
-
-    Args:
-        value: number to format.
-        spread: width of its uncertainty, of which two digits are kept; without one the
-            number has three significant digits.
-    """
+    """Return a number with two digits of its spread; without, with three in all."""
     if not math.isfinite(value):
         if math.isnan(value):
             return "not determined"
@@ -227,7 +212,6 @@ def gap_sentence(name: str, gap: Gap) -> str:
 
 
 def _decimal_places(value: float, digits: int) -> int:
-    """Return the decimal places that leave this many significant digits."""
     return digits - 1 - math.floor(math.log10(abs(value))) if value else digits - 1
 
 
@@ -250,5 +234,5 @@ def no_progress(share: float, doing: str) -> None:
 
 
 def part_of(progress: Progress, start: float, length: float) -> Progress:
-    """Return a report of progress that covers a part of another one."""
+    """Return a callback that covers a part of the progress of another."""
     return lambda share, doing: progress(start + length * share, doing)

@@ -22,12 +22,12 @@ class Earlier(NamedTuple):
     """Files of an earlier diagnosis.
 
     Attributes:
-        data: of its trials.
+        data: its trials.
         scene: MJCF file of the rig.
-        dataset: the file with the meaning of the columns, or None.
-        axis: of a device with several; None of one with a single one.
-        effects: that were requested, as they were named.
-        proposed: the facts of these trials and of the proposed one, or None.
+        dataset: file with the meaning of the columns, or None.
+        axis: recorded axis; None for a device with one.
+        effects: requested effects, as they were named.
+        proposed: facts of these trials and of the proposed one, or None.
     """
 
     data: tuple[Path, ...]
@@ -41,9 +41,8 @@ class Earlier(NamedTuple):
     def of(cls, folder: str | os.PathLike[str]) -> Earlier:
         """Read the inputs from the files of a diagnosis.
 
-        Raises:
-            CableError: no diagnosis is there, or a file of it is gone or has changed
-                since: its verdict would not be that of the same data.
+        A file that has changed since is refused: its verdict would be that of other
+        data.
         """
         place = Path(folder) / VERDICT_FILE
         try:
@@ -91,12 +90,10 @@ class Earlier(NamedTuple):
         )
 
     def with_more(self, data: Sequence[str | os.PathLike[str]]) -> Path | None:
-        """Return one `dataset.toml` for these and the earlier trials.
+        """Return one `dataset.toml` for the earlier and the new trials.
 
         For the trial that the earlier diagnosis proposed it is the one written with it.
-
-        Raises:
-            CableError: there is another next to the new trials, which would be ignored.
+        Another one next to the new trials would be ignored and is refused.
         """
         files = data_files(data)
         own = find_dataset_file(files)
@@ -121,7 +118,6 @@ class Earlier(NamedTuple):
 
 
 def _proposed_file(folder: Path, planned: Any) -> Path | None:
-    """Return the `dataset.toml` of a proposed trial, None without one."""
     if not isinstance(planned, dict) or not planned.get("trial"):
         return None
     path = folder / f"next_{planned['trial']}" / DATASET_FILE
@@ -129,7 +125,6 @@ def _proposed_file(folder: Path, planned: Any) -> Path | None:
 
 
 def _relative_path(base: str, path: str) -> Path:
-    """Return a path relative to `base` as a path from the current folder."""
     whole = os.path.normpath(os.path.join(base, path))
     inside = os.path.relpath(whole)
     outside = os.path.isabs(path) or inside.startswith(os.pardir)

@@ -62,9 +62,9 @@ class Map:
         unit: its unit.
         centre: (bins,) of the bins.
         before: (bins,) mean error of the baseline [N m], NaN where there are no data.
-        after: (bins,) the same with the named effects.
+        after: (bins,) mean error with the named effects.
         band: (bins,) half width within which chance keeps it in 95 % of cases [N m].
-        share: of the variance of the baseline's error that the axis explains.
+        share: share of the variance of the baseline's error that the axis explains.
         chance: share that chance reaches in 5 % of cases.
     """
 
@@ -96,7 +96,7 @@ class Isolability:
 
 @dataclass(frozen=True)
 class Evidence:
-    """Everything that is drawn."""
+    """Signals and maps that the report draws."""
 
     traces: tuple[TrialTrace, ...] = ()
     maps: tuple[Map, ...] = ()
@@ -126,26 +126,25 @@ class FoundEffect:
     """Share of the baseline's gap on held-out data that opens again if this effect is
     taken out and all else is refitted."""
     refinement: bool = False
-    """True if that is so little that it may only mend the form of another effect: it is
-    in the model, but not called missing."""
+    """True if that share is so small that the effect may only mend the form of another:
+    it is in the model, but not called missing."""
     agreement: float = 1.0
-    """Share of the parts of the data that name it as well, where the model stays off
-    and they were requested."""
+    """Share of the parts of the data that name it as well, where the model misfits and
+    the parts were diagnosed by themselves."""
     disputed: bool = False
-    """True if these are too few to call it missing."""
+    """True if too few parts name it to call it missing."""
     ordinary: bool = False
     """True if it is no larger than any rig may have undeclared: it is in the model, but
     not called missing."""
     own: float = math.nan
-    """RMS error over the noise floor that opens again without it."""
+    """RMS error over the noise floor that reappears without it."""
     rivals: tuple[str, ...] = ()
     """Effects that the data cannot distinguish from it."""
     form: str = ""
-    """Form that fits best, of an effect that is offered in several."""
+    """Best-fitting form of an effect with several forms."""
 
     @property
     def missing(self) -> bool:
-        """Return whether it is missing: no refinement, not disputed, not ordinary."""
         return not (self.refinement or self.disputed or self.ordinary)
 
 
@@ -203,8 +202,8 @@ class NextExperiment:
     Attributes:
         description: what to do on the rig.
         separates: ids of the rivals.
-        predicted_difference: by which their predictions would differ, in words with
-            numbers and units.
+        predicted_difference: difference of their predictions, in words with numbers and
+            units.
         trial: name for the recording.
         facts: lines of `dataset.toml` for it.
     """
@@ -217,7 +216,7 @@ class NextExperiment:
 
 
 def next_folder(planned: NextExperiment) -> str:
-    """Return the name of the folder of a proposed trial, in that of the diagnosis."""
+    """Return the folder of a proposed trial, inside that of the diagnosis."""
     return f"next_{planned.trial}"
 
 
@@ -228,7 +227,7 @@ class Where:
     Attributes:
         channel: `motor_torque_nm` or `joint_torque_nm`.
         axis: quantity along which it lies.
-        share_of_error: of the error's variance that the axis explains, 0 to 1.
+        share_of_error: share of the error's variance that the axis explains, 0 to 1.
         statement: one plain sentence.
     """
 
@@ -240,14 +239,14 @@ class Where:
 
 @dataclass(frozen=True)
 class Gap:
-    """Error of one channel on held-out data, before and after.
+    """RMS error of one channel on held-out data, before and after.
 
-    RMS, weighted by how well the angles tell the torque at that moment, see `gap`.
+    Samples are weighted by how well the angles determine the torque, see `gap`.
 
     Attributes:
         rmse_before: of the baseline.
         rmse_after: of the model with the named effects.
-        noise_floor: what the noise of the sensors makes of it, an estimate.
+        noise_floor: RMS error that the noise of the sensors makes, an estimate.
         gap_closed: 1 - (RMS after - floor)/(RMS before - floor); more than 1 below
             the floor, NaN where the error before is not above it.
         ci95: of `gap_closed`, block bootstrap; NaN where there is hardly a gap.
@@ -356,11 +355,11 @@ class Baseline:
 
 @dataclass(frozen=True)
 class RunnerUp:
-    """A candidate that was refitted, and how well it did.
+    """Candidate that was refitted, and its result.
 
     Attributes:
         id: of the library.
-        reduction: of the held-out error, sum of squares relative to before.
+        reduction: relative reduction of the held-out sum of squares.
         z: of the comparison with the model before.
         accepted: whether it would have been named by itself.
         reason: why not, or empty.
@@ -377,12 +376,12 @@ class RunnerUp:
 
 @dataclass(frozen=True)
 class Alternative:
-    """Something else that may be true.
+    """Alternative to the verdict.
 
     Attributes:
         id: of an effect, "nothing", "outside" (no effect of the library) or "small" (an
             effect too small for the data).
-        probability: of it, 0 to 1.
+        probability: 0 to 1.
     """
 
     id: str
@@ -456,7 +455,7 @@ class Diagnosis:
 
     @property
     def missing(self) -> tuple[FoundEffect, ...]:
-        """Named effects without refinements and what parts of the data dispute."""
+        """Named effects but refinements and those that parts of the data dispute."""
         return tuple(each for each in self.effects if each.missing)
 
     def to_json(self) -> str:

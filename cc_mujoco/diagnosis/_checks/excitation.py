@@ -59,7 +59,7 @@ class Excitation(NamedTuple):
 
     @property
     def statements(self) -> tuple[str, ...]:
-        """Sentences for a person."""
+        """Coverage in sentences."""
         low, high = self.speed
         sentences = [
             f"{self.duration:.3g} s of valid data.",

@@ -1,8 +1,8 @@
 """Noise of a channel: quantisation, scatter at rest, deviation between repetitions.
 
-Of two repetitions the root mean square difference over the square root of two is what
-one of them scatters, which no model can explain. The part of the difference that
-follows the motor's is another motion, an input of the model; that part is removed.
+A repetition scatters by the root mean square difference of two over the square root of
+two, which no model can explain. The part of the difference that follows the motor's is
+another motion, an input of the model; that part is removed.
 """
 
 from __future__ import annotations
@@ -48,9 +48,9 @@ def noise_of(dataset: Dataset, file: DatasetFile) -> dict[str, Noise]:
 
     From holds it is the median standard deviation about straight lines of half their
     least length, so that a torque that relaxes or a hand that trembles is not noise.
-    From differences it is the median size of third differences: what is smooth over
-    four samples is not noise. It is never less than what quantisation makes, nor than
-    a millionth of the channel's range.
+    From differences it is the median size of third differences: a signal that is smooth
+    over four samples is not noise. It is at least that of quantisation, and a millionth
+    of the channel's range.
     """
     still = [(trial, find_holds(trial)) for trial in dataset.trials]
     found: dict[str, Noise] = {}
@@ -119,7 +119,7 @@ class Scatter(NamedTuple):
 
     Attributes:
         deviation: of one repetition by channel [its unit]; 0 without any.
-        trials: names of those that were compared.
+        trials: names of the compared trials.
     """
 
     deviation: FloatArray
@@ -159,7 +159,7 @@ def repeat_scatter(trials: Sequence[Trial], channels: Sequence[str]) -> Scatter:
     """Return the deviation of one repetition, and the trials it is from.
 
     It comes from trials declared as repeats, else from the periods of periodic trials.
-    Samples that are NaN do not count.
+    NaN samples do not count.
     """
     pairs = [
         ({original.name, trial.name}, pair)
@@ -182,7 +182,6 @@ def repeat_scatter(trials: Sequence[Trial], channels: Sequence[str]) -> Scatter:
 
 
 def _repeat_pairs(trials: Sequence[Trial]) -> Iterator[tuple[Trial, Trial]]:
-    """Yield pairs of a trial and its declared repeat."""
     named = {trial.name: trial for trial in trials}
     for trial in trials:
         if trial.facts.repeat_of in named:
@@ -221,7 +220,6 @@ def _compare_trials(original: Trial, trial: Trial) -> Pair | None:
 def _channel_difference(
     original: Trial, trial: Trial, channel: str, times: FloatArray
 ) -> FloatArray:
-    """Return the differences between two trials where both have readings."""
     differences = [np.empty(0)]
     for part in original.segments:
         clock = original.time[part]

@@ -1,7 +1,7 @@
-"""Checks of readings for impossible values; every check is a function in one list.
+"""Checks of readings for impossible values.
 
-Checks of a recording see all rows as they were recorded, checks of a trial the valid
-stretches with everything known applied.
+Checks of a recording see all rows as they were recorded; checks of a trial see the
+valid stretches with everything known applied.
 """
 
 from __future__ import annotations
@@ -48,7 +48,6 @@ _CLOCK_PATTERN = re.compile(r"time|clock|stamp", re.I)
 def check_recording(
     recording: Recording, facts: Facts, file: DatasetFile
 ) -> list[DataFinding]:
-    """Run the checks of a recording."""
     return [
         *_check_locked(recording, facts),
         *_check_constants(recording, facts),
@@ -83,16 +82,11 @@ def check_motions(trials: Sequence[Trial]) -> list[DataFinding]:
 
 
 def check_ratio(trial: Trial, ratio: float, several: bool = False) -> list[DataFinding]:
-    """Compare the measured ratio of the angles with that of a scene.
+    """Compare the measured ratio of the angles with the `ratio` of a scene.
 
-    Args:
-        trial: the trial that comes closest to the scene.
-        ratio: motor angle per joint angle of the ideal transmission.
-        several: whether there are enough others to rule out that the motor was held
-            by a soft cable, or had play, in all.
-
-    Returns:
-        A finding if the two differ so much that units, signs or sides are wrong.
+    `trial` is the one that comes closest to the scene; `ratio` is motor angle per joint
+    angle of the ideal transmission. `several` trials rule out that the motor was held
+    by a soft cable, or had play, in all.
     """
     known = measure_mechanics(trial)
     if abs(known.follows) < 0.6:
@@ -125,8 +119,8 @@ def check_ratio(trial: Trial, ratio: float, several: bool = False) -> list[DataF
 def check_bench(trials: Sequence[Trial], bench: Bench) -> list[DataFinding]:
     """Compare trials with a scene: the ratio of the angles, the size of the torques.
 
-    A cable that winds up moves the joint less than its pulleys would: what counts is
-    the trial that comes closest to the scene.
+    A cable that winds up moves the joint less than its pulleys would, so the trial that
+    comes closest to the scene counts.
     """
     ratio = bench.joint_radius / bench.motor_radius
     if bench.others:  # the ends do not turn by one ratio
@@ -307,7 +301,6 @@ def _check_locked(recording: Recording, facts: Facts) -> list[DataFinding]:
 
 
 def _check_constants(recording: Recording, facts: Facts) -> list[DataFinding]:
-    """Find channels that never change."""
     findings = []
     for channel in recording.values:
         known = (channels.TIME, channels.VALID, channels.TEMPERATURE)
@@ -391,7 +384,7 @@ def _check_degrees(recording: Recording, file: DatasetFile) -> list[DataFinding]
 
 
 def _check_turnovers(recording: Recording) -> list[DataFinding]:
-    """Find angles of an encoder that begins anew after a full turn."""
+    """Find angles of an encoder that wraps after a full turn."""
     findings = []
     for channel in channels.ANGLES:
         if channel not in recording.values:
@@ -489,7 +482,6 @@ def _check_copied_rows(recording: Recording) -> list[DataFinding]:
 
 
 def _robust_range(values: FloatArray) -> float:
-    """Return the range of readings, spikes aside."""
     values = values[:: max(1, len(values) // 100_000)]
     values = values[np.isfinite(values)]
     if not len(values):
@@ -533,7 +525,7 @@ def _check_motion(trial: Trial) -> list[DataFinding]:
 
 
 def _is_copy(one: FloatArray, other: FloatArray) -> bool:
-    """Return whether a signal that moves is another one, scaled and shifted."""
+    """Return whether a moving signal is a scaled and shifted copy of another."""
     there = np.isfinite(one) & np.isfinite(other)
     one, other = one[there], other[there]
     if one.size < 3 or not np.ptp(one) > 0.0 < np.ptp(other):

@@ -42,12 +42,12 @@ class Mechanics(NamedTuple):
         ratio: joint speed per motor speed.
         follows: correlation of the speeds, 0 if one side stands still.
         torque_ratio: motor torque per joint torque, friction aside.
-        asks: their correlation while the cable slides either way, 0 if unknown.
-        motor_work: work of the motor per travel of the motor, less what is stored [N
-            m].
+        asks: correlation of the torques while the cable slides, 0 if unknown.
+        motor_work: work of the motor per travel of the motor, less the stored energy
+            [N m].
         joint_work: the same of the joint; their difference is friction.
         doubt: standard deviation of that difference.
-        scale: power that passes per speed of the motor [N m].
+        scale: transmitted power per speed of the motor [N m].
     """
 
     ratio: float
@@ -61,7 +61,6 @@ class Mechanics(NamedTuple):
 
 
 def measure_mechanics(trial: Trial) -> Mechanics:
-    """Compare the known speeds, torques and works of both sides."""
     used = np.concatenate([np.arange(p.start, p.stop) for p in trial.segments])
     omega = velocity(trial.motor_angle, trial.step, trial.segments)[used]
     turn = velocity(trial.joint_angle, trial.step, trial.segments)[used]
@@ -137,10 +136,10 @@ def _work_per_travel(
     omega: FloatArray,
     turn: FloatArray,
 ) -> tuple[float, float, float, float]:
-    """Return works per travel, their uncertainty, and the transmitted power.
+    """Return works per travel, their standard deviation, and the transmitted power.
 
-    What is stored is a function of the state: it is fitted as one, so that cycles need
-    not be closed. Linear terms in the angles take up constant offsets of the torques.
+    The stored energy is fitted as a function of the state, so that cycles need not be
+    closed. Linear terms in the angles take up constant offsets of the torques.
     """
     motor, joint = shown
     lengths = [part.stop - part.start for part in trial.segments]
@@ -187,10 +186,10 @@ _DEGREES_PER_RADIAN = math.degrees(1.0)
 
 
 class Group(NamedTuple):
-    """Trials whose angles and torques agree equally in sign, judged together.
+    """Trials whose angles and torques agree in sign, judged together.
 
-    A trial that is short says little of power, and trials of different loads show
-    together what none of them shows alone.
+    A short trial says little of power; trials of different loads show together what
+    none shows alone.
     """
 
     trials: list[Trial]
@@ -216,7 +215,6 @@ def _sign(correlation: float, least: float) -> float:
 
 
 def _pool_mechanics(members: list[tuple[Trial, Mechanics]]) -> Mechanics:
-    """Return the mechanics pooled over several trials."""
     first = members[0][1]
     if len(members) == 1:
         return first
@@ -302,19 +300,17 @@ def check_signs(group: Group) -> list[DataFinding]:
 
 
 def _files(trials: list[Trial]) -> str:
-    """Return the files of a group, for a sentence."""
     others = [trial.path for trial in trials[1:]]
     more = others[0] if len(others) == 1 else f"{len(others)} other files"
     return f"{trials[0].path} and {more}" if others else trials[0].path
 
 
 def _single_trial_name(trials: list[Trial]) -> str:
-    """Name of the one trial of a group, else nothing."""
     return trials[0].name if len(trials) == 1 else ""
 
 
 def _labels(trial: Trial) -> dict[str, str]:
-    """Return the names that the channels have in the file."""
+    """Return the names of the channels in the file."""
     return {channel: trial.labels.get(channel, channel) for channel in MAIN_CHANNELS}
 
 
@@ -326,7 +322,7 @@ _UNIT_CANDIDATES = {
     _ANGLE_CHANNELS: ("deg", "radians", ANGLE),
     _TORQUE_CHANNELS: ("mNm", "Nm", TORQUE),
 }
-"""Small unit in which a channel may be, or its name alone; the plain one."""
+"""Small unit that a channel may have, or its name alone; the plain unit."""
 
 
 def wrong_unit(trial: Trial, channel: str) -> str:

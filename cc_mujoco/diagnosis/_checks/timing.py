@@ -1,14 +1,14 @@
-"""Checks of the clocks and of channels that come late.
+"""Checks of clocks and delays of channels.
 
 The speeds of motor and joint are correlated in windows. Lost motion makes the joint
 late by a time that shrinks with speed; a delay is the same in every window; a clock of
 its own makes the delay grow with time. The three are fitted together, so that a motion
 that grows faster is not taken for a clock that drifts.
 
-A cable that pulls is longer: the motor turns further than the joint by what it
-stretches, and more the more it pulls, whatever its friction. Angles that show the
-opposite are those of the other side: if both pulleys are equal nothing else shows it. A
-torque that follows the lead after a time is late by that time.
+A cable under tension stretches: the motor turns further than the joint, and more the
+more it pulls, whatever its friction. Angles that show the opposite are those of the
+other side: if both pulleys are equal nothing else shows it. A torque that follows the
+lead after a time is late by that time.
 """
 
 from __future__ import annotations
@@ -41,11 +41,11 @@ class Alignment(NamedTuple):
     """Timing of the joint's readings against the motor's.
 
     Attributes:
-        delay: by which the joint comes late [s], NaN if that cannot be seen.
-        drift: change of the delay per time [s/s], 0 if there is none to be seen.
+        delay: delay of the joint [s], NaN if it cannot be seen.
+        drift: change of the delay per time [s/s], 0 if none can be seen.
         doubt: standard deviation of the drift; infinite if there are too few windows.
-        gain: by how much the correlation of the speeds rises when the delay is undone.
-        drift_gain: by how much more when the drift is undone as well.
+        gain: rise of the correlation of the speeds when the delay is undone.
+        drift_gain: further rise when the drift is undone as well.
     """
 
     delay: float
@@ -190,9 +190,7 @@ def _nearest_peak(match: FloatArray, expected: float, step: float) -> float | No
 def check_alignment(trial: Trial, alone: bool = False) -> list[DataFinding]:
     """Find clocks that drift relative to each other, and implausible delays.
 
-    Args:
-        trial: the trial.
-        alone: whether one cable joins the sides; slack lets either move by itself.
+    Where one cable joins the sides `alone`, slack lets either move by itself.
     """
     a = measure_alignment(trial)
     grown = a.drift * (trial.time[-1] - trial.time[0])
@@ -230,11 +228,8 @@ def check_lead(trials: Sequence[Trial], bench: Bench) -> list[DataFinding]:
 
     The speeds of both angles, and the rates of each torque and of the lead, are
     correlated over `MAX_DELAY` either way. Friction delays torques as well, by a time
-    that differs between motions: what all trials share counts.
-
-    Args:
-        trials: of one rig.
-        bench: of its scene; where other joints move the cables nothing is checked.
+    that differs between motions, so only a delay that all trials share counts. Where
+    other joints move the cables nothing is checked.
     """
     hooked = [trial for trial in trials if not trial.facts.unhooked]
     if bench.others or not hooked:
@@ -256,7 +251,7 @@ def check_lead(trials: Sequence[Trial], bench: Bench) -> list[DataFinding]:
 
 
 def _swapped_angles(sure: Sequence[tuple[Trial, float]]) -> list[DataFinding]:
-    """Find trials in which the joint leads the motor, by correlations that are sure."""
+    """Find trials in which the joint leads the motor, by significant correlations."""
     reverse = [trial for trial, lead in sure if lead < 0.0]
     if not reverse:
         return []
@@ -322,11 +317,11 @@ def _peak(fits: FloatArray) -> tuple[int, float]:
 def _fits_by_lag(
     trial: Trial, bench: Bench, channel: str, reference: str
 ) -> FloatArray | None:
-    """Return how well a channel fits at lags of it, None where a trial is too short.
+    """Return the fit of a channel by lag, None where a trial is too short.
 
-    That is -ln(1 - R²) of a regression of the reference: the lead on both torques, as
-    the mean tension is between those at the ends, or one angle on the other. Rates are
-    compared, and no torque may enter with a negative sign.
+    The fit is -ln(1 - R²) of a regression of the reference: the lead on both torques,
+    as the mean tension is between those at the ends, or one angle on the other. Rates
+    are compared, and no torque may enter with a negative sign.
     """
     reach = round(MAX_DELAY / trial.step)
     parts = [part for part in trial.segments if part.stop - part.start > 2 * reach]
@@ -371,8 +366,8 @@ def _mean_rate(signal: FloatArray, step: float) -> FloatArray:
 def _lead_correlation(trial: Trial, bench: Bench) -> float:
     """Return the correlation of motor lead and transmitted torque, 0 if unknown.
 
-    Clocks and offsets that differ make a lead as well, and are taken out. A wrong ratio
-    may, too: what counts is what is there with and without it.
+    Different clocks and offsets make a lead as well, and are taken out. A wrong ratio
+    may, too, so only a correlation with and without it counts.
     """
     if trial.motor_torque is None or trial.joint_torque is None:
         return 0.0
@@ -399,7 +394,6 @@ def _lead_correlation(trial: Trial, bench: Bench) -> float:
 def _partial_correlation(
     one: FloatArray, other: FloatArray, known: Sequence[FloatArray]
 ) -> float:
-    """Return the partial correlation of two signals given others."""
     axes, _ = np.linalg.qr(np.column_stack([k / max(_norm(k), 1e-300) for k in known]))
     one, other = (signal - axes @ (axes.T @ signal) for signal in (one, other))
     size = _norm(one) * _norm(other)

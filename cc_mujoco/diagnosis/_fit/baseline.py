@@ -1,10 +1,10 @@
-"""Fit of the baseline, and its error on data that the parameters have not seen.
+"""Fit of the baseline, and its error on held-out data.
 
 The baseline holds all that is uncertain of the scene and is fitted before anything is
 named, by a simulation that is as fine as the noise floor requires. Held-out errors are
 weighted by how well the angles determine the torque at that moment: where an end of the
 cable sticks, the last digit of its angle is worth newtons, and a handful of such
-samples would decide over all others.
+samples would outweigh all others.
 """
 
 from __future__ import annotations
@@ -45,9 +45,9 @@ from cc_mujoco.native import FloatArray
 
 
 def refine_simulation(problem: Problem, x: FloatArray, masks: Masks) -> Problem | None:
-    """Return the same problem simulated more finely; None where that changes nothing.
+    """Return the problem with a finer simulation; None where that changes nothing.
 
-    Or where it is as fine as it gets.
+    Also None where it cannot be finer.
     """
     plant = problem.plant
     if (
@@ -72,7 +72,6 @@ def refinement_change(
 
     Segments or steps are halved, whichever changes more; the parameters stay, and
     errors are by Huber as in fits. The plant is None where neither may be halved.
-    Arguments as in `refine_simulation`.
     """
     plant = problem.plant
     values = problem.values(x)
@@ -115,13 +114,9 @@ def plant_of(
     records: tuple[Record, ...],
     given: Mapping[str, float] | None = None,
 ) -> SimulatedRig:
-    """Return the plant to begin with.
+    """Return the initial plant.
 
-    Args:
-        dataset: of the records.
-        bench: to start from.
-        records: to explain.
-        given: values of the scene that the bench no longer has, see `SimulatedRig`.
+    `given` has values of the scene that the bench no longer has, see `SimulatedRig`.
     """
     return SimulatedRig(
         bench,
@@ -173,9 +168,10 @@ def fit_baseline(
 
 
 def _start_points(free: Sequence[Tuned], x: FloatArray) -> list[FloatArray]:
-    """Return the places to fit from: several pretensions where it is anybody's guess.
+    """Return the start points: several pretensions where it is unknown.
 
-    Whether the slack side of a pair goes slack makes fits end in one valley or another.
+    Fits end in different minima, depending on whether the slack side of a pair goes
+    slack.
     """
     starts = [x]
     for index, parameter in enumerate(free):
@@ -216,7 +212,7 @@ def gaps(
     division: Sequence[Fold],
     seed: int = 0,
 ) -> dict[str, Gap]:
-    """Return the gap of each channel on the samples that are held out."""
+    """Return the gap of each channel on the held-out samples."""
     records = problem.plant.records
     masks = [np.zeros(r.counts.size, dtype=bool) for r in records]
     for fold in division:
@@ -275,13 +271,11 @@ def _closed_share(old: float, new: float, floor: float) -> float:
 
 
 def overall_share(found: Mapping[str, Gap]) -> float:
-    """Return the closed share of the gap of all channels, NaN without a gap."""
     before, after = floor_ratios(found)
     return _closed_share(before**2, after**2, 1.0)
 
 
 def floor_ratios(found: Mapping[str, Gap]) -> tuple[float, float]:
-    """Compute the RMS error of all channels over the noise floor, before and after."""
     if not found:
         return math.nan, math.nan
     before = [(gap.rmse_before / gap.noise_floor) ** 2 for gap in found.values()]
@@ -292,7 +286,6 @@ def floor_ratios(found: Mapping[str, Gap]) -> tuple[float, float]:
 def traces(
     problem: Problem, before: Sequence[FloatArray], after: Sequence[FloatArray]
 ) -> tuple[TrialTrace, ...]:
-    """Return the series that the report draws."""
     channels = problem.plant.instruments.channels
     return tuple(
         TrialTrace(
@@ -312,8 +305,8 @@ def traces(
 class Held(NamedTuple):
     """Torques (2, samples) of every record without and with the added effects.
 
-    Those that are held out, predicted by the others; the gap of them; and the trials
-    that were never held out.
+    They are held out, predicted by the others; `gap` is of them. The trials of the last
+    field were never held out.
     """
 
     before: tuple[FloatArray, ...]
@@ -323,7 +316,7 @@ class Held(NamedTuple):
 
 
 class Holdout:
-    """Cache of held-out predictions, those of the baseline computed once."""
+    """Cache of held-out predictions; those of the baseline are computed once."""
 
     def __init__(self, baseline_fit: BaselineFit, seed: int) -> None:
         problem = baseline_fit.problem

@@ -1,8 +1,7 @@
-"""The question `fit`: how well does the tuned scene explain the data?
+"""Fit of the scene to data, which refuses data that allow no conclusion.
 
-It refuses data from which nothing can be concluded. A rig whose readings are in another
-unit can still be fitted, with another pretension, friction and stiffness, and what is
-named then is worth nothing.
+A rig whose readings are in another unit can still be fitted, with another pretension,
+friction and stiffness, and effects named then are worthless.
 """
 
 from __future__ import annotations
@@ -53,7 +52,7 @@ class Options:
 
 @dataclass(frozen=True)
 class DiagnosisResult:
-    """A diagnosis with everything that belongs to it."""
+    """Diagnosis with the model, evidence and fits behind it."""
 
     diagnosis: Diagnosis
     """Verdict, in numbers and sentences."""
@@ -74,16 +73,9 @@ class DiagnosisResult:
 def fit_scene(
     dataset: Dataset, bench: Bench, settings: Options, progress: Progress
 ) -> BaselineFit | DiagnosisResult:
-    """Fit the baseline and its noise floor.
+    """Fit the baseline and its noise floor, or return a diagnosis that ends here.
 
-    Args:
-        dataset: trials of `_loading.load`, without anything to fix.
-        bench: rig as the scene has it, with what is known of it.
-        settings: choices besides data and scene.
-        progress: called with the share done and what is being done.
-
-    Returns:
-        The fit, or a diagnosis that ends here.
+    `bench` is the rig as the scene has it, with what is known of it.
     """
     start, records, filtering = prepare_start(dataset, bench)
     if useless := _excitation_problem(records):
@@ -126,7 +118,7 @@ def _refused(bench: Bench, statement: str) -> DiagnosisResult:
 
 
 def _excitation_problem(records: Sequence[Record]) -> str:
-    """Return why nothing can be compared or tested, or ""."""
+    """Return the reason why nothing can be compared or tested, or ""."""
     still = "the motor never moves enough to carry the whole cable along"
     if sum(int(r.counts.sum()) for r in records) < Limit.min_counted_samples:
         return (
@@ -152,9 +144,8 @@ def check_effects(
 ) -> tuple[str, ...]:
     """Check effects on the data, and return a sentence for each that they cannot show.
 
-    Raises:
-        EffectError: an effect is not off where its sizes are 0, its torques are not
-            finite, or have no derivative with respect to a size at 0.
+    An effect is refused if it is not off where its sizes are 0, if its torques are not
+    finite, or if they have no derivative with respect to a size at 0.
     """
     notes = []
     effects = plant.library.effects
@@ -220,11 +211,7 @@ def _change(
     plain: Sequence[FloatArray],
     values: Mapping[str, float],
 ) -> FloatArray:
-    """Return the change of all torques by an effect [N m].
-
-    Raises:
-        EffectError: it is not finite.
-    """
+    """Return the change of all torques by an effect [N m]."""
     changes = []
     for record, before, after in zip(
         plant.records, plain, plant.simulate(values, (effect.id,)), strict=True
@@ -257,15 +244,12 @@ _NO_VALUES: Values = {}
 def unit_or_sign_error(
     plant: SimulatedRig, start: SimulatedRig | None = None, values: Values = _NO_VALUES
 ) -> str:
-    """Return why the torques contradict this scene by unit or sign, or "".
+    """Return in what the torques contradict this scene by unit or sign, or "".
 
     A generic scene may be off by any factor. Only the factor of a unit is reported, and
-    only if no other friction, stiffness or pretension explains the readings.
-
-    Args:
-        plant: of the scene as it is given, with what is known of the rig.
-        start: the plant with estimates in place of what the data contradict.
-        values: that the estimates come with; empty where there are none.
+    only if no other friction, stiffness or pretension explains the readings. `start` is
+    the plant with estimates in place of values that the data contradict; `values` are
+    those that come with the estimates.
     """
     contradictions: list[str] = []
     units: set[str] = set()
@@ -321,7 +305,6 @@ def _other_values_explain(
 def _residual_square(
     measured: Sequence[FloatArray], simulated: Sequence[FloatArray]
 ) -> float:
-    """Return the sum of squares between two torques, their means aside."""
     return sum(
         float(np.sum((one - other - np.mean(one - other)) ** 2))
         for one, other in zip(measured, simulated, strict=True)
@@ -331,7 +314,6 @@ def _residual_square(
 def _torque_pairs(
     plant: SimulatedRig, played: Sequence[FloatArray], row: int
 ) -> tuple[list[FloatArray], list[FloatArray]]:
-    """Return measured and simulated torque of every record with valid samples."""
     kept = [
         (record.measured[row, record.free], torque[row, record.free])
         for record, torque in zip(plant.records, played, strict=True)
@@ -364,7 +346,6 @@ def _torque_factor(
 def _would_push(
     measured: Sequence[FloatArray], simulated: Sequence[FloatArray]
 ) -> bool:
-    """Return whether a lone cable would have to push nearly all the time."""
     if not measured:
         return False
     side = float(np.sign(np.concatenate(simulated).sum()))

@@ -1,14 +1,14 @@
-"""Parameters of the simulated rig from records, by least squares in the loop.
+"""Fit of the parameters of the simulated rig to records by least squares.
 
-Residuals are divided by the noise floor of their channel and weighted by how many of
-them are independent, so that priors and intervals count for what they are worth.
+Residuals are divided by the noise floor of their channel and weighted by the share of
+them that is independent, so that priors and intervals keep their meaning.
 
 Derivatives of the torques are differences of coarse simulations, taken once. They
-hardly change over a few percent of a parameter, and every simulation elsewhere shows
-how they did change along the way there (Broyden, Math. Comp. 19, 1965). Fits, folds and
-stages share them; a model with an effect more, or a finer one, begins with those it
-had. What changes only the reading of a replay, say an offset, is differenced anew each
-time: it needs no simulation.
+hardly change over a few percent of a parameter, and every simulation elsewhere updates
+them along the way there (Broyden, Math. Comp. 19, 1965). Fits, folds and stages share
+them; a model with an effect more, or a finer one, begins with those of its predecessor.
+Parameters that change only the reading of a replay, say an offset, are differenced anew
+each time: they need no simulation.
 """
 
 from __future__ import annotations
@@ -60,12 +60,9 @@ class _Tangent:
     slopes: FloatArray
 
     def follow(self, x: FloatArray, torque: FloatArray, reach: FloatArray) -> bool:
-        """Update from a simulation elsewhere; return False if no longer valid.
+        """Update from a simulation at `x` with `torque`; return False if invalid now.
 
-        Args:
-            x: place of the parameters.
-            torque: (2, samples) there [N m].
-            reach: (parameters,) change over which derivatives hold.
+        `reach` is the (parameters,) change over which derivatives hold.
         """
         moved = (x - self.place) / reach
         if np.max(np.abs(moved)) < Limit.min_change:
@@ -85,7 +82,6 @@ class TorqueDerivatives:
     """Derivatives of a model's torques, by record."""
 
     def __init__(self, narrower: TorqueDerivatives | None = None) -> None:
-        """Start without slopes, or from those of the model without one effect."""
         self._narrower_slopes = narrower
         self._kept: dict[Record, _Tangent] = {}
         self._inner: list[bool] = []
@@ -97,20 +93,16 @@ class TorqueDerivatives:
         seen: Sequence[int],
         torques: Sequence[FloatArray],
     ) -> list[FloatArray]:
-        """Return the slopes of these records (parameters, 2, samples) [N m].
+        """Return the slopes of the records `seen` (parameters, 2, samples) [N m].
 
-        Args:
-            problem: the model.
-            x: place of the parameters.
-            seen: indices of the records.
-            torques: (2, samples) of these there [N m].
+        `torques` are those of these records at the place `x`, (2, samples) each [N m].
         """
         steps = [_step(p, place) for p, place in zip(problem.tuned, x, strict=True)]
         inner = self._inner = self._inner or _need_replays(problem, x, steps)
         records = [problem.plant.records[k] for k in seen]
 
         def take(first: int, places: Sequence[int], again: bool) -> None:
-            """Difference from a parameter on, what needs a replay or all else."""
+            """Take differences from a parameter on, by replays or by all else."""
             wanted = {k: steps[k] for k in range(first, x.size) if inner[k] is again}
             if not wanted:
                 return
@@ -152,7 +144,6 @@ class TorqueDerivatives:
         return [self._kept[record].slopes for record in records]
 
     def forget(self) -> None:
-        """Free the stored slopes."""
         self._narrower_slopes = None
         self._kept.clear()
 
@@ -175,11 +166,7 @@ def jacobian(
 ) -> FloatArray:
     """Compute the derivative of `Problem.residual` (residuals, parameters).
 
-    Args:
-        problem: the model.
-        x: place of the parameters.
-        masks: samples that count.
-        explained: as if the model explained the data, see `plain_residual_slopes`.
+    If `explained`, as if the model explained the data, see `plain_residual_slopes`.
     """
     seen = [k for k, mask in enumerate(masks) if mask.any()]
     priors = np.diag([-1.0 / p.prior for p in problem.tuned])
@@ -198,9 +185,9 @@ def jacobian(
 def residual_slopes(
     problem: Problem, torques: Sequence[FloatArray], masks: Masks
 ) -> list[tuple[FloatArray, NDArray[np.bool_]]]:
-    """Change of residuals (2, samples) per torque [1/N m], and the samples that count.
+    """Return changes of residuals (2, samples) per torque [1/N m], and counted samples.
 
-    Of every record with such, of which `torques` are given.
+    They are of every record with such samples, of which `torques` are given.
     """
     seen = [k for k, mask in enumerate(masks) if mask.any()]
     found = []
@@ -221,7 +208,7 @@ def residual_slopes(
 def plain_residual_slopes(
     problem: Problem, masks: Masks
 ) -> list[tuple[FloatArray, NDArray[np.bool_]]]:
-    """Return the same where no error is large, so that every sample counts."""
+    """Return `residual_slopes` where no error is large, so that every sample counts."""
     return [
         (-problem.weight / floor[:, mask], mask)
         for floor, mask in zip(problem.floor, masks, strict=True)
@@ -235,9 +222,8 @@ def residual_changes(
 ) -> FloatArray:
     """Return first-order changes of `Problem.residual` without priors (k, residuals).
 
-    Args:
-        steep: of `residual_slopes`.
-        changes: of the torques (k, 2, samples) of the same records [N m].
+    `steep` is from `residual_slopes`; `changes` of the torques are (k, 2, samples) of
+    the same records [N m].
     """
     return np.concatenate(
         [

@@ -41,9 +41,8 @@ def divided_samples(division: Sequence[Fold]) -> Masks:
 def interleaved_folds(records: Sequence[Record]) -> tuple[Fold, ...]:
     """Return two halves that predict each other, every other stretch of every record.
 
-    Both halves see every trial, so that what is found does not hang on which trial, say
-    the only one with slack, fell on which side. Where the dataset reserves trials for
-    tests, these are left out of it.
+    Both halves see every trial, so that no result depends on which half holds, say, the
+    only trial with slack. Trials that the dataset reserves for tests are left out.
     """
     free = [record.free for record in records]
     odd = [_odd_pieces(counts) for counts in free]
@@ -99,7 +98,7 @@ def trial_folds(records: Sequence[Record]) -> tuple[Fold, ...]:
 def trial_kinds(records: Sequence[Record]) -> dict[str, tuple[object, ...]]:
     """Return the kind of every group of repeated trials.
 
-    That is which side was held, pretension (in steps of 20 %), tilt, known weights,
+    A kind is the held side, pretension (in steps of 20 %), tilt, known weights,
     exchanged sensors, load cell and occasion.
     """
     used = [record for record in records if record.counts.any()]
@@ -158,7 +157,6 @@ class CrossValidation(NamedTuple):
 
     @property
     def held_out_mse(self) -> float:
-        """Mean square of the held-out errors."""
         kept = [e[:, np.isfinite(e[0])] for e in self.errors]
         return float(np.mean(np.concatenate([k.ravel() for k in kept]) ** 2))
 
@@ -237,8 +235,8 @@ def _block_sums(crossed: CrossValidation, parts: Sequence[FloatArray]) -> FloatA
 def excess(crossed: CrossValidation) -> float:
     """Return the excess of held-out errors over noise, in standard errors.
 
-    The error is that of blocks: a few bad moments, say one stick that broke at another
-    time, do not make a model wrong.
+    The standard error is that of blocks: a few bad moments, say one stick that broke at
+    another time, do not make a model wrong.
     """
     problem = crossed.problem
     noise = [n / f for n, f in zip(problem.sensed, problem.floor, strict=True)]

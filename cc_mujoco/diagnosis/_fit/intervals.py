@@ -1,22 +1,21 @@
-"""Values of fitted parameters with 95 % intervals, and what the data do not tell.
+"""Values of fitted parameters with 95 % intervals, and those the data do not determine.
 
 Three things make a parameter uncertain: noise, disagreement between parts of the data,
 and errors of form that all parts share.
 
-*Disagreement* between parts of the data exceeds what noise makes. Every trial is left
-out in turn, by one Gauss-Newton step from the fit: its Jacobian and residuals are at
-hand, so nothing is fitted again. How far a parameter then moves is divided by how far
-noise would move it, so that a trial which alone tells a parameter counts as one of
-many, whatever its leverage: the parameter moves far without it, and noise would do
-that, too.
+*Disagreement* between parts of the data exceeds that by noise. Every trial is left out
+in turn, by one Gauss-Newton step from the fit: its Jacobian and residuals are at hand,
+so nothing is fitted again. The move of a parameter is divided by the move that noise
+would make, so that a trial which alone determines a parameter counts as one of many,
+whatever its leverage: the parameter moves far without it, and noise would do that, too.
 
 *Form*: a rig has what its scene has not, such as ends and seals that give or hold a
 little (the effects of ordinary size), and forms that are not those of the library. All
-trials share that, so they agree about parameters that are off. But where the model is
-off, it is off in directions beside those of its parameters as well, and there the
-residuals show it: what they show of effects of which a rig has none, or hardly any, is
-the size of such errors, as negative controls are that of a bias (Schuemie et al., Stat.
-Med. 33, 2014).
+trials share that, so they agree about parameters that are off. But a wrong model errs
+in directions beside those of its parameters as well, and there the residuals show it:
+the sizes that they show of effects of which a rig has none, or hardly any, are the size
+of such errors, as negative controls measure a bias (Schuemie et al., Stat. Med. 33,
+2014).
 """
 
 from __future__ import annotations
@@ -68,12 +67,12 @@ def noise_covariance(problem: Problem, x: FloatArray, masks: Masks) -> Spread:
 def fit_covariance(problem: Problem, x: FloatArray, masks: Masks) -> Spread:
     """Return the covariance of a fit by noise, disagreement of trials and form.
 
-    A model that is a little wrong fits every trial otherwise, and all of them a little
-    off, which noise does not tell. Noise makes B; a parameter about which trials
+    A model that is a little wrong fits every trial differently, and all of them a
+    little off, which noise does not show. Noise makes B; a parameter about which trials
     disagree by a factor f of that (`disagreement`) has f B_kk; and errors that all
-    trials share add what they shift (`form_error`). Only the second is known from so
-    few numbers that it takes Student's t: its degrees of freedom are over the square of
-    its share of the variance (Satterthwaite, Biometrics Bulletin 2, 1946).
+    trials share add their shifts (`form_error`). Only the second comes from so few
+    numbers that it takes Student's t: its degrees of freedom are over the square of its
+    share of the variance (Satterthwaite, Biometrics Bulletin 2, 1946).
     """
     fresh = replace(problem, slopes=TorqueDerivatives())
     slopes = jacobian(fresh, x, masks)
@@ -130,7 +129,6 @@ def estimates(problem: Problem, x: FloatArray, spread: Spread) -> dict[str, Esti
 
 
 def _log_span(found: Estimate) -> float:
-    """Return the logarithm of the factor between the ends of an interval."""
     low, high = found.ci95
     return math.log(high / low) if low > 0.0 else math.inf
 
@@ -209,7 +207,7 @@ def form_error(
 
 
 def _basis(columns: FloatArray) -> FloatArray:
-    """Orthonormal (rows, k) of what columns of length 1 at most span."""
+    """Return an orthonormal basis (rows, k) of columns of length 1 at most."""
     left, sizes, _ = np.linalg.svd(columns, full_matrices=False)
     found: FloatArray = left[:, sizes > Limit.new]
     return found
@@ -218,7 +216,7 @@ def _basis(columns: FloatArray) -> FloatArray:
 def controls_of(problem: Problem, x: FloatArray, masks: Masks) -> FloatArray:
     """Return changes of residuals (data, controls) by effects of ordinary size.
 
-    Of those that the model has not: what it has is fitted.
+    Effects that the model has are fitted and left out here.
     """
     count = sum(
         len(record.measured) * int(np.sum(mask))
@@ -313,7 +311,7 @@ def parts_of(
 ) -> NDArray[np.int64]:
     """Return the group of each residual (data,): its trial and its repetitions.
 
-    Of fewer trials than `Limit.least` it is one of the pieces of every record.
+    With fewer trials than `Limit.least` it is one of the pieces of every record.
     """
     used = [bool(mask.any()) for mask in masks]
     groups = sorted({r.group for r, some in zip(records, used, strict=True) if some})

@@ -1,17 +1,17 @@
 """Error floor of any model: sensor noise, and that of angles sent through the rig.
 
 Where the cable runs, noise of the angles hardly matters; where its end sticks, the
-angle's last digit is worth newtons. So the floor is a number for every sample: how far
-simulated torques come off when a likely motion is read again, and the torque sensors'
-own noise. By what errors are divided is more: spikes of noise shift in time, and an
-angle that seems to stand still may have moved by its noise. That weights samples; the
-error of a model is held against what noise makes of errors so divided.
+angle's last digit is worth newtons. So the floor is a number for every sample: the
+scatter of simulated torques when a likely motion is read again, and the torque sensors'
+own noise. The divisor of errors is larger: spikes of noise shift in time, and an angle
+that seems to stand still may have moved by its noise. That weights samples; the error
+of a model is compared with the error that noise makes by the same divisor.
 
-Angles are read again as they might have been another time. What is played has lost what
-its filters took: movements smaller than the play that stills it. Read again, it would
-lose nothing, so the noise of a motor that goes along with a hand, of slow creep and of
-rests would seem small. And it has kept what they let pass: the ripple of digits, which
-would count twice where the angle moves. So what is read again is a likely motion: with
+Angles are read again as they might have been another time. The played angle lacks what
+its filters removed: movements smaller than the play that stills it. Read again, it
+would lose nothing, so the noise of a motor that goes along with a hand, of slow creep
+and of rests would seem small. And it has kept what they let pass: the ripple of digits,
+which would count twice where the angle moves. So a likely motion is read again: with
 the slow movements put back, and without ripple.
 """
 
@@ -46,8 +46,8 @@ class NoiseFloor(NamedTuple):
     """Standard deviations (rows, samples) of every record [N m].
 
     Attributes:
-        noise: of what no model can explain; not less than repetitions differ.
-        tolerance: by which errors are divided.
+        noise: error that no model can explain; at least that between repetitions.
+        tolerance: divisor of errors.
         scatter: (rows, 1), the part of `noise` by which repetitions differ beyond that
             of sensors.
     """
@@ -134,11 +134,10 @@ def _unexplained(
 ) -> FloatArray:
     """Return the variance between repetitions beyond noise (rows,).
 
-    It is that of what the model leaves: a servo never repeats a motion to the digit,
-    and what another motion makes of the torques is for the model to tell. But it is no
-    more than the readings differ by: a model that is wrong makes newtons of a digit.
-    Noise counts where motions were repeated: how much of it reaches the torques is a
-    matter of the motion.
+    It is that of the model's residuals: a servo never repeats a motion to the digit,
+    and the model must explain the torques of another motion. But it is no more than the
+    variance of the readings: a wrong model makes newtons of a digit. Noise counts where
+    motions were repeated, as the share that reaches the torques depends on the motion.
     """
     names = plant.instruments.channels
     found = []
@@ -202,7 +201,7 @@ def _highest_local_mean(square: FloatArray, dt: float) -> FloatArray:
 
 
 def likely(record: Record, filtering: Filtering) -> Record:
-    """Return the record along a motion whose reading may have been this one."""
+    """Return the record along a likely motion behind its reading."""
     motor, joint = (
         _likely(angle, seen, width, record.dt, filtering.motion_band)
         for angle, seen, width in zip(
@@ -239,7 +238,7 @@ def resample_angles(
     filtering: Filtering,
     random: np.random.Generator,
 ) -> Record:
-    """Return the record as it might have been read another time."""
+    """Return the record as it might be read another time."""
     angles = (record.motor_angle, record.joint_angle)
     read = [
         _read_again(record, angle, noise[name], width, filtering, random)
@@ -293,10 +292,10 @@ def unsettled(
 
 
 def _unseen(angle: FloatArray, width: float, random: np.random.Generator) -> FloatArray:
-    """Movement that may have happened where the angle was taken to stand still.
+    """Return a movement that may have happened where the angle seemed to stand still.
 
-    As far as the play filter lets it: a servo that integrates, or a hand that lets go,
-    creeps to the end of it.
+    The play filter limits it: a servo that integrates, or a hand that lets go, creeps
+    to the end of it.
     """
     moved = np.zeros(angle.size)
     edges = np.flatnonzero(np.diff(angle) != 0.0)

@@ -1,9 +1,9 @@
-"""Checks that fitted effects are as they are called: possible, sure, out of the way.
+"""Checks that fitted effects are possible, significant and larger than ordinary.
 
 Plausible sizes are those of the bench, scaled to the rig. `EffectParameter.typical` is
-what a bench of `Limit.tension`, `Limit.radius`, `Limit.length` and `Limit.stiffness`
-may have. On another rig forces go with the tension, torques with tension and radius,
-stretches with the stretch of the cable.
+for a bench of `Limit.tension`, `Limit.radius`, `Limit.length` and `Limit.stiffness`. On
+another rig forces scale with the tension, torques with tension and radius, stretches
+with the stretch of the cable.
 """
 
 from __future__ import annotations
@@ -53,14 +53,9 @@ def doubtful_effects(
 ) -> list[str]:
     """Return the effects of a model that may have size 0 given all others.
 
-    That is, of which the joint interval of its sizes contains 0, by the F distribution.
-    For a single size it is the reported interval.
-
-    Args:
-        problem: the model.
-        x: where it was fitted.
-        covariance: (parameters, parameters) of the places.
-        freedom: (parameters,) degrees of freedom with which it is known.
+    Their joint interval of the sizes contains 0, by the F distribution. For a single
+    size it is the reported interval. `covariance` (parameters, parameters) of the
+    places has `freedom` (parameters,) degrees of freedom.
     """
     from scipy.special import fdtri
 
@@ -105,8 +100,8 @@ def _effective_freedom(
 def is_ordinary(problem: Problem, x: FloatArray, name: str) -> bool:
     """Return whether an effect of a model is no larger than any rig may have.
 
-    The conduit of a scene holds its cable evenly from end to end; those of rigs do not,
-    and good sensors see it.
+    The conduit of a scene holds its cable evenly from end to end; conduits of rigs do
+    not, and good sensors see it.
     """
     values = problem.values(x)
     sizes = {"": 0.0}
@@ -138,13 +133,11 @@ def _reference_size(of: str, cable: Cable) -> float:
 
 
 def shape_indices(problem: Problem, name: str) -> list[int]:
-    """Return the indices of an effect's shape parameters, which are nonlinear."""
     own = {p.name for p in EFFECTS[name].parameters if not p.linear}
     return [k for k, parameter in enumerate(problem.tuned) if parameter.name in own]
 
 
 def amplitude_indices(problem: Problem, names: Sequence[str]) -> list[int]:
-    """Return the indices of the size parameters of these effects."""
     off = {
         parameter.name
         for name in names

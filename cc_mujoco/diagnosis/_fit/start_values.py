@@ -1,4 +1,4 @@
-"""Values to start the fit from, where those of the scene contradict the data.
+"""Start values of the fit, where those of the scene contradict the data.
 
 A fit of friction and stiffness finds its way from a few times their size, but not from
 a hundred, and nothing starts from a pretension of 0. The mean tension of a cable is its
@@ -30,9 +30,8 @@ from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.native import FloatArray
 
 _FREE_PARAMETERS = ("friction", "axial_stiffness")
-"""Parameters that a scene may give at any size."""
+"""Parameters that a scene may give with any value."""
 _ESTIMATED_PARAMETERS = (*_FREE_PARAMETERS, "pretension")
-"""Parameters that are estimated."""
 _MAX_EVALUATIONS = 12
 
 
@@ -53,11 +52,9 @@ class Start(NamedTuple):
 def prepare_start(
     dataset: Dataset, bench: Bench
 ) -> tuple[Start, tuple[Record, ...], Filtering]:
-    """Return the start, and records of which samples count by its values.
+    """Return the start, and records with the samples that count by its values.
 
-    Args:
-        dataset: of `diagnosis.load`.
-        bench: of the scene, with what `[rig]` declares.
+    `bench` is that of the scene, with what `[rig]` declares.
     """
     records, filtering = prepare(dataset, bench)
     start = estimate_start(dataset, bench, records)
@@ -69,12 +66,7 @@ def prepare_start(
 def estimate_start(dataset: Dataset, bench: Bench, records: Sequence[Record]) -> Start:
     """Return the start: the scene, with estimates where the data contradict it.
 
-    What `[rig]` declares is not replaced.
-
-    Args:
-        dataset: the trials, for what is declared of them.
-        bench: of the scene, with what `[rig]` declares.
-        records: of the trials; which of their samples count does not matter.
+    Declarations of `[rig]` are not replaced. The records may count any samples.
     """
     hooked = [trial for trial in dataset.trials if not trial.facts.unhooked]
     declared = [t.facts.pretension for t in hooked if t.facts.pretension is not None]
@@ -126,13 +118,11 @@ def _with_usual_pretension(bench: Bench, declared: Sequence[float]) -> Bench:
 
 
 def _with_parameters(bench: Bench, values: Mapping[str, float]) -> Bench:
-    """Return the bench with these parameters in all of its cables."""
     cables = tuple(cable.replace(**values) for cable in bench.cables)
     return replace(bench, cables=cables)
 
 
 def _factor_between(one: float, other: float) -> float:
-    """Return the factor between two values, of which the first is positive."""
     return max(one / other, other / one) if other > 0.0 else math.inf
 
 
@@ -158,7 +148,7 @@ def _thin_record(record: Record) -> Record:
 
 
 class _Line(NamedTuple):
-    """Tension of the cables, agonist less antagonist, by how far the motor leads.
+    """Line of the cable tension, agonist less antagonist, over the lead of the motor.
 
     Attributes:
         slope: tension per lead at the motor's rim [N/m].
@@ -208,8 +198,6 @@ def _mean_tension(dataset: Dataset, bench: Bench, record: Record) -> FloatArray:
 
 
 class _Fitted(NamedTuple):
-    """Values that were fitted, and the cost that is left."""
-
     values: dict[str, float]
     cost: float
 
@@ -245,14 +233,11 @@ class _Grid:
         )
 
     def fitted(self, names: Sequence[str], coarse: bool = False) -> _Fitted | None:
-        """Return the best fit of the baseline, these parameters free.
+        """Return the best fit of the baseline, with the parameters of these names free.
 
         It is None where the scene's own values are not much worse than the best point,
-        or where what is left says that none of these values explain the data.
-
-        Args:
-            names: of the parameters whose values in the scene may be anything.
-            coarse: whether the stiffness of the line is the only one on the grid.
+        or where the residuals say that none of these values explain the data. If
+        `coarse`, the grid has only the stiffness of the line.
         """
         tried = {
             name: each
@@ -312,8 +297,8 @@ def _best_values(
 ) -> dict[str, float]:
     """Return the best values; none where the scene's are not much worse.
 
-    A pretension that nobody declared may be wrong, too. It is known to a tenth, so one
-    that the data contradict bends the fit of all else.
+    A pretension that nobody declared may be wrong, too. Its prior is a tenth, so one
+    that the data contradict distorts the fit of all else.
     """
     grid = _Grid(dataset, bench, records)
     if bench.cables[0].pretension == 0.0:
@@ -334,7 +319,6 @@ def _best_values(
 def _rough_problem(
     dataset: Dataset, bench: Bench, records: Sequence[Record], guessed: Collection[str]
 ) -> Problem:
-    """Return the problem of fitting the baseline to records, roughly."""
     known, constants = dataset.instruments, dataset.constants
     plant = SimulatedRig(
         bench, tuple(records), 4, instruments=known, constants=constants

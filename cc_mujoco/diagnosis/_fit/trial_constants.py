@@ -1,10 +1,10 @@
 """Constants that differ from trial to trial or between occasions, and their trends.
 
-Around a fitted model one parameter is given a value of its own in every trial, while
-all others are fitted to all trials. The derivatives of the fit serve for that, so it
-costs a few replays. A trend of these values is tested by weighted regression, in which
-trials may scatter beyond their own uncertainty (DerSimonian and Laird 1986), with
-Student's t (Hartung and Knapp 2001).
+Around a fitted model one parameter gets a value of its own in every trial, while all
+others are fitted to all trials. The derivatives of the fit serve for that, so it costs
+a few replays. A trend of these values is tested by weighted regression, in which trials
+may scatter beyond their own uncertainty (DerSimonian and Laird 1986), with Student's t
+(Hartung and Knapp 2001).
 
 An effect that is part of the mechanism has one size on all occasions; an error of form
 that it stands in for changes with load, pose and pretension. So the size of every
@@ -72,11 +72,11 @@ class TrialConstants(NamedTuple):
         trials: names, in the order of the data.
         change: (trials,) from their mean: of the logarithm where
             `Tuned.factor`, else in its unit.
-        error: (trials,) standard errors of these.
-        share: of the squared error beyond the floor that these values take.
-        value: (trials,) in the unit of the parameter, of one that is no logarithm; NaN
-            where the fit by trial fails.
-        value_error: (trials,) standard errors of these.
+        error: (trials,) standard errors of `change`.
+        share: share of the squared error beyond the floor that these values explain.
+        value: (trials,) in the unit of the parameter, if it is no logarithm; NaN where
+            the fit by trial fails.
+        value_error: (trials,) standard errors of `value`.
     """
 
     parameter: Tuned
@@ -89,10 +89,10 @@ class TrialConstants(NamedTuple):
 
 
 class Trend(NamedTuple):
-    """A regression of trial constants.
+    """Regression of trial constants.
 
     Attributes:
-        ordinate: along which.
+        ordinate: name of the regressor.
         slope: change per unit of it.
         t: slope over its standard error.
         freedom: degrees of freedom.
@@ -107,7 +107,7 @@ class Trend(NamedTuple):
 
 
 def trial_constants(problem: Problem, x: FloatArray) -> tuple[TrialConstants, ...]:
-    """Return parameters whose values by trial take most of the error, best first."""
+    """Return parameters whose values by trial explain most of the error, best first."""
     fit = _ByTrial(problem, x, unhooked=False)
     if len(fit.trials) < Limit.min_trend_trials:
         return ()
@@ -126,10 +126,8 @@ def constants_by_occasion(
 ) -> tuple[TrialConstants, ...]:
     """Return parameters with a value of their own on every occasion.
 
-    Args:
-        problem: the model.
-        x: where it was fitted to all trials.
-        indices: of the parameters; one that an occasion does not inform is left out.
+    The model was fitted to all trials at `x`. A parameter that an occasion does not
+    inform is left out.
     """
     fit = _ByTrial(problem, x, lambda record: record.occasion)
     return tuple(fit.fitted(k) for k in indices if fit.affects_every_trial(k))
@@ -140,10 +138,7 @@ def trial_trends(
 ) -> tuple[Trend, ...]:
     """Return regressions of trial constants, the least probable first.
 
-    Args:
-        found: the constants.
-        ordinates: (trials,) of each trial, by name; those without variation are left
-            out.
+    `ordinates` are (trials,) by name; those without variation are left out.
     """
     tried = []
     for name, values in ordinates.items():
@@ -227,20 +222,18 @@ class _ByTrial:
         self._noise = floor
 
     def affects_every_trial(self, index: int) -> bool:
-        """Return whether every trial informs a parameter."""
         square = np.bincount(
             self._rows, self._jacobian[:, index] ** 2, len(self.trials)
         )
         return bool(np.all(square > 1e-4))
 
     def foreseen(self, index: int) -> float:
-        """Return the share of the error that it takes by trial, to first order."""
+        """Return the share of the error that it explains by trial, to first order."""
         design = self._design(self._jacobian, index)
         step = self._solve(design, self._error, np.zeros(design.shape[1]), index)
         return self._share(self._error + design @ step)
 
     def fitted(self, index: int) -> TrialConstants:
-        """Fit a parameter by trial, by simulation."""
         shared = self._x.size - 1
         place = np.zeros(shared + len(self.trials))
         torques, error = self._torques, self._error
@@ -336,7 +329,7 @@ class _ByTrial:
         return residual_changes(steep, self._slopes).T
 
     def _design(self, slopes: FloatArray, index: int) -> FloatArray:
-        """Return the derivatives by the others, then by this one in every trial."""
+        """Return derivatives by the others, then by this one in every trial."""
         own = np.zeros((len(slopes), len(self.trials)))
         own[np.arange(len(slopes)), self._rows] = slopes[:, index]
         return np.concatenate([np.delete(slopes, index, axis=1), own], axis=1)
@@ -364,7 +357,6 @@ class _ByTrial:
         index: int,
         damping: float = 0.0,
     ) -> FloatArray:
-        """Return the Gauss-Newton step of the unknowns."""
         known = self._priors(index)
         square = design.T @ design + np.diag(known**2)
         slope = design.T @ error - known * self._off(place, index)
@@ -394,12 +386,10 @@ def random_constants(
     ordinates: Mapping[str, FloatArray],
     misfit: float,
 ) -> str:
-    """Return the constant that differs at random between trials, in words, or "".
+    """Return in words the constant that differs at random between trials, or "".
 
-    Args:
-        constants: by trial, of the tuned scene, best first.
-        ordinates: (trials,) along which these may drift, by name.
-        misfit: of the tuned scene.
+    `ordinates` (trials,) by name are those along which constants may drift; `misfit` is
+    that of the tuned scene.
     """
     found = describe_trial_constants(constants, ordinates, "")
     if found is None:
@@ -420,10 +410,7 @@ def trial_ordinates(
 ) -> dict[str, FloatArray]:
     """Return the ordinates that trial constants may follow, (trials,) each by name.
 
-    Args:
-        problem: with the records.
-        names: of the trials, in the order of the data.
-        warmth: mean temperature of trials by name, where it is known [degC].
+    `warmth` is the mean temperature of trials by name, where it is known [degC].
     """
     own = {
         name: [r for r in problem.plant.records if r.trial == name] for name in names
@@ -543,7 +530,6 @@ _REPORTED = ("friction", "pretension", "axial_stiffness", "friction_balance")
 def compare_occasions(
     problem: Problem, x: FloatArray, estimated: Mapping[str, Estimate]
 ) -> Occasions | None:
-    """Return the comparison of the occasions; None where there is one."""
     names = occasions_of(problem.plant.records)
     if len(names) < 2:
         return None
@@ -565,7 +551,6 @@ def agreement_shares(compared: Occasions) -> dict[str, float]:
 def _changes(
     problem: Problem, names: Sequence[str], estimated: Mapping[str, Estimate]
 ) -> list[OccasionChange]:
-    """Return the changes from every earlier occasion to the last."""
     tuned = {parameter.name: parameter for parameter in problem.tuned}
     found = []
     for since in reversed(names[:-1]):
@@ -583,9 +568,8 @@ def _changes(
 def describe_change(tuned: Tuned, earlier: Estimate) -> tuple[Estimate, str]:
     """Return the change to the later occasion, and the same in words.
 
-    Args:
-        tuned: parameter that is a change, see `occasions`.
-        earlier: its estimate: earlier occasion over the later one, or less it.
+    `tuned` is a change, see `occasions`; its estimate is the earlier occasion over the
+    later one, or less it.
     """
     low, high = earlier.ci95
     if tuned.factor:
@@ -622,7 +606,6 @@ def _difference(change: Estimate) -> str:
 
 
 def _statement(recent: Sequence[OccasionChange], names: Sequence[str]) -> str:
-    """Return what changed since the last occasion but one, as a sentence."""
     own = [e for e in recent if e.since == names[-2] and e.parameter in _REPORTED]
     changed = [e.statement for e in own if not e.change.holds(0.0)]
     same = [e.statement for e in own if e.change.holds(0.0)]

@@ -1,7 +1,7 @@
 """Error of every trial, and a test for one recorded on another rig.
 
 A cable that was tightened or laid anew between trials is no effect of the library: the
-trials then contradict each other, and nothing that is added explains them all.
+trials then contradict each other, and no added effect explains them all.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from cc_mujoco.native import FloatArray
 from cc_mujoco.report._html import list_words
 
 TRIAL_CONSTANTS = ("pretension", "friction", "tilt")
-"""Those that one trial may have of its own."""
+"""Parameters that one trial may have of its own."""
 MAX_LOG_CHANGE = math.log(8.0)
 """Logarithm of the largest such change."""
 
@@ -36,11 +36,9 @@ def trial_errors(
 ) -> tuple[TrialError, ...]:
     """Return the errors of every trial of which samples count, in order.
 
-    Args:
-        problem: with the floor that weights samples.
-        before: (2, samples) torque of the baseline for every record [N m].
-        after: the same with what was added.
-        final: that model and its parameters, for the shares of slack.
+    `before` and `after` are (2, samples) torques of the baseline and of the extended
+    model for every record [N m]; `final` is that model and its parameters, for the
+    shares of slack.
     """
     found = []
     for name, places in _record_indices(problem).items():
@@ -64,7 +62,6 @@ def trial_errors(
 
 
 def _slack_share(problem: Problem, x: FloatArray, places: Sequence[int]) -> float:
-    """Return the share of the samples of records in which a cable is slack."""
     values, records = problem.values(x), problem.plant.records
     sizes = [records[k].time.size for k in places]
     shares = [problem.plant.slack_share(values, problem.effects, k) for k in places]
@@ -72,14 +69,14 @@ def _slack_share(problem: Problem, x: FloatArray, places: Sequence[int]) -> floa
 
 
 class Odd(NamedTuple):
-    """A trial that the rest does not predict, or all that are declared turned.
+    """Trial that the rest does not predict, or all that are declared turned.
 
     Attributes:
         trials: names.
         misfit: RMS error over the noise floor, by parameters fitted to the others.
         rest: the same of the others.
-        tilt: by which they are declared turned, where all that are so are meant [rad].
-        own: what a constant of its own would have to be, in words.
+        tilt: declared tilt, where all trials of that tilt are meant [rad].
+        own: required value of a constant of its own, in words.
         extreme: declared condition of which the trial is the only extreme one, or "".
     """
 
@@ -92,7 +89,7 @@ class Odd(NamedTuple):
 
     @property
     def question(self) -> str:
-        """Return the question for whoever recorded it."""
+        """Question to whoever recorded it."""
         several = len(self.trials) > 1
         off = (
             f"Trial{'s' * several} {list_words(self.trials)} "
@@ -119,9 +116,9 @@ class Odd(NamedTuple):
 
 
 def exchanged_torques(problem: Problem, x: FloatArray) -> str:
-    """Return which trials have their torque columns exchanged, as a sentence or "".
+    """Return in a sentence which trials have exchanged torque columns, or "".
 
-    That is, trials that the others predict once their torques are exchanged.
+    The others predict such a trial once its torques are exchanged.
     """
     records = problem.plant.records
     places = {
@@ -173,14 +170,9 @@ def find_outlier_trial(
 ) -> Odd | None:
     """Return the trial that contradicts the others, if there is one.
 
-    That is, one that a constant of its own brings to the level of the others. A trial
-    with the widest motion is off most by whatever the model lacks.
-
-    Args:
-        problem: a model that explains the others.
-        x: its parameters, fitted to all.
-        tuned: error of every trial by the tuned scene over the floor, see `misfits`;
-            None if that is the model.
+    A constant of its own brings it to the level of the others. A trial with the widest
+    motion suffers most from whatever the model lacks. `tuned` has the error of every
+    trial by the tuned scene over the floor, see `misfits`; None if that is the model.
     """
     places = _record_indices(problem)
     if len(places) < Limit.min_outlier_trials:
@@ -228,7 +220,6 @@ def find_outlier_trial(
 
 
 def _extreme_condition(problem: Problem, names: Sequence[str]) -> str:
-    """Return the declared condition in which trials differ from all others, or ""."""
     records = problem.plant.records
 
     def lie_beyond(values: Callable[[Record], float | None]) -> bool:
@@ -262,7 +253,6 @@ def _leave_out(
     names: tuple[str, ...],
     places: dict[str, list[int]],
 ) -> tuple[Odd, FloatArray]:
-    """Fit all trials but some and predict these."""
     own = [k for name in names for k in places[name]]
     masks = [
         record.free & (k not in own) for k, record in enumerate(problem.plant.records)
@@ -282,8 +272,7 @@ def _best_own_constant(
 ) -> tuple[float, str]:
     """Find the constant that explains trials best if it is their own.
 
-    Returns:
-        Their RMS error over the floor with that, and what it would be, in words.
+    Return their RMS error over the floor with it, and its value in words.
     """
     values = problem.values(x)
     records = problem.plant.records
@@ -354,7 +343,6 @@ def _minimise_misfit(
 
 
 def _record_indices(problem: Problem) -> dict[str, list[int]]:
-    """Return the record indices of every trial with samples that count."""
     found: dict[str, list[int]] = {}
     for k, record in enumerate(problem.plant.records):
         if record.counts.any():

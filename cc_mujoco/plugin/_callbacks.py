@@ -39,6 +39,7 @@ from cc_mujoco.plugin import _attachments as attachments
 from cc_mujoco.plugin import _config as config
 from cc_mujoco.plugin import _guides as guides
 from cc_mujoco.plugin import _implicit_ends as implicit_ends
+from cc_mujoco.plugin import _instance_data as blocks
 from cc_mujoco.plugin import _jump_warnings as jump_warnings
 from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin import _open_path as open_path
@@ -86,55 +87,6 @@ from cc_mujoco.plugin._ffi import (
     store_word,
     warn,
     warned_once,
-)
-from cc_mujoco.plugin._instance_data import (
-    CHECKED_STIFFNESS,
-    CHECKED_TIMESTEP,
-    DISTAL,
-    EARLY_KEPT,
-    EARLY_PULL,
-    EARLY_REPLACED,
-    EVALUATION_COUNT,
-    FIRST_STAGE_STATE,
-    FIRST_STAGE_VALID,
-    INPUT_POSITIONS,
-    INPUTS,
-    MOCAP_POSES,
-    MOUTH,
-    OTHER_KIND,
-    PASSIVE_FRESH,
-    PATH_EVALUATION,
-    PATH_KIND,
-    POSITION_CHANGED,
-    PREDICTION_AREA,
-    PROXIMAL,
-    REFERENCE_KNOWN,
-    REFERENCE_STAGE,
-    RESULT_VALID,
-    ROUTE,
-    SEGMENTS,
-    SHAPE_BYTES,
-    STAGE_SIZE,
-    STAGES,
-    STATE_PATH,
-    acting_block,
-    before_at,
-    committed_time_at,
-    displacement,
-    fits,
-    guides_at,
-    invalidate,
-    is_open,
-    new_at,
-    own_block,
-    parameters_at,
-    path_memory,
-    pose_at,
-    proximal_winding,
-    pulls_at,
-    rest_displacement,
-    save_sizes,
-    shape_at,
 )
 from cc_mujoco.plugin._routing import follow, lay, pull, set_reference
 from cc_mujoco.plugin._slack_passage import evaluate_prediction
@@ -245,34 +197,38 @@ def holds(model: int, data: int, instance: CInt) -> CInt:
 
 @callback
 def wrap(model: int, data: int, instance: CInt, out: int) -> None:
-    block = acting_block(model, data, instance)
+    block = blocks.acting_block(model, data, instance)
     if block == 0 or not update_parameters(block, model, instance):
         return
     follow(block, model, data, mj_struct.state(model, data, instance))
-    n = load_word(block + SEGMENTS)
-    prm = floats(parameters_at(block), kernel.parameter_size(n))
+    n = load_word(block + blocks.SEGMENTS)
+    prm = floats(blocks.parameters_at(block), kernel.parameter_size(n))
     assign(floats(out, n), kernel.segment_angles(prm, n))
 
 
 @callback
 def compliance(model: int, data: int, instance: CInt, out: int) -> None:
     """Write an instance's node compliances [m/N], then its elastic energy [J]."""
-    block = acting_block(model, data, instance)
+    block = blocks.acting_block(model, data, instance)
     if block == 0 or not update_parameters(block, model, instance):
         return
-    if is_open(block) and load_word(block + REFERENCE_KNOWN) == 0:
+    if blocks.is_open(block) and load_word(block + blocks.REFERENCE_KNOWN) == 0:
         set_reference(block, model, data)
-    n = load_word(block + SEGMENTS)
-    prm = floats(parameters_at(block), kernel.parameter_size(n))
+    n = load_word(block + blocks.SEGMENTS)
+    prm = floats(blocks.parameters_at(block), kernel.parameter_size(n))
     at_state = mj_struct.state(model, data, instance)
     state = floats(at_state, kernel.state_size(n))
     mark_stack(data)
-    if is_open(block):
+    if blocks.is_open(block):
         # The packed nodes are those of the next step.
         packed, prm = prm, borrow_floats(data, prm.size)
         assign(prm, packed)
-        reference = floats(shape_at(block, n, REFERENCE_STAGE), open_path.shape_size(n))
-        before = open_path.previous_lengths(reference, path_memory(at_state, n), n)
+        reference = floats(
+            blocks.shape_at(block, n, blocks.REFERENCE_STAGE), open_path.shape_size(n)
+        )
+        before = open_path.previous_lengths(
+            reference, blocks.path_memory(at_state, n), n
+        )
         moving_path.set_unstretched_lengths(prm, n, layout.tensions(state, n), before)
     found = floats(out, n + 2)
     assign(found[: n + 1], layout.node_compliance(prm, n))
@@ -284,7 +240,7 @@ def compliance(model: int, data: int, instance: CInt, out: int) -> None:
 def limits(model: int, data: int, instance: CInt, out: int) -> None:
     """Write the longest stable time steps of an instance (3,) [s] to an address."""
     fill(floats(out, 3), np.inf)
-    if acting_block(model, data, instance) == 0:
+    if blocks.acting_block(model, data, instance) == 0:
         return
     follow_all_paths(model, data, instance)
     stability_limits.stable_timesteps(model, data, instance, floats(out, 3))
@@ -295,9 +251,11 @@ def aim(model: int, data: int, instance: CInt, out: int) -> None:
     """Write the prediction of an instance's ends (`predict_ends`) to an address."""
     kind = mj_struct.integer(model, mj_struct.PLUGIN, instance)
     lead = mj_struct.block(data, mj_struct.first_cable(model, instance))
-    area = lead + load_word(lead + PREDICTION_AREA)
+    area = lead + load_word(lead + blocks.PREDICTION_AREA)
     if implicit_ends.is_unknown(area):
-        follow_other_paths(model, data, instance, load_word(lead + EVALUATION_COUNT))
+        follow_other_paths(
+            model, data, instance, load_word(lead + blocks.EVALUATION_COUNT)
+        )
         implicit_ends.predict_acceleration(model, data, kind, area)
     block = mj_struct.block(data, instance)
     implicit_ends.predict_ends(model, data, block, kind, area, floats(out, 9))
@@ -311,7 +269,7 @@ def missed(model: int, data: int, instance: CInt) -> None:
     used = append(message, start, guides.GEOMS_SEARCHED)
     if warned_once(message, used, mj_struct.signature(model)):
         return
-    tendon = load_word(mj_struct.block(data, instance) + ROUTE)
+    tendon = load_word(mj_struct.block(data, instance) + blocks.ROUTE)
     count = mj_struct.integer(model, mj_struct.TENDON_NUM, tendon)
     mark_stack(data)
     touched = octets(borrow(data, count), count)
@@ -333,14 +291,14 @@ def check(model: int, data: int, instance: CInt) -> None:
     start = begin_message(message, model, instance)
     used = attachments.explain(message, start, model, instance)
     block = mj_struct.block(data, instance)
-    if used == start and is_open(block):
-        tendon = load_word(block + ROUTE)
+    if used == start and blocks.is_open(block):
+        tendon = load_word(block + blocks.ROUTE)
         used = attachments.explain_bypass(message, start, model, instance, tendon)
     if used > start and not warned_once(message, used, mj_struct.signature(model)):
         warn(message, used)
-    if is_open(block):
+    if blocks.is_open(block):
         warn_no_effect(model, instance, block)
-    if load_word(block + ROUTE) >= 0:
+    if load_word(block + blocks.ROUTE) >= 0:
         missed(model, data, instance)
     warn_cannot_pull(model, instance)
     warn_short_conduit(model, data, instance, block)
@@ -376,9 +334,13 @@ def pull_early(model: int, data: int, instance: CInt) -> None:
     lead = mj_struct.block(data, mj_struct.first_cable(model, instance))
     state, dt = origin(block, model, data, instance)
     follow(block, model, data, state)
-    store_word(block + PATH_EVALUATION, load_word(lead + EVALUATION_COUNT) + 1)
-    u_proximal = proximal_winding(model, block, displacement(data, block, PROXIMAL))[0]
-    u_distal = displacement(data, block, DISTAL)
+    store_word(
+        block + blocks.PATH_EVALUATION, load_word(lead + blocks.EVALUATION_COUNT) + 1
+    )
+    u_proximal = blocks.proximal_winding(
+        model, block, blocks.displacement(data, block, blocks.PROXIMAL)
+    )[0]
+    u_distal = blocks.displacement(data, block, blocks.DISTAL)
     known, looks = True, implicit_ends.is_implicit(model, block)
     if not looks:
         known = evaluate(block, state, u_proximal, u_distal, 0.0, 0.0, dt)
@@ -388,7 +350,10 @@ def pull_early(model: int, data: int, instance: CInt) -> None:
         known = evaluate_prediction(model, block, state, aim, dt)
     if known:
         pull(block, model, data)
-        store_word(block + EARLY_PULL, EARLY_REPLACED if looks else EARLY_KEPT)
+        store_word(
+            block + blocks.EARLY_PULL,
+            blocks.EARLY_REPLACED if looks else blocks.EARLY_KEPT,
+        )
 
 
 @callback
@@ -406,22 +371,22 @@ def undo_early(model: int, data: int, instance: CInt) -> None:
     for other in range(mj_struct.plugins(model) - 1, -1, -1):
         block = 0
         if mj_struct.integer(model, mj_struct.PLUGIN, other) == kind:
-            block = own_block(model, data, other)
-        if block == 0 or load_word(block + EARLY_PULL) != EARLY_REPLACED:
+            block = blocks.own_block(model, data, other)
+        if block == 0 or load_word(block + blocks.EARLY_PULL) != blocks.EARLY_REPLACED:
             continue
-        if not fits(block, model, other):
+        if not blocks.fits(block, model, other):
             continue
-        n = load_word(block + SEGMENTS)
-        pulls = floats(pulls_at(block, n), nv)
-        before = floats(before_at(block, n), nv)
+        n = load_word(block + blocks.SEGMENTS)
+        pulls = floats(blocks.pulls_at(block, n), nv)
+        before = floats(blocks.before_at(block, n), nv)
         for i in range(nv):
             # Unless another plugin has added to it since.
             if passive[i] == before[i] + pulls[i]:
                 passive[i] = before[i]
             else:
                 passive[i] -= pulls[i]
-        store_word(block + PASSIVE_FRESH, 1)
-        store_word(block + EARLY_PULL, 0)
+        store_word(block + blocks.PASSIVE_FRESH, 1)
+        store_word(block + blocks.EARLY_PULL, 0)
 
 
 @callback
@@ -431,26 +396,26 @@ def settle(model: int, data: int, instance: CInt, keeps_rope: CInt) -> None:
     Its tension is the pretension or, where it keeps its rope, that of the rope
     which was mounted in the pose `qpos0`.
     """
-    block = acting_block(model, data, instance)
+    block = blocks.acting_block(model, data, instance)
     if block == 0:
         cannot_act(model, data, instance)
     if block == 0 or not update_parameters(block, model, instance):
         return
-    proximal_length = displacement(data, block, PROXIMAL)
-    distal_length = displacement(data, block, DISTAL)
+    proximal_length = blocks.displacement(data, block, blocks.PROXIMAL)
+    distal_length = blocks.displacement(data, block, blocks.DISTAL)
     state = mj_struct.state(model, data, instance)
     set_rest_state(
         block, model, state, proximal_length, distal_length, mj_struct.time(data)
     )
-    n = load_word(block + SEGMENTS)
-    store_real(pose_at(state, n), jump_warnings.pose_checksum(model, data))
-    if is_open(block):
+    n = load_word(block + blocks.SEGMENTS)
+    store_real(blocks.pose_at(state, n), jump_warnings.pose_checksum(model, data))
+    if blocks.is_open(block):
         follow(block, model, data, state)
     if keeps_rope != 0:
         keep_mounted_rope(block, model, state)
-    if is_open(block):
-        shape = floats(shape_at(block, n, 0), open_path.shape_size(n))
-        open_path.save_path(shape, n, path_memory(state, n))
+    if blocks.is_open(block):
+        shape = floats(blocks.shape_at(block, n, 0), open_path.shape_size(n))
+        open_path.save_path(shape, n, blocks.path_memory(state, n))
 
 
 @callback
@@ -458,7 +423,7 @@ def nstate(model: int, instance: CInt) -> CInt:
     attributes = mj_struct.attributes(model, instance)
     n = max(config.segment_count(attributes), 1)
     more = open_path.memory_size(n) if config.is_open(attributes) else 0
-    return kernel.state_size(n) + STATE_PATH + more
+    return kernel.state_size(n) + blocks.STATE_PATH + more
 
 
 @callback
@@ -472,9 +437,9 @@ def init(model: int, data: int, instance: CInt) -> CInt:
     shape = 8 * (open_path.shape_size(n) if free else n)
     pulls = 8 * (3 * mj_struct.dofs(model) + n + 1) if free else 0
     # Its parts follow each other from the header on, whatever is in it.
-    own = guides_at(0, n) + 8 * n + (REFERENCE_STAGE + 1) * shape + pulls
+    own = blocks.guides_at(0, n) + 8 * n + (blocks.REFERENCE_STAGE + 1) * shape + pulls
     kept, area, poses = own, 0, 0
-    own += 8 * (kernel.state_size(n) + STATE_PATH)
+    own += 8 * (kernel.state_size(n) + blocks.STATE_PATH)
     own += 8 * open_path.memory_size(n) if free else 0
     if mj_struct.first_cable(model, instance) == instance:
         area, poses = (
@@ -483,13 +448,13 @@ def init(model: int, data: int, instance: CInt) -> CInt:
         )
     block = allocate(own + area + poses)
     clear(block, own + area + poses)
-    store_word(block + FIRST_STAGE_STATE, kept)
-    store_word(block + PREDICTION_AREA, own if area > 0 else 0)
-    store_word(block + MOCAP_POSES, own + area if poses > 0 else 0)
-    store_word(block + SEGMENTS, n)
-    store_word(block + SHAPE_BYTES, shape)
-    store_word(block + PATH_KIND, config.path_kind(attributes))
-    save_sizes(block, model, instance)
+    store_word(block + blocks.FIRST_STAGE_STATE, kept)
+    store_word(block + blocks.PREDICTION_AREA, own if area > 0 else 0)
+    store_word(block + blocks.MOCAP_POSES, own + area if poses > 0 else 0)
+    store_word(block + blocks.SEGMENTS, n)
+    store_word(block + blocks.SHAPE_BYTES, shape)
+    store_word(block + blocks.PATH_KIND, config.path_kind(attributes))
+    blocks.save_sizes(block, model, instance)
     pack(block, model, instance)
     mj_struct.set_block(data, instance, block)
     return 0
@@ -506,37 +471,37 @@ def destroy(data: int, instance: CInt) -> None:
 @callback
 def reset(model: int, state: int, block: int, instance: CInt) -> None:
     if block == 0 or not (
-        mj_struct.has_timestep(model) and fits(block, model, instance)
+        mj_struct.has_timestep(model) and blocks.fits(block, model, instance)
     ):
         return
     if not update_parameters(block, model, instance):
         return
-    store_real(block + CHECKED_TIMESTEP, 0.0)
-    store_real(block + CHECKED_STIFFNESS, 0.0)
+    store_real(block + blocks.CHECKED_TIMESTEP, 0.0)
+    store_real(block + blocks.CHECKED_STIFFNESS, 0.0)
     jump_warnings.forget_poses(model, block)
     # The pose `qpos0` may be another since.
-    store_word(block + REFERENCE_KNOWN, 0)
-    proximal_length = rest_displacement(model, block, PROXIMAL)
-    distal_length = rest_displacement(model, block, DISTAL)
+    store_word(block + blocks.REFERENCE_KNOWN, 0)
+    proximal_length = blocks.rest_displacement(model, block, blocks.PROXIMAL)
+    distal_length = blocks.rest_displacement(model, block, blocks.DISTAL)
     set_rest_state(block, model, state, proximal_length, distal_length, 0.0)
     rest = load_word(model + mj_struct.QPOS0)
-    n = load_word(block + SEGMENTS)
-    store_real(pose_at(state, n), jump_warnings.checksum(model, rest))
+    n = load_word(block + blocks.SEGMENTS)
+    store_real(blocks.pose_at(state, n), jump_warnings.checksum(model, rest))
 
 
 @callback
 def compute(model: int, data: int, instance: CInt, capability: CInt) -> None:
     if capability == _PASSIVE:
-        block = own_block(model, data, instance)
-        if block != 0 and not is_open(block):
+        block = blocks.own_block(model, data, instance)
+        if block != 0 and not blocks.is_open(block):
             return  # all that it does are the forces of its actuators
-    block = acting_block(model, data, instance)
+    block = blocks.acting_block(model, data, instance)
     if block == 0:
         cannot_act(model, data, instance)
         return
     if capability == _PASSIVE:
-        store_word(block + PASSIVE_FRESH, 1)
-        store_word(block + EARLY_PULL, 0)
+        store_word(block + blocks.PASSIVE_FRESH, 1)
+        store_word(block + blocks.EARLY_PULL, 0)
         pull_early(model, data, instance)
         return
     lead = mj_struct.block(data, mj_struct.first_cable(model, instance))
@@ -544,48 +509,50 @@ def compute(model: int, data: int, instance: CInt, capability: CInt) -> None:
         implicit_ends.begin_evaluation(lead)
         undo_early(model, data, instance)
     usable = update_parameters(block, model, instance)
-    if load_word(block + OTHER_KIND) != 0:
+    if load_word(block + blocks.OTHER_KIND) != 0:
         cannot_act(model, data, instance)
         return
-    cut = is_open(block) and has_no_passive(model)
-    tendon = load_word(block + ROUTE)
+    cut = blocks.is_open(block) and has_no_passive(model)
+    tendon = load_word(block + blocks.ROUTE)
     if tendon >= 0 and not np.isfinite(
         mj_struct.real(data, mj_struct.TEN_LENGTH, tendon)
     ):
         # MuJoCo sees the bad acceleration, warns and resets, as for any other.
         cannot_act(model, data, instance)
-        invalidate(block)
-        mj_struct.set_force(data, load_word(block + PROXIMAL), np.nan)
-        mj_struct.set_force(data, load_word(block + DISTAL), np.nan)
+        blocks.invalidate(block)
+        mj_struct.set_force(data, load_word(block + blocks.PROXIMAL), np.nan)
+        mj_struct.set_force(data, load_word(block + blocks.DISTAL), np.nan)
         return
     if usable and mj_struct.enabled(model, _SLEEP):
-        route = load_word(block + ROUTE) if is_open(block) else -1
-        attachments.keep_awake(model, instance, route, load_word(block + MOUTH))
-    n = load_word(block + SEGMENTS)
+        route = load_word(block + blocks.ROUTE) if blocks.is_open(block) else -1
+        attachments.keep_awake(model, instance, route, load_word(block + blocks.MOUTH))
+    n = load_word(block + blocks.SEGMENTS)
     state, dt = origin(block, model, data, instance)
     begins = state == mj_struct.state(model, data, instance)
-    u_proximal, lever = proximal_winding(
-        model, block, displacement(data, block, PROXIMAL)
+    u_proximal, lever = blocks.proximal_winding(
+        model, block, blocks.displacement(data, block, blocks.PROXIMAL)
     )
-    u_distal = displacement(data, block, DISTAL)
+    u_distal = blocks.displacement(data, block, blocks.DISTAL)
     looks = False
     if usable:
-        evaluation = load_word(lead + EVALUATION_COUNT)
-        if load_word(block + PATH_EVALUATION) != evaluation:
+        evaluation = load_word(lead + blocks.EVALUATION_COUNT)
+        if load_word(block + blocks.PATH_EVALUATION) != evaluation:
             follow(block, model, data, state)
-            store_word(block + PATH_EVALUATION, evaluation)
+            store_word(block + blocks.PATH_EVALUATION, evaluation)
         # A piece that has become short needs a shorter step.
-        shorter = is_open(block) and has_stiffened(block)
-        if shorter or load_real(block + CHECKED_TIMESTEP) != mj_struct.timestep(model):
-            store_real(block + CHECKED_TIMESTEP, mj_struct.timestep(model))
+        shorter = blocks.is_open(block) and has_stiffened(block)
+        if shorter or load_real(block + blocks.CHECKED_TIMESTEP) != mj_struct.timestep(
+            model
+        ):
+            store_real(block + blocks.CHECKED_TIMESTEP, mj_struct.timestep(model))
             check(model, data, instance)
         if begins:
             touched = jump_warnings.position_changed(
-                model, data, load_real(pose_at(state, n))
+                model, data, load_real(blocks.pose_at(state, n))
             )
-            store_word(block + POSITION_CHANGED, 1 if touched else 0)
+            store_word(block + blocks.POSITION_CHANGED, 1 if touched else 0)
         looks = implicit_ends.is_implicit(model, block)
-    store_word(block + PATH_EVALUATION, 0)
+    store_word(block + blocks.PATH_EVALUATION, 0)
     if cut:
         warn_once(model, instance, NO_PASSIVE)
     save_motion(block, data, u_proximal, u_distal)
@@ -597,7 +564,7 @@ def compute(model: int, data: int, instance: CInt, capability: CInt) -> None:
     elif usable and not cut:
         known = evaluate(block, state, u_proximal, u_distal, 0.0, 0.0, dt)
     if known:
-        tension = new_at(block, n) + 8 * kernel.STATE_HEADER
+        tension = blocks.new_at(block, n) + 8 * kernel.STATE_HEADER
         proximal = max(load_real(tension), 0.0) * lever
         distal = max(load_real(tension + 8 * n), 0.0)
     else:
@@ -605,39 +572,43 @@ def compute(model: int, data: int, instance: CInt, capability: CInt) -> None:
         proximal, distal = np.nan, np.nan
     if usable and not cut and not np.isfinite(proximal + distal):
         cannot_act(model, data, instance)
-    mj_struct.set_force(data, load_word(block + PROXIMAL), proximal)
-    mj_struct.set_force(data, load_word(block + DISTAL), -distal)
-    if usable and is_open(block) and load_word(block + EARLY_PULL) == 0:
+    mj_struct.set_force(data, load_word(block + blocks.PROXIMAL), proximal)
+    mj_struct.set_force(data, load_word(block + blocks.DISTAL), -distal)
+    if usable and blocks.is_open(block) and load_word(block + blocks.EARLY_PULL) == 0:
         pull(block, model, data)
-    store_word(block + EARLY_PULL, 0)
+    store_word(block + blocks.EARLY_PULL, 0)
     if mj_struct.integrator(model) == RK4:
         if begins:
-            store_word(block + FIRST_STAGE_VALID, load_word(block + RESULT_VALID))
+            store_word(
+                block + blocks.FIRST_STAGE_VALID, load_word(block + blocks.RESULT_VALID)
+            )
             save_first_stage(block, data, state)
-        stages = block + STAGES
-        copy(stages + STAGE_SIZE, stages, 3 * STAGE_SIZE)
-        store_real(stages + 3 * STAGE_SIZE, u_proximal)
-        store_real(stages + 3 * STAGE_SIZE + 8, u_distal)
-        store_real(stages + 3 * STAGE_SIZE + 16, mj_struct.time(data))
-        copy(block + INPUTS, stages + 3 * STAGE_SIZE + 24, 40)
-        if load_word(block + ROUTE) >= 0:
-            size = load_word(block + SHAPE_BYTES)
-            copy(shape_at(block, n, 2), shape_at(block, n, 1), 3 * size)
-            copy(shape_at(block, n, 0), shape_at(block, n, 4), size)
+        stages = block + blocks.STAGES
+        copy(stages + blocks.STAGE_SIZE, stages, 3 * blocks.STAGE_SIZE)
+        store_real(stages + 3 * blocks.STAGE_SIZE, u_proximal)
+        store_real(stages + 3 * blocks.STAGE_SIZE + 8, u_distal)
+        store_real(stages + 3 * blocks.STAGE_SIZE + 16, mj_struct.time(data))
+        copy(block + blocks.INPUTS, stages + 3 * blocks.STAGE_SIZE + 24, 40)
+        if load_word(block + blocks.ROUTE) >= 0:
+            size = load_word(block + blocks.SHAPE_BYTES)
+            copy(blocks.shape_at(block, n, 2), blocks.shape_at(block, n, 1), 3 * size)
+            copy(blocks.shape_at(block, n, 0), blocks.shape_at(block, n, 4), size)
 
 
 @callback
 def advance(model: int, data: int, instance: CInt) -> None:
-    block = acting_block(model, data, instance)
+    block = blocks.acting_block(model, data, instance)
     if block == 0 or not update_parameters(block, model, instance):
         return
     state = mj_struct.state(model, data, instance)
-    n = load_word(block + SEGMENTS)
-    u_proximal, _ = proximal_winding(model, block, displacement(data, block, PROXIMAL))
-    u_distal = displacement(data, block, DISTAL)
+    n = load_word(block + blocks.SEGMENTS)
+    u_proximal, _ = blocks.proximal_winding(
+        model, block, blocks.displacement(data, block, blocks.PROXIMAL)
+    )
+    u_distal = blocks.displacement(data, block, blocks.DISTAL)
     jump_warnings.save_poses(model, data, block)
     if mj_struct.integrator(model) != RK4:  # where these are of its last stage
-        now = shape_at(block, n, 0)
+        now = blocks.shape_at(block, n, 0)
         warn_jump(model, data, instance, state, u_proximal, u_distal, now)
     if attachments.in_disabled_group(model, instance):
         warn_once(model, instance, GROUP_DISABLED)
@@ -651,41 +622,44 @@ def advance(model: int, data: int, instance: CInt) -> None:
         follow(block, model, data, state)
     elif (
         mj_struct.integrator(model) != RK4
-        and load_real(block + INPUT_POSITIONS) == u_proximal
-        and load_real(block + INPUT_POSITIONS + 8) == u_distal
+        and load_real(block + blocks.INPUT_POSITIONS) == u_proximal
+        and load_real(block + blocks.INPUT_POSITIONS + 8) == u_distal
     ):
         # What was applied is what the step did, whatever it looked ahead to.
         u_proximal, u_distal = (
-            load_real(block + INPUTS),
-            load_real(block + INPUTS + 8),
+            load_real(block + blocks.INPUTS),
+            load_real(block + blocks.INPUTS + 8),
         )
-        yields = load_real(block + INPUTS + 16), load_real(block + INPUTS + 24)
-    shape = shape_at(block, n, 0)
+        yields = (
+            load_real(block + blocks.INPUTS + 16),
+            load_real(block + blocks.INPUTS + 24),
+        )
+    shape = blocks.shape_at(block, n, 0)
     if mj_struct.integrator(model) == RK4:
         # A step makes four evaluations; the first of them is committed. With
         # actuation disabled there are none, and the last position counts.
         time = mj_struct.time(data) - dt
-        stages = block + STAGES
+        stages = block + blocks.STAGES
         if (
-            load_real(stages + 3 * STAGE_SIZE) == u_proximal
-            and load_real(stages + 3 * STAGE_SIZE + 8) == u_distal
+            load_real(stages + 3 * blocks.STAGE_SIZE) == u_proximal
+            and load_real(stages + 3 * blocks.STAGE_SIZE + 8) == u_distal
             and path_unchanged(block)
         ):
             u_proximal = load_real(stages)
             u_distal = load_real(stages + 8)
             ends = u_proximal, u_distal
-            first = shape_at(block, n, 1)
+            first = blocks.shape_at(block, n, 1)
             warn_jump(model, data, instance, state, u_proximal, u_distal, first)
             time = load_real(stages + 16)
             u_proximal, u_distal, yields, dt = evaluation_inputs(stages + 24)
-            if load_word(block + ROUTE) >= 0:
+            if load_word(block + blocks.ROUTE) >= 0:
                 shape = first
                 lay(block, shape, state)
     if evaluate(block, state, u_proximal, u_distal, yields[0], yields[1], dt):
-        copy(new_at(block, n), state, written_bytes(block))
-        store_real(committed_time_at(state, n), time)
-        store_real(pose_at(state, n), jump_warnings.pose_checksum(model, data))
+        copy(blocks.new_at(block, n), state, written_bytes(block))
+        store_real(blocks.committed_time_at(state, n), time)
+        store_real(blocks.pose_at(state, n), jump_warnings.pose_checksum(model, data))
         save_ends(data, block, state, n, ends[0], ends[1])
-        if is_open(block):
+        if blocks.is_open(block):
             seen = floats(shape, open_path.shape_size(n))
-            open_path.save_path(seen, n, path_memory(state, n))
+            open_path.save_path(seen, n, blocks.path_memory(state, n))

@@ -14,6 +14,7 @@ from cc_mujoco.cable._friction import INDEX
 from cc_mujoco.cable._parameters import MAX_SECTIONS
 from cc_mujoco.plugin import _attachments as attachments
 from cc_mujoco.plugin import _config as config
+from cc_mujoco.plugin import _instance_data as blocks
 from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin import _open_path as open_path
 from cc_mujoco.plugin import _path as path
@@ -30,52 +31,6 @@ from cc_mujoco.plugin._ffi import (
     store_real,
     store_word,
 )
-from cc_mujoco.plugin._instance_data import (
-    BENDS_WITH_ROUTE,
-    CHECKED_STIFFNESS,
-    DISTAL,
-    EARLY_PULL,
-    END_ACTUATORS,
-    EXPLICIT_ENDS,
-    FIRST_STAGE_VALID,
-    GUIDED,
-    INPUT_POSITIONS,
-    INPUT_VELOCITIES,
-    INPUTS,
-    MOUTH,
-    OTHER_KIND,
-    PATH_EVALUATION,
-    PATH_KIND,
-    PROXIMAL,
-    REFERENCE_KNOWN,
-    REFERENCE_STAGE,
-    RESULT_VALID,
-    ROUTE,
-    ROUTE_DIGEST,
-    SEGMENTS,
-    SHAPE_BYTES,
-    TEXT_CAPACITY,
-    TEXT_SIZE,
-    TIED_ENDS,
-    block_of,
-    committed_time_at,
-    end_at,
-    first_stage_at,
-    guides_at,
-    invalidate,
-    is_open,
-    new_at,
-    old_at,
-    parameters_at,
-    path_memory,
-    pose_at,
-    proximal_winding,
-    rest_displacement,
-    shape_at,
-    text_at,
-    velocity_at,
-    work_at,
-)
 from cc_mujoco.plugin._routing import follow
 
 _PRETENSION = INDEX["pretension"]
@@ -90,21 +45,23 @@ RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 def pack(block: int, model: int, instance: int) -> int:
     """Pack the parameters of the instance; return whether they can be used."""
     attributes = mj_struct.attributes(model, instance)
-    n = load_word(block + SEGMENTS)
+    n = load_word(block + blocks.SEGMENTS)
     values = np.empty(config.SCALARS)
     sections = np.empty((MAX_SECTIONS, 2))
     key, count = config.read(attributes, values, sections)
-    invalidate(block)
-    store_word(block + PATH_EVALUATION, 0)
-    store_word(block + TEXT_SIZE, 0)
-    store_word(block + OTHER_KIND, 0)
+    blocks.invalidate(block)
+    store_word(block + blocks.PATH_EVALUATION, 0)
+    store_word(block + blocks.TEXT_SIZE, 0)
+    store_word(block + blocks.OTHER_KIND, 0)
     if key != config.VALID_CONFIGURATION:
         return 0
     kind, free = config.path_kind(attributes), config.is_open(attributes)
-    if config.segment_count(attributes) != n or kind != load_word(block + PATH_KIND):
-        store_word(block + OTHER_KIND, 1)
+    if config.segment_count(attributes) != n or kind != load_word(
+        block + blocks.PATH_KIND
+    ):
+        store_word(block + blocks.OTHER_KIND, 1)
         return 0
-    prm = floats(parameters_at(block), kernel.parameter_size(n))
+    prm = floats(blocks.parameters_at(block), kernel.parameter_size(n))
     kernel.pack(values, sections[:count], n, prm)
     tendon, mouth, guided = -1, 0, n
     follows = config.bends_with_route(attributes)
@@ -128,24 +85,24 @@ def pack(block: int, model: int, instance: int) -> int:
             guided = max(guided, 1)
         if n - guided < open_path.min_segments(model, tendon, mouth):
             return 0
-        at_guides = floats(guides_at(block, n), n)
+        at_guides = floats(blocks.guides_at(block, n), n)
         if not attachments.read_guides(model, instance, tendon, mouth, at_guides):
             return 0
     for end in range(2):
-        actuator = load_word(block + END_ACTUATORS + 8 * end)
+        actuator = load_word(block + blocks.END_ACTUATORS + 8 * end)
         tied = free and attachments.is_tied(model, actuator, tendon)
-        store_word(block + TIED_ENDS + 8 * end, 1 if tied else 0)
-    store_word(block + ROUTE, tendon)
-    store_word(block + ROUTE_DIGEST, path.digest(model, tendon))
-    store_word(block + BENDS_WITH_ROUTE, 1 if follows and guided > 0 else 0)
-    store_word(block + MOUTH, mouth)
-    store_word(block + GUIDED, guided)
-    store_word(block + REFERENCE_KNOWN, 0)
-    store_word(block + EXPLICIT_ENDS, 1 if config.is_explicit(attributes) else 0)
+        store_word(block + blocks.TIED_ENDS + 8 * end, 1 if tied else 0)
+    store_word(block + blocks.ROUTE, tendon)
+    store_word(block + blocks.ROUTE_DIGEST, path.digest(model, tendon))
+    store_word(block + blocks.BENDS_WITH_ROUTE, 1 if follows and guided > 0 else 0)
+    store_word(block + blocks.MOUTH, mouth)
+    store_word(block + blocks.GUIDED, guided)
+    store_word(block + blocks.REFERENCE_KNOWN, 0)
+    store_word(block + blocks.EXPLICIT_ENDS, 1 if config.is_explicit(attributes) else 0)
     size = config.block_size(attributes)
-    if size <= TEXT_CAPACITY:
-        copy(attributes, text_at(block, n), size)
-        store_word(block + TEXT_SIZE, size)
+    if size <= blocks.TEXT_CAPACITY:
+        copy(attributes, blocks.text_at(block, n), size)
+        store_word(block + blocks.TEXT_SIZE, size)
     return 1
 
 
@@ -157,16 +114,16 @@ def update_parameters(block: int, model: int, instance: int) -> bool:
     configuration differs from the copy that was packed last, or its route does.
     """
     attributes = mj_struct.attributes(model, instance)
-    seen = text_at(block, load_word(block + SEGMENTS))
-    size = load_word(block + TEXT_SIZE)
+    seen = blocks.text_at(block, load_word(block + blocks.SEGMENTS))
+    size = load_word(block + blocks.TEXT_SIZE)
     i = 0
     # In pieces: what follows the first difference need not be memory of the model.
     while i + 128 <= size and same(seen + i, attributes + i, 128):
         i += 128
     if i + 128 > size and same(seen + i, attributes + i, size - i):
         i = size
-    route = path.digest(model, load_word(block + ROUTE))
-    if size > 0 and i == size and route == load_word(block + ROUTE_DIGEST):
+    route = path.digest(model, load_word(block + blocks.ROUTE))
+    if size > 0 and i == size and route == load_word(block + blocks.ROUTE_DIGEST):
         return True
     packed: bool = pack(block, model, instance) == 1
     return packed
@@ -178,7 +135,7 @@ def packed_block(model: int, data: int, instance: int) -> int:
 
     There is none either where the model or its configuration does not fit the block.
     """
-    block = block_of(model, data, instance)
+    block = blocks.block_of(model, data, instance)
     if block != 0 and not update_parameters(block, model, instance):
         block = 0
     return block
@@ -187,9 +144,9 @@ def packed_block(model: int, data: int, instance: int) -> int:
 @internal
 def path_unchanged(block: int) -> bool:
     """Return whether the path is the same as at the last stage of RK4."""
-    n = load_word(block + SEGMENTS)
-    now, last = shape_at(block, n, 0), shape_at(block, n, 4)
-    return same(now, last, load_word(block + SHAPE_BYTES))
+    n = load_word(block + blocks.SEGMENTS)
+    now, last = blocks.shape_at(block, n, 0), blocks.shape_at(block, n, 4)
+    return same(now, last, load_word(block + blocks.SHAPE_BYTES))
 
 
 @internal
@@ -203,16 +160,16 @@ def origin(block: int, model: int, data: int, instance: int) -> tuple[int, float
     state, step = mj_struct.state(model, data, instance), mj_struct.timestep(model)
     if mj_struct.integrator(model) != RK4:
         return state, step
-    n = load_word(block + SEGMENTS)
-    committed, first = committed_time_at(state, n), first_stage_at(block)
+    n = load_word(block + blocks.SEGMENTS)
+    committed, first = blocks.committed_time_at(state, n), blocks.first_stage_at(block)
     halves = np.rint(2.0 * (mj_struct.time(data) - load_real(committed)) / step)
     if not 3.0 <= halves <= 4.0:
         return state, step
-    between = load_real(committed_time_at(first, n)) - load_real(committed)
+    between = load_real(blocks.committed_time_at(first, n)) - load_real(committed)
     if (
-        load_word(block + FIRST_STAGE_VALID) != 0
+        load_word(block + blocks.FIRST_STAGE_VALID) != 0
         and np.rint(2.0 * between / step) == 2.0
-        and load_word(pose_at(first, n)) == load_word(pose_at(state, n))
+        and load_word(blocks.pose_at(first, n)) == load_word(blocks.pose_at(state, n))
     ):
         return first, 0.5 * (halves - 2.0) * step
     return state, 0.5 * halves * step
@@ -224,13 +181,13 @@ def save_first_stage(block: int, data: int, state: int) -> None:
 
     It began from the state at address `state`.
     """
-    n, first = load_word(block + SEGMENTS), first_stage_at(block)
-    copy(new_at(block, n), first, 8 * kernel.state_size(n))
-    store_real(committed_time_at(first, n), mj_struct.time(data))
-    store_word(pose_at(first, n), load_word(pose_at(state, n)))
-    if is_open(block):
-        shape = floats(shape_at(block, n, 0), open_path.shape_size(n))
-        open_path.save_path(shape, n, path_memory(first, n))
+    n, first = load_word(block + blocks.SEGMENTS), blocks.first_stage_at(block)
+    copy(blocks.new_at(block, n), first, 8 * kernel.state_size(n))
+    store_real(blocks.committed_time_at(first, n), mj_struct.time(data))
+    store_word(blocks.pose_at(first, n), load_word(blocks.pose_at(state, n)))
+    if blocks.is_open(block):
+        shape = floats(blocks.shape_at(block, n, 0), open_path.shape_size(n))
+        open_path.save_path(shape, n, blocks.path_memory(first, n))
 
 
 @internal
@@ -243,12 +200,12 @@ def evaluation_inputs(at: int) -> tuple[float, float, tuple[float, float], float
 @internal
 def save_motion(block: int, data: int, u_proximal: float, u_distal: float) -> None:
     """Save positions and speeds of the ends at the evaluation of the cable."""
-    store_real(block + INPUT_POSITIONS, u_proximal)
-    store_real(block + INPUT_POSITIONS + 8, u_distal)
+    store_real(block + blocks.INPUT_POSITIONS, u_proximal)
+    store_real(block + blocks.INPUT_POSITIONS + 8, u_distal)
     for end in range(2):
-        output = load_word(block + (DISTAL if end else PROXIMAL))
+        output = load_word(block + (blocks.DISTAL if end else blocks.PROXIMAL))
         speed = mj_struct.real(data, mj_struct.ACTUATOR_VELOCITY, output)
-        store_real(block + INPUT_VELOCITIES + 8 * end, speed)
+        store_real(block + blocks.INPUT_VELOCITIES + 8 * end, speed)
 
 
 @internal
@@ -259,22 +216,22 @@ def is_evaluated(
 
     What an implicit end looks ahead to depends on its velocity, too.
     """
-    n = load_word(block + SEGMENTS)
-    known = load_word(block + RESULT_VALID) == 1
-    known = known and load_real(block + INPUT_POSITIONS) == u_proximal
-    known = known and load_real(block + INPUT_POSITIONS + 8) == u_distal
+    n = load_word(block + blocks.SEGMENTS)
+    known = load_word(block + blocks.RESULT_VALID) == 1
+    known = known and load_real(block + blocks.INPUT_POSITIONS) == u_proximal
+    known = known and load_real(block + blocks.INPUT_POSITIONS + 8) == u_distal
     for end in range(2):
-        output = load_word(block + (DISTAL if end else PROXIMAL))
+        output = load_word(block + (blocks.DISTAL if end else blocks.PROXIMAL))
         speed = mj_struct.real(data, mj_struct.ACTUATOR_VELOCITY, output)
-        known = known and load_real(block + INPUT_VELOCITIES + 8 * end) == speed
-    return known and same(old_at(block, n), state, written_bytes(block))
+        known = known and load_real(block + blocks.INPUT_VELOCITIES + 8 * end) == speed
+    return known and same(blocks.old_at(block, n), state, written_bytes(block))
 
 
 @internal
 def written_bytes(block: int) -> int:
     """Return how many bytes of a state evaluations may change, from the first."""
-    n = load_word(block + SEGMENTS)
-    prm = floats(parameters_at(block), kernel.parameter_size(n))
+    n = load_word(block + blocks.SEGMENTS)
+    prm = floats(blocks.parameters_at(block), kernel.parameter_size(n))
     return 8 * kernel.written_size(prm, n)
 
 
@@ -293,27 +250,27 @@ def evaluate(
     The parameters must be up to date. Arguments as in `cable._kernel.step` and
     `cable._pack.expect_yielding`.
     """
-    n = load_word(block + SEGMENTS)
-    old = old_at(block, n)
+    n = load_word(block + blocks.SEGMENTS)
+    old = blocks.old_at(block, n)
     size, written = kernel.state_size(n), written_bytes(block)
-    known = load_word(block + RESULT_VALID) == 1
+    known = load_word(block + blocks.RESULT_VALID) == 1
     given = (u_proximal, u_distal, yield_proximal, yield_distal, dt)
     for i in range(5):
-        before = load_word(block + INPUTS + 8 * i)
-        store_real(block + INPUTS + 8 * i, given[i])
-        known = known and before == load_word(block + INPUTS + 8 * i)
+        before = load_word(block + blocks.INPUTS + 8 * i)
+        store_real(block + blocks.INPUTS + 8 * i, given[i])
+        known = known and before == load_word(block + blocks.INPUTS + 8 * i)
     if known and same(old, state, written):
         return True
-    store_word(block + EARLY_PULL, 0)
+    store_word(block + blocks.EARLY_PULL, 0)
     copy(state, old, written)
-    prm = floats(parameters_at(block), kernel.parameter_size(n))
+    prm = floats(blocks.parameters_at(block), kernel.parameter_size(n))
     kernel.expect_yielding(prm, yield_proximal, yield_distal)
     status = kernel.step(
         prm, n, floats(old, size), kernel.POSITION, u_proximal, kernel.POSITION,
-        u_distal, dt, floats(new_at(block, n), size),
-        floats(work_at(block, n), kernel.work_size(n)),
+        u_distal, dt, floats(blocks.new_at(block, n), size),
+        floats(blocks.work_at(block, n), kernel.work_size(n)),
     )  # fmt: skip
-    store_word(block + RESULT_VALID, 1 if status == kernel.OK else 0)
+    store_word(block + blocks.RESULT_VALID, 1 if status == kernel.OK else 0)
     return status == kernel.OK
 
 
@@ -330,10 +287,10 @@ def set_rest_state(
 
     The parameters must be up to date.
     """
-    n = load_word(block + SEGMENTS)
-    wound = proximal_winding(model, block, proximal_length)[0]
+    n = load_word(block + blocks.SEGMENTS)
+    wound = blocks.proximal_winding(model, block, proximal_length)[0]
     kernel.initialize(
-        floats(parameters_at(block), kernel.parameter_size(n)),
+        floats(blocks.parameters_at(block), kernel.parameter_size(n)),
         n,
         wound,
         distal_length,
@@ -341,15 +298,15 @@ def set_rest_state(
     )
     before = time - mj_struct.timestep(model)
     store_real(
-        committed_time_at(state, n),
+        blocks.committed_time_at(state, n),
         before if mj_struct.integrator(model) == RK4 else 0.0,
     )
-    store_real(end_at(state, n, 0), wound)
-    store_real(end_at(state, n, 1), distal_length)
+    store_real(blocks.end_at(state, n, 0), wound)
+    store_real(blocks.end_at(state, n, 1), distal_length)
     for part in range(3):
-        store_real(velocity_at(state, n, part), 0.0)
-    if is_open(block):
-        fill(path_memory(state, n), 0.0)
+        store_real(blocks.velocity_at(state, n, part), 0.0)
+    if blocks.is_open(block):
+        fill(blocks.path_memory(state, n), 0.0)
 
 
 @internal
@@ -362,21 +319,23 @@ def keep_mounted_rope(block: int, model: int, state: int) -> None:
     in at the mean of that and of the present one, as in a straight motion. `state` is
     the address of the state that `set_rest_state` has set.
     """
-    n = load_word(block + SEGMENTS)
-    prm = floats(parameters_at(block), kernel.parameter_size(n))
+    n = load_word(block + blocks.SEGMENTS)
+    prm = floats(blocks.parameters_at(block), kernel.parameter_size(n))
     whole = floats(state, kernel.state_size(n))
-    begin = proximal_winding(model, block, rest_displacement(model, block, PROXIMAL))[0]
-    travel = whole[1] - rest_displacement(model, block, DISTAL)
+    begin = blocks.proximal_winding(
+        model, block, blocks.rest_displacement(model, block, blocks.PROXIMAL)
+    )[0]
+    travel = whole[1] - blocks.rest_displacement(model, block, blocks.DISTAL)
     if prm[layout.STATE_DEPENDENT] != 0.0:
         whole[layout.TRAVEL] = travel
     paid = np.empty(2)
     paid[0], paid[1] = whole[0] - begin, -travel
     path, wound, rope = 0.0, 0.0, whole[3] - (paid[0] + paid[1])
     mounted = moving_path.stretch_ratio(prm, prm[_PRETENSION])
-    if is_open(block):
+    if blocks.is_open(block):
         size = open_path.shape_size(n)
-        now = floats(shape_at(block, n, 0), size)
-        first = floats(shape_at(block, n, REFERENCE_STAGE), size)
+        now = floats(blocks.shape_at(block, n, 0), size)
+        first = floats(blocks.shape_at(block, n, blocks.REFERENCE_STAGE), size)
         path = layout.total(open_path.lengths(now, n))
         out = max(paid[0], 0.0) + max(paid[1], 0.0)
         rope = (layout.total(open_path.lengths(first, n)) + out) / mounted
@@ -386,7 +345,7 @@ def keep_mounted_rope(block: int, model: int, state: int) -> None:
         whole[3] = rope
     tension = _even_tension(prm, path, rope, wound)
     fill(layout.tensions(whole, n), tension)
-    if is_open(block):
+    if blocks.is_open(block):
         for end in range(2):
             ratio = mounted if paid[end] > 0.0 else _wound_ratio(prm, tension)
             drum.turn(prm, n, whole, whole, end, paid[end], ratio)
@@ -440,13 +399,13 @@ def _is_longer(
 @internal
 def has_stiffened(block: int) -> bool:
     """Return whether a piece is twice as stiff as when this was last true."""
-    n = load_word(block + SEGMENTS)
-    prm = floats(parameters_at(block), kernel.parameter_size(n))
-    shape = floats(shape_at(block, n, 0), open_path.shape_size(n))
+    n = load_word(block + blocks.SEGMENTS)
+    prm = floats(blocks.parameters_at(block), kernel.parameter_size(n))
+    shape = floats(blocks.shape_at(block, n, 0), open_path.shape_size(n))
     now = open_path.max_piece_stiffness(shape, kernel.node_stiffness(prm, n), n)
-    if now <= 2.0 * load_real(block + CHECKED_STIFFNESS):
+    if now <= 2.0 * load_real(block + blocks.CHECKED_STIFFNESS):
         return False
-    store_real(block + CHECKED_STIFFNESS, now)
+    store_real(block + blocks.CHECKED_STIFFNESS, now)
     return True
 
 
@@ -457,7 +416,7 @@ def follow_all_paths(model: int, data: int, instance: int) -> None:
         kind = mj_struct.integer(model, mj_struct.PLUGIN, other)
         if kind == mj_struct.integer(model, mj_struct.PLUGIN, instance):
             block = packed_block(model, data, other)
-            if block != 0 and is_open(block):
+            if block != 0 and blocks.is_open(block):
                 state = origin(block, model, data, other)[0]
                 follow(block, model, data, state)
 
@@ -469,8 +428,10 @@ def follow_other_paths(model: int, data: int, instance: int, evaluation: int) ->
         kind = mj_struct.integer(model, mj_struct.PLUGIN, other)
         if kind == mj_struct.integer(model, mj_struct.PLUGIN, instance):
             block = packed_block(model, data, other)
-            walked = block == 0 or load_word(block + PATH_EVALUATION) == evaluation
-            if not walked and is_open(block):
+            walked = (
+                block == 0 or load_word(block + blocks.PATH_EVALUATION) == evaluation
+            )
+            if not walked and blocks.is_open(block):
                 state = origin(block, model, data, other)[0]
                 follow(block, model, data, state)
-                store_word(block + PATH_EVALUATION, evaluation)
+                store_word(block + blocks.PATH_EVALUATION, evaluation)

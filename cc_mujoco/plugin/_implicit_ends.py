@@ -45,6 +45,7 @@ from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as layout
 from cc_mujoco.cable._newmark import IMPLICIT_LIMIT, STABILITY_LIMIT, VELOCITY_GAIN
 from cc_mujoco.plugin import _attachments as attachments
+from cc_mujoco.plugin import _instance_data as blocks
 from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin import _open_path as open_path
 from cc_mujoco.plugin._evaluate import RK4, origin, packed_block
@@ -72,30 +73,6 @@ from cc_mujoco.plugin._ffi import (
     solve_inertia,
     store_real,
     store_word,
-)
-from cc_mujoco.plugin._instance_data import (
-    DISTAL,
-    END_ACTUATORS,
-    EVALUATION_COUNT,
-    EXPLICIT_ENDS,
-    GUIDED,
-    INSTANCE,
-    MOUTH,
-    PASSIVE_FRESH,
-    PREDICTION_AREA,
-    PROXIMAL,
-    ROUTE,
-    SCRATCH,
-    SEGMENTS,
-    STIFFNESS,
-    TIED_ENDS,
-    block_of,
-    displacement,
-    is_open,
-    parameters_at,
-    proximal_winding,
-    pulls_at,
-    shape_at,
 )
 
 Floats = npt.NDArray[np.float64]
@@ -134,9 +111,11 @@ def area_size(model: int) -> int:
 @internal
 def begin_evaluation(block: int) -> None:
     """Begin another evaluation of the first cable, with a new prediction."""
-    store_word(block + EVALUATION_COUNT, load_word(block + EVALUATION_COUNT) + 1)
-    if load_word(block + PREDICTION_AREA) != 0:
-        store_word(block + load_word(block + PREDICTION_AREA), _UNKNOWN)
+    store_word(
+        block + blocks.EVALUATION_COUNT, load_word(block + blocks.EVALUATION_COUNT) + 1
+    )
+    if load_word(block + blocks.PREDICTION_AREA) != 0:
+        store_word(block + load_word(block + blocks.PREDICTION_AREA), _UNKNOWN)
 
 
 @internal
@@ -152,7 +131,7 @@ def is_implicit(model: int, block: int) -> bool:
     It may be where it is half of what is stable for an end, by the inertia of the pose
     `qpos0`, so that a pose of less inertia is stable too.
     """
-    if load_word(block + EXPLICIT_ENDS) != 0 or mj_struct.dofs(model) > MAX_DOFS:
+    if load_word(block + blocks.EXPLICIT_ENDS) != 0 or mj_struct.dofs(model) > MAX_DOFS:
         return False
     integrator = mj_struct.integrator(model)
     if integrator == _DISCRETE:
@@ -160,10 +139,10 @@ def is_implicit(model: int, block: int) -> bool:
     step = mj_struct.timestep(model)
     most = _IMPLICIT_LIMIT_RK4 if integrator == RK4 else IMPLICIT_LIMIT
     for end in range(2):
-        if load_word(block + TIED_ENDS + 8 * end) != 0:
+        if load_word(block + blocks.TIED_ENDS + 8 * end) != 0:
             continue
-        output = load_word(block + (DISTAL if end else PROXIMAL))
-        actuator = load_word(block + END_ACTUATORS + 8 * end)
+        output = load_word(block + (blocks.DISTAL if end else blocks.PROXIMAL))
+        actuator = load_word(block + blocks.END_ACTUATORS + 8 * end)
         target = mj_struct.integer(model, mj_struct.ACTUATOR_TRNID, 2 * actuator)
         mobility = 0.0
         if mj_struct.integer(model, mj_struct.ACTUATOR_TRNTYPE, actuator) == _JOINT:
@@ -183,12 +162,12 @@ def is_implicit(model: int, block: int) -> bool:
 @internal
 def held_stiffness(block: int, end: int) -> float:
     """Return the stiffness of an end that friction holds [N/m]."""
-    stiffness = load_real(block + STIFFNESS + 8 * end)
+    stiffness = load_real(block + blocks.STIFFNESS + 8 * end)
     if stiffness == 0.0:
-        n = load_word(block + SEGMENTS)
-        prm = floats(parameters_at(block), kernel.parameter_size(n))
+        n = load_word(block + blocks.SEGMENTS)
+        prm = floats(blocks.parameters_at(block), kernel.parameter_size(n))
         stiffness = kernel.end_stiffness(prm, n, end == 1)
-        store_real(block + STIFFNESS + 8 * end, stiffness)
+        store_real(block + blocks.STIFFNESS + 8 * end, stiffness)
     return float(stiffness)
 
 
@@ -198,8 +177,8 @@ def slipping_stiffness(block: int) -> float:
 
     Between two equal masses, which find it twice as stiff as it is.
     """
-    n = load_word(block + SEGMENTS)
-    prm = floats(parameters_at(block), kernel.parameter_size(n))
+    n = load_word(block + blocks.SEGMENTS)
+    prm = floats(blocks.parameters_at(block), kernel.parameter_size(n))
     stiffness, compliance = kernel.node_stiffness(prm, n), 0.0
     for i in range(stiffness.size):
         compliance += 1.0 / stiffness[i]
@@ -293,25 +272,28 @@ def _smooth_forces(
             block = packed_block(model, data, instance)
         if block == 0:
             continue
-        n = load_word(block + SEGMENTS)
+        n = load_word(block + blocks.SEGMENTS)
         begin = origin(block, model, data, instance)[0]
         state = floats(begin, kernel.state_size(n))
         node = layout.tensions(state, n)
-        if load_word(block + TIED_ENDS) == 0:
-            lever = proximal_winding(model, block, displacement(data, block, PROXIMAL))[
-                1
-            ]
-            output = load_word(block + PROXIMAL)
+        if load_word(block + blocks.TIED_ENDS) == 0:
+            lever = blocks.proximal_winding(
+                model, block, blocks.displacement(data, block, blocks.PROXIMAL)
+            )[1]
+            output = load_word(block + blocks.PROXIMAL)
             _add_moment(data, output, max(node[0], 0.0) * lever, acted)
-        if load_word(block + TIED_ENDS + 8) == 0:
-            _add_moment(data, load_word(block + DISTAL), -max(node[n], 0.0), acted)
-        if is_open(block):
-            if load_word(block + PASSIVE_FRESH) == 0:
-                add(force, floats(pulls_at(block, n), nv), -1.0)
+        if load_word(block + blocks.TIED_ENDS + 8) == 0:
+            _add_moment(
+                data, load_word(block + blocks.DISTAL), -max(node[n], 0.0), acted
+            )
+        if blocks.is_open(block):
+            if load_word(block + blocks.PASSIVE_FRESH) == 0:
+                add(force, floats(blocks.pulls_at(block, n), nv), -1.0)
             open_path.apply_pulls(
-                model, data, load_word(block + ROUTE), load_word(block + MOUTH),
-                floats(shape_at(block, n, 0), open_path.shape_size(n)), n,
-                load_word(block + GUIDED), node, 0.0, -1, block + SCRATCH,
+                model, data,
+                load_word(block + blocks.ROUTE), load_word(block + blocks.MOUTH),
+                floats(blocks.shape_at(block, n, 0), open_path.shape_size(n)), n,
+                load_word(block + blocks.GUIDED), node, 0.0, -1, block + blocks.SCRATCH,
                 force.ctypes.data,
             )  # fmt: skip
     for joint in range(mj_struct.joints(model)):
@@ -573,9 +555,9 @@ def predict_ends(
     for end in range(2):
         out[end], lever = _end_position(model, data, block, end)
         out[2 + end] = out[4 + end] = out[6 + end] = 0.0
-        if load_word(block + TIED_ENDS + 8 * end) != 0:
+        if load_word(block + blocks.TIED_ENDS + 8 * end) != 0:
             continue
-        output = load_word(block + (DISTAL if end else PROXIMAL))
+        output = load_word(block + (blocks.DISTAL if end else blocks.PROXIMAL))
         fill(row, 0.0)
         _add_moment(data, output, lever, row)
         if known == _PLAIN:
@@ -602,11 +584,11 @@ def _mobility(model: int, data: int, kind: int, answer: Floats) -> float:
     for other in range(mj_struct.plugins(model)):
         block = 0
         if mj_struct.integer(model, mj_struct.PLUGIN, other) == kind:
-            block = block_of(model, data, other)
+            block = blocks.block_of(model, data, other)
         for end in range(2 if block != 0 else 0):
-            if load_word(block + TIED_ENDS + 8 * end) == 0:
+            if load_word(block + blocks.TIED_ENDS + 8 * end) == 0:
                 arm = _end_position(model, data, block, end)[1]
-                output = load_word(block + (DISTAL if end else PROXIMAL))
+                output = load_word(block + (blocks.DISTAL if end else blocks.PROXIMAL))
                 total += abs(arm * _output_motion(data, output, answer))
     return total
 
@@ -620,14 +602,16 @@ def predict_known_motion(model: int, data: int, block: int, out: Floats) -> None
     nv, step = mj_struct.dofs(model), mj_struct.timestep(model)
     mark_stack(data)
     row, answer = borrow_floats(data, nv), borrow_floats(data, nv)
-    kind = mj_struct.integer(model, mj_struct.PLUGIN, load_word(block + INSTANCE))
+    kind = mj_struct.integer(
+        model, mj_struct.PLUGIN, load_word(block + blocks.INSTANCE)
+    )
     found = floats(load_word(data + mj_struct.QACC), nv)
     for end in range(2):
         out[end], lever = _end_position(model, data, block, end)
         out[2 + end] = out[4 + end] = out[6 + end] = 0.0
-        if load_word(block + TIED_ENDS + 8 * end) != 0:
+        if load_word(block + blocks.TIED_ENDS + 8 * end) != 0:
             continue
-        output = load_word(block + (DISTAL if end else PROXIMAL))
+        output = load_word(block + (blocks.DISTAL if end else blocks.PROXIMAL))
         fill(row, 0.0)
         _add_moment(data, output, lever, row)
         solve_inertia(model, data, answer.ctypes.data, row.ctypes.data, 1)
@@ -643,8 +627,10 @@ def predict_known_motion(model: int, data: int, block: int, out: Floats) -> None
 def _end_position(model: int, data: int, block: int, end: int) -> tuple[float, float]:
     """Return the displacement of an end [m], and the lever of its tension."""
     if end == 0:
-        return proximal_winding(model, block, displacement(data, block, PROXIMAL))
-    return displacement(data, block, DISTAL), 1.0
+        return blocks.proximal_winding(
+            model, block, blocks.displacement(data, block, blocks.PROXIMAL)
+        )
+    return blocks.displacement(data, block, blocks.DISTAL), 1.0
 
 
 @internal

@@ -20,26 +20,10 @@ from cc_mujoco.cable._parameters import BENDS, PATHS, Cable
 from cc_mujoco.cable._route import Route
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray, compiled
+from cc_mujoco.plugin import _instance_data as blocks
 from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin import _open_path as open_path
 from cc_mujoco.plugin._ffi import assign, fill, floats, load_word
-from cc_mujoco.plugin._instance_data import (
-    BENDS_WITH_ROUTE,
-    DISTAL,
-    GUIDED,
-    MOUTH,
-    REFERENCE_STAGE,
-    ROUTE,
-    SEGMENTS,
-    TIED_ENDS,
-    displacement,
-    guides_at,
-    is_open,
-    parameters_at,
-    path_memory,
-    scratch_at,
-    shape_at,
-)
 from cc_mujoco.plugin._mjcf import cable_of, instances
 from cc_mujoco.plugin._routing import follow
 
@@ -211,24 +195,24 @@ def _lay_path(
         mj_struct.block(data, instance),
         mj_struct.state(model, data, instance),
     )
-    n = load_word(block + SEGMENTS)
+    n = load_word(block + blocks.SEGMENTS)
     follow(block, model, data, state)
-    prm = floats(parameters_at(block), kernel.parameter_size(n))
+    prm = floats(blocks.parameters_at(block), kernel.parameter_size(n))
     assign(wrap, layout.segment_angles(prm, n))
     assign(contact, layout.contact_length(prm, n))
     fill(longer, 0.0)
-    if is_open(block):
-        shape = floats(shape_at(block, n, 0), open_path.shape_size(n))
-        assign(longer, floats(scratch_at(block, n), n + 1))
+    if blocks.is_open(block):
+        shape = floats(blocks.shape_at(block, n, 0), open_path.shape_size(n))
+        assign(longer, floats(blocks.scratch_at(block, n), n + 1))
         assign(length, open_path.lengths(shape, n))
         if not stay:
-            open_path.save_path(shape, n, path_memory(state, n))
-    return displacement(data, block, DISTAL)
+            open_path.save_path(shape, n, blocks.path_memory(state, n))
+    return blocks.displacement(data, block, blocks.DISTAL)
 
 
 @compiled
 def _guided_segments(data: int, instance: int) -> int:
-    return load_word(mj_struct.block(data, instance) + GUIDED)
+    return load_word(mj_struct.block(data, instance) + blocks.GUIDED)
 
 
 def routes(model: mujoco.MjModel, cables: dict[str, Cable]) -> dict[str, Route]:
@@ -267,14 +251,16 @@ def _read(
     """Read a route at the position in `data`, which gives the reference too."""
     block = mj_struct.block(data, instance)
     follow(block, model, data, mj_struct.state(model, data, instance))
-    n = load_word(block + SEGMENTS)
-    words[0] = load_word(block + ROUTE)
-    words[1] = load_word(block + MOUTH)
-    words[2] = load_word(block + GUIDED)
-    words[3] = load_word(block + BENDS_WITH_ROUTE)
-    words[4] = load_word(block + TIED_ENDS)
-    words[5] = load_word(block + TIED_ENDS + 8)
-    assign(guides, floats(guides_at(block, n), n))
-    if is_open(block):
+    n = load_word(block + blocks.SEGMENTS)
+    words[0] = load_word(block + blocks.ROUTE)
+    words[1] = load_word(block + blocks.MOUTH)
+    words[2] = load_word(block + blocks.GUIDED)
+    words[3] = load_word(block + blocks.BENDS_WITH_ROUTE)
+    words[4] = load_word(block + blocks.TIED_ENDS)
+    words[5] = load_word(block + blocks.TIED_ENDS + 8)
+    assign(guides, floats(blocks.guides_at(block, n), n))
+    if blocks.is_open(block):
         size = open_path.shape_size(n)
-        assign(reference, floats(shape_at(block, n, REFERENCE_STAGE), size))
+        assign(
+            reference, floats(blocks.shape_at(block, n, blocks.REFERENCE_STAGE), size)
+        )

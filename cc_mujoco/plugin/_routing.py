@@ -13,6 +13,7 @@ from cc_mujoco.cable import _pack as prepare
 from cc_mujoco.cable._parameters import MAX_SECTIONS
 from cc_mujoco.plugin import _attachments as attachments
 from cc_mujoco.plugin import _config as config
+from cc_mujoco.plugin import _instance_data as blocks
 from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin import _open_path as open_path
 from cc_mujoco.plugin import _path as path
@@ -34,31 +35,6 @@ from cc_mujoco.plugin._ffi import (
     mark_stack,
     store_real,
     store_word,
-)
-from cc_mujoco.plugin._instance_data import (
-    BENDS_WITH_ROUTE,
-    DISTAL,
-    GUIDED,
-    INSTANCE,
-    MOUTH,
-    PASSIVE_FRESH,
-    PROXIMAL,
-    REFERENCE_KNOWN,
-    REFERENCE_STAGE,
-    ROUTE,
-    SCRATCH,
-    SEGMENTS,
-    TIED_ENDS,
-    before_at,
-    guides_at,
-    invalidate,
-    is_open,
-    new_at,
-    parameters_at,
-    path_memory,
-    pulls_at,
-    scratch_at,
-    shape_at,
 )
 
 
@@ -92,10 +68,10 @@ def _survey(block: int, model: int, data: int, state: int, shape: int) -> None:
 
     `state` is 0 where the path is that of `qpos0` itself, which is not known yet.
     """
-    n, guided = load_word(block + SEGMENTS), load_word(block + GUIDED)
-    tendon, size = load_word(block + ROUTE), open_path.shape_size(n)
+    n, guided = load_word(block + blocks.SEGMENTS), load_word(block + blocks.GUIDED)
+    tendon, size = load_word(block + blocks.ROUTE), open_path.shape_size(n)
     seen = floats(shape, size)
-    mouth = load_word(block + MOUTH)
+    mouth = load_word(block + blocks.MOUTH)
     reach = open_path.measure_path(
         model,
         data,
@@ -103,14 +79,14 @@ def _survey(block: int, model: int, data: int, state: int, shape: int) -> None:
         mouth,
         guided,
         n,
-        floats(guides_at(block, n), n),
+        floats(blocks.guides_at(block, n), n),
         seen,
     )
     if state == 0:
         return
-    reference = floats(shape_at(block, n, REFERENCE_STAGE), size)
+    reference = floats(blocks.shape_at(block, n, blocks.REFERENCE_STAGE), size)
     open_path.keep_conduit(seen, reference, n, guided)
-    if load_word(block + BENDS_WITH_ROUTE) == 1:
+    if load_word(block + blocks.BENDS_WITH_ROUTE) == 1:
         length = mj_struct.real(data, mj_struct.TEN_LENGTH, tendon) - reach
         contact = open_path.contacts(reference, n)[:guided]
         path.bend(model, data, tendon, mouth + 1, length, contact, seen[:guided])
@@ -119,7 +95,7 @@ def _survey(block: int, model: int, data: int, state: int, shape: int) -> None:
 @callback
 def set_reference(block: int, model: int, data: int) -> None:
     """Measure the open path in the pose `qpos0` and make its mesh."""
-    n, guided = load_word(block + SEGMENTS), load_word(block + GUIDED)
+    n, guided = load_word(block + blocks.SEGMENTS), load_word(block + blocks.GUIDED)
     nq = mj_struct.positions(model)
     present, rest = (
         load_word(data + mj_struct.QPOS),
@@ -135,9 +111,9 @@ def set_reference(block: int, model: int, data: int) -> None:
     evaluate_bodies(model, data)
     evaluate_tendons(model, data)
     size = open_path.shape_size(n)
-    reference = floats(shape_at(block, n, REFERENCE_STAGE), size)
+    reference = floats(blocks.shape_at(block, n, blocks.REFERENCE_STAGE), size)
     fill(reference, 0.0)
-    _survey(block, model, data, 0, shape_at(block, n, REFERENCE_STAGE))
+    _survey(block, model, data, 0, blocks.shape_at(block, n, blocks.REFERENCE_STAGE))
     assign(floats(present, nq), kept)
     _exchange_mocap(model, data, held)
     evaluate_bodies(model, data)
@@ -145,54 +121,54 @@ def set_reference(block: int, model: int, data: int) -> None:
 
     values = np.empty(config.SCALARS)
     sections = np.empty((MAX_SECTIONS, 2))
-    attributes = mj_struct.attributes(model, load_word(block + INSTANCE))
+    attributes = mj_struct.attributes(model, load_word(block + blocks.INSTANCE))
     _, count = config.read(attributes, values, sections)
-    prm = floats(parameters_at(block), kernel.parameter_size(n))
+    prm = floats(blocks.parameters_at(block), kernel.parameter_size(n))
     if guided > 0:
         inside = borrow_floats(data, kernel.parameter_size(guided))
         kernel.pack(values, sections[:count], guided, inside)
         open_path.store_conduit(inside, reference, n, guided)
     open_path.pack_reference(values, n, guided, reference, prm)
     free_stack(data)
-    invalidate(block)
-    store_word(block + REFERENCE_KNOWN, 1)
+    blocks.invalidate(block)
+    store_word(block + blocks.REFERENCE_KNOWN, 1)
 
 
 @callback
 def lay(block: int, shape: int, state: int) -> None:
     """Give the packed segments the path at an address, as seen from a state."""
-    n = load_word(block + SEGMENTS)
-    prm = floats(parameters_at(block), kernel.parameter_size(n))
-    if is_open(block):
+    n = load_word(block + blocks.SEGMENTS)
+    prm = floats(blocks.parameters_at(block), kernel.parameter_size(n))
+    if blocks.is_open(block):
         size = open_path.shape_size(n)
         path_now = floats(shape, size)
-        reference = floats(shape_at(block, n, REFERENCE_STAGE), size)
-        gained = floats(scratch_at(block, n), n + 1)
+        reference = floats(blocks.shape_at(block, n, blocks.REFERENCE_STAGE), size)
+        gained = floats(blocks.scratch_at(block, n), n + 1)
         tension = layout.tensions(floats(state, kernel.state_size(n)), n)
-        memory = path_memory(state, n)
+        memory = blocks.path_memory(state, n)
         changed = open_path.lay(prm, n, tension, path_now, reference, memory, gained)
     else:
         contacts = layout.contact_length(prm, n)
         changed = prepare.set_path(prm, n, floats(shape, n), contacts)
     if changed:
-        invalidate(block)
+        blocks.invalidate(block)
 
 
 @callback
 def follow(block: int, model: int, data: int, state: int) -> None:
     """Lead the cable along its path at the last position, from a state."""
-    tendon = load_word(block + ROUTE)
+    tendon = load_word(block + blocks.ROUTE)
     if tendon < 0:
         return
-    n = load_word(block + SEGMENTS)
-    now = shape_at(block, n, 0)
-    if is_open(block):
-        if load_word(block + REFERENCE_KNOWN) == 0:
+    n = load_word(block + blocks.SEGMENTS)
+    now = blocks.shape_at(block, n, 0)
+    if blocks.is_open(block):
+        if load_word(block + blocks.REFERENCE_KNOWN) == 0:
             set_reference(block, model, data)
         _survey(block, model, data, state, now)
     else:
         length = mj_struct.real(data, mj_struct.TEN_LENGTH, tendon)
-        prm = floats(parameters_at(block), kernel.parameter_size(n))
+        prm = floats(blocks.parameters_at(block), kernel.parameter_size(n))
         inside = layout.contact_length(prm, n)
         path.bend(model, data, tendon, 0, length, inside, floats(now, n))
     lay(block, now, state)
@@ -201,30 +177,30 @@ def follow(block: int, model: int, data: int, state: int) -> None:
 @callback
 def pull(block: int, model: int, data: int) -> None:
     """Pull with the pieces of an open cable, as last evaluated."""
-    n, nv = load_word(block + SEGMENTS), mj_struct.dofs(model)
+    n, nv = load_word(block + blocks.SEGMENTS), mj_struct.dofs(model)
     target = load_word(data + mj_struct.QFRC_PASSIVE)
-    last = floats(pulls_at(block, n), nv)
-    forces = floats(scratch_at(block, n), nv)
+    last = floats(blocks.pulls_at(block, n), nv)
+    forces = floats(blocks.scratch_at(block, n), nv)
     fill(forces, 0.0)
     tied = 0.0
-    node = new_at(block, n) + 8 * kernel.STATE_HEADER
-    for end in (PROXIMAL, DISTAL):
-        if load_word(block + TIED_ENDS + end - PROXIMAL) != 0:
+    node = blocks.new_at(block, n) + 8 * kernel.STATE_HEADER
+    for end in (blocks.PROXIMAL, blocks.DISTAL):
+        if load_word(block + blocks.TIED_ENDS + end - blocks.PROXIMAL) != 0:
             gear = attachments.pulley_radius(model, load_word(block + end))
-            sense = gear if end == PROXIMAL else -gear
-            at = node if end == PROXIMAL else node + 8 * n
+            sense = gear if end == blocks.PROXIMAL else -gear
+            at = node if end == blocks.PROXIMAL else node + 8 * n
             tied += max(load_real(at), 0.0) * sense
     open_path.apply_pulls(
-        model, data, load_word(block + ROUTE), load_word(block + MOUTH),
-        floats(shape_at(block, n, 0), open_path.shape_size(n)), n,
-        load_word(block + GUIDED), floats(node, n + 1), tied, -1, block + SCRATCH,
-        forces.ctypes.data,
+        model, data, load_word(block + blocks.ROUTE), load_word(block + blocks.MOUTH),
+        floats(blocks.shape_at(block, n, 0), open_path.shape_size(n)), n,
+        load_word(block + blocks.GUIDED), floats(node, n + 1), tied, -1,
+        block + blocks.SCRATCH, forces.ctypes.data,
     )  # fmt: skip
     passive = floats(target, nv)
-    assign(floats(before_at(block, n), nv), passive)
-    if load_word(block + PASSIVE_FRESH) == 0:
+    assign(floats(blocks.before_at(block, n), nv), passive)
+    if load_word(block + blocks.PASSIVE_FRESH) == 0:
         # MuJoCo evaluates the actuators again, alone.
         add(passive, last, -1.0)
     add(passive, forces, 1.0)
     assign(last, forces)
-    store_word(block + PASSIVE_FRESH, 0)
+    store_word(block + blocks.PASSIVE_FRESH, 0)

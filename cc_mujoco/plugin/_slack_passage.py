@@ -33,6 +33,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cc_mujoco.cable import _kernel as kernel
+from cc_mujoco.plugin import _instance_data as blocks
 from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin._evaluate import RK4, evaluate
 from cc_mujoco.plugin._ffi import floats, internal, load_real, load_word
@@ -40,13 +41,6 @@ from cc_mujoco.plugin._implicit_ends import (
     held_stiffness,
     newmark_terms,
     slipping_stiffness,
-)
-from cc_mujoco.plugin._instance_data import (
-    SEGMENTS,
-    TIED_ENDS,
-    first_stage_at,
-    new_at,
-    parameters_at,
 )
 
 Floats = npt.NDArray[np.float64]
@@ -66,8 +60,8 @@ def evaluate_prediction(
     `aim` is the result of `predict_ends` (9,), `dt` the time since that state [s]. The
     parameters must be up to date. Return whether the new state is finite.
     """
-    n = load_word(block + SEGMENTS)
-    new, used, left = new_at(block, n), np.empty(4), np.empty(2)
+    n = load_word(block + blocks.SEGMENTS)
+    new, used, left = blocks.new_at(block, n), np.empty(4), np.empty(2)
     left[:] = 1.0
     resolved = np.zeros(2)
     tried = mj_struct.integrator(model) == RK4
@@ -90,7 +84,7 @@ def evaluate_prediction(
     for end in range(2):
         share = left[end]
         ahead[end] = aim[end] + share * (aim[2 + end] + share * aim[4 + end])
-        if load_word(block + TIED_ENDS + 8 * end) != 0 or left[end] == 0.0:
+        if load_word(block + blocks.TIED_ENDS + 8 * end) != 0 or left[end] == 0.0:
             continue
         before, now = _tension(state, n, end), _tension(new, n, end)
         # Tension draws the proximal end towards distal, the distal end to proximal.
@@ -129,7 +123,7 @@ def _rest_of_step(model: int, block: int, state: int, dt: float) -> float:
     A stage is evaluated from the committed state, or later ones from the first one,
     `dt` before [s].
     """
-    if state != first_stage_at(block):
+    if state != blocks.first_stage_at(block):
         return 1.0
     return max(1.0 - dt / mj_struct.timestep(model), 0.0)
 
@@ -142,7 +136,7 @@ def _met_stiffness(
 
     At least that of a cable that slips, at most that of an end that friction holds.
     """
-    new = new_at(block, n)
+    new = blocks.new_at(block, n)
     gained = abs(max(_tension(new, n, end), 0.0) - max(_tension(state, n, end), 0.0))
     moved = abs(load_real(new + 8 * end) - load_real(state + 8 * end))
     if gained >= held * moved:
@@ -159,5 +153,5 @@ def _tension(state: int, n: int, end: int) -> float:
 @internal
 def _stiffness(block: int, n: int, end: int) -> float:
     """Return the stiffness of the outermost node, the most that an end has [N/m]."""
-    prm = floats(parameters_at(block), kernel.parameter_size(n))
+    prm = floats(blocks.parameters_at(block), kernel.parameter_size(n))
     return float(kernel.node_stiffness(prm, n)[n * end])

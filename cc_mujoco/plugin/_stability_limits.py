@@ -26,6 +26,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cc_mujoco.cable import _kernel as kernel
+from cc_mujoco.plugin import _instance_data as blocks
 from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin import _open_path as open_path
 from cc_mujoco.plugin._config import constant
@@ -49,21 +50,6 @@ from cc_mujoco.plugin._ffi import (
     load_word,
     mark_stack,
     solve_inertia,
-)
-from cc_mujoco.plugin._instance_data import (
-    DISTAL,
-    GUIDED,
-    MOUTH,
-    PROXIMAL,
-    ROUTE,
-    SCRATCH,
-    SEGMENTS,
-    TIED_ENDS,
-    displacement,
-    is_open,
-    parameters_at,
-    proximal_winding,
-    shape_at,
 )
 
 Floats = npt.NDArray[np.float64]
@@ -149,24 +135,24 @@ def _spring_count(block: int) -> int:
     """Return the number of springs of a cable: its ends and its open path's nodes."""
     if block == 0:
         return 0
-    return 2 + (load_word(block + SEGMENTS) + 1 if is_open(block) else 0)
+    return 2 + (load_word(block + blocks.SEGMENTS) + 1 if blocks.is_open(block) else 0)
 
 
 @internal
 def _end_moments(model: int, data: int, block: int, out: FloatMatrix) -> None:
     """Compute the moments of both ends on the joints, times sqrt(k) (2, nv)."""
-    n = load_word(block + SEGMENTS)
-    prm = floats(parameters_at(block), kernel.parameter_size(n))
+    n = load_word(block + blocks.SEGMENTS)
+    prm = floats(blocks.parameters_at(block), kernel.parameter_size(n))
     for end in range(2):
-        if load_word(block + TIED_ENDS + 8 * end) != 0:
+        if load_word(block + blocks.TIED_ENDS + 8 * end) != 0:
             continue
-        output = load_word(block + (DISTAL if end else PROXIMAL))
+        output = load_word(block + (blocks.DISTAL if end else blocks.PROXIMAL))
         scale = math.sqrt(kernel.end_stiffness(prm, n, end == 1))
         if end == 0:
             # The lever of a pulley that is not round differs from its gear.
-            lever = proximal_winding(model, block, displacement(data, block, PROXIMAL))[
-                1
-            ]
+            lever = blocks.proximal_winding(
+                model, block, blocks.displacement(data, block, blocks.PROXIMAL)
+            )[1]
             scale *= abs(lever)
         start = mj_struct.integer(data, mj_struct.MOMENT_ROWADR, output)
         columns = load_word(data + mj_struct.MOMENT_COLIND) + 4 * start
@@ -178,15 +164,15 @@ def _end_moments(model: int, data: int, block: int, out: FloatMatrix) -> None:
 @internal
 def _piece_moments(model: int, data: int, block: int, out: FloatMatrix) -> None:
     """Compute the moments of an open path's nodes, times sqrt(k) (n + 1, nv)."""
-    if not is_open(block):
+    if not blocks.is_open(block):
         return
-    n = load_word(block + SEGMENTS)
-    prm = floats(parameters_at(block), kernel.parameter_size(n))
-    shape = floats(shape_at(block, n, 0), open_path.shape_size(n))
-    tendon, mouth = load_word(block + ROUTE), load_word(block + MOUTH)
+    n = load_word(block + blocks.SEGMENTS)
+    prm = floats(blocks.parameters_at(block), kernel.parameter_size(n))
+    shape = floats(blocks.shape_at(block, n, 0), open_path.shape_size(n))
+    tendon, mouth = load_word(block + blocks.ROUTE), load_word(block + blocks.MOUTH)
     node_moments(
-        model, data, tendon, mouth, shape, n, load_word(block + GUIDED),
-        kernel.node_stiffness(prm, n), block + SCRATCH, out,
+        model, data, tendon, mouth, shape, n, load_word(block + blocks.GUIDED),
+        kernel.node_stiffness(prm, n), block + blocks.SCRATCH, out,
     )  # fmt: skip
 
 

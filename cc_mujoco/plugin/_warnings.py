@@ -14,6 +14,7 @@ from cc_mujoco.cable._parameters import MAX_SECTIONS
 from cc_mujoco.plugin import _attachments as attachments
 from cc_mujoco.plugin import _config as config
 from cc_mujoco.plugin import _implicit_ends as implicit_ends
+from cc_mujoco.plugin import _instance_data as blocks
 from cc_mujoco.plugin import _jump_warnings as jump_warnings
 from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin import _open_path as open_path
@@ -39,28 +40,6 @@ from cc_mujoco.plugin._ffi import (
     store_real,
     warn,
     warned_once,
-)
-from cc_mujoco.plugin._instance_data import (
-    DISTAL,
-    END_ACTUATORS,
-    EXPLICIT_ENDS,
-    INSTANCE,
-    MOUTH,
-    OTHER_KIND,
-    POSITION_CHANGED,
-    PROXIMAL,
-    REFERENCE_STAGE,
-    ROUTE,
-    SEGMENTS,
-    TIED_ENDS,
-    acting_block,
-    end_at,
-    guides_at,
-    is_open,
-    parameters_at,
-    path_memory,
-    shape_at,
-    velocity_at,
 )
 
 _NO_SPRING = int(mujoco.mjtDisableBit.mjDSBL_SPRING)
@@ -185,10 +164,10 @@ def warn_cannot_act(model: int, data: int, instance: int) -> None:
         data, instance
     ):
         return
-    block = acting_block(model, data, instance)
+    block = blocks.acting_block(model, data, instance)
     if not mj_struct.has_timestep(model):
         warn_once(model, instance, NO_TIMESTEP)
-    elif block == 0 or load_word(block + OTHER_KIND) != 0:
+    elif block == 0 or load_word(block + blocks.OTHER_KIND) != 0:
         warn_once(model, instance, _OTHER_MODEL)
     else:
         warn_once(model, instance, _NOT_FINITE)
@@ -198,13 +177,13 @@ def warn_cannot_act(model: int, data: int, instance: int) -> None:
 def _velocity(data: int, block: int, part: int) -> float:
     """Return the velocity of an end (0, 1) or of the path (2) [m/s]."""
     if part == jump_warnings.PATH:
-        route = load_word(block + ROUTE)
+        route = load_word(block + blocks.ROUTE)
         return (
             mj_struct.real(data, mj_struct.TEN_VELOCITY, route) if route >= 0 else 0.0
         )
-    if load_word(block + TIED_ENDS + 8 * part) != 0:
+    if load_word(block + blocks.TIED_ENDS + 8 * part) != 0:
         return 0.0
-    out = load_word(block + (DISTAL if part else PROXIMAL))
+    out = load_word(block + (blocks.DISTAL if part else blocks.PROXIMAL))
     return mj_struct.real(data, mj_struct.ACTUATOR_VELOCITY, out)
 
 
@@ -213,10 +192,10 @@ def save_ends(
     data: int, block: int, state: int, n: int, proximal: float, distal: float
 ) -> None:
     """Save where the ends are in a committed state, and the velocities of all parts."""
-    store_real(end_at(state, n, 0), proximal)
-    store_real(end_at(state, n, 1), distal)
+    store_real(blocks.end_at(state, n, 0), proximal)
+    store_real(blocks.end_at(state, n, 1), distal)
     for part in range(3):
-        store_real(velocity_at(state, n, part), _velocity(data, block, part))
+        store_real(blocks.velocity_at(state, n, part), _velocity(data, block, part))
 
 
 @internal
@@ -234,12 +213,14 @@ def warn_jump(
     `shape` is the address of the path where it is now.
     """
     block = mj_struct.block(data, instance)
-    if load_word(block + EXPLICIT_ENDS) != 0:  # which joints that are led by hand need
+    if (
+        load_word(block + blocks.EXPLICIT_ENDS) != 0
+    ):  # which joints that are led by hand need
         return
-    n, route = load_word(block + SEGMENTS), load_word(block + ROUTE)
+    n, route = load_word(block + blocks.SEGMENTS), load_word(block + blocks.ROUTE)
     lead = mj_struct.block(data, mj_struct.first_cable(model, instance))
-    by_hand = load_word(block + POSITION_CHANGED) != 0
-    prm = floats(parameters_at(block), kernel.parameter_size(n))
+    by_hand = load_word(block + blocks.POSITION_CHANGED) != 0
+    prm = floats(blocks.parameters_at(block), kernel.parameter_size(n))
     node = layout.tensions(floats(state, kernel.state_size(n)), n)
     most = prm[_PRETENSION]
     for i in range(node.size if by_hand else 0):
@@ -248,20 +229,22 @@ def warn_jump(
     for what in range(3):
         tendon, share = route, 1.0
         if what == jump_warnings.PATH:
-            if not is_open(block) or load_word(block + MOUTH) != 0:
+            if not blocks.is_open(block) or load_word(block + blocks.MOUTH) != 0:
                 continue
             size = open_path.shape_size(n)
-            reference = floats(shape_at(block, n, REFERENCE_STAGE), size)
+            reference = floats(blocks.shape_at(block, n, blocks.REFERENCE_STAGE), size)
             moved = open_path.path_growth(
-                floats(shape, size), reference, path_memory(state, n), n
+                floats(shape, size), reference, blocks.path_memory(state, n), n
             )
         else:
-            if load_word(block + TIED_ENDS + 8 * what) != 0:
+            if load_word(block + blocks.TIED_ENDS + 8 * what) != 0:
                 continue
-            moved = (distal if what else proximal) - load_real(end_at(state, n, what))
-            out = load_word(block + (DISTAL if what else PROXIMAL))
+            moved = (distal if what else proximal) - load_real(
+                blocks.end_at(state, n, what)
+            )
+            out = load_word(block + (blocks.DISTAL if what else blocks.PROXIMAL))
             tendon = attachments.holding_tendon(
-                model, load_word(block + END_ACTUATORS + 8 * what)
+                model, load_word(block + blocks.END_ACTUATORS + 8 * what)
             )
             if tendon < 0 and not by_hand:
                 continue  # a joint moves by its velocity
@@ -271,7 +254,7 @@ def warn_jump(
             carried = share * jump_warnings.mocap_motion(model, data, lead, tendon)
         speed = max(
             abs(_velocity(data, block, what)),
-            abs(load_real(velocity_at(state, n, what))),
+            abs(load_real(blocks.velocity_at(state, n, what))),
         )
         if not jump_warnings.has_jumped(model, speed, moved, by_hand, carried, soft):
             continue
@@ -383,10 +366,14 @@ def warn_no_effect(model: int, instance: int, block: int) -> None:
     values = np.empty(config.SCALARS)
     sections = np.empty((MAX_SECTIONS, 2))
     config.read(mj_struct.attributes(model, instance), values, sections)
-    tendon, mouth = load_word(block + ROUTE), load_word(block + MOUTH)
-    n = load_word(block + SEGMENTS)
-    arcs, places = _rubbing_places(model, tendon, mouth, floats(guides_at(block, n), n))
-    tied = load_word(block + TIED_ENDS) + 2 * load_word(block + TIED_ENDS + 8)
+    tendon, mouth = load_word(block + blocks.ROUTE), load_word(block + blocks.MOUTH)
+    n = load_word(block + blocks.SEGMENTS)
+    arcs, places = _rubbing_places(
+        model, tendon, mouth, floats(blocks.guides_at(block, n), n)
+    )
+    tied = load_word(block + blocks.TIED_ENDS) + 2 * load_word(
+        block + blocks.TIED_ENDS + 8
+    )
     for key in range(config.SCALARS):
         if values[key] == 0.0:
             continue
@@ -405,8 +392,8 @@ def warn_no_effect(model: int, instance: int, block: int) -> None:
 @internal
 def warn_short_conduit(model: int, data: int, instance: int, block: int) -> None:
     """Warn, once, of a conduit that is shorter than its ends are apart."""
-    mouth = load_word(block + MOUTH)
-    if is_open(block) and mouth == 0:
+    mouth = load_word(block + blocks.MOUTH)
+    if blocks.is_open(block) and mouth == 0:
         return
     attributes = mj_struct.attributes(model, instance)
     length = config.length(attributes)
@@ -438,19 +425,19 @@ def _conduit_span(
     of = np.zeros(2, np.int64)
     count[:] = 1
     if written.size > 0:
-        instance = load_word(block + INSTANCE)
+        instance = load_word(block + blocks.INSTANCE)
         tendon = attachments.find_route(model, instance, written)
         last = mj_struct.integer(model, mj_struct.TENDON_NUM, tendon) - 1
         of[:] = tendon
         first[1] = mouth if mouth > 0 else last
     else:
         for end in range(2):
-            actuator = load_word(block + END_ACTUATORS + 8 * end)
+            actuator = load_word(block + blocks.END_ACTUATORS + 8 * end)
             of[end] = attachments.holding_tendon(model, actuator)
             if of[end] >= 0:
                 count[end] = mj_struct.integer(model, mj_struct.TENDON_NUM, of[end])
                 continue
-            output = load_word(block + (DISTAL if end else PROXIMAL))
+            output = load_word(block + (blocks.DISTAL if end else blocks.PROXIMAL))
             leeway += abs(attachments.pulley_radius(model, output))
     least = np.inf
     for i in range(count[0]):
@@ -468,7 +455,7 @@ def _end_point(
 ) -> int:
     """Return the address of where an end may be, 0: not at this place of its tendon."""
     if tendon < 0:
-        actuator = load_word(block + END_ACTUATORS + 8 * end)
+        actuator = load_word(block + blocks.END_ACTUATORS + 8 * end)
         joint = mj_struct.integer(model, mj_struct.ACTUATOR_TRNID, 2 * actuator)
         return load_word(data + mj_struct.XANCHOR) + 24 * joint
     wrap = mj_struct.integer(model, mj_struct.TENDON_ADR, tendon) + place

@@ -10,17 +10,8 @@ import math
 
 import mujoco
 
+from cc_mujoco.plugin import _config as config
 from cc_mujoco.plugin import _mj_struct as mj_struct
-from cc_mujoco.plugin._config import (
-    GUIDES,
-    ROLLING,
-    ROUTE,
-    constant,
-    equal_text,
-    guide_radius,
-    key_text,
-    next_guide,
-)
 from cc_mujoco.plugin._ffi import (
     Bytes,
     Floats,
@@ -53,76 +44,79 @@ _NEVER = int(mujoco.mjtSleepPolicy.mjSLEEP_NEVER)
 _ALLOWED = int(mujoco.mjtSleepPolicy.mjSLEEP_ALLOWED)
 _INIT = int(mujoco.mjtSleepPolicy.mjSLEEP_INIT)
 
-_USED_BY = constant("it is used by ")
-_USED_BY_END = constant(
+_USED_BY = config.constant("it is used by ")
+_USED_BY_END = config.constant(
     " actuators; it must be used by two, first the proximal and then the distal end"
 )
-ITS_ACTUATOR = constant("its actuator ")
-_OTHER_ACTUATOR = constant("actuator ")
-_WRONG_TRANSMISSION = constant(
+ITS_ACTUATOR = config.constant("its actuator ")
+_OTHER_ACTUATOR = config.constant("actuator ")
+_WRONG_TRANSMISSION = config.constant(
     " has the wrong transmission; it must be a hinge or slide `joint` or a spatial "
     "`tendon`"
 )
-_FORCE_RANGE_SET = constant(
+_FORCE_RANGE_SET = config.constant(
     " has a `forcerange`, its own or that of a default, which would clamp the tension "
     'of the cable; set forcelimited="false" there'
 )
 _CLAMPED = (
-    constant(" pulls a joint"),
-    constant(" pulls a tendon"),
+    config.constant(" pulls a joint"),
+    config.constant(" pulls a tendon"),
 )
-_CLAMPED_END = constant(
+_CLAMPED_END = config.constant(
     " that has an `actuatorfrcrange`, its own or that of a default, which would clamp "
     "the tension of the cable; limit the motor by the `forcerange` of its actuator"
 )
-_ACTUATOR_DRAG = (constant(" has a `damping`"), constant(" has an `armature`"))
-_ACTUATOR_DRAG_END = constant(
+_ACTUATOR_DRAG = (
+    config.constant(" has a `damping`"),
+    config.constant(" has an `armature`"),
+)
+_ACTUATOR_DRAG_END = config.constant(
     ", its own or that of a default, which would act beside the cable; take it away "
     "there, and say it of the joint"
 )
-NO_LENGTH = constant(
+NO_LENGTH = config.constant(
     " has no length in the pose `qpos0` that MuJoCo can use; it must be finite and at "
     "most 1e10 m"
 )
-_WRONG_RADIUS = constant(
+_WRONG_RADIUS = config.constant(
     " has a pulley of 1 m radius or more, of 1 m if no gear is given; `gear` must be "
     "the signed pulley radius in metres"
 )
-_WRONG_GEAR = constant(
+_WRONG_GEAR = config.constant(
     " has gear 0, or no finite number; it must be the signed pulley radius in metres"
 )
-_SAME_TARGET = constant(
+_SAME_TARGET = config.constant(
     " is on the same joint or tendon as the other end; a cable needs two that move "
     "against each other"
 )
-_PULLS_WHOLE_TENDON = constant(
+_PULLS_WHOLE_TENDON = config.constant(
     " pulls its tendon as a whole, which passes friction by; give it the joint of a "
     "drum, and that joint to the proximal end"
 )
-_TENDON_HAS = constant("its tendon has ")
+_TENDON_HAS = config.constant("its tendon has ")
 _TENDON_FEATURES = (
-    constant("a `stiffness`"),
-    constant("a `damping`"),
-    constant("a `frictionloss`"),
-    constant("a `range`"),
-    constant("an `armature`"),
-    constant("an equality"),
+    config.constant("a `stiffness`"),
+    config.constant("a `damping`"),
+    config.constant("a `frictionloss`"),
+    config.constant("a `range`"),
+    config.constant("an `armature`"),
+    config.constant("an equality"),
 )
-_TENDON_HAS_END = constant(
+_TENDON_HAS_END = config.constant(
     " of its own, which pulls it as a whole and passes friction by; take it away, and "
     "say it of the cable or of a joint"
 )
-_TENDON_SPRING_END = constant(
+_TENDON_SPRING_END = config.constant(
     " of its own, which pulls it as a whole and passes friction by; take it away, and "
     "give the cable an `axial_stiffness` of `stiffness` times the upper `springlength` "
     "and, as `pretension`, the force of that spring in the pose `qpos0`"
 )
-_MAY_SLEEP = constant(
+_MAY_SLEEP = config.constant(
     " has a `sleep` of `allowed` or `init`, but the cable pulls its tree and wakes "
     "nothing that sleeps; take it away there"
 )
-_BODY_PREFIX = constant("body ")
-_WRONG_TIED_GEAR = constant(
+_BODY_PREFIX = config.constant("body ")
+_WRONG_TIED_GEAR = config.constant(
     " ties the cable to its own tendon; its gear must be 1 (-1 at the proximal end)"
 )
 
@@ -323,9 +317,9 @@ def _has_affixes(
     end = prefix + wanted.size
     return (
         candidate.size == end + suffix
-        and equal_text(candidate[prefix:end], wanted)
-        and equal_text(candidate[:prefix], name[:prefix])
-        and equal_text(candidate[end:], name[name.size - suffix :])
+        and config.equal_text(candidate[prefix:end], wanted)
+        and config.equal_text(candidate[:prefix], name[:prefix])
+        and config.equal_text(candidate[end:], name[name.size - suffix :])
     )
 
 
@@ -334,8 +328,8 @@ def _element_has_affixes(label: Bytes, name: Bytes, prefix: int, suffix: int) ->
     """Return whether an element, if named, has that prefix and suffix of `name`."""
     return label.size == 0 or (
         label.size > prefix + suffix
-        and equal_text(label[:prefix], name[:prefix])
-        and equal_text(label[label.size - suffix :], name[name.size - suffix :])
+        and config.equal_text(label[:prefix], name[:prefix])
+        and config.equal_text(label[label.size - suffix :], name[name.size - suffix :])
     )
 
 
@@ -379,13 +373,13 @@ def find_route(model: int, instance: int, route: Bytes) -> int:
     `path`. The longest counts; but a tendon of the instance's own name is its own.
     """
     name = mj_struct.plugin_name(model, instance)
-    namesake = equal_text(route, name)
+    namesake = config.equal_text(route, name)
     best, longest = -1, -1
     for tendon in range(mj_struct.tendons(model)):
         candidate = mj_struct.tendon_name(model, tendon)
         if not is_spatial(model, tendon):
             continue
-        if namesake and equal_text(candidate, name):
+        if namesake and config.equal_text(candidate, name):
             return tendon
         extra = candidate.size - route.size
         if extra <= longest or (extra > 0 and extra >= name.size):
@@ -437,21 +431,21 @@ def read_guides(
     """
     fill(out, 0.0)
     attributes = mj_struct.attributes(model, instance)
-    written = key_text(attributes, GUIDES)
-    route = key_text(attributes, ROUTE)
+    written = config.key_text(attributes, config.GUIDES)
+    route = config.key_text(attributes, config.ROUTE)
     name = mj_struct.plugin_name(model, instance)
     own = mj_struct.tendon_name(model, tendon)
     start = mj_struct.integer(model, mj_struct.TENDON_ADR, tendon)
     count = mj_struct.integer(model, mj_struct.TENDON_NUM, tendon)
     extra, first = own.size - route.size, max(mouth, 1)
-    begin, colon, end = next_guide(written, 0)
+    begin, colon, end = config.next_guide(written, 0)
     while begin >= 0:
         wanted, found = written[begin:colon], False
-        radius = guide_radius(written[colon + 1 : end])
+        radius = config.guide_radius(written[colon + 1 : end])
         for k in range(first, count - 1):
             thing = mj_struct.integer(model, mj_struct.WRAP_OBJID, start + k)
             site = mj_struct.integer(model, mj_struct.WRAP_TYPE, start + k) == _SITE
-            if not site and radius != ROLLING:
+            if not site and radius != config.ROLLING:
                 continue
             if site:
                 candidate = mj_struct.site_name(model, thing)
@@ -466,7 +460,7 @@ def read_guides(
                     found = True
         if not found:
             return False
-        begin, colon, end = next_guide(written, end)
+        begin, colon, end = config.next_guide(written, end)
     return True
 
 

@@ -37,6 +37,7 @@ from cc_mujoco.cable import _moving_path as moving_path
 from cc_mujoco.cable._parameters import MAX_SECTIONS
 from cc_mujoco.plugin import _attachments as attachments
 from cc_mujoco.plugin import _config as config
+from cc_mujoco.plugin import _evaluate as evaluating
 from cc_mujoco.plugin import _guides as guides
 from cc_mujoco.plugin import _implicit_ends as implicit_ends
 from cc_mujoco.plugin import _instance_data as blocks
@@ -45,25 +46,7 @@ from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin import _open_path as open_path
 from cc_mujoco.plugin import _path as path
 from cc_mujoco.plugin import _stability_limits as stability_limits
-from cc_mujoco.plugin._evaluate import (
-    RK4,
-    evaluate,
-    evaluation_inputs,
-    follow_all_paths,
-    follow_other_paths,
-    has_stiffened,
-    is_evaluated,
-    keep_mounted_rope,
-    origin,
-    pack,
-    packed_block,
-    path_unchanged,
-    save_first_stage,
-    save_motion,
-    set_rest_state,
-    update_parameters,
-    written_bytes,
-)
+from cc_mujoco.plugin import _warnings as messages
 from cc_mujoco.plugin._ffi import (
     MESSAGE_CAPACITY,
     CInt,
@@ -90,24 +73,6 @@ from cc_mujoco.plugin._ffi import (
 )
 from cc_mujoco.plugin._routing import follow, lay, pull, set_reference
 from cc_mujoco.plugin._slack_passage import evaluate_prediction
-from cc_mujoco.plugin._warnings import (
-    ACTUATION_DISABLED,
-    GROUP_DISABLED,
-    ITS_ROUTE,
-    NO_PASSIVE,
-    NO_TIMESTEP,
-    begin_message,
-    has_no_passive,
-    refuse_open_path,
-    save_ends,
-    warn_cannot_act,
-    warn_cannot_pull,
-    warn_jump,
-    warn_no_effect,
-    warn_once,
-    warn_short_conduit,
-    warn_short_period,
-)
 
 _NO_ACTUATION = int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
 _SLEEP = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
@@ -118,11 +83,11 @@ _PASSIVE = int(ENUMS["mjtPluginCapabilityBit"].values["mjPLUGIN_PASSIVE"])
 def refused(model: int, instance: CInt) -> CInt:
     """Return whether the instance cannot be used; if so, report why to MuJoCo."""
     message = np.zeros(MESSAGE_CAPACITY, np.uint8)
-    start = begin_message(message, model, instance)
+    start = messages.begin_message(message, model, instance)
     used = attachments.explain(message, start, model, instance)
     attributes = mj_struct.attributes(model, instance)
     if not mj_struct.has_timestep(model):
-        used = append(message, start, NO_TIMESTEP)
+        used = append(message, start, messages.NO_TIMESTEP)
     if used == start:
         values = np.empty(config.SCALARS)
         sections = np.empty((MAX_SECTIONS, 2))
@@ -148,10 +113,12 @@ def refused(model: int, instance: CInt) -> CInt:
             elif not attachments.is_length(
                 mj_struct.real(model, mj_struct.TENDON_LENGTH0, tendon)
             ):
-                used = append(message, start, ITS_ROUTE)
+                used = append(message, start, messages.ITS_ROUTE)
                 used = append(message, used, attachments.NO_LENGTH)
             elif config.is_open(attributes):
-                key, used = refuse_open_path(message, start, model, instance, tendon)
+                key, used = messages.refuse_open_path(
+                    message, start, model, instance, tendon
+                )
         if key != config.VALID_CONFIGURATION:
             used = config.explain(message, start, attributes, key)
         if used == start:
@@ -169,7 +136,7 @@ def refused(model: int, instance: CInt) -> CInt:
 @callback
 def cannot_act(model: int, data: int, instance: CInt) -> None:
     """Warn, once, why a cable does not pull, or with no finite tension."""
-    warn_cannot_act(model, data, instance)
+    messages.warn_cannot_act(model, data, instance)
 
 
 @callback
@@ -192,13 +159,13 @@ def turn(model: int, data: int, tendon: CInt) -> float:
 
 @callback
 def holds(model: int, data: int, instance: CInt) -> CInt:
-    return 1 if packed_block(model, data, instance) != 0 else 0
+    return 1 if evaluating.packed_block(model, data, instance) != 0 else 0
 
 
 @callback
 def wrap(model: int, data: int, instance: CInt, out: int) -> None:
     block = blocks.acting_block(model, data, instance)
-    if block == 0 or not update_parameters(block, model, instance):
+    if block == 0 or not evaluating.update_parameters(block, model, instance):
         return
     follow(block, model, data, mj_struct.state(model, data, instance))
     n = load_word(block + blocks.SEGMENTS)
@@ -210,7 +177,7 @@ def wrap(model: int, data: int, instance: CInt, out: int) -> None:
 def compliance(model: int, data: int, instance: CInt, out: int) -> None:
     """Write an instance's node compliances [m/N], then its elastic energy [J]."""
     block = blocks.acting_block(model, data, instance)
-    if block == 0 or not update_parameters(block, model, instance):
+    if block == 0 or not evaluating.update_parameters(block, model, instance):
         return
     if blocks.is_open(block) and load_word(block + blocks.REFERENCE_KNOWN) == 0:
         set_reference(block, model, data)
@@ -242,7 +209,7 @@ def limits(model: int, data: int, instance: CInt, out: int) -> None:
     fill(floats(out, 3), np.inf)
     if blocks.acting_block(model, data, instance) == 0:
         return
-    follow_all_paths(model, data, instance)
+    evaluating.follow_all_paths(model, data, instance)
     stability_limits.stable_timesteps(model, data, instance, floats(out, 3))
 
 
@@ -253,7 +220,7 @@ def aim(model: int, data: int, instance: CInt, out: int) -> None:
     lead = mj_struct.block(data, mj_struct.first_cable(model, instance))
     area = lead + load_word(lead + blocks.PREDICTION_AREA)
     if implicit_ends.is_unknown(area):
-        follow_other_paths(
+        evaluating.follow_other_paths(
             model, data, instance, load_word(lead + blocks.EVALUATION_COUNT)
         )
         implicit_ends.predict_acceleration(model, data, kind, area)
@@ -265,7 +232,7 @@ def aim(model: int, data: int, instance: CInt, out: int) -> None:
 def missed(model: int, data: int, instance: CInt) -> None:
     """Warn, once, of each geom in the path of an instance that it never touches."""
     message = np.zeros(MESSAGE_CAPACITY, np.uint8)
-    start = begin_message(message, model, instance)
+    start = messages.begin_message(message, model, instance)
     used = append(message, start, guides.GEOMS_SEARCHED)
     if warned_once(message, used, mj_struct.signature(model)):
         return
@@ -288,7 +255,7 @@ def check(model: int, data: int, instance: CInt) -> None:
     What was refused at load can also be set on the compiled model.
     """
     message = np.zeros(MESSAGE_CAPACITY, np.uint8)
-    start = begin_message(message, model, instance)
+    start = messages.begin_message(message, model, instance)
     used = attachments.explain(message, start, model, instance)
     block = mj_struct.block(data, instance)
     if used == start and blocks.is_open(block):
@@ -297,14 +264,14 @@ def check(model: int, data: int, instance: CInt) -> None:
     if used > start and not warned_once(message, used, mj_struct.signature(model)):
         warn(message, used)
     if blocks.is_open(block):
-        warn_no_effect(model, instance, block)
+        messages.warn_no_effect(model, instance, block)
     if load_word(block + blocks.ROUTE) >= 0:
         missed(model, data, instance)
-    warn_cannot_pull(model, instance)
-    warn_short_conduit(model, data, instance, block)
+    messages.warn_cannot_pull(model, instance)
+    messages.warn_short_conduit(model, data, instance, block)
     longest = np.empty(3)
     limits(model, data, instance, longest.ctypes.data)
-    warn_short_period(model, instance, block, longest[0], longest[1])
+    messages.warn_short_period(model, instance, block, longest[0], longest[1])
     if implicit_ends.is_implicit(model, block):
         longest[0] = longest[1] = np.inf
     step, worst = mj_struct.timestep(model), int(np.argmin(longest))
@@ -327,12 +294,12 @@ def pull_early(model: int, data: int, instance: CInt) -> None:
     is given, an implicit end looks ahead by that.
     """
     block = mj_struct.block(data, instance)
-    if mj_struct.disabled(model, _NO_ACTUATION) or has_no_passive(model):
+    if mj_struct.disabled(model, _NO_ACTUATION) or messages.has_no_passive(model):
         return
-    if not update_parameters(block, model, instance):
+    if not evaluating.update_parameters(block, model, instance):
         return
     lead = mj_struct.block(data, mj_struct.first_cable(model, instance))
-    state, dt = origin(block, model, data, instance)
+    state, dt = evaluating.origin(block, model, data, instance)
     follow(block, model, data, state)
     store_word(
         block + blocks.PATH_EVALUATION, load_word(lead + blocks.EVALUATION_COUNT) + 1
@@ -343,8 +310,8 @@ def pull_early(model: int, data: int, instance: CInt) -> None:
     u_distal = blocks.displacement(data, block, blocks.DISTAL)
     known, looks = True, implicit_ends.is_implicit(model, block)
     if not looks:
-        known = evaluate(block, state, u_proximal, u_distal, 0.0, 0.0, dt)
-    elif not is_evaluated(block, data, state, u_proximal, u_distal):
+        known = evaluating.evaluate(block, state, u_proximal, u_distal, 0.0, 0.0, dt)
+    elif not evaluating.is_evaluated(block, data, state, u_proximal, u_distal):
         aim = np.empty(9)
         implicit_ends.predict_known_motion(model, data, block, aim)
         known = evaluate_prediction(model, block, state, aim, dt)
@@ -399,12 +366,12 @@ def settle(model: int, data: int, instance: CInt, keeps_rope: CInt) -> None:
     block = blocks.acting_block(model, data, instance)
     if block == 0:
         cannot_act(model, data, instance)
-    if block == 0 or not update_parameters(block, model, instance):
+    if block == 0 or not evaluating.update_parameters(block, model, instance):
         return
     proximal_length = blocks.displacement(data, block, blocks.PROXIMAL)
     distal_length = blocks.displacement(data, block, blocks.DISTAL)
     state = mj_struct.state(model, data, instance)
-    set_rest_state(
+    evaluating.set_rest_state(
         block, model, state, proximal_length, distal_length, mj_struct.time(data)
     )
     n = load_word(block + blocks.SEGMENTS)
@@ -412,7 +379,7 @@ def settle(model: int, data: int, instance: CInt, keeps_rope: CInt) -> None:
     if blocks.is_open(block):
         follow(block, model, data, state)
     if keeps_rope != 0:
-        keep_mounted_rope(block, model, state)
+        evaluating.keep_mounted_rope(block, model, state)
     if blocks.is_open(block):
         shape = floats(blocks.shape_at(block, n, 0), open_path.shape_size(n))
         open_path.save_path(shape, n, blocks.path_memory(state, n))
@@ -455,7 +422,7 @@ def init(model: int, data: int, instance: CInt) -> CInt:
     store_word(block + blocks.SHAPE_BYTES, shape)
     store_word(block + blocks.PATH_KIND, config.path_kind(attributes))
     blocks.save_sizes(block, model, instance)
-    pack(block, model, instance)
+    evaluating.pack(block, model, instance)
     mj_struct.set_block(data, instance, block)
     return 0
 
@@ -474,7 +441,7 @@ def reset(model: int, state: int, block: int, instance: CInt) -> None:
         mj_struct.has_timestep(model) and blocks.fits(block, model, instance)
     ):
         return
-    if not update_parameters(block, model, instance):
+    if not evaluating.update_parameters(block, model, instance):
         return
     store_real(block + blocks.CHECKED_TIMESTEP, 0.0)
     store_real(block + blocks.CHECKED_STIFFNESS, 0.0)
@@ -483,7 +450,7 @@ def reset(model: int, state: int, block: int, instance: CInt) -> None:
     store_word(block + blocks.REFERENCE_KNOWN, 0)
     proximal_length = blocks.rest_displacement(model, block, blocks.PROXIMAL)
     distal_length = blocks.rest_displacement(model, block, blocks.DISTAL)
-    set_rest_state(block, model, state, proximal_length, distal_length, 0.0)
+    evaluating.set_rest_state(block, model, state, proximal_length, distal_length, 0.0)
     rest = load_word(model + mj_struct.QPOS0)
     n = load_word(block + blocks.SEGMENTS)
     store_real(blocks.pose_at(state, n), jump_warnings.checksum(model, rest))
@@ -508,11 +475,11 @@ def compute(model: int, data: int, instance: CInt, capability: CInt) -> None:
     if lead == block:
         implicit_ends.begin_evaluation(lead)
         undo_early(model, data, instance)
-    usable = update_parameters(block, model, instance)
+    usable = evaluating.update_parameters(block, model, instance)
     if load_word(block + blocks.OTHER_KIND) != 0:
         cannot_act(model, data, instance)
         return
-    cut = blocks.is_open(block) and has_no_passive(model)
+    cut = blocks.is_open(block) and messages.has_no_passive(model)
     tendon = load_word(block + blocks.ROUTE)
     if tendon >= 0 and not np.isfinite(
         mj_struct.real(data, mj_struct.TEN_LENGTH, tendon)
@@ -527,7 +494,7 @@ def compute(model: int, data: int, instance: CInt, capability: CInt) -> None:
         route = load_word(block + blocks.ROUTE) if blocks.is_open(block) else -1
         attachments.keep_awake(model, instance, route, load_word(block + blocks.MOUTH))
     n = load_word(block + blocks.SEGMENTS)
-    state, dt = origin(block, model, data, instance)
+    state, dt = evaluating.origin(block, model, data, instance)
     begins = state == mj_struct.state(model, data, instance)
     u_proximal, lever = blocks.proximal_winding(
         model, block, blocks.displacement(data, block, blocks.PROXIMAL)
@@ -540,7 +507,7 @@ def compute(model: int, data: int, instance: CInt, capability: CInt) -> None:
             follow(block, model, data, state)
             store_word(block + blocks.PATH_EVALUATION, evaluation)
         # A piece that has become short needs a shorter step.
-        shorter = blocks.is_open(block) and has_stiffened(block)
+        shorter = blocks.is_open(block) and evaluating.has_stiffened(block)
         if shorter or load_real(block + blocks.CHECKED_TIMESTEP) != mj_struct.timestep(
             model
         ):
@@ -554,15 +521,15 @@ def compute(model: int, data: int, instance: CInt, capability: CInt) -> None:
         looks = implicit_ends.is_implicit(model, block)
     store_word(block + blocks.PATH_EVALUATION, 0)
     if cut:
-        warn_once(model, instance, NO_PASSIVE)
-    save_motion(block, data, u_proximal, u_distal)
+        messages.warn_once(model, instance, messages.NO_PASSIVE)
+    evaluating.save_motion(block, data, u_proximal, u_distal)
     known = False
     if usable and not cut and looks:
         found = np.empty(9)
         aim(model, data, instance, found.ctypes.data)
         known = evaluate_prediction(model, block, state, found, dt)
     elif usable and not cut:
-        known = evaluate(block, state, u_proximal, u_distal, 0.0, 0.0, dt)
+        known = evaluating.evaluate(block, state, u_proximal, u_distal, 0.0, 0.0, dt)
     if known:
         tension = blocks.new_at(block, n) + 8 * kernel.STATE_HEADER
         proximal = max(load_real(tension), 0.0) * lever
@@ -577,12 +544,12 @@ def compute(model: int, data: int, instance: CInt, capability: CInt) -> None:
     if usable and blocks.is_open(block) and load_word(block + blocks.EARLY_PULL) == 0:
         pull(block, model, data)
     store_word(block + blocks.EARLY_PULL, 0)
-    if mj_struct.integrator(model) == RK4:
+    if mj_struct.integrator(model) == evaluating.RK4:
         if begins:
             store_word(
                 block + blocks.FIRST_STAGE_VALID, load_word(block + blocks.RESULT_VALID)
             )
-            save_first_stage(block, data, state)
+            evaluating.save_first_stage(block, data, state)
         stages = block + blocks.STAGES
         copy(stages + blocks.STAGE_SIZE, stages, 3 * blocks.STAGE_SIZE)
         store_real(stages + 3 * blocks.STAGE_SIZE, u_proximal)
@@ -598,7 +565,7 @@ def compute(model: int, data: int, instance: CInt, capability: CInt) -> None:
 @callback
 def advance(model: int, data: int, instance: CInt) -> None:
     block = blocks.acting_block(model, data, instance)
-    if block == 0 or not update_parameters(block, model, instance):
+    if block == 0 or not evaluating.update_parameters(block, model, instance):
         return
     state = mj_struct.state(model, data, instance)
     n = load_word(block + blocks.SEGMENTS)
@@ -607,21 +574,22 @@ def advance(model: int, data: int, instance: CInt) -> None:
     )
     u_distal = blocks.displacement(data, block, blocks.DISTAL)
     jump_warnings.save_poses(model, data, block)
-    if mj_struct.integrator(model) != RK4:  # where these are of its last stage
+    # Under RK4 these are of its last stage.
+    if mj_struct.integrator(model) != evaluating.RK4:
         now = blocks.shape_at(block, n, 0)
-        warn_jump(model, data, instance, state, u_proximal, u_distal, now)
+        messages.warn_jump(model, data, instance, state, u_proximal, u_distal, now)
     if attachments.in_disabled_group(model, instance):
-        warn_once(model, instance, GROUP_DISABLED)
+        messages.warn_once(model, instance, messages.GROUP_DISABLED)
     dt = mj_struct.timestep(model)
     time = 0.0
     ends = u_proximal, u_distal
     yields = 0.0, 0.0
     if mj_struct.disabled(model, _NO_ACTUATION):
         # Nothing has evaluated the last position.
-        warn_once(model, instance, ACTUATION_DISABLED)
+        messages.warn_once(model, instance, messages.ACTUATION_DISABLED)
         follow(block, model, data, state)
     elif (
-        mj_struct.integrator(model) != RK4
+        mj_struct.integrator(model) != evaluating.RK4
         and load_real(block + blocks.INPUT_POSITIONS) == u_proximal
         and load_real(block + blocks.INPUT_POSITIONS + 8) == u_distal
     ):
@@ -635,7 +603,7 @@ def advance(model: int, data: int, instance: CInt) -> None:
             load_real(block + blocks.INPUTS + 24),
         )
     shape = blocks.shape_at(block, n, 0)
-    if mj_struct.integrator(model) == RK4:
+    if mj_struct.integrator(model) == evaluating.RK4:
         # A step makes four evaluations; the first of them is committed. With
         # actuation disabled there are none, and the last position counts.
         time = mj_struct.time(data) - dt
@@ -643,23 +611,27 @@ def advance(model: int, data: int, instance: CInt) -> None:
         if (
             load_real(stages + 3 * blocks.STAGE_SIZE) == u_proximal
             and load_real(stages + 3 * blocks.STAGE_SIZE + 8) == u_distal
-            and path_unchanged(block)
+            and evaluating.path_unchanged(block)
         ):
             u_proximal = load_real(stages)
             u_distal = load_real(stages + 8)
             ends = u_proximal, u_distal
             first = blocks.shape_at(block, n, 1)
-            warn_jump(model, data, instance, state, u_proximal, u_distal, first)
+            messages.warn_jump(
+                model, data, instance, state, u_proximal, u_distal, first
+            )
             time = load_real(stages + 16)
-            u_proximal, u_distal, yields, dt = evaluation_inputs(stages + 24)
+            u_proximal, u_distal, yields, dt = evaluating.evaluation_inputs(stages + 24)
             if load_word(block + blocks.ROUTE) >= 0:
                 shape = first
                 lay(block, shape, state)
-    if evaluate(block, state, u_proximal, u_distal, yields[0], yields[1], dt):
-        copy(blocks.new_at(block, n), state, written_bytes(block))
+    if evaluating.evaluate(
+        block, state, u_proximal, u_distal, yields[0], yields[1], dt
+    ):
+        copy(blocks.new_at(block, n), state, evaluating.written_bytes(block))
         store_real(blocks.committed_time_at(state, n), time)
         store_real(blocks.pose_at(state, n), jump_warnings.pose_checksum(model, data))
-        save_ends(data, block, state, n, ends[0], ends[1])
+        messages.save_ends(data, block, state, n, ends[0], ends[1])
         if blocks.is_open(block):
             seen = floats(shape, open_path.shape_size(n))
             open_path.save_path(seen, n, blocks.path_memory(state, n))

@@ -61,7 +61,7 @@ class _Scale:
 
     @classmethod
     def of(cls, axis: Axis, cable: Cable, arm: float, radius: float) -> _Scale:
-        """Return the scale of a cable with an arm at the joint [m]."""
+        """Return the sizes of a cable of radius `arm` at the joint [m]."""
         return cls(
             axis.units["desired_torque_nm"] / arm,
             axis.units["joint_velocity_rad_s"] * arm,

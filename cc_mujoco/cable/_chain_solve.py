@@ -26,7 +26,11 @@ def slipping(
     drag: float,
     viscosity: float,
 ) -> tuple[float, float, float]:
-    """Return the line (`gain`, `offset`, `own`) of a slipping segment."""
+    """Return `gain`, `offset` and `own` of a slipping segment.
+
+    With them T_distal = gain T_proximal + offset + own w at the slip speed w. `hold_*`
+    are the ratios of the tensions where it slips towards either end.
+    """
     if slip_direction > 0.0:
         return hold_distal, drag, viscosity
     return 1.0 / hold_proximal, -drag / hold_proximal, viscosity / hold_proximal

@@ -21,6 +21,12 @@ from cc_mujoco.cable._parameters import PARAMETERS, TERMS
 from cc_mujoco.native import FloatArray, compiled, internal
 
 INDEX = {parameter.name: i for i, parameter in enumerate(PARAMETERS)}
+DRAG_TERMS = tuple(
+    (i, each.term, each.unit)
+    for i, each in enumerate(PARAMETERS)
+    if each.term is not None and each.term.acts_on == "drag"
+)
+"""Parameters of friction that needs no tension: place, term and unit."""
 """Position of each scalar parameter in the packed vector."""
 
 _FRICTION = INDEX["friction"]

@@ -354,7 +354,7 @@ def _vector(shape: FloatArray, n: int, j: int, row: int) -> Point:
 def path_growth(
     shape: FloatArray, reference: FloatArray, memory: FloatArray, n: int
 ) -> float:
-    """Return by how much the path is longer than in a state [m]; as `lengthen`."""
+    """Return by how much the path is longer than when `memory` was kept [m]."""
     extent, total = _row(shape, n, _EXTENT), _row(shape, n, _TOTAL)
     grown = 0.0
     for j in range(n + 1):

@@ -22,13 +22,7 @@ SCRATCH_ROWS = 6
 _PRETENSION = law.INDEX["pretension"]
 _ASYMMETRY = law.INDEX["friction_asymmetry"]
 _AGEING = law.INDEX["ageing_friction"]
-_DRAG_TERMS = (
-    law.INDEX["viscous_friction"],
-    law.INDEX["grease_drag"],
-    law.INDEX["load_independent_friction"],
-    law.INDEX["seal_proximal"],
-    law.INDEX["seal_distal"],
-)
+_DRAG_TERMS = tuple(place for place, _, _ in law.DRAG_TERMS)
 
 
 @compiled

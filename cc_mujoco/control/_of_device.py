@@ -32,7 +32,7 @@ def controller(
     Args:
         name: A key of `CONTROLLERS`, or of `POSITION_CONTROLLERS` for a drive that
             commands an angle, `module:function` or a function itself (see
-            `external`), or the file of a policy, `*.safetensors` (see `policy`).
+            `_user_controller`), or the file of a policy, `*.safetensors`.
         drive: The device to be driven: name, file, `Device` or `Plant`, with its own
             task and sensors; or a `Drive`, as environments have as `unwrapped.drive`.
 

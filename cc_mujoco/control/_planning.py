@@ -84,7 +84,9 @@ from cc_mujoco.native import (
     internal,
 )
 
-_RATE_TERMS = law.INDEX["viscous_friction"], law.INDEX["grease_drag"]
+_RATE_TERMS = tuple(
+    place for place, term, _ in law.DRAG_TERMS if "rate" in term.depends_on
+)
 _MAX_KNOT_STEP = 2.0
 """Largest turn of the motor between two knots of a plan [rad]."""
 _NEWTON_STEPS, _HALVINGS, _LINEARIZATIONS = 12, 6, 2

@@ -73,7 +73,7 @@ def controller(name: str | Callable[[Drive], Any], drive: Drive) -> Controller:
     Args:
         name: A key of `CONTROLLERS`, or of `POSITION_CONTROLLERS` for a drive that
             commands an angle, `module:function` or a function itself (see
-            `external`), or the file of a policy, `*.safetensors` (see `policy`).
+            `_user_controller`), or the file of a policy, `*.safetensors`.
         drive: The device to be driven; environments have it as `unwrapped.drive`.
 
     Returns:

@@ -176,10 +176,10 @@ def _impacts(
 
 
 def _frozen(readings: FloatArray) -> list[slice]:
-    """Return the rows in which a noisy load repeats a reading.
+    """Return runs of rows in which a noisy load repeats one reading exactly.
 
-    The first of equal readings is none of them, unless the load leaps to it. Without a
-    leap those at an extreme are clipped, which another check finds. An angle may rest.
+    The first of equal readings counts as measured unless the load jumped to it. Runs at
+    an extreme without a jump are clipped, which another check finds. An angle may rest.
     """
     if np.count_nonzero(np.isfinite(readings)) < _MIN_READINGS:
         return []

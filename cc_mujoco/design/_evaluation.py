@@ -311,9 +311,10 @@ def _main_episode(protocol: EpisodeProtocol, builder: Device) -> Episode:
 
 
 def _least_inertia(model: mujoco.MjModel, joint: str) -> float:
-    """Return the inertia that a joint moves with in the neutral pose [kg m^2].
+    """Return the inertia of a joint in the neutral pose [kg m^2].
 
-    Where the other joints of a chain yield, it is less than with these locked.
+    The other joints are locked; where that makes it `LOCKED_SHARE` times as large as if
+    they are free, they are free.
     """
     dof = int(model.joint(joint).dofadr[0])
     locked, yielding = float(model.dof_M0[dof]), 1.0 / float(model.dof_invweight0[dof])

@@ -525,7 +525,8 @@ def excursion(
 ) -> tuple[float, float]:
     """Return centre and reach of named trajectories at a joint [rad].
 
-    The centre is the neutral angle, unless that is too near to a stop.
+    The centre is the neutral angle, unless that is too near to a stop. `given` is the
+    reach of the description [rad], used where it fits the range of the joint.
     """
     neutral = float(model.qpos0[model.jnt_qposadr[joint]])
     if not model.jnt_limited[joint]:

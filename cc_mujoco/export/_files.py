@@ -32,7 +32,7 @@ def controller_source(plan: ExportPlan, what: str) -> str:
 
 
 class _Interface:
-    """Functions of the header around the functions of each axis.
+    """Writer of the C functions of the header, which call those of each axis in turn.
 
     Memory, parameters and readings of the axes lie one behind the other, and those that
     `own_readings` needs are behind the memory of the last.

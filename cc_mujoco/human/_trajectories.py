@@ -9,7 +9,7 @@
     2.0
 
 Defaults suit a wrist, except those of `walk`, which is an ankle's. Parameters are
-changed with `dataclasses.replace`; the promises that all keep are in `motion`.
+changed with `dataclasses.replace`; `Trajectory` says what all have in common.
 """
 
 from __future__ import annotations

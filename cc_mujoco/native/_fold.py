@@ -80,7 +80,10 @@ class Scope:
 
 
 def _separate(node: ast.Assign) -> list[ast.stmt] | None:
-    """Return the parts of `a, b = c, d`, or None where one reads what another wrote."""
+    """Return `a = c` and `b = d` of `a, b = c, d`.
+
+    None for another assignment, or where one part reads what another wrote.
+    """
     target, value = node.targets[0], node.value
     if not isinstance(target, ast.Tuple) or not isinstance(value, ast.Tuple):
         return None

@@ -13,6 +13,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from cc_mujoco.cable._friction import DRAG_TERMS
 from cc_mujoco.cable._open_path import ROLLING as ROLLING
 from cc_mujoco.cable._parameters import (
     BEND_ALLOWED,
@@ -187,9 +188,8 @@ ENDS_KEY = KEYS.index("ends")
 GUIDES = KEYS.index("guides")
 _OF_A_CONDUIT = tuple(KEYS.index(name) for name in OF_A_CONDUIT)
 FRICTION = KEYS.index("friction")
-VISCOUS = KEYS.index("viscous_friction")
-LOAD_INDEPENDENT = KEYS.index("load_independent_friction")
-GREASE_DRAG = KEYS.index("grease_drag")
+DRAGS_PER_LENGTH = tuple(place for place, _, unit in DRAG_TERMS if unit != "N")
+"""Keys of drag along the conduit, which that of a seal is not."""
 WRAP_GROWTH = KEYS.index("wrap_growth")
 _STATIC = KEYS.index("static_friction")
 _PRETENSION = KEYS.index("pretension")

@@ -329,13 +329,10 @@ def _no_effect_reason(arcs: int, places: int, mouth: int, tied: int, key: int) -
     """
     if mouth == 0 and places == 0 and key == config.FRICTION:
         return _NO_BEND
-    drag = (
-        key == config.VISCOUS
-        or key == config.LOAD_INDEPENDENT
-        or key == config.GREASE_DRAG
-    )
-    if mouth == 0 and arcs == 0 and drag:
-        return _PER_LENGTH
+    if mouth == 0 and arcs == 0:
+        for drag in config.DRAGS_PER_LENGTH:
+            if key == drag:
+                return _PER_LENGTH
     if key == config.WRAP_GROWTH:
         if tied >= 2:
             return _NO_TRAVEL
@@ -453,7 +450,11 @@ def _conduit_span(
 def _end_point(
     model: int, data: int, block: int, end: int, tendon: int, place: int
 ) -> int:
-    """Return the address of where an end may be, 0: not at this place of its tendon."""
+    """Return the address of a position that an end may have.
+
+    That is the site at `place` of its tendon, 0 where that place is no site, or the
+    anchor of its joint where `tendon` is below 0.
+    """
     if tendon < 0:
         actuator = load_word(block + blocks.END_ACTUATORS + 8 * end)
         joint = mj_struct.integer(model, mj_struct.ACTUATOR_TRNID, 2 * actuator)

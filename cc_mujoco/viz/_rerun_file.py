@@ -69,7 +69,7 @@ def log_lanes(rec: Branch, log: EpisodeLog) -> None:
         slip = np.concatenate([rows[:, [0, -1]] for rows in pieces])
         for end, place, segment in (("motor", "proximal", 0), ("joint", "distal", -1)):
             slack = log[f"tension_{cable}_{place}_n"] <= 0
-            # Directions 0, 1 and -1 are positions 0, 1 and 2 in STATES.
+            # Directions 0, 1 and -1 are positions 0, 1 and 2 in END_STATES.
             state = np.where(slack, SLACK_STATE, slip[:, segment] % 3)
             changed, state = state_changes(time, state)
             path = rr.new_entity_path(["slip", cable, f"{end}_end"])

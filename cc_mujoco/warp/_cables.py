@@ -350,7 +350,7 @@ class AttachedCables:
                 wanted_cable = self._cables[index].replace(**own)
             except CableError as error:
                 raise CableError(f"cable {name!r}: {error}") from None
-            self._require_round_pulley(index, wanted_cable)
+            self._require_axis_inside_pulley(index, wanted_cable)
         return values
 
     def assign(self, name: str, cables: Mapping[int, Cable]) -> None:
@@ -379,7 +379,7 @@ class AttachedCables:
                     )
             for term in cable.terms:
                 self._require_compiled(name, term)
-            self._require_round_pulley(index, cable)
+            self._require_axis_inside_pulley(index, cable)
             self._require_followed(index, cable)
             packed = self._packed(index, cable)
             row[: packed.size] = packed
@@ -421,7 +421,7 @@ class AttachedCables:
             "attach the cable that is stiffest, or shorten the time step"
         )
 
-    def _require_round_pulley(self, index: int, cable: Cable) -> None:
+    def _require_axis_inside_pulley(self, index: int, cable: Cable) -> None:
         """Refuse a pulley whose axis lies outside of it, as the plugin does."""
         swing = cable.eccentricity + cable.ovality
         radius = abs(float(self._model.actuator_gear[self._proximal[index], 0]))

@@ -4,7 +4,7 @@ An entry says what the effect is, where it acts, what its parameters are, and ho
 changes a simulation: through the cables (`cables`), or through what the sensors of
 motor and joint show (`torques`; `JOINT_DELAY` changes what is played, too). Parameters
 at 0 are off, bit for bit. To add an effect, write its entry, and how MuJoCo has it in
-`realisation` where it is not in the cable.
+`_scene/realisation.py` where it is not in the cable.
 """
 
 from __future__ import annotations

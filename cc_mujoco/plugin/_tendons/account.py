@@ -162,7 +162,7 @@ def range_lines(burden: Burden, original: mujoco.MjModel) -> list[str]:
 
 
 def describe_band(burden: Burden, stiffness: float, pretension: float) -> list[str]:
-    """Return the lines of an elastic band."""
+    """Return the line on a tendon whose spring is a cable of `stiffness` EA [N]."""
     low, high = burden.rest
     text = (
         f"stiffness {burden.spring[0]:g} N/m beyond {high:.4g} m: an elastic band, "

@@ -570,7 +570,7 @@ def _obstacle(model: mujoco.MjModel, tendon: int) -> str:
 
 
 def _role(model: mujoco.MjModel, tendon: int, cable: str | None) -> str:
-    """Return what a tendon is that friction does not act along, or nothing."""
+    """Return why a tendon is left out, as the end of a sentence; "" if it is not."""
     if cable is not None:
         guided = _cable(model, cable).path == PATHS[0]
         return f"draws the conduit of cable {cable!r}" if guided else ""

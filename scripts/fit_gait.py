@@ -151,7 +151,6 @@ def is_table(path: Path) -> bool:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Fit, print and rewrite."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("folder", type=Path, help="folder with the two CSV tables")
     parser.add_argument("--table", type=Path, default=TABLE, help="file to rewrite")

@@ -353,14 +353,12 @@ def train(options: argparse.Namespace) -> None:
 
 
 def with_errors_printed(who: str, lessons: list[Lesson]) -> list[Lesson]:
-    """Print the errors of lessons; return the lessons."""
     errors = ", ".join(f"{rms:.3g}" for *_, own in lessons for rms in own)
     print(f"{who}: {errors} N m", flush=True)
     return lessons
 
 
 def main() -> None:
-    """Train and save."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--scene", default="wrist", help="name or file of a device")
     parser.add_argument("--rounds", type=int, default=8)

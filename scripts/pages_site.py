@@ -98,12 +98,8 @@ def rendered(path: Path) -> str:
     if path.suffix == ".py":
         text = f"# {path.name}\n\n```python\n{text}```\n"
     extras = [
-        "fenced-code-blocks",
-        "tables",
-        "header-ids",
-        "cuddled-lists",
-        "footnotes",
-    ]
+        "fenced-code-blocks", "tables", "header-ids", "cuddled-lists", "footnotes",
+    ]  # fmt: skip
     body = str(markdown2.markdown(text, extras=extras))
     # A path may be wider than a narrow screen: it breaks behind its slashes.
     body = re.sub(

@@ -81,7 +81,6 @@ class CanEnd:
         self._link = CanLink(address.other_end(), buses)
 
     def receive(self) -> tuple[bytes, Sender] | None:
-        """See `End`."""
         try:
             data = self._link.receive()
         except (OSError, CableError):  # of the bus, which may come back
@@ -89,12 +88,10 @@ class CanEnd:
         return None if data is None else (data, (self.name, 0))
 
     def send(self, data: bytes, to: Sender) -> None:
-        """See `End`."""
         with contextlib.suppress(OSError, CableError):
             self._link.send(data)
 
     def close(self) -> None:
-        """See `End`."""
         self._link.close()
 
 
@@ -123,14 +120,12 @@ class SwungBench:
         bench.advance(0.0, 0.0, 0.0)  # compiles
 
     def advance(self, torques: Sequence[float]) -> None:
-        """See `Played`."""
         size, along = self._swing * min(1.0, self._time), self._pace * self._time
         turn, speed = math.sin(along), self._pace * math.cos(along)
         self._bench.advance(torques[0], size * turn, size * speed)
         self._time += self.period
 
     def readings(self, statuses: Sequence[Status]) -> list[Readings]:
-        """See `Played`."""
         bench, status = self._bench, statuses[0]
         return [self._instruments.readings(bench.state, bench.joint_torque, status)]
 
@@ -186,13 +181,11 @@ class WornRig:
         ]
 
     def advance(self, torques: Sequence[float]) -> None:
-        """See `Played`."""
         given = dict(zip(self._names, torques, strict=True))
         for _ in range(self._steps):
             self._worn.advance(given)
 
     def readings(self, statuses: Sequence[Status]) -> list[Readings]:
-        """See `Played`."""
         found = []
         for name, own, status in zip(
             self._names, self._instruments, statuses, strict=True
@@ -250,7 +243,6 @@ def _ended(number: int, _: FrameType | None) -> None:
 
 
 def main() -> None:
-    """Play the rig of the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--port", type=int, default=5005)
     parser.add_argument(

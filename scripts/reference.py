@@ -91,7 +91,6 @@ def equations(text: str) -> str:
 
 
 def main() -> None:
-    """Write the reference of the public packages, and the pages around it."""
     for package in PACKAGES:
         if any(part.startswith("_") for part in package.split(".")):
             continue

@@ -81,7 +81,6 @@ class Bridge:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Bridge until the node is shut down."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--motor", required=True, help="joint that the motor turns")
     parser.add_argument("--joint", required=True, help="joint that the cables drive")

@@ -310,7 +310,6 @@ def require(module: str, name: str) -> None:
 
 
 def main() -> None:
-    """Train and save."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--scene", default="wrist", help="name or file of a device")
     parser.add_argument("--algorithm", choices=ALGORITHMS, default="ppo")

@@ -239,7 +239,6 @@ def walk(
 
 
 def main() -> None:
-    """Train and write."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--generations", type=int, default=200)

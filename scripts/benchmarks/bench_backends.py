@@ -38,7 +38,6 @@ ROUNDS = 7  # turns that each backend takes
 
 
 def main() -> None:
-    """Print the tables."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     commands = parser.add_subparsers(required=True)
     agree = commands.add_parser("agree")

@@ -137,7 +137,6 @@ def timed(plan: ExportPlan, read: np.ndarray, repetitions: int) -> str:
 
 
 def main() -> None:
-    """Time every requested controller on every requested scene."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--scene", nargs="+", default=["wrist"])
     parser.add_argument("--duration", type=float, default=5.0)

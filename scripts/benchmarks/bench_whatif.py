@@ -33,15 +33,9 @@ from cc_mujoco.simulation import Single, attended, run
 from cc_mujoco.simulation._rollout import play
 
 EPISODE = (
-    "efficiency",
-    "rms_torque_error",
-    "peak_motor_torque",
-    "peak_motor_power",
-    "slack_margin",
-    "slack_share",
-    "peak_tension",
-    "strength_used",
-)
+    "efficiency", "rms_torque_error", "peak_motor_torque", "peak_motor_power",
+    "slack_margin", "slack_share", "peak_tension", "strength_used",
+)  # fmt: skip
 """Metrics that need the episode alone."""
 
 SAMPLE = 32  # designs that `Batch` steps

@@ -205,7 +205,6 @@ def _refuses(law: str, drive: Drive) -> bool:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Play all rows; print those that do not pass, and how many do."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--scenes", nargs="+", default=SCENES)
     parser.add_argument("--controllers", nargs="+", default=list(CONTROLLERS))

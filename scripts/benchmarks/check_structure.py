@@ -59,7 +59,6 @@ def keep(path: Path, rows: list[tuple[str | float, ...]]) -> None:
 
 
 def main() -> None:
-    """Print the table of every device."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--suite", choices=("v2", "v2-known"), default="v2")
     parser.add_argument("--scenes", nargs="+", default=["wrist", "ankle", "finger"])

@@ -22,13 +22,8 @@ from cc_mujoco.plugin import cables, read, segment_wrap
 
 Array = np.ndarray
 HAND = (
-    "if_tendon0",
-    "mf_tendon0",
-    "rf_tendon0",
-    "pf_tendon0",
-    "th_tendon1",
-    "th_tendon2",
-)
+    "if_tendon0", "mf_tendon0", "rf_tendon0", "pf_tendon0", "th_tendon1", "th_tendon2",
+)  # fmt: skip
 """Driven tendons of the hand."""
 BANDS = ("Exo_LS_RL", "Exo_RS_LL")  # elastic bands of the exosuit on the torso
 
@@ -173,7 +168,6 @@ def report(
 
 
 def main() -> None:
-    """Print the checks of a model."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("kind", choices=["spiral", "hand", "torso"])
     parser.add_argument("file", nargs="?")

@@ -12,14 +12,15 @@ as Markdown.
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
+from kept_cases import findings, kept, words
 from numpy.typing import NDArray
 
 from cc_mujoco.datasets import Bench
@@ -256,28 +257,14 @@ def diagnosed(
     began = time.process_time()
     found = diagnose(scene, out / "data", out / "verdict", axis=axis)
     return {
-        "verdict": found.verdict,
-        "named": [each.id for each in found.missing],
-        "ties": [list(group) for group in found.ties],
-        "values": {
-            key: value.value
-            for each in found.effects
-            for key, value in each.parameters.items()
-        },
-        "baseline": {k: v.value for k, v in found.baseline.parameters.items()},
+        **findings(found),
         "wanted": hidden_values(device.benches[axis], hidden),
-        "gap": {
-            c: (g.noise_floor, g.rmse_before, g.rmse_after)
-            for c, g in found.gap.items()
-        },
-        "statement": found.statement,
         "problems": list(found.problems),
         "seconds": time.process_time() - began,
     }
 
 
 def main(given: Sequence[str] | None = None) -> None:
-    """Command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("axes", nargs="*", help="DEVICE/AXIS, default all")
     parser.add_argument("--out", type=Path, required=True)
@@ -292,17 +279,13 @@ def main(given: Sequence[str] | None = None) -> None:
         scene, axis = place.split("/")
         for hidden in options.hidden:
             folder = options.out / f"{scene} {axis} {hidden}"
-            path = folder / "case.json"
-            if not path.exists():
-                case = diagnosed(folder, scene, axis, hidden, options.seconds)
-                path.write_text(json.dumps(case, indent=1), encoding="utf-8")
-            case = json.loads(path.read_text(encoding="utf-8"))
+            asked = folder, scene, axis, hidden, options.seconds
+            case = kept(folder / "case.json", partial(diagnosed, *asked))
             gaps = [
                 f"{1e3 * before:.3g}, {1e3 * after:.3g} ({1e3 * floor:.3g})"
                 for floor, before, after in case["gap"].values()
             ]
-            said = ", ".join(case["named"]) or "-"
-            rows.append((place, hidden, case["verdict"], said, *gaps))
+            rows.append((place, hidden, *words(case)[:2], *gaps))
             print(*rows[-1], f"{case['seconds']:.0f} s", sep=" | ", flush=True)
     print(
         markdown.table(

@@ -80,7 +80,6 @@ HEAD = "time_s,drum_angle_rad,tension_proximal_n,tension_distal_n"
 
 
 def main() -> None:
-    """Write scene, trials and `dataset.toml`."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("folder", type=Path)
     parser.add_argument("--out", type=Path, default=Path("runs/band"))

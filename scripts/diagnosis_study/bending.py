@@ -78,7 +78,6 @@ class BendingBench(Bench):
         self._where = np.array(elbow.shares)[:, None] * inside / inside.sum()
 
     def advance(self, torque: float, swing: float, rate: float) -> None:
-        """See `Bench`."""
         self._time += self.period
         added = self._elbow.bend(self._time) * self._where
         self.plant.bend[:] = self._straight + added

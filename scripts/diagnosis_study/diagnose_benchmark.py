@@ -234,7 +234,6 @@ def guesses(baseline_fit: BaselineFit, methods: Sequence[str]) -> dict[str, Any]
 
 
 def main() -> None:
-    """Run what is missing and write the table."""
     import study_job  # which imports this module, by its own name
 
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])

@@ -159,11 +159,9 @@ class Lockstep:
         self._new: Readings | None = None
 
     def now(self) -> float:
-        """See `Clock`."""
         return len(self.torques) * self.bench.period
 
     def wait(self, deadline: float) -> None:
-        """See `Clock`."""
         while self.now() < deadline - 0.5 * self.bench.period:
             self.bench.advance(self._torque, *self._swing(self.now()))
             felt = self.bench.joint_torque
@@ -172,14 +170,11 @@ class Lockstep:
             self._new = found._replace(time=self.now())
 
     def read(self) -> Readings | None:
-        """See `Rig`."""
         found, self._new = self._new, None
         return found
 
     def write(self, torque: float) -> None:
-        """See `Rig`."""
         self._torque = torque
 
     def close(self) -> None:
-        """See `Rig`."""
         self._torque = 0.0

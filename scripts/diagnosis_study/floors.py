@@ -11,7 +11,6 @@ something, `--seed` is of the first rig.
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import tempfile
 from collections.abc import Mapping
@@ -19,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from kept_cases import Lines
 from numpy.typing import NDArray
 
 from cc_mujoco.assets import scene_path
@@ -112,7 +112,6 @@ def told(record: Mapping[str, Any]) -> str:
 
 
 def main() -> None:
-    """Fit, print, and keep what was found."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--make", nargs="+", choices=MAKES, default=list(MAKES))
     parser.add_argument("--rigs", type=int, default=10, help="of every make")
@@ -123,10 +122,8 @@ def main() -> None:
         "--out", type=Path, help="JSON lines to append to; rigs in them are not redone"
     )
     options = parser.parse_args()
-    done = set()
-    if options.out and options.out.exists():
-        kept = [json.loads(line) for line in options.out.read_text().splitlines()]
-        done = {(r["make"], r["seed"], r["effect"], r["strength"]) for r in kept}
+    lines = Lines(options.out)
+    done = lines.done("make", "seed", "effect", "strength")
     strength = options.strength if options.effect else 0.0
     for seed in range(options.seed, options.seed + options.rigs):
         for make in options.make:
@@ -134,9 +131,7 @@ def main() -> None:
                 continue
             record = errors_of(make, seed, options.effect, options.strength)
             print(told(record), flush=True)
-            if options.out:
-                with options.out.open("a", encoding="utf-8") as file:
-                    file.write(json.dumps(record) + "\n")
+            lines.add(record)
 
 
 if __name__ == "__main__":

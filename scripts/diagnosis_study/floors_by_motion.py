@@ -88,7 +88,6 @@ def _moments(record: Record, clean: Record) -> Mapping[str, NDArray[np.bool_]]:
 
 
 def main() -> None:
-    """Print a table of all rigs together."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--make", choices=MAKES, default="bristles")
     parser.add_argument("--rigs", type=int, default=10)

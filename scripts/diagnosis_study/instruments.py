@@ -11,13 +11,14 @@ done are kept; the table is printed as Markdown.
 from __future__ import annotations
 
 import argparse
-import json
 import tempfile
 from collections.abc import Callable
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from kept_cases import findings, kept, words
 from numpy.typing import NDArray
 
 from cc_mujoco.assets import scene_path
@@ -101,10 +102,10 @@ KINDS: dict[str, tuple[Callable[[Columns], Columns], str, tuple[str, ...]]] = {
 """Columns, beginning of `dataset.toml`, and recorded loads, by name."""
 
 
-def diagnosed(data: list[Columns], kind: str, seed: int) -> dict[str, Any]:
-    """Write what this rig records and diagnose it."""
+def diagnosed(name: str, kind: str) -> dict[str, Any]:
+    """Write what a rig records and diagnose it."""
     change, head, loads = KINDS[kind]
-    trials = make_trials("rich", seed)
+    data, trials = recorded(name), make_trials("rich", SEED)
     chosen = [k for k, trial in enumerate(trials) if not loads or trial.load in loads]
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder) / "data"
@@ -112,44 +113,38 @@ def diagnosed(data: list[Columns], kind: str, seed: int) -> dict[str, Any]:
         for k in range(len(data)):
             if k not in chosen:
                 (place / f"trial_{k:02d}.csv").unlink()
-        facts = facts_of("rich", seed).split("\n\n")
+        facts = facts_of("rich", SEED).split("\n\n")
         told = [head, *(each for k, each in enumerate(facts) if k in chosen)]
         (place / "dataset.toml").write_text("\n\n".join(told), encoding="utf-8")
         result, _ = infer(Bench.of(scene_path("bench")), [place])
     found = result.diagnosis
     return {
-        "verdict": found.verdict,
-        "named": [each.id for each in found.missing],
-        "ties": [list(group) for group in found.ties],
+        **findings(found),
         "unseen": [each.id for each in found.not_testable],
         "hidden_by": {each.id: each.parameter for each in found.confounded},
-        "statement": found.statement,
     }
 
 
+@cache
+def recorded(name: str) -> list[Columns]:
+    """Return the trials of a rig that hides an effect, with all its sensors."""
+    rig, amounts = make_rig(SEED), {}
+    if name != "none":
+        amounts[name] = calibrate(rig, name, STRENGTH, "rich", SEED)
+    return make_dataset(rig, amounts, "rich", SEED, tensions=True)
+
+
 def main() -> None:
-    """Command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, required=True)
     given = parser.parse_args()
-    given.out.mkdir(parents=True, exist_ok=True)
     rows = []
     for name in HIDDEN:
-        rig, data = make_rig(SEED), None
         for kind in KINDS:
             path = given.out / f"{name}, {kind}.json"
-            if not path.exists():
-                if data is None:
-                    amounts = {}
-                    if name != "none":
-                        amounts[name] = calibrate(rig, name, STRENGTH, "rich", SEED)
-                    data = make_dataset(rig, amounts, "rich", SEED, tensions=True)
-                path.write_text(json.dumps(diagnosed(data, kind, SEED), indent=1))
-            case = json.loads(path.read_text())
-            said = ", ".join(case["named"]) or "-"
-            ties = "; ".join(" or ".join(group) for group in case["ties"]) or "-"
-            by = case["hidden_by"].get(name, "")
-            rows.append((name, kind, case["verdict"], said, ties, by or "-"))
+            case = kept(path, partial(diagnosed, name, kind))
+            by = case["hidden_by"].get(name, "-")
+            rows.append((name, kind, *words(case), by))
             print(*rows[-1], sep=" | ", flush=True)
     head = ("hidden", "known from", "verdict", "named", "ties", "hidden by tuning")
     print(markdown.table(head, rows))

@@ -11,7 +11,6 @@ effects take turns.
 from __future__ import annotations
 
 import argparse
-import json
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,6 +19,7 @@ from typing import Any
 import numpy as np
 from diagnose_benchmark import said, truth_of
 from diagnose_table import exact
+from kept_cases import Lines
 
 from cc_mujoco.assets import scene_path
 from cc_mujoco.datasets import Bench
@@ -98,7 +98,6 @@ def covered(records: Sequence[dict[str, Any]]) -> str:
 
 
 def main() -> None:
-    """Diagnose, print, and keep what was found."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--make", nargs="+", choices=MAKES, default=list(MAKES))
     parser.add_argument("--rigs", type=int, default=10, help="of every make")
@@ -110,10 +109,8 @@ def main() -> None:
         "--out", type=Path, help="JSON lines to append to; rigs in them are not redone"
     )
     options = parser.parse_args()
-    records = []
-    if options.out and options.out.exists():
-        records = [json.loads(line) for line in options.out.read_text().splitlines()]
-    done = {(r["make"], r["seed"], r["strength"]) for r in records}
+    lines = Lines(options.out)
+    done = lines.done("make", "seed", "strength")
     for place in range(options.rigs):
         strength = options.strength[place % len(options.strength)]
         for make in options.make:
@@ -121,12 +118,9 @@ def main() -> None:
             if (make, seed, strength) in done:
                 continue
             record = found_on(make, seed, strength)
-            records.append(record)
+            lines.add(record)
             print(told(record), flush=True)
-            if options.out:
-                with options.out.open("a", encoding="utf-8") as file:
-                    file.write(json.dumps(record) + "\n")
-    print(covered(records))
+    print(covered(lines.records))
 
 
 if __name__ == "__main__":

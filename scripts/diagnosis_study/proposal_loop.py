@@ -366,7 +366,6 @@ def read(path: Path) -> list[dict[str, str]]:
 
 
 def main() -> None:
-    """Run the rigs that have no row yet, and print the rates."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument(
         "--effects", nargs="+", default=["static"],

@@ -206,7 +206,6 @@ def row(out: Path, name: str, make: str, seed: int) -> list[str]:
 
 
 def main() -> None:
-    """Make and diagnose the cases, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--out", type=Path, default=Path("runs/rare"))
     parser.add_argument("--only", nargs="+", choices=HIDDEN, default=list(HIDDEN))

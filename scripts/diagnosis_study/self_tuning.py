@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import json
 import math
 import warnings
 from collections.abc import Mapping
@@ -26,6 +25,7 @@ from typing import Any
 import numpy as np
 from bending import BEND, PLACES, STRAIN, BendingBench, Elbow, Quality, Taps
 from driven import Array, Lockstep, Swing
+from kept_cases import Lines
 from tqdm import tqdm
 
 from cc_mujoco._utils.atomic_io import replacing
@@ -105,13 +105,11 @@ class Equipped(Controller):
         self.reset()
 
     def reset(self, where: Any = None) -> None:
-        """See `Controller.reset`."""
         self._law.reset(where)
         self._calls = 0
         self._bends = self._taps.read(self._bench)[0]
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
-        """See `Controller.torque`."""
         bends, tensions = self._taps.read(self._bench)
         share = -math.expm1(-2.0 * math.pi * CUTOFF * PERIOD)
         self._bends += share * (bends - self._bends)
@@ -303,18 +301,14 @@ def draw(records: list[Mapping[str, Any]], path: Path) -> None:
 
 
 def main() -> None:
-    """Play what is missing; write table and figure."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--seeds", nargs="+", type=int, default=SEEDS)
     parser.add_argument("--variants", nargs="+", choices=VARIANTS, default=[*VARIANTS])
     parser.add_argument("--out", type=Path, default=Path("runs", "self_tuning"))
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
-    kept = given.out / KEPT
-    records: list[Mapping[str, Any]] = []
-    if kept.exists():
-        records = [json.loads(line) for line in kept.read_text().splitlines()]
-    done = {(r["variant"], r["world"], r["seed"]) for r in records}
+    lines = Lines(given.out / KEPT)
+    records, done = lines.records, lines.done("variant", "world", "seed")
     cases = [
         case
         for seed in given.seeds
@@ -323,10 +317,7 @@ def main() -> None:
         if (case := (name, world, seed)) not in done
     ]
     for case in tqdm(cases, unit="task", **progress_options()):
-        record = played(*case)
-        records.append(record)
-        with kept.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(record) + "\n")
+        lines.add(played(*case))
     with replacing(given.out / TABLE) as partial:
         partial.write_text(told(records), encoding="utf-8")
     draw(records, given.out / FIGURE)

@@ -11,14 +11,15 @@ kept; the table is printed as Markdown.
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from kept_cases import findings, kept, words
 from numpy.typing import NDArray
 
 from cc_mujoco.assets import scene_path
@@ -154,45 +155,26 @@ def diagnosed(rig: str, name: str, seed: int) -> dict[str, Any]:
     bench = Bench.of(scene_path("finger"))
     began = time.process_time()
     found = run_inference(data, bench).diagnosis
-    gaps = {
-        c: (g.noise_floor, g.rmse_before, g.rmse_after) for c, g in found.gap.items()
-    }
+    missing = {each.id for each in found.missing}
     return {
-        "verdict": found.verdict,
-        "named": [each.id for each in found.missing],
-        "refined": [e.id for e in found.effects if e.id not in
-                    {m.id for m in found.missing}],
-        "ties": [list(group) for group in found.ties],
-        "values": {
-            key: value.value
-            for each in found.effects
-            for key, value in each.parameters.items()
-        },
-        "baseline": {k: v.value for k, v in found.baseline.parameters.items()},
-        "gap": gaps,
+        **findings(found),
+        "refined": [e.id for e in found.effects if e.id not in missing],
         "unseen": {each.id: each.reason for each in found.not_testable},
-        "statement": found.statement,
         "seconds": time.process_time() - began,
-    }  # fmt: skip
+    }
 
 
 def main() -> None:
-    """Command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
-    given.out.mkdir(parents=True, exist_ok=True)
     rows = []
     for name in HIDDEN:
         for rig in ("closed forms", "MuJoCo"):
             path = given.out / f"{name}, {rig}, {given.seed}.json"
-            if not path.exists():
-                path.write_text(json.dumps(diagnosed(rig, name, given.seed), indent=1))
-            case = json.loads(path.read_text())
-            said = ", ".join(case["named"]) or "-"
-            ties = "; ".join(" or ".join(group) for group in case["ties"]) or "-"
-            rows.append((name, rig, case["verdict"], said, ties))
+            case = kept(path, partial(diagnosed, rig, name, given.seed))
+            rows.append((name, rig, *words(case)))
             print(*rows[-1], f"{case['seconds']:.0f} s", sep=" | ", flush=True)
     print(markdown.table(("hidden", "rig", "verdict", "named", "ties"), rows))
 

@@ -180,7 +180,6 @@ def conclusion(fixed: Cycle, moving: Cycle) -> str:
 
 
 def main() -> None:
-    """Simulate, draw and conclude."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("out", type=figure_path)
     out = parser.parse_args().out

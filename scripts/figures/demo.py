@@ -157,7 +157,6 @@ def draw(found: dict[str, Played], out: Path) -> None:
 
 
 def main() -> None:
-    """Play, draw, print."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--out", type=figure_path, default="controllers.png")
     parser.add_argument("--record", type=Path, help="folder for the last of the three")

@@ -231,7 +231,6 @@ def takes_of(options: argparse.Namespace) -> dict[str, Take]:
 
 
 def main() -> None:
-    """Play, draw and write."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("out", type=film_path)
     parser.add_argument("--scene", help="name or file of a device")

@@ -32,21 +32,10 @@ STYLE = {
 """Style of the pictures."""
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 NAMES = (
-    "cable_in_mjcf",
-    "tendon_friction",
-    "own_exoskeleton",
-    "own_environment",
-    "own_controller",
-    "own_task",
-    "own_metric",
-    "own_effect",
-    "what_if",
-    "search",
-    "diagnose_csv",
-    "play_policy",
-    "train_ppo",
-    "rig_in_the_loop",
-)
+    "cable_in_mjcf", "tendon_friction", "own_exoskeleton", "own_environment",
+    "own_controller", "own_task", "own_metric", "own_effect", "what_if", "search",
+    "diagnose_csv", "play_policy", "train_ppo", "rig_in_the_loop",
+)  # fmt: skip
 """The examples, in the order of their page."""
 
 
@@ -64,14 +53,12 @@ def drawn(name: str) -> Figure:
 
 
 def picture(figure: Figure) -> Image.Image:
-    """Return a picture of a figure."""
     file = io.BytesIO()
     figure.savefig(file, format="png")
     return Image.open(file).convert("RGB")
 
 
 def main() -> None:
-    """Draw all, or those that are named."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("names", nargs="*", help=", ".join(NAMES))
     for name in parser.parse_args().names or NAMES:

@@ -72,13 +72,9 @@ def photograph(
             for j, color in enumerate(colors):
                 geom = scene.geoms[scene.ngeom]
                 mujoco.mjv_initGeom(
-                    geom,
-                    mujoco.mjtGeom.mjGEOM_CAPSULE,
-                    np.zeros(3),
-                    np.zeros(3),
-                    np.zeros(9),
-                    color.astype(np.float32) / 255.0,
-                )
+                    geom, mujoco.mjtGeom.mjGEOM_CAPSULE, np.zeros(3), np.zeros(3),
+                    np.zeros(9), color.astype(np.float32) / 255.0,
+                )  # fmt: skip
                 mujoco.mjv_connector(
                     geom,
                     mujoco.mjtGeom.mjGEOM_CAPSULE,
@@ -97,7 +93,6 @@ def highest(log: EpisodeLog) -> float:
 
 
 def main() -> None:
-    """Draw and write."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("out", type=figure_path)
     parser.add_argument("--scene", default="wrist", help="device: name or file")

@@ -17,7 +17,6 @@ from cc_mujoco.report import COLORS, figure, save, style
 
 
 def main() -> None:
-    """Read, draw, conclude."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("folders", type=Path, nargs="+")
     parser.add_argument("--out", type=Path, required=True)

@@ -122,7 +122,6 @@ def draw(path: Path, seen: Swing) -> None:
 
 
 def main() -> None:
-    """Simulate, draw and conclude."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("out", type=figure_path)
     out = parser.parse_args().out

@@ -82,7 +82,6 @@ def picture(count: int = 6) -> NDArray[np.uint8]:
 
 
 def main() -> None:
-    """Print the table, or draw."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--picture", type=Path)
     options = parser.parse_args()

@@ -11,7 +11,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from whatif_study import studied
+from whatif_study import grid, studied
 
 from cc_mujoco.report import BLACK, COLORS, TENSION_COLORS, figure, save, style
 
@@ -22,7 +22,6 @@ LINES = (1.0, 2.0, 3.0, 5.0)  # contour lines of equal backlash [deg]
 
 
 def main() -> None:
-    """Run the study, draw, conclude."""
     table, out = studied(
         __doc__,
         "whatif_loops",
@@ -31,8 +30,8 @@ def main() -> None:
         vary={"friction": FRICTION, "loops": LOOPS, "static_friction": 0.0},
         metrics=["held_backlash"],
     )
-    width = table["held_backlash"].to_numpy(zero_copy_only=False)
-    backlash = np.degrees(width).reshape(FRICTION.size, LOOPS.size)
+    width = grid(table, "held_backlash", FRICTION.size, LOOPS.size)
+    backlash = np.degrees(width)
     draw(backlash, out)
     print(conclusion(backlash))
 

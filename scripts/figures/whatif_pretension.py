@@ -12,18 +12,17 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
-from whatif_study import studied
+from whatif_study import grid, studied
 
 from cc_mujoco.report import COLORS, DASH_PATTERN, GREY, figure, save, set_ticks, style
 
 FRICTION = (0.015, 0.05, 0.1)
 PRETENSION = np.geomspace(1.0, 60.0, 14)
+SHAPE = len(FRICTION), PRETENSION.size
 RESERVE = 1.0  # least tension that is wanted anywhere [N]
 
 
 def main() -> None:
-    """Run the study, draw, conclude."""
     table, out = studied(
         __doc__,
         "whatif_pretension",
@@ -40,7 +39,9 @@ def main() -> None:
         duration=6.0,
         metrics=["reflected_torque", "slack_margin"],
     )
-    reflected, margin = (_grid(table, n) for n in ("reflected_torque", "slack_margin"))
+    reflected, margin = (
+        grid(table, n, *SHAPE) for n in ("reflected_torque", "slack_margin")
+    )
     least = [_least(row) for row in margin]
     draw(reflected, margin, least, out)
     print(conclusion(reflected, least))
@@ -107,11 +108,6 @@ def conclusion(reflected: np.ndarray, least: list[float]) -> str:
         f"{FRICTION[-1]:g}: a better liner buys transparency twice, by rubbing less "
         "and by needing less tension."
     )
-
-
-def _grid(table: pa.Table, name: str) -> np.ndarray:
-    values = table[name].to_numpy(zero_copy_only=False)
-    return np.asarray(values).reshape(len(FRICTION), PRETENSION.size)
 
 
 def _least(margin: np.ndarray) -> float:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 from scipy.stats import spearmanr
-from whatif_study import studied
+from whatif_study import grid, studied
 
 from cc_mujoco.design import StudySpec, episodes, make_plan
 from cc_mujoco.device import Plant, load_device
@@ -24,6 +24,7 @@ from cc_mujoco.simulation._rollout import play
 
 DRUM = np.linspace(0.01, 0.05, 9)
 LEVER = np.linspace(0.06, 0.18, 7)
+SHAPE = LEVER.size, DRUM.size
 HOW: dict[str, Any] = {
     "duration": 5.0,
     "metrics": (
@@ -36,7 +37,6 @@ HOW: dict[str, Any] = {
 
 
 def main() -> None:
-    """Run the study, draw, conclude."""
     table, out = studied(
         __doc__,
         "whatif_ratio",
@@ -63,7 +63,7 @@ def draw(table: pa.Table, out: Path) -> None:
             drawing.subplots(2, 2).ravel(), panels.items(), strict=True
         ):
             image = axes.pcolormesh(
-                1e3 * DRUM, 1e3 * LEVER, _grid(table, name), shading="nearest",
+                1e3 * DRUM, 1e3 * LEVER, grid(table, name, *SHAPE), shading="nearest",
                 cmap=TENSION_COLORS,
             )  # fmt: skip
             for ratio in (2, 3, 5, 10):
@@ -87,8 +87,14 @@ def draw(table: pa.Table, out: Path) -> None:
 
 def conclusion(table: pa.Table) -> str:
     """Return three sentences, with numbers from the study."""
-    torque, power = _grid(table, "peak_motor_torque"), _grid(table, "peak_motor_power")
-    error, tension = _grid(table, "rms_torque_error"), _grid(table, "peak_tension")
+    torque, power = (
+        grid(table, "peak_motor_torque", *SHAPE),
+        grid(table, "peak_motor_power", *SHAPE),
+    )
+    error, tension = (
+        grid(table, "rms_torque_error", *SHAPE),
+        grid(table, "peak_tension", *SHAPE),
+    )
     ratio = LEVER[:, None] / DRUM
     steep = np.polyfit(np.log(ratio).ravel(), np.log(torque).ravel(), 1)[0]
     lever = np.polyfit(np.log(LEVER), np.log(tension.mean(axis=1)), 1)[0]
@@ -118,11 +124,6 @@ def racing(lever: float, drum: float) -> float:
     power = columns["motor_torque_nm"][0] * columns["motor_velocity_rad_s"][0]
     slack = columns["least_tension_n"][0, 0] <= 0.0
     return float(np.mean(slack[power > 0.5 * power.max()]))
-
-
-def _grid(table: pa.Table, name: str) -> np.ndarray:
-    values = table[name].to_numpy(zero_copy_only=False)
-    return np.asarray(values).reshape(LEVER.size, DRUM.size)
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
-from whatif_study import studied
+from whatif_study import grid, studied
 
 from cc_mujoco.report import BLUE, GREY, ORANGE, figure, save, style
 
@@ -37,6 +37,7 @@ ROUTES = (
 )
 """Lengths and wraps but the first are assumed, for a wearer of 1.75 m."""
 FRICTION = (0.05, 0.1, 0.15)
+SHAPE = len(ROUTES), len(FRICTION)
 PANELS = {
     "efficiency": "Efficiency [1]",
     "peak_motor_power": "Peak motor power [W]",
@@ -46,21 +47,15 @@ PANELS = {
 
 
 def main() -> None:
-    """Run the study, draw, conclude."""
     designs = [
         {"conduit": f"{r.length!r}:{r.length / r.wrap!r}", "friction": friction}
         for r in ROUTES
         for friction in FRICTION
     ]
     table, out = studied(
-        __doc__,
-        "whatif_route",
-        len(designs),
-        scene="ankle",
-        designs=designs,
-        duration=5.0,
-        metrics=tuple(PANELS),
-    )
+        __doc__, "whatif_route", len(designs), scene="ankle", designs=designs,
+        duration=5.0, metrics=tuple(PANELS),
+    )  # fmt: skip
     draw(table, out)
     print(conclusion(table))
 
@@ -72,7 +67,7 @@ def draw(table: pa.Table, out: Path) -> None:
         panels = drawing.subplots(1, len(PANELS), sharey=True)
         places = np.arange(len(ROUTES))
         for axes, (name, title) in zip(panels, PANELS.items(), strict=True):
-            low, middle, high = _grid(table, name).T
+            low, middle, high = grid(table, name, *SHAPE).T
             axes.barh(places, middle, color=BLUE, height=0.6)
             axes.hlines(places, low, high, color=GREY, linewidth=1.2)
             axes.plot(low, places, "|", color=ORANGE, markersize=9,
@@ -92,7 +87,7 @@ def draw(table: pa.Table, out: Path) -> None:
 
 def conclusion(table: pa.Table) -> str:
     """Return three sentences, with numbers from the study."""
-    share, power, error, felt = (_grid(table, name) for name in PANELS)
+    share, power, error, felt = (grid(table, name, *SHAPE) for name in PANELS)
     tight, thigh = 1, len(ROUTES) - 1
     return (
         f"With the motor on the thigh instead of a stand the conduit wraps "
@@ -108,11 +103,6 @@ def conclusion(table: pa.Table) -> str:
         f"{felt[:, 1].min():.2f} to {felt[:, 1].max():.2f} N m at friction "
         f"{FRICTION[1]:g}, for a shorter cable rubs less and is stiffer."
     )
-
-
-def _grid(table: pa.Table, name: str) -> np.ndarray:
-    values = table[name].to_numpy(zero_copy_only=False)
-    return np.asarray(values).reshape(len(ROUTES), len(FRICTION))
 
 
 if __name__ == "__main__":

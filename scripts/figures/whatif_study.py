@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 from tqdm import tqdm
 
@@ -36,3 +37,8 @@ def studied(
             progress=lambda done: bar.update(done - bar.n),
         )
     return table, given.out
+
+
+def grid(table: pa.Table, name: str, *shape: int) -> np.ndarray:
+    """Return a metric over the variables of a study."""
+    return np.array(table[name].to_numpy(zero_copy_only=False)).reshape(shape)

@@ -7,10 +7,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+else:  # imported where one is drawn
+    Axes = Figure = object
 
 Verdict = Literal["agrees", "better", "in part", "disagrees", "cannot", "misprint"]
 
@@ -31,6 +35,11 @@ class Claim:
     why: str  # one sentence
     # whether `ours` holds times or speed ratios, which differ from run to run
     timed: bool = False
+
+
+def rms(values: ArrayLike) -> float:
+    """Return the root of the mean square."""
+    return float(np.sqrt(np.mean(np.asarray(values) ** 2)))
 
 
 def round_down_ratio(ratio: float) -> str:

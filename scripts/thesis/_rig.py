@@ -10,6 +10,7 @@ is off there, since by (2.17) its effect is one of the mesh.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,8 @@ import numpy as np
 from cc_mujoco.cable import Cable, Section, Transmission
 from cc_mujoco.metrics._signals import loop_width
 from cc_mujoco.native import FloatArray
+from cc_mujoco.report._figures import COLORS, DASH_PATTERN, GREY
+from thesis._outcome import Axes
 
 LENGTH = 2.0  # length of each conduit [m]
 STIFFNESS = 2000.0  # stiffness of a whole cable, K of Table 2.2 [N/m]; EA = K L
@@ -100,3 +103,25 @@ def blocked_output_test(cable: Cable) -> Blocked:
         loop_width(torque[late], output[late]) if moves else math.nan,
         lost / cycles,
     )
+
+
+def blocked_table(found: Mapping[str, Blocked]) -> dict[str, FloatArray]:
+    """Return the recordings by the end of their column's name, every tenth sample."""
+    time, torque = chopped_triangle()
+    rows = {f"output_torque_{n}_nm": row.joint_torque for n, row in found.items()}
+    columns = {"time_s": time, "motor_torque_nm": torque, **rows}
+    return {name: values[::10] for name, values in columns.items()}
+
+
+def draw_blocked(
+    axes: Axes, found: Mapping[str, Blocked], title: str, ideal: str | None = None
+) -> None:
+    """Draw the loops of output over motor torque by label, and the ideal line."""
+    time, torque = chopped_triangle()
+    late = time > 15.0
+    for (label, row), color in zip(found.items(), COLORS, strict=False):
+        axes.plot(torque[late], row.joint_torque[late], color=color, label=label)
+    out = HANDLE_RADIUS / MOTOR_RADIUS * torque[late]
+    axes.plot(torque[late], out, color=GREY, dashes=DASH_PATTERN, label=ideal)
+    axes.set(title=title, xlabel="motor torque [N m]", ylabel="output torque [N m]")
+    axes.legend()

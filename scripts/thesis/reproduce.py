@@ -201,7 +201,6 @@ def _summarize(out: Path) -> None:
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Run what is not done yet; print a line for every claim."""
     listed = "\n".join(f"  {name:12} {what}" for name, what in EXPERIMENTS.items())
     parser = argparse.ArgumentParser(
         description="Run the experiments of the thesis again.",
@@ -226,13 +225,9 @@ def main(words: Sequence[str] | None = None) -> int:
 
         try:
             reproduce(
-                options.names,
-                options.out,
-                again=options.again,
-                progress=advance,
-                finished=_show,
-                say=tqdm.write,
-            )
+                options.names, options.out, again=options.again, progress=advance,
+                finished=_show, say=tqdm.write,
+            )  # fmt: skip
         except CableError as error:
             print(f"reproduce: {error}", file=sys.stderr)
             return 2

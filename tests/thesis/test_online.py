@@ -7,8 +7,6 @@ import pytest
 
 from cc_mujoco.cable import replay
 from cc_mujoco.estimation import EstimateTrack
-from thesis._experiments import online_estimates as estimates
-from thesis._experiments import online_laws as laws
 from thesis._experiments import online_runs as runs
 from thesis._experiments.online import claim_law, claim_stiffness
 
@@ -48,7 +46,7 @@ def test_winding_cable_has_the_same_wrap() -> None:
 
 def test_locked_output_leaves_the_motion_partial() -> None:
     cable = runs.CABLE.replace(segments=50, pretension=20.0)
-    data = runs.simulate(cable, runs.pulls(5.0, estimates.PULL_DEPTH), seed=1)
+    data = runs.simulate(cable, runs.pulls(5.0, runs.PULL_DEPTH), seed=1)
     assert np.all(data.direction[:, -1] == 0) and np.any(data.direction != 0)
 
 
@@ -62,7 +60,7 @@ def test_following_measures_settling_error_and_coverage() -> None:
 
 
 def test_slopes_of_the_model_leave_the_line_with_friction() -> None:
-    found = laws.slopes()
+    found = runs.slopes()
     assert np.all(np.diff(found.ratio) > 0.2)
     assert found.ratio[0] < 0.9 and found.ratio[-1] > 1.1
     # A straight line through an exponential profile misses its ends.
@@ -70,11 +68,11 @@ def test_slopes_of_the_model_leave_the_line_with_friction() -> None:
 
 
 def test_printed_law_needs_the_sign_of_motion_and_integration() -> None:
-    left = laws.laws(duration=12.0).left
+    left = runs.laws(duration=12.0).left
     printed, signed, summed, ours = left.values()
     assert printed > 0.9 and signed > 0.5
     assert summed < 0.2 and ours < 0.01
-    assert -0.05 < laws.bias() < -0.01
+    assert -0.05 < runs.bias() < -0.01
 
 
 @pytest.mark.parametrize(
@@ -84,16 +82,16 @@ def test_printed_law_needs_the_sign_of_motion_and_integration() -> None:
 def test_verdict_on_the_law_follows_the_numbers(
     printed: float, summed: float, verdict: str
 ) -> None:
-    left = dict(zip([*laws.LAWS, "ours"], [printed, 0.7, summed, 0.0], strict=True))
-    assert claim_law(laws.PrintedLaws(np.zeros(1), {}, left, -0.02)).verdict == verdict
+    left = dict(zip([*runs.LAWS, "ours"], [printed, 0.7, summed, 0.0], strict=True))
+    assert claim_law(runs.PrintedLaws(np.zeros(1), {}, left, -0.02)).verdict == verdict
 
 
 def test_friction_that_grows_is_followed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(estimates, "DRIFT_START", 3.0)
-    truth = estimates.simulate_wear(duration=38.0)
+    monkeypatch.setattr(runs, "DRIFT_START", 3.0)
+    truth = runs.simulate_wear(duration=38.0)
     friction = MU * truth.factor
     found = runs.tracking_statistics(
-        truth.time, *estimates.estimate_recursively(truth), friction
+        truth.time, *runs.estimate_recursively(truth), friction
     )
     assert found.settled < 2.0
     # Drift is five times faster here: the error is lag, and stated.
@@ -102,7 +100,7 @@ def test_friction_that_grows_is_followed(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_stiffness_is_found_in_partial_motion_and_refused_in_mass_motion() -> None:
-    found = estimates.estimate_softening(duration=24.0)
+    found = runs.estimate_softening(duration=24.0)
     late = found.time > 10.0
     error = found.found.value[late & (found.time < runs.DRIFT_START)] / 4000.0 - 1.0
     assert np.max(np.abs(error)) < 0.02
@@ -115,7 +113,7 @@ def test_stiffness_is_found_in_partial_motion_and_refused_in_mass_motion() -> No
 
 
 def test_bend_is_found_from_a_uniform_start() -> None:
-    found = estimates.estimate_bends(duration=22.0)
+    found = runs.estimate_bends(duration=22.0)
     assert found.before < 0.03
     assert np.ptp(found.truth[0]) > 0.5 * np.mean(found.truth[0])
     assert found.found.value[0] == pytest.approx(np.full(19, found.start), rel=1e-6)

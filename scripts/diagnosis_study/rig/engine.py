@@ -23,21 +23,10 @@ the cables on the motor pulley [rad]."""
 RECORD_TIME = 2e-4  # time between two records [s]; a record is the mean over it
 COMMAND_TIME = 1e-3  # time between two rows of a motion that is asked for [s]
 COLUMNS = (
-    "motor_angle",
-    "motor_torque",
-    "joint_angle",
-    "joint_torque",
-    "joint_speed",
-    "tension_a_proximal",
-    "tension_b_proximal",
-    "tension_a_distal",
-    "tension_b_distal",
-    "work_in",
-    "work_out",
-    "work_friction",
-    "work_damping",
-    "energy_stored",
-)
+    "motor_angle", "motor_torque", "joint_angle", "joint_torque", "joint_speed",
+    "tension_a_proximal", "tension_b_proximal", "tension_a_distal", "tension_b_distal",
+    "work_in", "work_out", "work_friction", "work_damping", "energy_stored",
+)  # fmt: skip
 """Columns of the records. The works are integrals from the start [J]: of the cables on
 the motor's pulley, of the cables on the joint's pulley, of all friction, of strand
 damping; the energy is that of strain and motion of both cables."""

@@ -13,7 +13,7 @@ figure shows, is the best at the output of five that were tried on this very mot
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,7 @@ from cc_mujoco.device._sensors import Sensors
 from cc_mujoco.estimation._fusion import TensionFusion, tension_gains
 from cc_mujoco.native import FloatArray
 from cc_mujoco.report._figures import BLACK, BLUE, COLORS, GREEN, ORANGE, PINK, figure
-from thesis._outcome import Claim, ExperimentOutcome, Progress, Verdict
+from thesis._outcome import Claim, ExperimentOutcome, Figure, Progress, Verdict, rms
 from thesis._rig import PRINTED_CABLE
 from thesis.estimators._consensus import Choice, SensorConsensus
 from thesis.estimators._directions import (
@@ -35,9 +35,6 @@ from thesis.estimators._directions import (
 )
 from thesis.estimators._extrapolation import CONDITIONS, Moment
 from thesis.estimators._observer import CableObserver
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 SEGMENTS = 10
 CABLE = PRINTED_CABLE.replace(static_friction=0.0, segments=SEGMENTS)
@@ -150,7 +147,7 @@ class _Run(NamedTuple):
 
     def rms(self, name: str) -> float:
         """Return the RMS error of the output tension [N]."""
-        return _rms(self.output[name] - self.truth)
+        return rms(self.output[name] - self.truth)
 
 
 def observer_name(agility: float) -> str:
@@ -185,7 +182,7 @@ def simulate_run(seconds: float = 6.0) -> _Run:
         ]
         found = np.array([row[0] for row in rows])
         output[name] = found[:, -1]
-        everywhere[name] = _rms(found - true.tension)
+        everywhere[name] = rms(found - true.tension)
         right[name] = _agreement_share([row[1] for row in rows], true.direction)
     for agility in AGILITIES:
         observer = CableObserver(RUN_CABLE, sensors, DT, agility=agility)
@@ -196,11 +193,11 @@ def simulate_run(seconds: float = 6.0) -> _Run:
         name = observer_name(agility)
         found = np.array([row[0] for row in seen])
         output[name] = found[:, -1]
-        everywhere[name] = _rms(found - true.tension)
+        everywhere[name] = rms(found - true.tension)
         right[name] = _agreement_share([row[1] for row in seen], true.direction)
     found = known.over(reading, true.direction).tension
     output["directions known"] = found[:, -1]
-    everywhere["directions known"] = _rms(found - true.tension)
+    everywhere["directions known"] = rms(found - true.tension)
     right["directions known"] = 1.0
     return _Run(time, true.tension[:, -1], output, everywhere, right)
 
@@ -310,10 +307,6 @@ def _consensus_verdict(vote: float, at_once: float) -> Verdict:
     if vote < RUN_NOISE:
         return "agrees"
     return "in part" if at_once < RUN_NOISE else "disagrees"
-
-
-def _rms(error: FloatArray) -> float:
-    return float(np.sqrt(np.mean(error**2)))
 
 
 def _excess_error(found: _Votes) -> tuple[float, float]:

@@ -9,19 +9,14 @@ displacement follow from the measured ends alone.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.native import FloatArray
 from cc_mujoco.report._figures import BLUE, COLORS, GREY, ORANGE, figure
 from thesis._literal_solver import Constraint, sign_patterns, solve
-from thesis._outcome import Claim, ExperimentOutcome, Progress
+from thesis._outcome import Axes, Claim, ExperimentOutcome, Progress
 from thesis._rig import PRINTED_CABLE
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 CABLE = PRINTED_CABLE.replace(friction=0.1, static_friction=0.0)
 TENSION = 10.0

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from cc_mujoco.cable import Cable
 from cc_mujoco.report._figures import (
-    COLORS,
-    DASH_PATTERN,
     GREEN,
     GREY,
     ORANGE,
@@ -15,36 +14,32 @@ from cc_mujoco.report._figures import (
 )
 from thesis._outcome import Claim, ExperimentOutcome, Progress
 from thesis._rig import (
-    HANDLE_RADIUS,
-    MOTOR_RADIUS,
     RECONCILED_CABLE,
     Blocked,
     blocked_output_test,
-    chopped_triangle,
+    blocked_table,
     conduit_in_loops,
+    draw_blocked,
     onset_torque,
 )
 
 LOOPS = (1, 2, 3)
 
 
+def _cable(loops: float) -> Cable:
+    return RECONCILED_CABLE.replace(conduit=conduit_in_loops(loops))
+
+
 def run(progress: Progress) -> ExperimentOutcome:
     """Play one to three loops at constant pretension."""
     found: dict[int, Blocked] = {}
     for number in LOOPS:
-        found[number] = blocked_output_test(
-            RECONCILED_CABLE.replace(conduit=conduit_in_loops(number))
-        )
+        found[number] = blocked_output_test(_cable(number))
         progress(number / (len(LOOPS) + 1))
     rows = list(found.values())
     efficiency = [row.efficiency for row in rows]
     backlash = np.array([row.backlash for row in rows])
-    expected = np.array(
-        [
-            2.0 * onset_torque(RECONCILED_CABLE.replace(conduit=conduit_in_loops(n)))
-            for n in LOOPS
-        ]
-    )
+    expected = np.array([2.0 * onset_torque(_cable(n)) for n in LOOPS])
     apart = float(np.max(np.abs(backlash / expected - 1.0)))
     claims = (
         Claim(
@@ -76,32 +71,12 @@ def run(progress: Progress) -> ExperimentOutcome:
             "14 % more wrap than one loop; perhaps the leads to the mounts are bent",
         ),
     )
-    time, torque = chopped_triangle()
-    late = time > 15.0
-    ratio = HANDLE_RADIUS / MOTOR_RADIUS
     drawing = figure(11.0, 4.2)
     loop, chart = drawing.subplots(1, 2)
-    for (number, row), color in zip(found.items(), COLORS, strict=False):
-        label = f"{number} loop{'s' if number > 1 else ''}"
-        loop.plot(torque[late], row.joint_torque[late], color=color, label=label)
-    loop.plot(
-        torque[late],
-        ratio * torque[late],
-        color=GREY,
-        dashes=DASH_PATTERN,
-        label="ideal",
-    )
-    loop.set(
-        title="Output locked: more loops, wider loop",
-        xlabel="motor torque [N m]",
-        ylabel="output torque [N m]",
-    )
-    loop.legend()
+    named = {f"{n} loop{'s' if n > 1 else ''}": row for n, row in found.items()}
+    draw_blocked(loop, named, "Output locked: more loops, wider loop", "ideal")
     many = np.linspace(0.0, 3.2, 50)[1:]
-    curve = [
-        2.0 * onset_torque(RECONCILED_CABLE.replace(conduit=conduit_in_loops(n)))
-        for n in many
-    ]
+    curve = [2.0 * onset_torque(_cable(n)) for n in many]
     chart.plot(many, curve, color=GREY, label="width, from the arrival of the front")
     chart.plot(LOOPS, backlash, "o", color=ORANGE, label="width, simulated")
     chart.set(
@@ -116,9 +91,7 @@ def run(progress: Progress) -> ExperimentOutcome:
     right.set(ylabel="efficiency [%]  (green squares)", ylim=(0.0, 100.0))
     right.grid(False)
     chart.legend(loc="upper left")
-    table = {"time_s": time[::10], "motor_torque_nm": torque[::10]}
-    for number, row in found.items():
-        table[f"output_torque_{number}_nm"] = row.joint_torque[::10]
+    table = blocked_table({str(number): row for number, row in found.items()})
     summary = {
         "loops": np.array(LOOPS),
         "efficiency": np.array(efficiency),

@@ -8,14 +8,14 @@ the capstan ratio of the other, e^-1.5, bounds the efficiency.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from cc_mujoco.cable import Cable
 from cc_mujoco.native import FloatArray
 from cc_mujoco.report._figures import BLUE, GREEN, GREY, ORANGE, figure
-from thesis._outcome import Claim, ExperimentOutcome, Progress
+from thesis._outcome import Axes, Claim, ExperimentOutcome, Progress
 from thesis._rig import (
     DT,
     MOTOR_RADIUS,
@@ -27,9 +27,6 @@ from thesis._rig import (
     drive,
     onset_torque,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 COULOMB = PRINTED_CABLE.replace(static_friction=0.0)
 FRICTIONS = np.geomspace(0.003, 0.21, 15)

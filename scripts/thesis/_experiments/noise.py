@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import itertools
 import time as clock
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -31,6 +31,7 @@ from cc_mujoco.report._figures import (
     set_ticks,
 )
 from thesis._outcome import (
+    Axes,
     Claim,
     ExperimentOutcome,
     Progress,
@@ -51,9 +52,6 @@ from thesis.estimators._noise_covariance import (
     trend_model,
 )
 from thesis.estimators._sensor_noise import SensorNoise
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 SEGMENTS = 10
 CABLE = PRINTED_CABLE.replace(static_friction=0.0, segments=SEGMENTS, pretension=20.0)

@@ -4,20 +4,34 @@ Chosen, because the text gives none: the cable of Table 2.2 with its kinetic fri
 and 40 N of pretension, which keeps it taut; strokes of the motor end of 30 mm in 4 s
 that the output follows with 20 mm; 100 samples a second; a sensor at each of the 11
 nodes of 3.2.1 with 1 N of white noise. Truth is this package's kernel.
+
+Then Fig. 3.9 with the update law that the thesis proposes from it, and the estimators
+of 3.2.3, each from a wrong start and behind a slow drift.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from cc_mujoco.cable import PARAMETERS, Cable, Section, rest_state
 from cc_mujoco.cable import _kernel as kernel
+from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.device._sensors import Sensors
+from cc_mujoco.estimation._tension_slope import FrictionEstimator
+from cc_mujoco.estimation._fusion import tension_gains
+from cc_mujoco.estimation._tracks import EstimateTrack
 from cc_mujoco.native import FloatArray
+from thesis._outcome import rms
 from thesis._rig import PRINTED_CABLE
+from thesis.estimators._bend_estimator import Bend, BendEstimator
+from thesis.estimators._slope_law import SlopeLaw
+from thesis.estimators._stiffness import StiffnessEstimator
+from thesis.estimators._unscented import UnscentedEstimator
 
 DT = 0.01
 PERIOD = 4.0  # period of a stroke to and fro [s]
@@ -148,3 +162,272 @@ def tracking_statistics(
         float(np.sqrt(np.mean(stated**2))),
         float(np.mean(np.abs(error) < 2.0 * stated)),
     )
+
+
+GAINS = np.geomspace(1e-5, 1e-1, 13)  # gains of the printed law [1/N]
+
+
+class MassMotion(NamedTuple):
+    """Fig. 3.9: one instant of mass motion towards the motor."""
+
+    reading: FloatArray  # (11,) [N]
+    line: FloatArray  # straight fit to them (11,) [N]
+    models: FloatArray  # every sensor's extrapolation, (len(MODELS), 11, 11) [N]
+    # mean of T_1 - T_N of the models over that of the line (len(MODELS),)
+    ratio: FloatArray
+    exact: float  # T_1 - T_N of the line over the truth's without noise
+
+
+def slopes(seed: int = 39) -> MassMotion:
+    """Carry readings along the cable by models of wrong friction."""
+    truth = simulate(CABLE, strokes(2.0), seed)
+    row = round(0.8 / DT)
+    reading, clean = truth.reading[row], truth.tension[row]
+    nodes = np.arange(reading.size)
+    line = np.polyval(np.polyfit(nodes, reading, 1), nodes.astype(float))
+    mesh = Mesh.of(CABLE)
+    models = []
+    for model in MODEL_FRICTIONS:
+        wrong = replace(mesh, angle=model * mesh.angle)
+        models.append(
+            tension_gains(wrong, truth.direction[row], nodes) * reading[:, None]
+        )
+    told = np.array(models)
+    apart = np.mean(told[:, :, 0] - told[:, :, -1], axis=1)
+    straight = -10.0 * float(np.polyfit(nodes, clean, 1)[0])
+    return MassMotion(
+        reading,
+        line,
+        told,
+        apart / (line[0] - line[-1]),
+        straight / float(clean[0] - clean[-1]),
+    )
+
+
+class PrintedLaws(NamedTuple):
+    """The printed law and what it takes to make it work, each at its best gain."""
+
+    time: FloatArray  # (samples,) [s]
+    tracks: dict[str, FloatArray]  # of the laws by name (samples,)
+    left: dict[str, float]  # RMS error over the last two strokes, over the first error
+    bias: float  # error at which the law comes to rest without noise, over the truth
+
+
+LAWS: dict[str, dict[str, bool]] = {
+    "as printed": {},
+    "with the sign of motion": {"signed": True},
+    "and integrated": {"signed": True, "integrated": True},
+}
+
+
+def laws(duration: float = DRIFT_START, seed: int = 40) -> PrintedLaws:
+    """Run the printed law with the gain that serves it best."""
+    truth = simulate(CABLE, strokes(duration), seed)
+    late = truth.time >= duration - 8.0
+    tracks, left = {}, {}
+    for name, choice in LAWS.items():
+        best = np.inf
+        for gain in GAINS:
+            law = SlopeLaw(
+                CABLE,
+                truth.sensors,
+                gain,
+                start=INITIAL_GUESS_FACTOR * CABLE.friction,
+                **choice,
+            )
+            rows = zip(truth.reading, truth.direction, strict=True)
+            track = np.array([law.update(*row) for row in rows])
+            error = track[late] / CABLE.friction - 1.0
+            if (size := float(np.sqrt(np.mean(error**2)))) < best:
+                best, tracks[name] = size, track
+                left[name] = size / (INITIAL_GUESS_FACTOR - 1.0)
+            if size > 3.0 * (INITIAL_GUESS_FACTOR - 1.0):
+                break  # larger gains only oscillate more
+    ours = FrictionEstimator(
+        CABLE,
+        truth.sensors,
+        start=INITIAL_GUESS_FACTOR * CABLE.friction,
+        memory=FRICTION_MEMORY,
+    )
+    tracks["least squares"] = ours.over(truth.reading, truth.direction).value
+    error = tracks["least squares"][late] / CABLE.friction - 1.0
+    left["least squares"] = float(np.sqrt(np.mean(error**2))) / (
+        INITIAL_GUESS_FACTOR - 1.0
+    )
+    return PrintedLaws(truth.time, tracks, left, bias())
+
+
+def bias() -> float:
+    """Return the relative bias of the printed law, whose line is not the profile."""
+    truth = simulate(CABLE, strokes(2.0), 0, noise=1e-9)
+    row = round(0.8 / DT)
+    law = SlopeLaw(CABLE, truth.sensors, 1.0)
+
+    def discrepancy(friction: float) -> float:
+        law.friction = friction
+        return law.discrepancy(truth.reading[row], float(truth.direction[row, 0]))
+
+    low, high = 0.5 * CABLE.friction, 2.0 * CABLE.friction
+    return float(brentq(discrepancy, low, high)) / CABLE.friction - 1.0
+
+
+FRICTION_DRIFT, STIFFNESS_DRIFT = 1.5, 0.7
+"""Friction and stiffness at the end, over those at the start."""
+
+
+def simulate_wear(duration: float = DRIFT_END, seed: int = 41) -> Truth:
+    """Simulate strokes while friction grows."""
+    return simulate(
+        CABLE,
+        strokes(duration),
+        seed,
+        factor=drift(duration, DRIFT_START, FRICTION_DRIFT),
+    )
+
+
+def estimate_recursively(truth: Truth) -> EstimateTrack:
+    """Return the friction by least squares from the sensors along the cable."""
+    rate = (FRICTION_DRIFT - 1.0) * CABLE.friction * DT / (truth.time[-1] - DRIFT_START)
+    estimator = FrictionEstimator(
+        CABLE,
+        truth.sensors,
+        start=INITIAL_GUESS_FACTOR * CABLE.friction,
+        memory=FRICTION_MEMORY,
+        drift=rate,
+    )
+    return estimator.over(truth.reading, truth.direction)
+
+
+def estimate_unscented(truth: Truth) -> EstimateTrack:
+    """Estimate friction, stiffness and pretension from the ends and wrong guesses."""
+    guess = CABLE.replace(
+        friction=INITIAL_GUESS_FACTOR * CABLE.friction,
+        axial_stiffness=1.5 * CABLE.axial_stiffness,
+        pretension=0.75 * CABLE.pretension,
+    )
+    estimator = UnscentedEstimator(
+        guess,
+        ("friction", "axial_stiffness", "pretension"),
+        DT,
+        noise={"tension_proximal": NOISE, "tension_distal": NOISE},
+        drift=[0.02, 0.0, 0.0],
+    )
+    return estimator.over(
+        {
+            "u_proximal": truth.u_proximal,
+            "u_distal": truth.u_distal,
+            "tension_proximal": truth.reading[:, 0],
+            "tension_distal": truth.reading[:, -1],
+        }
+    )
+
+
+class Bends(NamedTuple):
+    """mu/R along a winding cable."""
+
+    truth: FloatArray  # (samples, places) [1/m]
+    found: Bend  # the estimate (samples, places) [1/m]
+    before: float  # RMS error before the drift, over the mean of mu/R
+    during: float  # the same during the drift, over the mean at the time
+    stated: float  # RMS of the stated deviation during the drift, over the same
+    start: float  # the guess [1/m]
+
+
+BEND_MEMORY = 300
+
+
+def estimate_bends(duration: float = DRIFT_END, seed: int = 42) -> Bends:
+    """Estimate an unknown bend of a cable; the guess is uniform and twice the mean."""
+    cable = winding_path(CABLE.replace(segments=50))
+    factor = drift(duration, DRIFT_START, FRICTION_DRIFT)
+    data = simulate(cable, strokes(duration), seed, factor=factor)
+    mean = CABLE.friction * CABLE.wrap / CABLE.length
+    rate = (FRICTION_DRIFT - 1.0) * mean * DT / (duration - DRIFT_START)
+    estimator = BendEstimator(
+        cable,
+        data.sensors,
+        start=INITIAL_GUESS_FACTOR * mean,
+        memory=BEND_MEMORY,
+        drift=rate,
+    )
+    found = estimator.over(data.reading, data.direction, CURVATURE_PLACES)
+    angle = [section.length / section.radius for section in cable.conduit]
+    middle = (np.arange(len(angle)) + 0.5) * cable.length / len(angle)
+    along = np.interp(
+        CURVATURE_PLACES, middle, np.array(angle) * len(angle) / cable.length
+    )
+    truth = factor[:, None] * CABLE.friction * along
+    error = (found.value - truth) / (factor[:, None] * mean)
+    stated = found.deviation / (factor[:, None] * mean)
+    late = data.time >= DRIFT_START
+    settled = ~late & (data.time >= DRIFT_START - 4.0)
+    return Bends(
+        truth, found, rms(error[settled]), rms(error[late]), rms(stated[late]),
+        INITIAL_GUESS_FACTOR * mean,
+    )  # fmt: skip
+
+
+class Softening(NamedTuple):
+    """EA while it falls."""
+
+    time: FloatArray  # (samples,) [s]
+    truth: FloatArray  # (samples,) [N]
+    found: EstimateTrack  # in partial motion (samples,) [N]
+    before: float  # mean error before the drift, over the truth
+    # estimate over the truth in strokes whose mass motion is given to it as partial
+    fooled: float
+    refused: float  # the same with the true motion given, over its start
+
+
+SOFT_MEMORY = 200
+PULL_DEPTH = 0.012
+"""Pull of the motor end, output locked [m]; the front turns before the output."""
+
+
+def estimate_softening(duration: float = DRIFT_END, seed: int = 43) -> Softening:
+    """Estimate stiffness with locked output, by pulls within the reach of friction."""
+    cable = CABLE.replace(segments=50, pretension=20.0)
+    data = simulate(
+        cable,
+        pulls(duration, PULL_DEPTH),
+        seed,
+        drifting="axial_stiffness",
+        factor=drift(duration, DRIFT_START, STIFFNESS_DRIFT),
+    )
+    stiffness = cable.axial_stiffness
+    rate = (1.0 - STIFFNESS_DRIFT) * stiffness * DT / (duration - DRIFT_START)
+    estimator = StiffnessEstimator(
+        cable,
+        data.sensors,
+        start=INITIAL_GUESS_FACTOR * stiffness,
+        memory=SOFT_MEMORY,
+        drift=rate,
+    )
+    found = estimator.over(data.u_proximal, data.reading, data.direction)
+    settled = (data.time > 0.5 * DRIFT_START) & (data.time < DRIFT_START)
+    free = simulate(CABLE, strokes(DRIFT_START), seed)
+    fooled, refused = _in_mass_motion(CABLE, free)
+    return Softening(
+        data.time,
+        stiffness * data.factor,
+        found,
+        float(np.mean(found.value[settled])) / stiffness - 1.0,
+        fooled,
+        refused,
+    )
+
+
+def _in_mass_motion(cable: Cable, data: Truth) -> tuple[float, float]:
+    """Return estimates from mass motion only, declared as partial and as what it is."""
+    mass = np.all(data.direction != 0, axis=1)
+    rows = data.u_proximal[mass], data.reading[mass], data.direction[mass]
+    lie = rows[2].copy()
+    lie[:, -1] = 0
+    start = INITIAL_GUESS_FACTOR * cable.axial_stiffness
+    fooled, refused = (
+        StiffnessEstimator(cable, data.sensors, start=start)
+        .over(*rows[:2], directions)
+        .value[-1]
+        for directions in (lie, rows[2])
+    )
+    return float(fooled / cable.axial_stiffness), float(refused / start)

@@ -194,13 +194,9 @@ def run(progress: Progress) -> ExperimentOutcome:
         strict=True,
     ):
         drawn = axes.contourf(
-            frictions,
-            pretensions,
-            np.log10(values),
-            levels=np.linspace(0.0, 2.6, 14),
-            extend="both",
-            cmap="viridis",
-        )
+            frictions, pretensions, np.log10(values), levels=np.linspace(0.0, 2.6, 14),
+            extend="both", cmap="viridis",
+        )  # fmt: skip
         axes.plot(CABLE.friction, CABLE.pretension, "o", color=ORANGE)
         axes.grid(False)
         axes.set(title=title, xlabel="friction mu_d [1]", ylabel="pretension T0 [N]")

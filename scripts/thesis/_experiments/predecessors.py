@@ -9,13 +9,13 @@ model has beyond those of a cable are chosen: bristles of 20 um, 10 lumped masse
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from cc_mujoco.native import FloatArray
 from cc_mujoco.report._figures import BLUE, GREEN, GREY, ORANGE, figure
-from thesis._outcome import Claim, ExperimentOutcome, Progress, Verdict
+from thesis._outcome import Claim, ExperimentOutcome, Figure, Progress, Verdict, rms
 from thesis.predecessors import (
     Answer,
     BristleChain,
@@ -36,9 +36,6 @@ from thesis.predecessors._capabilities import (
     find_capabilities,
     onset_pull,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 REFERENCE_SEGMENTS = 200  # segments of the model that the others are compared with
 
@@ -89,15 +86,11 @@ def judge(
         model,
         find_capabilities(model),
         answer,
-        _rms(distal[moves]),
-        _rms(distal[~moves]),
-        (_rms(lost[moves]), _rms(lost[~moves])),
+        rms(distal[moves]),
+        rms(distal[~moves]),
+        (rms(lost[moves]), rms(lost[~moves])),
         cost(model, proximal) / unit,
     )
-
-
-def _rms(error: FloatArray) -> float:
-    return float(np.sqrt(np.mean(error**2)))
 
 
 def cost(model: PublishedModel, proximal: FloatArray) -> float:

@@ -16,7 +16,9 @@ from thesis._rig import (
     RECONCILED_CABLE,
     Blocked,
     blocked_output_test,
+    blocked_table,
     chopped_triangle,
+    draw_blocked,
 )
 
 PRETENSIONS = (5.0, 10.0, 15.0, 20.0)  # pretensions [N]
@@ -80,9 +82,6 @@ def run(progress: Progress) -> ExperimentOutcome:
     for (tension, row), color in zip(found.items(), COLORS, strict=False):
         label = f"pretension {tension:.0f} N"
         series.plot(time[shown], row.joint_torque[shown], color=color, label=label)
-        late = time > 15.0
-        loop.plot(torque[late], row.joint_torque[late], color=color, label=label)
-    loop.plot(torque[late], ratio * torque[late], color=GREY, dashes=DASH_PATTERN)
     series.set(
         title="Output locked: torque on the lock",
         xlabel="time [s]",
@@ -90,15 +89,9 @@ def run(progress: Progress) -> ExperimentOutcome:
     )
     series.legend(ncols=2, loc="upper right")
     series.set_ylim(-0.75, 1.15)
-    loop.set(
-        title="Higher pretension, wider loop",
-        xlabel="motor torque [N m]",
-        ylabel="output torque [N m]",
-    )
-    loop.legend()
-    table = {"time_s": time[::10], "motor_torque_nm": torque[::10]}
-    for tension, row in found.items():
-        table[f"output_torque_{tension:.0f}n_nm"] = row.joint_torque[::10]
+    named = {f"pretension {tension:.0f} N": row for tension, row in found.items()}
+    draw_blocked(loop, named, "Higher pretension, wider loop")
+    table = blocked_table({f"{tension:.0f}n": row for tension, row in found.items()})
     summary = {
         "pretension_n": np.array(PRETENSIONS),
         "efficiency": np.array(efficiency),

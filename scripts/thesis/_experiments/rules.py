@@ -7,7 +7,7 @@ with an independent solution of the continuum within 0.03 % at that fineness.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,11 +22,8 @@ from thesis._literal_solver import (
     sign_pattern_system,
     sign_patterns,
 )
-from thesis._outcome import Claim, ExperimentOutcome, Progress
+from thesis._outcome import Axes, Claim, ExperimentOutcome, Progress, rms
 from thesis._rig import PRINTED_CABLE
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 CABLE = PRINTED_CABLE.replace(friction=0.1, static_friction=0.0)
 """Cable of Table 2.2, but with friction of a moderate cable; pretension 10 N."""
@@ -123,7 +120,7 @@ def static_effect(segments: tuple[int, ...] = SEGMENTS) -> Static:
             play(cable, u_proximal=pull, u_distal=still).tension[:, 0]
             for cable in (plain, rule)
         ]
-        rows.append([_rms(a - b) for a, b in (theirs, ours[:2], (ours[0], ours[2]))])
+        rows.append([rms(a - b) for a, b in (theirs, ours[:2], (ours[0], ours[2]))])
     return Static(*np.array(rows).T)
 
 
@@ -282,13 +279,9 @@ def run(progress: Progress) -> ExperimentOutcome:
     return ExperimentOutcome(claims, {"rules": drawing}, {"rules": table})
 
 
-def _rms(values: FloatArray) -> float:
-    return float(np.sqrt(np.mean(values**2)))
-
-
 def _percent(ends: FloatArray, exact: FloatArray) -> float:
     """Return the RMS error of the worse column in percent of the largest value."""
-    worst = max(_rms(ends[:, i] - exact[:, i]) for i in (0, 1))
+    worst = max(rms(ends[:, i] - exact[:, i]) for i in (0, 1))
     return 100.0 * worst / float(np.max(exact))
 
 

@@ -7,7 +7,7 @@ package's kernel on the same 11 nodes.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +18,8 @@ from cc_mujoco.device._sensors import Sensors
 from cc_mujoco.estimation._fusion import TensionFusion, Weights, fuse, tension_gains
 from cc_mujoco.native import FloatArray
 from cc_mujoco.report._figures import BLACK, BLUE, COLORS, GREEN, GREY, ORANGE, figure
-from thesis._outcome import Claim, ExperimentOutcome, Progress
+from thesis._outcome import Axes, Claim, ExperimentOutcome, Progress
 from thesis._rig import PRINTED_CABLE, RECONCILED_CABLE
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 SEGMENTS = 10
 CABLE = PRINTED_CABLE.replace(static_friction=0.0, segments=SEGMENTS)

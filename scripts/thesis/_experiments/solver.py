@@ -8,7 +8,7 @@ patterns, the last correct one first; and this package's kernel.
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,13 +28,11 @@ from thesis._literal_solver import (
 from thesis._outcome import (
     Claim,
     ExperimentOutcome,
+    Figure,
     Progress,
     round_down_ratio,
 )
 from thesis._rig import PRINTED_CABLE
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 SEGMENTS = (1, 2, 3, 5, 8, 12, 20, 30, 50, 75, 100)
 CABLE = PRINTED_CABLE.replace(static_friction=0.0)

@@ -9,7 +9,7 @@ which the thesis proposes (Listing 4.1) and does not show.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,10 +25,7 @@ from cc_mujoco.native import FloatArray
 from cc_mujoco.report._figures import COLORS, DASH_PATTERN, GREY, figure
 from thesis._experiments.tracking import PERIOD, TENSION_RATIO, cable
 from thesis._inertia_free import InertiaFree
-from thesis._outcome import Claim, ExperimentOutcome, Progress
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from thesis._outcome import Claim, ExperimentOutcome, Figure, Progress
 
 RADIUS = 0.1  # radius of both pulleys [m]
 STIFFNESS = 1.0  # stiffness of the virtual spring [N m/rad]

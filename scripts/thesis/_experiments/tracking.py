@@ -9,7 +9,7 @@ segments and both model errors are those of the thesis.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,11 +26,8 @@ from cc_mujoco.metrics._signals import signal_lag
 from cc_mujoco.native import FloatArray
 from cc_mujoco.report._figures import COLORS, DASH_PATTERN, GREY, figure
 from thesis._inertia_free import InertiaFree
-from thesis._outcome import Claim, ExperimentOutcome, Progress, Verdict
+from thesis._outcome import Claim, ExperimentOutcome, Figure, Progress, Verdict
 from thesis._rig import PRINTED_CABLE
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 PERIOD, DURATION = 1e-3, 30.0  # control period and duration of a run [s]
 SEGMENTS = 10
@@ -230,7 +227,6 @@ def _claims(rows: dict[str, _Tracked], hard: dict[str, _Tracked]) -> tuple[Claim
 
 
 def _factor_verdict(ratio: float, agrees: float, partly: float) -> Verdict:
-    """Return the verdict on a factor."""
     if ratio >= agrees:
         return "agrees"
     return "in part" if ratio >= partly else "disagrees"

@@ -11,7 +11,7 @@ have been.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.signal import savgol_filter
@@ -22,11 +22,8 @@ from cc_mujoco.human import task, trajectory
 from cc_mujoco.metrics._signals import signal_lag
 from cc_mujoco.native import FloatArray
 from cc_mujoco.report._figures import BLUE, DASH_PATTERN, GREEN, GREY, ORANGE, figure
-from thesis._outcome import Claim, ExperimentOutcome, Progress
+from thesis._outcome import Axes, Claim, ExperimentOutcome, Progress, rms
 from thesis._rig import RECONCILED_CABLE, conduit_in_loops, drive
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 DT = 2e-3
 DURATION = 24.0
@@ -114,11 +111,6 @@ def refit(recording: _Columns, free: tuple[str, ...], start: Cable) -> Calibrati
         noise={"joint_torque": LOAD_CELL_NOISE},
     )
     return calibrate([trial], drive(start), free, starts=0)
-
-
-def rms(values: FloatArray) -> float:
-    """Return the root of the mean square."""
-    return float(np.sqrt(np.mean(values**2)))
 
 
 def binned(

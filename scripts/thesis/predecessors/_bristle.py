@@ -139,20 +139,9 @@ def _play(
             limit[j] = mean * grip[j] * factor[row] * (1.0 + more)
             slip[j] = 0.0
         _settle(
-            start,
-            spring,
-            proximal[row],
-            distal,
-            friction,
-            limit,
-            shape,
-            dt,
-            x,
-            slip,
-            room[5],
-            room[6, :n],
-            room[7, :n],
-        )
+            start, spring, proximal[row], distal, friction, limit, shape, dt, x, slip,
+            room[5], room[6, :n], room[7, :n],
+        )  # fmt: skip
         _tensions(start, spring, proximal[row], distal, x, tension)
         for j in range(n):
             friction[j] = _bristle(friction[j], slip[j], limit[j], shape, dt)[2]

@@ -29,13 +29,9 @@ from thesis.predecessors._model import (
 
 DT = 1e-3
 CABLE = Cable(
-    axial_stiffness=4000.0,
-    pretension=10.0,
-    friction=0.2,
-    static_friction=0.0,
-    conduit=(Section(2.0, 0.4),),
-    segments=20,
-)
+    axial_stiffness=4000.0, pretension=10.0, friction=0.2, static_friction=0.0,
+    conduit=(Section(2.0, 0.4),), segments=20,
+)  # fmt: skip
 SPRING = EndSpring(500.0)
 MAX_RELATIVE_ERROR = 0.05  # largest relative error of an answer that counts as right
 

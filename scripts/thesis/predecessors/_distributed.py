@@ -20,7 +20,6 @@ class Distributed(PublishedModel):
     name: ClassVar[str] = "this package"
 
     def answer(self, motion: ReplayedMotion) -> Answer:
-        """See `PublishedModel.answer`."""
         cable = self.cable
         out = np.empty((3, motion.proximal.size))
         _play(

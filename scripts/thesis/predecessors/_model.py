@@ -110,9 +110,17 @@ class PublishedModel(ABC):
             if asked[what]:
                 raise CableError(f"{self.name} cannot take {what}: {why}")
         proximal = np.ascontiguousarray(u_proximal, dtype=np.float64)
-        stiffness, moved = environment_stiffness(environment, proximal.size)
-        start = initial_profile(self.cable, initial_tension)
-        factor = wrap_scales(wrap_scale, proximal.size)
+        samples, nodes = proximal.size, self.cable.segments + 1
+        stiffness, moved = np.inf, np.zeros(samples)
+        if isinstance(environment, EndSpring):
+            stiffness = environment.stiffness
+        elif isinstance(environment, Moved):
+            moved = _sized("the distal motion", environment.displacement, samples)
+        start, factor = np.full(nodes, self.cable.pretension), np.ones(samples)
+        if initial_tension is not None:
+            start = _sized("the initial tension", initial_tension, nodes)
+        if wrap_scale is not None:
+            factor = _sized("the factor of the wrap angles", wrap_scale, samples)
         return self.answer(
             ReplayedMotion(dt, proximal, moved, stiffness, start, factor)
         )
@@ -122,49 +130,9 @@ class PublishedModel(ABC):
         """Return the answer a motion with nothing in it that the model refuses."""
 
 
-def environment_stiffness(
-    environment: Environment, samples: int
-) -> tuple[float, FloatArray]:
-    """Return stiffness (infinite without a spring) and motion of the environment."""
-    if isinstance(environment, EndSpring):
-        if not environment.stiffness > 0.0:
-            raise CableError(
-                f"spring stiffness is {environment.stiffness!r} N/m; "
-                "it must be greater than 0"
-            )
-        return environment.stiffness, np.zeros(samples)
-    if isinstance(environment, Moved):
-        moved = np.asarray(environment.displacement, dtype=np.float64)
-        if moved.shape != (samples,):
-            raise CableError(
-                f"the distal motion has shape {moved.shape}; the proximal one has "
-                f"{samples} samples"
-            )
-        return np.inf, moved
-    return np.inf, np.zeros(samples)
-
-
-def initial_profile(cable: Cable, initial_tension: ArrayLike | None) -> FloatArray:
-    """Return the node tensions at the start (segments + 1,) [N]."""
-    if initial_tension is None:
-        return np.full(cable.segments + 1, cable.pretension)
-    given = np.asarray(initial_tension, dtype=np.float64)
-    if given.shape != (cable.segments + 1,):
-        raise CableError(
-            f"initial tension has shape {given.shape}; a cable of {cable.segments} "
-            f"segments takes ({cable.segments + 1},)"
-        )
-    return given.copy()
-
-
-def wrap_scales(wrap_scale: ArrayLike | None, samples: int) -> FloatArray:
-    """Return the factor of the wrap angles over time (samples,)."""
-    if wrap_scale is None:
-        return np.ones(samples)
-    given = np.ascontiguousarray(wrap_scale, dtype=np.float64)
-    if given.shape != (samples,) or not np.all(given >= 0.0):
-        raise CableError(
-            f"the factor of the wrap angles has shape {given.shape}; it must be "
-            f"({samples},), 0 or more"
-        )
+def _sized(name: str, values: ArrayLike, size: int) -> FloatArray:
+    """Return the values as an array of their own, if they are as many as they must."""
+    given = np.array(values, dtype=np.float64)
+    if given.shape != (size,):
+        raise CableError(f"{name} has shape {given.shape}; it must be ({size},)")
     return given

@@ -35,7 +35,6 @@ class PassiveDistributed(PublishedModel):
     }
 
     def answer(self, motion: ReplayedMotion) -> Answer:
-        """See `PublishedModel.answer`."""
         cable = self.cable
         n = cable.segments
         angle = np.zeros(n + 1)
@@ -45,15 +44,9 @@ class PassiveDistributed(PublishedModel):
         share[n] += compliance  # the spring follows the last node
         out = np.empty((3, motion.proximal.size))
         _play(
-            motion.proximal,
-            cable.friction * angle,
-            share,
-            motion.start,
-            compliance,
-            motion.factor,
-            np.empty(n + 1),
-            out,
-        )
+            motion.proximal, cable.friction * angle, share, motion.start, compliance,
+            motion.factor, np.empty(n + 1), out,
+        )  # fmt: skip
         return Answer(*out)
 
 

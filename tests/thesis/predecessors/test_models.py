@@ -185,11 +185,9 @@ def test_a_fit_finds_the_hysteresis_that_made_a_recording():
         (ModifiedBoucWen(CABLE, Hysteresis(*([1.0] * 7))), Locked(), {}),
         (Distributed(CABLE), Moved(STROKE[:5]), {}),
         (BristleChain(CABLE), Locked(), {"initial_tension": [10.0]}),
-        (Distributed(CABLE), EndSpring(0.0), {}),
         (Distributed(CABLE), Locked(), {"wrap_scale": [1.0, 0.5]}),
-        (Distributed(CABLE), Locked(), {"wrap_scale": -np.ones(TIME.size)}),
     ],
 )
 def test_what_a_model_cannot_take_is_said_in_one_sentence(model, environment, more):
-    with pytest.raises(CableError, match=r"cannot take|shape|greater|must be"):
+    with pytest.raises(CableError, match=r"cannot take|shape"):
         model.replay(DT, STROKE, environment, **more)

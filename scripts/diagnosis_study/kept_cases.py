@@ -1,0 +1,69 @@
+"""Cases of a study that are kept, so that those that are there are not done again."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from cc_mujoco.diagnosis import Diagnosis
+
+Record = dict[str, Any]
+
+
+def kept(path: Path, make: Callable[[], Record]) -> Record:
+    """Return the case of a file, which is made and written if it is not there."""
+    if not path.exists():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(make(), indent=1), encoding="utf-8")
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
+class Lines:
+    """Cases in a file of JSON lines, if one is named."""
+
+    def __init__(self, path: Path | None) -> None:
+        """Read those that are there."""
+        self._path, self.records = path, list[Record]()
+        if path is not None and path.exists():
+            text = path.read_text(encoding="utf-8")
+            self.records += [json.loads(line) for line in text.splitlines()]
+
+    def done(self, *keys: str) -> set[tuple[Any, ...]]:
+        """Return what tells the cases that are there."""
+        return {tuple(record[key] for key in keys) for record in self.records}
+
+    def add(self, record: Record) -> None:
+        """Keep one more."""
+        self.records.append(record)
+        if self._path is not None:
+            with self._path.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(record) + "\n")
+
+
+def findings(found: Diagnosis) -> Record:
+    """Return what a diagnosis found, and in which numbers."""
+    return {
+        "verdict": found.verdict,
+        "named": [each.id for each in found.missing],
+        "ties": [list(group) for group in found.ties],
+        "values": {
+            key: value.value
+            for each in found.effects
+            for key, value in each.parameters.items()
+        },
+        "baseline": {k: v.value for k, v in found.baseline.parameters.items()},
+        "gap": {
+            c: (g.noise_floor, g.rmse_before, g.rmse_after)
+            for c, g in found.gap.items()
+        },
+        "statement": found.statement,
+    }
+
+
+def words(case: Record) -> tuple[str, str, str]:
+    """Return verdict, named effects and ties of `findings` as cells of a table."""
+    ties = "; ".join(" or ".join(group) for group in case["ties"])
+    return case["verdict"], ", ".join(case["named"]) or "-", ties or "-"

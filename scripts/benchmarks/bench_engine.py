@@ -1,13 +1,11 @@
-"""Steps per second of the wrist scene with cables against an ideal transmission.
+"""Steps per second of a batch of the wrist scene on two threads against one.
 
     python scripts/benchmarks/bench_engine.py
 
-Both models are the same scene with the same joints, motor, wearer and number of
-sensors. In one, two cables join motor and wrist; in the other the motor's torque acts
-on the wrist through an ideal gear, which costs MuJoCo nothing (`ideal`), or the two
-angles are tied by an equality constraint (`equality`). They run by turns in one
-process, so that what else the machine does falls on all; then a batch of simulations
-runs on one thread and on two. Prints ratios; bare times are of this machine only.
+With its cables, and with an ideal gear in their place, which costs MuJoCo nothing: the
+same scene with the same joints, motor, wearer and number of sensors, where the motor's
+torque acts on the wrist. Both numbers of threads run by turns in one process. Prints
+ratios; `bench_steps.py` has those of single simulations.
 """
 
 from __future__ import annotations
@@ -21,7 +19,6 @@ import tyro
 from mujoco.batch import Batch
 from turns import by_turns
 
-from cc_mujoco import plugin
 from cc_mujoco.assets import scene_path
 
 ROUNDS = 101  # turns that each contestant takes
@@ -34,27 +31,13 @@ def main(steps: int = 1000, simulations: int = 64) -> None:
         steps: steps per turn.
         simulations: in a batch.
     """
-    cables = mujoco.MjSpec.from_file(str(scene_path("wrist"))).compile()
-    segments = [c.segments for c in plugin.from_mjcf(cables).values()]
-    rivals = {"cables": cables, "ideal": ideal(False), "equality": ideal(True)}
-    rates = compare({name: single(m, steps) for name, m in rivals.items()})
-    print(f"wrist scene, cables of {segments} segments, steps per second:")
-    for name, rate in rates.items():
-        print(f"  {name:10} {np.median(rate):10.0f}")
-    for name in ("ideal", "equality"):
-        goal = "   (goal 0.75)" if name == "ideal" else ""
-        print(f"cables / {name:20} {ratio(rates['cables'], rates[name]):.2f}{goal}")
-
-    for name in ("cables", "ideal"):
-        batches = {
-            str(threads): batched(rivals[name], simulations, threads, steps)
-            for threads in (1, 2)
-        }
-        rates = compare(batches)
-        goal = "   (goal 1.8)" if name == "cables" else ""
+    cables = mujoco.MjModel.from_xml_path(str(scene_path("wrist")))
+    for name, model in {"cables": cables, "ideal": ideal(False)}.items():
+        turns = {n: batched(model, simulations, n, steps) for n in (1, 2)}
+        spent = by_turns(turns, ROUNDS, first=1)
         print(
             f"batch of {simulations}, {name}, threads 2 / 1  "
-            f"{ratio(rates['2'], rates['1']):.2f}{goal}"
+            f"{np.median(spent[1] / spent[2]):.2f}"
         )
 
 
@@ -124,17 +107,6 @@ def batched(
         return (time.perf_counter() - start) / (count * each)
 
     return turn
-
-
-def compare(contestants: dict[str, Callable[[], float]]) -> dict[str, np.ndarray]:
-    """Return the steps per second of each contestant in all rounds but the first."""
-    spent = by_turns(contestants, ROUNDS, first=1)
-    return {name: 1.0 / times for name, times in spent.items()}
-
-
-def ratio(ours: np.ndarray, theirs: np.ndarray) -> float:
-    """Return the median over the rounds of the ratio of two turns of the same round."""
-    return float(np.median(ours / theirs))
 
 
 if __name__ == "__main__":

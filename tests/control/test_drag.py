@@ -6,7 +6,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from benchmarks.check_friction import DRAG, LARGE, SHARES, designs, play, sized
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -16,6 +15,7 @@ from cc_mujoco.control import CONTROLLERS
 from cc_mujoco.control import _rollout as rollout
 from cc_mujoco.control._cable_model import joint_stiffness
 from control.devices import single
+from control.friction_terms import DRAG, LARGE, SHARES, designs, play, sized
 
 DT = 0.003
 

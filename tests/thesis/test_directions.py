@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from thesis._experiments import directions
-from thesis.estimators._extrapolation import CONDITIONS
+from thesis.estimators._directions import CONDITIONS
 
 
 @pytest.mark.parametrize("condition", CONDITIONS)

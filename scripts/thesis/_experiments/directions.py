@@ -28,12 +28,13 @@ from thesis._outcome import Claim, ExperimentOutcome, Figure, Progress, Verdict,
 from thesis._rig import PRINTED_CABLE
 from thesis.estimators._consensus import Choice, SensorConsensus
 from thesis.estimators._directions import (
+    CONDITIONS,
+    Moment,
     OwnSolutions,
     majority_directions,
     median_last_moving,
     own_solutions,
 )
-from thesis.estimators._extrapolation import CONDITIONS, Moment
 from thesis.estimators._observer import CableObserver
 
 SEGMENTS = 10

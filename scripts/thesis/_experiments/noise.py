@@ -38,20 +38,20 @@ from thesis._outcome import (
     round_down_ratio,
 )
 from thesis._rig import PRINTED_CABLE
-from thesis.estimators._extrapolation import (
+from thesis.estimators._directions import (
     CONDITIONS,
     Moment,
     excess_moment,
     fuse_correlated,
     own_errors,
 )
-from thesis.estimators._noise_covariance import (
+from thesis.estimators._sensor_noise import (
+    SensorNoise,
     autocovariance_least_squares,
     difference_variance,
     innovations,
     trend_model,
 )
-from thesis.estimators._sensor_noise import SensorNoise
 
 SEGMENTS = 10
 CABLE = PRINTED_CABLE.replace(static_friction=0.0, segments=SEGMENTS, pretension=20.0)

@@ -14,17 +14,15 @@ from cc_mujoco.estimation._fusion import tension_gains
 from thesis._literal_solver import Constraint, sign_patterns, solve
 from thesis.estimators import SensorConsensus
 from thesis.estimators._directions import (
-    likeliest_pattern,
-    majority_directions,
-    median_last_moving,
-    own_solutions,
-)
-from thesis.estimators._extrapolation import (
     CONDITIONS,
     Moment,
     excess_moment,
     fuse_correlated,
+    likeliest_pattern,
+    majority_directions,
+    median_last_moving,
     own_errors,
+    own_solutions,
 )
 
 CABLE = Cable(friction=0.1, conduit=(Section(2.0, 0.28),), segments=10, pretension=20)

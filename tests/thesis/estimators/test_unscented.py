@@ -7,13 +7,13 @@ import pytest
 
 from estimation.runs import CABLE, DT, Run, drifting, played, rms, strokes
 from thesis.estimators import UnscentedEstimator
-from thesis.estimators._linearization import (
+from thesis.estimators._unscented import (
+    History,
     kalman_gain,
     linearize,
     sigma_points,
     square_root,
 )
-from thesis.estimators._sliding_window import History
 
 NAMES = ("friction", "axial_stiffness", "pretension")
 NOISE = {"tension_proximal": 1.0, "tension_distal": 1.0}

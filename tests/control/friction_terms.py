@@ -1,34 +1,26 @@
-"""Does any friction make a controller pull a joint harder than it should?
+"""Every friction term of the library at every device, small and large.
 
-    python scripts/benchmarks/check_friction.py --scenes ankle finger --out runs/f.csv
-
-Every friction term of the library is switched on at every device, small and large, and
-every controller drives the device once with a model that knows the term and once with
-one that does not. Sensors have the device's noise. A row passes where the joint torque
-exceeds by no more than `MARGIN` the largest desired torque, or else what the same
-device has with its motor let go, and is never unsafe, unless that device is: that much
-friction alone makes unavoidable.
+A controller drives the device with a model that knows the term or with one that does
+not. Sensors have the device's noise. A row passes where the joint torque exceeds by no
+more than `MARGIN` the largest desired torque, or else what the same device has with its
+motor let go, and is never unsafe, unless that device is: that much friction alone makes
+unavoidable.
 """
 
 from __future__ import annotations
 
-import argparse
-import csv
 import dataclasses
-import sys
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from cc_mujoco.benchmark import WARM_UP
 from cc_mujoco.cable import PARAMETERS
-from cc_mujoco.control import CONTROLLERS, controller
+from cc_mujoco.control import controller
 from cc_mujoco.device import Drive, Measuring, Plant, load_device
 from cc_mujoco.errors import CableError
 from cc_mujoco.metrics import first_unsafe_sample
-from cc_mujoco.report import table
 from cc_mujoco.simulation import (
     Batch,
     BatchedController,
@@ -59,7 +51,6 @@ LARGE: dict[str, Term] = {
 
 _ABOVE = {"static_friction"}
 """Terms whose size counts from the friction of the cable on."""
-SCENES = "wrist", "ankle", "finger"  # devices, of one axis each
 SHARES = 0.02, 1.0  # sizes that are tried, over the large one
 MARGIN = 1.1  # joint torque over the largest of desired and unavoidable that passes
 DRAG = "viscous", "grease", "load-independent", "seals"  # terms that need no tension
@@ -133,13 +124,10 @@ def play(
     duration: float,
     seed: int = 0,
 ) -> list[Row]:
-    """Return what becomes of devices with friction terms, all at once.
+    """Return what becomes of devices with the terms of `designs`, all at once.
 
-    Args:
-        cases: Of `designs`.
-        known: Whether the controller's model has the terms; devices whose terms it
-            refuses are left out.
-        duration: Of an episode [s].
+    `known` is whether the controller's model has the terms; devices whose terms it
+    refuses are left out.
     """
     device = load_device(scene)
     setup = device.description
@@ -202,57 +190,3 @@ def _refuses(law: str, drive: Drive) -> bool:
     except CableError:
         return True
     return False
-
-
-def main(argv: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--scenes", nargs="+", default=SCENES)
-    parser.add_argument("--controllers", nargs="+", default=list(CONTROLLERS))
-    parser.add_argument("--terms", nargs="+", default=list(LARGE), choices=LARGE)
-    parser.add_argument("--shares", nargs="+", type=float, default=list(SHARES))
-    parser.add_argument("--duration", type=float, default=3.0)
-    parser.add_argument("--out", type=Path)
-    given = parser.parse_args(argv)
-    rows: list[Row] = []
-    head = [*Row._fields]
-    _append(given.out, [head], "w")
-    for scene in given.scenes:
-        cases = designs(scene, given.terms, given.shares)
-        for law in given.controllers:
-            for known in (True, False):
-                found = play(scene, law, cases, known, given.duration)
-                rows += found
-                _append(given.out, found, "a")
-                failed = [row for row in found if not row.passed]
-                print(
-                    f"{scene}, {law}, {'known' if known else 'unknown'}: "
-                    f"{len(found) - len(failed)} of {len(found)} pass",
-                    file=sys.stderr,
-                    flush=True,
-                )
-    print(
-        table(
-            head,
-            [
-                [
-                    f"{value:.3g}" if isinstance(value, float) else str(value)
-                    for value in row
-                ]
-                for row in rows
-                if not row.passed
-            ],
-        )
-    )
-
-
-def _append(path: Path | None, rows: Sequence[Sequence[Any]], mode: str) -> None:
-    """Write rows to a file, if there is one: a sweep that is cut keeps its rows."""
-    if path is None:
-        return
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open(mode, newline="", encoding="utf-8") as file:
-        csv.writer(file, lineterminator="\n").writerows(rows)
-
-
-if __name__ == "__main__":
-    main()

@@ -22,8 +22,8 @@ from cc_mujoco.cable import PARAMETERS, Cable, Section, rest_state
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.device._sensors import Sensors
-from cc_mujoco.estimation._tension_slope import FrictionEstimator
 from cc_mujoco.estimation._fusion import tension_gains
+from cc_mujoco.estimation._tension_slope import FrictionEstimator
 from cc_mujoco.estimation._tracks import EstimateTrack
 from cc_mujoco.native import FloatArray
 from thesis._outcome import rms

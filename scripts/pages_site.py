@@ -16,46 +16,10 @@ ROOT = Path(__file__).resolve().parents[1]
 REFERENCE = "cc_mujoco.html"  # page of the public names, as pdoc calls it
 LINK = re.compile(r'(href|src)="([^"#]*)(#[^"]*)?"')
 LEFT_OUT = {"build", "dist", "runs"}
-STYLE = """
-:root { color-scheme: light dark; --line: #8885; --link: #0b62c4; --code: #8881; }
-@media (prefers-color-scheme: dark) { :root { --link: #74b3ff; } }
-body { margin: 0; font: 16px/1.55 system-ui, sans-serif; display: flex; }
-nav { flex: 0 0 15rem; box-sizing: border-box; padding: 1rem; height: 100vh; top: 0;
-  position: sticky; overflow: auto; border-right: 1px solid var(--line);
-  font-size: .9rem; }
-main { flex: 1; min-width: 0; max-width: 56rem; padding: 1rem 2rem 4rem; }
-a { color: var(--link); text-decoration: none; } a:hover { text-decoration: underline; }
-nav a { display: block; } nav h4 { margin: 1rem 0 .2rem; }
-nav input { width: 100%; box-sizing: border-box; padding: .4rem; font: inherit; }
-pre { background: var(--code); padding: .8rem; overflow-x: auto; border-radius: 4px;
-  font-size: .85rem; line-height: 1.4; }
-p code, li code, td code { background: var(--code); padding: .1em .25em; }
-code { overflow-wrap: break-word; } pre code { overflow-wrap: normal; }
-img { max-width: 100%; } details summary { cursor: pointer; }
-.wide { overflow-x: auto; } table { border-collapse: collapse; font-size: .9rem; }
-th, td { border: 1px solid var(--line); padding: .3rem .5rem; vertical-align: top;
-  text-align: left; }
-@media (max-width: 760px) { body { display: block; } main { padding: 1rem; }
-  nav { position: static; height: auto; border: 0;
-    border-bottom: 1px solid var(--line); } }
-"""
-SCRIPT = """
-const box = document.querySelector('nav input');
-const found = document.querySelector('#found');
-const groups = document.querySelector('#groups');
-box.addEventListener('input', () => {
-  const words = box.value.toLowerCase().split(/\\s+/).filter(Boolean);
-  groups.hidden = words.length > 0; found.replaceChildren();
-  if (!words.length) return;
-  for (const [text, url] of INDEX.filter(
-      ([text]) => words.every(w => text.toLowerCase().includes(w))).slice(0, 40)) {
-    const a = document.createElement('a');
-    a.textContent = text; a.href = UP + url; found.append(a);
-  }
-});
-if (matchMedia('(max-width: 760px)').matches)
-  document.querySelectorAll('#groups details').forEach(d => d.open = false);
-"""
+STYLE, SCRIPT = (
+    (ROOT / "scripts" / name).read_text(encoding="utf-8")
+    for name in ("site.css", "site.js")
+)
 
 
 def topics(front: str) -> dict[str, tuple[list[str], list[tuple[str, str]]]]:

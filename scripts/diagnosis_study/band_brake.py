@@ -23,59 +23,11 @@ from pathlib import Path
 import numpy as np
 
 RADIUS = 0.15  # radius of the drum [m]; only the displacement at its rim is measured
-WRAP = 4.7
-"""Angle that the band covers [rad]; only its product with friction can be fitted."""
-SCENE = f"""<mujoco model="band brake">
-  <compiler angle="radian" autolimits="true"/>
-  <option timestep="0.0001" integrator="implicitfast"/>
-  <extension>
-    <plugin plugin="cc_mujoco.cable">
-      <instance name="band">
-        <config key="conduit" value="{RADIUS * WRAP:g}:{RADIUS:g}"/>
-        <config key="segments" value="20"/>
-        <config key="axial_stiffness" value="1e5"/>
-        <config key="pretension" value="500"/>
-        <config key="friction" value="0.5"/>
-      </instance>
-    </plugin>
-  </extension>
-  <worldbody>
-    <body name="end_2">
-      <inertial pos="0 0 0" mass="1" diaginertia="0.01 0.01 0.01"/>
-      <joint name="end_2" type="hinge" axis="1 0 0"/>
-    </body>
-    <body name="end_1" pos="0 1 0">
-      <inertial pos="0 0 0" mass="1" diaginertia="0.01 0.01 0.01"/>
-      <joint name="end_1" type="hinge" axis="-1 0 0"/>
-    </body>
-  </worldbody>
-  <actuator>
-    <plugin name="band_proximal" joint="end_2" gear="-{RADIUS:g}"
-      plugin="cc_mujoco.cable" instance="band"/>
-    <plugin name="band_distal" joint="end_1" gear="-{RADIUS:g}"
-      plugin="cc_mujoco.cable" instance="band"/>
-  </actuator>
-</mujoco>
-"""
-DATASET = """name = "band brake"
-
-[columns.motor_angle_rad]       # the drum turns under both ends alike
-name = "drum_angle_rad"
-
-[columns.joint_angle_rad]
-name = "drum_angle_rad"
-
-[columns.tension_proximal_n]    # zeros of the cells drift by tens of newtons
-noise = 15
-
-[columns.tension_distal_n]
-noise = 15
-
-[rig]                           # the tension at rest is that of the slack end only
-pretension = { value = 500, uncertainty = 500 }
-friction = { value = 0.9, uncertainty = 0.1 }   # the slack end is within its zero: the
-                                # ratio of the forces is only known to be about 70
-"""
+SCENE, DATASET = (
+    Path(__file__).with_suffix(end).read_text(encoding="utf-8")
+    for end in (".xml", ".toml")
+)
+"""The scene, whose band covers 4.7 rad, and what is known of the trials."""
 HEAD = "time_s,drum_angle_rad,tension_proximal_n,tension_distal_n"
 
 

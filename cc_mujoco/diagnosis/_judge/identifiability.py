@@ -125,7 +125,7 @@ class Testability(NamedTuple):
 def detectability(
     problem: Problem, x: FloatArray, ids: Sequence[str], known: Changes
 ) -> Testability:
-    """Compute what the data show of effects, by the accepted model and the noise."""
+    """Compute by the accepted model and the noise what the data show of effects."""
     records = problem.plant.records
     masks = [record.free for record in records]
     # Torques are compared up to a band: so many of the samples are independent.
@@ -154,7 +154,7 @@ def detectability(
 
 
 def confounded_effects(shown: Testability) -> tuple[Confounded, ...]:
-    """List effects that would show but for the freedom of the model's parameters.
+    """Return effects that would show but for the freedom of the model's parameters.
 
     An effect with several amplitudes is judged by the mixture that tuning hides best.
     """
@@ -219,7 +219,6 @@ def _confounded_effect(
 
 
 def _remedy(parameter: str, effect: Effect) -> str:
-    """Return the advice that distinguishes an effect from a model parameter."""
     # Parameters of effects that are in the model have none of their own.
     return REMEDIES.get(base_name(parameter), f"record {effect.required_excitation}")
 
@@ -280,7 +279,7 @@ def deviating_parameters(
 
 
 def _prior_distance(parameter: Tuned, place: float, given: float) -> float:
-    """Return how far a place is from a value of the scene, which may be 0 [scales]."""
+    """Return the distance of a place from the scene's value, perhaps 0 [scales]."""
     if given <= 0.0:
         return math.inf
     return abs(math.log(parameter.value(place) / given)) / parameter.scale
@@ -289,7 +288,7 @@ def _prior_distance(parameter: Tuned, place: float, given: float) -> float:
 def untestable_effects(
     shown: Testability, hidden: Sequence[Confounded]
 ) -> tuple[NotTestable, ...]:
-    """List effects that are not detectable at a plausible size, with the reason."""
+    """Return effects that are not detectable at a plausible size, with the reason."""
     confused = {each.id: each for each in hidden}
     able = shown.problem.plant.library
     found = [

@@ -1,4 +1,4 @@
-r"""The question `judge`: is the finding right, and how likely?
+r"""Verdict on the search, its reasons, and its probability.
 
 Each comparison of two models has odds Phi(z) to Phi(-z), see `acceptance`; effects
 whose forms meet have the discrepancy f = m E. The odds of a verdict follow from those
@@ -66,14 +66,13 @@ class Judgement(NamedTuple):
     """Findings once all data have been fitted.
 
     Attributes:
-        effects: in the model.
+        effects: effects in the model.
         ties: groups of ids that the data do not distinguish.
         gap: by channel.
         deviating: parameters tuned far beyond their priors.
         stretch: stretch of a trial beyond its own limit, or None.
         unhooked: error of the worst trial with the cables off, over the noise.
-        by_trial: what constants that differ from trial to trial explain, in words, or
-            "".
+        by_trial: sentence on what constants by trial explain, or "".
     """
 
     effects: tuple[FoundEffect, ...]
@@ -109,7 +108,7 @@ class Judged:
 
 
 def judge(found: Found, limits: Thresholds) -> Judged:
-    """Judge what was found, and what these data could not have shown."""
+    """Judge the result of the search, and list effects that these data cannot show."""
     problem, x, search = found.problem, found.x, found.search
     tied = {rival for effect in found.effects for rival in effect.rivals}
     beside = {*problem.effects, *tied}
@@ -158,7 +157,7 @@ def verdict_of(
 
 
 def declared_sentence(declared: Mapping[str, str]) -> str:
-    """Return the facts of `[rig]` that remove or bound effects, as a sentence or ""."""
+    """Return in a sentence the facts of `[rig]` that remove or bound effects, or ""."""
     facts = [f"{EFFECTS[name].title} ({fact})" for name, fact in declared.items()]
     return f" Limited by what [rig] declares: {list_words(facts)}." if facts else ""
 
@@ -296,7 +295,7 @@ def _no_effect_verdict(
 
 
 def closest_sentence(found: Search) -> str:
-    """Return the refused effect that comes closest: share, rest and why, in words."""
+    """Return the closest rejected effect in words: share of the error, rest, reason."""
     tried = [
         (candidate, step.before)
         for step in found.rounds
@@ -318,7 +317,7 @@ def closest_sentence(found: Search) -> str:
 
 
 def _describe_implausible(found: Search) -> str:
-    """Name the effects that would do if they could be so large, in words."""
+    """Name the effects that would explain the error if they could be so large."""
     statements = [
         f"{EFFECTS[candidate.id].title} {candidate.reason}"
         for step in found.rounds[-1:]
@@ -329,7 +328,6 @@ def _describe_implausible(found: Search) -> str:
 
 
 def _tied_titles(found: FoundEffect) -> list[str]:
-    """Return the titles of an effect and of those in a tie with it."""
     return [EFFECTS[name].title for name in (found.id, *found.rivals)]
 
 
@@ -338,7 +336,6 @@ def _titles(names: list[str]) -> str:
 
 
 def _describe_gap(found: Mapping[str, Gap]) -> str:
-    """Return the errors before and after, in words."""
     return list_words(
         [
             f"the {channel_name(name)} "
@@ -390,17 +387,11 @@ def belief_in_verdict(
     ties: Sequence[Sequence[str]],
     left: float,
 ) -> VerdictOdds:
-    """Return the probability that a verdict is right, with what else may be true.
+    """Return the probability that a verdict is right, and its alternatives.
 
     A name is right if its effect is the one that acts, a tie if one of its effects is.
-    The probability is NaN where no study rig left as much.
-
-    Args:
-        found: the search.
-        kind: the verdict.
-        missing: ids of the effects that are called missing.
-        ties: groups of ids that are tied, the one in the model first.
-        left: error of the model over the noise.
+    The probability is NaN where no study rig left as much. `ties` has the effect in the
+    model first; `left` is the error of the model over the noise.
     """
     reliable, most = RELIABILITY[kind], STUDIED_ERROR[kind]
     if left > most:
@@ -476,7 +467,6 @@ def _rate(
 def _worded(
     kind: Verdict, probability: float, others: Sequence[Alternative], left: float
 ) -> VerdictOdds:
-    """Return the belief in a name or a tie with its sentence."""
     shown = sorted(
         (each for each in others if each.probability >= Limit.min_shown),
         key=lambda each: -each.probability,

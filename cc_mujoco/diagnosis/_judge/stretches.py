@@ -25,15 +25,15 @@ from cc_mujoco.native import FloatArray
 
 
 class Stretch(NamedTuple):
-    """A stretch with an error beyond its limit.
+    """Stretch with an error beyond its limit.
 
     Attributes:
         trial: its name.
         start: time as recorded [s].
-        end: the same.
-        channel: torque that is off most.
-        size: its RMS error over the noise.
-        error: its RMS error [N m].
+        end: time as recorded [s].
+        channel: torque with the largest error.
+        size: RMS error over the noise.
+        error: RMS error [N m].
         silent: whether both torques are next to nothing, though the model's are not.
         rest: misfit of all other samples.
     """
@@ -49,7 +49,6 @@ class Stretch(NamedTuple):
 
     @property
     def statement(self) -> str:
-        """One sentence with trial, time and size."""
         when = f"from {self.start:.1f} s to {self.end:.1f} s"
         verb = "transmits nothing" if self.silent else "is off"
         return (
@@ -61,7 +60,7 @@ class Stretch(NamedTuple):
 
     @property
     def question(self) -> str:
-        """Question for whoever recorded it."""
+        """Question to whoever recorded it."""
         what = "came off" if self.silent else "came off, slipped or was changed"
         return (
             f"{self.statement} Is there a cable or a clamp that {what}, or a sensor "
@@ -73,14 +72,10 @@ class Stretch(NamedTuple):
 def worst_stretch(
     problem: Problem, x: FloatArray, torques: Sequence[FloatArray]
 ) -> Stretch | None:
-    """Return the stretch that is beyond its limit by most, or None.
+    """Return the stretch that exceeds its limit by most, or None.
 
-    Its size, and what is left of all other data, are those of a fit without it.
-
-    Args:
-        problem: with records, floor and noise.
-        x: where it was fitted to all data.
-        torques: (rows, samples) of every record, predicted [N m].
+    Its size, and the misfit of all other data, are those of a fit without it. `torques`
+    are predictions (rows, samples) of every record [N m].
     """
     worst: tuple[float, int, int, slice] | None = None
     records, instruments = problem.plant.records, problem.plant.instruments

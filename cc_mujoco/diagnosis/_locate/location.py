@@ -1,13 +1,13 @@
-"""The question `locate`: in which torque, angle and trials does the error lie?
+"""Location of the error: the torque, angle and trials in which it lies.
 
-The first sentence names the torque that is off and the structure that takes most of its
-error; the others give each structure by itself, with its test statistic. There is
-always a first sentence.
+The first sentence, which always exists, names the torque in error and the structure
+that explains most of it; the others give each structure by itself, with its test
+statistic.
 
 Maps show the mean error along speed, load, angle and time. The share that an axis
-explains is that of a mean per bin, found on one half of the stretches and tried on the
-other. Chance is the same with the error shifted in time against the axis, which keeps
-the memory of both (never a permutation of samples).
+explains is that of a mean per bin, found on one half of the stretches and tested on the
+other. Chance is the share with the error shifted in time against the axis, which keeps
+the autocorrelation of both (never a permutation of samples).
 """
 
 from __future__ import annotations
@@ -63,13 +63,7 @@ _CHANNEL_NAMES = {"motor_torque_nm": "motor torque", "joint_torque_nm": "joint t
 
 
 class ResidualAxis(NamedTuple):
-    """A quantity along which the error may lie.
-
-    Attributes:
-        name: of it.
-        unit: of it.
-        values: (samples,) per trace.
-    """
+    """Quantity along which the error may lie; `values` are (samples,) per trace."""
 
     name: str
     unit: str
@@ -202,9 +196,7 @@ def _shift(size: int, random: np.random.Generator) -> int:
 def _means(sums: FloatArray, count: NDArray[np.intp]) -> FloatArray:
     """Return the mean error by bin (bins,), NaN where there is no sample.
 
-    Args:
-        sums: of the errors by half and bin (2, bins).
-        count: of the samples (2, bins).
+    Sums of the errors and counts of the samples are by half and bin (2, bins).
     """
     whole = count.sum(axis=0).astype(float)
     whole[whole == 0.0] = np.nan
@@ -220,7 +212,7 @@ def _share(sums: FloatArray, count: NDArray[np.intp], square: float) -> float:
 
 
 def map_sentences(drawn: Sequence[Map], most: int = 6) -> tuple[Where, ...]:
-    """Return plain sentences of the maps that chance does not explain."""
+    """Return sentences on the maps that chance does not explain."""
     return tuple(
         Where(m.channel, m.axis, m.share, describe_map(m))
         for m in drawn
@@ -229,7 +221,6 @@ def map_sentences(drawn: Sequence[Map], most: int = 6) -> tuple[Where, ...]:
 
 
 def describe_map(drawn: Map) -> str:
-    """Describe a map in one sentence."""
     good = np.isfinite(drawn.before)
     centre, error = drawn.centre[good], drawn.before[good]
     low, high = int(np.argmin(error)), int(np.argmax(error))
@@ -269,7 +260,7 @@ class Located:
 def locate_error(
     fitted: BaselineFit, found: Found, judged: Judged, seed: int
 ) -> Located:
-    """Locate the error of the baseline, and what is left of it."""
+    """Locate the error of the baseline, and that of the final model."""
     baseline, model = (fitted.problem, fitted.whole.x), (found.problem, found.x)
     # What is added where nothing explains the error only stands in for it.
     unknown = judged.verdict == "unknown"
@@ -296,7 +287,6 @@ def locate_error(
 
 
 def effect_isolability(signatures: Sequence[Signature]) -> Isolability:
-    """Compute the similarity of the effects' signatures."""
     table = np.array([[signature_cosine(a, b) for b in signatures] for a in signatures])
     return Isolability(
         tuple(s.id for s in signatures),
@@ -312,17 +302,12 @@ def error_places(
     constants: Sequence[TrialConstants] = (),
     ordinates: Mapping[str, FloatArray] = MappingProxyType({}),
 ) -> tuple[Where, ...]:
-    """Return where the error of the baseline lies, the main sentence first.
+    """Return the locations of the error of the baseline, the main sentence first.
 
-    Errors are those of fits to all data: what is predicted of trials that are held out
-    is off by their parameters as well.
-
-    Args:
-        baseline: the model without any effect, and where it was fitted.
-        model: the same with what was added.
-        drawn: maps of the error.
-        constants: by trial, best first.
-        ordinates: (trials,) along which these may drift, by name.
+    Errors are those of fits to all data: errors of held-out trials contain those of
+    their parameters. Baseline and model come with the place of their fit, `constants`
+    by trial with the best first; `ordinates` (trials,) by name are those along which
+    they may drift.
     """
     problem = baseline[0]
     before, after = (fitted.torques(x) for fitted, x in (baseline, model))
@@ -419,7 +404,7 @@ def _main_sentence(
     found: Sequence[tuple[str, Where]],
     mapped: Sequence[Where],
 ) -> str:
-    """Return the main sentence: which torque is off, by how much, and how."""
+    """Return the main sentence: the torque in error, its size and its structure."""
     others = [name for name in off if name != worst]
     sizes = list_words(
         [f"{channel_name(name)} {_in_floors(size)}" for name, size in off.items()]
@@ -471,7 +456,6 @@ def _in_floors(size: float) -> str:
 def _describe_period(
     line: PeriodicError, name: str, which: str = ""
 ) -> tuple[str, Where]:
-    """Return a period in an error in words."""
     exactly = format_number(line.order, 2.0 * line.order_error)
     order = f"{round(line.order) if line.whole_order else exactly} per turn"
     if line.by_torque is None:
@@ -498,7 +482,7 @@ def _describe_period(
 
 
 def _describe_constants(seen: Mapping[str, Samples]) -> list[tuple[str, Where]]:
-    """Return errors that are the same in all stretches, in words."""
+    """Describe errors that are the same in all stretches."""
     sizes, found = {}, []
     for name, each in seen.items():
         weights = np.bincount(each.block, each.weight)

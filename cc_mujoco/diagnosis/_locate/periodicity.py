@@ -3,11 +3,11 @@
 The error, less smooth functions of angle, speed and torque, is fitted by a sine of
 every order (periods per turn) that the range of the angle resolves: once with a
 constant amplitude and once with an amplitude proportional to the torque. The squared
-error that a sine takes, over that of the adjacent orders, is exponentially distributed
-where none is periodic (Fisher, Proc. R. Soc. A 125, 1929). A reversal or another sharp
-feature raises all orders equally; a ripple raises one. Errors that depend on the motion
-are not random, so a period must also take a share of the error on samples to which it
-was not fitted.
+error that a sine explains, over that of the adjacent orders, is exponentially
+distributed where none is periodic (Fisher, Proc. R. Soc. A 125, 1929). A reversal or
+another sharp feature raises all orders equally; a ripple raises one. Errors that depend
+on the motion are not random, so a period must also explain a share of the error on
+samples to which it was not fitted.
 
     line = strongest_line(samples)
     line.order, line.statistic, line.share
@@ -51,7 +51,7 @@ class Samples(NamedTuple):
 
 
 class PeriodicError(NamedTuple):
-    """A period in an error.
+    """Period in an error.
 
     Attributes:
         angle: in which it is periodic.
@@ -59,9 +59,10 @@ class PeriodicError(NamedTuple):
         order_error: standard error of the order.
         amplitude: in N m, or in N m per N m of torque where `by_torque`.
         by_torque: whether the amplitude is proportional to the torque; None where these
-            data do not tell.
-        share: of the squared error that it takes on samples it was not fitted to.
-        statistic: the error that it takes, over that of the adjacent orders.
+            data do not determine that.
+        share: share of the squared error that it explains on samples it was not fitted
+            to.
+        statistic: error that it explains, over that of the adjacent orders.
         threshold: largest statistic that chance reaches with `Limit.false_alarm_rate`.
     """
 
@@ -76,7 +77,7 @@ class PeriodicError(NamedTuple):
 
     @property
     def whole_order(self) -> bool:
-        """Return whether the order is a whole number within its uncertainty."""
+        """True if the order is a whole number within its uncertainty."""
         return abs(self.order - round(self.order)) < max(2.0 * self.order_error, 0.02)
 
 
@@ -91,7 +92,7 @@ class _Candidate(NamedTuple):
 
 
 def strongest_line(samples: Samples) -> PeriodicError | None:
-    """Return the period that takes most of an error; None where chance explains all."""
+    """Return the period that explains most of an error; None if chance explains all."""
     if samples.error.size < 100 or not np.any(samples.error):
         return None
     fit = _Prepared(samples)
@@ -202,7 +203,6 @@ class _Prepared:
     def at(
         self, name: str, angle: FloatArray, by_torque: bool, order: float
     ) -> _Candidate:
-        """Return the held-out residuals of a sine of this order."""
         pair = self._pair(angle, by_torque, order)
         left = np.empty(self._error.size)
         for mask in (self._half, ~self._half):
@@ -241,7 +241,7 @@ class _Prepared:
         orders: FloatArray,
         error: FloatArray | None = None,
     ) -> FloatArray:
-        """Return the squared error that a sine of each order takes (orders,)."""
+        """Return the squared error that a sine of each order explains (orders,)."""
         error = self._error if error is None else error
         size = (self._root * (self._samples.torque if by_torque else 1.0))[:, None]
         taken = []
@@ -280,7 +280,7 @@ def _background(taken: FloatArray) -> FloatArray:
     """Return the mean of the spectrum around each order, by medians (orders,).
 
     The larger side counts, since errors grow towards low orders. It is infinite where
-    the lower side is not known.
+    the lower side is unknown.
     """
     below = _lower_medians(taken)
     above = _lower_medians(taken[::-1])[::-1]

@@ -89,7 +89,7 @@ class LossFit:
     """Loss of a transmission.
 
     Attributes:
-        values: estimates by name, of what the data determine.
+        values: estimates by name, where the data determine them.
         settling: travel after a reversal until the cable slides [rad]; NaN if unknown.
         breakaway_at: travel at which the break-away loss is largest [rad].
         error: RMS of the joint torque beyond this law while sliding [N m].
@@ -126,7 +126,6 @@ class SceneLaw(NamedTuple):
     pretension: float
 
     def torque(self, ideal: FloatArray, sign: float) -> FloatArray:
-        """Return the joint torque while all cables slide (samples,) [N m]."""
         less, more = math.exp(-sign * self.exponent), math.exp(sign * self.exponent)
         if self.pretension == 0.0:
             return np.where(ideal >= 0.0, less, more) * ideal
@@ -149,13 +148,8 @@ def strokes_of(
 ) -> list[Stroke]:
     """Return the strokes of a stretch without gaps, rests left out.
 
-    Args:
-        trial: index of its trial.
-        angle: of the joint (samples,) [rad].
-        ideal: its torque without loss (samples,) [N m].
-        torque: its measured torque (samples,) [N m].
-        step: time between samples [s].
-        speed_noise: standard deviation of the speed [rad/s].
+    `ideal` is the torque of the joint without loss (samples,) [N m], `speed_noise` the
+    standard deviation of the speed [rad/s].
     """
     speed = velocity(angle, step)
     top = float(np.percentile(np.abs(speed), 95))
@@ -211,7 +205,8 @@ class _Law(NamedTuple):
     Attributes:
         blocks: of the data.
         active: columns that the data distinguish, of six.
-        squares: normal matrices (blocks, active, active), errors of the load taken off.
+        squares: normal matrices (blocks, active, active), corrected for errors of the
+            load.
         products: with the joint torque (blocks, active).
     """
 
@@ -239,7 +234,7 @@ class _Law(NamedTuple):
     def solve(self, weights: FloatArray) -> FloatArray:
         """Return coefficients (draws, 6) for weights of the blocks (draws, blocks).
 
-        Those of columns that are not fitted are 0, or NaN of the first four.
+        Coefficients of unfitted columns are 0, or NaN for the first four.
         """
         squares = np.tensordot(weights, self.squares, 1)
         products = weights @ self.products
@@ -250,7 +245,6 @@ class _Law(NamedTuple):
 
 
 def _distinguished(columns: FloatArray) -> NDArray[np.int_]:
-    """Return the columns of the fit that the data distinguish from all others."""
     active = [POSITIVE, NEGATIVE]
     for column in (DRIVING, DRIVEN):
         if _own_share(columns, column, active) > Limit.min_load_spread**2:
@@ -285,13 +279,8 @@ def fit_loss(
 ) -> LossFit:
     """Fit the loss of a transmission.
 
-    Args:
-        strokes: of all trials.
-        load_noise: standard deviation of the torque without loss [N m].
-        scene: friction that the scene states.
-        gain_uncertainty: standard deviation of the ratio of both gains; infinite if it
-            is not known.
-        seed: of the bootstrap.
+    `load_noise` is the standard deviation of the torque without loss [N m],
+    `gain_uncertainty` that of the ratio of both gains, infinite if unknown.
     """
     if len({each.sign for each in strokes}) < 2:
         return LossFit(
@@ -380,13 +369,12 @@ _UNITS = {
     "rotor_inertia": "kg m^2",
     "breakaway_excess": "1",
 }
-"""Unit of every estimate."""
 
 
 def _derived(
     found: FloatArray, law: _Law, weights: FloatArray | None = None
 ) -> dict[str, FloatArray]:
-    """Return what follows from coefficients (draws, 6), by name (draws,)."""
+    """Return quantities derived from coefficients (draws, 6), by name (draws,)."""
     values: dict[str, FloatArray] = {}
     known = set(law.active.tolist())
     if {DRIVING, DRIVEN} <= known:
@@ -415,7 +403,7 @@ def _derived(
 
 
 def _constant_load(law: _Law) -> bool:
-    """Return whether a slope that the data have is not distinguished from a loss."""
+    """Return whether the data do not distinguish one of their slopes from a loss."""
     present = {
         column
         for column in (DRIVING, DRIVEN)
@@ -425,7 +413,6 @@ def _constant_load(law: _Law) -> bool:
 
 
 def _estimate(value: float, unit: str, deviation: float, freedom: int) -> Estimate:
-    """Return a value with the 95 % interval of Student's t."""
     from scipy.special import stdtrit
 
     reach = float(stdtrit(freedom, 0.975)) * deviation
@@ -433,7 +420,6 @@ def _estimate(value: float, unit: str, deviation: float, freedom: int) -> Estima
 
 
 def _columns(stroke: Stroke) -> FloatArray:
-    """Return the columns of the fit (samples, 6)."""
     columns = np.zeros((stroke.ideal.size, 6))
     drives = stroke.sign * stroke.ideal >= 0.0
     columns[drives, DRIVING] = stroke.ideal[drives]
@@ -444,7 +430,7 @@ def _columns(stroke: Stroke) -> FloatArray:
 
 
 def _usual_travel(strokes: Sequence[Stroke]) -> float:
-    """Return the travel of strokes that half of the way is covered in [rad]."""
+    """Return the median travel of strokes, weighted by travel [rad]."""
     travels = np.sort([float(each.travel[-1]) for each in strokes])
     covered = np.cumsum(travels)
     return float(travels[np.searchsorted(covered, 0.5 * covered[-1])])
@@ -483,7 +469,6 @@ class _Profile(NamedTuple):
 
     @classmethod
     def of(cls, strokes: Sequence[Stroke], found: FloatArray, usual: float) -> _Profile:
-        """Return the profile of strokes of about the usual length."""
         edges = np.append(0.0, np.geomspace(0.01 * usual, usual, _TRAVEL_BINS))
         excess: list[FloatArray] = []
         sliding: list[FloatArray] = []
@@ -535,7 +520,7 @@ def _settling(profile: _Profile, usual: float) -> float:
 def _breakaway(
     profile: _Profile, random: np.random.Generator
 ) -> tuple[Estimate | None, float]:
-    """Return the largest relative excess of the loss, and the travel where it is.
+    """Return the largest relative excess of the loss, and its travel.
 
     The bin is chosen by one half of the reversals and evaluated by the other, both ways
     round: the largest of several means would be too large.
@@ -577,7 +562,6 @@ def _undetermined(
     gain_uncertainty: float,
     breakaway_at: float,
 ) -> tuple[str, ...]:
-    """Return clauses on what the data do not determine."""
     found = ["stretch, play and pretension, which need the motor's angle"]
     known = set(law.active.tolist())
     if _constant_load(law):
@@ -633,16 +617,10 @@ _WHAT_TELLS = (
 
 
 def diagnose_loss(dataset: Dataset, bench: Bench, seed: int = 0) -> Diagnosis:
-    """Return the loss by direction and load, and what these data cannot show.
+    """Return the loss by direction and load, and effects that these data cannot show.
 
-    Args:
-        dataset: trials with both torques and the joint's angle.
-        bench: rig as the scene has it, with what is known of it.
-        seed: of the bootstrap.
-
-    Raises:
-        CableError: a torque is missing, the joint moves the cables by their path, or
-            there are several occasions.
+    The dataset must have both torques and the joint's angle of one occasion, and the
+    path of the cables must not depend on the joint.
     """
     where = dataset.path or "these trials"
     if bench.led or bench.others:
@@ -710,7 +688,6 @@ def diagnose_loss(dataset: Dataset, bench: Bench, seed: int = 0) -> Diagnosis:
 
 
 def _as_usual(trial: Trial) -> bool:
-    """Return whether cables and sensors of a trial are in their usual places."""
     facts = trial.facts
     return not (
         facts.unhooked
@@ -757,7 +734,7 @@ def _noise(
 
 
 def _ties(found: LossFit) -> tuple[tuple[str, ...], ...]:
-    """Return the groups of effects that make what is beyond the scene's friction."""
+    """Return the groups of effects that cause a loss beyond the scene's friction."""
     values, least = found.values, Limit.min_share * found.load
     ties = []
     loss = values.get("load_independent_loss")
@@ -804,7 +781,6 @@ def _statement(
     pair: bool,
     constants: Mapping[str, Constant],
 ) -> str:
-    """Return the finding in sentences."""
     values = found.values
     text = [
         f"While the cable slides, the joint torque is {format_number(before)} times "
@@ -860,7 +836,6 @@ def _statement(
 
 
 def _breakaway_sentence(excess: Estimate, found: LossFit) -> str:
-    """Describe the loss after a reversal."""
     settles = (
         f"from {format_number(found.settling)} rad after a reversal the loss is steady"
     )
@@ -873,5 +848,4 @@ def _breakaway_sentence(excess: Estimate, found: LossFit) -> str:
 
 
 def _with_interval(value: Estimate) -> str:
-    """Return a number with its interval."""
     return f"{format_fitted(value)} (95 %: {format_interval(value)})"

@@ -111,11 +111,8 @@ def describe_mode(
 ) -> str:
     """Return what the instruments can and cannot show; "" of two torque sensors.
 
-    Args:
-        instruments: of both torques.
-        ends_held: whether the ends are held, see `Trial.ends_held`.
-        arm_by_pairs: whether the arm at the joint is that of `[rig] angle_pairs`.
-        motor_angle: whether the motor's angle is measured.
+    If `arm_by_pairs`, the arm at the joint is that of `[rig] angle_pairs`; `ends_held`
+    as in `Trial.ends_held`.
     """
     if not motor_angle:
         return _NO_MOTOR_ANGLE
@@ -172,14 +169,10 @@ class _Stretch(NamedTuple):
 
 
 def diagnose_motion(dataset: Dataset, bench: Bench) -> Diagnosis:
-    """Return how the joint follows the motor, and what these data cannot tell.
+    """Return how the joint follows the motor, and effects that these data cannot show.
 
-    Args:
-        dataset: trials without any torque.
-        bench: rig as the scene has it, of which only the ratio counts.
-
-    Raises:
-        CableError: other joints move the cables, or the motor hardly moves.
+    Only the ratio of the bench counts. Data in which other joints move the cables, or
+    the motor hardly moves, are refused.
     """
     if bench.led:
         raise CableError(
@@ -291,7 +284,6 @@ def _stretches(dataset: Dataset, bench: Bench) -> list[_Stretch]:
 
 
 def _start(stretches: Sequence[_Stretch]) -> tuple[float, float, float, float]:
-    """Return a first estimate: dead zone, spread, lag and change of the ratio."""
     rows, wanted = [], []
     for own in stretches:
         speed = np.gradient(own.motor, own.step)
@@ -307,9 +299,9 @@ def _start(stretches: Sequence[_Stretch]) -> tuple[float, float, float, float]:
 
 
 def _counted(stretch: _Stretch, play: float) -> _Stretch:
-    """Return the same, from where the motor has moved well beyond the play.
+    """Return the stretch from where the motor has moved well beyond the play.
 
-    What it did before the stretch is not known, and the joint follows late.
+    The motion before the stretch is unknown, and the joint follows late.
     """
     motor = stretch.motor
     reach = np.maximum.accumulate(motor) - np.minimum.accumulate(motor)
@@ -319,7 +311,6 @@ def _counted(stretch: _Stretch, play: float) -> _Stretch:
 
 
 def _errors(stretches: Sequence[_Stretch], values: Sequence[float]) -> list[FloatArray]:
-    """Return measured minus modelled angle of the samples that count [rad]."""
     zone, spread, lag, change = values
     errors = []
     for own in stretches:
@@ -348,7 +339,6 @@ def _statement(
     before: float,
     after: float,
 ) -> str:
-    """Return the finding as a few sentences."""
     zone, lag, spread = (values[n] for n in ("dead_zone", "lag", "dead_zone_spread"))
     off = f"The joint is {format_number(before)} times the noise off a rigid drive"
     if kind == "none":

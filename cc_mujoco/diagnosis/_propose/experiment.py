@@ -1,4 +1,4 @@
-"""The question `propose`: which trial would separate two rivals?"""
+"""Proposal of the trial that would separate two rivals."""
 
 from __future__ import annotations
 
@@ -64,10 +64,10 @@ class Rivals(NamedTuple):
 
     @property
     def fitted(self) -> list[tuple[Problem, FloatArray]]:
-        """The two models and where they were fitted, weighted by their own errors.
+        """The two models and the places of their fits, weighted by their own errors.
 
-        By the errors of the model before, old and new data would count for as little
-        as while neither effect was known.
+        By the errors of the model before, old and new data would count for as little as
+        while neither effect was known.
         """
         found = []
         for model in self.models:
@@ -78,14 +78,12 @@ class Rivals(NamedTuple):
 
 
 class Proposal(NamedTuple):
-    """Trial to record, and what it is for."""
-
     experiment: NextExperiment
     motion: CataloguedTrial
 
 
 def propose(found: Found, thresholds: Thresholds) -> Proposal | None:
-    """Propose the trial that separates the first tie; None where no trial would."""
+    """Return the trial that separates the first tie; None where no trial would."""
     if not found.ties:
         return None
     return best_trial(_tied_refits(found.search, found.ties[0]), thresholds)
@@ -113,7 +111,6 @@ def _tied_refits(found: Search, tie: Sequence[str]) -> Rivals:
 def _first_refits(
     rounds: Sequence[tuple[CrossValidation, Mapping[str, CrossValidation]]],
 ) -> dict[str, CrossValidation]:
-    """Return every effect as it was refitted first."""
     found: dict[str, CrossValidation] = {}
     for _, models in rounds:
         found = {**models, **found}
@@ -124,12 +121,12 @@ def best_trial(rivals: Rivals, thresholds: Thresholds) -> Proposal | None:
     """Return the trial that distinguishes two fitted rivals, or None.
 
     If one of them were true, the other would be fitted again, to the old data and the
-    new; the difference that counts is what would be left then. A difference that comes
-    from friction, say, which the two estimate differently, settles nothing; nor does
-    one that is no more than effects are off by in their form. A trial is proposed only
-    if it is clearly no chance, if the rule that found the tie would find none with it,
-    and if the data have no such trial yet. Where no trial settles the tie whichever
-    effect is true, one is proposed that does if it is the effect that fits better now.
+    new; only the difference that remains then counts. A difference that comes from
+    friction, say, which the two estimate differently, settles nothing; nor does one
+    within the form error of effects. A trial is proposed only if it is clearly no
+    chance, if the rule that found the tie would find none with it, and if the data have
+    no such trial yet. Where no trial settles the tie whichever effect is true, one is
+    proposed that does if the effect that fits better now is true.
     """
     fitted = rivals.fitted
     problem = fitted[0][0]
@@ -211,7 +208,7 @@ def _describe_difference(
     left: FloatArray,
     noise: FloatArray,
 ) -> str:
-    """Return by how much two models differ on a trial, in words."""
+    """Describe the difference between two models on a trial."""
     sizes = np.sqrt(np.mean(left**2, axis=1))
     row = int(np.argmax(sizes))
     most = int(np.argmax(np.abs(left[row])))
@@ -230,10 +227,11 @@ def recorded(
 ) -> set[str]:
     """Return the descriptions of motions of which the data have a trial.
 
-    That is, one whose notes name the motion, or one of the same pretension, tilt,
-    weights and sensors whose motor and joint move as far, and whose motor follows the
+    The notes of such a trial name the motion, or it has the same pretension, tilt,
+    weights and sensors, its motor and joint move as far, and its motor follows the
     motion, begun at any time. With the cables off it is enough that the joint moves
-    half as far. Of several it is the one by which the joint lags as much.
+    half as far. Of several motions it is the one with the most similar lag of the
+    joint.
     """
     known = [r.pretension for r in records if r.pretension]
     usual = float(np.median(known)) if known else 1.0
@@ -260,7 +258,6 @@ def recorded(
 def _matches_motion(
     motion: CataloguedTrial, bench: Bench, record: Record, pretension: float
 ) -> bool:
-    """Return whether a record may be one of a motion."""
     if abs(pretension - motion.pretension) > 0.1 * motion.pretension:
         return False
     if abs(record.tilt - motion.tilt) > 0.1 or record.swapped != motion.swapped:
@@ -301,15 +298,11 @@ def separates_rivals(
     left: FloatArray,
     thresholds: Thresholds,
 ) -> bool:
-    """Return whether two effects would be in no tie with a trial more.
+    """Return whether two effects would not be in a tie with one trial more.
 
-    Args:
-        rivals: the tie.
-        record: the trial.
-        true: index of the effect that is true.
-        made: (rows, samples) what it changes there, over the floor.
-        left: (rows, samples) what the other one, fitted again, is off by there.
-        thresholds: of decisions.
+    `true` is the index of the effect that is true, `made` (rows, samples) its change
+    there over the floor, `left` (rows, samples) the error of the other one, fitted
+    again.
     """
     model, other = rivals.models[true], rivals.models[1 - true]
     names = rivals.ids[true], rivals.ids[1 - true]
@@ -322,7 +315,7 @@ def separates_rivals(
 def _with_trial(
     crossed: CrossValidation, record: Record, error: FloatArray
 ) -> CrossValidation:
-    """Return the same with one trial more, with this error of a model, and noise."""
+    """Return the validation with one more trial, with this error of a model."""
     problem = crossed.problem
     base = problem.plant.records[0]
     times = max(1, round(record.dt / base.dt))
@@ -343,7 +336,6 @@ def _with_trial(
 
 
 def _row_medians(each: Sequence[FloatArray]) -> FloatArray:
-    """Return the median of every row of (rows, samples) of all records (rows, 1)."""
     found: FloatArray = np.median(np.concatenate(each, axis=1), axis=1)[:, None]
     return found
 
@@ -351,7 +343,6 @@ def _row_medians(each: Sequence[FloatArray]) -> FloatArray:
 def _without_effects(
     fitted: Sequence[tuple[Problem, FloatArray]], ids: Sequence[str], record: Record
 ) -> list[FloatArray]:
-    """Return the torques (rows, samples) of each model without its effect [N m]."""
     found = []
     for (problem, x), name in zip(fitted, ids, strict=True):
         rest = [effect for effect in problem.effects if effect != name]
@@ -366,10 +357,8 @@ def form_error(
 ) -> FloatArray:
     """Compute the model-form error of an effect, relative to the noise (rows, 1).
 
-    Args:
-        shown: what each model says of a trial (rows, samples) [N m].
-        without: the same without the effect.
-        noise: (rows, 1) of the torques [N m].
+    `shown` are torques of a trial (rows, samples) by each model [N m], `without` those
+    without the effect; `noise` is (rows, 1) of the torques [N m].
     """
     sizes = [
         np.mean(((torque - rest) / noise) ** 2, axis=1, keepdims=True)
@@ -389,15 +378,10 @@ def refit_difference(
 ) -> FloatArray:
     """Compute the rest of a difference after a refit of a model (2, samples).
 
-    Parameters stay within their bounds, as they do in fits.
-
-    Args:
-        problem: the model.
-        x: where it was fitted.
-        record: the new trial, with what the model says of it as measured.
-        noise: (2, 1) of the torques [N m].
-        known: (residuals, parameters) Jacobian on the data there are, and priors.
-        difference: (2, samples) of the signals, relative to the noise.
+    Parameters stay within their bounds, as they do in fits. `record` is the new trial,
+    as the model predicts it; `noise` is (2, 1) of the torques [N m], `known` the
+    (residuals, parameters) Jacobian on the present data and priors, `difference` (2,
+    samples) of the signals, relative to the noise.
     """
     from scipy.optimize import lsq_linear
 

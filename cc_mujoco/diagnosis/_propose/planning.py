@@ -1,9 +1,9 @@
 """Choose trials before there are any data: all effects testable, none tied.
 
 The catalogue's motions are simulated with the scene as it is, and with each effect at a
-size that is plausible on the rig, see `plausibility`. What an effect changes, less what
-tuning can do, adds up over trials (in the normal equations), so every set of trials is
-judged without another simulation.
+size that is plausible on the rig, see `plausibility`. The change by an effect, less the
+part that tuning can explain, adds up over trials (in the normal equations), so every
+set of trials is judged without another simulation.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ from cc_mujoco.native import FloatArray
 from cc_mujoco.report._markdown import table
 
 SATURATED_CLARITY = 10.0 * Limit.min_clarity
-"""Clarity from which more is of no further use; noise is not all that is in the way."""
+"""Clarity above which more is of no further use: noise is not the only error."""
 
 
 class Resolved(NamedTuple):
@@ -69,8 +69,8 @@ class Resolved(NamedTuple):
         plausible: size of its first amplitude that is plausible on the rig, in its
             unit.
         clarity: of plausible sizes, in standard deviations once all is tuned.
-        likest: the effect with which it is confused most, "nothing" without others.
-        separation: clarity of a plausible size where that one is fitted as well.
+        likest: effect that is most similar, "nothing" without others.
+        separation: clarity of a plausible size where that effect is fitted as well.
     """
 
     id: str
@@ -99,15 +99,15 @@ class _Column(NamedTuple):
 
 @dataclass(frozen=True)
 class TrialPlan:
-    """Trials to record and what they would resolve.
+    """Trials to record and the effects that they would resolve.
 
     Attributes:
-        trials: in the order of what they add.
+        trials: in the order of their contribution.
         resolved: by the trials together, the least certain effect first.
-        noise: standard deviation that was taken, by the torque that is compared [N m].
+        noise: assumed standard deviation, by the torque that is compared [N m].
         hidden: effects that these instruments cannot show, and why.
         declared: facts that remove an effect or bound it.
-        sizes: the first amplitude of every effect.
+        sizes: first amplitude of every effect.
         slack: share of the samples of each trial in which a cable is slack.
     """
 
@@ -132,18 +132,11 @@ def planned(
 ) -> TrialPlan:
     """Return the smallest set of trials that leaves no effect untestable or tied.
 
-    It has the standard trials, and those with the cables off last: hooking them up
-    again changes the pretension.
-
-    Args:
-        bench: the rig as the scene has it.
-        swing: largest angle of the motor to either side [rad].
-        rate: largest speed of the motor [rad/s].
-        constants: what is known of the rig.
-        noise: of the channels where it is known.
-        ids: effects to consider; default all.
-        instruments: what the torques are to be known from.
-        cells: channels of load cells in single cables that the rig has.
+    It has the standard trials, and those with the cables off last: mounting them again
+    changes the pretension. `swing` is the largest angle of the motor to either side
+    [rad], `rate` its largest speed [rad/s]; `noise` is of the channels where it is
+    known, `ids` are the effects to consider (default all), `cells` the channels of load
+    cells in single cables.
     """
     load = None
     if instruments.joint == "known load":
@@ -277,7 +270,7 @@ def _gram_matrices(
     """Return the Gram matrix of changes in each record, and its columns.
 
     First come the baseline's parameters, then the amplitudes of every effect at
-    plausible sizes. The priors of the baseline are shared out over the records.
+    plausible sizes. The priors of the baseline are divided among the records.
     """
     records = problem.plant.records
     masks = [record.counts for record in records]
@@ -464,18 +457,13 @@ def plan(
 
 
 def _require_free(out: Path) -> None:
-    """Require that at most an unchanged earlier plan is replaced."""
     page_now = _text(out / PLAN_PAGE)
     require_ours(out, lambda _: page_now.startswith(_TITLE))
     require_untouched(out, [DATASET_FILE], page_now)
 
 
 def _read_declarations(path: Path) -> str:
-    """Return the declarations of a plan, to continue with its trials.
-
-    Raises:
-        CableError: the file already has trials.
-    """
+    """Return the declarations of a plan without trials, to continue with its trials."""
     text = path.read_text(encoding="utf-8")
     if "trials" in parse_toml(text):
         raise CableError(
@@ -495,8 +483,7 @@ def _text(path: Path) -> str:
 def _require_possible(bench: Bench, reach: float) -> None:
     """Require that the joint can follow the reach of the motor.
 
-    Raises:
-        CableError: it exceeds a turn of the joint, as in degrees, or a lever's range.
+    A larger one exceeds a turn of the joint, as in degrees, or the range of a lever.
     """
     turn = 2.0 * math.pi
     if reach * bench.motor_radius / bench.joint_radius > turn:
@@ -521,9 +508,9 @@ def _half_range(bench: Bench) -> float:
 
 
 def _reach(bench: Bench, speed: float) -> float:
-    """Return the angle of the motor to either side by which a plan moves it [rad].
+    """Return the largest angle of the motor to either side in a plan [rad].
 
-    The joint stays within the reach of its named trajectories, and the motor can go
+    The joint stays within the range of its named trajectories, and the motor can go
     that far within a second.
     """
     if math.isinf(bench.reach):
@@ -538,10 +525,7 @@ def _reach(bench: Bench, speed: float) -> float:
 def _noise(
     file: DatasetFile, instruments: Instruments, bench: Bench
 ) -> dict[str, Noise]:
-    """Return the noise that the file declares, or the device's description, by channel.
-
-    The file goes first.
-    """
+    """Return the noise that the file or else the device declares, by channel."""
     found = {}
     if instruments.joint == "torque sensor" and bench.torque_noise > 0.0:
         found[channels.JOINT_TORQUE] = Noise(bench.torque_noise, 0.0, "declared")
@@ -567,7 +551,6 @@ def _dataset(found: TrialPlan, bench: Bench) -> str:
 def page(
     found: TrialPlan, bench: Bench, swing: float, speed: float, instruments: Instruments
 ) -> str:
-    """Return the plan as text and tables."""
     known = [
         f"the {side}'s torque from {instrument}, {format_number(found.noise[channel])} "
         "N m of noise"
@@ -649,7 +632,7 @@ def page(
 
 
 def _describe_limits(bench: Bench, swing: float) -> str:
-    """Return the angles within which the motor moves, in words."""
+    """Describe the angles within which the motor moves."""
     at = middle_angle(bench, swing)
     if at == 0.0:
         return format_number(swing)

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 
 class Excerpt(NamedTuple):
-    """A stretch of one trial.
+    """Stretch of one trial.
 
     Attributes:
         trace: of the trial.
@@ -66,7 +66,7 @@ def ordinary_excerpt(evidence: Evidence) -> Excerpt | None:
 
 
 def model_changed(evidence: Evidence) -> bool:
-    """Return whether the model of `after` is another one than that of `before`."""
+    """Return whether the models of `after` and `before` differ."""
     return any(
         not np.array_equal(trace.before[channel], trace.after[channel], equal_nan=True)
         for trace in evidence.traces
@@ -103,7 +103,6 @@ def _windows(evidence: Evidence) -> list[Excerpt]:
 
 
 def _mean_square_error(evidence: Evidence) -> dict[str, float]:
-    """Return the mean squared error of each channel over all trials."""
     squares: dict[str, list[FloatArray]] = {}
     for trace in evidence.traces:
         for channel in trace.measured:
@@ -177,7 +176,6 @@ def draw_isolability(
 
 
 def _cluster_order(cosines: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Return the order in which similar effects are adjacent."""
     from scipy.cluster.hierarchy import leaves_list, linkage
     from scipy.spatial.distance import squareform
 
@@ -191,7 +189,7 @@ def _cluster_order(cosines: NDArray[np.float64]) -> NDArray[np.intp]:
 
 
 def _write_numbers(axes: Axes, cosines: NDArray[np.float64]) -> None:
-    """Write the likeness into cells off the diagonal that matter."""
+    """Write the cosine into cells off the diagonal that matter."""
     for row, column in np.argwhere(np.nan_to_num(cosines) >= 0.7):
         if row != column:
             axes.text(
@@ -206,7 +204,6 @@ def _write_numbers(axes: Axes, cosines: NDArray[np.float64]) -> None:
 
 
 def _draw_bars(axes: Axes, visible: NDArray[np.float64]) -> None:
-    """Draw bars of the size of each effect over the noise."""
     colors = [BLUE if value >= Limit.min_visible_size else GREY for value in visible]
     least = 0.01
     axes.barh(range(len(visible)), np.maximum(visible, least), color=colors, height=0.7)
@@ -278,11 +275,9 @@ def draw_gap(gaps: Mapping[str, Gap]) -> Figure:
 
 
 def draw_maps(maps: list[Map], both: bool) -> Figure:
-    """Draw the mean error over the quantities along which it varies.
+    """Draw the mean error over the quantities along which it varies, a panel each.
 
-    Args:
-        maps: maps to draw, one panel each.
-        both: True if the model of `after` differs.
+    `both` is true if the model of `after` differs.
     """
     drawing = figure(Limit.figure_width, 0.4 + 2.2 * len(maps))
     panels = drawing.subplots(len(maps), squeeze=False)[:, 0]
@@ -296,9 +291,7 @@ def draw_maps(maps: list[Map], both: bool) -> Figure:
 def draw_excerpt(excerpt: Excerpt, both: bool) -> Figure:
     """Draw torques of a stretch of a trial, their residuals, and the motion.
 
-    Args:
-        excerpt: stretch to draw.
-        both: True if the model of `after` differs.
+    `both` is true if the model of `after` differs.
     """
     trace, part = excerpt.trace, excerpt.part
     time = trace.time[part]
@@ -374,12 +367,11 @@ def _has_equal_ratios(centre: FloatArray) -> bool:
 def _break_at_gaps(
     time: FloatArray, values: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the same, broken where samples are missing, so that no line crosses."""
+    """Return the curve, broken where samples are missing, so that no line crosses."""
     steps = np.diff(time)
     gaps = np.flatnonzero(steps > 3.0 * np.median(steps)) + 1
     return np.insert(time, gaps, np.nan), np.insert(values, gaps, np.nan)
 
 
 def _escape_mathtext(name: str) -> str:
-    """Return the text that Matplotlib shows as it is."""
     return plain_name(name).replace("$", r"\$")

@@ -1,6 +1,6 @@
 """Results folder of a diagnosis: report, figures, verdict and scene, written whole.
 
-The page can be sent around by itself; the figures are also PNG files next to it.
+The page is self-contained; the figures are also PNG files next to it.
 """
 
 from __future__ import annotations
@@ -111,13 +111,7 @@ def write_report(
     """Write `report.html` and its figures, all of them or none.
 
     Figures of an older report in the folder are deleted if this one does not have them.
-
-    Args:
-        folder: to write into; made if it is absent.
-        diagnosis: the verdict and its reasons.
-        evidence: the data of the figures.
-        titles: id of an effect to its name in sentences; an id that is not in it has
-            its underscores replaced.
+    `titles` are names of effects in sentences, by id; without one, the id with spaces.
     """
     names = Names(titles)
     with replacing_folder(folder) as partial:
@@ -151,7 +145,6 @@ def _page(diagnosis: Diagnosis, evidence: Evidence, names: Names, figures: Path)
 
 
 def _gap_picture(figures: Path) -> Html:
-    """Return the picture at the top, empty without an error to draw."""
     path = figures / "gap.png"
     words = "Weighted RMS error on held-out data, beside the noise floor."
     return embed_picture(path, words) if path.exists() else Html()
@@ -208,7 +201,7 @@ def _sections(
 
 
 def _omitted_sections(keys: list[str]) -> Html:
-    """Return one sentence on sections for which there was nothing."""
+    """Name the sections without content in one sentence."""
     if not keys:
         return Html()
     words = list_words([f"“{SECTION_TITLES[key]}”" for key in keys])
@@ -217,7 +210,13 @@ def _omitted_sections(keys: list[str]) -> Html:
 
 SCENE_FILE = "scene.xml"
 OPTIONAL_FILES = (SCENE_FILE, "evidence.rrd", *(f"{stem}.png" for stem in FIGURE_STEMS))
-"""Files that only some verdicts come with."""
+"""Files that only some verdicts have. Require that at most an earlier diagnosis of
+these data is replaced.
+
+The folder must not have the scene, the diagnosis of trials none of which is among the
+data, or a repaired scene that was changed since; see also
+`_utils.atomic_io.require_ours`.
+"""
 _DRAWING_MODULES = (
     "matplotlib.backends.backend_agg",
     "cc_mujoco.diagnosis._report.recording",
@@ -253,7 +252,6 @@ def require_ours(out: Path, scene: Path, data: Sequence[Path]) -> None:
 
 
 def _provenance(folder: Path) -> Mapping[str, Any] | None:
-    """Return the provenance of the diagnosis in a folder; None without one."""
     try:
         found = parse_json((folder / VERDICT_FILE).read_text(encoding="utf-8"))
         return dict(found["provenance"]) if "verdict" in found else None
@@ -324,7 +322,7 @@ def write(
 
 @contextmanager
 def _keep_verdict(path: Path) -> Iterator[None]:
-    """Say where the verdict is in an error that leaves nothing else."""
+    """Name the file of the verdict in an error that leaves nothing else."""
     try:
         yield
     except CableError as error:
@@ -336,12 +334,8 @@ def write_proposed(
 ) -> None:
     """Write a proposed trial as a plan of one trial.
 
-    Args:
-        folder: to write.
-        planned: the trial.
-        motion: of it.
-        dataset_toml: file with what is known of the other trials, or empty; its text
-            comes first, so that one file has the facts of all.
+    The text of `dataset_toml`, the file of the other trials or empty, comes first, so
+    that one file has the facts of all.
     """
     known = Path(dataset_toml).read_text(encoding="utf-8") if dataset_toml else ""
     facts = [*([known.rstrip(), ""] if known.strip() else []), *planned.facts, ""]
@@ -434,7 +428,7 @@ def write_and_compare_scene(result: DiagnosisResult, path: Path) -> list[str]:
 def _use_scene_angle(effects: dict[str, dict[str, float]], offset: float) -> None:
     """Make effects that depend on the measured angle act on that of the scene.
 
-    The scene's is the measured one and the offset.
+    The angle of the scene is the measured one plus the offset.
     """
     if "joint_gravity" in effects:
         weight = effects["joint_gravity"]
@@ -450,7 +444,6 @@ def _use_scene_angle(effects: dict[str, dict[str, float]], offset: float) -> Non
 
 
 def _writable_effects(result: DiagnosisResult) -> list[str]:
-    """Return the effects that the scene can have."""
     assert result.problem is not None
     return [
         name for name in result.problem.effects if is_realisable(result.bench, name)

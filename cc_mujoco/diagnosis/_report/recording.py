@@ -1,4 +1,4 @@
-"""The evidence of a diagnosis as a Rerun recording: every sample, to zoom into.
+"""Evidence of a diagnosis as a Rerun recording: every sample, to zoom into.
 
     write_recording("evidence.rrd", evidence)
 
@@ -53,11 +53,7 @@ def write_recording(
 ) -> None:
     """Write the evidence as a `.rrd` file, whole or not at all.
 
-    Args:
-        path: of the file.
-        evidence: what is logged.
-        titles: id of an effect to its name; an id that is not in it has its underscores
-            replaced.
+    `titles` are names of effects by id; without one, the id with spaces.
     """
     both = model_changed(evidence)
     with recording(path, recording_id(evidence), _blueprint(evidence)) as rec:
@@ -131,7 +127,6 @@ def _log_map(rec: rr.RecordingStream, each: Map, both: bool) -> None:
 
 
 def _about(evidence: Evidence, names: Names) -> rr.TextDocument:
-    """Describe the contents in Markdown."""
     maps = [
         (
             capitalise(channel_name(each.channel)),

@@ -83,7 +83,7 @@ BY_AXIS = {
     "temperature": "the first trial again, cold and warm, with `temperature_c`",
     "rest": "one motion with rests of 1, 10 and 60 s before each stroke",
 }
-"""Trials that show alone what grows with a quantity, by a word of its name."""
+"""Trials that isolate what grows with a quantity, by a word of its name."""
 
 
 def four_answers(diagnosis: Diagnosis) -> list[tuple[str, str]]:
@@ -157,7 +157,7 @@ def _growing_with(diagnosis: Diagnosis) -> str:
 
 
 def isolating_trial(diagnosis: Diagnosis) -> str:
-    """Return the trial that shows an unknown effect alone, as a clause."""
+    """Return in a clause the trial that isolates an unknown effect."""
     axes = [each.axis for each in diagnosis.where if each.axis != "channel"]
     for axis in axes[:1]:
         for word, trial in BY_AXIS.items():
@@ -184,7 +184,6 @@ NO_LOCATION = (
 
 
 def next_command(diagnosis: Diagnosis) -> Html:
-    """Return the command to run next, in the folder of the report."""
     again = str(diagnosis.provenance.get("command", ""))
     written = not any(p.startswith(NO_SCENE_PREFIX) for p in diagnosis.problems)
     command = {
@@ -284,7 +283,6 @@ def _certainty_sentence(found: FoundEffect, names: Names) -> str:
 
 
 def _model_change_step(diagnosis: Diagnosis) -> Html:
-    """Describe the change of the model."""
     if any(problem.startswith(NO_SCENE_PREFIX) for problem in diagnosis.problems):
         return Html()
     gaps = [gap_sentence(name, each) for name, each in list(diagnosis.gap.items())[:1]]
@@ -373,7 +371,6 @@ def header(diagnosis: Diagnosis, names: Names, picture: Html) -> Html:
 
 
 def gap(diagnosis: Diagnosis) -> Html | None:
-    """Describe the errors on held-out data in sentences."""
     if not diagnosis.gap:
         return None
     key = (
@@ -582,7 +579,6 @@ def untested_effects(diagnosis: Diagnosis, names: Names) -> Html | None:
 
 
 def experiment(diagnosis: Diagnosis, names: Names) -> Html | None:
-    """Describe the next experiment."""
     planned = diagnosis.next_experiment
     if planned is None:
         return None
@@ -624,14 +620,12 @@ def parameters(diagnosis: Diagnosis, names: Names) -> Html | None:
 
 
 def problems(diagnosis: Diagnosis) -> Html:
-    """Describe the faults of the data or the numerics."""
     if not diagnosis.problems:
         return paragraph("No problem of the data or of the numerics was found.")
     return bullet_list(diagnosis.problems)
 
 
 def provenance(diagnosis: Diagnosis) -> Html | None:
-    """Describe the inputs, the code and the settings of this report."""
     return _nested_table(diagnosis.provenance) if diagnosis.provenance else None
 
 

@@ -113,12 +113,8 @@ def baseline_parameters(
 ) -> tuple[Tuned, ...]:
     """Return the parameters of the baseline for these data.
 
-    Args:
-        bench: bench with the values of the constants, see `Bench.known`.
-        records: records to explain.
-        constants: constants of the rig's file, for their uncertainties.
-        instruments: instruments that measure the torques.
-        guessed: names of parameters that are estimated from the data.
+    `bench` has the values of the constants, see `Bench.known`; their uncertainties are
+    those of `constants`. Parameters that are `guessed` are estimated from the data.
     """
     cable = bench.cables[0]
     step = records[0].step
@@ -260,7 +256,7 @@ def _angle_offset(bench: Bench, records: Sequence[Record]) -> float:
 
 @dataclass(frozen=True)
 class SimulatedRig:
-    """Simulates records.
+    """Rig that simulates records.
 
     Attributes:
         bench: bench with the nominal radii and cables.
@@ -319,10 +315,8 @@ class SimulatedRig:
     ) -> list[FloatArray]:
         """Return the torques (rows, samples) of every record, as instruments show them.
 
-        Args:
-            values: baseline and effect parameters by name.
-            effects: ids of the effects that are present.
-            only: indices of the records to simulate; default all.
+        `values` are baseline and effect parameters by name, `only` the indices of the
+        records to simulate, by default all.
         """
         chosen = self.records if only is None else [self.records[k] for k in only]
         here = {own: values_on(values, own) for own in {r.occasion for r in chosen}}
@@ -351,7 +345,7 @@ class SimulatedRig:
         return record.conditions if by_trial else USUAL_CONDITIONS
 
     def slack_share(self, values: Values, effects: Sequence[str], index: int) -> float:
-        """Return the share of a record's samples in which a cable pulls nothing."""
+        """Return the share of a record's samples in which a cable is slack."""
         record = self.records[index]
         if record.unhooked:
             return 0.0
@@ -397,11 +391,8 @@ class SimulatedRig:
     ) -> tuple[Cable, ...]:
         """Return the cables with these parameter values.
 
-        Args:
-            values: baseline and effect parameters by name.
-            effects: ids of the effects that are present.
-            pretension: of a trial, in place of the scene's [N], scaled equally.
-            conditions: of a trial.
+        A `pretension` of a trial replaces the scene's [N]; all cables are scaled
+        equally.
         """
         start = self.bench.cables[0].pretension
         tension = values.get("pretension", start)
@@ -429,7 +420,6 @@ class SimulatedRig:
         return made
 
     def radii(self, values: Values) -> tuple[float, float]:
-        """Return the radii of the motor's and the joint's pulley [m]."""
         return (
             values.get("motor_radius", self.bench.motor_radius),
             values.get("joint_radius", self.bench.joint_radius),
@@ -438,7 +428,6 @@ class SimulatedRig:
     def _shown(
         self, record: Record, setting: Setting, values: Values, effects: Sequence[str]
     ) -> FloatArray:
-        """Return the readings of torque (rows, samples) of a record."""
         if record.swapped:
             values = _swap_sensors(values)
         shown = self._torques(record, setting, values)
@@ -529,7 +518,7 @@ class SimulatedRig:
         )
 
     def finer(self, segments: int = 1, substeps: int = 1) -> SimulatedRig:
-        """Return the same with more segments or smaller steps, by these factors."""
+        """Return the rig with more segments or smaller steps, by these factors."""
         return replace(
             self, segments=self.segments * segments, substeps=self.substeps * substeps
         )
@@ -538,8 +527,8 @@ class SimulatedRig:
     def coarse(self) -> SimulatedRig:
         """Same rig with an eighth of the segments and steps, where it has many.
 
-        Differences of two simulations need no more: most of the numerical error is in
-        both.
+        That suffices for differences of two simulations: most of the numerical error is
+        in both.
         """
         segments = max(
             self.segments // Limit.coarsening, min(self.segments, Limit.min_segments)
@@ -550,7 +539,6 @@ class SimulatedRig:
         return replace(self, segments=segments, substeps=substeps)
 
     def limited(self, records: Sequence[Record]) -> SimulatedRig:
-        """Return the same plant for other records."""
         return replace(self, records=tuple(records))
 
 

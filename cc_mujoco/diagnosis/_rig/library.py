@@ -1,9 +1,9 @@
 """Effects that a rig can show, by its cables and its torque instruments.
 
-A load cell on the cable does not see what happens behind it, a known load has no
-sensor that could be off, and of a torque without an instrument no effect can be seen.
-Effects that are left out are reported with the instrument that would show them. What
-the experimenter knows of the rig removes or bounds others.
+A load cell on the cable does not measure effects behind it, a known load has no sensor
+that could be off, and without an instrument of a torque none of its effects can be
+seen. Effects that are left out are reported with the instrument that would show them.
+Facts of the rig remove or bound others.
 """
 
 from __future__ import annotations
@@ -78,14 +78,9 @@ def available_effects(
 ) -> Library:
     """Return the effects that a rig can show.
 
-    Args:
-        cables: number of cables.
-        instruments: instruments that measure the torques.
-        led: part of the cables that the joint moves besides their ends.
-        tied: True if the cables end where their open path ends.
-        columns: further columns that all trials have.
-        constants: what is known of the rig.
-        ends_held: True if drum or conduit moves and the ends do not.
+    `led` is the part of the cables that the joint moves besides their ends; they are
+    `tied` if they end where their open path ends. `columns` are further columns of all
+    trials. `ends_held` is true if drum or conduit moves and the ends do not.
     """
     sides: dict[str, Instrument | None] = dict(instruments._asdict())
 
@@ -162,7 +157,7 @@ def _bounded_parameters(
     parameters: tuple[EffectParameter, ...],
     constants: Mapping[str, Constant],
 ) -> tuple[tuple[EffectParameter, ...], str]:
-    """Return the parameters that what is known leaves, and by which fact."""
+    """Return the parameters that the facts leave, and the fact."""
     if name == "torque_sensor_offset" and "zeroed" in constants:
         drifts = tuple(each for each in parameters if not each.name.endswith("_bias"))
         return drifts, "zeroed = true leaves drifts"

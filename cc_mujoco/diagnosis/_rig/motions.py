@@ -28,10 +28,10 @@ class CataloguedTrial:
     """A trial that most rigs can run.
 
     Attributes:
-        description: what to do.
+        description: instruction.
         motor: angle of the motor (samples,) [rad].
         joint: angle of the joint (samples,) [rad].
-        pretension: relative to what the data had; 0 with the cables taken off.
+        pretension: relative to that of the data; 0 with the cables taken off.
         tilt: angle by which the rig is turned about the joint's axis [rad].
         known_torques: of known weights in place of the cables, at motor and joint; see
             `Facts` [N m].
@@ -89,16 +89,10 @@ def motions(
 ) -> list[CataloguedTrial]:
     """Return trials within these limits, and two of a larger swing.
 
-    They go to and fro about `middle_angle`.
-
-    Args:
-        bench: the rig.
-        swing: largest angle of the motor to either side of the middle [rad].
-        rate: largest speed of the motor [rad/s].
-        load: stiffness of a known load that the joint turns in every trial [N m/rad].
-        instruments: what the torques are known from; some trials take torque sensors.
-        cells: channels of load cells in single cables that the rig has; a plan has the
-            trial of each.
+    They go to and fro about `middle_angle` by at most `swing` to either side [rad], at
+    most at `rate` [rad/s]. The joint turns a known `load` in every trial [N m/rad].
+    Some trials take torque sensors; each of the `cells`, channels of load cells in
+    single cables, has its own.
     """
     from scipy.ndimage import gaussian_filter1d
 
@@ -108,7 +102,7 @@ def motions(
     (joint_middle,) = bench.carried(np.array([motor_middle]))
 
     def free(motor: FloatArray) -> FloatArray:
-        """Change of the joint's angle as the motor carries it along."""
+        """Return the change of the joint's angle as the motor carries it along."""
         found: FloatArray = bench.carried(motor_middle + motor) - joint_middle
         return found
 
@@ -333,10 +327,10 @@ def _cell_channel(bench: Bench, end: str) -> str:
 
 
 def middle_angle(bench: Bench, swing: float) -> float:
-    """Return the angle of the motor about which it can go to and fro by a swing [rad].
+    """Return the motor angle about which it can go to and fro by a swing [rad].
 
-    That is where the joint is in the middle of its named trajectories, or else what is
-    nearest to it with the joint where the scene knows it.
+    There the joint is in the middle of its named trajectories, or as near to it as the
+    scene knows the joint.
     """
     low, high = np.sort(bench.following(np.array(bench.span)))
     if high - low < 2.0 * swing:
@@ -348,7 +342,6 @@ def middle_angle(bench: Bench, swing: float) -> float:
 def _centre_motion(
     motion: CataloguedTrial, motor: float, joint: float
 ) -> CataloguedTrial:
-    """Return the same motion about these angles of motor and joint [rad]."""
     return replace(motion, motor=motor + motion.motor, joint=joint + motion.joint)
 
 
@@ -357,11 +350,7 @@ def trial_table(
 ) -> list[str]:
     """Return the lines of a trial in `dataset.toml`.
 
-    Args:
-        name: of the trial.
-        motion: of the catalogue.
-        tension: pretension of the trial [N]; 0 with the cables off.
-        occasion: of several on which the rig was recorded.
+    `tension` is the pretension of the trial [N], 0 with the cables off.
     """
     known = [f"pretension = {tension:g}"] if tension else []
     if occasion:

@@ -1,11 +1,11 @@
 """Several occasions of one rig: shared effects, a baseline of its own for each.
 
 Between two days a rig is run in, dismantled or left in the sun. Friction, pretension,
-stiffness, offsets and clocks are then other ones, while what the scene lacks is still
-there. The baseline is that of the last occasion. For every earlier one the fit has a
-parameter `<name>@<occasion>`: the ratio to the last occasion where the parameter is
-fitted as a logarithm, the difference from it elsewhere. So the interval of a change
-does not contain what both occasions have in common.
+stiffness, offsets and clocks then differ, while the effects that the scene lacks are
+still there. The baseline is that of the last occasion. For every earlier one the fit
+has a parameter `<name>@<occasion>`: the ratio to the last occasion where the parameter
+is fitted as a logarithm, the difference from it elsewhere. So the interval of a change
+does not contain the error that both occasions have in common.
 """
 
 from __future__ import annotations
@@ -52,7 +52,6 @@ def base_name(name: str) -> str:
 
 
 def is_change(name: str) -> bool:
-    """Return whether a parameter is a change between occasions."""
     return "@" in name
 
 
@@ -62,7 +61,6 @@ def occasions_of(records: Sequence[Record]) -> tuple[str, ...]:
 
 
 def values_on(values: Mapping[str, float], occasion: str) -> Mapping[str, float]:
-    """Return the values of all parameters on an occasion."""
     own = {
         name: values[there]
         for name in _CHANGING
@@ -86,10 +84,8 @@ def change_parameters(
 ) -> list[Tuned]:
     """Return the changes that are fitted for each occasion but the last.
 
-    Args:
-        baseline: parameters of one occasion.
-        records: of all occasions.
-        angle_offset: first estimate of the joint's zero from some of the records [rad].
+    `baseline` has the parameters of one occasion; `angle_offset` estimates the joint's
+    zero from some of the records [rad].
     """
     *earlier, last = occasions_of(records)
     found = []

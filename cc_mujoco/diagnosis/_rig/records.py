@@ -2,14 +2,14 @@
 
 Measured and simulated torques pass the same zero-phase low-pass. Angles, which are
 played, keep a wider band: friction answers a reversal with a corner, and a corner of
-smoothed angles is not a smoothed corner. Angles then stand still where their noise
-moves less than a few of its deviations: a cable that sticks turns the slightest
+smoothed angles is not a smoothed corner. Angles then stand still where they move by
+less than a few deviations of their noise: a cable that sticks turns the slightest
 movement of its end into tension, and noise would shake it loose.
 
-What the cable did before a trial is unknown: a short lead-in from rest in pretension
-goes to the first sample, and samples do not count until the motor has moved the whole
-cable. Where no sensor measures the joint's torque, it follows from the motion of a load
-that `[rig]` declares: a spring, an inertia, a damper, a weight.
+The state of the cable before a trial is unknown: a short lead-in from rest in
+pretension goes to the first sample, and samples do not count until the motor has moved
+the whole cable. Where no sensor measures the joint's torque, it follows from the motion
+of a load that `[rig]` declares: a spring, an inertia, a damper, a weight.
 """
 
 from __future__ import annotations
@@ -55,8 +55,8 @@ def compared_band(rate: float) -> float:
 def low_pass(signals: FloatArray, band: float, rate: float) -> FloatArray:
     """Apply a zero-phase Butterworth low-pass to signals (..., samples).
 
-    As `filtfilt` of `scipy.signal` with `butter(2, band)`, to rounding; that module
-    takes a second to load, and a call of it longer than the filter.
+    It equals `filtfilt` of `scipy.signal` with `butter(2, band)`, to rounding; that
+    module takes a second to load, and a call of it longer than the filter.
     """
     if band >= 0.45 * rate:
         return signals
@@ -79,8 +79,8 @@ def low_pass(signals: FloatArray, band: float, rate: float) -> FloatArray:
 def _coefficients(band: float) -> tuple[float, float, float]:
     """Compute the filter's coefficients by bilinear map.
 
-    That of z**0, over which those of z**-1 and z**-2 of the denominator.
-    The numerator is the first times 1, 2, 1.
+    They are the coefficient of z**0, and over it those of z**-1 and z**-2 of the
+    denominator. The numerator is the first times 1, 2, 1.
     """
     k = math.tan(math.pi * band)
     whole = 1.0 + math.sqrt(2.0) * k + k * k
@@ -95,7 +95,7 @@ def _coefficients(band: float) -> tuple[float, float, float]:
 def _pass_both_ways(gain: float, a1: float, a2: float, rows: FloatMatrix) -> None:
     """Filter rows (rows, samples) in place, forwards and then backwards in time.
 
-    Each way it begins at rest in the first value.
+    Each pass begins at rest in the first value.
     """
     count = rows.shape[1]
     for row in range(rows.shape[0]):
@@ -126,7 +126,6 @@ _PARAMETERS = {
 
 
 def load_values(constants: Mapping[str, Constant]) -> dict[str, float]:
-    """Return the declared values of a load by name."""
     return {name: constant.value for name, constant in constants.items()}
 
 
@@ -135,11 +134,9 @@ def load_torque(
 ) -> FloatArray:
     """Return the torque that moves a load (samples,) [N m].
 
-    Args:
-        angle: of the joint (samples,), smooth [rad].
-        step: time between samples [s].
-        values: of `RIG_CONSTANTS`, SI; what is missing is not there.
-        tilt: angle by which the rig was turned about the joint's axis [rad].
+    `angle` is that of the joint (samples,), smooth [rad]; `values` those of
+    `RIG_CONSTANTS` in SI units, without parts that the load does not have; `tilt` the
+    angle by which the rig was turned about the joint's axis [rad].
     """
     speed = np.gradient(angle, step)
     stretch = angle - values.get("load_rest_angle", 0.0)
@@ -161,13 +158,9 @@ def load_noise(
 ) -> float:
     """Return the standard deviation of a load's torque due to angle noise [N m].
 
-    Where the angle is rounded, its error is slow and passes every filter.
-
-    Args:
-        constants: of the load.
-        deviation: of the angle [rad].
-        rate: samples per second [Hz].
-        bands: to which torques and angles are low-passed [Hz].
+    Where the angle is rounded, its error is slow and passes every filter. `deviation`
+    is that of the angle [rad], `rate` in samples per second; `bands` are the cut-offs
+    of torques and angles [Hz].
     """
     values = load_values(constants)
     noise = deviation * np.random.default_rng(0).standard_normal(8192)
@@ -212,7 +205,7 @@ LEAD_SAMPLES = 2 * Limit.ramp_samples
 class Record:
     """One stretch of one trial; arrays have one entry per compared sample.
 
-    A record is equal to itself only, so that what is made of it can be kept.
+    A record is equal to itself only, so that results of it can be cached.
     """
 
     trial: str
@@ -265,17 +258,17 @@ class Record:
 
     @property
     def unhooked(self) -> bool:
-        """Return whether the cables were taken off, so that they pull nothing."""
+        """True if the cables were taken off, so that they pull nothing."""
         return self.pretension == 0.0
 
     @property
     def free(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-        """Return whether a sample counts and is not reserved for the test."""
+        """True where a sample counts and is not reserved for the test."""
         return self.counts & (self.split != "test")
 
     @property
     def reserved(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-        """Return whether a sample counts and is reserved for the test."""
+        """True where a sample counts and is reserved for the test."""
         return self.counts & (self.split == "test")
 
 
@@ -285,7 +278,7 @@ class Filtering:
 
     Attributes:
         motion_band: cut-off of the low-pass of angles [Hz].
-        passed: variance of white noise of a torque that passes, over its own.
+        passed: variance that passes of white noise of a torque, over its own.
         still: movement of motor and joint that counts as none [rad].
         load: noise of the torque of a known load by that of the joint's angle [N m].
     """
@@ -444,10 +437,10 @@ def _record(
 def play_filter(angle: FloatArray, width: float) -> FloatArray:
     """Return the angle without movements smaller than `width` (samples,) [rad].
 
-    It is followed with this much play, forwards and backwards in time; the mean of both
-    has no lag in steady motion, and stands still where the angle does but for noise. It
-    would be cut short by the play where the motion turns, and friction answers there:
-    at a turn the two are put back by the play, as far as the turn's own level.
+    The angle is followed with this much play, forwards and backwards in time; the mean
+    of both has no lag in steady motion, and stands still where only noise moves the
+    angle. The play would cut it short where the motion turns, and friction answers
+    there: at a turn the play is added back to both, as far as the turn's own level.
     """
     if width == 0.0:
         return angle

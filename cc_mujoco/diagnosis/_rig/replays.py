@@ -1,7 +1,7 @@
 """Cache of replays of records; changes of sensors or outer loads need no replay.
 
-Records are replayed independently of each other, each in a thread. A replay is known by
-what the cables get to feel, so candidates, folds and derivatives share it.
+Records are replayed independently of each other, each in a thread. The key of a replay
+is everything that acts on the cables, so candidates, folds and derivatives share it.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from cc_mujoco.native import FloatArray
 
 
 class Setting(NamedTuple):
-    """All that a replay of a record depends on.
+    """Everything that a replay of a record depends on.
 
     Attributes:
         cables: agonist first.
         motor_radius: of the motor's pulley [m].
         joint_radius: of the joint's pulley [m].
         backlash: between joint and its pulley [rad].
-        late: by how much the joint's angle was recorded late [s].
+        late: delay of the recorded joint angle [s].
         offset: of the joint's angle [rad].
         substeps: simulation steps per sample.
         lever: in place of the joint's pulley, or None.
@@ -65,7 +65,7 @@ class Setting(NamedTuple):
         return found
 
     def turned(self, joint: FloatArray) -> FloatArray:
-        """Return a pulley's angle that takes as much cable as the joint (samples,)."""
+        """Return the pulley angle that takes as much cable as the joint (samples,)."""
         if not self.arm:
             return joint if self.lever is None else self.lever.turned(joint)
         if self.lever is None:
@@ -95,7 +95,7 @@ class Played(NamedTuple):
         motor: torque into the motor's pulley [N m].
         joint: torque into the joint [N m].
         tension_proximal: of every cable at the motor (cables, samples) [N].
-        tension_distal: the same at the joint.
+        tension_distal: of every cable at the joint (cables, samples) [N].
     """
 
     joint_angle: FloatArray
@@ -121,7 +121,7 @@ def _agonist_less_antagonist(tension: FloatArray) -> FloatArray:
 
 
 REPLAYS: WeakKeyDictionary[Record, OrderedDict[Setting, Played]] = WeakKeyDictionary()
-"""Replays that are kept, of every record the last `Limit.max_replays`."""
+"""Cached replays, of every record the last `Limit.max_replays`."""
 _LOCK = Lock()
 
 
@@ -140,7 +140,7 @@ def cached_replay(record: Record, setting: Setting) -> Played:
 
 
 def replay(record: Record, setting: Setting) -> Played:
-    """Replay a record, whether or not it was done before."""
+    """Replay a record, or return its cached replay."""
     joint = shift_signal(record.joint_angle, setting.late / record.dt) + setting.offset
     if record.unhooked:
         nothing = np.zeros(joint.size)
@@ -183,7 +183,7 @@ def _replay_cables(
     motor: FloatArray,
     joint: FloatArray,
 ) -> Driven:
-    """Return both angles, of the joint itself, played through the cables."""
+    """Replay both angles, of the joint itself, through the cables."""
     proximal, distal = setting.motor_radius, setting.joint_radius
     if courses:
         drive = CoupledCables(setting.cables, courses, proximal, setting.share)
@@ -202,13 +202,11 @@ def _replay_cables(
 def _replay_wound(
     setting: Setting, dt: float, motor: FloatArray, joint: FloatArray
 ) -> Driven:
-    """Return both angles, played through cables on a drum whose radius changes.
+    """Replay both angles through cables on a drum whose radius changes.
 
-    Each cable feels the angle of a round pulley that winds as much, so it is played
-    twice and the part of one cable taken from each.
-
-    Raises:
-        CableError: the cables share play or leave an eccentric pulley.
+    Each cable is subject to the angle of a round pulley that winds as much, so it is
+    played twice and the part of one cable taken from each. Cables that share play or
+    leave an eccentric pulley are refused.
     """
     if setting.backlash or any(c.eccentricity or c.ovality for c in setting.cables):
         raise CableError(
@@ -250,13 +248,8 @@ def with_lead_in(
 
     It begins at the pose 0, where the cables are in pretension and to which wrap and
     pulleys refer, takes both ends to where the joint is, then the motor to its place.
-
-    Args:
-        motor: (samples,) [rad].
-        joint: (samples,) [rad].
-        following: angle of the motor at which the cables keep their length, by that
-            of the joint.
-        substeps: of every sample.
+    The angles are (samples,) [rad]; `following` is the motor angle at which the cables
+    keep their length, by that of the joint.
     """
     there = np.linspace(0.0, 1.0, Limit.ramp_samples + 1) * joint[0]
     along = following(there)

@@ -1,1 +1,1 @@
-"""The repaired scene: a verdict's changes of the MJCF, and the check of its motion."""
+"""Repaired scene: a verdict's changes of the MJCF, and the check of its motion."""

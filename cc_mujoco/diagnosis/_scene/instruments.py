@@ -5,11 +5,11 @@
     ...
     read_channels(model, data).joint_torque
 
-Angles are `jointpos` sensors. No sensor of MuJoCo adds up what two cables do to a
+Angles are `jointpos` sensors. No sensor of MuJoCo adds the forces of two cables on a
 pulley, so each torque is a `<tuple>` in `<custom>`, named like its column: sensors and
-the weights (`prm`) with which they add up. Of a sensor with several numbers the last
-one counts, the component along z. Delay is an attribute of the sensors themselves, so
-nothing here keeps a state: `read_channels` is right in any simulation of the scene.
+the weights (`prm`) of their sum. Of a sensor with several numbers the last one counts,
+the component along z. Delay is an attribute of the sensors themselves, so nothing here
+keeps a state: `read_channels` is right in any simulation of the scene.
 """
 
 from __future__ import annotations
@@ -48,12 +48,7 @@ class Measured(NamedTuple):
 
 
 class SensorShare(NamedTuple):
-    """One sensor's share of a torque.
-
-    Attributes:
-        sensor: its name.
-        weight: of its last number in the sum.
-    """
+    """Share of one sensor in a torque: its name and the weight of its last number."""
 
     sensor: str
     weight: float
@@ -75,11 +70,7 @@ def read_channels(model: mujoco.MjModel, data: mujoco.MjData) -> Measured:
 
 
 def torque_weights(model: mujoco.MjModel) -> FloatArray:
-    """Return the motor and joint torque as sums of sensor data (2, sensordata).
-
-    Raises:
-        CableError: the scene has no instruments.
-    """
+    """Return the motor and joint torque as sums of sensor data (2, sensordata)."""
     weights = np.zeros((len(PREDICTED_CHANNELS), model.nsensordata))
     for row, channel in enumerate(PREDICTED_CHANNELS):
         index = _index(model, mujoco.mjtObj.mjOBJ_TUPLE, channel, "tuple")
@@ -92,11 +83,6 @@ def torque_weights(model: mujoco.MjModel) -> FloatArray:
 
 
 def angle_sensors(model: mujoco.MjModel) -> tuple[int, int]:
-    """Return the indices of the sensors of motor angle and joint angle.
-
-    Raises:
-        CableError: the scene has no instruments.
-    """
     return (
         _index(model, _SENSOR, MOTOR_ANGLE, "sensor"),
         _index(model, _SENSOR, JOINT_ANGLE, "sensor"),
@@ -104,7 +90,6 @@ def angle_sensors(model: mujoco.MjModel) -> tuple[int, int]:
 
 
 def has_instruments(spec: mujoco.MjSpec) -> bool:
-    """Return whether a scene has the four channels."""
     return all(spec.tuple(name) is not None for name in PREDICTED_CHANNELS) and all(
         spec.sensor(name) is not None for name in (MOTOR_ANGLE, JOINT_ANGLE)
     )
@@ -113,9 +98,7 @@ def has_instruments(spec: mujoco.MjSpec) -> bool:
 def add_instruments(spec: mujoco.MjSpec, bench: Bench) -> None:
     """Add the four channels to a scene, except those that it has.
 
-    Args:
-        spec: to change.
-        bench: of the same scene; its radii are the weights of the cables' tensions.
+    The radii of the bench are the weights of the cables' tensions.
     """
     if bench.lever is not None:
         raise CableError(
@@ -156,7 +139,7 @@ def add_instruments(spec: mujoco.MjSpec, bench: Bench) -> None:
 
 
 def force_sensor(spec: mujoco.MjSpec, actuator: str) -> str:
-    """Name of a plain sensor of an actuator's force, added unless there is one."""
+    """Return the plain sensor of an actuator's force, added if missing."""
     for sensor in spec.sensors:
         plain = sensor.delay == 0.0 and sensor.nsample == 0 and sensor.cutoff == 0.0
         usable = sensor.name and sensor.name == sensor_word(sensor.name)
@@ -191,7 +174,6 @@ def torque_parts(spec: mujoco.MjSpec, channel: str) -> list[SensorShare]:
 def set_torque_parts(
     spec: mujoco.MjSpec, channel: str, wanted: list[SensorShare]
 ) -> None:
-    """Define the summands of a torque."""
     found = spec.tuple(channel)
     if found is None:
         found = spec.add_tuple(name=channel)
@@ -203,7 +185,7 @@ def set_torque_parts(
 def add_torque_part(
     spec: mujoco.MjSpec, channel: str, sensor: str, weight: float
 ) -> None:
-    """Add a sensor to a torque."""
+    """Add a sensor to the sum of a torque, as `torque_parts` has it."""
     set_torque_parts(
         spec, channel, [*torque_parts(spec, channel), SensorShare(sensor, weight)]
     )
@@ -211,7 +193,7 @@ def add_torque_part(
 
 @contextmanager
 def without_delay(model: mujoco.MjModel) -> Iterator[None]:
-    """All sensors of a model show the present while the block runs."""
+    """Make all sensors of a model show the present while the block runs."""
     delay = model.sensor_delay.copy()
     model.sensor_delay[:] = 0.0
     try:

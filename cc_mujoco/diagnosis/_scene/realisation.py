@@ -53,7 +53,6 @@ def angle_offset(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
 
 
 def torque_offset(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
-    """Add a constant to each torque."""
     add_constant(spec, MOTOR_TORQUE, values["motor_torque_offset"])
     add_constant(spec, JOINT_TORQUE, values["joint_torque_offset"])
 
@@ -94,7 +93,7 @@ def bias(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
 
 
 def delay(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
-    """Delay readings; one that comes early delays everything else.
+    """Delay readings; for one that comes early, delay everything else.
 
     In MuJoCo a sensor is late by a time step or more; by less than half, it is not.
     """
@@ -142,7 +141,7 @@ def _delay_sensor(spec: mujoco.MjSpec, sensor: mujoco.MjsSensor, delay: float) -
 
 
 def _unit_sensor(spec: mujoco.MjSpec) -> str:
-    """Name of a sensor whose last number is always 1: the world's own z axis."""
+    """Return a sensor whose last number is always 1: the world's own z axis."""
     _ensure_sensor(
         spec,
         UNIT_SENSOR,
@@ -156,7 +155,6 @@ def _unit_sensor(spec: mujoco.MjSpec) -> str:
 def _ensure_sensor(
     spec: mujoco.MjSpec, name: str, kind: mujoco.mjtSensor, **shown: Any
 ) -> None:
-    """Add a sensor unless it is there."""
     found = spec.sensor(name)
     if found is None:
         spec.add_sensor(name=name, type=kind, **shown)
@@ -266,7 +264,7 @@ def gravity(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
 
 
 def tilt_rig(model: mujoco.MjModel, tilt: float) -> None:
-    """Turn a rig about its joint's axis by an angle [rad], which shifts its weight."""
+    """Tilt a rig about its joint's axis by an angle [rad], which shifts its weight."""
     number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, GRAVITY_ACTUATOR)
     if number >= 0:
         model.actuator_biasprm[number, Limit.phase_index] += tilt
@@ -400,9 +398,9 @@ class _Realisation:
 
     Attributes:
         parameters: names of its values; 0 is off, and leaves the scene as it was.
-        note: with what, and what a user of the scene should know.
+        note: means of the realisation, and advice to a user of the scene.
         apply: changes a scene.
-        pulley: whether it takes a pulley, or torques that are sums of sensors, which a
+        pulley: whether it needs a pulley, or torques that are sums of sensors, which a
             joint with a lever has not.
     """
 
@@ -495,7 +493,7 @@ REALISATIONS: dict[str, _Realisation] = {
 def realisations() -> dict[str, _Realisation]:
     """Return the table with the effects that edit the scene by themselves.
 
-    Those of the mechanics come before those of sensors.
+    Effects of the mechanics come before those of sensors.
     """
     own = {
         effect.id: _Realisation(
@@ -516,7 +514,6 @@ def _of_sensor(name: str) -> bool:
 
 
 def is_realisable(bench: Bench, name: str) -> bool:
-    """Return whether a scene can have an effect."""
     return not unrealisable_reason(bench, name)
 
 

@@ -1,11 +1,11 @@
-"""The scene with the identified effects, as plain MJCF.
+"""Scene with the identified effects, as plain MJCF.
 
     spec = repair_scene(bench, cables, {"backlash": {"backlash": 0.02}})
     write("scene.xml", spec)
 
-What an effect changes in the cables is in the cables that are given; everything else is
-realised by `realisation`. The file loads wherever `cc_mujoco` is imported; a comment at
-its top names effects and values.
+The given cables contain the changes by effects; everything else is realised by
+`realisation`. The file loads wherever `cc_mujoco` is imported; a comment at its top
+names effects and values.
 """
 
 from __future__ import annotations
@@ -113,11 +113,7 @@ def repair_scene(
 
 
 def existing_effects(scene: str | os.PathLike[str]) -> tuple[str, ...]:
-    """Return the effects outside the cables that a scene has from an earlier diagnosis.
-
-    Raises:
-        CableError: the scene does not load.
-    """
+    """Return effects outside the cables that a scene has from an earlier diagnosis."""
     try:
         comment = mujoco.MjSpec.from_file(os.fspath(scene)).comment
     except ValueError as error:
@@ -207,16 +203,12 @@ def _comment(
 _REQUIRED_FLAGS = ("actuation", "constraint", "damper", "limit", "sensor", "spring")
 """Parts of MuJoCo that cables, instruments or effects are made of."""
 _COMPILER_SETTINGS = ("settotalmass", "boundmass", "boundinertia")
-"""Settings of the compiler that change the bodies that effects add."""
+"""Compiler settings that would change the bodies added by effects."""
 _REHEARSAL_TIME, _REHEARSAL_STEPS = 0.3, (200, 5000)
 
 
 def require_repairable(bench: Bench) -> None:
-    """Require that the scene of a bench can have any effect.
-
-    Raises:
-        CableError: it cannot; the sentence says what to change in it.
-    """
+    """Require that a scene can have any effect, or say what to change in it."""
     spec = mujoco.MjSpec.from_file(str(bench.path))
     _check_settings(spec, bench)
     plain = _rehearse_repair(bench, {})
@@ -263,7 +255,6 @@ def _typical_values(effect: str) -> dict[str, float]:
 
 
 def _check_settings(spec: mujoco.MjSpec, bench: Bench) -> None:
-    """Check the options of the whole scene."""
     off = [
         name
         for name in _REQUIRED_FLAGS

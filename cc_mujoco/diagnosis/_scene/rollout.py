@@ -1,10 +1,10 @@
-"""A recorded motion played through a scene in MuJoCo itself.
+"""Recorded motion played through a scene in MuJoCo itself.
 
     motor_torque, joint_torque = rollout("scene.xml", time, motor_angle, joint_angle)
 
-Both joints follow the given angles, whatever acts on them; cables, actuators, tendons
-and sensors are MuJoCo's business. So this shows of a written scene what a replay shows
-of the model that it was written from.
+Both joints follow the given angles, whatever acts on them; MuJoCo simulates cables,
+actuators, tendons and sensors. So this shows of a written scene what a replay shows of
+its model.
 """
 
 from __future__ import annotations
@@ -134,7 +134,7 @@ class _Sensors:
         joints: indices of the motor's and the joint's hinge, and of others that are
             moved.
         sign: of the joint's angle in the scene over that in the data.
-        late: by how much the angles are shown late [s].
+        late: delay of the shown angles [s].
     """
 
     def __init__(self, model: mujoco.MjModel) -> None:
@@ -154,8 +154,8 @@ class _Sensors:
 class _Forces(_Sensors):
     """Effect of one cable on a motor and on a lever, whose torque no sensor shows.
 
-    That is what its ends pull, and the pieces of a path in the open, which are among
-    MuJoCo's passive forces.
+    It consists of the tensions at its ends and of the pieces of an open path, which are
+    among MuJoCo's passive forces.
     """
 
     def __init__(self, model: mujoco.MjModel, bench: Bench) -> None:
@@ -172,7 +172,6 @@ class _Forces(_Sensors):
         self._moment = np.zeros((mujoco.MjData(model).moment_rownnz.size, model.nv))
 
     def torques(self, data: mujoco.MjData) -> FloatArray:
-        """Return the motor and joint torque at the last evaluation (2,) [N m]."""
         mujoco.mju_sparse2dense(
             self._moment,
             data.actuator_moment,
@@ -302,11 +301,7 @@ def _other_angles(
     given: Mapping[str, ArrayLike],
     samples: int,
 ) -> dict[str, FloatArray]:
-    """Return the angles (samples,) of other joints that move the cables [rad].
-
-    Raises:
-        CableError: angles that do not fit, are not finite or are of another joint.
-    """
+    """Return the angles (samples,) of other joints that move the cables [rad]."""
     names = () if bench is None else bench.others
     if unknown := [name for name in given if name not in names]:
         raise CableError.unknown("joint that moves the cables", unknown[0], names)
@@ -343,7 +338,7 @@ def _instrumented_model(
 ) -> tuple[mujoco.MjModel, Bench | None]:
     """Return the compiled scene with instruments; the scene itself is not changed.
 
-    Of a lever, which cannot have them, it is the scene without the cables of other
+    For a lever, which cannot have them, return the scene without the cables of other
     axes, and its bench.
     """
     if isinstance(scene, mujoco.MjSpec):

@@ -6,7 +6,7 @@ discrepancy f, which all seconds share and no noise shows:
 
     z = D / sqrt(s^2 + f^2),    f = min(c E, L)
 
-E is the error before the round, L what the better model leaves of it, and c is
+E is the error before the round, L the error that the better model leaves, and c is
 `FORM_ERROR_SHARE`: a right effect leaves as much on rigs of other forms. The odds of
 the better model are Phi(z) to Phi(-z). An effect is accepted from z = 2, odds 98:2; so
 it lowers the error by at least 2 c = 10 %, however long the recording.
@@ -60,7 +60,7 @@ class Round(NamedTuple):
         added: the one that was added, or None.
         rivals: ids that do as well as the one added, itself first.
         confidence: share of bootstraps that the added one wins.
-        before: the model that it was added to.
+        before: the model without it.
         parted: rivals that still helped when it had been added.
     """
 
@@ -74,8 +74,8 @@ class Round(NamedTuple):
     def tied(self, effects: Sequence[str], added: Sequence[str]) -> tuple[str, ...]:
         """Return tied ids, that of the model first; empty without it.
 
-        A rival that still helped, so that it was added, too, is none; but of two that
-        were and one of which had to go again, either may be the one that stayed.
+        A rival that still helped was added, too, and is not tied; but of two that were
+        added and one of which was removed again, either may be the one that stayed.
         """
         both = [name for name in added if name in (self.added, *self.parted)]
         kept = [name for name in both if name in effects]
@@ -88,11 +88,9 @@ def comparison_z(
 ) -> float:
     """Return z of the difference of two models, by squared errors in blocks (blocks,).
 
-    Args:
-        better: of the model with the smaller sum.
-        worse: of the other.
-        before: squared error of the model without either.
-        share: discrepancy over `before`; default c, at most what the better one leaves.
+    `better` has the smaller sum; `before` is the squared error of the model without
+    either. The discrepancy is `share` over `before`; by default c, at most the rest of
+    the better.
     """
     difference = worse - better
     noise = block_sum_deviation(difference)
@@ -117,7 +115,7 @@ def rejection_reason(
     z: float,
     thresholds: Thresholds,
 ) -> str:
-    """Return why an effect may not be named, or nothing."""
+    """Return why an effect may not be named, or ""."""
     if z < thresholds.z:
         taken = round(reduction, 2) + 0.0  # no minus before a zero
         return (
@@ -196,8 +194,8 @@ def tie_reason(
 ) -> Literal["", "noise", "form"]:
     """Return why two effects are tied; "" if the data distinguish them.
 
-    They do where one explains the data and the other does not, even if few moments
-    show it, say those of little tension; but not of effects whose forms meet.
+    The data do where one effect explains them and the other does not, even if few
+    moments show it, say those of little tension; but not of effects whose forms meet.
     """
     one, two = (EFFECTS[name] for name in names)
     explained = best.misfit <= thresholds.misfit
@@ -215,8 +213,8 @@ def parted_by_form(
 ) -> bool:
     """Decide whether two effects differ by no more than forms do, in every trial.
 
-    No noise makes such a difference, so it may be sure; but what is called a spring
-    softens, and what pulls like a weight is a rubber band.
+    Such a difference may be significant, as it is not noise; but a spring may soften,
+    and a rubber band pulls like a weight.
     """
     sums: dict[str, FloatArray] = {}
     for place, record in enumerate(now.problem.plant.records):

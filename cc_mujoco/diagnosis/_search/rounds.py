@@ -1,10 +1,4 @@
-"""Forward selection: add effects one after another, by their gain on held-out data.
-
-Where a model stays far from the noise whatever is added, every part of the data rewards
-what mends its own form errors, and resampling samples does not show it: the error is
-the same at every repetition. So the search is repeated on parts that differ in load,
-speed or pose, and what only some of them name is no finding.
-"""
+"""Forward selection: add effects one after another, by their gain on held-out data."""
 
 from __future__ import annotations
 
@@ -53,7 +47,7 @@ def gap_shares(
 ) -> dict[str, float]:
     """Return the share of the gap that reopens without each effect, by id.
 
-    What is fitted for that joins `known`.
+    Models that are fitted for that are added to `known`.
     """
     inflation = baseline.problem.inflation
     beyond = max(baseline.misfit**2 - 1.0, 1e-12)
@@ -76,7 +70,7 @@ def eliminate(
 ) -> CrossValidation:
     """Remove the effects that later ones have made redundant.
 
-    What is fitted for that joins `known`, models that have been fitted already.
+    Models that are fitted for that are added to `known`.
     """
     while True:
         # The effect that was added last is needed: it was accepted on top of the rest.
@@ -118,9 +112,9 @@ class Search(NamedTuple):
         after: the model with all effects that were added.
         rounds: steps.
         signatures: of every effect, on top of the baseline.
-        shares: of the baseline's held-out squared error beyond the floor, what is left
-            of it where an effect is taken out again and all else is refitted.
-        changes: of torques by effects, kept.
+        shares: share of the baseline's held-out squared error beyond the floor that
+            remains where an effect is taken out again and all else is refitted.
+        changes: cache of torque changes by effects.
         known: models that have been fitted.
         interrupted: True if the user stopped it, so that fewer effects were tried.
     """
@@ -136,7 +130,6 @@ class Search(NamedTuple):
 
     @classmethod
     def without_effects(cls, baseline: CrossValidation) -> Search:
-        """Return a search that tried nothing."""
         return cls(baseline, baseline, (), (), {}, Changes(), (baseline,))
 
 
@@ -177,8 +170,8 @@ def search(
 ) -> Search:
     """Add effects while each is accepted, then drop those that became redundant.
 
-    Where the user interrupts it, it ends with what was added until then. Those that are
-    `rare` compete where an effect of `ids` is accepted that they resemble.
+    If the user interrupts it, it ends with the effects added until then. Effects that
+    are `rare` compete where an effect of `ids` is accepted that they resemble.
     """
     course = _add_effects(baseline, division, ids, thresholds, progress, rare=rare)
     return drop_redundant(course, division)
@@ -191,15 +184,11 @@ def names_found(
     thresholds: Thresholds,
     whole: Search | None = None,
 ) -> list[set[str]]:
-    """Return the effects that a search finds, each with those it is in a tie with.
+    """Return the effects that a search finds, each with those it is tied with.
 
-    Args:
-        baseline: the model to begin with.
-        division: of part of its data into folds.
-        ids: of the effects.
-        thresholds: of decisions.
-        whole: search in all its data; a model of it tells the same model of a part
-            floor, numerical resolution and parameters to begin with.
+    `division` is that of part of the data into folds. A model of `whole`, the search in
+    all data, gives the same model of a part its floor, numerical resolution and start
+    values.
     """
     course = _add_effects(
         baseline,
@@ -228,7 +217,6 @@ def _add_effects(
     changes: Changes | None = None,
     rare: Sequence[str] = (),
 ) -> Search:
-    """Add effects while each is accepted."""
     now, rounds = baseline, []
     changes = changes or Changes()
     known = [baseline]
@@ -321,7 +309,7 @@ def _refit_candidates(
 ) -> list[Candidate]:
     """Return the effects that screening recommends, refitted, with their lookalikes.
 
-    Those in `refitted` are not fitted again; `whole` see `names_found`.
+    Effects in `refitted` are not fitted again; for `whole` see `names_found`.
     """
     chosen = _choose_candidates(
         signatures, Limit.min_predicted_share * thresholds.reduction
@@ -380,7 +368,7 @@ def search_rare(
 def with_own_noise_floor(
     crossed: CrossValidation, division: Sequence[Fold]
 ) -> CrossValidation:
-    """Return the same by its own floor and weight, simulated finely enough for it."""
+    """Return the model by its own floor and weight, simulated finely enough for it."""
     masks = divided_samples(division)
     place = np.mean([fit.x for fit in crossed.fits], axis=0)
     problem = crossed.problem.with_updated_floor(place, masks)
@@ -415,7 +403,8 @@ def _begin_round(
 def _split_rivals(rounds: Sequence[Round]) -> tuple[Round, ...]:
     """Return the rounds without the rivals that still help once the leader is added.
 
-    They explain something else; only what the leader made useless is tied with it.
+    They explain something else; only effects that the leader made useless are tied with
+    it.
     """
     found = []
     for step, after in zip_longest(rounds, rounds[1:]):
@@ -452,7 +441,6 @@ def _choose_candidates(
 def _is_redundant(
     name: str, candidates: Sequence[Candidate], thresholds: Thresholds
 ) -> bool:
-    """Return whether a special case of an effect has left nothing to explain."""
     return any(
         c.id in EFFECTS[name].generalises
         and not c.reason
@@ -494,7 +482,7 @@ def _refit_forms(
 ) -> Candidate:
     """Return the effect refitted in the form that does best on held-out data.
 
-    Forms other than the one that screens best are tried where that one is accepted.
+    Other forms are tried where the one that screens best is accepted.
     """
     best = _refit_signature(now, division, signature, thresholds)
     key = form_key(signature.id)
@@ -527,7 +515,7 @@ def _refit_like(
     thresholds: Thresholds,
     whole: Search | None,
 ) -> Candidate | None:
-    """Return the effect refitted from where it is in a model of all data, if any."""
+    """Return the effect refitted from its place in a model of all data, if any."""
     for model in whole.known if whole else ():
         known = model.problem
         if known.effects != (*now.problem.effects, name):
@@ -552,7 +540,7 @@ def _refit(
     starts: Sequence[FloatArray],
     thresholds: Thresholds,
 ) -> Candidate:
-    """Return the effect that a wider model has last, refitted."""
+    """Return the last effect of a wider model, refitted."""
     name = wider.effects[-1]
     try:
         crossed = cross_validate(wider, division, starts)

@@ -1,9 +1,9 @@
 """Effects that could explain the error: signatures once the baseline is retuned.
 
-The signature of an effect is the change that it makes in the simulated torques, less
-whatever the free parameters could make as well (the score test of its presence). It
-costs a simulation or two. It shows what an effect could explain, whether these data
-could show it at all, and which effects are confounded.
+The signature of an effect is its change of the simulated torques, less the part that
+the free parameters could make as well (the score test of its presence). It costs a
+simulation or two. It shows how much of the error an effect could explain, whether these
+data could show it at all, and which effects are confounded.
 """
 
 from __future__ import annotations
@@ -42,12 +42,12 @@ class Signature(NamedTuple):
     Attributes:
         id: of the effect.
         start: its parameters where it would explain most, amplitudes solved for.
-        explained: share of the squared error that it would take, to first order.
-        foreseen: share of the held-out squared error that it would take, to first
-            order: fitted to each fold's part and held against its other.
+        explained: share of the squared error that it would explain, to first order.
+        foreseen: share of the held-out squared error that it would explain, to first
+            order: fitted to each fold's part and tested on its other.
         visible: RMS of its plausible size over the floor, after retuning.
         basis: (residuals, k) orthonormal, of its signatures.
-        changes: (residuals, amplitudes) that plausible sizes make, nothing retuned.
+        changes: (residuals, amplitudes) by plausible sizes, nothing retuned.
     """
 
     id: str
@@ -80,7 +80,6 @@ class Changes:
     """
 
     def __init__(self) -> None:
-        """Start without any."""
         self._kept: dict[Record, list[_KnownChanges]] = {}
 
     def at(self, record: Record, torque: FloatArray) -> dict[_Key, FloatArray]:
@@ -100,7 +99,7 @@ class Changes:
 
 
 class _Place(NamedTuple):
-    """A model where it was fitted, which effects join.
+    """Model at the place of its fit, which effects join.
 
     Attributes:
         problem: the model.
@@ -123,12 +122,12 @@ class _Place(NamedTuple):
 
 @dataclass(frozen=True)
 class _Screen:
-    """A model that effects are held against.
+    """Model with which effects are compared.
 
     Attributes:
         place: the model, and where it was fitted.
         error: residual (residuals,).
-        tangent: (residuals, k) orthonormal, of what tuning can do.
+        tangent: (residuals, k) orthonormal basis of the changes by tuning.
         rest: of the error once tuned.
         foresight: of held-out errors.
     """
@@ -156,9 +155,9 @@ def screen(
         x: where it was fitted.
         masks: samples that count.
         ids: of the effects to try.
-        division: into folds, of these samples; without any nothing is foreseen.
-        changes: kept from earlier rounds.
-        starts: most of every effect that are tried; default all.
+        division: of these samples into folds; without any nothing is foreseen.
+        changes: cache of earlier rounds.
+        starts: most starts of every effect; default all.
     """
     error = problem.residual(x, masks)
     slopes = jacobian(problem, x, masks)
@@ -260,7 +259,7 @@ def _start(given: _Place, name: str, place: int) -> dict[str, float]:
     """Return a start of an effect, with the shape that the model's cables have already.
 
     Two effects may share a length of slip: with another one the added effect would
-    change the torques by that, however small it is.
+    change the torques, however small it is.
     """
     plant, values = given.problem.plant, given.problem.values(given.x)
     effect = plant.library.effects[name]
@@ -357,7 +356,8 @@ def bounded_least_squares(
     """Solve bounded least squares approximately: violated bounds become active.
 
     Where columns resemble each other one may run beyond its bound to make up for
-    another, which is at its best without that only when it is solved for again.
+    another; the other reaches its optimum without that only when it is solved for
+    again.
     """
     found = np.zeros(low.size)
     open_ = np.ones(low.size, dtype=bool)
@@ -383,7 +383,6 @@ class _Foresight:
         division: Sequence[Fold],
         channels: int,
     ) -> None:
-        """Start from the model's errors and their slopes (residuals, parameters)."""
         samples = channels * sum(int(m.sum()) for m in masks)
         priors = np.zeros(error.size - samples, dtype=bool)
         self._halves = [

@@ -1,9 +1,9 @@
-"""The question `search`: which effects explain the error that is left?
+"""Search for the effects that explain the error, and its test on parts of the data.
 
 Where a model stays far from the noise whatever is added, every part of the data rewards
-what mends its own form errors, and resampling samples does not show it: the error is
-the same at every repetition. So the search is repeated on parts that differ in load,
-speed or pose, and what only some of them name is no finding.
+effects that mend its own form errors, and resampling samples does not show it: the
+error is the same at every repetition. So the search is repeated on parts that differ in
+load, speed or pose, and an effect that only some of them name is not accepted.
 """
 
 from __future__ import annotations
@@ -60,13 +60,13 @@ class Found:
         search: the rounds, ending with the model.
         problem: the model.
         x: where it was fitted to all data.
-        held: what it predicts of held-out data.
+        held: its predictions of held-out data.
         estimated: value and interval of every parameter.
         effects: of the model, in the order in which they were added.
         ties: groups of ids that the data do not distinguish, of missing effects.
         occasions: comparison of occasions, None where there is one.
-        by_trial: what constants that differ from trial to trial explain, in words, or
-            "". Effects are not searched then.
+        by_trial: sentence on what constants by trial explain, or ""; effects are not
+            searched then.
     """
 
     search: Search
@@ -86,7 +86,7 @@ class Found:
 
 
 def search_effects(fitted: BaselineFit, settings: Options, progress: Progress) -> Found:
-    """Search the effects that explain the error, and fit their model to all data."""
+    """Find the effects that explain the error, and fit their model to all data."""
     limits = settings.thresholds
     records = fitted.problem.plant.records
     several = len(occasions_of(records)) > 1
@@ -125,7 +125,7 @@ def search_effects(fitted: BaselineFit, settings: Options, progress: Progress) -
 
 
 def _random_by_trial(fitted: BaselineFit) -> str:
-    """Return what differs at random between trials and takes all error, or ""."""
+    """Return the constant that differs at random by trial and explains all, or ""."""
     misfit = fitted.crossed.misfit
     if misfit <= MAX_EXPLAINED_ERROR:
         return ""
@@ -156,13 +156,13 @@ def _extend_tie(
 
 
 class CheckedModel(NamedTuple):
-    """Result of a search once it has been held against all data.
+    """Result of a search once it has been fitted to all data.
 
     Attributes:
         problem: the model.
         x: where it was fitted to all data.
-        spread: of that.
-        held: what it predicts of held-out data.
+        spread: of that place.
+        held: its predictions of held-out data.
     """
 
     problem: Problem
@@ -174,7 +174,7 @@ class CheckedModel(NamedTuple):
 def _drop_doubtful(
     baseline_fit: BaselineFit, found: Search, seed: int, progress: Progress
 ) -> CheckedModel:
-    """Return the model that was found, less effects that may as well not be there.
+    """Return the model of the search without effects that may be absent.
 
     An effect may be absent if its interval contains 0. Where several can replace each
     other, the one without which the rest explain most is dropped. All are dropped where
@@ -208,7 +208,6 @@ def _drop_doubtful(
 def _fit_without(
     found: Search, problem: Problem, x: FloatArray, name: str, counts: Masks
 ) -> tuple[Problem, Fit]:
-    """Return a model of a search without an effect, fitted to all data."""
     slim = problem.without(name).sharing([c.problem for c in found.known])
     start = x[[k for k, p in enumerate(problem.tuned) if p in slim.tuned]]
     return slim, fit(slim, start, counts)
@@ -217,7 +216,7 @@ def _fit_without(
 def final_search(
     found: Search, baseline_fit: BaselineFit, model: CheckedModel
 ) -> Search:
-    """Return a search that ends with what is left of its model.
+    """Return a search that ends with the rest of its model.
 
     Three effects may each be redundant given the two others. Once one of them is
     dropped, the shares and the error are computed again.
@@ -268,12 +267,12 @@ def _found_effects(
 
 
 class Agreement(NamedTuple):
-    """Support that parts of the data give to the effects the whole names.
+    """Support that parts of the data give to the effects of the whole.
 
     Attributes:
-        shares: of the parts that name an effect or one it is in a tie with, by id;
-            empty where the data are explained, or too few to be parted.
-        rivals: what many parts name in its place or as well as it, by id.
+        shares: share of the parts that name an effect or one it is tied with, by id;
+            empty where the data are explained, or too few to be divided.
+        rivals: effects that many parts name in its place or as well as it, by id.
         interrupted: True if the user stopped it before all parts were searched.
     """
 
@@ -287,10 +286,10 @@ def only_refines(
 ) -> bool:
     """Return whether an effect of a model only refines the others.
 
-    One that takes little of the gap is a finding nevertheless where it takes half of
-    the squared error that the model would have without it, and that is clearly more
-    than noise; unless a larger effect is easily confused with it, whose form it may
-    mend.
+    An effect that closes little of the gap is a finding nevertheless where it explains
+    half of the squared error that the model would have without it, and that is clearly
+    more than noise; unless a larger effect is easily confused with it, whose form it
+    may mend.
     """
     if shares[name] >= min(Limit.max_refinement_share, max(shares.values())):
         return False
@@ -336,12 +335,10 @@ def count_votes(
     own: Mapping[str, set[str]],
     named: Sequence[Sequence[set[str]]],
 ) -> Agreement:
-    """Return the agreement of the parts.
+    """Return the agreement of the parts with the effects of the whole.
 
-    Args:
-        effects: that the whole names.
-        own: what each was in a tie with there, by id.
-        named: groups that a part cannot distinguish, for each effect that it names.
+    `own` has the effects each is tied with there, by id; `named` the groups that a part
+    cannot distinguish, for each effect that it names.
     """
     shares, rivals = {}, {}
     for name in effects:
@@ -373,7 +370,7 @@ def _named_effects(
     limits: Thresholds,
     whole: Search,
 ) -> list[set[str]]:
-    """Return the effects a part of the data names, each with its ties."""
+    """Return the effects that a part of the data names, each with its ties."""
     problem = baseline_fit.problem
     division = tuple(
         Fold(_intersect_masks(fold.train, part), _intersect_masks(fold.test, part))
@@ -391,9 +388,9 @@ def _intersect_masks(one: Masks, other: Masks) -> tuple[NDArray[np.bool_], ...]:
 def split_trials(records: Sequence[Record]) -> list[Masks]:
     """Return halves of the trials that are not reserved: first and last, every other.
 
-    Trials in the order of their names, which tell load and speed as a rule; repetitions
-    stay together. How the rig stood tells a weight from a spring and nothing else does,
-    so a half without any trial of a tilt has them all.
+    Trials are in the order of their names, which usually follow load and speed;
+    repetitions stay together. Only the tilt of the rig distinguishes a weight from a
+    spring, so a half without any trial of a tilt has them all.
     """
     tilts = {r.group: r.tilt for r in records if r.free.any()}
     groups = sorted(tilts)

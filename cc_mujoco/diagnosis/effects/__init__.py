@@ -1,9 +1,9 @@
-"""The effects that a diagnosis can name: one entry each.
+"""Effects that a diagnosis can name: one entry each.
 
 An entry says what the effect is, where it acts, what its parameters are, and how it
-changes a simulation: through the cables (`cables`), or through what the sensors of
-motor and joint show (`torques`; `JOINT_DELAY` changes what is played, too). Parameters
-at 0 are off, bit for bit. To add an effect, write its entry, and how MuJoCo has it in
+changes a simulation: through the cables (`cables`), or through the readings of motor
+and joint (`torques`; `JOINT_DELAY` changes the played motion, too). Parameters at 0 are
+off, bit for bit. To add an effect, write its entry, and its form in MuJoCo in
 `_scene/realisation.py` where it is not in the cable.
 """
 
@@ -61,7 +61,7 @@ EFFECTS: dict[str, Effect] = {
 
 
 def table_rows(effects: Iterable[Effect]) -> list[list[str]]:
-    """Return effects as rows of text below their heads; rare ones have a star."""
+    """Return effects as rows of text; rare ones have a star."""
     rows = [
         [each.id + ("*" if each.rare else ""), each.equation, each.required_excitation]
         for each in effects
@@ -76,15 +76,11 @@ def usual_effects() -> tuple[str, ...]:
 
 @contextmanager
 def effects_in_use(given: Iterable[Any]) -> Iterator[tuple[str, ...]]:
-    """Have effects in `EFFECTS` while the block runs; yield their ids.
+    """Put effects in `EFFECTS` while the block runs; yield their ids.
 
-    Args:
-        given: ids of the library, `FILE.py:CLASS` or `MODULE:CLASS`, classes as
-            described in `_effect_class`, or effects.
-
-    Raises:
-        CableError: an effect cannot be used, or its id or a parameter has the name of
-            another one's.
+    `given` are ids of the library, `FILE.py:CLASS` or `MODULE:CLASS`, classes as
+    described in `_effect_class`, or effects. An effect whose id or parameter has the
+    name of another one's is refused.
     """
     if isinstance(given, str) or inspect.isclass(given):
         given = [given]

@@ -279,13 +279,13 @@ FRICTION_EFFECTS = (
         cables=on_all_cables("friction_drift", "friction_heating", "cooling_time"),
     ),
 )  # fmt: skip
-"""Those of the library, the plainest first."""
+"""Effects of the friction and the path of a cable, the plainest first."""
 
 
 _LOOSE_END_SHARE = 0.03
-"""Share of a cable that may lie straight in either end, where nothing holds it."""
+"""Largest share of a cable that is straight at either end, where nothing holds it."""
 _END_COMPLIANCE_BOUNDS = (0.0, 10.0)
-"""Compliance of an end over that of the cable, beyond which it is a spring's."""
+"""Compliance of an end over that of the cable; a larger one is a spring's."""
 _MIN_LINEAR_SHARE = 0.1
 """Least share of the compliance at rest that is not bedding."""
 _FITTING_COMPLIANCES = (
@@ -294,7 +294,7 @@ _FITTING_COMPLIANCES = (
     "proximal_compliance",
     "proximal_compliance_antagonist",
 )
-"""Compliances of where the cables are fastened, at the joint and at the motor."""
+"""Compliances of the cables' fasteners, at the joint and at the motor."""
 
 
 def _change_wrap(
@@ -439,4 +439,4 @@ CABLE_EFFECTS = (
         cables=_set_end_compliances,
     ),
 )  # fmt: skip
-"""Those of the library."""
+"""Effects of the tension, elasticity and ends of a cable."""

@@ -25,11 +25,11 @@ from cc_mujoco.native import FloatArray
 BACKLASH_BOUNDS = (0.0, 0.15)
 """Backlash over the joint's range of motion."""
 _ROUNDNESS_BOUNDS = (-0.25, 0.25)
-"""Eccentricity and ovality over the radius of a pulley that anybody would use."""
+"""Largest plausible eccentricity and ovality of a pulley over its radius."""
 _AT_MOST_MEASURED = (-1.0, 1.0)
 """Share of the largest torque at the joint; more would show in the readings."""
 MAX_REST_ANGLE = 2.0 * math.pi
-"""Largest angle between a joint's 0 and where a spring on it rests [rad]."""
+"""Largest angle between a joint's 0 and the rest of a spring on it [rad]."""
 EXIT_FORMS = ("cables leaving as the scene has them", "cables leaving half a turn off")
 """Forms of an eccentric pulley: the exit angle, and half a turn more."""
 _POSITIVE = (0.0, math.inf)
@@ -107,7 +107,7 @@ def _spring(s: Signals, v: Values) -> Signals:
 
 
 def _far_rest(v: Values) -> str:
-    """Return where a spring rests that is so far away that it only adds an offset."""
+    """Describe a spring with a rest so far away that it only adds an offset."""
     stiffness, moment = abs(v["joint_stiffness"]), abs(v["joint_stiffness_moment"])
     if moment <= MAX_REST_ANGLE * stiffness:
         return ""
@@ -307,15 +307,15 @@ DRIVE_EFFECTS = (
         ),
     ),
 )  # fmt: skip
-"""Those of the library."""
+"""Effects of pulleys, motor and joint in the library."""
 
 
 GAIN_BOUNDS = (-0.3, 0.3)
 """Error of a torque sensor's gain that calibration leaves; beyond, it is declared."""
 _OFFSET_BOUNDS = (-0.3, 0.3)
-"""Offset of a torque sensor over the largest torque, beyond which anybody sees it."""
+"""Offset of a torque sensor over the largest torque; a larger one would be noticed."""
 _DELAY_BOUNDS = (-0.1, 0.1)
-"""Delay of a signal chain that would not have been noticed [s]."""
+"""Delay of a signal chain; a larger one would be noticed [s]."""
 JOINT_DELAY = "joint_delay"
 """Effect that delays the joint's angle and torque together [s]."""
 
@@ -442,4 +442,4 @@ SENSOR_EFFECTS = (
         sensor=True,
     ),
 )  # fmt: skip
-"""Those of the library."""
+"""Effects of sensors in the library."""

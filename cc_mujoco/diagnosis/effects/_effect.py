@@ -44,9 +44,9 @@ class EffectParameter(NamedTuple):
         parameter: its descriptor, with the bounds of fits; logarithmic where it cannot
             be 0 and only shapes the effect.
         typical: size that is plausible on a rig; the scale of fits.
-        plausible: least and largest value that the effect can stand for; what fits only
-            beyond is not named.
-        of: what `plausible` is a share of: the joint's range of motion, the motor's
+        plausible: least and largest value of the effect; one that fits only beyond is
+            not named.
+        of: reference of `plausible`: the joint's range of motion, the motor's
             radius, the largest torque, the same over half of the joint's range, the
             elongation of the scene's cable per tension, or nothing.
         ordinary: size that any rig may have without a report, a fraction of
@@ -89,12 +89,12 @@ class EffectParameter(NamedTuple):
 
     @property
     def linear(self) -> bool:
-        """Return whether 0 is off; other parameters only shape the effect."""
+        """True if 0 is off; other parameters only shape the effect."""
         return self.parameter.scale == "linear" and not self.shape
 
     @property
     def size(self) -> bool:
-        """Return whether it is one of the sizes of the effect."""
+        """True if it is one of the sizes of the effect."""
         return self.linear and not self.beside
 
 
@@ -302,11 +302,8 @@ def on_all_cables(*names: str) -> Callable[..., tuple[Cable, ...]]:
 def of_cable(name: str, low: float, high: float, called: str = "") -> Parameter:
     """Return the descriptor of a parameter of the cable for fits of an effect.
 
-    Args:
-        name: name of the cable's parameter.
-        low: lower bound of fits; above 0, the parameter is fitted as a logarithm.
-        high: upper bound of fits.
-        called: name in the effect, if it differs.
+    With a lower bound above 0, it is fitted as a logarithm; `called` is the name in the
+    effect, if it differs.
     """
     return replace(
         _OF_CABLES[name],
@@ -329,18 +326,11 @@ def sized(
     of: Any = "",
     **more: Any,
 ) -> EffectParameter:
-    """Return a parameter of an effect, with the bounds of its fits."""
     known = Parameter(name, unit, meaning, low, high)
     return EffectParameter(known, typical, plausible, of, **more)
 
 
 def clamp_to_bounds(name: str, value: float) -> float:
-    """Return a value clamped to the bounds of a cable parameter.
-
-    Args:
-        name: name of the cable's parameter.
-        value: value from the sizes of effects and the baseline, possibly out of bounds.
-    """
     known = _OF_CABLES[name]
     return min(max(value, known.low), known.high)
 
@@ -349,11 +339,8 @@ def dry_friction(angle: FloatArray, wind_up: float) -> FloatArray:
     """Return dry friction over its largest value, against motion (samples,) [-1 to 1].
 
     A bristle holds the surface, as in the cables' presliding: it bends with the angle,
-    and slides where it is bent by the wind-up. It is straight at the first sample.
-
-    Args:
-        angle: of the surface (samples,) [rad].
-        wind_up: angle over which friction builds up [rad], above 0.
+    and slides where it is bent by the wind-up [rad], above 0. It is straight at the
+    first sample.
     """
     return (angle - follow_with_play(angle, wind_up)) / wind_up
 

@@ -118,7 +118,7 @@ class Shape:
 
     @property
     def values(self) -> tuple[float, ...]:
-        """Values from which it is fitted."""
+        """Start values of the fit."""
         given = np.atleast_1d(np.asarray(self.starts, dtype=np.float64))
         return tuple(given.tolist())
 

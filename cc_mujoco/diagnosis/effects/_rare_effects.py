@@ -22,7 +22,7 @@ from cc_mujoco.diagnosis.effects._effect import (
 from cc_mujoco.diagnosis.effects._effect_class import Shape, Size, effect_of_class
 
 _MAX_FRICTION_FACTOR = 10.0
-"""Largest factor of friction that conditions of a trial make."""
+"""Largest factor of friction between trials of different conditions."""
 
 
 class ClampCreep:
@@ -297,7 +297,7 @@ class CoupledNeighbour:
 
 
 class LeverGeometry:
-    """Moment arm at the joint that changes otherwise than the scene says."""
+    """Moment arm at the joint that differs from that of the scene."""
 
     equation = "r_j (1 + a q + b q^2)"
     source = "geometry"
@@ -332,4 +332,4 @@ RARE_EFFECTS: tuple[Effect, ...] = tuple(
         LeverGeometry,
     )
 )
-"""Those of the library."""
+"""Rare effects of the library."""

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+import tomllib
 from collections.abc import Container, Iterable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+from cc_mujoco._utils.parsing import parse_toml
 from cc_mujoco._utils.user_code import named_in_file
 from cc_mujoco.errors import CableError
 
@@ -97,3 +100,15 @@ def finite(value: object) -> float | None:
     except OverflowError:  # TOML allows integers of any size
         return None
     return number if math.isfinite(number) else None
+
+
+def read_toml(path: Path, what: str = "") -> Table:
+    """Return a TOML file; `what` it holds is for the sentence if it is missing."""
+    try:
+        content = parse_toml(path.read_bytes().decode("utf-8-sig"))
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise CableError(f"cannot read {what}{path}: {reason}.") from None
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise CableError(f"{path} is not a TOML file: {error}.") from None
+    return Table(str(path), content)

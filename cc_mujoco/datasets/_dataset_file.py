@@ -88,15 +88,13 @@ import fnmatch
 import hashlib
 import math
 import re
-import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, get_args
 
-from cc_mujoco._utils.parsing import parse_toml
 from cc_mujoco._utils.tables import ENDINGS
-from cc_mujoco._utils.toml_table import Table, finite
+from cc_mujoco._utils.toml_table import Table, finite, read_toml
 from cc_mujoco.datasets import _channels as channels
 from cc_mujoco.datasets._data_findings import DataFinding, warning
 from cc_mujoco.datasets._rig_table import LOAD_CONSTANTS, read_rig
@@ -278,15 +276,7 @@ class DatasetFile:
 def read_dataset_file(path: str | Path) -> DatasetFile:
     """Read a `dataset.toml`."""
     path = Path(path)
-    try:
-        raw = path.read_bytes()
-        content = parse_toml(raw.decode("utf-8-sig"))
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise CableError(f"cannot read {path}: {reason}.") from None
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise CableError(f"{path} is not a TOML file: {error}.") from None
-    top = Table(str(path), content)
+    top = read_toml(path)
     top.only("name", "notes", "columns", "files", "rig", "trials")
     return DatasetFile(
         columns={n: _source(t, n) for n, t in top.tables("columns").items()},
@@ -296,7 +286,7 @@ def read_dataset_file(path: str | Path) -> DatasetFile:
         name=top.text("name") or "",
         notes=top.text("notes") or "",
         path=str(path),
-        sha256=hashlib.sha256(raw).hexdigest(),
+        sha256=hashlib.sha256(path.read_bytes()).hexdigest(),
     )
 
 

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import tomllib
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -22,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco._utils.csv_files import read_sheet
-from cc_mujoco._utils.parsing import parse_toml
+from cc_mujoco._utils.toml_table import read_toml
 from cc_mujoco.cable._parameter import Parameter
 from cc_mujoco.design._study_spec import Given
 from cc_mujoco.device import Nominal
@@ -142,15 +141,7 @@ def from_file(path: str | Path) -> list[dict[str, object]]:
 
 
 def _from_toml(path: Path) -> list[dict[str, object]]:
-    try:
-        found = parse_toml(path.read_text(encoding="utf-8-sig"))
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise CableError(f"cannot read the designs {path}: {reason}.") from None
-    except UnicodeDecodeError:
-        raise CableError(f"{path} is not text in UTF-8.") from None
-    except tomllib.TOMLDecodeError as error:
-        raise CableError(f"{path} is not TOML: {error}.") from None
+    found = read_toml(path, "the designs ").content
     if unknown := [name for name in found if name != "design"]:
         raise CableError(
             f"{path} has {unknown[0]!r}; it must have tables [[design]] and nothing "

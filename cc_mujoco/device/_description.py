@@ -19,13 +19,11 @@ Every key is optional; `_derivation` finds or assumes what is missing.
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from cc_mujoco._utils.parsing import parse_toml
 from cc_mujoco._utils.toml_table import Table
 from cc_mujoco.device._axis_columns import column_prefixes
 from cc_mujoco.device._sensors import Sensing
@@ -187,16 +185,6 @@ def device_label(scene: str) -> str:
     """Return the name of a device for tables, without folder and ending."""
     name = Path(scene).name
     return name.removesuffix(ENDING).removesuffix(".toml").removesuffix(".xml")
-
-
-def read_table(path: Path) -> Table:
-    try:
-        content = parse_toml(path.read_text(encoding="utf-8-sig"))
-    except OSError as error:
-        raise CableError(f"cannot read {path}: {error.strerror}.") from None
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise CableError(f"{path} is no TOML file: {error}.") from None
-    return Table(str(path), content)
 
 
 GIVEN, SCENE, ASSUMED = "given", "scene", "assumed"

@@ -21,11 +21,11 @@ import mujoco
 
 from cc_mujoco import plugin
 from cc_mujoco._utils import user_code
-from cc_mujoco._utils.toml_table import Table
+from cc_mujoco._utils.toml_table import Table, read_toml
 from cc_mujoco.assets import SCENES, scene_path
 from cc_mujoco.cable import Cable
 from cc_mujoco.device._derivation import describe
-from cc_mujoco.device._description import Description, read_table
+from cc_mujoco.device._description import Description
 from cc_mujoco.device._device_files import locate
 from cc_mujoco.device._hysteresis_file import HYSTERESIS_ENDING
 from cc_mujoco.device._mover import Mover
@@ -87,7 +87,7 @@ class Device(Nominal):
         spec = _load_spec(scene)
         table = Table(name, {})
         if table_path is not None:
-            table = _resolved(read_table(table_path), table_path.parent)
+            table = _resolved(read_toml(table_path), table_path.parent)
             named = table.text("scene")
             if named is not None and not _same(table_path.parent / named, scene):
                 raise CableError(
@@ -96,7 +96,7 @@ class Device(Nominal):
                 )
         measured = hysteresis_path(scene)
         if measured is not None:
-            known = read_table(measured)
+            known = read_toml(measured)
             table = Table(table.where, {"hysteresis": known.content, **table.content})
         self.files: tuple[Path, ...] = ()
         """Files of the user that define it: scene, description, what these include."""

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from cc_mujoco._utils.toml_table import read_toml
 from cc_mujoco.assets import SCENES, scene_path
-from cc_mujoco.device._description import ENDING, read_table
+from cc_mujoco.device._description import ENDING
 from cc_mujoco.errors import CableError
 
 FILE_ENDINGS = (".xml", ".toml")
@@ -48,7 +49,7 @@ def locate(source: str | Path) -> tuple[str, Path, Path | None]:
         raise CableError(f"there is no file {name}; give an MJCF file of a device.")
     if path.suffix == ".toml":
         stem = path.name.removesuffix(ENDING).removesuffix(".toml")
-        scene_name = read_table(path).text("scene") or f"{stem}.xml"
+        scene_name = read_toml(path).text("scene") or f"{stem}.xml"
         scene = path.parent / scene_name
         if not scene.is_file():
             raise CableError(

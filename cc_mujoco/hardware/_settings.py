@@ -68,15 +68,13 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-import tomllib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
 from cc_mujoco._utils import user_code
-from cc_mujoco._utils.parsing import parse_toml
-from cc_mujoco._utils.toml_table import Table, finite
+from cc_mujoco._utils.toml_table import Table, finite, read_toml
 from cc_mujoco.device._device import Device
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.errors import CableError
@@ -264,13 +262,7 @@ def read_axes(
     """
     user_code.allow(allow)
     path = Path(path)
-    try:
-        content = parse_toml(path.read_bytes().decode("utf-8-sig"))
-    except OSError as error:
-        raise CableError(f"cannot read {path}: {error.strerror}.") from None
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise CableError(f"{path} is not a TOML file: {error}.") from None
-    top = Table(str(path), content)
+    top = read_toml(path)
     top.only(
         "scene",
         "axis",
@@ -289,9 +281,9 @@ def read_axes(
         raise top.wrong(
             "period", f"{MIN_PERIOD:g} to {MAX_PERIOD:g} s (500 Hz to 2 kHz)"
         )
-    if "axes" not in content:
+    if "axes" not in top.content:
         return (_axis(path, scene, period, top, top.text("axis")),)
-    if "axis" in content:
+    if "axis" in top.content:
         raise CableError(
             f"{path} has `axis` and [axes]; give one of them: the name of the one axis "
             "that it drives, or a table for each."

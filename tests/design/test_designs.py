@@ -107,7 +107,7 @@ def test_a_list_from_a_spreadsheet(content: bytes, tmp_path: Path) -> None:
         ("[[designs]]\nfriction = 0.1\n", "'designs'"),
         ("[[design]]\nfriction = 0.1\n[other]\n", "'other'"),
         ("design = 3\n", "must be tables"),
-        ("[[design]]\nfriction = 0.1 0.2\n", "is not TOML"),
+        ("[[design]]\nfriction = 0.1 0.2\n", "is not a TOML file"),
     ],
 )
 def test_a_toml_with_a_slip_says_which(text: str, wrong: str, tmp_path: Path) -> None:

@@ -344,7 +344,7 @@ def test_a_free_root_is_held_or_free_by_choice(tmp_path: Path) -> None:
         ({}, "[axis]\nsafe_torqe = 3\n", "'safe_torqe' in .*did you mean 'safe"),
         ({}, "[wearer.kne]\nstiffness = 3\n", "unknown joint .*'knee'"),
         ({}, "period = 'fast'\n", "period must be a finite number"),
-        ({}, "[axis\n", "is no TOML file"),
+        ({}, "[axis\n", "is not a TOML file"),
         ({"knee": 'range="0 2" type="slide"'}, "", "'knee', .* must be a hinge"),
     ],
 )

@@ -1,4 +1,4 @@
-"""Torque controllers: from what a device can measure to the torque of its motor."""
+"""Torque controllers: from the measurements of a device to the torque of its motor."""
 
 import lazy_loader
 

@@ -33,13 +33,13 @@ from cc_mujoco.device._drive import Drive
 from cc_mujoco.errors import CableError
 
 Law = str | Callable[..., Any]
-"""Name of a controller, or a function that makes one of a drive."""
+"""Name of a controller, or a function that makes one for a drive."""
 
 DECOUPLED = "decoupled_"
-"""Beginning of the name of a controller whose axes are decoupled."""
+"""Prefix of the name of a controller whose axes are decoupled."""
 
 OWN_COLUMNS = "joint_torque_nm", "desired_torque_nm"
-"""Columns that are those of the own cable where axes are decoupled."""
+"""Columns that hold the torques of the own cable where axes are decoupled."""
 
 ALL_AXES = "ALL_AXES"
 """Attribute of a function that makes one controller for all axes."""
@@ -49,22 +49,15 @@ class AxesController(Controller):
     """One controller for each axis of a device."""
 
     def __init__(self, laws: Sequence[Controller], prefixes: Sequence[str]) -> None:
-        """Prepare for the first episode.
-
-        Args:
-            laws: One for each axis.
-            prefixes: Beginnings of the columns of each axis.
-        """
+        """Prepare for the first episode: a law and a column prefix for each axis."""
         super().__init__(laws[0].drive)
         self.laws, self._prefixes = tuple(laws), tuple(prefixes)
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
-        """Reset every axis; see `Controller.reset`."""
         for law in self.laws:
             law.reset(where)
 
     def given(self, torque: Any) -> None:
-        """Accept the torques that the motors got (axes,); see `Controller.given`."""
         for law, own in zip(self.laws, torque, strict=True):
             law.given(own)
 
@@ -78,7 +71,7 @@ class AxesController(Controller):
 
 
 class DecoupledController(AxesController):
-    """One controller for each axis, which meets the torque of its own cable alone."""
+    """One controller per axis, which receives the torque of its own cable alone."""
 
     def __init__(
         self,
@@ -86,13 +79,7 @@ class DecoupledController(AxesController):
         prefixes: Sequence[str],
         coupling: Coupling,
     ) -> None:
-        """Prepare for the first episode.
-
-        Args:
-            laws: One for each axis, of the drives of `decoupled_drives`.
-            prefixes: Beginnings of the columns of each axis.
-            coupling: Of the axes.
-        """
+        """Prepare; the laws of all axes are of the drives of `decoupled_drives`."""
         super().__init__(laws, prefixes)
         self._coupling = coupling
 
@@ -121,11 +108,6 @@ class DecoupledController(AxesController):
 def decoupled_drives(
     drives: Sequence[Drive], prefixes: Sequence[str]
 ) -> tuple[list[Drive], Coupling]:
-    """Return drives whose torque is that of their own cables, and their coupling.
-
-    Raises:
-        CableError: As `Coupling`.
-    """
     coupling = Coupling(drives, prefixes)
     found = [
         dataclasses.replace(drive, torque_noise=float(noise))
@@ -135,7 +117,6 @@ def decoupled_drives(
 
 
 def is_decoupled(given: Law | Mapping[str, Law]) -> bool:
-    """Return whether the axes of a controller are decoupled: `decoupled_NAME`."""
     return isinstance(given, str) and given.startswith(DECOUPLED)
 
 
@@ -145,12 +126,10 @@ class _ExternalOfAll(External):
     def __init__(
         self, drives: tuple[Drive, ...], make: Callable[..., Any], name: str
     ) -> None:
-        """Make the function, as `External` does, of the drives of all axes."""
         super().__init__(drives[0], lambda _: make(drives), name)
         self._drives = drives
 
     def limited(self, torque: Any) -> Any:
-        """Return torques (..., axes) clipped to the limits of the motors [N m]."""
         return limit_torques(torque, self._drives)
 
 
@@ -175,11 +154,7 @@ def is_policy(given: Law | Mapping[str, Law]) -> bool:
 
 
 def sees_all_axes(given: Law | Mapping[str, Law]) -> bool:
-    """Return whether a function makes one controller for all axes.
-
-    Raises:
-        CableError: It is a `module:function` that cannot be found.
-    """
+    """Return whether a function makes one controller for all axes."""
     return not isinstance(given, Mapping) and _for_all_axes(given) is not None
 
 
@@ -223,11 +198,7 @@ def axes_controller(
 
 
 def require_decoupling(given: Law | Mapping[str, Law], axes: int) -> None:
-    """Refuse a `decoupled_NAME` that is none, or has nothing to decouple.
-
-    Raises:
-        CableError: NAME is unknown, or there is one axis.
-    """
+    """Refuse a `decoupled_NAME` with an unknown NAME, or of a single axis."""
     if not isinstance(given, str) or not is_decoupled(given):
         return
     for name in named_laws(given):
@@ -242,11 +213,7 @@ def require_decoupling(given: Law | Mapping[str, Law], axes: int) -> None:
 
 
 def by_axis(given: Law | Mapping[str, Law], prefixes: Sequence[str]) -> list[Law]:
-    """Return the controller of every axis, as it is given.
-
-    Raises:
-        CableError: There is no such axis, or an axis has none.
-    """
+    """Return the controller of every axis, as it is given."""
     names = [prefix.rstrip(".") for prefix in prefixes]
     if isinstance(given, str):
         given = split_by_axis(given.removeprefix(DECOUPLED), names)
@@ -271,7 +238,7 @@ def named_laws(given: str) -> list[str]:
 
 
 def law_drives(law: Controller, drives: Sequence[Drive]) -> Sequence[Drive]:
-    """Return the drives that a controller was made for, those of the device if many."""
+    """Return the drives of a controller: its own, or those of the device if many."""
     if isinstance(law, AxesController):
         return [one.drive for one in law.laws]
     return [law.drive] if len(drives) == 1 else drives

@@ -1,11 +1,11 @@
 r"""The model of distributed friction, inverted: motor angles for a course of the joint.
 
-The kernel of the package (`cable._stepper`) with a spring at the joint. For a joint
-angle the spring says what torque the cables have to make, and the motor is turned to
-the nearest angle at which they make it. Partial motion,
-and a backlash that grows with the load, come with the friction.
+The kernel of the package (`cable._stepper`) with a spring at the joint. At a joint
+angle the spring defines the torque of the cables, and the motor turns to the nearest
+angle at which they make it. Partial motion, and a backlash that grows with the load,
+come with the friction.
 
-Angles alone tell no force: a spring, a rope and a pretension that are all twice as
+Angles alone determine no force: a spring, a rope and a pretension that are all twice as
 strong move alike. So the axial stiffness stays that of the data sheet.
 """
 
@@ -31,14 +31,14 @@ STEP = 0.01
 TOLERANCE = 1e-7
 """Tolerance of the motor angle [rad]."""
 MAX_LEAP = 20.0
-"""Farthest that the motor turns at once, in angles of the joint [rad]."""
+"""Largest turn of the motor in one step, in angles of the joint [rad]."""
 FIT_SAMPLES = 500
-"""Samples of a trial that a fit plays."""
+"""Samples of a trial that a fit uses."""
 
 
 @dataclass(frozen=True)
 class CableParameters:
-    """Parameters of the cables and of the spring at the joint that a trial gives."""
+    """Parameters of the cables and of the joint's spring, identified from a trial."""
 
     friction: float
     """Friction coefficient over that of the data sheet [-]."""
@@ -48,7 +48,6 @@ class CableParameters:
     """Stiffness of the spring at the joint [N m/rad]."""
 
     def __post_init__(self) -> None:
-        """Refuse what no cable has."""
         require_parameter(self, "friction", 0.0, 100.0, "")
         require_parameter(self, "pretension", 0.0, 100.0, "")
         require_parameter(self, "joint_stiffness", 1e-9, 1e6, "N m/rad")
@@ -60,12 +59,7 @@ class CableCourse:
     def __init__(
         self, cable_drives: Sequence[CableDrive], parameters: CableParameters
     ) -> None:
-        """Prepare at rest.
-
-        Args:
-            cable_drives: The cables, as their data sheet has them.
-            parameters: What a trial found.
-        """
+        """Prepare at rest; `cable_drives` are the cables of the data sheet."""
         own = [
             one.cable.replace(
                 friction=parameters.friction * one.cable.friction,
@@ -89,8 +83,8 @@ class CableCourse:
     def advance(self, joint: float) -> float:
         """Return the motor angle, over the ratio, for the next joint angle [rad].
 
-        It is the nearest in the sense of the joint's motion at which the cables make
-        the torque of the spring, so that the motor rests where they already make more.
+        It is the nearest in the direction of the joint's motion at which the cables
+        make the torque of the spring, so the motor rests where they already make more.
         """
         turned = joint - self._joint
         if turned == 0.0:
@@ -134,15 +128,7 @@ def course_of(
 
 
 def fit_cable(trial: HysteresisTrial, drive: Drive) -> CableParameters:
-    """Return friction, pretension and spring of least squares.
-
-    Args:
-        trial: Slow course of motor and joint.
-        drive: The device; its `cable_drives` must be known.
-
-    Raises:
-        CableError: The cables are not known.
-    """
+    """Return friction, pretension and spring of least squares, from a slow course."""
     require_cables(drive)
     every = max(1, trial.joint_angle.size // FIT_SAMPLES)
     motor, joint = trial.motor_angle[::every], trial.joint_angle[::every]
@@ -165,11 +151,6 @@ def fit_cable(trial: HysteresisTrial, drive: Drive) -> CableParameters:
 
 
 def require_cables(drive: Drive) -> None:
-    """Refuse a drive without cables.
-
-    Raises:
-        CableError: They are not known.
-    """
     if not drive.cable_drives:
         raise CableError(
             "controller 'cable_inverse' needs to know the cables; this Drive has no "

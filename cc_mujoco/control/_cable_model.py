@@ -1,13 +1,13 @@
-r"""The cables as a controller believes them: the kernel itself, run as an observer.
+r"""Cables as a controller assumes them: the kernel itself, run as an observer.
 
     model = CableModel(drive)
     model.follow(observation["motor_angle_rad"], observation["joint_torque_nm"])
     model.tension(0), model.slip(0)          # of the first cable, proximal to distal
 
 Motor angle and joint torque are measured; they drive the model completely (position at
-one end, tension at the other, thesis Fig. 2.2), and the model gives what is not
-measured: which parts of the cables move, the tensions along them, the torque that the
-motor should need. It knows parameters, never the true state of the device. Where both
+one end, tension at the other, thesis Fig. 2.2). The model estimates unmeasured
+quantities: the parts of the cables that move, the tensions along them, the required
+torque of the motor. It knows parameters, never the true state of the device. Where both
 are noisy this pair is the better one: an end of a cable is stiff, so that the last bits
 of a joint encoder would be newtons.
 
@@ -40,7 +40,7 @@ _STRIBECK, _AGEING = INDEX["stribeck_friction"], INDEX["ageing_friction"]
 _PRETENSION = INDEX["pretension"]
 _MAX_FRICTION = 5.0
 ADOPTION_THRESHOLD = 0.01
-"""Relative change from which on a learned factor of friction is adopted: packing a
+"""Least relative change of a learned factor of friction that is adopted: packing a
 cable for every last bit would take longer than stepping it."""
 _EA = INDEX["axial_stiffness"]
 
@@ -51,12 +51,12 @@ class CableModel:
     Attributes:
         packed: parameters, (rows, cables, numbers), as `cable._pack.pack` makes them.
         state: (rows, cables, numbers), as the kernel has it.
-        joint: angle of the joint since the start, as the model finds it (rows,) [rad].
+        joint: estimated angle of the joint since the start (rows,) [rad].
         slip_direction: direction in which a cable last slipped as a whole, (rows,
             cables): 1 towards the joint, -1 towards the motor, 0 never.
         gain: proximal per distal tension at that moment (rows, cables); 1 before.
-        arm: of every cable where the motor is (rows, cables) [m/rad].
-        factor: what the drive's friction is multiplied by, (rows, cables).
+        arm: of every cable at the present motor angle (rows, cables) [m/rad].
+        factor: factor on the drive's friction, (rows, cables).
     """
 
     def __init__(self, drive: Drive, weakening: bool = True) -> None:
@@ -69,7 +69,7 @@ class CableModel:
                 of cables with bristles.
 
         Raises:
-            CableError: If they are not.
+            CableError: `cable_drives` are not known.
         """
         if not drive.cable_drives:
             raise CableError(
@@ -99,8 +99,7 @@ class CableModel:
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
         """Take the next observation for the start of an episode: rest, pretension.
 
-        Args:
-            where: Mask of the environments that start anew; all of them by default.
+        `where` masks the environments that restart; all of them by default.
         """
         self._fresh |= True if where is None else where
         if where is None:
@@ -108,7 +107,7 @@ class CableModel:
 
     @exclusive
     def follow(self, motor_angle: ArrayLike, joint_torque: ArrayLike) -> None:
-        """Take the measurements at the next instant, a number or (rows,) each.
+        """Update by the measurements of the next instant, a number or (rows,) each.
 
         Args:
             motor_angle: [rad]; of a round pulley only its changes matter.
@@ -135,23 +134,14 @@ class CableModel:
         )
 
     def ready(self, motor_angle: FloatArray) -> None:
-        """Bring the environments that restart to rest.
-
-        Args:
-            motor_angle: of every environment (rows,) [rad].
-        """
+        """Bring environments that restart to rest at their motor angle (rows,) [rad]."""
         if motor_angle.size != self._rows:
             self._allocate(motor_angle.size)
         if self._fresh.any():
             self._begin(motor_angle)
 
     def scale_friction(self, factor: ArrayLike) -> None:
-        """Scale the friction of the model from now on.
-
-        Args:
-            factor: Of the drive's friction coefficients, a number, (rows, 1) or
-                (rows, cables).
-        """
+        """Scale the drive's friction by a number, (rows, 1) or (rows, cables)."""
         factors = np.broadcast_to(factor, (self._rows, self.segments.size))
         for row, cable in np.argwhere(factors != self.factor).tolist():
             self._pack(row, cable, float(factors[row, cable]))
@@ -228,7 +218,6 @@ class CableModel:
         fresh[:] = False
 
     def cable_drives(self, row: int) -> tuple[CableDrive, ...]:
-        """Return the cable drives of an environment."""
         return self.drive.cable_drives[row % len(self.drive.cable_drives)]
 
     def _pack(self, row: int, cable: int, factor: float) -> None:
@@ -255,7 +244,7 @@ class CableModel:
 def checked_angles(
     angles: Sequence[FloatArray], segments: stepper.Counts
 ) -> list[FloatArray]:
-    """Wrap angles of every cable as arrays of their own; see `CableModel.rebend`."""
+    """Return copies of the wrap angles of every cable; see `CableModel.rebend`."""
     own = [np.array(angle, dtype=float) for angle in angles]
     if [angle.shape for angle in own] != [(n,) for n in segments.tolist()]:
         raise CableError(
@@ -281,16 +270,9 @@ def pack(
     asked: FloatArray,
     prm: FloatArray,
 ) -> None:
-    """Pack a cable with a multiple of its friction.
+    """Pack a cable, given as in `cable._pack.pack`, with a multiple of its friction.
 
-    Args:
-        values: scalars of the cable.
-        sections: see `cable._pack.pack`.
-        n: segments.
-        factor: of its friction.
-        weakening: see `CableModel`.
-        asked: scratch, as `values`.
-        prm: out, packed.
+    For `weakening` see `CableModel`; `asked` is scratch like `values`, `prm` is out.
     """
     for i in range(values.size):
         asked[i] = values[i]
@@ -335,13 +317,10 @@ def joint_spring(cable_drives: Sequence[CableDrive]) -> FloatArray:
 def add_preload(
     values: FloatArray, sections: FloatMatrix, distal: float, spring: FloatArray
 ) -> None:
-    """Add the pretension of a cable to a spring, and take its friction if greater.
+    """Add the pretension of a cable to a spring, and its friction if larger.
 
-    Args:
-        values: scalars of the cable.
-        sections: see `cable._pack.pack`.
-        distal: arm at the joint [m/rad].
-        spring: see `guard.STIFFNESS`; changed.
+    `values` are the scalars of the cable, `distal` its arm at the joint [m/rad]; for
+    `spring` see `guard.STIFFNESS`.
     """
     wrap = 0.0
     for i in range(sections.shape[0]):
@@ -392,23 +371,11 @@ def follow(
     new: FloatMatrix,
     work: FloatArray,
 ) -> float:
-    """Step the cables of one environment to a motor angle and a joint torque.
+    """Step the cables of one environment; return the joint angle [rad].
 
-    Args:
-        cables: of the environment.
-        state: of the model (cables, numbers); stepped on.
-        motor: angle of the motor [rad].
-        torque: of the cables on the joint [N m].
-        joint: angle of the joint before [rad].
-        slip_direction: see `CableModel` (cables,); updated.
-        gain: see `CableModel` (cables,); updated.
-        arm: see `CableModel` (cables,); updated.
-        dt: time step [s].
-        new: scratch, as `state`.
-        work: scratch, `cable._layout.work_size`.
-
-    Returns:
-        Angle of the joint [rad].
+    State, slip directions, gains and arms (see `CableModel`) are updated. The motor has
+    an angle [rad], the cables a torque on the joint [N m], and the joint had an angle
+    before [rad]. `new` is scratch like `state`, `work` of `cable._layout.work_size`.
     """
     n = cables.n
     load = stepper.Load(torque, 0.0, -np.inf, np.inf)
@@ -448,7 +415,6 @@ def _follow_all(
     new: FloatMatrix,
     work: FloatArray,
 ) -> None:
-    """Step every environment to a motor angle and a joint torque."""
     for row in range(motor.size):
         cables = stepper.Cables(prm[row], n, proximal, proximal, distal)
         joint[row] = follow(

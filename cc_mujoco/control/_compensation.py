@@ -1,11 +1,11 @@
-r"""Motor torque that puts a desired torque on the joint through friction, compiled.
+r"""Motor torque that makes a desired joint torque through friction, compiled.
 
 Which distal tensions make the desired torque? One cable leaves no choice. Of two that
-pull against each other, motor and joint can only exchange length: with the arms
-\(f_i\) at the joint, all \((s_i - s_i^0)/f_i\) are equal, where \(s_i\) is the stretch
-of cable i and \(s_i^0\) that of the pretension. While a cable slips as a whole its
-stretch is in proportion to its distal tension, so the torque follows from that one
-number, piecewise linearly: a cable that would have to push is slack instead.
+pull against each other, motor and joint can only exchange length: with the arms \(f_i\)
+at the joint, all \((s_i - s_i^0)/f_i\) are equal, where \(s_i\) is the stretch of cable
+i and \(s_i^0\) that of the pretension. While a cable slips as a whole its stretch is in
+proportion to its distal tension, so the torque follows from that one number, piecewise
+linearly: a cable that would have to push is slack instead.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from cc_mujoco.cable._stepper import Counts
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled
 
 SCRATCH_ROWS = 6
-"""Rows of the scratch, of a number for each cable, that these functions take."""
+"""Rows of the scratch of these functions, with a number for each cable."""
 _PRETENSION = law.INDEX["pretension"]
 _ASYMMETRY = law.INDEX["friction_asymmetry"]
 _AGEING = law.INDEX["ageing_friction"]
@@ -37,17 +37,10 @@ def _friction(
 ) -> tuple[float, float, float]:
     """Return growth, drag [N] and holding growth of segment j for slip along `sense`.
 
-    Every law of friction has a say as in a step of the kernel, but for bristles: they
-    are bent by then. Drag of viscosity helps where the cable still moves the other way.
-
-    Args:
-        prm: packed parameters.
-        n: segments.
-        state: of the model.
-        sense: of the slip, 1 towards the joint, -1 towards the motor.
-        speed: of the cable, positive towards the joint [m/s].
-        j: which.
-        ends: place of its distal end [m].
+    Every law of friction acts as in a step of the kernel, except bristles: they are
+    bent by then. Drag of viscosity helps where the cable still moves the other way.
+    `sense` is 1 towards the joint, -1 towards the motor; `speed` of the cable is
+    positive towards the joint [m/s], `ends` is the place of the distal end [m].
     """
     values, length = at.scalars(prm), at.contact_length(prm, n)[j]
     if prm[at.CONSTANT_COULOMB] != 0.0:
@@ -74,7 +67,6 @@ def _friction(
 
 @compiled
 def has_drag(prm: FloatArray) -> bool:
-    """Return whether a cable has friction that needs no tension."""
     for place in _DRAG_TERMS:
         if prm[place] != 0.0:
             return True
@@ -85,10 +77,10 @@ def has_drag(prm: FloatArray) -> bool:
 def _stretches(
     prm: FloatArray, n: int, state: FloatArray, sense: float, speed: float
 ) -> tuple[float, float, float]:
-    """Stretch in the pretension [m]; while all slips, per distal tension and at none.
+    """Return the stretch in pretension [m]; of full slip per distal tension, at none.
 
-    `sense` is the direction of slip, 0 for a tension that is the same all along; the
-    others see `_friction`.
+    `sense` is the direction of slip, 0 for a uniform tension; the others see
+    `_friction`.
     """
     stiffness = at.node_stiffness(prm, n)
     length = at.contact_length(prm, n)
@@ -122,15 +114,9 @@ def _shared_tensions(
 ) -> None:
     """Compute distal tensions of all cables that make the joint torque [N].
 
-    Args:
-        prm: packed parameters (cables, numbers).
-        n: segments.
-        distal: arms at the joint [m/rad].
-        state: of the model (cables, numbers).
-        slip_direction: direction in which each cable slips.
-        joint_velocity: at which the cables have to follow [rad/s].
-        desired: joint torque [N m].
-        scratch: see `SCRATCH_ROWS`; out, its first row. The third is left alone.
+    The joint velocity is that at which the cables have to follow [rad/s]. The tensions
+    are written to the first row of the scratch (see `SCRATCH_ROWS`); the third is not
+    touched.
     """
     share, taut = scratch[0], scratch[1]
     rest, unit, none = scratch[3], scratch[4], scratch[5]
@@ -175,27 +161,18 @@ def dynamic(
     desired: float,
     scratch: FloatMatrix,
 ) -> float:
-    """Return the torque with dynamic friction (4.2): distal tensions times gains.
+    """Return the motor torque with dynamic friction (4.2) [N m].
 
-    Drag that needs no tension is added instead: as part of the gain it would grow with
-    the desired torque. Where a motion turns, it stays against the past motion until all
-    of the cable has turned; so there a cable that pulls more than desired is not pulled
-    harder than the model says that it is, nor one that pulls less let go further.
+    It is the distal tensions times gains. Drag that needs no tension is added instead:
+    as part of the gain it would grow with the desired torque. Where a motion turns, it
+    stays against the past motion until all of the cable has turned; so there a cable
+    that pulls more than desired is not pulled harder than in the model, nor one that
+    pulls less released further.
 
-    Args:
-        prm: packed parameters (cables, numbers).
-        n: segments of every cable.
-        arm: of every cable where the motor is (cables,) [m/rad].
-        distal: arms at the joint [m/rad].
-        state: of the model (cables, numbers).
-        slip_direction: direction in which every cable last slipped as a whole (cables,)
-        gain: proximal per distal tension at that time (cables,).
-        joint_velocity: at which the cables have to follow [rad/s].
-        desired: joint torque [N m].
-        scratch: (SCRATCH, cables).
-
-    Returns:
-        Motor torque [N m].
+    The arms `arm`, at the present motor angle, and `distal`, at the joint, are
+    (cables,) [m/rad]; `gain` is the proximal per distal tension when each cable last
+    slipped as a whole. `joint_velocity` is that at which the cables have to follow
+    [rad/s]; the scratch is (`SCRATCH_ROWS`, cables).
     """
     share = scratch[0]
     _shared_tensions(
@@ -231,25 +208,13 @@ def full_slip_torque(
     desired: float,
     scratch: FloatMatrix,
 ) -> float:
-    """Return the torque at which all cables slip completely in the motor's direction.
+    """Return the motor torque at which all cables slip completely its way [N m].
 
     Listing 4.1: where part of a cable stands still, the proximal tension is the one at
-    which (2.7) fails at every node that does, and at which the desired tension arrives.
+    which (2.7) fails at every sticking node, and at which the desired tension arrives.
     Where all of it moves that way already this is the compensation of dynamic friction.
-
-    Args:
-        prm: packed parameters (cables, numbers).
-        n: segments of every cable.
-        arm: of every cable where the motor is (cables,) [m/rad].
-        distal: arms at the joint [m/rad].
-        state: of the model (cables, numbers).
-        slip_direction: sense in which the motor shall turn, 1, -1 or 0 for as it is.
-        joint_velocity: at which the cables have to follow [rad/s].
-        desired: joint torque [N m].
-        scratch: (SCRATCH, cables).
-
-    Returns:
-        Motor torque [N m].
+    `slip_direction` is the direction in which the motor shall turn, 1, -1 or 0 for the
+    present one; other arguments as in `dynamic`.
     """
     share, senses = scratch[0], scratch[2]
     for k in range(n.size):
@@ -279,14 +244,8 @@ def _proximal_tension(
 ) -> float:
     """Return the proximal tension at which all segments slip one way [N].
 
-    Args:
-        prm: packed parameters.
-        n: segments.
-        state: of the model.
-        sense: of the slip, see `_friction`.
-        speed: of the slip, see `_friction`.
-        wanted: distal tension [N].
-        breaking: segments that do not slip so yet have to be broken away.
+    `wanted` is the distal tension [N]; if `breaking`, segments that do not slip so yet
+    have to be broken away. For `sense` and `speed` see `_friction`.
     """
     node, slips = at.tensions(state, n), at.slips(state, n)
     length = at.contact_length(prm, n)

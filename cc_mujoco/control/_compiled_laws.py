@@ -1,12 +1,11 @@
-"""The laws of one control step of one device, compiled, without allocation.
+"""Laws of one control step of one device, compiled, without allocation.
 
     memory[:] = 0.0                                    # at the start of an episode
     torque = proportional_integral(gains, memory, desired, measured)
 
-The controllers run them for every environment that they have; compiled for another
-machine they run on their own. `gains` are numbers in the order of `GAINS`, `seen` what
-is measured in the order of `LAW_INPUTS`, and `memory` what a law keeps from one step to
-the next.
+The controllers run them for every environment; compiled for another machine they run
+alone. `gains` are numbers in the order of `GAINS`, `seen` are measurements in the order
+of `LAW_INPUTS`, and `memory` is the state of a law from one step to the next.
 """
 
 from __future__ import annotations
@@ -34,12 +33,12 @@ LAW_INPUTS = (
 ANGLE, VELOCITY, JOINT_ANGLE, JOINT_VELOCITY, TORQUE, DESIRED = range(len(LAW_INPUTS))
 
 INTEGRAL_TORQUE, MOTOR_DIRECTION, GUARD = range(3)
-"""Columns of the memory: torque of the integral [N m]; sense in which the motor shall
-turn; first of the numbers of the guard."""
+"""Columns of the memory: torque of the integral [N m]; direction in which the motor
+shall turn; first of the numbers of the guard."""
 RELEASED = GUARD + guard.STATE
 """Column of the state of the guard, 0 while the law drives."""
 MEMORY_SIZE = GUARD + guard.MEMORY_SIZE
-"""Numbers that a law keeps."""
+"""Size of the memory of a law."""
 
 
 @dataclass(frozen=True)
@@ -155,12 +154,12 @@ class FeedbackGains:
 
     @property
     def packed(self) -> FloatArray:
-        """The numbers as the laws have them."""
+        """Numbers in the order of `GAINS`."""
         return np.array([getattr(self, gain.name) for gain in GAINS], dtype=float)
 
 
 GAINS: tuple[Parameter, ...] = parameters_of(FeedbackGains)
-"""The gains, in the order in which the laws have them."""
+"""Gains in the order of the laws."""
 
 _RATIO, PERIOD = guard.RATIO, guard.PERIOD
 (
@@ -185,12 +184,8 @@ def closed_loop_torque(
 ) -> float:
     """Return the limited motor torque of feedback around a feed-forward [N m].
 
-    Args:
-        gains: see `GAINS`.
-        memory: of the law; its integral is moved on.
-        feedforward: motor torque that is fed forward [N m].
-        error: desired less measured joint torque [N m].
-        most: largest torque that the guard lets through [N m].
+    The integral in the memory is updated. `error` is the desired less the measured
+    joint torque [N m], `most` the largest torque that the guard admits [N m].
     """
     ratio = gains[_RATIO]
     following = (
@@ -224,13 +219,12 @@ def proportional_integral(
 
 @internal
 def _relative_velocity(gains: FloatArray, seen: FloatArray) -> float:
-    """Return the velocity of the motor relative to the joint [rad/s]."""
     return float(seen[VELOCITY] - gains[_RATIO] * seen[JOINT_VELOCITY])
 
 
 @internal
 def _damping_torque(gains: FloatArray, spring: FloatArray, seen: FloatArray) -> float:
-    """Return the torque against that velocity [N m]."""
+    """Return the torque against the relative velocity of the motor [N m]."""
     ratio = gains[_RATIO]
     ahead = _relative_velocity(gains, seen)
     damping = gains[_SETTLING] * spring[guard.STIFFNESS] / (ratio * ratio)
@@ -241,7 +235,7 @@ def _damping_torque(gains: FloatArray, spring: FloatArray, seen: FloatArray) -> 
 def admit(
     gains: FloatArray, spring: FloatArray, memory: FloatArray, seen: FloatArray
 ) -> None:
-    """Check what is measured, and replace it where needed; see `guard.admit`."""
+    """Check measurements, and replace them where needed; see `guard.admit`."""
     guard.admit(guard.limits_of(gains), spring, memory[GUARD:], seen)
 
 
@@ -249,7 +243,7 @@ def admit(
 def _releases_joint(
     gains: FloatArray, spring: FloatArray, memory: FloatArray, seen: FloatArray
 ) -> bool:
-    """Return whether the law is not to drive the motor; then it begins anew."""
+    """Return whether the law must not drive the motor; then it restarts."""
     ahead = _relative_velocity(gains, seen)
     own = memory[GUARD:]
     if (
@@ -265,7 +259,6 @@ def _releases_joint(
 def _let_go(
     gains: FloatArray, spring: FloatArray, memory: FloatArray, seen: FloatArray
 ) -> float:
-    """Return the motor torque while the law does not drive [N m]."""
     own, ratio = memory[GUARD:], gains[_RATIO]
     damping = gains[_SETTLING] * spring[guard.STIFFNESS] / (ratio * ratio)
     ahead = _relative_velocity(gains, seen)
@@ -294,11 +287,8 @@ def guarded_torque(
 ) -> float:
     """Return the motor torque of `proportional_integral`, guarded [N m].
 
-    Args:
-        gains: see `GAINS`.
-        spring: of all cables at the joint, see `guard.STIFFNESS`.
-        memory: of the law.
-        seen: what is measured, after `admit`.
+    `spring` is of all cables at the joint, see `guard.STIFFNESS`; `seen` are
+    measurements after `admit`.
     """
     if _releases_joint(gains, spring, memory, seen):
         return _let_go(gains, spring, memory, seen)
@@ -319,12 +309,7 @@ def damped_feedback(
 ) -> float:
     """Return the motor torque of feedback with a damper, guarded [N m].
 
-    Args:
-        gains: see `GAINS`.
-        spring: see `guarded_torque`.
-        memory: of the law.
-        seen: what is measured, after `admit`.
-        feedforward: motor torque that is fed forward [N m].
+    Arguments as in `guarded_torque`; `feedforward` is a motor torque [N m].
     """
     if _releases_joint(gains, spring, memory, seen):
         return _let_go(gains, spring, memory, seen)
@@ -351,20 +336,8 @@ def model_based(
 ) -> float:
     """Return the motor torque of `ModelBased` [N m], after its model was updated.
 
-    Args:
-        gains: see `GAINS`.
-        spring: see `guarded_torque`.
-        prm: packed parameters (cables, numbers).
-        n: segments of every cable.
-        distal: arms at the joint [m/rad].
-        arm: of every cable where the motor is (cables,) [m/rad].
-        state: of the model (cables, numbers).
-        slip_direction: see `CableModel` (cables,).
-        gain: see `CableModel` (cables,).
-        disturbance: motor torque to be added [N m].
-        memory: of the law.
-        seen: what is measured.
-        scratch: (compensation.SCRATCH, cables).
+    Arguments of the cables as in `_compensation.dynamic`; `disturbance` is the motor
+    torque to be added [N m].
     """
     if _releases_joint(gains, spring, memory, seen):
         return _let_go(gains, spring, memory, seen)

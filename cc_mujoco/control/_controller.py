@@ -28,7 +28,7 @@ from cc_mujoco.native import FloatArray
 
 
 class Controller(ABC):
-    """A law for the motor torque; subclasses are small and may keep a state.
+    """Law for the motor torque; subclasses are small and may keep a state.
 
     One thread at a time may call one; another meanwhile is a `CableError`.
     """
@@ -44,11 +44,7 @@ class Controller(ABC):
                 setattr(cls, name, exclusive(cls.__dict__[name]))
 
     def __init__(self, drive: Drive) -> None:
-        """Prepare for the first episode.
-
-        Args:
-            drive: The device to be driven.
-        """
+        """Prepare for the first episode with a drive."""
         require_kind("drive", drive, Drive)
         self.drive = drive
 
@@ -56,8 +52,7 @@ class Controller(ABC):
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
         """Reset the state, before every episode.
 
-        Args:
-            where: Mask of the environments that start anew; all of them by default.
+        `where` masks the environments that restart; all of them by default.
         """
 
     @abstractmethod
@@ -77,8 +72,8 @@ class Controller(ABC):
     def given(self, torque: Any) -> None:  # noqa: B027, most do not ask
         """Accept the torque that the motor got instead of the last one [N m].
 
-        Of several axes it is that of every motor, (axes,). What no motor can have got,
-        as it is no number or beyond `guard.MAX_READING`, is not heard.
+        With several axes it is that of every motor, (axes,). A torque that no motor can
+        have got, as it is no number or beyond `guard.MAX_READING`, is ignored.
 
         A host calls this if its limits (of rate, a soft start) are not those of the
         drive. Otherwise a model would continue from the wrong torque.
@@ -93,10 +88,8 @@ class Controller(ABC):
 def limit_torques(torque: Any, drives: Sequence[Drive]) -> Any:
     """Return the torques of all motors clipped to their limits [N m].
 
-    Args:
-        torque: Of the only motor, or of each (..., axes). One of another shape is
-            returned as it is: who calls the controller refuses it.
-        drives: Of every axis.
+    The torque is of the only motor, or of each (..., axes). One of another shape is
+    returned as it is: the caller of the controller refuses it.
     """
     if len(drives) == 1:
         return np.clip(torque, drives[0].low, drives[0].high)
@@ -110,12 +103,11 @@ def as_round_pulley(observation: Mapping[str, Any], drive: Drive) -> Mapping[str
     """Convert measurements to a joint with a round pulley on which the cables wind.
 
     Models of cables have a constant arm. So angle and velocity of the joint are those
-    of that pulley, and both torques those that its tensions would make there. What
-    lacks `device.WINDING_COLUMNS` is taken for measured at such a pulley.
+    of that pulley, and both torques are those that its tensions would make there. An
+    observation without `device.WINDING_COLUMNS` is assumed to be of such a pulley.
 
     Raises:
-        CableError: If that is impossible, because other joints wind the cables too, or
-            because they pull a lever.
+        CableError: Other joints wind the cables too, or they pull a lever.
     """
     if WINDING_COLUMNS[0] not in observation:
         if drive.crossed:

@@ -2,11 +2,11 @@ r"""Decoupling of axes whose cables pass joints in common.
 
     law = axes_controller("decoupled_pi", drives, prefixes)
 
-A cable that passes two joints turns both. The torques of the joints are
-\(\tau = R\,u\), with what the motors give \(u\) (without friction, [N m]) and the
-matrix \(R\) of torque ratios in the pose of the moment. Controllers of one axis each
-then meet a torque that is not theirs. Here each of them gets the torque of its own
-cable, \(R_{ii}\,u_i\), measured with \(u = R^{-1}\tau\) and desired with
+A cable that passes two joints turns both. The torques of the joints are \(\tau =
+R\,u\), with the torques of the motors \(u\) (without friction, [N m]) and the matrix
+\(R\) of torque ratios in the present pose. Controllers of one axis each then receive a
+torque that is not theirs. Here each of them gets the torque of its own cable,
+\(R_{ii}\,u_i\), measured with \(u = R^{-1}\tau\) and desired with
 
 \[ \min_u \sum_j \bigl((R u - \tau^*)_j / s_j\bigr)^2, \qquad u_i \ge l_i \]
 
@@ -14,7 +14,7 @@ where \(s_j\) is the torque error of the joint that counts as 1. A cable only pu
 its \(l_i\) is 0 or, where cables can pull against each other without any torque at a
 joint (n + 1 or 2 n cables at n joints), its pretension. A loop with an integral has no
 error at rest whatever the error of R is: both torques pass through the same matrix. R
-knows no friction: a cable that rubs between two joints pulls them unequally.
+has no friction: a cable that rubs between two joints pulls them unequally.
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ from cc_mujoco.native import (
 Array = NDArray[np.float64]
 
 LEAST_SHARE = 1e-6
-"""Weight of torques of the motors in the distribution, over that of the errors."""
+"""Weight of the motor torques in the distribution, over that of the errors."""
 WORST_CONDITION = 100.0
 """Largest condition number of the ratios, each motor scaled to 1, that is inverted."""
 SINGULAR_SHARE = 1e-10
-"""Weight of the torques of the motors in the inverse of the ratios."""
+"""Weight of the motor torques in the inverse of the ratios."""
 RELEASE_SHARE = 0.5
 """Share of the way from the desired to the safe torque of a joint beyond which the
-cables that add to it let go, as in `_guard`."""
+cables that add to it are released, as in `_guard`."""
 PIVOTS = 200
 """Most steps of the distribution; a few are usual, and it is finite."""
 
@@ -84,11 +84,9 @@ _UNIT, _WANTED, _USED, _LEFT, _MOTOR, _AIM, _TOTAL = range(WORK_VECTORS)
 
 @internal
 def _solve_positive(work: CouplingWorkspace, found: FloatArray) -> None:
-    """Solve the normal equations for the unknowns in use by Cholesky; others are 0.
+    """Solve the normal equations for the active unknowns by Cholesky; others are 0.
 
-    Args:
-        work: Scratch with the equations, see `_least_squares`.
-        found: Solution (axes,); out.
+    The scratch has the equations, see `_least_squares`; `found` (axes,) is out.
     """
     normal, factor = work.matrices[_NORMAL], work.matrices[_FACTOR]
     right, used = work.vectors[_WANTED], work.vectors[_USED]
@@ -118,14 +116,9 @@ def _least_squares(
 ) -> None:
     """Compute the normal equations of least squares with a weight on the unknowns.
 
-    The columns of the matrix are scaled first; their scales are the row `_UNIT` of the
-    vectors, and all unknowns are in use.
-
-    Args:
-        rows: Rows of the matrix, which are the first of `_COLUMNS`.
-        right: Right side (rows,).
-        weight: Weight of the unknowns.
-        work: Scratch with the matrix; `_NORMAL` and `_WANTED` of it are the equations.
+    The matrix is the first `rows` of `_COLUMNS`; the equations are `_NORMAL` and
+    `_WANTED` of the scratch. The columns of the matrix are scaled first; their scales
+    are the row `_UNIT` of the vectors, and all unknowns are active.
     """
     normal, columns = work.matrices[_NORMAL], work.matrices[_COLUMNS]
     unit, wanted = work.vectors[_UNIT], work.vectors[_WANTED]
@@ -159,16 +152,11 @@ def _motor_torques(
     work: CouplingWorkspace,
     found: FloatArray,
 ) -> None:
-    """Compute the torques of the motors that joints measure, small where it is unclear.
+    """Compute the motor torques from the joint torques, small if undetermined.
 
-    At a joint of two motors each measures the torque of its own cables.
-
-    Args:
-        own: See `CouplingTables`.
-        ratios: Of the moment (joints, axes).
-        measured: Torque at the joint of every axis (axes,) [N m].
-        work: Scratch.
-        found: Torques of the motors (axes,) [N m]; out.
+    At a joint of two motors each measures the torque of its own cables. For `own` see
+    `CouplingTables`; the ratios are (joints, axes), the torques (axes,) [N m]; `found`
+    is out.
     """
     count, columns = own.size, work.matrices[_COLUMNS]
     for i in range(count):
@@ -190,19 +178,14 @@ def distribute(
     work: CouplingWorkspace,
     found: FloatArray,
 ) -> None:
-    """Compute the torques of the motors that come closest to torques of the joints.
+    """Compute the motor torques that come closest to torques of the joints.
 
     Murty's principal pivoting solves the optimality conditions of the least-squares
     problem exactly (K. G. Murty, "Note on a Bard-type scheme for solving the
-    complementarity problem", Opsearch 11, 1974).
-
-    Args:
-        ratios: Torque at every joint per torque of every motor, (joints, axes) [-].
-        torques: Desired at the joints (joints,) [N m].
-        scales: Torque error of each joint that counts as 1 (joints,) [N m].
-        least: Least torque of each motor (axes,) [N m]; -inf for none.
-        work: Scratch.
-        found: Torques of the motors (axes,) [N m]; out.
+    complementarity problem", Opsearch 11, 1974). The ratios are the torque at every
+    joint per torque of every motor, (joints, axes) [-]; `scales` are the torque errors
+    of the joints that count as 1 [N m], `least` the least torques of the motors, -inf
+    for none; `found` (axes,) is out [N m].
     """
     joints, count = ratios.shape[0], ratios.shape[1]
     normal, columns = work.matrices[_NORMAL], work.matrices[_COLUMNS]
@@ -254,15 +237,8 @@ def own_torques(
 ) -> None:
     """Compute measured and desired torque of each cable at its own joint.
 
-    Args:
-        tables: Of the coupling.
-        ratios: Of the moment (joints, axes).
-        measured: Torque at the joint of every axis (axes,) [N m].
-        desired: Desired torque there (axes,) [N m]; at a joint of several motors the
-            desired torques of its axes add up.
-        work: Scratch.
-        given: Measured torques of the cables (axes,) [N m]; out.
-        wanted: Desired torques of the cables (axes,) [N m]; out.
+    Torques are (axes,) [N m]; at a joint of several motors the desired torques of its
+    axes add up. `given` (measured) and `wanted` (desired) are out.
     """
     joints, count = ratios.shape[0], ratios.shape[1]
     motor, aim, total = (
@@ -294,10 +270,7 @@ def antagonists(ratios: Array, bounded: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return which cables can pull without any torque at a joint (axes,).
 
     They are the support of the torques u > 0 with R u = 0 (of pull-pull axes any u).
-
-    Args:
-        ratios: Torque at every joint per torque of every motor, (joints, axes) [-].
-        bounded: Axes whose cables only pull.
+    Axes are `bounded` if their cables only pull.
     """
     from scipy.optimize import linprog
 
@@ -317,14 +290,10 @@ def antagonists(ratios: Array, bounded: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 class Coupling:
-    """Torque ratios of a device, and what follows from them for each axis."""
+    """Torque ratios of a device, and the bounds and noise of each axis."""
 
     def __init__(self, drives: Sequence[Drive], prefixes: Sequence[str]) -> None:
-        """Take what the axes have in common.
-
-        Raises:
-            CableError: The torques of two axes cannot be told apart at their joints.
-        """
+        """Prepare; refuse axes whose torques cannot be distinguished at their joints."""
         self._drives, self._prefixes = tuple(drives), tuple(prefixes)
         names = [
             drive.joint or prefix
@@ -367,14 +336,9 @@ class Coupling:
         )
 
     def ratios(self, seen: Sequence[Mapping[str, Any]], count: int) -> Array:
-        """Return the torque ratios of the moment, (n, joints, axes).
+        """Return the present torque ratios, (n, joints, axes), of n environments.
 
-        Args:
-            seen: Measurements of every axis under plain names.
-            count: Number of environments, n.
-
-        Raises:
-            CableError: A `device.RATIO_COLUMN` is missing.
+        `seen` are the measurements of every axis under plain names.
         """
         found = np.zeros((count, len(self.joints), len(self._drives)))
         for place, (drive, own) in enumerate(zip(self._drives, seen, strict=True)):
@@ -396,11 +360,8 @@ class Coupling:
     ) -> tuple[Array, Array]:
         """Return measured and desired torque of each cable at its own joint (n, axes).
 
-        Args:
-            ratios: Of the moment, (n, joints, axes).
-            measured: Torques at the joint of every axis (n, axes) [N m].
-            desired: Desired there (n, axes) [N m]; at a joint of several motors the
-                desired torques of its axes add up.
+        Torques are (n, axes) [N m]; at a joint of several motors the desired torques of
+        its axes add up.
         """
         given, wanted = np.empty((2, *measured.shape))
         work = workspace(len(self._own))
@@ -412,7 +373,6 @@ class Coupling:
 
 
 def workspace(axes: int) -> CouplingWorkspace:
-    """Return the scratch of `own_torques`."""
     return CouplingWorkspace(
         np.empty((WORK_MATRICES, axes, axes)), np.empty((WORK_VECTORS, axes))
     )

@@ -16,11 +16,11 @@ from cc_mujoco.device._drive import Drive
 from cc_mujoco.errors import CableError
 
 AHEAD = "backlash_inverse"
-"""Parameters that are fed forward where the device has them."""
+"""Parameters that are fed forward if the device has them."""
 
 
 class DistalFeedback(PositionController):
-    """The inverse of a smooth backlash and an integral of the measured joint angle.
+    """Inverse of a smooth backlash, and integral feedback of the measured joint angle.
 
     Without parameters of the backlash the ideal ratio is fed forward. It needs a sensor
     that an endoscope does not have.
@@ -34,7 +34,7 @@ class DistalFeedback(PositionController):
         Args:
             drive: The device to be driven, with a sensor at the joint.
             bandwidth: Of the servo, see `PositionController` [rad/s].
-            gain: Rate at which an error is made up for [1/s].
+            gain: Integral gain of the joint angle's error [1/s].
 
         Raises:
             CableError: The joint is not measured, or the gain is out of range.
@@ -54,14 +54,12 @@ class DistalFeedback(PositionController):
         self._state, self._correction = self._model.rest(0), np.zeros(0)
 
     def begin(self, rows: NDArray[np.intp], count: int) -> None:
-        """Forget the past; see `PositionController.begin`."""
         if len(self._state) != count:
             self._state, self._correction = self._model.rest(count), np.zeros(count)
         self._state[rows] = self._model.rest(rows.size)
         self._correction[rows] = 0.0
 
     def motor_angle(self, joint: Array, observation: Mapping[str, Any]) -> Array:
-        """Return the motor angles [rad]; see `PositionController.motor_angle`."""
         error = joint + self.joint_start - observation["joint_angle_rad"]
         self._correction = self._correction + self.gain * self.drive.period * error
         ahead = self._model.invert(self._state, joint)

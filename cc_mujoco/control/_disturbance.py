@@ -1,4 +1,4 @@
-"""Disturbance observer: it compensates what a model cannot explain (Fig. 4.2)."""
+"""Disturbance observer: it compensates errors of the model (Fig. 4.2)."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ class DisturbanceObserver(ModelBased):
 
     with the torque \(u_r\) of `ModelBased`, the torque \(\tau_m\) applied before and
     the torque \(\hat\tau_m\) that the model needs to explain motor angle and joint
-    torque. Their difference is what friction takes beyond the model, and what
-    accelerates the rotor; the low-pass keeps sensor noise out (thesis 4.2, Fig. 4.2).
+    torque. Their difference is the friction beyond the model, and the torque that
+    accelerates the rotor; the low-pass suppresses sensor noise (thesis 4.2, Fig. 4.2).
     """
 
     def __init__(
@@ -60,7 +60,6 @@ class DisturbanceObserver(ModelBased):
         self._lack: FloatArray = np.zeros((0, LACK_SIZE))
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
-        """Reset the disturbance; see `Controller.reset`."""
         super().reset(where)
         if where is None:
             self._lack = np.zeros((0, LACK_SIZE))
@@ -70,8 +69,8 @@ class DisturbanceObserver(ModelBased):
     def disturbance(self) -> FloatArray:
         """Return the motor torque that is added to the feed-forward (rows,) [N m].
 
-        While the guard lets the joint go, nothing is learned and what was learned is
-        forgotten: it may be why the joint was let go.
+        While the guard releases the joint, nothing is learned and the estimate is
+        reset: it may be the reason of the release.
         """
         load = self.model.motor_torque()
         if len(self._lack) != len(load):
@@ -87,11 +86,8 @@ def learn_lack(
 ) -> float:
     """Return the motor torque that the model lacks, with that of the last step [N m].
 
-    Args:
-        share: of the new value.
-        load: motor torque that the model explains [N m].
-        memory: of the law.
-        lack: (`LACK_SIZE`,), 0 at the start; changed.
+    `share` is the weight of the new value, `load` the motor torque that the model
+    explains [N m]; `lack` (`LACK_SIZE`,), 0 at the start, is updated.
     """
     if memory[compiled_laws.RELEASED] != 0.0:
         lack[:] = 0.0

@@ -15,7 +15,7 @@ from cc_mujoco.native import FloatArray, compiled
 
 
 class FeedForward(Controller):
-    r"""No compensation: the motor gives the desired torque as if nothing rubbed.
+    r"""No compensation: the desired torque is given as if without friction.
 
     \[ \tau_m = \tau_d / \rho \]
 
@@ -29,11 +29,10 @@ class FeedForward(Controller):
 
     @property
     def gains(self) -> compiled_laws.FeedbackGains:
-        """The numbers of the law, as they are now."""
+        """Present numbers of the law."""
         return compiled_laws.FeedbackGains(**guard.motor_limits(self.drive)._asdict())
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
-        """Return the torque of the motor [N m]; see `Controller.torque`."""
         desired = readings(observation, ("desired_torque_nm",))[:, 0]
         found = np.empty(desired.size)
         _torques(self.gains.packed, desired, found)

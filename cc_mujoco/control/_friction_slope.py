@@ -32,14 +32,14 @@ from cc_mujoco.native import (
 )
 
 READING_INTERVAL = 5
-"""Steps between two readings that are taken."""
+"""Steps between two readings that are used."""
 MIN_BELIEVED_FRICTION = 1e-3
-"""Friction coefficient that is at least believed."""
+"""Least assumed friction coefficient."""
 INITIAL_DEVIATION = 0.2
-"""Standard deviation of the friction coefficient that is believed at first."""
+"""Initial standard deviation of the friction coefficient."""
 
 ESTIMATE_SIZE, COEFFICIENT = 4, recursive.ESTIMATE
-"""Numbers that are known of the friction of a cable; place of its coefficient."""
+"""Size of the estimate of the friction of a cable; place of its coefficient."""
 
 
 class Taps(NamedTuple):
@@ -48,7 +48,7 @@ class Taps(NamedTuple):
     Attributes:
         nodes: (cables, sensors).
         noise: standard deviations (cables, sensors) [N].
-        fading: share of what is known that a reading takes away.
+        fading: share of the information that fades with each reading.
     """
 
     nodes: IntMatrix
@@ -57,7 +57,7 @@ class Taps(NamedTuple):
 
 
 class SlopeWorkspace(NamedTuple):
-    """Room to compute in; nothing is kept in it.
+    """Scratch of the estimation.
 
     Attributes:
         sign: (segments of the longest cable,).
@@ -75,13 +75,8 @@ def taps(
 ) -> Taps:
     """Return the sensors along the cables of a device.
 
-    Args:
-        sensors: Of every cable.
-        cables: All of them.
-        memory: Readings after which one has faded to 1/e.
-
-    Raises:
-        CableError: They are not as many along every cable, or cannot tell.
+    `memory` is the number of readings after which one has faded to 1/e. Sensors that
+    are not as many along every cable, or cannot determine friction, are refused.
     """
     if len({len(own.nodes) for own in sensors}) > 1:
         raise CableError(
@@ -98,7 +93,6 @@ def taps(
 
 
 def make_scratch(sensors: int, longest: int) -> SlopeWorkspace:
-    """Return scratch memory for a number of sensors and of segments."""
     return SlopeWorkspace(
         np.empty(longest),
         np.empty((sensors, 1)),
@@ -116,7 +110,6 @@ def reset_estimate(known: FloatArray, friction: float) -> None:
 
 @compiled
 def friction_factor(found: float, friction: float) -> float:
-    """Return the factor on a friction coefficient."""
     return max(found, MIN_BELIEVED_FRICTION) / friction
 
 
@@ -130,16 +123,10 @@ def learn(
     known: FloatMatrix,
     room: SlopeWorkspace,
 ) -> None:
-    """Take the readings of one instant of one device.
+    """Update the estimates `known` (cables, KNOWN) by the readings of one instant.
 
-    Args:
-        prm: packed parameters (cables, numbers).
-        n: segments of every cable.
-        state: of the model (cables, numbers).
-        taps: see there.
-        told: tensions (cables, sensors) [N].
-        known: moved on (cables, KNOWN).
-        room: scratch.
+    The state is that of the model (cables, numbers); `told` are tensions (cables,
+    sensors) [N].
     """
     sensors = taps.noise.shape[1]
     for k in range(n.size):
@@ -183,17 +170,10 @@ def learn_all(
     known: FloatCube,
     room: SlopeWorkspace,
 ) -> None:
-    """Take the readings of every device whose turn it is; see `learn`.
+    """Update the estimates of every device that is due; see `learn`.
 
-    Args:
-        prm: (rows, cables, numbers).
-        n: segments of every cable.
-        states: (rows, cables, numbers).
-        taps: of all.
-        told: (rows, cables, sensors) [N].
-        calls: of this function since an episode began (rows,); counted.
-        known: moved on (rows, cables, KNOWN).
-        room: scratch.
+    Arrays have a row for each device. `calls` counts the calls of this function since
+    an episode began.
     """
     for row in range(calls.size):
         if calls[row] % READING_INTERVAL == 0:

@@ -2,10 +2,10 @@ r"""Tensions and motor angle of cables that slip as a whole, in closed form, com
 
     torque, stretch = full_slip_balance(cables, sense, desired)
 
-While a cable of wrap \(\phi\) slips in one sense s (1 where the motor winds towards a
-positive torque at the joint), its tensions at motor and joint differ by the factor
+While a cable of wrap \(\phi\) slips in one direction s (1 where the motor winds towards
+a positive torque at the joint), its tensions at motor and joint differ by the factor
 \(e^{\mu \phi}\), and its stretch is that of its tension at the joint times a mean
-factor. Between the two senses lies the backlash of the transmission.
+factor. Between the two directions lies the backlash of the transmission.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ length over axial stiffness [m/N], pretension [N]."""
 
 
 def cable_table(cables: Sequence[CableDrive]) -> FloatArray:
-    """Return what the laws need of the cables (cables, 5)."""
+    """Return the table of cables (cables, 5)."""
     return np.array(
         [
             (
@@ -43,9 +43,8 @@ def cable_table(cables: Sequence[CableDrive]) -> FloatArray:
 def _share(friction: float, slip: float) -> float:
     """Return the mean tension along a cable over that at the joint.
 
-    Args:
-        friction: mu times wrap.
-        slip: 1 towards the joint, -1 towards the motor, or between.
+    `friction` is mu times wrap; `slip` is 1 towards the joint, -1 towards the motor, or
+    between.
     """
     exponent = -slip * friction
     if abs(exponent) < 1e-6:
@@ -60,12 +59,9 @@ def full_slip_balance(
     """Return motor torque and stretch of cables that slip as a whole.
 
     The stretch is the angle of the motor over the ratio, ahead of the joint [rad].
-
-    Args:
-        cables: see `cable_table`.
-        sense: sense in which the motor turns, 1 or -1 or, softly, between: positive
-            towards a positive torque of the joint.
-        desired: torque at the joint [N m].
+    `sense` is the direction in which the motor turns, 1 or -1 or, softly, between:
+    positive towards a positive torque of the joint. `desired` is the torque at the
+    joint [N m].
     """
     count = cables.shape[0]
     constant, slope = 0.0, 0.0

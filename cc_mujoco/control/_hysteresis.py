@@ -30,10 +30,10 @@ LEAST_SAMPLES = 50
 
 @dataclass(frozen=True)
 class HysteresisTrial:
-    """A slow course of a motor and of its joint, for a fit.
+    """Slow course of a motor and of its joint, for a fit.
 
-    It begins at rest in the neutral pose and goes through the range that is used, back
-    and forth, best in loops of several sizes.
+    It begins at rest in the neutral pose and covers the range in use, back and forth,
+    best in loops of several sizes.
     """
 
     motor_angle: Array
@@ -88,8 +88,8 @@ class HysteresisTrial:
     def weights(self) -> Array:
         """Weight of each sample in a fit of motor angles (samples,).
 
-        An error of the motor angle counts as much as the joint turned with the motor
-        there: while the motor crosses the backlash it means nothing for the joint.
+        It is the motion of the joint per motion of the motor: while the motor crosses
+        the backlash its error does not matter to the joint.
         """
         moved = np.abs(np.diff(self.joint_angle, prepend=self.joint_angle[0]))
         turned = np.abs(np.diff(self.motor_angle, prepend=self.motor_angle[0]))
@@ -100,7 +100,7 @@ class HysteresisTrial:
 
 @dataclass(frozen=True)
 class HysteresisModel(ABC):
-    """A model of hysteresis that can be inverted; subclasses are frozen dataclasses."""
+    """Model of hysteresis that can be inverted; subclasses are frozen dataclasses."""
 
     @classmethod
     @abstractmethod
@@ -132,15 +132,7 @@ class HysteresisModel(ABC):
 
     @classmethod
     def from_dict(cls, name: str, given: Mapping[str, Any]) -> Self:
-        """Return the model of parameters.
-
-        Args:
-            name: Of the model, for error messages.
-            given: As of `to_dict`.
-
-        Raises:
-            CableError: A parameter is missing, unknown or impossible.
-        """
+        """Return the model of the parameters of `to_dict`; `name` is for errors."""
         kinds = {f.name: f.type for f in dataclasses.fields(cls)}
         for key in given:
             if key not in kinds:

@@ -59,11 +59,6 @@ def fit_hysteresis(
 
 
 def known_parameters(drive: Drive, name: str) -> Mapping[str, Any]:
-    """Return the parameters of a controller.
-
-    Raises:
-        CableError: The drive has none.
-    """
     if name not in drive.hysteresis:
         raise CableError(
             f"controller {name!r} needs parameters of a trial, which this device does "
@@ -95,13 +90,11 @@ class HysteresisInverse(PositionController):
         self._state = self.model.rest(0)
 
     def begin(self, rows: NDArray[np.intp], count: int) -> None:
-        """Forget the past; see `PositionController.begin`."""
         if len(self._state) != count:
             self._state = self.model.rest(count)
         self._state[rows] = self.model.rest(rows.size)
 
     def motor_angle(self, joint: Array, observation: Mapping[str, Any]) -> Array:
-        """Return the motor angles [rad]; see `PositionController.motor_angle`."""
         return self.drive.ratio * self.model.invert(self._state, joint)
 
 
@@ -156,7 +149,6 @@ class CableInverse(PositionController):
         self._courses: list[CableCourse] = []
 
     def begin(self, rows: NDArray[np.intp], count: int) -> None:
-        """Lay the cables at rest; see `PositionController.begin`."""
         known = self.drive.cable_drives
         if len(self._courses) != count:
             self._courses = [CableCourse(known[0], self.parameters)] * count
@@ -165,7 +157,6 @@ class CableInverse(PositionController):
             self._courses[row] = CableCourse(own, self.parameters)
 
     def motor_angle(self, joint: Array, observation: Mapping[str, Any]) -> Array:
-        """Return the motor angles [rad]; see `PositionController.motor_angle`."""
         found = [
             course.advance(float(angle))
             for course, angle in zip(self._courses, joint, strict=True)

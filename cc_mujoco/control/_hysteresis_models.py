@@ -18,11 +18,11 @@ from cc_mujoco.control._hysteresis import Array, HysteresisModel, HysteresisTria
 from cc_mujoco.errors import CableError
 
 TRANSITIONS = np.geomspace(0.003, 0.5, 24)
-"""Transitions that a fit tries, as shares of the range of the joint."""
+"""Candidate transitions of a fit, as shares of the range of the joint."""
 PLAYS = 12
-"""Plays of a fit."""
+"""Number of plays of a fit."""
 PIECES = 8
-"""Straight pieces of the curve of a fit."""
+"""Number of straight pieces of the curve of a fit."""
 LEAST_SLOPE = 0.1
 """Least slope of the curve, and least weight of the play of no width, relative to the
 mean."""
@@ -34,7 +34,7 @@ SUBSTEPS = 4
 
 @dataclass(frozen=True)
 class Line(HysteresisModel):
-    """A straight line: stretch in the mean, without hysteresis."""
+    """Straight line: mean stretch, without hysteresis."""
 
     slope: float
     """Motor angle per joint angle [-]."""
@@ -43,17 +43,14 @@ class Line(HysteresisModel):
 
     @classmethod
     def fit(cls, trial: HysteresisTrial) -> Line:
-        """Return the line of least squares; see `HysteresisModel.fit`."""
         weights = trial.weights
         slope, offset = np.polyfit(trial.joint_angle, trial.motor_angle, 1, w=weights)
         return cls(float(slope), float(offset))
 
     def rest(self, count: int) -> Array:
-        """Return the state, which is empty; see `HysteresisModel.rest`."""
         return np.zeros((count, 0))
 
     def invert(self, state: Array, joint: Array) -> Array:
-        """Return the motor angles [rad]; see `HysteresisModel.invert`."""
         found: Array = self.slope * joint + self.offset
         return found
 
@@ -69,9 +66,9 @@ class SmoothBacklash(HysteresisModel):
 
     G. Tao, P. V. Kokotović, "Adaptive control of systems with backlash", Automatica 29,
     1993: a joint that is moved up lies on one line, moved down on another, and stays
-    while the motor goes from one to the other. The inverse leaps between the lines.
-    Here it goes over within a distance \(\delta\) of the joint, as the friction of P.
-    Dahl, "A solid friction model", Aerospace Corporation TOR-158, 1968, does:
+    while the motor goes from one to the other. The inverse jumps between the lines.
+    Here it changes over within a distance \(\delta\) of the joint, as the friction of
+    P. Dahl, "A solid friction model", Aerospace Corporation TOR-158, 1968, does:
 
     \[ \theta = \tfrac{1 + z}{2} (a_+ q + c_+) + \tfrac{1 - z}{2} (a_- q + c_-), \qquad
        \frac{dz}{dq} = \frac{\operatorname{sign}(\dot q) - z}{\delta}
@@ -87,17 +84,15 @@ class SmoothBacklash(HysteresisModel):
     offset_down: float
     """Motor angle at joint angle 0 on the way down, c- [rad]."""
     transition: float
-    """Distance of the joint over which one line goes over into the other [rad]."""
+    """Distance of the joint over which one line changes into the other [rad]."""
 
     def __post_init__(self) -> None:
-        """Refuse lines that turn the joint against the motor."""
         require_parameter(self, "transition", 1e-6, 100.0, "rad")
         require_parameter(self, "slope_up", 1e-6, 1e6, "")
         require_parameter(self, "slope_down", 1e-6, 1e6, "")
 
     @classmethod
     def fit(cls, trial: HysteresisTrial) -> SmoothBacklash:
-        """Return the lines of least squares, of the transition that fits best."""
         joint, weights = trial.joint_angle, trial.weights
         best: _Fit | None = None
         for transition in np.ptp(joint) * TRANSITIONS:
@@ -128,7 +123,6 @@ class SmoothBacklash(HysteresisModel):
         return np.zeros((count, 2))
 
     def invert(self, state: Array, joint: Array) -> Array:
-        """Return the motor angles [rad]; see `HysteresisModel.invert`."""
         state[:, 1] = self._blended(state[:, 0], state[:, 1], joint)
         state[:, 0] = joint
         return self._motor(joint, state[:, 1])
@@ -158,7 +152,7 @@ def _blend(joint: Array, transition: float) -> Array:
 
 @dataclass(frozen=True)
 class PrandtlIshlinskii(HysteresisModel):
-    r"""The modified Prandtl-Ishlinskii operator and its inverse in closed form.
+    r"""Modified Prandtl-Ishlinskii operator and its inverse in closed form.
 
     K. Kuhnen, "Modeling, identification and compensation of complex hysteretic
     nonlinearities: a modified Prandtl-Ishlinskii approach", European J. Control 9,
@@ -175,10 +169,9 @@ class PrandtlIshlinskii(HysteresisModel):
     knots: tuple[float, ...]
     """Joint angles at which pieces of the curve S' meet, increasing [rad]."""
     values: tuple[float, ...]
-    """Curve S' at these [rad]; outside, the end pieces go on."""
+    """Curve S' at these [rad]; the end pieces extend beyond."""
 
     def __post_init__(self) -> None:
-        """Refuse what has no inverse."""
         r, w = np.array(self.thresholds), np.array(self.weights)
         if not (r.size and r.size == w.size and r[0] == 0.0 and np.all(np.diff(r) > 0)):
             raise CableError(
@@ -202,7 +195,6 @@ class PrandtlIshlinskii(HysteresisModel):
 
     @classmethod
     def fit(cls, trial: HysteresisTrial) -> PrandtlIshlinskii:
-        """Return weights and curve of least squares; see `HysteresisModel.fit`."""
         from scipy.optimize import lsq_linear
 
         motor, joint = trial.motor_angle, trial.joint_angle
@@ -240,7 +232,6 @@ class PrandtlIshlinskii(HysteresisModel):
         return np.zeros((count, len(self.thresholds)))
 
     def invert(self, state: Array, joint: Array) -> Array:
-        """Return the motor angles [rad]; see `HysteresisModel.invert`."""
         thresholds, weights = inverse_plays(
             np.array(self.thresholds), np.array(self.weights)
         )
@@ -268,7 +259,6 @@ def inverse_plays(thresholds: Array, weights: Array) -> tuple[Array, Array]:
 
 
 def _plays(course: Array, thresholds: Array) -> Array:
-    """Return the plays of a course, at 0 before it (samples, plays)."""
     found, state = np.empty((course.size, thresholds.size)), np.zeros(thresholds.size)
     for place, angle in enumerate(course):
         state = np.maximum(angle - thresholds, np.minimum(angle + thresholds, state))
@@ -277,7 +267,7 @@ def _plays(course: Array, thresholds: Array) -> Array:
 
 
 def _interpolated(at: Array, knots: Array, values: Array) -> Array:
-    """Return a curve of straight pieces, the end pieces of which go on."""
+    """Return a piecewise linear curve, extrapolated by its end pieces."""
     piece = np.clip(np.searchsorted(knots, at) - 1, 0, knots.size - 2)
     slope = np.diff(values) / np.diff(knots)
     return np.asarray(values[piece] + slope[piece] * (at - knots[piece]))
@@ -285,7 +275,7 @@ def _interpolated(at: Array, knots: Array, values: Array) -> Array:
 
 @dataclass(frozen=True)
 class BoucWen(HysteresisModel):
-    r"""The Bouc-Wen model of a tendon in a sheath, and its feed-forward.
+    r"""Bouc-Wen model of a tendon in a sheath, and its feed-forward.
 
     T. N. Do, T. Tjahjowidodo, M. W. S. Lau, T. Yamamoto, S. J. Phee, "Hysteresis
     modeling and position control of tendon-sheath mechanism in flexible endoscopic
@@ -299,7 +289,7 @@ class BoucWen(HysteresisModel):
        + \gamma \bigr) \]
 
     with the exponent 1 of their model and z scaled to slope 1. The feed-forward turns
-    the motor by what \(dq\) needs at the present z: \(d\theta = dq / (a - b\,
+    the motor by the angle that \(dq\) needs at the present z: \(d\theta = dq / (a - b\,
     dz/d\theta)\).
     """
 
@@ -315,7 +305,6 @@ class BoucWen(HysteresisModel):
     """Asymmetric saturation of z [1/rad]; between -beta and beta."""
 
     def __post_init__(self) -> None:
-        """Refuse what is no hysteresis."""
         require_parameter(self, "gain", 1e-6, 1e6, "")
         require_parameter(self, "hysteresis", 0.0, 1e6, "")
         require_parameter(self, "beta", 1e-6, 1e9, "1/rad")
@@ -327,7 +316,6 @@ class BoucWen(HysteresisModel):
 
     @classmethod
     def fit(cls, trial: HysteresisTrial) -> BoucWen:
-        """Return the parameters of least squares; see `HysteresisModel.fit`."""
         from scipy.optimize import least_squares
 
         motor, joint = trial.motor_angle, trial.joint_angle
@@ -359,7 +347,6 @@ class BoucWen(HysteresisModel):
         return state
 
     def invert(self, state: Array, joint: Array) -> Array:
-        """Return the motor angles [rad]; see `HysteresisModel.invert`."""
         step = (joint - state[:, 0]) / SUBSTEPS
         way = np.sign(step)
         z = state[:, 2]
@@ -372,7 +359,7 @@ class BoucWen(HysteresisModel):
         return motor
 
     def _turned(self, z: Array, way: Array, step: Array) -> tuple[Array, Array]:
-        """Return how far the motor turns and z changes for a step of the joint."""
+        """Return the turn of the motor and the change of z for a step of the joint."""
         slope = 1.0 - np.abs(z) * (self.beta * np.sign(z) * way + self.gamma)
         moved = np.maximum(
             self.gain - self.hysteresis * slope, LEAST_MOTION * self.gain
@@ -385,8 +372,8 @@ def _hysteretic(
 ) -> Array:
     """Return z along a course of the motor (samples,), in closed form between samples.
 
-    Of one sign of z and of the motion z relaxes exponentially; where z crosses 0, the
-    step is parted there.
+    While the signs of z and of the motion stay, z relaxes exponentially; where z
+    crosses 0, the step is divided there.
     """
     first = float(motor[0]) if start is None else start
     moved = np.diff(motor, prepend=first).tolist()

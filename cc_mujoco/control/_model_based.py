@@ -45,10 +45,10 @@ class ModelBased(ProportionalIntegral):
     being added (thesis 4.2). Until the whole cable has turned, \(C_i\) keeps its value:
     partial motion is left to the feedback.
 
-    A torque that suddenly changes would throw a motor with inertia through the backlash
-    and beyond. So its speed relative to the joint is damped, by the stiffness of the
-    cables at the motor times T, which makes it settle in about that time. The thesis
-    has no inertia and needs none of this.
+    A step of the torque would throw a motor with inertia through the backlash and
+    beyond. So its speed relative to the joint is damped, by the stiffness of the cables
+    at the motor times T, so that it settles in about that time. The thesis has no
+    inertia and needs none of this.
     """
 
     def __init__(
@@ -65,11 +65,11 @@ class ModelBased(ProportionalIntegral):
             drive: The device to be driven; its `cable_drives` must be known.
             proportional: Kp [-].
             integral: Ki [1/s].
-            mismatch: Relative error of the model's friction on purpose, above -1; or a
+            mismatch: Deliberate relative error of the model's friction, above -1; or a
                 function of the time since the reset [s] that gives it.
             settling: T [s]; 0 where the motor has no inertia. It is less where the
-                damping, times period and motor lag, would exceed 0.8 of an inertia that
-                is known: felt a period late, 1 is the edge of stability.
+                damping, times period and motor lag, would exceed 0.8 of a known
+                inertia: with a delay of one period, 1 is the edge of stability.
 
         Raises:
             CableError: If the cables are not known, a gain is negative, or a constant
@@ -88,13 +88,11 @@ class ModelBased(ProportionalIntegral):
         self._calls: Any = 0
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
-        """Start at rest in the pretension; see `Controller.reset`."""
         super().reset(where)
         self.model.reset(where)
         self._calls = 0 if where is None else np.where(where, 0, self._calls)
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
-        """Return the torque of the motor [N m]; see `Controller.torque`."""
         seen = readings(
             as_round_pulley(observation, self.drive), compiled_laws.LAW_INPUTS
         )
@@ -105,11 +103,7 @@ class ModelBased(ProportionalIntegral):
         return float(found[0]) if numbers else found
 
     def follow(self, seen: FloatArray) -> None:
-        """Update the model by the measurements.
-
-        Args:
-            seen: what is measured (rows, `_compiled_laws.LAW_INPUTS`).
-        """
+        """Update the model by the measurements (rows, `_compiled_laws.LAW_INPUTS`)."""
         self.model.follow(seen[:, compiled_laws.ANGLE], seen[:, compiled_laws.TORQUE])
         error = self.mismatch
         if callable(error):

@@ -1,10 +1,10 @@
 """Commands of a motor that lags, or whose command may not change fast enough.
 
 A motor whose torque lags follows its command by lag dtau/dt + tau = command. The plan
-is that of a motor without lag, and its torque is led by the command. Where the rate of
-the command is too limited for that, the plan minimises a cost of commands over
-increments within the limit: D. Bertsekas, "Projected Newton methods for optimization
-problems with simple constraints", SIAM J. Control and Optimization 20, 1982.
+is that of a motor without lag, and the command leads its torque. Where the rate of the
+command is too limited for that, the plan minimises a cost of commands over increments
+within the limit: D. Bertsekas, "Projected Newton methods for optimization problems with
+simple constraints", SIAM J. Control and Optimization 20, 1982.
 """
 
 from __future__ import annotations
@@ -32,24 +32,20 @@ from cc_mujoco.control._planner_parameters import (
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 
 _NEWTON_STEPS, _HALVINGS, _LINEARIZATIONS = 12, 6, 2
-"""At most, of a plan of commands, within one of its steps, and around which paths the
-load is linear."""
+"""Most Newton steps of a plan of commands, halvings of a step, and linearisations of
+the load."""
 _COST_TOLERANCE = 1e-6
-"""Relative change of the cost at which a plan of commands is found."""
+"""Relative change of the cost at which a plan of commands has converged."""
 
 
 @internal
 def command_for_torque(before: float, wanted: float, tune: FloatArray) -> float:
     """Return the command for which a motor that lags has a mean torque [N m].
 
-    The mean is that over the time between two knots, although the next step gives
-    another command: to make up for the lag within a step would swing from step to step,
-    and multiply the noise.
-
-    Args:
-        before: torque of the motor now [N m].
-        wanted: mean torque [N m].
-        tune: see `Tables`.
+    The mean is over the time between two knots, although the next step gives another
+    command: to compensate the lag within a step would swing from step to step, and
+    multiply the noise. `before` is the present torque of the motor, `wanted` the mean
+    torque [N m].
     """
     lag, span = tune[LAG], tune[SPAN]
     if lag == 0.0:
@@ -117,17 +113,13 @@ def optimise_commands(
     Commands are constant between two knots. They minimise sum (angle - wanted)^2 +
     weight ((command - holding) / inertia)^2, where `holding` is the torque that holds
     the motor on the wanted path; their increments are within the limit of the rate. The
-    load is linear around that on the path of `push`: its slope is that of cables of
-    which all stretches, since the steep slope of their ends does not last.
+    load is linear around that on the path of `push`: its slope is that of cables that
+    stretch as a whole, since the steep slope of their ends does not last.
 
-    Args:
-        push: accelerations (knots,) [rad/s^2], then the first command [N m]; in and
-            out.
-        load: torque of the cables at the motor at the start [N m].
-        weight: see `Tables`.
-        tune: see `Tables`.
-        scratch: scratch; `wanted` and `holding`, and `path` and `load` of `push`, are
-            read.
+    `push` has accelerations (knots,) [rad/s^2], then the first command [N m], in and
+    out; `load` is the torque of the cables at the motor at the start [N m]. Of the
+    scratch, `wanted` and `holding`, and `path` and `load` of `push`, are read. For the
+    others see `Tables`.
     """
     n, memory, path, loads = (
         scratch.path.size,
@@ -204,12 +196,10 @@ def _cost(
 ) -> float:
     """Return half of the cost of increments `x` [rad^2]; see `optimise_commands`.
 
-    Args:
-        x: increments of the command (knots,) [N m].
-        off: error of the angle without them (knots,) [rad].
-        free: command less the holding torque without them (knots,) [N m].
-        step: change of the angle so many knots after an increment [rad/N m].
-        weight: of a squared torque [rad^2/(N m)^2].
+    Without the increments (knots,) [N m], `off` is the error of the angle [rad] and
+    `free` the command less the holding torque [N m]. `step` is the change of the angle
+    so many knots after an increment [rad/N m], `weight` that of a squared torque
+    [rad^2/(N m)^2].
     """
     cost, above = 0.0, 0.0
     for i in range(x.size):
@@ -250,7 +240,7 @@ def _newton_step(
     matrix: FloatMatrix,
     move: FloatArray,
 ) -> None:
-    """Solve for the Newton step of the increments that are free, by Cholesky."""
+    """Solve for the Newton step of the free increments, by Cholesky."""
     n = free.size
     for k in range(n):
         for m in range(k + 1):

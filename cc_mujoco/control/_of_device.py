@@ -1,7 +1,7 @@
-"""Controllers of whole devices: by a drive, or by what the drive follows from.
+"""Controllers of whole devices, by a drive or by a device.
 
-law = controller("lqg", "wrist")
-law = controller("predictive", Plant("ankle", {"friction": 0.2}))
+law = controller("lqg", "wrist") law = controller("predictive", Plant("ankle",
+{"friction": 0.2}))
 """
 
 from __future__ import annotations
@@ -73,15 +73,12 @@ def _device_drives(
 
 
 def default_controller(device: Description, task: Any = None) -> str:
-    """Return the name of the controller that plays a task unless one is named.
+    """Return the controller that plays a task unless one is named.
 
-    That is `pi_tuned`, whose gains follow from rotor, cables and delay of any device.
+    It is `pi_tuned`, whose gains follow from rotor, cables and delay of any device.
     Where the task commands an angle, it is `backlash_inverse` if the device has its
-    parameters, else `none`.
-
-    Args:
-        device: The description of a device.
-        task: Of all axes or by axis, see `human.task`; that of the device by default.
+    parameters, else `none`. The task is of all axes or by axis, see `human.task`; that
+    of the device by default.
     """
     axis = device.axes[0]
     if isinstance(task, str):

@@ -1,11 +1,11 @@
-"""Policies as ONNX files, for runtimes that know neither Python nor this package.
+"""Policies as ONNX files, for runtimes without Python and this package.
 
     write_onnx("runs/policy.safetensors", "runs/policy.onnx")
 
 The graph is the network: `observation` (n, size) and `action` (n, motors) of float32,
-computed in double as the policy is. What is observed, of which the graph knows nothing,
-stands in the metadata `cc_mujoco` as JSON; `Observed` says how to form it. Needs
-`pip install 'cc_mujoco[onnx]'`.
+computed in double as the policy is. The definition of the observation, which the graph
+does not contain, is in the metadata `cc_mujoco` as JSON; `Observed` says how to form
+it. Needs `pip install 'cc_mujoco[onnx]'`.
 """
 
 from __future__ import annotations
@@ -66,7 +66,6 @@ def is_policy(path: Path) -> bool:
 
 
 def _graph(onnx: Any, network: Network) -> Any:
-    """Return the graph of a network."""
     helper, kinds = onnx.helper, onnx.TensorProto
     nodes: list[Any] = []
     constants: list[Any] = []

@@ -25,9 +25,9 @@ from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 _FRICTION_FACTOR_BOUNDS = 0.2, 3.0
 """Bounds of the factor of friction."""
 _MAX_FRICTION_ERROR = 0.3
-"""Relative error of friction for which a bias may be taken."""
+"""Relative error of friction up to which a bias may be estimated."""
 _MAX_BIAS_RATIO = 2.0
-"""Greatest bias of the torque sensor, over the torque that is one for sure."""
+"""Greatest bias of the torque sensor, over its significant torque."""
 _COULOMB = law.INDEX["friction"]
 
 
@@ -37,10 +37,10 @@ def learn(
 ) -> None:
     """Adapt friction and bias to the torque on the rotor that the model lacks.
 
-    While all slips, the load grows with the logarithm of friction by r T mu phi of
-    every cable, with the tension T at the motor, whose sign is that of the slip; and by
-    what the torque sensor has too much, over the ratio, whatever the slip. Friction
-    takes the step of a normalised gradient, the bias its share by the two variances.
+    While all segments slip, the load grows with the logarithm of friction by r T mu phi
+    of every cable, with the tension T at the motor, whose sign is that of the slip; and
+    by the bias of the torque sensor, over the ratio, whatever the slip. Friction takes
+    the step of a normalised gradient, the bias its share by the two variances.
     """
     sensitivity = 0.0
     for k in range(cables.n.size):

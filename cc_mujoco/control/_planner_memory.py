@@ -1,22 +1,22 @@
-"""Memory of a planning controller for one device, its tables and its room to compute.
+"""Memory of a planning controller for one device, its tables and its scratch.
 
-A row of `memory` is what a controller knows of one device in addition to the state of
-its cables: the rotor as estimated by an observer, with the torque that the model does
-not explain; motion of the joint and of the desired torque, per control step, by filters
-of third order; the direction in which the motor turns; the low-passed torque; the delay
-of the measurements in control steps; the energy of the joint beyond the desired one;
-bias of the torque sensor; torque of the motor and its last command; by how much the
-torque sensor has shifted the joint of a single cable's model so that it pulls, now and
-when it last pulled no more than desired; the same of the model with bristles; the joint
-of that model; mean squared errors of the torque that the model predicts, and of that
-with bristles; 1 while that one is planned with; mean squared torques on the rotor that
+A row of `memory` is the state of a controller for one device besides that of its
+cables: the rotor as estimated by an observer, with the torque that the model does not
+explain; motion of the joint and of the desired torque, per control step, by filters of
+third order; the direction in which the motor turns; the low-passed torque; the delay of
+the measurements in control steps; the energy of the joint beyond the desired one; bias
+of the torque sensor; torque of the motor and its last command; the shift of the joint
+of a single cable's model by the torque sensor so that it pulls, now and when it last
+pulled no more than desired; the same of the model with bristles; the joint of that
+model; mean squared errors of the torque that the model predicts, and of that with
+bristles; 1 while that one is planned with; mean squared torques on the rotor that
 either does not explain, the loads of both, and their observers of the rotor; torque by
 which a crossing stops short; the numbers of the guard; logarithms of the factors of
 friction.
 
 The model with bristles is a second hypothesis: friction that builds up over a travel,
-as it does where fibres or a liner give way, instead of at once. What that travel is
-matters little.
+as it does where fibres or a liner give way, instead of at once. The value of that
+travel matters little.
 """
 
 from __future__ import annotations
@@ -34,15 +34,15 @@ OTHER_JOINT, MODEL_ERROR, BRISTLED = 22, 23, 25
 ROTOR_ERROR, MODEL_LOAD, MODEL_ROTOR, CAUTION, GUARD = 26, 28, 30, 38, 39
 FRICTION = GUARD + guard.MEMORY_SIZE
 RELEASED = GUARD + guard.STATE
-"""Places in the memory; behind the last there is a number for every cable. What
-belongs to the model with bristles is one behind that of the model, shifts two, the
+"""Places in the memory; behind the last there is a number for every cable. Numbers of
+the model with bristles are one place behind those of the model, shifts two, the
 observer of the rotor `OBSERVER_SIZE`."""
 
 OBSERVER_ERROR, OBSERVER_SIZE = 3, 4
 """Place of the mean squared error of an observer of the rotor, behind angle, velocity
-and unexplained torque; how many numbers it has."""
+and unexplained torque; size of an observer."""
 WORK_ROWS = 9
-"""Rows of numbers for each knot, that a plan of commands needs."""
+"""Rows of the scratch of a plan of commands, of numbers for each knot."""
 
 
 class PlannerMemory(NamedTuple):
@@ -83,7 +83,7 @@ class PlannerMemories(NamedTuple):
 
 
 class Tables(NamedTuple):
-    """Tables that a controller is given.
+    """Tables of a controller.
 
     Attributes:
         gains: accelerations of a plan per angle, velocity and wanted angles of the
@@ -101,7 +101,7 @@ class Tables(NamedTuple):
 
 
 class PlannerWorkspace(NamedTuple):
-    """Room to compute in; nothing is kept in it.
+    """Scratch of a plan.
 
     Attributes:
         new: states of the cables (cables, numbers).
@@ -140,7 +140,6 @@ class PlannerWorkspace(NamedTuple):
 
 @internal
 def copy_states(source: FloatMatrix, target: FloatMatrix) -> None:
-    """Copy states of cables (cables, numbers) into others."""
     for k in range(source.shape[0]):
         for i in range(source.shape[1]):
             target[k, i] = source[k, i]

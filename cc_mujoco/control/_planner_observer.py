@@ -1,8 +1,8 @@
 """Observer of a planning controller: cables, rotor and motion when they were measured.
 
-Which torque made the rotor move as it was seen to tells how late that was: there is an
-observer of the rotor for every delay that may be, and the one that errs least is
-believed. D. Magill, "Optimal adaptive estimation of sampled stochastic processes", IEEE
+The torque that explains the measured motion of the rotor reveals the delay: there is an
+observer of the rotor for every possible delay, and the one with the least error is
+used. D. Magill, "Optimal adaptive estimation of sampled stochastic processes", IEEE
 Trans. Automatic Control 10, 1965.
 """
 
@@ -71,29 +71,29 @@ from cc_mujoco.control._planner_parameters import (
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 
 _TORQUE_SMOOTHING = 0.25
-"""Share of a low-pass that tells taut from slack, per step."""
+"""Share of a low-pass that distinguishes taut from slack, per step."""
 _OBSERVER_SWITCH_RATIO = 0.7
-"""Mean squared error of an observer, over that of the one that is believed, below which
-it is believed instead."""
+"""Mean squared error of an observer, over that of the observer in use, below which it
+replaces that one."""
 _ENTER_RATIO, _LEAVE_RATIO = 0.1, 1.0
 """Product of the mean squared errors at joint and rotor of the model with bristles,
-over that of the other, below which a plan begins to use it, and above which it ends."""
+over that of the other, below which a plan begins to use it, and above which it stops.
+"""
 _MODEL_ERROR_FLOOR = 0.01
-"""Mean squared error from which nothing is concluded, over the squared torque that is
-one for sure."""
+"""Least significant mean squared error, over the squared torque that is significant."""
 _MODEL_MEMORY = 0.3
 """Time over which the errors of both models are compared [s]."""
 _BRISTLE = law.INDEX["bristle_length"]
 _ROUNDING_ERROR = (2e-4) ** 2
-"""Mean squared error of an angle from which nothing is concluded [rad^2]: an encoder of
-14 bits rounds by half of that."""
+"""Least significant mean squared error of an angle [rad^2]: an encoder of 14 bits
+rounds by half of that."""
 
 
 @internal
 def replace_by_mean_torque(
     memory: FloatArray, applied: FloatArray, tune: FloatArray
 ) -> None:
-    """Replace the newest command in `applied` by the mean torque that it led to."""
+    """Replace the newest command in `applied` by the resulting mean torque."""
     command, lag, dt = applied[applied.size - 1], tune[LAG], tune[PERIOD]
     behind = memory[MOTOR_TORQUE] - command
     memory[COMMAND] = memory[MOTOR_TORQUE] = command
@@ -126,7 +126,7 @@ def _reset(
 ) -> None:
     """Reset the memory, with motor and joint at rest at their measured angles.
 
-    The guard has begun before.
+    The guard is reset before.
     """
     memory, rotors = device.memory, device.rotors
     memory[:GUARD] = 0.0
@@ -157,11 +157,10 @@ def observe(
     tables: Tables,
     scratch: PlannerWorkspace,
 ) -> float:
-    """Bring cables, rotor and motion to when `seen` was measured.
+    """Advance cables, rotor and motion to the measurements; return the joint [rad].
 
-    Returns:
-        Angle of the joint in the model that is planned with [rad]. The cables have the
-        bristles of that model.
+    The angle is that of the model in use for plans, whose bristles the cables then
+    have.
     """
     memory, tune = device.memory, tables.tune
     if memory[STARTED] == 0.0:
@@ -222,7 +221,6 @@ def observe(
 
 @internal
 def _has_bristles(cables: stepper.Cables) -> bool:
-    """Return whether a cable has bristles."""
     for k in range(cables.n.size):
         if cables.prm[k, _BRISTLE] != 0.0:
             return True
@@ -249,13 +247,7 @@ def _explain_rotor(
 ) -> None:
     """Update the torque on the rotor that a model of the cables does not explain.
 
-    Args:
-        cables: of the model.
-        state: of the cables (cables, numbers).
-        device: its memory is moved on.
-        hypothesis: see `_follow`.
-        motor: measured angle [rad].
-        tables: see there.
+    `hypothesis` as in `_follow`; `motor` is the measured angle [rad].
     """
     memory, applied, tune = device.memory, device.applied, tables.tune
     load = stepper.torque(cables, state, False, motor)[0]
@@ -277,9 +269,9 @@ def _explain_rotor(
 def _choose_model(memory: FloatArray, tune: FloatArray) -> bool:
     """Return whether to plan with the model with bristles.
 
-    Errors at joint and rotor have variances that are not known, so the likelihood of a
-    model falls with the product of both mean squares. A model is changed by a margin,
-    and by more than noise.
+    The variances of the errors at joint and rotor are unknown, so the likelihood of a
+    model falls with the product of both mean squares. A model is replaced only by a
+    margin, and by more than noise.
     """
     floor = _MODEL_ERROR_FLOOR * tune[NOISE] * tune[NOISE]
     at_rotor = floor / (tune[RATIO] * tune[RATIO])
@@ -305,18 +297,11 @@ def _follow(
     tune: FloatArray,
     scratch: PlannerWorkspace,
 ) -> float:
-    """Bring the cables of a model to when they were measured; the model's joint [rad].
+    """Advance the cables of a model to the measurements; return its joint [rad].
 
-    Args:
-        cables: of the model.
-        state: of the cables (cables, numbers); moved on.
-        joint: angle to which the joint turned since the step before [rad].
-        memory: of the device; the error of the torque is noted there.
-        hypothesis: 1 for the model with bristles, else 0.
-        motor: measured angle [rad].
-        torque: measured torque without its bias [N m].
-        tune: see `Tuning.packed`.
-        scratch: of the plan.
+    `joint` is the angle of the joint after the step [rad], `hypothesis` is 1 for the
+    model with bristles, else 0; angle [rad] and torque, without its bias [N m], are
+    measured. The memory gets the error of the torque.
     """
     new = scratch.new
     stepper.move(cables, state, motor, joint, tune[PERIOD], new, scratch.work)
@@ -391,21 +376,16 @@ def _shift(
     scratch: PlannerWorkspace,
     tune: FloatArray,
 ) -> float:
-    """Return by how much the joint of a single cable's model is shifted [rad].
+    """Return the shift of the joint of a single cable's model [rad].
 
-    Drag keeps up a pull that no paying out ends. A model without that drag would be
+    Drag maintains a pull that no paying out ends. A model without that drag would be
     shifted for as long, and its motor would pay out cable without an end. So while the
-    cable pulls more than desired, the shift is no more than what that pull stretches
-    it by, and what the motor takes up in half of the horizon.
+    cable pulls more than desired, the shift is at most the stretch by that pull and the
+    angle that the motor takes up in half of the horizon.
 
-    Args:
-        memory: of the device.
-        hypothesis: see `_follow`.
-        wanted: by the torque sensor, above 0 where the cable is to pull more [rad].
-        pull: measured torque in the direction in which the cable pulls [N m].
-        way: sign of such a torque.
-        scratch: of the plan.
-        tune: see `Tuning.packed`.
+    `wanted` is the shift by the torque sensor, above 0 where the cable is to pull more
+    [rad], `pull` the measured torque in the direction in which the cable pulls [N m],
+    `way` the sign of such a torque; `hypothesis` as in `_follow`.
     """
     shift = memory[JOINT_SHIFT + 2 * hypothesis] + wanted
     if pull > max(way * memory[DESIRED_TORQUE], 0.0) + tune[NOISE]:

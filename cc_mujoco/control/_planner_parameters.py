@@ -170,16 +170,15 @@ class Tuning:
     )  # fmt: skip
 
     def packed(self, spring: FloatArray) -> FloatArray:
-        """Return the numbers as the vector that the compiled functions read.
+        """Return the numbers as the vector of the compiled functions.
 
-        Args:
-            spring: Of all cables at the joint, see `guard.STIFFNESS`.
+        `spring` is of all cables at the joint, see `guard.STIFFNESS`.
         """
         return np.array([*(getattr(self, one.name) for one in TUNING), *spring])
 
 
 TUNING: tuple[Parameter, ...] = parameters_of(Tuning)
-"""The numbers of a tuning, in order; the spring of the cables is behind them."""
+"""Numbers of a tuning, in order; the spring of the cables is behind them."""
 
 (
     PERIOD,

@@ -1,4 +1,4 @@
-"""Torque of the motor now from delayed measurements: observer, plan, torque.
+"""Present torque of the motor from delayed measurements: observer, plan, torque.
 
 Observers and prediction work on the mean torque of every step; see `_motor_commands`
 for motors that lag.
@@ -90,8 +90,8 @@ _RATE_TERMS = tuple(
 _MAX_KNOT_STEP = 2.0
 """Largest turn of the motor between two knots of a plan [rad]."""
 _NEWTON_STEPS, _HALVINGS, _LINEARIZATIONS = 12, 6, 2
-"""At most, of a plan of commands, within one of its steps, and around which paths the
-load is linear."""
+"""Most Newton steps of a plan of commands, halvings of a step, and linearisations of
+the load."""
 
 
 @compiled
@@ -123,7 +123,7 @@ def _predict(
 def _anticipate_joint(memory: FloatArray, tune: FloatArray) -> None:
     """Predict the motion of the joint under the torque that it lacks.
 
-    A joint that too little torque slows down would else seem to turn.
+    Otherwise a joint that a lack of torque slows down would seem to reverse.
     """
     lacking = memory[DESIRED_TORQUE] - memory[FILTERED_TORQUE]
     sure = max(abs(lacking) - tune[NOISE], 0.0) * np.sign(lacking)
@@ -163,15 +163,13 @@ def _plan(
     push: FloatArray,
     scratch: PlannerWorkspace,
 ) -> float:
-    """Plan for a motor that turns one way only: `push`, its accelerations [rad/s^2].
+    """Plan accelerations `push` of a motor that turns one way only [rad/s^2].
 
     Behind them is the first command, where the rate of the command is limited too much.
-    `caution` is by how much the torque is to stay behind, at first [N m].
-
-    Returns:
-        Mean squared error of the torque over the horizon, half of it on the planned
-        path and half on the wanted one, which a long way does not put off [N m^2].
-        Infinite where it might take more iterations than there may be.
+    `caution` is the initial deficit of the torque [N m]. Return the mean squared error
+    of the torque over the horizon, half of it on the planned path and half on the
+    wanted one, which a long way does not delay [N m^2]; infinite where it might exceed
+    the allowed iterations.
     """
     memory, rolled, new = scratch.memory, scratch.rolled, scratch.new
     count, span = scratch.path.size, tune[SPAN]
@@ -302,14 +300,9 @@ def motor_torque(
 ) -> float:
     """Return the torque of the motor of one device [N m].
 
-    Args:
-        cables: of the device.
-        state: of the cables when they were measured (cables, numbers); moved on.
-        joint: angle of the joint in the model (1,) [rad]; moved on.
-        device: moved on.
-        seen: motor angle, joint angle, joint torque, desired torque (4,).
-        tables: see there.
-        room: scratch.
+    States of the cables when they were measured (cables, numbers), the model's joint
+    angle (1,) [rad] and the device are updated. `seen` has motor angle, joint angle,
+    joint torque and desired torque (4,).
     """
     tune, memory, applied = tables.tune, room.memory, device.applied
     dt, own = tune[PERIOD], device.memory
@@ -409,18 +402,8 @@ def motor_torques(
 ) -> None:
     """Compute the torque of the motor of every device; see `motor_torque`.
 
-    Args:
-        prm: packed parameters (rows, cables, numbers).
-        n: segments of every cable.
-        proximal: arms at the motor [m/rad].
-        distal: arms at the joint [m/rad].
-        states: (rows, cables, numbers).
-        joints: (rows,).
-        devices: arrays with a row for each.
-        seen: (rows, 4).
-        tables: of all.
-        found: out (rows,) [N m].
-        room: scratch.
+    Arrays have a row for each device; arms at motor and joint are [m/rad]; `found`
+    (rows,) is out [N m].
     """
     for row in range(found.size):
         cables = stepper.Cables(prm[row], n, proximal, proximal, distal)

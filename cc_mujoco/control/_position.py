@@ -4,9 +4,9 @@ r"""Position control: a motor angle for the desired joint angle, and a servo.
     law.torque({"reference_angle_rad": 0.2, "motor_angle_rad": 0.0,
                 "motor_velocity_rad_s": 0.0})     # N m
 
-A law maps the desired course of the joint to a course of the motor; that map is where
-friction and stretch of the cable are compensated, or not. The servo sees the encoder of
-the motor alone, as that of an endoscope does.
+A law maps the desired course of the joint to a course of the motor; that map may
+compensate friction and stretch of the cable. The servo reads the encoder of the motor
+alone, as that of an endoscope does.
 """
 
 from __future__ import annotations
@@ -30,28 +30,27 @@ Array = NDArray[np.float64]
 BANDWIDTH = 150.0
 """Bandwidth of the servo without delay [rad/s]."""
 PHASE_PER_DELAY = 0.4
-"""Most that the bandwidth times the delay of the loop may be [rad]."""
+"""Largest bandwidth of the servo times the delay of the loop [rad]."""
 INTEGRAL_SHARE = 0.2
 """Rate of the servo's integral over its bandwidth."""
 ACCELERATION_SHARE = 0.25
-"""Share of the motor's torque with which it follows a change of rate."""
+"""Share of the motor's torque that is used to follow a change of rate."""
 LEAST_INERTIA = 1e-9
 """Inertia below which a servo cannot be tuned [kg m^2]."""
 
 
 class PositionController(Controller):
-    r"""A motor angle for each desired joint angle, held by a servo.
+    r"""Motor angle for each desired joint angle, held by a servo.
 
     \[ \tau_m = J \omega^2 \Bigl( e + \tfrac{\omega}{5} \int e \, dt \Bigr)
        + 2 J \omega \, \dot e, \qquad e = \theta^* - \theta_m \]
 
     with the motor's inertia J, the bandwidth \(\omega\), lower where measurements are
-    late, and the motor angle \(\theta^*\) of the law, both from where the motor was at
-    the start. A law leaps where the joint turns round; what of it asks for more than a
-    quarter of the motor's torque is gone through as the servo settles, so that the
-    motor does not overshoot. The integral stops where the motor is at its limit. Where
-    the joint was at the start is measured or, without a sensor there, its neutral
-    angle.
+    late, and the motor angle \(\theta^*\) of the law, both relative to the start. A law
+    jumps where the joint reverses; the part that needs more than a quarter of the
+    motor's torque is covered as the servo settles, so that the motor does not
+    overshoot. The integral stops where the motor is at its limit. The joint angle at
+    the start is measured or, without a sensor there, its neutral angle.
     """
 
     def __init__(self, drive: Drive, bandwidth: float = BANDWIDTH) -> None:
@@ -79,7 +78,6 @@ class PositionController(Controller):
         self.reset()
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
-        """Start anew at the next observation; see `Controller.reset`."""
         if where is None:
             self._rows = 0
         elif self._rows:
@@ -87,12 +85,7 @@ class PositionController(Controller):
 
     @abstractmethod
     def begin(self, rows: NDArray[np.intp], count: int) -> None:
-        """Begin an episode of some environments, at rest.
-
-        Args:
-            rows: Which.
-            count: Number of all of them, n.
-        """
+        """Begin an episode of the environments `rows` of `count`, at rest."""
 
     @abstractmethod
     def motor_angle(self, joint: Array, observation: Mapping[str, Any]) -> Array:
@@ -104,7 +97,6 @@ class PositionController(Controller):
         """
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
-        """Return the torque of the motor [N m]; see `Controller.torque`."""
         reference = np.atleast_1d(np.asarray(observation[REFERENCE_COLUMN], float))
         angle = np.atleast_1d(np.asarray(observation["motor_angle_rad"], float))
         velocity = np.atleast_1d(np.asarray(observation["motor_velocity_rad_s"], float))
@@ -129,10 +121,8 @@ class PositionController(Controller):
     def _servo(self, wanted: Array, angle: Array, velocity: Array) -> Array:
         """Return the torques of the motor (n,) [N m].
 
-        Args:
-            wanted: Angles of the law (n,) [rad].
-            angle: Measured angles from the start (n,) [rad].
-            velocity: Measured velocities (n,) [rad/s].
+        `wanted` are angles of the law, `angle` measured angles from the start (n,)
+        [rad].
         """
         period, omega, inertia = self.drive.period, self.bandwidth, self.drive.inertia
         before, rate, left, leaving, total = self._memory
@@ -158,7 +148,7 @@ class PositionController(Controller):
 
 
 class IdealRatio(PositionController):
-    """No compensation: the motor turns as if the cable neither rubbed nor stretched."""
+    """No compensation: the cable is assumed without friction and stretch."""
 
     def begin(self, rows: NDArray[np.intp], count: int) -> None:
         """Do nothing; see `PositionController.begin`."""

@@ -1,4 +1,4 @@
-"""Friction compensation by plans: the model rolled on, a reversal crossed in one move.
+"""Friction compensation by plans: the model rolled out, a reversal crossed in one move.
 
 law = PredictiveCompensation(env.unwrapped.drive)
 """
@@ -31,24 +31,24 @@ PLANNER_INPUTS = (
     "joint_torque_nm",
     "desired_torque_nm",
 )
-"""Columns of `device.MEASURED_COLUMNS` that it reads."""
+"""Columns of `device.MEASURED_COLUMNS` that the controller reads."""
 _MIN_NOISE = 1e-5
-"""Share of the greatest torque: a sensor without noise is no reason to turn for
-nothing."""
+"""Least noise, as a share of the greatest torque: a sensor without noise is no reason
+to reverse for nothing."""
 
 
 PLAN_PER_DELAY, ROTOR_PER_DELAY = 1.5, 2.5
-"""Bandwidths of plan and of what the rotor feels, at most, times the delay. Without the
-second bound an inertia that is 30 % less than believed swings at 10 ms."""
+"""Largest bandwidths of plan and of the rotor's observer, times the delay. Without the
+second bound an inertia 30 % below its assumed value oscillates at 10 ms."""
 TORQUE_SIGMAS = 6.0
-"""Standard deviations of the torque sensor that are a torque for sure, whatever its
+"""Standard deviations of the torque sensor that make a torque significant, whatever its
 bias."""
 FORGETTING_TIME = 0.1
 """Time over which the errors of the observers of the rotor are compared [s]."""
 CREEP_TIME = 0.03
-"""Time constant with which the motor makes up for what a crossing left out [s]."""
+"""Time constant with which the motor completes a crossing that stopped short [s]."""
 DRAG_SLACK = 2.0
-"""Pull of a cable at the motor that paying out exceeds where drag leaves more at the
+"""Pull of a cable at the motor that paying out keeps where drag leaves more at the
 joint than desired, in standard deviations of the torque sensor: slack there costs
 nothing, and a sensor with a bias would leave a pull."""
 ENERGY_MEMORY, ENERGY_SPEND_TIME, SLOW_JOINT_SPEED = 10.0, 0.02, 0.1
@@ -287,11 +287,9 @@ class PredictiveCompensation(Controller):
             slack=DRAG_SLACK * noise,
             creep=min(period / CREEP_TIME, 1.0),
         )
-        """Numbers of the compiled functions, by name."""
         self.tables = planner_memory.Tables(
             gains, unexplained, bandwidths**-4.0, self.tuning.packed(spring)
         )
-        """Inputs of the compiled functions."""
         cables = len(drive.cables)
         self._size = planner_memory.FRICTION + cables
         shape = (cables, self.model.state.shape[-1])
@@ -325,7 +323,6 @@ class PredictiveCompensation(Controller):
         )
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
-        """Start at rest in the pretension; see `Controller.reset`."""
         self.model.reset(where)
         if where is None:
             self._forget(0)
@@ -334,7 +331,6 @@ class PredictiveCompensation(Controller):
             self._devices.applied[where] = 0.0
 
     def given(self, torque: Any) -> None:
-        """Accept the torque that the motor got; see `Controller.given`."""
         np.copyto(self._devices.applied[:, -1], torque, where=guard.is_heard(torque))
 
     def rebend(self, angles: Sequence[FloatArray]) -> None:
@@ -349,7 +345,6 @@ class PredictiveCompensation(Controller):
         return factor
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
-        """Return the torque of the motor [N m]; see `Controller.torque`."""
         seen = readings(as_round_pulley(observation, self.drive), PLANNER_INPUTS)
         if seen.shape[0] != self._devices.memory.shape[0]:
             self._forget(seen.shape[0])
@@ -381,14 +376,10 @@ class PredictiveCompensation(Controller):
 def optimal_plan(knots: int, span: float, bandwidth: float) -> FloatArray:
     """Return the accelerations of the best plan of a double integrator.
 
-    Args:
-        knots: Number of them.
-        span: From one to the next [s].
-        bandwidth: Square root of the weight of angle to acceleration [rad/s].
-
-    Returns:
-        Acceleration before every knot per angle, velocity and wanted angle at every
-        knot (knots, 2 + knots), to be multiplied by them and added up.
+    They are the accelerations before every knot per angle, velocity and wanted angle at
+    every knot (knots, 2 + knots), to be multiplied by them and added up. The knots are
+    `span` apart [s]; the bandwidth is the square root of the weight of angle to
+    acceleration [rad/s].
     """
     after = np.arange(1, knots + 1)
     free = np.stack([np.ones(knots), after * span], axis=1)

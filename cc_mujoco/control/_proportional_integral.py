@@ -19,7 +19,7 @@ from cc_mujoco.device._sensors import WINDING_COLUMNS
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled
 
 _TORQUE_COLUMNS = compiled_laws.LAW_INPUTS[compiled_laws.TORQUE :]
-"""Columns that the law reads, but for its guard."""
+"""Columns that the law reads, without those of its guard."""
 
 
 class ProportionalIntegral(Controller):
@@ -33,13 +33,13 @@ class ProportionalIntegral(Controller):
     those of the thesis, section 4.3.1: \(K_p\) = 1, \(K_i\) = 2 / s; with them both
     devices of this package are stable at 1 kHz, inertia and stretch included.
 
-    Anti-windup by clamping: while the motor is at a limit, the integral does not move
-    further beyond; and where cables only pull, the integral never takes more than what
-    is fed forward. It would pay out cable for as long as friction holds back some
-    tension, and the motor would then have to catch the slack at speed.
+    Anti-windup by clamping: while the motor is at a limit, the integral does not grow
+    beyond; and where cables only pull, the integral never takes more than the
+    feed-forward. It would pay out cable for as long as friction holds back some
+    tension, and the motor would then have to take up the slack at speed.
 
-    Where a safe torque is known, the `guard` lets a joint go that is pulled too far:
-    the motor then follows the joint by a damper, and the integral begins anew.
+    Where a safe torque is known, the `guard` releases a joint with too large a torque:
+    the motor then follows the joint by a damper, and the integral restarts.
     """
 
     def __init__(
@@ -72,24 +72,22 @@ class ProportionalIntegral(Controller):
         environments or one each (., 3); 0 where the cables are not known."""
         self.settling = stable_settling_time(drive, self.springs)
         """Time in which the motor settles relative to the joint [s]; without a model
-        only while the guard lets go."""
+        only while the guard releases the joint."""
         self._memory: FloatArray = np.zeros((1, compiled_laws.MEMORY_SIZE))
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
-        """Empty the integral; see `Controller.reset`."""
         if where is None:
             self._memory = np.zeros((1, compiled_laws.MEMORY_SIZE))
         else:
             self.memory(np.size(where))[where] = 0.0
 
     def given(self, torque: Any) -> None:
-        """Accept the torque that the motor got; see `Controller.given`."""
         kept = self._memory[:, compiled_laws.GUARD + guard.COMMAND]
         np.copyto(kept, torque, where=guard.is_heard(torque))
 
     @property
     def gains(self) -> compiled_laws.FeedbackGains:
-        """The numbers of the law, as they are now."""
+        """Present numbers of the law."""
         return compiled_laws.FeedbackGains(
             **guard.motor_limits(self.drive)._asdict(),
             feed_forward=float(self.feed_forward),
@@ -108,7 +106,6 @@ class ProportionalIntegral(Controller):
         return self._memory
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
-        """Return the torque of the motor [N m]; see `Controller.torque`."""
         # Without a safe torque there is no guard, which alone reads angles.
         names = (
             compiled_laws.LAW_INPUTS
@@ -124,20 +121,15 @@ class ProportionalIntegral(Controller):
         return float(found[0]) if numbers else found
 
     def admit(self, seen: FloatArray) -> None:
-        """Have the guard check what is measured, and replace it where needed.
+        """Have the guard check measurements, and replace them where needed.
 
-        Args:
-            seen: What is measured (rows, `_compiled_laws.LAW_INPUTS`); changed.
+        They are (rows, `_compiled_laws.LAW_INPUTS`), changed in place.
         """
         rows = len(seen)
         _admit(self.gains.packed, self.rows_of_springs(rows), self.memory(rows), seen)
 
     def answer(self, seen: FloatArray) -> FloatArray:
-        """Return the torque of the motor (rows,) [N m].
-
-        Args:
-            seen: What is measured (rows, `_compiled_laws.LAW_INPUTS`), after `admit`.
-        """
+        """Return the torque of the motor (rows,) [N m]; `seen` is after `admit`."""
         rows = len(seen)
         found = np.empty(rows)
         springs = self.rows_of_springs(rows)
@@ -149,14 +141,9 @@ class ProportionalIntegral(Controller):
         return np.resize(self.springs, (rows, guard.SPRING_SIZE))
 
     def closed(self, feedforward: Any, error: Any) -> Any:
-        """Close the loop around a feed-forward.
+        """Return the limited motor torque of the loop around a feed-forward [N m].
 
-        Args:
-            feedforward: Motor torque that is fed forward [N m].
-            error: Desired less measured joint torque [N m].
-
-        Returns:
-            Torque of the motor within its limits [N m].
+        `error` is the desired less the measured joint torque [N m].
         """
         both = readings({"fed": feedforward, "error": error}, ("fed", "error"))
         found = np.empty(len(both))
@@ -166,10 +153,9 @@ class ProportionalIntegral(Controller):
 
 
 def _with_cable_motion(observation: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return the measurements, with the joint's motion as the cables see it.
+    """Return the measurements, with the joint's motion as it moves the cables.
 
-    Of a lever, or of cables that other joints wind, see
-    `device.WINDING_COLUMNS`.
+    For levers and cables that other joints wind, see `device.WINDING_COLUMNS`.
     """
     if WINDING_COLUMNS[1] not in observation:
         return observation
@@ -180,12 +166,9 @@ def _with_cable_motion(observation: Mapping[str, Any]) -> Mapping[str, Any]:
 def stable_settling_time(
     drive: Drive, springs: FloatArray, settling: float = guard.RELEASE_TIME
 ) -> float:
-    """Return a time in which a damped motor settles that is stable [s].
+    """Return a stable time in which a damped motor settles, near the wanted one [s].
 
-    Args:
-        drive: The device.
-        springs: Of all cables at the joint, see `ProportionalIntegral.springs`.
-        settling: The time that is wanted [s].
+    `springs` are of all cables at the joint, see `ProportionalIntegral.springs`.
     """
     stiffest = float(np.max(springs[:, guard.STIFFNESS]))
     if not (drive.inertia > 0.0 and stiffest > 0.0):
@@ -237,5 +220,4 @@ class Feedback(ProportionalIntegral):
     def __init__(
         self, drive: Drive, proportional: float = 1.0, integral: float = 2.0
     ) -> None:
-        """Prepare for the first episode; see `ProportionalIntegral`."""
         super().__init__(drive, proportional, integral, feed_forward=False)

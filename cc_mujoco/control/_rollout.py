@@ -11,9 +11,10 @@ from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 
 _MAX_EVALUATIONS = 12
 _SLOW_MOVE_TIME = 0.5
-"""Time that a motor takes to the point where friction at speed is evaluated [s]."""
+"""Time of a motor to the point where friction at speed is evaluated [s]."""
 _MIN_STEP = 0.2
-"""Share of what stretches all of a cable: its end alone is stiffer."""
+"""Least step, as a share of that of a cable that stretches as a whole: its end alone is
+stiffer."""
 
 
 @compiled
@@ -32,19 +33,9 @@ def find_joint_angle(
     """Find the joint angle [rad] at which the cables make a torque, and move there.
 
     The torque falls as the joint turns: bracket from `start`, then regula falsi
-    (`root`).
-
-    Args:
-        cables: of the transmission.
-        state: before the step (cables, numbers).
-        motor: angle of the motor after it [rad].
-        start: where the joint should be [rad].
-        torque: to be made [N m].
-        stiffness: of all cables at the joint [N m/rad].
-        tolerance: of the torque [N m].
-        dt: time step [s].
-        new: out, after the step.
-        work: scratch.
+    (`root`). The motor has its angle after the step [rad]; `start` is a guess of the
+    joint [rad], `stiffness` that of all cables at the joint [N m/rad], `tolerance` that
+    of the torque [N m]. `new` is the state after the step, out.
     """
     bracket, at, reach = root.UNKNOWN, 0.0, 0.0
     for _ in range(2 * _MAX_EVALUATIONS):
@@ -65,9 +56,8 @@ def find_joint_angle(
 def _end_tension(cables: stepper.Cables, state: FloatMatrix, distal: bool) -> float:
     """Return the tension at one end of the first cable [N].
 
-    Where that end is slack it is below 0: what the cable that lies slack there would
-    need to be drawn taut as a whole. Drag that needs no tension keeps slack where it
-    is.
+    Where that end is slack it is below 0: the tension that would draw the slack cable
+    taut as a whole. Drag that needs no tension keeps slack where it is.
     """
     n = cables.n[0]
     tension = tensions(state[0], n)
@@ -89,7 +79,7 @@ def _end_tension(cables: stepper.Cables, state: FloatMatrix, distal: bool) -> fl
 def joint_torque(cables: stepper.Cables, state: FloatMatrix, motor: float) -> float:
     """Return the torque of the cables at the joint [N m].
 
-    A single cable is taken to push in proportion to its slack, so that it is neither
+    A single cable is assumed to push in proportion to its slack, so that it is neither
     paid out nor left behind further than needed.
     """
     if cables.n.size == 1:
@@ -108,7 +98,7 @@ def _torque_deficit(
     """Return the torque that the cables lack and the motor can change [N m].
 
     A single cable whose end at the motor is slack cannot be made to pull less. So where
-    it pulls too much, that end is to be slack by `slack` [N m], and no more.
+    it pulls too much, that end gets a slack of `slack` [N m], and no more.
     """
     lack = torque - joint_torque(cables, state, motor)
     if cables.n.size > 1 or lack * cables.distal[0] <= 0.0:
@@ -121,7 +111,7 @@ def _torque_deficit(
 
 @internal
 def most_steps(drags: bool) -> int:
-    """Return how many steps of the model `find_motor_angle` takes at most."""
+    """Return the most steps of the model that `find_motor_angle` takes."""
     return 2 * _MAX_EVALUATIONS if drags else _MAX_EVALUATIONS
 
 
@@ -147,21 +137,21 @@ def find_motor_angle(
 ) -> float:
     """Find the nearest motor angle [rad] in direction `way` that makes a torque.
 
-    Where that way leads away from the torque, the motor stays. Drag that needs no
+    Where that direction leads away from the torque, the motor stays. Drag that needs no
     tension leaves a pull that no paying out ends; then the motor goes to the nearest
     torque that it can reach, see `_torque_deficit`. Where friction depends on speed,
-    the motor gets there slowly and goes on with the joint: the torque is that with
-    which the cables are then drawn, not that of a leap.
+    the motor gets there slowly and goes on with the joint: the torque is that of cables
+    drawn at that speed, not that of a jump.
 
     Args:
         cables: of the transmission.
         state: before the step (cables, numbers).
         start: angle of the motor before [rad].
-        way: sense in which it may turn, 1 or -1.
+        way: direction in which it may turn, 1 or -1.
         joint: angle of the joint after the step [rad].
-        turned: by how much it turns in it [rad].
+        turned: change of that angle in the step [rad].
         torque: to be made [N m].
-        rise: torque per angle of the motor while all of the cables stretches [N m/rad].
+        rise: torque per angle of the motor while the whole cable stretches [N m/rad].
         most: farthest that the motor turns [rad].
         tolerance: of the torque [N m].
         slack: see `_torque_deficit` [N m].

@@ -1,4 +1,4 @@
-"""Static friction crossed at once: Listing 4.1 of the thesis on top of the model."""
+"""Static friction crossed at once: Listing 4.1 of the thesis, with the model."""
 
 from __future__ import annotations
 
@@ -64,13 +64,11 @@ class StictionCompensation(ModelBased):
 
     @property
     def gains(self) -> compiled_laws.FeedbackGains:
-        """The numbers of the law, as they are now."""
         return dataclasses.replace(
             super().gains, preview=self.preview, tolerance=self.tolerance
         )
 
     def answer(self, seen: FloatArray) -> FloatArray:
-        """Return the motor torque (rows,) [N m], after the model was updated."""
         model, rows = self.model, len(seen)
         found = np.empty(rows)
         _torques(

@@ -53,9 +53,9 @@ class FusedFeedback(ProportionalIntegral):
 
     Noisy tension sensors along the cables are fused into the tensions at the joint
     (`estimation._fusion`); the model, driven by the motor's angle and the fused
-    tensions, says which parts slip. Feed-forward and PI as in `pi` act on the torque
-    that follows (thesis Fig. 4.1). Where slip ties no sensor to the joint, the last
-    estimate stays.
+    tensions, determines the slipping parts. Feed-forward and PI as in `pi` act on the
+    resulting torque (thesis Fig. 4.1). Where slip relates no sensor to the joint, the
+    last estimate stays.
     """
 
     def __init__(
@@ -77,14 +77,12 @@ class FusedFeedback(ProportionalIntegral):
         self._cables = [_Fused(drive, k) for k in range(len(drive.cables))]
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
-        """Start at rest in the pretension; see `Controller.reset`."""
         super().reset(where)
         self.model.reset(where)
         for cable in self._cables:
             cable.reset(where)
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
-        """Return the torque of the motor [N m]; see `Controller.torque`."""
         observation = as_round_pulley(observation, self.drive)
         desired = observation["desired_torque_nm"]
         tensions = _readings(observation)
@@ -171,7 +169,7 @@ class AdaptiveModel(PredictiveCompensation):
         _require_sensors(drive, 2)
         require_number("memory", memory, 1.0, 1e9, "readings")
         self.taps = friction_slope.taps(drive.sensors, drive.cables, memory)
-        """Places of the sensors, and what is known of them."""
+        """Places of the sensors, and the estimates by them."""
         sensors, longest = self.taps.noise.shape[1], int(self.model.segments.max())
         self._slope_scratch = friction_slope.make_scratch(sensors, longest)
         self._estimates: FloatArray = np.zeros(
@@ -180,7 +178,6 @@ class AdaptiveModel(PredictiveCompensation):
         self._calls: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
-        """Return to the drive's friction; see `Controller.reset`."""
         super().reset(where)
         if where is None:
             self._begin(0)
@@ -193,12 +190,6 @@ class AdaptiveModel(PredictiveCompensation):
         return self._estimates[:, :, friction_slope.COEFFICIENT].copy()
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
-        """Return the torque of the motor [N m]; see `Controller.torque`.
-
-        Raises:
-            CableError: A tension is no number, or beyond `guard.MAX_READING`; then
-                nothing changes.
-        """
         tensions = _readings(observation)
         rows = np.size(observation["motor_angle_rad"])
         expected = (rows, *self.taps.noise.shape)

@@ -2,9 +2,9 @@
 
     controller("my_module:my_function", drive)      # called with the drive
 
-What the function returns is a `Controller`, or a function from what is measured to the
-torque of the motor [N m]. An exception inside becomes a `CableError` that says where it
-was raised; the exception itself is its cause.
+The function returns a `Controller`, or a function from measurements to the torque of
+the motor [N m]. An exception inside becomes a `CableError` with its location; the
+exception itself is its cause.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from cc_mujoco.errors import CableError
 
 
 class _Readings(dict[str, Any]):
-    """Measurements, whose error for a misspelt name says which there are."""
+    """Measurements, whose error for a misspelt name lists the names."""
 
     def __missing__(self, name: str) -> Any:
         error = KeyError(name)
@@ -41,29 +41,17 @@ class External(Controller):
     def __init__(
         self, drive: Drive, make: Callable[[Drive], Any], name: str = "function"
     ) -> None:
-        """Make the function.
-
-        Args:
-            drive: The device to be driven.
-            make: Called with the drive; returns a function of the observation.
-            name: For error messages.
-        """
+        """Prepare; `make`, called with the drive, returns a function of observations."""
         super().__init__(drive)
         self._make_controller = make
         self.name = name
         self._law = make(drive)
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
-        """Make the function anew, for all environments; see `Controller.reset`."""
         if where is None:
             self._law = self._make_controller(self.drive)
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
-        """Return the torque of the motor [N m]; see `Controller.torque`.
-
-        Raises:
-            CableError: If the function raises, or returns what is not real numbers.
-        """
         with controller_errors(self.name):
             torque = self._law(_Readings(observation))
         given = np.asarray(torque)

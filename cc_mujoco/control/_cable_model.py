@@ -134,7 +134,7 @@ class CableModel:
         )
 
     def ready(self, motor_angle: FloatArray) -> None:
-        """Bring environments that restart to rest at their motor angle (rows,) [rad]."""
+        """Bring restarting environments to rest at motor angles (rows,) [rad]."""
         if motor_angle.size != self._rows:
             self._allocate(motor_angle.size)
         if self._fresh.any():

@@ -293,7 +293,7 @@ class Coupling:
     """Torque ratios of a device, and the bounds and noise of each axis."""
 
     def __init__(self, drives: Sequence[Drive], prefixes: Sequence[str]) -> None:
-        """Prepare; refuse axes whose torques cannot be distinguished at their joints."""
+        """Prepare; refuse axes whose torques the joints cannot distinguish."""
         self._drives, self._prefixes = tuple(drives), tuple(prefixes)
         names = [
             drive.joint or prefix

@@ -41,7 +41,7 @@ class External(Controller):
     def __init__(
         self, drive: Drive, make: Callable[[Drive], Any], name: str = "function"
     ) -> None:
-        """Prepare; `make`, called with the drive, returns a function of observations."""
+        """Prepare; `make` of the drive returns a function of the observation."""
         super().__init__(drive)
         self._make_controller = make
         self.name = name

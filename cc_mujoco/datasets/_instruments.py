@@ -16,12 +16,7 @@ Instrument = Literal["torque sensor", "load cells", "motor current", "known load
 
 
 class Instruments(NamedTuple):
-    """Sources of the torques in all trials of a dataset.
-
-    Attributes:
-        motor: what the motor's torque is known from; None if it is not known.
-        joint: the same of the joint's.
-    """
+    """Sources of the torques in all trials of a dataset."""
 
     motor: Instrument | None = "torque sensor"
     joint: Instrument | None = "torque sensor"

@@ -231,11 +231,7 @@ def has_slope(term: Term) -> bool:
 
 
 class SlopeFit:
-    """Recursive fit of parameters that the logarithm of tension is linear in.
-
-    Attributes:
-        fit: the recursion.
-    """
+    """Recursive fit of parameters that the logarithm of tension is linear in."""
 
     def __init__(
         self,

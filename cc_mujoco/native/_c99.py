@@ -154,11 +154,7 @@ class Function:
 
 
 class CLibrary:
-    """Functions in C, each once.
-
-    Attributes:
-        root: folder of the sources, for the places in comments.
-    """
+    """Functions in C, each once."""
 
     def __init__(self, known: Mapping[Any, KnownCall], root: Path) -> None:
         """Begin with functions that are not compiled, beside those of Python."""

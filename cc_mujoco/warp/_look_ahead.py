@@ -19,11 +19,7 @@ from cc_mujoco.warp._paths import LedCables
 
 
 class LookAhead:
-    """Arrays with which the ends of cables look ahead.
-
-    Attributes:
-        kernels: by name.
-    """
+    """Arrays with which the ends of cables look ahead."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""Friction of every segment in a step, compiled.
+"""Friction of every segment in a step, and the state after it, compiled.
 
 The laws are those of `_friction.py`. What they give are rows of scratch, `_layout.py`.
 """
@@ -8,13 +8,13 @@ from __future__ import annotations
 from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable import _moving_path as moving_path
+from cc_mujoco.cable import _nodes as nodes
 from cc_mujoco.cable import _nonlinear_elasticity as nonlinear_elasticity
 from cc_mujoco.cable._fronts import overcome_direction
+from cc_mujoco.cable._pre_step import loses_stretch
 from cc_mujoco.native import FloatArray, internal
 
 _ASYMMETRY = law.INDEX["friction_asymmetry"]
-_BRISTLE = law.INDEX["bristle_length"]
-_AGEING = law.INDEX["ageing_friction"]
 _CRITICAL_SLIP = law.INDEX["critical_slip_distance"]
 
 
@@ -167,3 +167,174 @@ def update_viscosity(
         error += abs(right - taken) * speed * length[j]
         guess[j] = law.next_guess(values, guess[j], speed)
     return error <= nonlinear_elasticity.LINEARIZATION_TOLERANCE * largest
+
+
+POSITION, TENSION = 0, 1
+"""Quantity prescribed at an end."""
+
+_STRIBECK = law.INDEX["stribeck_friction"]
+_BRISTLE = law.INDEX["bristle_length"]
+_AGEING = law.INDEX["ageing_friction"]
+_GREASE = law.INDEX["grease_drag"]
+
+
+@internal
+def written_size(prm: FloatArray, n: int) -> int:
+    """Return how many of the first numbers of a state the steps of a cable change."""
+    if prm[at.PATH_LENGTHENS] != 0.0:
+        return at.state_size(n)
+    rows = 2
+    if prm[_BRISTLE] > 0.0:
+        rows = 4
+    if prm[_AGEING] > 0.0:
+        rows = 5
+    return at.STATE_HEADER + 1 + (1 + rows) * n
+
+
+@internal
+def commit(
+    prm: FloatArray,
+    n: int,
+    state: FloatArray,
+    tension: FloatArray,
+    proximal_kind: int,
+    proximal_value: float,
+    distal_kind: int,
+    distal_value: float,
+    dt: float,
+    new_state: FloatArray,
+    work: FloatArray,
+) -> None:
+    """Write ends, slack, slip memory and dissipated energy of the step."""
+    stiffness = at.node_stiffness(prm, n)
+    shift = at.row(work, n, at.SHIFT)
+    node = at.tensions(new_state, n)
+    # Tension from displacement, not from the solver's ratios: the stretch of the cable
+    # then adds up over any number of steps.
+    is_curved = nodes.is_curved(prm)
+    proximal, distal = max(node[0], 0.0), max(node[n], 0.0)
+    if is_curved:
+        for i in range(1, n):
+            stretched = shift[i] - shift[i - 1]
+            node[i] = nodes.tension_after_stretch(prm, n, i, tension[i], stretched)
+    else:
+        for i in range(1, n):
+            strained = tension[i] + stiffness[i] * (shift[i] - shift[i - 1])
+            node[i] = min(strained, 0.0) if node[i] <= 0.0 else strained
+    for end in range(2):
+        i = n * end
+        behind = shift[n - 1] if end == 1 else proximal_value - state[0]
+        ahead = distal_value - state[1] if end == 1 else shift[0]
+        strained = tension[i] + stiffness[i] * (ahead - behind)
+        if is_curved:
+            strained = nodes.tension_after_stretch(
+                prm, n, i, tension[i], ahead - behind
+            )
+        elif node[i] <= 0.0:
+            strained = min(strained, 0.0)
+        node[i] = strained
+    if proximal_kind == POSITION:
+        new_state[0] = proximal_value
+    else:
+        node[0] = proximal
+        stretched = nodes.stretch_between(prm, n, 0, tension[0], node[0])
+        new_state[0] = state[0] + shift[0] - stretched
+    if distal_kind == POSITION:
+        new_state[1] = distal_value
+    else:
+        node[n] = distal
+        stretched = nodes.stretch_between(prm, n, n, tension[n], node[n])
+        new_state[1] = state[1] + shift[n - 1] + stretched
+    lost, mixed = 0.0, 0.0
+    slipped, has_bristles = shift, prm[_BRISTLE] > 0.0
+    if has_bristles:
+        slipped = at.row(work, n, at.SLIPPED)
+        _commit_bristles(prm, n, state, tension, new_state, work)
+    lengthens = prm[at.PATH_LENGTHENS] != 0.0
+    if lengthens or loses_stretch(prm):
+        # The cable slips as its path lengthens, so friction was that of before.
+        tension = at.tensions(state, n)
+    # At mean tensions, so that work of the ends is what is stored more, and heat.
+    low = nodes.mean_tension(prm, n, 0, tension[0], node[0])
+    for j in range(n):
+        high = 0.5 * (tension[j + 1] + node[j + 1])
+        if is_curved or not (tension[j + 1] >= 0.0 and node[j + 1] >= 0.0):
+            high = nodes.mean_tension(prm, n, j + 1, tension[j + 1], node[j + 1])
+        ratio = moving_path.surface_ratio(prm, low, high) if lengthens else 1.0
+        lost += (high - low) * shift[j] * ratio
+        if lengthens:
+            # Cable that a surface carries to a node of another strain.
+            carried = at.carried_cable(prm, n)[j] * ratio - at.carried_path(prm, n)[j]
+            mixed += (high - low) * carried
+        if has_bristles:
+            lost += at.row(work, n, at.RELEASED_ENERGY)[j]
+        low = high
+    _commit_slip(prm, n, state, slipped, dt, new_state)
+    lost = max(lost, 0.0)
+    if prm[at.CONSTANT_COULOMB] == 0.0:
+        new_state[at.TIME] = state[at.TIME] + dt
+        new_state[at.TRAVEL] = state[at.TRAVEL] + (new_state[1] - state[1])
+        new_state[at.HEAT] = law.heat_after_step(
+            at.scalars(prm), state[at.HEAT], lost, dt
+        )
+    new_state[2] += lost + max(mixed, 0.0)
+    if lengthens:
+        return
+    new_state[3] = new_state[3] + (new_state[1] - state[1]) - (new_state[0] - state[0])
+
+
+@internal
+def _commit_slip(
+    prm: FloatArray,
+    n: int,
+    state: FloatArray,
+    slipped: FloatArray,
+    dt: float,
+    new_state: FloatArray,
+) -> None:
+    """Write what the segments remember of their slip: distance, speed and age."""
+    values = at.scalars(prm)
+    remembers = prm[_STRIBECK] > 0.0 or prm[_GREASE] > 0.0
+    before, slip = at.slips(state, n), at.slips(new_state, n)
+    speeds, ages = at.slip_speeds(state, n), at.contact_ages(state, n)
+    for j in range(n):
+        moved = slipped[j]
+        slip[j] = moved + before[j] if moved * before[j] > 0.0 else moved
+    for j in range(n if remembers else 0):
+        speed = speeds[j] if slipped[j] * before[j] > 0.0 else 0.0
+        at.slip_speeds(new_state, n)[j] = law.remembered_speed(
+            values, speed, slipped[j], dt
+        )
+    for j in range(n if prm[_AGEING] > 0.0 else 0):
+        at.contact_ages(new_state, n)[j] = law.age_after_step(
+            values, ages[j], slipped[j], dt
+        )
+
+
+@internal
+def _commit_bristles(
+    prm: FloatArray,
+    n: int,
+    state: FloatArray,
+    tension: FloatArray,
+    new_state: FloatArray,
+    work: FloatArray,
+) -> None:
+    """Write force and stretch of the bristles, and the energy that they released."""
+    shift, slipped = at.row(work, n, at.SHIFT), at.row(work, n, at.SLIPPED)
+    held, spring = at.row(work, n, at.HELD), at.row(work, n, at.SPRING)
+    forces, stretches = at.bristle_forces(state, n), at.bristle_stretches(state, n)
+    new_forces = at.bristle_forces(new_state, n)
+    new_stretches = at.bristle_stretches(new_state, n)
+    for j in range(n):
+        force, stretch, now = forces[j], stretches[j], 0.0
+        ratio = moving_path.surface_ratio(prm, tension[j], tension[j + 1])
+        own = spring[j] / ratio
+        elastic = law.bristle_force(force, stretch, own)
+        elastic += own * ratio * (shift[j] - slipped[j])
+        if own > 0.0:
+            now = min(max(held[j], -abs(elastic)), abs(elastic)) / own
+        before = 0.5 * abs(force * stretch)
+        at.row(work, n, at.RELEASED_ENERGY)[j] = before - 0.5 * abs(held[j] * now)
+        new_forces[j] = held[j]
+        new_stretches[j] = now

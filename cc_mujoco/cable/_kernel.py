@@ -29,16 +29,16 @@ from cc_mujoco.cable import _nonlinear_elasticity as nonlinear_elasticity
 from cc_mujoco.cable import _pack as prepare
 from cc_mujoco.cable import _pre_step as before
 from cc_mujoco.cable._chain_solve import lay_evenly
+from cc_mujoco.cable._coefficients import POSITION as POSITION
+from cc_mujoco.cable._coefficients import TENSION as TENSION
 from cc_mujoco.cable._coefficients import (
+    commit,
     friction_holds,
     update_viscosity,
     write_coefficients,
     write_holds,
 )
-from cc_mujoco.cable._commit import POSITION as POSITION
-from cc_mujoco.cable._commit import TENSION as TENSION
-from cc_mujoco.cable._commit import commit
-from cc_mujoco.cable._commit import written_size as written_size
+from cc_mujoco.cable._coefficients import written_size as written_size
 from cc_mujoco.cable._fronts import march
 from cc_mujoco.cable._graph import sweep
 from cc_mujoco.cable._layout import STATE_HEADER as STATE_HEADER

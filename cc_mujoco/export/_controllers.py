@@ -61,7 +61,6 @@ from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.estimation._tension_slope import has_slope
 from cc_mujoco.export import _entry_points as entry_points
 from cc_mujoco.export import _feedback as feedback
-from cc_mujoco.export import _policy as policy
 from cc_mujoco.export import _predictive as predictive
 from cc_mujoco.export._feedback import NO_TABLES, LawTables
 from cc_mujoco.export._joint_torques import JointTorques
@@ -297,9 +296,9 @@ class AxisPlan:
         made = Policy(drive, name)  # of this device, with these samples
         network, (observed,) = read_policy(name)
         law = ExportedLaw(
-            policy.wrong_policy,
-            policy.store_policy,
-            policy.step_policy,
+            feedback.wrong_policy,
+            feedback.store_policy,
+            feedback.step_policy,
             False,
             seen=observed.columns,
             is_guarded=False,
@@ -321,7 +320,7 @@ class AxisPlan:
             (),
             (),
             prefix=prefix,
-            own=policy.policy_tables(network, observed),
+            own=feedback.policy_tables(network, observed),
         )
 
     @property

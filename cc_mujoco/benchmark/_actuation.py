@@ -25,27 +25,27 @@ class Actuation:
     cogging: tuple[float, ...] = ()
     """Amplitude of the torque of every motor [N m]; none by default."""
     order: int = 1
-    """Waves of that torque in a turn of the motor's pulley."""
+    """Periods of that torque in a turn of the motor's pulley."""
     phase: float = 0.0
     """Phase of that torque at an angle of 0 [rad]."""
 
     @property
     def is_plain(self) -> bool:
-        """Return whether the motor gets what the controller commands."""
+        """True if the motor applies the command of the controller."""
         return not self.delay and not self.cogging
 
 
 PLAIN = Actuation()
-"""Actuation of a motor that gets what its controller commands."""
+"""Actuation of a motor that applies the command of its controller."""
 
 
 class Hindrance:
-    """Motors that do not get what their controllers command; see `Batch.actuate`."""
+    """Motors that do not apply their controllers' commands; see `Batch.actuate`."""
 
     def __init__(
         self, actuations: Sequence[Actuation], prefixes: Sequence[str]
     ) -> None:
-        """Take the effects of every device, and the beginnings of the axes' columns."""
+        """Prepare, with the actuation of every device and the axes' column prefixes."""
         shape = len(actuations), len(prefixes)
         self._angles = [f"{prefix}motor_angle_rad" for prefix in prefixes]
         self._delay = np.array([one.delay for one in actuations])

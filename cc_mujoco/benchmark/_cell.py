@@ -1,10 +1,10 @@
-"""One cell of the benchmark: a controller, or a reference, in a condition; all seeds.
+"""Cell of the benchmark: a controller, or a reference, in a condition; all seeds.
 
     ordinary = SUITES["v1"].conditions("wrist")[0]
     played = play(Cell(ordinary, "stiction", seeds=(0, 1, 2)))
     played.scores["rms_torque_error"]           # (seeds,) [N m]
 
-A cell is one batch of simulations. What it gives, computing times excepted, depends on
+A cell is one batch of simulations. Its results, computing times excepted, depend on
 nothing but the cell.
 """
 
@@ -62,7 +62,7 @@ from cc_mujoco.simulation._worn_device import WornDevice
 Array = NDArray[np.float64]
 
 WARM_UP = 0.5 * MIN_DURATION
-"""Beginning of an episode that no score counts [s]."""
+"""Beginning of an episode that is excluded from scores [s]."""
 
 TRACE_COLUMNS = ("joint_angle_rad", "joint_torque_nm", "desired_torque_nm")
 PHASE_COLUMNS = ("phase_sine", "phase_cosine")
@@ -90,7 +90,6 @@ class Cell:
     """Secret of the run that samples the plants; see `_plant.new_key`."""
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be played."""
         if not self.seeds or min(self.seeds) < 0:
             raise CableError("a cell needs at least one seed, none below 0.")
 
@@ -109,8 +108,8 @@ class CellResult:
 
     Attributes:
         scores: by name, (seeds,); see `_scores`.
-        plants: of every seed, what was drawn and what was believed of the cables that
-            the motors wind, lists in the order of `DeviceModel.driven`.
+        plants: drawn and assumed parameters, for every seed, of the cables that the
+            motors wind, lists in the order of `DeviceModel.driven`.
         trace: where the condition is the ordinary one, columns (samples * seeds,);
             those of an axis begin with its name where there are several.
     """
@@ -122,7 +121,7 @@ class CellResult:
 
 @dataclass
 class CellSetup:
-    """All that an episode of a cell needs."""
+    """Everything that an episode of a cell needs."""
 
     description: Description
     draws: list[Draw]
@@ -153,7 +152,6 @@ def batch_groups(cells: Iterable[Cell]) -> list[list[Cell]]:
 
 
 def changed(plant: Plant, reference: Reference | None) -> Plant:
-    """Return a plant as a reference changes its cables."""
     if reference is None:
         return plant
     changes = {
@@ -165,11 +163,7 @@ def changed(plant: Plant, reference: Reference | None) -> Plant:
 
 
 def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
-    """Make all that the episodes of a group need, a row for each cell and seed.
-
-    Raises:
-        CableError: If a name is unknown or a controller cannot be used.
-    """
+    """Prepare the episodes of a group, a row for each cell and seed."""
     one = cells[0]
     at, reference = one.condition, _reference(one)
     draws: list[Draw] = []
@@ -369,7 +363,7 @@ def _scores(
 
 
 def _plant_columns(made: CellSetup, own: slice) -> dict[str, list[Any]]:
-    """Return columns of the sampled and the believed parameters, for some rows."""
+    """Return columns of the sampled and the assumed parameters, for some rows."""
     found: dict[str, list[Any]] = {}
     each = [drive.cable_drives for drive in made.drives]
     count = len(made.draws)

@@ -76,7 +76,7 @@ class Benchmark:
     """Code that files may name, once each; code that only a file names is refused."""
 
     def run(self) -> None:
-        """Play what is not done yet; print the best controllers."""
+        """Play unfinished cells; print the best controllers."""
         if self.workers < 0:
             raise CableError(f"--workers must be 0 or greater, not {self.workers}.")
         if self.compare is not None:

@@ -1,10 +1,10 @@
-"""Conditions that a suite plays, each of which differs from the ordinary one.
+"""Conditions of a suite, each of which differs from the ordinary one.
 
     SUITES["v1"].conditions("wrist")
 
-Transmission and error of the model are crossed, as the one says how much depends on the
-other. All else is varied one at a time from the ordinary condition: a full cross of the
-levels here would be some thousand conditions for each device.
+Transmission and error of the model are crossed, as their effects interact. All else is
+varied one at a time from the ordinary condition: a full cross of the levels here would
+be some thousand conditions for each device.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from cc_mujoco.human import (
 
 
 class Liner(NamedTuple):
-    """Friction coefficients of a cable in what leads it."""
+    """Friction coefficients of a cable in its liner."""
 
     friction: float
     """Kinetic [-]."""
@@ -42,36 +42,36 @@ TRANSMISSIONS = {
     "ordinary": Liner(0.10, 0.15),
     "table22": Liner(0.21, 0.63),
 }
-"""A good liner and an ordinary one (assumed), and that of Table 2.2 of the thesis."""
+"""Good and ordinary liner (assumed), and that of Table 2.2 of the thesis."""
 
 OWN_LINER = "own"
 """Transmission with the friction of the scene."""
 
 MODEL_ERRORS = {"exact": 0.0, "rough": 0.1, "bad": 0.3}
-"""Standard deviations of the relative errors of what a controller believes."""
+"""Standard deviations of the relative errors of a controller's parameters."""
 
 DEFAULT_CONDITION = "ordinary", "rough"
 """Transmission and error of the condition that all others differ from."""
 
 
 STRUCTURE, KNOWN = "structure-", "known-"
-"""Beginnings of the names of conditions with an effect that the controller does not
-know, and with the same that it knows."""
+"""Prefixes of the names of conditions with an effect that the controller does not know,
+and with the same that it knows."""
 
 STALE, FITTED_ANEW = "-stale", "-fitted"
-"""Endings of the names of conditions of the suite `position`, by the trial that fits
+"""Suffixes of the names of conditions of the suite `position`, by the trial that fits
 the controllers: one on the scene, or one on the plant itself."""
 
 MIN_DURATION = 1.0
-"""Length that an episode must exceed, whose first half is not scored [s]."""
+"""Length that an episode must exceed, whose first half has no score [s]."""
 
 
 @dataclass(frozen=True)
 class Together(Trajectory):
-    """Motion of several joints, each by a trajectory of its own."""
+    """Motion of several joints, each by its own trajectory."""
 
     parts: tuple[tuple[str, Trajectory], ...]
-    """Joints and how they are moved."""
+    """Joints and their trajectories."""
 
     def _motion(
         self, time: NDArray[np.float64], duration: float, rng: np.random.Generator
@@ -106,7 +106,7 @@ class Condition:
     impedance: float = 1.0
     """Impedance of the wearer, as a multiple of the scene's."""
     delay: tuple[int, int] = (1, 2)
-    """Least and most control steps by which measurements are late."""
+    """Least and most delay of measurements in control steps."""
     noise: float = 1.0
     """Noise of all sensors and their biases, as a multiple of the device's."""
     moving_route: bool = False
@@ -119,7 +119,6 @@ class Condition:
     """Length of an episode [s]."""
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be played."""
         axes = find_device(self.scene).description.axes
         if isinstance(self.task, tuple) and len(self.task) != len(axes):
             raise CableError(
@@ -138,7 +137,7 @@ class Condition:
 
     @property
     def label(self) -> str:
-        """Name of the device in tables: that of its file without folder and ending."""
+        """Name of the device in tables: that of its file without folder and suffix."""
         return device_label(self.scene)
 
     @property
@@ -154,7 +153,7 @@ class Condition:
 
     @property
     def usual(self) -> bool:
-        """Return whether this is the condition that the others differ from."""
+        """True if this is the ordinary condition."""
         return self.name == "-".join(DEFAULT_CONDITION)
 
 
@@ -170,9 +169,9 @@ def is_walk(source: Trajectory) -> bool:
 def plant_key(name: str) -> str:
     """Return the key that samples the plants of a condition, by the condition's name.
 
-    Errors of the model meet the same plants, and so do conditions in which an effect is
-    known and unknown, or controllers are fitted to another plant; all other conditions
-    have their own.
+    Conditions with different errors of the model share their plants, and so do those in
+    which an effect is known and unknown, or controllers are fitted to another plant;
+    all other conditions have their own.
     """
     if name.startswith(KNOWN):
         return STRUCTURE + name.removeprefix(KNOWN)
@@ -193,5 +192,4 @@ def crossed_conditions(plain: Condition) -> list[Condition]:
 
 
 def named_condition(plain: Condition, name: str, **changes: object) -> Condition:
-    """Return a condition under a name, with changes."""
     return dataclasses.replace(plain, name=name, **changes)  # type: ignore[arg-type]

@@ -24,7 +24,7 @@ from cc_mujoco.simulation._loop import Columns
 Array = NDArray[np.float64]
 
 SAFETY = "safety-"
-"""Beginning of the names of conditions in which something fails."""
+"""Prefix of the names of conditions with a fault."""
 DURATION = 3.0
 """Length of an episode [s]."""
 STRAP = "strap-open"
@@ -32,11 +32,11 @@ STRAP = "strap-open"
 FIRST_ONSET, LAST_ONSET = 0.55, 1.55
 """Range of the time at which a fault begins [s], sampled with the plant."""
 LATE = 0.05
-"""Time by which `torque-late` is late [s]."""
+"""Delay of `torque-late` [s]."""
 JUMP = 0.3
 """Jump of an encoder at the joint [rad]; of the motor's, times the ratio."""
 MISSING = 2
-"""Samples in a row that `torque-dropout` loses, ten times a second."""
+"""Consecutive samples that `torque-dropout` loses, ten times a second."""
 _TORQUE, _MOTOR = "joint_torque_nm", "motor_angle_rad"
 _JOINT = "joint_angle_rad", "winding_angle_rad"
 _VELOCITIES = "motor_velocity_rad_s", "joint_velocity_rad_s", "winding_velocity_rad_s"
@@ -58,11 +58,7 @@ FAULTS = (*TORQUE_FAULTS, *ENCODER_FAULTS, STRAP)
 
 
 def safety_conditions(scene: str) -> list[Condition]:
-    """Return the conditions of a device in which something fails.
-
-    Raises:
-        CableError: As `generic_conditions`.
-    """
+    """Return the conditions of a device with a fault."""
     device = find_device(scene)
     model = DeviceModel(device.description, Plant(device).model())
     plain, _ = plain_condition(scene, model)
@@ -72,11 +68,9 @@ def safety_conditions(scene: str) -> list[Condition]:
 
 
 def fault_onsets(seeds: Sequence[int], period: float) -> list[int]:
-    """Return the control step at which the fault of every device begins.
+    """Return the control step at which the fault of each device begins.
 
-    Args:
-        seeds: See `Draw.seed`.
-        period: Of the controller [s].
+    For `seeds` see `Draw.seed`; `period` is that of the controller [s].
     """
     drawn = (np.random.default_rng([seed, 5]) for seed in seeds)
     return [round(one.uniform(FIRST_ONSET, LAST_ONSET) / period) for one in drawn]
@@ -94,7 +88,7 @@ class FaultySensors:
         ratios: Sequence[float],
         period: float,
     ) -> None:
-        """Take what fails.
+        """Prepare.
 
         Args:
             fault: One of `FAULTS`.
@@ -114,7 +108,6 @@ class FaultySensors:
         self._past: dict[str, list[Array]] = {}
 
     def measure(self, columns: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the readings, with the fault; see `Measuring.measure`."""
         failed = self._step >= self._onset
         if self._fault in ENCODER_FAULTS:
             columns = {**columns, **self._encoders(columns, failed)}
@@ -173,11 +166,11 @@ class StrapOpening:
     """Wearers who leave their devices during the episode; see `Batch.actuate`."""
 
     def __init__(self, batch: Batch, onsets: Sequence[int]) -> None:
-        """Take the batch, and the control step of every device when its strap opens."""
+        """Prepare; each strap opens at the control step of its device in `onsets`."""
         self._batch, self._onsets = batch, np.array(onsets)
 
     def __call__(self, step: int, columns: Columns, torque: Array) -> Array:
-        """Open what is to be opened now; return the torque as it is [N m]."""
+        """Open the straps that are due; return the torque unchanged [N m]."""
         opened = np.flatnonzero(self._onsets == step)
         for device in (self._batch.devices[row] for row in opened.tolist()):
             for axis in device.description.axes:

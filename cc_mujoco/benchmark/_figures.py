@@ -1,4 +1,4 @@
-"""Figures of the benchmark: what accuracy costs, the cycle, what makes it worse."""
+"""Figures of the benchmark: error against effort, over the cycle, by condition."""
 
 from __future__ import annotations
 
@@ -157,7 +157,7 @@ def robustness(results: Results, scene: str) -> Figure:
 
 
 def _trace_prefixes(traces: Iterable[Mapping[str, Array]]) -> list[str]:
-    """Return the beginnings of the columns of each axis; one that is empty if none."""
+    """Return the column prefix of each axis; one that is empty if there are none."""
     trace = next(iter(traces), {})
     angle = "joint_angle_rad"
     return [name.removesuffix(angle) for name in trace if name.endswith(angle)] or [""]

@@ -2,8 +2,8 @@
 
     generic_conditions("knee.xml")
 
-Trajectory and task of the ordinary condition are those of the device, and so are the
-sizes of all others. Names are those of `v1` where they mean the same.
+Trajectory and task of the ordinary condition are those of the device, and the sizes of
+all others follow from it. Names are those of `v1` where they mean the same.
 """
 
 from __future__ import annotations
@@ -41,18 +41,16 @@ MAX_JOLT = 0.1
 JOLT_SHARE = 0.25
 """Largest bump of `jolted`, as a share of the reach of a device."""
 MIN_JOLT = 1e-3
-"""Bump for which a motion must leave room before the stops [rad]; with less there is no
+"""Least room for a bump between a motion and the stops [rad]; with less there is no
 such condition."""
 SAMPLES = np.linspace(0.0, 1.0, 1001)
-"""Phases at which the demand of a task is looked at [-]."""
+"""Phases at which the demand of a task is evaluated [-]."""
 
 
 def generic_conditions(scene: str) -> list[Condition]:
     """Return all conditions of a device.
 
-    Raises:
-        CableError: There is no such device, its description names no trajectory or task
-            that there is, or its task commands an angle.
+    Its description must name a trajectory and a task, which does not command an angle.
     """
     device = find_device(scene)
     model = DeviceModel(device.description, Plant(device).model())
@@ -96,7 +94,6 @@ def plain_condition(
 
 
 def device_motion(model: DeviceModel) -> tuple[Trajectory, tuple[Task, ...]]:
-    """Return the motion of a device, and the task of each axis."""
     description = model.description
     motion = joint_trajectory(description, axis_trajectories(model, None))
     return motion, tuple(task(axis.task, (axis.limb,)) for axis in description.axes)
@@ -141,7 +138,6 @@ def _other_motions(
 def joint_trajectory(
     description: Description, each: Sequence[Trajectory]
 ) -> Trajectory:
-    """Return one trajectory of all axes."""
     if all(one == each[0] for one in each) and (len(each) == 1 or is_walk(each[0])):
         return each[0]
     limbs = (axis.limb for axis in description.axes)
@@ -149,14 +145,13 @@ def joint_trajectory(
 
 
 def trajectory_of(source: Trajectory, joint: str) -> Trajectory:
-    """Return the trajectory of one joint."""
     return dict(source.parts)[joint] if isinstance(source, Together) else source
 
 
 def _held(one: Task) -> Task:
     """Return half the largest torque that a task demands in a gait cycle, held.
 
-    A task that follows no gait is returned as it is.
+    A task without a gait is returned unchanged.
     """
     if not one.follows_gait:
         return one

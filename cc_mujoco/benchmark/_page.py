@@ -1,4 +1,4 @@
-"""Page on a benchmark: who wins, by how much, and where."""
+"""Page on a benchmark: the best controllers, their advantage, and the conditions."""
 
 from __future__ import annotations
 
@@ -47,11 +47,8 @@ def report_page(
 ) -> str:
     """Return the page of a benchmark.
 
-    Args:
-        folder: Folder that holds the figures.
-        plan: What was run.
-        results: Of the run.
-        baseline: Controller that the others are compared with.
+    `folder` holds the figures; `baseline` is the controller that the others are
+    compared with.
     """
     errors = rms_errors(results)
     first = next(iter(errors))
@@ -99,7 +96,6 @@ def report_page(
 def _device(
     folder: Path, results: Results, scene: str, baseline: str, first: bool
 ) -> Html:
-    """Return ranks, figures and tables of a device."""
     ranks = ranks_table(rms_errors(results)[scene], baseline)
     return join_pieces(
         [
@@ -132,7 +128,7 @@ def _marked(cells: Cells) -> tuple[list[Html], list[list[Html]]]:
 
 
 def _provenance() -> Html:
-    """State versions and machine, and where all rows lie."""
+    """State versions and machine, and the place of all rows."""
     listed = ", ".join(f"{name} {number}" for name, number in versions().items())
     machine = describe_machine()
     return paragraph(

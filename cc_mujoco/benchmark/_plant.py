@@ -5,8 +5,8 @@
     Belief(0.1).of(drawn[0].plant.cables["flexor"], random)     # of the controller
 
 A condition and a seed are one plant, one motion and one noise for every controller, so
-that controllers are compared in pairs. Conditions that differ in the error of the model
-alone share their plants; all others draw independently of each other.
+that controllers are compared in pairs. Conditions that differ only in the error of the
+model share their plants; all others draw independently of each other.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.human import Disturbed, Trajectory, Walk
 
 MAX_SIGMAS = 3.0
-"""Draws beyond this many standard deviations are cut."""
+"""Draws are clipped beyond this many standard deviations."""
 
 CABLE_SPREAD = {
     "friction": 0.15,
@@ -62,14 +62,14 @@ SENSORS_PER_CABLE = 3
 
 @dataclass(frozen=True)
 class Draw:
-    """A plant that was drawn, and what its episode has besides."""
+    """Sampled plant with the bias and actuation of its episode."""
 
     plant: Plant
     """The device with its cables, wearer, delay and noise."""
     known: Plant
-    """The plant as its controller may know it, but for the errors of the model."""
+    """Plant as its controller may know it, without the errors of the model."""
     seed: int
-    """Seed of its motion and noise; that of the episode and its condition make it."""
+    """Seed of its motion and noise, from the episode and its condition."""
     trajectory: Trajectory
     bias: tuple[tuple[float, ...], ...]
     """Bias of the joint torque sensor, then of every tension sensor, of each axis, as a
@@ -88,12 +88,11 @@ class Belief:
     """Relative error of friction that is the same for all, added to the draw."""
 
     def __post_init__(self) -> None:
-        """Refuse errors that leave nothing of a parameter."""
         require_parameter(self, "error", 0.0, 0.3, "")
         require_parameter(self, "bias", -0.9, 5.0, "")
 
     def of(self, cable: Cable, random: np.random.Generator) -> Cable:
-        """Return a cable as it is believed; its route is known."""
+        """Return a cable as the controller assumes it; its route is known."""
         friction, stiffness, pretension = (
             self.error * _clipped_normal(random) for _ in range(3)
         )
@@ -111,10 +110,7 @@ def sample_plants(
 ) -> list[Draw]:
     """Draw the plants of a condition, one for each seed.
 
-    Args:
-        condition: The condition.
-        seeds: Of the plants.
-        key: Secret of the run, see `new_key`; none by default.
+    `key` is the secret of the run, see `new_key`; none by default.
     """
     device = find_device(condition.scene)
     return [_sample_plant(condition, seed, device, key) for seed in seeds]
@@ -126,11 +122,6 @@ def new_key() -> str:
 
 
 def require_key(key: str) -> None:
-    """Refuse a text that is no key.
-
-    Raises:
-        CableError: It is none.
-    """
     if not re.fullmatch(f"([0-9a-f]{{{2 * KEY_BYTES}}})?", key):
         raise CableError(
             f"a key has {2 * KEY_BYTES} hexadecimal digits, as a results file has it, "
@@ -141,7 +132,7 @@ def require_key(key: str) -> None:
 def _own_seed(seed: int, place: int, key: str) -> int:
     """Return the seed of an episode, of 128 bits where there is a key.
 
-    A plant says nothing of other plants, as nobody tries that many seeds.
+    A plant reveals nothing of other plants, as so many seeds cannot be tried.
     """
     if not key:
         return int(np.random.SeedSequence([seed, place]).generate_state(1)[0])
@@ -220,13 +211,11 @@ def believed_drives(
     draws: Sequence[Draw],
     beliefs: Sequence[Belief],
 ) -> tuple[Drive, ...]:
-    """Return the drives with the parameters that each plant's controller believes.
+    """Return the drives with the parameters that each plant's controller assumes.
 
-    Args:
-        drives: Of every axis of the device; give the arms of the cables.
-        driven: Names of the cables that each motor winds.
-        draws: One per device.
-        beliefs: How wrong they are, one per device.
+    The drives, of every axis of the device, give the arms of the cables; `driven` are
+    the names of the cables that each motor winds; there are a draw and a belief per
+    device.
     """
     rows: list[list[tuple[CableDrive, ...]]] = [[] for _ in drives]
     for drawn, belief in zip(draws, beliefs, strict=True):
@@ -262,5 +251,4 @@ def _with_period_factor(source: Trajectory, factor: float) -> Trajectory:
 
 
 def _clipped_normal(random: np.random.Generator) -> float:
-    """Return a standard normal sample, clipped at `MAX_SIGMAS`."""
     return float(min(max(random.normal(), -MAX_SIGMAS), MAX_SIGMAS))

@@ -35,7 +35,7 @@ TRIAL = 4.0
 DURATION = 1.5
 """Length of an episode [s]."""
 EFFECTS = (*POSITION_EFFECTS, "seals")
-"""Effects in the plant that no data sheet and no model has."""
+"""Effects in the plant that neither data sheet nor model has."""
 WITH_SENSOR = ("distal_feedback",)
 """Controllers that measure the joint, whatever the device measures."""
 
@@ -49,16 +49,11 @@ class PositionCondition(Condition):
 
     @property
     def usual(self) -> bool:
-        """Return whether this is the condition that the others differ from."""
+        """True if this is the ordinary condition."""
         return self.name == f"ordinary{FITTED_ANEW}"
 
 
 def position_conditions(scene: str) -> list[Condition]:
-    """Return all conditions of a device whose task commands an angle.
-
-    Raises:
-        CableError: There is no such device, or its task commands a torque.
-    """
     device = find_device(scene)
     model = DeviceModel(device.description, Plant(device).model())
     motion, tasks = device_motion(model)
@@ -80,7 +75,7 @@ def position_conditions(scene: str) -> list[Condition]:
 
 
 def nominal_drive(condition: Condition) -> Drive:
-    """Return what the data sheet and the trial of the scene say of a device."""
+    """Return the drive of a device by the data sheet and the trial of the scene."""
     device = find_device(condition.scene)
     model = DeviceModel(device.description, Plant(device).model())
     drive = model.drives(device.description.period)[0]
@@ -91,7 +86,7 @@ def nominal_drive(condition: Condition) -> Drive:
 def fresh_fits(
     condition: PositionCondition, seeds: tuple[int, ...], key: str = ""
 ) -> tuple[Mapping[str, Mapping[str, Any]], ...]:
-    """Return the parameters that trials on the plants give, one for each seed."""
+    """Return the parameters from trials on the plants, one set for each seed."""
     nominal = nominal_drive(condition)
     plants = [drawn.plant for drawn in sample_plants(condition, seeds, key)]
     return tuple(
@@ -114,10 +109,8 @@ def position_law(
 ) -> Controller:
     """Return the controller of the episodes of a group.
 
-    Args:
-        cells: Condition, seeds and key of each cell.
-        drive: As of `position_drive`.
-        make: Function that makes the controller of a plant.
+    `cells` are condition, seeds and key of each; the drive is that of `position_drive`.
+    `make` makes the controller of a plant.
     """
     laws: list[Controller] = []
     for condition, seeds, key in cells:

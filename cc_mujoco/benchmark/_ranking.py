@@ -3,7 +3,7 @@
     errors = normalise_errors(rms, "none")       # controller -> (conditions, seeds)
     for place in rank_controllers(errors): print(place.name, place.first, place.last)
 
-Conditions are fixed, and each has plants of its own unless they are shared: a resample
+Conditions are fixed, and each has its own plants unless they are shared: a resample
 draws seeds within every set of plants, the same ones for all controllers.
 """
 
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 CONFIDENCE = 0.95
 RESAMPLES = 10_000
 MAX_NORMALISED_ERROR = 10.0
-"""Normalised error of an episode that diverged, and the most that any counts."""
+"""Normalised error of an episode that diverged, and the largest that counts."""
 
 
 class Place(NamedTuple):
@@ -36,7 +36,7 @@ class Place(NamedTuple):
     """Upper end of its interval."""
     first: int
     last: int
-    """Last of the ranks that it may have, 1 is the best."""
+    """Last of its possible ranks, 1 is the best."""
     better_than: tuple[str, ...]
 
 
@@ -49,11 +49,10 @@ class Difference(NamedTuple):
 
     @property
     def real(self) -> bool:
-        """Return whether the interval leaves out 0."""
+        """True if the interval excludes 0."""
         return self.low > 0.0 or self.high < 0.0
 
     def __str__(self) -> str:
-        """Return the mean and interval."""
         if math.isnan(self.low):
             return f"{self.mean:+.3f}"
         return f"{self.mean:+.3f} ({self.low:+.3f} to {self.high:+.3f})"
@@ -64,7 +63,7 @@ def normalise_errors(
 ) -> dict[str, Array]:
     """Return errors relative to one controller's mean error in the same condition.
 
-    That of a device is the mean over its axes, each in relation to itself.
+    The error of a device is the mean over its axes, each relative to its own scale.
 
     Args:
         rms: RMS error by controller and condition, (seeds, axes); NaN where it
@@ -94,9 +93,8 @@ def bootstrap_means(
 ) -> dict[str, Array]:
     """Return the means of resamples, by controller (resamples,), in pairs.
 
-    Args:
-        errors: By controller, (conditions, seeds).
-        plants: Of every condition; equal where plants are shared. By default none are.
+    Errors are (conditions, seeds) by controller; conditions with equal `plants` share
+    them, by default none do.
     """
     conditions, seeds = next(iter(errors.values())).shape
     names = np.array(plants or range(conditions))
@@ -120,11 +118,8 @@ def compare_resamples(
 ) -> Difference:
     """Return the difference of two controllers.
 
-    Args:
-        one: Its resamples, see `bootstrap_means`.
-        other: Those of the other.
-        mean: The difference itself.
-        tests: Among how many tests the interval is one (Bonferroni).
+    `one` and `other` are their resamples, see `bootstrap_means`, `mean` is the
+    difference itself; the interval is one among `tests` (Bonferroni).
     """
     tail = 50.0 * (1.0 - CONFIDENCE) / tests
     low, high = np.percentile(one - other, [tail, 100.0 - tail])
@@ -136,8 +131,8 @@ def rank_controllers(
 ) -> list[Place]:
     """Return all controllers, the best first.
 
-    A controller is better than another where the interval of their difference leaves
-    out 0, for all pairs at once. Arguments are those of `bootstrap_means`.
+    A controller is better than another where the interval of their difference excludes
+    0, for all pairs at once. Arguments are those of `bootstrap_means`.
     """
     means = {name: float(np.mean(values)) for name, values in errors.items()}
     draws = bootstrap_means(errors, plants)

@@ -12,7 +12,7 @@ from cc_mujoco.errors import CableError
 
 @dataclass(frozen=True)
 class Reference:
-    """A device that is no entry of a benchmark."""
+    """Device or controller that is no entry of a benchmark."""
 
     meaning: str
     controller: str | None = None
@@ -50,11 +50,7 @@ REFERENCES = {
 
 
 def require_unused_name(controller: str) -> None:
-    """Refuse a controller that is called as a reference is.
-
-    Raises:
-        CableError: It is.
-    """
+    """Refuse a controller with the name of a reference."""
     if controller in REFERENCES:
         raise CableError(
             f"{controller!r} is a reference, which every table has; it is no controller"

@@ -31,11 +31,11 @@ from cc_mujoco.report._markdown import table
 Array = NDArray[np.float64]
 
 DEFAULT_BASELINE = "pi"
-"""The controller that others are compared with unless another is named."""
+"""Default controller that others are compared with."""
 MAX_DEVICES = 5
 """Devices in the sentence at the top."""
 MAX_EQUALS = 3
-"""Controllers that it names of a device besides the best one."""
+"""Controllers of a device in that sentence besides the best one."""
 OVERVIEW_HEADING = (
     "Normalised error (`none` is 1, the smaller the better), mean over conditions and "
     "seeds with its 95 % interval, chatter [mN m] and motor peak [N m]; and failed "
@@ -65,7 +65,7 @@ def all_tables(
     Args:
         results: Of a run.
         baseline: Controller that the others are compared with.
-        left_out: Devices that the suite has no more, and the reason.
+        left_out: Devices that the suite no longer has, and the reason.
     """
     errors = rms_errors(results)
     first = next(iter(errors))
@@ -101,7 +101,7 @@ def all_tables(
 
 
 def summary(results: Results, baseline: str = DEFAULT_BASELINE) -> str:
-    """Return what console and tables begin with: the best, and all controllers."""
+    """Return the head of console output and tables: the best, and all controllers."""
     parts = [
         best_sentence(results, baseline),
         f"Next: `{next_command(results)}`",
@@ -148,22 +148,20 @@ def next_command(results: Results) -> str:
 
 
 def left_out_sentences(left_out: Mapping[str, str]) -> list[str]:
-    """Return a sentence for each device that a suite has no more."""
+    """Return a sentence for each device that a suite no longer has."""
     return [f"Without {scene}: {reason}." for scene, reason in left_out.items()]
 
 
 def _picture(scene: str, stem: str) -> str:
-    """Return a figure beside the page."""
     return f"![{scene}: {stem}]({scene}-{stem}.png)"
 
 
 def _fold(title: str, *parts: str) -> str:
-    """Return parts below a title that opens them."""
     return "\n\n".join([f"<details><summary>{title}</summary>", *parts, "</details>"])
 
 
 def divergence_sentences(results: Results) -> list[str]:
-    """Return a sentence for each controller with episodes that have no score."""
+    """Return a sentence for each controller with episodes without a score."""
     lost: dict[str, list[Array]] = {}
     for cell, played in results:
         values = np.isnan(played.scores[ranked_score(played.scores)])
@@ -197,7 +195,6 @@ def assumed_limits(results: Results) -> list[str]:
 
 
 def reference_definitions(names: Container[str]) -> list[str]:
-    """Define the references among names, a line each."""
     return [f"- *{n}*: {one.meaning}" for n, one in REFERENCES.items() if n in names]
 
 

@@ -1,8 +1,7 @@
-"""The one file of a benchmark's results, and how two of them compare.
+"""File of a benchmark's results, and the comparison of two.
 
-A row is an episode: scene, condition, controller, seed, normalised error, scores, what
-was drawn and what was believed. The metadata say what made them: code, conditions,
-machine.
+A row is an episode: scene, condition, controller, seed, normalised error, scores, drawn
+and assumed parameters. The metadata are the provenance: code, conditions, machine.
 """
 
 from __future__ import annotations
@@ -39,7 +38,6 @@ Errors = dict[str, dict[str, dict[str, Array]]]
 
 
 def rms_errors(results: Results) -> Errors:
-    """Return the RMS errors of a run."""
     found: Errors = {}
     for cell, played in results:
         own = found.setdefault(cell.condition.label, {})
@@ -49,7 +47,6 @@ def rms_errors(results: Results) -> Errors:
 
 
 def describe_machine() -> dict[str, str | int]:
-    """Describe the machine that this process runs on."""
     return {
         "system": platform.platform(),
         "processor": _processor(),
@@ -73,14 +70,7 @@ def write_results(
     suite: str,
     makers: Mapping[str, Any],
 ) -> None:
-    """Write the file of results.
-
-    Args:
-        path: Of the file.
-        results: Of a run.
-        suite: Its name.
-        makers: See `_utils.provenance.code_provenance`.
-    """
+    """Write the file of results; `makers` see `_utils.provenance.code_provenance`."""
     scaled = {
         s: normalise_errors(own, SCALE_CONTROLLER)
         for s, own in rms_errors(results).items()
@@ -135,8 +125,7 @@ def _digest(table: pa.Table, about: Mapping[str, Any]) -> str:
 def read_rows(path: str | os.PathLike[str]) -> tuple[pa.Table, dict[str, Any]]:
     """Read the rows of a results file, and their provenance.
 
-    Raises:
-        CableError: If it is no such file, or was changed after it was written.
+    A file that was changed after it was written is refused.
     """
     if not Path(path).exists():
         raise CableError(f"there is no file {path} of results.")
@@ -161,14 +150,10 @@ def read_rows(path: str | os.PathLike[str]) -> tuple[pa.Table, dict[str, Any]]:
 
 
 def read_results(path: str | os.PathLike[str]) -> tuple[Errors, dict[str, Any]]:
-    """Return the RMS errors of a results file, and their provenance.
+    """Return the RMS errors of a results file, and its provenance.
 
-    Returns:
-        The errors, and the metadata of `write_results` with the seeds of every
-        condition (`seeds`).
-
-    Raises:
-        CableError: If it is no such file, or was changed after it was written.
+    The provenance is the metadata of `write_results` with the seeds of every condition
+    (`seeds`). A file that was changed after it was written is refused.
     """
     table, about = read_rows(path)
     found: dict[str, dict[str, dict[str, list[tuple[int, list[float]]]]]] = {}
@@ -199,11 +184,8 @@ def join_results(
 ) -> tuple[Errors, list[str]]:
     """Join two results files, and return the differences in their provenance.
 
-    A controller whose errors differ is there twice, as `NAME (a)` and `NAME (b)`.
-
-    Raises:
-        CableError: If they have no device in common, or not the same conditions or
-            seeds in it.
+    A controller whose errors differ appears twice, as `NAME (a)` and `NAME (b)`. The
+    files must have a device in common, with the same conditions and seeds.
     """
     (first, about), (second, of_other) = one, other
     common = [scene for scene in first if scene in second]

@@ -27,11 +27,7 @@ def write(
     results: Results,
     baseline: str = DEFAULT_BASELINE,
 ) -> str:
-    """Write `results.parquet`, the figures, `table.md` and `report.html`.
-
-    Returns:
-        The summary at the top, as Markdown.
-    """
+    """Write `results.parquet`, figures, `table.md`, `report.html`; return a summary."""
     out = Path(out)
     makers = plan.made_by()
     write_results(out / RESULTS_FILE, results, plan.suite, makers)

@@ -1,7 +1,7 @@
-"""Running all cells: on several processes or a cluster, keeping what is done.
+"""Run of all cells, on several processes or a cluster, keeping finished ones.
 
 Every finished cell has its files in `cells`; a later run of the same code and settings
-passes over it. Cells share nothing, so where they are played changes no bit.
+skips it. Cells share nothing, so the place of their run changes no bit.
 """
 
 from __future__ import annotations
@@ -54,9 +54,9 @@ from cc_mujoco.device._description import device_label
 from cc_mujoco.errors import CableError, look_up
 
 TIMED_DURATION = 1.1
-"""Length of the episode that is timed [s]; what is compiled has been before."""
+"""Length of the episode that is timed [s]; compilation precedes it."""
 MAX_SEEDS = 1000
-"""Most seeds: of more, not even the names of the results are quickly listed."""
+"""Most seeds: with more, even the names of the results are not listed quickly."""
 
 MAX_SEED = 2**31
 """Largest first seed."""
@@ -70,17 +70,17 @@ FIGURE_STEMS = ("pareto", "cycle", "robustness")
 
 @dataclass(frozen=True)
 class BenchmarkPlan:
-    """Choice of what to run; empty is all that the suite has."""
+    """Choice of cells to run; empty is everything that the suite has."""
 
     controllers: tuple[str, ...]
     suite: str = "v1"
     scenes: tuple[str, ...] = ()
     conditions: tuple[str, ...] = ()
-    """Names of some, of the devices that have them."""
+    """Names of conditions, of the devices that have them."""
     seeds: int | None = None
     """Number of seeds; that of the suite by default."""
     first_seed: int = 0
-    """The first of them; the others follow. Who judges may choose it afterwards."""
+    """First seed; the others follow. A judge may choose it afterwards."""
     duration: float | None = None
     """Length of an episode; that of the conditions by default [s]."""
     key: str = field(default="", repr=False)
@@ -119,19 +119,16 @@ class BenchmarkPlan:
         return found
 
     def left_out(self) -> Mapping[str, str]:
-        """Return the devices that the suite has no more, and the reason."""
         return {} if self.scenes else look_up("suite", self.suite, SUITES).left_out
 
     def made_by(self) -> dict[str, Any]:
-        """Return the provenance of the results; controllers were made before."""
         return provenance(self.controllers, [at.scene for at in self.played()])
 
     def cells(self) -> list[Cell]:
         """Return all cells, in the order of tables.
 
-        Raises:
-            CableError: If there are none, a name is unknown, or the files of two would
-                have the same name.
+        A plan without cells, with unknown names, or with two cells whose files have the
+        same name is refused.
         """
         if not self.controllers:
             raise CableError("a benchmark needs at least one controller.")
@@ -171,11 +168,7 @@ class Playing:
     plan: BenchmarkPlan
 
     def rehearse(self) -> None:
-        """Find out, before long work, whether every name can be used.
-
-        Raises:
-            CableError: If a name cannot be used.
-        """
+        """Check before long work that every name can be used."""
         shortest = {
             c.scene: dataclasses.replace(c, duration=1.1) for c in self.plan.played()
         }
@@ -189,15 +182,13 @@ class Playing:
                 entry.make_controller(name, drives, made.batch.prefixes)
 
     def made_by(self) -> dict[str, Any]:
-        """See `Job.made_by`."""
         return self.plan.made_by()
 
     def size(self, piece: Sequence[Cell]) -> int:
-        """Return the number of cells."""
         return len(piece)
 
     def do(self, piece: Sequence[Cell], tick: Tick) -> list[tuple[pa.Table, ...]]:
-        """Play a group; the sealed tables of every cell."""
+        """Play a group; return the sealed tables of every cell."""
         results = play_group(piece)
         found = []
         for cell, result in zip(piece, results, strict=True):
@@ -210,9 +201,7 @@ class Playing:
 def provenance(controllers: Iterable[str], scenes: Iterable[str]) -> dict[str, Any]:
     """Return the provenance of results: code, versions, files of the user.
 
-    Args:
-        controllers: That were made before.
-        scenes: Names and files of devices.
+    The controllers were made before; scenes are names and files of devices.
     """
     found = entry.controller_provenance(*controllers)
     for scene in dict.fromkeys(scenes):
@@ -221,11 +210,7 @@ def provenance(controllers: Iterable[str], scenes: Iterable[str]) -> dict[str, A
 
 
 def require_ours(out: str | os.PathLike[str]) -> None:
-    """Find out, before long work, whether results may be written to a folder.
-
-    Raises:
-        CableError: If not; see `_utils.atomic_io.require_ours`.
-    """
+    """Check before long work that results may be written to a folder."""
     require_ours_in(
         out,
         lambda place: any(map(is_marked, (place / CELLS_FOLDER).glob("*.parquet"))),
@@ -323,7 +308,6 @@ def _cell_key(cell: Cell) -> dict[str, Any]:
 def _tables(
     cell: Cell, result: CellResult, times: StepTimes | None
 ) -> tuple[pa.Table, ...]:
-    """Return the tables that the files of a cell hold."""
     about = _cell_key(cell)
     median, worst = times or (None, None)
     columns = {**result.scores, **result.plants}

@@ -1,6 +1,6 @@
-"""Metrics that an episode of the benchmark is judged by.
+"""Metrics of an episode of the benchmark.
 
-Every axis of a device has scores of its own, under `AXIS.NAME` where there are several.
+Every axis of a device has its own scores, under `AXIS.NAME` where there are several.
 Then a score of the device is the mean over its axes, as its reward is, but an episode
 has failed if any axis has.
 """
@@ -42,16 +42,16 @@ ANGLE_SCORES = tuple(
         "failed",
     )
 )
-"""Those of an episode whose task commands an angle."""
+"""Scores of an episode whose task commands an angle."""
 
 SAFETY_SCORES = (METRICS["peak_over_safe"], *SCORES)
-"""Those of an episode in which a sensor or a strap fails."""
+"""Scores of an episode with a fault of a sensor or a strap."""
 
 EVERY_SCORE = tuple(dict.fromkeys((*ANGLE_SCORES[:2], *SAFETY_SCORES)))
 """All, in the order of tables."""
 
 ERRORS = "peak_over_safe", "rms_torque_error", "rms_angle_error"
-"""Scores that controllers are ranked by: of a fault, of a torque, or of a commanded
+"""Scores by which controllers are ranked: of a fault, of a torque, or of a commanded
 angle."""
 
 
@@ -73,12 +73,7 @@ def episode_scores(log: LogLike, scores: Sequence[Metric] = SCORES) -> dict[str,
 def device_scores(
     axes: Sequence[Mapping[str, float]], prefixes: Sequence[str]
 ) -> dict[str, float]:
-    """Return the scores of a device and, where it has several axes, of each.
-
-    Args:
-        axes: Scores of every axis.
-        prefixes: Beginnings of the names of their scores.
-    """
+    """Return the scores of a device and, where it has several axes, of each."""
     found: dict[str, float] = {}
     for name in axes[0]:
         over = max if name == "failed" else np.mean
@@ -96,11 +91,7 @@ def score_columns(names: Sequence[str]) -> list[str]:
 
 
 def axis_errors(columns: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Return the RMS errors of every axis, (seeds, axes).
-
-    Args:
-        columns: Scores by name, (seeds,).
-    """
+    """Return the RMS errors of every axis, (seeds, axes), from scores (seeds,)."""
     error = ranked_score(columns)
     of_axes = [n for n in columns if n.endswith(f".{error}")] or [error]
     return np.stack([np.asarray(columns[name]) for name in of_axes], axis=-1)

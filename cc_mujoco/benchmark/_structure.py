@@ -30,9 +30,9 @@ LAG_RANGE = 0.001, 0.005
 LAG_NAME = "motor-lag"
 """Name of that effect, which is in the motor and in no cable."""
 INERTIA_FACTORS = 0.6, 1.6
-"""Inertia of a rotor over the believed one, in turns over the seeds."""
+"""Inertia of a rotor over its assumed value; seeds take the levels in turn."""
 LATE_COMMANDS = 1, 3
-"""Control steps by which commands are late, in turns over the seeds."""
+"""Least and most delay of commands in control steps; seeds take the levels in turn."""
 MOTOR_FRICTION, COGGING = 0.1, 0.05
 """Dry friction of a motor and amplitude of its cogging, as shares of the torque that
 counts as 1."""
@@ -148,7 +148,7 @@ STRUCTURES = (*EFFECTS, LAG_NAME, *MOTOR_EFFECTS, *WEARER_EFFECTS)
 
 @dataclass(frozen=True)
 class Hidden:
-    """An effect as one plant has it."""
+    """Effect of one plant."""
 
     device: Device
     """The device, with a cuff where that is the effect."""
@@ -160,7 +160,6 @@ class Hidden:
 
 @lru_cache(maxsize=64)
 def _scales(device: Device) -> dict[str, _Scale]:
-    """Return the scales of all cables between a motor and a joint."""
     model = DeviceModel(device.description, Plant(device).model())
     found: dict[str, _Scale] = {}
     for axis, own, drive in zip(
@@ -174,12 +173,9 @@ def _scales(device: Device) -> dict[str, _Scale]:
 
 @lru_cache(maxsize=64)
 def effect_values(device: Device, name: str) -> dict[str, Value]:
-    """Return the values of a plant that has an effect and no other change.
+    """Return the values of a plant with an effect of `STRUCTURES` and nothing else.
 
-    Args:
-        device: The device.
-        name: One of `STRUCTURES`. The values of an effect that no cable can have, and
-            of one that is in no cable, are empty.
+    They are empty for an effect that no cable can have, or that is in no cable.
     """
     return _cable_values(Plant(device), name)
 
@@ -198,13 +194,9 @@ def _cable_values(known: Plant, name: str) -> dict[str, Value]:
 def hidden_effect(
     known: Plant, name: str, seed: int, random: np.random.Generator
 ) -> Hidden:
-    """Return an effect for a plant.
+    """Return an effect of `STRUCTURES`, or of none if the name is empty, for a plant.
 
-    Args:
-        known: The plant without it.
-        name: One of `STRUCTURES`, or empty for none.
-        seed: Of the episode; what has few levels takes turns over the seeds.
-        random: Source of the rest.
+    Seeds take the levels of effects with few of them in turn; all else is random.
     """
     device, axes = known.scene, known.description.axes
     values = _cable_values(known, name)
@@ -262,7 +254,6 @@ def hidden_effect(
 
 @lru_cache(maxsize=8)
 def _cuffed(device: Device) -> Device:
-    """Return a device of one axis with a cuff between its frame and the limb."""
     axis = device.description.axis()
     stiffness = 10.0 * axis.units["desired_torque_nm"] / axis.units["joint_angle_rad"]
     cuff = {"stiffness": stiffness, "damping": CUFF_SETTLING * stiffness}

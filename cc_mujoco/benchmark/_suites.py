@@ -1,4 +1,4 @@
-"""Suites: the devices that are played, in which conditions, with how many seeds.
+"""Suites: devices, conditions, and numbers of seeds.
 
 SUITES["v1"].conditions("wrist")
 SUITES["generic"].conditions("knee.xml")
@@ -55,9 +55,6 @@ def structure_conditions(scene: str) -> list[Condition]:
     """Return the conditions of a device with structure that its controller lacks.
 
     The first is the ordinary one, in which the model lacks nothing.
-
-    Raises:
-        CableError: As `generic_conditions`.
     """
     device = find_device(scene)
     model = DeviceModel(device.description, Plant(device).model())
@@ -82,11 +79,7 @@ def structure_conditions(scene: str) -> list[Condition]:
 
 
 def known_conditions(scene: str) -> list[Condition]:
-    """Return the conditions with an effect in the cable, unknown and known.
-
-    Raises:
-        CableError: As `generic_conditions`.
-    """
+    """Return the conditions with an effect in the cable, unknown and known."""
     found = structure_conditions(scene)
     pairs = [
         (one, named_condition(one, KNOWN + one.structure, known=True))
@@ -120,7 +113,6 @@ def _axis(scene: str) -> Axis:
 
 
 def _single_changes(plain: Condition) -> list[Condition]:
-    """Return the conditions that change one thing at a time."""
     joint = _axis(plain.scene).joint
     return [
         named_condition(plain, "delay-none", delay=(0, 0)),
@@ -155,16 +147,16 @@ class Suite:
     commands_angle: bool = False
     """True if the task is an angle of the joint, and none of a torque."""
     left_out: Mapping[str, str] = field(default_factory=dict)
-    """Devices that the suite cannot have any more, and the reason."""
+    """Devices that the suite can no longer have, and the reason."""
 
     @property
     def references(self) -> tuple[str, ...]:
-        """Return the references of its tables, all of which are of torque."""
+        """References of its tables, all of which are of torque."""
         return () if self.commands_angle else tuple(REFERENCES)
 
     @property
     def controllers(self) -> tuple[str, ...]:
-        """Return the names of all built-in controllers that it can play."""
+        """Names of all built-in controllers that it can play."""
         return tuple(POSITION_CONTROLLERS if self.commands_angle else CONTROLLERS)
 
     def conditions(self, scene: str) -> list[Condition]:
@@ -238,18 +230,16 @@ SUITES = {
         commands_angle=True,
     ),
 }
-"""A suite that has been published is never changed: a new one gets a new name."""
+"""Suites by name. A published one is never changed: a new one gets a new name."""
 
 
 def default_suite(scenes: Sequence[str]) -> str:
-    """Return the suite of devices for which none is named."""
     if scenes and all(map(_commands_angle, scenes)):
         return "position"
     return "generic" if any(map(is_device_file, scenes)) else "v1"
 
 
 def _commands_angle(scene: str) -> bool:
-    """Return whether the task of a known device commands an angle."""
     if scene not in SCENES and not is_device_file(scene):
         return False
     axes = find_device(scene).description.axes

@@ -35,12 +35,12 @@ class Interval(NamedTuple):
     mean: float
     half: float
     known: int = 0
-    """Values that it is of."""
+    """Number of finite values."""
     all: int = 0
-    """All values, those that are not numbers too."""
+    """Number of all values."""
 
     def __str__(self) -> str:
-        """Return mean and half width to significant digits; values, if some lack."""
+        """Return mean and half width to significant digits; counts if values lack."""
         if math.isnan(self.mean):
             return "-"
         if math.isnan(self.half) or self.half < 1e-9:
@@ -222,7 +222,6 @@ def times_table(results: Results) -> Cells:
 
 
 def _mean_score(results: Results, scene: str, law: str, name: str) -> float:
-    """Return the mean of a score of a controller on a device, without NaN."""
     values = [
         played.scores[name]
         for cell, played in results
@@ -234,7 +233,7 @@ def _mean_score(results: Results, scene: str, law: str, name: str) -> float:
 
 
 def _with_price(results: Results, scene: str, place: Place) -> str:
-    """Return an error with what it costs: chatter [mN m] and motor peak [N m]."""
+    """Return an error with its price: chatter [mN m] and motor peak [N m]."""
     chatter, peak = (
         _mean_score(results, scene, place.name, name)
         for name in ("chatter", "peak_motor_torque")
@@ -251,7 +250,6 @@ def plant_names(rms: Mapping[str, Mapping[str, Array]]) -> list[str]:
 
 
 def controller_label(law: str) -> str:
-    """Return the name of a controller as code, of a reference emphasised."""
     return f"*{law}*" if law in REFERENCES else f"`{law}`"
 
 

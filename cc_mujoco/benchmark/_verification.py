@@ -2,7 +2,7 @@
 
     verify("runs/benchmark/results.parquet", 5)
 
-The rows are drawn by the operating system: who wrote the file cannot know which.
+The operating system draws the rows: the writer of the file cannot know which.
 """
 
 from __future__ import annotations
@@ -33,20 +33,11 @@ def verify(
 ) -> str:
     """Play random rows of a file of results again, each with the others of its cell.
 
-    Computing times are not compared. Of every row of the file the normalised error is
-    computed anew from the RMS errors.
-
-    Args:
-        path: Of the file.
-        count: How many rows to draw.
-        allow: `MODULE:NAME` of controllers that the file may name.
-
-    Returns:
-        A sentence that says how much was compared.
-
-    Raises:
-        CableError: If the file was changed, was made by other code or on conditions
-            that this version does not have, or a row is not what a replay gives.
+    Return in a sentence how much was compared. Computing times are not compared. Of
+    every row of the file the normalised error is computed anew from the RMS errors.
+    `allow` names `MODULE:NAME` of controllers in the file. A file that was changed,
+    that other code made, with conditions that this version does not have, or with a row
+    that a replay does not give, is refused.
     """
     table, about = read_rows(path)
     if not 1 <= count <= len(table):
@@ -106,7 +97,6 @@ def _source(about: dict[str, Any], label: str) -> str:
 
 
 def _entries_equal(one: Any, other: Any) -> bool:
-    """Return whether two entries of a table are equal, NaN to NaN."""
     if isinstance(one, float) and np.isnan(one):
         return bool(np.isnan(other))
     return bool(np.all(np.asarray(one) == np.asarray(other)))
@@ -115,11 +105,7 @@ def _entries_equal(one: Any, other: Any) -> bool:
 def _conditions(
     path: str | os.PathLike[str], about: dict[str, Any]
 ) -> dict[str, Condition]:
-    """Return the conditions of a file by name.
-
-    Raises:
-        CableError: If this version has other ones.
-    """
+    """Return the conditions of a file by name; those of another version are refused."""
     suite = look_up("suite", about["suite"], SUITES)
     found = {}
     for name, text in about["conditions"].items():

@@ -5,7 +5,7 @@
     log["joint_torque_nm"]                      # (T,) [N m]
 
 `simulate` returns an `EpisodeLog`; `play` returns that of an environment with its
-wrappers. `run` is the one loop of an episode, of one device or of a `Batch`.
+wrappers. `run` is the loop of an episode, of one device or of a `Batch`.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""One controller for many devices at once, whose drives may differ."""
+"""Controller of many devices at once, whose drives may differ."""
 
 from __future__ import annotations
 
@@ -37,14 +37,13 @@ from cc_mujoco.device._sensors import (
 Array = NDArray[np.float64]
 
 PROBES = 32
-"""Observations that a probe consists of."""
+"""Observations of a probe."""
 
 
 class Unpowered(Controller):
     """Motors that give no torque."""
 
     def __init__(self, drive: Drive, axes: int = 1) -> None:
-        """Take the drive of the first axis, and the number of axes."""
         super().__init__(drive)
         self._axes = axes
 
@@ -52,7 +51,6 @@ class Unpowered(Controller):
         """Do nothing; see `Controller.reset`."""
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
-        """Return no torque [N m]; see `Controller.torque`."""
         if self._axes == 1:
             return 0.0
         shape = np.shape(next(iter(observation.values())))
@@ -60,22 +58,17 @@ class Unpowered(Controller):
 
 
 class BatchedController(Controller):
-    """One controller for many devices, whose drives may differ.
+    """Controller of many devices, whose drives may differ.
 
-    Controllers work on arrays; this gives one of them drives that are arrays too, if
-    for a probe it then does bit for bit what a controller for each drive does, and
-    otherwise keeps a controller for each.
+    Controllers work on arrays; this one gives a controller drives that are arrays too,
+    if for a probe it then equals a controller for each drive bit for bit, and otherwise
+    keeps a controller for each.
     """
 
     def __init__(
         self, name: str | Callable[[Drive], Any], drives: Sequence[Drive]
     ) -> None:
-        """Prepare for the first episode.
-
-        Args:
-            name: of the controller, or a function that makes it of a drive.
-            drives: one per device.
-        """
+        """Prepare for the first episode, with a drive for each device."""
         super().__init__(drives[0])
         self._name, self._drives = name, tuple(drives)
         self._same = all(drive == drives[0] for drive in drives)
@@ -90,7 +83,6 @@ class BatchedController(Controller):
             self._laws = self._controllers_per_device()
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
-        """Begin all anew; see `Controller.reset`."""
         for law in self._laws:
             law.reset()
 
@@ -145,8 +137,7 @@ def _each(laws: Sequence[Controller], observation: Mapping[str, Any]) -> Array:
 def _stacked(drives: Sequence[Drive]) -> Drive:
     """Return a drive whose fields are arrays over devices where they differ.
 
-    Raises:
-        CableError: the cables cannot be those of one drive, as their arms differ.
+    Cables with different arms cannot be those of one drive and are refused.
     """
     differing: dict[str, list[Any]] = {}
     for field in dataclasses.fields(Drive):
@@ -167,15 +158,11 @@ def _stacked(drives: Sequence[Drive]) -> Drive:
 
 
 class PlantsController(Controller):
-    """A controller for each of several plants, of one axis or of all."""
-
     def __init__(self, laws: Sequence[Controller]) -> None:
-        """Take one for each plant."""
         super().__init__(laws[0].drive)
         self._laws = tuple(laws)
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
-        """Reset those of all plants; see `Controller.reset`."""
         for law in self._laws:
             law.reset()
 
@@ -196,13 +183,8 @@ def batched_controller(
 ) -> Controller:
     """Make the controller of many devices, of one axis or several.
 
-    Args:
-        given: As of `control.axes_controller`.
-        drives: Of every axis of each device.
-        prefixes: Beginnings of the columns of each axis.
-
-    Raises:
-        CableError: As `control.axes_controller`.
+    `given` as in `control.axes_controller`; `drives` are those of every axis of each
+    device.
     """
     require_decoupling(given, len(prefixes))
     if sees_all_axes(given):
@@ -231,7 +213,7 @@ def batched_controller(
 
 
 def _arms(drives: Sequence[Drive]) -> list[Any]:
-    """Return what the coupling of a device's axes depends on."""
+    """Return everything that the coupling of a device's axes depends on."""
     return [
         (
             one.ratio,

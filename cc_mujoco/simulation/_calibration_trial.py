@@ -25,9 +25,9 @@ DURATION = 12.0
 BEYOND_REACH = 1.15
 """Largest swing over the reach of the device, as far as the stops leave room."""
 CALIBRATING = 30.0
-"""Gain of the feedback that leads the joint through the trial [1/s]."""
+"""Integral gain of the feedback that leads the joint through the trial [1/s]."""
 STOP_SHARE = 0.95
-"""Most of the way to a stop that is gone."""
+"""Largest share of the way to a stop."""
 
 
 def calibration_trials(
@@ -78,5 +78,5 @@ def calibration_trials(
 
 
 def _uncalibrated(drive: Drive) -> DistalFeedback:
-    """Return a controller that knows nothing of an earlier trial."""
+    """Return a controller without parameters of an earlier trial."""
     return DistalFeedback(dataclasses.replace(drive, hysteresis={}), gain=CALIBRATING)

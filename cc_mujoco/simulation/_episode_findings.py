@@ -1,4 +1,4 @@
-"""Sentences on what went wrong in an episode, for a user who plays one.
+"""Findings on an episode in sentences, for a user who plays one.
 
 for sentence in episode_findings(log, model, description, "pi"):
     print(f"warning: {sentence}")
@@ -21,26 +21,19 @@ from cc_mujoco.simulation._episode_log import EpisodeLog
 STABLE_CONTROLLER = "pi_tuned"
 """Controller whose gains follow from the device."""
 FALL_SHARE = 0.3
-"""Part of its height that a free body loses when it falls."""
+"""Relative loss of height by which a free body counts as fallen."""
 OFF_SHARE = 0.5
-"""Deviation of a joint from its motion, as a share of the reach, that is not it."""
+"""Deviation of a joint from its motion, as a share of the reach, that is a finding."""
 STOP_SHARE = 0.01
-"""Part of the range of a joint that is at its stop."""
+"""Part of the range of a joint that counts as its stop."""
 MIN_TIME_SHARE = 0.02
-"""Part of an episode for which something lasts that is worth a sentence."""
+"""Least part of an episode for which a state must last to be a finding."""
 
 
 def episode_findings(
     log: EpisodeLog, model: mujoco.MjModel, description: Description, controller: str
 ) -> Iterator[str]:
-    """Yield a sentence for everything that went wrong in an episode.
-
-    Args:
-        log: Of the episode.
-        model: Scene that was played.
-        description: Of the device.
-        controller: Name of the controller.
-    """
+    """Yield a sentence for every finding on an episode."""
     time = log["time_s"]
     for axis, (name, own) in zip(description.axes, log.each_axis(), strict=True):
         at = f" at joint {axis.limb!r}"

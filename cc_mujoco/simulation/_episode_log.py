@@ -1,7 +1,7 @@
-"""The episode log: what happened, sample by sample, with units.
+"""Episode log: columns of samples with units, the truth of an episode.
 
-One log feeds everything that is made of an episode: the Parquet file, the metrics,
-the figure and the Rerun recording.
+All results of an episode come from one log: the Parquet file, the metrics, the figure
+and the Rerun recording.
 
     recorder = Recorder(("flexor", "extensor"), {"scene": "wrist", "seed": 0})
     recorder.record(info)              # once per step; `info` as environments give it
@@ -99,7 +99,6 @@ class EpisodeLog:
         return log
 
     def __len__(self) -> int:
-        """Return the number of samples."""
         return self._rows
 
     def __getitem__(self, name: str) -> NDArray[Any]:
@@ -113,7 +112,6 @@ class EpisodeLog:
         return self._columns[name]
 
     def __eq__(self, other: object) -> bool:
-        """Compare samples bit for bit, and metadata."""
         if not isinstance(other, EpisodeLog):
             return NotImplemented
         return (
@@ -283,12 +281,10 @@ class _FileColumns(Mapping[str, NDArray[Any]]):
         return whole
 
     def rows(self, name: str, samples: NDArray[np.integer]) -> NDArray[Any]:
-        """Return some rows of a column; see `EpisodeLog.rows`."""
         groups = np.searchsorted(self._starts, samples, side="right") - 1
         return self._read(name, np.unique(groups), samples)
 
     def pieces(self, name: str) -> Iterator[NDArray[Any]]:
-        """Yield a column, one row group at a time."""
         for group in range(len(self._starts) - 1):
             yield self._read(name, np.array([group]), None)
 
@@ -352,11 +348,9 @@ class _KeptRows(Mapping[str, NDArray[Any]]):
         return found
 
     def rows(self, name: str, samples: NDArray[np.integer]) -> NDArray[Any]:
-        """Return some rows of a column; see `EpisodeLog.rows`."""
         return self._log.rows(name, self._kept[samples])
 
     def pieces(self, name: str) -> Iterator[NDArray[Any]]:
-        """Yield a column, at most `PIECE_ROWS` rows at a time."""
         for start in range(0, len(self._kept), PIECE_ROWS):
             yield self._log.rows(name, self._kept[start : start + PIECE_ROWS])
 
@@ -371,17 +365,7 @@ class LogFile:
         metadata: Mapping[str, Any],
         prefixes: Iterable[str] = ("",),
     ) -> None:
-        """Prepare; the file begins with the first samples.
-
-        Args:
-            path: File to write.
-            cables: Names of the cables whose columns every sample brings.
-            metadata: JSON-serializable description of the episode.
-            prefixes: Beginnings of the columns of each axis.
-
-        Raises:
-            CableError: If the metadata cannot be written as JSON.
-        """
+        """Prepare; the file begins with the first samples."""
         self._path, self._schema = path, columns_for(cables, prefixes)
         self._metadata = _to_json(metadata).encode()
         self._writer: Any = None
@@ -404,11 +388,7 @@ class LogFile:
             self._flush()
 
     def append(self, columns: Mapping[str, NDArray[Any]]) -> None:
-        """Write rows as one row group.
-
-        Args:
-            columns: By name, each (rows,) or (rows, width).
-        """
+        """Write rows (rows,) or (rows, width) by name as one row group."""
         import pyarrow as pa
         import pyarrow.parquet as pq
 
@@ -428,11 +408,6 @@ class LogFile:
         self._writer.write_table(table)
 
     def close(self) -> None:
-        """Write what is pending, and the end of the file.
-
-        Raises:
-            CableError: If nothing was recorded.
-        """
         if self._count:
             self._flush()
         if self._writer is None:
@@ -440,7 +415,6 @@ class LogFile:
         self._writer.close()
 
     def discard(self) -> None:
-        """Close the file as it is, so that it can be deleted."""
         if self._writer is not None:
             with suppress(OSError):  # a full disk was reported already
                 self._writer.close()
@@ -491,22 +465,18 @@ class AxisLog:
     """Log of one axis of several: its columns under plain names."""
 
     def __init__(self, whole: EpisodeLog, name: str) -> None:
-        """Take the log of the device and the name of the axis."""
         self._whole, self._prefix, self.name = whole, f"{name}.", name
         facts = whole.metadata.get(AXES, {}).get(name, {})
         self.metadata: dict[str, Any] = {**whole.metadata, **facts}
         self.cables = whole.cables
 
     def __len__(self) -> int:
-        """Return the number of samples."""
         return len(self._whole)
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        """Return one column of the axis, or of the device; see `EpisodeLog`."""
         return self._whole[self._own_name(name)]
 
     def pieces(self, name: str) -> Iterator[NDArray[Any]]:
-        """Yield the rows of a column in order; see `EpisodeLog.pieces`."""
         return self._whole.pieces(self._own_name(name))
 
     def _own_name(self, name: str) -> str:
@@ -524,12 +494,9 @@ class Recorder:
         metadata: Mapping[str, Any],
         prefixes: Iterable[str] = ("",),
     ) -> None:
-        """Prepare an empty log.
+        """Prepare an empty log with the columns of these cables and axes.
 
-        Args:
-            cables: Names of the cables whose columns every sample brings.
-            metadata: JSON-serializable description of the episode.
-            prefixes: Beginnings of the columns of each axis.
+        The metadata describe the episode and are JSON-serializable.
         """
         self.metadata = dict(metadata)
         self._schema = columns_for(cables, prefixes)

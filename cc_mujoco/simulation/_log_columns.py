@@ -1,6 +1,6 @@
 """Columns of an episode log: one table of names, units and meanings.
 
-All of it is the truth, not what a controller saw of it (`cc_mujoco.device._sensors`).
+They hold the truth, not the measurements of a controller (`cc_mujoco.device._sensors`).
 The dictionary that an environment returns as `info` has exactly these keys, so the
 table is the documentation of both.
 """
@@ -27,7 +27,6 @@ class LogColumn:
     """NumPy name of the element type."""
 
     def of(self, cable: str) -> LogColumn:
-        """Return this column for the cable of that name."""
         return replace(self, name=self.name.format(cable=cable))
 
 

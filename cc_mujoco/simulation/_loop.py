@@ -1,4 +1,4 @@
-"""The one loop of an episode, of one device or of many at once.
+"""Loop of an episode, of one device or of many at once.
 
     plant = Single(env, seed=0)
     trace = Trace(("joint_torque_nm",), plant.steps)
@@ -6,9 +6,9 @@
     trace.columns["joint_torque_nm"]                            # (steps + 1,)
 
 A plant gives columns, numbers or arrays over devices; the controller gets their
-measurements; observers get the columns and the torque; the plant advances.
-An episode that is recorded, cells of the benchmark, a batch of designs and a simulation
-of the thesis differ in their plants and observers.
+measurements; observers get the columns and the torque; the plant advances. Recorded
+episodes, cells of the benchmark and batches of designs differ in their plants and
+observers.
 """
 
 from __future__ import annotations
@@ -26,10 +26,11 @@ from cc_mujoco.control._user_controller import controller_errors
 from cc_mujoco.errors import CableError
 
 Columns = Mapping[str, Any]
-"""Columns of an episode log, as many as the plant has."""
+"""Columns of an episode log that the plant has."""
 
 Observer = Callable[[int, Columns, NDArray[np.float64]], object]
-"""Takes the control step, its columns and the torque that follows [N m]; may raise."""
+"""Function of the control step, its columns and the torque that follows [N m]; may
+raise."""
 
 
 class DrivenDevice(Protocol):
@@ -38,7 +39,7 @@ class DrivenDevice(Protocol):
     steps: int
     """Control steps in an episode."""
     prefixes: tuple[str, ...]
-    """Beginnings of the columns of each axis; one that is empty for a single one."""
+    """Column prefix of each axis; one that is empty for a single axis."""
 
     def start(self) -> Columns:
         """Begin the episode."""
@@ -65,10 +66,10 @@ def run(
     """Play an episode.
 
     Args:
-        plant: What is driven.
-        controller: What drives it; reset before.
+        plant: Device that is driven.
+        controller: Controller that drives it; reset before.
         observers: Called at every control step, from the start to the end.
-        measure: What the controller reads of the columns; all of them by default.
+        measure: Measurements of the controller by columns; all columns by default.
         name: Of the controller, for error messages; its own, or that of its class, by
             default.
         clock: Takes the computing time of the controller.
@@ -116,7 +117,6 @@ def missing_torque_error(name: str, time: float) -> str:
 
 
 def unstable(why: str) -> CableError:
-    """Return the error for a simulation that ended early."""
     return CableError(
         f"{why}; a softer cable, a softer wearer or a smaller time step is stable."
     )
@@ -125,14 +125,13 @@ def unstable(why: str) -> CableError:
 class ComputingTime:
     """Computing time of a controller, per control step.
 
-    Time of the processor in this thread, so that what else runs does not count. The
+    It is time of the processor in this thread, so that other work does not count. The
     first steps may have waited for a compiler; `WARMING` of them are left out.
     """
 
     WARMING = 10
 
     def __init__(self) -> None:
-        """Prepare for one episode."""
         self.spent: list[float] = []
         """Computing time of every control step, all devices together [s]."""
 
@@ -159,7 +158,7 @@ class Single:
         Args:
             env: One of this package's environments, wrapped or not.
             seed: Of the reset.
-            options: Of the reset: what the plant is, by name.
+            options: Of the reset: values of the plant, by name.
         """
         self._env, self._inner, self._seed = env, env.unwrapped, seed
         self._options = None if options is None else dict(options)
@@ -167,12 +166,10 @@ class Single:
         self.prefixes: tuple[str, ...] = self._inner.exo.device.prefixes
 
     def start(self) -> Columns:
-        """Reset; see `DrivenDevice.start`."""
         columns: Columns = self._env.reset(seed=self._seed, options=self._options)[1]
         return columns
 
     def advance(self, torque: NDArray[np.float64]) -> Columns:
-        """Step; see `DrivenDevice.advance`."""
         columns: Columns
         action = self._inner.action(torque)
         _, _, terminated, _, columns = self._env.step(action)
@@ -195,11 +192,11 @@ class Trace:
         Args:
             names: Of the columns.
             steps: Control steps of the episode.
-            going: Of many devices the mask of those to keep, as it is at each step.
+            going: Mask of the devices to keep at each step, of many.
         """
         self._names, self._steps, self._active_mask = tuple(names), steps, going
         self.columns: dict[str, NDArray[np.float64]] = {}
-        """Columns by name, (steps + 1, ...); NaN where there was nothing to keep."""
+        """Columns by name, (steps + 1, ...); NaN where nothing was kept."""
 
     def keep(self, step: int, columns: Columns, _: NDArray[np.float64]) -> None:
         """Keep the columns of a control step; an `Observer`."""

@@ -1,4 +1,4 @@
-"""Motion of the wearer in an episode, worked out before it begins."""
+"""Motion of the wearer in an episode, computed before it begins."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ time, sine and cosine of the phase."""
 
 
 PART_STEPS = 16_384
-"""Control steps of a script that are worked out at once."""
+"""Control steps of a script that are computed at once."""
 
 
 class ScriptPart(NamedTuple):
@@ -52,9 +52,9 @@ class ScriptPart(NamedTuple):
 
 
 class Script:
-    """The wearer's part in an episode of n control steps and m physics steps.
+    """Part of the wearer in an episode of n control steps and m physics steps.
 
-    A long one is worked out in parts when they are needed, and holds the last of them.
+    A long one is computed in parts on demand, and holds the last of them.
     """
 
     def __init__(
@@ -63,19 +63,15 @@ class Script:
         count: int,
         work_out: Callable[[int], ScriptPart],
     ) -> None:
-        """Take what is known before the episode.
+        """Prepare; `work_out` returns the part of a number below `count`.
 
-        Args:
-            angles: First angle of each joint that the wearer moves [rad].
-            count: Number of parts.
-            work_out: Returns the part of a number.
+        `angles` are the first angles of the joints that the wearer moves [rad].
         """
         self.angles = angles
         self.count, self._work_out = count, work_out
         self._latest: tuple[int, ScriptPart] | None = None
 
     def part(self, number: int) -> ScriptPart:
-        """Return the control steps from `PART_STEPS` times a number on."""
         latest = self._latest
         if latest is None or latest[0] != number:
             self._latest = latest = (number, self._work_out(number))
@@ -120,13 +116,8 @@ class Author:
     ) -> None:
         """Prepare; warn of a recorded motion or torque that ends before the episode.
 
-        Args:
-            device: Whose joints are moved.
-            sources: How the joint of each axis is moved; what is the same trajectory
-                is one motion.
-            tasks: What the wearer should feel at each axis.
-            steps: Control steps in an episode.
-            frame_skip: Physics steps in a control step.
+        The trajectory and the task are of each axis; sources that are the same
+        trajectory are one motion. A control step has `frame_skip` physics steps.
         """
         duration = steps * frame_skip * float(device.model.opt.timestep)
         for recorded in dict.fromkeys((*map(unperturbed, sources), *tasks)):
@@ -137,7 +128,7 @@ class Author:
             if isinstance(source, Walk) and source.joints
         )
         self.note = "; ".join(walks) + "." if walks else ""
-        """Sentence that says which joints of the device walk; empty by default."""
+        """Sentence on the joints of the device that walk; empty by default."""
         self._of_time = tuple(task.of_time for task in tasks)
         self._commanded = tuple(task.commands_angle for task in tasks)
         self._device = device
@@ -146,16 +137,12 @@ class Author:
         self.frame_skip = frame_skip
         self._single_script: Script | None = None
         self._wearers = device.wearers
-        """Wearers whose script that is."""
+        """Wearers of that script."""
 
     def write(self, rng: np.random.Generator) -> Script:
         """Write the script of an episode.
 
-        Args:
-            rng: Source of all that is random about it.
-
-        Raises:
-            CableError: If a joint would have to leave its range.
+        A motion in which a joint would leave its range is refused.
         """
         wearers = self._device.wearers
         if self._single_script is not None and wearers == self._wearers:
@@ -237,8 +224,7 @@ class Author:
     ) -> tuple[dict[str, Motion], list[Motion]]:
         """Return the motion of every joint that is moved, and that of every axis.
 
-        Args:
-            sampled: Motion of every source, or a part of it, by `id`.
+        `sampled` has the motion of every source, or a part of it, by `id`.
         """
         device = self._device
         moved: dict[str, Motion] = {}
@@ -304,7 +290,7 @@ def _warn_of_end(recorded: object, duration: float) -> None:
 
 
 def _warn_of_limit(joint: str, mover: Mover, low: float, high: float) -> None:
-    """Warn of a motion that the control of the wearer does not reach."""
+    """Warn of a motion beyond the range of the wearer's control."""
     aims = mover.scale * low + mover.offset, mover.scale * high + mover.offset
     if min(aims) < mover.low - 1e-6 or max(aims) > mover.high + 1e-6:
         warnings.warn(
@@ -326,7 +312,6 @@ def joint_range(model: mujoco.MjModel, name: str) -> tuple[float, float]:
 
 
 def _require_range(model: mujoco.MjModel, name: str, least: float, most: float) -> None:
-    """Refuse a motion that leaves the range of its joint."""
     low, high = joint_range(model, name)
     if least < low or most > high:
         raise CableError(
@@ -347,10 +332,8 @@ class Scripts:
     def __init__(self, author: Author, count: int, tasks: Sequence[Task]) -> None:
         """Prepare.
 
-        Args:
-            author: Writes the scripts.
-            count: Number of environments.
-            tasks: What the wearers should feel at each axis.
+        `author` writes the scripts of `count` environments; the tasks are those of each
+        axis.
         """
         self._author = author
         self._tasks = tuple(task if task.of_phase else None for task in tasks)
@@ -363,7 +346,6 @@ class Scripts:
         self._demands = [np.zeros((0, 0)) for _ in tasks]
 
     def write(self, environment: int, rng: np.random.Generator) -> Script:
-        """Write the script of the next episode of an environment."""
         script = self._author.write(rng)
         if script is self._shared:
             return script
@@ -397,7 +379,8 @@ class Scripts:
     def demands(self, steps: NDArray[np.intp]) -> list[Array | None]:
         """Return the torque of each axis' task in every environment there [N m].
 
-        None where it follows from more than the phase, else (environments,).
+        It is None where the torque depends on more than the phase, else
+        (environments,).
         """
         return [
             None if task is None else self._at(kept, steps)
@@ -407,9 +390,7 @@ class Scripts:
     def commands(self, steps: NDArray[np.intp]) -> Array:
         """Return the commands of every environment during the next control step.
 
-        Returns:
-            Commands, (environments, physics steps, joints); where the episode is over,
-            the last one.
+        They are (environments, physics steps, joints); after the episode, the last one.
         """
         skip = self._author.frame_skip
         places = steps[:, None] * skip + np.arange(skip)
@@ -438,7 +419,6 @@ class Scripts:
 
 
 def unperturbed(source: Trajectory) -> Trajectory:
-    """Return the trajectory inside perturbations."""
     while isinstance(source, Disturbed):
         source = source.base
     return source

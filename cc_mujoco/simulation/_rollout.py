@@ -60,15 +60,9 @@ class Episode:
     """At the only driven joint, or by joint; that of the models by default."""
 
     def device(self, model: mujoco.MjModel) -> DeviceModel:
-        """Return the device on a model."""
         return DeviceModel(self.description, model, self.wearer)
 
     def exo(self, model: mujoco.MjModel) -> WornDevice:
-        """Device, wearer, trajectory and task on a model.
-
-        Raises:
-            CableError: the episode cannot be played.
-        """
         return WornDevice(
             self.description,
             model,
@@ -102,11 +96,7 @@ class Rollout:
 
 
 def attended(plant: Plant) -> mujoco.MjModel:
-    """Compile the bare model of a plant that may be played inside MuJoCo's steps.
-
-    Raises:
-        CableError: the plant cannot be compiled.
-    """
+    """Compile the bare model of a plant that may be played inside MuJoCo's steps."""
     spec = plant.spec()
     with _ONE:  # two threads would register the plugin twice
         attend(spec)  # at last, as a copy loses what no element refers to
@@ -119,16 +109,9 @@ def play(
     threads: int = 1,
     tick: Callable[[float], object] = lambda share: None,
 ) -> Rollout:
-    """Play an episode on each of several models of equal layout.
+    """Play an episode on each of several models of equal layout, one per design.
 
-    Args:
-        episode: what to play.
-        models: one per design.
-        threads: that simulate.
-        tick: called now and then.
-
-    Raises:
-        CableError: the episode itself cannot be played.
+    `tick` is called now and then with the share that is done.
     """
     exo = episode.exo(models[0])
     devices = [exo.device, *(episode.device(model) for model in models[1:])]
@@ -175,7 +158,7 @@ def play(
 
 
 def _scripted(script: Script, exo: WornDevice, count: int) -> dict[str, Array]:
-    """Columns that are the same for all designs, (n, T)."""
+    """Return the columns that are the same for all designs, (n, T)."""
     shape = (count, exo.steps + 1)
     time = np.arange(exo.steps + 1) * exo.period
     columns = {"time_s": np.broadcast_to(time, shape)}

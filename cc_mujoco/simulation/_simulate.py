@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from cc_mujoco.simulation._worn_device import TaskChoice, WornDevice
 
 Law = str | Controller | Callable[..., Any] | Mapping[str, Any]
-"""Name of a controller, a controller, a function that makes one of a drive, or any but
+"""Name of a controller, a controller, a function that makes one for a drive, or any but
 the second by the name of an axis."""
 
 
@@ -200,7 +200,7 @@ def simulate(
 
 
 def _plants(given: Any) -> list[Plant]:
-    """Return the plants that are given, one for each name."""
+    """Return the given plants, one for each name."""
     from cc_mujoco.device import Nominal, Plant
 
     single = (str, Path, Nominal)
@@ -235,7 +235,6 @@ def _plants(given: Any) -> list[Plant]:
 
 
 def _seeds(given: Any, count: int) -> list[int]:
-    """Return a seed for each of several plants."""
     single = isinstance(given, (int, np.integer))
     seeds = [given] * count if single else list(np.atleast_1d(given))
     whole = all(isinstance(one, (int, np.integer)) and one >= 0 for one in seeds)
@@ -253,7 +252,6 @@ def _law(
     prefixes: Sequence[str],
     alone: bool,
 ) -> Controller:
-    """Return the controller of a plant, or of several."""
     from cc_mujoco.simulation._batched_controller import batched_controller
 
     if isinstance(given, Controller):
@@ -275,7 +273,6 @@ def _law(
 
 
 def task_label(device: Description, given: Any) -> str:
-    """Return the name of a task for the metadata, of several axes with their names."""
     if given is not None and not isinstance(given, Mapping):
         return _label(given)
     own = {axis.name: axis.task for axis in device.axes} | dict(given or {})
@@ -285,7 +282,6 @@ def task_label(device: Description, given: Any) -> str:
 
 
 def _label(given: Any) -> str:
-    """Return the name of a trajectory, a task or a controller for the metadata."""
     if isinstance(given, (str, Path)):
         return str(given)
     if isinstance(given, Controller):
@@ -360,13 +356,7 @@ def describe(
 ) -> dict[str, Any]:
     """Return the metadata of the log of an episode.
 
-    Args:
-        exo: Device, wearer, trajectory and task.
-        device: The device.
-        plant: The device with its values.
-        sensing: What the controller saw with.
-        seed: Of the episode.
-        about: Further metadata.
+    `sensing` are the sensors of the controller, `about` further metadata.
     """
     from cc_mujoco.device import Device
 

@@ -28,10 +28,10 @@ from cc_mujoco.warp import attach, without_plugin
 from cc_mujoco.warp._kernels import write_rows
 
 _STARTED = ("qpos", "qvel", "act", "qacc_warmstart")
-"""Fields that an episode starts with; others follow from them or are 0."""
+"""Initial fields of an episode; others follow from them or are 0."""
 
 _ACTUATORS = ("actuator_gainprm", "actuator_biasprm")
-"""Fields of a model that say how a wearer moves a joint."""
+"""Fields of a model that define how a wearer moves a joint."""
 
 
 class WarpWorlds:
@@ -47,15 +47,9 @@ class WarpWorlds:
     """
 
     def __init__(self, exo: WornDevice, count: int, device: Device) -> None:
-        """Make the worlds; `start` every one before it is advanced.
+        """Make n worlds; `start` every one before it is advanced.
 
-        Args:
-            exo: Device, trajectory and task.
-            count: Number of simulations, n.
-            device: Its scene.
-
-        Raises:
-            CableError: The scene has something that mujoco_warp or its cables lack.
+        A scene with parts that mujoco_warp or its cables lack is refused.
         """
         spec, self._device = bare_model(device), exo.device
         model = self._device.model
@@ -85,7 +79,7 @@ class WarpWorlds:
             field = getattr(self.model, name)
             setattr(self.model, name, wp.array(value, dtype=field.dtype))
         self._plants: dict[int, Plant] = {}
-        """Plants that the worlds have not been given yet."""
+        """Plants that are not written to the worlds yet."""
         self._mj_data = mujoco.MjData(model)
         neutral = mujoco.MjData(model)
         mujoco.mj_forward(model, neutral)
@@ -113,14 +107,12 @@ class WarpWorlds:
         return self._warned.copy()
 
     def clear(self, rows: NDArray[np.intp]) -> None:
-        """Forget the past of some simulations; see `Worlds`."""
         self._warned[rows] = False
 
     def vary(self, row: int, plant: Plant) -> None:
         """Give a simulation a plant; see `Worlds`.
 
-        Raises:
-            CableError: The plant has a term of friction that was not compiled.
+        A plant with a term of friction that was not compiled is refused.
         """
         for name, cable in plant.cables.items():
             for term in cable.terms.keys() - self.cables.terms:
@@ -134,7 +126,6 @@ class WarpWorlds:
             value[row, ~self._cabled] = own[~self._cabled]
 
     def start(self, row: int, device: DeviceModel, script: Script) -> None:
-        """Bring a simulation to the start of an episode; see `Worlds`."""
         data = self._mj_data
         device.start(data, script.angles, script.part(0).commands[0])
         for name, value in self._begun.items():
@@ -145,7 +136,6 @@ class WarpWorlds:
             field[row] = own
 
     def advance(self, share: Any, scale: Any, commands: Array, going: Mask) -> None:
-        """Advance some simulations by a sample; see `Worlds`."""
         with wp.ScopedDevice(self.data.time.device):
             self._advance(share, scale, commands, going)
 
@@ -176,7 +166,6 @@ class WarpWorlds:
         wp.capture_launch(self._graph)
 
     def _step_sample(self) -> None:
-        """Launch the kernels of the physics steps of a sample."""
         for step in range(self._skip):
             wp.copy(self.data.ctrl, self._controls[step])
             mjw.step(self.model, self.data)
@@ -187,7 +176,7 @@ class WarpWorlds:
         return getattr(self.data, name).numpy()
 
     def _give_plants(self) -> None:
-        """Write cables and impedances of the plants that are new."""
+        """Write cables and impedances of the new plants."""
         for name in self.cables.names:
             own = {row: plant.cables[name] for row, plant in self._plants.items()}
             self.cables.assign(name, own)
@@ -196,12 +185,12 @@ class WarpWorlds:
         self._plants.clear()
 
     def _reset(self, mask: Mask) -> None:
-        """Let all of some worlds be as at first; the others keep their bits."""
+        """Reset some worlds; the others keep their bits."""
         mjw.reset_data(self.model, self.data, wp.array(mask, dtype=bool))
         self.cables.reset(mask)
 
     def _notice(self, going: Mask) -> None:
-        """Note what diverged; leave it in the pose `qpos0`, as MuJoCo does."""
+        """Note diverged worlds; leave them in the pose `qpos0`, as MuJoCo does."""
         largest = [
             np.abs(getattr(self.data, name).numpy()).max(axis=1, initial=0.0)
             for name in ("qpos", "qvel", "qacc")
@@ -227,7 +216,7 @@ class WarpWorlds:
 
 
 def _refusal(device: Device, error: Exception) -> CableError:
-    """Return that a device has what mujoco_warp or its cables lack."""
+    """Return the error that a device has parts that mujoco_warp or its cables lack."""
     return CableError(
         f"device {device.name!r} cannot be simulated with backend='warp': "
         f"{str(error).rstrip('.')}."
@@ -235,7 +224,6 @@ def _refusal(device: Device, error: Exception) -> CableError:
 
 
 def _cable_actuators(spec: mujoco.MjSpec) -> Mask:
-    """Return the mask of the actuators that are ends of cables."""
     names = [actuator.plugin.plugin_name for actuator in spec.actuators]
     return np.array([name == PLUGIN for name in names], dtype=np.bool_)
 

@@ -151,7 +151,7 @@ class BenchmarkPlan:
         for condition in self.played():
             for name in self.players():
                 cell = Cell(condition, name, seeds, key=self.key)
-                # What is named twice is played once.
+                # Names that are given twice are played once.
                 other = found.setdefault(cell.name, cell)
                 if other != cell:
                     raise CableError(

@@ -143,7 +143,8 @@ def fit_cable(trial: HysteresisTrial, drive: Drive) -> CableParameters:
         found = course_of(drive.cables, parameters(logs), joint)
         return np.asarray(weights * (found - motor))
 
-    # Without friction slope - 1 is the spring over the cables.
+    # Without friction, slope - 1 is the stiffness of the spring over that of the
+    # cables.
     slope = np.polyfit(joint, motor, 1, w=weights)[0]
     start = np.log([1.0, 1.0, min(max(slope - 1.0, 0.02), 5.0)])
     found = least_squares(residual, start, diff_step=1e-3, xtol=1e-4, ftol=1e-5)

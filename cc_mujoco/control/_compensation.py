@@ -44,7 +44,7 @@ def _friction(
     """
     values, length = at.scalars(prm), at.contact_length(prm, n)[j]
     if prm[at.CONSTANT_COULOMB] != 0.0:
-        # What else would be taken for every segment anew: exponentials.
+        # Exponentials that would otherwise be computed for every segment.
         growth = at.constant_growth(prm, n)[j]
         constant_drag = law.drag(values, length, growth, j, n)
         return growth, constant_drag, at.constant_hold(prm, n)[j]

@@ -197,7 +197,7 @@ def closed_loop_torque(
     limited = guard.limited(gains, torque)
     if abs(limited) > most:
         limited = math.copysign(most, limited)
-    # Beyond a limit, and the error would push further.
+    # At a limit, with an error that would push beyond.
     if not (torque - limited) * (error / ratio) > 0.0:
         memory[INTEGRAL_TORQUE] = following
     return limited
@@ -371,7 +371,7 @@ def stiction(
         return _let_go(gains, spring, memory, seen)
     error = seen[DESIRED] - seen[TORQUE]
     motion = spring[guard.STIFFNESS] * gains[_PREVIEW] * seen[JOINT_VELOCITY]
-    # Positive at the motor is what winds towards a positive ratio.
+    # Positive at the motor is winding towards a positive ratio.
     wanted = math.copysign(1.0, gains[_RATIO]) * (error + motion)
     sense = memory[MOTOR_DIRECTION]
     turns = wanted * (np.sign(wanted) if sense == 0.0 else -sense)
@@ -390,5 +390,5 @@ def stiction(
         scratch,
     )
     feedforward -= _damping_torque(gains, spring, seen)
-    # Where the sense has just turned, what is fed forward answers the error.
+    # Where the direction has just changed, the feed-forward corrects the error.
     return _driven(gains, spring, memory, feedforward, 0.0 if turned else error)

@@ -251,7 +251,7 @@ def own_torques(
         aim[tables.own[i]] += desired[i]
         total[tables.own[i]] += measured[i]
     distribute(ratios, aim, tables.scales, tables.least, work, motor)
-    # What the joint feels in all is guarded here; each law guards its own cable.
+    # The total torque of the joint is guarded here; each law guards its own cable.
     for i in range(count):
         torque = min(motor[i], tables.most[i])
         for joint in range(joints):

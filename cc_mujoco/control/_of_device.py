@@ -1,7 +1,7 @@
 """Controllers of whole devices, by a drive or by a device.
 
-law = controller("lqg", "wrist") law = controller("predictive", Plant("ankle",
-{"friction": 0.2}))
+law = controller("lqg", "wrist")
+law = controller("predictive", Plant("ankle", {"friction": 0.2}))
 """
 
 from __future__ import annotations

@@ -308,14 +308,14 @@ def _follow(
     made, size = stepper.torque(cables, new, True, motor)
     taut = size > 0.0
     if cables.n.size == 1:
-        # By the bias of its sensor a cable would be paid out without an end.
+        # By the bias of its sensor a cable would be paid out without end.
         taut = abs(made) > tune[NOISE]
     if taut or abs(memory[FILTERED_TORQUE]) > tune[NOISE]:
         error = memory[MODEL_ERROR + hypothesis]
         off = torque - made
         share = tune[PERIOD] / _MODEL_MEMORY
         memory[MODEL_ERROR + hypothesis] += share * (off * off - error)
-        # What the cables did is known better than the last bit of a sensor.
+        # The motion of the cables is known better than the last bit of a sensor.
         made += tune[BELIEF] * off
         if cables.n.size == 1 and made * cables.distal[0] > 0.0:
             made = 0.0  # noise may push, a cable cannot

@@ -367,11 +367,11 @@ def motor_torque(
     ahead = velocity - tune[RATIO] * memory[JOINT + 1] / dt
     planned = read[guard.DESIRED]
     if guard.state(limits, spring, watched, ahead, planned) != guard.FREE:
-        # What is predicted from a sensor that fails would drive the motor.
+        # Predictions from a failed sensor would drive the motor.
         ahead = read[guard.MOTOR_SPEED] - tune[RATIO] * read[guard.JOINT_SPEED]
         torque = guard.let_go_torque(watched, _damping(tune, delay), ahead)
     if not abs(torque) < np.inf:
-        # Readings that contradict each other by far took the models beyond numbers.
+        # Readings that contradict each other by far made the models diverge.
         guard.stop(watched, guard.LIMP)
         torque = 0.0
     torque = guard.bounded(limits, spring, watched, torque)

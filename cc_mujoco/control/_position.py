@@ -129,7 +129,7 @@ class PositionController(Controller):
         asked_rate = (wanted - before) / period
         most = self._acceleration * period
         rate = np.clip(asked_rate, rate - most, rate + most)
-        # What is too quick is left, and dies away without overshoot.
+        # The part that is too fast remains, and decays without overshoot.
         left = left + (asked_rate - rate) * period
         kept, turn = math.exp(-omega * period), omega * period
         left, leaving = (

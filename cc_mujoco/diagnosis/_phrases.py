@@ -141,7 +141,7 @@ def format_share(value: float) -> str:
     """Return a fraction in percent, or `not determined` if it is not finite."""
     if not math.isfinite(value):
         return "not determined"
-    # 99.7 % must not become all of it.
+    # 99.7 % must not become 100 %.
     digits = 1 if 0.99 <= value < 1.0 else 0
     return f"{_with_true_minus(f'{100 * value:.{digits}f}')} %"
 

@@ -147,9 +147,10 @@ class Limit:
     max_drift = 0.02  # drifts searched [s/s], and their steps over a trial [s]
     drift_resolution = 0.01
     relevant_drift = 0.03  # change of the delay over a trial that matters [s]
-    # Correlation of lead and torque from which on it is no accident
+    # Least significant correlation of lead and torque
     min_lead_correlation = 0.6
-    # Time over which rates are averaged, so that noise of the lead is not all [s]
+    # Time over which rates are averaged, so that noise of the lead does not dominate
+    # [s]
     rate_window = 0.05
     # Rise of ln(1 / (1 - R²)) of all trials by a delay that makes it certain
     min_late_gain = 0.1
@@ -183,8 +184,8 @@ class Limit:
     min_change = 0.1  # Least change, over that, along which they can be seen to change
     # Share of a change's square that they may miss beyond that before they are retaken
     max_missed_share = 0.3
-    # Most of a fit: where the baseline ran away to make up for what is missing, the way
-    # back along a flat valley takes twenty
+    # Most evaluations of a fit: where the baseline moved far to make up for a missing
+    # effect, the way back along a flat valley takes twenty
     fitting_max_evaluations = 30
     relative_tolerance = 1e-3  # Share of the cost by which a fit goes on
     # Most fits of a corrected coarse simulation in place of one of a fine one
@@ -200,24 +201,25 @@ class Limit:
     # Deviation in units of priors from which on the data say less than was known
     undetermined_deviation = 1.0
     new = 1e-3  # Part of a signature's length below which nothing of it is left
-    # Trials from which on they tell how much they disagree; of fewer their pieces do
+    # Least number of trials that show their disagreement; of fewer their pieces do
     least = 3
-    # Share of a variance that a part has to take off to tell of a parameter
+    # Least reduction of a variance by a part that informs a parameter, relative
     tells = 1e-9
     noise_draws = 6  # Simulations with resampled angles
     smoothing_time = 0.04  # Time over which the scatter is taken together [s]
     min_floor_share = 1e-3  # Least floor, over the RMS of the channel
     # Band of the movements that are put back, over that of the angles that are played
     slow = 1.0 / 6.0
-    # Share of them: some of what is slow is noise, and most of it where readings are
-    # rounded. On rigs without effects this makes the floor what readings are off by
+    # Share of them: some slow movements are noise, and most of them where readings are
+    # rounded. On rigs without effects this makes the floor equal to the error of
+    # readings
     put_back = 0.5
     # Band of the likely motion where the angle is well under way, the same
     smooth = 1.0 / 5.0
     pace = 4.0  # Way within `window` from which an angle is under way, over the play
     window = 0.05  # [s]
-    # Time all of which an angle has to be under way; where it rests, smoothing would
-    # make it set out early, which a cable that sticks would feel [s]
+    # Time for which an angle has to move throughout; where it rests, smoothing would
+    # start it early, to which a sticking cable would respond [s]
     clear = 0.2
     # Least shared size over the standard error on an occasion that could show it
     visible_ratio = 3.0
@@ -315,15 +317,15 @@ class Limit:
     outlier_floor_ratio = 3.0  # Error of a trial that stands out, over the noise floor
     max_suspects = 2  # Trials that are left out in turn, the worst first
     # Error that such a trial may keep with a constant of its own, over that of the
-    # rest: what a constant does not mend is in the model, and shows most where most
-    # moves
+    # rest: an error that no constant mends is one of the model, and is largest where
+    # the motion is largest
     max_remaining_ratio = 1.25
     # Share of its error that a trial keeps at most whose torques were exchanged
     max_exchanged_share = 0.2
     # Angles around the joint's axis that are tried before the best is refined
     tilt_grid_points = 8
-    # Share of its error by the tuned scene that a trial keeps which contradicts the
-    # rest; of a large effect every model leaves something, most where it shows most
+    # Share of its error by the tuned scene that a contradicting trial keeps; every
+    # model leaves a part of a large effect, most where it shows most
     min_remaining_share = 0.3
 
     # Search.
@@ -339,18 +341,18 @@ class Limit:
     # Least predicted reduction of a candidate, relative to the acceptance threshold
     min_predicted_share = 0.3
     max_effects = 4  # Most effects that are added
-    # Change of the torques, over them, up to which what an effect changes is the same
+    # Relative change of the torques up to which the changes by an effect are the same
     max_model_change = 0.1
     max_models = 3  # Models of which the changes of a record are kept, those used last
     # Part of a signature's square below which nothing of it is left
     min_square_share = 1e-9
     min_split_trials = 4  # Trials that can be parted
     agreement_share = 0.9  # Share of the parts that must name what is called missing
-    # Share of the parts from which on what they name in its place is tied with it
+    # Least share of the parts whose effect in its place is tied with it
     tie_share = 0.5
     # Share of the squared gap below which an effect may only mend the form of another
     max_refinement_share = 0.1
-    # RMS error of its own over the floor from which on it is a finding even so
+    # RMS error of its own over the floor from which on it is a finding all the same
     finding_error = 5.0
 
     # Verdict.
@@ -483,7 +485,7 @@ class Limit:
     legend_share = 0.12  # Room for it, before the curves, over the time that they take
     # Share of the squared error beyond noise that the worst trials make together
     concentrated_share = 0.5
-    # Share of the error from which on an effect would do by itself
+    # Least share of the error of an effect that suffices by itself
     sufficient_share = 0.8
 
     # Repaired scene.

@@ -238,14 +238,14 @@ def period_differences(trial: Trial) -> Iterator[Pair]:
         if length is None:
             continue
         row = np.arange(part.stop - part.start)
-        # The first period holds what is left of the start.
+        # The first period contains the transient of the start.
         now = row[math.ceil(2.0 * length) :]
         pair = {
             name: values[now] - np.interp(now - length, row, values)
             for name in trial.channels
             for values in [trial.channel(name)[part]]
         }
-        # A swing that grows is in step with itself, yet it is another motion.
+        # A growing swing correlates with itself, yet it is another motion.
         if np.std(pair[MOTOR_ANGLE]) < Limit.period_tolerance * np.std(
             trial.motor_angle[part]
         ):

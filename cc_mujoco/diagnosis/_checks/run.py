@@ -328,7 +328,7 @@ def _check_clipping(recording: Recording) -> list[DataFinding]:
             continue
         same = np.diff(values) == 0.0
         highest, lowest = np.nanmax(values), np.nanmin(values)
-        # What is cut off on both sides repeats there for the same reason.
+        # Readings that are clipped on both sides repeat there for the same reason.
         outermost = (values == highest) | (values == lowest)
         elsewhere = ~(outermost[1:] & outermost[:-1])
         usual = float(same[elsewhere].mean()) if elsewhere.any() else 1.0
@@ -392,7 +392,8 @@ def _check_turnovers(recording: Recording) -> list[DataFinding]:
         steps = np.abs(np.diff(recording.values[channel]))
         steps = steps[np.isfinite(steps)]
         jumps = int(np.sum(np.abs(steps - 2.0 * math.pi) < Limit.max_angle_step))
-        # Who turns as far in one sample as in the next is fast, or counts in turns.
+        # A motor that turns as far in one sample as in the next is fast, or counts in
+        # turns.
         if not jumps or np.quantile(steps, 0.9) > Limit.max_angle_step:
             continue
         message = (

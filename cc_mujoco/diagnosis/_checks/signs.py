@@ -287,7 +287,8 @@ def check_signs(group: Group) -> list[DataFinding]:
     if follows < 0.0:
         certain = True
     elif made:
-        # A torque sensor of wrong gain makes a little power; only a sign makes much.
+        # A wrong gain of a torque sensor makes a little power; only a wrong sign makes
+        # much.
         net = abs(m.motor_work) + abs(m.joint_work)
         certain = asks < 0.0 or -friction > max(
             Limit.large_generated_share * m.scale, Limit.clear_work_share * net

@@ -162,7 +162,7 @@ def _delay_and_drift(
         lags = np.arange(width)[None, :] + shift
         inside = (lags >= 0) & (lags < width)
         values = np.where(inside, matches[row, np.clip(lags, 0, width - 1)], 0.0)
-        # What is nearer to no delay and no drift wins, unless another is better.
+        # The peak nearest to no delay and no drift wins, unless another is better.
         total = values.mean(axis=0) - _DISTANCE_PENALTY * far
         k = int(np.argmax(total))
         value = float(total[k]) - _DISTANCE_PENALTY * abs(drift) / max(most, 1e-300)

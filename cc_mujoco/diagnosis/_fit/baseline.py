@@ -322,8 +322,9 @@ class Holdout:
         problem = baseline_fit.problem
         records = problem.plant.records
         self._problem, self._x, self._seed = problem, baseline_fit.whole.x, seed
-        # Whole trials. An effect that a single trial shows, say the only one at low
-        # pretension, is not to be had from the others: then it is stretches of all.
+        # Whole trials. If a single trial shows an effect, say the only one at low
+        # pretension, the others cannot determine it: then stretches of all trials are
+        # held out.
         self._divisions = trial_folds(records), interleaved_folds(records)
         self._before: dict[int, tuple[FloatArray, ...]] = {}
 

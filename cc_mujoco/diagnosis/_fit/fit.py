@@ -81,7 +81,7 @@ def fit_scene(
     if useless := _excitation_problem(records):
         return _refused(bench, useless)
     plant = plant_of(dataset, start.bench, records, start.given)
-    # Without a pretension a scene foretells nothing.
+    # Without a pretension a scene predicts nothing.
     given = bench if bench.cables[0].pretension > 0.0 else start.bench
     if wrong := unit_or_sign_error(replace(plant, bench=given), plant, start.values):
         return _refused(bench, wrong)

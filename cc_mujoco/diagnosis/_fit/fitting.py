@@ -259,7 +259,7 @@ def _need_replays(
 
 
 def _step(parameter: Tuned, place: float) -> float:
-    """Change of a parameter over which torques are differenced, within its bounds."""
+    """Return the change for differences of torques, within the parameter's bounds."""
     step = _PARAMETER_STEPS.get(
         base_name(parameter.name), FACTOR_STEP if parameter.factor else 0.05
     )
@@ -267,7 +267,7 @@ def _step(parameter: Tuned, place: float) -> float:
 
 
 def _valid_change(parameter: Tuned) -> float:
-    """Change over which the derivatives hold."""
+    """Return the change over which the derivatives hold."""
     return (
         min(Limit.valid_log_change / parameter.scale, 3.0)
         if parameter.factor
@@ -302,9 +302,9 @@ def tuned_effect_parameter(
 
 
 def _inset_bounds(tuned: Tuned) -> Tuned:
-    """Return the same with bounds at which no rounding takes the value beyond its own.
+    """Return a parameter with bounds at which no rounding leaves its own.
 
-    What a parameter of a cable may be ends there, and a fit ends at its bounds.
+    The valid range of a cable parameter ends there, and a fit may end at its bounds.
     """
     low, high = tuned.parameter.low, tuned.parameter.high
     while tuned.value(tuned.low) < low:
@@ -352,10 +352,11 @@ class Problem:
     )
 
     def with_inflated_noise(self, x: FloatArray, masks: Masks) -> Problem:
-        """Return the same with its floor raised to where usual errors are not wild.
+        """Return the problem with a floor at which usual errors are not outliers.
 
-        Where the sensors are much better than the model, nearly every error would be
-        Huber residuals, and fits follow the many small ones only.
+        Where the sensors are much better than the model, Huber's loss would treat
+        nearly every error as an outlier, and fits would follow the many small ones
+        only.
         """
         kept = [
             np.abs(error[:, mask]).ravel()
@@ -369,19 +370,20 @@ class Problem:
         )
 
     def with_updated_floor(self, x: FloatArray, masks: Masks) -> Problem:
-        """Return the same with floor and weight by the errors of this model.
+        """Return the problem with floor and weight by the errors of this model.
 
-        Those of the baseline are large where an effect is missing: by its floor
-        numerical errors look harmless, and by its weight the data say next to nothing.
+        Errors of the baseline are large where an effect is missing: by its floor
+        numerical errors look harmless, and by its weight the data have next to no
+        influence.
         """
         problem = self.with_inflated_noise(x, masks)
         return replace(problem, weight=independence_weight(problem.errors(x), masks))
 
     def simulated_by(self, plant: SimulatedRig) -> Problem:
-        """Return the same problem with another plant of the same records.
+        """Return the problem with another plant of the same records.
 
-        It begins with the derivatives of this one, which hardly depend on how finely
-        the rig is simulated.
+        It begins with the derivatives of this one, which hardly depend on the
+        resolution of the simulation.
         """
         return replace(self, plant=plant, slopes=TorqueDerivatives(self.slopes))
 
@@ -445,7 +447,7 @@ class Problem:
         return {**self.forms, **fitted}
 
     def place(self, values: Mapping[str, float]) -> FloatArray:
-        """Return the place of the fit of these values, and of the start elsewhere."""
+        """Return the place of the fit of these values, the start for all others."""
         return np.array(
             [
                 parameter.place(values.get(parameter.name, parameter.start))
@@ -454,7 +456,7 @@ class Problem:
         )
 
     def with_effect(self, name: str, start: dict[str, float]) -> Problem:
-        """Return the same with an effect more, its shape and form from `start`."""
+        """Return the problem with one more effect, its shape and form from `start`."""
         key = form_key(name)
         more = tuple(
             tuned_effect_parameter(
@@ -481,7 +483,7 @@ class Problem:
         return np.concatenate([x, new])
 
     def without(self, name: str) -> Problem:
-        """Return the same without an effect."""
+        """Return the problem without an effect."""
         effect = self.plant.library.effects[name]
         gone = {parameter.name for parameter in effect.parameters}
         return replace(
@@ -510,9 +512,7 @@ class Problem:
     ) -> list[FloatArray]:
         """Return measured minus simulated over the floor, (2, samples) per record.
 
-        Args:
-            x: place of the parameters.
-            only: indices of the records that are wanted; default all.
+        `only` has the indices of wanted records; default all.
         """
         chosen = range(len(self.floor)) if only is None else only
         return [
@@ -549,7 +549,7 @@ class Problem:
 def huber_residual(error: FloatArray) -> FloatArray:
     """Return the errors whose squares grow linearly beyond `Limit.huber_delta` (Huber).
 
-    A few large ones must not rule the fit.
+    A few large errors must not dominate the fit.
     """
     size = np.abs(error)
     root = np.sqrt(
@@ -638,7 +638,7 @@ def _descend_coarsely(
     evaluations: int,
     tolerance: float = Limit.relative_tolerance,
 ) -> Fit:
-    """Fit `Problem.corrected` until its end is none for the fine simulation."""
+    """Fit `Problem.corrected` until the fine simulation confirms its end."""
     low, high = (
         np.array([getattr(p, side) for p in problem.tuned]) for side in ("low", "high")
     )
@@ -662,7 +662,7 @@ def _cost(problem: Problem, x: FloatArray, masks: Masks) -> float:
 
 
 def fit_until_settled(problem: Problem, start: FloatArray, masks: Masks) -> Fit:
-    """Fit the same, to an end that errors decide and not where the fit gave up.
+    """Fit until the errors, not a limit of evaluations, determine the end.
 
     Along a flat valley (friction against pretension, where no trial goes slack) a
     thousandth of the cost is standard deviations away from the least.

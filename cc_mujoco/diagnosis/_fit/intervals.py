@@ -77,7 +77,7 @@ def fit_covariance(problem: Problem, x: FloatArray, masks: Masks) -> Spread:
     fresh = replace(problem, slopes=TorqueDerivatives())
     slopes = jacobian(fresh, x, masks)
     residual = fresh.residual(x, masks)
-    # The weights of the errors already count what is independent.
+    # The weights of the errors already count independent samples only.
     noise = covariance(slopes)
     moved = disagreement(slopes, residual, parts_of(problem.plant.records, masks))
     beyond = np.sqrt(np.maximum(moved.factor - 1.0, 0.0))

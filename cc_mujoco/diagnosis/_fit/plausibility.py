@@ -63,9 +63,9 @@ def doubtful_effects(
     for name in problem.effects:
         index = amplitude_indices(problem, [name])
         size = x[index]
-        # Where a shape that no data tell makes the size uncertain, a large size with
-        # one shape is a small one with another, and none is 0: at its shape the size
-        # counts, and that the shape was chosen.
+        # Where an undetermined shape makes the size uncertain, a large size with one
+        # shape is a small one with another, and none is 0: the test is of the size at
+        # its shape, and allows for the choice of the shape.
         shape = shape_indices(problem, name)
         part = covariance[np.ix_(index, index)]
         if shape:

@@ -165,7 +165,7 @@ def _trend(name: str, at: FloatArray, change: FloatArray, error: FloatArray) -> 
         return size, inverse, float(weights @ left**2)
 
     _, inverse, beyond = regress(sure)
-    # What a regression with these weights leaves on the mean of scatter of 1.
+    # Mean residual of a regression with these weights at a scatter of 1.
     lost = np.trace(inverse @ (design.T @ (design * sure[:, None] ** 2)))
     scatter = max(0.0, (beyond - freedom) / max(float(sure.sum() - lost), 1e-300))
     size, inverse, beyond = regress(1.0 / (1.0 / sure + scatter))
@@ -288,7 +288,7 @@ class _ByTrial:
         for k, torque in zip(self._seen, torques, strict=True):
             record = problem.plant.records[k]
             plain[k] = huber_residual((record.measured - torque) / problem.floor[k])
-        # Errors of this model count for as many as are independent of its own.
+        # Errors of this model are weighted by the share of them that is independent.
         ratio = problem.weight / max(independence_weight(plain, self._masks), 1e-300)
         covariance = np.linalg.pinv(square, rcond=1e-10, hermitian=True) * ratio**2
         centre = np.eye(count) - 1.0 / count

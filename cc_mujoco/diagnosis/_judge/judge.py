@@ -224,7 +224,7 @@ def _verdict(
             f"it{_describe_implausible(found)}. {closest_sentence(found)} {statement}"
         )
     explained = 1.0 - (left - 1.0) / (misfit - 1.0) if misfit > 1.0 else 1.0
-    # A model that stays far off is wrong in form; large errors are what that is about.
+    # A model that stays far off is wrong in form, and large errors show that.
     little = explained < Limit.min_explained_share or left > MAX_EXPLAINED_ERROR
     little = little and overall_share(outcome.gap) < Limit.min_gap_closed
     if left > limits.misfit and little:

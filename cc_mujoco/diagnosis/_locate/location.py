@@ -152,7 +152,7 @@ def _map(
         edges = np.linspace(whole.min(), whole.max(), 4)
     bins = edges.size - 1
     place = np.clip(np.digitize(whole, edges[1:-1]), 0, bins - 1).astype(np.intp)
-    # Stretches of every trial count for either half by turns.
+    # Stretches of every trial belong to either half in turn.
     half = np.concatenate([(np.arange(v.size) * 8 // v.size) % 2 for v in values])
     cell = place + bins * half
     count = np.bincount(cell, minlength=2 * bins).reshape(2, bins)
@@ -224,7 +224,7 @@ def describe_map(drawn: Map) -> str:
     good = np.isfinite(drawn.before)
     centre, error = drawn.centre[good], drawn.before[good]
     low, high = int(np.argmin(error)), int(np.argmax(error))
-    # Middles of bins that are even about 0 miss it by rounding.
+    # Centres of bins that are symmetric about 0 miss it by rounding.
     place = np.where(np.abs(centre) < 1e-9 * np.max(np.abs(centre)), 0.0, centre)
     unit = "" if drawn.unit == "1" else f" {drawn.unit}"
     step = float(np.ptp(centre)) / BINS
@@ -262,7 +262,7 @@ def locate_error(
 ) -> Located:
     """Locate the error of the baseline, and that of the final model."""
     baseline, model = (fitted.problem, fitted.whole.x), (found.problem, found.x)
-    # What is added where nothing explains the error only stands in for it.
+    # Where nothing explains the error, an added effect only stands in for it.
     unknown = judged.verdict == "unknown"
     explaining = baseline if unknown else model
     odd = find_outlier_trial(*explaining, misfits(*baseline))

@@ -148,7 +148,7 @@ class _Prepared:
             [_smooth_functions(samples, angle) for angle in samples.angles.values()],
             axis=1,
         )
-        # Columns that repeat each other (both angles of a stiff cable) go.
+        # Collinear columns (both angles of a stiff cable) are dropped.
         left, sizes, _ = np.linalg.svd(smooth * root[:, None], full_matrices=False)
         self._basis = left[:, sizes > 1e-8 * sizes[0]]
         self._plain = plain
@@ -222,7 +222,7 @@ class _Prepared:
         turned = np.stack([pair[:, 1], -pair[:, 0]], axis=1) @ size
         slope = -(angle - np.mean(angle)) * turned
         slope = slope - pair @ np.linalg.lstsq(pair, slope)[0]
-        # A pair of coefficients takes twice the variance of one.
+        # A pair of coefficients explains twice the variance of one by chance.
         spread = math.sqrt(0.5 * found.background / max(float(slope @ slope), 1e-300))
         return spread, float(np.linalg.norm(size))
 

@@ -129,7 +129,7 @@ class SceneLaw(NamedTuple):
         less, more = math.exp(-sign * self.exponent), math.exp(sign * self.exponent)
         if self.pretension == 0.0:
             return np.where(ideal >= 0.0, less, more) * ideal
-        # The sum of both tensions stays, until one cable is slack.
+        # The sum of both tensions is constant until one cable is slack.
         half = np.clip(0.5 * ideal, -self.pretension, self.pretension)
         slack = ideal - 2.0 * half
         pulling = self.pretension + half + np.maximum(slack, 0.0)

@@ -190,7 +190,7 @@ def diagnose_motion(dataset: Dataset, bench: Bench) -> Diagnosis:
             f"{Limit.range_over_play:g} times the dead zone of the joint, about "
             f"{start[0]:.2g} rad; record larger motions"
         )
-    # A clock is off by half a sample, which is no lag.
+    # A clock may be off by half a sample, which is no lag.
     clock = 0.5 * max(each.step for each in stretches)
     speed = _rms([np.gradient(s.motor, s.step) for s in stretches])
     size = _rms([s.motor - float(np.mean(s.motor)) for s in stretches])

@@ -95,7 +95,8 @@ def _tied_refits(found: Search, tie: Sequence[str]) -> Rivals:
         (step.before, {c.id: c.crossed for c in step.candidates})
         for step in found.rounds
     ]
-    # The last round that has both; parts of the data may name what none had with it.
+    # The last round that has both; parts of the data may name effects that no round has
+    # together.
     both = [each for each in rounds if all(name in each[1] for name in tie[:2])]
     before, models = both[-1] if both else (found.before, _first_refits(rounds))
     one, two = tie[0], tie[1]
@@ -166,7 +167,8 @@ def best_trial(rivals: Rivals, thresholds: Thresholds) -> Proposal | None:
         score = weight * float(np.linalg.norm(left / np.hypot(1.0, unsure)))
         if score < Limit.decisive_sigmas:
             continue
-        # Where one is true, what is left is of the other one, fitted again.
+        # If one is true, the remaining difference is that of the other one, fitted
+        # again.
         settles = [
             separates_rivals(
                 rivals, record, true, made[true], share * lefts[1 - true], thresholds

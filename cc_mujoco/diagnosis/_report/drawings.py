@@ -92,7 +92,7 @@ def _windows(evidence: Evidence) -> list[Excerpt]:
         many = np.concatenate([[0], np.cumsum(counts)])
         steps = 1 + int(np.ceil(4.0 * (end - start - length) / max(length, 1e-9)))
         for begin in np.linspace(start, end - length, steps):
-            # Times that were read from text differ in the last digits.
+            # Times read from text differ in the last digits.
             edges = (begin - 1e-9, begin + length + 1e-9)
             first, last = np.searchsorted(time, edges)
             number = many[last] - many[first]

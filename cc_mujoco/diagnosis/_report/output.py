@@ -227,10 +227,9 @@ _DRAWING_MODULES = (
 def require_ours(out: Path, scene: Path, data: Sequence[Path]) -> None:
     """Require that at most an earlier diagnosis of these data is replaced.
 
-    Raises:
-        CableError: the folder holds the scene, the diagnosis of trials none of which
-            is among the data, or a repaired scene that was changed since; see also
-            `_utils.atomic_io.require_ours`.
+    The folder must not hold the scene, the diagnosis of trials none of which is among
+    the data, or a repaired scene that was changed since; see also
+    `_utils.atomic_io.require_ours`.
     """
     names = (VERDICT_FILE, "report.html", *OPTIONAL_FILES)
     if scene.resolve() in {(out / name).resolve() for name in names}:
@@ -492,7 +491,7 @@ def rollout_difference(
         "joint_torque_offset": 0.0,
         **dict.fromkeys(CLOCK_PARAMETERS, 0.0),
     }
-    # The sensors of a scene show both torques, whatever those of the rig do.
+    # The sensors of a scene show both torques, even if those of the rig do not.
     round_pulley = replace(problem.plant.bench, arm=())
     sensed = tuple(replace(each, load_cell=None) for each in records)
     whole = replace(

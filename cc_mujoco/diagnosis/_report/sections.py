@@ -189,7 +189,7 @@ def next_command(diagnosis: Diagnosis) -> Html:
     command = {
         "named": "cc-mujoco play scene.xml" if written else OPEN_RECORDING,
         "none": "cc-mujoco play scene.xml" if written else OPEN_RECORDING,
-        # A diagnosis of several occasions is run again with the trial in their folders.
+        # A diagnosis of several occasions is repeated with the trial in their folders.
         "tie": again if diagnosis.occasions is not None or not written else CONTINUE,
         "unknown": OPEN_RECORDING,
         "fix-data": again,
@@ -272,7 +272,7 @@ def _steps_to_fix(diagnosis: Diagnosis, names: Names) -> list[Html]:
 
 
 def _certainty_sentence(found: FoundEffect, names: Names) -> str:
-    # Of several sizes those count that are not 0.
+    # Only sizes that are not 0 count.
     surely = {n: e for n, e in found.parameters.items() if not e.holds(0.0)}
     sizes = [
         f"{plain_name(name)} {format_fitted(each)} {each.unit}".removesuffix(" 1")

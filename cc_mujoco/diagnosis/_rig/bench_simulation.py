@@ -134,7 +134,7 @@ def baseline_parameters(
     stiffest = min(wide, math.log(MAX_FITTED_STIFFNESS / cable.axial_stiffness))
     whole = np.concatenate([record.measured for record in records], axis=1)
     rms = dict(zip(instruments.rows, np.std(whole, axis=1).tolist(), strict=True))
-    # A load by its motion has no sensor that could be off or late.
+    # A torque from the motion of a load has no sensor that could be off or late.
     sensors = [k for k in instruments.rows if instruments[k] != "known load"]
     centre = _angle_offset(bench, records)
     friction = max(cable.friction, Limit.min_fitted_friction)
@@ -184,8 +184,8 @@ def baseline_parameters(
                 1.0,
             )
         )
-    # A stiff cable shows the least error of the ratio, so one pulley is always unsure.
-    # Where the path is the arm at the joint it is the motor's.
+    # A stiff cable shows the least error of the ratio, so one pulley is always
+    # uncertain. Where the path is the arm at the joint it is the motor's.
     for name, given, otherwise in (
         (
             "motor_radius",

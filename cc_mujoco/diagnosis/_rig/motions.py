@@ -124,7 +124,7 @@ def motions(
     loudness = min(0.3 * swing, rate / (2.0 * np.pi * 3.3))
     chirp = loudness * np.sin(2.0 * np.pi * (0.1 * time + 0.04 * time**2))
     cable = bench.cables[0]
-    # What loosens one cable nearly and tightens the other as much.
+    # This nearly loosens one cable and tightens the other as much.
     stretch = (
         Limit.max_tension_change
         * cable.pretension

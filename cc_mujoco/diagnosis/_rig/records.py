@@ -395,7 +395,7 @@ def _record(
         0.0 if trial.facts.unhooked else Limit.run_in_travel * wind_up_angle(bench)
     )
     counts = (travel >= wind_up_travel) & (time - time[0] > 0.1)
-    # Where the filter has no samples on both sides it is not the same for both.
+    # Without samples on both sides the filter differs between the signals.
     edge = max(2, round(0.5 / band / dt))
     if known.motor == "motor current":
         # At rest the motor's own friction holds any torque, and the filter spreads

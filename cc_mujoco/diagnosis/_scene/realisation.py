@@ -359,7 +359,8 @@ def _add_inertia_torque(
     joint = spec.joint(name)
     model = spec.compile()
     joint.armature -= Limit.probe_inertia
-    # MuJoCo's sensors do not see armature; they see what turns a body that rides along.
+    # MuJoCo's sensors do not measure armature; they measure the torque on a body that
+    # rides along.
     index = model.joint(name).id
     probe = joint.parent.add_body(
         name=f"{name}_acceleration",

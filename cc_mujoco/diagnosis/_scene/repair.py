@@ -89,7 +89,7 @@ def repair_scene(
         (_, end) = [a for a in spec.actuators if a.plugin.name == bench.names[0]]
         end.gear[0] *= bench.joint_radius / bench.drawn_radius
     try:
-        # A whole part of the scene's own, so that a control period stays one of steps.
+        # A divisor of the scene's own step, so that a control period stays a multiple.
         own, largest = spec.option.timestep, _largest_step(spec, bench)
         spec.option.timestep = own / max(math.ceil(own / largest), 1)
         if bench.lever is None:
@@ -232,7 +232,7 @@ def require_repairable(bench: Bench) -> None:
             raise CableError(
                 f"scene {bench.path} would not load again once it is written: {reason}"
             ) from None
-    # What a lever's cable does is looked up in its file.
+    # The cable of a lever is interpolated in its file.
     _rehearse_motion(bench.path if bench.lever else plain, plain.option.timestep, bench)
 
 

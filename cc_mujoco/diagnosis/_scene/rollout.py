@@ -203,7 +203,7 @@ def _play(
     angles = angles * np.array([1.0, view.sign, *(1.0 for _ in joints[2:])])[:, None]
     place, dof = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
     model.dof_armature[dof] += Limit.drive_armature
-    # Where the ends of the cables look ahead follows from what MuJoCo knows of this.
+    # The look-ahead of the cables' ends follows from this state of MuJoCo.
     model.dof_invweight0[dof] /= 1.0 + Limit.drive_armature * model.dof_invweight0[dof]
     model.dof_M0[dof] += (
         Limit.drive_armature  # what counts where a joint turns a balanced body
@@ -260,12 +260,12 @@ def _set_rest(
     def lay() -> None:
         data.qpos[model.jnt_qposadr[list(view.joints)]] = angles
         for pulley in pulleys:
-            # A pulley of its own begins in the middle of its play.
+            # A separate pulley begins in the middle of its play.
             data.qpos[model.jnt_qposadr[pulley]] = angles[1]
 
     lay()
     mujoco.mj_fwdPosition(model, data)
-    # A reset lays the cables in at the lengths that the model starts from.
+    # A reset initialises the cables at the initial lengths of the model.
     lengths = model.actuator_outadr[ends]
     model.actuator_length0[lengths] = data.actuator_length[lengths]
     mujoco.mj_resetData(model, data)

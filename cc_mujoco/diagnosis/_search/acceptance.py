@@ -170,8 +170,8 @@ def decide(
             rivals.append(other)
         elif why == "form":
             lookalikes.append(other)
-    # Where the data do not tell, the one with fewer parameters comes first; the error
-    # of a form is no reason to have the worse one in the model.
+    # Where the data do not decide, the one with fewer parameters comes first; a form
+    # error is no reason to have the worse one in the model.
     rivals.sort(key=lambda rival: len(EFFECTS[rival.id].parameters))
     rivals += lookalikes
     leader = rivals[0].id
@@ -222,7 +222,7 @@ def parted_by_form(
         sums[record.group] = sums.get(record.group, np.zeros(3)) + left
     table = np.array(list(sums.values()))
     taken, difference = table[:, 0] - table[:, 1], table[:, 2] - table[:, 1]
-    # A trial in which little shows has next to nothing to be off by.
+    # A trial in which the effects hardly show tolerates next to no difference.
     usual = FORM_ERROR_SHARE * np.maximum(taken, taken.mean())
     return bool(np.all(difference <= usual))
 

@@ -225,8 +225,9 @@ def _add_effects(
     try:
         for count in range(Limit.max_effects):
             left = [name for name in ids if name not in now.problem.effects]
-            # At the floor there is nothing to explain, and chance rewards anything; one
-            # torque alone does not contradict what fits it a little better.
+            # At the floor there is nothing to explain, and chance rewards any effect;
+            # one torque alone does not contradict an effect that fits it a little
+            # better.
             both = len(now.problem.plant.instruments.rows) > 1
             hopeful = now.misfit > (thresholds.floor if both else thresholds.misfit)
             if first and not hopeful:
@@ -376,7 +377,7 @@ def with_own_noise_floor(
     reserved = [record.reserved for record in problem.plant.records]
     counts = [a | b for a, b in zip(masks, reserved, strict=True)]
     while True:
-        # A refit at every step between would cost as much as all that follows.
+        # A refit at every step between would cost as much as the rest of the search.
         while finer := refine_simulation(problem, place, counts):
             problem = finer
         starts = [fit.x for fit in crossed.fits]

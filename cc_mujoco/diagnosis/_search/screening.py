@@ -162,8 +162,8 @@ def screen(
     error = problem.residual(x, masks)
     slopes = jacobian(problem, x, masks)
     size = np.linalg.norm(slopes, axis=0)
-    # Parameters without any influence stay out, and those that stand at a bound: they
-    # cannot do more than they have done.
+    # Parameters without influence are left out, and those at a bound: they cannot move
+    # further.
     inside = np.array(
         [
             p.low + _BOUND_MARGIN < place < p.high - _BOUND_MARGIN

@@ -347,7 +347,7 @@ def count_votes(
         confused = set(EFFECTS[name].confounded_with)
         for groups in named:
             with_it = [group for group in groups if name in group]
-            # Two that are easily confused, and of which the whole needs one only.
+            # Two effects that are easily confused, of which the whole needs only one.
             matching = [group for group in groups if group & confused]
             votes.update(set().union(*(with_it or groups), *matching) - set(effects))
             if not with_it:  # even where the whole has both, this part has that one

@@ -33,7 +33,7 @@ _END_FRICTION_SHARE = 0.015
 def _stribeck(
     given: tuple[Cable, ...], values: Values, _: RigGeometry
 ) -> tuple[Cable, ...]:
-    # A contact has one slip that renews it: where it ages, that which ageing tells.
+    # A contact has one slip that renews it: with ageing, that of the ageing law.
     form = round(values.get(form_key("stribeck_friction"), 0.0))
     exponent, tail = tuple(_STRIBECK_FORMS.values())[form]
     return tuple(

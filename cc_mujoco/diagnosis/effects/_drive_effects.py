@@ -40,7 +40,7 @@ def _eccentric(
 ) -> tuple[Cable, ...]:
     def wave(name: str) -> tuple[float, float]:
         cosine, sine = values[f"{name}_cosine"], values[f"{name}_sine"]
-        # A fit may try what no cable takes: more than the radius.
+        # A fit may try values that no cable accepts: more than the radius.
         size = min(math.hypot(cosine, sine), 0.45 * rig.motor_radius)
         return size, math.atan2(sine, cosine)
 

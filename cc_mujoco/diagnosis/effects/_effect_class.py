@@ -310,7 +310,7 @@ def _guarded(name: str, method: Callable[..., Any]) -> Callable[..., Any]:
             with user_errors(f"effect {name!r}"):
                 return method(*given)
         except CableError as wrong:
-            # A value that no cable takes is no fault of the code.
+            # A value that no cable accepts is no fault of the code.
             if isinstance(wrong.__cause__, Exception):
                 raise EffectError(str(wrong)) from wrong.__cause__
             raise

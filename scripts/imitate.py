@@ -45,6 +45,7 @@ from cc_mujoco.device._observation import ObservationHistory
 from cc_mujoco.device._sensors import BIAS, AxesMeasuring
 from cc_mujoco.envs import BACKENDS, DeviceVectorEnv
 from cc_mujoco.errors import CableError
+from cc_mujoco.simulation import PlantsController
 
 Array = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -111,24 +112,23 @@ def teacher(
     """
     exo = env.exo
     drives = [
-        dataclasses.replace(
-            drive,
-            period=hold * drive.period,
-            torque_noise=exo.description.sensing.torque_noise,
-            cable_drives=tuple(
-                tuple(
+        [
+            dataclasses.replace(
+                drive,
+                period=hold * drive.period,
+                torque_noise=exo.description.sensing.torque_noise,
+                cables=tuple(
                     CableDrive(plant.cables[cable], one.proximal, one.distal)
                     for cable, one in zip(names, drive.cables, strict=True)
-                )
-                for plant in env.plants
-            ),
-        )
-        for drive, names in zip(exo.drives, exo.device.driven, strict=True)
+                ),
+            )
+            for drive, names in zip(exo.drives, exo.device.driven, strict=True)
+        ]
+        for plant in env.plants
     ]
     planned = functools.partial(PredictiveCompensation, bandwidth=bandwidth)
-    made = axes_controller(
-        planned if law == TEACHER else law, drives, exo.device.prefixes
-    )
+    prefixes, given = exo.device.prefixes, planned if law == TEACHER else law
+    made = PlantsController([axes_controller(given, own, prefixes) for own in drives])
     made.reset()
     return made
 
@@ -199,7 +199,7 @@ class Classroom:
                 seen.append(rows[sound])
                 taught.append(right[sound])
                 given = played * limits
-                law.given(given.T if len(limits) > 1 else given[:, 0])
+                law.given(given if len(limits) > 1 else given[:, 0])
             _, _, terminated, _, self._info = env.step(played)
             going &= ~terminated
             if 2 * step >= exo.steps:

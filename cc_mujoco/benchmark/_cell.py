@@ -128,7 +128,8 @@ class CellSetup:
     batch: Batch
     driven: tuple[tuple[str, ...], ...]
     """Cables that each motor winds."""
-    drives: tuple[Drive, ...]
+    drives: list[tuple[Drive, ...]]
+    """Drives of every axis as the controller knows them, of each plant."""
     law: Controller
     sensors: AxesMeasuring | FaultySensors
     period: float
@@ -139,16 +140,27 @@ class CellSetup:
 def batch_groups(cells: Iterable[Cell]) -> list[list[Cell]]:
     """Return the cells in groups that can be played as one batch, which costs far less.
 
-    They have a controller, a task, a length and a device in common.
+    They have a controller, a task, a length and a device in common, whose unknown
+    effects may differ.
     """
     found: dict[object, list[Cell]] = {}
     for cell in cells:
         at = cell.condition
-        about = at.scene, at.task, at.moving_route, at.structure, at.duration
+        about = at.scene, at.task, at.moving_route, _structure_key(cell), at.duration
         own = cell.controller, cell.seeds, cell.sensing, cell.key, at.known
         key = *own, *about
         found.setdefault(key, []).append(cell)
     return list(found.values())
+
+
+def _structure_key(cell: Cell) -> object:
+    """Return what the structures of conditions must share to be played as one batch."""
+    at = cell.condition
+    if at.known or at.structure in FAULTS or isinstance(at, PositionCondition):
+        return at.structure
+    (drawn,) = sample_plants(at, cell.seeds[:1])
+    model = drawn.plant.model()
+    return model.nq, model.nu, model.nbody, drawn.plant.layout
 
 
 def changed(plant: Plant, reference: Reference | None) -> Plant:
@@ -202,34 +214,35 @@ def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
         known = DeviceModel(plain.description, plain.model()).drives(exo.period)
     equipped = [sensing.equip(drive) for drive in known]
     if isinstance(at, PositionCondition):
-        drives = tuple(position_drive(at, drive) for drive in equipped)
+        of_axes = tuple(position_drive(at, drive) for drive in equipped)
+        drives = [of_axes] * len(draws)
     else:
         drives = believed_drives(equipped, driven, draws, beliefs)
     name = reference.controller if reference else one.controller
     law: Controller
     if name is None:
-        law = Unpowered(drives[0], len(drives))
+        law = Unpowered(drives[0][0], len(prefixes))
     elif isinstance(at, PositionCondition):
-        law = _position_law(cells, name, drives[0], prefixes)
+        law = _position_law(cells, name, drives[0][0], prefixes)
     else:
         law = user_entry.make_controller(name, drives, prefixes)
     whole = exo.controller_sensors(
         sensing,
-        drives,
+        drives[0],
         seeds,
         [
             [
                 drawn.bias[n][: 1 + sum(len(one.nodes) for one in drive.sensors)]
                 for drawn in draws
             ]
-            for n, drive in enumerate(drives)
+            for n, drive in enumerate(drives[0])
         ],
         delay=[drawn.plant.delay for drawn in draws],
         noise=[drawn.plant.noise for drawn in draws],
     )
     sensors: AxesMeasuring | FaultySensors = whole
     if at.structure in FAULTS:
-        ratios = [drive.ratio for drive in drives]
+        ratios = [drive.ratio for drive in drives[0]]
         sensors = FaultySensors(
             at.structure, onsets, whole, prefixes, ratios, exo.period
         )
@@ -252,7 +265,7 @@ def _position_law(
     """Return the controller of an angle, with parameters of a trial for every plant."""
 
     def make(own: Drive) -> Controller:
-        return user_entry.make_controller(name, (own,), prefixes)
+        return user_entry.make_controller(name, [(own,)], prefixes)
 
     if name == SCALE_CONTROLLER:
         return make(drive)  # it has no parameters
@@ -311,7 +324,7 @@ def play_group(cells: Sequence[Cell]) -> list[CellResult]:
 
 def _apply_ideal_torque(made: CellSetup, rows: Mapping[str, NDArray[Any]]) -> None:
     """Apply the desired torque to the joint, with delay and motor limits."""
-    for drive, prefix in zip(made.drives, made.batch.prefixes, strict=True):
+    for drive, prefix in zip(made.drives[0], made.batch.prefixes, strict=True):
         desired = rows[f"{prefix}desired_torque_nm"]
         for row, drawn in enumerate(made.draws):
             late = np.maximum(np.arange(len(desired)) - drawn.plant.delay, 0)
@@ -365,16 +378,11 @@ def _scores(
 def _plant_columns(made: CellSetup, own: slice) -> dict[str, list[Any]]:
     """Return columns of the sampled and the assumed parameters, for some rows."""
     found: dict[str, list[Any]] = {}
-    each = [drive.cable_drives for drive in made.drives]
-    count = len(made.draws)
-    # The data sheet of a scene is one for all plants.
-    rows = [known * count if len(known) == 1 else known for known in each]
-    believed = zip(*(known[own] for known in rows), strict=True)
     names = list(chain.from_iterable(made.driven))
-    for drawn, axes in zip(made.draws[own], believed, strict=True):
+    for drawn, drives in zip(made.draws[own], made.drives[own], strict=True):
         plant = drawn.plant
         actual = [plant.cables[name] for name in names]
-        known = [cable_drive.cable for cable_drive in chain.from_iterable(axes)]
+        known = [one.cable for drive in drives for one in drive.cables]
         wearers = [wearer.stiffness for wearer in plant.wearers.values()]
         columns: dict[str, Any] = {
             f"{who}_{key}": [getattr(cable, key) for cable in cables]

@@ -210,28 +210,26 @@ def believed_drives(
     driven: Sequence[Sequence[str]],
     draws: Sequence[Draw],
     beliefs: Sequence[Belief],
-) -> tuple[Drive, ...]:
-    """Return the drives with the parameters that each plant's controller assumes.
+) -> list[tuple[Drive, ...]]:
+    """Return the drives of each plant with the cables that its controller believes.
 
     The drives, of every axis of the device, give the arms of the cables; `driven` are
     the names of the cables that each motor winds; there are a draw and a belief per
     device.
     """
-    rows: list[list[tuple[CableDrive, ...]]] = [[] for _ in drives]
+    found: list[tuple[Drive, ...]] = []
     for drawn, belief in zip(draws, beliefs, strict=True):
         random = np.random.default_rng([drawn.seed, 3])
         cables = drawn.known.cables
-        for own, drive, names in zip(rows, drives, driven, strict=True):
-            own.append(
-                tuple(
-                    CableDrive(belief.of(cables[name], random), s.proximal, s.distal)
-                    for name, s in zip(names, drive.cables, strict=True)
-                )
+        own = []
+        for drive, names in zip(drives, driven, strict=True):
+            known = tuple(
+                CableDrive(belief.of(cables[name], random), s.proximal, s.distal)
+                for name, s in zip(names, drive.cables, strict=True)
             )
-    return tuple(
-        dataclasses.replace(drive, cable_drives=tuple(own))
-        for drive, own in zip(drives, rows, strict=True)
-    )
+            own.append(dataclasses.replace(drive, cables=known))
+        found.append(tuple(own))
+    return found
 
 
 def _with_period_factor(source: Trajectory, factor: float) -> Trajectory:

@@ -98,7 +98,7 @@ def position_drive(condition: Condition, drive: Drive) -> Drive:
     """Return the drive of a controller with the knowledge of the scene."""
     nominal = nominal_drive(condition)
     return dataclasses.replace(
-        drive, cable_drives=nominal.cable_drives, hysteresis=nominal.hysteresis
+        drive, cables=nominal.cables, hysteresis=nominal.hysteresis
     )
 
 

@@ -178,7 +178,10 @@ class Playing:
             for name in self.plan.controllers:
                 drives = made.drives
                 if name in WITH_SENSOR:
-                    drives = tuple(replace(one, joint_sensor=True) for one in drives)
+                    drives = [
+                        tuple(replace(one, joint_sensor=True) for one in own)
+                        for own in drives
+                    ]
                 entry.make_controller(name, drives, made.batch.prefixes)
 
     def made_by(self) -> dict[str, Any]:

@@ -12,7 +12,6 @@ plants are not sent. One process serves an entry for as long as that of the judg
 from __future__ import annotations
 
 import atexit
-import dataclasses
 import json
 import os
 import pickle
@@ -26,13 +25,9 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco._utils.provenance import (
-    POLICY_ENDING,
-    code_provenance,
-    is_user_controller,
-)
-from cc_mujoco.control import Controller, axes_controller
-from cc_mujoco.control._axes import named_laws
+from cc_mujoco._utils.provenance import code_provenance
+from cc_mujoco.control import Controller
+from cc_mujoco.control._axes import named_laws, runs_code
 from cc_mujoco.control._controller import limit_torques
 from cc_mujoco.control._user_controller import controller_errors
 from cc_mujoco.device._drive import Drive
@@ -54,45 +49,22 @@ _processes: dict[str, _Process] = {}
 """Process of every entry that this process judges."""
 
 
-def is_entry(name: str) -> bool:
-    """Return whether a controller of this name has code of its own: `module:name`.
-
-    The file of a policy has none: it is numbers.
-    """
-    return any(
-        is_user_controller(law) and not law.endswith(POLICY_ENDING)
-        for law in named_laws(name)
-    )
-
-
 def make_controller(
-    name: str, drives: Sequence[Drive], prefixes: Sequence[str]
+    name: str, drives: Sequence[Sequence[Drive]], prefixes: Sequence[str]
 ) -> Controller:
     """Return the controller of a name, in a process of its own if it has own code.
 
-    What it does for one of several plants is the same as for that plant alone.
-
     Args:
         name: As of `control.axes_controller`.
-        drives: Of every axis.
+        drives: Of every axis of each plant.
         prefixes: Beginnings of the columns of each axis.
 
     Raises:
         CableError: If there is none, or its code raises.
     """
-    if is_entry(name):
+    if runs_code(name):
         return Entry(drives, prefixes, name)
-    known = [drive.cable_drives for drive in drives]
-    if len(known[0]) < 2:  # of one plant, or of a data sheet that all share
-        return axes_controller(name, drives, prefixes)
-    alone = [
-        [
-            dataclasses.replace(drive, cable_drives=(row,))
-            for drive, row in zip(drives, rows, strict=True)
-        ]
-        for rows in zip(*known, strict=True)
-    ]
-    return batched_controller(name, alone, prefixes)
+    return batched_controller(name, drives, prefixes)
 
 
 def controller_provenance(*names: str) -> dict[str, Any]:
@@ -101,9 +73,9 @@ def controller_provenance(*names: str) -> dict[str, Any]:
     Args:
         names: controllers that `make_controller` has made in this process.
     """
-    others = [name for name in names if not is_entry(name)]
+    others = [name for name in names if not runs_code(name)]
     found = code_provenance(*(law for name in others for law in named_laws(name)))
-    for name in filter(is_entry, names):
+    for name in filter(runs_code, names):
         found["files"] |= _processes[name].files
     return found
 
@@ -112,25 +84,25 @@ class Entry(Controller):
     """A controller from outside, as the process that judges sees it."""
 
     def __init__(
-        self, drives: Sequence[Drive], prefixes: Sequence[str], name: str
+        self, drives: Sequence[Sequence[Drive]], prefixes: Sequence[str], name: str
     ) -> None:
         """Make it, in its process, which is started if there is none yet.
 
         Args:
-            drives: The device to be driven, every axis.
+            drives: Of every axis of each plant.
             prefixes: Beginnings of the columns of each axis.
             name: `module:function`, or such a name by axis.
 
         Raises:
             CableError: If it cannot be made.
         """
-        super().__init__(drives[0])
+        super().__init__(drives[0][0])
         self.name = name
-        self._drives = tuple(drives)
+        self._drives = tuple(drives[0])
         if name not in _processes or not _processes[name].is_alive:
             _processes[name] = _Process(name)
         self._process = _processes[name]
-        self._key = self._process.make(tuple(drives), tuple(prefixes))
+        self._key = self._process.make(drives, prefixes)
         self.spent = 0.0
         """Time of the processor that the last torque took, by the entry [s]."""
 
@@ -176,7 +148,7 @@ class _Process:
         """Return whether it has not ended."""
         return self._process.poll() is None
 
-    def make(self, drives: tuple[Drive, ...], prefixes: tuple[str, ...]) -> int:
+    def make(self, drives: Sequence[Sequence[Drive]], prefixes: Sequence[str]) -> int:
         """Make the controller; return the key by which it is called.
 
         Raises:
@@ -252,7 +224,7 @@ def _answer(laws: list[Controller], what: str, key: int, about: Any) -> bytes:
     """Return the answer to a question of the judge."""
     if what == "make":
         name, drives, prefixes = about
-        laws.append(axes_controller(name, drives, prefixes))
+        laws.append(batched_controller(name, drives, prefixes))
         files = code_provenance(*named_laws(name))["files"]
         reply = {"key": len(laws) - 1, "files": files}
         return json.dumps(reply).encode()

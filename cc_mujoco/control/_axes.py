@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -156,6 +156,22 @@ def is_policy(given: Law | Mapping[str, Law]) -> bool:
 def sees_all_axes(given: Law | Mapping[str, Law]) -> bool:
     """Return whether a function makes one controller for all axes."""
     return not isinstance(given, Mapping) and _for_all_axes(given) is not None
+
+
+def runs_code(given: Law | Mapping[str, Law]) -> bool:
+    """Return whether a controller has code of its own: `module:name`, or a function.
+
+    The file of a policy has none: it is numbers.
+    """
+    if isinstance(given, str):
+        laws: Iterable[Law] = named_laws(given)
+    else:
+        laws = given.values() if isinstance(given, Mapping) else [given]
+    return any(
+        not isinstance(law, str)
+        or (is_user_controller(law) and not law.endswith(POLICY_ENDING))
+        for law in laws
+    )
 
 
 def axes_controller(

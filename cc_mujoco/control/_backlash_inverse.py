@@ -22,7 +22,7 @@ from cc_mujoco.control._tuned_feedback import (
     total_delay,
 )
 from cc_mujoco.device._drive import Drive
-from cc_mujoco.native import FloatArray, FloatCube, FloatMatrix, compiled, internal
+from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 
 _MOTOR, _MOTOR_SPEED, _JOINT, _JOINT_SPEED, _TORQUE, _DESIRED = range(len(LAW_INPUTS))
 _DELAY_SHARE = 0.2
@@ -65,18 +65,18 @@ class BacklashInverse(Controller):
         """Prepare for the first episode.
 
         Args:
-            drive: The device; its `cable_drives` and the motor's inertia must be known.
+            drive: The device; its `cables` and the motor's inertia must be known.
 
         Raises:
             CableError: They are not known.
         """
         super().__init__(drive)
         require_known_motor(drive)
-        stiffness = max(map(joint_stiffness, drive.cable_drives))
+        stiffness = joint_stiffness(drive.cables)
         bandwidth = min(_DELAY_SHARE / total_delay(drive), _MAX_BANDWIDTH)
         self.limits = guard.motor_limits(drive)
-        self.cables = np.stack([cable_table(row) for row in drive.cable_drives])
-        """See `cable_table`, (environments, cables, numbers)."""
+        self.cables = cable_table(drive.cables)
+        """See `cable_table`, (cables, numbers)."""
         self.gains = np.zeros(GAINS)
         """Numbers of the law, `DriveLimits` first."""
         self.gains[: guard.LIMITS] = self.limits
@@ -87,8 +87,8 @@ class BacklashInverse(Controller):
         self.gains[_STIFFNESS] = stiffness
         noise = _BAND_SIGMAS * drive.torque_noise / stiffness
         self.gains[_BAND] = max(noise, _ENCODER_STEP)
-        self.springs = np.array([joint_spring(row) for row in drive.cable_drives])
-        """See `guard.STIFFNESS`, (environments, 3)."""
+        self.spring = joint_spring(drive.cables)
+        """See `guard.STIFFNESS`."""
         self.gains[_RELEASE] = loop_gains(drive).settling * stiffness / drive.ratio**2
         self._memory: FloatArray = np.zeros((0, MEMORY_SIZE))
 
@@ -111,9 +111,7 @@ class BacklashInverse(Controller):
         if len(self._memory) != rows:
             self._memory = np.zeros((rows, MEMORY_SIZE))
         found = np.empty(rows)
-        cables = np.resize(self.cables, (rows, *self.cables.shape[1:]))
-        springs = np.resize(self.springs, (rows, guard.SPRING_SIZE))
-        _torques(self.gains, springs, cables, self._memory, seen, found)
+        _torques(self.gains, self.spring, self.cables, self._memory, seen, found)
         numbers = np.ndim(observation[LAW_INPUTS[0]]) == 0
         return float(found[0]) if numbers else found
 
@@ -183,13 +181,11 @@ def motor_torque(
 @compiled
 def _torques(
     gains: FloatArray,
-    springs: FloatMatrix,
-    cables: FloatCube,
+    spring: FloatArray,
+    cables: FloatMatrix,
     memory: FloatMatrix,
     seen: FloatMatrix,
     found: FloatArray,
 ) -> None:
     for row in range(found.size):
-        found[row] = motor_torque(
-            gains, springs[row], cables[row], memory[row], seen[row]
-        )
+        found[row] = motor_torque(gains, spring, cables, memory[row], seen[row])

@@ -57,19 +57,19 @@ class CableCourse:
     """Cables and a spring along a course of the joint, from rest."""
 
     def __init__(
-        self, cable_drives: Sequence[CableDrive], parameters: CableParameters
+        self, cables: Sequence[CableDrive], parameters: CableParameters
     ) -> None:
-        """Prepare at rest; `cable_drives` are the cables of the data sheet."""
+        """Prepare at rest; `cables` are those of the data sheet."""
         own = [
             one.cable.replace(
                 friction=parameters.friction * one.cable.friction,
                 static_friction=parameters.friction * one.cable.static_friction,
                 pretension=parameters.pretension * one.cable.pretension,
             )
-            for one in cable_drives
+            for one in cables
         ]
-        proximal = [one.proximal for one in cable_drives]
-        distal = [one.distal for one in cable_drives]
+        proximal = [one.proximal for one in cables]
+        distal = [one.distal for one in cables]
         self._cables = stepper.make_cables(own, proximal, distal)
         self._ratio = distal[0] / proximal[0]
         self._stiffness = parameters.joint_stiffness
@@ -120,10 +120,10 @@ class CableCourse:
 
 
 def course_of(
-    cable_drives: Sequence[CableDrive], parameters: CableParameters, joint: Array
+    cables: Sequence[CableDrive], parameters: CableParameters, joint: Array
 ) -> Array:
     """Return the course of the motor, over the ratio, for one of the joint [rad]."""
-    course = CableCourse(cable_drives, parameters)
+    course = CableCourse(cables, parameters)
     return np.array([course.advance(float(angle)) for angle in joint])
 
 
@@ -152,7 +152,7 @@ def fit_cable(trial: HysteresisTrial, drive: Drive) -> CableParameters:
 
 
 def require_cables(drive: Drive) -> None:
-    if not drive.cable_drives:
+    if not drive.cables:
         raise CableError(
             "controller 'cable_inverse' needs to know the cables; this Drive has no "
             "cable drives."

@@ -63,18 +63,18 @@ class CableModel:
         """Prepare; the number of environments is that of the first observation.
 
         Args:
-            drive: The device; its `cable_drives` must be known.
+            drive: The device; its `cables` must be known.
             weakening: False leaves out `stribeck_friction`, `ageing_friction` with the
                 `critical_slip_distance` over which it is renewed, and static friction
                 of cables with bristles.
 
         Raises:
-            CableError: `cable_drives` are not known.
+            CableError: `cables` are not known.
         """
-        if not drive.cable_drives:
+        if not drive.cables:
             raise CableError(
                 "a controller with a model needs to know the cables; this Drive has "
-                "no cable drives."
+                "none."
             )
         self.drive = drive
         self._weakening = weakening
@@ -82,10 +82,7 @@ class CableModel:
         self.segments: stepper.Counts = np.array([s.cable.segments for s in cables])
         self.proximal: FloatArray = np.array([s.proximal for s in cables])
         self.distal: FloatArray = np.array([s.distal for s in cables])
-        self._sections = [
-            [np.array(s.cable.conduit, dtype=float) for s in row]
-            for row in drive.cable_drives
-        ]
+        self._sections = [np.array(s.cable.conduit, dtype=float) for s in cables]
         most = int(self.segments.max())
         self._size = kernel.parameter_size(most), kernel.state_size(most)
         self.work = np.empty(kernel.work_size(most))
@@ -93,7 +90,7 @@ class CableModel:
         self.new = np.zeros((len(cables), self._size[1]))
         self._asked = np.empty(len(PARAMETERS))
         self._angles: list[FloatArray] = []
-        self._allocate(len(drive.cable_drives))
+        self._allocate(1)
 
     @exclusive
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
@@ -185,12 +182,7 @@ class CableModel:
         return found
 
     def _allocate(self, rows: int) -> None:
-        known, cables = len(self.drive.cable_drives), self.segments.size
-        if known not in (1, rows):
-            raise CableError(
-                f"Drive.cable_drives has cables for {known} environments; it must be 1 "
-                f"or as many as observed, {rows}."
-            )
+        cables = self.segments.size
         self._rows = rows
         self.packed: FloatArray = np.zeros((rows, cables, self._size[0]))
         self.factor: FloatArray = np.ones((rows, cables))
@@ -217,15 +209,12 @@ class CableModel:
         self.joint[fresh], self.slip_direction[fresh], self.gain[fresh] = 0.0, 0.0, 1.0
         fresh[:] = False
 
-    def cable_drives(self, row: int) -> tuple[CableDrive, ...]:
-        return self.drive.cable_drives[row % len(self.drive.cable_drives)]
-
     def _pack(self, row: int, cable: int, factor: float) -> None:
-        cable_drive = self.cable_drives(row)[cable].cable
+        own = self.drive.cables[cable].cable
         pack(
-            np.array(cable_drive.scalars),
-            self._sections[row % len(self._sections)][cable],
-            cable_drive.segments,
+            np.array(own.scalars),
+            self._sections[cable],
+            own.segments,
             factor,
             self._weakening,
             self._asked,
@@ -293,23 +282,23 @@ def has_changed(factor: float, believed: float) -> bool:
     return abs(factor / believed - 1.0) > ADOPTION_THRESHOLD
 
 
-def joint_stiffness(cable_drives: Sequence[CableDrive]) -> float:
+def joint_stiffness(cables: Sequence[CableDrive]) -> float:
     """Return the stiffness of all cables of a device at its joint [N m/rad]."""
     prm, _, _, _, distal = stepper.make_cables(
-        [one.cable for one in cable_drives],
-        [one.proximal for one in cable_drives],
-        [one.distal for one in cable_drives],
+        [one.cable for one in cables],
+        [one.proximal for one in cables],
+        [one.distal for one in cables],
     )
     return stiffness(prm, distal)
 
 
-def joint_spring(cable_drives: Sequence[CableDrive]) -> FloatArray:
+def joint_spring(cables: Sequence[CableDrive]) -> FloatArray:
     """Return all cables of a device as a spring at its joint; see `guard.STIFFNESS`."""
     spring = np.zeros(guard.SPRING_SIZE)
-    for one in cable_drives:
+    for one in cables:
         sections = np.array(one.cable.conduit, dtype=float).reshape(-1, 2)
         add_preload(np.array(one.cable.scalars), sections, one.distal, spring)
-    spring[guard.STIFFNESS] = joint_stiffness(cable_drives) if cable_drives else 0.0
+    spring[guard.STIFFNESS] = joint_stiffness(cables) if cables else 0.0
     return spring
 
 

@@ -155,7 +155,7 @@ class FeedbackGains:
     @property
     def packed(self) -> FloatArray:
         """Numbers in the order of `GAINS`."""
-        return np.array([getattr(self, gain.name) for gain in GAINS], dtype=float)
+        return np.array(list(vars(self).values()))
 
 
 GAINS: tuple[Parameter, ...] = parameters_of(FeedbackGains)

@@ -43,7 +43,7 @@ class DisturbanceObserver(ModelBased):
         """Prepare for the first episode.
 
         Args:
-            drive: The device to be driven; its `cable_drives` must be known.
+            drive: The device to be driven; its `cables` must be known.
             proportional: Kp [-].
             integral: Ki [1/s].
             mismatch: See `ModelBased`.

@@ -82,7 +82,7 @@ class LinearQuadraticGaussian(Controller):
         """Prepare for the first episode.
 
         Args:
-            drive: The device; its `cable_drives` and the motor's inertia must be known.
+            drive: The device; its `cables` and the motor's inertia must be known.
 
         Raises:
             CableError: They are not known.
@@ -92,7 +92,7 @@ class LinearQuadraticGaussian(Controller):
         super().__init__(drive)
         require_known_motor(drive)
         ratio, period, inertia = drive.ratio, drive.period, drive.inertia
-        rigidity = float(np.mean([joint_stiffness(row) for row in drive.cable_drives]))
+        rigidity = joint_stiffness(drive.cables)
         most = max(map(abs, drive.reach))
         self.limits = guard.motor_limits(drive)
         self.gains = np.zeros(GAINS)
@@ -135,8 +135,8 @@ class LinearQuadraticGaussian(Controller):
             np.ascontiguousarray(regulator[0]),
         )
         self.gains[_RIGIDITY] = rigidity
-        self.springs = np.array([joint_spring(row) for row in drive.cable_drives])
-        """See `guard.STIFFNESS`, (environments, 3)."""
+        self.spring = joint_spring(drive.cables)
+        """See `guard.STIFFNESS`."""
         self.gains[_RELEASE] = loop_gains(drive).settling * rigidity / ratio**2
         late = round(total_delay(drive) / period - 0.5)
         self.memory_size = _HEADER + STATES + late
@@ -163,7 +163,7 @@ class LinearQuadraticGaussian(Controller):
         found = np.empty(len(seen))
         _torques(
             self.gains,
-            np.resize(self.springs, (len(seen), guard.SPRING_SIZE)),
+            self.spring,
             self.design,
             self._memory,
             seen,
@@ -261,7 +261,7 @@ def _regulated(
 @compiled
 def _torques(
     gains: FloatArray,
-    springs: FloatMatrix,
+    spring: FloatArray,
     design: Design,
     memory: FloatMatrix,
     seen: FloatMatrix,
@@ -270,5 +270,5 @@ def _torques(
 ) -> None:
     for row in range(found.size):
         found[row] = motor_torque(
-            gains, springs[row], design, memory[row], seen[row], scratch
+            gains, spring, design, memory[row], seen[row], scratch
         )

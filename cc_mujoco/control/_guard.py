@@ -19,8 +19,10 @@ sensor, within bounds, takes up a wrong stiffness.
 A cable may stretch otherwise than believed. So the stretch contradicts a sensor only
 where it has explained the torque before, or where a third witness agrees with it: the
 torque of the motor less that of its inertia, which the joint gets but for the friction
-of the cables. A stretch that is not known to explain the torque lets go only as far as
-the motor could have made that torque.
+of the cables. That is low-passed, and compared with the others low-passed alike. A
+stretch that is not known to explain the torque lets go only as far as the motor could
+have made that torque. A torque that is unsafe again and again is a stop, whatever makes
+it.
 
 A motor that winds up slack is detected too late: when the cable gets taut, the
 stiffness k of the cables at the joint stops the rotor within milliseconds, with a
@@ -81,6 +83,12 @@ against such a multiple of the believed friction."""
 _GAP_SHARE, _GAP_FACTOR, _GAP_TIME = 0.25, 0.4, 0.05
 """Difference between the torques of sensor and stretch that is a fault: share of the
 safe torque, plus share of the larger one, for so long [s]."""
+_UNSAFE_TIME, _UNSAFE_MEMORY = 0.02, 1.0
+"""Time for which a torque may be beyond the safe one while the joint is let go, as by
+an unstable controller, and over which it is forgotten [s]."""
+_GAP_SIGMAS = 3.0
+"""Usual deviations of the torque from that of the stretch that are added to it where
+the stretch alone says so."""
 _GAP_RATE = 5.0
 """Most by which that time is shorter where the motor is far beyond the sensor."""
 _MOTOR_TIME, _HOLD_TIME, _MOTOR_SHARE = 0.02, 0.1, 0.1
@@ -129,7 +137,8 @@ READINGS = 6
     _GAIN, _MISFIT, _MEAN, _MEAN_PREDICTED, _GAP, _RUSH, _SLACK, _PUSH,
 ) = (0, 1, 2, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20)  # fmt: skip
 _JUMPED, _EQUAL, _AT, _AT_PREDICTED = 21, 27, 33, 39
-_GIVEN, _POWER, _BOTH, _SENSED, _AGREED, _MOST, SEEN = 45, 46, 47, 48, 49, 50, 51
+_GIVEN, _POWER, _BOTH, _SENSED, _AGREED, _MOST = 45, 46, 47, 48, 49, 50
+_TAKEN, _TAKEN_PREDICTED, _LEARNT, _UNSAFE, SEEN = 51, 52, 53, 54, 55
 MEMORY_SIZE = SEEN + READINGS
 """Places in the memory, and its size: state; readings of the last step, as they were
 used; samples without all readings and until velocities are read again; last command;
@@ -140,8 +149,10 @@ and for which the motor is pushed and stands still; of every reading whether the
 one was a spike, how often it was the same, and both torques when it last changed;
 low-passed torque of the motor at the joint without friction; powers of the torque of
 the stretch, of both, and of the sensor's, each about its mean; time for which the
-motor has explained the torque, and size of its greatest torque lately; room for
-readings of a caller whose own must not change.
+motor has explained the torque, and size of its greatest torque lately; torques of
+sensor and stretch, low-passed as that of the motor; time over which the stretch has
+been learned; time for which the torque was unsafe lately; room for readings of a
+caller whose own must not change.
 """
 _UNKNOWN = -1.0
 """Misfit that is not known yet."""
@@ -191,31 +202,13 @@ def motor_limits(drive: Drive) -> DriveLimits:
     )
 
 
-class GuardLimits(NamedTuple):
-    """Drive as the guard knows it."""
-
-    ratio: float
-    """See `Drive`."""
-    period: float
-    """Time between two steps [s]."""
-    one_way: float
-    """1 where the cables only pull one way, else 0."""
-    inertia: float
-    """Inertia of the motor [kg m^2]."""
-    safe: float
-    """Most that the cables may put into the joint [N m]."""
-    speed: float
-    """Speed of the joint beyond which it is let go [rad/s]."""
-    power: float
-    """Power into the joint beyond which it is let go [W]."""
-
-
 @internal
-def limits_of(gains: FloatArray) -> GuardLimits:
+def limits_of(gains: FloatArray) -> DriveLimits:
     """Return the limits of gains that begin with `DriveLimits`."""
-    return GuardLimits(
-        gains[RATIO], gains[PERIOD], gains[4], gains[5], gains[6], gains[7], gains[8]
-    )
+    return DriveLimits(
+        gains[RATIO], gains[LOW], gains[HIGH], gains[PERIOD], gains[4], gains[5],
+        gains[6], gains[7], gains[8],
+    )  # fmt: skip
 
 
 @internal
@@ -299,14 +292,14 @@ def spring_edges(
 
 @internal
 def _predict(
-    limits: GuardLimits, spring: FloatArray, memory: FloatArray, moved: float
+    limits: DriveLimits, spring: FloatArray, memory: FloatArray, moved: float
 ) -> None:
     """Predict the torque of the stretch after the joint has moved [rad]."""
     ratio, one_way = limits.ratio, limits.one_way != 0.0
     sign = np.sign(ratio) if one_way else 1.0
     stretch = memory[_GOOD + MOTOR] / ratio - memory[_GOOD + JOINT]
     low, high = spring_edges(spring, one_way, sign * (stretch - memory[_REFERENCE]))
-    slack = _SLACK_SHARE * limits.safe
+    slack = _SLACK_SHARE * limits.safe_torque
     loaded = max(abs(memory[_GOOD + TORQUE]), abs(memory[COMMAND] * ratio)) > slack
     if loaded or memory[STATE] != FREE:
         memory[_SLACK] = 0.0
@@ -332,7 +325,7 @@ def is_reading(value: float) -> bool:
 
 @internal
 def _start(
-    limits: GuardLimits, spring: FloatArray, memory: FloatArray, seen: FloatArray
+    limits: DriveLimits, spring: FloatArray, memory: FloatArray, seen: FloatArray
 ) -> bool:
     """Begin with the first readings, once all are there; until then without torque.
 
@@ -372,7 +365,7 @@ def stop(memory: FloatArray, state: float) -> None:
 
 
 @internal
-def _fill_missing(limits: GuardLimits, memory: FloatArray, seen: FloatArray) -> None:
+def _fill_missing(limits: DriveLimits, memory: FloatArray, seen: FloatArray) -> None:
     """Replace readings that are none by the last good ones, for a short time."""
     missing, angles = False, False
     for i in range(READINGS):
@@ -390,10 +383,10 @@ def _fill_missing(limits: GuardLimits, memory: FloatArray, seen: FloatArray) -> 
 
 @internal
 def _skip_spikes(
-    limits: GuardLimits, spring: FloatArray, memory: FloatArray, seen: FloatArray
+    limits: DriveLimits, spring: FloatArray, memory: FloatArray, seen: FloatArray
 ) -> None:
     """Replace a single sample that no motion explains; stop if it was no single one."""
-    least = _JUMP_SHARE * limits.safe
+    least = _JUMP_SHARE * limits.safe_torque
     turn = least / spring[STIFFNESS]
     for i in (MOTOR, JOINT, TORQUE):
         before, speed, most = memory[_GOOD + i], 0.0, 2.0 * least
@@ -418,11 +411,11 @@ def _skip_spikes(
 
 @internal
 def _check_frozen(
-    limits: GuardLimits, spring: FloatArray, memory: FloatArray, seen: FloatArray
+    limits: DriveLimits, spring: FloatArray, memory: FloatArray, seen: FloatArray
 ) -> None:
     """Stop if a reading stays the same while the others say that it cannot."""
     torque, predicted = seen[TORQUE], memory[_GAIN] * memory[_PREDICTED]
-    least = _GAP_SHARE * limits.safe
+    least = _GAP_SHARE * limits.safe_torque
     for i in (MOTOR, JOINT, TORQUE):
         change = abs(seen[i] - memory[_GOOD + i])
         if change > (_EQUAL_SHARE * abs(torque) if i == TORQUE else 0.0):
@@ -445,7 +438,7 @@ def _check_frozen(
         if is_far:
             stop(memory, STOPPED if i == TORQUE else LIMP)
     load = (abs(torque) + spring[REST]) * np.exp(_PUSH_FRICTION * spring[FRICTION])
-    load += _PUSH_SHARE * limits.safe
+    load += _PUSH_SHARE * limits.safe_torque
     if memory[_EQUAL + MOTOR] == 0.0:
         memory[_PUSH] = 0.0
     elif abs(memory[COMMAND] * limits.ratio) < load:
@@ -456,7 +449,7 @@ def _check_frozen(
 
 
 @internal
-def _watch_motor(limits: GuardLimits, memory: FloatArray, seen: FloatArray) -> None:
+def _watch_motor(limits: DriveLimits, memory: FloatArray, seen: FloatArray) -> None:
     """Filter the torque of the motor that its inertia does not take."""
     rate = (seen[MOTOR_SPEED] - memory[_GOOD + MOTOR_SPEED]) / limits.period
     given = limits.ratio * (memory[COMMAND] - limits.inertia * rate)
@@ -468,7 +461,7 @@ def _watch_motor(limits: GuardLimits, memory: FloatArray, seen: FloatArray) -> N
 
 @internal
 def _behind_friction(
-    limits: GuardLimits, spring: FloatArray, torque: float, friction: float
+    limits: DriveLimits, spring: FloatArray, torque: float, friction: float
 ) -> float:
     """Return the torque at one end of cables that slip, from that at the other [N m].
 
@@ -500,16 +493,24 @@ def _most_friction(spring: FloatArray) -> float:
 
 @internal
 def _beyond(
-    limits: GuardLimits,
+    limits: DriveLimits,
     spring: FloatArray,
+    given: float,
     torque: float,
-    other: float,
     friction: float,
 ) -> float:
-    """Return by how much a torque is beyond what friction makes of another [N m]."""
-    least = _MOTOR_SHARE * limits.safe
-    above = torque - _behind_friction(limits, spring, other, friction) - least
-    below = torque - _behind_friction(limits, spring, other, -friction) + least
+    """Return by how much a motor torque is beyond what friction makes of another [N m].
+
+    Args:
+        limits: see `admit`.
+        spring: see `admit`.
+        given: torque of the motor at the joint without friction [N m].
+        torque: at the joint [N m].
+        friction: most friction coefficient times wrap between them.
+    """
+    least = _MOTOR_SHARE * limits.safe_torque
+    above = given - _behind_friction(limits, spring, torque, friction) - least
+    below = given - _behind_friction(limits, spring, torque, -friction) + least
     return float(max(above, 0.0) + min(below, 0.0))
 
 
@@ -520,7 +521,15 @@ def _explains(memory: FloatArray, most: float) -> bool:
 
 
 @internal
-def _learn(limits: GuardLimits, memory: FloatArray) -> None:
+def _deviation(memory: FloatArray) -> float:
+    """Return the usual deviation of the torque from that of the stretch [N m]."""
+    gain = memory[_GAIN]
+    off = memory[_SENSED] + gain * (gain * memory[_POWER] - 2.0 * memory[_BOTH])
+    return float(np.sqrt(max(off, 0.0) / max(memory[_LEARNT], _KNOWN_TIME)))
+
+
+@internal
+def _learn(limits: DriveLimits, memory: FloatArray) -> None:
     """Learn the gain of sensor to stretch, and how well it explains the torque."""
     torque, predicted = memory[_GOOD + TORQUE], memory[_PREDICTED]
     share = limits.period / _MEAN_TIME
@@ -528,10 +537,11 @@ def _learn(limits: GuardLimits, memory: FloatArray) -> None:
     memory[_MEAN_PREDICTED] += share * (predicted - memory[_MEAN_PREDICTED])
     off, expected = torque - memory[_MEAN], predicted - memory[_MEAN_PREDICTED]
     kept = 1.0 - limits.period / _LEARN_TIME
+    memory[_LEARNT] = kept * memory[_LEARNT] + limits.period
     memory[_POWER] = kept * memory[_POWER] + limits.period * expected * expected
     memory[_BOTH] = kept * memory[_BOTH] + limits.period * expected * off
     memory[_SENSED] = kept * memory[_SENSED] + limits.period * off * off
-    known = (_KNOWN_SHARE * limits.safe) ** 2 * _KNOWN_TIME
+    known = (_KNOWN_SHARE * limits.safe_torque) ** 2 * _KNOWN_TIME
     gain = (memory[_BOTH] + known) / (memory[_POWER] + known)
     gain = min(max(gain, _GAIN_RANGE[0]), _GAIN_RANGE[1])
     memory[_GAIN] = gain
@@ -542,28 +552,30 @@ def _learn(limits: GuardLimits, memory: FloatArray) -> None:
 
 
 @internal
-def _compare(limits: GuardLimits, spring: FloatArray, memory: FloatArray) -> None:
+def _compare(limits: DriveLimits, spring: FloatArray, memory: FloatArray) -> None:
     """Stop where two of sensor, stretch and motor contradict the third."""
     torque, scaled = memory[_GOOD + TORQUE], memory[_GAIN] * memory[_PREDICTED]
     gap = abs(scaled - torque) - _GAP_FACTOR * max(abs(torque), abs(scaled))
-    given = memory[_GIVEN]
-    friction = _most_friction(spring)
-    beyond = _beyond(limits, spring, given, torque, friction)
+    given, friction = memory[_GIVEN], _most_friction(spring)
+    beyond = _beyond(limits, spring, given, memory[_TAKEN], friction)
     agrees = beyond * (scaled - torque) > 0.0
-    denied = agrees and gap > _DENIED_SHARE * limits.safe
+    denied = agrees and gap > _DENIED_SHARE * limits.safe_torque
     if memory[_MISFIT] >= _MAX_DOUBT and memory[_AGREED] > _AGREED_TIME:
         denied |= beyond != 0.0
-    doubted = gap > _GAP_SHARE * limits.safe and _explains(memory, _MAX_DOUBT)
-    opposed = _beyond(limits, spring, given, scaled, friction) * (scaled - torque)
+    usual = _GAP_SIGMAS * _deviation(memory)
+    doubted = gap > _GAP_SHARE * limits.safe_torque + usual
+    doubted &= _explains(memory, _MAX_DOUBT)
+    filtered = memory[_GAIN] * memory[_TAKEN_PREDICTED]
+    opposed = _beyond(limits, spring, given, filtered, friction) * (scaled - torque)
     doubted &= opposed >= 0.0
     if denied or doubted:
-        size = abs(beyond) / (_MOTOR_SHARE * limits.safe) if denied else 1.0
+        size = abs(beyond) / (_MOTOR_SHARE * limits.safe_torque) if denied else 1.0
         memory[_GAP] += limits.period * min(max(size, 1.0), _GAP_RATE)
         if memory[_GAP] > _GAP_TIME:
             stop(memory, STOPPED if denied else LIMP)
         return
     memory[_GAP] = 0.0
-    if beyond == 0.0 and abs(torque) > _KNOWN_SHARE * limits.safe:
+    if beyond == 0.0 and abs(torque) > _KNOWN_SHARE * limits.safe_torque:
         memory[_AGREED] += limits.period
     if not agrees and memory[_EQUAL + TORQUE] < _STILL_SAMPLES:
         _learn(limits, memory)
@@ -571,7 +583,7 @@ def _compare(limits: GuardLimits, spring: FloatArray, memory: FloatArray) -> Non
 
 @compiled
 def admit(
-    limits: GuardLimits, spring: FloatArray, memory: FloatArray, seen: FloatArray
+    limits: DriveLimits, spring: FloatArray, memory: FloatArray, seen: FloatArray
 ) -> None:
     """Check the readings of a step, and replace those that are missing or spikes.
 
@@ -584,24 +596,34 @@ def admit(
     if memory[_STARTED] == 0.0 and not _start(limits, spring, memory, seen):
         return
     _fill_missing(limits, memory, seen)
-    is_known = spring[STIFFNESS] > 0.0 and limits.safe < NO_TORQUE_LIMIT
+    is_known = spring[STIFFNESS] > 0.0 and limits.safe_torque < NO_TORQUE_LIMIT
     if is_known:
         _skip_spikes(limits, spring, memory, seen)
         _check_frozen(limits, spring, memory, seen)
     rate = (seen[TORQUE] - memory[_GOOD + TORQUE]) / limits.period
     memory[_RUSH] += _RATE_FILTER * (rate - memory[_RUSH])
     _watch_motor(limits, memory, seen)
+    memory[_UNSAFE] *= max(1.0 - limits.period / _UNSAFE_MEMORY, 0.0)
+    if abs(seen[TORQUE]) > limits.safe_torque:
+        memory[_UNSAFE] += limits.period
+        if memory[_UNSAFE] > _UNSAFE_TIME:
+            stop(memory, STOPPED)
     moved = seen[JOINT] - memory[_GOOD + JOINT]
     for i in range(READINGS):
         memory[_GOOD + i] = seen[i]
     if is_known:
         _predict(limits, spring, memory, moved)
+        share = min(limits.period / _MOTOR_TIME, 1.0)
+        memory[_TAKEN] += share * (seen[TORQUE] - memory[_TAKEN])
+        memory[_TAKEN_PREDICTED] += share * (
+            memory[_PREDICTED] - memory[_TAKEN_PREDICTED]
+        )
         if memory[STATE] < STOPPED:
             _compare(limits, spring, memory)
 
 
 @internal
-def _credible(limits: GuardLimits, spring: FloatArray, memory: FloatArray) -> float:
+def _credible(limits: DriveLimits, spring: FloatArray, memory: FloatArray) -> float:
     """Return the torque of the stretch as far as it is to be believed [N m]."""
     if _explains(memory, _MAX_MISFIT):
         return float(memory[_GAIN] * memory[_PREDICTED])
@@ -613,17 +635,19 @@ def _credible(limits: GuardLimits, spring: FloatArray, memory: FloatArray) -> fl
 
 
 @internal
-def _is_too_fast(limits: GuardLimits, memory: FloatArray) -> bool:
+def _is_too_fast(limits: DriveLimits, memory: FloatArray) -> bool:
     """Return whether speed of, or power into, the joint is beyond its limit."""
     share = 1.0 if memory[STATE] != BRAKED else _RELEASE_SHARE
     speed = memory[_GOOD + JOINT_SPEED]
     power = speed * memory[_GOOD + TORQUE]
-    return bool(abs(speed) > share * limits.speed or power > share * limits.power)
+    return bool(
+        abs(speed) > share * limits.safe_speed or power > share * limits.safe_power
+    )
 
 
 @compiled
 def state(
-    limits: GuardLimits,
+    limits: DriveLimits,
     spring: FloatArray,
     memory: FloatArray,
     ahead: float,
@@ -640,7 +664,7 @@ def state(
     """
     if memory[STATE] >= STOPPED:
         return float(memory[STATE])
-    ratio, stiffness, safe = limits.ratio, spring[STIFFNESS], limits.safe
+    ratio, stiffness, safe = limits.ratio, spring[STIFFNESS], limits.safe_torque
     before = 1.0 if memory[STATE] != FREE else 0.0
     rushing = impact_torque(ahead, ratio, stiffness, limits.inertia)
     measured = memory[_GOOD + TORQUE]
@@ -679,22 +703,22 @@ def let_go_torque(memory: FloatArray, damping: float, ahead: float) -> float:
 
 
 @compiled
-def command_limit(limits: GuardLimits, spring: FloatArray) -> float:
+def command_limit(limits: DriveLimits, spring: FloatArray) -> float:
     """Return the largest command that the safe torque needs, with a margin [N m].
 
     Args:
         limits: see `admit`.
         spring: see `admit`.
     """
-    if not limits.safe < NO_TORQUE_LIMIT:
+    if not limits.safe_torque < NO_TORQUE_LIMIT:
         return np.inf
-    held = limits.safe * np.exp(spring[FRICTION]) / abs(limits.ratio)
+    held = limits.safe_torque * np.exp(spring[FRICTION]) / abs(limits.ratio)
     return float(_COMMAND_MARGIN * held)
 
 
 @compiled
 def bounded(
-    limits: GuardLimits, spring: FloatArray, memory: FloatArray, torque: float
+    limits: DriveLimits, spring: FloatArray, memory: FloatArray, torque: float
 ) -> float:
     """Return a command within `command_limit`, and keep it [N m]."""
     most = command_limit(limits, spring)

@@ -149,12 +149,11 @@ class CableInverse(PositionController):
         self._courses: list[CableCourse] = []
 
     def begin(self, rows: NDArray[np.intp], count: int) -> None:
-        known = self.drive.cable_drives
+        known = self.drive.cables
         if len(self._courses) != count:
-            self._courses = [CableCourse(known[0], self.parameters)] * count
+            self._courses = [CableCourse(known, self.parameters)] * count
         for row in rows:
-            own = known[row] if len(known) == count else known[0]
-            self._courses[row] = CableCourse(own, self.parameters)
+            self._courses[row] = CableCourse(known, self.parameters)
 
     def motor_angle(self, joint: Array, observation: Mapping[str, Any]) -> Array:
         found = [

@@ -5,7 +5,7 @@
 >>> from cc_mujoco.cable import Cable, Section
 >>> cable = Cable(friction=0.1, conduit=(Section(2.0, 0.5),))
 >>> pair = (CableDrive(cable, -0.02, -0.1), CableDrive(cable, 0.02, 0.1))
->>> law = ModelBased(Drive(5.0, -1.0, 1.0, 0.001, cable_drives=(pair,)))
+>>> law = ModelBased(Drive(5.0, -1.0, 1.0, 0.001, cables=pair))
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class ModelBased(ProportionalIntegral):
         """Prepare for the first episode.
 
         Args:
-            drive: The device to be driven; its `cable_drives` must be known.
+            drive: The device to be driven; its `cables` must be known.
             proportional: Kp [-].
             integral: Ki [1/s].
             mismatch: Deliberate relative error of the model's friction, above -1; or a
@@ -83,7 +83,7 @@ class ModelBased(ProportionalIntegral):
             )
         require_number("settling", settling, 0.0, 10.0, "s")
         self.mismatch = mismatch
-        self.settling = stable_settling_time(drive, self.springs, settling)
+        self.settling = stable_settling_time(drive, self.spring, settling)
         self.model = CableModel(drive)
         self._calls: Any = 0
 
@@ -117,7 +117,7 @@ class ModelBased(ProportionalIntegral):
         found = np.empty(rows)
         _torques(
             self.gains.packed,
-            self.rows_of_springs(rows),
+            self.spring,
             model.packed,
             model.segments,
             model.distal,
@@ -141,7 +141,7 @@ class ModelBased(ProportionalIntegral):
 @compiled
 def _torques(
     gains: FloatArray,
-    springs: FloatMatrix,
+    spring: FloatArray,
     prm: FloatCube,
     n: Counts,
     distal: FloatArray,
@@ -157,7 +157,7 @@ def _torques(
 ) -> None:
     for row in range(found.size):
         found[row] = compiled_laws.model_based(
-            gains, springs[row], prm[row], n, distal, arm[row], state[row],
+            gains, spring, prm[row], n, distal, arm[row], state[row],
             slip_direction[row], gain[row], disturbance[row], memory[row], seen[row],
             scratch,
         )  # fmt: skip

@@ -306,9 +306,9 @@ def motor_torque(
     """
     tune, memory, applied = tables.tune, room.memory, device.applied
     dt, own = tune[PERIOD], device.memory
-    limits = guard.GuardLimits(
-        tune[RATIO], dt, tune[ONE_WAY], tune[INERTIA], tune[SAFE], tune[SAFE_SPEED],
-        tune[SAFE_POWER],
+    limits = guard.DriveLimits(
+        tune[RATIO], tune[LOW], tune[HIGH], dt, tune[ONE_WAY], tune[INERTIA],
+        tune[SAFE], tune[SAFE_SPEED], tune[SAFE_POWER],
     )  # fmt: skip
     spring, watched = tune[STIFFNESS:], own[GUARD:FRICTION]
     read = watched[guard.SEEN :]

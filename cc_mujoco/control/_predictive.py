@@ -145,7 +145,7 @@ class PredictiveCompensation(Controller):
         """Prepare for the first episode.
 
         Args:
-            drive: The device to be driven; its `cable_drives` and the motor's inertia
+            drive: The device to be driven; its `cables` and the motor's inertia
                 must be known.
             bandwidth: omega_c of the plan [rad/s]; where measurements are late never
                 more than 1.5 / delay. By default 300 for a pair of cables and 200 for a

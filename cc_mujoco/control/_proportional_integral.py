@@ -66,11 +66,11 @@ class ProportionalIntegral(Controller):
         self.proportional = proportional
         self.integral = integral
         self.feed_forward = feed_forward
-        known = drive.cable_drives
-        self.springs = np.array([joint_spring(row) for row in known or ((),)])
-        """All cables as a spring at the joint, see `guard.STIFFNESS`, one for all
-        environments or one each (., 3); 0 where the cables are not known."""
-        self.settling = stable_settling_time(drive, self.springs)
+        self._limits = guard.motor_limits(drive)._asdict()
+        self.spring = joint_spring(drive.cables)
+        """All cables as a spring at the joint, see `guard.STIFFNESS`; 0 where they are
+        not known."""
+        self.settling = stable_settling_time(drive, self.spring)
         """Time in which the motor settles relative to the joint [s]; without a model
         only while the guard releases the joint."""
         self._memory: FloatArray = np.zeros((1, compiled_laws.MEMORY_SIZE))
@@ -89,14 +89,14 @@ class ProportionalIntegral(Controller):
     def gains(self) -> compiled_laws.FeedbackGains:
         """Present numbers of the law."""
         return compiled_laws.FeedbackGains(
-            **guard.motor_limits(self.drive)._asdict(),
+            **self._limits,
             feed_forward=float(self.feed_forward),
             proportional=self.proportional,
             integral=self.integral,
             settling=self.settling,
-            stiffness=float(self.springs[0, guard.STIFFNESS]),
-            rest_torque=float(self.springs[0, guard.REST]),
-            wrap_friction=float(self.springs[0, guard.FRICTION]),
+            stiffness=float(self.spring[guard.STIFFNESS]),
+            rest_torque=float(self.spring[guard.REST]),
+            wrap_friction=float(self.spring[guard.FRICTION]),
         )
 
     def memory(self, rows: int) -> FloatArray:
@@ -125,20 +125,13 @@ class ProportionalIntegral(Controller):
 
         They are (rows, `_compiled_laws.LAW_INPUTS`), changed in place.
         """
-        rows = len(seen)
-        _admit(self.gains.packed, self.rows_of_springs(rows), self.memory(rows), seen)
+        _admit(self.gains.packed, self.spring, self.memory(len(seen)), seen)
 
     def answer(self, seen: FloatArray) -> FloatArray:
         """Return the torque of the motor (rows,) [N m]; `seen` is after `admit`."""
-        rows = len(seen)
-        found = np.empty(rows)
-        springs = self.rows_of_springs(rows)
-        _torques(self.gains.packed, springs, self.memory(rows), seen, found)
+        found = np.empty(len(seen))
+        _torques(self.gains.packed, self.spring, self.memory(len(seen)), seen, found)
         return found
-
-    def rows_of_springs(self, rows: int) -> FloatArray:
-        """Return the springs of all environments (rows, 3)."""
-        return np.resize(self.springs, (rows, guard.SPRING_SIZE))
 
     def closed(self, feedforward: Any, error: Any) -> Any:
         """Return the limited motor torque of the loop around a feed-forward [N m].
@@ -164,41 +157,39 @@ def _with_cable_motion(observation: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def stable_settling_time(
-    drive: Drive, springs: FloatArray, settling: float = guard.RELEASE_TIME
+    drive: Drive, spring: FloatArray, settling: float = guard.RELEASE_TIME
 ) -> float:
     """Return a stable time in which a damped motor settles, near the wanted one [s].
 
-    `springs` are of all cables at the joint, see `ProportionalIntegral.springs`.
+    `spring` is of all cables at the joint.
     """
-    stiffest = float(np.max(springs[:, guard.STIFFNESS]))
-    if not (drive.inertia > 0.0 and stiffest > 0.0):
+    stiffness = float(spring[guard.STIFFNESS])
+    if not (drive.inertia > 0.0 and stiffness > 0.0):
         return settling
     # A damper sampled this slowly would drive the motor, not calm it.
     most = guard.MAX_DAMPING_SHARE * drive.inertia / (drive.period + drive.motor_lag)
-    at_motor = stiffest / drive.ratio**2
+    at_motor = stiffness / drive.ratio**2
     return min(settling, most / at_motor)
 
 
 @compiled
 def _admit(
-    gains: FloatArray, springs: FloatMatrix, memory: FloatMatrix, seen: FloatMatrix
+    gains: FloatArray, spring: FloatArray, memory: FloatMatrix, seen: FloatMatrix
 ) -> None:
     for row in range(seen.shape[0]):
-        compiled_laws.admit(gains, springs[row], memory[row], seen[row])
+        compiled_laws.admit(gains, spring, memory[row], seen[row])
 
 
 @compiled
 def _torques(
     gains: FloatArray,
-    springs: FloatMatrix,
+    spring: FloatArray,
     memory: FloatMatrix,
     seen: FloatMatrix,
     found: FloatArray,
 ) -> None:
     for row in range(found.size):
-        found[row] = compiled_laws.guarded_torque(
-            gains, springs[row], memory[row], seen[row]
-        )
+        found[row] = compiled_laws.guarded_torque(gains, spring, memory[row], seen[row])
 
 
 @compiled

@@ -43,7 +43,7 @@ class StictionCompensation(ModelBased):
         """Prepare for the first episode.
 
         Args:
-            drive: The device to be driven; its `cable_drives` must be known.
+            drive: The device to be driven; its `cables` must be known.
             proportional: Kp [-].
             integral: Ki [1/s].
             mismatch: See `ModelBased`.
@@ -73,7 +73,7 @@ class StictionCompensation(ModelBased):
         found = np.empty(rows)
         _torques(
             self.gains.packed,
-            self.rows_of_springs(rows),
+            self.spring,
             model.packed,
             model.segments,
             model.distal,
@@ -90,7 +90,7 @@ class StictionCompensation(ModelBased):
 @compiled
 def _torques(
     gains: FloatArray,
-    springs: FloatMatrix,
+    spring: FloatArray,
     prm: FloatCube,
     n: Counts,
     distal: FloatArray,
@@ -103,6 +103,6 @@ def _torques(
 ) -> None:
     for row in range(found.size):
         found[row] = compiled_laws.stiction(
-            gains, springs[row], prm[row], n, distal, arm[row], state[row],
+            gains, spring, prm[row], n, distal, arm[row], state[row],
             memory[row], seen[row], scratch,
         )  # fmt: skip

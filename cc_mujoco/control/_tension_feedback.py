@@ -106,17 +106,12 @@ class _Fused:
     """Distal tension of one cable in every environment."""
 
     def __init__(self, drive: Drive, cable: int) -> None:
-        cable_drives = [row[cable] for row in drive.cable_drives]
-        self.distal = cable_drives[0].distal
-        meshes = [Mesh.of(cable_drive.cable) for cable_drive in cable_drives]
-        self._mesh = dataclasses.replace(
-            meshes[0], angle=np.stack([mesh.angle for mesh in meshes])
-        )
+        own = drive.cables[cable]
+        self.distal = own.distal
+        self._mesh = Mesh.of(own.cable)
         self._sensors = drive.sensors[cable]
-        self._nodes = self._sensors.on(cable_drives[0].cable)
-        self._rest = np.array(
-            [cable_drive.cable.pretension for cable_drive in cable_drives]
-        )
+        self._nodes = self._sensors.on(own.cable)
+        self._rest = np.array([own.cable.pretension])
         self.reset(None)
 
     def reset(self, where: NDArray[np.bool_] | None) -> None:
@@ -159,12 +154,8 @@ class AdaptiveModel(PredictiveCompensation):
                 many along every cable, or as `estimation._tension_slope.require_slope`.
         """
         require_kind("drive", drive, Drive)
-        drive = dataclasses.replace(
-            drive,
-            cable_drives=tuple(
-                tuple(map(_with_minimum_friction, row)) for row in drive.cable_drives
-            ),
-        )
+        cables = tuple(map(_with_minimum_friction, drive.cables))
+        drive = dataclasses.replace(drive, cables=cables)
         super().__init__(drive, **{**settings, "learning": 0.0})
         _require_sensors(drive, 2)
         require_number("memory", memory, 1.0, 1e9, "readings")
@@ -229,7 +220,7 @@ class AdaptiveModel(PredictiveCompensation):
         """Return the initial estimate of every cable, before any reading."""
         found = np.zeros((rows, self.model.segments.size, friction_slope.ESTIMATE_SIZE))
         for row in range(rows):
-            for k, one in enumerate(self.model.cable_drives(row)):
+            for k, one in enumerate(self.drive.cables):
                 friction_slope.reset_estimate(found[row, k], one.cable.friction)
         return found
 

@@ -4,7 +4,7 @@
 >>> from cc_mujoco.control import TunedFeedback
 >>> from cc_mujoco.cable import Cable
 >>> pair = CableDrive(Cable(), -0.02, -0.1), CableDrive(Cable(), 0.02, 0.1)
->>> drive = Drive(5.0, -1.0, 1.0, 0.001, cable_drives=(pair,), inertia=7e-5)
+>>> drive = Drive(5.0, -1.0, 1.0, 0.001, cables=pair, inertia=7e-5)
 >>> round(TunedFeedback(drive).integral)
 150
 """
@@ -27,7 +27,7 @@ from cc_mujoco.control._full_slip import cable_table, full_slip_balance
 from cc_mujoco.control._proportional_integral import ProportionalIntegral
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.errors import CableError
-from cc_mujoco.native import FloatArray, FloatCube, FloatMatrix, compiled, internal
+from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 
 _DAMPING_RATIO = 0.7
 _DELAY_SHARE = 0.35
@@ -72,7 +72,7 @@ def require_known_motor(drive: Drive) -> None:
     if not (drive.inertia > 0.0 and drive.cables):
         raise CableError(
             "a controller whose gains follow from rotor and cables needs to know both; "
-            "this Drive has no inertia or no cable drives."
+            "this Drive has no inertia or no cables."
         )
 
 
@@ -90,7 +90,7 @@ def loop_gains(drive: Drive, integral_share: float = 0.0) -> LoopGains:
     """
     require_known_motor(drive)
     inertia, late = drive.inertia, total_delay(drive)
-    stiffness = max(map(joint_stiffness, drive.cable_drives)) / drive.ratio**2
+    stiffness = joint_stiffness(drive.cables) / drive.ratio**2
     damping = 2.0 * _DAMPING_RATIO * math.sqrt(stiffness * inertia)
     damping = min(damping, _DELAY_SHARE * inertia / late)
     proportional = min(_DELAY_SHARE * damping / (stiffness * late), _MAX_PROPORTIONAL)
@@ -123,7 +123,7 @@ class TunedFeedback(ProportionalIntegral):
         """Prepare for the first episode.
 
         Args:
-            drive: The device; its `cable_drives` and the motor's inertia must be known.
+            drive: The device; its `cables` and the motor's inertia must be known.
 
         Raises:
             CableError: They are not known.
@@ -133,8 +133,8 @@ class TunedFeedback(ProportionalIntegral):
         self.settling = found.settling
         self.dead_sigmas = _DEAD_SIGMAS if drive.one_way else 0.0
         """Error at no desired torque that is none, over the sensor's noise."""
-        self.cables = np.stack([cable_table(row) for row in drive.cable_drives])
-        """See `cable_table`, (environments, cables, numbers)."""
+        self.cables = cable_table(drive.cables)
+        """See `cable_table`, (cables, numbers)."""
         self._signals: FloatArray = np.zeros((0, SIGNAL_SIZE))
 
     @property
@@ -169,8 +169,8 @@ class TunedFeedback(ProportionalIntegral):
         found = np.empty(rows)
         _torques(
             self.gains.packed,
-            self.rows_of_springs(rows),
-            np.resize(self.cables, (rows, *self.cables.shape[1:])),
+            self.spring,
+            self.cables,
             np.array(self.settings),
             self.memory(rows),
             self._signals,
@@ -270,8 +270,8 @@ def tuned_torque(
 @compiled
 def _torques(
     gains: FloatArray,
-    springs: FloatMatrix,
-    cables: FloatCube,
+    spring: FloatArray,
+    cables: FloatMatrix,
     settings: FloatArray,
     memory: FloatMatrix,
     signals: FloatMatrix,
@@ -280,6 +280,5 @@ def _torques(
 ) -> None:
     for row in range(found.size):
         found[row] = tuned_torque(
-            gains, springs[row], cables[row], settings, memory[row], signals[row],
-            seen[row],
+            gains, spring, cables, settings, memory[row], signals[row], seen[row]
         )  # fmt: skip

@@ -54,9 +54,8 @@ class Drive:
     one_way: bool = False
     """True if the cables only transmit positive motor torque: one cable pulls, none
     pulls back."""
-    cable_drives: tuple[tuple[CableDrive, ...], ...] = ()
-    """The cables, as far as they are known: once for all environments, or once for
-    each. Controllers with a model need them."""
+    cables: tuple[CableDrive, ...] = ()
+    """The cables, as far as they are known. Controllers with a model need them."""
     sensors: tuple[Sensors, ...] = ()
     """Tension sensors along every cable, where the device has them."""
     inertia: float = 0.0
@@ -141,16 +140,6 @@ class Drive:
                     f"Drive.safe_{name} must be above 0 {unit}, not "
                     f"{getattr(self, f'safe_{name}')!r}."
                 )
-        shapes = {
-            tuple((s.proximal, s.distal, s.cable.segments) for s in row)
-            for row in self.cable_drives
-        }
-        if len(shapes) > 1 or () in shapes:
-            raise CableError(
-                "Drive.cable_drives must have the same cables in every environment, at "
-                "least one, with equal arms and segments; only their other parameters "
-                "may differ."
-            )
         if self.sensors and len(self.sensors) != len(self.cables):
             raise CableError(
                 f"Drive.sensors must be given for each of the {len(self.cables)} "
@@ -162,8 +151,3 @@ class Drive:
         """Least and greatest torque at the joint, were there no friction [N m]."""
         ends = self.ratio * (0.0 if self.one_way else self.low), self.ratio * self.high
         return min(ends), max(ends)
-
-    @property
-    def cables(self) -> tuple[CableDrive, ...]:
-        """The cables of the first environment; none if they are not known."""
-        return self.cable_drives[0] if self.cable_drives else ()

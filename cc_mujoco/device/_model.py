@@ -222,7 +222,7 @@ class AxisModel:
     def drive(self, cables: Mapping[str, Any], device: str, period: float) -> Drive:
         """Return the prior knowledge of a controller, without sensors."""
         low, high = self._torques
-        cable_drives = tuple(
+        known = tuple(
             CableDrive(
                 cables[name], self.sense * self._proximal[name], self._distal[name]
             )
@@ -236,7 +236,7 @@ class AxisModel:
             high,
             period,
             pulls,
-            (cable_drives,) if cable_drives else (),
+            known,
             inertia=float(self.model.dof_M0[self.places.motor_v]),
             damping=float(self.model.dof_damping[self.places.motor_v]),
             joint_inertia=float(self.model.dof_M0[self.places.joint_v]),

@@ -73,10 +73,9 @@ def feedback_tables(law: ProportionalIntegral) -> LawTables:
 
 def tuned_tables(law: TunedFeedback) -> LawTables:
     """Return the numbers of `pi_tuned` and `pi_feed_forward`."""
-    cables = law.cables[0]
     return LawTables(
-        cables.shape,
-        (*law.settings, *cables.ravel().tolist()),
+        law.cables.shape,
+        (*law.settings, *law.cables.ravel().tolist()),
         CABLES + tuned_feedback.SIGNAL_SIZE,
         (entry_points.LAST_COMMAND,),
     )
@@ -84,11 +83,10 @@ def tuned_tables(law: TunedFeedback) -> LawTables:
 
 def inverse_tables(law: BacklashInverse) -> LawTables:
     """Return the numbers of `inverse`."""
-    cables = law.cables[0]
-    numbers = law.gains[guard.LIMITS :], law.springs[0], cables.ravel()
+    numbers = law.gains[guard.LIMITS :], law.spring, law.cables.ravel()
     first = OWN_MEMORY + backlash_inverse.GAINS
     return LawTables(
-        cables.shape,
+        law.cables.shape,
         tuple(np.concatenate(numbers).tolist()),
         first + backlash_inverse.MEMORY_SIZE,
         (first + backlash_inverse.LAST_COMMAND,),
@@ -97,7 +95,7 @@ def inverse_tables(law: BacklashInverse) -> LawTables:
 
 def gaussian_tables(law: LinearQuadraticGaussian) -> LawTables:
     """Return the numbers of `lqg`."""
-    numbers = law.gains[guard.LIMITS :], law.springs[0], *map(np.ravel, law.design)
+    numbers = law.gains[guard.LIMITS :], law.spring, *map(np.ravel, law.design)
     first, size = OWN_MEMORY + gaussian.GAINS, law.memory_size
     return LawTables(
         (size,),

@@ -440,20 +440,17 @@ def _add_spring(model: mujoco.MjModel, axis: Axis) -> None:
 
 def _believing(drive: Drive, believed: float) -> Drive:
     """Return a drive with other friction, over that of the cables."""
-    rows = tuple(
-        tuple(
-            dataclasses.replace(
-                one,
-                cable=one.cable.replace(
-                    friction=believed * one.cable.friction,
-                    static_friction=believed * one.cable.static_friction,
-                ),
-            )
-            for one in row
+    cables = tuple(
+        dataclasses.replace(
+            one,
+            cable=one.cable.replace(
+                friction=believed * one.cable.friction,
+                static_friction=believed * one.cable.static_friction,
+            ),
         )
-        for row in drive.cable_drives
+        for one in drive.cables
     )
-    return dataclasses.replace(drive, cable_drives=rows)
+    return dataclasses.replace(drive, cables=cables)
 
 
 def _control(

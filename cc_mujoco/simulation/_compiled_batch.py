@@ -220,7 +220,7 @@ class CompiledEpisodes:
         found["gains"] = self._hold(law.gains.packed)
         if isinstance(law, ProportionalIntegral):
             found["memory"] = law.memory(1).ctypes.data
-            found["spring"] = law.springs.ctypes.data
+            found["spring"] = law.spring.ctypes.data
         if not isinstance(law, ModelBased):
             return found
         model = law.model

@@ -38,7 +38,7 @@ def believed(drive: Drive, changes: dict[str, float]) -> Drive:
         dataclasses.replace(one, cable=one.cable.replace(**changes))
         for one in drive.cables
     )
-    return dataclasses.replace(drive, cable_drives=(row,))
+    return dataclasses.replace(drive, cables=row)
 
 
 def readings(

@@ -131,7 +131,7 @@ def sampled(scene: str, structure: str, seed: int) -> tuple[Device, dict[str, An
     model = drawn.plant.model()
     device = drawn.plant.scene
     plain = DeviceModel(drawn.known.description, drawn.known.model())
-    own = believed_drives(
+    (own,) = believed_drives(
         plain.drives(device.description.period),
         plain.driven,
         [drawn],

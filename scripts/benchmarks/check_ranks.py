@@ -56,15 +56,14 @@ class Damped(ProportionalIntegral):
     """`pi` whose motor is damped critically on the stretch of the design's cables."""
 
     def __init__(self, drive: Drive) -> None:
-        """Compute the damping, for one design or for many."""
+        """Compute the damping."""
         super().__init__(drive)
-        joint = [
-            sum(c.distal**2 * c.cable.axial_stiffness / c.cable.length for c in row)
-            for row in drive.cable_drives
-        ]
-        stiffness = np.array(joint) / np.square(drive.ratio)
+        joint = sum(
+            c.distal**2 * c.cable.axial_stiffness / c.cable.length for c in drive.cables
+        )
+        stiffness = joint / drive.ratio**2
         closed = (1.0 + self.proportional) * stiffness
-        self.damping = 2.0 * np.sqrt(closed * drive.inertia) - drive.damping
+        self.damping = max(2.0 * (closed * drive.inertia) ** 0.5 - drive.damping, 0.0)
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
         """Return the torque of the motor [N m]."""
@@ -73,10 +72,7 @@ class Damped(ProportionalIntegral):
             observation["motor_velocity_rad_s"]
             - drive.ratio * observation["joint_velocity_rad_s"]
         )
-        damping = np.maximum(self.damping, 0.0)
-        if np.ndim(desired) == 0:
-            damping = float(damping[0])
-        feedforward = desired / drive.ratio - damping * ahead
+        feedforward = desired / drive.ratio - self.damping * ahead
         return self.closed(feedforward, desired - observation["joint_torque_nm"])
 
 

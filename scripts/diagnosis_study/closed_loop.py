@@ -195,7 +195,7 @@ def true_drive(rig: Rig, drive: Drive) -> Drive:
     return dataclasses.replace(
         drive,
         ratio=rig.joint_radius / rig.motor_radius,
-        cable_drives=(tuple(cables),),
+        cables=tuple(cables),
         inertia=rig.rotor_inertia,
         joint_inertia=rig.joint_inertia,
     )

@@ -10,23 +10,23 @@ import numpy as np
 
 
 def wrong(drive: Any) -> Any:
-    """Return a controller that fails in a way that depends on the number of devices.
+    """Return a controller of an infinite torque."""
+    return lambda seen: np.full_like(seen["joint_torque_nm"], np.inf)
 
-    One device: too many torques. Three: an exception. Four: exit of the process. Any
-    other number: an infinite torque.
-    """
 
-    def law(seen: Any) -> Any:
-        rows = np.size(seen["joint_torque_nm"])
-        if rows == 1:
-            return np.zeros(17)
-        if rows == 3:
-            return seen["tension_flexor_distal_n"]
-        if rows == 4:
-            os._exit(7)
-        return np.full_like(seen["joint_torque_nm"], np.inf)
+def wide(drive: Any) -> Any:
+    """Return a controller of too many torques."""
+    return lambda seen: np.zeros(17)
 
-    return law
+
+def curious(drive: Any) -> Any:
+    """Return a controller that reads what nobody measures."""
+    return lambda seen: seen["tension_flexor_distal_n"]
+
+
+def ending(drive: Any) -> Any:
+    """Return a controller that ends its process."""
+    return lambda seen: os._exit(7)
 
 
 def cheat(drive: Any) -> Any:

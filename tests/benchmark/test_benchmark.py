@@ -164,10 +164,19 @@ def test_references_give_the_scores_a_scale() -> None:
 
 
 @pytest.mark.parametrize(
-    "law", study_but(3, ["pi_tuned", "inverse", "lqg", "predictive"])
+    ("scene", "law"),
+    study_but(
+        3,
+        [
+            ("wrist", "pi_tuned"),
+            ("wrist", "inverse"),
+            ("wrist", "lqg"),
+            ("ankle", "predictive"),  # whose damper follows from the stiffness
+        ],
+    ),
 )
-def test_a_plant_has_the_same_controller_in_any_company(law: str) -> None:
-    conditions = {one.name: one for one in SUITES["v1"].conditions("wrist")}
+def test_a_plant_has_the_same_controller_in_any_company(scene: str, law: str) -> None:
+    conditions = {one.name: one for one in SUITES["v1"].conditions(scene)}
     cells = [
         Cell(dataclasses.replace(conditions[name], duration=1.1), law, (0, 1))
         for name in ("wearer-stiff", "good-bad")
@@ -245,16 +254,16 @@ def test_a_run_is_the_same_in_two_processes(mine: BenchmarkPlan) -> None:
 def test_a_controller_that_gives_no_number_fails_and_a_wrong_shape_is_refused() -> None:
     short = Cell(USUAL, WRONG, (0, 1))
     assert play(short).scores["failed"].tolist() == [1.0, 1.0]
-    for seeds, why in (
-        ((0,), r"'benchmark\.entries:wrong' gave torques of shape \(17,\)"),
+    for name, why in (
+        ("wide", r"'benchmark\.entries:wide' gave torques of shape \(2, 17\)"),
         (
-            (0, 1, 2),
+            "curious",
             r"raised KeyError in .*entries\.py, line \d+: 'tension_flexor.*; unknown",
         ),
-        ((0, 1, 2, 3), "ended its process, with exit code 7"),
+        ("ending", "ended its process, with exit code 7"),
     ):
         with pytest.raises(CableError, match=why):
-            play(dataclasses.replace(short, seeds=seeds))
+            play(dataclasses.replace(short, controller=f"benchmark.entries:{name}"))
 
 
 @pytest.mark.filterwarnings("error")

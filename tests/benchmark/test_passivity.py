@@ -131,9 +131,9 @@ def test_a_plant_of_the_suite_has_an_effect_that_its_controller_does_not_know() 
     _, plain = sampled("wrist", "none", 0)
     for name in ("rotor-inertia", "presliding", "late-commands", "cuff"):
         _, found = sampled("wrist", name, 0)
-        ((one,),) = (own.cable_drives for own in found["known"])
-        assert found["known"][0].inertia == plain["known"][0].inertia
-        assert one[0].cable.bristle_length == 0.0
+        (own,) = found["known"]
+        assert own.inertia == plain["known"][0].inertia
+        assert own.cables[0].cable.bristle_length == 0.0
     rotors = [
         sampled("wrist", "rotor-inertia", seed)[1]["variant"].dof_armature[0]
         for seed in (0, 1)

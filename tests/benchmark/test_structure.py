@@ -62,7 +62,7 @@ def test_a_drive_has_the_inertia_that_the_rotor_does_not_have() -> None:
     nominal = float(drawn.known.scene.spec.joint("motor").armature)
     factor = float(drawn.plant.values["wrist.rotor_inertia"]) / nominal
     assert factor in [pytest.approx(one) for one in INERTIA_FACTORS]
-    assert made.drives[0].inertia >= nominal
+    assert made.drives[0][0].inertia >= nominal
 
 
 def test_an_effect_that_is_known_has_the_plants_of_the_unknown_one() -> None:

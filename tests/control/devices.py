@@ -27,13 +27,13 @@ def pull_pull(friction: float = 0.1) -> Drive:
     """Two cables on equal pulleys of 10 cm."""
     own = cable(friction)
     pair = (CableDrive(own, -0.1, -0.1), CableDrive(own, 0.1, 0.1))
-    return Drive(1.0, -20.0, 20.0, 0.001, cable_drives=(pair,))
+    return Drive(1.0, -20.0, 20.0, 0.001, cables=pair)
 
 
 def single(friction: float = 0.1) -> Drive:
     """One cable whose torques are tensions and whose angles are displacements."""
     row = (CableDrive(cable(friction), -1.0, -1.0),)
-    return Drive(1.0, 0.0, 500.0, 0.001, one_way=True, cable_drives=(row,))
+    return Drive(1.0, 0.0, 500.0, 0.001, one_way=True, cables=row)
 
 
 def there_and_back(duration: float = 4.0, reach: float = 0.4) -> FloatArray:

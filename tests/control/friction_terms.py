@@ -21,12 +21,8 @@ from cc_mujoco.control import controller
 from cc_mujoco.device import Drive, Measuring, Plant, load_device
 from cc_mujoco.errors import CableError
 from cc_mujoco.metrics import first_unsafe_sample
-from cc_mujoco.simulation import (
-    Batch,
-    BatchedController,
-    Unpowered,
-    WornDevice,
-)
+from cc_mujoco.simulation import Batch, Unpowered, WornDevice
+from cc_mujoco.simulation._batched_controller import batched_controller
 
 Term = Mapping[str, float]
 
@@ -141,8 +137,8 @@ def play(
     first, count = exos[0], len(exos)
     drives = [one.drive for one in exos]
     if not known:
-        believed = exo({}).drive.cable_drives
-        drives = [dataclasses.replace(one, cable_drives=believed) for one in drives]
+        believed = exo({}).drive.cables
+        drives = [dataclasses.replace(one, cables=believed) for one in drives]
     kept_back = [_refuses(law, setup.sensing.equip(drive)) for drive in drives]
     if any(kept_back):  # a model that has no place for such a term
         cases = [c for c, no in zip(cases, kept_back, strict=True) if not no]
@@ -156,7 +152,9 @@ def play(
             setup.sensing, drives[0], *first.device.driven, [seed] * count, batch.steps
         )
         control = (
-            Unpowered(drives[0]) if name is None else BatchedController(name, drives)
+            Unpowered(drives[0])
+            if name is None
+            else batched_controller(name, [[one] for one in drives], ("",))
         )
         columns.append(batch.play(control, measuring.measure, kept))
     start = round(min(WARM_UP, 0.5 * duration) / first.period)

@@ -70,7 +70,7 @@ class Believed:
             self.high,
             0.001,
             one_way=not self.pair,
-            cable_drives=(tuple(row),),
+            cables=tuple(row),
             sensors=(nodes,) * len(row),
             inertia=self.inertia,
             delay=1,
@@ -168,7 +168,8 @@ def ride(
     step = 0.001 / _SUBSTEPS
     count = round(duration / 0.001)
     torque, desired, states = (np.zeros(count) for _ in range(3))
-    motor = speed = slip = 0.0
+    motor = speed = before = 0.0
+    slip = [0.0, 0.0]  # of the end at the motor and of that at the joint
     rub = truth.motor_friction * safe / abs(ratio)
     held: dict[str, Any] = {}
     late: dict[str, Any] = {}
@@ -191,19 +192,22 @@ def ride(
                 for end in ends
             ]
             at_joint = sum(
-                end * pull * math.exp(-end * slip * half)
+                end * pull * math.exp(-end * slip[1] * half)
                 for end, pull in zip(ends, pulls, strict=True)
             )
             at_motor = sum(
-                end * pull * math.exp(end * slip * half)
+                end * pull * math.exp(end * slip[0] * half)
                 for end, pull in zip(ends, pulls, strict=True)
             )
             drag = rub * math.tanh(speed / 0.2) + 1e-3 * believed.inertia * speed
             speed += step * (command - at_motor / ratio - drag) / believed.inertia
             motor += step * speed
-            moved = step * speed / ratio
-            slip += moved / _PRESLIDING * (1.0 - slip * math.copysign(1.0, moved))
-            slip = min(max(slip, -1.0), 1.0)
+            moves = step * speed / ratio, truth.radius * (joint - before)
+            before = joint
+            for end, moved in enumerate(moves):
+                rest = 1.0 - slip[end] * math.copysign(1.0, moved)
+                slip[end] += moved / _PRESLIDING * rest
+                slip[end] = min(max(slip[end], -1.0), 1.0)
         torque[n], desired[n] = truth.radius * at_joint, wanted
         turn = 2.0 * math.pi / _COUNTS
         seen: dict[str, Any] = dict.fromkeys(MEASURED_COLUMNS, 0.0) | {

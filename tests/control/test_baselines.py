@@ -92,7 +92,8 @@ def test_a_rotor_of_a_tenth_of_the_inertia_does_not_swing() -> None:
     """The gains of the thesis do: they know nothing of the rotor."""
     short = dataclasses.replace(ORDINARY["wrist"], duration=1.01)
     made = prepare_episodes([Cell(short, "none", (0,))])
-    light = dataclasses.replace(made.drives[0], inertia=0.1 * made.drives[0].inertia)
+    ((drive,),) = made.drives
+    light = dataclasses.replace(drive, inertia=0.1 * drive.inertia)
     torques: list[float] = []
     made.batch.devices[0].model.dof_armature[:] *= 0.1
     run(

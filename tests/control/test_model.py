@@ -43,7 +43,7 @@ def test_a_pulley_that_is_not_round_is_known_to_the_model() -> None:
     motor = 5.0 * angle + 0.1 * np.sin(np.arange(angle.size) / 300.0)
     truth = plant.replay(PERIOD, motor_angle=motor, joint_angle=angle)
     pair = (CableDrive(own, -0.02, -0.1), CableDrive(own, 0.02, 0.1))
-    model = CableModel(dataclasses.replace(pull_pull(), cable_drives=(pair,)))
+    model = CableModel(dataclasses.replace(pull_pull(), cables=pair))
     found = np.empty(angle.size)
     for i in range(angle.size):
         model.follow(motor[i], truth.joint_torque[i])
@@ -69,9 +69,7 @@ def test_friction_that_falls_is_left_out_of_a_model_without_weakening(
     found = np.empty((3, angle.size))
     for row, own, weakening in ((0, plain, True), (1, falls, False), (2, falls, True)):
         pair = tuple(dataclasses.replace(one, cable=own) for one in pull_pull().cables)
-        model = CableModel(
-            dataclasses.replace(pull_pull(), cable_drives=(pair,)), weakening
-        )
+        model = CableModel(dataclasses.replace(pull_pull(), cables=pair), weakening)
         for i in range(angle.size):
             model.follow(5.0 * angle[i], torque[i])
             found[row, i] = model.motor_torque()[0]
@@ -99,17 +97,15 @@ def test_gain_is_that_of_the_capstan_and_stays_during_partial_motion() -> None:
     assert model.gain[0, 0] == pytest.approx(np.exp(-0.3), rel=1e-9)
 
 
-def test_every_environment_may_have_a_cable_of_its_own() -> None:
-    rows = tuple((CableDrive(cable(mu), -1.0, -1.0),) for mu in (0.05, 0.1, 0.2))
-    drive = dataclasses.replace(single(), cable_drives=rows)
-    model = CableModel(drive)
+def test_friction_of_one_environment_is_scaled_alone() -> None:
+    model = CableModel(single())
     for pulled in np.linspace(0.0, 0.05, 200):
-        model.follow(np.full(3, pulled), np.full(3, 12.0))
-    assert model.gain[:, 0] == pytest.approx(np.exp([0.15, 0.3, 0.6]))
-    model.scale_friction(2.0)
+        model.follow(np.full(2, pulled), np.full(2, 12.0))
+    assert model.gain[:, 0] == pytest.approx(np.exp(0.3))
+    model.scale_friction(np.array([[1.0], [2.0]]))
     for pulled in np.linspace(0.05, 0.1, 200):
-        model.follow(np.full(3, pulled), np.full(3, 12.0))
-    assert model.gain[:, 0] == pytest.approx(np.exp([0.3, 0.6, 1.2]))
+        model.follow(np.full(2, pulled), np.full(2, 12.0))
+    assert model.gain[:, 0] == pytest.approx(np.exp([0.3, 0.6]))
 
 
 def test_only_the_environments_that_start_anew_forget() -> None:
@@ -122,15 +118,9 @@ def test_only_the_environments_that_start_anew_forget() -> None:
     assert model.tension(0)[1, 0] == pytest.approx(12.0 * np.exp(0.3))
 
 
-def test_a_drive_without_cables_or_with_cables_for_others_is_refused() -> None:
+def test_a_drive_without_cables_is_refused() -> None:
     with pytest.raises(CableError, match="needs to know the cables"):
         CableModel(Drive(1.0, -1.0, 1.0, 0.001))
-    rows = dataclasses.replace(single(), cable_drives=single().cable_drives * 2)
-    with pytest.raises(CableError, match="2 environments"):
-        CableModel(rows).follow(np.zeros(3), np.zeros(3))
-    mixed = (single().cable_drives[0], pull_pull().cable_drives[0])
-    with pytest.raises(CableError, match="same cables"):
-        dataclasses.replace(single(), cable_drives=mixed)
 
 
 def test_a_path_that_is_told_counts_from_then_on_whatever_becomes_of_friction() -> None:

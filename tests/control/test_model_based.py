@@ -115,7 +115,7 @@ def test_stiction_compensation_takes_over_every_friction_that_it_knows(
         dataclasses.replace(drawn, cable=drawn.cable.replace(**term))
         for drawn in plain.cables
     )
-    drive = dataclasses.replace(plain, cable_drives=(row,))
+    drive = dataclasses.replace(plain, cables=row)
     moving = (np.arange(angle.size) % 1000) > 300
     unaware, aware = (
         errors(drive, law, angle, -angle)[moving]
@@ -135,7 +135,7 @@ def test_a_motor_is_not_damped_more_than_the_period_allows(
     """A damper felt a period late is unstable beyond inertia over period."""
     drive = dataclasses.replace(pull_pull(), inertia=inertia, period=period)
     law = ModelBased(drive)
-    damping = law.settling * float(law.springs[0, guard.STIFFNESS])
+    damping = law.settling * float(law.spring[guard.STIFFNESS])
     assert 0.0 < law.settling <= 0.03
     assert damping * period / inertia <= 0.8 + 1e-9
     assert law.gains.settling == law.settling

@@ -58,7 +58,7 @@ DRIVE = Drive(
     -0.4,
     0.4,
     1e-3,
-    cable_drives=((CableDrive(CABLE, -0.005, -0.004),),),
+    cables=(CableDrive(CABLE, -0.005, -0.004),),
     inertia=3e-5,
     joint_sensor=False,
     commands_angle=True,
@@ -309,9 +309,7 @@ def test_a_short_trial_on_the_device_finds_its_friction_and_spring() -> None:
     (trial,) = calibration_trials(["endoscope"], duration=2.5)
     model = find_device("endoscope")
     cable = model.cables["tendon"]
-    drive = dataclasses.replace(
-        DRIVE, cable_drives=((CableDrive(cable, -0.005, -0.004),),)
-    )
+    drive = dataclasses.replace(DRIVE, cables=(CableDrive(cable, -0.005, -0.004),))
     found = fit_cable(trial, drive)
     assert found.friction == pytest.approx(1.0, abs=0.1)
     assert found.joint_stiffness == pytest.approx(0.03, rel=0.1)

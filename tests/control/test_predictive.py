@@ -92,9 +92,8 @@ def test_the_delay_of_the_sensors_is_found_by_what_moved_the_motor() -> None:
 def test_late_sensors_and_a_wrong_inertia_together_do_not_swing(wrong: float) -> None:
     slow = dataclasses.replace(ANKLE["ordinary-rough"], delay=(10, 10), duration=1.6)
     made = prepare_episodes([Cell(slow, "predictive", seeds=(0,))])
-    drive = dataclasses.replace(
-        made.drives[0], inertia=(1.0 + wrong) * made.drives[0].inertia
-    )
+    ((known,),) = made.drives
+    drive = dataclasses.replace(known, inertia=(1.0 + wrong) * known.inertia)
     torques: list[float] = []
     run(
         made.batch,
@@ -175,12 +174,9 @@ def errors_with_and_without(terms: dict[str, float], **settings: float) -> list[
     told = env.unwrapped.drive
     untold = dataclasses.replace(
         told,
-        cable_drives=tuple(
-            tuple(
-                dataclasses.replace(one, cable=one.cable.replace(**plain))
-                for one in row
-            )
-            for row in told.cable_drives
+        cables=tuple(
+            dataclasses.replace(one, cable=one.cable.replace(**plain))
+            for one in told.cables
         ),
     )
     errors = []
@@ -353,16 +349,14 @@ def scores_of_belief(friction: float, duration: float) -> float:
     """RMS error of `adaptive` at the wrist over that of `none` [-]."""
     short = dataclasses.replace(WRIST["ordinary-rough"], duration=duration)
     made = prepare_episodes([Cell(short, "adaptive", seeds=(0,))])
-    rows = tuple(
-        tuple(
-            dataclasses.replace(one, cable=one.cable.replace(
-                friction=friction, static_friction=0.0
-            ))
-            for one in row
+    ((drive,),) = made.drives
+    cables = tuple(
+        dataclasses.replace(
+            one, cable=one.cable.replace(friction=friction, static_friction=0.0)
         )
-        for row in made.drives[0].cable_drives
-    )  # fmt: skip
-    law = AdaptiveModel(dataclasses.replace(made.drives[0], cable_drives=rows))
+        for one in drive.cables
+    )
+    law = AdaptiveModel(dataclasses.replace(drive, cables=cables))
     off: list[float] = []
 
     def watch(step: int, columns: Any, torque: Any) -> None:

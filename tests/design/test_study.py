@@ -30,7 +30,8 @@ from cc_mujoco.device._sensors import MEASURED_COLUMNS
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Hold, Sine, read_trajectory, task
 from cc_mujoco.metrics import METRICS
-from cc_mujoco.simulation import BatchedController, EpisodeLog
+from cc_mujoco.simulation import EpisodeLog
+from cc_mujoco.simulation._batched_controller import batched_controller
 
 UNASKED = tuple(
     name for name in DEFAULT_METRICS if not missing_variables(METRICS[name], ())
@@ -465,7 +466,7 @@ def test_controllers_that_need_a_drive_each_get_one(
 
     monkeypatch.setitem(CONTROLLERS, "scalar", Scalar)
     drives = [Drive(5.0, -high, high, 1e-3) for high in (1.0, 4.0, 9.0)]
-    laws = BatchedController("scalar", drives)
+    laws = batched_controller("scalar", [[drive] for drive in drives], ("",))
     seen = {name: np.ones(3) for name in MEASURED_COLUMNS}
     assert laws.torque(seen).tolist() == [1.0, 2.0, 3.0]
 

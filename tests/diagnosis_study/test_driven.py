@@ -65,7 +65,7 @@ def test_a_controller_that_knows_the_drag_tracks_three_times_better(
             dataclasses.replace(each, cable=each.cable.replace(viscous_friction=drag))
             for each in plain.cables
         )
-        law = StictionCompensation(dataclasses.replace(plain, cable_drives=(row,)))
+        law = StictionCompensation(dataclasses.replace(plain, cables=row))
         bench = Bench(case.rig, {"viscous_friction": 150.0}, 0.0005)
         rig = Lockstep(bench, 1, swing)
         axis = DrivenAxis(rig, law.drive, desired, LIMITS, Watchdog())

@@ -33,17 +33,19 @@ def classroom(scene: str, seconds: float = 0.02) -> imitate.Classroom:
 def test_the_teacher_knows_the_plant_of_every_environment() -> None:
     env = classroom("exosuit").env
     law = imitate.teacher(env)
-    for own, names in zip(law.laws, env.exo.device.driven, strict=True):
-        for row, plant in zip(own.drive.cable_drives, env.plants, strict=True):
-            assert [one.cable for one in row] == [plant.cables[n] for n in names]
+    for plant, of_axes in zip(env.plants, law.laws, strict=True):
+        for own, names in zip(of_axes.laws, env.exo.device.driven, strict=True):
+            known = [one.cable for one in own.drive.cables]
+            assert known == [plant.cables[name] for name in names]
 
 
 def test_another_controller_teaches_at_another_rate() -> None:
     env = classroom("exosuit").env
     law = imitate.teacher(env, "lqg", hold=3)
-    assert {type(own).__name__ for own in law.laws} == {"LinearQuadraticGaussian"}
-    for own, drive in zip(law.laws, env.drives, strict=True):
-        assert own.drive.period == pytest.approx(3 * drive.period)
+    for of_axes in law.laws:
+        for own, drive in zip(of_axes.laws, env.drives, strict=True):
+            assert type(own).__name__ == "LinearQuadraticGaussian"
+            assert own.drive.period == pytest.approx(3 * drive.period)
 
 
 def test_the_bench_plays_the_motions_of_its_other_training() -> None:

@@ -135,7 +135,7 @@ def drive_of(scene: str, name: str) -> Drive:
         dataclasses.replace(one, cable=one.cable.replace(friction=0.7 * friction))
         for one, friction in ((one, one.cable.friction) for one in drive.cables)
     )
-    return dataclasses.replace(drive, cable_drives=(row,))
+    return dataclasses.replace(drive, cables=row)
 
 
 @functools.cache
@@ -383,7 +383,7 @@ def test_every_term_of_the_cables_is_in_the_exported_controller(
         dataclasses.replace(one, cable=one.cable.replace(**{term: TERMS_ON[term]}))
         for one in drive.cables
     )
-    drive = dataclasses.replace(drive, cable_drives=(row,))
+    drive = dataclasses.replace(drive, cables=row)
     exported = Library(*made("wrist", "stiction"))
     plan = ExportPlan.of("stiction", [drive], [driven("wrist")])
     assert exported.take(plan.values()) == 0
@@ -404,7 +404,7 @@ def test_bristles_that_cables_have_themselves_replace_those_of_the_second_model(
         dataclasses.replace(one, cable=one.cable.replace(bristle_length=1e-3))
         for one in drive.cables
     )
-    drive = dataclasses.replace(drive, cable_drives=(row,))
+    drive = dataclasses.replace(drive, cables=row)
     exported = Library(*made("wrist", "predictive"))
     plan = ExportPlan.of("predictive", [drive], [driven("wrist")])
     assert exported.take(plan.values()) == 0
@@ -754,7 +754,7 @@ def test_what_a_slope_of_tension_rests_on_cannot_be_exchanged(made: Made) -> Non
         dataclasses.replace(one, cable=one.cable.replace(viscous_friction=5.0))
         for one in known.cables
     )
-    drive = dataclasses.replace(known, cable_drives=(row,))
+    drive = dataclasses.replace(known, cables=row)
     with pytest.raises(CableError, match="the slope of the logarithm of tension"):
         ExportPlan.of("adaptive", [drive], [driven("exosuit")])
 

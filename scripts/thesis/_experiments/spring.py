@@ -39,7 +39,7 @@ def drive() -> Drive:
     """Return the pull-pull transmission, ratio 1."""
     own = cable(TENSION_RATIO)
     pair = (CableDrive(own, -RADIUS, -RADIUS), CableDrive(own, RADIUS, RADIUS))
-    return Drive(1.0, -20.0, 20.0, PERIOD, cable_drives=(pair,))
+    return Drive(1.0, -20.0, 20.0, PERIOD, cables=pair)
 
 
 def motion() -> tuple[FloatArray, FloatArray]:

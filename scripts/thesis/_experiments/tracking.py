@@ -55,7 +55,7 @@ def cable(growth: float) -> Cable:
 def drive(growth: float) -> Drive:
     """Return a drive of one cable with arms of 1 m, so that torques are tensions."""
     drive = CableDrive(cable(growth), -1.0, -1.0)
-    return Drive(1.0, 0.0, 1000.0, PERIOD, one_way=True, cable_drives=((drive,),))
+    return Drive(1.0, 0.0, 1000.0, PERIOD, one_way=True, cables=(drive,))
 
 
 def schemes(device: Drive) -> dict[str, Controller]:

@@ -450,8 +450,8 @@ class Diagnosis:
     interrupted: bool = False
     """True if the search was stopped before all effects were tried."""
     belief: VerdictOdds | None = None
-    """Probability that the verdict is right; None where no search was made or it was
-    stopped."""
+    """Probability that the verdict is right; None where no search was made, it was
+    stopped, or something happened once, in a stretch or between trials."""
 
     @property
     def missing(self) -> tuple[FoundEffect, ...]:

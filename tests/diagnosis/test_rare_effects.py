@@ -20,6 +20,7 @@ from cc_mujoco.diagnosis import (
 )
 from cc_mujoco.diagnosis._fit.fit import check_effects
 from cc_mujoco.diagnosis._fit.folds import interleaved_folds
+from cc_mujoco.diagnosis._fit.plausibility import implausibility
 from cc_mujoco.diagnosis._rig.bench_simulation import SimulatedRig
 from cc_mujoco.diagnosis._search.rounds import search, search_rare
 from cc_mujoco.diagnosis._thresholds import Thresholds
@@ -148,6 +149,17 @@ def test_what_motions_cannot_separate_is_a_tie_with_a_trial_that_does(
     acts = "joint_stiffness" if effect == "upper_joint_stop" else effect
     assert set(found.ties[0]) == {acts, other}
     assert found.next_experiment is not None, found.statement
+
+
+def test_a_stop_that_only_a_motion_far_beyond_reaches_is_no_stop() -> None:
+    data = dataset(duration=2.0)
+    records, filtering = prepare(data, BENCH)
+    problem = fit_baseline(data, plant_of(data, BENCH, records), filtering, 0).problem
+    for angle, far in ((0.5, False), (-2.0, True)):
+        start = {"lower_stop_stiffness": 0.5, "lower_stop_angle": angle}
+        wider = problem.with_effect("lower_joint_stop", start)
+        reason = implausibility(wider, np.zeros(len(wider.tuned)))
+        assert ("fits only with lower_stop_angle" in reason) is far
 
 
 def test_a_joint_that_rests_keeps_its_friction_unless_it_is_lubricated() -> None:

@@ -91,7 +91,8 @@ class Judged:
     Attributes:
         verdict: in one word.
         statement: in a few sentences.
-        belief: probability that it is right; None where the search was interrupted.
+        belief: probability that it is right; None where the search was interrupted, or
+            where something happened once.
         stretch: stretch of a trial beyond its own limit, or None.
         deviating: parameters tuned far beyond their priors.
         confounded: effects that tuning would hide.
@@ -140,11 +141,18 @@ def judge(found: Found, limits: Thresholds) -> Judged:
                 "effect had been added."
             )
         statement = f"Stopped before all effects were tried: {statement}"
-    else:
+    elif not (kind == "unknown" and one_time(outcome, limits)):
         left = floor_ratios(found.held.gap)[1]
         belief = belief_in_verdict(search, kind, found.missing, found.ties, left)
     untestable = untestable_effects(shown_by, hidden)
     return Judged(kind, statement, belief, stretch, beyond, hidden, untestable)
+
+
+def one_time(outcome: Judgement, limits: Thresholds) -> bool:
+    """Return whether something happened once, as it did on no study rig."""
+    stretch = outcome.stretch
+    alone = stretch is not None and stretch.rest <= limits.misfit
+    return alone or bool(outcome.by_trial)
 
 
 def verdict_of(

@@ -107,6 +107,8 @@ class Shape:
         low: least value of fits; where it is positive, the logarithm is fitted.
         high: largest value of fits.
         meaning: for the report.
+        within: largest value to either side, over the joint's range of motion; what
+            fits beyond is not named.
     """
 
     name: str
@@ -115,6 +117,7 @@ class Shape:
     low: float
     high: float
     meaning: str = ""
+    within: float = math.inf
 
     @property
     def values(self) -> tuple[float, ...]:
@@ -140,7 +143,10 @@ class Shape:
             scale="log" if positive else "linear",
         )
         typical = values[0] if positive else 0.1 * (self.high - self.low)
-        return EffectParameter(known, typical, shape=not positive)
+        found = EffectParameter(known, typical, shape=not positive)
+        if math.isfinite(self.within):
+            found = found._replace(plausible=(-self.within, self.within), of="motion")
+        return found
 
 
 def effect_of_class(given: Any, rare: bool = False) -> Effect:

@@ -107,6 +107,7 @@ class _JointStop:
                 -6.3,
                 6.3,
                 "angle of the joint at which it begins",
+                within=1.0,  # a spring that never lets go is no stop
             ),
         ]
 

@@ -16,11 +16,14 @@ from cc_mujoco import diagnosis
 from cc_mujoco.diagnosis._judge.judge import (
     RELIABILITY,
     STUDIED_ERROR,
+    Judgement,
     _rate,
     _worded,
     belief_in_verdict,
+    one_time,
     probabilities,
 )
+from cc_mujoco.diagnosis._judge.stretches import Stretch
 from cc_mujoco.diagnosis._phrases import format_odds
 from cc_mujoco.diagnosis._search.acceptance import comparison_z
 from cc_mujoco.diagnosis._thresholds import (
@@ -87,6 +90,15 @@ def test_rates_are_those_of_the_page() -> None:
     assert (int(far[1]), int(far[2])) == (Limit.far_off_right, Limit.far_off_names)
     most = re.findall(r"`(\w+)` (?:verdicts )?left at most (\d+\.\d)", odds)
     assert {name: float(size) for name, size in most} == STUDIED_ERROR
+
+
+@pytest.mark.parametrize("rest", [1.0, 2.0])
+@pytest.mark.parametrize("by_trial", ["", "Friction differs from trial to trial."])
+def test_what_happened_once_has_no_rate(rest: float, by_trial: str) -> None:
+    stretch = Stretch("trial", 1.0, 2.0, "motor_torque_nm", 20.0, 0.1, False, rest)
+    found = Judgement((), (), {}, (), stretch, by_trial)
+    assert one_time(found, Thresholds()) is (rest == 1.0 or bool(by_trial))
+    assert not one_time(found._replace(stretch=None, by_trial=""), Thresholds())
 
 
 @pytest.mark.parametrize("kind", STUDIED_ERROR)

@@ -54,12 +54,9 @@ def ideal(equality: bool) -> mujoco.MjModel:
             spec.delete(actuator)
     if equality:
         spec.add_equality(
-            type=mujoco.mjtEq.mjEQ_JOINT,
-            name1="motor",
-            name2="wrist",
-            data=[0.0, gear] + [0.0] * 10,
-            objtype=mujoco.mjtObj.mjOBJ_JOINT,
-        )
+            type=mujoco.mjtEq.mjEQ_JOINT, name1="motor", name2="wrist",
+            data=[0.0, gear] + [0.0] * 10, objtype=mujoco.mjtObj.mjOBJ_JOINT,
+        )  # fmt: skip
     else:
         tendon = spec.add_tendon(name="ideal")
         tendon.wrap_joint("motor", 1.0)

@@ -97,17 +97,11 @@ def row(name: str, duration: float, period: float, priority: int) -> tuple[str, 
     found = played(name, duration, period, priority)
     late, work = found["late"], found["work"]
     return (
-        f"`{name}`",
-        str(priority or "usual"),
-        str(found["cycles"]),
-        str(found["missed_cycles"]),
-        f"{late['p50_us']:.0f}",
-        f"{late['p99_us']:.0f}",
-        f"{1e-3 * late['longest_us']:.2f}",
-        f"{work['p50_us']:.0f}",
-        f"{before:.1f}, {os.getloadavg()[0]:.1f}",
-        found["outcome"],
-    )
+        f"`{name}`", str(priority or "usual"), str(found["cycles"]),
+        str(found["missed_cycles"]), f"{late['p50_us']:.0f}", f"{late['p99_us']:.0f}",
+        f"{1e-3 * late['longest_us']:.2f}", f"{work['p50_us']:.0f}",
+        f"{before:.1f}, {os.getloadavg()[0]:.1f}", found["outcome"],
+    )  # fmt: skip
 
 
 def main(

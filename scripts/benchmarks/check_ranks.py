@@ -44,12 +44,9 @@ VARY = {
 DURATION = {"ankle": 5.0, "wrist": 6.0}  # length of an episode [s]
 LAWS = ("none", "pi", "check_ranks:damped", "model")
 METRICS = (
-    "rms_torque_error",
-    "peak_motor_power",
-    "peak_motor_torque",
-    "slack_share",
+    "rms_torque_error", "peak_motor_power", "peak_motor_torque", "slack_share",
     "efficiency",
-)
+)  # fmt: skip
 
 
 class Damped(ProportionalIntegral):
@@ -97,16 +94,10 @@ def main(
     """
     with tqdm(total=designs, **progress_options()) as bar:
         table = study(
-            scene,
-            VARY[scene],
-            sampling="lhs",
-            samples=designs,
-            controllers=LAWS,
-            duration=duration or DURATION[scene],
-            metrics=METRICS,
-            threads=threads,
+            scene, VARY[scene], sampling="lhs", samples=designs, controllers=LAWS,
+            duration=duration or DURATION[scene], metrics=METRICS, threads=threads,
             progress=lambda done: bar.update(done - bar.n),
-        )
+        )  # fmt: skip
 
     def told(name: str, law: str) -> np.ndarray:
         return np.array(table[f"{name}@{law}"].to_pylist(), float)

@@ -72,13 +72,9 @@ def with_cables(case: Case, ends: str, armature: float, held: bool) -> Any:
     for actuator in list(spec.actuators):
         spec.delete(actuator)
     cable = Cable(
-        conduit=(Section(1.0, 1.0 / math.pi),),
-        axial_stiffness=case.stiffness,
-        friction=0.1,
-        pretension=PULL,
-        segments=50,
-        ends=ends,
-    )
+        conduit=(Section(1.0, 1.0 / math.pi),), axial_stiffness=case.stiffness,
+        friction=0.1, pretension=PULL, segments=50, ends=ends,
+    )  # fmt: skip
     for joint in case.joints:
         motor = f"{joint}_motor"
         body = spec.worldbody.add_body(name=motor, mass=0.1, inertia=[1e-6] * 3)

@@ -36,12 +36,9 @@ STEP, SUBSTEPS, LEAD = 0.002, 8, 0.5
 OTHERWISE = {"friction": 1.1, "axial_stiffness": 0.93, "pretension": 1.06}
 """Values of the rig over those of the scene, for the baseline to tune."""
 HIDDEN = (
-    "none",
-    "end_compliance",
-    "load_independent_friction",
-    "viscous_friction",
+    "none", "end_compliance", "load_independent_friction", "viscous_friction",
     "friction",
-)
+)  # fmt: skip
 """Cases; friction, doubled, is the baseline's to tune, and no effect."""
 TURNED = ("angle_rad", "torque_nm")
 """Columns that count as the scene, where the cable pulls the other way."""
@@ -198,12 +195,9 @@ def cable_torques(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
     """Return what all cables put into the joints (nv,) [N m]."""
     moment = np.zeros((data.moment_rownnz.size, model.nv))
     mujoco.mju_sparse2dense(
-        moment,
-        data.actuator_moment,
-        data.moment_rownnz,
-        data.moment_rowadr,
+        moment, data.actuator_moment, data.moment_rownnz, data.moment_rowadr,
         data.moment_colind,
-    )
+    )  # fmt: skip
     ends = model.actuator_outadr[np.flatnonzero(model.actuator_plugin >= 0)]
     open_pieces = data.qfrc_passive - data.qfrc_spring - data.qfrc_damper
     open_pieces -= data.qfrc_gravcomp + data.qfrc_fluid

@@ -173,13 +173,9 @@ def _write(folder: Path, session: Session, seed: int) -> None:
     folder.mkdir(parents=True)
     for k, columns in enumerate(session):
         np.savetxt(
-            folder / f"trial_{k:02d}.csv",
-            np.stack(list(columns.values()), axis=1),
-            fmt="%.7g",
-            delimiter=",",
-            header=",".join(columns),
-            comments="",
-        )
+            folder / f"trial_{k:02d}.csv", np.stack(list(columns.values()), axis=1),
+            fmt="%.7g", delimiter=",", header=",".join(columns), comments="",
+        )  # fmt: skip
     (folder / "dataset.toml").write_text(facts_of(TRIALS, seed), encoding="utf-8")
 
 

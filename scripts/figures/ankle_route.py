@@ -110,12 +110,9 @@ def walk(model: mujoco.MjModel) -> Cycle:
         mujoco.mj_step(model, data)
         torque = data.qfrc_actuator[ankle.dofadr[0]] - data.actuator("wearer").force[0]
         rows[i % each] = (
-            phase,
-            plugin.segment_wrap(model, data, CABLE).sum(),
-            -torque,
-            data.actuator_force[proximal.id],
-            -data.actuator_force[distal.id],
-        )
+            phase, plugin.segment_wrap(model, data, CABLE).sum(), -torque,
+            data.actuator_force[proximal.id], -data.actuator_force[distal.id],
+        )  # fmt: skip
     lost = plugin.read(model, data, CABLE).dissipated - before
     return Cycle(*rows.T, lost)
 
@@ -135,12 +132,9 @@ def draw(path: Path, fixed: Cycle, moving: Cycle) -> None:
             axes[2].plot(percent, cycle.torque, color=color)
         wanted = PEAK * assistance(fixed.phase)
         axes[2].plot(
-            100.0 * fixed.phase,
-            wanted,
-            color=BLACK,
-            dashes=DASH_PATTERN,
+            100.0 * fixed.phase, wanted, color=BLACK, dashes=DASH_PATTERN,
             label="wanted",
-        )
+        )  # fmt: skip
         axes[0].set(title="Wrap angle of the conduit", ylabel="wrap [rad]")
         axes[1].set(
             title="Tension that arrives at the heel", ylabel="heel / motor tension [-]"

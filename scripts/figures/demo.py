@@ -76,12 +76,9 @@ def relative_error(time: Array, desired: Array, reached: Array) -> float:
 def episode(law: str, duration: float) -> tuple[EpisodeLog, mujoco.MjModel]:
     """Play the motion with one controller, with the sensors of the device."""
     env: Any = gymnasium.make(
-        "cc_mujoco/WristHandle-v1",
-        trajectory="sweep",
-        task=SPRING,
-        duration=duration,
+        "cc_mujoco/WristHandle-v1", trajectory="sweep", task=SPRING, duration=duration,
         disable_env_checker=True,
-    )
+    )  # fmt: skip
     about = {"trajectory": "sweep", "task": "spring of 2.5 N m/rad", "controller": law}
     drive = env.unwrapped.drive
     log: EpisodeLog = play(env, controller(law, drive), seed=0, about=about)
@@ -93,16 +90,11 @@ def judged(log: EpisodeLog) -> Played:
     """Return the result of the controller."""
     lost = [log[f"dissipated_{name}_j"] for name in log.cables]
     return Played(
-        log["time_s"],
-        log["desired_torque_nm"],
-        log["joint_torque_nm"],
-        log[f"tension_{CABLE}_proximal_n"],
-        log[f"tension_{CABLE}_distal_n"],
-        log["joint_angle_rad"],
-        float(sum(each[-1] - each[0] for each in lost)),
-        METRICS["peak_motor_torque"].compute(log),
-        METRICS["chatter"].compute(log),
-    )
+        log["time_s"], log["desired_torque_nm"], log["joint_torque_nm"],
+        log[f"tension_{CABLE}_proximal_n"], log[f"tension_{CABLE}_distal_n"],
+        log["joint_angle_rad"], float(sum(each[-1] - each[0] for each in lost)),
+        METRICS["peak_motor_torque"].compute(log), METRICS["chatter"].compute(log),
+    )  # fmt: skip
 
 
 def words(found: dict[str, Played]) -> list[str]:

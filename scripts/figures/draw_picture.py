@@ -76,12 +76,9 @@ def photograph(
                     np.zeros(9), color.astype(np.float32) / 255.0,
                 )  # fmt: skip
                 mujoco.mjv_connector(
-                    geom,
-                    mujoco.mjtGeom.mjGEOM_CAPSULE,
-                    radius,
-                    points[j],
+                    geom, mujoco.mjtGeom.mjGEOM_CAPSULE, radius, points[j],
                     points[j + 1],
-                )
+                )  # fmt: skip
                 geom.emission = 0.4
                 scene.ngeom += 1
         return renderer.render().copy()

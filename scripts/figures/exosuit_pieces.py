@@ -52,12 +52,9 @@ def felt(
     own = data.qfrc_actuator[place] - data.actuator(JOINTS[joint]).force[0]
     arm = np.zeros((model.nu, model.nv))
     mujoco.mju_sparse2dense(
-        arm,
-        data.actuator_moment,
-        data.moment_rownnz,
-        data.moment_rowadr,
+        arm, data.actuator_moment, data.moment_rownnz, data.moment_rowadr,
         data.moment_colind,
-    )
+    )  # fmt: skip
     lever = -arm[model.actuator("thigh_distal").id, place]
     return [own + passive[place], *(lever * tension for tension in ends)]
 

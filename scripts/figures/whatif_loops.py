@@ -61,14 +61,9 @@ def draw(backlash: np.ndarray, out: Path) -> None:
                        color="white", fontsize=8)  # fmt: skip
         if np.isnan(backlash[-1, -1]):
             chart.text(
-                0.985,
-                0.975,
-                "too little\ntorque arrives\nto tell",
-                fontsize=7.5,
-                ha="right",
-                va="top",
-                transform=chart.transAxes,
-            )
+                0.985, 0.975, "too little\ntorque arrives\nto tell", fontsize=7.5,
+                ha="right", va="top", transform=chart.transAxes,
+            )  # fmt: skip
         chart.grid(False)
         chart.set(
             title="Design chart: lines of equal backlash",

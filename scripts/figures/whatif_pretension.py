@@ -74,14 +74,9 @@ def draw(
         both.set(title="The price of a reserve", xlabel="reflected torque, RMS [N m]",
                  ylabel="least tension anywhere [N]")  # fmt: skip
         both.text(
-            0.98,
-            RESERVE * 1.15,
-            f"reserve of {RESERVE:g} N",
-            color=GREY,
-            fontsize=8,
-            ha="right",
-            transform=both.get_yaxis_transform(),
-        )
+            0.98, RESERVE * 1.15, f"reserve of {RESERVE:g} N", color=GREY, fontsize=8,
+            ha="right", transform=both.get_yaxis_transform(),
+        )  # fmt: skip
         for axis in (feel.yaxis, both.xaxis):
             set_ticks(axis, (0.03, 0.1, 0.3, 1, 3))
         for axis in (feel.xaxis, slack.xaxis):

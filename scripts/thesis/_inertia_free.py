@@ -23,12 +23,9 @@ from cc_mujoco.native import FloatArray
 from cc_mujoco.simulation._loop import Columns, Trace, run
 
 COLUMNS = (
-    "motor_angle_rad",
-    "motor_torque_nm",
-    "joint_angle_rad",
-    "joint_torque_nm",
+    "motor_angle_rad", "motor_torque_nm", "joint_angle_rad", "joint_torque_nm",
     "desired_torque_nm",
-)
+)  # fmt: skip
 
 
 class InertiaFree:
@@ -79,16 +76,10 @@ class InertiaFree:
     def step(self, motor_torque: float, joint_angle: float) -> None:
         """Advance one period with a motor torque [N m] and a joint angle [rad]."""
         self.motor_angle = stepper.balance(
-            self.cables,
-            self._state,
-            False,
-            joint_angle,
-            self.motor_angle,
-            stepper.NO_LOAD._replace(torque=motor_torque),
-            self.drive.period,
-            self._new,
-            self._work,
-        )
+            self.cables, self._state, False, joint_angle, self.motor_angle,
+            stepper.NO_LOAD._replace(torque=motor_torque), self.drive.period,
+            self._new, self._work,
+        )  # fmt: skip
         self._state[:] = self._new
 
     def run(

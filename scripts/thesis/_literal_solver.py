@@ -354,12 +354,9 @@ class ThesisCable:
             tension[moving], displacement[moving], mesh.length[moving - 1]
         )
         found = solve(
-            mesh.part(0, moving - 1),
-            displacement[:moving],
-            [end],
-            self._signs(moving - 1),
-            standing,
-        )
+            mesh.part(0, moving - 1), displacement[:moving], [end],
+            self._signs(moving - 1), standing,
+        )  # fmt: skip
         return self._count(found)
 
     def _advance(self, found: Solution) -> bool:

@@ -29,12 +29,9 @@ PEAK_TORQUE, TORQUE_RATE, DWELL_TIME, DURATION = 0.125, 0.1, 0.5, 30.0
 DT = 1e-3
 
 PRINTED_CABLE = Cable(
-    axial_stiffness=STIFFNESS * LENGTH,
-    pretension=10.0,
-    friction=0.21,
-    static_friction=0.63,
-    conduit=(Section(LENGTH, 0.28),),
-)
+    axial_stiffness=STIFFNESS * LENGTH, pretension=10.0, friction=0.21,
+    static_friction=0.63, conduit=(Section(LENGTH, 0.28),),
+)  # fmt: skip
 
 RECONCILED_CABLE = PRINTED_CABLE.replace(friction=0.015, static_friction=0.0)
 

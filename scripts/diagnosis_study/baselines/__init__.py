@@ -17,10 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from importlib.util import find_spec
 
-from baselines.binning import binned
-from baselines.guess import Guess
-from baselines.refits import bic
-from baselines.sparsity import sparse
+from baselines.methods import Guess, bic, binned, sparse
 from cc_mujoco.diagnosis import BaselineFit
 
 METHODS: dict[str, Callable[[BaselineFit], Guess]] = {
@@ -28,16 +25,9 @@ METHODS: dict[str, Callable[[BaselineFit], Guess]] = {
     "sparse": sparse,
     "bic": bic,
 }
-"""Every way by its name."""
 
 
 def installed() -> dict[str, Callable[[BaselineFit], Guess]]:
     """Return the methods that can run: `sparse` needs pysindy."""
-    return {
-        name: method
-        for name, method in METHODS.items()
-        if name != "sparse" or find_spec("pysindy") is not None
-    }
-
-
-__all__ = ["METHODS", "Guess", "installed"]
+    there = find_spec("pysindy") is not None
+    return {name: way for name, way in METHODS.items() if name != "sparse" or there}

@@ -47,13 +47,10 @@ def write_data(folder: Path, data: list[dict[str, Array]], facts: str) -> None:
     folder.mkdir(parents=True)
     for k, columns in enumerate(data):
         np.savetxt(
-            folder / f"trial_{k:02d}.csv",
-            np.stack(list(columns.values()), axis=1),
-            fmt=[_format(name) for name in columns],
-            delimiter=",",
-            header=",".join(columns),
-            comments="",
-        )
+            folder / f"trial_{k:02d}.csv", np.stack(list(columns.values()), axis=1),
+            fmt=[_format(name) for name in columns], delimiter=",",
+            header=",".join(columns), comments="",
+        )  # fmt: skip
     (folder / "dataset.toml").write_text(facts, encoding="utf-8")
 
 

@@ -131,16 +131,11 @@ def plant_of(rig: Rig) -> Plant:
     length[:, [0, -1]] *= 0.5
     length *= rig.length / length.sum(axis=1, keepdims=True)
     return Plant(
-        rig.motor_radius,
-        rig.joint_radius,
-        drawn(GUIDES, rig.wrap),
-        rig.axial_stiffness / length,
-        length / rig.length,
-        np.array([rig.friction_a, rig.friction_b]),
-        rig.joint_inertia,
-        rig.joint_damping,
-        rig.rotor_inertia,
-    )
+        rig.motor_radius, rig.joint_radius, drawn(GUIDES, rig.wrap),
+        rig.axial_stiffness / length, length / rig.length,
+        np.array([rig.friction_a, rig.friction_b]), rig.joint_inertia,
+        rig.joint_damping, rig.rotor_inertia,
+    )  # fmt: skip
 
 
 NAMED: dict[str, Effect] = {
@@ -215,6 +210,21 @@ _SOFTEST, _HARDEST = 1.0, 1e12
 """Bounds of the damper in pseudo-transient continuation [N/m]."""
 
 
+class _Row(NamedTuple):
+    """Terms of a guide's balance, arrays of (guides,) but for the first."""
+
+    slope: FloatArray  # derivative of the tension by the stretch (guides + 1) [N/m]
+    left: FloatArray  # residual force [N]
+    low: FloatArray  # negative derivative of `left` by the previous guide's place [N/m]
+    mid: FloatArray  # negative derivative by the guide's own place [N/m]
+    high: FloatArray  # negative derivative by the next guide's place [N/m]
+    force: FloatArray  # force of friction and dampers [N]
+    before: FloatArray  # place a step ago [m]
+    kept: FloatArray  # place before a step of the search [m]
+    grips: FloatArray  # friction over load
+    dry: FloatArray  # load-independent friction [N]
+
+
 class Cables(NamedTuple):
     """State of both cables; displacements are towards the motor [m]."""
 
@@ -227,7 +237,7 @@ class Cables(NamedTuple):
     stretch: FloatArray  # elongation of the anchorage at the joint (2,) [m]
     snapped: FloatArray  # 1 where the conduit has given way, else 0 (2,)
     work: FloatArray  # work of friction and dampers (2,) [J]
-    room: FloatMatrix  # work space (10, guides + 1)
+    row: _Row  # work space
 
 
 def start(p: Plant, pretension: float, arcs: tuple[float, float]) -> Cables:
@@ -236,17 +246,10 @@ def start(p: Plant, pretension: float, arcs: tuple[float, float]) -> Cables:
     place = np.repeat(np.array(arcs)[:, None], guides, axis=1)
     stuck = np.repeat(place[:, :, None], SHARES.size, axis=2)
     return Cables(
-        place,
-        stuck,
-        np.zeros((2, guides)),
-        np.zeros((2, guides)),
-        np.zeros(2),
-        np.full((2, guides + 1), pretension),
-        np.full(2, pretension * p.anchor),
-        np.zeros(2),
-        np.zeros(2),
-        np.zeros((10, guides + 1)),
-    )
+        place, stuck, np.zeros((2, guides)), np.zeros((2, guides)), np.zeros(2),
+        np.full((2, guides + 1), pretension), np.full(2, pretension * p.anchor),
+        np.zeros(2), np.zeros(2), _Row(np.zeros(guides + 1), *np.zeros((9, guides))),
+    )  # fmt: skip
 
 
 @internal
@@ -280,22 +283,6 @@ def _held(
     return 2.0 * math.tanh(0.5 * p.friction[c] * factor * max(bend, 0.0)), dry
 
 
-class _Row(NamedTuple):
-    """Terms of a guide's balance, arrays of (guides,) but for the first two."""
-
-    tension: FloatArray  # tension of every piece (guides + 1) [N]
-    slope: FloatArray  # derivative of the tension by the stretch (guides + 1) [N/m]
-    left: FloatArray  # residual force [N]
-    low: FloatArray  # negative derivative of `left` by the previous guide's place [N/m]
-    mid: FloatArray  # negative derivative by the guide's own place [N/m]
-    high: FloatArray  # negative derivative by the next guide's place [N/m]
-    force: FloatArray  # force of friction and dampers [N]
-    before: FloatArray  # place a step ago [m]
-    kept: FloatArray  # place before a step of the search [m]
-    grips: FloatArray  # friction over load
-    dry: FloatArray  # load-independent friction [N]
-
-
 @internal
 def _balance(
     p: Plant,
@@ -304,7 +291,6 @@ def _balance(
     place: FloatArray,
     ends: tuple[float, float, float],
     dt: float,
-    row: _Row,
 ) -> tuple[float, float]:
     """Fill the row; return the largest residual [N] and the anchorage's stretch [m].
 
@@ -312,7 +298,8 @@ def _balance(
     """
     guides = p.bend.shape[1]
     tight, near, far = ends
-    tension, slope, left, force = row.tension, row.slope, row.left, row.force
+    row, tension = cables.row, cables.tension[c]
+    slope, left, force = row.slope, row.left, row.force
     other = total(cables.tension[1 - c]) / (guides + 1)
     anchor = p.anchor
     stretched = cables.stretch[c]
@@ -374,7 +361,6 @@ def _crept(
     c: int,
     ends: tuple[float, float, float],
     dt: float,
-    row: _Row,
 ) -> float:
     """Find the equilibrium where Newton's method fails; return the anchorage's stretch.
 
@@ -384,10 +370,11 @@ def _crept(
     (pseudo-transient continuation: C. T. Kelley, D. E. Keyes, SIAM J. Numer. Anal. 35,
     1998).
     """
-    place, left = cables.place[c], row.left
+    place, row = cables.place[c], cables.row
+    left = row.left
     copy(row.before, place)
     damper = _SOFTEST
-    worst, stretched = _balance(p, cables, c, place, ends, dt, row)
+    worst, stretched = _balance(p, cables, c, place, ends, dt)
     for _ in range(_CREEPS):
         if worst < _ENOUGH * p.reference_tension or damper > _HARDEST:
             break
@@ -398,13 +385,13 @@ def _crept(
         _solved(row.low, row.mid, row.high, left)
         for i in range(place.size):
             place[i] += left[i]
-        worst, stretched = _balance(p, cables, c, place, ends, dt, row)
+        worst, stretched = _balance(p, cables, c, place, ends, dt)
         if _squares(left) < size:
             damper = max(0.2 * damper, _SOFTEST)
             continue
         damper *= 5.0
         copy(row.kept, place)
-        worst, stretched = _balance(p, cables, c, place, ends, dt, row)
+        worst, stretched = _balance(p, cables, c, place, ends, dt)
     return stretched
 
 
@@ -431,7 +418,7 @@ def settle(
     """
     guides = p.bend.shape[1]
     place, tension = cables.place[c], cables.tension[c]
-    row = _row(tension, cables.room)
+    row = cables.row
     copy(place, row.before)
     for i in range(guides):
         row.grips[i], row.dry[i] = _held(p, cables, c, i, joint)
@@ -444,7 +431,7 @@ def settle(
     ends = (tight, near, far)
     smallest, worst, stretched = 1e300, 0.0, 0.0
     for turn in range(_ITERATIONS):
-        worst, stretched = _balance(p, cables, c, place, ends, dt, row)
+        worst, stretched = _balance(p, cables, c, place, ends, dt)
         if worst < _ENOUGH * p.reference_tension:
             break
         _solved(row.low, row.mid, row.high, row.left)
@@ -454,7 +441,7 @@ def settle(
         for i in range(guides):
             place[i] += part * row.left[i]
     if not worst < _BEARABLE * p.reference_tension:
-        stretched = _crept(p, cables, c, ends, dt, row)
+        stretched = _crept(p, cables, c, ends, dt)
     if p.anchor != 0.0:
         cables.stretch[c] = stretched
     way = 0.0
@@ -472,15 +459,6 @@ def settle(
         cables.rest[c, i] = grown / (1.0 + abs(moved) / p.bonding_slip)
     cables.travel[c] += way
     return tension[0], tension[guides]
-
-
-@internal
-def _row(tension: FloatArray, room: FloatMatrix) -> _Row:
-    n = room.shape[1] - 1
-    return _Row(
-        tension, room[0], room[1, :n], room[2, :n], room[3, :n], room[4, :n],
-        room[5, :n], room[6, :n], room[7, :n], room[8, :n], room[9, :n],
-    )  # fmt: skip
 
 
 @internal

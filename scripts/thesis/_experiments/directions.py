@@ -13,6 +13,7 @@ figure shows, is the best at the output of five that were tried on this very mot
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,7 +27,7 @@ from cc_mujoco.native import FloatArray
 from cc_mujoco.report._figures import BLACK, BLUE, COLORS, GREEN, ORANGE, PINK, figure
 from thesis._outcome import Claim, ExperimentOutcome, Figure, Progress, Verdict, rms
 from thesis._rig import PRINTED_CABLE
-from thesis.estimators._consensus import Choice, SensorConsensus
+from thesis.estimators._consensus import SensorConsensus
 from thesis.estimators._directions import (
     CONDITIONS,
     Moment,
@@ -163,39 +164,28 @@ def simulate_run(seconds: float = 6.0) -> _Run:
     proximal = -0.03 * np.interp(time, knots, [0, 1, 1, 0.2, 0.2, 1.2, 1.2, 0.3, 0.3])
     distal = -0.02 * np.interp(time, knots, [0, 0.7, 0.7, 0, 0, 1, 1, 0.2, 0.2])
     true = replay(RUN_CABLE, DT, u_proximal=proximal, u_distal=distal, profile=True)
-    assert true.tension is not None and true.direction is not None
     random = np.random.default_rng(39)
     reading = true.tension + RUN_NOISE * random.normal(size=true.tension.shape)
     sensors = Sensors.everywhere(RUN_CABLE, RUN_NOISE)
     known = TensionFusion(RUN_CABLE, sensors)
     output = {"one sensor, at the output": reading[:, -1]}
     everywhere, right = {}, {}
-    choices: dict[str, tuple[Choice, float]] = {
-        "vote, as printed": ("vote", 0.0),
-        "vote, silent within 3 deviations": ("vote", 3.0),
-        "all readings at once": ("likeliest", 3.0),
-    }
-    for name, (choice, threshold) in choices.items():
-        each = SensorConsensus(RUN_CABLE, sensors, choice=choice, threshold=threshold)
+    consensus = partial(SensorConsensus, RUN_CABLE, sensors)
+    observer = partial(CableObserver, RUN_CABLE, sensors, DT)
+    estimators: dict[str, Any] = {
+        "vote, as printed": consensus(choice="vote", threshold=0.0),
+        "vote, silent within 3 deviations": consensus(choice="vote"),
+        "all readings at once": consensus(choice="likeliest"),
+    } | {observer_name(agility): observer(agility=agility) for agility in AGILITIES}
+    for name, each in estimators.items():
         rows = [
-            (each.update(u, row).copy(), each.direction.copy())
+            (np.array(each.update(u, row)), np.array(each.direction))
             for u, row in zip(proximal.tolist(), reading, strict=True)
         ]
         found = np.array([row[0] for row in rows])
         output[name] = found[:, -1]
         everywhere[name] = rms(found - true.tension)
-        right[name] = _agreement_share([row[1] for row in rows], true.direction)
-    for agility in AGILITIES:
-        observer = CableObserver(RUN_CABLE, sensors, DT, agility=agility)
-        seen = [
-            (observer.update(u, row), observer.direction)
-            for u, row in zip(proximal.tolist(), reading, strict=True)
-        ]
-        name = observer_name(agility)
-        found = np.array([row[0] for row in seen])
-        output[name] = found[:, -1]
-        everywhere[name] = rms(found - true.tension)
-        right[name] = _agreement_share([row[1] for row in seen], true.direction)
+        right[name] = float(np.mean([row[1] for row in rows] == true.direction))
     found = known.over(reading, true.direction).tension
     output["directions known"] = found[:, -1]
     everywhere["directions known"] = rms(found - true.tension)
@@ -327,10 +317,6 @@ def _reading_low(found: _Votes) -> float:
     """Return the share of sensors with a wrong direction that read below the truth."""
     mistaken = np.any(found.wrong, axis=2)
     return float(np.mean((found.reading < found.moment.tension)[mistaken]))
-
-
-def _agreement_share(direction: list[NDArray[Any]], true: NDArray[np.int8]) -> float:
-    return float(np.mean(np.array(direction) == true))
 
 
 def _draw_example(found: dict[str, _Votes]) -> Figure:

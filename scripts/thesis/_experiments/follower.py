@@ -134,12 +134,9 @@ def run(progress: Progress) -> ExperimentOutcome:
     panels = drawing.subplots(3, 1, sharex=True)
     panels[0].plot(time, np.degrees(angle), color=BLUE, label="handle")
     panels[0].plot(
-        time,
-        np.degrees(reached) / ratio,
-        color=ORANGE,
-        dashes=DASH_PATTERN,
+        time, np.degrees(reached) / ratio, color=ORANGE, dashes=DASH_PATTERN,
         label="PI follower, at the handle's scale",
-    )
+    )  # fmt: skip
     panels[0].set(title="The wearer moves the handle", ylabel="angle [deg]")
     panels[0].legend(loc="lower right", bbox_to_anchor=(1, 0.98), ncols=2)
     for axes, found, title in (

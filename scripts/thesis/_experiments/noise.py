@@ -120,7 +120,6 @@ def drift(seconds: float = SECONDS, seed: int = 41) -> Drift:
     """Follow drifting noise and weight by it; directions known."""
     time = np.arange(0.0, seconds, DT)
     true = simulate_motion(time)
-    assert true.tension is not None and true.direction is not None
     count = len(NODES)
     phase = 2.0 * np.pi * (time[:, None] / 60.0 + np.arange(count) / count)
     deviation = 0.8 * np.exp(1.2 * np.sin(phase))
@@ -166,7 +165,6 @@ def motion_error(seconds: float = 80.0, seed: int = 43) -> tuple[float, float]:
     cable moves one way, averaged over these stretches.
     """
     true = simulate_motion(np.arange(0.0, seconds, DT))
-    assert true.tension is not None and true.direction is not None
     random = np.random.default_rng(seed)
     at_nodes = true.tension[:, NODES]
     reading = at_nodes + 0.8 * random.normal(size=at_nodes.shape)
@@ -190,12 +188,9 @@ def motion_error(seconds: float = 80.0, seed: int = 43) -> tuple[float, float]:
 
 
 WEIGHTS = (
-    "plain mean",
-    "extrapolation",
-    "noise",
-    "both",
+    "plain mean", "extrapolation", "noise", "both",
     "both, extrapolation at learnt noise",
-)
+)  # fmt: skip
 
 
 def weighted_errors(samples: int = 2000, seed: int = 42) -> dict[str, FloatArray]:

@@ -58,12 +58,9 @@ def run(progress: Progress) -> ExperimentOutcome:
         truth.time, by_ends.value[:, 0], by_ends.deviation[:, 0], friction
     )
     claims = (
-        _claim_slopes(instant),
-        claim_law(printed),
-        _claim_filters(one, ends),
-        _claim_bend(bend),
-        claim_stiffness(soft),
-    )
+        _claim_slopes(instant), claim_law(printed), _claim_filters(one, ends),
+        _claim_bend(bend), claim_stiffness(soft),
+    )  # fmt: skip
     figures = {
         "slopes": _draw_slopes(instant, printed),
         "tracking": _draw_tracking(truth, friction, by_slope, by_ends),

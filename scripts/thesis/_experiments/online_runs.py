@@ -196,12 +196,9 @@ def slopes(seed: int = 39) -> MassMotion:
     apart = np.mean(told[:, :, 0] - told[:, :, -1], axis=1)
     straight = -10.0 * float(np.polyfit(nodes, clean, 1)[0])
     return MassMotion(
-        reading,
-        line,
-        told,
-        apart / (line[0] - line[-1]),
+        reading, line, told, apart / (line[0] - line[-1]),
         straight / float(clean[0] - clean[-1]),
-    )
+    )  # fmt: skip
 
 
 class PrintedLaws(NamedTuple):
@@ -229,12 +226,9 @@ def laws(duration: float = DRIFT_START, seed: int = 40) -> PrintedLaws:
         best = np.inf
         for gain in GAINS:
             law = SlopeLaw(
-                CABLE,
-                truth.sensors,
-                gain,
-                start=INITIAL_GUESS_FACTOR * CABLE.friction,
-                **choice,
-            )
+                CABLE, truth.sensors, gain,
+                start=INITIAL_GUESS_FACTOR * CABLE.friction, **choice,
+            )  # fmt: skip
             rows = zip(truth.reading, truth.direction, strict=True)
             track = np.array([law.update(*row) for row in rows])
             error = track[late] / CABLE.friction - 1.0
@@ -289,12 +283,9 @@ def estimate_recursively(truth: Truth) -> EstimateTrack:
     """Return the friction by least squares from the sensors along the cable."""
     rate = (FRICTION_DRIFT - 1.0) * CABLE.friction * DT / (truth.time[-1] - DRIFT_START)
     estimator = FrictionEstimator(
-        CABLE,
-        truth.sensors,
-        start=INITIAL_GUESS_FACTOR * CABLE.friction,
-        memory=FRICTION_MEMORY,
-        drift=rate,
-    )
+        CABLE, truth.sensors, start=INITIAL_GUESS_FACTOR * CABLE.friction,
+        memory=FRICTION_MEMORY, drift=rate,
+    )  # fmt: skip
     return estimator.over(truth.reading, truth.direction)
 
 
@@ -344,12 +335,9 @@ def estimate_bends(duration: float = DRIFT_END, seed: int = 42) -> Bends:
     mean = CABLE.friction * CABLE.wrap / CABLE.length
     rate = (FRICTION_DRIFT - 1.0) * mean * DT / (duration - DRIFT_START)
     estimator = BendEstimator(
-        cable,
-        data.sensors,
-        start=INITIAL_GUESS_FACTOR * mean,
-        memory=BEND_MEMORY,
+        cable, data.sensors, start=INITIAL_GUESS_FACTOR * mean, memory=BEND_MEMORY,
         drift=rate,
-    )
+    )  # fmt: skip
     found = estimator.over(data.reading, data.direction, CURVATURE_PLACES)
     angle = [section.length / section.radius for section in cable.conduit]
     middle = (np.arange(len(angle)) + 0.5) * cable.length / len(angle)
@@ -397,12 +385,9 @@ def estimate_softening(duration: float = DRIFT_END, seed: int = 43) -> Softening
     stiffness = cable.axial_stiffness
     rate = (1.0 - STIFFNESS_DRIFT) * stiffness * DT / (duration - DRIFT_START)
     estimator = StiffnessEstimator(
-        cable,
-        data.sensors,
-        start=INITIAL_GUESS_FACTOR * stiffness,
-        memory=SOFT_MEMORY,
-        drift=rate,
-    )
+        cable, data.sensors, start=INITIAL_GUESS_FACTOR * stiffness,
+        memory=SOFT_MEMORY, drift=rate,
+    )  # fmt: skip
     found = estimator.over(data.u_proximal, data.reading, data.direction)
     settled = (data.time > 0.5 * DRIFT_START) & (data.time < DRIFT_START)
     free = simulate(CABLE, strokes(DRIFT_START), seed)

@@ -176,13 +176,9 @@ def run(progress: Progress) -> ExperimentOutcome:
     )
     span = np.array([angle.min(), angle.max()])
     loop.plot(
-        np.degrees(span),
-        np.polyval(np.polyfit(angle, torque, 1), span),
-        color=GREY,
-        linewidth=0.9,
-        linestyle="--",
-        label="slope alone",
-    )
+        np.degrees(span), np.polyval(np.polyfit(angle, torque, 1), span), color=GREY,
+        linewidth=0.9, linestyle="--", label="slope alone",
+    )  # fmt: skip
     loop.set(
         title="Output blocked", xlabel="motor angle [deg]", ylabel="motor torque [N m]"
     )

@@ -83,14 +83,10 @@ def judge(
     lost = answer.tension_proximal - truth.tension_proximal - distal
     moves = np.abs(np.gradient(truth.u_distal)) > 1e-9
     return _Judged(
-        model,
-        find_capabilities(model),
-        answer,
-        rms(distal[moves]),
-        rms(distal[~moves]),
-        (rms(lost[moves]), rms(lost[~moves])),
+        model, find_capabilities(model), answer, rms(distal[moves]),
+        rms(distal[~moves]), (rms(lost[moves]), rms(lost[~moves])),
         cost(model, proximal) / unit,
-    )
+    )  # fmt: skip
 
 
 def cost(model: PublishedModel, proximal: FloatArray) -> float:
@@ -283,11 +279,8 @@ def _motion(
 
 def _draw_table(found: list[_Judged]) -> Figure:
     heads = [
-        *CAPABILITY_TESTS,
-        "error in motion",
-        "in partial motion",
-        "cost of a step",
-    ]
+        *CAPABILITY_TESTS, "error in motion", "in partial motion", "cost of a step",
+    ]  # fmt: skip
     drawing = figure(10.0, 3.6)
     axes = drawing.add_subplot()
     for row, judged in enumerate(found):

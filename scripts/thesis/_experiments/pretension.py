@@ -73,12 +73,9 @@ def run(progress: Progress) -> ExperimentOutcome:
     torque = rows[0].motor_torque
     shown = time < 12.0
     series.plot(
-        time[shown],
-        ratio * torque[shown],
-        color=GREY,
-        dashes=DASH_PATTERN,
+        time[shown], ratio * torque[shown], color=GREY, dashes=DASH_PATTERN,
         label="motor, times the ratio",
-    )
+    )  # fmt: skip
     for (tension, row), color in zip(found.items(), COLORS, strict=False):
         label = f"pretension {tension:.0f} N"
         series.plot(time[shown], row.joint_torque[shown], color=color, label=label)

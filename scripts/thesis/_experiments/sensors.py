@@ -108,7 +108,6 @@ def ramps(seed: int = 36) -> _Run:
     true = replay(
         cable, DT, u_proximal=-pull, u_distal=np.zeros(time.size), profile=True
     )
-    assert true.tension is not None and true.direction is not None
     random = np.random.default_rng(seed)
     reading = true.tension + NOISE * random.normal(size=true.tension.shape)
     sensors = Sensors.everywhere(cable, NOISE)
@@ -302,11 +301,8 @@ def _draw_run(axes: Axes, run: _Run, span: tuple[float, float]) -> None:
     time = run.time[seen]
     axes.plot(time, run.mean[seen], color=BLUE, linewidth=0.8, label="mean of 11")
     axes.plot(
-        time,
-        run.best[seen],
-        color=ORANGE,
-        linewidth=0.9,
+        time, run.best[seen], color=ORANGE, linewidth=0.9,
         label="weighted, averaged on at rest",
-    )
+    )  # fmt: skip
     axes.plot(time, run.truth[seen], color=BLACK, linewidth=1.0, label="truth")
     axes.set(xlabel="time [s]", ylabel="output tension [N]")

@@ -250,12 +250,9 @@ def _draw_time(axes: Axes, recording: _Columns, found: Residual) -> None:
     time = recording.time[shown]
     axes.plot(time, recording.handle_torque[shown], color=BLUE, label="rig")
     axes.plot(
-        time,
-        found.torque[shown],
-        color=ORANGE,
-        dashes=DASH_PATTERN,
+        time, found.torque[shown], color=ORANGE, dashes=DASH_PATTERN,
         label="Coulomb model",
-    )
+    )  # fmt: skip
     axes.set(
         title="The same over time", xlabel="time [s]", ylabel="handle torque [N m]"
     )
@@ -274,12 +271,9 @@ def _draw_bins(axes: Axes, recording: _Columns, found: Residual) -> None:
         mean, _ = binned(velocity, error, edges)
         axes.plot(centres, mean, "o-", color=color, markersize=3, label=label)
     axes.plot(
-        centres,
-        found.slope * centres,
-        color=GREEN,
-        dashes=DASH_PATTERN,
+        centres, found.slope * centres, color=GREEN, dashes=DASH_PATTERN,
         label="linear term",
-    )
+    )  # fmt: skip
     axes.set(
         title="Residual of the Coulomb model against velocity",
         xlabel="handle velocity [rad/s]",

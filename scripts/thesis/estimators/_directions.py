@@ -235,13 +235,9 @@ def own_errors(
     nodes = np.array(sensors.nodes)
     noise = random.normal(size=(samples, nodes.size)) * np.array(sensors.deviation)
     own = own_solutions(
-        mesh,
-        moment.before,
-        np.full(samples, moment.displacement[0]),
-        moment.tension[nodes] + noise,
-        nodes,
-        first=moment.pattern,
-    )
+        mesh, moment.before, np.full(samples, moment.displacement[0]),
+        moment.tension[nodes] + noise, nodes, first=moment.pattern,
+    )  # fmt: skip
     return own.tension - moment.tension
 
 

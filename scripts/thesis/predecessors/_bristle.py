@@ -15,8 +15,7 @@ a few milliseconds.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -30,8 +29,7 @@ _MAX_ITERATIONS = 200  # most steps of Newton's method
 _FORCE_TOLERANCE = 1e-9  # force out of balance that ends them [N]
 
 
-@dataclass(frozen=True)
-class Bristle:
+class Bristle(NamedTuple):
     """Shape of the friction."""
 
     # displacement over which friction builds up, F_c / sigma_0 [m]
@@ -46,45 +44,44 @@ DAHL = Bristle()
 LUGRE = Bristle(excess=0.2, damping=1e-3)
 
 
+class _Chain(NamedTuple):
+    """Friction at the middle of every segment (n,), and springs between (n + 1,)."""
+
+    spring: FloatArray  # stiffness [N/m]
+    start: FloatArray  # tension at first [N]
+    tension: FloatArray  # of the springs [N]
+    friction: FloatArray  # [N]
+    limit: FloatArray  # friction that slides [N]
+    x: FloatArray  # displacement [m]
+    slip: FloatArray  # of a step [m]
+    speed: FloatArray  # [m/s]
+    rest: FloatArray  # force out of balance [N]
+    diagonal: FloatArray  # of the matrix [N/m]
+
+
 class BristleChain(PublishedModel):
     """Chain of springs with Dahl or LuGre friction at its nodes."""
 
     name: ClassVar[str] = "Palli and Melchiorri, Dahl"
 
     def __init__(self, cable: Cable, bristle: Bristle = DAHL) -> None:
-        """Take a cable and the shape of the friction."""
         super().__init__(cable)
         self.bristle = bristle
 
     def answer(self, motion: ReplayedMotion) -> Answer:
         """See `PublishedModel.answer`; does not know slack."""
-        cable = self.cable
+        cable, load, start = self.cable, motion.stiffness, motion.start
         n = cable.segments
-        segment = segment_angles(packed_parameters(cable), n)
-        shape = self.bristle
+        spring = cable.axial_stiffness / node_lengths(cable)
+        if np.isfinite(load):
+            spring[n] = spring[n] * load / (spring[n] + load)
+        chain = _Chain(spring, start, start.copy(), np.diff(start), *np.zeros((6, n)))
+        grip = cable.friction * segment_angles(packed_parameters(cable), n)
         out = np.empty((3, motion.proximal.size))
         _play(
-            motion.proximal,
-            motion.moved,
-            motion.stiffness,
-            cable.friction * segment,
-            cable.axial_stiffness / node_lengths(cable),
-            motion.start,
-            np.array(
-                [
-                    shape.length,
-                    shape.exponent,
-                    shape.excess,
-                    shape.stribeck_speed,
-                    shape.damping,
-                ]
-            ),
-            motion.factor,
-            motion.dt,
-            np.zeros((8, n + 1)),
-            np.zeros((2, n + 1)),
-            out,
-        )
+            chain, self.bristle, motion.proximal, motion.moved, load, grip,
+            motion.factor, motion.dt, out,
+        )  # fmt: skip
         return Answer(*out)
 
 
@@ -94,108 +91,70 @@ class LuGreChain(BristleChain):
     name: ClassVar[str] = "Palli and Melchiorri, LuGre"
 
     def __init__(self, cable: Cable) -> None:
-        """Take a cable."""
         super().__init__(cable, LUGRE)
 
 
 @compiled
 def _play(
+    chain: _Chain,
+    shape: Bristle,
     proximal: FloatArray,
     moved: FloatArray,
     load: float,
     grip: FloatArray,
-    stiffness: FloatArray,
-    tension: FloatArray,
-    shape: FloatArray,
     factor: FloatArray,
     dt: float,
-    room: FloatMatrix,
-    ends: FloatMatrix,
     out: FloatMatrix,
 ) -> None:
     """Compute the tension of both ends and place of the distal one, (3, samples).
 
-    Friction acts at the middle of every segment (displacement x_j); springs of the
-    cable lie between, of `stiffness` (n + 1,). `load` is infinite where the distal
-    end is held or moved. `room` (8, n + 1) and `ends` (2, n + 1) are zero.
+    `load` is the stiffness at the distal end, infinite where it is held or moved.
     """
-    n = grip.size
-    held = np.isinf(load)
-    rest = tension[n]
-    spring, start = ends[0], ends[1]
-    for i in range(n + 1):
-        spring[i], start[i] = stiffness[i], tension[i]
-    if not held:
-        spring[n] = spring[n] * load / (spring[n] + load)
-    x, slip, limit = room[0, :n], room[1, :n], room[2, :n]
-    friction, speed = room[3, :n], room[4, :n]
-    for j in range(n):
-        friction[j] = tension[j + 1] - tension[j]
+    n, held, tension = grip.size, np.isinf(load), chain.tension
     for row in range(proximal.size):
         distal = moved[row] if held else 0.0
         for j in range(n):
             mean = 0.5 * (max(tension[j], 0.0) + max(tension[j + 1], 0.0))
-            more = shape[2] * np.exp(-((speed[j] / shape[3]) ** 2))
-            limit[j] = mean * grip[j] * factor[row] * (1.0 + more)
-            slip[j] = 0.0
-        _settle(
-            start, spring, proximal[row], distal, friction, limit, shape, dt, x, slip,
-            room[5], room[6, :n], room[7, :n],
-        )  # fmt: skip
-        _tensions(start, spring, proximal[row], distal, x, tension)
+            slow = chain.speed[j] / shape.stribeck_speed
+            more = shape.excess * np.exp(-(slow**2))
+            chain.limit[j] = mean * grip[j] * factor[row] * (1.0 + more)
+            chain.slip[j] = 0.0
+        _settle(chain, shape, proximal[row], distal, dt)
+        _pull(chain, proximal[row], distal)
         for j in range(n):
-            friction[j] = _bristle(friction[j], slip[j], limit[j], shape, dt)[2]
-            speed[j] = slip[j] / dt
+            chain.friction[j] = _bristle(chain, shape, j, dt)[2]
+            chain.speed[j] = chain.slip[j] / dt
         out[0, row], out[1, row] = tension[0], tension[n]
-        out[2, row] = distal if held else (rest - tension[n]) / load
+        out[2, row] = distal if held else (chain.start[n] - tension[n]) / load
 
 
 @compiled
-def _tensions(
-    start: FloatArray,
-    spring: FloatArray,
-    proximal: float,
-    distal: float,
-    x: FloatArray,
-    tension: FloatArray,
-) -> None:
-    """Compute the tension of every spring (n + 1,)."""
-    n = x.size
-    before = proximal
+def _pull(chain: _Chain, proximal: float, distal: float) -> None:
+    """Compute the tension of every spring."""
+    n, before = chain.x.size, proximal
     for i in range(n + 1):
-        after = x[i] if i < n else distal
-        tension[i] = start[i] + spring[i] * (after - before)
+        after = chain.x[i] if i < n else distal
+        chain.tension[i] = chain.start[i] + chain.spring[i] * (after - before)
         before = after
 
 
 @compiled
 def _settle(
-    start: FloatArray,
-    spring: FloatArray,
-    proximal: float,
-    distal: float,
-    friction: FloatArray,
-    limit: FloatArray,
-    shape: FloatArray,
-    dt: float,
-    x: FloatArray,
-    slip: FloatArray,
-    tension: FloatArray,
-    rest: FloatArray,
-    diagonal: FloatArray,
+    chain: _Chain, shape: Bristle, proximal: float, distal: float, dt: float
 ) -> None:
     """Move x until every segment is in balance, T_{j+1} - T_j = F_j.
 
     Newton's method; steps are shortened where the kink of friction at rest makes them
     overshoot.
     """
-    n = x.size
-    last, pace = np.inf, 1.0
+    n, last, pace = chain.x.size, np.inf, 1.0
+    spring, tension = chain.spring, chain.tension
+    rest, diagonal = chain.rest, chain.diagonal
     for _ in range(_MAX_ITERATIONS):
-        _tensions(start, spring, proximal, distal, x, tension)
+        _pull(chain, proximal, distal)
         size = 0.0
         for j in range(n):
-            force, slope, _ = _bristle(friction[j], slip[j], limit[j], shape, dt)
+            force, slope, _ = _bristle(chain, shape, j, dt)
             rest[j] = tension[j + 1] - tension[j] - force
             diagonal[j] = spring[j] + spring[j + 1] + slope
             size = max(size, abs(rest[j]))
@@ -210,28 +169,29 @@ def _settle(
         ahead = 0.0
         for j in range(n - 1, -1, -1):
             ahead = (rest[j] + spring[j + 1] * ahead) / diagonal[j]
-            x[j] += pace * ahead
-            slip[j] += pace * ahead
+            chain.x[j] += pace * ahead
+            chain.slip[j] += pace * ahead
 
 
 @compiled
 def _bristle(
-    friction: float, slip: float, limit: float, shape: FloatArray, dt: float
+    chain: _Chain, shape: Bristle, j: int, dt: float
 ) -> tuple[float, float, float]:
     """Return friction after a slip, its slope, and the part stored in bristles."""
+    friction, slip, limit = chain.friction[j], chain.slip[j], chain.limit[j]
     if limit <= 0.0:
         return 0.0, 0.0, 0.0
     slip_direction = 1.0 if slip >= 0.0 else -1.0
     short = 1.0 - slip_direction * friction / limit
     side = 1.0 if short >= 0.0 else -1.0
-    size, travel, exponent = abs(short), abs(slip) / shape[0], shape[1]
+    size, travel, exponent = abs(short), abs(slip) / shape.length, shape.exponent
     if exponent == 1.0:
         size *= np.exp(-travel)
     elif size > 0.0:
         power = 1.0 - exponent
         size = max(size**power - power * travel, 0.0) ** (1.0 / power)
     stored = slip_direction * limit * (1.0 - side * size)
-    slope = limit / shape[0] * side * size**exponent
-    damping = shape[4] / dt
+    slope = limit / shape.length * side * size**exponent
+    damping = shape.damping / dt
     force = stored + damping * (stored - friction)
     return force, max(slope, 0.0) * (1.0 + damping), stored

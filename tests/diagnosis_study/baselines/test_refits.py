@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from baselines import METHODS, installed
-from baselines.refits import bic
+from baselines.methods import bic
 from cc_mujoco.diagnosis import BaselineFit
 
 IDS = ("viscous_friction", "joint_gravity", "motor_inertia")

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from baselines.binning import BINS, in_bins, regressed
 from baselines.features import FAMILIES
+from baselines.methods import BINS, in_bins, regressed
 from baselines.signals import Signals
 from cc_mujoco.diagnosis.effects import usual_effects
 
@@ -78,7 +78,7 @@ def test_the_sparse_model_of_a_residual_is_led_by_its_name(
     name: str, faulty: Faulty, motion: Any
 ) -> None:
     pytest.importorskip("pysindy")
-    from baselines.sparsity import selected
+    from baselines.methods import selected
 
     guess = selected([faulty(**FAULTS[name](motion))])
     assert guess.named == guess.ranking[0] == name
@@ -93,7 +93,7 @@ def test_noise_and_offsets_get_no_name(faulty: Faulty) -> None:
 
 def test_a_sparse_model_of_noise_is_empty(faulty: Faulty) -> None:
     pytest.importorskip("pysindy")
-    from baselines.sparsity import selected
+    from baselines.methods import selected
 
     guess = selected([faulty(motor=0.5, joint=-0.3)])
     assert guess == (None, (), pytest.approx(0.0, abs=1e-12))

@@ -235,14 +235,14 @@ def run(
     """Run every cell that is not done and return all, in the order of the plan.
 
     Args:
-        plan: What to run.
+        plan: Choice of cells.
         out: Folder; cells lie in `cells` inside.
         workers: Processes; 0 means one per processor.
         scheduler: Address of a Dask scheduler whose workers play instead.
         worker_timeout: Time without any worker after which to give up [s].
-        again: Run also what is done.
+        again: Run finished cells again.
         progress: Called with the number of cells that are done.
-        say: Called with a sentence on what an earlier run left, if it left something.
+        say: Called with a sentence on remains of an earlier run, if there are any.
 
     Raises:
         CableError: If a name is unknown, a controller cannot be used or the folder

@@ -68,18 +68,18 @@ class PredictiveCompensation(Controller):
     3. the joint and the desired torque are extrapolated over a short horizon, the joint
        as if it gave way a little to a torque that is not yet as desired, and the
        kernel finds for each knot the angle \(\theta^*_i\) of the motor that makes the
-       desired torque, if the motor only turns on in its present sense;
+       desired torque, if the motor only turns on in its present direction;
     4. the accelerations \(a_i\) of the motor minimise
 
        \[ \sum_i (\theta_i - \theta^*_i)^2 + \omega_c^{-4} a_i^2 \]
 
        so that a jump of \(\theta^*\), which is a reversal, is crossed in one smooth
        move that begins before it;
-    5. if that leaves an error, the same is planned in the other sense, which is taken
-       if the error gets smaller by more than a threshold. No model knows the width of
+    5. if that leaves an error, a plan is made in the other direction, which is adopted
+       if it reduces the error by more than a threshold. No model knows the width of
        a backlash to a percent, so the motor stops short of its end and creeps on;
     6. the motor gets the torque of the first acceleration and of the cables on its way,
-       less what the rotor observer finds that the model does not explain.
+       less the torque on the rotor that the model does not explain, by its observer.
 
     A motor that lags (`Drive.motor_lag`) is commanded ahead of that torque, so that
     its mean until the next knot is right. A motor whose command may not change as fast
@@ -92,12 +92,12 @@ class PredictiveCompensation(Controller):
     with the torque \(u^*_i\) that holds the motor of inertia J at \(\theta^*_i\). The
     first of them is the command.
 
-    What the joint was given beyond the desired torque, by torque sensor and motion, is
-    kept as an account; while that is positive, a damper is taken from the desired
-    torque that spends it, so that the joint stays quiet in the hands of a passive
+    The energy that the joint received beyond the desired torque, by torque sensor and
+    motion, is observed; while it is positive, a damper reduces the desired torque and
+    dissipates it, so that the joint stays quiet in the hands of a passive
     wearer (B. Hannaford, J.-H. Ryu, "Time-domain passivity control of haptic
-    interfaces", IEEE Trans. Robotics and Automation 18, 2002). The account is only as
-    good as the torque sensor.
+    interfaces", IEEE Trans. Robotics and Automation 18, 2002). The energy is only as
+    accurate as the torque sensor.
 
     A second model, whose friction builds up over a small motion on `bristles`, follows
     the same measurements. A model errs at the joint, by the torque of the next step,
@@ -110,16 +110,15 @@ class PredictiveCompensation(Controller):
     Control 10, 1965.
 
     Friction that falls with speed (Stribeck) or after a rest (ageing; with bristles,
-    break-away) is left out of both models. Fed forward, it lets go of more torque than
-    is wanted, and the joint hunts (B. Armstrong-Hélouvry, P. Dupont, C. Canudas de Wit,
-    "A survey of models, analysis tools and compensation methods for the control of
-    machines with friction", Automatica 30, 1994).
+    break-away) is left out of both models. Its feed-forward would release more torque
+    than desired, and the joint would hunt (B. Armstrong-Hélouvry, P. Dupont, C. Canudas
+    de Wit, "A survey of models, analysis tools and compensation methods for the control
+    of machines with friction", Automatica 30, 1994).
 
-    The friction coefficient of every cable follows what remains unexplained while all
-    of the cables slip, and so does the bias of the torque sensor, which other than
-    friction does not turn with the slip. Preview control of linear systems is that of
-    M. Tomizuka, "Optimal continuous finite preview problem", IEEE Trans. Automatic
-    Control 20, 1975.
+    The friction coefficient of every cable follows the unexplained torque while all
+    segments slip, and so does the bias of the torque sensor, which unlike friction does
+    not reverse with the slip. Preview control of linear systems is that of M. Tomizuka,
+    "Optimal continuous finite preview problem", IEEE Trans. Automatic Control 20, 1975.
     """
 
     def __init__(
@@ -157,8 +156,8 @@ class PredictiveCompensation(Controller):
             motion: That of the filters of joint and desired torque [rad/s]. An encoder
                 of less than 14 bits at the joint wants less, 200 or so, or the motor
                 chatters with its last bit.
-            belief: Share of what the torque sensor says beyond the model that is taken
-                over in a control step, above 0, to 1.
+            belief: Share of the torque sensor's deviation from the model that is
+                adopted in a control step, above 0, to 1.
             turning: RMS error of the torque over the horizon that turning the motor
                 must save, in standard deviations of the torque sensor.
             learning: Rate at which friction is learned [1/s].
@@ -173,9 +172,9 @@ class PredictiveCompensation(Controller):
                 together, and 0.001 for another, whose errors over a profile that gives
                 energy give some, too.
             yielding: Time for which the torque that the joint lacks speeds up its own
-                inertia once it is there [s]; 0 is a joint that is led whatever it
-                feels. Of a few times as much the loop gets unstable where a hand holds
-                the joint loosely.
+                inertia once it is there [s]; 0 is a joint whose motion is prescribed.
+                A few times as much makes the loop unstable where a hand holds the
+                joint loosely.
             tolerance: Of the torque that a knot of the plan makes, in standard
                 deviations of the torque sensor. By default 0.5 for a pair of cables
                 and 2 for a single one, which else turns back for less than its motor

@@ -59,7 +59,7 @@ def diagnose(
             single one need not be in a list. Several folders are several occasions of
             one rig, in order: effects are shared, friction, pretension, stiffness,
             offsets and clocks are fitted to each.
-        out: folder for what is found; `verdict.json` is written first, and the rest
+        out: folder for the results; `verdict.json` is written first, and the rest
             whole or not at all.
         axis: the axis that was recorded, of a device with several.
         dataset_toml: what the columns mean and what is known, see `dataset_file`.
@@ -67,7 +67,7 @@ def diagnose(
         seed: of bootstraps and noise draws.
         effects: effects to consider besides the usual ones: classes of your own,
             `FILE.py:CLASS`, `MODULE:CLASS`, or ids of rare effects of the library.
-        progress: called with the share done and what is being done.
+        progress: called with the share done and the present step.
 
     Raises:
         CableError: an effect that cannot be used, no data, a wrong dataset file, a
@@ -184,7 +184,7 @@ def run_inference(
         dataset: trials of `_loading.load`, without anything to fix.
         bench: rig as the scene has it.
         settings: choices besides data and scene.
-        progress: called with the share done and what is being done.
+        progress: called with the share done and the present step.
     """
     limits = settings.thresholds
     bench = replace(bench.known(dataset.constants), ends_held=dataset.ends_held)

@@ -64,7 +64,7 @@ def load(
         columns: further columns that effects take, where the files have them.
 
     Returns:
-        The dataset, without the trials that cannot be read, and what was noticed. If
+        The dataset, without the trials that cannot be read, and findings. If
         any finding is of severity `error`, nothing should be concluded from the data.
 
     Raises:

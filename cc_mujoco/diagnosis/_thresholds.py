@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 FORM_ERROR_SHARE = 0.05
-"""Share of what an effect explains, in every trial, that its form may be off by: right
-names leave that much on rigs of other forms. Less does not part it from a lookalike."""
+"""Form error of an effect over its explained error, in every trial: right names leave
+that much on rigs of other forms. A smaller difference does not exclude a lookalike."""
 MAX_EXPLAINED_ERROR = 2.4
 """Error over the floor up to which a model explains the data, part by part."""
 

@@ -184,8 +184,8 @@ class Deviating:
         parameter: of the baseline.
         given: value of the scene or of `dataset.toml`.
         tuned: fitted value.
-        deviations: distance in standard deviations of what is known of it.
-        statement: one sentence, with what else might be the cause.
+        deviations: distance in standard deviations of its prior.
+        statement: one sentence, with other possible causes.
     """
 
     parameter: str
@@ -307,7 +307,7 @@ class Occasions:
         names: in order; the baseline and the repaired scene are those of the last.
         changes: of the baseline, from every earlier occasion to the last.
         sizes: of the effects in the model.
-        statement: what changed from the last but one to the last.
+        statement: changes from the last but one to the last.
     """
 
     names: tuple[str, ...]
@@ -324,7 +324,7 @@ class TrialError:
         trial: its name.
         rmse_before: of the baseline, by parameters fitted to other data.
         rmse_after: of the model with the named effects.
-        noise_floor: what the noise of the sensors makes of it.
+        noise_floor: RMS error that the noise of the sensors makes.
         misfit_before: of both channels over the noise floor, large errors
             huber_residual.
         misfit_after: the same with the named effects.
@@ -396,7 +396,7 @@ class VerdictOdds:
         probability: 0 to 1, NaN where no study rig left as much of the error;
             `validation.md` shows how often it held on new rigs.
         statement: one sentence, with odds.
-        alternatives: what else may be true, the likeliest first.
+        alternatives: the likeliest first.
     """
 
     probability: float
@@ -438,7 +438,7 @@ class Diagnosis:
     question: str = ""
     """Question about a trial that contradicts the others, or empty."""
     deviating: tuple[Deviating, ...] = ()
-    """Parameters that had to be tuned beyond what is known of them."""
+    """Parameters that had to be tuned beyond their priors."""
     confounded: tuple[Confounded, ...] = ()
     """Effects that tuning would hide."""
     remaining: float = math.nan

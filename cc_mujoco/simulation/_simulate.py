@@ -304,8 +304,8 @@ def play(
 
     Args:
         env: One of this package's environments; its `info` fills the log.
-        controller: What drives the motor, made for the environment's drive.
-        sensing: What the controller sees with; the sensors of the device by default.
+        controller: Controller of the motor, made for the environment's drive.
+        sensing: Sensors of the controller; those of the device by default.
         seed: Seed of the reset and of the noise of the sensors.
         about: Metadata for the log, besides that of the device, the wearer, the
             sensors and the versions: names of trajectory, task and controller.

@@ -77,7 +77,7 @@ def check_trials(trials: Sequence[Trial], alone: bool = False) -> list[DataFindi
 
 
 def check_motions(trials: Sequence[Trial]) -> list[DataFinding]:
-    """Run the checks of trials that hold whatever connects the two ends."""
+    """Run the checks of trials that are independent of the transmission."""
     return [finding for trial in trials for finding in _check_motion(trial)]
 
 

@@ -322,7 +322,7 @@ class Problem:
         plant: simulates.
         tuned: every free parameter, baseline first.
         effects: ids that are present.
-        noise: (2, samples) of every record, what no model explains [N m].
+        noise: (2, samples) of every record, unexplained by any model [N m].
         floor: the same, by which errors are divided, see `noise_floor.NoiseFloor` [N
             m].
         weight: of a residual over its floor; below 1 where neighbours are not
@@ -388,10 +388,9 @@ class Problem:
         return replace(self, plant=plant, slopes=TorqueDerivatives(self.slopes))
 
     def sharing(self, known: Sequence[Problem]) -> Problem:
-        """Return the same, beginning with derivatives of a model of its parameters.
+        """Return the problem with derivatives of the last known one of its kind.
 
-        Args:
-            known: models with derivatives; the last with the same parameters counts.
+        That is one with the same parameters and effects.
         """
         for other in reversed(known):
             if other.tuned == self.tuned and other.effects == self.effects:
@@ -405,14 +404,10 @@ class Problem:
         return self if plant is self.plant else replace(self, plant=plant)
 
     def corrected(self, x: FloatArray, seen: Sequence[int]) -> Problem:
-        """Return `coarse` with torques that are those of this model at a place.
+        """Return `coarse` with this model's torques at `x`, for the records `seen`.
 
-        Nearby they differ by how far the numerical error changes (defect correction:
+        Nearby they differ by the change of the numerical error (defect correction:
         Stetter, Numerische Mathematik 29, 1978).
-
-        Args:
-            x: the place.
-            seen: indices of the records for which that is wanted.
         """
         rough = self.coarse
         defect = [np.zeros(record.measured.shape) for record in self.plant.records]
@@ -604,7 +599,7 @@ def fit(
     Where the rig is simulated finely, corrected coarse simulations are fitted.
 
     Args:
-        problem: what is fitted to what.
+        problem: model and records.
         start: place of the parameters.
         masks: samples that take part.
         evaluations: most of them.

@@ -1,1 +1,1 @@
-"""Verdict on what was found, and what the data could not have shown."""
+"""Verdict on the search, and effects that the data could not show."""

@@ -1,1 +1,1 @@
-"""Trials that separate what the data cannot."""
+"""Trials that separate effects that the data cannot."""

@@ -217,11 +217,11 @@ class Record:
     time: FloatArray
     """Time of every sample as recorded [s]."""
     motor_angle: FloatArray
-    """Angle of the motor, without what noise moves [rad]."""
+    """Angle of the motor, without movements by noise [rad]."""
     joint_angle: FloatArray
-    """Angle of the joint, without what noise moves [rad]."""
+    """Angle of the joint, without movements by noise [rad]."""
     read: FloatArray
-    """Angles (2, samples) of motor and joint with what noise moves [rad]."""
+    """Angles (2, samples) of motor and joint with movements by noise [rad]."""
     measured: FloatArray
     """Torques (rows, samples) of motor and joint, those that are known [N m]."""
     band: float

@@ -66,7 +66,7 @@ class Size:
         meaning: for the report.
         low: least value of fits.
         high: largest value of fits.
-        plausible: range that the effect can stand for; what fits beyond is not named.
+        plausible: range of the effect; one that fits only beyond is not named.
     """
 
     name: str
@@ -288,7 +288,7 @@ _ARGUMENTS = {
 
 
 def _require_arguments(made: Any, name: str) -> None:
-    """Refuse methods that cannot be called with what they are given."""
+    """Refuse methods that cannot be called with their arguments."""
     for method, arguments in _ARGUMENTS.items():
         called = getattr(made, method, None)
         if called is None:

@@ -31,13 +31,8 @@ _PARTIAL = ".partial"
 def require_ours(folder: str | os.PathLike[str], ours: Callable[[Path], bool]) -> None:
     """Find out, before long work, whether results may be written to a folder.
 
-    Args:
-        folder: Where; it need not be there.
-        ours: Function that returns whether a folder has the mark of an earlier run.
-
-    Raises:
-        CableError: If it is a file, cannot be written, or holds something without being
-            ours. Hidden files and empty folders are nothing.
+    It need not be there; `ours` returns whether it has the mark of an earlier run. Else
+    nothing may be in it but hidden files and empty folders.
     """
     require_writable(folder)
     place = Path(folder)

@@ -106,16 +106,11 @@ def _parts(text: str) -> list[str]:
 
 
 def named_object(kind: str, name: str, form: str) -> Any:
-    """Return the object `MODULE:NAME`; modules are found as by `import` in this folder.
+    """Return the object `MODULE:NAME`, or `FILE.py:NAME` with the path of a file.
 
-    Args:
-        kind: What the object is for, for error messages.
-        name: `MODULE:NAME`, or `FILE.py:NAME` with the path of a file.
-        form: What Python calls such an object, for error messages.
-
-    Raises:
-        CableError: There is no such module or object, the module raises, or a file
-            names it and no call has allowed it.
+    Modules are found as by `import` in this folder; one that a file names must have
+    been allowed. `kind` and `form` say in an error what the object is for, and what
+    Python calls it.
     """
     if refused := _REFUSED.search(name):
         raise CableError(refused[1])
@@ -177,10 +172,8 @@ def _module(kind: str, name: str, place: str) -> ModuleType:
 def user_errors(what: str, *kinds: type[BaseException]) -> Iterator[None]:
     """Turn an exception into one sentence that names the object, file and line.
 
-    Args:
-        what: The object of the user.
-        kinds: Exceptions; by default all errors and the end of the interpreter, which
-            is not for a part of a computation to decide.
+    By default all errors and the end of the interpreter, which is not for a part of a
+    computation to decide.
     """
     kinds = kinds or (Exception, SystemExit)
     try:

@@ -16,11 +16,7 @@ class Job(Protocol):
     """Work of which the pieces differ; all is plain data that can be pickled."""
 
     def rehearse(self) -> None:
-        """Make all that the pieces need, and do nothing.
-
-        Raises:
-            CableError: It cannot be made here.
-        """
+        """Make all that the pieces need, and do nothing."""
 
     def made_by(self) -> dict[str, Any]:
         """Return the provenance of the results, after a rehearsal."""
@@ -29,9 +25,4 @@ class Job(Protocol):
         """Return how much a piece adds to the progress."""
 
     def do(self, piece: Any, tick: Tick) -> Any:
-        """Do a piece.
-
-        Args:
-            piece: What to do.
-            tick: Called now and then, or never.
-        """
+        """Do a piece."""

@@ -52,16 +52,7 @@ def commands() -> dict[str, EntryPoint]:
 
 
 def parse(program: str, arguments: Sequence[str]) -> CommandOptions:
-    """Return the command that is meant.
-
-    Args:
-        program: Its name.
-        arguments: The words after it.
-
-    Raises:
-        CableError: They cannot be understood.
-        SystemExit: They requested help, which was printed.
-    """
+    """Return the command that is meant; help that is requested ends Python."""
     parsed: Any
     about: str | None = None
     if arguments and not arguments[0].startswith("-"):

@@ -145,13 +145,7 @@ class Bench:
     def recorded_path(
         self, joint: FloatArray, others: FloatArray, ramp: int = 0
     ) -> RecordedPath | None:
-        """Return the paths of the cables along a recording; None if no other moves.
-
-        Args:
-            joint: (samples,) of the driven joint [rad].
-            others: (others, samples) of the other joints [rad].
-            ramp: rows of either part of a lead-in, see `RecordedPath`.
-        """
+        """Return the paths of the cables along a recording; None if no other moves."""
         if not self.others:
             return None
         return RecordedPath(self.coupled, self.others, joint, others, ramp)
@@ -159,9 +153,8 @@ class Bench:
     def recorded_angles(self, with_torque: bool = True) -> dict[str, str]:
         """Return the other joints whose angles are needed, with their columns in a log.
 
-        Args:
-            with_torque: the torque at the joint is measured, from which that of other
-                axes' cables is taken off.
+        With a measured torque at the joint also those from which that of other axes'
+        cables is taken off.
         """
         needed = dict.fromkeys(self.others)
         for cable in self.pulled_by if with_torque else ():
@@ -186,9 +179,7 @@ class Bench:
     def turned(self, joint: FloatArray, path: RecordedPath | None = None) -> FloatArray:
         """Return a pulley's angle that takes as much cable as the joint (samples,).
 
-        Args:
-            joint: (samples,) [rad].
-            path: of a recording in which other joints move, too.
+        `path` is that of a recording in which other joints move, too.
         """
         if path is not None:
             course = path.along(joint, self.min_cable_segments)[0]
@@ -278,13 +269,9 @@ class Bench:
         )
 
     def known(self, constants: Mapping[str, Constant]) -> Bench:
-        """Return the bench with constants of the rig's file in place of the scene's.
+        """Return the bench with constants of `[rig]` in place of the scene's.
 
-        Args:
-            constants: of `[rig]`, see `RIG_CONSTANTS`.
-
-        Raises:
-            CableError: a radius of the joint, where the scene's path has the arm.
+        A radius of the joint is refused where the scene's path has the arm.
         """
         if self.tied and "joint_radius" in constants:
             raise CableError(

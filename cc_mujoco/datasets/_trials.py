@@ -174,11 +174,7 @@ class Trial:
         )
 
     def channel(self, name: str) -> FloatArray:
-        """Return the samples of a channel by its name, for example `joint_torque_nm`.
-
-        Raises:
-            CableError: the trial has no such channel.
-        """
+        """Return the samples of a channel by its name, as `joint_torque_nm`."""
         for kind in (self.tensions, self.others):
             if name in kind:
                 return kind[name]
@@ -249,11 +245,7 @@ class Dataset:
         return bool(self.trials) and all(trial.ends_held for trial in self.trials)
 
     def trial(self, name: str) -> Trial:
-        """Return the trial of that name.
-
-        Raises:
-            CableError: there is none.
-        """
+        """Return the trial of that name."""
         for trial in self.trials:
             if trial.name == name:
                 return trial

@@ -177,8 +177,7 @@ def column(table: pa.Table, name: str) -> Array:
 def pareto_rows(cost: Array) -> NDArray[np.bool_]:
     """Return the rows that no other row beats: as good in all columns, better in one.
 
-    Args:
-        cost: to be made small, (designs, objectives); rows with NaN are never in.
+    `cost` (designs, objectives) is to be made small; rows with NaN are never in.
     """
     from scipy.stats import rankdata
 

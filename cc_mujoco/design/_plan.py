@@ -181,11 +181,7 @@ def _digest(listed: Sequence[object]) -> str:
 
 
 def make_plan(spec: StudySpec) -> Plan:
-    """Plan a study; the plan of a search has no designs yet.
-
-    Raises:
-        CableError: the specification is invalid.
-    """
+    """Plan a study; the plan of a search has no designs yet."""
     if spec.evaluations is not None:
         return _plan_search(spec, spec.evaluations)
     goals = read_objectives(spec.objectives)

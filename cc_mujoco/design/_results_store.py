@@ -221,11 +221,7 @@ def _design_digest(written: Sequence[str]) -> tuple[int, bytes]:
 
 
 def require_ours(folder: Path) -> None:
-    """Find out, before long work, whether a study may be kept in a folder.
-
-    Raises:
-        CableError: If not; see `_utils.atomic_io.require_ours`.
-    """
+    """Find out, before long work, whether a study may be kept in a folder."""
     atomic_io.require_ours(folder, _has_study)
 
 

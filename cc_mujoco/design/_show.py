@@ -250,11 +250,7 @@ def compare(
 
 
 def require_ours(out: str | Path) -> None:
-    """Find out, before designs are played, whether `FILES` may be written there.
-
-    Raises:
-        CableError: If not; see `_utils.atomic_io.require_ours`.
-    """
+    """Find out, before designs are played, whether `FILES` may be written there."""
     atomic_io.require_ours(out, lambda place: figures.is_ours(place / PICTURE))
 
 

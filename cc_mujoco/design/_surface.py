@@ -103,9 +103,8 @@ def axes_of(ranges: Mapping[str, Range], varied: Sequence[str]) -> list[DesignAx
 def fit(x: Array, y: Array) -> Surface | None:
     """Fit a surface, or None where there are too few designs or nothing predicts them.
 
-    Args:
-        x: variables on their scales, (designs, variables).
-        y: a metric, (designs,), all numbers.
+    To a metric `y` (designs,) of the variables `x` (designs, variables) on their
+    scales.
     """
     rng = np.random.default_rng(0)
     shuffled = rng.permutation(len(y))[:MAX_FITTED_DESIGNS]

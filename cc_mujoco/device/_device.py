@@ -210,11 +210,7 @@ class Device(Nominal):
         return frame_skip(self.description, float(self.spec.option.timestep))
 
     def stripped(self, kept: tuple[str, ...]) -> mujoco.MjSpec:
-        """Return the scene without what is only seen, to be copied.
-
-        Args:
-            kept: Tendons that stay, see `route_tendons`.
-        """
+        """Return the scene without what is only seen, but for `kept` tendons."""
         with _ONE:  # two threads would make two, and what one stands on would go
             if kept not in self._bare:
                 self._bare[kept] = strip(self.spec, kept)

@@ -443,17 +443,12 @@ class DeviceModel:
         plugin.settle(model, data)
 
     def read_cables(self, qpos: Array, plugin_state: Array) -> dict[str, Any]:
-        """Read the state of the cables, and the pose.
+        """Read the states of the cables, and the pose, as columns of an episode log.
 
-        Args:
-            qpos: `mjData.qpos` of the simulation, or of several; it becomes a column.
-            plugin_state: `mjData.plugin_state`, likewise.
-
-        Returns:
-            The columns of an episode log that are states of the cables: numbers (or
-            arrays over simulations) and, for the list columns, arrays of their own.
-            Angles and velocities are those after the last physics step; torques,
-            tensions and slip are those that acted during it.
+        `qpos` and `plugin_state` are those of `mjData` of one simulation, or of
+        several: numbers, or arrays over simulations. Angles and velocities are those
+        after the last physics step; torques, tensions and slip are those that acted
+        during it.
         """
         columns: dict[str, Any] = {"qpos": qpos}
         for reader in self._readers:
@@ -464,9 +459,7 @@ class DeviceModel:
 def load(device: Device, drawn: bool = True) -> mujoco.MjModel:
     """Return the scene of a device, with room for other configurations of its cables.
 
-    Args:
-        device: The device.
-        drawn: With what is only seen, which takes up to half of the time of a step.
+    What is only seen, and `drawn`, takes up to half of the time of a step.
     """
     spec = device.spec.copy() if drawn else bare_model(device)
     make_room(spec)

@@ -119,11 +119,7 @@ class Observed:
         )
 
     def of(self, columns: Mapping[str, Any]) -> Array:
-        """Return the observation: (k,) for numbers, (n, k) for n environments.
-
-        Args:
-            columns: At least those that are measured.
-        """
+        """Return the observation: (k,) for numbers, (n, k) for n environments."""
         return np.ascontiguousarray(
             np.array([columns[name] for name in self.columns]).T
         )

@@ -317,19 +317,11 @@ class Plant:
                 )
 
     def model(self, whole: bool = False) -> mujoco.MjModel:
-        """Compile the model, bare (see `strip`) unless it is to be whole.
-
-        Raises:
-            CableError: the plant cannot be compiled.
-        """
+        """Compile the model, bare (see `strip`) unless it is to be whole."""
         return self.spec(whole).compile()
 
     def spec(self, whole: bool = False) -> mujoco.MjSpec:
-        """Return the scene with the values, bare unless it is to be whole.
-
-        Raises:
-            CableError: it is the plant of an environment, which has no scene.
-        """
+        """Return the scene with the values, bare unless it is to be whole."""
         scene = self.scene
         if whole:
             spec = scene.spec.copy()
@@ -347,11 +339,7 @@ class Plant:
 
     @property
     def scene(self) -> Device:
-        """The device with its scene.
-
-        Raises:
-            CableError: it is the plant of an environment, which has no scene.
-        """
+        """The device with its scene."""
         if not isinstance(self.device, Device):
             raise CableError(
                 f"a plant of {self.description.scene!r} has no scene to change: make "

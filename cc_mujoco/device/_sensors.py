@@ -145,11 +145,7 @@ class Sensors:
         return cls(tuple(nodes), _per_sensor(deviation, len(nodes)))
 
     def on(self, cable: Cable) -> NDArray[np.intp]:
-        """Return the nodes as an array, checked to be on the cable.
-
-        Raises:
-            CableError: a node that the cable does not have.
-        """
+        """Return the nodes as an array, checked to be on the cable."""
         for node in self.nodes:
             if not 0 <= node <= cable.segments:
                 raise CableError(

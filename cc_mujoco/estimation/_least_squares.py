@@ -140,14 +140,10 @@ def fit(
     a simulation costs more than all algebra, so none is made that promises less than
     what ends the fit.
 
-    Args:
-        residual: (residuals,) at a place (parameters,).
-        jacobian: its derivative (residuals, parameters).
-        free: the parameters; their priors are up to the residual.
-        start: place of the parameters.
-        tolerance: share of the cost that a step has to take, or to promise, for the fit
-            to go on.
-        evaluations: most of the residual.
+    The priors of the `free` parameters are up to `residual` (residuals,), of which
+    `jacobian` is the derivative (residuals, parameters). A step has to take, or to
+    promise, the share `tolerance` of the cost for the fit to go on; the residual is
+    evaluated `evaluations` times at most.
     """
     low, high = (
         np.array([getattr(parameter, side) for parameter in free])

@@ -209,14 +209,7 @@ EXPORT_FILES = (HEADER_FILE, *SOURCE_FILES, *TEXT_FILES, atomic_io.MANIFEST)
 
 
 def require_ours(folder: str | os.PathLike[str]) -> None:
-    """Find out, before long work, whether a controller may be written to a folder.
-
-    Args:
-        folder: Where.
-
-    Raises:
-        CableError: It may not.
-    """
+    """Find out, before long work, whether a controller may be written to a folder."""
     names = (*ROS2_FILES, *EXPORT_FILES)
     header = _existing_header(Path(folder) / HEADER_FILE)
     atomic_io.require_ours(folder, lambda _: header.startswith(c_source.HEADER_MARK))

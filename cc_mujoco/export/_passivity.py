@@ -236,12 +236,7 @@ def evaluate_ports(columns: dict[str, Array], step: float, skip: int) -> WearerE
 
 
 def wearer_bounds(device: str | Path | Device, axis: str | None = None) -> Array:
-    """Return logarithms of the bounds of wearers, (3, 2); see `limb_of`.
-
-    Args:
-        device: Name, file or the device.
-        axis: Name of the axis; the only one by default.
-    """
+    """Return logarithms of the bounds of wearers, (3, 2); see `limb_of`."""
     found = find_device(device)
     own = found.description.axis(axis)
     name = (
@@ -271,12 +266,7 @@ def limb_of(place: Array, inertia: float) -> Limb:
 
 
 def inertia_of(device: str | Path | Device, axis: str | None = None) -> float:
-    """Return the inertia of a joint with the limb in the neutral pose [kg m^2].
-
-    Args:
-        device: Name, file or the device.
-        axis: Name of the axis; the only one by default.
-    """
+    """Return the inertia of a joint with the limb in the neutral pose [kg m^2]."""
     plant = Plant(device)
     model = plant.model()
     limb = plant.description.axis(axis).limb

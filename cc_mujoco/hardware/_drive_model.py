@@ -103,12 +103,7 @@ class Windings:
     def read(
         self, angles: Sequence[float], velocities: Sequence[float]
     ) -> list[dict[str, float]]:
-        """Return `WINDING_COLUMNS` of every axis, none on a round pulley or unknown.
-
-        Args:
-            angles: Of the joints of the axes, as the scene counts them [rad].
-            velocities: Of the same [rad/s].
-        """
+        """Return `WINDING_COLUMNS` of every axis, none on a round pulley or unknown."""
         return [
             {}
             if each is None

@@ -102,13 +102,10 @@ class Limiter:
         return min(1.0, self._cycles * self._share)
 
     def limited(self, wish: float) -> float:
-        """Return the next torque [N m].
-
-        Args:
-            wish: Torque that the controller requests [N m], finite.
+        """Return the next torque [N m], towards what the controller requests.
 
         Raises:
-            CableError: It is not.
+            CableError: The request is not finite.
         """
         if not math.isfinite(wish):
             raise CableError(f"the controller gave {wish!r} N m.")

@@ -117,11 +117,7 @@ class PacketRig:
         self._closed = False
 
     def read(self) -> Readings | None:
-        """Return the newest valid reading that is newer than the last; see `Rig`.
-
-        Raises:
-            CableError: The link carries nothing any more.
-        """
+        """Return the newest valid reading that is newer than the last; see `Rig`."""
         newest = None
         for data in pending(self._receive):
             found = packet.read_reading(data)
@@ -141,11 +137,7 @@ class PacketRig:
         return newest
 
     def write(self, torque: float) -> None:
-        """Send a command, enabled once the rig has been heard; see `Rig`.
-
-        Raises:
-            CableError: The link carries nothing any more.
-        """
+        """Send a command, enabled once the rig has been heard; see `Rig`."""
         heard = self._last is not None
         self._send(torque, Status.ENABLED if heard else Status.NONE)
 

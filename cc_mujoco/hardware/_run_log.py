@@ -167,14 +167,7 @@ class RunLog:
     def row(
         self, axes: Sequence[AxisRow], late: float, work: float, cycle: int
     ) -> None:
-        """Add a row.
-
-        Args:
-            axes: Of every axis that is driven.
-            late: Lateness of the cycle's beginning [s].
-            work: Time from there until the commands were sent [s].
-            cycle: Number of the cycle.
-        """
+        """Add a row: readings of axes, lateness and work [s], and cycle number."""
         if not self._starts:
             self._starts = [axis.seen.time for axis in axes]
         times = [
@@ -193,14 +186,7 @@ class RunLog:
             self.flush()
 
     def close(self, outcome: Mapping[str, Any]) -> None:
-        """End both files.
-
-        Args:
-            outcome: How it went, as JSON.
-
-        Raises:
-            CableError: The rows left over, or the page, cannot be written.
-        """
+        """End both files."""
         try:
             self.flush()
         finally:
@@ -208,11 +194,7 @@ class RunLog:
             self._tell(outcome)
 
     def flush(self) -> None:
-        """Write the rows that are left over.
-
-        Raises:
-            CableError: They cannot be written.
-        """
+        """Write the rows that are left over."""
         data = "".join(f"{row}\n" for row in self._block).encode()
         self._block.clear()
         if data and not self._disk_is_full:

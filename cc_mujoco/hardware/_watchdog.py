@@ -247,24 +247,14 @@ class Watch:
         self._twists = not (unmeasured or drive.one_way)
 
     def deadline(self, missed: int) -> str | None:
-        """Look at the time.
-
-        Args:
-            missed: Cycles skipped before this one.
-        """
+        """Look at the time, after so many skipped cycles."""
         self._late = self._late + missed if missed else 0
         if self._late < self._watchdog.missed_deadlines:
             return None
         return f"the host was late: {self._late} cycles in a row were missed."
 
     def reading(self, found: Readings | None, torque: float, now: float) -> str | None:
-        """Look at the sensors.
-
-        Args:
-            found: The new reading, None if there is none.
-            torque: The last torque command of the motor [N m].
-            now: Time by the clock of the host [s].
-        """
+        """Look at the sensors after a motor torque [N m], at `now` [s]."""
         if found is None:
             self._without += 1
             if self._without < self._watchdog.missed_readings:
@@ -295,9 +285,8 @@ class Watch:
     def transmission(self, found: Readings, wound: Mapping[str, float]) -> str | None:
         """Look at what motor and joint show together, through the cables.
 
-        Args:
-            found: The new reading, in which `reading` found no fault.
-            wound: `WINDING_COLUMNS` of cables that pull no round pulley, else empty.
+        `reading` found no fault; `wound` has `WINDING_COLUMNS` of cables that pull no
+        round pulley.
         """
         motor, (angle, torque) = found.motor_angle, _on_pulley(found, wound)
         return (

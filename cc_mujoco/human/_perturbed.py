@@ -30,13 +30,7 @@ class Disturbed(Trajectory):
 
     @abstractmethod
     def added(self, time: Array, duration: float, rng: np.random.Generator) -> Array:
-        """Return the angle, velocity and acceleration that are added, (3, n).
-
-        Args:
-            time: Samples [s].
-            duration: Length of the episode [s].
-            rng: Source of what is random.
-        """
+        """Return the angle, velocity and acceleration that are added, (3, n)."""
 
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
         step = float(time[1] - time[0])

@@ -64,10 +64,7 @@ class Recorded(Trajectory):
         return self.times[-1]
 
     def on_joints(self, joints: Sequence[str]) -> Recorded:
-        """Return the motion with the names of a device's joints.
-
-        Args:
-            joints: Names of its joints, that which it drives first.
+        """Return the motion with the names of a device's joints, the driven one first.
 
         Raises:
             CableError: If there is no motion of the first joint.

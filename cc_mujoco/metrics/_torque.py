@@ -221,11 +221,8 @@ def peak_over_safe(log: LogLike) -> float:
 def first_unsafe_sample(torque: Array, safe: float, period: float) -> int | None:
     """Return the sample from which a joint torque is unsafe; None where it never is.
 
-    Args:
-        torque: Of the cables on the joint (samples,) [N m].
-        safe: Most that is safe, either way [N m]; more for `MAX_UNSAFE_TIME` is a
-            failure.
-        period: Time between samples [s].
+    More than `safe` [N m] for `MAX_UNSAFE_TIME` is a failure; `period` is the time
+    between samples [s].
     """
     beyond = np.concatenate([[False], np.abs(torque) > safe, [False]])
     first, end = np.flatnonzero(np.diff(beyond)).reshape(-1, 2).T

@@ -195,8 +195,7 @@ def signature_of(function: types.FunctionType) -> FunctionTypes:
 def interrupted(step: int) -> bool:
     """Return whether a long loop is to end, because Python has an exception to raise.
 
-    Args:
-        step: of the loop; C asks Python at every 16384th.
+    C asks Python at every 16384th `step` of the loop.
     """
     return False
 

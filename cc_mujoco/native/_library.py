@@ -109,11 +109,7 @@ def _library() -> ctypes.CDLL:
 
 
 def load(path: Path) -> ctypes.CDLL:
-    """Return the library of a file; one of this user's folder that fails is removed.
-
-    Raises:
-        NativeLibraryError: it does not load.
-    """
+    """Return the library of a file; one of this user's folder that fails is removed."""
     try:
         return ctypes.CDLL(str(path))
     except OSError as error:
@@ -381,16 +377,10 @@ def write_source(path: Path) -> None:
 def run(
     command: list[str], made: Path, environment: dict[str, str] | None = None
 ) -> None:
-    """Run a command to its end.
+    """Run a command to its end, which makes a file.
 
-    Args:
-        command: words of the command.
-        made: file that it writes.
-        environment: variables; those of this process by default.
-
-    Raises:
-        NativeLibraryError: it cannot be run, or fails; with its first error, or else
-            its last line, and a note with its last lines.
+    It fails with its first error, or else its last line, and a note with its last
+    lines.
     """
     try:
         done = subprocess.run(command, env=environment, capture_output=True, text=True)

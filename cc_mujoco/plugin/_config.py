@@ -436,13 +436,9 @@ def read(
 ) -> tuple[int, int]:
     """Read the attribute block of an instance.
 
-    Args:
-        block: address of the attribute block.
-        values: out, scalar parameters in the order of `PARAMETERS`.
-        sections: out, (`MAX_SECTIONS`, 2) length and bend radius [m].
-
-    Returns: Index of the first key that cannot be used or `VALID_CONFIGURATION`; number
-        of sections.
+    Out: scalar parameters in the order of `PARAMETERS`, and `sections` (`MAX_SECTIONS`,
+    2), length and bend radius [m]. Returns the index of the first key that cannot be
+    used or `VALID_CONFIGURATION`, and the number of sections.
     """
     for key in range(SCALARS):
         written = key_text(block, key)

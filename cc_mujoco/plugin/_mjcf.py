@@ -152,11 +152,7 @@ def cable_of(model: mujoco.MjModel, instance: int, name: str) -> Cable:
 
 
 def make_room(spec: mujoco.MjSpec) -> None:
-    """Leave room in a model for other configurations of its cables; see `write_cable`.
-
-    Args:
-        spec: Of the scene, before it is compiled.
-    """
+    """Leave room in a specification for other cables; see `write_cable`."""
     require_kind("spec", spec, mujoco.MjSpec)
     for instance in spec.plugins:
         config = dict(instance.config)

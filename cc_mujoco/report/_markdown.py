@@ -10,10 +10,7 @@ def table(
 ) -> str:
     """Return a table, as lines without the last line's end.
 
-    Args:
-        head: titles of the columns.
-        rows: their cells.
-        numbers: places of columns that are set flush right.
+    Columns of `numbers` are set flush right.
     """
     right = set(numbers)
     rule = "|".join("---:" if k in right else "---" for k in range(len(head)))

@@ -105,11 +105,9 @@ def resample(polyline: Array, shares: Array) -> Array:
 
 
 def tension_colors(tension: Array, highest: float) -> NDArray[np.uint8]:
-    """Return RGBA colours of tensions, grey where slack.
+    """Return RGBA colours of tensions of any shape [N], grey where slack.
 
-    Args:
-        tension: Tensions, any shape, N.
-        highest: Tension of the brightest colour, N.
+    `highest` is the tension of the brightest colour [N].
     """
     import matplotlib
 

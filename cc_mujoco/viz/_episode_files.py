@@ -46,12 +46,7 @@ VIDEO_FILE, PAGE_FILE = "video.mp4", "episode.html"
 
 
 def require_ours(folder: str | os.PathLike[str]) -> None:
-    """Find out, before an episode is played, whether its files may be written there.
-
-    Raises:
-        CableError: If not; see `_utils.atomic_io.require_ours` and
-            `_utils.atomic_io.require_unmodified`.
-    """
+    """Find out, before an episode is played, whether its files may be written there."""
     atomic_io.require_ours(folder, lambda place: atomic_io.is_marked(place / LOG_FILE))
     atomic_io.require_unmodified(folder, (*_REWRITTEN_FILES, VIDEO_FILE, PAGE_FILE))
 

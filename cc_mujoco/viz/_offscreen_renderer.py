@@ -163,12 +163,7 @@ class OffscreenRenderer:
         self._gl.free()
 
     def picture(self, qpos: Array, tensions: Mapping[str, Array]) -> Picture:
-        """Take a picture, (height, width, 3).
-
-        Args:
-            qpos: Pose (nq,).
-            tensions: Tension at the nodes of each cable (n,) [N].
-        """
+        """Take a picture (height, width, 3) of a pose, with node tensions (n,) [N]."""
         return self.compose_picture(self.render_moving(qpos, tensions))
 
     def render_moving(self, qpos: Array, tensions: Mapping[str, Array]) -> Exposure:

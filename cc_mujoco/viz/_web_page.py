@@ -52,11 +52,7 @@ WEB_FOLDER = Path(__file__).parent
 
 
 def require_page() -> None:
-    """Find out, before an episode is played, whether a page can be made of it.
-
-    Raises:
-        CableError: If plotly is missing.
-    """
+    """Find out, before an episode is played, whether a page can be made of it."""
     _plotly()
 
 

@@ -315,15 +315,7 @@ class AttachedCables:
         self.repack()
 
     def require_allowed(self, name: str, parameters: Mapping[str, ArrayLike]) -> None:
-        """Refuse what `vary` refuses, and change nothing.
-
-        Args:
-            name: the cable.
-            parameters: as those of `vary`, by name.
-
-        Raises:
-            CableError: see `vary`.
-        """
+        """Refuse what `vary` refuses, and change nothing."""
         self._varied(name, parameters)
 
     def _varied(

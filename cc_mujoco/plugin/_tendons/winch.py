@@ -94,9 +94,8 @@ class Stance:
 def measure(model: mujoco.MjModel, tendons: Iterable[str]) -> dict[str, list[Stance]]:
     """Measure tendons in the pose `qpos0`, in keyframes and over the joints' ranges.
 
-    Returns:
-        The stances by tendon, that of `qpos0` first; without inertia where nothing
-        moves it.
+    The stances are by tendon, that of `qpos0` first; without inertia where nothing
+    moves it.
     """
     data = mujoco.MjData(model)
     found: dict[str, list[Stance]] = {tendon: [] for tendon in tendons}

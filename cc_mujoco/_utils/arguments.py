@@ -18,7 +18,6 @@ MAX_FORCE = 1e12
 
 
 def require_kind(label: str, given: Any, kind: type[Kind]) -> Kind:
-    """Return an argument that is an instance of a class."""
     if not isinstance(given, kind):
         raise CableError(f"{label} must be a {kind.__name__}, not {shown(given)}")
     return given

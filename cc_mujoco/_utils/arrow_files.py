@@ -65,7 +65,6 @@ def read_columns(
 def _join_batches(
     names: list[str], batches: Iterable[pa.RecordBatch]
 ) -> dict[str, FloatArray]:
-    """Return the batches joined to one array per column."""
     pieces: dict[str, list[FloatArray]] = defaultdict(list)
     for batch in batches:
         for name in names:
@@ -80,7 +79,6 @@ def _join_batches(
 
 
 def _convert_booleans(column: pa.StringArray) -> pa.DoubleArray:
-    """Return the column as numbers, also if it is boolean."""
     words = pc.utf8_lower(pc.utf8_trim_whitespace(column))
     for word, number in _BOOLEAN_VALUES.items():
         words = pc.if_else(pc.equal(words, word), number, words)
@@ -88,7 +86,6 @@ def _convert_booleans(column: pa.StringArray) -> pa.DoubleArray:
 
 
 def _parquet_batches(path: Path, names: list[str]) -> Iterator[pa.RecordBatch]:
-    """Yield the columns of a Parquet file as numbers."""
     for batch in pq.ParquetFile(path).iter_batches(columns=names):
         columns = []
         for name in names:

@@ -161,7 +161,6 @@ def _with_decimal_point(cell: str, separator: str) -> str:
 
 
 def _encoding(head: bytes) -> str:
-    """Return the encoding of a text by its beginning."""
     if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return "utf-16"
     try:

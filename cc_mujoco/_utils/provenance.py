@@ -128,7 +128,6 @@ def provenance_differences(then: Any, now: Mapping[str, Any]) -> list[str]:
 
 
 def with_provenance(table: Any, about: Mapping[str, Any]) -> Any:
-    """Return a table of pyarrow with its provenance in the metadata."""
     return table.replace_schema_metadata({METADATA_KEY: json.dumps(about).encode()})
 
 
@@ -201,7 +200,6 @@ def _user_file_digests(controller: str) -> dict[str, str]:
 
 
 def _module(path: str) -> ModuleType | None:
-    """Return the loaded module of a source."""
     return next(
         (m for m in list(sys.modules.values()) if _source_path(m) == path), None
     )

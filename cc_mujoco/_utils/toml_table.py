@@ -22,13 +22,11 @@ class Table:
     content: dict[str, Any]
 
     def only(self, *allowed: str) -> None:
-        """Refuse other keys."""
         for key in self.content:
             if key not in allowed:
                 raise CableError.unknown("key", key, allowed, self.where)
 
     def wrong(self, key: str, right: str) -> CableError:
-        """Return the error for an impossible value."""
         return CableError(
             f"{self.where}, {key} must be {right}, not {self.shown(key)}."
         )

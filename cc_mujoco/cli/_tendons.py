@@ -29,7 +29,6 @@ class ShowTendons:
     """Show one line for every tendon."""
 
     def run(self) -> None:
-        """Print the report."""
         from cc_mujoco.plugin import tendon_report
         from cc_mujoco.viz._view import read_scene
 

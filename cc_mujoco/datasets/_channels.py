@@ -80,7 +80,6 @@ _UNIT_HINTS = {
 
 
 def kind_of(channel: str) -> Kind:
-    """Return the kind of quantity of the channel of this name."""
     if is_further(channel):
         return FURTHER
     if is_tension(channel):

@@ -294,7 +294,6 @@ def _counted_runs(
 def _resample_evenly(
     recording: Recording, track: SampledTrack
 ) -> tuple[SampledTrack, list[DataFinding]]:
-    """Return the same stretches, sampled evenly."""
     time, segments = track.time, track.segments
     spans = [
         (time[part][0], time[part][-1], part.stop - part.start) for part in segments

@@ -81,12 +81,10 @@ def has_declared_cells(file: DatasetFile, end: str, bench: Bench) -> bool:
 
 
 def is_cell_at_end(name: str, end: str) -> bool:
-    """Return whether a channel is a load cell at an end of a cable."""
     return channels.is_tension(name) and channels.cable_end(name)[1] == end
 
 
 def _torque_at(end: str) -> str:
-    """Return the torque that acts at an end of the cables."""
     return next(torque for torque, own in END_OF_TORQUE.items() if own == end)
 
 

@@ -145,7 +145,6 @@ def _instrument(
 def _describe_source(
     torque: str, instrument: Instrument | None, trials: Sequence[Trial]
 ) -> str:
-    """Return the description of a torque's instrument, for the report."""
     where = "every trial" if len(trials) > 1 else trials[0].name
     if instrument is None:
         return f"{torque} of {where} is not measured."

@@ -165,7 +165,6 @@ def _try_case(
 
 
 def _result(protocol: EpisodeProtocol, tried: Sequence[_Tried]) -> DesignResult:
-    """Return the result of a design from its outcome in each case."""
     across = protocol.across
     failed: dict[str, str] = {}
     for case, one in zip(across.cases, tried, strict=True):

@@ -237,7 +237,6 @@ def make_plan(spec: StudySpec) -> Plan:
 
 
 def _plan_search(spec: StudySpec, evaluations: int) -> Plan:
-    """Plan a search for the best designs."""
     if spec.designs is not None or spec.sampling != "grid" or spec.samples:
         raise CableError(
             "--optimise chooses the designs itself: give --vary, and neither "
@@ -459,7 +458,6 @@ def _scene_of(given: str | Path) -> str:
 
 
 def metrics_of(given: Sequence[str | Metric]) -> list[Metric]:
-    """Return the metrics that are chosen for a study."""
     if isinstance(given, str) or not isinstance(given, Iterable):
         raise CableError(f"metrics must be a list of texts, not {given!r}.")
     return [metric_of_designs(one) for one in given]

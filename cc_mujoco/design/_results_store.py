@@ -273,7 +273,6 @@ def read_protocol(folder: Path) -> dict[str, Any]:
 
 
 def read_table(folder: Path) -> pa.Table:
-    """Return the table of the finished study in a folder."""
     path = folder / TABLE_FILE
     if not path.exists():
         raise CableError(f"the study in {folder} is not finished; run it again.")

@@ -112,7 +112,6 @@ class Across:
         return tuple(Plant(device, {**design, **c}).layout for c in self.cases)
 
     def require_disjoint(self, varied: Iterable[str]) -> None:
-        """Refuse variables that are both varied and crossed."""
         for name in varied:
             for crossed in self.names:
                 if name == crossed:

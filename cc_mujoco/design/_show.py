@@ -149,7 +149,6 @@ def _require_text(
 
 
 def find_user_metrics(folder: str | Path) -> None:
-    """Find the metrics of the user that a study measures."""
     for name, known in read_protocol(Path(folder))["own"].items():
         if not is_user_controller(known):
             raise CableError(

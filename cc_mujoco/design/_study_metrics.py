@@ -131,7 +131,6 @@ def metric_of_designs(given: str | Metric) -> Metric:
 
 
 def require_axes(names: Sequence[str], axes: Sequence[str]) -> None:
-    """Refuse metrics of axes that a device does not have."""
     for name in names:
         axis, own = split_metric(name)
         if axis and not axes:
@@ -234,7 +233,6 @@ def number_columns(protocol: EpisodeProtocol) -> tuple[str, ...]:
 
 
 def wants_high(protocol: EpisodeProtocol, name: str) -> bool:
-    """Return whether more of a metric is better in a study."""
     own = name.rpartition(".")[2]
     turned = not {name, own}.isdisjoint(protocol.across.turned)
     return METRICS[own].high != turned

@@ -351,7 +351,6 @@ class Plant:
         return of_owner(self.values, axis.name)
 
     def _lever(self, cable: str) -> tuple[str, ...]:
-        """Return the sites of the lever that a cable pulls."""
         for axis in self.description.axes:
             if cable in axis.cables:
                 return axis.lever
@@ -471,7 +470,6 @@ class Plant:
                 turning.parent.inertia = turning.parent.inertia + inertia
 
     def _apply_motor(self, spec: mujoco.MjSpec, axis: Axis) -> None:
-        """Write the values of a motor into a scene."""
         values = self._of_axis(axis)
         motor, drum = spec.actuator(axis.motor), spec.joint(axis.drum)
         if "motor_torque" in values:

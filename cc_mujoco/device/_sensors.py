@@ -471,7 +471,6 @@ class AxesMeasuring:
 
 
 def _copy_array(value: Any) -> Any:
-    """Return a copy of an array, or a number unchanged."""
     return value.copy() if isinstance(value, np.ndarray) else value
 
 

@@ -258,7 +258,6 @@ class _Model:
         return [error for _, error in self.parts(logs)]
 
     def residual(self, logs: FloatArray) -> FloatArray:
-        """Return all residuals, one after another."""
         return np.concatenate(self.residuals(logs))
 
     def jacobian(self, logs: FloatArray) -> FloatArray:

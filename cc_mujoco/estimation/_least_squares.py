@@ -83,7 +83,6 @@ class Tuned(NamedTuple):
         return self.parameter.scale == "log"
 
     def value(self, x: float) -> float:
-        """Return the value at this place of the fit."""
         if self.factor:
             return self.start * math.exp(self.scale * x)
         return self.start + self.scale * x

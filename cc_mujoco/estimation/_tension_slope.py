@@ -88,7 +88,6 @@ class EquationWorkspace(NamedTuple):
 
 
 def make_scratch(sensors: int, parameters: int) -> EquationWorkspace:
-    """Return scratch memory for a number of sensors and parameters."""
     return EquationWorkspace(
         np.empty((sensors, parameters)),
         np.empty(sensors),

@@ -273,7 +273,6 @@ def _write_report(
 
 
 def _wait_until_ready(trial: str) -> None:
-    """Wait until somebody has made the rig ready."""
     try:
         input("make the rig ready, then press the return key: ")
     except EOFError:

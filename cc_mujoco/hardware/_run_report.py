@@ -291,7 +291,6 @@ def _next(run: ReportedRun, axis: str) -> Html:
 
 
 def _used(name: str, rows: Mapping[str, Array], limits: Limits) -> Html:
-    """Return how much of each limit a run used."""
     low, high = limits.joint_range
     angle = rows["joint_angle_rad"]
 

@@ -133,7 +133,6 @@ def _constant(
     *needs: str,
     whole: bool = True,
 ) -> Metric:
-    """Define a metric that is a constant of the design."""
     compute = partial(metadata_constant, key=name)
     return Metric(name, unit, meaning, compute, better, "parts", needs, whole)
 

@@ -252,7 +252,6 @@ class CLibrary:
         return free
 
     def table(self, found: np.ndarray[Any, Any], label: str) -> Value:
-        """Return a constant array."""
         element = NUMBERS[found.dtype.type]
         key = found.tobytes(), f"{element.c}{found.shape}"
         if key not in self._tables:
@@ -414,7 +413,6 @@ class _CWriter(Writer):
         return wider
 
     def as_kind(self, value: Value, kind: Kind, node: ast.AST) -> Value:
-        """Return a value converted to a type."""
         if value.kind == kind:
             return value
         scalars = isinstance(kind, Scalar) and isinstance(value.kind, Scalar)
@@ -875,7 +873,6 @@ class _CWriter(Writer):
         return Value(_dims_of(value)[0], INT)
 
     def _known_call(self, found: Any, given: list[Value], node: ast.Call) -> Value:
-        """Return the call of a function that is not compiled."""
         if callable(found) and found in self.library.known:
             text, wanted, result = self.library.known[found]
             pairs = zip(given, wanted, strict=False)

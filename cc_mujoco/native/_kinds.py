@@ -120,7 +120,6 @@ def short_name(kind: Kind) -> str:
 
 
 def kind_of(annotation: Any) -> Kind:
-    """Return the type that an annotation names."""
     if isinstance(annotation, typing.TypeVar):
         annotation = (annotation.__constraints__ or (annotation.__bound__,))[0]
     dims, name = 1, None
@@ -157,7 +156,6 @@ _records: dict[str, type] = {}
 
 
 def record_of(found: type) -> Structure:
-    """Return the type of a named tuple."""
     try:
         hints = typing.get_type_hints(found, include_extras=True)
     except NameError as error:
@@ -209,7 +207,6 @@ def python_function(found: Any) -> types.FunctionType | None:
 
 
 def tree_of(function: Callable[..., Any]) -> ast.FunctionDef:
-    """Return the syntax tree of a function, with the lines of its file."""
     lines, first = inspect.getsourcelines(function)
     node = ast.parse(textwrap.dedent("".join(lines))).body[0]
     assert isinstance(node, ast.FunctionDef)

@@ -360,7 +360,6 @@ def build(place: Path, write: Callable[[Path], object]) -> Path:
 
 
 def compile_library(source: Path, path: Path) -> None:
-    """Compile a source in C to a shared library."""
     libraries = [] if sys.platform == "win32" else ["-lm"]
     built = ["-fPIC", "-shared", "-o", str(path), str(source), *libraries]
     run([*compiler(), *FLAGS, *built], path)

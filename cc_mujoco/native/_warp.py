@@ -105,7 +105,6 @@ class _Library:
         return name
 
     def literal(self, value: float) -> str:
-        """Return the name of the constant for a float."""
         text = repr(float(value)) if math.isfinite(value) else "float('inf')"
         text = text if value != -math.inf else "-float('inf')"
         return self._literals.setdefault(text, f"C{len(self._literals)}")

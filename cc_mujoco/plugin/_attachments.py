@@ -508,7 +508,6 @@ def explain_bypass(
 
 @internal
 def _has_length_equality(model: int, tendon: int) -> bool:
-    """Return whether an equality constraint holds the length of a tendon."""
     for i in range(mj_struct.equalities(model)):
         if mj_struct.integer(model, mj_struct.EQ_TYPE, i) == _EQUAL_TENDONS and (
             mj_struct.integer(model, mj_struct.EQ_OBJECT_1, i) == tendon
@@ -520,7 +519,6 @@ def _has_length_equality(model: int, tendon: int) -> bool:
 
 @internal
 def in_disabled_group(model: int, instance: int) -> bool:
-    """Return whether an end is in a disabled group of actuators."""
     groups = mj_struct.disabled_groups(model)
     if groups == 0:
         return False

@@ -281,7 +281,6 @@ def segment_count(block: int) -> int:
 
 @internal
 def bends_with_route(block: int) -> bool:
-    """Return whether the bends of the conduit follow its route."""
     return equal_text(key_text(block, BEND), _ROUTED)
 
 
@@ -376,7 +375,6 @@ def guide_radius(written: Bytes) -> float:
 
 @internal
 def _are_guides(written: Bytes) -> bool:
-    """Return whether a text is a list of guides."""
     begin, colon, end = next_guide(written, 0)
     while begin >= 0:
         if colon == begin or guide_radius(written[colon + 1 : end]) == 0.0:

@@ -140,7 +140,6 @@ def floats(address: int, count: int) -> Floats:
 
 @reinterpret
 def float_rows(address: int, rows: int, columns: int) -> FloatMatrix:
-    """Return a view on a matrix of doubles."""
     return floats(address, rows * columns).reshape(rows, columns)
 
 

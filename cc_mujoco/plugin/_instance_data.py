@@ -178,7 +178,6 @@ def acting_block(model: int, data: int, instance: int) -> int:
 
 @internal
 def parameters_at(block: int) -> int:
-    """Return the address of the packed parameters."""
     return block + HEADER_SIZE
 
 

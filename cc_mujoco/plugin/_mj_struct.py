@@ -175,7 +175,6 @@ ACTUATOR_FORCE = _data("actuator_force")
 
 @internal
 def integer(struct: int, field: int, index: int) -> int:
-    """Return an element of an int array field."""
     return load_integer(load_word(struct + field) + 4 * index)
 
 
@@ -187,7 +186,6 @@ def real(struct: int, field: int, index: int) -> float:
 
 @internal
 def byte(struct: int, field: int, index: int) -> int:
-    """Return an element of an array field of bytes."""
     return load_byte(load_word(struct + field) + index)
 
 
@@ -349,7 +347,6 @@ def attributes(model: int, instance: int) -> int:
 
 @internal
 def state(model: int, data: int, instance: int) -> int:
-    """Return the address of the state of a plugin instance."""
     start = integer(model, STATE_ADDRESS, instance)
     return load_word(data + PLUGIN_STATE) + 8 * start
 

@@ -147,7 +147,6 @@ def instances(model: mujoco.MjModel) -> dict[str, int]:
 
 
 def cable_of(model: mujoco.MjModel, instance: int, name: str) -> Cable:
-    """Return the cable of a plugin instance of a compiled model."""
     return _parse(tuple(_config(model, instance).items()), name)
 
 

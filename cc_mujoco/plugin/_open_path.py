@@ -53,7 +53,6 @@ def min_segments(model: int, tendon: int, mouth: int) -> int:
 
 @internal
 def geom_count(model: int, tendon: int, mouth: int) -> int:
-    """Return the number of geoms in the path behind a mouth."""
     start = mj_struct.integer(model, mj_struct.TENDON_ADR, tendon)
     count = 0
     for i in range(mouth, mj_struct.integer(model, mj_struct.TENDON_NUM, tendon)):

@@ -101,7 +101,6 @@ def find_element(kind: str, which: Any, elements: Sequence[Any]) -> Any:
 
 
 def require_spec(spec: Any) -> None:
-    """Refuse what is no specification."""
     if not isinstance(spec, mujoco.MjSpec):
         raise CableError(
             "spec must be an MjSpec, as of mujoco.MjSpec.from_file, not "

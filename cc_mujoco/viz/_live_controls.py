@@ -128,7 +128,6 @@ class Knobs:
 
     @property
     def controller(self) -> str:
-        """Name of the controller that is wanted."""
         return self._laws[self._law]
 
     @property

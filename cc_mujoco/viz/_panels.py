@@ -72,7 +72,6 @@ def axis_angles(log: EpisodeLog | AxisLog) -> tuple[PlotLine, ...]:
 
 
 def tensions(log: EpisodeLog) -> list[Panel]:
-    """Return the tension at both ends of every cable."""
     return [
         Panel(
             f"Tension, {cable}",

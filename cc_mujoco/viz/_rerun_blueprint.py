@@ -70,7 +70,6 @@ def _axis_plots(log: EpisodeLog, axis: str) -> list[View]:
 
 
 def _cable_plots(log: EpisodeLog, cables: Sequence[str]) -> list[View]:
-    """Return the plots of the tension and of the slip of some cables."""
     ends = [f"tension/{cable}/{end}_end" for cable in cables for end in ENDS]
     lanes = [
         rr.new_entity_path(["slip", cable, f"{end}_end"])

@@ -535,7 +535,6 @@ def _lay(
 def _checked_guides(
     given: Any, burdens: Collection[Burden]
 ) -> tuple[tuple[str, Any], ...]:
-    """Return the guides of tendons, by name."""
     if not isinstance(given, Mapping):
         raise CableError(
             f"guides is {given!r}; it must be a dict such as {{'tip': 0.01, 'palm': "

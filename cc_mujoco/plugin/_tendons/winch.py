@@ -252,7 +252,6 @@ def largest_pull(original: mujoco.MjModel, burden: Burden) -> float:
 
 
 def _damps_implicitly(model: mujoco.MjModel) -> bool:
-    """Return whether the damping of joints is integrated implicitly."""
     integrator, off = model.opt.integrator, model.opt.disableflags
     if integrator == mujoco.mjtIntegrator.mjINT_RK4 or (
         off & mujoco.mjtDisableBit.mjDSBL_DAMPER

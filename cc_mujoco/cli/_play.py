@@ -96,15 +96,7 @@ class Play:
         from cc_mujoco.viz import write_episode
         from cc_mujoco.viz._episode_files import LOG_FILE, require_ours
 
-        require_ours(out)
-        if self.video:
-            from cc_mujoco.viz._video import require_video
-
-            require_video()
-        if self.html:
-            from cc_mujoco.viz._web_page import require_page
-
-            require_page()
+        require_ours(out, self.video, self.html)
 
         metrics = [find_metric(name) for name in self.metric]
         env = self._env(names)

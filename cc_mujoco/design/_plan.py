@@ -52,7 +52,7 @@ from cc_mujoco.design._protocol import (
     task_text,
     tasks_of_axes,
 )
-from cc_mujoco.design._scenarios import Across, read_across
+from cc_mujoco.design._scenarios import Across, format_short, read_across
 from cc_mujoco.design._study_metrics import (
     CONTROLLER_METRIC,
     COST_METRIC,
@@ -510,9 +510,7 @@ def _check(
             wrong.append((index, str(error).rstrip(".")))
     if wrong:
         index, why = wrong[0]
-        text = ", ".join(
-            f"{name}={_format_short(v)}" for name, v in rows[index].items()
-        )
+        text = ", ".join(f"{name}={format_short(v)}" for name, v in rows[index].items())
         many = (
             f" ({len(wrong)} of {len(rows)} are impossible)" if len(wrong) > 1 else ""
         )
@@ -528,15 +526,11 @@ def _require_distinct(designs: Sequence[Design]) -> None:
     for index, design in enumerate(designs):
         first = seen.setdefault(tuple(design.items()), index)
         if first != index:
-            text = ", ".join(f"{name}={_format_short(v)}" for name, v in design.items())
+            text = ", ".join(f"{name}={format_short(v)}" for name, v in design.items())
             raise CableError(
                 f"designs {first} and {index} (counted from 0) are the same, {text}; "
                 "give each once."
             )
-
-
-def _format_short(value: object) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def _batches(

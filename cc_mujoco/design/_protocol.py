@@ -144,14 +144,17 @@ class NoMotion(Trajectory):
 
 
 @dataclass(frozen=True)
-class SineTorque(Task):
-    """A desired torque that swings as a sine, `SWING_PERIODS` times."""
-
+class _HeldTorque(Task):
     of_phase = True
     amplitude: float
     """Signed [N m]."""
     bias: float
     """Constant part [N m]; a cable that only pulls needs one."""
+
+
+@dataclass(frozen=True)
+class SineTorque(_HeldTorque):
+    """A desired torque that swings as a sine, `SWING_PERIODS` times."""
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
         wave = self.bias + self.amplitude * np.sin(
@@ -162,14 +165,8 @@ class SineTorque(Task):
 
 
 @dataclass(frozen=True)
-class ChirpTorque(Task):
+class ChirpTorque(_HeldTorque):
     """A desired torque whose frequency grows exponentially with the phase."""
-
-    of_phase = True
-    amplitude: float
-    """Signed [N m]."""
-    bias: float
-    """Constant part [N m]; a cable that only pulls needs one."""
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
         octaves = math.log(CHIRP_HIGH / CHIRP_LOW)

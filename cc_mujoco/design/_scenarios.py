@@ -81,13 +81,13 @@ class Across:
 
     def label(self, case: Mapping[str, Value]) -> str:
         return ", ".join(
-            f"{name}={_format_short(value)}" for name, value in case.items()
+            f"{name}={format_short(value)}" for name, value in case.items()
         )
 
     def aggregation(self) -> str:
         """Describe how a number of a design is aggregated, and over which cases."""
         values = "; ".join(
-            f"{name} {', '.join(map(_format_short, values))}"
+            f"{name} {', '.join(map(format_short, values))}"
             for name, values in self.levels
         )
         many = f"{len(self.cases)} cases" if len(self.cases) > 1 else "1 case"
@@ -179,5 +179,5 @@ def _set_same_parameter(name: str, other: str) -> bool:
     return own == its or any(own in group and its in group for group in CONFLICTS)
 
 
-def _format_short(value: Value) -> str:
+def format_short(value: object) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)

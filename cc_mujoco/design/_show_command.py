@@ -91,15 +91,7 @@ class WhatIfShow:
             read_row(self.folder, self.row),
         )
         played = case_of(self.folder, self.row, self.case)
-        require_ours(out)
-        if self.video:
-            from cc_mujoco.viz._video import require_video
-
-            require_video()
-        if self.html:
-            from cc_mujoco.viz._web_page import require_page
-
-            require_page()
+        require_ours(out, self.video, self.html)
         with progress_bar(duration) as progress:
             log, model = show(self.folder, self.row, progress, self.case)
         messages: list[str] = []

@@ -45,10 +45,20 @@ VIDEO_FILE, PAGE_FILE = "video.mp4", "episode.html"
 """Files that it also leaves there on request."""
 
 
-def require_ours(folder: str | os.PathLike[str]) -> None:
-    """Find out, before an episode is played, whether its files may be written there."""
+def require_ours(
+    folder: str | os.PathLike[str], video: bool = False, html: bool = False
+) -> None:
+    """Find out, before an episode is played, whether its files can be written there."""
     atomic_io.require_ours(folder, lambda place: atomic_io.is_marked(place / LOG_FILE))
     atomic_io.require_unmodified(folder, (*_REWRITTEN_FILES, VIDEO_FILE, PAGE_FILE))
+    if video:
+        from cc_mujoco.viz._video import require_video
+
+        require_video()
+    if html:
+        from cc_mujoco.viz._web_page import require_page
+
+        require_page()
 
 
 def write_episode(

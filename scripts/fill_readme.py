@@ -248,7 +248,6 @@ def _marked(name: str) -> re.Pattern[str]:
 
 
 def main() -> None:
-    """Collect what the blocks need and write."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument(
         "blocks", nargs="*", help=f"of tables, {', '.join(PAGES)}; all if none"

@@ -46,8 +46,7 @@ from cc_mujoco.simulation import Single, Trace, run
 from rig import make_rig
 
 PAGE = Path(__file__).resolve().parents[2] / "cc_mujoco" / "hardware" / "README.md"
-NOTHING = "motor off"
-"""A controller that asks for no torque."""
+NOTHING = "motor off"  # A controller that asks for no torque
 SWING, SWING_PERIOD = 0.3, 2.0
 """Swing of the hand at the bench, as in `play_rig.py` [rad], [s]."""
 SECONDS, SETTLED = 6.0, 2.0
@@ -62,7 +61,6 @@ class Off(Controller):
         """See `Controller.reset`."""
 
     def torque(self, observation: Any) -> Any:
-        """See `Controller.torque`."""
         return np.zeros(np.shape(observation["desired_torque_nm"]))[()]
 
 
@@ -72,11 +70,7 @@ def law_of(name: str, drive: Drive) -> Controller:
 
 
 def page_settings(changes: dict[str, str] | None = None) -> Settings:
-    """Return the settings of the `rig.toml` on the hardware page.
-
-    Args:
-        changes: Other values by key.
-    """
+    """Return the settings of the `rig.toml` on the hardware page."""
     text = PAGE.read_text("utf-8").partition("```toml\n")[2].partition("```")[0]
     for key, value in (changes or {}).items():
         text = re.sub(rf"(?m)^{key} = \S+", f"{key} = {value}", text)
@@ -105,10 +99,8 @@ def bench(
     """Play the bench in simulated time.
 
     Args:
-        law: Name of the controller.
         settings: Of the run; `motor_lag` is what the controller believes.
         lag: Of the motor [s].
-        seed: Of the rig and its noise.
         rate_known: Whether the controller knows the limit of the rate.
         seconds: Length of the run [s].
 
@@ -193,7 +185,6 @@ def row(scene: str, law: str, lag: float, known: bool, seeds: range) -> tuple[st
 
 
 def main() -> None:
-    """Print the table that is asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--scenes", nargs="+", default=["bench", "wrist", "ankle"])
     parser.add_argument("--lags", nargs="+", type=float, default=[0.0, 1.0, 3.0, 5.0])

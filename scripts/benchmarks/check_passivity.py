@@ -76,9 +76,7 @@ def search(
     Args:
         evaluate: Of wearers at places (wearers, k), all at once.
         bounds: Least and greatest of every coordinate (k, 2).
-        generations: After the first.
         crowd: Wearers in a generation; the corners are in the first.
-        seed: Of the search.
 
     Returns:
         All places that were tried (tried, k), and what became of the wearers there.
@@ -109,8 +107,7 @@ def search(
     )
 
 
-PLAIN = "none"
-"""Structure of a plant of suite `v2` that has no unknown effect."""
+PLAIN = "none"  # structure of a plant of suite `v2` that has no unknown effect
 ACTIVE_WEARERS = ("tremor",)
 """Structures of the suite in which the wearer moves by himself."""
 
@@ -158,7 +155,6 @@ class Rows:
         """See `Job.rehearse`; what is imported is all there is to make."""
 
     def made_by(self) -> dict[str, Any]:
-        """See `Job.made_by`."""
         return code_provenance()
 
     def size(self, piece: Piece) -> int:
@@ -235,8 +231,7 @@ HEAD = (
 which exceeds most the one that the same wearer has with a real spring."""
 
 
-LEAST = 0.01
-"""Energy of which a table tells [mJ]."""
+LEAST = 0.01  # energy of which a table tells [mJ]
 
 
 def row(tried: Sequence[dict[str, Any]]) -> tuple[str, ...]:
@@ -275,7 +270,6 @@ def _structures_of(scene: str, given: Sequence[str]) -> list[str]:
 
 
 def main() -> None:
-    """Search for every row, and print the table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument(
         "--scenes", nargs="+", default=list(LIMB_RANGES), choices=list(LIMB_RANGES)

@@ -26,7 +26,6 @@ def peaks(scene: str, law: str, seeds: tuple[int, ...]) -> Iterator[tuple[str, f
 
 
 def main() -> None:
-    """Print a table for each scene."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--scenes", nargs="+", default=list(SUITES["safety"].scenes))
     parser.add_argument("--controllers", nargs="+", default=EXPORTED)

@@ -24,13 +24,10 @@ from cc_mujoco.benchmark import SUITES, Cell, Condition
 from cc_mujoco.benchmark._cell import batch_groups, play_group
 from cc_mujoco.native import FloatArray
 
-SEEDS = 40, 41
-"""Development seeds of suite `v2`."""
+SEEDS = 40, 41  # development seeds of suite `v2`
 SCENES = "wrist", "ankle", "finger", "exosuit"
-DURATION = 1.6
-"""Length of an episode [s]."""
-STEP = 0.7
-"""Factor of a number from one try to the next."""
+DURATION = 1.6  # length of an episode [s]
+STEP = 0.7  # factor of a number from one try to the next
 SCORES = "rms_torque_error", "chatter"
 _TUNED = "tuned_feedback.TunedFeedback"
 _FORWARD = "tuned_feedback.FrictionFeedForward"
@@ -96,8 +93,7 @@ def tune(law: str, wanted: list[Condition]) -> None:
     start = scores(law, wanted)
 
     def over(found: FloatArray) -> FloatArray:
-        means: FloatArray = np.exp(np.mean(np.log(found / start), axis=1))
-        return means
+        return np.exp(np.mean(np.log(found / start), axis=1))
 
     best, least = {}, 1.0
     for number in NUMBERS[law]:
@@ -121,7 +117,6 @@ def tune(law: str, wanted: list[Condition]) -> None:
 
 
 def main() -> None:
-    """Tune every baseline that is named."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument(
         "--controllers", nargs="+", choices=NUMBERS, default=list(NUMBERS)

@@ -71,8 +71,7 @@ LIMITS = Limits(
     joint_range=(-2.5, 2.5),
     soft_start=0.5,
 )
-TURN = 2.0
-"""Change of the motor's torque where it turns [N m]: about its friction."""
+TURN = 2.0  # change of the motor's torque where it turns [N m]: about its friction
 TRIAL_LIMITS = dataclasses.replace(LIMITS, torque=20.0)
 """Limits in trials: a hand that pushes against the motor demands more."""
 FRICTION = "friction"
@@ -350,7 +349,6 @@ def _size(record: Mapping[str, Any]) -> str:
 
 
 def main() -> None:
-    """Run what is missing and write the table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--effects", nargs="+", choices=EFFECTS, default=EFFECTS)
     parser.add_argument("--seeds", nargs="+", type=int, default=[1, 2])

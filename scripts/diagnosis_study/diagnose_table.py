@@ -37,8 +37,6 @@ def judged(
 
     Args:
         kind: of what is hidden: named, pair, unknown or none.
-        hidden: ids of what is hidden.
-        verdict: of the diagnosis.
         named: ids that it names, the first first.
         ties: groups of ids that it cannot distinguish.
     """

@@ -37,15 +37,13 @@ from cc_mujoco.report import table
 from rig.makes import MAKES
 from rig.nominal import Rig, make_rig
 
-NOISE = 0.025
-"""Noise of the joint's torque sensor, as its data sheet has it [N m]."""
+NOISE = 0.025  # noise of the joint's torque sensor, as its data sheet has it [N m]
 EFFECTS = (
     "none", FRICTION, "viscous_friction", "load_independent_friction",
     "stribeck_friction", "presliding", "asymmetric_friction", "end_compliance",
     "configuration_dependent_wrap", "friction_drift",
 )  # fmt: skip
-MORE = 1.4
-"""Factor of friction where that is what is hidden."""
+MORE = 1.4  # factor of friction where that is what is hidden
 KEPT, TABLE = "cases.jsonl", "table.md"
 
 
@@ -153,7 +151,6 @@ def cell(
 
 
 def main() -> None:
-    """Play what is missing; write the table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--controllers", nargs="+", required=True)
     parser.add_argument("--effects", nargs="+", choices=EFFECTS, default=[*EFFECTS])

@@ -24,8 +24,7 @@ HOME = Path(__file__).parent
 class Study:
     """Cases as a `_workers.Job`; a piece is a case, its result a record."""
 
-    naive: tuple[str, ...] = ()
-    """Naive ways in which every case is named, too."""
+    naive: tuple[str, ...] = ()  # naive ways in which every case is named, too
 
     def rehearse(self) -> None:
         """See `Job.rehearse`; what is imported is all there is to make."""
@@ -59,12 +58,7 @@ def records(
 
     Args:
         cases: of `diagnose_benchmark.cases`.
-        naive: naive ways besides.
-        jobs: processes of this machine.
         scheduler: address of a Dask scheduler whose workers run them instead.
-
-    Raises:
-        CableError: The cluster cannot be used; see `_workers.run_on_cluster`.
     """
     job, pieces = Study(tuple(naive)), dict(enumerate(cases))
     if scheduler is None:

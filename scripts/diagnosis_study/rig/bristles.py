@@ -518,32 +518,24 @@ def _turn_motor(
 
 
 @compiled
-def _run(
-    p: Plant,
-    cables: Cables,
-    shafts: FloatArray,
-    now: FloatArray,
-    pretension: float,
-    asked: engine.Asked,
-    pace: engine.Pace,
-    out: FloatMatrix,
-) -> bool:
-    dt = pace.dt
+def _run(p: Plant, cables: Cables, run: engine.Run) -> bool:
+    shafts, now, out = run.shafts, run.now, run.records
+    dt = run.pace.dt
     hub = p.hub_inertia if p.backlash != 0.0 else 0.0
     fill_tables(p, cables)
     work_in = work_out = 0.0
-    rest = pretension
+    rest = run.pretension
     slid_a = slid_b = 0.0  # conduits in their clamps, towards the motor
     done = 0
     for record in range(out.shape[0]):
         row = out[record]
-        for _tick in range(pace.steps // STEPS):
+        for _tick in range(run.pace.steps // STEPS):
             update(p, cables, shafts[JOINT], STEPS * dt)
             if p.pretension_loss != 0.0:
                 fade = math.exp(-done * dt / p.loss_time)
-                rest = pretension * (1.0 - p.pretension_loss * (1.0 - fade))
+                rest = run.pretension * (1.0 - p.pretension_loss * (1.0 - fade))
             for _step in range(STEPS):
-                drive, hold = engine.torques(asked, done, pace.per_command, shafts)
+                drive, hold = engine.torques(run, done)
                 done += 1
                 gripped = shafts[MOTOR] - shafts[SLIP]
                 arc_a, slope_a = arc(p, gripped, 1.0)
@@ -581,7 +573,7 @@ def _run(
                 engine.add(row, now, 1.0)
         rubbed = cables.work[0, 0] + cables.work[1, 0]
         damped = cables.work[0, 1] + cables.work[1, 1]
-        engine.close(row, pace.steps, (work_in, work_out, rubbed, damped))
+        engine.close(row, run.pace.steps, (work_in, work_out, rubbed, damped))
         gripped = shafts[MOTOR] - shafts[SLIP]
         near = arc(p, gripped, 1.0)[0], -arc(p, gripped, -1.0)[0]
         far = p.joint_radius * shafts[HUB]

@@ -638,20 +638,12 @@ def _carried(p: Plant, angle: float, follower: float, lagging: float) -> float:
 
 
 @compiled
-def _run(
-    p: Plant,
-    cables: Cables,
-    shafts: FloatArray,
-    now: FloatArray,
-    pretension: float,
-    asked: engine.Asked,
-    pace: engine.Pace,
-    out: FloatMatrix,
-) -> bool:
-    steps, dt = pace.steps, pace.dt
+def _run(p: Plant, cables: Cables, run: engine.Run) -> bool:
+    shafts, now, out = run.shafts, run.now, run.records
+    steps, dt = run.pace.steps, run.pace.dt
     hub = p.hub_inertia if p.play != 0.0 else 0.0
     inner = p.mass.shape[1]
-    near_a = near_b = far_a = far_b = pretension
+    near_a = near_b = far_a = far_b = run.pretension
     pulley, twist = shafts[MOTOR], 0.0
     follower, lagging = 0.0, shafts[JOINT]
     work_in = work_out = 0.0
@@ -660,7 +652,7 @@ def _run(
     for record in range(out.shape[0]):
         row = out[record]
         for _ in range(steps):
-            drive, hold = engine.torques(asked, done, pace.per_command, shafts)
+            drive, hold = engine.torques(run, done)
             done += 1
             arc_a, slope_a = arc(p, pulley, 1.0)
             arc_b, slope_b = arc(p, pulley, -1.0)
@@ -702,7 +694,7 @@ def _run(
             work_in += 0.5 * pull * (pulley - old_pulley)
             work_out += 0.5 * given * (angle - old_hub)
             time = done * dt
-            tight = pretension
+            tight = run.pretension
             if p.relaxing != 0.0:
                 fast, slow = math.exp(-time / 0.8), math.exp(-time / 5.0)
                 tight *= 1.0 - p.relaxing * (1.0 - 0.4 * fast - 0.6 * slow)

@@ -56,6 +56,17 @@ class Pace(NamedTuple):
     dt: float
 
 
+class Run(NamedTuple):
+    """One trial as a law steps it."""
+
+    shafts: FloatArray  # their state
+    now: FloatArray  # means of a step (`MEANS`,), work space
+    pretension: float  # tension of both cables at rest [N]
+    asked: Asked
+    pace: Pace
+    records: FloatMatrix  # out, see `COLUMNS`
+
+
 class Law(NamedTuple):
     """Law by which the cables of a make move."""
 
@@ -64,9 +75,8 @@ class Law(NamedTuple):
     arc: Callable[[Any, float, float], tuple[float, float]]
     # (plant, pretension, arcs) -> cables at rest
     start: Callable[[Any, float, tuple[float, float]], Any]
-    # (plant, cables, shafts, now, pretension, asked, pace, records) -> whether the
-    # cables were found at every step; `now` (`MEANS`,) is work space
-    run: Callable[..., bool]
+    # (plant, cables, run) -> whether the cables were found at every step
+    run: Callable[[Any, Any, Run], bool]
     steps: Callable[[Any], int]  # plant -> steps per record that it needs
 
 
@@ -94,17 +104,17 @@ def integrate(
         shafts[[MOTOR, HUB, JOINT]] = angle
         records = np.zeros((count, len(COLUMNS)))
         cables = law.start(p, pretension, arcs)
-        if law.run(p, cables, shafts, now, pretension, asked, pace, records):
+        trial = Run(shafts, now, pretension, asked, pace, records)
+        if law.run(p, cables, trial):
             return records
         steps *= 2
     raise ValueError("the nodes of a cable are not found; shorten the step")
 
 
 @internal
-def torques(
-    asked: Asked, step: int, per_command: int, shafts: FloatArray
-) -> tuple[float, float]:
+def torques(run: Run, step: int) -> tuple[float, float]:
     """Return the torques of servo and environment at the beginning of a step [N m]."""
+    asked, shafts, per_command = run.asked, run.shafts, run.pace.per_command
     at = step // per_command
     part = (step - at * per_command) / per_command
     motor, motor_speed = shafts[MOTOR], shafts[MOTOR_SPEED]

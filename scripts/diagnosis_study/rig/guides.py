@@ -518,25 +518,17 @@ def _taken(p: Plant, angle: float, speed: float) -> float:
 
 
 @compiled
-def _run(
-    p: Plant,
-    cables: Cables,
-    shafts: FloatArray,
-    now: FloatArray,
-    pretension: float,
-    asked: engine.Asked,
-    pace: engine.Pace,
-    out: FloatMatrix,
-) -> bool:
-    dt = pace.dt
+def _run(p: Plant, cables: Cables, run: engine.Run) -> bool:
+    shafts, now, out = run.shafts, run.now, run.records
+    dt = run.pace.dt
     hub = p.hub_inertia if p.play != 0.0 else 0.0
-    near_a = near_b = far_a = far_b = pretension
+    near_a = near_b = far_a = far_b = run.pretension
     work_in = work_out = 0.0
     step = 0
     for record in range(out.shape[0]):
         row = out[record]
-        for _ in range(pace.steps):
-            drive, hold = engine.torques(asked, step, pace.per_command, shafts)
+        for _ in range(run.pace.steps):
+            drive, hold = engine.torques(run, step)
             step += 1
             motor = shafts[MOTOR]
             slope_a, slope_b = arc(p, motor, 1.0)[1], arc(p, motor, -1.0)[1]
@@ -557,7 +549,7 @@ def _run(
             )  # fmt: skip
             work_in += 0.5 * pull * moved
             work_out += 0.5 * given * shafts[HUB_SPEED] * dt
-            tight = pretension
+            tight = run.pretension
             if p.settling != 0.0:
                 late = math.log1p(step * dt / p.settling_time)
                 tight *= 1.0 - p.settling * late / math.log1p(8.0 / p.settling_time)
@@ -578,9 +570,8 @@ def _run(
                 now, (motor - moved, shown), seen, (near_a, near_b), (far_a, far_b)
             )
             engine.add(row, now, 1.0)
-        engine.close(
-            row, pace.steps, (work_in, work_out, cables.work[0] + cables.work[1], 0.0)
-        )
+        rubbed = cables.work[0] + cables.work[1]
+        engine.close(row, run.pace.steps, (work_in, work_out, rubbed, 0.0))
         for c in range(2):
             for i in range(cables.tension.shape[1]):
                 row[13] += 0.5 * cables.tension[c, i] ** 2 / p.piece[c, i]

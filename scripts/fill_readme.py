@@ -114,9 +114,7 @@ def tables(results: Results) -> str:
     return re.sub(left_out, "", "\n\n".join(whole))
 
 
-def plain(
-    table: tuple[Sequence[str], Sequence[Sequence[str]]],
-) -> list[list[str]]:
+def plain(table: tuple[Sequence[str], Sequence[Sequence[str]]]) -> list[list[str]]:
     """Return head and rows of a table, without code and emphasis marks."""
     head, rows = table
     return [[re.sub(r"[`*]", "", entry) for entry in row] for row in (head, *rows)]

@@ -34,11 +34,7 @@ class Bridge:
     """A rig at a port, whose sensors and motor are topics."""
 
     def __init__(
-        self,
-        end: UdpEnd,
-        motor: str,
-        joint: str,
-        publish: Callable[[float], None],
+        self, end: UdpEnd, motor: str, joint: str, publish: Callable[[float], None]
     ) -> None:
         self._end, self._names = end, (motor, joint)
         self._publish = publish

@@ -109,11 +109,7 @@ PLAYED: dict[str, tuple[Part, ...]] = {
 environments; other devices play their own motion."""
 OBSERVED: dict[str, Any] = {"hold": 5, "history": 4, "memory": True}
 LINERS = {"friction": (0.04, 0.23), "break_away": (1.0, 3.2)}
-SPREAD = {
-    "axial_stiffness": (0.7, 1.3),
-    "pretension": (0.5, 1.5),
-    "wrap": (0.7, 1.33),
-}
+SPREAD = {"axial_stiffness": (0.7, 1.3), "pretension": (0.5, 1.5), "wrap": (0.7, 1.33)}
 """Ranges over the scene's values; the wrap of what lies in a conduit all the way."""
 OTHERS = {"wearer": (0.25, 4.0), "delay": (0, 5), "noise": (0.0, 3.0)}
 FIXED = {"delay": (1, 1), "noise": (1.0, 1.0)}

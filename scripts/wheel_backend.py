@@ -104,11 +104,7 @@ def build_wheel(
         with zipfile.ZipFile(plain) as archive:
             archive.extractall(tree)
         if choice is None:
-            print(
-                "cc_mujoco: compiling, for about 20 s",
-                file=sys.stderr,
-                flush=True,
-            )
+            print("cc_mujoco: compiling, for about 20 s", file=sys.stderr, flush=True)
             try:
                 made.mkdir()
                 library = Path(_run(tree, _COMPILE, made, target=triple)).read_bytes()

@@ -83,10 +83,7 @@ def timed(plan: ExportPlan, read: np.ndarray, repetitions: int) -> str:
         write(folder, plan, "a benchmark")
         (folder / "bench.c").write_text(PROGRAM)
         sources = ["bench.c", "cc_parameters.c", "cc_controller.o"]
-        for words in (
-            ["-c", "cc_controller.c"],
-            ["-o", "bench", *sources, "-lm"],
-        ):
+        for words in (["-c", "cc_controller.c"], ["-o", "bench", *sources, "-lm"]):
             subprocess.run(["gcc", *FLAGS, *words], cwd=folder, check=True)
         stack = stack_bound(folder, ["gcc", *FLAGS])
         size = (folder / "cc_controller.o").stat().st_size

@@ -31,11 +31,7 @@ from cc_mujoco.design import (
 
 Array = NDArray[np.float64]
 
-ENDS = {
-    "motor_radius": "0.01:0.05",
-    "joint_radius": "0.05:0.2",
-    "pretension": "2:40",
-}
+ENDS = {"motor_radius": "0.01:0.05", "joint_radius": "0.05:0.2", "pretension": "2:40"}
 GOALS, LIMITS = ["rms_torque_error", "peak_motor_torque"], ["slack_margin>=1"]
 SHARE = 20  # designs of the grid for one of the search
 

@@ -21,11 +21,13 @@ import numpy as np
 import tyro
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from cable import bends
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import packed_parameters, rest_state
-from cc_mujoco.native import FloatArray, compiled
+from cc_mujoco.native import FloatArray
+from thesis._experiments.solver import step_through
 
 SEGMENTS = (50, 100)
 FIRST_SEED = 1000
@@ -42,22 +44,6 @@ def random_cases(count: int) -> Iterator[bends.Case]:
             yield case
 
 
-@compiled
-def _play(
-    prm: FloatArray,
-    n: int,
-    state: FloatArray,
-    proximal: FloatArray,
-    distal: FloatArray,
-    new: FloatArray,
-    work: FloatArray,
-) -> None:
-    for row in range(proximal.size):
-        kernel.advance(prm, n, state, proximal[row], distal[row], 1e-3, new, work)
-        for i in range(state.size):
-            state[i] = new[i]
-
-
 def cost(case: bends.Case, prm: FloatArray, segments: int) -> float:
     """Return the least time of three that a motion takes [s]."""
     times = []
@@ -67,7 +53,7 @@ def cost(case: bends.Case, prm: FloatArray, segments: int) -> float:
         begin = time.perf_counter()
         work = np.empty(kernel.work_size(segments))
         ends = map(np.ascontiguousarray, case.ends)
-        _play(prm, segments, state, *ends, state.copy(), work)
+        step_through(prm, segments, state, *ends, state.copy(), work)
         times.append(time.perf_counter() - begin)
     return min(times)
 

@@ -125,10 +125,7 @@ def summary(records: list[dict[str, Any]]) -> str:
         for (make, size), words in by_size.items():
             rates.append([kind, make, size, *_shares(words, columns.values())])
     head: Sequence[str] = ("cases", *columns)
-    parts = [
-        table(("hidden", *head), whole),
-        *_figures(records),
-    ]
+    parts = [table(("hidden", *head), whole), *_figures(records)]
     if any("naive" in r for r in records):
         parts.append(comparison(records, went))
     parts += [

@@ -37,14 +37,7 @@ from cc_mujoco.control import (
     controller,
 )
 from cc_mujoco.device import TENSION_COLUMN, Drive, Sensors
-from cc_mujoco.hardware import (
-    DrivenAxis,
-    Limits,
-    Loop,
-    TorqueTable,
-    Watchdog,
-    drive_of,
-)
+from cc_mujoco.hardware import DrivenAxis, Limits, Loop, TorqueTable, Watchdog, drive_of
 from cc_mujoco.report import COLORS, GREY, figure, save, style, table
 from rig.nominal import make_rig
 

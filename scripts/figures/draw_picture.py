@@ -27,10 +27,7 @@ from cc_mujoco.viz import conduit_points, conduit_shares, tension_colors
 
 PIECES = 160  # short cylinders that a conduit is drawn with
 
-PLAYED = {
-    "wrist": ("spring", 3.4, 0.007),
-    "exosuit": ({"hip": "swing"}, 2.42, 0.006),
-}
+PLAYED = {"wrist": ("spring", 3.4, 0.007), "exosuit": ({"hip": "swing"}, 2.42, 0.006)}
 """Task, time at which tension runs through the cables [s], radius of a cable [m]."""
 OTHER = (None, 1.4, 0.008)  # task, time and radius of any other device
 

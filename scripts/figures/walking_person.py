@@ -52,10 +52,7 @@ ROWS = (
 def walked(**arguments: object) -> Stride:
     """Return the mean stride of a walk with the default assistance."""
     env = gymnasium.make(
-        "cc_mujoco/Walking-v0",
-        duration=DURATION,
-        disable_env_checker=True,
-        **arguments,
+        "cc_mujoco/Walking-v0", duration=DURATION, disable_env_checker=True, **arguments
     ).unwrapped
     env.reset(seed=0)
     over = fallen = False

@@ -164,10 +164,7 @@ def solve(
 
 
 def by_fsolve(
-    mesh: Mesh,
-    before: FloatArray,
-    constraints: Sequence[Constraint],
-    guess: FloatArray,
+    mesh: Mesh, before: FloatArray, constraints: Sequence[Constraint], guess: FloatArray
 ) -> tuple[FloatArray, FloatArray, bool]:
     """Solve equations 2.13 with signs by a general solver, the baseline of 2.3.1.
 

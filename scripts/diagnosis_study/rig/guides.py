@@ -356,11 +356,7 @@ def _balance(
 
 @internal
 def _crept(
-    p: Plant,
-    cables: Cables,
-    c: int,
-    ends: tuple[float, float, float],
-    dt: float,
+    p: Plant, cables: Cables, c: int, ends: tuple[float, float, float], dt: float
 ) -> float:
     """Find the equilibrium where Newton's method fails; return the anchorage's stretch.
 

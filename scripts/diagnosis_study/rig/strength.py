@@ -153,10 +153,7 @@ def _by_channel(change: Array) -> dict[str, float]:
 
 
 def measure(
-    rig: Rig,
-    effects: Mapping[str, float],
-    trials: str = "rich",
-    seed: int = 0,
+    rig: Rig, effects: Mapping[str, float], trials: str = "rich", seed: int = 0
 ) -> Strength:
     """Measure the strength of effects, amount by id, in the trials of `LOOKED_AT`."""
     changed = _responses(rig, *_simulated(rig, effects, trials, seed))

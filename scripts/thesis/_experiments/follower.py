@@ -17,13 +17,7 @@ from cc_mujoco.cable import Cable, Conduit, Section
 from cc_mujoco.native import FloatArray
 from cc_mujoco.report._figures import BLUE, DASH_PATTERN, GREY, ORANGE, figure
 from thesis._outcome import Claim, ExperimentOutcome, Progress
-from thesis._rig import (
-    LENGTH,
-    MOTOR_RADIUS,
-    RECONCILED_CABLE,
-    conduit_in_loops,
-    drive,
-)
+from thesis._rig import LENGTH, MOTOR_RADIUS, RECONCILED_CABLE, conduit_in_loops, drive
 
 CABLE = RECONCILED_CABLE.replace(conduit=conduit_in_loops(1))
 DT = 2e-4

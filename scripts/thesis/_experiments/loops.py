@@ -5,13 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cc_mujoco.cable import Cable
-from cc_mujoco.report._figures import (
-    GREEN,
-    GREY,
-    ORANGE,
-    figure,
-    set_ticks,
-)
+from cc_mujoco.report._figures import GREEN, GREY, ORANGE, figure, set_ticks
 from thesis._outcome import Claim, ExperimentOutcome, Progress
 from thesis._rig import (
     RECONCILED_CABLE,

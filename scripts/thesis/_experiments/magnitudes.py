@@ -114,10 +114,7 @@ def run(progress: Progress) -> ExperimentOutcome:
     right.axhline(100.0 * bound, color=GREY, linewidth=0.9, linestyle="--")
     right.annotate("capstan ratio e^-1.5", (0.052, 100.0 * bound + 2.0), size=8)
     right.set_title("Pretension changed alone")
-    tables = {
-        "friction": friction._asdict(),
-        "pretension": pretension._asdict(),
-    }
+    tables = {"friction": friction._asdict(), "pretension": pretension._asdict()}
     return ExperimentOutcome(claims, {"magnitudes": drawing}, tables)
 
 
@@ -126,7 +123,5 @@ def _draw(axes: Axes, found: _Scan, label: str, printed: float) -> None:
     axes.axvline(printed, color=ORANGE, linewidth=0.9)
     axes.annotate("printed ", (printed, 90.0), color=ORANGE, ha="right", size=8)
     axes.set(
-        xlabel=label,
-        ylabel="peak output at 0.125 N m [% of ideal]",
-        ylim=(-2.0, 100.0),
+        xlabel=label, ylabel="peak output at 0.125 N m [% of ideal]", ylim=(-2.0, 100.0)
     )

@@ -30,13 +30,7 @@ from cc_mujoco.report._figures import (
     figure,
     set_ticks,
 )
-from thesis._outcome import (
-    Axes,
-    Claim,
-    ExperimentOutcome,
-    Progress,
-    round_down_ratio,
-)
+from thesis._outcome import Axes, Claim, ExperimentOutcome, Progress, round_down_ratio
 from thesis._rig import PRINTED_CABLE
 from thesis.estimators._directions import (
     CONDITIONS,

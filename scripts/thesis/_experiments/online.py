@@ -250,12 +250,7 @@ def _draw_tracking(
     time = truth.time[seen]
     pairs = (
         ("slope of ln T, 11 sensors", one.value, one.deviation, BLUE),
-        (
-            "unscented filter, ends only",
-            ends.value[:, 0],
-            ends.deviation[:, 0],
-            ORANGE,
-        ),
+        ("unscented filter, ends only", ends.value[:, 0], ends.deviation[:, 0], ORANGE),
     )
     left.plot(time, friction[seen], color=BLACK, linewidth=2.0, label="truth")
     for label, value, deviation, color in pairs:

@@ -16,13 +16,7 @@ from cc_mujoco.estimation._calibration import Calibration, Measurement, calibrat
 from cc_mujoco.native import FloatArray
 from cc_mujoco.report._figures import BLUE, GREY, ORANGE, figure
 from thesis._outcome import Claim, ExperimentOutcome, Progress
-from thesis._rig import (
-    LENGTH,
-    MOTOR_RADIUS,
-    RECONCILED_CABLE,
-    STIFFNESS,
-    drive,
-)
+from thesis._rig import LENGTH, MOTOR_RADIUS, RECONCILED_CABLE, STIFFNESS, drive
 
 DT = 0.005
 DURATION = 6.0

@@ -18,20 +18,8 @@ from cc_mujoco.cable._conduit import packed_parameters
 from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.native import FloatArray, compiled
 from cc_mujoco.report._figures import BLUE, GREEN, GREY, ORANGE, figure
-from thesis._literal_solver import (
-    Constraint,
-    by_fsolve,
-    play,
-    sign_patterns,
-    solve,
-)
-from thesis._outcome import (
-    Claim,
-    ExperimentOutcome,
-    Figure,
-    Progress,
-    round_down_ratio,
-)
+from thesis._literal_solver import Constraint, by_fsolve, play, sign_patterns, solve
+from thesis._outcome import Claim, ExperimentOutcome, Figure, Progress, round_down_ratio
 from thesis._rig import PRINTED_CABLE
 
 SEGMENTS = (1, 2, 3, 5, 8, 12, 20, 30, 50, 75, 100)
@@ -119,7 +107,7 @@ def run(progress: Progress) -> ExperimentOutcome:
 
 
 @compiled
-def _step_through(
+def step_through(
     prm: FloatArray,
     n: int,
     state: FloatArray,
@@ -145,14 +133,14 @@ def _time_kernel(
         rest_state(cable),
     )
     new = state.copy()
-    _step_through(prm, n, state, drag, drag + np.minimum(drag, 0.03), new, work)
+    step_through(prm, n, state, drag, drag + np.minimum(drag, 0.03), new, work)
     early = state.copy()
-    _step_through(prm, n, early, proximal[:steps], distal[:steps], new, work)
+    step_through(prm, n, early, proximal[:steps], distal[:steps], new, work)
     best = np.inf
     for _ in range(3):
         late = state.copy()
         begin = time.thread_time()
-        _step_through(prm, n, late, proximal, distal, new, work)
+        step_through(prm, n, late, proximal, distal, new, work)
         best = min(best, (time.thread_time() - begin) / proximal.size)
     return best, early[[kernel.STATE_HEADER, kernel.STATE_HEADER + n]]
 

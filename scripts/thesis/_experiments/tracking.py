@@ -256,9 +256,7 @@ def _draw(time: FloatArray, wanted: FloatArray, rows: dict[str, _Tracked]) -> Fi
         title="Output tension, six schemes", xlabel="time [s]", ylabel="tension [N]"
     )
     zoom.set(
-        title="Without a model the output lags",
-        xlabel="time [s]",
-        ylabel="tension [N]",
+        title="Without a model the output lags", xlabel="time [s]", ylabel="tension [N]"
     )
     share.set(
         title="Error, share of the desired tension",

@@ -30,12 +30,7 @@ class CableObserver:
     """Estimate of all tensions by a model that encoder and sensors drive."""
 
     def __init__(
-        self,
-        cable: Cable,
-        sensors: Sensors,
-        dt: float,
-        *,
-        agility: float = 300.0,
+        self, cable: Cable, sensors: Sensors, dt: float, *, agility: float = 300.0
     ) -> None:
         """Start at rest in the pretension.
 

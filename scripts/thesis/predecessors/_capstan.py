@@ -12,12 +12,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from thesis.predecessors._model import (
-    Answer,
-    Asked,
-    PublishedModel,
-    ReplayedMotion,
-)
+from thesis.predecessors._model import Answer, Asked, PublishedModel, ReplayedMotion
 
 
 class StaticCapstan(PublishedModel):

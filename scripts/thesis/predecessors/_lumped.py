@@ -18,12 +18,7 @@ import numpy as np
 
 from cc_mujoco.cable import Cable
 from cc_mujoco.native import FloatArray
-from thesis.predecessors._model import (
-    Answer,
-    Asked,
-    PublishedModel,
-    ReplayedMotion,
-)
+from thesis.predecessors._model import Answer, Asked, PublishedModel, ReplayedMotion
 
 
 class LumpedMasses(PublishedModel):
@@ -99,10 +94,7 @@ class LumpedMasses(PublishedModel):
         by_place = -dt * inverse @ whole
         by_input = dt * inverse @ pull
         step = np.block(
-            [
-                [np.eye(n) + dt * by_place, dt * by_velocity],
-                [by_place, by_velocity],
-            ]
+            [[np.eye(n) + dt * by_place, dt * by_velocity], [by_place, by_velocity]]
         )
         return step, np.concatenate([dt * by_input, by_input])
 

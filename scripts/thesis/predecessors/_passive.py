@@ -15,15 +15,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from cc_mujoco.cable._conduit import node_lengths, packed_parameters
-from cc_mujoco.cable._kernel import segment_angles
+from cc_mujoco.cable._conduit import node_lengths
+from cc_mujoco.estimation._tracks import wrap_angles
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled
-from thesis.predecessors._model import (
-    Answer,
-    Asked,
-    PublishedModel,
-    ReplayedMotion,
-)
+from thesis.predecessors._model import Answer, Asked, PublishedModel, ReplayedMotion
 
 
 class PassiveDistributed(PublishedModel):
@@ -37,15 +32,13 @@ class PassiveDistributed(PublishedModel):
     def answer(self, motion: ReplayedMotion) -> Answer:
         cable = self.cable
         n = cable.segments
-        angle = np.zeros(n + 1)
-        angle[1:] = np.cumsum(segment_angles(packed_parameters(cable), n))
         share = node_lengths(cable) / cable.axial_stiffness
         compliance = 1.0 / motion.stiffness
         share[n] += compliance  # the spring follows the last node
         out = np.empty((3, motion.proximal.size))
         _play(
-            motion.proximal, cable.friction * angle, share, motion.start, compliance,
-            motion.factor, np.empty(n + 1), out,
+            motion.proximal, cable.friction * wrap_angles(cable), share, motion.start,
+            compliance, motion.factor, np.empty(n + 1), out,
         )  # fmt: skip
         return Answer(*out)
 

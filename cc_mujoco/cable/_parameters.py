@@ -110,33 +110,24 @@ class Cable:
     """
 
     axial_stiffness: float = parameter(
-        unit="N",
-        bounds=(0.0, 1e9),
-        default=4000.0,
-        low_open=True,
+        unit="N", bounds=(0.0, 1e9), default=4000.0, low_open=True,
         meaning="EA of the cable: tension per unit strain (thesis k_c, 2.8)",
-    )
+    )  # fmt: skip
     pretension: float = parameter(
-        unit="N",
-        bounds=(0.0, 1e6),
-        default=10.0,
+        unit="N", bounds=(0.0, 1e6), default=10.0,
         meaning="uniform tension in the reference pose",
-    )
+    )  # fmt: skip
     friction: float = parameter(
-        unit="1",
-        bounds=(0.0, 5.0),
-        default=0.15,
+        unit="1", bounds=(0.0, 5.0), default=0.15,
         meaning="kinetic Coulomb coefficient mu_d (2.6)",
         term=Term(
             equation="dT/dx = s mu_d T/R",
             source="thesis 2.6, 2.10",
             acts_on="coefficient",
         ),
-    )
+    )  # fmt: skip
     static_friction: float = parameter(
-        unit="1",
-        bounds=(0.0, 5.0),
-        default=0.0,
+        unit="1", bounds=(0.0, 5.0), default=0.0,
         meaning=(
             "break-away coefficient mu_s (2.7, 2.17); 0 is off, else at least "
             "`friction`"
@@ -149,100 +140,75 @@ class Cable:
             source=(
                 "thesis 2.7, 2.17; slip weakening after Ida, J. Geophys. Res. 77, 1972"
             ),
-            acts_on="coefficient",
-            depends_on=("history",),
+            acts_on="coefficient", depends_on=("history",),
             constant_without="critical_slip_distance",
         ),
-    )
+    )  # fmt: skip
     critical_slip_distance: float = parameter(
-        unit="m",
-        bounds=(0.0, 1.0),
-        default=0.0,
+        unit="m", bounds=(0.0, 1.0), default=0.0,
         meaning=(
             "slip over which break-away and Stribeck friction adapt; 0 is at once"
         ),
-    )
+    )  # fmt: skip
     viscous_friction: float = parameter(
-        unit="N s/m^2",
-        bounds=(0.0, 1e6),
-        default=0.0,
+        unit="N s/m^2", bounds=(0.0, 1e6), default=0.0,
         meaning="drag per conduit length and slip speed; 0 is off",
         term=Term(
             equation="dT/dx = c v",
             source="thesis 2.4.4, Fig. 2.13",
-            acts_on="drag",
-            depends_on=("rate",),
+            acts_on="drag", depends_on=("rate",),
         ),
-    )
+    )  # fmt: skip
     stribeck_friction: float = parameter(
-        unit="1",
-        bounds=(0.0, 5.0),
-        default=0.0,
+        unit="1", bounds=(0.0, 5.0), default=0.0,
         meaning="extra friction coefficient at vanishing slip speed; 0 is off",
         term=Term(
             equation="mu += mu_b ((1 - q) exp(-d) + q/(1 + d)), d = (|v|/v_b)^p",
             source=("Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994"),
-            acts_on="coefficient",
-            depends_on=("rate",),
+            acts_on="coefficient", depends_on=("rate",),
         ),
-    )
+    )  # fmt: skip
     stribeck_speed: float = parameter(
-        unit="m/s",
-        bounds=(0.0, 10.0),
-        default=0.01,
-        low_open=True,
+        unit="m/s", bounds=(0.0, 10.0), default=0.01, low_open=True,
         meaning="slip speed over which the Stribeck term decays",
-    )
+    )  # fmt: skip
     stribeck_exponent: float = parameter(
-        unit="1",
-        bounds=(0.0, 10.0),
-        default=1.0,
-        low_open=True,
+        unit="1", bounds=(0.0, 10.0), default=1.0, low_open=True,
         meaning="exponent p of that decay; 2 is Gaussian",
-    )
+    )  # fmt: skip
     stribeck_tail: float = parameter(
-        unit="1",
-        bounds=(0.0, 1.0),
-        default=0.0,
+        unit="1", bounds=(0.0, 1.0), default=0.0,
         meaning="share q of a slow tail in it; 1 with p = 2 is Lorentzian",
-    )
+    )  # fmt: skip
     load_independent_friction: float = parameter(
-        unit="N/m",
-        bounds=(0.0, 1e5),
-        default=0.0,
+        unit="N/m", bounds=(0.0, 1e5), default=0.0,
         meaning="drag per conduit length that needs no tension; 0 is off",
         term=Term(
             equation="dT/dx = s f_0",
             source=("capstan intercept; Palli and Melchiorri, Mechatronics 24, 2014"),
             acts_on="drag",
         ),
-    )
+    )  # fmt: skip
     seal_proximal: float = parameter(
-        unit="N",
-        bounds=(0.0, 1e5),
-        default=0.0,
+        unit="N", bounds=(0.0, 1e5), default=0.0,
         meaning="drag of the seal at the proximal end; needs no tension; 0 is off",
         term=Term(
             equation="T jumps by s F at the proximal end",
             source="dry friction of wipers and ferrules",
             acts_on="drag",
         ),
-    )
+    )  # fmt: skip
     seal_distal: float = parameter(
-        unit="N",
-        bounds=(0.0, 1e5),
-        default=0.0,
+        unit="N", bounds=(0.0, 1e5), default=0.0,
         meaning="the same at the distal end of the conduit",
         term=Term(
             equation="T jumps by s F at the distal end",
             source="dry friction of wipers and ferrules",
             acts_on="drag",
         ),
-    )
+    )  # fmt: skip
     friction_asymmetry: float = parameter(
-        unit="1",
-        bounds=(-0.9, 0.9),
-        default=0.0,
+        unit="1", bounds=(-0.9, 0.9), default=0.0,
         meaning=(
             "a: friction times 1 + a for slip towards proximal, 1 - a towards distal"
         ),
@@ -253,36 +219,29 @@ class Cable:
                 "backdrive friction of Duclusaud et al., arXiv 2410.08650, "
                 "2024"
             ),
-            acts_on="coefficient",
-            depends_on=("direction",),
+            acts_on="coefficient", depends_on=("direction",),
         ),
-    )
+    )  # fmt: skip
     end_compliance: float = parameter(
-        unit="m/N",
-        bounds=(0.0, 1.0),
-        default=0.0,
+        unit="m/N", bounds=(0.0, 1.0), default=0.0,
         meaning="spring between the cable and its distal end; 0 is off",
         term=Term(
             equation="u_distal += C T_distal",
             source="springs in series",
             acts_on="elasticity",
         ),
-    )
+    )  # fmt: skip
     proximal_compliance: float = parameter(
-        unit="m/N",
-        bounds=(0.0, 1.0),
-        default=0.0,
+        unit="m/N", bounds=(0.0, 1.0), default=0.0,
         meaning="the same at the proximal end",
         term=Term(
             equation="u_proximal -= C T_proximal",
             source="springs in series",
             acts_on="elasticity",
         ),
-    )
+    )  # fmt: skip
     bristle_length: float = parameter(
-        unit="m",
-        bounds=(0.0, 1.0),
-        default=0.0,
+        unit="m", bounds=(0.0, 1.0), default=0.0,
         meaning=(
             "elastic displacement over which friction builds up (presliding); 0 is off"
         ),
@@ -293,14 +252,11 @@ class Cable:
                 "1968; with normal force, Palli and Melchiorri, "
                 "Mechatronics 24, 2014"
             ),
-            acts_on="elasticity",
-            depends_on=("history",),
+            acts_on="elasticity", depends_on=("history",),
         ),
-    )
+    )  # fmt: skip
     tension_exponent: float = parameter(
-        unit="1",
-        bounds=(-1.0, 1.0),
-        default=0.0,
+        unit="1", bounds=(-1.0, 1.0), default=0.0,
         meaning=(
             "e: friction times (T / pretension)^e, T at least 1 % of the pretension"
         ),
@@ -309,14 +265,11 @@ class Cable:
             source=(
                 "Howell's F = a N^n, e.g. Jung, Pan, Kang, Tribology Int. 41, 2008"
             ),
-            acts_on="coefficient",
-            depends_on=("load",),
+            acts_on="coefficient", depends_on=("load",),
         ),
-    )
+    )  # fmt: skip
     ageing_friction: float = parameter(
-        unit="1",
-        bounds=(0.0, 5.0),
-        default=0.0,
+        unit="1", bounds=(0.0, 5.0), default=0.0,
         meaning=(
             "beta: friction grows by beta ln(1 + t / ageing_time) with the age "
             "t of the contacts, which slip over `critical_slip_distance` renews; 0 is "
@@ -328,73 +281,52 @@ class Cable:
                 "Dieterich, Pure Appl. Geophys. 116, 1978; Ruina, J. "
                 "Geophys. Res. 88, 1983"
             ),
-            acts_on="coefficient",
-            depends_on=("history", "time"),
+            acts_on="coefficient", depends_on=("history", "time"),
         ),
-    )
+    )  # fmt: skip
     ageing_time: float = parameter(
-        unit="s",
-        bounds=(0.0, 1e6),
-        default=1.0,
-        low_open=True,
+        unit="s", bounds=(0.0, 1e6), default=1.0, low_open=True,
         meaning="time scale of that growth",
-    )
+    )  # fmt: skip
     wrap_growth: float = parameter(
-        unit="1/m",
-        bounds=(-1e3, 1e3),
-        default=0.0,
+        unit="1/m", bounds=(-1e3, 1e3), default=0.0,
         meaning=(
             "g: wrap angles times 1 + g u, u the distal displacement from the rest pose"
         ),
         term=Term(
             equation=("wrap angle *= 1 + g u_distal, in the last part of the conduit"),
             source="a routing that bends with the joint; thesis Experiment 1b",
-            acts_on="coefficient",
-            depends_on=("place",),
+            acts_on="coefficient", depends_on=("place",),
         ),
-    )
+    )  # fmt: skip
     wrap_reach: float = parameter(
-        unit="1",
-        bounds=(0.0, 1.0),
-        default=1.0,
-        low_open=True,
+        unit="1", bounds=(0.0, 1.0), default=1.0, low_open=True,
         meaning="share of the conduit, from its distal end, in which they do",
-    )
+    )  # fmt: skip
     friction_drift: float = parameter(
-        unit="1/s",
-        bounds=(-1e3, 1e3),
-        default=0.0,
+        unit="1/s", bounds=(-1e3, 1e3), default=0.0,
         meaning="d: friction times 1 + d t + h W, t the time since the start",
         term=Term(
             equation="mu *= 1 + d t",
             source="wear and weather, thesis 3.2.3",
-            acts_on="coefficient",
-            depends_on=("time",),
+            acts_on="coefficient", depends_on=("time",),
         ),
-    )
+    )  # fmt: skip
     friction_heating: float = parameter(
-        unit="1/J",
-        bounds=(-1e3, 1e3),
-        default=0.0,
+        unit="1/J", bounds=(-1e3, 1e3), default=0.0,
         meaning="h: of the heat W that friction left in the conduit; 0 is off",
         term=Term(
             equation="mu *= 1 + h W, dW/dt = friction power - W/t_c",
             source=("a liner that warms up by its own friction, one thermal mass"),
-            acts_on="coefficient",
-            depends_on=("time",),
+            acts_on="coefficient", depends_on=("time",),
         ),
-    )
+    )  # fmt: skip
     cooling_time: float = parameter(
-        unit="s",
-        bounds=(0.0, 1e9),
-        default=60.0,
-        low_open=True,
+        unit="s", bounds=(0.0, 1e9), default=60.0, low_open=True,
         meaning="time in which that heat falls to 1/e",
-    )
+    )  # fmt: skip
     bedding_strain: float = parameter(
-        unit="1",
-        bounds=(0.0, 1.0),
-        default=0.0,
+        unit="1", bounds=(0.0, 1.0), default=0.0,
         meaning=(
             "e: strain by which a cable is longer before its strands lie close; "
             "`axial_stiffness` is that of the taut cable; 0 is off"
@@ -402,21 +334,15 @@ class Cable:
         term=Term(
             equation="strain = T / EA + e T / (T + T_b)",
             source="constructional stretch of ropes, as their makers give it",
-            acts_on="elasticity",
-            depends_on=("load",),
+            acts_on="elasticity", depends_on=("load",),
         ),
-    )
+    )  # fmt: skip
     bedding_tension: float = parameter(
-        unit="N",
-        bounds=(0.0, 1e6),
-        default=20.0,
-        low_open=True,
+        unit="N", bounds=(0.0, 1e6), default=20.0, low_open=True,
         meaning="T_b: tension that takes half of that strain",
-    )
+    )  # fmt: skip
     stress_relaxation: float = parameter(
-        unit="1",
-        bounds=(0.0, 1.0),
-        default=0.0,
+        unit="1", bounds=(0.0, 1.0), default=0.0,
         meaning=(
             "share of the pretension that the rest pose loses in the end, as "
             "the cable grows longer; 0 is off"
@@ -424,21 +350,15 @@ class Cable:
         term=Term(
             equation="T_0 *= 1 - c (1 - exp(-t/t_c))",
             source="standard linear solid",
-            acts_on="elasticity",
-            depends_on=("time",),
+            acts_on="elasticity", depends_on=("time",),
         ),
-    )
+    )  # fmt: skip
     relaxation_time: float = parameter(
-        unit="s",
-        bounds=(0.0, 1e9),
-        default=60.0,
-        low_open=True,
+        unit="s", bounds=(0.0, 1e9), default=60.0, low_open=True,
         meaning="time scale of that loss",
-    )
+    )  # fmt: skip
     clamp_creep_proximal: float = parameter(
-        unit="m/(N s)",
-        bounds=(0.0, 1.0),
-        default=0.0,
+        unit="m/(N s)", bounds=(0.0, 1.0), default=0.0,
         meaning=(
             "c: speed at which the conduit slides for good in its clamp at the "
             "proximal end, per tension above `clamp_force`; 0 is off"
@@ -446,32 +366,24 @@ class Cable:
         term=Term(
             equation="ds/dt = c max(T_proximal - F, 0), the path shorter by s",
             source="plastic flow above a yield force, Bingham 1922",
-            acts_on="elasticity",
-            depends_on=("history", "time"),
+            acts_on="elasticity", depends_on=("history", "time"),
         ),
-    )
+    )  # fmt: skip
     clamp_creep_distal: float = parameter(
-        unit="m/(N s)",
-        bounds=(0.0, 1.0),
-        default=0.0,
+        unit="m/(N s)", bounds=(0.0, 1.0), default=0.0,
         meaning="the same at the distal end",
         term=Term(
             equation="ds/dt = c max(T_distal - F, 0), the path shorter by s",
             source="plastic flow above a yield force, Bingham 1922",
-            acts_on="elasticity",
-            depends_on=("history", "time"),
+            acts_on="elasticity", depends_on=("history", "time"),
         ),
-    )
+    )  # fmt: skip
     clamp_force: float = parameter(
-        unit="N",
-        bounds=(0.0, 1e6),
-        default=50.0,
+        unit="N", bounds=(0.0, 1e6), default=50.0,
         meaning="F: force up to which a clamp holds the end of the conduit",
-    )
+    )  # fmt: skip
     eccentricity: float = parameter(
-        unit="m",
-        bounds=(0.0, 0.1),
-        default=0.0,
+        unit="m", bounds=(0.0, 0.1), default=0.0,
         meaning=(
             "e: lever of the cable on the proximal pulley plus e cos(q - phase) at "
             "its angle q; 0 is off"
@@ -479,41 +391,31 @@ class Cable:
         term=Term(
             equation="r + e cos(q - phase)",
             source="geometry",
-            acts_on="pulley",
-            depends_on=("place",),
+            acts_on="pulley", depends_on=("place",),
         ),
-    )
+    )  # fmt: skip
     eccentricity_phase: float = parameter(
-        unit="rad",
-        bounds=(-10.0, 10.0),
-        default=0.0,
+        unit="rad", bounds=(-10.0, 10.0), default=0.0,
         meaning=(
             "pulley angle at which that is largest; pi more for the antagonist of a "
             "pair that leaves the pulley on its two sides"
         ),
-    )
+    )  # fmt: skip
     ovality: float = parameter(
-        unit="m",
-        bounds=(0.0, 0.1),
-        default=0.0,
+        unit="m", bounds=(0.0, 0.1), default=0.0,
         meaning="o: radius of the proximal pulley plus o cos(2 q - phase); 0 is off",
         term=Term(
             equation="r + o cos(2 q - phase)",
             source="geometry",
-            acts_on="pulley",
-            depends_on=("place",),
+            acts_on="pulley", depends_on=("place",),
         ),
-    )
+    )  # fmt: skip
     ovality_phase: float = parameter(
-        unit="rad",
-        bounds=(-10.0, 10.0),
-        default=0.0,
+        unit="rad", bounds=(-10.0, 10.0), default=0.0,
         meaning="twice an angle of largest radius",
-    )
+    )  # fmt: skip
     grease_drag: float = parameter(
-        unit="N/m",
-        bounds=(0.0, 1e6),
-        default=0.0,
+        unit="N/m", bounds=(0.0, 1e6), default=0.0,
         meaning="g: drag of grease per conduit length at a slip of 1 m/s; 0 is off",
         term=Term(
             equation="dT/dx = s g |v|^n",
@@ -521,17 +423,13 @@ class Cable:
                 "Herschel and Bulkley, Kolloid-Zeitschrift 39, 1926; its yield stress "
                 "is `load_independent_friction`"
             ),
-            acts_on="drag",
-            depends_on=("rate",),
+            acts_on="drag", depends_on=("rate",),
         ),
-    )
+    )  # fmt: skip
     grease_exponent: float = parameter(
-        unit="1",
-        bounds=(0.0, 1.0),
-        default=0.5,
-        low_open=True,
+        unit="1", bounds=(0.0, 1.0), default=0.5, low_open=True,
         meaning="n: power of the slip speed in m/s that it grows with; 1 is viscous",
-    )
+    )  # fmt: skip
     segments: int = 50
     conduit: tuple[Section, ...] = (Section(1.0, math.inf),)
     route: str = ""

@@ -24,18 +24,8 @@ from cc_mujoco.errors import CableError
 PARQUET_ENDING = ".parquet"
 
 _NULL_VALUES = [
-    "",
-    "nan",
-    "NaN",
-    "NAN",
-    "-nan",
-    "NA",
-    "N/A",
-    "n/a",
-    "null",
-    "NULL",
-    "None",
-]
+    "", "nan", "NaN", "NAN", "-nan", "NA", "N/A", "n/a", "null", "NULL", "None",
+]  # fmt: skip
 _BOOLEAN_VALUES = {"true": "1", "false": "0"}
 _BLOCK_BYTES = 1 << 23
 

@@ -33,31 +33,13 @@ from cc_mujoco.metrics._metric import (
 from cc_mujoco.simulation._rollout import Rollout
 
 DEFAULT_METRICS = (
-    "efficiency",
-    "held_backlash",
-    "rms_torque_error",
-    "peak_wearer_torque",
-    "wearer_power",
-    "peak_torque_rate",
-    "peak_motor_torque",
-    "peak_motor_power",
-    "rms_motor_torque",
-    "thermal_load",
-    "motor_heat",
-    "electrical_power",
-    "slack_margin",
-    "slack_share",
-    "peak_tension",
-    "strength_used",
-    "reflected_torque",
-    "bandwidth",
-    "response",
-    "reflected_inertia",
-    "cable_mass",
-    "mass",
-    "bend_ratio",
+    "efficiency", "held_backlash", "rms_torque_error", "peak_wearer_torque",
+    "wearer_power", "peak_torque_rate", "peak_motor_torque", "peak_motor_power",
+    "rms_motor_torque", "thermal_load", "motor_heat", "electrical_power",
+    "slack_margin", "slack_share", "peak_tension", "strength_used", "reflected_torque",
+    "bandwidth", "response", "reflected_inertia", "cable_mass", "mass", "bend_ratio",
     "bending_stress",
-)
+)  # fmt: skip
 """Metrics that are measured where none is chosen, of designs that have them."""
 DEFAULT_OBJECTIVES = ("rms_torque_error", "reflected_torque", "rms_motor_torque")
 """Metrics that rank designs where no objective is given, of those that were measured:

@@ -71,35 +71,14 @@ PHASE = ("phase_sine", "phase_cosine")
 """Columns that are observed where `phase` is true."""
 
 AXIS_KEYS = (
-    "name",
-    "motor",
-    "joint",
-    "torque",
-    "task",
-    "reach",
-    "centre",
-    "safe_torque",
-    "safe_speed",
-    "safe_power",
-    "motor_pulley",
-    "joint_pulley",
-    "gearing",
-    "lever",
-    "cuff",
-    "observation",
-)
+    "name", "motor", "joint", "torque", "task", "reach", "centre", "safe_torque",
+    "safe_speed", "safe_power", "motor_pulley", "joint_pulley", "gearing", "lever",
+    "cuff", "observation",
+)  # fmt: skip
 KEYS = (
-    "scene",
-    "meaning",
-    "trajectory",
-    "period",
-    "root",
-    "rope",
-    "sensors",
-    "axis",
-    "wearer",
-    "hysteresis",
-)
+    "scene", "meaning", "trajectory", "period", "root", "rope", "sensors", "axis",
+    "wearer", "hysteresis",
+)  # fmt: skip
 
 
 class _Found(NamedTuple):

@@ -33,15 +33,10 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 MEASURED_COLUMNS = (
-    "motor_angle_rad",
-    "motor_velocity_rad_s",
-    "joint_angle_rad",
-    "joint_velocity_rad_s",
-    "joint_torque_nm",
-    "desired_torque_nm",
-    "phase_sine",
+    "motor_angle_rad", "motor_velocity_rad_s", "joint_angle_rad",
+    "joint_velocity_rad_s", "joint_torque_nm", "desired_torque_nm", "phase_sine",
     "phase_cosine",
-)
+)  # fmt: skip
 """All that a controller may read: encoders, a joint torque sensor, the task, and the
 phase of the gait cycle.
 

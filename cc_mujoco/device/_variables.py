@@ -36,11 +36,8 @@ OF_CABLES: dict[str, Parameter] = {
     for variable in (
         *PARAMETERS,
         Parameter(
-            "segments",
-            meaning="friction elements along the cable",
-            low=1,
-            high=MAX_SEGMENTS,
-            whole=True,
+            "segments", meaning="friction elements along the cable", low=1,
+            high=MAX_SEGMENTS, whole=True,
         ),
         *(
             Parameter(key, meaning=f"configuration key `{key}` as text", text=True)
@@ -48,34 +45,27 @@ OF_CABLES: dict[str, Parameter] = {
             if key not in {"segments", *(p.name for p in PARAMETERS)}
         ),
         Parameter(
-            "break_away",
-            "1",
-            "static over kinetic friction, at least 1; 0 is off",
-            0,
+            "break_away", "1", "static over kinetic friction, at least 1; 0 is off", 0,
             1e9,
         ),
         Parameter("loops", "1", "round loops that the whole conduit makes", 0, 100),
         Parameter("wrap", "rad", "bend of the whole conduit; lengths stay", 0, 600),
         Parameter(
-            "bend_radius", "m", "radius of every bend; lengths stay", 0, 100, True
+            "bend_radius", "m", "radius of every bend; lengths stay", 0, 100, True,
         ),
         Parameter(
-            "length", "m", "length of the conduit; bend angles stay", 0, 1000, True
+            "length", "m", "length of the conduit; bend angles stay", 0, 1000, True,
         ),
         Parameter(
-            "diameter",
-            "m",
-            "of the cable; stiffness and strength go with its square",
-            0,
-            0.1,
-            True,
+            "diameter", "m", "of the cable; stiffness and strength go with its square",
+            0, 0.1, True,
         ),
         Parameter("motor_radius", "m", "pulley radius at the motor", 0, 10, True),
         Parameter(
-            "joint_radius", "m", "pulley radius or lever at the joint", 0, 10, True
+            "joint_radius", "m", "pulley radius or lever at the joint", 0, 10, True,
         ),
     )
-}
+}  # fmt: skip
 """Variables that belong to a cable, so that two cables may differ in them."""
 
 VARIABLES: dict[str, Parameter] = OF_CABLES | {
@@ -83,167 +73,106 @@ VARIABLES: dict[str, Parameter] = OF_CABLES | {
     for variable in (
         Parameter("strength", "N", "breaking load of the cable", 0, 1e9, True),
         Parameter(
-            "material",
-            "1",
-            "rope and conduit, of `MATERIALS`: friction, and "
-            "with the diameter stiffness and strength",
-            text=True,
+            "material", "1", "rope and conduit, of `MATERIALS`: friction, and "
+            "with the diameter stiffness and strength", text=True,
             choices=tuple(MATERIALS),
         ),
         Parameter(
-            "material_friction",
-            "1",
+            "material_friction", "1",
             "where in its range the friction of `material` is, typical by default",
-            text=True,
-            choices=ENDS,
+            text=True, choices=ENDS,
         ),
         Parameter(
-            "rope_density", "kg/m^3", "of the rope, with its voids", 0, 1e5, True
+            "rope_density", "kg/m^3", "of the rope, with its voids", 0, 1e5, True,
         ),
         Parameter(
-            "conduit_linear_mass",
-            "kg/m",
-            "of a metre of conduit; by default a "
-            "steel coil that goes with the diameter",
-            0,
-            1e3,
+            "conduit_linear_mass", "kg/m", "of a metre of conduit; by default a "
+            "steel coil that goes with the diameter", 0, 1e3,
         ),
         Parameter("motor_torque", "N m", "largest torque of the motor", 0, 1e6, True),
         Parameter(
-            "rotor_inertia",
-            "kg m^2",
-            "of the rotor as the pulley feels it, without the pulley",
-            0,
-            1e3,
+            "rotor_inertia", "kg m^2",
+            "of the rotor as the pulley feels it, without the pulley", 0, 1e3,
         ),
         Parameter(
-            "motor",
-            "1",
-            "a data sheet of `MOTORS`: inertia and mass of the "
-            "motor, its winding, what it can give for ever",
-            text=True,
+            "motor", "1", "a data sheet of `MOTORS`: inertia and mass of the "
+            "motor, its winding, what it can give for ever", text=True,
             choices=tuple(MOTORS),
         ),
         Parameter(
-            "gearing",
-            "1",
-            "turns of the rotor per turn of the motor's pulley; "
-            "the gear weighs nothing and loses nothing",
-            0,
-            1e4,
+            "gearing", "1", "turns of the rotor per turn of the motor's pulley; "
+            "the gear weighs nothing and loses nothing", 0, 1e4, True,
+        ),
+        Parameter(
+            "winding_resistance", "ohm", "of the motor, between its terminals", 0, 1e6,
             True,
         ),
         Parameter(
-            "winding_resistance",
-            "ohm",
-            "of the motor, between its terminals",
-            0,
-            1e6,
-            True,
+            "torque_constant", "N m/A", "of the motor, before its gear", 0, 1e3, True,
         ),
         Parameter(
-            "torque_constant", "N m/A", "of the motor, before its gear", 0, 1e3, True
-        ),
-        Parameter(
-            "continuous_torque",
-            "N m",
-            "that the motor can give for ever, before its gear",
-            0,
-            1e6,
-            True,
+            "continuous_torque", "N m",
+            "that the motor can give for ever, before its gear", 0, 1e6, True,
         ),
         Parameter("motor_mass", "kg", "of the motor", 0, 1e4),
         Parameter(
-            "motor_damping", "N m s/rad", "viscous friction of the motor", 0, 1e3
+            "motor_damping", "N m s/rad", "viscous friction of the motor", 0, 1e3,
         ),
         Parameter(
-            "motor_friction", "N m", "dry friction of the motor at its pulley", 0, 1e3
+            "motor_friction", "N m", "dry friction of the motor at its pulley", 0, 1e3,
         ),
         Parameter(
-            "motor_lag",
-            "s",
-            "time constant of the motor's torque behind its command",
-            0,
-            1,
+            "motor_lag", "s", "time constant of the motor's torque behind its command",
+            0, 1,
         ),
         Parameter(
-            "cuff_stiffness",
-            "N m/rad",
-            "of the cuff between the device and the limb, `[axis.cuff]`",
-            0,
-            1e9,
-            True,
+            "cuff_stiffness", "N m/rad",
+            "of the cuff between the device and the limb, `[axis.cuff]`", 0, 1e9, True,
         ),
         Parameter(
-            "cuff_damping", "N m s/rad", "of the cuff between device and limb", 0, 1e6
+            "cuff_damping", "N m s/rad", "of the cuff between device and limb", 0, 1e6,
         ),
         Parameter(
-            "gait_speed",
-            "m/s",
-            "of walking: stride time, stance, motion of the "
+            "gait_speed", "m/s", "of walking: stride time, stance, motion of the "
             "leg and size of the help go with it as in Bovi et al., Gait & "
             f"Posture 33, 2011; that of the measured walk, {MEASURED_SPEED:g}, by "
-            "default",
-            MIN_SPEED,
-            MAX_SPEED,
+            "default", MIN_SPEED, MAX_SPEED,
         ),
         Parameter(
-            "body_mass",
-            "kg",
-            "of the wearer of a leg: its segments go with it "
+            "body_mass", "kg", "of the wearer of a leg: its segments go with it "
             "as in Winter, Biomechanics and Motor Control of Human Movement, "
             "Table 4.1, moments and size of the help as in Hof, Gait & Posture 4, "
-            f"1996; {WEARER_MASS:g} by default",
-            MIN_MASS,
-            MAX_MASS,
+            f"1996; {WEARER_MASS:g} by default", MIN_MASS, MAX_MASS,
         ),
         Parameter(
-            "leg_length",
-            "m",
-            "of the wearer, from hip to sole: lengths and "
+            "leg_length", "m", "of the wearer, from hip to sole: lengths and "
             "inertia of the leg, stride time, moments and size of the help go "
             "with it as in Hof, Gait & Posture 4, 1996, and speed, unless "
-            f"`gait_speed` says it; {WEARER_LEG_LENGTH:g} by default",
-            MIN_LEG_LENGTH,
+            f"`gait_speed` says it; {WEARER_LEG_LENGTH:g} by default", MIN_LEG_LENGTH,
             MAX_LEG_LENGTH,
         ),
         Parameter(
-            "onset",
-            "% of the stride",
-            "where the help of the ankle begins; with "
+            "onset", "% of the stride", "where the help of the ankle begins; with "
             "`peak_time`, `peak_torque` and `fall` as in Zhang et al., Science "
             "356, 2017, in place of the shape of `assist`; "
-            f"{Profile.onset:g} by default",
-            0,
-            100,
+            f"{Profile.onset:g} by default", 0, 100,
         ),
         Parameter(
-            "peak_time",
-            "% of the stride",
+            "peak_time", "% of the stride",
             f"where the help of the ankle is largest, {Profile.peak_time:g} by default",
-            0,
-            100,
-            True,
+            0, 100, True,
         ),
         Parameter(
-            "peak_torque",
-            "N m",
-            f"largest help of the ankle, {Profile.peak_torque:g} by default",
-            0,
-            PEAK,
+            "peak_torque", "N m",
+            f"largest help of the ankle, {Profile.peak_torque:g} by default", 0, PEAK,
         ),
         Parameter(
-            "fall",
-            "% of the stride",
-            "time from the peak of the help of the "
+            "fall", "% of the stride", "time from the peak of the help of the "
             f"ankle to its end; {Profile.fall:g} by default, less where the "
-            "foot leaves the ground before",
-            0,
-            100,
-            True,
+            "foot leaves the ground before", 0, 100, True,
         ),
     )
-}
+}  # fmt: skip
 """Every variable of a design by name."""
 
 WEARER = Parameter(
@@ -302,20 +231,10 @@ CONFLICTS: tuple[tuple[str, ...], ...] = (
 
 
 OF_AXES = (
-    "motor_torque",
-    "rotor_inertia",
-    "motor",
-    "gearing",
-    "winding_resistance",
-    "torque_constant",
-    "continuous_torque",
-    "motor_mass",
-    "motor_damping",
-    "motor_friction",
-    "motor_lag",
-    "cuff_stiffness",
-    "cuff_damping",
-)
+    "motor_torque", "rotor_inertia", "motor", "gearing", "winding_resistance",
+    "torque_constant", "continuous_torque", "motor_mass", "motor_damping",
+    "motor_friction", "motor_lag", "cuff_stiffness", "cuff_damping",
+)  # fmt: skip
 """Variables that belong to an axis, so that two motors may differ in them."""
 
 

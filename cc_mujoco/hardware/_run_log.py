@@ -22,20 +22,10 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.hardware._packet import Readings
 
 RUN_COLUMNS = (
-    "time_s",
-    "motor_angle_rad",
-    "motor_velocity_rad_s",
-    "motor_torque_nm",
-    "joint_angle_rad",
-    "joint_velocity_rad_s",
-    "joint_torque_nm",
-    "desired_torque_nm",
-    "command_torque_nm",
-    "controller_torque_nm",
-    "late_s",
-    "work_s",
-    "cycle",
-)
+    "time_s", "motor_angle_rad", "motor_velocity_rad_s", "motor_torque_nm",
+    "joint_angle_rad", "joint_velocity_rad_s", "joint_torque_nm", "desired_torque_nm",
+    "command_torque_nm", "controller_torque_nm", "late_s", "work_s", "cycle",
+)  # fmt: skip
 """Columns of a row of one axis: time by the rig's clock; what it measured;
 `motor_torque_nm`, the torque that it had been commanded by then; that of the task; the
 one commanded in this cycle; the one that the controller requested (NaN if it was not

@@ -27,19 +27,11 @@ EPISODE_FILES = (
 """Files that `write_episode` leaves in its folder."""
 _REWRITTEN_FILES = ("recording.rrd", "metrics.json", "summary.png")
 EPISODE_METRICS = (
-    "rms_torque_error",
-    "torque_lag",
-    "peak_joint_torque",
-    "rms_joint_torque",
-    "rms_angle_error",
-    "twist_backlash",
-    "efficiency",
-    "efficiency_motor_drives",
-    "efficiency_wearer_drives",
-    "motor_share",
-    "slack_time_{cable}",
+    "rms_torque_error", "torque_lag", "peak_joint_torque", "rms_joint_torque",
+    "rms_angle_error", "twist_backlash", "efficiency", "efficiency_motor_drives",
+    "efficiency_wearer_drives", "motor_share", "slack_time_{cable}",
     "dissipated_energy_{cable}",
-)
+)  # fmt: skip
 """Metrics of an episode that is played."""
 VIDEO_FILE, PAGE_FILE = "video.mp4", "episode.html"
 """Files that it also leaves there on request."""

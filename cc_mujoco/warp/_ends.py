@@ -11,10 +11,6 @@ from numpy.typing import NDArray
 
 from cc_mujoco.cable import Cable
 from cc_mujoco.errors import CableError
-from cc_mujoco.plugin import from_mjcf
-from cc_mujoco.plugin._engine import PLUGIN
-from cc_mujoco.plugin._spec import require_spec
-from cc_mujoco.warp._model import require_supported
 
 
 @dataclass(frozen=True)
@@ -93,33 +89,3 @@ def actuators_of(
 
     found = [[index(held.proximal), index(held.distal)] for held in cables.values()]
     return np.array(found, np.int32)
-
-
-def without_plugin(spec: mujoco.MjSpec) -> mujoco.MjSpec:
-    """Return a copy of a specification whose cable ends any MuJoCo can hold.
-
-    The two actuators of each cable keep names, order, `gear` and what they pull; their
-    force is one that the user gives (`biastype="user"`) and 0 until `attach` does.
-    Sensors of these forces stay. Tendons that draw a conduit stay as well.
-
-    Args:
-        spec: specification with cables; not changed.
-
-    Raises:
-        CableError: it is no specification, or has a cable that cannot be used, or an
-            integrator that is not supported in mujoco_warp.
-    """
-    require_spec(spec)
-    from_mjcf(spec)
-    require_supported(int(spec.option.integrator))
-    plain = spec.copy()
-    for actuator in plain.actuators:
-        if actuator.plugin.plugin_name == PLUGIN:
-            actuator.plugin.active = False
-            actuator.plugin.name = ""
-            actuator.plugin.plugin_name = ""
-            force_of_callback(actuator)
-    for plugin in list(plain.plugins):
-        if plugin.plugin_name == PLUGIN:
-            plain.delete(plugin)
-    return plain

@@ -85,9 +85,13 @@ def shown(
     at = np.arange(angles[0].size)
     fine = np.arange(FINE * (at.size - 1) + 1) / FINE
     motor, joint = (np.interp(fine, at, angle) for angle in angles)
-    # From rest in the pose 0, as any rig came to where a trial begins.
-    ramp = np.linspace(0.0, 1.0, 400)[:-1]
-    motor, joint = (np.concatenate([ramp * a[0], a]) for a in (motor, joint))
+    # From rest in the pose 0 the finger comes to its place, then the motor winds: a
+    # winch remembers the tension at which it wound, 1.3 mN m in a trial held at a load.
+    ramp = np.linspace(0.0, 1.0, 200)[:-1]
+    led = bench.following(ramp * joint[0])
+    tight = led[-1] + ramp * (motor[0] - led[-1])
+    motor = np.concatenate([led, tight, motor])
+    joint = np.concatenate([ramp * joint[0], np.full(ramp.size, joint[0]), joint])
     dt = STEP / FINE
     if rig == "closed forms":
         own = {_KEYS.get(name, name): value for name, value in values.items()}
@@ -95,7 +99,7 @@ def shown(
     else:
         cables = tuple(cable.replace(**values) for cable in bench.cables)
         torques = rollout_of(bench, cables, dt, motor, joint)
-    kept = slice(ramp.size, None, FINE)
+    kept = slice(2 * ramp.size, None, FINE)
     return torques[0][kept], torques[1][kept] + bias
 
 

@@ -122,6 +122,8 @@ class Diagnose:
         if found.verdict in ("fix-data", "fix-numerics"):
             raise CableError(f"{found.verdict}: {found.statement} See {report}.")
         print(f"{found.verdict}: {found.statement}")
+        if found.gap:
+            print("  The noise floor is the error that the sensors' noise alone makes.")
         if found.occasions:
             print(f"  {found.occasions.statement}")
         if found.instruments:

@@ -93,7 +93,9 @@ def headline(diagnosis: Diagnosis, names: Names) -> str:
     named = [found.id for found in diagnosis.missing if found.id not in tied]
     remains = ""
     if math.isfinite(diagnosis.remaining):
-        remains = f"; the remaining error is {diagnosis.remaining:.1f} noise floors"
+        remains = (
+            f"; the remaining error is {diagnosis.remaining:.1f} times the noise floor"
+        )
     if diagnosis.verdict == "named":
         return f"Missing: {names.list(named)}{remains}"
     if diagnosis.verdict == "tie":

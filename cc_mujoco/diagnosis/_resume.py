@@ -135,7 +135,7 @@ def _require_unchanged(path: Path, digest: Any, place: Path) -> None:
     try:
         now = hashlib.sha256(path.read_bytes()).hexdigest()
     except OSError:
-        raise CableError(f"{path}, of which {place} tells, is not there.") from None
+        raise CableError(f"{path}, which {place} names, is not there.") from None
     if now != digest:
         raise CableError(
             f"{path} has changed since {place} was written; diagnose all data anew."

@@ -204,7 +204,7 @@ class Limit:
     # Least number of trials that show their disagreement; of fewer their pieces do
     least = 3
     # Least reduction of a variance by a part that informs a parameter, relative
-    tells = 1e-9
+    min_variance_share = 1e-9
     noise_draws = 6  # Simulations with resampled angles
     smoothing_time = 0.04  # Time over which the scatter is taken together [s]
     min_floor_share = 1e-3  # Least floor, over the RMS of the channel
@@ -291,7 +291,7 @@ class Limit:
     # Error at the edges of a stretch over its largest, at least half of the limit
     edge_share = 0.03
     # Torque of a cable that transmits nothing, over what it should be
-    silent_share = 0.1
+    max_idle_share = 0.1
     # Probability that trials without a trend show one, over all that is tested
     trend_false_alarm_rate = 1e-2
     min_trend_trials = 4  # Trials from which on a trend can be tested

@@ -346,7 +346,7 @@ class Baseline:
 
     Attributes:
         parameters: fitted values by name.
-        not_identifiable: one sentence for each combination the data do not tell.
+        not_identifiable: one sentence for each combination that the data leave open.
     """
 
     parameters: Mapping[str, Estimate]

@@ -33,7 +33,7 @@ def judged(
     named: Sequence[str] = (),
     ties: Sequence[Sequence[str]] = (),
 ) -> str:
-    """Return one word for how a case went: right, tie, half, silent or wrong.
+    """Return one word for how a case went: right, tie, half, missed or wrong.
 
     Args:
         kind: of what is hidden: named, pair, unknown or none.
@@ -44,7 +44,7 @@ def judged(
     if kind == "none":
         return "right" if verdict == "none" else "wrong"
     if kind == "unknown":
-        return {"unknown": "right", "none": "silent"}.get(verdict, "wrong")
+        return {"unknown": "right", "none": "missed"}.get(verdict, "wrong")
     sure = set(named).difference(*tied)
     if kind == "pair":
         if set(hidden) <= sure:
@@ -54,13 +54,13 @@ def judged(
             return "tie"
         return "half" if set(hidden) & either else "wrong"
     if verdict == "unknown":
-        return "silent"  # whatever it added: it reports that most of the error is left
+        return "missed"  # whatever it added: it reports that most of the error is left
     for tie in tied:
         if hidden[0] in tie:
-            return "tie" if len(tie) == 2 else "silent"
+            return "tie" if len(tie) == 2 else "missed"
     if named and named[0] == hidden[0]:
         return "right"
-    return "silent" if not named else "wrong"
+    return "missed" if not named else "wrong"
 
 
 def went(record: dict[str, Any]) -> str:
@@ -106,7 +106,7 @@ def summary(records: list[dict[str, Any]]) -> str:
     """
     columns = {
         "right": "right", "in a tie": "tie", "one of two": "half",
-        "silent": "silent", "wrong": "wrong",
+        "missed": "missed", "wrong": "wrong",
     }  # fmt: skip
     kinds = [
         kind

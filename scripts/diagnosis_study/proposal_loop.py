@@ -299,13 +299,13 @@ def summary(rows: Sequence[Mapping[str, str]]) -> str:
                 *key, str(len(own)), str(sum(row["first"] == "right" for row in own)),
                 f"{alone} ({exact(alone, len(own))} %)",
                 str(sum(row["end"] == "undecidable" for row in own)),
-                str(last.count("silent")), str(last.count("wrong")),
+                str(last.count("missed")), str(last.count("wrong")),
                 str(sum(_repeats(row) for row in own)),
             ]
         )  # fmt: skip
     head = (
         "recorded first", "hidden", "R", "rigs", "right at once", "right and alone",
-        "undecidable", "silent", "wrong", "proposed twice",
+        "undecidable", "missed", "wrong", "proposed twice",
     )  # fmt: skip
     failed = [
         [row[name] for name in ("protocol", "make", "hidden", "strength", "seed")]

@@ -82,7 +82,7 @@ def test_what_has_changed_or_gone_is_told(diagnosed: Path, name: str) -> None:
     with pytest.raises(CableError, match=f"{name} has changed since"):
         Earlier.of(diagnosed)
     file.unlink()
-    with pytest.raises(CableError, match=f"{name}, of which .* is not there"):
+    with pytest.raises(CableError, match=f"{name}, which .* names, is not there"):
         Earlier.of(diagnosed)
 
 

@@ -27,7 +27,7 @@ def test_headlines_name_what_is_missing() -> None:
     assert headline(DIAGNOSES["named"], names) == "Missing: Stribeck friction"
     off = replace(DIAGNOSES["named"], remaining=4.31)
     assert headline(off, names) == (
-        "Missing: Stribeck friction; the remaining error is 4.3 noise floors"
+        "Missing: Stribeck friction; the remaining error is 4.3 times the noise floor"
     )
     tie = replace(DIAGNOSES["tie"], effects=DIAGNOSES["named"].effects)
     tie = replace(tie, ties=(("backlash", "end_compliance"),))

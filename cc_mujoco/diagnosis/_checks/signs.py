@@ -1,7 +1,7 @@
 """Checks of signs and units by the mechanics of a transmission.
 
 Three things are known of every transmission, whatever its friction: the joint follows
-the motor, the joint torque asks for motor torque of the same sign, and motor power less
+the motor, the joint torque takes motor torque of the same sign, and motor power less
 joint power is never negative in the long run. Of the eight ways in which signs may be
 wrong, each breaks another combination of the three (inverting everything on both sides
 is a change of convention that nothing can show). By virtual work the ratio of the
@@ -42,7 +42,7 @@ class Mechanics(NamedTuple):
         ratio: joint speed per motor speed.
         follows: correlation of the speeds, 0 if one side stands still.
         torque_ratio: motor torque per joint torque, friction aside.
-        asks: correlation of the torques while the cable slides, 0 if unknown.
+        torque_correlation: of both torques while the cable slides, 0 if unknown.
         motor_work: work of the motor per travel of the motor, less the stored energy
             [N m].
         joint_work: the same of the joint; their difference is friction.
@@ -53,7 +53,7 @@ class Mechanics(NamedTuple):
     ratio: float
     follows: float
     torque_ratio: float
-    asks: float
+    torque_correlation: float
     motor_work: float
     joint_work: float
     doubt: float
@@ -69,9 +69,11 @@ def measure_mechanics(trial: Trial) -> Mechanics:
     if trial.motor_torque is None or trial.joint_torque is None:
         return Mechanics(ratio, follows, 0.0, 0.0, 0.0, 0.0, math.inf, 1.0)
     motor, joint = trial.motor_torque[used], trial.joint_torque[used]
-    torque_ratio, asks = sliding_torque_ratio(motor, joint, omega, trial.step)
+    torque_ratio, torque_correlation = sliding_torque_ratio(
+        motor, joint, omega, trial.step
+    )
     works = _work_per_travel(trial, used, (motor, joint), omega, turn)
-    return Mechanics(ratio, follows, torque_ratio, asks, *works)
+    return Mechanics(ratio, follows, torque_ratio, torque_correlation, *works)
 
 
 def _correlation(one: FloatArray, other: FloatArray) -> float:
@@ -201,7 +203,7 @@ def group_trials(trials: Sequence[Trial], known: Sequence[Mechanics]) -> list[Gr
     for trial, m in zip(trials, known, strict=True):
         by_signs[
             _sign(m.follows, Limit.min_angle_correlation),
-            _sign(m.asks, _MIN_TORQUE_CORRELATION),
+            _sign(m.torque_correlation, _MIN_TORQUE_CORRELATION),
         ].append((trial, m))
     return [
         Group([trial for trial, _ in members], _pool_mechanics(members))
@@ -219,13 +221,15 @@ def _pool_mechanics(members: list[tuple[Trial, Mechanics]]) -> Mechanics:
     if len(members) == 1:
         return first
     known = [m for _, m in members]
-    torque_ratio, asks = _shared_torque_ratio([trial for trial, _ in members])
-    if abs(asks) < abs(first.asks):
-        torque_ratio, asks = first.torque_ratio, first.asks
+    torque_ratio, torque_correlation = _shared_torque_ratio(
+        [trial for trial, _ in members]
+    )
+    if abs(torque_correlation) < abs(first.torque_correlation):
+        torque_ratio, torque_correlation = first.torque_ratio, first.torque_correlation
     pooled = first._replace(
         ratio=float(np.median([m.ratio for m in known])),
         torque_ratio=torque_ratio,
-        asks=asks,
+        torque_correlation=torque_correlation,
     )
     usable = [m for m in known if math.isfinite(m.doubt)]
     if not usable:
@@ -258,15 +262,15 @@ def _shared_torque_ratio(trials: list[Trial]) -> tuple[float, float]:
 def check_signs(group: Group) -> list[DataFinding]:
     """Find channels with inverted sign, and swapped sides."""
     trials, m = group
-    follows, asks = (
+    follows, torque_correlation = (
         _sign(m.follows, Limit.min_angle_correlation),
-        _sign(m.asks, _MIN_TORQUE_CORRELATION),
+        _sign(m.torque_correlation, _MIN_TORQUE_CORRELATION),
     )
     friction = m.motor_work - m.joint_work
     contradictions = []
     if follows < 0.0:
         contradictions.append("the joint turns against the motor")
-    if asks < 0.0:
+    if torque_correlation < 0.0:
         contradictions.append("motor torque falls where joint torque rises")
     made = friction < -max(3.0 * m.doubt, Limit.min_generated_share * m.scale)
     if made:
@@ -276,8 +280,8 @@ def check_signs(group: Group) -> list[DataFinding]:
         )
     if not contradictions:
         return []
-    ways = _fewest_inversions(m, follows, asks)
-    if follows >= 0.0 and asks >= 0.0:
+    ways = _fewest_inversions(m, follows, torque_correlation)
+    if follows >= 0.0 and torque_correlation >= 0.0:
         ways.append("swap the motor's columns with the joint's")
         # With the torques swapped, each works on the other side's travel.
         if follows and m.joint_work / m.ratio > m.motor_work * m.ratio:
@@ -290,7 +294,7 @@ def check_signs(group: Group) -> list[DataFinding]:
         # A wrong gain of a torque sensor makes a little power; only a wrong sign makes
         # much.
         net = abs(m.motor_work) + abs(m.joint_work)
-        certain = asks < 0.0 or -friction > max(
+        certain = torque_correlation < 0.0 or -friction > max(
             Limit.large_generated_share * m.scale, Limit.clear_work_share * net
         )
     else:
@@ -338,7 +342,9 @@ def wrong_unit(trial: Trial, channel: str) -> str:
     return f"{trial.labels.get(channel, channel)} is in {unit_name}"
 
 
-def _fewest_inversions(m: Mechanics, follows: float, asks: float) -> list[str]:
+def _fewest_inversions(
+    m: Mechanics, follows: float, torque_correlation: float
+) -> list[str]:
     """Return the fewest inversions that make the trial possible."""
     possible = []
     for flips in itertools.product((1, -1), repeat=4):
@@ -349,7 +355,7 @@ def _fewest_inversions(m: Mechanics, follows: float, asks: float) -> list[str]:
         )
         if (
             follows * motor_angle * joint_angle >= 0.0
-            and asks * motor_torque * joint_torque >= 0.0
+            and torque_correlation * motor_torque * joint_torque >= 0.0
             and friction > -min(2.0 * m.doubt, Limit.min_generated_share * m.scale)
         ):
             inverted = [
@@ -371,7 +377,9 @@ def _fewest_inversions(m: Mechanics, follows: float, asks: float) -> list[str]:
 def check_units(group: Group) -> list[DataFinding]:
     """Find units that contradict each other, by virtual work."""
     trials, m = group
-    if not (abs(m.follows) > Limit.min_angle_correlation and abs(m.asks) > 0.9):
+    if not (
+        abs(m.follows) > Limit.min_angle_correlation and abs(m.torque_correlation) > 0.9
+    ):
         return []
     mismatch = abs(m.torque_ratio / m.ratio)
     if 1.0 / Limit.unit_mismatch_ratio < mismatch < Limit.unit_mismatch_ratio:

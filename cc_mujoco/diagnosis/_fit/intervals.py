@@ -264,7 +264,7 @@ def disagreement(
     a part, the fit moves by d_g = (H - H_g)^-1 s_g without it (Cook 1977), of which
     noise makes the variance (H - H_g)^-1 - H^-1. The factor is the mean of
     d_g^2 / variance, an overdispersion as of Birge (Phys. Rev. 40, 1932), and of
-    Hartung and Knapp (Stat. Med. 20, 2001) where trials tell one number each. Its
+    Hartung and Knapp (Stat. Med. 20, 2001) where trials give one number each. Its
     freedom is Satterthwaite's, G^2 over the sum of the squared correlations of the
     moves (Bell and McCaffrey, Survey Methodology 28, 2002): G - 1 for G equal parts.
 
@@ -296,12 +296,12 @@ def disagreement(
         joint = -shares @ whole @ shares.T
         joint[np.diag_indices_from(joint)] += np.sum(shares * np.array(row), axis=1)
         size = np.diag(joint)
-        tells = size > Limit.tells * whole[k, k]
-        if np.sum(tells) < 2:
+        counted = size > Limit.min_variance_share * whole[k, k]
+        if np.sum(counted) < 2:
             continue
-        deviation = np.sqrt(size[tells])
-        correlation = joint[np.ix_(tells, tells)] / np.outer(deviation, deviation)
-        factor[k] = float(np.mean((moved[tells] / deviation) ** 2))
+        deviation = np.sqrt(size[counted])
+        correlation = joint[np.ix_(counted, counted)] / np.outer(deviation, deviation)
+        factor[k] = float(np.mean((moved[counted] / deviation) ** 2))
         freedom[k] = deviation.size**2 / float(np.sum(correlation**2))
     return Disagreement(factor, freedom)
 

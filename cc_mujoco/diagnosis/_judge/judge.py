@@ -239,7 +239,8 @@ def _verdict(
         return "unknown", (
             f"Something is missing{_describe_implausible(found)}. What comes closest "
             f"is {_titles(missing)}: it takes {format_share(explained)} of the RMS "
-            f"error above the noise and leaves {format_number(left)} noise floors, so "
+            f"error above the noise and leaves {format_number(left)} times the noise "
+            f"floor, so "
             f"it does not reach the noise. {statement}"
         )
     if outcome.unhooked > Limit.trial_limit and all(
@@ -320,7 +321,8 @@ def closest_sentence(found: Search) -> str:
     return (
         f"What comes closest is {EFFECTS[candidate.id].title}: it takes "
         f"{format_share(share)} of the RMS error above the noise and leaves "
-        f"{format_number(left)} noise floors, but is refused: {candidate.reason}."
+        f"{format_number(left)} times the noise floor, but is refused: "
+        f"{candidate.reason}."
     )
 
 

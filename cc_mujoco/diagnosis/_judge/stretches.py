@@ -34,7 +34,7 @@ class Stretch(NamedTuple):
         channel: torque with the largest error.
         size: RMS error over the noise.
         error: RMS error [N m].
-        silent: whether both torques are next to nothing, though the model's are not.
+        idle: whether both torques are next to nothing, though the model's are not.
         rest: misfit of all other samples.
     """
 
@@ -44,13 +44,13 @@ class Stretch(NamedTuple):
     channel: str
     size: float
     error: float
-    silent: bool
+    idle: bool
     rest: float
 
     @property
     def statement(self) -> str:
         when = f"from {self.start:.1f} s to {self.end:.1f} s"
-        verb = "transmits nothing" if self.silent else "is off"
+        verb = "transmits nothing" if self.idle else "is off"
         return (
             f"{self.trial} {verb} {when}: the {channel_name(self.channel)} is "
             f"{format_number(self.error)} N m RMS off, {format_number(self.size)} "
@@ -61,7 +61,7 @@ class Stretch(NamedTuple):
     @property
     def question(self) -> str:
         """Question to whoever recorded it."""
-        what = "came off" if self.silent else "came off, slipped or was changed"
+        what = "came off" if self.idle else "came off, slipped or was changed"
         return (
             f"{self.statement} Is there a cable or a clamp that {what}, or a sensor "
             "that failed? Judge the rest without these seconds: leave them out of "
@@ -124,7 +124,7 @@ def worst_stretch(
     record, shown = records[place], there[place][:, part]
     measured, floor = record.measured[:, part], problem.floor[place][row, part]
     off = (measured - shown)[row]
-    silent = np.median(np.abs(measured), axis=1) < Limit.silent_share * np.median(
+    idle = np.median(np.abs(measured), axis=1) < Limit.max_idle_share * np.median(
         np.abs(shown), axis=1
     )
     return Stretch(
@@ -136,7 +136,7 @@ def worst_stretch(
             _ratio((off / floor) ** 2, (problem.sensed[place][row, part] / floor) ** 2)
         ),
         math.sqrt(float(np.mean(off**2))),
-        bool(silent.all()),
+        bool(idle.all()),
         math.sqrt(
             _ratio(*(np.concatenate([e[k].ravel() for e in rest]) for k in (0, 1)))
         ),
@@ -184,7 +184,7 @@ def _largest_ratio(
 
 
 def _edges(error: FloatArray, middle: int, dt: float, smallest: float) -> slice:
-    """Return the samples around one in which the error stays large, in floors."""
+    """Return the samples around one in which the error stays large."""
     width = max(1, round(Limit.edge_window / dt))
     local = np.sqrt(np.convolve(error, np.full(width, 1.0 / width), "same"))
     near = slice(max(0, middle - 5 * width), middle + 5 * width)

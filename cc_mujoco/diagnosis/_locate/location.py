@@ -407,31 +407,33 @@ def _main_sentence(
     """Return the main sentence: the torque in error, its size and its structure."""
     others = [name for name in off if name != worst]
     sizes = list_words(
-        [f"{channel_name(name)} {_in_floors(size)}" for name, size in off.items()]
+        [f"{channel_name(name)} {_over_noise(size)}" for name, size in off.items()]
     )
     beside = list_words(
-        [f"{channel_name(name)} {_in_floors(off[name])}" for name in others]
+        [f"{channel_name(name)} {_over_noise(off[name])}" for name in others]
     )
     beyond = {name: max(size**2 - 1.0, 0.0) for name, size in off.items()}
     mostly = all(beyond[worst] > Limit.dominant_ratio * beyond[name] for name in others)
     if off[worst] <= Limit.layout_error:
-        text = f"No torque is far off ({sizes} noise floors)"
+        text = f"No torque is far off ({sizes} times the noise floor)"
     elif not others:
-        size = _in_floors(off[worst])
+        size = _over_noise(off[worst])
         text = (
-            f"Only the {channel_name(worst)} is compared; it is {size} noise floors off"
+            f"Only the {channel_name(worst)} is compared; it is {size} times the noise "
+            "floor off"
         )
     elif not mostly:
-        text = f"The error is in both torques ({sizes} noise floors)"
+        text = f"The error is in both torques ({sizes} times the noise floor)"
     elif all(off[name] <= Limit.explained_error for name in others):
-        size = _in_floors(off[worst])
+        size = _over_noise(off[worst])
         text = (
             f"The error is in the {channel_name(worst)} only "
-            f"({size} noise floors; {beside})"
+            f"({size} times the noise floor; {beside})"
         )
     else:
         text = (
-            f"The error is mostly in the {channel_name(worst)} ({sizes} noise floors)"
+            f"The error is mostly in the {channel_name(worst)} "
+            f"({sizes} times the noise floor)"
         )
     if found:
         return f"{text}: {found[0][0]}."
@@ -448,7 +450,7 @@ def _main_sentence(
     )
 
 
-def _in_floors(size: float) -> str:
+def _over_noise(size: float) -> str:
     """Return an error over the noise floor, to a tenth of a floor."""
     return format_number(size, 1.0 if size < 100.0 else math.nan)
 

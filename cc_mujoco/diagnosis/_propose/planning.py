@@ -603,9 +603,9 @@ def page(
             "",
             "Each file has the motor's angle to play, and the joint's as expected: "
             "hold it there where it is locked or against a spring, leave it free else. "
-            "Record both angles and what tells the torques at 200 Hz or more, call the "
-            "recordings `trial_01.csv` and so on, and put them and `dataset.toml` into "
-            "a folder of their own.",
+            "Record both angles and both torques, or what stands for them, at 200 Hz "
+            "or more, call the recordings `trial_01.csv` and so on, and put them and "
+            "`dataset.toml` into a folder of their own.",
             "",
             "What these trials would resolve, in the scene as it is, once everything "
             "else is tuned. An effect shows from the size that is "

@@ -466,8 +466,8 @@ def error_location(diagnosis: Diagnosis) -> Html | None:
             join_pieces([each.statement, element("span", note, class_="small")])
         )
     note = (
-        "Noise floors are counted here after a fit to all data; errors on data held "
-        "out, above, are larger."
+        "Errors here are those of a fit to all data; on data held out, above, they are "
+        "larger."
     )
     return join_pieces([bullet_list(items, ranked=True), paragraph(note, kind="small")])
 

@@ -11,7 +11,7 @@ Record = dict[str, Any]
 Judge = Callable[[Record], str]
 
 HEAD = (
-    "method", "named: cases", "right", "in a tie of two", "silent", "wrong",
+    "method", "named: cases", "right", "in a tie of two", "missed", "wrong",
     "first in its ranking", "none: false alarms", "unknown: wrongly named",
 )  # fmt: skip
 
@@ -64,7 +64,7 @@ def _row(
     return [
         method,
         str(len(named)),
-        *(share("named", word) for word in ("right", "tie", "silent", "wrong")),
+        *(share("named", word) for word in ("right", "tie", "missed", "wrong")),
         _percent(first, len(named)),
         share("none", "wrong"),
         share("unknown", "wrong"),

@@ -74,7 +74,7 @@ def test_effects_that_leave_most_of_the_error_are_not_the_answer(
     assert said == verdict
     if verdict == "unknown":
         assert "takes 20 % of the RMS error above the noise" in statement
-        assert "leaves 2.60 noise floors" in statement
+        assert "leaves 2.60 times the noise floor" in statement
         assert "none of the effects" not in statement
 
 

@@ -229,7 +229,7 @@ def test_every_stretch_beyond_its_limit_is_found_where_it_is(
         changed = replace(problem, plant=plant, slopes=TorqueDerivatives())
         stretch = worst_stretch(changed, x, played)
         assert stretch is not None
-        assert stretch.trial == record.trial and not stretch.silent
+        assert stretch.trial == record.trial and not stretch.idle
         assert stretch.channel == problem.plant.instruments.channels[row]
         assert stretch.start == pytest.approx(start, abs=0.15)
         assert stretch.end == pytest.approx(end, abs=0.15)

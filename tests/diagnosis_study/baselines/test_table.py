@@ -8,9 +8,9 @@ from baselines.table import comparison
 
 
 def judge(record: dict[str, Any]) -> str:
-    """Right, wrong or silent, by the first name."""
+    """Right, wrong or missed, by the first name."""
     if not record["named"]:
-        return "silent"
+        return "missed"
     return "right" if record["named"] == record["hidden"] else "wrong"
 
 

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -26,6 +25,7 @@ from typing import Any
 import numpy as np
 from closed_loop import FRICTION, LIMITS, PERIOD, SECONDS, SETTLED, task
 from driven import Array, Bench, Lockstep
+from kept_cases import Lines
 from tqdm import tqdm
 
 from cc_mujoco._utils.atomic_io import replacing
@@ -163,11 +163,8 @@ def main() -> None:
     except CableError as error:
         parser.error(str(error))
     given.out.mkdir(parents=True, exist_ok=True)
-    kept = given.out / KEPT
-    records: list[Mapping[str, Any]] = []
-    if kept.exists():
-        records = [json.loads(line) for line in kept.read_text().splitlines()]
-    done = {(r["controller"], r["effect"], r["seed"]) for r in records}
+    lines = Lines(given.out / KEPT)
+    records, done = lines.records, lines.done("controller", "effect", "seed")
     cases = [
         case
         for seed in given.seeds
@@ -176,10 +173,7 @@ def main() -> None:
         if (case := (name, effect, seed)) not in done
     ]
     for case in tqdm(cases, unit="task", **progress_options()):
-        record = played(*case)
-        records.append(record)
-        with kept.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(record) + "\n")
+        lines.add(played(*case))
     with replacing(given.out / TABLE) as partial:
         partial.write_text(told(records, given.controllers), encoding="utf-8")
     print(told(records, given.controllers))

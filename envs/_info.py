@@ -15,17 +15,25 @@ class LazyInfo(dict[str, Any]):
     size of a dictionary before it asks for its items.
     """
 
-    def __init__(self, make: Callable[[], dict[str, Any]]) -> None:
-        """Take the function that computes the entries, which is called at most once."""
-        super().__init__(time_s=_PENDING)
-        self._make: Callable[[], dict[str, Any]] | None = make
+    __slots__ = ("_given", "_make")
+
+    def __init__(self, make: Callable[..., dict[str, Any]], *given: Any) -> None:
+        """Take the function that computes the entries, which is called at most once.
+
+        Args:
+            make: The function.
+            given: Its arguments.
+        """
+        self._make: Callable[..., dict[str, Any]] | None = make
+        self._given = given
+        dict.__setitem__(self, "time_s", _PENDING)
 
     def _fill(self) -> None:
-        make, self._make = self._make, None
+        (make, given), self._make, self._given = (self._make, self._given), None, ()
         if make is not None:
             own = {k: v for k, v in dict.items(self) if v is not _PENDING}
             dict.clear(self)
-            dict.update(self, make() | own)
+            dict.update(self, make(*given) | own)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle and copy as a plain dictionary."""

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 
 from cc_mujoco._utils.exclusive import exclusive
 from cc_mujoco.device import Device, Plant, find_device
-from cc_mujoco.device._drive import Drive
-from cc_mujoco.device._model import load, physics_of
+from cc_mujoco.device._model import load
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Trajectory, Wearer
-from cc_mujoco.simulation._reference_motion import PART_STEPS, Script
+from cc_mujoco.simulation._batch import Simulation
+from cc_mujoco.simulation._episodes import REWARD_TERMS, Episodes
 from cc_mujoco.simulation._worn_device import (
-    REWARD_TERMS,
+    Driven,
     TaskChoice,
     WornDevice,
     refuse_unknown,
@@ -31,7 +31,9 @@ from ._info import LazyInfo
 from ._render import RENDER_METADATA, SceneRenderer, check_mode
 
 
-class DeviceEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
+class DeviceEnv(
+    Driven, gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle
+):
     r"""A device that is driven by cables, with a wearer who moves.
 
     `device` is the name of a built-in device, an MJCF file, the TOML file of a
@@ -180,27 +182,15 @@ class DeviceEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickl
         self.observation_space: Any = self.exo.observation_space
         self.action_space = self.exo.action_space
         self.model: mujoco.MjModel = self.exo.device.model
-        self.data = mujoco.MjData(self.model)
-        self._physics = physics_of(self.data)
-        self._warnings = self.data.warning.number
-        self._sensors = self.exo.sensors(0)
-        self._histories = self.exo.histories(1)
-        self._sample = 0
-        self._action = np.zeros(len(self.exo.drives))
-        self._script: Script | None = None
-        self.plant: Plant = self.exo.plants.nominal
-        """Plant that this episode is played on."""
+        simulation = Simulation(self.exo.device)
+        self.data: mujoco.MjData = simulation.data
+        self._episodes = Episodes(self.exo, simulation, 1, is_vector=False)
         self._screen = SceneRenderer(self.model, render_mode, self.exo.sampling)
 
     @property
-    def drive(self) -> Drive:
-        """Knowledge that a controller may have of the only axis; see `drives`."""
-        return self.exo.drive
-
-    @property
-    def drives(self) -> tuple[Drive, ...]:
-        """Knowledge that controllers may have of each axis."""
-        return self.exo.drives
+    def plant(self) -> Plant:
+        """Plant that this episode is played on."""
+        return self._episodes.plants[0]
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
         """Return an environment at the same step of the same episode.
@@ -217,28 +207,20 @@ class DeviceEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickl
                 "an environment whose `model` was written to cannot be copied; give "
                 "the changed model as the argument `model`."
             )
-        if self.plant is not self.exo.plants.nominal:
-            twin.plant = self.plant
         mujoco.mj_copyData(twin.data, twin.model, self.data)
-        twin._script = self._script  # nobody writes to it
-        twin._sample, twin.spec = self._sample, self.spec
-        twin._action = self._action
-        twin._sensors = copy.deepcopy(self._sensors, memo)
-        twin._histories = copy.deepcopy(self._histories, memo)
+        twin._episodes.take(self._episodes)
+        twin.spec = self.spec
         twin._screen.films = [copy.copy(self._screen.films[0])]
         twin._np_random = copy.deepcopy(self._np_random, memo)
         twin._np_random_seed = self._np_random_seed
         return twin
 
-    def action(self, torque: Any) -> NDArray[np.float32]:
-        """Return the action that makes the motors give torques [N m]."""
-        return self.exo.action(torque)
-
     def beyond(self) -> str:
         """Return what the task demands beyond the motor; see `WornDevice.beyond`."""
-        if self._script is None:
+        script = self._episodes.wiring.scripts[0]
+        if script is None:
             raise gymnasium.error.ResetNeeded("call reset() before beyond().")
-        return self.exo.beyond(self._script)
+        return self.exo.beyond(script)
 
     @exclusive
     def reset(
@@ -255,25 +237,10 @@ class DeviceEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickl
                 model was changed.
         """
         super().reset(seed=seed)
-        exo = self.exo
-        exo.require_timestep()
-        before, self.plant = self.plant, exo.plants.draw(self.np_random, options)
-        if self.plant is not before:
-            exo.device.apply_plant(self.plant)
-        self._script = script = exo.author.write(self.np_random)
-        exo.begin(self._sensors, self.plant, self.np_random)
-        self._sample = 0
-        self._action = np.zeros(len(exo.drives))
+        self.exo.require_timestep()
         self._screen.films[0].cut()
-        begun = script.part(0)
-        exo.device.start(self.data, script.angles, begun.commands[0])
-        marks = begun.marks[0]
-        columns, _ = exo.read_with_reward(self._physics, marks)
-        measured = exo.measured(self._sensors, columns)
-        for history, seen in zip(self._histories, measured, strict=True):
-            history.begin(seen[None])
-        info = self._info(columns, marks, (0.0, 0.0, 0.0))
-        return self._observation(), info
+        self._episodes.begin([0], [self.np_random], options)
+        return self._episodes.observation()[0], self._info([0.0, 0.0, 0.0])
 
     @exclusive
     def step(
@@ -285,73 +252,36 @@ class DeviceEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickl
             CableError: If the action is not of shape (axes,) and finite.
             gymnasium.error.ResetNeeded: Before the first reset, and after the end.
         """
-        exo, script, data = self.exo, self._script, self.data
-        if script is None:
+        episodes, last = self._episodes, self.exo.samples
+        if episodes.wiring.scripts[0] is None:
             raise gymnasium.error.ResetNeeded("call reset() before the first step().")
-        if self._sample >= exo.samples:
+        if episodes.samples[0] >= last:
             raise gymnasium.error.ResetNeeded("the episode is over; call reset().")
-        normalised = exo.normalised(action)
-        for place, history in enumerate(self._histories):
-            history.act(normalised[place : place + 1])
-        data.ctrl[exo.device.motor_controls] = normalised * exo.device.motor_scales
-        tracking, diverged = 0.0, False
-        for _ in range(exo.hold):
-            number, row = divmod(self._sample, PART_STEPS)
-            first = row * exo.frame_skip
-            commands = script.part(number).commands
-            for command in commands[first : first + exo.frame_skip]:
-                data.ctrl[exo.device.script_controls] = command
-                mujoco.mj_step(self.model, data)
-                diverged = any(self._warnings.tolist())
-                if diverged:
-                    break
-            self._sample += 1
-            number, row = divmod(self._sample, PART_STEPS)
-            marks = script.part(number).marks[row]
-            columns, reward = exo.read_with_reward(self._physics, marks)
-            tracking += exo.sampling * reward
-            measured = exo.measured(self._sensors, columns)
-            for history, seen in zip(self._histories, measured, strict=True):
-                history.add(seen[None])
-            if diverged:
-                break
-        terms = tracking, *exo.costs(normalised, self._action)
-        self._action = normalised
+        terms = episodes.step(action)[:, 0].tolist()
         return (
-            self._observation(),
-            float(terms[0] + terms[1] + terms[2]),
-            diverged,
-            self._sample >= exo.samples,
-            self._info(columns, marks, terms),
+            episodes.observation()[0],
+            terms[0] + terms[1] + terms[2],
+            bool(episodes.worlds.warned[0]),
+            bool(episodes.samples[0] >= last),
+            self._info(terms),
         )
 
-    def _info(
-        self, columns: dict[str, Any], marks: Any, terms: tuple[float, ...]
-    ) -> LazyInfo:
+    def _info(self, terms: list[float]) -> LazyInfo:
         """Return an `info` of floats and of arrays of its own."""
-        compute = self.exo.later_columns(self._physics, columns, self._sample, marks)
-        return LazyInfo(
-            lambda: {
-                name: value
-                if isinstance(value, np.ndarray) and value.ndim
-                else float(value)
-                for name, value in {
-                    **compute(),
-                    **dict(zip(REWARD_TERMS, terms, strict=True)),
-                }.items()
-            }
-        )
+        return LazyInfo(self._columns, self._episodes.snapshot(), terms)
 
-    def _observation(self) -> NDArray[np.float32]:
-        parts = [history.observation()[0] for history in self._histories]
-        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+    def _columns(self, snapshot: Any, terms: list[float]) -> dict[str, Any]:
+        return {
+            name: value[0] if value.ndim > 1 else float(value[0])
+            for name, value in self._episodes.columns(snapshot).items()
+        } | dict(zip(REWARD_TERMS, terms, strict=True))
 
     def render(self) -> NDArray[np.uint8] | None:
         """Picture of the device, (height, width, 3), in mode `rgb_array`.
 
         Drawn 30 times per simulated second; in between it is the last one again.
         """
-        drawn = self._screen.render([self.data.qpos], [self._sample])
+        drawn = self._screen.render([self.data.qpos], self._episodes.samples)
         return None if drawn is None else drawn[0]
 
     def close(self) -> None:

@@ -14,16 +14,16 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from cc_mujoco._utils.exclusive import exclusive
 from cc_mujoco._validation import require_dictionary
-from cc_mujoco.device import Device, Plant, find_device
-from cc_mujoco.device._drive import Drive
+from cc_mujoco.device import Device, find_device
 from cc_mujoco.device._model import Array, load
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Trajectory, Wearer
 from cc_mujoco.simulation._batch import Simulations, Worlds
-from cc_mujoco.simulation._reference_motion import Scripts
+from cc_mujoco.simulation._episodes import REWARD_TERMS, Episodes
 from cc_mujoco.simulation._worn_device import (
-    REWARD_TERMS,
+    Driven,
     TaskChoice,
     WornDevice,
     refuse_unknown,
@@ -39,7 +39,9 @@ VECTOR_METADATA = {**RENDER_METADATA, "autoreset_mode": AutoresetMode.NEXT_STEP}
 """Metadata by Gymnasium's names, before an environment is made."""
 
 
-class DeviceVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPickle):
+class DeviceVectorEnv(
+    Driven, VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPickle
+):
     """Many devices of one kind, stepped together by `mujoco.batch.Batch`.
 
     It equals, bit for bit and whatever the number of threads, a `SyncVectorEnv` of the
@@ -155,42 +157,20 @@ class DeviceVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzP
             from cc_mujoco.simulation._warp_worlds import WarpWorlds
 
             self.simulations = WarpWorlds(exo, num_envs, found)
-        self.plants = [exo.plants.nominal] * num_envs
+        self._episodes = Episodes(exo, self.simulations, num_envs)
+        self.plants = self._episodes.plants
         """Plant that every environment is played on."""
-        self._current_plant = exo.plants.nominal
         self._last = exo.samples
         if max_episode_steps is not None:
             self._last = min(self._last, hold * max_episode_steps)
         self.episode_steps = self._last // hold
         """Steps of an episode that nothing ends early."""
-        self._scripts = Scripts(exo.author, num_envs, exo.tasks)
         self._random: list[np.random.Generator | None] = [None] * num_envs
-        self._sensors = exo.sensors(range(num_envs))
-        self._histories = exo.histories(num_envs)
-        self._samples = np.zeros(num_envs, dtype=np.intp)
-        self._actions = np.zeros((num_envs, len(exo.drives)))
         self._over = np.ones(num_envs, dtype=np.bool_)
         self._was_reset = False
         self._screen = SceneRenderer(self.model, render_mode, exo.sampling, num_envs)
 
-    @property
-    def drive(self) -> Drive:
-        """Knowledge that a controller may have of the only axis; see `drives`."""
-        return self.exo.drive
-
-    @property
-    def drives(self) -> tuple[Drive, ...]:
-        """Knowledge that controllers may have of each axis."""
-        return self.exo.drives
-
-    def action(self, torque: Array) -> NDArray[np.float32]:
-        """Return the actions that make the motors give torques [N m].
-
-        Args:
-            torque: (num_envs,), or of several axes (num_envs, axes).
-        """
-        return self.exo.action(torque)
-
+    @exclusive
     def reset(
         self,
         *,
@@ -227,9 +207,8 @@ class DeviceVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzP
         self._begin(np.flatnonzero(masked), options)
         self._over[masked] = False
         self._was_reset = True
-        nothing = np.zeros(self.num_envs)
-        terms = nothing, nothing, nothing
-        return self._observation(), self._info(terms, masked.copy())
+        terms = np.zeros((len(REWARD_TERMS), self.num_envs))
+        return self._episodes.observation(), self._info(terms, masked.copy())
 
     def _mask(self, given: Any) -> NDArray[np.bool_]:
         """Return the environments that a reset is to begin."""
@@ -247,6 +226,7 @@ class DeviceVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzP
             )
         return mask
 
+    @exclusive
     def step(
         self, actions: NDArray[np.float32]
     ) -> tuple[Singles, Array, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
@@ -265,20 +245,15 @@ class DeviceVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzP
             raise gymnasium.error.ResetNeeded(
                 f"environments {rows} are over: reset(options={{'reset_mask': ...}})."
             )
-        exo, fresh = self.exo, self._over
-        normalised = exo.normalised(actions, ~fresh)
-        for place, history in enumerate(self._histories):
-            history.act(normalised[:, place])
-        tracking = self._advance(normalised, ~fresh)
-        terms = tracking, *exo.costs(normalised, self._actions)
-        self._actions = normalised
-        if fresh.any():
+        fresh = self._over
+        going = ~fresh if fresh.any() else None
+        terms = self._episodes.step(actions, going)
+        if going is not None:
             self._begin(np.flatnonzero(fresh), None)
-            for term in terms:
-                term[fresh] = 0.0
-        observation = self._observation()
+            terms[:, fresh] = 0.0
+        observation = self._episodes.observation()
         terminated = self.simulations.warned
-        truncated = self._samples >= self._last
+        truncated = self._episodes.samples >= self._last
         self._over = terminated | truncated
         reward = terms[0] + terms[1] + terms[2]
         if not (self.mode is AutoresetMode.SAME_STEP and self._over.any()):
@@ -286,60 +261,22 @@ class DeviceVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzP
         over, self._over = self._over, np.zeros_like(self._over)
         final = self._final_info(observation, terms, over)
         self._begin(np.flatnonzero(over), None)
-        for term in terms:
-            term[over] = 0.0
+        terms[:, over] = 0.0
         info = self._info(terms)
         info.update(final)
-        return self._observation(), reward, terminated, truncated, info
-
-    def _advance(self, action: Array, going: NDArray[np.bool_]) -> Array:
-        """Simulate a control step where an episode goes on.
-
-        Returns:
-            Reward for tracking, (num_envs,).
-        """
-        exo, scale = self.exo, self.exo.device.motor_scales
-        tracking = np.zeros(self.num_envs)
-        for sample in range(exo.hold):
-            if sample:  # what diverged takes no further sample
-                going = going & ~self.simulations.warned
-            if not going.any():
-                break
-            commands = self._scripts.commands(self._samples)
-            self.simulations.advance(action, scale, commands, going)
-            self._samples += going
-            reward = self._sample_sensors(going)
-            tracking += np.where(going, exo.sampling * reward, 0.0)
-        return tracking
-
-    def _sample_sensors(self, going: NDArray[np.bool_]) -> Array:
-        """Take a sample of all sensors; return the reward per second for tracking."""
-        reward: Array
-        self._columns, reward = self._read_with_reward()
-        measured = self.exo.measured(self._sensors, self._columns, going)
-        for history, seen in zip(self._histories, measured, strict=True):
-            history.add(seen)
-        return reward
-
-    def _read_with_reward(self) -> tuple[dict[str, Any], Array]:
-        """Return columns and reward of all environments now."""
-        self._marks = self._scripts.marks(self._samples)
-        demanded = self._scripts.demands(self._samples)
-        return self.exo.read_with_reward(
-            self.simulations.physics, self._marks, demanded
-        )
+        return self._episodes.observation(), reward, terminated, truncated, info
 
     def _final_info(
         self,
         observation: Singles,
-        terms: tuple[Array, ...],
+        terms: Array,
         over: NDArray[np.bool_],
     ) -> dict[str, Any]:
         """Return the `info` of episodes that ended, where the step begins the next."""
         last = np.full(self.num_envs, None, dtype=object)
         for row in np.flatnonzero(over):
             last[row] = observation[row].copy()
-        final_info = self._info(tuple(term.copy() for term in terms), over)
+        final_info = self._info(terms.copy(), over)
         return {
             "final_obs": last,
             "_final_obs": over.copy(),
@@ -352,7 +289,9 @@ class DeviceVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzP
 
         Drawn 30 times per simulated second; in between they are the last ones again.
         """
-        return self._screen.render(self.simulations.physics.qpos, self._samples)
+        return self._screen.render(
+            self.simulations.physics.qpos, self._episodes.samples
+        )
 
     def close_extras(self, **kwargs: Any) -> None:
         """Free the renderer."""
@@ -360,69 +299,40 @@ class DeviceVectorEnv(VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzP
 
     def _begin(self, rows: NDArray[np.intp], options: Mapping[str, Any] | None) -> None:
         """Start an episode in some environments."""
-        exo, simulations = self.exo, self.simulations
-        simulations.clear(rows)
-        for row in rows:
-            rng = self._random[row]
-            if rng is None:
-                rng, _ = seeding.np_random()
-                self._random[row] = rng
+        random = []
+        for row in rows.tolist():
+            rng = self._random[row] or seeding.np_random()[0]
+            self._random[row] = rng
+            random.append(rng)
             self._screen.films[row].cut()
-            self._apply_plant(row, exo.plants.draw(rng, options))
-            script = self._scripts.write(row, rng)
-            exo.begin(self._sensors, self.plants[row], rng, row)
-            simulations.start(row, exo.device, script)
-        self._samples[rows] = 0
-        self._actions[rows] = 0.0
-        self._columns, _ = self._read_with_reward()
-        still = np.zeros_like(self._over)
-        measured = exo.measured(self._sensors, self._columns, still)
-        for history, seen in zip(self._histories, measured, strict=True):
-            history.begin(seen[rows], rows)
-
-    def _observation(self) -> Singles:
-        parts = [history.observation() for history in self._histories]
-        return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
-
-    def _apply_plant(self, row: int, plant: Plant) -> None:
-        """Give an environment its plant, and the model that is started from."""
-        nominal = self.exo.plants.nominal
-        if plant is not self._current_plant:
-            self.exo.device.apply_plant(plant)
-            self._current_plant = plant
-        if plant is not nominal or self.plants[row] is not nominal:
-            self.simulations.vary(row, plant)
-        self.plants[row] = plant
+        self._episodes.begin(rows.tolist(), random, options)
 
     def _info(
-        self, terms: tuple[Array, ...], described: NDArray[np.bool_] | None = None
+        self, terms: Array, described: NDArray[np.bool_] | None = None
     ) -> LazyInfo:
-        """Return an `info` as Gymnasium batches it: arrays and a mask for each.
+        """Return an `info` of some environments: arrays and a mask for each.
 
-        Args:
-            terms: Of the reward; nothing writes to them.
-            described: Environments that it describes; all of them by default.
+        Nothing writes to the `terms` of the reward, (3, num_envs).
         """
-        compute = self.exo.later_columns(
-            self.simulations.physics, self._columns, self._samples, self._marks
-        )
+        return LazyInfo(self._columns, self._episodes.snapshot(), terms, described)
 
-        def make() -> dict[str, Any]:
-            info: dict[str, Any] = {}
-            columns = compute() | dict(zip(REWARD_TERMS, terms, strict=True))
-            masks = np.ones((len(columns), self.num_envs), dtype=np.bool_)
+    def _columns(
+        self, snapshot: Any, terms: Array, described: NDArray[np.bool_] | None
+    ) -> dict[str, Any]:
+        columns = self._episodes.columns(snapshot)
+        columns |= dict(zip(REWARD_TERMS, terms, strict=True))
+        masks = np.ones((len(columns), self.num_envs), dtype=np.bool_)
+        if described is not None:
+            masks &= described
+        info: dict[str, Any] = {}
+        numbers = np.empty((len(columns), self.num_envs))
+        for (name, value), mask, row in zip(
+            columns.items(), masks, numbers, strict=True
+        ):
+            if value.ndim == 1:
+                row[:] = value
+                value = row
             if described is not None:
-                masks &= described
-            numbers = np.empty((len(columns), self.num_envs))
-            for (name, value), mask, row in zip(
-                columns.items(), masks, numbers, strict=True
-            ):
-                if value.ndim == 1:
-                    row[:] = value
-                    value = row
-                if described is not None:
-                    value[~described] = 0
-                info[name], info[f"_{name}"] = value, mask
-            return info
-
-        return LazyInfo(make)
+                value[~described] = 0
+            info[name], info[f"_{name}"] = value, mask
+        return info

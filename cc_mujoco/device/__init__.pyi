@@ -1,3 +1,4 @@
+from ._axis_record import Physics as Physics
 from ._description import Axis as Axis
 from ._description import Description as Description
 from ._device import Device as Device
@@ -8,7 +9,6 @@ from ._drive import CableDrive as CableDrive
 from ._drive import Drive as Drive
 from ._materials import MATERIALS as MATERIALS
 from ._model import DeviceModel as DeviceModel
-from ._model import Physics as Physics
 from ._motors import MOTORS as MOTORS
 from ._observation import Observed as Observed
 from ._plant import UNPLUGGED as UNPLUGGED

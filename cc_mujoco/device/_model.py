@@ -7,7 +7,7 @@ both give the same bits, because the arithmetic is elementwise.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Any, NamedTuple
 
 import mujoco
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from cc_mujoco import plugin
 from cc_mujoco.cable._parameters import PATHS
 from cc_mujoco.device import Plant
+from cc_mujoco.device._axis_record import AXIS, Physics
 from cc_mujoco.device._description import Axis, Description
 from cc_mujoco.device._device import Device, bare_model, frame_skip
 from cc_mujoco.device._drive import CableDrive, Drive
@@ -37,34 +38,6 @@ from cc_mujoco.plugin._mjcf import instances, make_room, write_cable
 Array = NDArray[np.float64]
 
 
-class Physics(NamedTuple):
-    """Arrays of a simulation, or of several with a leading axis."""
-
-    qpos: Array
-    qvel: Array
-    plugin_state: Array
-    actuator_force: Array
-    qfrc_actuator: Array
-    qfrc_passive: Array
-    qfrc_spring: Array
-    qfrc_damper: Array
-    qfrc_gravcomp: Array
-    qfrc_fluid: Array
-    actuator_length: Array
-    actuator_moment: Array
-
-    def detached(self) -> Physics:
-        """Return a copy whose results are writable arrays of their own."""
-        return self._replace(
-            **{name: getattr(self, name).copy() for name in _RESULT_FIELDS}
-        )
-
-    def take(self, other: Physics, row: Any = slice(None)) -> None:
-        """Write the results of another, for all simulations or one of them."""
-        for name in _RESULT_FIELDS:
-            getattr(self, name)[row] = getattr(other, name)
-
-
 class Places(NamedTuple):
     """Indices of motor and joint in the arrays of a simulation."""
 
@@ -79,9 +52,6 @@ class Places(NamedTuple):
     wearer_out: int
     """Index of the wearer in it; -1 where the body is moved otherwise."""
 
-
-_RESULT_FIELDS = Physics._fields[3:]
-"""Fields that a step leaves behind and no state has."""
 
 VARIED_FIELDS = ("plugin_attr", "actuator_gainprm", "actuator_biasprm")
 """Fields of a model that define what a plant is."""
@@ -257,51 +227,41 @@ class AxisModel:
         """Other joints whose motion winds the cables."""
         return self.winding.others(self.model) if self.winding else ()
 
-    def read_motion(
-        self, physics: Physics, winding: Winding | TabledWinding | None = None
-    ) -> dict[str, Any]:
-        """Read angles, velocities and torques of motor, joint and wearer.
+    @property
+    def ratio_columns(self) -> tuple[str, ...]:
+        """Names of the `RATIO_COLUMN` of every joint that the cables turn, too."""
+        shared = self.winding.shared if isinstance(self.winding, Winding) else ()
+        return tuple(name for name, *_ in shared)
 
-        Of one simulation or several; `plugin_state` is not read. `winding` is that of
-        each, where several differ.
+    def record(self, hold: Callable[[NDArray[Any]], int]) -> NDArray[Any]:
+        """Return the record by which compiled code reads the axis, see `AXIS`, (1,).
+
+        Args:
+            hold: Keeps an array as long as the record, and returns its address.
         """
-        qpos, qvel = physics.qpos.T, physics.qvel.T
-        force = physics.actuator_force.T
-        # Cables on open paths pull by passive forces, added to those of the joints.
-        joint, passive = self.places.joint_v, physics.qfrc_passive.T
-        own = physics.qfrc_spring.T[joint] + physics.qfrc_damper.T[joint]
-        pieces = passive[joint] - own
-        if self._weightless:
-            pieces = pieces - physics.qfrc_gravcomp.T[joint]
-            pieces = pieces - physics.qfrc_fluid.T[joint]
-        angle, velocity = qpos[self.places.joint_q], qvel[joint]
-        winding = winding or self.winding
-        winding_values = winding and winding.read(physics)
-        if winding_values is None:
-            winding_values = dict(
-                zip(WINDING_COLUMNS, (angle, velocity, 0.0 * angle + 1.0), strict=True)
-            )
-        if self._mover is not None:
-            wearer = force[self._mover.out] * self._mover.gear
-        else:
-            wearer = 0.0 * angle
-        # The cables of the axis are all that acts on the joint besides these.
-        cables = physics.qfrc_actuator.T[joint]
-        if self.axis.cuff is None:
-            cables = cables - wearer
-        for out, gear, place in self._others:
-            arm = gear if place < 0 else physics.actuator_moment.T[place]
-            cables = cables - force[out] * arm
-        return {
-            "motor_angle_rad": self.sense * qpos[self.places.motor_q],
-            "motor_velocity_rad_s": self.sense * qvel[self.places.motor_v],
-            "motor_torque_nm": force[self.places.motor_out] * self.motor_gear,
-            "joint_angle_rad": angle,
-            "joint_velocity_rad_s": velocity,
-            **winding_values,
-            "joint_torque_nm": cables + pieces,
-            "wearer_torque_nm": wearer,
+        mover, places = self._mover, self.places
+        outs = [out for out, _, _ in self._others]
+        arms = [place for _, _, place in self._others]
+        found = {
+            **places._asdict(),
+            "motor_control": self.motor_control,
+            "cuffed": self.axis.cuff is not None,
+            "weightless": self._weightless,
+            "others": len(outs),
+            "other_outs": hold(np.array([*outs, *arms], np.int64)),
+            "other_arms": hold(np.array([gear for _, gear, _ in self._others])),
+            "sense": self.sense,
+            "motor_gear": self.motor_gear,
+            "motor_scale": self.motor_scale,
+            "torque_limit": self.torque_limit,
+            "wearer_gear": 1.0 if mover is None else mover.gear,
         }
+        if self.winding is not None:
+            found |= self.winding.record(hold)
+        record = np.zeros(1, AXIS)
+        for name, value in found.items():
+            record[name] = value
+        return record
 
 
 class DeviceModel:

@@ -13,19 +13,18 @@ on a round pulley. In these coordinates a device is one with a round pulley.
 
 from __future__ import annotations
 
-from collections.abc import Container, Sequence
+from collections.abc import Callable, Container, Sequence
 from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from cc_mujoco.device._axis_record import MIN_LEVERAGE
 from cc_mujoco.device._sensors import RATIO_COLUMN, WINDING_COLUMNS
 
 Array = NDArray[np.float64]
 
-MIN_LEVERAGE = 0.1
-"""Least leverage that is reported; with less the cable hardly turns the joint."""
 POSE_SHARES = np.linspace(0.1, 0.9, 5)
 """Shares of the ranges of all joints at which is looked for what moves an end."""
 TABLE_ANGLES = 401
@@ -49,10 +48,10 @@ class Winding(NamedTuple):
     """Indices of the velocities that they belong to."""
     own: int
     """Place of the joint's among these."""
-    length: Any
-    """Length in the neutral pose, one number or (n,) [m]."""
-    arm: Any
-    """Arm in the neutral pose, one number or (n,) [m/rad]."""
+    length: float
+    """Length in the neutral pose [m]."""
+    arm: float
+    """Arm in the neutral pose [m/rad]."""
     shared: tuple[tuple[str, int, float], ...] = ()
     """`RATIO_COLUMN` of every joint of another axis that the cable turns, the place of
     its arm in `actuator_moment`, and the ratio per arm [rad/m]."""
@@ -74,6 +73,22 @@ class Winding(NamedTuple):
         for name, place, scale in self.shared:
             found[name] = scale * moment[place]
         return found
+
+    def record(self, hold: Callable[[NDArray[Any]], int]) -> dict[str, Any]:
+        """Return the entries of an axis's record; see `AxisModel.record`."""
+        shared = [place for _, place, _ in self.shared]
+        return {
+            "wound": len(self.places),
+            "arms": hold(np.array([*self.places, *self.dofs], np.int64)),
+            "own_arm": self.own,
+            "wound_end": self.end,
+            "winding_arm": self.arm,
+            "wound_length": self.length,
+            "timestep": self.step,
+            "shared": len(shared),
+            "shared_arms": hold(np.array(shared, np.int64)),
+            "shared_scales": hold(np.array([scale for *_, scale in self.shared])),
+        }
 
     def sharing(
         self, model: mujoco.MjModel, joints: Container[str], motor: float
@@ -100,20 +115,6 @@ class Winding(NamedTuple):
         dofs = (dof for place, dof in enumerate(self.dofs) if place != self.own)
         return tuple(model.joint(model.dof_jntid[dof]).name for dof in dofs)
 
-    @staticmethod
-    def over(
-        windings: Sequence[Winding | TabledWinding | None],
-    ) -> Winding | TabledWinding | None:
-        """Return the winding of devices of one layout, simulated together."""
-        one = windings[0]
-        if one is None or isinstance(one, TabledWinding):
-            return one  # the path is drawn, and no plant changes that
-        pairs = [
-            (each.length, each.arm) for each in windings if isinstance(each, Winding)
-        ]
-        length, arm = np.array(pairs).T
-        return one._replace(length=length, arm=arm)
-
 
 class TabledWinding(NamedTuple):
     """Winding of a cable whose conduit moves, by the angle of the joint alone.
@@ -139,6 +140,11 @@ class TabledWinding(NamedTuple):
         leverage = np.maximum(share, MIN_LEVERAGE)
         wound = np.interp(angle, self.angles, self.wound)
         return dict(zip(WINDING_COLUMNS, (wound, velocity, leverage), strict=True))
+
+    def record(self, hold: Callable[[NDArray[Any]], int]) -> dict[str, Any]:
+        """Return the entries of an axis's record; see `AxisModel.record`."""
+        table = np.concatenate((self.angles, self.wound, self.leverage))
+        return {"knots": len(self.angles), "table": hold(table)}
 
     def others(self, model: mujoco.MjModel) -> tuple[str, ...]:
         """Return no joints: none but the driven one winds the cable."""

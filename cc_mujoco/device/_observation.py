@@ -14,7 +14,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium.spaces import Box
@@ -22,7 +22,14 @@ from numpy.typing import NDArray
 
 from cc_mujoco._validation import require_number, require_parameter
 from cc_mujoco.errors import CableError
-from cc_mujoco.native import FloatArray, FloatMatrix, compiled
+from cc_mujoco.native import (
+    FloatArray,
+    FloatCube,
+    FloatMatrix,
+    IntArray,
+    compiled,
+    internal,
+)
 
 Array = NDArray[np.float64]
 
@@ -142,80 +149,171 @@ class Observed:
         return cls(**{**fields, **listed})
 
 
+class Past(NamedTuple):
+    """Arrays of an `ObservationHistory` of n environments."""
+
+    ratio: float
+    units: FloatArray
+    reach: FloatArray
+    """Half width of every play, those of the motor first; empty without plays [rad]."""
+    measured: FloatMatrix
+    """Last measurements (n, k)."""
+    plays: FloatMatrix
+    """Positions of the plays (n, plays) [rad]."""
+    frames: FloatCube
+    """Earlier frames, each with its action, newest first (n, history, k + 1)."""
+
+
 class ObservationHistory:
     """Observation of n environments, with its past."""
 
     def __init__(self, observed: Observed, count: int) -> None:
-        """Prepare n environments; `begin` before anything else."""
-        self.observed = observed
-        width = observed.frame
-        self._units = np.array(observed.units)
-        self._measured = np.zeros((count, width))
-        reach = np.array(PLAY_HALF_WIDTHS) * observed.units[0]
-        self._reach = np.concatenate((reach, reach))
-        self._play_positions = np.zeros((count, self._reach.size))
-        self._frame_history = np.zeros((count, observed.history, width + 1))
+        """Prepare; `begin` before anything else.
+
+        Args:
+            observed: What is observed.
+            count: Number of environments, n.
+        """
+        self.observed, self.size = observed, observed.space.shape[0]
+        width, self._all = observed.frame, np.arange(count)
+        reach = np.tile(np.array(PLAY_HALF_WIDTHS) * observed.units[0], 2)
+        reach = reach if observed.memory else reach[:0]
+        self.past = Past(
+            observed.ratio,
+            np.array(observed.units),
+            reach,
+            np.zeros((count, width)),
+            np.zeros((count, reach.size)),
+            np.zeros((count, observed.history, width + 1)),
+        )
 
     def begin(self, measured: Array, rows: Any = slice(None)) -> None:
-        """Start an episode, in all environments or some, with a past at rest."""
-        self._measured[rows] = measured
-        self._play_positions[rows] = self._angles()[rows]
-        self._frame_history[rows] = 0.0
-        self._frame_history[rows, :, :-1] = self._frame()[rows][:, None]
+        """Start an episode, in all environments or some, with a past at rest.
+
+        Args:
+            measured: (rows, k).
+            rows: Which.
+        """
+        self.past.measured[rows] = measured
+        _begin(self.past, self._all[rows])
 
     def act(self, share: Array, rows: Any = slice(None)) -> None:
         """Record the actions (n,) after the present observations of these rows."""
-        past = self._frame_history
-        if past.shape[1]:
-            past[rows, 1:] = past[rows, :-1]
-            past[rows, 0, :-1] = self._frame()[rows]
-            past[rows, 0, -1] = share[rows]
+        if self.observed.history:
+            _act(self.past, self._all[rows], np.array(share, np.float64))
 
     def add(self, measured: Array) -> None:
         """Take a new sample of the measurements (n, k)."""
-        self._measured[:] = measured
+        self.past.measured[:] = measured
         if self.observed.memory:
-            angles, reach = self._angles(), self._reach
-            near = np.maximum(self._play_positions, angles - reach)
-            self._play_positions = np.minimum(near, angles + reach)
+            _follow(self.past, self._all)
+
+    def take(self, other: ObservationHistory) -> None:
+        """Have the past of another history of the same."""
+        for own, its in zip(self.past[1:], other.past[1:], strict=True):
+            own[...] = its
 
     def observation(self) -> NDArray[np.float32]:
         """Return the current observation, (n, size)."""
-        parts = [self._frame()]
-        if self.observed.memory:
-            parts.append((self._angles() - self._play_positions) / self._reach)
-        count, frames, width = self._frame_history.shape
-        if frames:
-            parts.append(self._frame_history.reshape(count, frames * width))
-        whole = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
+        whole = np.empty((len(self.past.measured), self.size))
+        write_observation(self.past, whole, 0)
         return whole.astype(np.float32)
 
-    def _frame(self) -> Array:
-        frame = np.empty_like(self._measured)
-        _compute_frame(self._measured, self.observed.ratio, self._units, frame)
-        return frame
 
-    def _angles(self) -> Array:
-        """Return the angles of motor and joint, once for every play (n, plays)."""
-        seen, ratio = self._measured, self.observed.ratio
-        both = np.stack((seen[:, MOTOR_ANGLE] / ratio, seen[:, JOINT_ANGLE]), axis=1)
-        angles: Array = np.repeat(both, len(PLAY_HALF_WIDTHS), axis=1)
-        return angles
+@internal
+def _frame_value(past: Past, row: int, place: int) -> float:
+    """Return a number of the present frame; see `Observed`."""
+    measured = past.measured
+    value = measured[row, place]
+    if place == MOTOR_ANGLE:
+        value = value / past.ratio - measured[row, JOINT_ANGLE]
+    elif place == MOTOR_VELOCITY:
+        value = value / past.ratio
+    elif place == JOINT_TORQUE:
+        value = measured[row, DESIRED_TORQUE] - value
+    value = max(value / past.units[place], -OBSERVATION_LIMIT)
+    return float(min(value, OBSERVATION_LIMIT))
+
+
+@internal
+def _play_angle(past: Past, row: int, play: int) -> float:
+    """Return the angle that a play follows [rad]."""
+    if 2 * play < past.reach.size:
+        return float(past.measured[row, MOTOR_ANGLE] / past.ratio)
+    return float(past.measured[row, JOINT_ANGLE])
+
+
+@internal
+def begin_past(past: Past, row: int) -> None:
+    """Give a row a past at rest at what is measured."""
+    for play in range(past.reach.size):
+        past.plays[row, play] = _play_angle(past, row, play)
+    width = past.units.size
+    for k in range(past.frames.shape[1]):
+        for place in range(width):
+            past.frames[row, k, place] = _frame_value(past, row, place)
+        past.frames[row, k, width] = 0.0
+
+
+@internal
+def act_past(past: Past, row: int, share: float) -> None:
+    """Record the action after the present frame of a row."""
+    width, frames = past.units.size, past.frames
+    for k in range(frames.shape[1] - 1, 0, -1):
+        for place in range(width + 1):
+            frames[row, k, place] = frames[row, k - 1, place]
+    if frames.shape[1] > 0:
+        for place in range(width):
+            frames[row, 0, place] = _frame_value(past, row, place)
+        frames[row, 0, width] = share
+
+
+@internal
+def follow_past(past: Past, row: int) -> None:
+    """Let the plays of a row follow what is measured."""
+    for play in range(past.reach.size):
+        angle, reach = _play_angle(past, row, play), past.reach[play]
+        near = max(past.plays[row, play], angle - reach)
+        past.plays[row, play] = min(near, angle + reach)
 
 
 @compiled
-def _compute_frame(
-    measured: FloatMatrix, ratio: float, units: FloatArray, frame: FloatMatrix
-) -> None:
-    """Compute the frames (n, k) of measurements (n, k); see `Observed`."""
-    for row in range(measured.shape[0]):
-        for place in range(measured.shape[1]):
-            value = measured[row, place]
-            if place == MOTOR_ANGLE:
-                value = value / ratio - measured[row, JOINT_ANGLE]
-            elif place == MOTOR_VELOCITY:
-                value = value / ratio
-            elif place == JOINT_TORQUE:
-                value = measured[row, DESIRED_TORQUE] - value
-            value = max(value / units[place], -OBSERVATION_LIMIT)
-            frame[row, place] = min(value, OBSERVATION_LIMIT)
+def write_observation(past: Past, whole: FloatMatrix, first: int) -> None:
+    """Write the observations of all rows into columns of a matrix.
+
+    Args:
+        past: What is observed.
+        whole: (n, columns), written.
+        first: Column of the first number.
+    """
+    width = past.units.size
+    for row in range(whole.shape[0]):
+        for i in range(width):
+            whole[row, first + i] = _frame_value(past, row, i)
+        place = first + width
+        for play in range(past.reach.size):
+            moved = _play_angle(past, row, play) - past.plays[row, play]
+            whole[row, place + play] = moved / past.reach[play]
+        place = place + past.reach.size
+        for k in range(past.frames.shape[1]):
+            for i in range(width + 1):
+                whole[row, place + i] = past.frames[row, k, i]
+            place = place + width + 1
+
+
+@compiled
+def _begin(past: Past, rows: IntArray) -> None:
+    for i in range(rows.size):
+        begin_past(past, rows[i])
+
+
+@compiled
+def _act(past: Past, rows: IntArray, share: FloatArray) -> None:
+    for i in range(rows.size):
+        act_past(past, rows[i], share[rows[i]])
+
+
+@compiled
+def _follow(past: Past, rows: IntArray) -> None:
+    for i in range(rows.size):
+        follow_past(past, rows[i])

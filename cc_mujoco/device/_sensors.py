@@ -259,7 +259,6 @@ class Measuring:
         delay: ArrayLike | None = None,
         noise: ArrayLike = 1.0,
         bias: ArrayLike = 0.0,
-        names: Sequence[str] | None = None,
     ) -> None:
         """Draw the errors of the episode.
 
@@ -267,11 +266,9 @@ class Measuring:
         named as in the columns; none where their tensions are not read. `steps` of
         control are counted. In place of the `delay` of `sensing`, as multiples of its
         `noise`, and of the `bias` of the torque sensor and every tension sensor there
-        may be one number, or one for each environment. `names` are the columns that are
-        read; `MEASURED_COLUMNS`, `WINDING_COLUMNS` where it is there, and every
-        `RATIO_COLUMN` by default.
+        may be one number, or one for each environment.
         """
-        self._sensing, self._names = sensing, names
+        self._sensing = sensing
         self._commands_angle = drive.commands_angle
         self._ratios = tuple(RATIO_COLUMN.format(joint=j) for j in drive.shared_ratios)
         sensors = zip(cables, drive.sensors, strict=True) if drive.sensors else ()
@@ -283,7 +280,7 @@ class Measuring:
         self._period = drive.period
         self._share = -math.expm1(-2.0 * math.pi * sensing.cutoff * drive.period)
         shape = np.shape(seeds)
-        self._row = np.arange(np.size(seeds)).reshape(shape)
+        self._rows = tuple(np.arange(count) for count in shape)
         self._errors: Array | None = None
         if sensing.torque_noise or sensing.tension_noise:
             width = 1 + math.prod(self._shape)
@@ -301,91 +298,44 @@ class Measuring:
         late = sensing.delay if delay is None else delay
         self._delays = np.array(np.broadcast_to(late, shape), dtype=np.intp)
         self._size = int(self._delays.max(initial=0)) + 1
-        self._steps = np.zeros(shape, dtype=np.intp)
+        self._step = 0
         self._last: dict[str, Any] = {}
         self._kept: dict[str, Array] = {}
-        self._fresh: NDArray[np.bool_] | None = np.ones(shape, dtype=np.bool_)
 
-    def begin(
-        self, delay: int = 0, errors: Array | None = None, row: Any = ...
-    ) -> None:
-        """Begin an episode anew: the next measurement is the first.
-
-        Args:
-            delay: Control steps by which readings are late.
-            errors: Of the sensors (steps + 1, sensors) [N m, N]; none by default. After
-                the last step they stay what they are.
-            row: Of n environments the one that begins.
-        """
-        for name, kept in self._kept.items() if delay >= self._size else ():
-            longer = np.zeros(((delay + 1) * self._steps.size, *kept.shape[1:]))
-            for age in range(self._size):
-                longer[self._at(age, delay + 1)] = kept[self._at(age, self._size)]
-            self._kept[name] = longer
-        self._size = max(self._size, delay + 1)
-        self._delays[row] = delay
-        if errors is not None and self._errors is None:
-            count, width = errors.shape
-            self._errors = np.zeros((count, *self._steps.shape, width))
-        if self._errors is not None:
-            self._errors[:, row] = 0.0 if errors is None else errors
-        if self._fresh is None:
-            self._fresh = np.zeros(self._steps.shape, dtype=np.bool_)
-        self._fresh[row] = True
-
-    def measure(self, columns: Mapping[str, Any], going: Any = True) -> dict[str, Any]:
-        """Return the controller's readings of the columns of this step.
+    def measure(self, columns: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the controller's readings of the columns of the next step.
 
         Args:
             columns: `MEASURED_COLUMNS`, perhaps `WINDING_COLUMNS` and, where the drive
                 has tension sensors, the tensions of the nodes of every cable, which may
                 be below 0 where it is slack: numbers and (nodes,), or of n environments
                 (n,) and (n, nodes).
-            going: Mask (n,) of the environments in which time went on; the others are
-                read as before, but for those that begin. True is all of them.
 
         Returns: `MEASURED_COLUMNS`, `WINDING_COLUMNS` if it was there and, where there
             are such sensors, `TENSION_COLUMN`; `REFERENCE_COLUMN` where the drive
             commands an angle. Without a joint sensor nothing of `JOINT_COLUMNS`.
             Nothing in it is shared with the columns.
         """
-        fresh = self._fresh
-        if fresh is None:
-            self._steps += going
-        else:
-            self._steps += going & ~fresh
-            self._steps[fresh] = 0
-        seen = self._read(columns)
-        # `np.all` takes several times as long for small arrays.
-        if self._last and not (going is True or going.all()):
-            still = ~np.broadcast_to(going, self._steps.shape)
-            if fresh is not None:
-                still &= ~fresh
-            for name, value in self._last.items():
-                seen[name][still] = value[still]
-        self._last, self._fresh = seen, None
-        return seen if self._size == 1 else self._delayed(seen, fresh)
+        self._last = seen = self._read(columns)
+        late = seen if self._size == 1 else self._delayed(seen)
+        self._step += 1
+        return late
 
     def _read(self, columns: Mapping[str, Any]) -> dict[str, Any]:
         """Return the readings of this step, before they are late."""
         sensing, errors = self._sensing, None
-        names = self._names
-        if names is None:
-            names = (
-                (*MEASURED_COLUMNS, *WINDING_COLUMNS)
-                if WINDING_COLUMNS[0] in columns
-                else MEASURED_COLUMNS
-            )
-            if self._commands_angle:
-                names = (*names, REFERENCE_COLUMN)
-            if sensing.joint_sensor:
-                names = (*names, *self._ratios)
-            else:
-                names = tuple(name for name in names if name not in JOINT_COLUMNS)
+        names: tuple[str, ...] = MEASURED_COLUMNS
+        if WINDING_COLUMNS[0] in columns:
+            names = (*names, *WINDING_COLUMNS)
+        if self._commands_angle:
+            names = (*names, REFERENCE_COLUMN)
+        if sensing.joint_sensor:
+            names = (*names, *self._ratios)
+        else:
+            names = tuple(name for name in names if name not in JOINT_COLUMNS)
         seen = {name: _copy_array(columns[name]) for name in names}
         if self._errors is not None and sensing.joint_sensor:
-            step = np.minimum(self._steps, len(self._errors) - 1)
-            errors = self._errors[(step, self._row) if self._row.ndim else step]
+            errors = self._errors[min(self._step, len(self._errors) - 1)]
             seen["joint_torque_nm"] = seen["joint_torque_nm"] + errors[..., 0]
         self._encode("motor", sensing.motor_steps, seen)
         if "joint_angle_rad" in seen:
@@ -420,47 +370,32 @@ class Measuring:
 
     def _before(self, name: str, now: Any) -> Any:
         """Return the reading of the step before; at the start it is this one."""
-        last = self._last.get(name, now)
-        return last if self._fresh is None else np.where(self._fresh, now, last)[()]
+        return self._last.get(name, now)
 
-    def _delayed(
-        self, seen: Mapping[str, Any], fresh: NDArray[np.bool_] | None
-    ) -> dict[str, Any]:
+    def _delayed(self, seen: Mapping[str, Any]) -> dict[str, Any]:
         """Return the readings that arrive now, and store those of this step."""
-        shape, size = self._steps.shape, self._size
-        now, late = self._at(0, size), self._at(self._delays, size)
         found = {}
         for name, value in seen.items():
-            if fresh is not None:
+            if name not in self._kept:
                 # Before the first measurement arrives there is the one at rest.
-                first = np.asarray(value)
-                own = first.shape[len(shape) :]
-                if name not in self._kept:
-                    self._kept[name] = np.zeros((size * self._steps.size, *own))
-                past = self._kept[name].reshape(size, *shape, *own)
-                past[:, fresh] = first[fresh]
+                self._kept[name] = np.repeat(np.asarray(value)[None], self._size, 0)
             kept = self._kept[name]
-            kept[now] = value
-            found[name] = kept.take(late, axis=0)
+            kept[self._step % self._size] = value
+            late = (self._step - self._delays) % self._size
+            found[name] = kept[(late, *self._rows)].copy()
         return found
-
-    def _at(self, age: Any, size: int) -> Any:
-        """Return places of the readings of some steps ago among the kept steps."""
-        if not self._row.ndim:
-            return int(self._steps - age) % size
-        return (self._steps - age) % size * self._row.size + self._row
 
 
 class AxesMeasuring:
     def __init__(self, prefixes: Sequence[str], axes: Sequence[Measuring]) -> None:
         self._prefixes, self._axes = tuple(prefixes), tuple(axes)
 
-    def measure(self, columns: Mapping[str, Any], going: Any = True) -> dict[str, Any]:
+    def measure(self, columns: Mapping[str, Any]) -> dict[str, Any]:
         if len(self._axes) == 1:
-            return self._axes[0].measure(columns, going)
+            return self._axes[0].measure(columns)
         found: dict[str, Any] = {}
         for prefix, axis in zip(self._prefixes, self._axes, strict=True):
-            seen = axis.measure(axis_columns(columns, prefix, self._prefixes), going)
+            seen = axis.measure(axis_columns(columns, prefix, self._prefixes))
             found |= {prefix + name: value for name, value in seen.items()}
         return found
 

@@ -15,5 +15,6 @@ from cc_mujoco.native._kinds import interrupted as interrupted
 
 FloatArray = NDArray[np.float64]
 """Array type of compiled functions; one-dimensional and contiguous unless stated."""
+BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
-"""Array type of whole numbers, as `FloatArray`."""
+"""Array types of truth values and of whole numbers, as `FloatArray`."""

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from typing import Protocol
 
 import mujoco
 import numpy as np
@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 from cc_mujoco._utils.exclusive import exclusive
 from cc_mujoco.control import Controller
 from cc_mujoco.device import Plant
-from cc_mujoco.device._model import VARIED_FIELDS, DeviceModel, Physics, physics_of
-from cc_mujoco.device._moment_arm import Winding
+from cc_mujoco.device._axis_record import Physics
+from cc_mujoco.device._model import VARIED_FIELDS, DeviceModel, physics_of
 from cc_mujoco.errors import CableError
 from cc_mujoco.plugin import Reader, cables, untimed
 from cc_mujoco.simulation._loop import (
@@ -36,7 +36,8 @@ from cc_mujoco.simulation._loop import (
     run,
     unstable,
 )
-from cc_mujoco.simulation._reference_motion import PART_STEPS, Script
+from cc_mujoco.simulation._reference_motion import Script
+from cc_mujoco.simulation._wiring import Wiring
 from cc_mujoco.simulation._worn_device import WornDevice
 
 Array = NDArray[np.float64]
@@ -67,8 +68,13 @@ class Worlds(Protocol):
     def start(self, row: int, device: DeviceModel, script: Script) -> None:
         """Bring a simulation to the start of an episode."""
 
-    def advance(self, share: Any, scale: Any, commands: Array, going: Mask) -> None:
-        """Advance some simulations by a sample; the others keep their `physics`."""
+    def advance(self, control: Array, going: Mask) -> None:
+        """Advance some simulations by a sample; the others keep their `physics`.
+
+        Args:
+            control: Controls of each physics step, (n, physics steps, controls).
+            going: Mask of the simulations to be advanced, (n,).
+        """
 
 
 class Simulations:
@@ -81,13 +87,9 @@ class Simulations:
         models: Sequence[mujoco.MjModel] | None = None,
         threads: int = 0,
     ) -> None:
-        """Make the batch; `start` every simulation before it is advanced.
+        """Make n simulations, on the model of `exo` or on one each.
 
-        Args:
-            exo: Device, trajectory and task; of the first device where they differ.
-            count: Number of simulations, n.
-            models: One for each; that of `exo` for all by default.
-            threads: Threads that simulate; 0 means one per processor.
+        `start` every one before it is advanced. 0 threads are one per processor.
         """
         device = exo.device
         # Different cables in one simulation's memory would be read anew in every step.
@@ -97,12 +99,11 @@ class Simulations:
         )
         if models is not None:
             self.batch.set_models(models)
-        self._skip, self._device = exo.frame_skip, device
+        self._device = device
         self._bound = Physics(*(self.batch.bind(name) for name in Physics._fields))
         self._was_reset = self._bound.detached()
         self.physics = self._bound
         """Positions, velocities and the results of the last physics step, (n, ...)."""
-        self._control = np.zeros((count, exo.frame_skip, device.model.nu))
         self._data = mujoco.MjData(device.model)
 
     @exclusive
@@ -124,14 +125,7 @@ class Simulations:
         script: Script,
         prepare: Callable[[mujoco.MjData], object] = lambda data: None,
     ) -> None:
-        """Bring a simulation to the start of an episode.
-
-        Args:
-            row: Which.
-            device: Its device.
-            script: What its wearer does.
-            prepare: Called with the simulation as it starts; may change it.
-        """
+        """Bring a simulation to the start of an episode; `prepare` may change it."""
         same = device is self._device
         data = self._data if same else mujoco.MjData(device.model)
         device.start(data, script.angles, script.part(0).commands[0])
@@ -144,32 +138,20 @@ class Simulations:
         self.physics.take(physics_of(data), row)
 
     @exclusive
-    def advance(self, share: Any, scale: Any, commands: Array, going: Mask) -> None:
-        """Advance by the physics steps of a sample.
-
-        Args:
-            share: Of the largest torque of each motor, in [-1, 1], (n, axes).
-            scale: Control of the motors at their largest torque, (axes,) or (n, axes).
-            commands: What the wearers do, (n or 1, physics steps, controls).
-            going: Mask of the simulations to be advanced, (n,).
+    def advance(self, control: Array, going: Mask) -> None:
+        """Advance by the physics steps of a sample; see `Worlds`.
 
         Raises:
             mujoco.batch.SimulationError: If MuJoCo raised; see `why`.
         """
-        control, device = self._control, self._device
-        control[:, :, device.motor_controls] = (share * scale)[:, None]
-        control[:, :, device.script_controls] = commands
-        self.roll(self._skip, going, control if going.all() else control[going])
+        rows = control if going.all() else control[going]
+        self.roll(control.shape[1], going, rows)
 
     @exclusive
     def roll(self, steps: int, going: Mask, control: Array | None = None) -> None:
-        """Advance by physics steps.
+        """Advance some by physics steps, with controls (., steps, controls).
 
-        Args:
-            steps: Number of physics steps.
-            going: Mask of the simulations to be advanced, (n,).
-            control: Controls of these, (., steps, controls); by default those in the
-                state of a simulation.
+        By default their controls are those in their states.
 
         Raises:
             mujoco.batch.SimulationError: If MuJoCo raised; see `why`.
@@ -198,6 +180,46 @@ class Simulations:
         first = int(np.flatnonzero(self.batch.warning[row, :, 1])[0])
         kind = mujoco.mjtWarning(first).name
         return f"the simulation diverged at {time:.3f} s ({kind})"
+
+
+class Simulation:
+    """A simulation of one device, whose model and data others may look at."""
+
+    def __init__(self, device: DeviceModel) -> None:
+        """Make it; `start` it before it is advanced."""
+        self.data = mujoco.MjData(device.model)
+        self.physics = Physics(*(field[None] for field in physics_of(self.data)))
+        """Positions, velocities and the results of the last physics step, (1, ...)."""
+        self.warned = np.zeros(1, np.bool_)
+        """True where its episode ended with a warning, (1,)."""
+        self._model, self._control = device.model, self.data.ctrl
+        self._warnings = self.data.warning.number
+        self._no_warnings = bytes(self._warnings.nbytes)
+        written = [*device.motor_controls, *device.script_controls]
+        self._others = np.delete(np.arange(device.model.nu), written)
+
+    def clear(self, rows: NDArray[np.intp]) -> None:
+        """Forget the past; see `Worlds`."""
+        self.warned = np.zeros(1, np.bool_)
+
+    def vary(self, row: int, plant: Plant) -> None:
+        """Take a plant, which the model has already; see `Worlds`."""
+
+    def start(self, row: int, device: DeviceModel, script: Script) -> None:
+        """Bring it to the start of an episode; see `Worlds`."""
+        device.start(self.data, script.angles, script.part(0).commands[0])
+
+    def advance(self, control: Array, going: Mask) -> None:
+        """Advance by a sample, or until a warning; see `Worlds`."""
+        model, data, given = self._model, self.data, self._control
+        if self._others.size:  # those of the user stay what they are
+            control[0][:, self._others] = given[self._others]
+        for now in control[0]:
+            given[:] = now
+            mujoco.mj_step(model, data)
+            if self._warnings.tobytes() != self._no_warnings:
+                self.warned = np.ones(1, np.bool_)
+                break
 
 
 Actuate = Callable[[int, Columns, Array], Array]
@@ -256,16 +278,12 @@ class Batch:
         """Reasons of those that failed; else empty."""
         self.simulations = Simulations(exo, count, models, threads)
         self.devices = devices
-        self._exo, self._name, self._whole, self._alone = exo, name, whole, alone
+        self.exo, self.name, self._whole, self._alone = exo, name, whole, alone
         self.prefixes = exo.device.prefixes
         """Beginnings of the columns of each axis."""
-        self._windings = tuple(
-            Winding.over([axis.winding for axis in axes])
-            for axes in zip(*(device.axes for device in devices), strict=True)
-        )
-        self._part_number = -1
-        self._commands = self._marks = np.zeros((0, 0, 0))
-        self._scale = np.stack([device.motor_scales for device in devices])
+        self.wiring = Wiring(exo, devices, count)
+        self._samples = np.zeros(count, np.int64)
+        self._every = np.ones(count, np.bool_)
         self._limit = np.stack([device.torque_limits for device in devices])
         readers = [Reader(models[0], name) for name in self.cables]
         self._nodes = [reader.nodes for reader in readers]
@@ -305,14 +323,7 @@ class Batch:
         """
         trace = Trace(names, self.steps, self.going)
         with np.errstate(all="ignore"):  # what diverged is not a number
-            run(
-                self,
-                law,
-                trace.keep,
-                *observers,
-                measure=measure,
-                name=self._name,
-            )
+            run(self, law, trace.keep, *observers, measure=measure, name=self.name)
         return trace.columns
 
     def reload(self) -> None:
@@ -331,6 +342,7 @@ class Batch:
         for row, device in enumerate(self.devices):
             script = self._scripts[row % len(self._scripts)]
             self.simulations.start(row, device, script)
+            self.wiring.seat(row, script)
         return self._read(self.simulations.physics)
 
     @exclusive
@@ -340,22 +352,28 @@ class Batch:
             torque = np.reshape(torque, (1, -1))
         torque = self.actuate(self._step, self._columns, torque)
         if torque.shape in ((), self.going.shape):  # of one motor, or for all of them
-            torque = _spread(torque, self.going.size)[:, None]
+            torque = np.full(self.going.size, torque)[:, None]
         finite: Mask = np.all(np.isfinite(torque), axis=1)
         if not finite.all():
-            self._refuse(finite)
+            for row in np.flatnonzero(self.going & ~finite).tolist():
+                time = self._step * self.exo.period
+                self.failed[row] = missing_torque_error(self.name, time)
+            self.going &= finite
         # `np.clip` takes several times as long for small arrays.
         share = np.minimum(np.maximum(torque / self._limit, -1.0), 1.0)
         # The actions of the environments are of single precision.
         share = share.astype(np.float32).astype(np.float64)
-        first = self._step % PART_STEPS * self._exo.frame_skip
-        commands = self._commands[:, first : first + self._exo.frame_skip]
+        control = self.wiring.controls(share, self._samples, self._every)
         # What raised shows in the status of the batch.
         with contextlib.suppress(mujoco_batch.SimulationError):
-            self.simulations.advance(share, self._scale, commands, self.going)
+            self.simulations.advance(control, self.going)
         self._step += 1
         if self._warnings.any() or self._status.any():
-            self._note(self.simulations.fell & self.going)
+            fell = self.simulations.fell & self.going
+            for row in np.flatnonzero(fell).tolist():
+                time = self._step * self.exo.period
+                self.failed[row] = self.simulations.why(row, time)
+            self.going &= ~fell
         if self._alone and self.failed[0]:
             raise unstable(self.failed[0])
         return self._read(self.simulations.physics)
@@ -369,16 +387,11 @@ class Batch:
 
     def _measurable(self, now: Physics) -> Columns:
         state, count = now.plugin_state, self.going.size
-        marks = self._read_marks()
-        columns = self._exo.read(now, marks, None, self._windings)
-        for prefix in self.prefixes:
-            names = ("desired_torque_nm", "phase_sine", "phase_cosine")
-            for name in names:
-                columns[prefix + name] = _spread(columns[prefix + name], count)
+        columns = self.wiring.columns(self.wiring.read(now, self._samples))
         if self._whole:
-            steps = np.full(count, self._step)
-            each = np.broadcast_to(marks, (count, marks.shape[1]))
-            return self._exo.later_columns(now, columns, steps, each)()
+            columns |= self.exo.device.read_cables(now.qpos.copy(), state.copy())
+            columns["time_s"] = self._samples * self.exo.sampling
+            return columns
         least = np.empty((count, len(self.cables)))
         for place, name in enumerate(self._tensions):
             columns[name] = nodes = state[:, self._nodes[place]]
@@ -387,40 +400,3 @@ class Batch:
         columns["tension_n"] = np.abs(now.actuator_force[:, self._outputs])
         columns["dissipated_j"] = state[:, self._energies]
         return columns
-
-    def _read_marks(self) -> Array:
-        """Return the marks of this step, (n or 1, 4 axes); they begin a new part."""
-        number, row = divmod(self._step, PART_STEPS)
-        if number != self._part_number:
-            parts = [script.part(number) for script in self._scripts]
-            self._commands = _stacked([part.commands for part in parts])
-            self._marks = _stacked([part.marks for part in parts])
-            self._part_number = number
-        return self._marks[:, row]
-
-    def _refuse(self, finite: Mask) -> None:
-        time = self._step * self._exo.period
-        for row in np.flatnonzero(self.going & ~finite):
-            self.failed[row] = missing_torque_error(self._name, time)
-        self.going &= finite
-
-    def _note(self, fell: Mask) -> None:
-        time = self._step * self._exo.period
-        self.going &= ~fell
-        for row in np.flatnonzero(fell).tolist():
-            self.failed[row] = self.simulations.why(row, time)
-
-
-def _spread(value: Any, count: int) -> Array:
-    """Return a number, or a row of numbers, as an array of its own (count,).
-
-    `np.broadcast_to` takes ten times as long for small arrays.
-    """
-    found = np.empty(count)
-    found[:] = value
-    return found
-
-
-def _stacked(arrays: Sequence[Array]) -> Array:
-    """Return arrays as one; a single one, which may be long, is not copied."""
-    return arrays[0][None] if len(arrays) == 1 else np.stack(arrays)

@@ -1,14 +1,12 @@
-"""A batch of compiled episodes: a record for every device, with all that it points to.
+"""A batch of compiled episodes: a record for every device, with all it points to.
 
-if is_compiled(task, law):
-failed = play_compiled(episodes, exo, devices, script, threads, name, tick)
-columns = episodes.columns()
+if task_of(exo.task) is not None and law_of(law) is not None:
+columns = CompiledEpisodes(batch, laws).play(tick)
 """
 
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
@@ -19,7 +17,6 @@ from mujoco.batch import SimulationError
 from numpy.typing import NDArray
 
 from cc_mujoco.control import Controller
-from cc_mujoco.control._cable_model import CableModel
 from cc_mujoco.control._compiled_laws import LAW_INPUTS
 from cc_mujoco.control._feed_forward import FeedForward
 from cc_mujoco.control._model_based import ModelBased
@@ -27,16 +24,13 @@ from cc_mujoco.control._proportional_integral import Feedback, ProportionalInteg
 from cc_mujoco.control._stiction import StictionCompensation
 from cc_mujoco.control._tuned_feedback import TunedFeedback
 from cc_mujoco.device._model import DeviceModel
-from cc_mujoco.device._moment_arm import MIN_LEVERAGE as LEAST_LEVERAGE
-from cc_mujoco.device._moment_arm import Winding
-from cc_mujoco.human import Spring, Task, Tunnel
-from cc_mujoco.plugin import Reader, cables
+from cc_mujoco.human import Task
+from cc_mujoco.plugin import Reader
 from cc_mujoco.simulation import _compiled_episode as compiled
-from cc_mujoco.simulation._batch import Simulations
+from cc_mujoco.simulation._batch import Batch
 from cc_mujoco.simulation._compiled_episode import KEPT, PER_CABLE, RECORD
 from cc_mujoco.simulation._loop import missing_torque_error
-from cc_mujoco.simulation._reference_motion import Script
-from cc_mujoco.simulation._worn_device import WornDevice
+from cc_mujoco.simulation._wiring import OF_PHASE, TASKS, parameters_of
 
 Array = NDArray[np.float64]
 
@@ -53,13 +47,10 @@ LAWS: dict[type[Controller], int] = {
 }
 """Controllers that are known as compiled code; not their subclasses."""
 
-TASKS: dict[type[Task], int] = {Tunnel: compiled.TUNNEL, Spring: compiled.SPRING}
-"""Tasks that are; so is every one that is of the phase alone."""
-
 
 def task_of(task: Task) -> int | None:
     """Return a task as the record has it; None where Python alone knows it."""
-    return TASKS.get(type(task), compiled.OF_PHASE if task.of_phase else None)
+    return TASKS.get(type(task), OF_PHASE if task.of_phase else None)
 
 
 def law_of(controller: Controller | None) -> int | None:
@@ -76,39 +67,27 @@ def law_of(controller: Controller | None) -> int | None:
 
 
 class CompiledEpisodes:
-    """The records of devices of equal layout, and what they keep."""
+    """The records of the devices of a batch, and what they keep."""
 
-    def __init__(
-        self,
-        devices: Sequence[DeviceModel],
-        controllers: Sequence[Controller | None],
-        task: Task,
-        script: Script,
-        steps: int,
-        skip: int,
-    ) -> None:
+    def __init__(self, batch: Batch, controllers: Sequence[Controller | None]) -> None:
         """Write them.
 
         Args:
-            devices: Of equal layout.
+            batch: Of devices of one axis and one script; `task_of` must know the task.
             controllers: One for each; `law_of` must know them.
-            task: Which `task_of` must know.
-            script: What the wearers do.
-            steps: Control steps of the episode.
-            skip: Physics steps in a control step.
         """
+        self._batch, devices, script = batch, batch.devices, batch.script
+        exo, self._hold = batch.exo, batch.wiring.hold
+        steps, task = exo.steps, exo.task
         first, count = devices[0], len(devices)
-        names = cables(first.model)
+        names = batch.cables
         width = len(KEPT) + PER_CABLE * len(names)
         self.kept = np.full((count, width, steps + 1), np.nan)
         """Kept columns, `KEPT` and then of each cable; NaN from a failure on."""
-        self._cables = len(names)
         self._records = np.zeros(count, RECORD)
-        # Everything whose address a record holds, so that it stays.
-        self._held: list[Any] = []
-        self._models: list[CableModel | None] = []
+        self._laws = controllers  # they own arrays of the records
         common = {
-            "skip": skip,
+            "skip": exo.frame_skip,
             "steps": steps,
             "scripted": len(first.script_controls),
             "script_controls": self._hold(np.array(first.script_controls, np.int64)),
@@ -118,105 +97,53 @@ class CompiledEpisodes:
             "task": task_of(task),
         }
         desired: list[int] = []
-        if common["task"] == compiled.OF_PHASE:
+        if common["task"] == OF_PHASE:
             phase = script.marks[:, 1:2]
             nothing = np.zeros_like(phase)
             torques = np.asarray(task.torque(nothing, nothing, phase), dtype=float)
             torques = np.broadcast_to(torques, (steps + 1, max(torques.shape[1], 1)))
             desired = [self._hold(np.ascontiguousarray(one)) for one in torques.T]
         else:
-            given = np.zeros(3)
-            own = dataclasses.astuple(task)  # type: ignore[call-overload]
-            given[: len(own)] = own
-            common["task_parameters"] = self._hold(given)
-        for row, (device, law) in enumerate(zip(devices, controllers, strict=True)):
-            found = common | self._write_device(device) | self._write_law_data(law)
+            common["task_parameters"] = self._hold(parameters_of(task))
+        for row, law in enumerate(controllers):
+            found = common | self._write_law_data(law)
+            found["axis"] = batch.wiring.axis_address(row)
             found["columns"] = self.kept[row].ctypes.data
             if desired:
                 found["desired"] = desired[row % len(desired)]
             for name, value in found.items():
                 self._records[row][name] = value
 
-    def begin(self, row: int, data: mujoco.MjData) -> None:
+    def _begin(self, row: int, data: mujoco.MjData) -> None:
         """Take a simulation at the start of its episode; its `ctrl` is written."""
-        known = self._models[row]
-        if known is not None:
-            known.reset()
-            known.ready(data.qpos[[self._records[row]["motor_q"]]])
+        law = self._laws[row]
+        if isinstance(law, ModelBased):
+            (axis,) = self._batch.devices[row].axes
+            law.model.reset()
+            law.model.ready(data.qpos[[axis.places.motor_q]])
         address = self._records[row : row + 1].ctypes.data
         compiled.begin_episode()(data._address, address)
 
-    def refused(self, row: int) -> bool:
-        """Return whether the controller of a device gave no finite torque."""
-        return bool(self._records[row]["refused"])
-
-    def at(self, row: int, more: int = 0) -> int:
+    def _at(self, row: int, more: int = 0) -> int:
         """Control step that a device is in, so many physics steps further."""
         record = self._records[row]
         return int((record["count"] + more) // record["skip"])
 
-    def failed_at(self, row: int, counted: bool) -> int:
-        """Control step that a device whose simulation failed did not reach.
-
-        Args:
-            row: Which.
-            counted: Whether the physics step that failed has been counted, as it is
-                where MuJoCo only warns, neither resets nor raises.
-        """
-        return self.at(row, -1 if counted else 0) + 1
-
-    def forget(self, row: int, first: int) -> None:
-        """Keep nothing of a device from a control step on."""
-        self.kept[row, :, first:] = np.nan
-
-    def columns(self) -> dict[str, Array]:
-        """Columns as in `rollout.Rollout`, views of what is kept."""
+    def _columns(self) -> dict[str, Array]:
         found = {name: self.kept[:, place] for place, name in enumerate(KEPT)}
-        first, count = len(KEPT), self._cables
+        first, count = len(KEPT), len(self._batch.cables)
         parts = {"tension_n": 2, "dissipated_j": 1, "least_tension_n": 1}
         for name, each in parts.items():
             found[name] = self.kept[:, first : first + each * count]
             first += each * count
         return found
 
-    def _hold(self, array: NDArray[Any]) -> int:
-        """Keep an array and return its address."""
-        self._held.append(array)
-        return int(array.ctypes.data)
-
-    def _write_device(self, device: DeviceModel) -> dict[str, Any]:
-        """Return the places of a device in the arrays, and its numbers."""
-        (axis,) = device.axes
-        found = {
-            **axis.places._asdict(),
-            "motor_control": axis.motor_control,
-            "motor_gear": axis.motor_gear,
-            "motor_scale": axis.motor_scale,
-            "torque_limit": axis.torque_limit,
-        }
-        winding = axis.winding  # `plain` axes have no table
-        if isinstance(winding, Winding):
-            arms = np.array([*winding.places, *winding.dofs], dtype=np.int64)
-            found |= {
-                "wound": len(winding.places),
-                "arms": self._hold(arms),
-                "own_arm": winding.own,
-                "winding_arm": winding.arm,
-                "wound_end": winding.end,
-                "wound_length": winding.length,
-                "timestep": winding.step,
-                "least_leverage": LEAST_LEVERAGE,
-            }
-        return found
-
     def _write_law_data(self, law: Any) -> dict[str, Any]:
         """Return what the law of a device uses."""
         found = {"law": law_of(law), "seen": self._hold(np.zeros(len(LAW_INPUTS)))}
-        self._models.append(None)
         if law is None:
             return found
         law.reset()
-        self._held.append(law)  # it owns the arrays below
         found["gains"] = self._hold(law.gains.packed)
         if isinstance(law, ProportionalIntegral):
             found["memory"] = law.memory(1).ctypes.data
@@ -224,7 +151,6 @@ class CompiledEpisodes:
         if not isinstance(law, ModelBased):
             return found
         model = law.model
-        self._models[-1] = model
         arrays = (
             "proximal", "distal", "packed", "state", "joint", "slip_direction", "gain",
             "arm", "new", "work", "scratch",
@@ -238,62 +164,43 @@ class CompiledEpisodes:
             "work_size": model.work.size,
         }
 
+    def play(self, tick: Callable[[float], object]) -> dict[str, Array]:
+        """Play the episodes inside MuJoCo's steps.
 
-def play_compiled(
-    episodes: CompiledEpisodes,
-    exo: WornDevice,
-    devices: Sequence[DeviceModel],
-    script: Script,
-    threads: int = 1,
-    name: str = "",
-    tick: Callable[[float], object] = lambda share: None,
-) -> tuple[str, ...]:
-    """Play the episodes inside MuJoCo's steps.
+        Args:
+            tick: Called now and then with the share that is done.
 
-    Args:
-        episodes: What is played and kept.
-        exo: Of the first device.
-        devices: Those of the episodes.
-        script: What the wearers do.
-        threads: Threads that simulate; 0 means one per processor.
-        name: Of the controller, for the reasons of failures.
-        tick: Called now and then with the share that is done.
-
-    Returns:
-        Reasons of the simulations that failed, else empty.
-    """
-    count, skip = len(devices), exo.frame_skip
-    models = [device.model for device in devices]
-    simulations = Simulations(exo, count, models, threads)
-    for row, device in enumerate(devices):
-        simulations.start(row, device, script, partial(episodes.begin, row))
-    failed = [""] * count
-    going = np.ones(count, dtype=np.bool_)
-    attended = simulations.batch.bind("userdata")[:, 0]
-    for step in range(0, exo.steps, TICK_STEPS):
-        refused = [n for n in np.flatnonzero(going).tolist() if episodes.refused(n)]
-        for row in refused:
-            failed[row] = missing_torque_error(name, episodes.at(row) * exo.period)
-            episodes.forget(row, episodes.at(row) + 1)
-        going[refused] = False
-        tick(step / exo.steps)
-        if not going.any():
-            break
-        last = min(step + TICK_STEPS, exo.steps)
-        with contextlib.suppress(SimulationError):
-            simulations.roll((last - step) * skip, going)
-        fell = simulations.fell & going
-        for row in np.flatnonzero(fell).tolist():
-            # What MuJoCo resets is attended no more, and what raised is as it was.
-            over = last == exo.steps and episodes.at(row) == last
-            counted = simulations.batch.status[row] == 0 and (
-                over or attended[row] != 0.0
-            )
-            first = episodes.failed_at(row, counted)
-            failed[row] = simulations.why(row, first * exo.period)
-            episodes.forget(row, first)
-        going &= ~fell
-    return tuple(failed)
+        Returns:
+            Columns as in `rollout.Rollout`, NaN where a device has failed.
+        """
+        batch, exo = self._batch, self._batch.exo
+        simulations, failed, going = batch.simulations, batch.failed, batch.going
+        for row, device in enumerate(batch.devices):
+            simulations.start(row, device, batch.script, partial(self._begin, row))
+        attended = simulations.batch.bind("userdata")[:, 0]
+        for step in range(0, exo.steps, TICK_STEPS):
+            for row in np.flatnonzero(going & (self._records["refused"] != 0)).tolist():
+                time = self._at(row) * exo.period
+                failed[row] = missing_torque_error(batch.name, time)
+                self.kept[row, :, self._at(row) + 1 :] = np.nan
+                going[row] = False
+            tick(step / exo.steps)
+            if not going.any():
+                break
+            last = min(step + TICK_STEPS, exo.steps)
+            with contextlib.suppress(SimulationError):
+                simulations.roll((last - step) * exo.frame_skip, going)
+            for row in np.flatnonzero(simulations.fell & going).tolist():
+                # What MuJoCo resets is attended no more; what raised is as it was.
+                over = last == exo.steps and self._at(row) == last
+                is_counted = simulations.batch.status[row] == 0 and (
+                    over or attended[row] != 0.0
+                )
+                first = self._at(row, -1 if is_counted else 0) + 1
+                failed[row] = simulations.why(row, first * exo.period)
+                self.kept[row, :, first:] = np.nan
+                going[row] = False
+        return self._columns()
 
 
 def _readings(device: DeviceModel, names: Sequence[str]) -> NDArray[np.int64]:

@@ -25,7 +25,23 @@ from cc_mujoco.control import _compiled_laws as compiled_laws
 from cc_mujoco.control._cable_model import follow
 from cc_mujoco.control._compensation import SCRATCH_ROWS
 from cc_mujoco.control._guard import SPRING_SIZE
-from cc_mujoco.human._tasks import clamp, spring_torque, tunnel_torque
+from cc_mujoco.device._axis_record import (
+    FIELDS,
+    JOINT_ANGLE,
+    JOINT_TORQUE,
+    JOINT_VELOCITY,
+    LEVERAGE,
+    MOTOR_ANGLE,
+    MOTOR_VELOCITY,
+    READING_COLUMNS,
+    READINGS,
+    WINDING_ANGLE,
+    WINDING_VELOCITY,
+    axis_at,
+    fields_of,
+    read_axis,
+)
+from cc_mujoco.human._tasks import clamp
 from cc_mujoco.native import FloatArray, internal
 from cc_mujoco.native import _library as native_library
 from cc_mujoco.plugin import _mj_struct as mj_struct
@@ -42,25 +58,14 @@ from cc_mujoco.plugin._ffi import (
     words,
 )
 from cc_mujoco.plugin._registration import add_plugin
+from cc_mujoco.simulation._wiring import OF_PHASE, desired_torque
 
 PLUGIN = "cc_mujoco.episode"
 
 UNPOWERED, FEED_FORWARD, FEEDBACK, TUNED, MODEL, STICTION = range(6)
 """Laws that drive the motor."""
 
-OF_PHASE, TUNNEL, SPRING = range(3)
-"""Tasks: of the phase alone, whose torques are known in advance; `Tunnel`; `Spring`."""
-
-KEPT = (
-    "motor_angle_rad",
-    "motor_velocity_rad_s",
-    "motor_torque_nm",
-    "joint_angle_rad",
-    "joint_velocity_rad_s",
-    "joint_torque_nm",
-    "wearer_torque_nm",
-    "desired_torque_nm",
-)
+KEPT = (*READING_COLUMNS[:WINDING_ANGLE], "desired_torque_nm")
 """Columns that are kept of every control step, before those of each cable."""
 PER_CABLE = 4
 """Columns of each cable: tension at both ends, energy that friction took, least
@@ -76,25 +81,15 @@ RECORD = np.dtype(
             "steps",  # control steps in the episode
             "count",  # physics steps that have been done
             "refused",  # 1 where the controller gave no finite torque at this step
-            "motor_control",
+            "axis",  # address of its record, see `device._axis_record`
             "scripted",  # number of controls that follow the script
             "script_controls",  # address of their places
             "commands",  # address of (physics steps + 1, scripted)
             "desired",  # address of the torques of a task of the phase (steps + 1,)
             "task_parameters",  # address of those of `Tunnel` or `Spring`
-            "motor_q",
-            "motor_v",
-            "joint_q",
-            "joint_v",
-            "motor_out",
-            "wearer_out",
             "cables",  # number
             "readings",  # address of (cables, 5): first node in `plugin_state`, number
             # of nodes, energy, and both ends in `actuator_force`
-            "wound",  # number of arms of the winding; 0 for a round pulley
-            "arms",  # address of the places of the arms, then of their velocities
-            "own_arm",  # place of the joint's among them
-            "wound_end",  # place of the distal end in `actuator_length`
             "columns",  # address of what is kept (columns, steps + 1)
             "gains",  # address of `_compiled_laws.GAINS`; likewise those that follow
             "memory",
@@ -118,31 +113,17 @@ RECORD = np.dtype(
             "scratch",
         )
     ]
-    + [
-        (name, np.float64)
-        for name in (
-            "motor_gear",
-            "motor_scale",  # control of the motor at its largest torque
-            "torque_limit",  # largest torque of the motor [N m]
-            "winding_arm",  # arm of the winding in the neutral pose [m/rad]
-            "wound_length",  # length of the distal end there [m]
-            "timestep",  # of the physics [s]
-            "least_leverage",
-        )
-    ]
 )
 """Record of a simulation. `userdata[0]` of the simulation holds its address; 0 is none,
 which is also what MuJoCo makes of it when a simulation diverges."""
 
-_FIXED, _PER_CABLE = len(KEPT), PER_CABLE
+_FIXED, _PER_CABLE, _FIELD_COUNT = len(KEPT), PER_CABLE, FIELDS
 _GAINS, _SEEN, _MEMORY = (
     len(compiled_laws.GAINS),
     len(compiled_laws.LAW_INPUTS),
     compiled_laws.MEMORY_SIZE,
 )
 _PERIOD = compiled_laws.PERIOD
-_tunnel, _spring = internal(tunnel_torque), internal(spring_torque)
-
 
 EpisodeRecord = Annotated[Any, ("EpisodeRecord", RECORD)]
 """A simulation's `RECORD`."""
@@ -161,28 +142,7 @@ def _desired(record: EpisodeRecord, step: int, angle: float) -> float:
     if record.task == OF_PHASE:
         return load_real(record.desired + 8 * step)
     given = floats(record.task_parameters, 3)
-    if record.task == TUNNEL:
-        return float(_tunnel(angle, given[0], given[1], given[2]))
-    return float(_spring(angle, given[0]))
-
-
-@internal
-def _winding(
-    record: EpisodeRecord, data: int, angle: float, velocity: float
-) -> tuple[float, float, float]:
-    """Return angle, velocity and leverage of the joint; see `Winding.read`."""
-    count = record.wound
-    if count == 0:
-        return angle, velocity, 1.0
-    arms, nominal = words(record.arms, 2 * count), record.winding_arm
-    pace = 0.0
-    for i in range(count):
-        arm = mj_struct.real(data, mj_struct.ACTUATOR_MOMENT, arms[i])
-        pace = pace + arm * mj_struct.real(data, mj_struct.QVEL, arms[count + i])
-    arm = mj_struct.real(data, mj_struct.ACTUATOR_MOMENT, arms[record.own_arm])
-    end = mj_struct.real(data, mj_struct.ACTUATOR_LENGTH, record.wound_end)
-    wound = (end - record.wound_length + record.timestep * pace) / nominal
-    return wound, pace / nominal, max(arm / nominal, record.least_leverage)
+    return float(desired_torque(record.task, given, angle, 0.0))
 
 
 @internal
@@ -239,27 +199,16 @@ def _torque(record: EpisodeRecord, seen: FloatArray) -> float:
 
 @internal
 def _observe(record: EpisodeRecord, data: int, step: int, seen: FloatArray) -> None:
-    """Read and keep what is measured at a control step; see `AxisModel.read_motion`."""
+    """Read and keep what is measured at a control step."""
     cables, rows = record.cables, record.steps + 1
     columns = floats(record.columns, (_FIXED + _PER_CABLE * cables) * rows)
-    joint = record.joint_v
-    wearer = mj_struct.force(data, record.wearer_out)
-    springs = mj_struct.real(data, mj_struct.QFRC_SPRING, joint)
-    springs = springs + mj_struct.real(data, mj_struct.QFRC_DAMPER, joint)
-    pieces = mj_struct.real(data, mj_struct.QFRC_PASSIVE, joint) - springs
-    angle = mj_struct.real(data, mj_struct.QPOS, record.joint_q)
-    velocity = mj_struct.real(data, mj_struct.QVEL, joint)
-    turned = mj_struct.real(data, mj_struct.QPOS, record.motor_q)
-    speed = mj_struct.real(data, mj_struct.QVEL, record.motor_v)
-    given = mj_struct.force(data, record.motor_out)
-    torque = mj_struct.real(data, mj_struct.QFRC_ACTUATOR, joint) - wearer + pieces
-    desired = _desired(record, step, angle)
-    kept = (
-        turned, speed, given * record.motor_gear, angle, velocity, torque, wearer,
-        desired,
-    )  # fmt: skip
-    for i in range(_FIXED):
-        columns[i * rows + step] = kept[i]
+    at, found = np.empty(_FIELD_COUNT, np.int64), np.empty(READINGS)
+    fields_of(data, at)
+    read_axis(axis_at(record.axis), at, found)
+    desired = _desired(record, step, found[JOINT_ANGLE])
+    for i in range(_FIXED - 1):
+        columns[i * rows + step] = found[i]
+    columns[(_FIXED - 1) * rows + step] = desired
     readings = words(record.readings, 5 * cables)
     state = load_word(data + mj_struct.PLUGIN_STATE)
     for k in range(cables):
@@ -270,23 +219,22 @@ def _observe(record: EpisodeRecord, data: int, step: int, seen: FloatArray) -> N
             least = min(least, nodes[i])
         energy = load_real(state + 8 * readings[own + 2])
         proximal, distal = readings[own + 3], readings[own + 4]
-        at = _FIXED + 2 * k
-        columns[at * rows + step] = abs(mj_struct.force(data, proximal))
-        columns[(at + 1) * rows + step] = abs(mj_struct.force(data, distal))
+        place = _FIXED + 2 * k
+        columns[place * rows + step] = abs(mj_struct.force(data, proximal))
+        columns[(place + 1) * rows + step] = abs(mj_struct.force(data, distal))
         columns[(_FIXED + 2 * cables + k) * rows + step] = energy
         columns[(_FIXED + 3 * cables + k) * rows + step] = least
-    seen[compiled_laws.ANGLE], seen[compiled_laws.VELOCITY] = turned, speed
-    leverage = 1.0
+    angle, velocity, leverage = JOINT_ANGLE, JOINT_VELOCITY, 1.0
     if record.law >= FEEDBACK:
-        angle, velocity, leverage = _winding(record, data, angle, velocity)
-    seen[compiled_laws.JOINT_ANGLE] = angle
-    seen[compiled_laws.JOINT_VELOCITY] = velocity
-    if record.law < TUNED:
-        leverage = 1.0
-    seen[compiled_laws.TORQUE], seen[compiled_laws.DESIRED] = (
-        torque / leverage,
-        desired / leverage,
-    )
+        angle, velocity = WINDING_ANGLE, WINDING_VELOCITY
+    if record.law >= TUNED:
+        leverage = found[LEVERAGE]
+    seen[compiled_laws.ANGLE] = found[MOTOR_ANGLE]
+    seen[compiled_laws.VELOCITY] = found[MOTOR_VELOCITY]
+    seen[compiled_laws.JOINT_ANGLE] = found[angle]
+    seen[compiled_laws.JOINT_VELOCITY] = found[velocity]
+    seen[compiled_laws.TORQUE] = found[JOINT_TORQUE] / leverage
+    seen[compiled_laws.DESIRED] = desired / leverage
 
 
 @internal
@@ -306,10 +254,11 @@ def _play(data: int, record: EpisodeRecord) -> None:
             record.refused = 1
             store_real(load_word(data + mj_struct.USERDATA), 0.0)
             return
-        share = clamp(torque / record.torque_limit, -1.0, 1.0)
+        axis = axis_at(record.axis)
+        share = clamp(torque / axis.torque_limit, -1.0, 1.0)
         # The actions of the environments are of single precision.
         single = float(np.float32(share))
-        store_real(control + 8 * record.motor_control, single * record.motor_scale)
+        store_real(control + 8 * axis.motor_control, single * axis.motor_scale)
     scripted = record.scripted
     places = words(record.script_controls, scripted)
     commands = floats(record.commands + 8 * scripted * count, scripted)

@@ -29,9 +29,10 @@ from cc_mujoco.human._motion import SampledMotion
 Array = NDArray[np.float64]
 
 
-MARKS = 4
+MARKS = 5
 """Marks of an axis: reference angle [rad], phase of the cycle or time [s] for a task of
-time, sine and cosine of the phase."""
+time, sine and cosine of the phase, and the desired torque [N m] where a task is
+`scripted`, else 0."""
 
 
 PART_STEPS = 16_384
@@ -48,7 +49,7 @@ class ScriptPart(NamedTuple):
     staircase, which a stiff wearer follows as one.
     """
     marks: Array
-    """`MARKS` of every axis in turn at every control step, (control steps, 4 axes)."""
+    """`MARKS` of every axis in turn at every control step, (control steps, k axes)."""
 
 
 class Script:
@@ -84,7 +85,7 @@ class Script:
 
     @cached_property
     def marks(self) -> Array:
-        """Return the marks of all parts, (n + 1, 4 axes)."""
+        """Return the marks of all parts, (n + 1, `MARKS` axes)."""
         return _joined([part.marks for part in self._parts()])
 
     def mark(self, place: int) -> Array:
@@ -129,7 +130,7 @@ class Author:
         )
         self.note = "; ".join(walks) + "." if walks else ""
         """Sentence on the joints of the device that walk; empty by default."""
-        self._of_time = tuple(task.of_time for task in tasks)
+        self._tasks = tuple((task, scripted(task)) for task in tasks)
         self._commanded = tuple(task.commands_angle for task in tasks)
         self._device = device
         self._sources = tuple(sources)
@@ -261,12 +262,16 @@ class Author:
                 still = self._device.neutral(joint)
                 commands[:, place] = mover.command(still, 0.0)
         marks = []
-        for motion, of_time in zip(motions, self._of_time, strict=True):
+        for motion, (task, is_scripted) in zip(motions, self._tasks, strict=True):
             phase = motion.phase[:: self.frame_skip]
             turn = 2 * np.pi * phase
             angle = motion.angle[:: self.frame_skip]
-            clock = motion.time[:: self.frame_skip] if of_time else phase
-            marks += [angle, clock, np.sin(turn), np.cos(turn)]
+            clock = motion.time[:: self.frame_skip] if task.of_time else phase
+            demand = nothing = np.zeros_like(phase)
+            if is_scripted:
+                found = task.torque(nothing, nothing, clock)
+                demand = np.array(np.broadcast_to(found, phase.shape), np.float64)
+            marks += [angle, clock, np.sin(turn), np.cos(turn), demand]
         return ScriptPart(commands, np.stack(marks, axis=-1))
 
 
@@ -326,96 +331,10 @@ def resting(motion: Motion, angle: float) -> Motion:
     return Motion(motion.time, still + angle, still, still, motion.phase)
 
 
-class Scripts:
-    """The scripts of many environments, as arrays over environments."""
-
-    def __init__(self, author: Author, count: int, tasks: Sequence[Task]) -> None:
-        """Prepare.
-
-        `author` writes the scripts of `count` environments; the tasks are those of each
-        axis.
-        """
-        self._author = author
-        self._tasks = tuple(task if task.of_phase else None for task in tasks)
-        self._count = count
-        self._rows = np.zeros(count, dtype=np.intp)
-        self._shared: Script | None = None
-        """Only script so far."""
-        self._commands = np.zeros((0, 0, 0))
-        self._marks = np.zeros((0, 0, 0))
-        self._demands = [np.zeros((0, 0)) for _ in tasks]
-
-    def write(self, environment: int, rng: np.random.Generator) -> Script:
-        script = self._author.write(rng)
-        if script is self._shared:
-            return script
-        axes = range(len(self._tasks))
-        demands = [self._scripted_torque(script, axis) for axis in axes]
-        if not self._commands.size:
-            # One row is enough for all where every episode is the same.
-            self._shared = script
-            self._commands, self._marks = script.commands[None], script.marks[None]
-            self._demands = [demand[None] for demand in demands]
-            return script
-        if self._shared is not None:
-            self._shared = None
-            self._rows = np.arange(self._count)
-            self._commands = np.repeat(self._commands, self._count, axis=0)
-            self._marks = np.repeat(self._marks, self._count, axis=0)
-            self._demands = [
-                np.repeat(demand, self._count, axis=0) for demand in self._demands
-            ]
-        row = self._rows[environment]
-        self._commands[row] = script.commands
-        self._marks[row] = script.marks
-        for kept, demand in zip(self._demands, demands, strict=True):
-            kept[row] = demand
-        return script
-
-    def marks(self, steps: NDArray[np.intp]) -> Array:
-        """Return every environment's marks at its control step, (environments, 4 n)."""
-        return self._at(self._marks, steps)
-
-    def demands(self, steps: NDArray[np.intp]) -> list[Array | None]:
-        """Return the torque of each axis' task in every environment there [N m].
-
-        It is None where the torque depends on more than the phase, else
-        (environments,).
-        """
-        return [
-            None if task is None else self._at(kept, steps)
-            for task, kept in zip(self._tasks, self._demands, strict=True)
-        ]
-
-    def commands(self, steps: NDArray[np.intp]) -> Array:
-        """Return the commands of every environment during the next control step.
-
-        They are (environments, physics steps, joints); after the episode, the last one.
-        """
-        skip = self._author.frame_skip
-        places = steps[:, None] * skip + np.arange(skip)
-        last = self._commands.shape[1] - 1
-        return self._at(self._commands, np.minimum(places, last))
-
-    def _at(self, written: Array, places: NDArray[np.intp]) -> Array:
-        """Return the values at every environment's places (environments, ...)."""
-        found: Array
-        if self._shared is not None:
-            found = written[0].take(places, axis=0)
-        else:
-            rows = self._rows.reshape(-1, *(places.ndim - 1) * (1,))
-            found = written[rows, places]
-        return found
-
-    def _scripted_torque(self, script: Script, axis: int) -> Array:
-        """Return a task's torque along a script; (0,) if not of the phase alone."""
-        task = self._tasks[axis]
-        if task is None:
-            return np.zeros(0)
-        phase = script.marks[:, MARKS * axis + 1]
-        nothing = np.zeros_like(phase)
-        demanded = task.torque(nothing, nothing, phase)
-        return np.array(np.broadcast_to(demanded, phase.shape), dtype=np.float64)
+def scripted(task: Task) -> bool:
+    """Return whether a task's torque follows from the motion, the same for all rows."""
+    nothing = np.zeros(1)
+    return task.of_phase and np.size(task.torque(nothing, nothing, nothing)) == 1
 
 
 def unperturbed(source: Trajectory) -> Trajectory:

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from gymnasium.utils import seeding
 from numpy.typing import NDArray
 
 from cc_mujoco.control import Controller, controller
@@ -28,7 +27,6 @@ from cc_mujoco.simulation._compiled_batch import (
     TICK_STEPS,
     CompiledEpisodes,
     law_of,
-    play_compiled,
     task_of,
 )
 from cc_mujoco.simulation._compiled_episode import KEPT, attend
@@ -125,21 +123,17 @@ def play(
     laws = None
     if len(prefixes) == 1 and not isinstance(name, Mapping):
         laws = _compiled_laws(name, [own[0] for own in drives], devices, exo)
+    batch = Batch([exo], [episode.seed], devices, threads=threads, name=called)
     if laws is not None:
-        script = exo.author.write(seeding.np_random(episode.seed)[0])
-        compiled = CompiledEpisodes(
-            devices, laws, exo.task, script, exo.steps, exo.frame_skip
-        )
-        failed = play_compiled(compiled, exo, devices, script, threads, called, tick)
-        columns = compiled.columns() | _scripted(script, exo, len(devices))
+        columns = CompiledEpisodes(batch, laws).play(tick)
+        columns |= _scripted(batch.script, exo, len(devices))
         tick(1.0)
-        return Rollout(columns, ratio, driven, prefixes, failed)
+        return Rollout(columns, ratio, driven, prefixes, tuple(batch.failed))
     law: Controller
     if name is None:
         law = Unpowered(drives[0][0], axes=len(prefixes))
     else:
         law = batched_controller(name, drives, prefixes)
-    batch = Batch([exo], [episode.seed], devices, threads=threads, name=called)
     measuring = exo.controller_sensors(PERFECT_SENSING, drives[0], episode.seed)
     kept_names = [prefix + name for prefix in prefixes for name in KEPT]
 

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from cc_mujoco.cable._parameters import BREAK_AWAY, TERMS
 from cc_mujoco.device import Device, Plant
+from cc_mujoco.device._axis_record import Physics
 from cc_mujoco.device._device import bare_model
-from cc_mujoco.device._model import Array, DeviceModel, Physics, physics_of
+from cc_mujoco.device._model import Array, DeviceModel, physics_of
 from cc_mujoco.device._variables import split
 from cc_mujoco.errors import CableError
 from cc_mujoco.plugin._engine import PLUGIN
@@ -135,11 +136,12 @@ class WarpWorlds:
         for field, own in zip(self.physics, now, strict=True):
             field[row] = own
 
-    def advance(self, share: Any, scale: Any, commands: Array, going: Mask) -> None:
+    def advance(self, control: Array, going: Mask) -> None:
+        """Advance some simulations by a sample; see `Worlds`."""
         with wp.ScopedDevice(self.data.time.device):
-            self._advance(share, scale, commands, going)
+            self._advance(control, going)
 
-    def _advance(self, share: Any, scale: Any, commands: Array, going: Mask) -> None:
+    def _advance(self, control: Array, going: Mask) -> None:
         if self._plants:
             self._give_plants()
         if self._fresh.any():
@@ -148,10 +150,8 @@ class WarpWorlds:
             for name, value in self._begun.items():
                 write_rows(getattr(self.data, name), rows, value[rows])
             self._fresh[:] = False
-        control, device = self._control, self._device
-        control[:, :, device.motor_controls] = share * scale
-        control[:, :, device.script_controls] = np.swapaxes(commands, 0, 1)
-        self._controls.assign(control)
+        self._control[...] = np.swapaxes(control, 0, 1)
+        self._controls.assign(self._control)
         self._take_sample()
         for name, field in zip(Physics._fields, self.physics, strict=True):
             now = self._read(name)

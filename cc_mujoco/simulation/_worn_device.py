@@ -1,15 +1,10 @@
-"""Common part of a device's single environment and its vector form.
-
-Both are thin: they advance MuJoCo, one simulation or a batch of them, and leave all
-else to a `WornDevice`, whose arithmetic is the same for numbers and arrays. So they
-agree bit for bit.
-"""
+"""A device with its wearer, trajectory and task, as all episodes play it."""
 
 from __future__ import annotations
 
 import dataclasses
 import inspect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,23 +14,18 @@ from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
 from cc_mujoco._validation import MAX_DURATION, require_number
-from cc_mujoco.device import Nominal, Plant
+from cc_mujoco.device import Nominal
 from cc_mujoco.device._axis_columns import axis_columns, split_by_axis
 from cc_mujoco.device._description import SAFE_DEMANDS, Description
 from cc_mujoco.device._drive import Drive
-from cc_mujoco.device._model import Array, DeviceModel, Physics
-from cc_mujoco.device._moment_arm import TabledWinding, Winding
-from cc_mujoco.device._observation import OBSERVATION_LIMIT, ObservationHistory
+from cc_mujoco.device._model import DeviceModel
+from cc_mujoco.device._observation import OBSERVATION_LIMIT
 from cc_mujoco.device._ranges import Ranges
 from cc_mujoco.device._sensors import (
-    BIAS,
-    PERFECT_SENSING,
-    REFERENCE_COLUMN,
     AxesMeasuring,
     Measuring,
     Sensing,
 )
-from cc_mujoco.device._variables import DELAY, NOISE
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Task, Trajectory, Walk, Wearer, scale_task, trajectory
 from cc_mujoco.human import task as find_task
@@ -46,17 +36,8 @@ from ._reference_motion import MARKS, Author, Script, joint_range, unperturbed
 TaskChoice = str | Path | Task | Mapping[str, str | Path | Task] | None
 """Task of all axes, or by the name of an axis; None for that of the device."""
 
-EFFORT_COST = 0.05
-"""Reward lost by full motor torque [1/s]."""
-
-MAX_ERROR_COST = 10.0
-"""Most that an error of torque costs [1/s]."""
-
 BEYOND_SHARE = 0.02
 """Share of the largest demand by which it may exceed what the motor gives."""
-
-REWARD_TERMS = ("reward_tracking", "reward_effort", "reward_smoothness")
-"""Keys of the terms of the reward in `info`; the reward is their sum."""
 
 
 def refuse_unknown(unknown: Mapping[str, Any], env: type) -> None:
@@ -226,38 +207,6 @@ class WornDevice:
                 "changed model as the argument `model`, and a `frame_skip` that fits."
             )
 
-    def normalised(self, action: Any, going: Any = True) -> Any:
-        """Return the actions (..., axes) as numbers in [-1, 1].
-
-        Args:
-            action: Of one environment (axes,), or of several (n, axes).
-            going: Of several, the mask (n,) of those whose action counts; that of the
-                others is 0.
-
-        Raises:
-            CableError: If actions are of another shape, or one is no finite number.
-        """
-        shape = (*np.shape(going), len(self.drives))
-        try:
-            given = np.asarray(action)
-        except ValueError:  # rows of unequal lengths
-            raise CableError(f"an action must be an array of shape {shape}.") from None
-        if given.shape != shape:
-            raise CableError(
-                f"an action must be of shape {shape}, a share of each motor's torque "
-                f"for each environment, not of shape {given.shape}."
-            )
-        if given.dtype.kind not in "fiu":
-            raise CableError(f"an action must be of numbers, not of {given.dtype}.")
-        if going is True and all(-1.0 <= share <= 1.0 for share in given.tolist()):
-            return given.astype(np.float64)  # the usual case, at a third of the time
-        counts = np.asarray(going)[..., None]
-        numbers = np.where(counts, given.astype(np.float64), 0.0)
-        wrong = numbers[~np.isfinite(numbers)]
-        if wrong.size:
-            raise CableError(f"an action must be a finite number, not {wrong[0]}.")
-        return np.minimum(np.maximum(numbers, -1.0), 1.0)
-
     def action(self, torque: Any) -> NDArray[np.float32]:
         """Return the action, (..., axes), that makes the motors give torques [N m].
 
@@ -270,26 +219,6 @@ class WornDevice:
         scaled = given / self.device.torque_limits
         clipped: NDArray[np.float32] = np.clip(scaled, -1.0, 1.0).astype(np.float32)
         return clipped
-
-    def sensors(self, seeds: int | Sequence[int]) -> tuple[Measuring, ...]:
-        """Return the sensors of every axis, of one environment or of several.
-
-        Encoders are exact, and the error of torque is that of the plant.
-
-        Args:
-            seeds: Any number, or one for each of several environments.
-        """
-        return tuple(
-            Measuring(
-                PERFECT_SENSING,
-                drive,
-                (),
-                seeds,
-                self.samples,
-                names=observed.columns,
-            )
-            for drive, observed in zip(self.drives, self.observed, strict=True)
-        )
 
     def controller_sensors(
         self,
@@ -327,175 +256,10 @@ class WornDevice:
             ],
         )
 
-    def histories(self, count: int) -> tuple[ObservationHistory, ...]:
-        """Return the observation of every axis, of n environments."""
-        return tuple(ObservationHistory(observed, count) for observed in self.observed)
-
-    def measured(
-        self,
-        sensors: Sequence[Measuring],
-        columns: Mapping[str, Any],
-        going: Any = True,
-    ) -> list[Array]:
-        """Return what the device measures of every axis, (k,) or (n, k) each.
-
-        Args:
-            sensors: Of every axis.
-            columns: Of `read_with_reward`.
-            going: As of `Measuring.measure`.
-        """
-        return [
-            observed.of(one.measure(self.axis_columns(columns, n), going))
-            for n, (observed, one) in enumerate(
-                zip(self.observed, sensors, strict=True)
-            )
-        ]
-
     def axis_columns(self, columns: Mapping[str, Any], axis: int) -> Mapping[str, Any]:
         """Return the columns of an axis under plain names."""
         prefixes = self.device.prefixes
         return axis_columns(columns, prefixes[axis], prefixes)
-
-    def begin(
-        self,
-        sensors: Sequence[Measuring],
-        plant: Plant,
-        rng: np.random.Generator,
-        row: Any = ...,
-    ) -> None:
-        """Begin an episode of the sensors; draws the errors of torque if there are any.
-
-        Args:
-            sensors: Of every axis, of one environment or of several.
-            plant: Of the episode; without noise and delay its sensors are exact.
-            rng: Source of what is drawn.
-            row: Of several environments the one that begins.
-        """
-        noise = float(plant.values.get(NOISE.name, 0.0))
-        for one in sensors:
-            errors = None
-            if noise:
-                scale = noise * self.description.sensing.torque_noise
-                bias = BIAS * rng.normal()
-                errors = scale * (bias + rng.normal(size=(self.samples + 1, 1)))
-            one.begin(int(plant.values.get(DELAY.name, 0)), errors, row)
-
-    def read(
-        self,
-        physics: Physics,
-        marks: Array,
-        demands: Sequence[Array | None] | None = None,
-        windings: Sequence[Winding | TabledWinding | None] = (),
-    ) -> dict[str, Any]:
-        """Return the true columns that the device can measure.
-
-        Args:
-            physics: The simulation, or several.
-            marks: Row of `ScriptPart.marks` at that sample.
-            demands: Torque that the task of each axis demands there, where it is known
-                already [N m].
-            windings: Those of each axis, where several simulations differ.
-        """
-        device, rows = self.device, marks.T
-        columns: dict[str, Any] = {}
-        for n, (axis, prefix, task) in enumerate(
-            zip(device.axes, device.prefixes, self.tasks, strict=True)
-        ):
-            found = axis.read_motion(physics, windings[n] if windings else None)
-            reference, phase, sine, cosine = rows[MARKS * n : MARKS * (n + 1)]
-            demand = None if demands is None else demands[n]
-            if demand is None:
-                angle, velocity = (
-                    found["joint_angle_rad"],
-                    found["joint_velocity_rad_s"],
-                )
-                if task.about_reference:
-                    angle = angle - reference
-                demand = task.torque(angle, velocity, phase)
-            if task.commands_angle:
-                found[REFERENCE_COLUMN] = reference
-            found["desired_torque_nm"] = demand
-            found["phase_sine"], found["phase_cosine"] = sine, cosine
-            if prefix:
-                found = {prefix + name: value for name, value in found.items()}
-            columns |= found
-        return columns
-
-    def read_with_reward(
-        self,
-        physics: Physics,
-        marks: Array,
-        demands: Sequence[Array | None] | None = None,
-    ) -> tuple[dict[str, Any], Any]:
-        """Return the columns of `read`, and the reward.
-
-        Args:
-            physics: As of `read`.
-            marks: As of `read`.
-            demands: As of `read`.
-
-        Returns:
-            Columns of an episode log; their reward per second for tracking the desired
-            torques, or angles where a task commands them, the mean over axes.
-        """
-        columns = self.read(physics, marks, demands)
-        costs = []
-        for axis, task, prefix in zip(
-            self.description.axes, self.tasks, self.device.prefixes, strict=True
-        ):
-            kind, wanted, scale = (
-                ("joint_angle_rad", REFERENCE_COLUMN, axis.units["motor_angle_rad"])
-                if task.commands_angle
-                else ("joint_torque_nm", "desired_torque_nm", axis.torque_scale)
-            )
-            error = columns[prefix + kind] - columns[prefix + wanted]
-            costs.append(np.minimum(np.abs(error) / scale, MAX_ERROR_COST))
-        if len(costs) == 1:
-            return columns, -costs[0]
-        return columns, -sum(costs) / len(costs)
-
-    def later_columns(
-        self, physics: Physics, columns: dict[str, Any], step: Any, marks: Array
-    ) -> Callable[[], dict[str, Any]]:
-        """Return a function that returns all columns of an episode log as of now.
-
-        Args:
-            physics: The simulation, or several.
-            columns: Of `read_with_reward`; may be views of `physics`.
-            step: Number of samples since the reset; may change afterwards.
-            marks: Row of `ScriptPart.marks` at that sample; nothing writes to it.
-        """
-        qpos, state = physics.qpos.copy(), physics.plugin_state.copy()
-        kept = {
-            name: value.copy() if isinstance(value, np.ndarray) else value
-            for name, value in columns.items()
-        }
-        time = step * self.sampling
-
-        def compute() -> dict[str, Any]:
-            found = kept | self.device.read_cables(qpos, state)
-            found["time_s"] = time
-            for n, prefix in enumerate(self.device.prefixes):
-                found[f"{prefix}reference_angle_rad"] = marks.T[MARKS * n]
-            return found
-
-        return compute
-
-    def costs(self, action: Array, before: Array) -> tuple[Any, Any]:
-        """Return the rewards of a step for the effort of an action and its change.
-
-        Args:
-            action: Of one environment or of several, (..., axes).
-            before: That of the control step before; 0 at the start of an episode.
-        """
-        effort = -EFFORT_COST * self.period * action * action
-        change = -self.smoothness * np.abs(action - before)
-        if (
-            action.ndim == 1
-        ):  # NumPy's mean of a few numbers takes several times as long
-            count = len(action)
-            return sum(effort.tolist()) / count, sum(change.tolist()) / count
-        return effort.mean(axis=-1), change.mean(axis=-1)
 
     def beyond(self, script: Script) -> str:
         """Return a sentence if a task exceeds its motor, else "".
@@ -531,6 +295,30 @@ class WornDevice:
                 "friction."
             )
         return ""
+
+
+class Driven:
+    """An environment, as it speaks of its device."""
+
+    exo: WornDevice
+
+    @property
+    def drive(self) -> Drive:
+        """Knowledge that a controller may have of the only axis; see `drives`."""
+        return self.exo.drive
+
+    @property
+    def drives(self) -> tuple[Drive, ...]:
+        """Knowledge that controllers may have of each axis."""
+        return self.exo.drives
+
+    def action(self, torque: Any) -> NDArray[np.float32]:
+        """Return the actions that make the motors give torques [N m].
+
+        Args:
+            torque: Of the only motor (...), or of each motor (..., axes).
+        """
+        return self.exo.action(torque)
 
 
 def _with_safe_torques(description: Description, tasks: Sequence[Task]) -> Description:

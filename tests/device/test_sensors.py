@@ -86,26 +86,15 @@ def columns(values: Any) -> dict[str, Any]:
     return found | {f"tension_{cable}_nodes_n": nodes for cable in CABLES}
 
 
-def test_each_wrist_has_its_own_delay_and_begins_by_itself() -> None:
+def test_each_wrist_has_its_own_delay() -> None:
     measuring = Measuring(
         PERFECT_SENSING, DRIVE, CABLES, (0, 1, 2), 50, delay=(0, 1, 3)
     )
-
-    def angles(values: Any, going: Any = True) -> list[float]:
-        seen = measuring.measure(columns(values), going)
-        assert np.array_equal(seen["joint_angle_rad"], seen[TENSION_COLUMN][:, 1, 2])
-        return list(seen["joint_angle_rad"])
-
-    for step in range(6):
+    for step in range(9):
+        seen = measuring.measure(columns([step] * 3))
         late = max(step - 1, 0), max(step - 3, 0)
-        assert angles([step] * 3) == [step, *late]
-    measuring.begin(delay=5, row=0)
-    assert angles([60, 6, 6]) == [60, 5, 3]
-    stands = np.array([True, False, True])
-    assert angles([61, 9, 7], stands) == [60, 5, 4]
-    for step in range(8, 14):
-        found = angles([54 + step, step - 1, step])
-    assert found == [62, 11, 10]
+        assert list(seen["joint_angle_rad"]) == [step, *late]
+        assert np.array_equal(seen["joint_angle_rad"], seen[TENSION_COLUMN][:, 1, 2])
 
 
 def test_the_tension_of_a_slack_cable_is_0_before_the_noise() -> None:

@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 
 from cc_mujoco.control import CONTROLLERS, as_round_pulley, controller
-from cc_mujoco.device._model import physics_of
+from cc_mujoco.device._axis_record import Physics
+from cc_mujoco.device._model import DeviceModel, physics_of
 from cc_mujoco.device._sensors import WINDING_COLUMNS
 from cc_mujoco.envs import IDS
 from cc_mujoco.errors import CableError
+from cc_mujoco.simulation._wiring import Wiring
 
 WRIST, ANKLE, EXOSUIT = (name for name, device in IDS.items() if device != "finger")
 
@@ -70,13 +72,17 @@ def test_a_cable_over_two_joints_is_wound_by_both_and_says_so() -> None:
 
 def test_several_devices_are_read_with_their_own_arms() -> None:
     env, _ = walked(ANKLE, 5)
-    (device,) = env.exo.device.axes
-    longer = device.winding._replace(arm=2.0 * device.winding.arm)
-    both = type(longer).over([device.winding, longer])
-    physics = physics_of(env.data)
-    one, doubled = device.winding.read(physics), both.read(physics)
-    for name, factor in zip(WINDING_COLUMNS, (0.5, 0.5, 0.5), strict=True):
-        assert doubled[name] == pytest.approx(one[name] * np.array([1.0, factor]))
+    exo, longer = env.exo, DeviceModel(env.exo.description, env.model)
+    (axis,) = longer.axes
+    axis.winding = axis.winding._replace(arm=2.0 * axis.winding.arm)
+    wiring = Wiring(exo, [exo.device, longer], 2)
+    for row in range(2):
+        wiring.seat(row, exo.author.write(np.random.default_rng(0)))
+    now = physics_of(env.data)
+    both = Physics(*(np.repeat(field[None], 2, axis=0) for field in now))
+    found = wiring.columns(wiring.read(both, np.full(2, 5)))
+    for name, value in exo.device.axes[0].winding.read(now).items():
+        assert np.array_equal(found[name], value * np.array([1.0, 0.5]))
 
 
 def test_torques_and_motion_are_those_of_a_round_pulley() -> None:

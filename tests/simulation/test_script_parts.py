@@ -8,7 +8,6 @@ from dataclasses import dataclass, fields
 import numpy as np
 import pytest
 
-import cc_mujoco.simulation._batch as batch
 import cc_mujoco.simulation._reference_motion as reference_motion
 from cc_mujoco import Plant, simulate
 from cc_mujoco.human import Motion, Perturbed, Recorded, Sine, Trajectory, Walk
@@ -91,8 +90,7 @@ def test_episode_of_many_parts_is_that_of_one(
         return simulate(device, "pi", trajectory=motion, duration=0.1, seed=3)
 
     whole = play()
-    for module in (batch, reference_motion):
-        monkeypatch.setattr(module, "PART_STEPS", 20)  # the last has one step
+    monkeypatch.setattr(reference_motion, "PART_STEPS", 20)  # the last has one step
     assert play() == whole
 
 

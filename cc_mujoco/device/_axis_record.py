@@ -1,0 +1,242 @@
+"""Readings of an axis: one compiled function, for environments, batches and episodes.
+
+An axis has a record of where its parts lie in the arrays of a simulation, which are
+known by their addresses.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Annotated, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.native import FloatArray, IntArray, internal
+from cc_mujoco.plugin import _mj_struct as mj_struct
+from cc_mujoco.plugin._ffi import floats, load_real, load_word, reinterpret, words
+
+MIN_LEVERAGE = 0.1
+"""Least leverage that is reported; with less the cable hardly turns the joint."""
+
+AXIS = np.dtype(
+    [
+        (name, np.int64)
+        for name in (
+            "motor_control",  # index in `ctrl`
+            "motor_q",
+            "motor_v",
+            "joint_q",
+            "joint_v",
+            "motor_out",
+            "wearer_out",  # -1 where no wearer moves the joint
+            "cuffed",  # 1 where the wearer's torque does not act on the joint itself
+            "weightless",  # 1 where gravity compensation or a fluid acts on bodies
+            "others",  # number of other actuators at the joint
+            "other_outs",  # address of their indices in `actuator_force`, then of the
+            # places of their arms in `actuator_moment`, -1 where those are `other_arms`
+            "other_arms",
+            "wound",  # number of arms of the winding; 0 for a round pulley
+            "arms",  # address of the places of the arms, then of their velocities
+            "own_arm",  # place of the joint's among them
+            "wound_end",  # place of the distal end in `actuator_length`
+            "knots",  # number of angles in a table of the winding; 0 without one
+            "table",  # address of these, of the angle that is wound and its derivative
+            "shared",  # number of joints of other axes that the cable turns
+            "shared_arms",  # address of the places of their arms
+            "shared_scales",  # address of their ratios per arm
+        )
+    ]
+    + [
+        (name, np.float64)
+        for name in (
+            "sense",  # 1 or -1: sign of the motor's angle in the columns
+            "motor_gear",
+            "motor_scale",  # control of the motor at its largest torque
+            "torque_limit",  # largest torque of the motor [N m]
+            "wearer_gear",
+            "winding_arm",  # arm of the winding in the neutral pose [m/rad]
+            "wound_length",  # length of the distal end there [m]
+            "timestep",  # of the physics [s]
+        )
+    ]
+)
+"""Record of an axis: places of its parts in the arrays, and its numbers."""
+
+AXIS_SIZE = AXIS.itemsize
+Array = NDArray[np.float64]
+
+AxisRecord = Annotated[Any, ("AxisRecord", AXIS)]
+
+
+class Physics(NamedTuple):
+    """Arrays of a simulation, or of several with a leading axis."""
+
+    qpos: Array
+    qvel: Array
+    plugin_state: Array
+    actuator_force: Array
+    qfrc_actuator: Array
+    qfrc_passive: Array
+    qfrc_spring: Array
+    qfrc_damper: Array
+    qfrc_gravcomp: Array
+    qfrc_fluid: Array
+    actuator_length: Array
+    actuator_moment: Array
+
+    def detached(self) -> Physics:
+        """Return a copy whose results are writable arrays of their own."""
+        return self._replace(
+            **{name: getattr(self, name).copy() for name in _RESULT_FIELDS}
+        )
+
+    def take(self, other: Physics, row: Any = slice(None)) -> None:
+        """Write the results of another, for all simulations or one of them."""
+        for name in _RESULT_FIELDS:
+            getattr(self, name)[row] = getattr(other, name)
+
+
+_RESULT_FIELDS = Physics._fields[3:]
+"""Fields that a step leaves behind and no state has."""
+
+FIELDS = len(Physics._fields)
+_QPOS, _QVEL, _, _FORCE, _ACTUATOR, _PASSIVE, _SPRING, _DAMPER = range(8)
+_GRAVITY, _FLUID, _LENGTH, MOMENT = range(8, FIELDS)
+
+READING_COLUMNS = (
+    "motor_angle_rad",
+    "motor_velocity_rad_s",
+    "motor_torque_nm",
+    "joint_angle_rad",
+    "joint_velocity_rad_s",
+    "joint_torque_nm",
+    "wearer_torque_nm",
+    "winding_angle_rad",
+    "winding_velocity_rad_s",
+    "leverage_ratio",
+)
+"""Columns that are read of an axis."""
+
+READINGS = len(READING_COLUMNS)
+(
+    MOTOR_ANGLE, MOTOR_VELOCITY, MOTOR_TORQUE, JOINT_ANGLE, JOINT_VELOCITY,
+    JOINT_TORQUE, WEARER_TORQUE, WINDING_ANGLE, WINDING_VELOCITY, LEVERAGE,
+) = range(READINGS)  # fmt: skip
+
+
+@reinterpret
+def axis_at(address: int) -> AxisRecord:
+    """Return the record of an axis at an address."""
+    memory = (ctypes.c_byte * AXIS_SIZE).from_address(address)
+    return np.frombuffer(memoryview(memory), AXIS).view(np.recarray)[0]
+
+
+@internal
+def fields_of(data: int, at: IntArray) -> None:
+    """Write the addresses of the arrays of an `mjData`, in the order of `Physics`."""
+    at[_QPOS] = load_word(data + mj_struct.QPOS)
+    at[_QVEL] = load_word(data + mj_struct.QVEL)
+    at[_FORCE] = load_word(data + mj_struct.ACTUATOR_FORCE)
+    at[_ACTUATOR] = load_word(data + mj_struct.QFRC_ACTUATOR)
+    at[_PASSIVE] = load_word(data + mj_struct.QFRC_PASSIVE)
+    at[_SPRING] = load_word(data + mj_struct.QFRC_SPRING)
+    at[_DAMPER] = load_word(data + mj_struct.QFRC_DAMPER)
+    at[_GRAVITY] = load_word(data + mj_struct.QFRC_GRAVCOMP)
+    at[_FLUID] = load_word(data + mj_struct.QFRC_FLUID)
+    at[_LENGTH] = load_word(data + mj_struct.ACTUATOR_LENGTH)
+    at[MOMENT] = load_word(data + mj_struct.ACTUATOR_MOMENT)
+
+
+@internal
+def real(array: int, index: int) -> float:
+    """Return an element of an array of floats at an address."""
+    return load_real(array + 8 * index)
+
+
+@internal
+def _interpolated(at: float, knots: FloatArray, values: FloatArray) -> float:
+    """Return what `np.interp` does of a number, to the bit."""
+    last = knots.size - 1
+    if at < knots[0]:
+        return float(values[0])
+    if at >= knots[last]:
+        return float(values[last])
+    low, high = 0, last
+    while high - low > 1:
+        middle = (low + high) // 2
+        if at >= knots[middle]:
+            low = middle
+        else:
+            high = middle
+    if at == knots[low]:
+        return float(values[low])
+    slope = (values[low + 1] - values[low]) / (knots[low + 1] - knots[low])
+    return float(slope * (at - knots[low]) + values[low])
+
+
+@internal
+def _read_winding(axis: AxisRecord, at: IntArray, found: FloatArray) -> None:
+    """Read angle, velocity and leverage of the winding; see `Winding.read`."""
+    angle, velocity = found[JOINT_ANGLE], found[JOINT_VELOCITY]
+    knots, count = axis.knots, axis.wound
+    if knots > 0:
+        angles, wounds = floats(axis.table, knots), axis.table + 8 * knots
+        share = _interpolated(angle, angles, floats(wounds + 8 * knots, knots))
+        found[WINDING_ANGLE] = _interpolated(angle, angles, floats(wounds, knots))
+        found[WINDING_VELOCITY] = share * velocity
+        found[LEVERAGE] = max(share, MIN_LEVERAGE)
+        return
+    if count == 0:
+        found[WINDING_ANGLE], found[WINDING_VELOCITY] = angle, velocity
+        found[LEVERAGE] = 0.0 * angle + 1.0
+        return
+    arms, nominal = words(axis.arms, 2 * count), axis.winding_arm
+    pace = 0.0
+    for i in range(count):
+        pace = pace + real(at[MOMENT], arms[i]) * real(at[_QVEL], arms[count + i])
+    length = real(at[_LENGTH], axis.wound_end) - axis.wound_length
+    leverage = real(at[MOMENT], arms[axis.own_arm]) / nominal
+    found[WINDING_ANGLE] = (length + axis.timestep * pace) / nominal
+    found[WINDING_VELOCITY] = pace / nominal
+    found[LEVERAGE] = max(leverage, MIN_LEVERAGE)
+
+
+@internal
+def read_axis(axis: AxisRecord, at: IntArray, found: FloatArray) -> None:
+    """Read angles, velocities and torques of motor, joint and wearer.
+
+    Args:
+        axis: Where they lie.
+        at: Addresses of the arrays of the simulation, in the order of `Physics`.
+        found: `READING_COLUMNS`, written. Angles and velocities are those after the
+            last physics step, torques those that acted in it.
+    """
+    joint = axis.joint_v
+    # Cables on open paths pull by passive forces, added to those of the joints.
+    own = real(at[_SPRING], joint) + real(at[_DAMPER], joint)
+    pieces = real(at[_PASSIVE], joint) - own
+    if axis.weightless > 0:
+        pieces = pieces - real(at[_GRAVITY], joint)
+        pieces = pieces - real(at[_FLUID], joint)
+    angle = real(at[_QPOS], axis.joint_q)
+    wearer = 0.0 * angle
+    if axis.wearer_out >= 0:
+        wearer = real(at[_FORCE], axis.wearer_out) * axis.wearer_gear
+    # The cables of the axis are all that acts on the joint besides these.
+    torque = real(at[_ACTUATOR], joint)
+    if axis.cuffed == 0:
+        torque = torque - wearer
+    others = axis.others
+    outs, gears = words(axis.other_outs, 2 * others), floats(axis.other_arms, others)
+    for i in range(others):
+        arm = gears[i]
+        if outs[others + i] >= 0:
+            arm = real(at[MOMENT], outs[others + i])
+        torque = torque - real(at[_FORCE], outs[i]) * arm
+    found[MOTOR_ANGLE] = axis.sense * real(at[_QPOS], axis.motor_q)
+    found[MOTOR_VELOCITY] = axis.sense * real(at[_QVEL], axis.motor_v)
+    found[MOTOR_TORQUE] = real(at[_FORCE], axis.motor_out) * axis.motor_gear
+    found[JOINT_ANGLE], found[JOINT_VELOCITY] = angle, real(at[_QVEL], joint)
+    found[JOINT_TORQUE], found[WEARER_TORQUE] = torque + pieces, wearer
+    _read_winding(axis, at, found)

@@ -1,0 +1,358 @@
+"""Episodes of n devices that actions drive: what all environments are made of.
+
+    episodes = Episodes(exo, worlds, count)
+    episodes.begin([0, 1], generators, options)
+    terms = episodes.step(actions, going)              # (3, n), see `REWARD_TERMS`
+    episodes.observation()                             # (n, size)
+
+A single environment is one of them, a vector environment n.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.device import Plant
+from cc_mujoco.device._observation import (
+    JOINT_TORQUE,
+    ObservationHistory,
+    Past,
+    begin_past,
+    follow_past,
+    write_observation,
+)
+from cc_mujoco.device._sensors import BIAS, REFERENCE_COLUMN
+from cc_mujoco.device._variables import DELAY, NOISE
+from cc_mujoco.errors import CableError
+from cc_mujoco.native import (
+    BoolArray,
+    FloatArray,
+    FloatCube,
+    FloatMatrix,
+    IntArray,
+    compiled,
+)
+from cc_mujoco.simulation._batch import Worlds
+from cc_mujoco.simulation._wiring import Wiring
+from cc_mujoco.simulation._worn_device import WornDevice
+
+Mask = NDArray[np.bool_]
+
+EFFORT_COST = 0.05
+"""Reward lost by full motor torque [1/s]."""
+
+MAX_ERROR_COST = 10.0
+"""Most that an error of torque costs [1/s]."""
+
+REWARD_TERMS = ("reward_tracking", "reward_effort", "reward_smoothness")
+"""Keys of the terms of the reward in `info`; the reward is their sum."""
+
+_TRACKING, _EFFORT, _SMOOTHNESS = range(len(REWARD_TERMS))
+
+
+class Sensors(NamedTuple):
+    """Sensors of an axis in n environments, and the cost of its error."""
+
+    places: IntArray
+    """Rows of the table that are measured (k,)."""
+    actual: int
+    """Row of the table that should be as `wanted`."""
+    wanted: int
+    scale: float
+    """Error that costs 1 per second."""
+    delays: IntArray
+    """Samples by which measurements are late (n,)."""
+    late: FloatCube
+    """Latest measurements (n, samples, k), each at its sample modulo delay + 1."""
+    errors: FloatMatrix
+    """Errors of torque by sample (n, samples), or of no sample [N m]."""
+
+
+class Episodes:
+    """Episodes of n devices of one layout, each begun and driven by itself."""
+
+    def __init__(
+        self, exo: WornDevice, worlds: Worlds, count: int, is_vector: bool = True
+    ) -> None:
+        """Prepare n rows; `begin` every one before it is stepped.
+
+        Actions of a vector are (n, axes), of a single environment (axes,).
+        """
+        self.exo, self.worlds = exo, worlds
+        nominal = exo.plants.nominal
+        self.plants: list[Plant] = [nominal] * count
+        """Plant that every device is played on."""
+        self._current_plant = nominal
+        self.samples = np.zeros(count, np.int64)
+        """Samples since the start of each episode (n,)."""
+        self.wiring = Wiring(exo, [exo.device], count)
+        self._histories = [ObservationHistory(one, count) for one in exo.observed]
+        self._sensors = [self._sensors_of(n) for n in range(len(exo.observed))]
+        self._has_history = exo.observed[0].history > 0
+        self._actions = np.zeros((count, len(exo.observed)))
+        self._costs = np.zeros(count)
+        self._action_shape = self._actions.shape[0 if is_vector else 1 :]
+        self._effort = -EFFORT_COST * exo.period
+        self._shape = count, sum(one.size for one in self._histories)
+        self._all, self._none = np.ones(count, np.bool_), np.zeros(count, np.bool_)
+        self._table = np.zeros((0, 0))
+
+    def _sensors_of(self, n: int) -> Sensors:
+        exo, count = self.exo, len(self.samples)
+        prefix, axis = exo.device.prefixes[n], exo.description.axes[n]
+        place = {name: row for row, name in enumerate(self.wiring.names)}
+        actual, wanted, scale = (
+            ("joint_angle_rad", REFERENCE_COLUMN, axis.units["motor_angle_rad"])
+            if exo.tasks[n].commands_angle
+            else ("joint_torque_nm", "desired_torque_nm", axis.torque_scale)
+        )
+        names = exo.observed[n].columns
+        return Sensors(
+            np.array([place[prefix + name] for name in names]),
+            place[prefix + actual],
+            place[prefix + wanted],
+            scale,
+            np.zeros(count, np.int64),
+            np.zeros((count, 1, len(names))),
+            np.zeros((count, 0)),
+        )
+
+    def begin(
+        self,
+        rows: Sequence[int],
+        random: Sequence[np.random.Generator],
+        options: Mapping[str, Any] | None,
+    ) -> None:
+        """Begin an episode in some rows, each with a source of what is random.
+
+        `options` are what their plants are, by name.
+
+        Raises:
+            CableError: If an option is unknown or impossible.
+        """
+        exo, worlds = self.exo, self.worlds
+        worlds.clear(np.array(rows, np.intp))
+        fresh = self._none.copy()
+        for row, rng in zip(rows, random, strict=True):
+            self._apply_plant(row, exo.plants.draw(rng, options))
+            script = exo.author.write(rng)
+            self._begin_sensors(row, rng)
+            worlds.start(row, exo.device, script)
+            self.wiring.seat(row, script)
+            fresh[row] = True
+        self.samples[fresh] = 0
+        self._actions[fresh] = 0.0
+        self._look(self._none, fresh, np.zeros((len(REWARD_TERMS), len(fresh))))
+
+    def _apply_plant(self, row: int, plant: Plant) -> None:
+        """Give a row its plant, and the model that is started from."""
+        nominal = self.exo.plants.nominal
+        if plant is not self._current_plant:
+            self.exo.device.apply_plant(plant)
+            self._current_plant = plant
+        if plant is not nominal or self.plants[row] is not nominal:
+            self.worlds.vary(row, plant)
+        self.plants[row] = plant
+
+    def _begin_sensors(self, row: int, rng: np.random.Generator) -> None:
+        """Begin an episode of the sensors; draw errors of torque if there are any."""
+        exo, values = self.exo, self.plants[row].values
+        noise = float(values.get(NOISE.name, 0.0))
+        delay = int(values.get(DELAY.name, 0))
+        for n, sensors in enumerate(self._sensors):
+            if noise and not sensors.errors.size:
+                errors = np.zeros((len(self.samples), exo.samples + 1))
+                sensors = sensors._replace(errors=errors)
+            if delay >= sensors.late.shape[1]:
+                more = ((0, 0), (0, delay + 1 - sensors.late.shape[1]), (0, 0))
+                sensors = sensors._replace(late=np.pad(sensors.late, more))
+            if sensors.errors.size:
+                sensors.errors[row] = 0.0
+            if noise:
+                scale = noise * exo.description.sensing.torque_noise
+                bias = BIAS * rng.normal()
+                drawn = rng.normal(size=exo.samples + 1)
+                sensors.errors[row] = scale * (bias + drawn)
+            sensors.delays[row] = delay
+            self._sensors[n] = sensors
+
+    def step(self, action: Any, going: Mask | None = None) -> NDArray[np.float64]:
+        """Advance some devices a control step.
+
+        Args:
+            action: Shares of the largest torque of each motor, cut to [-1, 1], (n,
+                axes); of a single environment (axes,).
+            going: Mask of those that are advanced (n,); all by default.
+
+        Returns:
+            Terms of the reward, `REWARD_TERMS`, (3, n).
+
+        Raises:
+            CableError: If actions are of another shape, or one of those that are
+                advanced is no finite number.
+        """
+        exo, worlds = self.exo, self.worlds
+        going = self._all if going is None else going
+        actions = self._numbers(action, going)
+        if self._has_history:
+            for n, history in enumerate(self._histories):
+                history.act(actions[:, n])
+        terms = np.zeros((len(REWARD_TERMS), len(going)))
+        for sample in range(exo.hold):
+            if sample and (warned := worlds.warned).any():
+                going = going & ~warned  # what diverged takes no further sample
+            if going is not self._all and not going.any():
+                break
+            control = self.wiring.controls(actions, self.samples, going)
+            worlds.advance(control, going)
+            self._look(going, self._none, terms)
+        _charge(actions, self._actions, self._effort, -exo.smoothness, terms)
+        return terms
+
+    def _numbers(self, action: Any, going: Mask) -> NDArray[np.float64]:
+        """Return the actions as numbers in [-1, 1], (n, axes)."""
+        shape = self._action_shape
+        try:
+            given = np.asarray(action)
+        except ValueError:  # rows of unequal lengths
+            raise CableError(f"an action must be an array of shape {shape}.") from None
+        if given.shape != shape:
+            raise CableError(
+                f"an action must be of shape {shape}, a share of each motor's torque "
+                f"for each environment, not of shape {given.shape}."
+            )
+        if given.dtype.kind not in "fiu":
+            raise CableError(f"an action must be of numbers, not of {given.dtype}.")
+        numbers = np.empty(self._actions.shape)
+        numbers[...] = given
+        if not _limit(numbers, going):
+            wrong = numbers[~np.isfinite(numbers)]
+            raise CableError(f"an action must be a finite number, not {wrong[0]}.")
+        return numbers
+
+    def _look(self, going: Mask, fresh: Mask, terms: NDArray[np.float64]) -> None:
+        """Take a sample of all sensors, and add to the reward for tracking."""
+        exo = self.exo
+        self._table = table = self.wiring.read(self.worlds.physics, self.samples)
+        for n, sensors in enumerate(self._sensors):
+            _sense(
+                sensors, self._histories[n].past, table, self.samples, going, fresh,
+                n, self._costs, len(self._sensors), exo.sampling, terms,
+            )  # fmt: skip
+
+    def observation(self) -> NDArray[np.float32]:
+        """Return what is observed now (n, size)."""
+        whole = np.empty(self._shape)
+        first = 0
+        for history in self._histories:
+            write_observation(history.past, whole, first)
+            first += history.size
+        return whole.astype(np.float32)
+
+    def snapshot(self) -> tuple[NDArray[Any], ...]:
+        """Return what `columns` needs of now."""
+        physics = self.worlds.physics
+        state, samples = physics.plugin_state.copy(), self.samples.copy()
+        return self._table, physics.qpos.copy(), state, samples
+
+    def columns(self, snapshot: Sequence[NDArray[Any]]) -> dict[str, Any]:
+        """Return all columns of an episode log at a `snapshot`, (n, ...)."""
+        table, qpos, state, samples = snapshot
+        found = self.wiring.columns(table) | self.exo.device.read_cables(qpos, state)
+        found["time_s"] = samples * self.exo.sampling
+        return found
+
+    def take(self, other: Episodes) -> None:
+        """Go on with the episodes of another, of which `worlds` have the state."""
+        self.plants, self._current_plant = list(other.plants), other._current_plant
+        self.samples[:], self._actions[:] = other.samples, other._actions
+        self.wiring.take(other.wiring)
+        self._table = other._table
+        self._sensors = copy.deepcopy(other._sensors)
+        for history, one in zip(self._histories, other._histories, strict=True):
+            history.take(one)
+
+
+@compiled
+def _limit(actions: FloatMatrix, going: BoolArray) -> bool:
+    """Cut actions to [-1, 1], 0 in other rows; return whether they are finite."""
+    for row in range(actions.shape[0]):
+        for n in range(actions.shape[1]):
+            value = actions[row, n]
+            if going[row] and not np.isfinite(value):
+                return False
+            actions[row, n] = min(max(value, -1.0), 1.0) if going[row] else 0.0
+    return True
+
+
+@compiled
+def _sense(
+    sensors: Sensors,
+    past: Past,
+    table: FloatMatrix,
+    samples: IntArray,
+    going: BoolArray,
+    fresh: BoolArray,
+    n: int,
+    costs: FloatArray,
+    axes: int,
+    sampling: float,
+    terms: FloatMatrix,
+) -> None:
+    """Take a sample of the sensors of the n-th axis, in rows that go on or begin.
+
+    `costs` are those of the errors of the axes so far, per second (n,).
+    """
+    last = sensors.errors.shape[1] - 1
+    for row in range(samples.size):
+        if not (going[row] or fresh[row]):
+            continue
+        step, ring = samples[row], sensors.delays[row] + 1
+        for i in range(sensors.places.size):
+            value = table[sensors.places[i], row]
+            if i == JOINT_TORQUE and last >= 0:
+                value = value + sensors.errors[row, min(step, last)]
+            if ring > 1:
+                # Before the first measurement arrives there is the one at rest.
+                for age in range(ring if fresh[row] else 1):
+                    sensors.late[row, (step + age) % ring, i] = value
+                value = sensors.late[row, (step + 1) % ring, i]
+            past.measured[row, i] = value
+        if fresh[row]:
+            begin_past(past, row)
+            continue
+        follow_past(past, row)
+        error = abs(table[sensors.actual, row] - table[sensors.wanted, row])
+        cost = min(error / sensors.scale, MAX_ERROR_COST)
+        costs[row] = cost if n == 0 else costs[row] + cost
+        if n == axes - 1:
+            reward = -costs[row] / axes
+            terms[_TRACKING, row] = terms[_TRACKING, row] + sampling * reward
+
+
+@compiled
+def _charge(
+    actions: FloatMatrix,
+    before: FloatMatrix,
+    effort: float,
+    smoothness: float,
+    terms: FloatMatrix,
+) -> None:
+    """Write the rewards for the effort of the actions and their change.
+
+    Those of full torque and of a change by 1 are given; `before` becomes `actions`.
+    """
+    axes = actions.shape[1]
+    for row in range(actions.shape[0]):
+        used, changed = 0.0, 0.0
+        for n in range(axes):
+            used += effort * actions[row, n] * actions[row, n]
+            changed += smoothness * abs(actions[row, n] - before[row, n])
+            before[row, n] = actions[row, n]
+        terms[_EFFORT, row] = used / axes
+        terms[_SMOOTHNESS, row] = changed / axes

@@ -1,0 +1,301 @@
+"""Controls and columns of n devices, written and read by compiled code.
+
+    wiring = Wiring(exo, [exo.device], count)
+    wiring.seat(row, script)
+    control = wiring.controls(share, samples, going)   # (n, physics steps, controls)
+    table = wiring.read(physics, samples)
+    columns = wiring.columns(table)                    # by name, (n,)
+
+Environments, batches and episodes inside MuJoCo's steps read an axis by one function,
+`device._axis_record.read_axis`, so that all have the same bits.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.device._axis_record import (
+    AXIS_SIZE,
+    JOINT_ANGLE,
+    JOINT_VELOCITY,
+    MOMENT,
+    READING_COLUMNS,
+    READINGS,
+    Physics,
+    axis_at,
+    read_axis,
+    real,
+)
+from cc_mujoco.device._model import DeviceModel
+from cc_mujoco.human import Spring, Task, Tunnel
+from cc_mujoco.human._tasks import spring_torque, tunnel_torque
+from cc_mujoco.native import (
+    BoolArray,
+    FloatArray,
+    FloatCube,
+    FloatMatrix,
+    IntArray,
+    IntMatrix,
+    compiled,
+    internal,
+)
+from cc_mujoco.plugin._ffi import floats, words
+from cc_mujoco.simulation import _reference_motion as reference_motion
+from cc_mujoco.simulation._reference_motion import MARKS, Script, ScriptPart, scripted
+
+if TYPE_CHECKING:
+    from cc_mujoco.simulation._worn_device import WornDevice
+
+OF_PHASE, TUNNEL, SPRING, OTHER = range(4)
+"""Tasks: `scripted`, whose torques are known in advance; `Tunnel`; `Spring`; those that
+Python alone knows."""
+
+TASKS: dict[type[Task], int] = {Tunnel: TUNNEL, Spring: SPRING}
+
+_REFERENCE, _CLOCK, _SINE, _COSINE, _DEMAND = range(MARKS)
+_DESIRED = READINGS
+_MOTION = "desired_torque_nm", "phase_sine", "phase_cosine", "reference_angle_rad"
+"""Columns of an axis that follow those of its reading."""
+_WIDTH = READINGS + len(_MOTION)
+
+_tunnel, _spring = internal(tunnel_torque), internal(spring_torque)
+
+
+class Wiring:
+    """Connection of n devices of one layout with their simulations and scripts."""
+
+    def __init__(
+        self, exo: WornDevice, devices: Sequence[DeviceModel], count: int
+    ) -> None:
+        """Look all places up, of a device for each of n rows or of one for all.
+
+        `seat` every row before it is driven or read.
+        """
+        self._held: list[NDArray[Any]] = []
+        first = devices[0]
+        self._records = np.concatenate(
+            [axis.record(self.hold) for device in devices for axis in device.axes]
+        )
+        self._address = int(self._records.ctypes.data)
+        self._devices, self._axes = len(devices), len(first.axes)
+        codes = [
+            TASKS.get(type(task), OF_PHASE if scripted(task) else OTHER)
+            for task in exo.tasks
+        ]
+        self._codes = np.array(codes, np.int64)
+        self._parameters = np.array([parameters_of(task) for task in exo.tasks])
+        self._script_controls = np.array(first.script_controls, np.int64)
+        self.scripts: list[Script | None] = [None] * count
+        """Script that each row follows."""
+        self._parts: list[ScriptPart | None] = [None] * count
+        self._rows = np.zeros((count, 4), np.int64)
+        """Addresses of commands and marks of the part of each row's script, its first
+        sample, and that of the next part."""
+        self._physics: Physics | None = None
+        self._control = np.zeros((count, exo.frame_skip, first.model.nu))
+        self.names: list[str] = []
+        """Columns in the order of the table; the clock of each axis follows them."""
+        starts = []
+        for axis, prefix in zip(first.axes, first.prefixes, strict=True):
+            starts.append(len(self.names))
+            own = (*READING_COLUMNS, *_MOTION, *axis.ratio_columns)
+            self.names += [prefix + name for name in own]
+        self._python_tasks = [
+            (task, start, len(self.names) + n)
+            for n, (task, start) in enumerate(zip(exo.tasks, starts, strict=True))
+            if codes[n] == OTHER
+        ]
+
+    def hold(self, array: NDArray[Any]) -> int:
+        """Keep an array as long as this, and return its address."""
+        self._held.append(array)
+        return int(array.ctypes.data)
+
+    def axis_address(self, row: int) -> int:
+        """Return the address of the record of the first axis of a device."""
+        return self._address + AXIS_SIZE * self._axes * row
+
+    def seat(self, row: int, script: Script) -> None:
+        """Let a row follow a script, from its start."""
+        self.scripts[row] = script
+        self._take_part(row, 0)
+
+    def take(self, other: Wiring) -> None:
+        """Follow the scripts of another at the same samples."""
+        self.scripts, self._parts = list(other.scripts), list(other._parts)
+        self._rows[:] = other._rows
+
+    def _take_part(self, row: int, number: int) -> None:
+        script, length = self.scripts[row], reference_motion.PART_STEPS
+        assert script is not None
+        part = self._parts[row] = script.part(number)
+        addresses = (array.ctypes.data for array in part)
+        self._rows[row] = *addresses, number * length, (number + 1) * length
+
+    def _turn(self, samples: NDArray[np.int64]) -> None:
+        """Take the parts of the scripts in which the samples are."""
+        for row in np.flatnonzero(samples >= self._rows[:, 3]).tolist():
+            self._take_part(row, int(samples[row]) // reference_motion.PART_STEPS)
+
+    def controls(
+        self,
+        share: NDArray[np.float64],
+        samples: NDArray[np.int64],
+        going: NDArray[np.bool_],
+    ) -> NDArray[np.float64]:
+        """Return the controls from a sample to the next, (n, physics steps, controls).
+
+        `share` is that of the largest torque of each motor, (n, axes). In rows that go
+        on samples are counted; controls of the others stay what they were.
+        """
+        given = (
+            self._address, self._devices, self._rows, samples, going, share,
+            self._script_controls, self._control,
+        )  # fmt: skip
+        if not _drive(*given):
+            self._turn(samples)
+            _drive(*given)
+        return self._control
+
+    def read(self, physics: Physics, samples: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return the columns of all rows now, (columns, n), in an array of its own."""
+        if physics is not self._physics:
+            self._physics = physics
+            rows = np.arange(len(samples))
+            places = [field.ctypes.data + field.strides[0] * rows for field in physics]
+            self._places = np.stack(places, axis=1)
+        table = np.empty((len(self.names) + self._axes, len(samples)))
+        given = (
+            self._address, self._devices, self._codes, self._parameters, self._rows,
+            samples, self._places, table,
+        )  # fmt: skip
+        if not _read(*given):
+            self._turn(samples)
+            _read(*given)
+        for task, start, clock in self._python_tasks:
+            angle, velocity = table[start + JOINT_ANGLE], table[start + JOINT_VELOCITY]
+            if task.about_reference:
+                angle = angle - table[start + _WIDTH - 1]
+            table[start + _DESIRED] = task.torque(angle, velocity, table[clock])
+        return table
+
+    def columns(self, table: NDArray[np.float64]) -> dict[str, Any]:
+        """Return the columns of a table by name, each (n,), as views."""
+        return dict(zip(self.names, table, strict=False))
+
+
+def parameters_of(task: Task) -> NDArray[np.float64]:
+    """Return the parameters of a task that compiled code knows, (3,); else 0."""
+    given = np.zeros(3)
+    if type(task) in TASKS:
+        own = dataclasses.astuple(task)  # type: ignore[call-overload]
+        given[: len(own)] = own
+    return given
+
+
+@internal
+def desired_torque(
+    code: int, parameters: FloatArray, angle: float, in_script: float
+) -> float:
+    """Return the torque that a task demands at a joint angle [N m]."""
+    if code == TUNNEL:
+        return float(_tunnel(angle, parameters[0], parameters[1], parameters[2]))
+    if code == SPRING:
+        return float(_spring(angle, parameters[0]))
+    return in_script
+
+
+@internal
+def _in_parts(scripts: IntMatrix, samples: IntArray) -> bool:
+    """Return whether the samples of all rows are in the parts of their scripts."""
+    for row in range(samples.size):
+        if samples[row] >= scripts[row, 3]:
+            return False
+    return True
+
+
+@compiled
+def _drive(
+    axes: int,
+    devices: int,
+    scripts: IntMatrix,
+    samples: IntArray,
+    going: BoolArray,
+    share: FloatMatrix,
+    script_controls: IntArray,
+    control: FloatCube,
+) -> bool:
+    """Write the controls from a sample to the next, and count it.
+
+    Where a row is beyond its part of the script, do nothing and return False.
+    """
+    if not _in_parts(scripts, samples):
+        return False
+    count, skip, scripted_count = share.shape[1], control.shape[1], script_controls.size
+    for row in range(samples.size):
+        if not going[row]:
+            continue
+        first = skip * (samples[row] - scripts[row, 2])
+        commands = scripts[row, 0] + 8 * scripted_count * first
+        for n in range(count):
+            axis = axis_at(axes + AXIS_SIZE * (row % devices * count + n))
+            value = share[row, n] * axis.motor_scale
+            for step in range(skip):
+                control[row, step, axis.motor_control] = value
+        for step in range(skip):
+            for i in range(scripted_count):
+                value = real(commands, step * scripted_count + i)
+                control[row, step, script_controls[i]] = value
+        samples[row] = samples[row] + 1
+    return True
+
+
+@compiled
+def _read(
+    axes: int,
+    devices: int,
+    codes: IntArray,
+    parameters: FloatMatrix,
+    scripts: IntMatrix,
+    samples: IntArray,
+    physics: IntMatrix,
+    table: FloatMatrix,
+) -> bool:
+    """Write the columns of all rows; see `_drive` for the result."""
+    if not _in_parts(scripts, samples):
+        return False
+    count = codes.size
+    clocks = table.shape[0] - count
+    found = np.empty(READINGS)
+    for row in range(samples.size):
+        at = physics[row]
+        marks = scripts[row, 1] + 8 * MARKS * count * (samples[row] - scripts[row, 2])
+        first = 0
+        for n in range(count):
+            axis = axis_at(axes + AXIS_SIZE * (row % devices * count + n))
+            mark = floats(marks + 8 * MARKS * n, MARKS)
+            read_axis(axis, at, found)
+            for i in range(READINGS):
+                table[first + i, row] = found[i]
+            table[first + _DESIRED, row] = desired_torque(
+                codes[n], parameters[n], found[JOINT_ANGLE], mark[_DEMAND]
+            )
+            table[first + _DESIRED + 1, row] = mark[_SINE]
+            table[first + _DESIRED + 2, row] = mark[_COSINE]
+            table[first + _DESIRED + 3, row] = mark[_REFERENCE]
+            shared = axis.shared
+            arms, scales = (
+                words(axis.shared_arms, shared),
+                floats(axis.shared_scales, shared),
+            )
+            for i in range(shared):
+                arm = real(at[MOMENT], arms[i])
+                table[first + _WIDTH + i, row] = scales[i] * arm
+            table[clocks + n, row] = mark[_CLOCK]
+            first = first + _WIDTH + shared
+    return True

@@ -29,11 +29,11 @@ _DELAY_SHARE = 0.2
 """Bandwidth of the motor's position, times the delay."""
 _MAX_BANDWIDTH = 200.0
 """Most of that bandwidth [rad/s]."""
-_INTEGRAL_SHARE = 0.4
+_INTEGRAL_SHARE = 1.2
 """Bandwidth of the integral over that of the position."""
 _ENCODER_STEP = 5e-4
 """Motion of the joint that is none [rad]."""
-_BAND_SIGMAS = 6.0
+_BAND_SIGMAS = 0.34
 """Motion that is none, in standard deviations of the torque sensor."""
 _SLACK_SHARE = 1.0
 """Most that the integral pays out of a single cable, over its stretch."""

@@ -36,8 +36,9 @@ _LOAD_WALK, _LACK_WALK = 0.2, 0.5
 _SLIP_SIGMAS = 8.0
 """Change of the innovation of the stretch in a step, in its standard deviations, beyond
 what the motor can do, from which an encoder has slipped."""
-_EFFORT = 1.0
-"""Weight of motor torque to torque error at the joint, both over the greatest."""
+_EFFORT, _SINGLE_EFFORT = 1.0, 0.4
+"""Weights of motor torque to torque error at the joint, both over the greatest: of a
+pair of cables, and of a single one, with which the ankle is passive."""
 _RIGIDITY, _RELEASE, _SLIP, GAINS = range(guard.LIMITS, guard.LIMITS + 4)
 """Places of the gains behind `DriveLimits`, and their number."""
 _STARTED, _OFFSET, _OFF, GUARD = range(4)
@@ -124,7 +125,8 @@ class LinearQuadraticGaussian(Controller):
         push = max(map(abs, (drive.low, drive.high))) / inertia * period**2
         self.gains[_SLIP] = _SLIP_SIGMAS * deviation + push
         cost = np.diag([(rigidity / ratio / most) ** 2, 0.0])
-        effort = np.array([[(_EFFORT * ratio / most) ** 2]])
+        weight = _SINGLE_EFFORT if drive.one_way else _EFFORT
+        effort = np.array([[(weight * ratio / most) ** 2]])
         value = solve_discrete_are(a[:2, :2], b[:2], cost, effort)
         own = b[:2].T @ value
         regulator = np.linalg.solve(effort + own @ b[:2], own @ a[:2, :2])

@@ -5,7 +5,7 @@
 
 Plays suite `v2` (or `v2-known`) and prints, for every device and condition, the RMS
 error of the torque, the mean over the seeds, and that of the first controller over the
-best of the others. Unlike `cc-mujoco benchmark` it plays no references. A row is
+best of the others. Unlike `cc-mujoco benchmark` it plays no references. A device is
 printed once it is played. `--out` keeps errors, chatter and motor peak, of which
 `fill_readme.py structure` makes the tables of the pages.
 """
@@ -19,7 +19,8 @@ from pathlib import Path
 
 import numpy as np
 
-from cc_mujoco.benchmark import SUITES, Cell, Condition, play
+from cc_mujoco.benchmark import SUITES, Cell, Condition, batch_groups
+from cc_mujoco.benchmark._cell import play_group
 from cc_mujoco.errors import look_up
 
 BASELINES = "pi_tuned", "pi_feed_forward", "inverse", "lqg"
@@ -27,21 +28,27 @@ SCORES = "rms_torque_error", "chatter", "peak_motor_torque"
 """Scores that are kept [N m], means over the seeds."""
 
 
-def row(
-    condition: Condition, laws: list[str], seeds: tuple[int, ...]
-) -> dict[str, list[float]]:
-    """Print a row of the table; return `SCORES` and failed episodes of each law."""
-    found: dict[str, list[float]] = {}
-    cells: list[str] = []
+def played(
+    conditions: list[Condition], laws: list[str], seeds: tuple[int, ...]
+) -> dict[str, dict[str, list[float]]]:
+    """Return `SCORES` and failed episodes of each law in each condition."""
+    found: dict[str, dict[str, list[float]]] = {one.name: {} for one in conditions}
     for law in laws:
-        scores = play(Cell(condition, law, seeds)).scores
-        failed = int(np.sum(scores["failed"]))
-        found[law] = [*(float(np.mean(scores[name])) for name in SCORES), failed]
-        error = f"{found[law][0]:.3g}"
-        cells.append(error + (f" ({failed} failed)" if failed else ""))
-    share = of_the_best(found)
-    print(f"| {condition.name} | {' | '.join(cells)} | {share:.2f} |", flush=True)
+        for group in batch_groups(Cell(one, law, seeds) for one in conditions):
+            for cell, result in zip(group, play_group(group), strict=True):
+                means = [float(np.mean(result.scores[name])) for name in SCORES]
+                failed = int(np.sum(result.scores["failed"]))
+                found[cell.condition.name][law] = [*means, failed]
     return found
+
+
+def print_row(name: str, found: dict[str, list[float]]) -> None:
+    """Print the row of a condition."""
+    cells = [
+        f"{scores[0]:.3g}" + (f" ({scores[-1]} failed)" if scores[-1] else "")
+        for scores in found.values()
+    ]
+    print(f"| {name} | {' | '.join(cells)} | {of_the_best(found):.2f} |", flush=True)
 
 
 def of_the_best(found: dict[str, list[float]]) -> float:
@@ -67,7 +74,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--duration", type=float, default=4.0)
-    parser.add_argument("--out", type=Path, help="CSV file, written after every row")
+    parser.add_argument("--out", type=Path, help="CSV file, written after every device")
     options = parser.parse_args()
     seeds = tuple(range(options.first_seed, options.first_seed + options.seeds))
     laws: list[str] = options.controllers
@@ -78,16 +85,20 @@ def main() -> None:
         print(f"\n| {scene} | {' | '.join(laws)} | of the best |")
         print("|---" * (len(laws) + 2) + "|", flush=True)
         shares = []
-        found = {one.name: one for one in SUITES[options.suite].conditions(scene)}
-        for name in options.conditions or found:
-            condition = look_up("condition", name, found)
-            short = dataclasses.replace(condition, duration=options.duration)
-            played = row(short, laws, seeds)
-            shares.append(of_the_best(played))
-            for law, scores in played.items():
+        known = {one.name: one for one in SUITES[options.suite].conditions(scene)}
+        wanted = [
+            dataclasses.replace(
+                look_up("condition", name, known), duration=options.duration
+            )
+            for name in options.conditions or known
+        ]
+        for name, found in played(wanted, laws, seeds).items():
+            print_row(name, found)
+            shares.append(of_the_best(found))
+            for law, scores in found.items():
                 kept.append((scene, name, law, *(f"{one:.4g}" for one in scores)))
-            if options.out is not None:
-                keep(options.out, kept)
+        if options.out is not None:
+            keep(options.out, kept)
         print(f"\nmedian {np.median(shares):.2f}, worst {max(shares):.2f}", flush=True)
 
 

@@ -137,7 +137,9 @@ class Diagnose:
                 print(f"  {place.statement}")
         for problem in found.problems:
             lacking = problem.startswith((NO_SCENE_PREFIX, NOT_IN_SCENE_PREFIX))
-            if found.verdict == "unknown" or lacking:
+            if lacking or (
+                found.verdict == "unknown" and problem not in found.question
+            ):
                 print(f"  noticed: {problem}")
         for tie in found.ties:
             print(f"  cannot distinguish: {', '.join(tie)}")

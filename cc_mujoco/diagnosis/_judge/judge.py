@@ -408,8 +408,8 @@ def belief_in_verdict(
         return VerdictOdds(
             math.nan,
             f"How often such a verdict is right is not known: it leaves "
-            f"{format_number(left)} times the noise floor, and on study rigs at most "
-            f"{most:g} times.",
+            f"{format_number(left)} times the noise floor, and such verdicts on study "
+            f"rigs left at most {most:g} times.",
             (),
         )
     if kind == "none":

@@ -216,8 +216,8 @@ FRICTION_EFFECTS = (
     ),
     Effect(
         id="tension_dependent_friction",
-        title="friction coefficient that changes with tension",
-        equation="mu (T/T0)^e",
+        title="friction or wrap that changes with tension",
+        equation="mu theta (T/T0)^e",
         where="conduit",
         parameters=(EffectParameter(of_cable("tension_exponent", -1.0, 1.0), 0.1),),
         starts=({"tension_exponent": -0.1},),

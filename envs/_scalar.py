@@ -21,7 +21,7 @@ from cc_mujoco.human import Trajectory, Wearer
 from cc_mujoco.simulation._batch import Simulation
 from cc_mujoco.simulation._episodes import REWARD_TERMS, Episodes
 from cc_mujoco.simulation._worn_device import (
-    Driven,
+    DrivenEnvironment,
     TaskChoice,
     WornDevice,
     refuse_unknown,
@@ -32,7 +32,7 @@ from ._render import RENDER_METADATA, SceneRenderer, check_mode
 
 
 class DeviceEnv(
-    Driven, gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle
+    DrivenEnvironment, gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle
 ):
     r"""A device that is driven by cables, with a wearer who moves.
 

@@ -23,7 +23,7 @@ from cc_mujoco.human import Trajectory, Wearer
 from cc_mujoco.simulation._batch import Simulations, Worlds
 from cc_mujoco.simulation._episodes import REWARD_TERMS, Episodes
 from cc_mujoco.simulation._worn_device import (
-    Driven,
+    DrivenEnvironment,
     TaskChoice,
     WornDevice,
     refuse_unknown,
@@ -40,7 +40,7 @@ VECTOR_METADATA = {**RENDER_METADATA, "autoreset_mode": AutoresetMode.NEXT_STEP}
 
 
 class DeviceVectorEnv(
-    Driven, VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPickle
+    DrivenEnvironment, VectorEnv[Singles, NDArray[np.float32], NDArray[Any]], EzPickle
 ):
     """Many devices of one kind, stepped together by `mujoco.batch.Batch`.
 

@@ -55,7 +55,7 @@ REWARD_TERMS = ("reward_tracking", "reward_effort", "reward_smoothness")
 _TRACKING, _EFFORT, _SMOOTHNESS = range(len(REWARD_TERMS))
 
 
-class Sensors(NamedTuple):
+class AxisSensors(NamedTuple):
     """Sensors of an axis in n environments, and the cost of its error."""
 
     places: IntArray
@@ -102,7 +102,7 @@ class Episodes:
         self._all, self._none = np.ones(count, np.bool_), np.zeros(count, np.bool_)
         self._table = np.zeros((0, 0))
 
-    def _sensors_of(self, n: int) -> Sensors:
+    def _sensors_of(self, n: int) -> AxisSensors:
         exo, count = self.exo, len(self.samples)
         prefix, axis = exo.device.prefixes[n], exo.description.axes[n]
         place = {name: row for row, name in enumerate(self.wiring.names)}
@@ -112,7 +112,7 @@ class Episodes:
             else ("joint_torque_nm", "desired_torque_nm", axis.torque_scale)
         )
         names = exo.observed[n].columns
-        return Sensors(
+        return AxisSensors(
             np.array([place[prefix + name] for name in names]),
             place[prefix + actual],
             place[prefix + wanted],
@@ -292,7 +292,7 @@ def _limit(actions: FloatMatrix, going: BoolArray) -> bool:
 
 @compiled
 def _sense(
-    sensors: Sensors,
+    sensors: AxisSensors,
     past: Past,
     table: FloatMatrix,
     samples: IntArray,

@@ -297,7 +297,7 @@ class WornDevice:
         return ""
 
 
-class Driven:
+class DrivenEnvironment:
     """An environment, as it speaks of its device."""
 
     exo: WornDevice

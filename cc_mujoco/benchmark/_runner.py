@@ -127,8 +127,9 @@ class BenchmarkPlan:
     def cells(self) -> list[Cell]:
         """Return all cells, in the order of tables.
 
-        A plan without cells, with unknown names, or with two cells whose files have the
-        same name is refused.
+        Raises:
+            CableError: If there are none, a name is unknown, or the files of two would
+                have the same name.
         """
         if not self.controllers:
             raise CableError("a benchmark needs at least one controller.")

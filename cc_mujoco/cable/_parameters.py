@@ -546,9 +546,14 @@ class Cable:
         return found
 
     def require_terms(self, holds: Callable[[Term], bool], why: str) -> None:
-        """Refuse the cable where a law does not hold for a term that is on.
+        """Refuse the cable where a law does not hold for it.
 
-        `why` is the law, as the end of a sentence.
+        Args:
+            holds: whether the law holds for a term.
+            why: what law, as the end of a sentence.
+
+        Raises:
+            CableError: a term is on for which it does not.
         """
         for name, term in self.terms.items():
             if not holds(term):

@@ -181,6 +181,12 @@ class AdaptiveModel(PredictiveCompensation):
         return self._estimates[:, :, friction_slope.COEFFICIENT].copy()
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
+        """Return the torque of the motor [N m]; see `Controller.torque`.
+
+        Raises:
+            CableError: A tension is no number, or beyond `guard.MAX_READING`; then
+                nothing changes.
+        """
         tensions = _readings(observation)
         rows = np.size(observation["motor_angle_rad"])
         expected = (rows, *self.taps.noise.shape)

@@ -52,6 +52,11 @@ class External(Controller):
             self._law = self._make_controller(self.drive)
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
+        """Return the torque of the motor [N m]; see `Controller.torque`.
+
+        Raises:
+            CableError: If the function raises, or returns what is not real numbers.
+        """
         with controller_errors(self.name):
             torque = self._law(_Readings(observation))
         given = np.asarray(torque)

@@ -269,9 +269,13 @@ class Bench:
         )
 
     def known(self, constants: Mapping[str, Constant]) -> Bench:
-        """Return the bench with constants of `[rig]` in place of the scene's.
+        """Return the bench with constants of the rig's file in place of the scene's.
 
-        A radius of the joint is refused where the scene's path has the arm.
+        Args:
+            constants: of `[rig]`, see `RIG_CONSTANTS`.
+
+        Raises:
+            CableError: a radius of the joint, where the scene's path has the arm.
         """
         if self.tied and "joint_radius" in constants:
             raise CableError(

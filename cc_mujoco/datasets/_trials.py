@@ -174,7 +174,11 @@ class Trial:
         )
 
     def channel(self, name: str) -> FloatArray:
-        """Return the samples of a channel by its name, as `joint_torque_nm`."""
+        """Return the samples of a channel by its name, for example `joint_torque_nm`.
+
+        Raises:
+            CableError: the trial has no such channel.
+        """
         for kind in (self.tensions, self.others):
             if name in kind:
                 return kind[name]
@@ -245,7 +249,11 @@ class Dataset:
         return bool(self.trials) and all(trial.ends_held for trial in self.trials)
 
     def trial(self, name: str) -> Trial:
-        """Return the trial of that name."""
+        """Return the trial of that name.
+
+        Raises:
+            CableError: there is none.
+        """
         for trial in self.trials:
             if trial.name == name:
                 return trial

@@ -317,11 +317,19 @@ class Plant:
                 )
 
     def model(self, whole: bool = False) -> mujoco.MjModel:
-        """Compile the model, bare (see `strip`) unless it is to be whole."""
+        """Compile the model, bare (see `strip`) unless it is to be whole.
+
+        Raises:
+            CableError: the plant cannot be compiled.
+        """
         return self.spec(whole).compile()
 
     def spec(self, whole: bool = False) -> mujoco.MjSpec:
-        """Return the scene with the values, bare unless it is to be whole."""
+        """Return the scene with the values, bare unless it is to be whole.
+
+        Raises:
+            CableError: it is the plant of an environment, which has no scene.
+        """
         scene = self.scene
         if whole:
             spec = scene.spec.copy()
@@ -339,7 +347,11 @@ class Plant:
 
     @property
     def scene(self) -> Device:
-        """The device with its scene."""
+        """The device with its scene.
+
+        Raises:
+            CableError: it is the plant of an environment, which has no scene.
+        """
         if not isinstance(self.device, Device):
             raise CableError(
                 f"a plant of {self.description.scene!r} has no scene to change: make "

@@ -140,7 +140,11 @@ class Sensors:
         return cls(tuple(nodes), _per_sensor(deviation, len(nodes)))
 
     def on(self, cable: Cable) -> NDArray[np.intp]:
-        """Return the nodes as an array, checked to be on the cable."""
+        """Return the nodes as an array, checked to be on the cable.
+
+        Raises:
+            CableError: a node that the cable does not have.
+        """
         for node in self.nodes:
             if not 0 <= node <= cable.segments:
                 raise CableError(

@@ -311,7 +311,15 @@ class CanLink:
     """A packet in a CAN FD frame; frames with other identifiers are left alone."""
 
     def __init__(self, address: CanAddress, buses: CanBuses | None = None) -> None:
-        """Open the bus, unless it is open already; nothing is sent yet."""
+        """Open the bus, unless it is open already; nothing is sent yet.
+
+        Args:
+            address: On the bus.
+            buses: Those that are open, see `CanPort`.
+
+        Raises:
+            CableError: As `CanPort`.
+        """
         self._address = address
         self._port = CanPort(address, [address.reading_id], fd=True, buses=buses)
         self.ignored, self.where = self._port.ignored, self._port.where
@@ -336,5 +344,13 @@ class CanRig(PacketRig):
     """A rig on a CAN FD bus."""
 
     def __init__(self, address: CanAddress, buses: CanBuses | None = None) -> None:
-        """Open the bus, unless it is open already; nothing is sent yet."""
+        """Open the bus, unless it is open already; nothing is sent yet.
+
+        Args:
+            address: On the bus.
+            buses: Those that are open, see `CanPort`.
+
+        Raises:
+            CableError: As `CanPort`.
+        """
         super().__init__(CanLink(address, buses))

@@ -94,7 +94,11 @@ class DriveRig:
         return self._drive.ignored + Counter(named)
 
     def read(self) -> Readings | None:
-        """Return a reading of motor and joint; see `Rig`."""
+        """Return a reading of motor and joint; see `Rig`.
+
+        Raises:
+            CableError: One of them carries nothing any more.
+        """
         try:
             self._motor = self._drive.read() or self._motor
         except OSError:
@@ -117,7 +121,11 @@ class DriveRig:
         )
 
     def write(self, torque: float) -> None:
-        """Command a torque of the motor [N m]; see `Rig`."""
+        """Command a torque of the motor [N m]; see `Rig`.
+
+        Raises:
+            CableError: One of them carries nothing any more.
+        """
         try:
             self._drive.write(torque / self._gear)
         except OSError:

@@ -84,7 +84,15 @@ class Limiter:
     """
 
     def __init__(self, limits: Limits, period: float) -> None:
-        """Begin at zero torque; `period` is the time between two torques [s]."""
+        """Begin at zero torque.
+
+        Args:
+            limits: That are kept.
+            period: Between two torques [s].
+
+        Raises:
+            CableError: A stop cannot be as fast as requested.
+        """
         self._limit = limits.torque
         self._max_torque_step = limits.torque_rate * period
         self._share = min(1.0, period / limits.soft_start) if limits.soft_start else 1.0

@@ -190,11 +190,18 @@ class Loop:
     ) -> None:
         """Prepare; nothing is sent yet.
 
-        Of several `axes` each has a name. `law` has the period of the loop; of several
-        axes it sees columns that begin with the name of the axis, as that of
-        `control.axes_controller`, and returns the torque of every motor. `stop` is
-        called twice a cycle; it returns whether to end, and why. `windings` are how far
-        the joints wind cables that pull no round pulley.
+        Args:
+            axes: What is driven, at least one; of several each has a name.
+            law: The controller, with the period of the loop. Of several axes it sees
+                columns that begin with the name of the axis, as that of
+                `control.axes_controller`, and returns the torque of every motor.
+            clock: That the cycles follow.
+            log: Takes the rows.
+            stop: Called twice a cycle; returns whether to end, and why.
+            windings: How far the joints wind cables that pull no round pulley.
+
+        Raises:
+            CableError: A stop cannot be as fast as requested.
         """
         self._law, self._clock, self._log, self._stop = law, clock, log, stop
         self._windings = windings

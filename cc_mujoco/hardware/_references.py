@@ -44,7 +44,15 @@ class TorqueTable:
         return float(np.interp(time, self.times, self.torques))
 
     def require_within(self, drive: Drive, limits: Limits) -> None:
-        """Find out, before a rig is touched, if the motor can give these torques."""
+        """Find out, before a rig is touched, whether the motor can give these torques.
+
+        Args:
+            drive: Of the rig, with the torques that the motor may give.
+            limits: That are kept.
+
+        Raises:
+            CableError: It cannot, were there no friction, or the run would be stopped.
+        """
         most = float(max(self.torques, key=abs))
         low, high = drive.reach
         if abs(most) > limits.joint_torque:

@@ -126,8 +126,15 @@ class RunLog:
     ) -> None:
         """Begin both files.
 
-        `about` are the settings of the run, as JSON, `rows` those of a block. `axes`
-        are the names of those that are driven; an empty one of a device with one.
+        Args:
+            folder: Where; made if need be.
+            about: The settings of the run, as JSON.
+            rows: Of a block.
+            name: Of the files.
+            axes: Names of the axes that are driven; an empty one of a device with one.
+
+        Raises:
+            CableError: As `require_free`.
         """
         require_free(folder, name)
         rows_file, about_file = files_of(name)
@@ -176,7 +183,14 @@ class RunLog:
             self.flush()
 
     def close(self, outcome: Mapping[str, Any]) -> None:
-        """End both files."""
+        """End both files.
+
+        Args:
+            outcome: How it went, as JSON.
+
+        Raises:
+            CableError: The rows left over, or the page, cannot be written.
+        """
         try:
             self.flush()
         finally:
@@ -184,7 +198,11 @@ class RunLog:
             self._tell(outcome)
 
     def flush(self) -> None:
-        """Write the rows that are left over."""
+        """Write the rows that are left over.
+
+        Raises:
+            CableError: They cannot be written.
+        """
         data = "".join(f"{row}\n" for row in self._block).encode()
         self._block.clear()
         if data and not self._disk_is_full:

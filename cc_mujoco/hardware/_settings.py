@@ -133,11 +133,22 @@ class Settings:
         return rig_address(self.rig)
 
     def connect(self, buses: CanBuses | None = None) -> Rig:
-        """Make the rig that `[rig]` names."""
+        """Make the rig that `[rig]` names.
+
+        Args:
+            buses: Open CAN buses that it shares with other axes.
+
+        Raises:
+            CableError: It cannot be made.
+        """
         return connect_rig(self.rig, {} if buses is None else buses)
 
     def drive(self) -> Drive:
-        """Return the prior knowledge of a controller about the rig."""
+        """Return the prior knowledge of a controller about the rig.
+
+        Raises:
+            CableError: There is no such device or axis.
+        """
         return drive_of(
             self.device(),
             self.path.parent,
@@ -176,7 +187,11 @@ class Settings:
     def firm(self, drive: Drive) -> Stiffness:
         """Return the stiffness with which the motor is held on the course of a trial.
 
-        The motor's inertia must be known unless `[servo]` says all.
+        Args:
+            drive: Of the rig.
+
+        Raises:
+            CableError: The motor's inertia is not known and `[servo]` does not say all.
         """
         given = _numbers(self.servo, Stiffness)
         if len(given) == len(dataclasses.fields(Stiffness)):
@@ -185,7 +200,14 @@ class Settings:
         return _construct(Stiffness, self.servo, {**usual, **given})
 
     def desired(self, duration: float) -> Desired:
-        """Make the desired torque that `[task]` names."""
+        """Make the desired torque that `[task]` names.
+
+        Args:
+            duration: Of the run [s].
+
+        Raises:
+            CableError: It cannot be made.
+        """
         table = self.task
         if (torque := table.number("torque")) is not None:
             return constant_course(torque)
@@ -203,7 +225,15 @@ class Settings:
 
 
 def read_settings(path: str | Path, allow: str | Iterable[str] = ()) -> Settings:
-    """Read a `rig.toml` that drives one axis; see `read_axes`."""
+    """Read a `rig.toml` that drives one axis.
+
+    Args:
+        path: Of the file.
+        allow: As of `read_axes`.
+
+    Raises:
+        CableError: As `read_axes`, or it drives several.
+    """
     first, *others = read_axes(path, allow)
     if others:
         names = ", ".join(str(each.axis) for each in (first, *others))

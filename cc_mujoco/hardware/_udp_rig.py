@@ -46,5 +46,9 @@ class UdpRig(PacketRig):
     """A rig behind UDP; it answers the sender of its last command."""
 
     def __init__(self, host: str, port: int) -> None:
-        """Open a socket; nothing is sent yet."""
+        """Open a socket; nothing is sent yet.
+
+        Raises:
+            CableError: The address means no machine.
+        """
         super().__init__(_UdpLink(host, port))

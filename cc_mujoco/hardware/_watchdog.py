@@ -211,8 +211,16 @@ class Watch:
     ) -> None:
         """Begin with the first cycle.
 
-        `unmeasured` are joints that wind its cables and that the rig does not measure;
-        all but the driven one by default.
+        Args:
+            limits: Of what is measured.
+            watchdog: How long something may be amiss.
+            drive: Of the rig.
+            unmeasured: Joints that wind its cables and that the rig does not measure;
+                all but the driven one by default.
+
+        Raises:
+            CableError: Tension is limited, and the model cannot tell it, or the cables
+                have more to begin with.
         """
         self._limits, self._watchdog, self._drive = limits, watchdog, drive
         if unmeasured is None:

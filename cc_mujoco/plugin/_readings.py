@@ -77,6 +77,15 @@ class Reader:
     """Reader of one cable of a model, with its lookups done once."""
 
     def __init__(self, model: mujoco.MjModel, name: str) -> None:
+        """Look the cable up.
+
+        Args:
+            model: the model.
+            name: the cable.
+
+        Raises:
+            CableError: the model has no cable of that name.
+        """
         index = _instance(model, name)
         cable = cable_of(model, index, name)
         self.name = name

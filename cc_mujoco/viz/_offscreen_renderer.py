@@ -105,10 +105,15 @@ class OffscreenRenderer:
     ) -> None:
         """Aim the camera at the moving parts, and draw the static ones.
 
-        MuJoCo's free camera looks on if the model has no other. Cables with a route are
-        drawn; `highest` is the tension of the brightest colour [N]. `poses` (T, nq)
-        will be drawn, and all of them are in the picture of `size`, height and width
-        [pixels].
+        Args:
+            model: Compiled model; MuJoCo's free camera looks on if it has no other.
+            cables: Names of cables; those with a route are drawn.
+            highest: Tension of the brightest colour [N].
+            poses: Some of those that will be drawn (T, nq), to have all in the picture.
+            size: Height and width of the pictures [pixels].
+
+        Raises:
+            CableError: If there is no OpenGL.
         """
         self._model = model = copy.copy(model)
         self._capsules = Capsules(model, cables, highest)

@@ -31,7 +31,7 @@ from cc_mujoco.benchmark._conditions import (
 )
 from cc_mujoco.benchmark._structure import hidden_effect
 from cc_mujoco.cable import Cable
-from cc_mujoco.cable._parameters import BENDS, PATHS
+from cc_mujoco.cable._cable import BENDS, PATHS
 from cc_mujoco.device import Device, Plant, find_device
 from cc_mujoco.device._drive import CableDrive, Drive
 from cc_mujoco.device._sensors import BIAS

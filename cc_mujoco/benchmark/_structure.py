@@ -20,7 +20,7 @@ import numpy as np
 
 from cc_mujoco.benchmark._actuation import PLAIN, Actuation
 from cc_mujoco.cable import PATHS, Cable
-from cc_mujoco.cable._parameters import BENDS
+from cc_mujoco.cable._cable import BENDS
 from cc_mujoco.device import Axis, Device, DeviceModel, Plant, Value
 
 LAG = 0.005

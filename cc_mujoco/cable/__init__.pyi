@@ -1,3 +1,9 @@
+from ._cable import ENDS as ENDS
+from ._cable import PARAMETERS as PARAMETERS
+from ._cable import PATHS as PATHS
+from ._cable import TERMS as TERMS
+from ._cable import Cable as Cable
+from ._cable import Section as Section
 from ._conduit import Conduit as Conduit
 from ._conduit import Replay as Replay
 from ._conduit import packed_parameters as packed_parameters
@@ -5,11 +11,5 @@ from ._conduit import replay as replay
 from ._conduit import rest_state as rest_state
 from ._parameter import Parameter as Parameter
 from ._parameter import Term as Term
-from ._parameters import ENDS as ENDS
-from ._parameters import PARAMETERS as PARAMETERS
-from ._parameters import PATHS as PATHS
-from ._parameters import TERMS as TERMS
-from ._parameters import Cable as Cable
-from ._parameters import Section as Section
 from ._pulleys import Driven as Driven
 from ._pulleys import Transmission as Transmission

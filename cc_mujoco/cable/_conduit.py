@@ -22,10 +22,10 @@ from cc_mujoco._utils.arguments import MAX_FORCE, numbers, require_kind
 from cc_mujoco._utils.exclusive import exclusive
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as layout
+from cc_mujoco.cable._cable import PARAMETERS, Cable, Section
 from cc_mujoco.cable._friction import drag, holding_coefficient, ratio
 from cc_mujoco.cable._mesh import lay_segments, segment_wraps
 from cc_mujoco.cable._parameter import Parameter
-from cc_mujoco.cable._parameters import PARAMETERS, Cable, Section
 from cc_mujoco.errors import CableError, shown
 from cc_mujoco.native import ByteMatrix, FloatArray, FloatMatrix, compiled, interrupted
 

@@ -23,9 +23,9 @@ from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as layout
 from cc_mujoco.cable import _moving_path as moving_path
 from cc_mujoco.cable import _stepper as stepper
+from cc_mujoco.cable._cable import Cable
 from cc_mujoco.cable._conduit import packed_parameters
 from cc_mujoco.cable._pack import set_path
-from cc_mujoco.cable._parameters import Cable
 from cc_mujoco.cable._pulleys import Driven
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal, interrupted

@@ -16,8 +16,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+from cc_mujoco.cable._cable import PARAMETERS, TERMS
 from cc_mujoco.cable._parameter import Term
-from cc_mujoco.cable._parameters import PARAMETERS, TERMS
 from cc_mujoco.native import FloatArray, compiled, internal
 
 INDEX = {parameter.name: i for i, parameter in enumerate(PARAMETERS)}

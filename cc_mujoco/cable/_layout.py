@@ -28,7 +28,7 @@ State vector:
 
 from __future__ import annotations
 
-from cc_mujoco.cable._parameters import PARAMETERS
+from cc_mujoco.cable._cable import PARAMETERS
 from cc_mujoco.native import FloatArray, compiled, internal
 
 SCALARS = len(PARAMETERS)

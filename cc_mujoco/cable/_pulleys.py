@@ -23,10 +23,10 @@ from numpy.typing import ArrayLike
 from cc_mujoco._utils.arguments import MAX_FORCE, numbers, require_kind
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _stepper as stepper
+from cc_mujoco.cable._cable import Cable
 from cc_mujoco.cable._conduit import MAX_TRAVEL, TIME_STEP, require_no_overflow
 from cc_mujoco.cable._layout import tensions
 from cc_mujoco.cable._parameter import Parameter
-from cc_mujoco.cable._parameters import Cable
 from cc_mujoco.errors import CableError, shown
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled, interrupted
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as at
+from cc_mujoco.cable._cable import Cable
 from cc_mujoco.cable._conduit import packed_parameters
-from cc_mujoco.cable._parameters import Cable
 from cc_mujoco.native import ByteMatrix, FloatMatrix, compiled
 
 Floats = NDArray[np.float64]

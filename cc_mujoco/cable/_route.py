@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _open_path as open_path
+from cc_mujoco.cable._cable import Cable
 from cc_mujoco.cable._conduit import packed_parameters
-from cc_mujoco.cable._parameters import Cable
 
 Floats = NDArray[np.float64]
 """Numbers of double precision."""

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cc_mujoco.cable._cable import Cable
 from cc_mujoco.cable._conduit import packed_parameters, segment_lengths
 from cc_mujoco.cable._kernel import segment_angles
 from cc_mujoco.cable._parameter import Term
-from cc_mujoco.cable._parameters import Cable
 from cc_mujoco.native import FloatArray
 
 

@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 from cc_mujoco.cable import _eccentric as eccentric
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _root as root
+from cc_mujoco.cable._cable import PARAMETERS, Cable
 from cc_mujoco.cable._conduit import packed_parameters
 from cc_mujoco.cable._layout import node_stiffness, scalars, tensions
-from cc_mujoco.cable._parameters import PARAMETERS, Cable
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 
 Counts = NDArray[np.int64]

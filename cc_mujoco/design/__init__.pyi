@@ -8,5 +8,5 @@ from ._pareto import read_limits as read_limits
 from ._pareto import read_objectives as read_objectives
 from ._plan import Plan as Plan
 from ._plan import make_plan as make_plan
-from ._study_spec import Execution as Execution
-from ._study_spec import StudySpec as StudySpec
+from ._whatif_options import Execution as Execution
+from ._whatif_options import StudySpec as StudySpec

@@ -18,7 +18,7 @@ from cc_mujoco._utils.command_options import (
     option_help,
     progress_options,
 )
-from cc_mujoco.design._study_spec import Execution, StudySpec
+from cc_mujoco.design._whatif_options import Execution, StudySpec
 from cc_mujoco.errors import CableError
 
 MAX_REASONS = 3

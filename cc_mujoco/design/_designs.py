@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from cc_mujoco._utils.csv_files import read_sheet
 from cc_mujoco._utils.toml_table import read_toml
 from cc_mujoco.cable._parameter import Parameter
-from cc_mujoco.design._study_spec import Given
+from cc_mujoco.design._whatif_options import Given
 from cc_mujoco.device import Nominal
 from cc_mujoco.device._variables import VARIABLES, Value, find
 from cc_mujoco.errors import CableError

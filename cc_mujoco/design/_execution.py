@@ -22,7 +22,7 @@ from cc_mujoco.design._evaluation import episodes
 from cc_mujoco.design._plan import Plan, make_plan
 from cc_mujoco.design._results_store import Store
 from cc_mujoco.design._search import run_batches, search
-from cc_mujoco.design._study_spec import (
+from cc_mujoco.design._whatif_options import (
     DEFAULT_CONTROLLERS,
     HERE,
     Assignments,

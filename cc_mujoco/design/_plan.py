@@ -66,7 +66,7 @@ from cc_mujoco.design._study_metrics import (
     require_axes,
     split_metric,
 )
-from cc_mujoco.design._study_spec import Assignments, Given, StudySpec
+from cc_mujoco.design._whatif_options import Assignments, Given, StudySpec
 from cc_mujoco.device import Axis, Device, load_device
 from cc_mujoco.device._device_files import is_device_file
 from cc_mujoco.device._variables import split

@@ -15,7 +15,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from cc_mujoco.cable._parameters import PARAMETERS
+from cc_mujoco.cable._cable import PARAMETERS
 from cc_mujoco.design._designs import Range
 from cc_mujoco.design._local_sensitivity import (
     OBJECTIVE_TOLERANCE,

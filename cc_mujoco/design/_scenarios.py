@@ -19,7 +19,7 @@ import numpy as np
 
 from cc_mujoco._validation import require_dictionary
 from cc_mujoco.design._designs import Range, grid, read_range, require_count
-from cc_mujoco.design._study_spec import Given
+from cc_mujoco.design._whatif_options import Given
 from cc_mujoco.device import Device, Nominal, Plant
 from cc_mujoco.device._variables import CONFLICTS, VARIABLES, WEARER, Value, find, split
 from cc_mujoco.errors import CableError, look_up

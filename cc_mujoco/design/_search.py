@@ -32,7 +32,7 @@ from cc_mujoco.design._pareto import Objective
 from cc_mujoco.design._plan import GENERATION, PIECE, Plan, batches_of, require_optuna
 from cc_mujoco.design._results_store import Store
 from cc_mujoco.design._study_metrics import number_columns
-from cc_mujoco.design._study_spec import HERE, Execution
+from cc_mujoco.design._whatif_options import HERE, Execution
 from cc_mujoco.device import Device
 from cc_mujoco.errors import CableError
 

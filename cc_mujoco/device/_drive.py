@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from cc_mujoco._validation import require_parameter
-from cc_mujoco.cable._parameters import Cable
+from cc_mujoco.cable._cable import Cable
 from cc_mujoco.device._observation import Observed
 from cc_mujoco.device._sensors import Sensors
 from cc_mujoco.errors import CableError

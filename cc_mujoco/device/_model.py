@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco import plugin
-from cc_mujoco.cable._parameters import PATHS
+from cc_mujoco.cable._cable import PATHS
 from cc_mujoco.device import Plant
 from cc_mujoco.device._axis_record import AXIS, Physics
 from cc_mujoco.device._description import Axis, Description

@@ -21,7 +21,7 @@ import numpy as np
 
 from cc_mujoco import plugin
 from cc_mujoco._validation import require_dictionary
-from cc_mujoco.cable._parameters import KEYS, PATHS, Cable, Section
+from cc_mujoco.cable._cable import KEYS, PATHS, Cable, Section
 from cc_mujoco.device import _wearer_scaling as wearer_scaling
 from cc_mujoco.device._description import Axis, Description
 from cc_mujoco.device._device import Device, Nominal, find_device

@@ -15,7 +15,7 @@ from typing import Any
 
 import mujoco
 
-from cc_mujoco.cable._parameters import BENDS, PATHS, Cable
+from cc_mujoco.cable._cable import BENDS, PATHS, Cable
 from cc_mujoco.plugin import PLUGIN
 
 ARENA_BYTES = 1 << 16

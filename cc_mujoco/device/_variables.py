@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 
+from cc_mujoco.cable._cable import KEYS, MAX_SEGMENTS, PARAMETERS
 from cc_mujoco.cable._parameter import Parameter
-from cc_mujoco.cable._parameters import KEYS, MAX_SEGMENTS, PARAMETERS
 from cc_mujoco.device._materials import ENDS, MATERIALS
 from cc_mujoco.device._motors import MOTORS
 from cc_mujoco.errors import CableError

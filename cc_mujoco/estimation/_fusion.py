@@ -34,7 +34,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cc_mujoco._utils.arguments import MAX_FORCE, numbers, require_kind
 from cc_mujoco._validation import require_number
-from cc_mujoco.cable._parameters import Cable
+from cc_mujoco.cable._cable import Cable
 from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.device._sensors import Sensors
 from cc_mujoco.errors import CableError, look_up, shown

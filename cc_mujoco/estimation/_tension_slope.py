@@ -31,8 +31,8 @@ from numpy.typing import ArrayLike, NDArray
 from cc_mujoco._utils.arguments import numbers, require_kind
 from cc_mujoco._utils.exclusive import exclusive
 from cc_mujoco._validation import require_number
+from cc_mujoco.cable._cable import Cable
 from cc_mujoco.cable._parameter import Term
-from cc_mujoco.cable._parameters import Cable
 from cc_mujoco.device._sensors import Sensors
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation._recursive import RecursiveLeastSquares

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cc_mujoco._utils.arguments import MAX_FORCE, numbers
+from cc_mujoco.cable._cable import Cable
 from cc_mujoco.cable._conduit import packed_parameters
 from cc_mujoco.cable._kernel import segment_angles
-from cc_mujoco.cable._parameters import Cable
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
 

@@ -20,8 +20,8 @@ import numpy as np
 
 from cc_mujoco._utils.provenance import POLICY_ENDING, is_user_controller
 from cc_mujoco.cable import PARAMETERS
+from cc_mujoco.cable._cable import TERMS
 from cc_mujoco.cable._parameter import Parameter
-from cc_mujoco.cable._parameters import TERMS
 from cc_mujoco.control import (
     CONTROLLERS,
     AdaptiveModel,

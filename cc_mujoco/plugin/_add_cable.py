@@ -31,7 +31,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.cable._parameters import KEYS, Cable, Section
+from cc_mujoco.cable._cable import KEYS, Cable, Section
 from cc_mujoco.errors import CableError
 from cc_mujoco.plugin._engine import PLUGIN
 from cc_mujoco.plugin._mjcf import to_mjcf

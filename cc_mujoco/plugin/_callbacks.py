@@ -34,7 +34,7 @@ from mujoco.introspect.enums import ENUMS
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as layout
 from cc_mujoco.cable import _moving_path as moving_path
-from cc_mujoco.cable._parameters import MAX_SECTIONS
+from cc_mujoco.cable._cable import MAX_SECTIONS
 from cc_mujoco.plugin import _attachments as attachments
 from cc_mujoco.plugin import _config as config
 from cc_mujoco.plugin import _evaluate as evaluating

@@ -13,9 +13,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from cc_mujoco.cable._friction import DRAG_TERMS
-from cc_mujoco.cable._open_path import ROLLING as ROLLING
-from cc_mujoco.cable._parameters import (
+from cc_mujoco.cable._cable import (
     BEND_ALLOWED,
     BENDS,
     CONDUIT_ALLOWED,
@@ -36,6 +34,8 @@ from cc_mujoco.cable._parameters import (
     SEGMENTS_ALLOWED,
     Cable,
 )
+from cc_mujoco.cable._friction import DRAG_TERMS
+from cc_mujoco.cable._open_path import ROLLING as ROLLING
 from cc_mujoco.native import compiled, internal
 from cc_mujoco.plugin._engine import REQUIRED
 from cc_mujoco.plugin._ffi import Bytes, FloatMatrix, append, quote, text

@@ -10,8 +10,8 @@ from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as layout
 from cc_mujoco.cable import _moving_path as moving_path
 from cc_mujoco.cable import _nodes as nodes
+from cc_mujoco.cable._cable import MAX_SECTIONS
 from cc_mujoco.cable._friction import INDEX
-from cc_mujoco.cable._parameters import MAX_SECTIONS
 from cc_mujoco.plugin import _attachments as attachments
 from cc_mujoco.plugin import _config as config
 from cc_mujoco.plugin import _instance_data as blocks

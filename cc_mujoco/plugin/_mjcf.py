@@ -25,7 +25,7 @@ import mujoco
 import numpy as np
 
 from cc_mujoco._utils.arguments import require_kind
-from cc_mujoco.cable._parameters import KEYS, PARAMETERS, Cable
+from cc_mujoco.cable._cable import KEYS, PARAMETERS, Cable
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.plugin._engine import PLUGIN, REQUIRED
 from cc_mujoco.plugin._registration import plugin_slot

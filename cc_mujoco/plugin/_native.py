@@ -12,7 +12,7 @@ from typing import Any
 
 import mujoco
 
-from cc_mujoco.cable._parameters import KEYS
+from cc_mujoco.cable._cable import KEYS
 from cc_mujoco.native import _library as native_library
 from cc_mujoco.native._c99 import UNARY, CLibrary, Function, KnownCall
 from cc_mujoco.native._entries import entries_text

@@ -15,8 +15,8 @@ import numpy as np
 
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as layout
+from cc_mujoco.cable._cable import BENDS, PATHS, Cable
 from cc_mujoco.cable._coupled_route import CoupledPath
-from cc_mujoco.cable._parameters import BENDS, PATHS, Cable
 from cc_mujoco.cable._route import Route
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray, compiled

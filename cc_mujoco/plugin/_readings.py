@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from cc_mujoco._utils.arguments import require_kind
 from cc_mujoco.cable import _kernel as kernel
+from cc_mujoco.cable._cable import BENDS, PATHS
 from cc_mujoco.cable._conduit import packed_parameters
-from cc_mujoco.cable._parameters import BENDS, PATHS
 from cc_mujoco.cable._reading import (
     PATH_MEMORY,
     guided_compliance,

@@ -10,7 +10,7 @@ from typing import Any
 
 import mujoco
 
-from cc_mujoco.cable._parameters import KEYS
+from cc_mujoco.cable._cable import KEYS
 from cc_mujoco.native import _library as native_library
 from cc_mujoco.plugin._engine import LIBRARY, PLUGIN
 

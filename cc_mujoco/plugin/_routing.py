@@ -10,7 +10,7 @@ import numpy as np
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as layout
 from cc_mujoco.cable import _pack as prepare
-from cc_mujoco.cable._parameters import MAX_SECTIONS
+from cc_mujoco.cable._cable import MAX_SECTIONS
 from cc_mujoco.plugin import _attachments as attachments
 from cc_mujoco.plugin import _config as config
 from cc_mujoco.plugin import _instance_data as blocks

@@ -12,7 +12,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from cc_mujoco.cable._parameters import KEYS
+from cc_mujoco.cable._cable import KEYS
 from cc_mujoco.errors import CableError, require_utf8
 from cc_mujoco.plugin._engine import PLUGIN
 from cc_mujoco.plugin._registration import warned_digests

@@ -9,8 +9,8 @@ import numpy as np
 
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as layout
+from cc_mujoco.cable._cable import MAX_SECTIONS
 from cc_mujoco.cable._friction import INDEX
-from cc_mujoco.cable._parameters import MAX_SECTIONS
 from cc_mujoco.plugin import _attachments as attachments
 from cc_mujoco.plugin import _config as config
 from cc_mujoco.plugin import _implicit_ends as implicit_ends

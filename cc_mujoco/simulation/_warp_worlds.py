@@ -14,7 +14,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from cc_mujoco.cable._parameters import BREAK_AWAY, TERMS
+from cc_mujoco.cable._cable import BREAK_AWAY, TERMS
 from cc_mujoco.device import Device, Plant
 from cc_mujoco.device._axis_record import Physics
 from cc_mujoco.device._device import bare_model

@@ -10,8 +10,8 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from cc_mujoco import plugin
+from cc_mujoco.cable._cable import PATHS
 from cc_mujoco.cable._conduit import node_places
-from cc_mujoco.cable._parameters import PATHS
 from cc_mujoco.viz._entity_path import Branch
 from cc_mujoco.viz._frame_times import frame_slices
 from cc_mujoco.viz._scene3d import TIMELINE, WORLD

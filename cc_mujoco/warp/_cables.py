@@ -13,10 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as at
+from cc_mujoco.cable._cable import ENDS, PATHS, TERMS, Cable
 from cc_mujoco.cable._conduit import packed_parameters
 from cc_mujoco.cable._friction import INDEX
 from cc_mujoco.cable._newmark import IMPLICIT_LIMIT, STABILITY_LIMIT
-from cc_mujoco.cable._parameters import ENDS, PATHS, TERMS, Cable
 from cc_mujoco.cable._reading import (
     PATH_MEMORY,
     CableReading,

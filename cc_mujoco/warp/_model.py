@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.cable import _kernel as kernel
-from cc_mujoco.cable._parameters import BENDS, PATHS, Cable
+from cc_mujoco.cable._cable import BENDS, PATHS, Cable
 from cc_mujoco.cable._route import Route
 from cc_mujoco.errors import CableError
 

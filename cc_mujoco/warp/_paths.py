@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from cc_mujoco.cable import _open_path as open_path
 from cc_mujoco.cable import _path_geometry as geometry
-from cc_mujoco.cable._parameters import Cable
+from cc_mujoco.cable._cable import Cable
 from cc_mujoco.cable._route import Route
 from cc_mujoco.warp._path_kernels import PathRows, add_pulls, path_kernels
 from cc_mujoco.warp._place_kernels import Links, Pose

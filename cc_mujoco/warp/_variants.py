@@ -13,7 +13,7 @@ from cc_mujoco.cable import _nodes as nodes
 from cc_mujoco.cable import _open_path as open_path
 from cc_mujoco.cable import _pack as pack
 from cc_mujoco.cable import _path_geometry as geometry
-from cc_mujoco.cable._parameters import PARAMETERS, TERMS
+from cc_mujoco.cable._cable import PARAMETERS, TERMS
 from cc_mujoco.cable._route import Route
 from cc_mujoco.native._fold import Known
 

@@ -38,7 +38,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cc_mujoco.cable._parameters import Cable
+from cc_mujoco.cable._cable import Cable
 from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray

@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from cc_mujoco.cable import Cable, Section
-from cc_mujoco.cable._parameters import MAX_LENGTH, MAX_WRAP
+from cc_mujoco.cable._cable import MAX_LENGTH, MAX_WRAP
 
 CABLES = {
     "coulomb": lambda r: {},

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from cable.random_cables import sections
 from cc_mujoco.cable import PARAMETERS, TERMS, Cable
-from cc_mujoco.cable._parameters import KEYS
+from cc_mujoco.cable._cable import KEYS
 from cc_mujoco.errors import CableError
 
 BAD_NUMBERS = [

@@ -11,7 +11,7 @@ import mujoco
 import pytest
 
 from cc_mujoco.assets import scene_path
-from cc_mujoco.cable._parameters import KEYS
+from cc_mujoco.cable._cable import KEYS
 from cc_mujoco.errors import CableError
 from cc_mujoco.export import _plugin_library, write_plugin, write_plugin_source
 from cc_mujoco.native._library import digest

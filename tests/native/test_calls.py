@@ -13,7 +13,7 @@ from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _nodes as nodes
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.cable import packed_parameters, rest_state
-from cc_mujoco.cable._parameters import Cable
+from cc_mujoco.cable._cable import Cable
 
 CABLE = Cable(axial_stiffness=1e4, pretension=10.0, friction=0.1, segments=3)
 N = CABLE.segments

@@ -8,7 +8,7 @@ import mujoco
 import pytest
 
 from cc_mujoco.cable import PARAMETERS
-from cc_mujoco.cable._parameters import BEND_ALLOWED, CONDUIT_ALLOWED
+from cc_mujoco.cable._cable import BEND_ALLOWED, CONDUIT_ALLOWED
 from cc_mujoco.errors import CableError
 from cc_mujoco.plugin import PLUGIN, from_mjcf
 from cc_mujoco.plugin._engine import REQUIRED

@@ -13,7 +13,7 @@ from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable import _moving_path as moving_path
 from cc_mujoco.cable import _nodes as nodes
 from cc_mujoco.cable import _pack as pack
-from cc_mujoco.cable._parameters import TERMS
+from cc_mujoco.cable._cable import TERMS
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import compiled
 from cc_mujoco.native._fold import Known

@@ -10,7 +10,7 @@ pytest.importorskip("warp")
 import warp as wp
 
 from cable.random_cables import CABLES
-from cc_mujoco.cable._parameters import TERMS
+from cc_mujoco.cable._cable import TERMS
 from warp_cables.term_motions import Runs, by_native, by_warp, errors, random_runs
 
 GUIDED_TERMS = frozenset(

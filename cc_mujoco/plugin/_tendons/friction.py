@@ -28,7 +28,7 @@ from typing import Any, TypeAlias, TypeVar
 
 import mujoco
 
-from cc_mujoco.cable._parameters import (
+from cc_mujoco.cable._cable import (
     KEYS,
     MAX_LENGTH,
     MAX_SEGMENTS,

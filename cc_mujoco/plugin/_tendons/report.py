@@ -20,8 +20,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from cc_mujoco.cable._cable import PATHS, ROLLER, Cable
 from cc_mujoco.cable._open_path import MIN_NODE_LENGTH
-from cc_mujoco.cable._parameters import PATHS, ROLLER, Cable
 from cc_mujoco.errors import CableError
 from cc_mujoco.plugin._config import ROLLING
 from cc_mujoco.plugin._guides import RANDOM_POSES

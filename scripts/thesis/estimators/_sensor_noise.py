@@ -44,7 +44,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import solve_discrete_lyapunov
 from scipy.optimize import nnls
 
-from cc_mujoco.cable._parameters import Cable
+from cc_mujoco.cable._cable import Cable
 from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.device._sensors import Sensors
 from cc_mujoco.estimation._fusion import tension_gains

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cc_mujoco.cable._parameters import PARAMETERS, Cable
+from cc_mujoco.cable._cable import PARAMETERS, Cable
 from cc_mujoco.device._sensors import Sensors
 from cc_mujoco.estimation._tension_slope import require_slope
 from cc_mujoco.estimation._tracks import checked_sample, wrap_angles

@@ -33,9 +33,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cc_mujoco.cable._cable import Cable
 from cc_mujoco.cable._conduit import node_places
 from cc_mujoco.cable._parameter import Term
-from cc_mujoco.cable._parameters import Cable
 from cc_mujoco.device._sensors import Sensors
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation._recursive import RecursiveLeastSquares

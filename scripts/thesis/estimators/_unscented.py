@@ -47,8 +47,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cc_mujoco.cable._cable import PARAMETERS, Cable
 from cc_mujoco.cable._conduit import Replay, node_lengths, replay
-from cc_mujoco.cable._parameters import PARAMETERS, Cable
 from cc_mujoco.estimation._tracks import EstimateTrack, rows, wrap_angles
 from cc_mujoco.native import FloatArray
 

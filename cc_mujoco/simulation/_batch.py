@@ -194,6 +194,7 @@ class Simulation:
         """True where its episode ended with a warning, (1,)."""
         self._model, self._control = device.model, self.data.ctrl
         self._warnings = self.data.warning.number
+        self._buffer, self._rows = np.zeros(0), list(np.zeros((0, 0)))
         self._no_warnings = bytes(self._warnings.nbytes)
         written = [*device.motor_controls, *device.script_controls]
         self._others = np.delete(np.arange(device.model.nu), written)
@@ -214,7 +215,9 @@ class Simulation:
         model, data, given = self._model, self.data, self._control
         if self._others.size:  # those of the user stay what they are
             control[0][:, self._others] = given[self._others]
-        for now in control[0]:
+        if control is not self._buffer:
+            self._buffer, self._rows = control, list(control[0])
+        for now in self._rows:
             given[:] = now
             mujoco.mj_step(model, data)
             if self._warnings.tobytes() != self._no_warnings:
@@ -390,7 +393,6 @@ class Batch:
         columns = self.wiring.columns(self.wiring.read(now, self._samples))
         if self._whole:
             columns |= self.exo.device.read_cables(now.qpos.copy(), state.copy())
-            columns["time_s"] = self._samples * self.exo.sampling
             return columns
         least = np.empty((count, len(self.cables)))
         for place, name in enumerate(self._tensions):

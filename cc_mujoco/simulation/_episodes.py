@@ -198,11 +198,16 @@ class Episodes:
         """
         exo, worlds = self.exo, self.worlds
         going = self._all if going is None else going
-        actions = self._numbers(action, going)
+        terms = np.zeros((len(REWARD_TERMS), len(going)))
+        actions = self._numbers(action)
+        if not _charge(
+            actions, self._actions, going, self._effort, -exo.smoothness, terms
+        ):
+            wrong = actions[~np.isfinite(actions) & going[:, None]]
+            raise CableError(f"an action must be a finite number, not {wrong[0]}.")
         if self._has_history:
             for n, history in enumerate(self._histories):
                 history.act(actions[:, n])
-        terms = np.zeros((len(REWARD_TERMS), len(going)))
         for sample in range(exo.hold):
             if sample and (warned := worlds.warned).any():
                 going = going & ~warned  # what diverged takes no further sample
@@ -211,11 +216,10 @@ class Episodes:
             control = self.wiring.controls(actions, self.samples, going)
             worlds.advance(control, going)
             self._look(going, self._none, terms)
-        _charge(actions, self._actions, self._effort, -exo.smoothness, terms)
         return terms
 
-    def _numbers(self, action: Any, going: Mask) -> NDArray[np.float64]:
-        """Return the actions as numbers in [-1, 1], (n, axes)."""
+    def _numbers(self, action: Any) -> NDArray[np.float64]:
+        """Return the actions as numbers (n, axes), in an array of their own."""
         shape = self._action_shape
         try:
             given = np.asarray(action)
@@ -230,9 +234,6 @@ class Episodes:
             raise CableError(f"an action must be of numbers, not of {given.dtype}.")
         numbers = np.empty(self._actions.shape)
         numbers[...] = given
-        if not _limit(numbers, going):
-            wrong = numbers[~np.isfinite(numbers)]
-            raise CableError(f"an action must be a finite number, not {wrong[0]}.")
         return numbers
 
     def _look(self, going: Mask, fresh: Mask, terms: NDArray[np.float64]) -> None:
@@ -257,15 +258,12 @@ class Episodes:
     def snapshot(self) -> tuple[NDArray[Any], ...]:
         """Return what `columns` needs of now."""
         physics = self.worlds.physics
-        state, samples = physics.plugin_state.copy(), self.samples.copy()
-        return self._table, physics.qpos.copy(), state, samples
+        return self._table, physics.qpos.copy(), physics.plugin_state.copy()
 
     def columns(self, snapshot: Sequence[NDArray[Any]]) -> dict[str, Any]:
         """Return all columns of an episode log at a `snapshot`, (n, ...)."""
-        table, qpos, state, samples = snapshot
-        found = self.wiring.columns(table) | self.exo.device.read_cables(qpos, state)
-        found["time_s"] = samples * self.exo.sampling
-        return found
+        table, qpos, state = snapshot
+        return self.wiring.columns(table) | self.exo.device.read_cables(qpos, state)
 
     def take(self, other: Episodes) -> None:
         """Go on with the episodes of another, of which `worlds` have the state."""
@@ -279,14 +277,33 @@ class Episodes:
 
 
 @compiled
-def _limit(actions: FloatMatrix, going: BoolArray) -> bool:
-    """Cut actions to [-1, 1], 0 in other rows; return whether they are finite."""
+def _charge(
+    actions: FloatMatrix,
+    before: FloatMatrix,
+    going: BoolArray,
+    effort: float,
+    smoothness: float,
+    terms: FloatMatrix,
+) -> bool:
+    """Cut actions to [-1, 1], 0 in other rows, and write the rewards of their use.
+
+    Those of full torque and of a change by 1 are given; `before` becomes `actions`.
+    Where an action of a row that goes on is not finite, do nothing and return False.
+    """
+    axes = actions.shape[1]
     for row in range(actions.shape[0]):
-        for n in range(actions.shape[1]):
-            value = actions[row, n]
-            if going[row] and not np.isfinite(value):
+        for n in range(axes):
+            if going[row] and not np.isfinite(actions[row, n]):
                 return False
-            actions[row, n] = min(max(value, -1.0), 1.0) if going[row] else 0.0
+    for row in range(actions.shape[0]):
+        used, changed = 0.0, 0.0
+        for n in range(axes):
+            share = min(max(actions[row, n], -1.0), 1.0) if going[row] else 0.0
+            used += effort * share * share
+            changed += smoothness * abs(share - before[row, n])
+            actions[row, n], before[row, n] = share, share
+        terms[_EFFORT, row] = used / axes
+        terms[_SMOOTHNESS, row] = changed / axes
     return True
 
 
@@ -333,26 +350,3 @@ def _sense(
         if n == axes - 1:
             reward = -costs[row] / axes
             terms[_TRACKING, row] = terms[_TRACKING, row] + sampling * reward
-
-
-@compiled
-def _charge(
-    actions: FloatMatrix,
-    before: FloatMatrix,
-    effort: float,
-    smoothness: float,
-    terms: FloatMatrix,
-) -> None:
-    """Write the rewards for the effort of the actions and their change.
-
-    Those of full torque and of a change by 1 are given; `before` becomes `actions`.
-    """
-    axes = actions.shape[1]
-    for row in range(actions.shape[0]):
-        used, changed = 0.0, 0.0
-        for n in range(axes):
-            used += effort * actions[row, n] * actions[row, n]
-            changed += smoothness * abs(actions[row, n] - before[row, n])
-            before[row, n] = actions[row, n]
-        terms[_EFFORT, row] = used / axes
-        terms[_SMOOTHNESS, row] = changed / axes

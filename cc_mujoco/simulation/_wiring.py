@@ -97,9 +97,11 @@ class Wiring:
         """Addresses of commands and marks of the part of each row's script, its first
         sample, and that of the next part."""
         self._physics: Physics | None = None
+        self._sampling = exo.sampling
         self._control = np.zeros((count, exo.frame_skip, first.model.nu))
         self.names: list[str] = []
-        """Columns in the order of the table; the clock of each axis follows them."""
+        """Columns in the order of the table; the clock of each axis follows them, and
+        the time."""
         starts = []
         for axis, prefix in zip(first.axes, first.prefixes, strict=True):
             starts.append(len(self.names))
@@ -169,10 +171,10 @@ class Wiring:
             rows = np.arange(len(samples))
             places = [field.ctypes.data + field.strides[0] * rows for field in physics]
             self._places = np.stack(places, axis=1)
-        table = np.empty((len(self.names) + self._axes, len(samples)))
+        table = np.empty((len(self.names) + self._axes + 1, len(samples)))
         given = (
             self._address, self._devices, self._codes, self._parameters, self._rows,
-            samples, self._places, table,
+            samples, self._places, self._sampling, table,
         )  # fmt: skip
         if not _read(*given):
             self._turn(samples)
@@ -186,7 +188,7 @@ class Wiring:
 
     def columns(self, table: NDArray[np.float64]) -> dict[str, Any]:
         """Return the columns of a table by name, each (n,), as views."""
-        return dict(zip(self.names, table, strict=False))
+        return dict(zip(self.names, table, strict=False), time_s=table[-1])
 
 
 def parameters_of(task: Task) -> NDArray[np.float64]:
@@ -264,16 +266,18 @@ def _read(
     scripts: IntMatrix,
     samples: IntArray,
     physics: IntMatrix,
+    sampling: float,
     table: FloatMatrix,
 ) -> bool:
     """Write the columns of all rows; see `_drive` for the result."""
     if not _in_parts(scripts, samples):
         return False
     count = codes.size
-    clocks = table.shape[0] - count
+    clocks = table.shape[0] - count - 1
     found = np.empty(READINGS)
     for row in range(samples.size):
         at = physics[row]
+        table[clocks + count, row] = samples[row] * sampling
         marks = scripts[row, 1] + 8 * MARKS * count * (samples[row] - scripts[row, 2])
         first = 0
         for n in range(count):

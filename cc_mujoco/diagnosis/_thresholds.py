@@ -154,8 +154,11 @@ class Limit:
     rate_window = 0.05
     # Rise of ln(1 / (1 - R²)) of all trials by a delay that makes it certain
     min_late_gain = 0.1
-    # Rise and delay [s] of a single trial: friction makes a slow one late as well
+    # Least ln(1 / (1 - R²)) at that delay: play leads as no torque does
+    min_late_fit = 1.0
+    # Rise, fit and delay [s] of a single trial: friction makes a slow one late as well
     min_own_gain = 0.7
+    min_own_fit = 2.0
     min_own_lag = 0.3
     # Share of a torque that the other need not determine; share that is not explained
     collinear = 1e-3

@@ -283,15 +283,20 @@ def _late_channel(
     steps = {round(trial.step, 9) for trial, _ in known}
     found = []
     if len(steps) == 1:
-        samples, gain = _peak(np.mean([fits for _, fits in known], axis=0))
+        mean = np.mean([fits for _, fits in known], axis=0)
+        samples, gain = _peak(mean, Limit.min_late_fit)
         lag = samples * known[0][0].step
         if gain > Limit.min_late_gain and abs(lag) > Limit.max_plausible_delay:
             found.append(("", lag))
-    for trial, fits in known if not found else ():
-        samples, gain = _peak(fits)
-        lag = samples * trial.step
-        if gain > Limit.min_own_gain and abs(lag) > Limit.min_own_lag:
-            found.append((trial.name, lag))
+    own = []
+    for trial, fits in known:
+        samples, gain = _peak(fits, Limit.min_own_fit)
+        if gain > Limit.min_own_gain and abs(samples * trial.step) > Limit.min_own_lag:
+            own.append((trial.name, samples * trial.step))
+    lags = [lag for _, lag in own]
+    if len(own) > 0.5 * len(known) and np.ptp(lags) > Limit.max_plausible_delay:
+        return []  # play and friction, whose phase is another time in every motion
+    found = found or own
     label = trials[0].labels.get(channel, channel)
     beside = trials[0].labels.get(reference, reference) or "the angles"
     paths = {trial.name: trial.path for trial, _ in known}
@@ -308,9 +313,14 @@ def _late_channel(
     ]
 
 
-def _peak(fits: FloatArray) -> tuple[int, float]:
-    """Return the lag of the best fit [samples], and how much better it is than 0."""
+def _peak(fits: FloatArray, least: float) -> tuple[int, float]:
+    """Return the lag of the best fit [samples], and how much better it is than 0.
+
+    Both are 0 where no lag makes a fit of at `least` this.
+    """
     middle, top = fits.size // 2, int(np.argmax(fits))
+    if fits[top] < least:
+        return 0, 0.0
     return top - middle, float(fits[top] - fits[middle])
 
 

@@ -78,6 +78,30 @@ def test_a_single_late_trial_is_named() -> None:
     assert delay_in(wrong.statement) == pytest.approx(0.6, abs=0.06)
 
 
+def hung(trial: Trial, speed: float, play: float) -> Trial:
+    """Return a trial of friction at the motor, and of play that a weight takes up."""
+    noise = np.random.default_rng(0).normal(0.0, 1.0, (4, trial.time.size))
+    motor = 0.6 * np.sin(speed * trial.time)
+    load = 0.3 * np.sin(motor)
+    rub = 1.3 * np.tanh(np.gradient(motor, trial.time) / 0.05)
+    return replace(
+        trial,
+        motor_angle=motor + 2e-5 * noise[0],
+        joint_angle=motor - 0.5 * play * np.tanh(load / 0.02) + 2e-5 * noise[1],
+        motor_torque=load + rub + 2e-3 * noise[2],
+        joint_torque=load + 2e-3 * noise[3],
+    )
+
+
+@pytest.mark.parametrize("speeds", [(1.0, 4.0, 2.6), (2.0, 3.0)])
+@pytest.mark.parametrize("play", [0.02, 0.07])
+def test_play_and_friction_are_no_delay(speeds: tuple[float, ...], play: float) -> None:
+    """They shift a torque by a quarter of a period, another time in every motion."""
+    known = dataset(duration=16.0).trials
+    trials = [hung(t, w, play) for t, w in zip(known, speeds, strict=False)]
+    assert not check_lead(trials, BENCH)
+
+
 @pytest.mark.study
 @pytest.mark.parametrize("make", ["bristles", "guides", "elements"])
 @pytest.mark.parametrize("trials", ["rich", "human", "restful", "ramps"])

@@ -141,6 +141,8 @@ class NativeFunction:
 def _fit(given: Any, kind: Kind, copies: list[tuple[Any, Any]]) -> Any:
     """Return an argument as the library takes it; note copies of arrays."""
     if isinstance(kind, Structure):
+        if not isinstance(given, tuple) or len(given) != len(kind.fields):
+            return given  # the library refuses it
         return tuple(
             _fit(each, wanted, copies)
             for each, (_, wanted) in zip(given, kind.fields, strict=True)

@@ -42,7 +42,8 @@ static struct {
     int (*PyObject_IsTrue)(PyObject *);
     PyObject *(*PyTuple_New)(Py_ssize_t);
     int (*PyTuple_SetItem)(PyObject *, Py_ssize_t, PyObject *);
-    PyObject *(*PySequence_GetItem)(PyObject *, Py_ssize_t);
+    Py_ssize_t (*PyTuple_Size)(PyObject *);
+    PyObject *(*PyTuple_GetItem)(PyObject *, Py_ssize_t);
     PyObject *(*PyErr_Occurred)(void);
     PyObject *(*PyErr_Format)(PyObject *, const char *, ...);
     void *(*PyEval_SaveThread)(void);
@@ -51,7 +52,6 @@ static struct {
     void (*PyGILState_Release)(int);
     int (*PyErr_CheckSignals)(void);
     void (*Py_IncRef)(PyObject *);
-    void (*Py_DecRef)(PyObject *);
     PyObject *none;
     PyObject *type_error;
 } api;
@@ -80,10 +80,8 @@ typedef union {
 /* What a call has read, and has borrowed, to be given back when it ends. */
 typedef struct {
     Py_buffer views[CC_MOST_PARTS];
-    PyObject *items[CC_MOST_PARTS];
     Cell cells[CC_MOST_PARTS];
     int view_count;
-    int item_count;
     int cell_count;
     bool failed;
 } Call;
@@ -156,14 +154,13 @@ static void take(Call *call, const char **format, PyObject *given)
     } else if (*kind != '(') {
         take_number(call, given, *kind, name);
     } else {
-        for (Py_ssize_t i = 0; **format != ')' && !call->failed; i++) {
-            PyObject *item = api.PySequence_GetItem(given, i);
-            if (item == NULL) {
-                fail(call, name, "a tuple with all of its fields");
-                return;
-            }
-            call->items[call->item_count++] = item;
-            take(call, format, item);
+        const Py_ssize_t size = api.PyTuple_Size(given); /* -1 where it is none */
+        Py_ssize_t i = 0;
+        for (; **format != ')' && !call->failed && i < size; i++) {
+            take(call, format, api.PyTuple_GetItem(given, i));
+        }
+        if (!call->failed && (**format != ')' || i != size)) {
+            fail(call, name, "a tuple with all of its fields");
         }
         ++*format;
     }
@@ -197,7 +194,7 @@ static PyObject *run(void (*function)(const Cell *, Cell *), const char *format,
 {
     Call call;
     PyObject *made = NULL;
-    call.view_count = call.item_count = call.cell_count = 0;
+    call.view_count = call.cell_count = 0;
     call.failed = count != due;
     if (call.failed) {
         api.PyErr_Format(api.type_error, "%zd arguments are given where %zd are due",
@@ -216,9 +213,6 @@ static PyObject *run(void (*function)(const Cell *, Cell *), const char *format,
     }
     while (call.view_count > 0) {
         api.PyBuffer_Release(&call.views[--call.view_count]);
-    }
-    while (call.item_count > 0) {
-        api.Py_DecRef(call.items[--call.item_count]);
     }
     return made;
 }

@@ -72,6 +72,16 @@ def test_another_number_of_dimensions_is_refused() -> None:
         nodes.end_stiffness(packed_parameters(CABLE)[None], N, True)
 
 
+@pytest.mark.parametrize("change", [list, np.array, lambda given: given[:-1], str])
+def test_what_is_no_tuple_of_all_fields_is_refused(change: Any) -> None:
+    """An array of rows would be taken for arrays that it has not."""
+    cables = stepper.make_cables((CABLE,), (1.0,), (1.0,))
+    state, work = rest_state(CABLE)[None], np.empty(kernel.work_size(N))
+    given = change(tuple(cables)) if change is not np.array else np.zeros((20, 20))
+    with pytest.raises(TypeError, match="`cables` must be a tuple with all of its f"):
+        stepper.move(given, state, 1e-3, 0.0, 1e-3, state.copy(), work)
+
+
 def test_a_signal_ends_a_long_call() -> None:
     samples = 3_000_000  # seconds of computing, as the cable moves all the time
     rest, moved = np.zeros(samples), 1e-3 * np.sin(0.01 * np.arange(samples))

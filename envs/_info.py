@@ -18,12 +18,7 @@ class LazyInfo(dict[str, Any]):
     __slots__ = ("_given", "_make")
 
     def __init__(self, make: Callable[..., dict[str, Any]], *given: Any) -> None:
-        """Take the function that computes the entries, which is called at most once.
-
-        Args:
-            make: The function.
-            given: Its arguments.
-        """
+        """Take what computes the entries of what is given, called at most once."""
         self._make: Callable[..., dict[str, Any]] | None = make
         self._given = given
         dict.__setitem__(self, "time_s", _PENDING)

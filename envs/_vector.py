@@ -267,10 +267,7 @@ class DeviceVectorEnv(
         return self._episodes.observation(), reward, terminated, truncated, info
 
     def _final_info(
-        self,
-        observation: Singles,
-        terms: Array,
-        over: NDArray[np.bool_],
+        self, observation: Singles, terms: Array, over: NDArray[np.bool_]
     ) -> dict[str, Any]:
         """Return the `info` of episodes that ended, where the step begins the next."""
         last = np.full(self.num_envs, None, dtype=object)

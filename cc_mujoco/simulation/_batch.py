@@ -69,12 +69,7 @@ class Worlds(Protocol):
         """Bring a simulation to the start of an episode."""
 
     def advance(self, control: Array, going: Mask) -> None:
-        """Advance some simulations by a sample; the others keep their `physics`.
-
-        Args:
-            control: Controls of each physics step, (n, physics steps, controls).
-            going: Mask of the simulations to be advanced, (n,).
-        """
+        """Advance some by a sample, with (n, physics steps, controls)."""
 
 
 class Simulations:
@@ -139,11 +134,7 @@ class Simulations:
 
     @exclusive
     def advance(self, control: Array, going: Mask) -> None:
-        """Advance by the physics steps of a sample; see `Worlds`.
-
-        Raises:
-            mujoco.batch.SimulationError: If MuJoCo raised; see `why`.
-        """
+        """Advance by a sample; see `Worlds`, and `roll` for what it raises."""
         rows = control if going.all() else control[going]
         self.roll(control.shape[1], going, rows)
 

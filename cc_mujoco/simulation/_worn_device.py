@@ -41,15 +41,7 @@ BEYOND_SHARE = 0.02
 
 
 def refuse_unknown(unknown: Mapping[str, Any], env: type) -> None:
-    """Refuse arguments that an environment does not have, and list those it has.
-
-    Args:
-        unknown: What was given in addition to its arguments, by name.
-        env: Its class.
-
-    Raises:
-        CableError: If anything was.
-    """
+    """Refuse arguments that an environment does not have, and list those it has."""
     for name in unknown:
         parameters = inspect.signature(env).parameters.values()
         there = [p.name for p in parameters if p.kind is not p.VAR_KEYWORD]
@@ -158,11 +150,7 @@ class WornDevice:
         self.action_space = Box(-1.0, 1.0, (len(self.drives),), dtype=np.float32)
 
     def drives_of(self, device: DeviceModel) -> tuple[Drive, ...]:
-        """Return what controllers may know of each axis of a device, this or a variant.
-
-        Args:
-            device: The device.
-        """
+        """Return what controllers may know of each axis of this device or a variant."""
         axes = self.description.axes
         return tuple(
             dataclasses.replace(
@@ -262,11 +250,7 @@ class WornDevice:
         return axis_columns(columns, prefixes[axis], prefixes)
 
     def beyond(self, script: Script) -> str:
-        """Return a sentence if a task exceeds its motor, else "".
-
-        Args:
-            script: Of an episode; the demand is that along the reference.
-        """
+        """Return a sentence if a task along a script exceeds its motor, else ""."""
         for n, (axis, task, drive) in enumerate(
             zip(self.description.axes, self.tasks, self.drives, strict=True)
         ):
@@ -313,11 +297,7 @@ class DrivenEnvironment:
         return self.exo.drives
 
     def action(self, torque: Any) -> NDArray[np.float32]:
-        """Return the actions that make the motors give torques [N m].
-
-        Args:
-            torque: Of the only motor (...), or of each motor (..., axes).
-        """
+        """Return the actions of torques [N m]; see `WornDevice.action`."""
         return self.exo.action(torque)
 
 

@@ -557,7 +557,10 @@ def _compare(limits: DriveLimits, spring: FloatArray, memory: FloatArray) -> Non
     torque, scaled = memory[_GOOD + TORQUE], memory[_GAIN] * memory[_PREDICTED]
     gap = abs(scaled - torque) - _GAP_FACTOR * max(abs(torque), abs(scaled))
     given, friction = memory[_GIVEN], _most_friction(spring)
-    beyond = _beyond(limits, spring, given, memory[_TAKEN], friction)
+    beyond = _beyond(limits, spring, given, torque, friction)
+    late = _beyond(limits, spring, given, memory[_TAKEN], friction)
+    # A quick swing is in the one before it is in the other.
+    beyond = 0.5 * (np.sign(beyond) + np.sign(late)) * min(abs(beyond), abs(late))
     agrees = beyond * (scaled - torque) > 0.0
     denied = agrees and gap > _DENIED_SHARE * limits.safe_torque
     if memory[_MISFIT] >= _MAX_DOUBT and memory[_AGREED] > _AGREED_TIME:

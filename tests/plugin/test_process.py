@@ -169,16 +169,22 @@ def test_machine_without_a_compiler_is_told_what_to_install(
 
 
 def test_two_processes_and_their_threads_compile_one_library(
-    quick_compiler: str, tmp_path: Path
+    quick_compiler: str, tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     """Nobody sees half a file of another, and of the killed nothing is left."""
     old, young = tmp_path / "building-old", tmp_path / "building-young"
     for left in (old, young):
         (left / "part").mkdir(parents=True)
     os.utime(old, (0, 0))
+    meeting = tmp_path_factory.mktemp("meeting")
     code = f"""
+import os, pathlib, time
 from concurrent.futures import ThreadPoolExecutor
 from cc_mujoco.native import _library as native_library
+meeting = pathlib.Path({str(meeting)!r})
+(meeting / str(os.getpid())).touch()
+while len([*meeting.iterdir()]) < 2:
+    time.sleep(0.01)
 write = lambda source: source.write_text({ONE!r})
 native_library._kept_name, native_library.write_source = lambda: "libone", write
 library = native_library.library

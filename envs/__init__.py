@@ -74,13 +74,13 @@ def register() -> None:
     """Register every environment with Gymnasium, once; `import cc_mujoco` does it."""
     import gymnasium
 
-    for name, device in {**IDS, "cc_mujoco/Device-v1": None}.items():
+    for name, device in {**IDS, "cc_mujoco/Device-v1": ""}.items():
         if name not in gymnasium.registry:
             gymnasium.register(
                 name,
                 entry_point=f"{__name__}._scalar:DeviceEnv",
                 vector_entry_point=f"{__name__}._vector:DeviceVectorEnv",
-                kwargs={} if device is None else {"device": device},
+                kwargs={"device": device},
             )
     if WALKING not in gymnasium.registry:
         gymnasium.register(WALKING, entry_point=f"{__name__}._walking:WalkingEnv")

@@ -146,12 +146,16 @@ class Column(NamedTuple):
 
 
 def read_course(
-    path: Path, columns: Sequence[Column], interval: float = 0.0
+    path: Path,
+    columns: Sequence[Column],
+    interval: float = 0.0,
+    is_rising: bool = True,
 ) -> tuple[FloatArray, ...]:
     """Return columns over one that increases, without the rows that are all blank.
 
     The first of `columns` is the one that increases, by at least `interval` from row to
-    row, converted; 0 is anything. Arrays (rows,) are converted.
+    row, converted; 0 is anything. None has to unless `is_rising`. Arrays (rows,) are
+    converted.
     """
     names = column_names(path)
     for column in columns:
@@ -172,7 +176,7 @@ def read_course(
     rising, over = columns[0], found[0]
     step = np.diff(over)
     early = np.flatnonzero((step <= 0.0) | (step < interval))
-    if early.size:
+    if is_rising and early.size:
         row, unit = int(early[0]) + 1, rising.factor
         least = f"at least {interval / unit:g} above" if interval else "above"
         raise CableError(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import tyro
 
@@ -24,8 +24,8 @@ class Calibrate:
     scene: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")]
     """A device: a built-in name (`cc-mujoco list`), or your MJCF file."""
     trial: Annotated[Path | None, option_help("FILE")] = None
-    """Measured trial: a table with columns motor_angle_rad and joint_angle_rad, slow,
-    from rest; one on the simulated device unless given."""
+    """Measured trial: a table with columns motor_angle_rad, joint_angle_rad and perhaps
+    time_s, slow, from rest; one on the simulated device unless given."""
     controllers: Names = ()
     """Controllers whose parameters are fitted; all unless given."""
     axis: Name = None
@@ -70,12 +70,24 @@ class Calibrate:
         if self.trial is None:
             trial = calibration_trials([plant])[0]
         else:
-            from cc_mujoco._utils.tables import read_columns
-
-            motor, joint = "motor_angle_rad", "joint_angle_rad"
-            columns = read_columns(self.trial, (motor, joint))
-            trial = HysteresisTrial.of(columns[motor], columns[joint], drive.ratio)
+            trial = HysteresisTrial.of(*_measured_angles(self.trial), drive.ratio)
         found = fit_hysteresis(trial, drive, self.controllers or FITTED)
         write_hysteresis(out, axis.name, found)
         print(f"fitted {', '.join(found)} to {trial.joint_angle.size} samples")
         print(f"wrote {out}: commands read it as SCENE{HYSTERESIS_ENDING}.")
+
+
+def _measured_angles(path: Path) -> list[Any]:
+    """Return the angles of motor and joint in a file, in order of time [rad]."""
+    from cc_mujoco._utils import tables
+    from cc_mujoco._utils.units import ANGLE, CLOCK
+
+    names = tables.column_names(path)
+    columns = [
+        tables.quantity_column(path, names, f"{part}_angle_rad", ANGLE)
+        for part in ("motor", "joint")
+    ]
+    is_timed = any(name.lower().startswith("time") for name in names)
+    if is_timed:
+        columns.insert(0, tables.quantity_column(path, names, "time_s", CLOCK))
+    return [*tables.read_course(path, columns, is_rising=is_timed)][-2:]

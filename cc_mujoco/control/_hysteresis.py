@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 
 LEAST_SAMPLES = 50
 """Fewest samples of a trial."""
+_LEAD = 0.05
+"""Area by which the joint may lead the motor, over that of both ranges."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +84,14 @@ class HysteresisTrial:
                 "the joint turns against the motor in this trial; change the sign of "
                 "one of the two angles."
             )
-        return cls(motor / ratio, joint)
+        wound = motor / ratio
+        loops = np.sum(wound[:-1] * joint[1:] - wound[1:] * joint[:-1])
+        if loops < -_LEAD * np.ptp(wound) * np.ptp(joint):
+            raise CableError(
+                "the joint leads the motor in this trial; are the two angles swapped, "
+                "or the rows in another order than that of time?"
+            )
+        return cls(wound, joint)
 
     @property
     def weights(self) -> Array:

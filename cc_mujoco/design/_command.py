@@ -130,7 +130,7 @@ class WhatIf:
             print(sentence)
         if limits:
             kept = int(within_limits(table, limits).sum())
-            print(f"{kept} keep the limits{'' if kept else ': NONE IS GOOD ENOUGH'}")
+            print(f"{kept} keep the limits")
         print(answer_sentence(RankedStudy.of(plan, table)))
         if half is not None and half.unsettled:
             print(f"WARNING: {timestep_sentence(half)}")

@@ -284,6 +284,8 @@ def markdown(
     parts.append(
         f"The best {min(RANKED_DESIGNS, len(rows))}: the Pareto set (marked *) first, "
         "each part by mean rank in the objectives."
+        if finding.front.any()
+        else "By mean rank in the objectives; none keeps the limits."
     )
     parts.append(_ranking(finding))
     if half is not None:

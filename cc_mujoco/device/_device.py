@@ -252,6 +252,10 @@ def find_device(source: str | Path | Device) -> Device:
     """
     if isinstance(source, Device):
         return source
+    if not str(source):
+        raise CableError(
+            "no device is given; `device` takes its name, its MJCF file or a Device."
+        )
     return load_device(source)
 
 

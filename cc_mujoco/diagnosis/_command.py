@@ -24,7 +24,7 @@ from cc_mujoco.errors import CableError
 class Diagnose:
     """Find the effect that a scene lacks, by measured trials, and add it."""
 
-    interrupted: ClassVar[str] = "nothing was written but a verdict that was reached"
+    interrupted: ClassVar[str] = "nothing was written unless a verdict was reached"
 
     words: Annotated[
         tuple[Path, ...], tyro.conf.Positional, option_help("[SCENE] [DATA ...]")

@@ -348,3 +348,39 @@ def test_a_measured_trial_is_fitted_on_the_command_line(tmp_path: Path) -> None:
     assert main([*words, "--controllers", "linear"]) == 0
     assert 1.3 < tomllib.loads(out.read_text())["bend"]["linear"]["slope"] < 1.7
     assert main(words) == 2
+
+
+@pytest.mark.parametrize(
+    ("header", "change", "says"),
+    [
+        (
+            "joint_angle_rad,motor_angle_rad",
+            lambda rows: rows,
+            "the joint leads",
+        ),
+        ("motor_angle_rad,angle_rad", lambda rows: rows, "no column 'joint_angle_rad'"),
+        (
+            "motor_angle_rad,joint_angle_rad",
+            lambda rows: np.where(rows == rows[70, 1], np.nan, rows),
+            "row 71 of the data is missing",
+        ),
+        (
+            "motor_angle_rad,joint_angle_rad,time_s",
+            lambda rows: np.column_stack([rows, np.arange(len(rows)) % 90]),
+            "column time_s, row 91 of the data: 0 must be above the 89",
+        ),
+    ],
+)
+def test_a_trial_that_is_none_is_refused(
+    header: str, change: Any, says: str, tmp_path: Path, capsys: Any
+) -> None:
+    joint = loops()
+    motor = 0.8 * (1.5 * joint + 0.1 * np.sign(np.gradient(joint)))
+    file, rows = tmp_path / "trial.csv", change(np.stack([motor, joint], axis=1))
+    np.savetxt(file, rows, delimiter=",", header=header, comments="")
+    out = tmp_path / "found.hysteresis.toml"
+    assert (
+        main(["calibrate", "endoscope", "--trial", str(file), "--out", str(out)]) == 2
+    )
+    assert says in capsys.readouterr().err
+    assert not out.exists()

@@ -654,6 +654,12 @@ def test_every_argument_of_another_kind_is_one_sentence(make: Any) -> None:
             make(**{**usual, name: object()})
 
 
+@pytest.mark.parametrize("make", [gymnasium.make, gymnasium.make_vec])
+def test_a_device_of_ones_own_has_to_be_given(make: Any) -> None:
+    with pytest.raises(CableError, match="no device is given"):
+        make("cc_mujoco/Device-v1")
+
+
 def test_stepping_before_reset_is_refused() -> None:
     with pytest.raises(gymnasium.error.ResetNeeded):
         DeviceEnv("wrist").step(np.zeros(1, np.float32))

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 
 from cc_mujoco._utils.command_options import Name, Names, option_help
 from cc_mujoco.errors import CableError
+
+if TYPE_CHECKING:
+    from cc_mujoco._utils.array_files import FloatArray
 
 
 @dataclass(frozen=True)
@@ -77,7 +80,7 @@ class Calibrate:
         print(f"wrote {out}: commands read it as SCENE{HYSTERESIS_ENDING}.")
 
 
-def _measured_angles(path: Path) -> list[Any]:
+def _measured_angles(path: Path) -> tuple[FloatArray, FloatArray]:
     """Return the angles of motor and joint in a file, in order of time [rad]."""
     from cc_mujoco._utils import tables
     from cc_mujoco._utils.units import ANGLE, CLOCK
@@ -90,4 +93,5 @@ def _measured_angles(path: Path) -> list[Any]:
     is_timed = any(name.lower().startswith("time") for name in names)
     if is_timed:
         columns.insert(0, tables.quantity_column(path, names, "time_s", CLOCK))
-    return [*tables.read_course(path, columns, is_rising=is_timed)][-2:]
+    *_, motor, joint = tables.read_course(path, columns, is_rising=is_timed)
+    return motor, joint

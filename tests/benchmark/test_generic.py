@@ -123,6 +123,7 @@ def test_a_motor_that_lags_gives_its_torque_later(knee: str) -> None:
     assert LAG > 0.0 and errors[0] != errors[1]
 
 
+@pytest.mark.study
 def test_every_condition_and_reference_is_played(knee: str) -> None:
     conditions = short(knee)
     cells = [Cell(condition, "pi", (0,)) for condition in conditions.values()]

@@ -141,6 +141,7 @@ def test_a_plant_of_the_suite_has_an_effect_that_its_controller_does_not_know() 
     assert max(rotors) == pytest.approx(min(rotors) * 1.6 / 0.6)
 
 
+@pytest.mark.study
 def test_devices_that_are_passive_give_nothing_and_one_that_is_not_does() -> None:
     soft, stiff = wearer_bounds("wrist").T
     places = [soft, stiff, [stiff[0], *soft[1:]], [*soft[:2], stiff[2]]]

@@ -294,10 +294,15 @@ def fault_peaks(scene: str, name: str, fault: str, seeds: int = 3) -> float:
     [
         # Without the guard's checks 5.9, 5.3, 5.8 and 3.8.
         ("pi_tuned", "torque-dead"),
-        ("pi_tuned", "torque-frozen"),
         ("lqg", "motor-frozen"),
-        ("pi", "motor-frozen"),
-        ("pi", "torque-missing"),
+        *(
+            pytest.param(*case, marks=pytest.mark.study)
+            for case in (
+                ("pi_tuned", "torque-frozen"),
+                ("pi", "motor-frozen"),
+                ("pi", "torque-missing"),
+            )
+        ),
     ],
 )
 def test_a_sensor_that_fails_makes_no_unsafe_torque(name: str, fault: str) -> None:

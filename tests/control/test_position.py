@@ -295,6 +295,7 @@ def test_parameters_of_a_trial_are_read_beside_the_scene(tmp_path: Path) -> None
         Device(scene)
 
 
+@pytest.mark.study
 def test_the_endoscope_follows_a_course_by_its_inverses_alone() -> None:
     errors = {}
     for name in ("none", "backlash_inverse", "cable_inverse"):
@@ -305,6 +306,7 @@ def test_the_endoscope_follows_a_course_by_its_inverses_alone() -> None:
     assert errors["cable_inverse"] < errors["none"] / 8.0
 
 
+@pytest.mark.study
 def test_a_short_trial_on_the_device_finds_its_friction_and_spring() -> None:
     (trial,) = calibration_trials(["endoscope"], duration=2.5)
     model = find_device("endoscope")

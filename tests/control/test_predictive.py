@@ -152,6 +152,7 @@ def test_the_ankle_is_let_go_in_swing_and_taut_when_it_pushes_off() -> None:
     assert found["rms_torque_error"] < 0.7 * usual["rms_torque_error"]
 
 
+@pytest.mark.study
 def test_a_cable_over_two_joints_is_paid_out_and_drawn_in_with_both() -> None:
     """With the hip's angle alone the error was that of an unplugged device."""
     walking = EXOSUIT["ordinary-rough"]
@@ -228,6 +229,7 @@ def test_who_is_told_of_friction_that_falls_does_no_worse() -> None:
     assert known <= unknown
 
 
+@pytest.mark.study
 def test_joints_that_share_tendons_are_kept_from_swinging() -> None:
     """With the damper of a joint that has a cable of its own the error was 0.023."""
     hand = {one.name: one for one in SUITES["generic"].conditions("hand")}

@@ -341,7 +341,7 @@ def test_an_interrupt_while_writing_leaves_nothing(
 @pytest.mark.parametrize(
     ("error", "code", "says"),
     [
-        (KeyboardInterrupt(), 130, "nothing was written but a verdict"),
+        (KeyboardInterrupt(), 130, "unless a verdict was reached"),
         (OSError(errno.ENOSPC, "No space left on device"), 2, "The verdict is in "),
     ],
 )

@@ -158,6 +158,7 @@ def test_both_legs_walk_half_a_cycle_apart() -> None:
     assert difference == pytest.approx(np.pi, abs=1e-6)
 
 
+@pytest.mark.study
 def test_a_model_follows_a_cable_that_other_axes_wind() -> None:
     errors = {}
     for law in ("none", "predictive"):

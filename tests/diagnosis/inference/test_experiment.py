@@ -65,6 +65,7 @@ def sprung() -> tuple[BaselineFit, Rivals]:
     return found, tie(found, spring, weight)
 
 
+@pytest.mark.study
 def test_gravity_and_a_spring_part_where_the_rig_is_turned(
     sprung: tuple[BaselineFit, Rivals],
 ) -> None:

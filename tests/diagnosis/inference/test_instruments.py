@@ -65,6 +65,7 @@ def judged(kind: str, effects: Hidden, bench: Bench = BENCH) -> DiagnosisResult:
     return run_inference(data, bench, Options(FEW))
 
 
+@pytest.mark.study
 def test_a_rotor_that_is_declared_is_no_inertia_that_is_missing() -> None:
     """The commanded torque of a motor also accelerates its rotor."""
     data = dataset({"motor_inertia": {"motor_inertia": 3e-3}}, 1.6, 3)
@@ -115,6 +116,7 @@ def test_nothing_is_named_where_nothing_is_missing() -> None:
     assert "motor_inertia" in {each.id for each in found.not_testable}
 
 
+@pytest.mark.study
 def test_friction_of_the_motor_hides_friction_that_needs_no_tension() -> None:
     seals: Hidden = {
         "load_independent_friction": {

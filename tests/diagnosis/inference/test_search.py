@@ -56,6 +56,7 @@ def test_a_soft_fastening_of_one_cable_is_found_at_the_end_where_it_is(
     assert max(value.value for value in parameters.values()) < 6e-6
 
 
+@pytest.mark.study
 def test_a_spring_that_softens_is_in_a_tie_with_gravity() -> None:
     data = dataset(duration=3.0, seed=2)
     soft = tuple(

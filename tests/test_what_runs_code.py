@@ -8,7 +8,7 @@ import os
 import pickle
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,7 @@ from cc_mujoco.cli._parsing import commands
 from cc_mujoco.device import load_device
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware import read_settings
+from cc_mujoco.metrics import METRICS
 from cc_mujoco.viz import _episode_files
 from hardware.peers import NOWHERE, toml
 from jobs import NamesAllowed
@@ -44,15 +45,18 @@ make, hold = TRAJECTORIES["sine"], Hold(1.0)
 
 
 @pytest.fixture(autouse=True)
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """Return a folder with `evil.py`, which leaves the file `ran` when imported."""
+    known = dict(METRICS)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(_episode_files, "write_summary", lambda path, _: path.touch())
     monkeypatch.setattr(user_code, "_ALLOWED", set())
     for name in ("evil", "good"):
         monkeypatch.delitem(sys.modules, name, raising=False)
     Path("evil.py").write_text(PLANTED + MADE)
-    return tmp_path
+    yield tmp_path
+    for name in METRICS.keys() - known.keys():
+        del METRICS[name]
 
 
 def device(key: str) -> str:

@@ -256,24 +256,24 @@ def pack(
     n: int,
     factor: float,
     weakening: bool,
-    asked: FloatArray,
+    changed: FloatArray,
     prm: FloatArray,
 ) -> None:
     """Pack a cable, given as in `cable._pack.pack`, with a multiple of its friction.
 
-    For `weakening` see `CableModel`; `asked` is scratch like `values`, `prm` is out.
+    For `weakening` see `CableModel`; `changed` is scratch like `values`, `prm` is out.
     """
     for i in range(values.size):
-        asked[i] = values[i]
+        changed[i] = values[i]
     for place in _FRICTION_COEFFICIENTS:
-        asked[place] = min(factor * asked[place], _MAX_FRICTION)
+        changed[place] = min(factor * changed[place], _MAX_FRICTION)
     if not weakening:
-        asked[_STRIBECK] = 0.0
-        if asked[_AGEING] > 0.0:
-            asked[_AGEING] = asked[_CRITICAL_SLIP] = 0.0
-        if asked[_BRISTLE] > 0.0:
-            asked[_STATIC] = 0.0
-    kernel.pack(asked, sections, n, prm)
+        changed[_STRIBECK] = 0.0
+        if changed[_AGEING] > 0.0:
+            changed[_AGEING] = changed[_CRITICAL_SLIP] = 0.0
+        if changed[_BRISTLE] > 0.0:
+            changed[_STATIC] = 0.0
+    kernel.pack(changed, sections, n, prm)
 
 
 @compiled

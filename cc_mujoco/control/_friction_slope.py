@@ -119,13 +119,13 @@ def learn(
     n: Counts,
     state: FloatMatrix,
     taps: Taps,
-    told: FloatMatrix,
+    readings: FloatMatrix,
     known: FloatMatrix,
     room: SlopeWorkspace,
 ) -> None:
     """Update the estimates `known` (cables, KNOWN) by the readings of one instant.
 
-    The state is that of the model (cables, numbers); `told` are tensions (cables,
+    The state is that of the model (cables, numbers); `readings` are tensions (cables,
     sensors) [N].
     """
     sensors = taps.noise.shape[1]
@@ -143,7 +143,7 @@ def learn(
             taps.nodes[k],
             taps.noise[k],
             known[k, COEFFICIENT : COEFFICIENT + 1],
-            told[k],
+            readings[k],
             sign,
             room.equations,
         )
@@ -165,7 +165,7 @@ def learn_all(
     n: Counts,
     states: FloatCube,
     taps: Taps,
-    told: FloatCube,
+    readings: FloatCube,
     calls: NDArray[np.int64],
     known: FloatCube,
     room: SlopeWorkspace,
@@ -177,5 +177,5 @@ def learn_all(
     """
     for row in range(calls.size):
         if calls[row] % READING_INTERVAL == 0:
-            learn(prm[row], n, states[row], taps, told[row], known[row], room)
+            learn(prm[row], n, states[row], taps, readings[row], known[row], room)
         calls[row] += 1

@@ -139,10 +139,10 @@ class PositionController(Controller):
         speeding = omega * omega * left + 2.0 * omega * leaving
         error, missing = wanted - left - angle, rate - leaving - velocity
         slow = total + INTEGRAL_SHARE * omega * period * error
-        asked = omega * omega * (error + slow) + 2.0 * omega * missing + speeding
-        asked = inertia * asked + self.drive.damping * (rate - leaving)
-        given = np.clip(asked, self.drive.low, self.drive.high)
-        total = np.where(given == asked, slow, total)
+        demanded = omega * omega * (error + slow) + 2.0 * omega * missing + speeding
+        demanded = inertia * demanded + self.drive.damping * (rate - leaving)
+        given = np.clip(demanded, self.drive.low, self.drive.high)
+        total = np.where(given == demanded, slow, total)
         self._memory = np.stack([wanted, rate, left, leaving, total])
         return np.asarray(given)
 

@@ -120,10 +120,10 @@ class _Fused:
         )
 
     def fuse(
-        self, told: NDArray[np.float64], slip: NDArray[np.int8]
+        self, given: NDArray[np.float64], slip: NDArray[np.int8]
     ) -> NDArray[np.float64]:
         gain = tension_gains(self._mesh, slip, self._nodes)[..., -1:]
-        found = fuse(told, gain, self._sensors.deviation).tension[..., 0]
+        found = fuse(given, gain, self._sensors.deviation).tension[..., 0]
         self.tension = np.where(
             np.isfinite(found), np.maximum(found, 0.0), self.tension
         )

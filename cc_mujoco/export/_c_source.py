@@ -56,7 +56,7 @@ cmake -S . -B build && cmake --build build
 
 
 def header(plan: ExportPlan, what: str, notes: Sequence[str] = ()) -> str:
-    told = "".join(f"/* {note}. */\n" for note in notes)
+    comments = "".join(f"/* {note}. */\n" for note in notes)
     readings = "\n".join(
         f"    double {name}; /* {meaning} */"
         for axis in plan.axes
@@ -74,7 +74,7 @@ def header(plan: ExportPlan, what: str, notes: Sequence[str] = ()) -> str:
         if name
     )
     return f"""{HEADER_MARK}{what}. */
-{told}#ifndef CC_CONTROLLER_H
+{comments}#ifndef CC_CONTROLLER_H
 #define CC_CONTROLLER_H
 
 #include <stddef.h>

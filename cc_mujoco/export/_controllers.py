@@ -352,13 +352,13 @@ class AxisPlan:
         """Shape that the compiled functions are given: see `entries`."""
         if not self.law.has_model:
             return self.own.shape
-        told = (len(self.cables), *self.segments, *self.sections)
+        sizes = (len(self.cables), *self.segments, *self.sections)
         if self.plans:
-            told = *told, *self.plans[0].shape[:2]
+            sizes = *sizes, *self.plans[0].shape[:2]
         if self.taps is not None:
             nodes = self.taps.nodes
-            told = *told, nodes.shape[1], *nodes.ravel().tolist()
-        return told
+            sizes = *sizes, nodes.shape[1], *nodes.ravel().tolist()
+        return sizes
 
     @property
     def tables(self) -> tuple[float, ...]:

@@ -79,7 +79,7 @@ def batched_controller(
         CableError: As `control.axes_controller`.
     """
     first = drives[0]
-    alike = all(list(own) == list(first) for own in drives)
-    if len(drives) == 1 or (alike and not runs_code(given)):
+    are_equal = all(list(own) == list(first) for own in drives)
+    if len(drives) == 1 or (are_equal and not runs_code(given)):
         return axes_controller(given, first, prefixes)
     return PlantsController([axes_controller(given, own, prefixes) for own in drives])

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from hypothesis import strategies as st
 from cc_mujoco.datasets._channels import MAIN_CHANNELS
 from cc_mujoco.datasets._data_findings import errors
 from cc_mujoco.diagnosis import load
+from cc_mujoco.diagnosis._checks import run
 from diagnosis.bench import loaded, one, only_fix, recording, write
 
 
@@ -142,6 +145,24 @@ def test_rows_that_stand_twice_put_the_conclusions_in_doubt(
     assert [f.severity for f in found] == ["doubt"]
     copied = f"has the rows {first + 1} to {first + rows} again as rows 1501 to"
     assert f"{copied} {1500 + rows}, from 3 s on" in found[0].statement
+
+
+def test_rows_whose_sums_are_equal_are_no_copies() -> None:
+    """Their bits differ by 2 in one column and by -1 in that of twice the weight."""
+    first, other = np.random.default_rng(0).uniform(1.0, 2.0, (2, 200))
+    late = (
+        (first.view(np.int64) + 2).view(float),
+        (other.view(np.int64) - 1).view(float),
+    )
+    values = {
+        "time_s": np.arange(400.0),
+        "motor_angle_rad": np.append(first, late[0]),
+        "joint_angle_rad": np.append(other, late[1]),
+    }
+    made: Any = SimpleNamespace(values=values, clocks={}, rows=400, path="a", name="a")
+    assert run._check_copied_rows(made) == []
+    values["motor_angle_rad"][200:], values["joint_angle_rad"][200:] = first, other
+    assert len(run._check_copied_rows(made)) == 1
 
 
 def test_a_load_that_is_another_one_is_refused(tmp_path: Path) -> None:

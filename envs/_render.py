@@ -78,7 +78,13 @@ class Camera:
         frame = model.vis.global_
         frame.offheight = max(frame.offheight, IMAGE_SIZE[0])
         frame.offwidth = max(frame.offwidth, IMAGE_SIZE[1])
-        self._renderer = mujoco.Renderer(model, *IMAGE_SIZE)
+        try:
+            self._renderer = mujoco.Renderer(model, *IMAGE_SIZE)
+        except mujoco.FatalError as error:
+            raise CableError(
+                "a picture needs OpenGL; without a display set MUJOCO_GL=egl (or "
+                f"osmesa) before Python starts ({' '.join(str(error).split())})."
+            ) from None
         self._view: int | mujoco.MjvCamera = max(
             mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, CAMERA), 0
         )

@@ -291,9 +291,9 @@ def _assigned(field: str, what: str, given: Assignments) -> Mapping[str, Given]:
     for text in given:
         name, equals, values = text.partition("=")
         if not equals or not name or not values:
-            raise CableError(f"--{field} {text!r} must be {what}=VALUES.")
+            raise CableError(f"{field}: {text!r} must be {what}=VALUES.")
         if name in found:
-            raise CableError(f"--{field} gives {name!r} twice.")
+            raise CableError(f"{field} gives {name!r} twice.")
         found[name] = values
     return found
 

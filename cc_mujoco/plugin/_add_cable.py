@@ -60,8 +60,8 @@ ROTOR_DAMPING = 1e-2
 """Damping of a new motor [N m s/rad]."""
 MOTOR_MASS = 0.5
 """Mass of a new motor [kg]."""
-MAX_RADIUS = 1.0
-"""Largest radius of a drum or pulley [m]: what is larger was meant in millimetres."""
+RADIUS_LIMIT = 1.0
+"""Radius from which a drum or pulley was meant in millimetres [m]."""
 
 _ALLOWED_KEYS = [k for k in KEYS if k not in ("route", "path", "mouth", "conduit")]
 _HINGE, _SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
@@ -552,9 +552,9 @@ def _driven_joint(spec: mujoco.MjSpec, joint: Any, on_pulley: bool) -> str:
 
 def _radius(what: str, radius: Any) -> float:
     number = isinstance(radius, Real) and math.isfinite(radius)
-    if not number or not 0.0 < abs(radius) <= MAX_RADIUS:
+    if not number or not 0.0 < abs(radius) < RADIUS_LIMIT:
         raise CableError(
-            f"{what} must be a radius in metres of at most {MAX_RADIUS:g}, and not 0, "
+            f"{what} must be a radius in metres below {RADIUS_LIMIT:g}, and not 0, "
             f"e.g. {what}=0.03, not {radius!r}."
         )
     return float(radius)

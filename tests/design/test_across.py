@@ -341,8 +341,8 @@ def test_the_command_says_over_what_it_ranks(
     assert "friction, from case to case" in Path("s", "report.html").read_text()
     capsys.readouterr()
     for wrong, why in (
-        (["--across", "friction"], "--across 'friction' must be NAME=VALUES."),
-        ([*cases, *cases], "--across gives 'wearer' twice."),
+        (["--across", "friction"], "across: 'friction' must be NAME=VALUES."),
+        ([*cases, *cases], "across gives 'wearer' twice."),
         (["--across", "pretension=9"], "'pretension' is both varied and crossed"),
         (["--rank", "mean"], "'mean', needs cases to rank over"),
     ):

@@ -724,3 +724,16 @@ def test_an_episode_that_is_over_asks_for_a_reset() -> None:
             env.step(np.zeros(1, np.float32))
     env.reset()
     env.step(np.zeros(1, np.float32))
+
+
+def test_a_picture_without_opengl_is_one_sentence(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def refuse(*_: object) -> None:
+        raise mujoco.FatalError("no OpenGL\ncontext")
+
+    monkeypatch.setattr(mujoco, "Renderer", refuse)
+    env = gymnasium.make(WRIST, render_mode="rgb_array")
+    env.reset(seed=0)
+    with pytest.raises(CableError, match="set MUJOCO_GL=egl"):
+        env.render()

@@ -10,8 +10,7 @@ that follow from each design, and prints how far they agree on which design is b
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import tyro
@@ -19,9 +18,7 @@ from scipy.stats import spearmanr
 from tqdm import tqdm
 
 from cc_mujoco._utils.command_options import progress_options
-from cc_mujoco.control import ProportionalIntegral
 from cc_mujoco.design import study
-from cc_mujoco.device import Drive
 
 VARY = {
     "ankle": {
@@ -42,40 +39,11 @@ VARY = {
     },
 }
 DURATION = {"ankle": 5.0, "wrist": 6.0}  # length of an episode [s]
-LAWS = ("none", "pi", "check_ranks:damped", "model")
+LAWS = ("none", "pi", "pi_tuned", "model")
 METRICS = (
     "rms_torque_error", "peak_motor_power", "peak_motor_torque", "slack_share",
     "efficiency",
 )  # fmt: skip
-
-
-class Damped(ProportionalIntegral):
-    """`pi` whose motor is damped critically on the stretch of the design's cables."""
-
-    def __init__(self, drive: Drive) -> None:
-        """Compute the damping."""
-        super().__init__(drive)
-        joint = sum(
-            c.distal**2 * c.cable.axial_stiffness / c.cable.length for c in drive.cables
-        )
-        stiffness = joint / drive.ratio**2
-        closed = (1.0 + self.proportional) * stiffness
-        self.damping = max(2.0 * (closed * drive.inertia) ** 0.5 - drive.damping, 0.0)
-
-    def torque(self, observation: Mapping[str, Any]) -> Any:
-        """Return the torque of the motor [N m]."""
-        drive, desired = self.drive, observation["desired_torque_nm"]
-        ahead = (
-            observation["motor_velocity_rad_s"]
-            - drive.ratio * observation["joint_velocity_rad_s"]
-        )
-        feedforward = desired / drive.ratio - self.damping * ahead
-        return self.closed(feedforward, desired - observation["joint_torque_nm"])
-
-
-def damped(drive: Drive) -> Damped:
-    """Make `Damped`."""
-    return Damped(drive)
 
 
 def main(

@@ -17,6 +17,7 @@ outputs (`least_squares`), from several places.
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -26,7 +27,7 @@ from cc_mujoco._utils.arguments import numbers, require_kind
 from cc_mujoco._validation import require_dictionary, require_list
 from cc_mujoco.cable import PARAMETERS, Parameter, Section, Transmission
 from cc_mujoco.cable._pulleys import PULLEYS
-from cc_mujoco.errors import CableError, look_up, shown
+from cc_mujoco.errors import CableError, CableWarning, look_up, shown
 from cc_mujoco.estimation._least_squares import (
     FACTOR_STEP,
     Estimate,
@@ -57,6 +58,9 @@ _FREE = {
 """Parameters that can be fitted, by name, within positive bounds."""
 
 _START_SPREAD = math.log(3.0)
+_POOR_MISFIT = 3.0
+"""Misfit above which the model or its start is wrong, so that no interval holds."""
+
 _UNDETERMINED_DEVIATION = 0.5
 """Standard deviation above which a combination of logarithms is undetermined."""
 
@@ -125,7 +129,7 @@ class Calibration:
         correlation: correlation of the logarithms of the parameters (free, free).
         undetermined: one sentence for every undetermined combination.
         misfit: RMS residual over the noise, per output; near 1 where the model is
-            right.
+            right. Above 3 no interval holds, and `calibrate` warns.
     """
 
     estimates: Mapping[str, Estimate]
@@ -142,7 +146,11 @@ class Calibration:
             f"{name:26} {e.value:10.4g}  [{e.ci95[0]:.4g}, {e.ci95[1]:.4g}] {e.unit}"
             for name, e in self.estimates.items()
         ]
-        lines += [f"{name}: misfit {value:.2f}" for name, value in self.misfit.items()]
+        lines += [
+            f"{name}: misfit {value:.2f}"
+            + (", so no interval holds" if value > _POOR_MISFIT else "")
+            for name, value in self.misfit.items()
+        ]
         return "\n".join((*lines, *self.undetermined))
 
 
@@ -164,6 +172,9 @@ def calibrate(
         starts: places tried, spread by a factor of 3 around the given values; the two
             best and the given one are fitted.
         seed: seed of the places.
+
+    Warns:
+        CableWarning: the best fit leaves an error above 3 times the noise.
 
     Returns:
         The best fit. Its intervals come from the sandwich covariance with Bartlett
@@ -194,7 +205,19 @@ def calibrate(
     costs = [float(np.sum(model.residual(place) ** 2)) for place in places]
     chosen = [np.zeros(len(free)), *places[np.argsort(costs)[:2]]]
     fits = [fit(model.residual, model.jacobian, model.free, place) for place in chosen]
-    return model.report(min(fits, key=lambda found: found.cost).x)
+    found = model.report(min(fits, key=lambda found: found.cost).x)
+    poor = {k: value for k, value in found.misfit.items() if value > _POOR_MISFIT}
+    if poor:
+        errors = " and ".join(
+            f"{value:.3g} times the noise of {k}" for k, value in poor.items()
+        )
+        warnings.warn(
+            f"the best fit leaves {errors}, so its intervals do not hold: the model "
+            "lacks an effect, or more `starts` are needed.",
+            CableWarning,
+            stacklevel=2,
+        )
+    return found
 
 
 def _log_parameter(name: str, transmission: Transmission) -> Tuned:

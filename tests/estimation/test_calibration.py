@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cc_mujoco.cable import Cable, Section, Transmission
-from cc_mujoco.errors import CableError
+from cc_mujoco.errors import CableError, CableWarning
 from cc_mujoco.estimation import Measurement, calibrate
 
 CABLE = Cable(friction=0.05, pretension=20.0, conduit=(Section(1.0, 0.3),), segments=12)
@@ -101,7 +101,9 @@ def test_pretension_trades_with_friction_until_a_cable_goes_slack() -> None:
 
 def test_a_missing_term_shows_as_misfit_and_widens_intervals() -> None:
     thick = trial(0, cable=CABLE.replace(viscous_friction=60.0))
-    found = calibrate([thick], rig(CABLE), ("friction",), starts=0)
+    with pytest.warns(CableWarning, match="so its intervals do not hold"):
+        found = calibrate([thick], rig(CABLE), ("friction",), starts=0)
+    assert "no interval holds" in str(found)
     right = calibrate([trial(0)], rig(CABLE), ("friction",), starts=0)
     assert max(found.misfit.values()) > 2.0
     width = [np.ptp(np.log(f["friction"].ci95)) for f in (found, right)]

@@ -206,7 +206,7 @@ def _static_fit(segments: int) -> float:
     truth = CABLE.replace(segments=20, static_friction=3.0 * CABLE.friction)
     trial = blocked_trial(truth, 3)
     start = truth.replace(segments=segments, static_friction=2.0 * CABLE.friction)
-    found = calibrate([trial], drive(start), ("static_friction",), starts=0)
+    found = calibrate([trial], drive(start), ("static_friction",))
     return found["static_friction"].value
 
 

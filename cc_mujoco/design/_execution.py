@@ -18,6 +18,7 @@ import pyarrow as pa
 from cc_mujoco._utils.provenance import earlier_results_message
 from cc_mujoco._workers import Progress
 from cc_mujoco.control import CONTROLLERS
+from cc_mujoco.control._stepped_laws import LAWS
 from cc_mujoco.design._evaluation import episodes
 from cc_mujoco.design._plan import Plan, make_plan
 from cc_mujoco.design._results_store import Store
@@ -30,7 +31,6 @@ from cc_mujoco.design._whatif_options import (
     StudySpec,
 )
 from cc_mujoco.device import Plant
-from cc_mujoco.simulation._compiled_batch import LAWS
 from cc_mujoco.simulation._rollout import attended, play
 
 
@@ -155,10 +155,11 @@ def wait_sentences(plan: Plan, threads: int) -> Iterator[str]:
 
     Of a search nothing is known in advance. 0 `threads` means one per processor.
     """
-    slow = [
+    known = {law: LAWS.get(CONTROLLERS[law]) for law in CONTROLLERS}
+    slow = [  # policies and users' laws, too
         law
         for law in plan.protocol.controllers
-        if CONTROLLERS.get(law) not in LAWS  # policies and users' laws, too
+        if (own := known.get(law)) is None or own.plans
     ]
     if not slow or not plan.designs:
         return

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 from cc_mujoco.cable._layout import STATE_HEADER
 from cc_mujoco.control import _guard as guard
-from cc_mujoco.export import _entry_points as entry_points
+from cc_mujoco.control import _law_steps as law_steps
 from cc_mujoco.export._controllers import AxisPlan, ExportPlan
 
 HEADER_MARK = "/* Written by cc-mujoco export: "
@@ -168,7 +168,7 @@ def _meanings(axis: AxisPlan) -> Iterator[str]:
 def _given_places(plan: ExportPlan) -> str:
     """Return two places of every last torque in the memory, -1 where none is kept."""
     rows = (
-        [start + place for place in axis.given] + [-1, -1]
+        [start + place for place in axis.tables.given] + [-1, -1]
         for start, axis in zip(plan.starts, plan.axes, strict=False)
     )
     return ", ".join(f"{{{_number_lines(row[:2])}}}" for row in rows)
@@ -181,15 +181,19 @@ def _observer_functions(plan: ExportPlan) -> str:
     first: list[int] = []
     joints: list[int] = []
     for start, axis in zip(plan.starts, plan.axes, strict=False):
-        joints.append(start + entry_points.JOINT_ANGLE if axis.cables else -1)
+        joints.append(start + law_steps.JOINT_ANGLE if axis.cables else -1)
         if not axis.cables:
             continue
-        _, _, state, new, _, _ = axis.places
+        _, _, state, new, _, _ = axis.tables.places
         width = (new - state) // len(axis.cables)
         places = range(start + state + STATE_HEADER, start + new, width)
         first += places[: len(axis.cables)]
     names = ", ".join(f"CC_CABLE_{name.upper()} = {k}" for k, name in enumerate(cables))
-    nodes = _number_lines(n + 1 for axis in plan.axes for n in axis.segments)
+    nodes = _number_lines(
+        1 + segments
+        for axis in plan.axes
+        for segments in axis.tables.shape[1 : 1 + len(axis.cables)]
+    )
     return f"""
 /* What the observer finds after a step. */
 enum {{ {names}, CC_CABLES = {len(cables)} }};

@@ -24,25 +24,12 @@ from cc_mujoco.cable._cable import TERMS
 from cc_mujoco.cable._parameter import Parameter
 from cc_mujoco.control import (
     CONTROLLERS,
-    AdaptiveModel,
-    BacklashInverse,
     Controller,
-    DisturbanceObserver,
-    Feedback,
-    FeedForward,
-    FrictionFeedForward,
-    LinearQuadraticGaussian,
-    ModelBased,
     Policy,
     PredictiveCompensation,
-    ProportionalIntegral,
-    StictionCompensation,
-    TunedFeedback,
     read_policy,
 )
-from cc_mujoco.control import _disturbance as disturbance
 from cc_mujoco.control import _friction_slope as friction_slope
-from cc_mujoco.control import _guard as guard
 from cc_mujoco.control._axes import (
     OWN_COLUMNS,
     by_axis,
@@ -51,141 +38,18 @@ from cc_mujoco.control._axes import (
     is_policy,
     require_decoupling,
 )
-from cc_mujoco.control._compiled_laws import GAINS, LAW_INPUTS
 from cc_mujoco.control._decoupling import Coupling
-from cc_mujoco.control._planner_parameters import TUNING
-from cc_mujoco.control._predictive import PLANNER_INPUTS as READ
+from cc_mujoco.control._stepped_laws import LAWS, LawTables, SteppedLaw
 from cc_mujoco.device._drive import CableDrive, Drive
 from cc_mujoco.device._sensors import RATIO_COLUMN, WINDING_COLUMNS
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.estimation._tension_slope import has_slope
-from cc_mujoco.export import _entry_points as entry_points
 from cc_mujoco.export import _feedback as feedback
-from cc_mujoco.export import _predictive as predictive
-from cc_mujoco.export._feedback import NO_TABLES, LawTables
 from cc_mujoco.export._joint_torques import JointTorques
 from cc_mujoco.native import FloatArray
 
-
-@dataclass(frozen=True)
-class ExportedLaw:
-    """The compiled functions of a controller."""
-
-    wrong_parameters: Callable[..., Any]
-    store_parameters: Callable[..., Any]
-    step: Callable[..., Any]
-    has_model: bool
-    unread: frozenset[str] = frozenset()
-    """Gains that it does not read."""
-    fixed: frozenset[str] = frozenset()
-    """Gains that what it was exported with depends on."""
-    gains: tuple[Parameter, ...] = GAINS
-    seen: tuple[str, ...] = LAW_INPUTS
-    """Readings that it uses."""
-    needs_slope: bool = False
-    """True if cables may only have friction terms that `_tension_slope` supports."""
-    tables: Callable[[Any], LawTables] = lambda _: NO_TABLES
-    """Function of the controller."""
-    is_round: bool = False
-    """True if it reads torques as of a round pulley, as every law with a model does."""
-    is_guarded: bool = True
-    numbers: str = "gains"
-
-
-_FIXED_TUNING = frozenset(
-    "period span rotor_0 rotor_1 motion_0 motion_1 motion_2 forgetting leak "
-    "late lag creep".split()
-)
-_PREVIEW_GAINS = frozenset({"preview", "tolerance"})
 _COUPLED_GAINS = frozenset({"ratio", "high", "safe_torque"})
 """Fixed where axes are decoupled, which rests on them."""
-_FEED_FORWARD_GAINS = frozenset(
-    {"feed_forward", "stiffness", "rest_torque", "wrap_friction"}
-)
-"""Not read by a law with a model."""
-_BY_NAME = {gain.name: gain for gain in GAINS}
-_FEEDBACK = ExportedLaw(
-    entry_points.wrong_gains,
-    entry_points.store_gains,
-    entry_points.step_proportional_integral,
-    False,
-    _PREVIEW_GAINS,
-    tables=feedback.feedback_tables,
-)
-_TUNED = dataclasses.replace(
-    _FEEDBACK, step=feedback.step_tuned, tables=feedback.tuned_tables, is_round=True
-)
-_INVERSE = ExportedLaw(
-    feedback.wrong_limits,
-    feedback.store_limits,
-    feedback.step_inverse,
-    False,
-    fixed=frozenset({"ratio", "period", "one_way", "inertia"}),
-    gains=tuple(_BY_NAME[name] for name in guard.DriveLimits._fields),
-    tables=feedback.inverse_tables,
-    is_round=True,
-    numbers="limits",
-)
-_MODEL = ExportedLaw(
-    entry_points.wrong_model,
-    entry_points.store_model,
-    entry_points.step_model_based,
-    True,
-    _PREVIEW_GAINS | _FEED_FORWARD_GAINS,
-)
-LAWS: dict[type[Controller], ExportedLaw] = {
-    FeedForward: dataclasses.replace(
-        _INVERSE,
-        step=feedback.step_forward,
-        unread=frozenset(guard.DriveLimits._fields) - {"ratio", "low", "high"},
-        numbers="gains",
-        fixed=frozenset({"period"}),
-        seen=("desired_torque_nm",),
-        tables=feedback.forward_tables,
-        is_round=False,
-        is_guarded=False,
-    ),
-    ProportionalIntegral: _FEEDBACK,
-    Feedback: _FEEDBACK,
-    TunedFeedback: _TUNED,
-    FrictionFeedForward: _TUNED,
-    BacklashInverse: _INVERSE,
-    LinearQuadraticGaussian: dataclasses.replace(
-        _INVERSE, step=feedback.step_gaussian, tables=feedback.gaussian_tables
-    ),
-    ModelBased: _MODEL,
-    StictionCompensation: dataclasses.replace(
-        _MODEL, step=entry_points.step_stiction, unread=_FEED_FORWARD_GAINS
-    ),
-    DisturbanceObserver: dataclasses.replace(
-        _MODEL,
-        step=entry_points.step_disturbance,
-        tables=lambda law: LawTables((), (law.share,), disturbance.LACK_SIZE),
-    ),
-    PredictiveCompensation: ExportedLaw(
-        predictive.wrong_plan,
-        predictive.store_plan,
-        predictive.step_plan,
-        True,
-        fixed=_FIXED_TUNING,
-        gains=TUNING,
-        seen=READ,
-        numbers="tuning",
-    ),
-    AdaptiveModel: ExportedLaw(
-        predictive.wrong_sensed,
-        predictive.store_sensed,
-        predictive.step_sensed,
-        True,
-        unread=frozenset({"learning"}),
-        fixed=_FIXED_TUNING | {"learning"},
-        gains=TUNING,
-        seen=READ,
-        needs_slope=True,
-        numbers="tuning",
-    ),
-}
-"""Controllers whose step is a compiled function, hence can be exported."""
 
 EXPORTED = tuple(name for name, kind in CONTROLLERS.items() if kind in LAWS)
 """Their names."""
@@ -205,7 +69,8 @@ class Field:
 
 @dataclass(frozen=True)
 class AxisPlan:
-    law: ExportedLaw
+    law: SteppedLaw
+    tables: LawTables
     fields: tuple[Field, ...]
     """Parameters in the order in which C has them."""
     columns: tuple[str, ...]
@@ -214,17 +79,10 @@ class AxisPlan:
     """Columns from which the torques that it reads are computed."""
     cables: tuple[str, ...]
     """Names of the cables that the controller has a model of."""
-    segments: tuple[int, ...]
-    sections: tuple[int, ...]
-    plans: tuple[FloatArray, ...] = ()
-    """Tables of a planner: gains of the plans (delays, knots, 2 + knots), of the
-    unexplained torque (delays,) and weights of accelerations (delays,)."""
     taps: friction_slope.Taps | None = None
     """Tension sensors, of a controller that reads them."""
     prefix: str = ""
     """Beginning of the names of readings and gains, of a device with several axes."""
-    own: LawTables = NO_TABLES
-    """Numbers of the law besides parameters and cables."""
 
     @classmethod
     def of(
@@ -261,32 +119,24 @@ class AxisPlan:
             make = functools.partial(kind, iterations=iterations)
         made: Any = make(drive)
         known = made.drive.cables if law.has_model else ()
-        planned = isinstance(made, PredictiveCompensation)
-        given = getattr(made, law.numbers)
         rows = tuple(zip(map(_identifier, cables), known, strict=False))
-        gains = [
-            _gain_parameter(gain, float(getattr(given, gain.name)), law)
-            for gain in law.gains
-        ]
+        values = iter(law.parameters(made))
+        gains = [_gain_parameter(gain, next(values), law) for gain in law.gains]
         fields = _motor_fields(gains, prefix, decoupled)
         for cable, own in rows:
-            fields += _cable_parameters(cable, own, law)
-        taps = made.taps if isinstance(made, AdaptiveModel) else None
+            fields += _cable_parameters(cable, own, values, law)
+        names, taps = tuple(cable for cable, _ in rows), getattr(made, "taps", None)
         if taps is not None:
-            names = [cable for cable, _ in rows]
-            fields += _sensor_parameters(names, taps)
+            fields += _sensor_parameters(names, taps, values)
         return cls(
             law,
+            law.tables(made),
             tuple(fields),
-            _law_columns(law, drive),
+            law.wound if drive.lever or drive.crossed else law.seen,
             _other_columns(law, drive, decoupled),
-            tuple(cable for cable, _ in rows),
-            tuple(own.cable.segments for _, own in rows),
-            tuple(len(own.cable.conduit) for _, own in rows),
-            made.tables[:-1] if planned else (),
+            names,
             taps,
             prefix,
-            law.tables(made),
         )
 
     @classmethod
@@ -295,12 +145,14 @@ class AxisPlan:
     ) -> AxisPlan:
         made = Policy(drive, name)  # of this device, with these samples
         network, (observed,) = read_policy(name)
-        law = ExportedLaw(
+        tables = feedback.policy_tables(network, observed)
+        law = SteppedLaw(
             feedback.wrong_policy,
             feedback.store_policy,
             feedback.step_policy,
-            False,
+            lambda _: tables,
             seen=observed.columns,
+            is_round=False,
             is_guarded=False,
         )
         whole = made.drive.observed.torque if made.drive.observed else 0.0
@@ -313,14 +165,12 @@ class AxisPlan:
         )
         return cls(
             law,
+            tables,
             tuple(_motor_fields(fields, prefix, decoupled)),
             law.seen,
             _other_columns(law, drive, decoupled),
             (),
-            (),
-            (),
             prefix=prefix,
-            own=feedback.policy_tables(network, observed),
         )
 
     @property
@@ -346,52 +196,6 @@ class AxisPlan:
             for cable, nodes in zip(self.cables, self.taps.nodes.tolist(), strict=True)
             for place, node in enumerate(nodes)
         )
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Shape that the compiled functions are given: see `entries`."""
-        if not self.law.has_model:
-            return self.own.shape
-        sizes = (len(self.cables), *self.segments, *self.sections)
-        if self.plans:
-            sizes = *sizes, *self.plans[0].shape[:2]
-        if self.taps is not None:
-            nodes = self.taps.nodes
-            sizes = *sizes, nodes.shape[1], *nodes.ravel().tolist()
-        return sizes
-
-    @property
-    def tables(self) -> tuple[float, ...]:
-        """Numbers that no parameter changes: see `entries`."""
-        tables = [number for table in self.plans for number in np.ravel(table)]
-        fading = [] if self.taps is None else [self.taps.fading]
-        return tuple(map(float, [*tables, *fading, *self.own.numbers]))
-
-    @property
-    def places(self) -> tuple[int, ...]:
-        """Places of numbers in the memory; the last is how many there are."""
-        if not self.law.has_model:
-            return (self.own.memory_size,)
-        longest = max(self.segments, default=0)
-        if self.plans:
-            delays, knots = self.plans[0].shape[:2]
-            cables = len(self.cables)
-            *places, end = predictive.places(
-                cables, longest, sum(self.sections), delays, knots
-            )
-            if self.taps is not None:
-                end += predictive.memory_size(cables, longest, self.taps.nodes.shape[1])
-            return *places, end
-        *places, end = entry_points.places(len(self.cables), longest)
-        return *places, end + self.own.memory_size
-
-    @property
-    def given(self) -> tuple[int, ...]:
-        """Places of the last torque in the memory of the controller."""
-        if not self.law.has_model:
-            return self.own.given
-        # Before the scratch, see `_predictive.places`.
-        return (self.places[0] - 1 if self.plans else entry_points.LAST_COMMAND,)
 
 
 @dataclass(frozen=True)
@@ -452,7 +256,9 @@ class ExportPlan:
             )
             for law, drive, own, name in zip(laws, drives, cables, names, strict=True)
         )
-        if iterations < math.inf and not any(axis.plans for axis in axes):
+        if iterations < math.inf and not any(
+            axis.law.numbers == "tuning" for axis in axes
+        ):
             raise CableError(f"controller {given!r} plans nothing: no iterations.")
         for what, found in (
             ("parameters", [field.name for axis in axes for field in axis.fields]),
@@ -501,7 +307,7 @@ class ExportPlan:
     @property
     def starts(self) -> tuple[int, ...]:
         """Place of the first number of every axis in the memory, and behind all."""
-        sizes = [axis.places[-1] for axis in self.axes]
+        sizes = [axis.tables.places[-1] for axis in self.axes]
         return (0, *itertools.accumulate(sizes))
 
     @property
@@ -510,20 +316,10 @@ class ExportPlan:
         return self.starts[-1] + self.torques.memory_size
 
 
-def _law_columns(law: ExportedLaw, drive: Drive) -> tuple[str, ...]:
-    """Return the columns that a law reads, of a joint as of a round pulley."""
-    if not (drive.lever or drive.crossed):
-        return law.seen
-    joint = "joint_angle_rad", "joint_velocity_rad_s"
-    wound = dict(zip(joint, WINDING_COLUMNS, strict=False))
-    return tuple(wound.get(name, name) for name in law.seen)
-
-
-def _other_columns(law: ExportedLaw, drive: Drive, decoupled: bool) -> tuple[str, ...]:
+def _other_columns(law: SteppedLaw, drive: Drive, decoupled: bool) -> tuple[str, ...]:
     """Return the columns from which the torques that a law reads are computed."""
     found = []
-    is_round = law.is_round or law.has_model
-    if (drive.lever or drive.crossed) and (is_round or decoupled):
+    if (drive.lever or drive.crossed) and (law.is_round or decoupled):
         found.append(WINDING_COLUMNS[2])
     if decoupled:
         found += [RATIO_COLUMN.format(joint=joint) for joint in drive.shared_ratios]
@@ -550,8 +346,7 @@ def _joint_torques(
             start + axis.columns.index(name) if name in own_torques else -1
             for name in OWN_COLUMNS
         )
-        is_round = axis.law.is_round or axis.law.has_model
-        divided = int(is_round and leverage >= 0)
+        divided = int(axis.law.is_round and leverage >= 0)
         rows.append((own, torque, desired, leverage, divided))
         if coupling is not None:
             shared += [
@@ -595,7 +390,7 @@ def _fixed(field: Field) -> Field:
     return dataclasses.replace(field, low=value, high=value, meaning=meaning)
 
 
-def _gain_parameter(gain: Parameter, value: float, law: ExportedLaw) -> Field:
+def _gain_parameter(gain: Parameter, value: float, law: SteppedLaw) -> Field:
     meaning, (low, high) = gain.meaning, _bounds(gain)
     if gain.name in law.unread:
         meaning += "; this controller does not read it"
@@ -603,14 +398,14 @@ def _gain_parameter(gain: Parameter, value: float, law: ExportedLaw) -> Field:
     return _fixed(found) if gain.name in law.fixed else found
 
 
-def _sensor_parameters(cables: list[str], taps: friction_slope.Taps) -> Iterator[Field]:
+def _sensor_parameters(
+    cables: Sequence[str], taps: friction_slope.Taps, values: Iterator[float]
+) -> Iterator[Field]:
     least = math.nextafter(0.0, 1.0)
-    for cable, nodes, noise in zip(
-        cables, taps.nodes.tolist(), taps.noise.tolist(), strict=True
-    ):
-        for place, (node, deviation) in enumerate(zip(nodes, noise, strict=True)):
+    for cable, nodes in zip(cables, taps.nodes.tolist(), strict=True):
+        for place, node in enumerate(nodes):
             yield Field(
-                f"{cable}_sensor_{place}_deviation", "N", least, 1e9, deviation,
+                f"{cable}_sensor_{place}_deviation", "N", least, 1e9, next(values),
                 f"standard deviation of the tension sensor at node {node}",
             )  # fmt: skip
 
@@ -622,16 +417,17 @@ def _fixed_for_slope(own: CableDrive) -> set[str]:
     return found | constant - {""}
 
 
-def _cable_parameters(name: str, own: CableDrive, law: ExportedLaw) -> Iterator[Field]:
+def _cable_parameters(
+    name: str, own: CableDrive, values: Iterator[float], law: SteppedLaw
+) -> Iterator[Field]:
     still = _fixed_for_slope(own) if law.needs_slope else set()
     most, least = 1e6, math.nextafter(0.0, 1.0)
-    for side, value in (("proximal", own.proximal), ("distal", own.distal)):
-        end = "motor" if side == "proximal" else "joint"
+    for side, end in (("proximal", "motor"), ("distal", "joint")):
         yield Field(
-            f"{name}_{side}", "m/rad", -most, most, value,
+            f"{name}_{side}", "m/rad", -most, most, next(values),
             f"displacement of the {side} end per angle of the {end}, signed, not 0",
         )  # fmt: skip
-    for parameter, value in zip(PARAMETERS, own.cable.scalars, strict=True):
+    for parameter, value in zip(PARAMETERS, values, strict=False):
         low, high = _bounds(parameter)
         if own.cable.path == "open" and parameter.name.startswith("seal_"):
             high = 0.0
@@ -643,12 +439,12 @@ def _cable_parameters(name: str, own: CableDrive, law: ExportedLaw) -> Iterator[
         yield Field(
             f"{name}_{parameter.name}", parameter.unit, low, high, value, meaning,
         )  # fmt: skip
-    for i, section in enumerate(own.cable.conduit):
+    for i in range(len(own.cable.conduit)):
         yield Field(
-            f"{name}_length_{i}", "m", least, most, section.length,
+            f"{name}_length_{i}", "m", least, most, next(values),
             f"length of section {i} of the conduit, from the motor",
         )  # fmt: skip
         yield Field(
-            f"{name}_radius_{i}", "m", least, math.inf, section.radius,
+            f"{name}_radius_{i}", "m", least, math.inf, next(values),
             "its bend radius; infinite where it is straight",
         )  # fmt: skip

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from cc_mujoco._utils import atomic_io
+from cc_mujoco.control import _law_steps as law_steps
 from cc_mujoco.export import _c_source as c_source
-from cc_mujoco.export import _entry_points as entry_points
 from cc_mujoco.export._controllers import ExportPlan
 from cc_mujoco.export._joint_torques import own_readings
 from cc_mujoco.export._ros2_control import CMAKE_BLOCK, ROS2_FILES, ros2_texts
@@ -71,8 +71,8 @@ class _Interface:
             yield _table("int64_t", "shape", plan.torques.shape)
             yield _table("double", "tables", plan.torques.tables)
         for k, axis in enumerate(plan.axes):
-            yield _table("int64_t", f"shape{k}", axis.shape)
-            yield _table("double", f"tables{k}", axis.tables)
+            yield _table("int64_t", f"shape{k}", axis.tables.shape)
+            yield _table("double", f"tables{k}", axis.tables.numbers)
         yield ""
 
     def _set_parameters(self) -> Iterator[str]:
@@ -88,7 +88,7 @@ class _Interface:
             axis = plan.axes[k]
             count = len(axis.fields)
             arguments = [
-                _view("Ints", f"shape{k}", len(axis.shape)),
+                _view("Ints", f"shape{k}", len(axis.tables.shape)),
                 *(
                     _view("Reals", f"{name} + {first}", count)
                     for name in ("given", "least", "most")
@@ -104,7 +104,7 @@ class _Interface:
             yield f"    {self._name(axis.law.store_parameters)}("
             arguments = [
                 self._memory(k),
-                _view("Ints", f"shape{k}", len(axis.shape)),
+                _view("Ints", f"shape{k}", len(axis.tables.shape)),
                 _view("Reals", f"given + {first}", len(axis.fields)),
             ]
             yield f"        {_joined(arguments)});"
@@ -120,7 +120,7 @@ class _Interface:
         yield "void cc_controller_reset(cc_controller *controller)"
         yield "{"
         for k in range(len(self._plan.axes)):
-            place = self._plan.starts[k] + entry_points.FIRST_STEP
+            place = self._plan.starts[k] + law_steps.FIRST_STEP
             yield f"    controller->number[{place}] = 1.0;"
         yield "}\n"
 
@@ -128,7 +128,7 @@ class _Interface:
         """Refuse an impossible reading of any axis before a state changes."""
         plan = self._plan
         count = len(plan.seen)
-        impossible = self._name(entry_points.impossible)
+        impossible = self._name(law_steps.impossible)
         guarded = _view("Ints", "guarded", len(plan.guarded))
         yield "int cc_controller_step(cc_controller *controller,"
         yield "                       const cc_readings *readings, double *torques)"
@@ -163,8 +163,8 @@ class _Interface:
             axis = plan.axes[k]
             arguments = [
                 self._memory(k),
-                _view("Ints", f"shape{k}", len(axis.shape)),
-                _view("Reals", f"tables{k}", len(axis.tables)),
+                _view("Ints", f"shape{k}", len(axis.tables.shape)),
+                _view("Reals", f"tables{k}", len(axis.tables.numbers)),
                 _view("Reals", f"seen + {first}", len(axis.seen)),
             ]
             yield f"    torques[{k}] = {self._name(axis.law.step)}("

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cc_mujoco.control import _decoupling as decoupling
-from cc_mujoco.export._entry_points import part, rows_of, tables_of, whole_rows_of
+from cc_mujoco.control._law_steps import part, rows_of, tables_of, whole_rows_of
 from cc_mujoco.native import FloatArray, IntArray
 
 _COUNTS = 3

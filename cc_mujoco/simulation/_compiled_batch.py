@@ -16,19 +16,15 @@ import numpy as np
 from mujoco.batch import SimulationError
 from numpy.typing import NDArray
 
-from cc_mujoco.control import Controller
-from cc_mujoco.control._compiled_laws import LAW_INPUTS
-from cc_mujoco.control._feed_forward import FeedForward
-from cc_mujoco.control._model_based import ModelBased
-from cc_mujoco.control._proportional_integral import Feedback, ProportionalIntegral
-from cc_mujoco.control._stiction import StictionCompensation
-from cc_mujoco.control._tuned_feedback import TunedFeedback
+from cc_mujoco.control import AdaptiveModel, Controller
+from cc_mujoco.control._law_steps import FIRST_STEP
+from cc_mujoco.control._stepped_laws import LAWS, STEPS
 from cc_mujoco.device._model import DeviceModel
 from cc_mujoco.human import Task
 from cc_mujoco.plugin import Reader
 from cc_mujoco.simulation import _compiled_episode as compiled
 from cc_mujoco.simulation._batch import Batch
-from cc_mujoco.simulation._compiled_episode import KEPT, PER_CABLE, RECORD
+from cc_mujoco.simulation._compiled_episode import KEPT, PER_CABLE, READ_COLUMNS, RECORD
 from cc_mujoco.simulation._loop import missing_torque_error
 from cc_mujoco.simulation._wiring import OF_PHASE, TASKS, parameters_of
 
@@ -36,16 +32,6 @@ Array = NDArray[np.float64]
 
 TICK_STEPS = 200
 """Control steps between two calls of a tick."""
-
-LAWS: dict[type[Controller], int] = {
-    FeedForward: compiled.FEED_FORWARD,
-    ProportionalIntegral: compiled.FEEDBACK,
-    Feedback: compiled.FEEDBACK,
-    TunedFeedback: compiled.TUNED,
-    ModelBased: compiled.MODEL,
-    StictionCompensation: compiled.STICTION,
-}
-"""Controllers that are known as compiled code; not their subclasses."""
 
 
 def task_of(task: Task) -> int | None:
@@ -61,9 +47,9 @@ def law_of(controller: Controller | None) -> int | None:
     """
     if controller is None:
         return compiled.UNPOWERED
-    if isinstance(controller, TunedFeedback) and controller.dead_sigmas:
-        return None
-    return LAWS.get(type(controller))
+    law = LAWS.get(type(controller))
+    is_exact = not getattr(controller, "mismatch", 0.0)
+    return STEPS.index(law.step) if law is not None and is_exact else None
 
 
 class CompiledEpisodes:
@@ -85,7 +71,6 @@ class CompiledEpisodes:
         self.kept = np.full((count, width, steps + 1), np.nan)
         """Kept columns, `KEPT` and then of each cable; NaN from a failure on."""
         self._records = np.zeros(count, RECORD)
-        self._laws = controllers  # they own arrays of the records
         common = {
             "skip": exo.frame_skip,
             "steps": steps,
@@ -116,11 +101,6 @@ class CompiledEpisodes:
 
     def _begin(self, row: int, data: mujoco.MjData) -> None:
         """Take a simulation at the start of its episode; its `ctrl` is written."""
-        law = self._laws[row]
-        if isinstance(law, ModelBased):
-            (axis,) = self._batch.devices[row].axes
-            law.model.reset()
-            law.model.ready(data.qpos[[axis.places.motor_q]])
         address = self._records[row : row + 1].ctypes.data
         compiled.begin_episode()(data._address, address)
 
@@ -138,30 +118,38 @@ class CompiledEpisodes:
             first += each * count
         return found
 
-    def _write_law_data(self, law: Any) -> dict[str, Any]:
+    def _write_law_data(self, made: Controller | None) -> dict[str, Any]:
         """Return what the law of a device uses."""
-        found = {"law": law_of(law), "seen": self._hold(np.zeros(len(LAW_INPUTS)))}
-        if law is None:
-            return found
-        law.reset()
-        found["gains"] = self._hold(law.gains.packed)
-        if isinstance(law, ProportionalIntegral):
-            found["memory"] = law.memory(1).ctypes.data
-            found["spring"] = law.spring.ctypes.data
-        if not isinstance(law, ModelBased):
-            return found
-        model = law.model
-        arrays = (
-            "proximal", "distal", "packed", "state", "joint", "slip_direction", "gain",
-            "arm", "new", "work", "scratch",
-        )  # fmt: skip
-        return found | {
-            **{name: getattr(model, name).ctypes.data for name in arrays},
-            "segments": self._hold(np.array(model.segments, dtype=np.int64)),
-            "model_cables": model.segments.size,
-            "packed_size": model.packed.shape[-1],
-            "state_size": model.state.shape[-1],
-            "work_size": model.work.size,
+        place = law_of(made)
+        if made is None:
+            return {"law": place}
+        law = LAWS[type(made)]
+        tables = law.tables(made)
+        shape = np.array(tables.shape, np.int64)
+        memory = np.zeros(tables.places[-1])
+        law.store_parameters(memory, shape, np.array(law.parameters(made)))
+        memory[FIRST_STEP] = 1.0
+        sources = np.array([READ_COLUMNS.index(name) for name in law.wound])
+        taps: list[int] = []
+        if isinstance(made, AdaptiveModel):
+            cables = self._batch.exo.device.driven[0]
+            for name, nodes in zip(cables, made.taps.nodes, strict=True):
+                first = Reader(self._batch.devices[0].model, name).nodes.start
+                taps += (first + nodes).tolist()
+        return {
+            "law": place,
+            "memory": self._hold(memory),
+            "memory_size": memory.size,
+            "shape": self._hold(shape),
+            "shape_size": shape.size,
+            "tables": self._hold(np.array(tables.numbers)),
+            "tables_size": len(tables.numbers),
+            "sources": self._hold(sources),
+            "source_count": len(sources),
+            "taps": self._hold(np.array(taps, np.int64)),
+            "tap_count": len(taps),
+            "is_round": law.is_round,
+            "seen": self._hold(np.zeros(len(sources) + len(taps))),
         }
 
     def play(self, tick: Callable[[float], object]) -> dict[str, Array]:

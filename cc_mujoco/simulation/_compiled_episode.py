@@ -7,7 +7,7 @@ ends, and a simulation goes through its episode in one go.
 
 `advance` is called when a step has new positions and velocities and still the forces
 that acted in it, which is what a control step of an environment reads. The formulas are
-those of `human._tasks` and `control._compiled_laws`; here is only where their arguments
+those of `human._tasks` and `control._stepped_laws`; here is only where their arguments
 lie.
 """
 
@@ -20,36 +20,27 @@ from typing import Annotated, Any
 import mujoco
 import numpy as np
 
-from cc_mujoco.cable import _stepper as stepper
-from cc_mujoco.control import _compiled_laws as compiled_laws
-from cc_mujoco.control._cable_model import follow
-from cc_mujoco.control._compensation import SCRATCH_ROWS
-from cc_mujoco.control._guard import SPRING_SIZE
+from cc_mujoco.control import _stepped_laws as stepped_laws
 from cc_mujoco.device._axis_record import (
     FIELDS,
     JOINT_ANGLE,
     JOINT_TORQUE,
-    JOINT_VELOCITY,
     LEVERAGE,
-    MOTOR_ANGLE,
-    MOTOR_VELOCITY,
     READING_COLUMNS,
     READINGS,
     WINDING_ANGLE,
-    WINDING_VELOCITY,
     axis_at,
     fields_of,
     read_axis,
 )
 from cc_mujoco.human._tasks import clamp
-from cc_mujoco.native import FloatArray, internal
 from cc_mujoco.native import _library as native_library
+from cc_mujoco.native import internal
 from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin._engine import LIBRARY
 from cc_mujoco.plugin._ffi import (
     CInt,
     callback,
-    float_rows,
     floats,
     load_real,
     load_word,
@@ -62,11 +53,14 @@ from cc_mujoco.simulation._wiring import OF_PHASE, desired_torque
 
 PLUGIN = "cc_mujoco.episode"
 
-UNPOWERED, FEED_FORWARD, FEEDBACK, TUNED, MODEL, STICTION = range(6)
-"""Laws that drive the motor."""
+UNPOWERED = -1
+"""Law of a motor that gives no torque; others are places in `_stepped_laws.STEPS`."""
 
 KEPT = (*READING_COLUMNS[:WINDING_ANGLE], "desired_torque_nm")
 """Columns that are kept of every control step, before those of each cable."""
+READ_COLUMNS = (*READING_COLUMNS, "desired_torque_nm")
+"""Columns that a law may read."""
+_DESIRED = READINGS
 PER_CABLE = 4
 """Columns of each cable: tension at both ends, energy that friction took, least
 tension."""
@@ -91,26 +85,18 @@ RECORD = np.dtype(
             "readings",  # address of (cables, 5): first node in `plugin_state`, number
             # of nodes, energy, and both ends in `actuator_force`
             "columns",  # address of what is kept (columns, steps + 1)
-            "gains",  # address of `_compiled_laws.GAINS`; likewise those that follow
-            "memory",
-            "spring",  # of all cables at the joint, see `guard.STIFFNESS`
-            "seen",
-            "model_cables",  # number; then addresses of arrays of `CableModel`
-            "segments",
-            "proximal",
-            "distal",
-            "packed",
-            "packed_size",
-            "state",
-            "state_size",
-            "joint",
-            "slip_direction",
-            "gain",
-            "arm",
-            "new",
-            "work",
-            "work_size",
-            "scratch",
+            "memory",  # address of that of the law; likewise those that follow
+            "memory_size",
+            "shape",
+            "shape_size",
+            "tables",
+            "tables_size",
+            "sources",  # address of the places of what the law reads in `READ_COLUMNS`
+            "source_count",
+            "taps",  # address of the places of its tension sensors in `plugin_state`
+            "tap_count",
+            "is_round",  # 1 where it reads torques as of a round pulley
+            "seen",  # address of what it reads
         )
     ]
 )
@@ -118,13 +104,6 @@ RECORD = np.dtype(
 which is also what MuJoCo makes of it when a simulation diverges."""
 
 _FIXED, _PER_CABLE, _FIELD_COUNT = len(KEPT), PER_CABLE, FIELDS
-_GAINS, _SEEN, _MEMORY = (
-    len(compiled_laws.GAINS),
-    len(compiled_laws.LAW_INPUTS),
-    compiled_laws.MEMORY_SIZE,
-)
-_PERIOD = compiled_laws.PERIOD
-
 EpisodeRecord = Annotated[Any, ("EpisodeRecord", RECORD)]
 """A simulation's `RECORD`."""
 
@@ -137,7 +116,7 @@ def _record(address: int) -> EpisodeRecord:
 
 
 @internal
-def _desired(record: EpisodeRecord, step: int, angle: float) -> float:
+def _desired_torque(record: EpisodeRecord, step: int, angle: float) -> float:
     """Return the task's desired torque at a control step [N m]."""
     if record.task == OF_PHASE:
         return load_real(record.desired + 8 * step)
@@ -146,69 +125,31 @@ def _desired(record: EpisodeRecord, step: int, angle: float) -> float:
 
 
 @internal
-def _torque(record: EpisodeRecord, seen: FloatArray) -> float:
+def _torque(record: EpisodeRecord) -> float:
     """Return the torque of the motor [N m]."""
-    law = record.law
-    if law == UNPOWERED:
+    if record.law == UNPOWERED:
         return 0.0
-    gains = floats(record.gains, _GAINS)
-    if law == FEED_FORWARD:
-        return float(compiled_laws.feed_forward(gains, seen[compiled_laws.DESIRED]))
-    memory, spring = floats(record.memory, _MEMORY), floats(record.spring, SPRING_SIZE)
-    compiled_laws.admit(gains, spring, memory, seen)
-    if law == FEEDBACK:
-        return float(compiled_laws.guarded_torque(gains, spring, memory, seen))
-    if law == TUNED:
-        ahead = compiled_laws.feed_forward(gains, seen[compiled_laws.DESIRED])
-        return float(compiled_laws.damped_feedback(gains, spring, memory, seen, ahead))
-    count, width, size = record.model_cables, record.packed_size, record.state_size
-    prm = float_rows(record.packed, count, width)
-    state = float_rows(record.state, count, size)
-    new = float_rows(record.new, count, size)
-    n = words(record.segments, count)
-    proximal, distal = floats(record.proximal, count), floats(record.distal, count)
-    slip_direction = floats(record.slip_direction, count)
-    gain, arm = floats(record.gain, count), floats(record.arm, count)
-    joint, work = floats(record.joint, 1), floats(record.work, record.work_size)
-    scratch = float_rows(record.scratch, SCRATCH_ROWS, count)
-    cables = stepper.Cables(prm, n, proximal, proximal, distal)
-    joint[0] = follow(
-        cables,
-        state,
-        seen[compiled_laws.ANGLE],
-        seen[compiled_laws.TORQUE],
-        joint[0],
-        slip_direction,
-        gain,
-        arm,
-        gains[_PERIOD],
-        new,
-        work,
+    return stepped_laws.step(
+        record.law,
+        floats(record.memory, record.memory_size),
+        words(record.shape, record.shape_size),
+        floats(record.tables, record.tables_size),
+        floats(record.seen, record.source_count + record.tap_count),
     )
-    if law == MODEL:
-        found = compiled_laws.model_based(
-            gains, spring, prm, n, distal, arm, state, slip_direction, gain, 0.0,
-            memory, seen, scratch,
-        )  # fmt: skip
-    else:
-        found = compiled_laws.stiction(
-            gains, spring, prm, n, distal, arm, state, memory, seen, scratch
-        )
-    return float(found)
 
 
 @internal
-def _observe(record: EpisodeRecord, data: int, step: int, seen: FloatArray) -> None:
+def _observe(record: EpisodeRecord, data: int, step: int) -> None:
     """Read and keep what is measured at a control step."""
     cables, rows = record.cables, record.steps + 1
     columns = floats(record.columns, (_FIXED + _PER_CABLE * cables) * rows)
-    at, found = np.empty(_FIELD_COUNT, np.int64), np.empty(READINGS)
+    at, found = np.empty(_FIELD_COUNT, np.int64), np.empty(_DESIRED + 1)
     fields_of(data, at)
     read_axis(axis_at(record.axis), at, found)
-    desired = _desired(record, step, found[JOINT_ANGLE])
+    found[_DESIRED] = _desired_torque(record, step, found[JOINT_ANGLE])
     for i in range(_FIXED - 1):
         columns[i * rows + step] = found[i]
-    columns[(_FIXED - 1) * rows + step] = desired
+    columns[(_FIXED - 1) * rows + step] = found[_DESIRED]
     readings = words(record.readings, 5 * cables)
     state = load_word(data + mj_struct.PLUGIN_STATE)
     for k in range(cables):
@@ -224,17 +165,16 @@ def _observe(record: EpisodeRecord, data: int, step: int, seen: FloatArray) -> N
         columns[(place + 1) * rows + step] = abs(mj_struct.force(data, distal))
         columns[(_FIXED + 2 * cables + k) * rows + step] = energy
         columns[(_FIXED + 3 * cables + k) * rows + step] = least
-    angle, velocity, leverage = JOINT_ANGLE, JOINT_VELOCITY, 1.0
-    if record.law >= FEEDBACK:
-        angle, velocity = WINDING_ANGLE, WINDING_VELOCITY
-    if record.law >= TUNED:
-        leverage = found[LEVERAGE]
-    seen[compiled_laws.ANGLE] = found[MOTOR_ANGLE]
-    seen[compiled_laws.VELOCITY] = found[MOTOR_VELOCITY]
-    seen[compiled_laws.JOINT_ANGLE] = found[angle]
-    seen[compiled_laws.JOINT_VELOCITY] = found[velocity]
-    seen[compiled_laws.TORQUE] = found[JOINT_TORQUE] / leverage
-    seen[compiled_laws.DESIRED] = desired / leverage
+    count, taps = record.source_count, words(record.taps, record.tap_count)
+    sources, seen = words(record.sources, count), floats(record.seen, count + taps.size)
+    leverage = found[LEVERAGE] if record.is_round != 0 else 1.0
+    for i in range(count):
+        source = sources[i]
+        seen[i] = found[source]
+        if source == JOINT_TORQUE or source == _DESIRED:
+            seen[i] = found[source] / leverage
+    for i in range(taps.size):
+        seen[count + i] = max(load_real(state + 8 * taps[i]), 0.0)
 
 
 @internal
@@ -244,12 +184,11 @@ def _play(data: int, record: EpisodeRecord) -> None:
     control = load_word(data + mj_struct.CTRL)
     if count % skip == 0:
         step = count // skip
-        seen = floats(record.seen, _SEEN)
-        _observe(record, data, step, seen)
+        _observe(record, data, step)
         if step == record.steps:
             store_real(load_word(data + mj_struct.USERDATA), 0.0)
             return
-        torque = _torque(record, seen)
+        torque = _torque(record)
         if not np.isfinite(torque):
             record.refused = 1
             store_real(load_word(data + mj_struct.USERDATA), 0.0)

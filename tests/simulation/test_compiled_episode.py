@@ -3,24 +3,40 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from cc_mujoco.control import CONTROLLERS, Controller, ProportionalIntegral
+from cc_mujoco.control import (
+    CONTROLLERS,
+    Controller,
+    ModelBased,
+    PredictiveCompensation,
+    ProportionalIntegral,
+    StictionCompensation,
+)
+from cc_mujoco.control._stepped_laws import LAWS
 from cc_mujoco.design import StudySpec, episodes, make_plan
 from cc_mujoco.design import _walking_designs as walking_designs
 from cc_mujoco.design._designs import Given
-from cc_mujoco.device import Plant, load_device
+from cc_mujoco.device import Drive, Plant, load_device
 from cc_mujoco.human import TASKS, Spring, Tunnel, task
 from cc_mujoco.simulation import _rollout as rollout
 from cc_mujoco.simulation import attended
 from cc_mujoco.simulation._compiled_batch import law_of, task_of
 from cc_mujoco.simulation._rollout import Rollout, play
+from study_marks import study_unless
 
-INSIDE = ("none", "feedback", "pi", "pi_tuned", "model", "stiction")
+INSIDE = [name for name, kind in CONTROLLERS.items() if kind in LAWS]
+QUICK = {
+    "ankle": ("pi_tuned", "lqg", "stiction", "disturbance", "adaptive"),
+    "finger": ("pi_feed_forward", "inverse", "predictive"),
+}
+"""Laws of other devices than the wrist that are not left to the study."""
 VARY: dict[str, dict[str, Given]] = {
     "wrist": {"friction": [0.05, 0.2], "motor_torque": [0.05, 1.0]},
     "ankle": {"joint_radius": [0.1, 0.13], "static_friction": [0.0, 0.1]},
@@ -66,8 +82,13 @@ def assert_same(one: Rollout, other: Rollout) -> None:
         assert np.array_equal(column, other.columns[name], equal_nan=True), name
 
 
-@pytest.mark.parametrize("law", INSIDE)
-@pytest.mark.parametrize("scene", VARY)
+@pytest.mark.parametrize(
+    ("scene", "law"),
+    study_unless(
+        lambda each: each[1] in QUICK.get(each[0], INSIDE),
+        itertools.product(VARY, INSIDE),
+    ),
+)
 def test_an_episode_is_the_same_inside_the_steps(
     scene: str, law: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -138,7 +159,7 @@ def test_a_design_that_diverges_is_told_at_the_same_time(
     monkeypatch.setitem(CONTROLLERS, "wild", Wild)
     monkeypatch.setattr(
         "cc_mujoco.simulation._compiled_batch.LAWS",
-        {**_laws(), Wild: _laws()[ProportionalIntegral]},
+        {**LAWS, Wild: LAWS[ProportionalIntegral]},
     )
     vary: dict[str, Given] = {
         "friction": [0.0, 0.1], "motor_torque": [1e6], "rotor_inertia": [1e-6],
@@ -159,12 +180,29 @@ def test_a_torque_that_is_no_number_is_told_at_the_same_time(
     monkeypatch.setitem(CONTROLLERS, "hollow", Hollow)
     monkeypatch.setattr(
         "cc_mujoco.simulation._compiled_batch.LAWS",
-        {**_laws(), Hollow: _laws()[ProportionalIntegral]},
+        {**LAWS, Hollow: LAWS[ProportionalIntegral]},
     )
     pairs = both_ways(monkeypatch, "wrist", {"friction": [0.05, 0.2]}, "hollow")
     for inside, outside in pairs:
         assert_same(inside, outside)
         assert all("gave no finite torque at" in why for why in inside.failed)
+
+
+@pytest.mark.parametrize(
+    "made",
+    [
+        lambda drive: StictionCompensation(drive, settling=0.02, preview=0.05),
+        lambda drive: PredictiveCompensation(drive, horizon=0.02, knots=5, belief=0.3),
+        lambda drive: ModelBased(drive, mismatch=0.5),
+    ],
+)
+def test_a_law_with_settings_of_its_own_is_the_same(
+    made: Callable[[Drive], Controller], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(CONTROLLERS, "own", made)  # type: ignore[arg-type]
+    vary: dict[str, Given] = {"friction": [0.05, 0.2]}
+    for pair in both_ways(monkeypatch, "wrist", vary, "own", duration=0.4):
+        assert_same(*pair)
 
 
 def test_what_python_alone_knows_is_left_to_it() -> None:
@@ -182,9 +220,3 @@ def test_what_python_alone_knows_is_left_to_it() -> None:
     by_python = {name for name, task in TASKS.items() if task_of(task) is None}
     assert by_python == {"impedance", "position"}
     assert law_of(Other.__new__(Other)) is None
-
-
-def _laws() -> dict[Any, Any]:
-    from cc_mujoco.simulation._compiled_batch import LAWS
-
-    return dict(LAWS)

@@ -1,15 +1,15 @@
-"""Functions for C: the laws of `control._compiled_laws` on the memory of the caller.
+"""Steps of laws as compiled functions, on the memory of the caller.
 
     wrong(shape, parameters, least, most)           # 0, or 1 + what is wrong
     store(memory, shape, parameters)
     torque = step(memory, shape, tables, readings)
 
-Each is of one axis; what C calls is made of those of all axes (`_files`).
+Each is of one axis. Compiled episodes and exported C run them.
 
 `shape` says how many cables there are, then the segments of each, then the sections of
 each. `tables` are numbers of the controller that no parameter changes. `parameters` are
-the gains; then, of every cable, its arms at motor and joint, its
-scalars and its sections. Memory is numbers only; `places` says what stands where.
+the gains; then, of every cable, its arms at motor and joint, its scalars and its
+sections. Memory is numbers only; `places` says what stands where.
 """
 
 from __future__ import annotations
@@ -189,6 +189,7 @@ def wrong_gains(
     )
 
 
+@compiled
 def store_gains(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> None:
     _store_parameters(memory, parameters)
     memory[SPRING + guard.STIFFNESS] = parameters[compiled_laws.STIFFNESS]
@@ -208,6 +209,7 @@ def wrong_model(
     return wrong_cables(shape, parameters, least, most, GAIN_COUNT)
 
 
+@compiled
 def store_model(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> None:
     """Take the gains of a controller with a model, and its cables."""
     cables, longest = shape[0], 0
@@ -266,6 +268,7 @@ def admitted(memory: FloatArray, readings: FloatArray) -> FloatArray:
     return seen
 
 
+@internal
 def step_proportional_integral(
     memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
 ) -> float:
@@ -339,18 +342,21 @@ def _step_model(
     )  # fmt: skip
 
 
+@internal
 def step_model_based(
     memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
 ) -> float:
     return _step_model(memory, shape, tables, readings, _MODEL)
 
 
+@internal
 def step_stiction(
     memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
 ) -> float:
     return _step_model(memory, shape, tables, readings, _STICTION)
 
 
+@internal
 def step_disturbance(
     memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
 ) -> float:

@@ -1,11 +1,11 @@
-"""Functions of `predictive` for C: `control._planning` on the caller's memory.
+"""Steps of `predictive` and `adaptive`: `_planning` on the memory of the caller.
 
-`shape` goes on behind that of `entries` by the number of delays that may be, and of the
-knots of a plan. `tables` are the gains of the plans, those of the unexplained torque
-and the weights of accelerations, for every delay. The memory also keeps the cables as
-they were given, because they are packed anew whenever their friction is found to be
-another. Parameters that are given between two steps are packed in the next one, with
-the friction that was learned.
+`shape` goes on behind that of `_law_steps` by the number of delays that may be, and of
+the knots of a plan. `tables` are the gains of the plans, those of the unexplained
+torque and the weights of accelerations, for every delay. The memory also keeps the
+cables as they were given, because they are packed anew whenever their friction is found
+to be another. Parameters that are given between two steps are packed in the next one,
+with the friction that was learned.
 
 `shape` of `adaptive` goes on by the number of sensors along a cable, then their nodes,
 of every cable. Its `readings` end with the tensions, `parameters` with the standard
@@ -22,24 +22,24 @@ from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.cable._layout import SCALARS
 from cc_mujoco.control import _friction_slope as friction_slope
 from cc_mujoco.control import _guard as guard
+from cc_mujoco.control import _law_steps as law_steps
 from cc_mujoco.control import _planner_learning as planner_learning
 from cc_mujoco.control import _planner_memory as planner_memory
 from cc_mujoco.control import _planner_parameters as planner_parameters
 from cc_mujoco.control import _planning as planning
 from cc_mujoco.control._cable_model import add_preload, has_changed, pack, stiffness
-from cc_mujoco.control._predictive import PLANNER_INPUTS
-from cc_mujoco.estimation import _tension_slope as tension_slope
-from cc_mujoco.export import _entry_points as entry_points
-from cc_mujoco.export._entry_points import (
+from cc_mujoco.control._law_steps import (
     part,
     rows_of,
     tables_of,
     whole_part,
     whole_rows_of,
 )
+from cc_mujoco.control._predictive import PLANNER_INPUTS
+from cc_mujoco.estimation import _tension_slope as tension_slope
 from cc_mujoco.native import FloatArray, IntArray, compiled, internal
 
-_TUNING_START = entry_points.OWN_MEMORY
+_TUNING_START = law_steps.OWN_MEMORY
 TUNING_SIZE = len(planner_parameters.TUNING)
 """Parameters before those of the cables."""
 _PARAMETERS_CHANGED = _TUNING_START + TUNING_SIZE + guard.SPRING_SIZE
@@ -52,7 +52,7 @@ INPUT_COUNT = len(PLANNER_INPUTS)
 def places(
     cables: int, most: int, sections: int, delays: int, knots: int
 ) -> tuple[int, int, int, int, int, int]:
-    """Return the places of numbers in the memory, like `_entry_points.places`.
+    """Return the places of numbers in the memory, like `_law_steps.places`.
 
     `most` are the segments of the longest cable, `sections` those of all of them,
     `delays` what may be, and `knots` those of a plan.
@@ -127,7 +127,7 @@ def wrong_plan(
     shape: IntArray, parameters: FloatArray, least: FloatArray, most: FloatArray
 ) -> int:
     """Return 1 + the index of an impossible parameter, 0 if there is none."""
-    wrong = entry_points.wrong_motor(
+    wrong = law_steps.wrong_motor(
         parameters,
         least,
         most,
@@ -138,9 +138,10 @@ def wrong_plan(
     )
     if wrong != 0:
         return wrong
-    return entry_points.wrong_cables(shape, parameters, least, most, TUNING_SIZE)
+    return law_steps.wrong_cables(shape, parameters, least, most, TUNING_SIZE)
 
 
+@compiled
 def store_plan(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> None:
     for i in range(TUNING_SIZE):
         memory[_TUNING_START + i] = parameters[i]
@@ -156,6 +157,7 @@ def store_plan(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> N
     memory[_PARAMETERS_CHANGED] = 1.0
 
 
+@internal
 def step_plan(
     memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
 ) -> float:
@@ -163,7 +165,7 @@ def step_plan(
     _, sections = longest_cable(shape)
     law = _ARMS + 3 * cables + cables * SCALARS + 2 * sections
     kept = part(memory, law, planner_memory.FRICTION + cables)
-    if memory[entry_points.FIRST_STEP] != 0.0:
+    if memory[law_steps.FIRST_STEP] != 0.0:
         kept[:] = 0.0
     planner_learning.friction_factors(
         kept, part(memory, friction_factor_place(shape), cables)
@@ -201,7 +203,7 @@ def plan(
     prm = rows_of(memory, packed, cables, size)
     model = stepper.Cables(prm, n, arm, arm, distal)
     free = friction_factor_place(shape)
-    is_fresh = memory[entry_points.FIRST_STEP] != 0.0
+    is_fresh = memory[law_steps.FIRST_STEP] != 0.0
     factors = part(memory, _ARMS + 2 * cables, cables)
     found = part(memory, free, cables)
     if is_fresh:
@@ -231,7 +233,7 @@ def plan(
         memory[_PARAMETERS_CHANGED] = 0.0
     if is_fresh:
         stepper.set_rest(model, readings[0], 0.0, state)
-        memory[entry_points.JOINT_ANGLE], memory[entry_points.FIRST_STEP] = 0.0, 0.0
+        memory[law_steps.JOINT_ANGLE], memory[law_steps.FIRST_STEP] = 0.0, 0.0
     own = packed - knots * (4 + knots + planner_memory.WORK_ROWS)
     plan_scratch = planner_memory.PlannerWorkspace(
         rows_of(memory, after, cables, width),
@@ -258,7 +260,7 @@ def plan(
         part(memory, _TUNING_START, TUNING_SIZE + guard.SPRING_SIZE),
     )
     return planning.motor_torque(
-        model, state, part(memory, entry_points.JOINT_ANGLE, 1), device,
+        model, state, part(memory, law_steps.JOINT_ANGLE, 1), device,
         part(readings, 0, INPUT_COUNT), plan_tables, plan_scratch,
     )  # fmt: skip
 
@@ -297,11 +299,10 @@ def wrong_sensed(
     wrong = wrong_plan(shape, parameters, least, most)
     if wrong != 0:
         return wrong
-    return entry_points.first_out_of_range(
-        first, first + count, parameters, least, most
-    )
+    return law_steps.first_out_of_range(first, first + count, parameters, least, most)
 
 
+@compiled
 def store_sensed(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> None:
     """Take the tuning, the cables and the deviations of the sensors."""
     first, count = _deviations_place(shape), shape[0] * _sensor_count(shape)
@@ -311,6 +312,7 @@ def store_sensed(memory: FloatArray, shape: IntArray, parameters: FloatArray) ->
         memory[own + i] = parameters[first + i]
 
 
+@internal
 def step_sensed(
     memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
 ) -> float:
@@ -323,7 +325,7 @@ def step_sensed(
     work = kept + cables * friction_slope.ESTIMATE_SIZE
     known = rows_of(memory, kept, cables, friction_slope.ESTIMATE_SIZE)
     factors = part(memory, friction_factor_place(shape), cables)
-    is_fresh = memory[entry_points.FIRST_STEP] != 0.0
+    is_fresh = memory[law_steps.FIRST_STEP] != 0.0
     if is_fresh:
         memory[own] = 0.0
     for k in range(cables):

@@ -3,7 +3,9 @@
 Their columns have names without units; here the unit is appended: `time_s`,
 `knee_angle_r_deg` where the header has `inDegrees=yes` (`_rad` where it has `no`),
 `knee_angle_r_moment_nm`. Lengths, such as `pelvis_tx`, and all angles of a file whose
-header has no `inDegrees` keep their names.
+header has no `inDegrees` keep their names. Of a state of Moco,
+`/jointset/knee_r/knee_angle_r/value`, the coordinate is the name; its other states and
+controls keep theirs.
 """
 
 from __future__ import annotations
@@ -22,7 +24,9 @@ ENDINGS = (".mot", ".sto")
 
 _END = "endheader"
 _IN_DEGREES = re.compile(r"\s*indegrees\s*=\s*(yes|no)\s*", re.IGNORECASE)
+_VALUE = re.compile(r"/.*/([^/]+)/value")
 _UNITS = {
+    re.compile(r"(/.*)"): r"\1",
     re.compile(r"time", re.IGNORECASE): "time_s",
     re.compile(r"(.*_moment)", re.IGNORECASE): r"\1_nm",
     re.compile(r"(.*_force)", re.IGNORECASE): r"\1_n",
@@ -39,7 +43,8 @@ def _header(path: Path) -> tuple[list[str], int]:
             text = line.strip()
             if ended and text:
                 names = []
-                for name in line.split():
+                for column in line.split():
+                    name = _VALUE.sub(r"\1", column)
                     named = (
                         pattern.sub(unit, name)
                         for pattern, unit in _UNITS.items()

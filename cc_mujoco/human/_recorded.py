@@ -37,6 +37,8 @@ Entry = TypeVar("Entry")
 
 _DRIVEN_NAMES: tuple[Words, ...] = ((), ("joint",))
 """Names of the joint that the device drives, in words without `angle`."""
+_SIDES = {"r": "right", "right": "right", "l": "left", "left": "left"}
+_FLEXION = ("flexion", "flex")
 
 
 @dataclass(frozen=True)
@@ -57,11 +59,23 @@ class Recorded(Trajectory):
     """Names and angles [rad] of other joints."""
     source: str = field(default="", compare=False, repr=False)
     """Path of the file, for messages."""
+    columns: tuple[str, ...] = field(default=(), compare=False, repr=False)
+    """Columns of the joints, that of the driven one first, for messages."""
 
     @property
     def end(self) -> float:
         """Time of the last sample [s]."""
         return self.times[-1]
+
+    def describe(self) -> str:
+        """Return a sentence on the column, its range and its sign for each joint."""
+        every = [(self.joint, self.angles), *self.others]
+        each = [
+            f"{joint or 'the driven joint'} by {column!r}, "
+            f"{min(angles):.3g} to {max(angles):.3g} rad"
+            for (joint, angles), column in zip(every, self.columns, strict=True)
+        ]
+        return f"{self.source} moves {', '.join(each)}, with the signs of the file"
 
     def on_joints(self, joints: Sequence[str]) -> Recorded:
         """Return the motion with the names of a device's joints, the driven one first.
@@ -70,7 +84,10 @@ class Recorded(Trajectory):
             CableError: If there is no motion of the first joint.
         """
         every = [(self.joint, self.angles), *self.others]
-        keys = {quantity_words(name, ANGLE)[0]: angles for name, angles in every}
+        keys = {
+            quantity_words(name, ANGLE)[0]: (angles, self.columns[k : k + 1])
+            for k, (name, angles) in enumerate(every)
+        }
         found = match_joints(keys, joints)
         if joints[0] not in found:
             names = " and ".join(repr(name) for name, _ in every)
@@ -79,9 +96,15 @@ class Recorded(Trajectory):
                 f"drives the joint {joints[0]!r}; name its column "
                 f"{tables.unit_names(joints[0] + '_angle', ANGLE)}."
             )
-        others = [(name, found[name]) for name in joints[1:] if name in found]
+        moved = [(name, *found[name]) for name in joints if name in found]
+        (first, own, _), *others = moved
         return Recorded(
-            self.times, found[joints[0]], joints[0], tuple(others), self.source
+            self.times,
+            own,
+            first,
+            tuple((name, angles) for name, angles, _ in others),
+            self.source,
+            tuple(column for *_, columns in moved for column in columns),
         )
 
     @pointwise
@@ -125,16 +148,33 @@ def match_joints(
     """Return the columns of a device's joints by the names of the joints.
 
     `columns` are by the words of their names without quantity and unit; the joint that
-    the device drives is the first.
+    the device drives is the first. A joint of which no column has the name takes that
+    of its limb and side, as OpenSim names them: `hip_flexion_r` for `right_hip`. One
+    without a side takes the right one of two.
     """
     found = {}
+    limbs = {_side_and_limb(key): key for key in columns}
     for place, joint in enumerate(joints):
-        named = [quantity_words(joint, ANGLE)[0], *(_DRIVEN_NAMES if not place else ())]
+        own = quantity_words(joint, ANGLE)[0]
+        side, limb = _side_and_limb(own)
+        named = [own, *(_DRIVEN_NAMES if not place else ())]
+        named += [
+            limbs[each, limb]
+            for each in ([side] if side else ["right", "left"])
+            if (each, limb) in limbs
+        ]
         for key in named:
             if key in columns:
                 found[joint] = columns[key]
                 break
     return found
+
+
+def _side_and_limb(words: Words) -> tuple[str, Words]:
+    """Return the side, or "", and the other words without that for flexion."""
+    sides = [_SIDES[word] for word in words if word in _SIDES]
+    rest = tuple(w for w in words if w not in _SIDES and w not in _FLEXION)
+    return sides[0] if len(sides) == 1 else "", rest
 
 
 def read_trajectory(path: str | Path, joints: Sequence[str] = ()) -> Recorded:
@@ -178,7 +218,8 @@ def read_trajectory(path: str | Path, joints: Sequence[str] = ()) -> Recorded:
     angles = [tuple(values.tolist()) for values in moved]
     (first, own), *others = zip(columns, angles, strict=True)
     since = tuple((times - times[0]).tolist())
-    return Recorded(since, own, first, tuple(others), str(path))
+    named = tuple(columns.values())
+    return Recorded(since, own, first, tuple(others), str(path), named)
 
 
 def _angle_column(name: str) -> tables.Column:

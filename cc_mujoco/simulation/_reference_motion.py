@@ -123,13 +123,14 @@ class Author:
         duration = steps * frame_skip * float(device.model.opt.timestep)
         for recorded in dict.fromkeys((*map(unperturbed, sources), *tasks)):
             _warn_of_end(recorded, duration)
-        walks = dict.fromkeys(
+        moves = dict.fromkeys(
             source.describe()
             for source in map(unperturbed, sources)
-            if isinstance(source, Walk) and source.joints
+            if (isinstance(source, Walk) and source.joints)
+            or (isinstance(source, Recorded) and source.columns)
         )
-        self.note = "; ".join(walks) + "." if walks else ""
-        """Sentence on the joints of the device that walk; empty by default."""
+        self.note = "; ".join(moves) + "." if moves else ""
+        """Sentence on the joints that walk or that a table moves; empty by default."""
         self._tasks = tuple((task, scripted(task)) for task in tasks)
         self._commanded = tuple(task.commands_angle for task in tasks)
         self._device = device

@@ -271,6 +271,54 @@ def test_opensim_files_have_the_unit_in_their_header(
 
 
 @pytest.mark.parametrize(
+    ("joints", "found"),
+    [
+        (("knee",), {"knee": "knee_angle_r_deg"}),
+        (("knee", "hip"), {"knee": "knee_angle_r_deg", "hip": "hip_flexion_r_deg"}),
+        (("right_hip", "left_hip"), {"right_hip": "hip_flexion_r_deg"}),
+        (("left_knee", "hip"), None),
+        (("ankle",), None),
+    ],
+)
+def test_joints_are_found_by_limb_and_side_as_opensim_names_them(
+    tmp_path: Path, joints: tuple[str, ...], found: dict[str, str] | None
+) -> None:
+    path = tmp_path / "walk.mot"
+    path.write_text(OPENSIM.format(header="inDegrees=yes"))
+    if found is None:
+        with pytest.raises(CableError, match=f"no column .* joint '{joints[0]}'"):
+            read_trajectory(path, joints)
+        return
+    motion = read_trajectory(path, joints)
+    assert dict(zip(columns(path, joints), motion.columns, strict=True)) == found
+    again = read_trajectory(path, ("knee_r", "hip_r")).on_joints(joints)
+    assert again == motion and again.describe() == motion.describe()
+    assert f"{joints[0]} by '{found[joints[0]]}', " in motion.describe()
+
+
+def test_of_two_legs_a_joint_without_a_side_is_the_right_one(tmp_path: Path) -> None:
+    path = tmp_path / "walk.sto"
+    text = OPENSIM.format(header="inDegrees=yes").replace("pelvis_tx", "knee_angle_l")
+    path.write_text(text)
+    assert columns(path, ("knee",))["knee"][0] == pytest.approx(np.deg2rad(10.0))
+    assert columns(path, ("left_knee",))["left_knee"][0] == pytest.approx(
+        np.deg2rad(0.9)
+    )
+
+
+def test_coordinates_of_a_state_of_moco_are_angles_and_its_speeds_are_not(
+    tmp_path: Path,
+) -> None:
+    leg = "/jointset/knee_r/knee_angle_r/"
+    text = OPENSIM.format(header="inDegrees=no").replace("pelvis_tx", leg + "speed")
+    path = tmp_path / "moco.sto"
+    path.write_text(text.replace("\tknee_angle_r", f"\t{leg}value"))
+    found = read_trajectory(path, ("knee",))
+    assert found.angles[0] == 10.0 and found.columns == ("knee_angle_r_rad",)
+    assert read_trajectory(path).joint == "knee_r"
+
+
+@pytest.mark.parametrize(
     ("text", "message"),
     [
         (OPENSIM.format(header=""), "'knee_angle_r' has no unit; .* write inDegrees="),

@@ -54,13 +54,22 @@ def prepare_start(
 ) -> tuple[Start, tuple[Record, ...], Filtering]:
     """Return the start, and records with the samples that count by its values.
 
-    `bench` is that of the scene, with what `[rig]` declares.
+    `bench` is that of the scene, with what `[rig]` declares. Estimates by which no
+    motion would carry the cable along, though by the scene it does, are not used: they
+    fit something that the scene lacks.
     """
     records, filtering = prepare(dataset, bench)
     start = estimate_start(dataset, bench, records)
-    if start.bench is not bench:
-        records, filtering = prepare(dataset, start.bench)
-    return start, records, filtering
+    if start.bench is bench:
+        return start, records, filtering
+    again = prepare(dataset, start.bench)
+    if _count(again[0]) < Limit.min_counted_samples <= _count(records) and start.given:
+        return Start(bench, {}, {}), records, filtering
+    return start, *again
+
+
+def _count(records: Sequence[Record]) -> int:
+    return sum(int(record.counts.sum()) for record in records)
 
 
 def estimate_start(dataset: Dataset, bench: Bench, records: Sequence[Record]) -> Start:
@@ -80,10 +89,7 @@ def estimate_start(dataset: Dataset, bench: Bench, records: Sequence[Record]) ->
         for record in records
         if not record.unhooked and record.load_cell is None
     ]
-    if (
-        sum(int(record.counts.sum()) for record in thin)
-        < Limit.start_values_min_samples
-    ):
+    if _count(thin) < Limit.start_values_min_samples:
         return Start(bench, {}, {})
     known = bool(declared) or "pretension" in dataset.constants
     best = _best_values(dataset, bench, thin, known)

@@ -483,15 +483,29 @@ def _refit_forms(
 ) -> Candidate:
     """Return the effect refitted in the form that does best on held-out data.
 
-    Other forms are tried where the one that screens best is accepted.
+    Other forms are tried where the one that screens best is accepted. Where that leaves
+    the error unexplained, so are the sizes that the effect starts with, if they are
+    several: far from the truth a size by first order may lead to another minimum.
     """
     best = _refit_signature(now, division, signature, thresholds)
-    key = form_key(signature.id)
-    forms = range(len(now.problem.plant.library.effects[signature.id].forms))
-    for form in forms:
-        if best.reason or form == signature.start.get(key, 0.0):
-            continue
-        other = signature._replace(start={**signature.start, key: float(form)})
+    if best.reason:
+        return best
+    effect = now.problem.plant.library.effects[signature.id]
+    key, given = form_key(signature.id), signature.start
+    others = [
+        {**given, key: float(form)}
+        for form in range(len(effect.forms))
+        if form != given.get(key, 0.0)
+    ]
+    if best.crossed.misfit > MAX_EXPLAINED_ERROR:
+        sizes = [parameter.name for parameter in effect.parameters if parameter.linear]
+        own = {tuple(start[name] for name in sizes) for start in effect.starts}
+        if len(own) > 1:
+            others += [
+                given | dict(zip(sizes, each, strict=True)) for each in sorted(own)
+            ]
+    for start in others:
+        other = signature._replace(start=start)
         candidate = _refit_signature(now, division, other, thresholds)
         if not candidate.reason and candidate.reduction > best.reduction:
             best = candidate

@@ -11,12 +11,17 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from cc_mujoco.diagnosis import Options, run_inference
+from cc_mujoco.diagnosis import BaselineFit, Options, run_inference
+from cc_mujoco.diagnosis._fit.fit import fit_scene
+from cc_mujoco.diagnosis._fit.folds import interleaved_folds
+from cc_mujoco.diagnosis._phrases import no_progress
 from cc_mujoco.diagnosis._search import acceptance, rounds
 from cc_mujoco.diagnosis._search.acceptance import parted_by_form, tie_reason
+from cc_mujoco.diagnosis._search.rounds import search
 from cc_mujoco.diagnosis._search.screening import Changes, bounded_least_squares
 from cc_mujoco.diagnosis._thresholds import FORM_ERROR_SHARE, Thresholds
-from diagnosis.recorded import BENCH, dataset
+from diagnosis import recorded
+from diagnosis.recorded import BENCH, DT, dataset
 
 SPRINGY = ("joint_stiffness", "joint_gravity", "viscous_friction")
 SOFT = ("end_compliance", "presliding", "load_independent_friction", "cable_stiffening")
@@ -114,6 +119,29 @@ def test_a_spring_is_named_wherever_it_rests(rest: float) -> None:
     assert sizes["joint_stiffness"].value == pytest.approx(0.9, rel=0.02)
     moment = sizes["joint_stiffness_moment"].value
     assert moment == pytest.approx(-0.9 * rest, abs=0.02)
+
+
+@pytest.mark.parametrize("play", [0.02, 0.07])
+def test_play_is_found_whatever_its_size(
+    play: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither what the scene without it fits nor a size by first order leads astray."""
+
+    def hanging(duration: float, seed: int) -> list[tuple[np.ndarray, np.ndarray]]:
+        time = np.arange(0.0, duration, DT)
+        mixed = 0.5 * np.sin(1.7 * time) + 0.3 * np.sin(5.1 * time)
+        motors = 0.8 * np.sin(2.0 * time), 0.6 * np.sin(4.0 * time), mixed
+        return [(m, m - 0.5 * play * np.tanh(m / 0.05)) for m in motors]
+
+    monkeypatch.setattr(recorded, "motions", hanging)
+    data = dataset({"backlash": {"backlash": play}}, 5.0, 1)
+    start = fit_scene(data, BENCH, Options(), no_progress)
+    assert isinstance(start, BaselineFit)
+    division = interleaved_folds(start.problem.plant.records)
+    found = search(start.crossed, division, ("backlash",), Thresholds())
+    assert found.after.misfit < 1.5 < 10.0 < start.crossed.misfit
+    values = found.after.problem.values(found.after.fits[0].x)
+    assert values["backlash"] == pytest.approx(play, rel=0.01)
 
 
 def crossed(*errors: float, groups: Sequence[str] = ()) -> Any:

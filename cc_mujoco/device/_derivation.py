@@ -426,8 +426,13 @@ def _torque_limit(
     table: Table,
     read: DescriptionReader,
 ) -> float:
-    """Return the largest torque of a motor [N m]; writes a given one into the scene."""
+    """Return the largest torque of a motor [N m]; writes a given one into the scene.
+
+    A `<dcmotor>` becomes a `<motor>`, as its amplifier controls the current.
+    """
     name = model.actuator(motor).name
+    if model.actuator_gaintype[motor] == mujoco.mjtGain.mjGAIN_DCMOTOR:
+        return _stall_torque(spec, model, motor, table, read)
     gain, gear = (
         float(model.actuator_gainprm[motor, 0]),
         float(model.actuator_gear[motor, 0]),
@@ -462,6 +467,44 @@ def _torque_limit(
             "torque as `torque` in [axis]."
         )
     read.note("axis.torque", SCENE)
+    return torque
+
+
+def _stall_torque(
+    spec: mujoco.MjSpec,
+    model: mujoco.MjModel,
+    motor: int,
+    table: Table,
+    read: DescriptionReader,
+) -> float:
+    """Make a `<dcmotor>` a `<motor>` in the scene; return its largest torque [N m].
+
+    By default that is the torque at rest under the largest voltage of its `ctrlrange`.
+    """
+    name = model.actuator(motor).name
+    resistance, constant = model.actuator_gainprm[motor, :2].tolist()
+    gear = abs(float(model.actuator_gear[motor, 0]))
+    torque = table.number("torque", 0.0)
+    read.note("axis.torque", SCENE if torque is None else GIVEN)
+    if torque is None:
+        if not model.actuator_ctrllimited[motor]:
+            raise CableError(
+                f"dcmotor {name!r} has no largest voltage: give it a `ctrlrange` [V], "
+                "or write its largest torque as `torque` in [axis]."
+            )
+        volts = float(np.abs(model.actuator_ctrlrange[motor]).min())
+        torque = volts * constant / resistance * gear
+    warnings.warn(
+        f"dcmotor {name!r} becomes a motor of {torque:.3g} N m at every speed: its "
+        "amplifier is taken to control the current, and its voltage, cogging and "
+        "friction are left out.",
+        CableWarning,
+        stacklevel=2,
+    )
+    actuator = spec.actuator(name)
+    actuator.set_to_motor()
+    actuator.ctrllimited = True
+    actuator.ctrlrange = [-torque / gear, torque / gear]
     return torque
 
 

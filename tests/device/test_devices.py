@@ -17,7 +17,7 @@ from cc_mujoco.device import Device, DeviceModel, find_device, load_device
 from cc_mujoco.device._description import SAFE_DEMANDS
 from cc_mujoco.device._report import account, write_description
 from cc_mujoco.device._sensors import MEASURED_COLUMNS
-from cc_mujoco.errors import CableError
+from cc_mujoco.errors import CableError, CableWarning
 from cc_mujoco.human import TRAJECTORIES, Hold
 from cc_mujoco.human._motion import Motion
 from cc_mujoco.native import FloatArray
@@ -330,11 +330,36 @@ def test_a_free_root_is_held_or_free_by_choice(tmp_path: Path) -> None:
         assert Device(path).spec.compile().nq == 9
 
 
+DCMOTOR = """<dcmotor name="m" joint="drum" motorconst="0.05" resistance="0.8" gear="2"
+{}/>"""
+
+
+def test_a_dcmotor_is_a_motor_of_its_torque_at_rest(tmp_path: Path) -> None:
+    path = knee(tmp_path, motor=DCMOTOR.format('ctrlrange="-24 24"'))
+    with pytest.warns(CableWarning, match="at every speed: its amplifier"):
+        device = Device(path)
+    assert device.description.axes[0].torque == pytest.approx(24.0 * 0.05 / 0.8 * 2.0)
+    model = device.spec.compile()
+    data = mujoco.MjData(model)
+    motor = model.actuator("m").id
+    data.ctrl[motor] = 10.0  # more than the range holds
+    mujoco.mj_step(model, data)
+    assert 2.0 * data.actuator_force[motor] == pytest.approx(
+        device.description.axes[0].torque
+    )
+    plain = DCMOTOR.format("")
+    given = knee(tmp_path, "[axis]\ntorque = 2.5\n", motor=plain)
+    with pytest.warns(CableWarning, match=r"'m' becomes a motor of 2\.5 N m"):
+        device = Device(given)
+    assert device.description.axes[0].torque == 2.5
+
+
 @pytest.mark.parametrize(
     ("changes", "description", "wrong"),
     [
         ({"motor": ""}, "", "no motor winds a cable .*'drum'"),
         ({"motor": '<motor name="m" joint="drum"/>'}, "", "'m' has no limit"),
+        ({"motor": DCMOTOR.format("")}, "", "dcmotor 'm' has no largest voltage"),
         (
             {"motor": '<position name="m" joint="drum" ctrlrange="-1 1"/>'},
             "",

@@ -140,6 +140,14 @@ def quick_compiler(tmp_path_factory: pytest.TempPathFactory) -> str:
     return shlex.join([shutil.which("sh") or "sh", str(script)])
 
 
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave figures empty: drawing them is most of the work of a short command."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    monkeypatch.setattr(FigureCanvasAgg, "draw", FigureCanvasAgg.get_renderer)
+
+
 @pytest.fixture(scope="session")
 def plugin_library(pytestconfig: pytest.Config, quick_compiler: str) -> Path:
     """Write the plugin as a shared library once per version.

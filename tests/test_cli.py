@@ -21,17 +21,15 @@ import cc_mujoco
 from cc_mujoco import cli, viz
 from cc_mujoco._utils import command_options
 from cc_mujoco.assets import scene_path
-from cc_mujoco.benchmark import _figures as drawing
-from cc_mujoco.benchmark._runner import FIGURE_STEMS
 from cc_mujoco.cli._list import Listing
 from cc_mujoco.cli._parsing import commands
 from cc_mujoco.device import find_device
 from cc_mujoco.export import EXPORTED
 from cc_mujoco.export._command import TARGETS
-from cc_mujoco.report import figure
 from cc_mujoco.simulation import EpisodeLog
 from cc_mujoco.viz import EPISODE_FILES, _episode_files
 from plugin.processes import processes
+from study_marks import study_but
 
 EXPORT = ["export", "--out", "x"]
 ANKLE = str(scene_path("ankle"))
@@ -46,18 +44,7 @@ def _in_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
-@pytest.fixture
-def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Empty drawings, which are most of the work of a short play."""
-    monkeypatch.setattr(
-        _episode_files, "write_summary", lambda path, _: Path(path).touch()
-    )
-    blank = figure(1.0, 1.0)
-    for stem in FIGURE_STEMS:
-        monkeypatch.setattr(drawing, stem, lambda *_: blank)
-
-
-@pytest.mark.parametrize("scene", ["wrist", "ankle"])
+@pytest.mark.parametrize("scene", study_but(2, ["wrist", "ankle"]))
 def test_play_leaves_four_files_and_says_how_to_open_them(
     scene: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -530,14 +517,19 @@ def test_a_deleted_folder_is_one_sentence(
     )
 
 
+@pytest.mark.parametrize("every", [8, pytest.param(1, marks=pytest.mark.study)])
 @pytest.mark.parametrize("name", COMMANDS)
 def test_only_options_of_the_command_are_proposed(
-    name: str, helps: dict[str, dict[str, Any]], capsys: pytest.CaptureFixture[str]
+    name: str,
+    every: int,
+    helps: dict[str, dict[str, Any]],
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     def options(command: str) -> set[str]:
         return set(re.findall(r"--[a-z][\w-]+", helps[command]["said"]))
 
-    for option in sorted(set.union(*map(options, COMMANDS))):
+    first = list(COMMANDS).index(name) % every
+    for option in sorted(set.union(*map(options, COMMANDS)))[first::every]:
         wrong = f"{option[:-1]}x{option[-1]}"
         assert cli.main([name, *NEEDED.get(name, ()), wrong]) == 2
         proposed = re.search(r"did you mean (--[\w-]+)", capsys.readouterr().err)

@@ -164,6 +164,7 @@ def test_commands_of_the_page_do_what_it_says(
     CHECKS[section](folder, capsys.readouterr().out)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_device_without_a_safe_torque_is_played_with_one_that_is_assumed(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

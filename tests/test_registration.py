@@ -21,8 +21,9 @@ SCRIPTS = {
     "the engine first": f"import cc_mujoco.plugin, mujoco{LOADS}",
     "the environments first": f"import cc_mujoco.envs, gymnasium{KNOWS}",
     "a diagnosis, and what takes long to load": (
-        "import sys, cc_mujoco.diagnosis._diagnose\n"
-        "slow = {'matplotlib', 'rerun', 'scipy.signal', 'scipy.stats'}\n"
+        "import sys, cc_mujoco.control, cc_mujoco.diagnosis._diagnose\n"
+        "slow = {'matplotlib', 'rerun'}\n"
+        "slow |= {'scipy.optimize', 'scipy.signal', 'scipy.stats'}\n"
         "assert not slow & set(sys.modules)"
     ),
     "MuJoCo alone": "import sys, mujoco\nassert 'cc_mujoco' not in sys.modules",

@@ -1,8 +1,8 @@
 """Commands of an environment that start warm: forks of one process with its imports.
 
-Most of a short command is the import of what others wrote. Two small scripts, `python`
-and `cc-mujoco`, hand their words to a process of the environment that has imported it.
-The package itself is imported by each fork.
+Most of a short command are imports and drawings. Two small scripts, `python` and
+`cc-mujoco`, hand their words to a process of the environment that has imported what is
+needed and leaves drawings empty.
 """
 
 from __future__ import annotations
@@ -59,7 +59,10 @@ def work(client):
 if __name__ == "__main__":
     import gymnasium.envs, matplotlib.figure, mujoco.rollout, pyarrow.parquet
     import rerun.blueprint, scipy.optimize, scipy.signal, tyro
-    assert "cc_mujoco" not in sys.modules, "it is what is tried"
+    import cc_mujoco.cli._play, cc_mujoco.design._execution, cc_mujoco.design._report
+    import cc_mujoco.viz._episode_files, cc_mujoco.viz._rerun_file
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    FigureCanvasAgg.draw = FigureCanvasAgg.get_renderer
     with socket.socket(socket.AF_UNIX) as listening:
         listening.bind(sys.argv[1])
         listening.listen()

@@ -15,7 +15,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq, least_squares
 
 from cc_mujoco._utils.exclusive import exclusive
 from cc_mujoco._validation import require_parameter
@@ -86,6 +85,8 @@ class CableCourse:
         It is the nearest in the direction of the joint's motion at which the cables
         make the torque of the spring, so the motor rests where they already make more.
         """
+        from scipy.optimize import brentq
+
         turned = joint - self._joint
         if turned == 0.0:
             return self._motor / self._ratio
@@ -129,6 +130,8 @@ def course_of(
 
 def fit_cable(trial: HysteresisTrial, drive: Drive) -> CableParameters:
     """Return friction, pretension and spring of least squares, from a slow course."""
+    from scipy.optimize import least_squares
+
     require_cables(drive)
     every = max(1, trial.joint_angle.size // FIT_SAMPLES)
     motor, joint = trial.motor_angle[::every], trial.joint_angle[::every]

@@ -211,6 +211,7 @@ def mine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> BenchmarkPlan:
     return dataclasses.replace(SHORT, controllers=("mine:make",))
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_run_resumes_and_replays_other_code(
     mine: BenchmarkPlan, monkeypatch: pytest.MonkeyPatch
 ) -> None:

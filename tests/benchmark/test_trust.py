@@ -146,7 +146,7 @@ def test_a_plant_of_a_run_with_a_key_follows_from_no_seed_alone() -> None:
             dataclasses.replace(SHORT, key=wrong).cells()
 
 
-@pytest.mark.filterwarnings("ignore:constrained_layout not applied")  # a long name
+@pytest.mark.usefixtures("undrawn")
 def test_the_key_of_a_run_is_published_in_its_results_alone(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

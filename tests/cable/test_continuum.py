@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 import pytest
@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 from cable.continuum import Continuum, solve
 from cable.motions import MOTIONS, motion
 from shared_folder import SHARED
+from study_marks import study_but
 
 REFERENCE = SHARED / "reference" / "cable"
 
@@ -39,7 +40,9 @@ def stretch_along(cable: Continuum, stiffness: float, points: int = 20_001) -> f
 @pytest.mark.shared
 @pytest.mark.parametrize(
     ("cable", "name"),
-    [("wrist", "random_reversals"), *(("three_bends", name) for name in MOTIONS)],
+    study_but(
+        2, [("wrist", "random_reversals"), *(("three_bends", name) for name in MOTIONS)]
+    ),
 )
 def test_agrees_with_recorded_solutions(cable: str, name: str) -> None:
     file = f"{cable}__{name}.csv"
@@ -203,8 +206,7 @@ def test_path_is_exact_so_finer_samples_change_nothing(cable: str, name: str) ->
     assert np.all(coarse >= 0.0)
 
 
-@pytest.mark.parametrize("name", MOTIONS)
-@pytest.mark.parametrize("cable", CABLES)
+@pytest.mark.parametrize(("cable", "name"), study_but(2, product(CABLES, MOTIONS)))
 def test_strain_adds_up_and_slope_stays_in_the_cone(cable: str, name: str) -> None:
     sections, friction, stiffness, pretension = CABLES[cable]
     solver = Continuum(sections, friction, stiffness, pretension)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ from cable.continuum import solve
 from cable.motions import MOTIONS, motion
 from cc_mujoco.cable import Cable, Section, replay
 from shared_folder import SHARED
+from study_marks import study_but
 
 REFERENCE = SHARED / "reference" / "cable"
 
@@ -65,15 +66,14 @@ def case(cable: Cable, name: str, seed: int, samples: int):
     return motion(name, stretch, np.random.default_rng(seed), samples=samples)
 
 
-@pytest.mark.parametrize("name", MOTIONS)
-@pytest.mark.parametrize("which", CABLES)
+@pytest.mark.parametrize(("which", "name"), study_but(2, product(CABLES, MOTIONS)))
 def test_50_segments_are_within_0_3_percent_of_the_continuum(which, name):
     cable = CABLES[which]
     ends = case(cable, name, 7, 1000)
     assert rms_error(cable, 50, ends, continuum(cable, ends)) < 3e-3
 
 
-@pytest.mark.parametrize("name", MOTIONS)
+@pytest.mark.parametrize("name", study_but(2, MOTIONS))
 def test_error_falls_with_at_least_first_order_in_segments(name):
     cable = CABLES["one bend"]
     ends = case(cable, name, 3, 2000)

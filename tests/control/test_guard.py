@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -46,6 +47,7 @@ from cc_mujoco.simulation import Batch, WornDevice
 from control.devices import pull_pull, single
 from control.rigs import ANKLE, HANDLE, Believed, Ride, Truth, ride
 from control.rigs import FAULTS as RIG_FAULTS
+from study_marks import study_but
 
 SAFE = 8.0
 GUARDED = [name for name in CONTROLLERS if name != "none"]  # which measures nothing
@@ -231,8 +233,7 @@ SENSED = [name for name in GUARDED if name != "fused"]
 READ = ("motor_angle_rad", "joint_angle_rad", "joint_torque_nm", "desired_torque_nm")
 
 
-@pytest.mark.parametrize("pair", [True, False])
-@pytest.mark.parametrize("name", SENSED)
+@pytest.mark.parametrize(("name", "pair"), study_but(3, product(SENSED, (True, False))))
 def test_one_reading_that_is_none_is_ridden_through_and_more_are_a_stop(
     name: str, pair: bool
 ) -> None:
@@ -249,7 +250,7 @@ def test_one_reading_that_is_none_is_ridden_through_and_more_are_a_stop(
             assert (states(law) >= guard.STOPPED) == stops, (column, missing)
 
 
-@pytest.mark.parametrize("name", SENSED)
+@pytest.mark.parametrize("name", study_but(2, SENSED))
 def test_a_spike_of_one_sample_is_ignored(name: str) -> None:
     for column in READ[:3]:
         found = []
@@ -384,11 +385,22 @@ def test_a_law_that_is_unstable_on_its_rig_is_stopped_once_that_is_unsafe() -> N
     assert np.abs(found.torque).max() < 1.5 * ANKLE.safe
 
 
-@pytest.mark.parametrize("fault", ["dead", "frozen", "reversed"])
 @pytest.mark.parametrize(
-    ("believed", "rig"),
-    # Where only the motor's torque tells, 2.2 times the safe torque.
-    [(ANKLE, "rough"), (ANKLE, "small"), (ANKLE, "large"), (HANDLE, "stiff")],
+    ("believed", "rig", "fault"),
+    study_but(
+        2,
+        [
+            (believed, rig, fault)
+            # Where only the motor's torque tells, 2.2 times the safe torque.
+            for believed, rig in (
+                (ANKLE, "rough"),
+                (ANKLE, "small"),
+                (ANKLE, "large"),
+                (HANDLE, "stiff"),
+            )
+            for fault in ("dead", "frozen", "reversed")
+        ],
+    ),
 )
 def test_a_torque_sensor_that_fails_is_caught_on_a_rig_that_is_not_as_believed(
     believed: Believed, rig: str, fault: str

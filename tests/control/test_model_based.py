@@ -92,7 +92,7 @@ def test_stiction_compensation_crosses_a_reversal_at_once() -> None:
 @pytest.mark.parametrize(
     ("left", "term"),
     study_but(
-        2,
+        3,
         [
             (0.2, {"viscous_friction": 4.0}),
             (0.2, {"grease_drag": 1.0}),

@@ -92,6 +92,7 @@ def test_a_study_leaves_table_ranking_effects_and_figures(
     assert "designs 0 to 5, not 6" in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_what_was_done_is_kept_until_it_is_asked_for_again(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
@@ -109,6 +110,7 @@ def test_what_was_done_is_kept_until_it_is_asked_for_again(
     assert Path("study/table.parquet").stat().st_mtime_ns > written
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_file_of_designs_and_no_objectives(tmp_path: Path) -> None:
     rows = "".join(f"{0.05 + 0.01 * i},2:{0.2 + 0.01 * (i % 3)}\n" for i in range(12))
     Path("mine.csv").write_text("friction,conduit\n" + rows)
@@ -145,6 +147,7 @@ def test_what_cannot_be_is_one_sentence(
     assert not Path("runs").exists()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_report_that_a_user_has_changed_is_not_replaced(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

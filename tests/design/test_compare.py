@@ -50,6 +50,7 @@ def test_the_table_is_that_of_the_study(folder: Path) -> None:
             assert back.difference == -pair.difference
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_command_writes_and_prints_the_table_and_replaces_only_its_own(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

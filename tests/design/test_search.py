@@ -197,6 +197,7 @@ def test_what_a_search_cannot_do_is_said(monkeypatch: pytest.MonkeyPatch) -> Non
         sought("wrist", VARY, GOALS)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_command_searches_and_says_what_keeps_the_limits(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -32,6 +32,7 @@ from cc_mujoco.human import Hold, Sine, read_trajectory, task
 from cc_mujoco.metrics import METRICS
 from cc_mujoco.simulation import EpisodeLog
 from cc_mujoco.simulation._batched_controller import batched_controller
+from study_marks import study_but
 
 UNASKED = tuple(
     name for name in DEFAULT_METRICS if not missing_variables(METRICS[name], ())
@@ -63,7 +64,7 @@ def test_a_row_is_the_recording_of_its_design_bit_for_bit(tmp_path: Path) -> Non
         assert "flexor_route" in log.metadata["model_xml"]
 
 
-@pytest.mark.parametrize("law", ["fused", "adaptive"])
+@pytest.mark.parametrize("law", study_but(2, ["fused", "adaptive"]))
 def test_controllers_that_sense_tension_are_shown_as_measured(
     law: str, tmp_path: Path
 ) -> None:
@@ -471,7 +472,7 @@ def test_controllers_that_need_a_drive_each_get_one(
     assert laws.torque(seen).tolist() == [1.0, 2.0, 3.0]
 
 
-@pytest.mark.parametrize("scene", ["wrist", "ankle"])
+@pytest.mark.parametrize("scene", study_but(2, ["wrist", "ankle"]))
 def test_a_saved_policy_drives_designs_as_their_environments(
     scene: str, tmp_path: Path
 ) -> None:
@@ -525,7 +526,9 @@ def test_every_controller_drives_different_designs_as_each_alone(name: str) -> N
     ("name", "vary"),
     [
         # No two designs have one controller.
-        *((name, {"motor_radius": [0.02, 0.03]}) for name in sorted(CONTROLLERS)),
+        *study_but(
+            2, [(name, {"motor_radius": [0.02, 0.03]}) for name in sorted(CONTROLLERS)]
+        ),
         # All designs have one controller.
         *((name, {"rotor_inertia": [0.005, 0.008]}) for name in ("pi", "predictive")),
     ],

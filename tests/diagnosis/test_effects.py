@@ -88,7 +88,7 @@ def test_off_is_the_baseline_bit_for_bit_and_on_is_not(
 
 @pytest.mark.parametrize("name", EFFECTS)
 @given(corner=st.randoms(use_true_random=False), radius=st.sampled_from((0.05, 0.004)))
-@settings(max_examples=20)
+@settings(max_examples=10)
 def test_a_fit_that_ends_at_its_bounds_ends_at_a_cable(
     name: str, corner: random.Random, radius: float, plant: SimulatedRig
 ) -> None:

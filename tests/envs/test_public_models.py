@@ -70,6 +70,7 @@ def test_an_episode_assists_the_knee(scene: Path) -> None:
     assert 50.0 < np.mean(log["tension_extensor_distal_n"][late]) < 300.0
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_an_episode_is_recorded(scene: Path, tmp_path: Path) -> None:
     words = ["play", str(scene), "--duration", "0.3", "--out", str(tmp_path / "out")]
     assert cli.main(words) == 0
@@ -82,6 +83,7 @@ def test_a_what_if_ranks_its_friction(scene: Path) -> None:
         str(scene),
         {"friction": [0.05, 0.3]},
         controllers=["none"],
+        metrics=["rms_torque_error"],
         task="hold:8",
         duration=1.0,
         threads=1,

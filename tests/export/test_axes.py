@@ -113,7 +113,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
             lambda case: case[0] == "hand",
             [(scene, "decoupled_pi") for scene in COUPLED],
         ),
-        ("hand", "decoupled_lqg"),
+        pytest.param("hand", "decoupled_lqg", marks=pytest.mark.study),
         pytest.param("bilateral", "decoupled_inverse", marks=pytest.mark.study),
         pytest.param("hand", "decoupled_pi_feed_forward", marks=pytest.mark.study),
         ("exosuit", "hip=stiction,ankle=pi"),

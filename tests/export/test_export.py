@@ -52,7 +52,7 @@ CASES = [
     ("wrist", "pi"),
     ("wrist", "stiction"),
     ("wrist", "predictive"),
-    ("ankle", "pi"),
+    pytest.param("ankle", "pi", marks=pytest.mark.study),
     pytest.param("exosuit", "adaptive", marks=pytest.mark.study),
     ("ankle", "none"),
     ("wrist", "pi_tuned"),
@@ -663,7 +663,7 @@ MACHINES: dict[str, tuple[list[Any], list[str]]] = {
 }
 """Compiler and emulator; of a microcontroller without an operating system the C library
 is newlib, and a Cortex-M4F computes doubles in software."""
-BRIEFLY = [("exosuit", "inverse"), ("wrist", "stiction"), ("wrist", "pi")]
+BRIEFLY = [("wrist", "stiction")]
 """Cases of every run; all others belong to the study tests."""
 NEWLIB_ERROR = 1e-9
 """Most that torques differ by where another C library rounds otherwise [N m]."""

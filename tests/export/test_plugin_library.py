@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import shutil
 import subprocess
 import sys
@@ -163,6 +165,18 @@ int main(int count, char** given) {
 """
 
 
+def played_here(script: str, *words: str | Path) -> str:
+    """Return what a script of these prints in this process, with the plugin of Python.
+
+    The scripts take a library first; here there is none.
+    """
+    said = io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(said):
+        patch.setattr(sys, "argv", ["-c", "", *map(str, words)])
+        exec(script, {})
+    return said.getvalue()
+
+
 def run(*command: str | Path, cwd: Path) -> str:
     done = subprocess.run(command, cwd=cwd, text=True, capture_output=True, timeout=300)
     assert done.returncode == 0, done.stdout + done.stderr
@@ -175,23 +189,17 @@ def library(plugin_library: Path) -> Path:
 
 
 def test_library_computes_the_bits_of_python(library: Path, tmp_path: Path) -> None:
-    native, python = (
-        run(sys.executable, "-P", "-c", STEPS, loaded, *SCENES, cwd=tmp_path)
-        for loaded in (library, "")
-    )
+    native = run(sys.executable, "-P", "-c", STEPS, library, *SCENES, cwd=tmp_path)
     assert len(native.splitlines()) == 4 * len(SCENES)
-    assert native == python
+    assert native == played_here(STEPS, *SCENES)
 
 
 def test_functions_in_python_use_the_loaded_library(
     library: Path, tmp_path: Path
 ) -> None:
-    native, python = (
-        run(sys.executable, "-P", "-c", FUNCTIONS, loaded, *SCENES, cwd=tmp_path)
-        for loaded in (library, "")
-    )
+    native = run(sys.executable, "-P", "-c", FUNCTIONS, library, *SCENES, cwd=tmp_path)
     assert "StepLimits" in native
-    assert native == python
+    assert native == played_here(FUNCTIONS, *SCENES)
 
 
 def test_library_of_other_code_is_no_plugin_for_python(
@@ -218,12 +226,10 @@ def test_library_refuses_a_configuration_as_python_does(
     library: Path, tmp_path: Path
 ) -> None:
     scene = scene_path("wrist")
-    native, python = (
-        run(sys.executable, "-P", "-c", REFUSED, loaded, scene, *KEYS, cwd=tmp_path)
-        for loaded in (library, "")
-    )
+    words = (scene, *KEYS)
+    native = run(sys.executable, "-P", "-c", REFUSED, library, *words, cwd=tmp_path)
     assert all(f"key `{key}` is '?'" in native for key in KEYS)
-    assert native == python
+    assert native == played_here(REFUSED, *words)
 
 
 def test_library_warns_as_python_does(library: Path, tmp_path: Path) -> None:
@@ -246,6 +252,7 @@ def test_library_refuses_a_release_that_it_does_not_know(
     assert said.startswith(f"{PLUGIN_LIBRARY} is for MuJoCo 3.17.0, 4.0.0, not for")
 
 
+@pytest.mark.study
 def test_source_builds_with_cmake(library: Path, tmp_path: Path) -> None:
     cmake = shutil.which("cmake")
     if cmake is None:

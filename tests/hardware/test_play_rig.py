@@ -210,7 +210,8 @@ def test_a_limit_of_the_rate_that_the_plan_knows_costs_little() -> None:
     assert cut.rate_limited > 0.3 * cut.cycles
 
 
-@pytest.mark.parametrize("lag", [0.003, pytest.param(0.005, marks=pytest.mark.study)])
+@pytest.mark.study
+@pytest.mark.parametrize("lag", [0.003, 0.005])
 def test_a_lag_that_the_plan_knows_costs_little(lag: float) -> None:
     settings = bench_motor_lag.page_settings()
     known, unknown = (

@@ -75,6 +75,7 @@ def test_a_metric_of_every_log_is_the_same_in_a_what_if_and_of_its_recording() -
         assert found[1][name] == value or math.isnan(value)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_metric_of_the_user_goes_wherever_one_of_the_table_goes(
     capsys: pytest.CaptureFixture[str],
 ) -> None:

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from cc_mujoco import Cable, Section, read
 from cc_mujoco.errors import CableError
 from cc_mujoco.plugin import cables, from_mjcf, settle, step_limits, to_mjcf
+from study_marks import study_but
 
 MODELS = Path(gymnasium.__file__).parent / "envs/mujoco/assets"
 DRUM, LEVER = 0.03, 0.05
@@ -115,7 +116,7 @@ CASES: dict[str, tuple[dict[str, Any], float]] = {
 }
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", study_but(2, CASES))
 def test_tensions_at_a_long_step_are_those_at_a_short_one(case: str) -> None:
     given, push = CASES[case]
     given = {"step": 0.005} | given
@@ -323,7 +324,7 @@ def test_under_rk4_ends_converge_where_explicit_ones_are_stable_and_beyond(
     assert errors["auto", 8] < 0.5 * errors["auto", 1] + 0.01
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", study_but(2, range(12)))
 def test_a_tension_that_errs_by_a_tenth_is_warned_of(
     seed: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

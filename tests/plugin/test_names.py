@@ -43,7 +43,6 @@ def taken(model: mujoco.MjModel) -> dict[str, str]:
     }
 
 
-@settings(deadline=None, max_examples=60)
 @given(st.lists(NAMES, min_size=2, max_size=4, unique=True))
 def test_a_tendon_with_friction_is_its_own_cable(names: list[str]) -> None:
     spec = tendons(names)

@@ -200,6 +200,7 @@ with ThreadPoolExecutor(4) as pool:
     assert left[1].startswith("libone-")
 
 
+@pytest.mark.study  # the usual run compiles a small library for it, below
 def test_library_that_is_not_whole_is_compiled_anew(
     quick_compiler: str, tmp_path: Path
 ) -> None:

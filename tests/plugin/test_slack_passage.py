@@ -89,7 +89,7 @@ def gains(model: mujoco.MjModel, force: float, apart: float) -> np.ndarray:
     return np.array(found) / most
 
 
-@settings(deadline=None, derandomize=True, max_examples=20)
+@settings(deadline=None, derandomize=True, max_examples=10)
 @given(
     path=st.sampled_from(["guided", "open"]),
     integrator=st.sampled_from(["Euler", "RK4", "implicit", "implicitfast"]),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from thesis._experiments import noise
 
@@ -17,6 +18,7 @@ def test_unbiased_until_kept_nonnegative() -> None:
     assert bounded > free + scatter[-1]
 
 
+@pytest.mark.study
 def test_learnt_weights_beat_the_mean_on_drifting_sensors() -> None:
     found = noise.drift(seconds=16.0)
     assert found.rms["learnt noise"] < 0.7 * found.rms["plain mean"]

@@ -43,6 +43,7 @@ def test_desired_tension_grows_with_a_slope_that_swings() -> None:
     assert slope.min() < 0.0 < slope.max()
 
 
+@pytest.mark.study
 def test_without_a_model_the_reversal_takes_many_degrees(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -53,7 +53,7 @@ def cursor(frame: Any, strips: Strips) -> int:
     return int(columns.max())
 
 
-@pytest.mark.usefixtures("gl")
+@pytest.mark.usefixtures("gl", "undrawn")
 def test_play_leaves_30_frames_a_second_and_takes_an_old_video_away(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

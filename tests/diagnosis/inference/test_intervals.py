@@ -66,10 +66,10 @@ def test_equal_trials_have_one_degree_of_freedom_less() -> None:
 
 
 def test_trials_that_disagree_are_covered_as_often_as_is_said() -> None:
-    """Every trial has a value of its own; of 2000 fits 95 % hold their mean."""
+    """Every trial has a value of its own; of 1000 fits 95 % hold their mean."""
     random = np.random.default_rng(1)
     hits, plain = [], []
-    for _ in range(2000):
+    for _ in range(1000):
         slopes = random.normal(size=(PARTS.size, 2))
         own = random.normal(size=(TRIALS, 2))
         data = np.sum(slopes * own[PARTS], axis=1) + random.normal(size=PARTS.size)

@@ -39,7 +39,9 @@ def test_nothing_is_named_where_nothing_is_missing() -> None:
 @pytest.mark.parametrize(
     ("name", "values"),
     [
-        ("viscous_friction", {"viscous_friction": 40.0}),
+        pytest.param(
+            *("viscous_friction", {"viscous_friction": 40.0}), marks=pytest.mark.study
+        ),
         ("joint_gravity", {"gravity_sine": 0.4, "gravity_cosine": 0.1}),
     ],
 )

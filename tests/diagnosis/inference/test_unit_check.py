@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +14,7 @@ import pytest
 from cc_mujoco.datasets import Bench, Dataset, Trial
 from cc_mujoco.diagnosis import Diagnosis, Options, run_inference
 from diagnosis.recorded import BENCH, NOISE, dataset
+from study_marks import study_but
 
 README = Path(__file__).parents[3] / "README.md"
 IDS = ("viscous_friction",)
@@ -65,12 +67,11 @@ def test_torques_of_a_rig_with_half_the_friction_are_taken() -> None:
     assert read_as(data).verdict == "none"
 
 
-@pytest.mark.parametrize(("motor", "joint"), [(1, 1), (1, -1), (-1, 1), (-1, -1)])
-def test_a_lone_cable_never_pushes(tmp_path: Path, motor: float, joint: float) -> None:
-    """However much friction the scene does not know, and so whatever correlates."""
-    text = readme_scene()
+@functools.cache
+def lone_cable() -> np.ndarray:
+    """Return rows of a rig with more friction than its scene knows, in scene units."""
     model = mujoco.MjModel.from_xml_string(
-        text.replace('"friction" value="0.1"', '"friction" value="0.4"')
+        readme_scene().replace('"friction" value="0.1"', '"friction" value="0.4"')
     )
     data = mujoco.MjData(model)
     rows = np.empty((2000, 5))
@@ -82,11 +83,19 @@ def test_a_lone_cable_never_pushes(tmp_path: Path, motor: float, joint: float) -
     random = np.random.default_rng(0)
     rows[:, 1:3] += 1e-4 * random.normal(size=(2000, 2))
     rows[:, 3:] *= (-0.02, -0.104)
-    now, *angles, near, far = rows.T
+    return rows
+
+
+@pytest.mark.parametrize(
+    ("motor", "joint"), study_but(3, [(1, 1), (1, -1), (-1, 1), (-1, -1)])
+)
+def test_a_lone_cable_never_pushes(tmp_path: Path, motor: float, joint: float) -> None:
+    """However much friction the scene does not know, and so whatever correlates."""
+    now, *angles, near, far = lone_cable().T
     trial = Trial("t", now, angles[0], -motor * near, angles[1], joint * far,
                   (slice(0, now.size),), 0.004, path="t.csv")  # fmt: skip
     path = tmp_path / "scene.xml"
-    path.write_text(text, encoding="utf-8")
+    path.write_text(readme_scene(), encoding="utf-8")
     found = run_inference(
         Dataset((trial,), noise=NOISE), Bench.of(path), Options(IDS)
     ).diagnosis

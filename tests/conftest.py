@@ -30,6 +30,7 @@ LONG = (
     "test_axes.py",
     "test_cli.py",
     "test_predictive.py",
+    "test_trust.py",
     "test_benchmark.py",
     "test_search.py",
     "test_devices.py",
@@ -64,7 +65,6 @@ LONG = (
     "test_names.py",
     "test_any_device.py",
     "test_generate.py",
-    "test_trust.py",
     "test_per_trial.py",
     "test_start.py",
     "test_learning.py",
@@ -146,6 +146,12 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     monkeypatch.setattr(FigureCanvasAgg, "draw", FigureCanvasAgg.get_renderer)
+
+
+@pytest.fixture
+def unmeasured(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Export controllers without compiling them for their stack and work."""
+    monkeypatch.setattr("cc_mujoco.export._measures.shutil.which", lambda _: None)
 
 
 @pytest.fixture(scope="session")

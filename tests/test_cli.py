@@ -35,8 +35,10 @@ EXPORT = ["export", "--out", "x"]
 ANKLE = str(scene_path("ankle"))
 
 COMMANDS = {name: point.load() for name, point in commands().items()}
-# Where the package was imported from; tests run in another folder.
+# Where the package was imported from; tests run in another folder. Output is buffered,
+# as that of users is.
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(Path(cli.__file__).parents[1])}
+ENVIRONMENT["PYTHONUNBUFFERED"] = ""
 
 
 @pytest.fixture(autouse=True)
@@ -763,7 +765,7 @@ def test_no_command_replaces_a_file_of_a_user(
     assert [*path.parent.iterdir()] == [path] and path.read_text() == "mine"
 
 
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("undrawn", "unmeasured")
 @pytest.mark.parametrize("name", ["export", "whatif"])
 def test_a_command_runs_again_into_its_own_folder(
     name: str, monkeypatch: pytest.MonkeyPatch
@@ -772,6 +774,7 @@ def test_a_command_runs_again_into_its_own_folder(
         assert cli.main([*RUNS[name], "--out", "runs"]) == 0
 
 
+@pytest.mark.usefixtures("unmeasured")
 def test_an_exported_controller_has_the_parameters_of_a_variant(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -147,6 +147,7 @@ LONG = ("Compare and design", "Diagnose it")
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("unmeasured")
 @pytest.mark.parametrize(
     "section",
     [

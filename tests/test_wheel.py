@@ -77,9 +77,12 @@ def test_every_folder_with_modules_is_a_listed_package() -> None:
 
 @pytest.fixture(scope="module")
 def wheel(copy: Path) -> Path:
-    """Build the wheel from a source distribution, with the library of other tests."""
+    """Build the wheel with the library of other tests.
+
+    The study tests build theirs from a source distribution.
+    """
     carried = library()._name if ON_LINUX else "none"
-    return build(copy, f"--config-setting=library={carried}")
+    return build(copy, "--wheel", f"--config-setting=library={carried}")
 
 
 @pytest.fixture(scope="module")

@@ -50,17 +50,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
             warnings.showwarning = _print_warning
             words = sys.argv[1:] if arguments is None else arguments
-            if list(words) == ["--version"]:
-                print(f"{PROGRAM} {__version__}")
-            else:
-                allow(words)
-                command = parse(PROGRAM, words)
-                left = command.interrupted
-                from cc_mujoco._utils.command_options import plain_warnings
+            try:
+                if list(words) == ["--version"]:
+                    print(f"{PROGRAM} {__version__}")
+                else:
+                    allow(words)
+                    command = parse(PROGRAM, words)
+                    left = command.interrupted
+                    from cc_mujoco._utils.command_options import plain_warnings
 
-                with plain_warnings(), user_errors("the command", SystemExit):
-                    code = command.run() or 0
-            sys.stdout.flush()
+                    with plain_warnings(), user_errors("the command", SystemExit):
+                        code = command.run() or 0
+            finally:  # as after a help, which exits
+                sys.stdout.flush()
         if interrupts:  # and the command has finished with what it had
             return _report_interruption("the results are of what was done", interrupts)
         return code

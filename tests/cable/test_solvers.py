@@ -150,7 +150,7 @@ def solved_alike(tension, stiffness, growth, drag, ends, guess):
 def test_slack_is_found_without_the_graph_and_as_by_it():
     """Steps from states and guesses that no cable has, then steps that follow them."""
     rng, needed = np.random.default_rng(3), [0, 0]
-    for _ in range(100):
+    for _ in range(200):
         n = int(rng.integers(1, 41))
         _, stiffness, growth, drag, ends = chain(rng, n, 0.3)
         drag *= rng.choice([0.0, 1.0]) * (rng.random(n) < rng.choice([0.5, 1.0]))
@@ -165,4 +165,4 @@ def test_slack_is_found_without_the_graph_and_as_by_it():
             moved = np.diff(np.concatenate([[ends[0]], slips, [ends[1]]]))
             tension = np.where(nodes > 0.0, nodes, tension + stiffness * moved)
             ends = tuple(0.3 * np.array(ends) + rng.uniform(-1e-4, 1e-4, 2))
-    assert needed[True] < 50 and needed[False] < 10
+    assert needed[True] < 100 and needed[False] < 20

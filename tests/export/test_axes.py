@@ -280,6 +280,7 @@ def test_what_the_motors_got_and_what_observers_find_are_those_of_their_axes(
     assert np.array_equal(np.maximum(found[62:], 0.0), model.tension(0)[0])
 
 
+@pytest.mark.usefixtures("unmeasured")
 def test_one_axis_of_several_is_exported_as_a_device_with_one(tmp_path: Path) -> None:
     scene = written(tmp_path, ARM)
     out = tmp_path / "out"
@@ -323,6 +324,7 @@ def test_what_cannot_be_exported_of_several_axes_is_one_sentence(
         pytest.param("knee_mid", marks=pytest.mark.study),
     ],
 )
+@pytest.mark.usefixtures("unmeasured")
 def test_devices_of_others_are_exported(name: str, tmp_path: Path) -> None:
     scene = str(CASES / f"{name}.xml")
     Export(scene, "stiction", tmp_path / "out", no_check=True).run()

@@ -835,6 +835,7 @@ def test_the_files_are_those_that_are_told(made: Made) -> None:
     assert {path.name for path in folder.iterdir()} - {"built"} == set(EXPORT_FILES)
 
 
+@pytest.mark.usefixtures("unmeasured")
 def test_only_a_controller_that_is_passive_in_simulation_is_written(
     tmp_path: Path,
 ) -> None:

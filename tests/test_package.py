@@ -41,7 +41,7 @@ def test_public_class_names_are_unique() -> None:
     places: dict[str, list[str]] = {}
     for folder in ("cc_mujoco", "envs"):
         for path in (root / folder).rglob("*.py"):
-            for name in re.findall(r"^class ([A-Za-z]\w*)", path.read_text(), re.M):
+            for name in re.findall(r"^class ([A-Za-z]\w*)[(:]", path.read_text(), re.M):
                 places.setdefault(name, []).append(path.relative_to(root).as_posix())
     assert places["Cable"] == ["cc_mujoco/cable/_cable.py"]
     assert not {name: found for name, found in places.items() if len(found) > 1}

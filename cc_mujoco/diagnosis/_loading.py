@@ -41,7 +41,11 @@ from cc_mujoco.datasets._sorting import sort_rows
 from cc_mujoco.datasets._torques import add_derived_torques, derived_noise
 from cc_mujoco.datasets._trials import Dataset, Facts, FloatArray, Trial
 from cc_mujoco.diagnosis._checks.noise import noise_of, wrong_repeats
-from cc_mujoco.diagnosis._checks.run import check_motions, check_recording, check_trials
+from cc_mujoco.diagnosis._checks.readings import (
+    check_motions,
+    check_recording,
+    check_trials,
+)
 from cc_mujoco.diagnosis._rig.records import compared_band
 from cc_mujoco.errors import CableError
 from cc_mujoco.report._html import list_words

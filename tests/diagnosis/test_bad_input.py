@@ -20,9 +20,9 @@ from cc_mujoco.datasets import Bench
 from cc_mujoco.datasets._data_findings import DataFinding, errors
 from cc_mujoco.datasets._run_log import RUN_MARK
 from cc_mujoco.diagnosis import EFFECTS, load, repair_scene, write
-from cc_mujoco.diagnosis._checks.run import check_bench
+from cc_mujoco.diagnosis._checks.readings import check_bench
 from cc_mujoco.diagnosis._report.output import OPTIONAL_FILES
-from cc_mujoco.diagnosis._rig.bench_simulation import baseline_parameters
+from cc_mujoco.diagnosis._rig.simulation import baseline_parameters
 from cc_mujoco.diagnosis._scene.realisation import REALISATIONS, is_realisable
 from cc_mujoco.diagnosis._scene.repair import existing_effects
 from cc_mujoco.diagnosis.effects import RigGeometry

@@ -19,8 +19,8 @@ from cc_mujoco.diagnosis import (
     prepare,
     run_inference,
 )
-from cc_mujoco.diagnosis._fit.fitting import tuned_effect_parameter
-from cc_mujoco.diagnosis._rig.bench_simulation import SimulatedRig, baseline_parameters
+from cc_mujoco.diagnosis._fit.problem import tuned_effect_parameter
+from cc_mujoco.diagnosis._rig.simulation import SimulatedRig, baseline_parameters
 from cc_mujoco.diagnosis._scene.realisation import REALISATIONS
 from cc_mujoco.diagnosis.effects import RigGeometry, TrialConditions, form_key
 from diagnosis.recorded import BENCH, dataset

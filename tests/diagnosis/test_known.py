@@ -7,7 +7,7 @@ import pytest
 
 from cc_mujoco.datasets._trials import Constant
 from cc_mujoco.diagnosis import prepare
-from cc_mujoco.diagnosis._rig.bench_simulation import SimulatedRig, baseline_parameters
+from cc_mujoco.diagnosis._rig.simulation import SimulatedRig, baseline_parameters
 from diagnosis.recorded import BENCH, dataset
 
 KNOWN = {

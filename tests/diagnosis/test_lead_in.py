@@ -14,7 +14,7 @@ from cc_mujoco.diagnosis._report.output import (
     rollout_difference,
     write_and_compare_scene,
 )
-from cc_mujoco.diagnosis._rig.bench_simulation import SimulatedRig
+from cc_mujoco.diagnosis._rig.simulation import SimulatedRig
 from cc_mujoco.diagnosis.effects import RigGeometry
 from diagnosis.recorded import BENCH, dataset
 

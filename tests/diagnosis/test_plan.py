@@ -15,8 +15,8 @@ from cc_mujoco.datasets._columns import DATASET_FILE
 from cc_mujoco.datasets._dataset_file import read_dataset_file
 from cc_mujoco.datasets._torques import expected_instruments
 from cc_mujoco.diagnosis import MOTION_STEP, plan
+from cc_mujoco.diagnosis._propose.experiment import middle_angle, motions
 from cc_mujoco.diagnosis._propose.planning import PLAN_PAGE, TrialPlan, planned
-from cc_mujoco.diagnosis._rig.motions import middle_angle, motions
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.errors import CableError
 from hardware.devices import ARM, KNEE, written

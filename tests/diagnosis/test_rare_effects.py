@@ -19,10 +19,10 @@ from cc_mujoco.diagnosis import (
     run_inference,
 )
 from cc_mujoco.diagnosis._fit.fit import check_effects
-from cc_mujoco.diagnosis._fit.folds import interleaved_folds
-from cc_mujoco.diagnosis._fit.plausibility import implausibility
-from cc_mujoco.diagnosis._rig.bench_simulation import SimulatedRig
-from cc_mujoco.diagnosis._search.rounds import search, search_rare
+from cc_mujoco.diagnosis._fit.intervals import implausibility
+from cc_mujoco.diagnosis._fit.problem import interleaved_folds
+from cc_mujoco.diagnosis._rig.simulation import SimulatedRig
+from cc_mujoco.diagnosis._search.search import search, search_rare
 from cc_mujoco.diagnosis._thresholds import Thresholds
 from cc_mujoco.diagnosis.effects import EXIT_FORMS, Signals, form_key, usual_effects
 from diagnosis.instrumented import bent

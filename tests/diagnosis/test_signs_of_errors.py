@@ -9,11 +9,11 @@ import pytest
 
 from cc_mujoco.cable import Cable, Section, Transmission
 from cc_mujoco.diagnosis import Problem, prepare
-from cc_mujoco.diagnosis._fit.fitting import jacobian
-from cc_mujoco.diagnosis._locate.location import describe_map, error_maps
+from cc_mujoco.diagnosis._fit.problem import jacobian
+from cc_mujoco.diagnosis._locate import describe_map, error_maps
 from cc_mujoco.diagnosis._phrases import SIGN_NOTE
 from cc_mujoco.diagnosis._report import sections
-from cc_mujoco.diagnosis._rig.bench_simulation import (
+from cc_mujoco.diagnosis._rig.simulation import (
     TORQUE_OFFSETS,
     SimulatedRig,
     baseline_parameters,

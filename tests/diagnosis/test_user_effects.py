@@ -25,7 +25,7 @@ from cc_mujoco.diagnosis import (
 )
 from cc_mujoco.diagnosis._fit.fit import check_effects
 from cc_mujoco.diagnosis._report.output import write_and_compare_scene
-from cc_mujoco.diagnosis._rig.bench_simulation import SimulatedRig
+from cc_mujoco.diagnosis._rig.simulation import SimulatedRig
 from cc_mujoco.diagnosis._scene.repair import existing_effects
 from cc_mujoco.diagnosis.effects import effect_of_class, effects_in_use
 from cc_mujoco.errors import CableError

@@ -10,8 +10,8 @@ from proposal_loop import CELLS, Case, cases, planned_trial, summary
 
 from cc_mujoco.assets import scene_path
 from cc_mujoco.datasets import Bench
+from cc_mujoco.diagnosis._propose.experiment import motions, trial_table
 from cc_mujoco.diagnosis._report.output import write_proposed
-from cc_mujoco.diagnosis._rig.motions import motions, trial_table
 from cc_mujoco.diagnosis._verdict import NextExperiment
 from rig.makes import MAKES
 

@@ -1,4 +1,20 @@
-"""Fit of the scene to data, which refuses data that allow no conclusion.
+"""Start values of the fit, where those of the scene contradict the data.
+
+A fit of friction and stiffness finds its way from a few times their size, but not from
+a hundred, and nothing starts from a pretension of 0. The mean tension of a cable is its
+stiffness times its stretch, whatever its friction; so a line through torques and
+stretch gives the stiffness, and a coarse grid of simulations the rest. Where nothing on
+the grid is much better than the scene, the scene is the start.
+
+Fit of the baseline, and its error on held-out data.
+
+The baseline holds all that is uncertain of the scene and is fitted before anything is
+named, by a simulation that is as fine as the noise floor requires. Held-out errors are
+weighted by how well the angles determine the torque at that moment: where an end of the
+cable sticks, the last digit of its angle is worth newtons, and a handful of such
+samples would outweigh all others.
+
+Fit of the scene to data, which refuses data that allow no conclusion.
 
 A rig whose readings are in another unit can still be fitted, with another pretension,
 friction and stiffness, and effects named then are worthless.
@@ -7,17 +23,32 @@ friction and stiffness, and effects named then are worthless.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._channels import TORQUE
 from cc_mujoco.datasets._trials import Dataset
-from cc_mujoco.diagnosis._fit.baseline import BaselineFit, fit_baseline, plant_of
-from cc_mujoco.diagnosis._fit.fitting import Problem
-from cc_mujoco.diagnosis._fit.start_values import prepare_start
+from cc_mujoco.diagnosis._fit.noise_floor import noise_floor
+from cc_mujoco.diagnosis._fit.problem import (
+    BOOTSTRAP_BLOCK,
+    CrossValidation,
+    Fold,
+    Masks,
+    Problem,
+    TorqueDerivatives,
+    cross_validate,
+    fit,
+    huber_residual,
+    independence_weight,
+    interleaved_folds,
+    never_held_out,
+    trial_folds,
+)
 from cc_mujoco.diagnosis._fit.trials import exchanged_torques
 from cc_mujoco.diagnosis._phrases import (
     Progress,
@@ -25,14 +56,629 @@ from cc_mujoco.diagnosis._phrases import (
     channel_name,
     format_number,
 )
-from cc_mujoco.diagnosis._rig.bench_simulation import SimulatedRig, Values
-from cc_mujoco.diagnosis._rig.motions import CataloguedTrial
-from cc_mujoco.diagnosis._rig.records import Record
+from cc_mujoco.diagnosis._rig.records import Filtering, Record, prepare
+from cc_mujoco.diagnosis._rig.simulation import (
+    MAX_FITTED_STIFFNESS,
+    SimulatedRig,
+    Values,
+    baseline_parameters,
+)
 from cc_mujoco.diagnosis._thresholds import Limit, Thresholds
-from cc_mujoco.diagnosis._verdict import Diagnosis, Evidence
+from cc_mujoco.diagnosis._verdict import Diagnosis, Gap, TrialTrace
 from cc_mujoco.diagnosis.effects import EFFECTS, Effect, EffectError
+from cc_mujoco.estimation._least_squares import Fit, Tuned
 from cc_mujoco.native import FloatArray
 from cc_mujoco.report._html import list_words
+
+_FREE_PARAMETERS = ("friction", "axial_stiffness")
+"""Parameters that a scene may give with any value."""
+_ESTIMATED_PARAMETERS = (*_FREE_PARAMETERS, "pretension")
+_MAX_EVALUATIONS = 12
+
+
+class Start(NamedTuple):
+    """Starting point of the fit of the baseline.
+
+    Attributes:
+        bench: with estimates in place of values that the data contradict.
+        given: those values of the scene, by name.
+        values: that the estimates come with; empty where the scene is the start.
+    """
+
+    bench: Bench
+    given: Mapping[str, float]
+    values: Mapping[str, float]
+
+
+def prepare_start(
+    dataset: Dataset, bench: Bench
+) -> tuple[Start, tuple[Record, ...], Filtering]:
+    """Return the start, and records with the samples that count by its values.
+
+    `bench` is that of the scene, with what `[rig]` declares. Estimates by which no
+    motion would carry the cable along, though by the scene it does, are not used: they
+    fit something that the scene lacks.
+    """
+    records, filtering = prepare(dataset, bench)
+    start = estimate_start(dataset, bench, records)
+    if start.bench is bench:
+        return start, records, filtering
+    again = prepare(dataset, start.bench)
+    if _count(again[0]) < Limit.min_counted_samples <= _count(records) and start.given:
+        return Start(bench, {}, {}), records, filtering
+    return start, *again
+
+
+def _count(records: Sequence[Record]) -> int:
+    return sum(int(record.counts.sum()) for record in records)
+
+
+def estimate_start(dataset: Dataset, bench: Bench, records: Sequence[Record]) -> Start:
+    """Return the start: the scene, with estimates where the data contradict it.
+
+    Declarations of `[rig]` are not replaced. The records may count any samples.
+    """
+    hooked = [trial for trial in dataset.trials if not trial.facts.unhooked]
+    declared = [t.facts.pretension for t in hooked if t.facts.pretension is not None]
+    # Trials have their own pretension, of which that of the scene is the unit.
+    if 0 < len(declared) == len(hooked) or (
+        declared and bench.cables[0].pretension == 0.0
+    ):
+        bench = _with_usual_pretension(bench, declared)
+    thin = [
+        _thin_record(record)
+        for record in records
+        if not record.unhooked and record.load_cell is None
+    ]
+    if _count(thin) < Limit.start_values_min_samples:
+        return Start(bench, {}, {})
+    known = bool(declared) or "pretension" in dataset.constants
+    best = _best_values(dataset, bench, thin, known)
+    scene = bench.cables[0]
+    least = {name: Limit.off_factor for name in _FREE_PARAMETERS} | {
+        "pretension": Limit.pretension_off_factor
+    }
+    given = {
+        name: getattr(scene, name)
+        for name in _ESTIMATED_PARAMETERS
+        if name in best
+        and _factor_between(best[name], getattr(scene, name)) > least[name]
+    }
+    if not given:
+        return Start(bench, {}, {})
+    return Start(
+        _with_parameters(bench, {name: best[name] for name in given}), given, best
+    )
+
+
+def _with_usual_pretension(bench: Bench, declared: Sequence[float]) -> Bench:
+    """Return the bench with the usual pretension of the trials.
+
+    A pretension of the scene that is about that of some trial is kept.
+    """
+    scene = bench.cables[0].pretension
+    if any(
+        _factor_between(each, scene) < Limit.pretension_off_factor for each in declared
+    ):
+        return bench
+    return _with_parameters(bench, {"pretension": float(np.median(declared))})
+
+
+def _with_parameters(bench: Bench, values: Mapping[str, float]) -> Bench:
+    cables = tuple(cable.replace(**values) for cable in bench.cables)
+    return replace(bench, cables=cables)
+
+
+def _factor_between(one: float, other: float) -> float:
+    return max(one / other, other / one) if other > 0.0 else math.inf
+
+
+def _thin_record(record: Record) -> Record:
+    """Return a record with fewer samples, of which all but the first part count."""
+    every = max(1, round(Limit.thinned_step / record.dt))
+    moved = np.abs(np.diff(record.motor_angle)) + np.abs(np.diff(record.joint_angle))
+    travel = np.concatenate([[0.0], np.cumsum(moved)])
+    counts = (travel > Limit.start_values_settling_share * travel[-1]) & (
+        record.split != "test"
+    )
+    return replace(
+        record,
+        dt=every * record.dt,
+        time=record.time[::every],
+        motor_angle=record.motor_angle[::every].copy(),
+        joint_angle=record.joint_angle[::every].copy(),
+        read=record.read[:, ::every],
+        measured=record.measured[:, ::every].copy(),
+        counts=counts[::every],
+        path=None if record.path is None else record.path.thinned(every),
+    )
+
+
+class _Line(NamedTuple):
+    """Line of the cable tension, agonist less antagonist, over the lead of the motor.
+
+    Attributes:
+        slope: tension per lead at the motor's rim [N/m].
+        start: tension without lead [N].
+        spread: standard deviation of the tension [N].
+    """
+
+    slope: float
+    start: float
+    spread: float
+
+    def offset(self, bench: Bench, pretension: float) -> float:
+        """Return the joint's angle at which the cables have their pretension [rad]."""
+        rest = pretension if len(bench.cables) == 1 else 0.0
+        return (rest - self.start) / (self.slope * bench.joint_radius)
+
+
+def _fit_line(dataset: Dataset, bench: Bench, records: Sequence[Record]) -> _Line:
+    """Fit the line by least squares; its slope is not positive without a stretch."""
+    rows, tensions = [], []
+    for place, record in enumerate(records):
+        used = record.counts
+        along = bench.motor_radius * bench.following(record.joint_angle, record.path)
+        lead = bench.motor_radius * record.motor_angle - along
+        row = np.zeros((record.time.size, 2 + len(records)))
+        row[:, 0], row[:, 2 + place] = lead, 1.0
+        row[:, 1] = np.gradient(along, record.dt)  # clocks that differ
+        rows.append(row[used])
+        tensions.append(_mean_tension(dataset, bench, record)[used])
+    table, tension = np.concatenate(rows), np.concatenate(tensions)
+    size = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
+    slope, _, *starts = np.linalg.lstsq(table / size, tension)[0] / size
+    return _Line(float(slope), float(np.median(starts)), float(np.std(tension)))
+
+
+def _mean_tension(dataset: Dataset, bench: Bench, record: Record) -> FloatArray:
+    """Return the mean tension of the cables, agonist less antagonist (samples,) [N]."""
+    shown = dict(zip(dataset.instruments.rows, record.measured, strict=True))
+    ends = [shown[0] / bench.motor_radius] if 0 in shown else []
+    if 1 in shown and bench.lever is None:
+        ends.append(shown[1] / bench.joint_radius)
+    elif not ends:
+        arm = bench.share(record.joint_angle, record.path)
+        ends.append(shown[1] / (bench.joint_radius * np.maximum(arm, Limit.min_arm)))
+    found: FloatArray = np.mean(ends, axis=0)
+    return found
+
+
+class _Fitted(NamedTuple):
+    values: dict[str, float]
+    cost: float
+
+
+class _Grid:
+    """Fits from the best points of a grid of simulations."""
+
+    def __init__(
+        self, dataset: Dataset, bench: Bench, records: Sequence[Record]
+    ) -> None:
+        self._dataset, self._bench, self._records = dataset, bench, records
+        self._line = line = _fit_line(dataset, bench, records)
+        scene = bench.cables[0]
+        wrap = max(scene.wrap, Limit.min_wrap)
+        stiff = line.slope * scene.length / len(bench.cables)
+        if not (stiff > 0.0 and line.spread > 0.0):
+            stiff = scene.axial_stiffness
+        self._points = {
+            "friction": [
+                min(each / wrap, Limit.max_fitted_friction)
+                for each in Limit.friction_grid
+            ],
+            "axial_stiffness": [
+                min(each * stiff, MAX_FITTED_STIFFNESS) for each in Limit.stiffness_grid
+            ],
+            "pretension": [
+                each * max(line.spread, 1e-3) for each in Limit.pretension_grid
+            ],
+        }
+        self._masks = [record.counts for record in records]
+        self._size = len(dataset.instruments.rows) * sum(
+            int(mask.sum()) for mask in self._masks
+        )
+
+    def fitted(self, names: Sequence[str], coarse: bool = False) -> _Fitted | None:
+        """Return the best fit of the baseline, with the parameters of these names free.
+
+        It is None where the scene's own values are not much worse than the best point,
+        or where the residuals say that none of these values explain the data. If
+        `coarse`, the grid has only the stiffness of the line.
+        """
+        tried = {
+            name: each
+            for name, each in self._points.items()
+            if name in names and name not in self._dataset.constants
+        }
+        centre = {name: each[len(each) // 2] for name, each in tried.items()}
+        if coarse and "axial_stiffness" in tried:
+            tried["axial_stiffness"] = [centre["axial_stiffness"]]
+        problem = self._problem(centre)
+        grid = [
+            self._place(problem, dict(zip(tried, values, strict=True)))
+            for values in product(*tried.values())
+        ]
+        costs = [self._cost(problem, x) for x in grid]
+        scene = self._bench.cables[0]
+        known = scene.pretension > 0.0
+        given = {name: getattr(scene, name) for name in tried}
+        if known and min(costs) > Limit.max_cost_ratio * self._cost(
+            problem, self._place(problem, given)
+        ):
+            return None
+        order = np.argsort(costs)[: Limit.refined_points]
+        fits = [fit(problem, grid[k], self._masks, _MAX_EVALUATIONS) for k in order]
+        best = min(fits, key=lambda each: each.cost).x
+        cost = self._cost(problem, best)
+        if known and cost > Limit.max_mean_square * self._size:
+            return None
+        return _Fitted(problem.values(best), cost)
+
+    def of_scene(self, names: Sequence[str]) -> float:
+        """Return the cost of a fit from the scene's values, these parameters free."""
+        scene = self._bench.cables[0]
+        given = {name: getattr(scene, name) for name in names}
+        problem = self._problem(given)
+        start = self._place(problem, given)
+        return self._cost(problem, fit(problem, start, self._masks, _MAX_EVALUATIONS).x)
+
+    def _problem(self, values: Mapping[str, float]) -> Problem:
+        bench = _with_parameters(self._bench, values)
+        return _rough_problem(self._dataset, bench, self._records, values)
+
+    def _place(self, problem: Problem, values: Mapping[str, float]) -> FloatArray:
+        taut = values.get("pretension", self._bench.cables[0].pretension)
+        known = dict(values)
+        if self._line.slope > 0.0:
+            known["joint_angle_offset"] = self._line.offset(self._bench, taut)
+        return problem.place(known)
+
+    def _cost(self, problem: Problem, x: FloatArray) -> float:
+        error = problem.residual(x, self._masks)
+        return float(error @ error)
+
+
+def _best_values(
+    dataset: Dataset, bench: Bench, records: Sequence[Record], declared: bool
+) -> dict[str, float]:
+    """Return the best values; none where the scene's are not much worse.
+
+    A pretension that nobody declared may be wrong, too. Its prior is a tenth, so one
+    that the data contradict distorts the fit of all else.
+    """
+    grid = _Grid(dataset, bench, records)
+    if bench.cables[0].pretension == 0.0:
+        found = grid.fitted(_ESTIMATED_PARAMETERS)
+        return found.values if found else {}
+    found = grid.fitted(_FREE_PARAMETERS)
+    if not declared and (taut := grid.fitted(_ESTIMATED_PARAMETERS, coarse=True)):
+        off = _factor_between(taut.values["pretension"], bench.cables[0].pretension)
+        usual = found.cost if found else grid.of_scene(_FREE_PARAMETERS)
+        if (
+            off > Limit.pretension_off_factor
+            and taut.cost < Limit.max_cost_ratio * usual
+        ):
+            return taut.values
+    return found.values if found else {}
+
+
+def _rough_problem(
+    dataset: Dataset, bench: Bench, records: Sequence[Record], guessed: Collection[str]
+) -> Problem:
+    known, constants = dataset.instruments, dataset.constants
+    plant = SimulatedRig(
+        bench, tuple(records), 4, instruments=known, constants=constants
+    )
+    whole = np.concatenate([record.measured for record in records], axis=1)
+    size = Limit.error_scale * np.std(whole, axis=1, keepdims=True) + 1e-9
+    floor = tuple(np.broadcast_to(size, record.measured.shape) for record in records)
+    free = baseline_parameters(bench, records, constants, known, guessed)
+    return Problem(plant, free, (), floor, floor)
+
+
+def refine_simulation(problem: Problem, x: FloatArray, masks: Masks) -> Problem | None:
+    """Return the problem with a finer simulation; None where that changes nothing.
+
+    Also None where it cannot be finer.
+    """
+    plant = problem.plant
+    if (
+        2 * plant.segments > Limit.max_cable_segments
+        and 2 * plant.substeps > Limit.max_substeps
+    ):
+        return None
+    change, finer = refinement_change(problem, x, masks)
+    parts = zip(problem.errors(x, masks), masks, strict=True)
+    kept = np.concatenate([error[:, mask].ravel() for error, mask in parts])
+    left = float(np.sqrt(np.mean(kept**2)))
+    harmless = max(Limit.max_numerical_error, Limit.max_numerical_share * left)
+    if change <= harmless or finer is None:
+        return None
+    return problem.simulated_by(finer)
+
+
+def refinement_change(
+    problem: Problem, x: FloatArray, masks: Masks
+) -> tuple[float, SimulatedRig | None]:
+    """Return the RMS change over the floor by a finer plant, and that plant.
+
+    Segments or steps are halved, whichever changes more; the parameters stay, and
+    errors are by Huber as in fits. The plant is None where neither may be halved.
+    """
+    plant = problem.plant
+    values = problem.values(x)
+    seen = [k for k, mask in enumerate(masks) if mask.any()]
+    here = plant.simulate(values, problem.effects, seen)
+    tried = []
+    for finer in (plant.finer(segments=2), plant.finer(substeps=2)):
+        there = finer.simulate(values, problem.effects, seen)
+        changes = [
+            huber_residual((a - b) / problem.floor[k])[:, masks[k]].ravel()
+            for k, a, b in zip(seen, here, there, strict=True)
+        ]
+        change = float(np.sqrt(np.mean(np.concatenate(changes) ** 2)))
+        fine = (
+            finer.segments > Limit.max_cable_segments
+            or finer.substeps > Limit.max_substeps
+        )
+        tried.append((change, None if fine else finer))
+    return max(tried, key=lambda each: each[0])
+
+
+@dataclass(frozen=True)
+class BaselineFit:
+    """The baseline, ready for the search."""
+
+    problem: Problem
+    whole: Fit
+    crossed: CrossValidation
+    change: float
+    """RMS change by a finer simulation, over the floor."""
+    notes: tuple[str, ...] = ()
+    """Sentences on requested effects that the data cannot show."""
+    temperatures: Mapping[str, float] = field(default_factory=dict)
+    """Mean temperature of trials by name, where it is known [degC]."""
+    refusal: Diagnosis | None = None
+    """Verdict where the numerics are too coarse to continue, or None."""
+
+
+def plant_of(
+    dataset: Dataset,
+    bench: Bench,
+    records: tuple[Record, ...],
+    given: Mapping[str, float] | None = None,
+) -> SimulatedRig:
+    """Return the initial plant.
+
+    `given` has values of the scene that the bench no longer has, see `SimulatedRig`.
+    """
+    return SimulatedRig(
+        bench,
+        records,
+        Limit.min_segments,
+        instruments=dataset.instruments,
+        constants=dataset.constants,
+        given=given or {},
+    )
+
+
+def fit_baseline(
+    dataset: Dataset, plant: SimulatedRig, filtering: Filtering, seed: int
+) -> BaselineFit:
+    """Fit the baseline, simulated as finely as it needs to be."""
+    records = plant.records
+    free = baseline_parameters(
+        plant.bench, records, dataset.constants, dataset.instruments, plant.given
+    )
+    counts = [record.free for record in records]
+    x = np.zeros(len(free))
+    starts, slopes = _start_points(free, x), TorqueDerivatives()
+    while True:
+        flat = tuple(
+            np.full(r.measured.shape, 0.02 * float(np.std(r.measured)) + 1e-9)
+            for r in records
+        )
+        problem = Problem(plant, free, (), flat, flat, 0.2, slopes=slopes)
+        tried = [fit(problem, start, counts) for start in starts]
+        x = min(tried, key=lambda found: found.cost).x
+        floor = noise_floor(dataset, plant, filtering, problem.values(x), seed=seed)
+        problem = replace(
+            problem, noise=floor.noise, floor=floor.tolerance, scatter=floor.scatter
+        )
+        problem = problem.with_inflated_noise(x, counts)
+        x = fit(problem, x, counts).x
+        problem = replace(
+            problem, weight=independence_weight(problem.errors(x), counts)
+        )
+        whole = fit(problem, x, counts)
+        change, finer = refinement_change(problem, whole.x, [r.counts for r in records])
+        if change <= Limit.max_numerical_error or finer is None:
+            break
+        plant, starts = finer, [whole.x]
+        slopes = TorqueDerivatives(problem.slopes)
+    division = interleaved_folds(records)
+    crossed = cross_validate(problem, division, [whole.x] * len(division))
+    return BaselineFit(problem, whole, crossed, change)
+
+
+def _start_points(free: Sequence[Tuned], x: FloatArray) -> list[FloatArray]:
+    """Return the start points: several pretensions where it is unknown.
+
+    Fits end in different minima, depending on whether the slack side of a pair goes
+    slack.
+    """
+    starts = [x]
+    for index, parameter in enumerate(free):
+        if (
+            parameter.name == "pretension"
+            and parameter.scale > Limit.multistart_uncertainty
+        ):
+            for factor in Limit.multistart_factors:
+                start = x.copy()
+                start[index] = math.log(factor) / parameter.scale
+                starts.append(start)
+    return starts
+
+
+def predicted(
+    problem: Problem, start: FloatArray, division: Sequence[Fold]
+) -> tuple[FloatArray, ...]:
+    """Return torques of every record predicted from other samples (2, samples).
+
+    Samples that no fold holds out are predicted by the last fit.
+    """
+    records = problem.plant.records
+    found = [np.zeros(record.measured.shape) for record in records]
+    for fold in division:
+        x = fit(problem, start, fold.train, 6).x
+        played = problem.plant.simulate(problem.values(x), problem.effects)
+        for kept, torque, train in zip(found, played, fold.train, strict=True):
+            kept[:, ~train] = torque[:, ~train]
+            empty = np.all(kept == 0.0, axis=0)
+            kept[:, empty] = torque[:, empty]
+    return tuple(found)
+
+
+def gaps(
+    problem: Problem,
+    before: Sequence[FloatArray],
+    after: Sequence[FloatArray],
+    division: Sequence[Fold],
+    seed: int = 0,
+) -> dict[str, Gap]:
+    """Return the gap of each channel on the held-out samples."""
+    records = problem.plant.records
+    masks = [np.zeros(r.counts.size, dtype=bool) for r in records]
+    for fold in division:
+        for mask, test in zip(masks, fold.test, strict=True):
+            mask |= test
+    found = {}
+    random = np.random.default_rng(seed)
+    for row, channel in enumerate(problem.plant.instruments.channels):
+        squares = []
+        for record, mask, old, new, noise, floor in zip(
+            records, masks, before, after, problem.noise, problem.floor, strict=True
+        ):
+            size = max(2, round(BOOTSTRAP_BLOCK / record.dt))
+            columns = (
+                np.array(
+                    [
+                        (record.measured[row] - old[row]) ** 2,
+                        (record.measured[row] - new[row]) ** 2,
+                        noise[row] ** 2,
+                        np.ones(mask.size),
+                    ]
+                )
+                * mask
+                / floor[row] ** 2
+            )
+            for first in range(0, mask.size, size):
+                if np.any(mask[first : first + size]):
+                    squares.append(columns[:, first : first + size].sum(axis=1))
+        found[channel] = _gap_of_sums(np.array(squares), random)
+    return found
+
+
+def _gap_of_sums(squares: FloatArray, random: np.random.Generator) -> Gap:
+    """Compute a gap from block sums (blocks, 4): before, after, floor, weights."""
+    draws = random.integers(0, len(squares), (400, len(squares)))
+    shares = [_closed_share(*squares[draw, :3].sum(axis=0)) for draw in draws]
+    old, new, floor, weights = squares.sum(axis=0)
+    low = high = math.nan
+    if np.mean(np.isfinite(shares)) > Limit.min_draw_share:
+        low, high = np.nanquantile(shares, [0.025, 0.975]).tolist()
+    return Gap(
+        float(np.sqrt(old / weights)),
+        float(np.sqrt(new / weights)),
+        float(np.sqrt(floor / weights)),
+        _closed_share(old, new, floor),
+        (low, high),
+    )
+
+
+def _closed_share(old: float, new: float, floor: float) -> float:
+    """Return the closed share of the gap of squared RMS errors, NaN without one."""
+    if old <= 1.02 * floor:
+        return math.nan
+    before, after, least = (math.sqrt(square) for square in (old, new, floor))
+    return 1.0 - (after - least) / (before - least)
+
+
+def overall_share(found: Mapping[str, Gap]) -> float:
+    before, after = floor_ratios(found)
+    return _closed_share(before**2, after**2, 1.0)
+
+
+def floor_ratios(found: Mapping[str, Gap]) -> tuple[float, float]:
+    if not found:
+        return math.nan, math.nan
+    before = [(gap.rmse_before / gap.noise_floor) ** 2 for gap in found.values()]
+    after = [(gap.rmse_after / gap.noise_floor) ** 2 for gap in found.values()]
+    return math.sqrt(np.mean(before)), math.sqrt(np.mean(after))
+
+
+def traces(
+    problem: Problem, before: Sequence[FloatArray], after: Sequence[FloatArray]
+) -> tuple[TrialTrace, ...]:
+    channels = problem.plant.instruments.channels
+    return tuple(
+        TrialTrace(
+            record.trial,
+            record.time,
+            record.motor_angle,
+            record.joint_angle,
+            dict(zip(channels, record.measured, strict=True)),
+            dict(zip(channels, old, strict=True)),
+            dict(zip(channels, new, strict=True)),
+            record.counts.astype(float),
+        )
+        for record, old, new in zip(problem.plant.records, before, after, strict=True)
+    )
+
+
+class Held(NamedTuple):
+    """Torques (2, samples) of every record without and with the added effects.
+
+    They are held out, predicted by the others; `gap` is of them. The trials of the last
+    field were never held out.
+    """
+
+    before: tuple[FloatArray, ...]
+    after: tuple[FloatArray, ...]
+    gap: dict[str, Gap]
+    never: tuple[str, ...] = ()
+
+
+class Holdout:
+    """Cache of held-out predictions; those of the baseline are computed once."""
+
+    def __init__(self, baseline_fit: BaselineFit, seed: int) -> None:
+        problem = baseline_fit.problem
+        records = problem.plant.records
+        self._problem, self._x, self._seed = problem, baseline_fit.whole.x, seed
+        # Whole trials. If a single trial shows an effect, say the only one at low
+        # pretension, the others cannot determine it: then stretches of all trials are
+        # held out.
+        self._divisions = trial_folds(records), interleaved_folds(records)
+        self._before: dict[int, tuple[FloatArray, ...]] = {}
+
+    def out(self, problem: Problem, x: FloatArray) -> Held | None:
+        """Predict the held-out data; None if they do not support the effects."""
+        for place, division in enumerate(self._divisions):
+            if place not in self._before:
+                self._before[place] = predicted(self._problem, self._x, division)
+            before = self._before[place]
+            after = predicted(problem, x, division) if problem.effects else before
+            gap = gaps(self._problem, before, after, division, self._seed)
+            better = sum(
+                (g.rmse_before**2 - g.rmse_after**2) / g.noise_floor**2
+                for g in gap.values()
+            )
+            if not problem.effects or better >= 0.0:
+                records = problem.plant.records
+                return Held(before, after, gap, never_held_out(division, records))
+        return None
 
 
 @dataclass(frozen=True)
@@ -50,41 +696,21 @@ class Options:
     """Seed of bootstraps and noise draws."""
 
 
-@dataclass(frozen=True)
-class DiagnosisResult:
-    """Diagnosis with the model, evidence and fits behind it."""
-
-    diagnosis: Diagnosis
-    """Verdict, in numbers and sentences."""
-    bench: Bench
-    """Rig as the scene has it."""
-    evidence: Evidence = field(default_factory=Evidence)
-    """Signals and maps that the report draws."""
-    problem: Problem | None = None
-    """Final model, or None where there is none."""
-    x: FloatArray = field(default_factory=lambda: np.zeros(0))
-    """Parameters of the final model."""
-    baseline_fit: BaselineFit | None = None
-    """Fit of the baseline, or None where there is none."""
-    motion: CataloguedTrial | None = None
-    """Motion of the proposed trial, or None."""
-
-
 def fit_scene(
     dataset: Dataset, bench: Bench, settings: Options, progress: Progress
-) -> BaselineFit | DiagnosisResult:
+) -> BaselineFit | Diagnosis:
     """Fit the baseline and its noise floor, or return a diagnosis that ends here.
 
     `bench` is the rig as the scene has it, with what is known of it.
     """
     start, records, filtering = prepare_start(dataset, bench)
     if useless := _excitation_problem(records):
-        return _refused(bench, useless)
+        return _refused(useless)
     plant = plant_of(dataset, start.bench, records, start.given)
     # Without a pretension a scene predicts nothing.
     given = bench if bench.cables[0].pretension > 0.0 else start.bench
     if wrong := unit_or_sign_error(replace(plant, bench=given), plant, start.values):
-        return _refused(bench, wrong)
+        return _refused(wrong)
     progress(0.01, "checking the effects")
     notes = check_effects(plant, start.values, settings.requested)
     progress(0.02, "fitting the baseline")
@@ -100,10 +726,10 @@ def fit_scene(
             f"Record faster than {1.0 / plant.records[0].dt:.0f} Hz, or reduce the "
             "wrap."
         )
-        diagnosis = Diagnosis("fix-numerics", statement, problems=(statement,))
-        return DiagnosisResult(diagnosis, bench, baseline_fit=found)
+        refusal = Diagnosis("fix-numerics", statement, problems=(statement,))
+        return replace(found, refusal=refusal)
     if wrong := exchanged_torques(found.problem, found.whole.x):
-        return _refused(bench, wrong)
+        return _refused(wrong)
     temperatures = {
         trial.name: float(np.nanmean(trial.temperature))
         for trial in dataset.trials
@@ -112,9 +738,8 @@ def fit_scene(
     return replace(found, notes=notes, temperatures=temperatures)
 
 
-def _refused(bench: Bench, statement: str) -> DiagnosisResult:
-    diagnosis = Diagnosis("fix-data", statement, problems=(statement,))
-    return DiagnosisResult(diagnosis, bench)
+def _refused(statement: str) -> Diagnosis:
+    return Diagnosis("fix-data", statement, problems=(statement,))
 
 
 def _excitation_problem(records: Sequence[Record]) -> str:

@@ -34,8 +34,8 @@ from cc_mujoco.datasets._channels import (
 from cc_mujoco.datasets._quantization import reconstruct_angle
 from cc_mujoco.datasets._trials import Dataset, Facts, Noise, Trial
 from cc_mujoco.diagnosis._checks.noise import repeat_scatter as scatter_of
-from cc_mujoco.diagnosis._rig.bench_simulation import SimulatedRig, Values
 from cc_mujoco.diagnosis._rig.records import Filtering, Record, low_pass, play_filter
+from cc_mujoco.diagnosis._rig.simulation import SimulatedRig, Values
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.native import FloatArray
 

@@ -32,8 +32,7 @@ from cc_mujoco.diagnosis._phrases import (
     format_interval,
     format_number,
 )
-from cc_mujoco.diagnosis._rig.records import compared_band, low_pass
-from cc_mujoco.diagnosis._rig.replays import shift_signal
+from cc_mujoco.diagnosis._rig.records import compared_band, low_pass, shift_signal
 from cc_mujoco.diagnosis._thresholds import MAX_EXPLAINED_ERROR, Limit, Thresholds
 from cc_mujoco.diagnosis._verdict import Baseline, Diagnosis, Verdict
 from cc_mujoco.diagnosis.effects import follow_with_play

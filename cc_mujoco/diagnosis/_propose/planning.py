@@ -34,12 +34,11 @@ from cc_mujoco.datasets._folders import MOTION_FILE
 from cc_mujoco.datasets._instruments import TORQUE_SENSORS, Instruments
 from cc_mujoco.datasets._torques import derived_noise, expected_instruments
 from cc_mujoco.datasets._trials import Constant, Noise
-from cc_mujoco.diagnosis._fit.fitting import Problem, jacobian
-from cc_mujoco.diagnosis._fit.plausibility import plausible_size
-from cc_mujoco.diagnosis._judge.judge import declared_sentence
+from cc_mujoco.diagnosis._fit.intervals import plausible_size
+from cc_mujoco.diagnosis._fit.problem import Problem, jacobian
+from cc_mujoco.diagnosis._judge import declared_sentence
 from cc_mujoco.diagnosis._phrases import format_number, format_share, plain_name
-from cc_mujoco.diagnosis._rig.bench_simulation import SimulatedRig, baseline_parameters
-from cc_mujoco.diagnosis._rig.motions import (
+from cc_mujoco.diagnosis._propose.experiment import (
     MOTION_STEP,
     CataloguedTrial,
     middle_angle,
@@ -48,8 +47,9 @@ from cc_mujoco.diagnosis._rig.motions import (
     write_motion,
 )
 from cc_mujoco.diagnosis._rig.records import Record, load_values
+from cc_mujoco.diagnosis._rig.simulation import SimulatedRig, baseline_parameters
 from cc_mujoco.diagnosis._scene.repair import require_repairable
-from cc_mujoco.diagnosis._search.screening import effect_amplitudes, screen
+from cc_mujoco.diagnosis._search.candidates import effect_amplitudes, screen
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis.effects import EffectParameter, usual_effects
 from cc_mujoco.errors import CableError

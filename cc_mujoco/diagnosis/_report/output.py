@@ -9,7 +9,7 @@ import os
 import platform
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from importlib import import_module
 from importlib.metadata import version
 from math import cos, sin
@@ -23,17 +23,20 @@ import numpy as np
 from cc_mujoco._utils import atomic_io
 from cc_mujoco._utils.atomic_io import replacing_folder
 from cc_mujoco._utils.parsing import parse_json
+from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._columns import DATASET_FILE
 from cc_mujoco.datasets._folders import MOTION_FILE
 from cc_mujoco.datasets._instruments import TORQUE_SENSORS
 from cc_mujoco.datasets._trials import Dataset
-from cc_mujoco.diagnosis._fit.fit import DiagnosisResult
+from cc_mujoco.diagnosis._fit.fit import BaselineFit
+from cc_mujoco.diagnosis._fit.problem import Problem
 from cc_mujoco.diagnosis._phrases import (
     NO_SCENE_PREFIX,
     NOT_IN_SCENE_PREFIX,
     Names,
     headline,
 )
+from cc_mujoco.diagnosis._propose.experiment import CataloguedTrial, write_motion
 from cc_mujoco.diagnosis._report import sections
 from cc_mujoco.diagnosis._report.drawings import (
     FIGURE_STEMS,
@@ -42,11 +45,8 @@ from cc_mujoco.diagnosis._report.drawings import (
     worst_excerpt,
 )
 from cc_mujoco.diagnosis._resume import VERDICT_FILE
-from cc_mujoco.diagnosis._rig.bench_simulation import CLOCK_PARAMETERS
-from cc_mujoco.diagnosis._rig.motions import CataloguedTrial, write_motion
-from cc_mujoco.diagnosis._rig.occasions import occasions_of
-from cc_mujoco.diagnosis._rig.records import low_pass
-from cc_mujoco.diagnosis._rig.replays import shift_signal
+from cc_mujoco.diagnosis._rig.records import low_pass, shift_signal
+from cc_mujoco.diagnosis._rig.simulation import CLOCK_PARAMETERS, occasions_of
 from cc_mujoco.diagnosis._scene.realisation import (
     is_realisable,
     realisations,
@@ -77,6 +77,27 @@ from cc_mujoco.report._html import (
     scrolled,
 )
 from cc_mujoco.report._html import sections as page_sections
+
+
+@dataclass(frozen=True)
+class DiagnosisResult:
+    """Diagnosis with the model, evidence and fits behind it."""
+
+    diagnosis: Diagnosis
+    """Verdict, in numbers and sentences."""
+    bench: Bench
+    """Rig as the scene has it."""
+    evidence: Evidence = field(default_factory=Evidence)
+    """Signals and maps that the report draws."""
+    problem: Problem | None = None
+    """Final model, or None where there is none."""
+    x: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """Parameters of the final model."""
+    baseline_fit: BaselineFit | None = None
+    """Fit of the baseline, or None where there is none."""
+    motion: CataloguedTrial | None = None
+    """Motion of the proposed trial, or None."""
+
 
 REPORT_PAGE = "report.html"
 

@@ -24,10 +24,10 @@ import numpy as np
 from cc_mujoco._utils.atomic_io import replacing
 from cc_mujoco.cable import Cable
 from cc_mujoco.datasets._bench import Bench
-from cc_mujoco.diagnosis._scene.instruments import add_instruments
 from cc_mujoco.diagnosis._scene.realisation import (
     REALISATIONS,
     Values,
+    add_instruments,
     is_realisable,
     realisations,
     rim_stiffness,

@@ -18,16 +18,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cc_mujoco.datasets._bench import Bench, driven_joint
-from cc_mujoco.diagnosis._rig.records import LEAD_SAMPLES
-from cc_mujoco.diagnosis._rig.replays import with_lead_in
-from cc_mujoco.diagnosis._scene.instruments import (
+from cc_mujoco.diagnosis._rig.records import LEAD_SAMPLES, with_lead_in
+from cc_mujoco.diagnosis._scene.realisation import (
     add_instruments,
     angle_sensors,
     has_instruments,
+    tilt_rig,
     torque_weights,
     without_delay,
 )
-from cc_mujoco.diagnosis._scene.realisation import tilt_rig
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cc_mujoco.datasets._data_findings import errors
-from cc_mujoco.diagnosis._checks.timing import check_alignment
+from cc_mujoco.diagnosis._checks.mechanics import check_alignment
 from diagnosis.bench import RATIO, loaded, one, recording
 
 

@@ -10,8 +10,8 @@ import pytest
 
 from cc_mujoco.datasets._data_findings import errors
 from cc_mujoco.diagnosis import load
-from cc_mujoco.diagnosis._checks.run import check_ratio
-from cc_mujoco.diagnosis._checks.signs import measure_mechanics
+from cc_mujoco.diagnosis._checks.mechanics import measure_mechanics
+from cc_mujoco.diagnosis._checks.readings import check_ratio
 from diagnosis.bench import RATIO, Columns, loaded, one, only_fix, recording, write
 
 TORQUES = ("motor_torque_nm", "joint_torque_nm")

@@ -11,7 +11,7 @@ import pytest
 from cc_mujoco.datasets import Bench, Trial
 from cc_mujoco.datasets._data_findings import errors
 from cc_mujoco.diagnosis import load
-from cc_mujoco.diagnosis._checks.timing import check_lead
+from cc_mujoco.diagnosis._checks.mechanics import check_lead
 from diagnosis.instrumented import ANKLE, SPRING, loaded, walked
 from diagnosis.recorded import BENCH, dataset
 

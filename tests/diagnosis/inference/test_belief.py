@@ -13,19 +13,19 @@ import numpy as np
 import pytest
 
 from cc_mujoco import diagnosis
-from cc_mujoco.diagnosis._judge.judge import (
+from cc_mujoco.diagnosis._judge import (
     RELIABILITY,
     STUDIED_ERROR,
     Judgement,
+    Stretch,
     _rate,
     _worded,
     belief_in_verdict,
     one_time,
     probabilities,
 )
-from cc_mujoco.diagnosis._judge.stretches import Stretch
 from cc_mujoco.diagnosis._phrases import format_odds
-from cc_mujoco.diagnosis._search.acceptance import comparison_z
+from cc_mujoco.diagnosis._search.candidates import comparison_z
 from cc_mujoco.diagnosis._thresholds import (
     FORM_ERROR_SHARE,
     MAX_EXPLAINED_ERROR,

@@ -13,8 +13,8 @@ from cc_mujoco.datasets import Bench, Dataset, Noise, Trial
 from cc_mujoco.datasets._data_findings import errors
 from cc_mujoco.datasets._instruments import Instruments
 from cc_mujoco.diagnosis import Options, load, run_inference
-from cc_mujoco.diagnosis._rig.bench_simulation import SimulatedRig, baseline_parameters
 from cc_mujoco.diagnosis._rig.records import prepare
+from cc_mujoco.diagnosis._rig.simulation import SimulatedRig, baseline_parameters
 from diagnosis.rigs import alone
 
 DT = 0.004

@@ -22,12 +22,12 @@ from cc_mujoco.diagnosis import (
 )
 from cc_mujoco.diagnosis._propose import experiment
 from cc_mujoco.diagnosis._propose.experiment import (
+    CataloguedTrial,
     Rivals,
     best_trial,
     recorded,
     refit_difference,
 )
-from cc_mujoco.diagnosis._rig.motions import CataloguedTrial
 from cc_mujoco.diagnosis._thresholds import Thresholds
 from cc_mujoco.estimation._least_squares import Fit
 from diagnosis.recorded import BENCH, dataset

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from cc_mujoco.cable import Transmission
 from cc_mujoco.datasets import Dataset, Facts, Noise, Trial
 from cc_mujoco.diagnosis import CrossValidation, Problem, Record, prepare
-from cc_mujoco.diagnosis._fit.folds import excess
 from cc_mujoco.diagnosis._fit.noise_floor import likely, noise_floor, resample_angles
-from cc_mujoco.diagnosis._rig.bench_simulation import SimulatedRig
+from cc_mujoco.diagnosis._fit.problem import excess
+from cc_mujoco.diagnosis._rig.simulation import SimulatedRig
 from diagnosis.recorded import BENCH
 
 STEP = 2e-3

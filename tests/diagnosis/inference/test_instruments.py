@@ -23,14 +23,14 @@ from cc_mujoco.diagnosis import (
     run_inference,
     write,
 )
-from cc_mujoco.diagnosis._checks.run import check_bench
-from cc_mujoco.diagnosis._judge.judge import declared_sentence
+from cc_mujoco.diagnosis._checks.readings import check_bench
+from cc_mujoco.diagnosis._judge import declared_sentence
 from cc_mujoco.diagnosis._report.output import (
     rollout_difference,
     write_and_compare_scene,
 )
-from cc_mujoco.diagnosis._rig.library import available_effects
 from cc_mujoco.diagnosis._rig.records import load_noise, load_torque
+from cc_mujoco.diagnosis._rig.simulation import available_effects
 from cc_mujoco.diagnosis.effects import EXIT_FORMS, form_key
 from cc_mujoco.errors import CableError
 from diagnosis.instrumented import (

@@ -14,7 +14,7 @@ from scipy.special import stdtrit
 
 from cc_mujoco.cable import Parameter
 from cc_mujoco.diagnosis import prepare
-from cc_mujoco.diagnosis._fit import fitting
+from cc_mujoco.diagnosis._fit import problem as fitting
 from cc_mujoco.diagnosis._fit.intervals import (
     Spread,
     disagreement,
@@ -24,9 +24,9 @@ from cc_mujoco.diagnosis._fit.intervals import (
     noise_covariance,
     parts_of,
 )
-from cc_mujoco.diagnosis._judge.identifiability import deviating_parameters
+from cc_mujoco.diagnosis._judge import deviating_parameters
 from cc_mujoco.diagnosis._phrases import format_interval
-from cc_mujoco.diagnosis._rig.bench_simulation import SimulatedRig, baseline_parameters
+from cc_mujoco.diagnosis._rig.simulation import SimulatedRig, baseline_parameters
 from cc_mujoco.estimation._least_squares import Tuned, covariance
 from cc_mujoco.native import FloatArray
 from diagnosis.recorded import BENCH, dataset

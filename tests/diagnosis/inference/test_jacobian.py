@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from cc_mujoco.diagnosis import Problem, Record, TorqueDerivatives, fit, prepare
-from cc_mujoco.diagnosis._fit.fitting import jacobian
-from cc_mujoco.diagnosis._rig import replays as replays_of
-from cc_mujoco.diagnosis._rig.bench_simulation import (
+from cc_mujoco.diagnosis._fit.problem import jacobian
+from cc_mujoco.diagnosis._rig import records as replays_of
+from cc_mujoco.diagnosis._rig.simulation import (
     TORQUE_OFFSETS,
     SimulatedRig,
     baseline_parameters,

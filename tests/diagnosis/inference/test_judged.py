@@ -8,10 +8,9 @@ from typing import Any
 
 import pytest
 
-from cc_mujoco.diagnosis._judge import judge as verdict_rules
-from cc_mujoco.diagnosis._judge.judge import Judgement, verdict_of
-from cc_mujoco.diagnosis._judge.stretches import Stretch
-from cc_mujoco.diagnosis._search.acceptance import Round
+from cc_mujoco.diagnosis import _judge as verdict_rules
+from cc_mujoco.diagnosis._judge import Judgement, Stretch, verdict_of
+from cc_mujoco.diagnosis._search.candidates import Round
 from cc_mujoco.diagnosis._search.search import only_refines
 from cc_mujoco.diagnosis._thresholds import Limit, Thresholds
 from cc_mujoco.diagnosis._verdict import Deviating, FoundEffect, Gap

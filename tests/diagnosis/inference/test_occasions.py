@@ -13,21 +13,28 @@ import pytest
 from cc_mujoco.cable import Parameter
 from cc_mujoco.datasets import Dataset
 from cc_mujoco.diagnosis import Options, run_inference
-from cc_mujoco.diagnosis._fit.baseline import fit_baseline, plant_of
-from cc_mujoco.diagnosis._fit.fitting import fit
-from cc_mujoco.diagnosis._fit.start_values import prepare_start
-from cc_mujoco.diagnosis._fit.trial_constants import (
+from cc_mujoco.diagnosis._fit.fit import fit_baseline, plant_of, prepare_start
+from cc_mujoco.diagnosis._fit.problem import fit
+from cc_mujoco.diagnosis._fit.trials import (
     TrialConstants,
     compare_size,
     constants_by_occasion,
     describe_change,
 )
 from cc_mujoco.diagnosis._phrases import MINUS, plain_name
-from cc_mujoco.diagnosis._propose.experiment import as_record, next_trial_name
-from cc_mujoco.diagnosis._rig.bench_simulation import SimulatedRig, baseline_parameters
-from cc_mujoco.diagnosis._rig.motions import motions, trial_table
-from cc_mujoco.diagnosis._rig.occasions import occasions_of, values_on
+from cc_mujoco.diagnosis._propose.experiment import (
+    as_record,
+    motions,
+    next_trial_name,
+    trial_table,
+)
 from cc_mujoco.diagnosis._rig.records import prepare
+from cc_mujoco.diagnosis._rig.simulation import (
+    SimulatedRig,
+    baseline_parameters,
+    occasions_of,
+    values_on,
+)
 from cc_mujoco.estimation._least_squares import Estimate, Tuned
 from diagnosis.recorded import BENCH, dataset
 

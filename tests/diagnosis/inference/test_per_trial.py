@@ -19,13 +19,13 @@ from cc_mujoco.diagnosis import (
     prepare,
     run_inference,
 )
-from cc_mujoco.diagnosis._fit.fitting import TorqueDerivatives
+from cc_mujoco.diagnosis._fit.problem import TorqueDerivatives
 from cc_mujoco.diagnosis._fit.trials import (
     find_outlier_trial,
     misfits,
     trial_errors,
 )
-from cc_mujoco.diagnosis._judge.stretches import worst_stretch
+from cc_mujoco.diagnosis._judge import worst_stretch
 from diagnosis.instrumented import told_by
 from diagnosis.recorded import BENCH, dataset
 

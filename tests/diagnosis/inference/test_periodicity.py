@@ -11,7 +11,7 @@ import math
 import numpy as np
 import pytest
 
-from cc_mujoco.diagnosis._locate.periodicity import (
+from cc_mujoco.diagnosis._locate import (
     PeriodicError,
     Samples,
     strongest_line,

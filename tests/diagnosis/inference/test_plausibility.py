@@ -14,14 +14,15 @@ import pytest
 from scipy.special import stdtrit
 
 from cc_mujoco.diagnosis import EFFECTS, Problem, prepare
-from cc_mujoco.diagnosis._fit.intervals import Spread, estimates
-from cc_mujoco.diagnosis._fit.plausibility import (
+from cc_mujoco.diagnosis._fit.intervals import (
+    Spread,
     doubtful_effects,
+    estimates,
     implausibility,
     is_ordinary,
     plausible_size,
 )
-from cc_mujoco.diagnosis._rig.bench_simulation import SimulatedRig, baseline_parameters
+from cc_mujoco.diagnosis._rig.simulation import SimulatedRig, baseline_parameters
 from cc_mujoco.diagnosis.effects import BACKLASH_BOUNDS, GAIN_BOUNDS
 from diagnosis.recorded import BENCH, dataset
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-import cc_mujoco.diagnosis._fit.baseline as module
+import cc_mujoco.diagnosis._fit.fit as module
 from cc_mujoco.datasets import Facts
 from cc_mujoco.diagnosis import Options, prepare, run_inference
 from cc_mujoco.diagnosis import trial_folds as held_out

@@ -15,12 +15,12 @@ from cc_mujoco.datasets import Dataset, Facts, Noise, Trial
 from cc_mujoco.diagnosis import Problem, fit, prepare
 from cc_mujoco.diagnosis._checks.noise import repeat_scatter
 from cc_mujoco.diagnosis._fit.noise_floor import noise_floor
-from cc_mujoco.diagnosis._rig.bench_simulation import (
+from cc_mujoco.diagnosis._rig.records import play_filter
+from cc_mujoco.diagnosis._rig.simulation import (
     CLOCK_PARAMETERS,
     SimulatedRig,
     baseline_parameters,
 )
-from cc_mujoco.diagnosis._rig.records import play_filter
 from diagnosis.recorded import BENCH
 from study_marks import study_but
 

@@ -10,17 +10,18 @@ import numpy as np
 import pytest
 
 from cc_mujoco.diagnosis import BaselineFit, fit_baseline, plant_of, prepare
-from cc_mujoco.diagnosis._fit.folds import (
+from cc_mujoco.diagnosis._fit.problem import (
     CrossValidation,
     Fold,
     divided_samples,
     interleaved_folds,
 )
-from cc_mujoco.diagnosis._search import rounds
-from cc_mujoco.diagnosis._search.acceptance import Candidate, decide
-from cc_mujoco.diagnosis._search.screening import (
+from cc_mujoco.diagnosis._search import search as rounds
+from cc_mujoco.diagnosis._search.candidates import (
+    Candidate,
     Changes,
     Signature,
+    decide,
     screen,
     signature_cosine,
 )

@@ -13,12 +13,17 @@ from scipy.optimize import lsq_linear
 
 from cc_mujoco.diagnosis import BaselineFit, Options, run_inference
 from cc_mujoco.diagnosis._fit.fit import fit_scene
-from cc_mujoco.diagnosis._fit.folds import interleaved_folds
+from cc_mujoco.diagnosis._fit.problem import interleaved_folds
 from cc_mujoco.diagnosis._phrases import no_progress
-from cc_mujoco.diagnosis._search import acceptance, rounds
-from cc_mujoco.diagnosis._search.acceptance import parted_by_form, tie_reason
-from cc_mujoco.diagnosis._search.rounds import search
-from cc_mujoco.diagnosis._search.screening import Changes, bounded_least_squares
+from cc_mujoco.diagnosis._search import candidates as acceptance
+from cc_mujoco.diagnosis._search import search as rounds
+from cc_mujoco.diagnosis._search.candidates import (
+    Changes,
+    bounded_least_squares,
+    parted_by_form,
+    tie_reason,
+)
+from cc_mujoco.diagnosis._search.search import search
 from cc_mujoco.diagnosis._thresholds import FORM_ERROR_SHARE, Thresholds
 from diagnosis import recorded
 from diagnosis.recorded import BENCH, DT, dataset

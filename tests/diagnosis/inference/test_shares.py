@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from cc_mujoco.diagnosis import fit, fit_baseline, plant_of, prepare
-from cc_mujoco.diagnosis._search.rounds import Search
-from cc_mujoco.diagnosis._search.screening import Changes
-from cc_mujoco.diagnosis._search.search import final_search
+from cc_mujoco.diagnosis._search.candidates import Changes
+from cc_mujoco.diagnosis._search.search import Search, final_search
 from diagnosis.recorded import BENCH, dataset
 
 PULL = {"gravity_sine": 1.2, "gravity_cosine": 0.0}

@@ -14,9 +14,8 @@ from hypothesis import strategies as st
 from cc_mujoco.datasets import Bench, Dataset, Facts
 from cc_mujoco.datasets._trials import Constant
 from cc_mujoco.diagnosis import Options, fit_baseline, plant_of, run_inference
-from cc_mujoco.diagnosis._fit.fit import unit_or_sign_error
+from cc_mujoco.diagnosis._fit.fit import prepare_start, unit_or_sign_error
 from cc_mujoco.diagnosis._fit.intervals import estimates, fit_covariance
-from cc_mujoco.diagnosis._fit.start_values import prepare_start
 from cc_mujoco.diagnosis._rig.records import wind_up_angle
 from cc_mujoco.estimation import Estimate
 from diagnosis.recorded import BENCH, dataset

@@ -15,7 +15,7 @@ from cc_mujoco.diagnosis import (
     run_inference,
 )
 from cc_mujoco.diagnosis._fit.intervals import Spread, estimates
-from cc_mujoco.diagnosis._judge.identifiability import (
+from cc_mujoco.diagnosis._judge import (
     REMEDIES,
     _suspected_unit,
     confounded_effects,
@@ -23,8 +23,8 @@ from cc_mujoco.diagnosis._judge.identifiability import (
     deviating_parameters,
     untestable_effects,
 )
-from cc_mujoco.diagnosis._rig.bench_simulation import BASELINE
-from cc_mujoco.diagnosis._search.screening import Changes
+from cc_mujoco.diagnosis._rig.simulation import BASELINE
+from cc_mujoco.diagnosis._search.candidates import Changes
 from diagnosis.recorded import BENCH, dataset
 
 HIDDEN = {"load_independent_friction": 8.0, "seal_proximal": 0.0, "seal_distal": 0.0}

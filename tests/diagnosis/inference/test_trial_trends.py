@@ -10,7 +10,7 @@ import pytest
 from cc_mujoco.cable import Parameter
 from cc_mujoco.datasets import Dataset
 from cc_mujoco.diagnosis import fit_baseline, plant_of, prepare
-from cc_mujoco.diagnosis._fit.trial_constants import (
+from cc_mujoco.diagnosis._fit.trials import (
     TrialConstants,
     trial_constants,
     trial_trends,

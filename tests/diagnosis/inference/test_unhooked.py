@@ -10,9 +10,9 @@ import pytest
 
 from cc_mujoco.datasets import Dataset, Facts, Trial
 from cc_mujoco.diagnosis import excitation, fit_baseline, plant_of, prepare
-from cc_mujoco.diagnosis._checks.run import check_bench, check_trials
-from cc_mujoco.diagnosis._checks.timing import check_lead
-from cc_mujoco.diagnosis._fit.start_values import prepare_start
+from cc_mujoco.diagnosis._checks.mechanics import check_lead
+from cc_mujoco.diagnosis._checks.readings import check_bench, check_trials
+from cc_mujoco.diagnosis._fit.fit import prepare_start
 from cc_mujoco.diagnosis._fit.trials import find_outlier_trial
 from cc_mujoco.errors import CableError
 from diagnosis.recorded import BENCH, DT, NOISE, dataset

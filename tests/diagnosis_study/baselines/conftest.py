@@ -9,7 +9,7 @@ import pytest
 
 from baselines.signals import Signals, observed
 from cc_mujoco.diagnosis import BaselineFit, CrossValidation, Problem, Record, fit
-from cc_mujoco.diagnosis._rig.bench_simulation import SimulatedRig, baseline_parameters
+from cc_mujoco.diagnosis._rig.simulation import SimulatedRig, baseline_parameters
 from diagnosis.recorded import BENCH, motions
 
 DT = 0.004

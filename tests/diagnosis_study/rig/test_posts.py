@@ -10,7 +10,7 @@ import tendon
 
 from cc_mujoco.assets import scene_path
 from cc_mujoco.datasets import Bench
-from cc_mujoco.diagnosis._rig.replays import with_lead_in
+from cc_mujoco.diagnosis._rig.records import with_lead_in
 from rig.posts import KNUCKLE_RADIUS, WINCH_RADIUS, Tendon, path, played
 
 DT = 1e-3

@@ -24,8 +24,9 @@ from cc_mujoco.datasets._load_cells import SingleCell
 from cc_mujoco.datasets._reading import Recording
 from cc_mujoco.datasets._smoothing import velocity
 from cc_mujoco.datasets._trials import Dataset, Facts, FloatArray, Trial
-from cc_mujoco.diagnosis._checks.signs import (
+from cc_mujoco.diagnosis._checks.mechanics import (
     Mechanics,
+    check_alignment,
     check_ratios,
     check_signs,
     check_sizes,
@@ -34,7 +35,6 @@ from cc_mujoco.diagnosis._checks.signs import (
     measure_mechanics,
     wrong_unit,
 )
-from cc_mujoco.diagnosis._checks.timing import check_alignment
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.errors import CableError
 from cc_mujoco.report._html import list_words

@@ -1,0 +1,1032 @@
+r"""Stretch of a trial that a model does not explain, while it explains the rest.
+
+A cable that comes off, a clamp that slips or a sensor that freezes is no effect of the
+library: it begins at a moment. It hides in the RMS error of all data, and large errors
+count less in fits.
+
+    stretch = worst_stretch(problem, x, torques)
+    stretch.statement, stretch.rest
+
+Identifiability: effects too small to show, and effects that tuning hides.
+
+The torque change by an effect of plausible size is compared with the noise and with the
+change by each parameter of the accepted model. If tuning of one parameter cancels the
+effect, the two are confounded. If that parameter was tuned farther from the scene than
+its uncertainty allows, the effect is a possible cause. The remaining model error is not
+counted as noise.
+
+Verdict on the search, its reasons, and its probability.
+
+Each comparison of two models has odds Phi(z) to Phi(-z), see `acceptance`; effects
+whose forms meet have the discrepancy f = m E. The odds of a verdict follow from those
+against each alternative and from how often such verdicts are right on sealed rigs
+(`RELIABILITY`, `validation.md`), which counts what no comparison shows: effects that
+the library does not have.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from statistics import NormalDist
+from typing import NamedTuple
+
+import numpy as np
+
+from cc_mujoco.datasets import _channels as channels
+from cc_mujoco.diagnosis._fit.fit import floor_ratios, overall_share
+from cc_mujoco.diagnosis._fit.intervals import IMPLAUSIBLE_PREFIX, plausible_size
+from cc_mujoco.diagnosis._fit.problem import (
+    BOOTSTRAP_BLOCK,
+    CrossValidation,
+    Masks,
+    Problem,
+    blocks,
+    excess,
+    fit,
+    huber_residual,
+    jacobian,
+)
+from cc_mujoco.diagnosis._fit.trials import misfits
+from cc_mujoco.diagnosis._phrases import (
+    capitalise,
+    channel_name,
+    format_number,
+    format_odds,
+    format_share,
+    plain_name,
+)
+from cc_mujoco.diagnosis._rig.simulation import (
+    CLOCK_PARAMETERS,
+    TORQUE_OFFSETS,
+    base_name,
+    is_change,
+)
+from cc_mujoco.diagnosis._search.candidates import (
+    Changes,
+    Round,
+    changes_by_effects,
+    comparison_z,
+    effect_amplitudes,
+)
+from cc_mujoco.diagnosis._search.search import Found, Search
+from cc_mujoco.diagnosis._thresholds import MAX_EXPLAINED_ERROR, Limit, Thresholds
+from cc_mujoco.diagnosis._verdict import (
+    Alternative,
+    Confounded,
+    Deviating,
+    FoundEffect,
+    Gap,
+    NotTestable,
+    Verdict,
+    VerdictOdds,
+)
+from cc_mujoco.diagnosis.effects import EFFECTS, Effect
+from cc_mujoco.estimation._least_squares import Estimate, Tuned
+from cc_mujoco.native import FloatArray
+from cc_mujoco.report._html import list_words
+
+
+class Stretch(NamedTuple):
+    """Stretch with an error beyond its limit.
+
+    Attributes:
+        trial: its name.
+        start: time as recorded [s].
+        end: time as recorded [s].
+        channel: torque with the largest error.
+        size: RMS error over the noise.
+        error: RMS error [N m].
+        idle: whether both torques are next to nothing, though the model's are not.
+        rest: misfit of all other samples.
+    """
+
+    trial: str
+    start: float
+    end: float
+    channel: str
+    size: float
+    error: float
+    idle: bool
+    rest: float
+
+    @property
+    def statement(self) -> str:
+        when = f"from {self.start:.1f} s to {self.end:.1f} s"
+        verb = "transmits nothing" if self.idle else "is off"
+        return (
+            f"{self.trial} {verb} {when}: the {channel_name(self.channel)} is "
+            f"{format_number(self.error)} N m RMS off, {format_number(self.size)} "
+            f"times the noise floor, and all other data {format_number(self.rest)} "
+            "times."
+        )
+
+    @property
+    def question(self) -> str:
+        """Question to whoever recorded it."""
+        what = "came off" if self.idle else "came off, slipped or was changed"
+        return (
+            f"{self.statement} Is there a cable or a clamp that {what}, or a sensor "
+            "that failed? Judge the rest without these seconds: leave them out of "
+            f"`valid` in dataset.toml ([trials.{self.trial!r}])."
+        )
+
+
+def worst_stretch(
+    problem: Problem, x: FloatArray, torques: Sequence[FloatArray]
+) -> Stretch | None:
+    """Return the stretch that exceeds its limit by most, or None.
+
+    Its size, and the misfit of all other data, are those of a fit without it. `torques`
+    are predictions (rows, samples) of every record [N m].
+    """
+    worst: tuple[float, int, int, slice] | None = None
+    records, instruments = problem.plant.records, problem.plant.instruments
+    swing = Limit.friction_swing * problem.values(x).get("motor_friction", 0.0)
+    masks = [record.counts.copy() for record in records]
+    for place, (error, noise) in enumerate(_squares(problem, torques, masks)):
+        record = records[place]
+        if not record.counts.any():
+            continue
+        window = max(1, round(BOOTSTRAP_BLOCK / record.dt))
+        for row, channel in enumerate(instruments.channels):
+            own = swing if channel == channels.MOTOR_TORQUE else 0.0
+            free = np.where(record.counts, own / problem.floor[place][row], 0.0) ** 2
+            over, middle = _largest_ratio(
+                error[row],
+                noise[row] + free / Limit.stretch_limit**2,
+                record.counts,
+                window,
+            )
+            whole = _ratio(error[row], noise[row] + free / Limit.trial_limit**2)
+            beyond = max(
+                over / Limit.stretch_limit, math.sqrt(whole) / Limit.trial_limit
+            )
+            if beyond > 1.0 and (worst is None or beyond > worst[0]):
+                least = 0.5 * math.hypot(
+                    Limit.stretch_limit, math.sqrt(float(free.max()))
+                )
+                part = _edges(error[row], middle, record.dt, least)
+                if over < Limit.stretch_limit:
+                    first, last = np.flatnonzero(record.counts)[[0, -1]]
+                    part = slice(int(first), int(last) + 1)
+                worst = beyond, place, row, part
+    if worst is None:
+        return None
+    _, place, row, part = worst
+    masks[place][part] = False
+    if not any(mask.any() for mask in masks):
+        return None
+    there = problem.torques(fit(problem, x, masks).x)
+    rest = [
+        (huber_residual(np.sqrt(error[:, mask])) ** 2, noise[:, mask])
+        for (error, noise), mask in zip(
+            _squares(problem, there, masks), masks, strict=True
+        )
+    ]
+    record, shown = records[place], there[place][:, part]
+    measured, floor = record.measured[:, part], problem.floor[place][row, part]
+    off = (measured - shown)[row]
+    idle = np.median(np.abs(measured), axis=1) < Limit.max_idle_share * np.median(
+        np.abs(shown), axis=1
+    )
+    return Stretch(
+        record.trial,
+        float(record.time[part][0]),
+        float(record.time[part][-1]),
+        problem.plant.instruments.channels[row],
+        math.sqrt(
+            _ratio((off / floor) ** 2, (problem.sensed[place][row, part] / floor) ** 2)
+        ),
+        math.sqrt(float(np.mean(off**2))),
+        bool(idle.all()),
+        math.sqrt(
+            _ratio(*(np.concatenate([e[k].ravel() for e in rest]) for k in (0, 1)))
+        ),
+    )
+
+
+def _squares(
+    problem: Problem, torques: Sequence[FloatArray], masks: Masks
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Return squared errors and noise over the floor (rows, samples), 0 if masked."""
+    return [
+        (
+            np.where(mask, (record.measured - torque) / floor, 0.0) ** 2,
+            np.where(mask, sensed / floor, 0.0) ** 2,
+        )
+        for record, torque, floor, sensed, mask in zip(
+            problem.plant.records,
+            torques,
+            problem.floor,
+            problem.sensed,
+            masks,
+            strict=True,
+        )
+    ]
+
+
+def _largest_ratio(
+    error: FloatArray,
+    noise: FloatArray,
+    counts: np.ndarray[tuple[int], np.dtype[np.bool_]],
+    window: int,
+) -> tuple[float, int]:
+    """Return the largest RMS error of a window over its noise, and its middle."""
+    box = np.ones(min(window, counts.size))
+    sums = [
+        np.convolve(each, box, "valid")
+        for each in (error, noise, counts.astype(np.float64))
+    ]
+    full = sums[2] > 0.8 * box.size
+    if not full.any():
+        return 0.0, 0
+    ratios = np.where(full, sums[0] / np.maximum(sums[1], 1e-300), 0.0)
+    most = int(np.argmax(ratios))
+    return math.sqrt(float(ratios[most])), most + box.size // 2
+
+
+def _edges(error: FloatArray, middle: int, dt: float, smallest: float) -> slice:
+    """Return the samples around one in which the error stays large."""
+    width = max(1, round(Limit.edge_window / dt))
+    local = np.sqrt(np.convolve(error, np.full(width, 1.0 / width), "same"))
+    near = slice(max(0, middle - 5 * width), middle + 5 * width)
+    least = max(Limit.edge_share * float(local[near].max()), smallest)
+    large = np.flatnonzero(local > min(least, float(local[near].max()) * 0.999))
+    gaps = np.flatnonzero(np.diff(large) > Limit.bridged / dt)
+    starts = large[np.concatenate([[0], gaps + 1])]
+    ends = large[np.concatenate([gaps, [large.size - 1]])]
+    own = int(np.argmin(np.maximum(starts - middle, 0) + np.maximum(middle - ends, 0)))
+    return slice(int(starts[own]), int(ends[own]) + 1)
+
+
+def _ratio(error: FloatArray, noise: FloatArray) -> float:
+    return float(error.sum() / max(float(noise.sum()), 1e-300))
+
+
+GUESSED_DEVIATIONS = {"friction": 0.4, "axial_stiffness": 0.4}
+"""Standard deviation of the logarithm of a value of the scene that is not declared."""
+
+REMEDIES = {
+    "pretension": "declare a measured pretension ([rig] pretension with its "
+    "uncertainty), or record trials at a second pretension and declare both",
+    "friction": "declare friction that was measured another way ([rig] friction with "
+    "its uncertainty), or record other loads",
+    "axial_stiffness": "declare a measured stiffness ([rig] axial_stiffness with its "
+    "uncertainty), or record the joint locked",
+    "friction_balance": "pull each cable by itself, the other one slack, and compare "
+    "their friction",
+    "motor_radius": "measure the motor's pulley and declare it ([rig] motor_radius)",
+    "joint_radius": "measure the joint's pulley and declare it ([rig] joint_radius)",
+    "motor_torque_offset": "read the motor's torque sensor without any load and "
+    "declare the offset of its column",
+    "joint_torque_offset": "read the joint's torque sensor without any load and "
+    "declare the offset of its column",
+    "joint_angle_offset": "record where both cables pull equally, and declare the "
+    "offset of the joint's angle",
+    "load_stiffness": "measure the spring by itself and declare it more exactly ([rig] "
+    "load_stiffness with its uncertainty), or measure the joint's torque",
+    "load_rest_angle": "record the joint where its spring is at rest, and declare that "
+    "angle ([rig] load_rest_angle)",
+    "load_inertia": "declare the inertia of the load more exactly ([rig] "
+    "load_inertia), or measure the joint's torque",
+    "load_damping": "declare the damping of the load more exactly ([rig] "
+    "load_damping), or measure the joint's torque",
+    "load_weight": "weigh the load and declare it more exactly ([rig] load_weight), or "
+    "measure the joint's torque",
+    "torque_constant": "measure the motor's torque constant and declare it more "
+    "exactly, or measure the torque behind motor and gear",
+    "motor_friction": "a current shows the motor's own friction as well: measure the "
+    "torque behind motor and gear, or the tension of the cable there",
+    "motor_wind_up": "a current shows the wind-up of motor and gear as well: measure "
+    "the torque behind them, or the tension of the cable there",
+    "motor_damping": "a current shows the drag of motor and gear as well: measure the "
+    "torque behind them, or the tension of the cable there",
+    "clock_offset": "record all channels by one clock, or declare the delay of each",
+    "motor_torque_late": "declare the delay of the motor's torque sensor",
+    "joint_torque_late": "declare the delay of the joint's torque sensor",
+}
+"""Advice to distinguish a baseline parameter from the effects it can stand for."""
+
+ZERO_REMEDY = (
+    "the arm of the cable hangs on that angle, so let motor and joint read 0 where the "
+    "scene's are, and declare the offset of the column that does not"
+)
+"""Advice if the tuned zero of a joint with a lever is far from its prior."""
+
+
+class EffectChange(NamedTuple):
+    """Torque changes due to plausible sizes of an effect.
+
+    Attributes:
+        effect: effect of the library.
+        sizes: plausible sizes on the rig, by name of the parameter.
+        made: (residuals, sizes) change over the noise floor without retuning; its
+            length is the RMS.
+    """
+
+    effect: Effect
+    sizes: Mapping[str, float]
+    made: FloatArray
+
+
+class Testability(NamedTuple):
+    """Evidence in the data for effects that the accepted model has not.
+
+    Attributes:
+        problem: model with the noise of the sensors as its floor.
+        x: fitted parameters.
+        slopes: (residuals, parameters) changes by each parameter, over the noise floor.
+        tangent: (residuals, k) orthonormal basis of the changes by tuning.
+        changes: changes by effects.
+    """
+
+    problem: Problem
+    x: FloatArray
+    slopes: FloatArray
+    tangent: FloatArray
+    changes: tuple[EffectChange, ...]
+
+    def left(self, change: FloatArray) -> FloatArray:
+        """Compute the part of changes that tuning cannot explain (residuals, ...)."""
+        found: FloatArray = change - self.tangent @ (self.tangent.T @ change)
+        return found
+
+
+def detectability(
+    problem: Problem, x: FloatArray, ids: Sequence[str], known: Changes
+) -> Testability:
+    """Compute by the accepted model and the noise what the data show of effects."""
+    records = problem.plant.records
+    masks = [record.free for record in records]
+    # Torques are compared up to a band: so many of the samples are independent.
+    sizes = np.array([int(mask.sum()) for mask in masks])
+    shares = np.array([min(1.0, 2.0 * r.band * r.dt) for r in records])
+    quiet = replace(
+        problem,
+        floor=tuple(floor / problem.inflation for floor in problem.floor),
+        inflation=1.0,
+        weight=float(np.sqrt(np.sum(shares * sizes) / np.sum(sizes))),
+    )
+    rows = len(records[0].measured)
+    scale = quiet.weight * math.sqrt(rows * int(np.sum(sizes)))
+    slopes = jacobian(quiet, x, masks, explained=True) / scale
+    size = np.linalg.norm(slopes, axis=0)
+    tangent, _ = np.linalg.qr(slopes[:, size > 0.0] / size[size > 0.0])
+    made = changes_by_effects(quiet, x, masks, ids, known)
+    changes = []
+    for name, columns in made.items():
+        effect = problem.plant.library.effects[name]
+        parameters = effect_amplitudes(effect)
+        plausible = {p.name: plausible_size(p, problem, x) for p in parameters}
+        factors = np.array([plausible[p.name] / p.typical for p in parameters])
+        changes.append(EffectChange(effect, plausible, columns * factors / scale))
+    return Testability(quiet, x, slopes, tangent, tuple(changes))
+
+
+def confounded_effects(shown: Testability) -> tuple[Confounded, ...]:
+    """Return effects that would show but for the freedom of the model's parameters.
+
+    An effect with several amplitudes is judged by the mixture that tuning hides best.
+    """
+    size = np.linalg.norm(shown.slopes, axis=0)
+    free = np.flatnonzero(size > 0.0)
+    scaled = shown.slopes[:, free] / size[free]
+    found = []
+    for each in shown.changes:
+        if not each.made.any():
+            continue
+        mix = _best_hidden_mix(each.made, shown.tangent)
+        change = each.made @ mix
+        least = math.sqrt(Limit.min_visible_change)
+        if float(np.linalg.norm(shown.left(change))) > least:
+            continue
+        if float(np.linalg.norm(change)) < Limit.hidden_clarity * least:
+            continue
+        shifts = np.linalg.lstsq(scaled, change)[0]
+        most = int(np.argmax(np.abs(shifts)))
+        shift, index = float(shifts[most] / size[free[most]]), int(free[most])
+        parameter, place = shown.problem.tuned[index], float(shown.x[index])
+        found.append(_confounded_effect(each, mix, parameter, shift, place))
+    return tuple(found)
+
+
+def _best_hidden_mix(changes: FloatArray, tangent: FloatArray) -> FloatArray:
+    """Return the amplitudes (k,), the largest 1, that tuning absorbs best."""
+    lengths = np.linalg.norm(changes, axis=0)
+    lengths[lengths == 0.0] = 1.0
+    plain = changes / lengths
+    left = plain - tangent @ (tangent.T @ plain)
+    values, axes = np.linalg.eigh(plain.T @ plain)
+    kept = values > 1e-9 * values[-1]
+    white = axes[:, kept] / np.sqrt(values[kept])
+    _, vectors = np.linalg.eigh(white.T @ (left.T @ left) @ white)
+    mix = (white @ vectors[:, 0]) / lengths
+    found: FloatArray = mix / mix[np.argmax(np.abs(mix))]
+    return found
+
+
+def _confounded_effect(
+    change: EffectChange, mix: FloatArray, parameter: Tuned, shift: float, place: float
+) -> Confounded:
+    first = effect_amplitudes(change.effect)[int(np.argmax(np.abs(mix)))]
+    size = change.sizes[first.name]
+    statement = (
+        f"{_size_text(first.name, size, first.unit)} looks like "
+        f"{plain_name(parameter.name)} {_value_text(parameter, shift)} in place of "
+        f"{_value_text(parameter, 0.0)}"
+    )
+    share = place / shift if shift else math.inf
+    possible = (
+        (0.0 if first.parameter.low == 0.0 else -Limit.max_size_ratio)
+        < share
+        < Limit.max_size_ratio
+    )
+    explains = ""
+    if possible and abs(place) > Limit.max_prior_sigmas * parameter.prior:
+        explains = f"about {_size_text(first.name, share * size, first.unit)}"
+    remedy = _remedy(parameter.name, change.effect)
+    return Confounded(change.effect.id, parameter.name, statement, explains, remedy)
+
+
+def _remedy(parameter: str, effect: Effect) -> str:
+    # Parameters of effects that are in the model have none of their own.
+    return REMEDIES.get(base_name(parameter), f"record {effect.required_excitation}")
+
+
+def deviating_parameters(
+    problem: Problem,
+    x: FloatArray,
+    estimated: Mapping[str, Estimate],
+    hidden: Sequence[Confounded],
+) -> tuple[Deviating, ...]:
+    """Return the parameters tuned further from the scene than is known of it."""
+    found = []
+    for parameter, place in zip(problem.tuned, x.tolist(), strict=True):
+        name = parameter.name
+        known = parameter.prior
+        if not math.isfinite(known) and name in GUESSED_DEVIATIONS:
+            known = GUESSED_DEVIATIONS[name] / parameter.scale
+        home = 0.0  # place of what is given
+        if name == "joint_angle_offset" and problem.plant.bench.lever is not None:
+            known = Limit.zero_angle_deviation / parameter.scale
+            home = -parameter.start / parameter.scale
+        if name in (*TORQUE_OFFSETS, *CLOCK_PARAMETERS) or not math.isfinite(known):
+            continue
+        if is_change(name) or name == "motor_wind_up":  # reported as such; never given
+            continue
+        deviation = abs(place - home) / known
+        given = parameter.value(home)
+        if (scene := problem.plant.given.get(name)) is not None:
+            if name == "pretension":  # a fit that replaces it believes in nothing
+                known = Limit.pretension_deviation / parameter.scale
+            given, deviation = scene, _prior_distance(parameter, place, scene) / known
+        if deviation < Limit.max_prior_sigmas or estimated[name].holds(given):
+            continue
+        others = [
+            f"{EFFECTS[each.id].title} ({each.explains})"
+            for each in hidden
+            if each.parameter == name and each.explains
+        ]
+        statement = (
+            f"{plain_name(name)} had to be tuned to {_value_text(parameter, place)}, "
+            f"where {_with_unit(given, parameter)} is given: either it is so"
+        )
+        if name == "axial_stiffness" and (
+            unit := _suspected_unit(parameter.value(place) / given)
+        ):
+            statement += f", or angles in {unit} were taken for another unit"
+        if others:
+            statement += f", or these data hide {list_words(others, 'or')}"
+        else:
+            statement += ", or something that is not in the model looks like it"
+        remedy = ZERO_REMEDY if name == "joint_angle_offset" else REMEDIES[name]
+        found.append(
+            Deviating(
+                name, given, estimated[name], deviation, f"{statement}; {remedy}."
+            )
+        )
+    return tuple(found)
+
+
+def _prior_distance(parameter: Tuned, place: float, given: float) -> float:
+    """Return the distance of a place from the scene's value, perhaps 0 [scales]."""
+    if given <= 0.0:
+        return math.inf
+    return abs(math.log(parameter.value(place) / given)) / parameter.scale
+
+
+def untestable_effects(
+    shown: Testability, hidden: Sequence[Confounded]
+) -> tuple[NotTestable, ...]:
+    """Return effects that are not detectable at a plausible size, with the reason."""
+    confused = {each.id: each for each in hidden}
+    able = shown.problem.plant.library
+    found = [
+        NotTestable(name, why)
+        for name, why in able.hidden.items()
+        if not EFFECTS[name].rare
+    ]
+    for each in shown.changes:
+        left = np.linalg.norm(shown.left(each.made), axis=0)
+        most = int(np.argmax(left))
+        if float(left[most]) ** 2 >= Limit.min_visible_change:
+            continue
+        size = effect_amplitudes(each.effect)[most]
+        plausible = _size_text(size.name, each.sizes[size.name], size.unit)
+        statement = (
+            f"once all is tuned, a plausible size ({plausible}) would change the "
+        )
+        statement += f"torques by {float(left[most]):.2f} times the noise floor only; "
+        if other := confused.get(each.effect.id):
+            statement += (
+                f"tuning {plain_name(other.parameter)} hides it: {other.remedy}"
+            )
+        else:
+            statement += f"it shows only with {each.effect.required_excitation}"
+        found.append(NotTestable(each.effect.id, statement))
+    return tuple(found)
+
+
+def _suspected_unit(ratio: float) -> str:
+    """Return the angle units whose confusion explains a stiffness ratio, or ""."""
+    size = abs(math.log(max(ratio, 1e-300)))
+    for unit, factor in (
+        ("degrees or radians", math.degrees(1.0)),
+        ("turns", math.tau),
+    ):
+        if abs(size - math.log(factor)) < Limit.unit_tolerance:
+            return unit
+    return ""
+
+
+def _size_text(name: str, value: float, unit: str) -> str:
+    return f"{plain_name(name)} {format_number(value)} {unit}".removesuffix(" 1")
+
+
+def _value_text(parameter: Tuned, place: float) -> str:
+    return _with_unit(parameter.value(place), parameter)
+
+
+def _with_unit(value: float, parameter: Tuned) -> str:
+    text = format_number(value) if value else "0"
+    return f"{text} {parameter.unit}".removesuffix(" 1")
+
+
+_HINT_CAVEAT = " The layout of a rig alone can cause as much: this is a hint only."
+
+
+DECLARATIONS = {
+    "joint_gravity": "balanced",
+    "joint_stiffness": "joint_spring",
+    "torque_sensor_gain": "gain_uncertainty",
+    "torque_sensor_offset": "zeroed",
+}
+"""Facts of `[rig]` that remove or bound an effect, by its id."""
+
+
+class Judgement(NamedTuple):
+    """Findings once all data have been fitted.
+
+    Attributes:
+        effects: effects in the model.
+        ties: groups of ids that the data do not distinguish.
+        gap: by channel.
+        deviating: parameters tuned far beyond their priors.
+        stretch: stretch of a trial beyond its own limit, or None.
+        unhooked: error of the worst trial with the cables off, over the noise.
+        by_trial: sentence on what constants by trial explain, or "".
+    """
+
+    effects: tuple[FoundEffect, ...]
+    ties: tuple[tuple[str, ...], ...]
+    gap: Mapping[str, Gap]
+    deviating: tuple[Deviating, ...]
+    stretch: Stretch | None = None
+    by_trial: str = ""
+    unhooked: float = 0.0
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Verdict with its reasons.
+
+    Attributes:
+        verdict: in one word.
+        statement: in a few sentences.
+        belief: probability that it is right; None where the search was interrupted, or
+            where something happened once.
+        stretch: stretch of a trial beyond its own limit, or None.
+        deviating: parameters tuned far beyond their priors.
+        confounded: effects that tuning would hide.
+        not_testable: effects that these data cannot show.
+    """
+
+    verdict: Verdict
+    statement: str
+    belief: VerdictOdds | None
+    stretch: Stretch | None
+    deviating: tuple[Deviating, ...]
+    confounded: tuple[Confounded, ...]
+    not_testable: tuple[NotTestable, ...]
+
+
+def judge(found: Found, limits: Thresholds) -> Judged:
+    """Judge the result of the search, and list effects that these data cannot show."""
+    problem, x, search = found.problem, found.x, found.search
+    tied = {rival for effect in found.effects for rival in effect.rivals}
+    beside = {*problem.effects, *tied}
+    others = [sign.id for sign in search.signatures if sign.id not in beside]
+    shown_by = detectability(problem, x, others, search.changes)
+    hidden = confounded_effects(shown_by)
+    beyond = deviating_parameters(problem, x, found.estimated, hidden)
+    stretch = worst_stretch(problem, x, found.held.after)
+    off = misfits(problem, x)
+    unhooked = {r.trial for r in problem.plant.records if r.unhooked} & set(off)
+    outcome = Judgement(
+        found.effects,
+        found.ties,
+        found.held.gap,
+        beyond,
+        stretch,
+        found.by_trial,
+        max((off[name] for name in unhooked), default=0.0),
+    )
+    kind, statement = verdict_of(search, outcome, limits)
+    statement += declared_sentence(problem.plant.library.declared)
+    belief = None
+    if search.interrupted:
+        if not found.effects:
+            kind = "unknown"
+            statement = (
+                "the error of the tuned scene is "
+                f"{format_number(search.before.misfit)} times the noise floor, and no "
+                "effect had been added."
+            )
+        statement = f"Stopped before all effects were tried: {statement}"
+    elif not (kind == "unknown" and one_time(outcome, limits)):
+        left = floor_ratios(found.held.gap)[1]
+        belief = belief_in_verdict(search, kind, found.missing, found.ties, left)
+    untestable = untestable_effects(shown_by, hidden)
+    return Judged(kind, statement, belief, stretch, beyond, hidden, untestable)
+
+
+def one_time(outcome: Judgement, limits: Thresholds) -> bool:
+    """Return whether something happened once, as it did on no study rig."""
+    stretch = outcome.stretch
+    alone = stretch is not None and stretch.rest <= limits.misfit
+    return alone or bool(outcome.by_trial)
+
+
+def verdict_of(
+    found: Search, outcome: Judgement, limits: Thresholds
+) -> tuple[Verdict, str]:
+    """Return the verdict as one word and as a few sentences."""
+    kind, statement = _verdict(found, outcome, limits)
+    also = " ".join(capitalise(each.statement) for each in outcome.deviating)
+    return kind, f"{statement} {also}".strip()
+
+
+def declared_sentence(declared: Mapping[str, str]) -> str:
+    """Return in a sentence the facts of `[rig]` that remove or bound effects, or ""."""
+    facts = [f"{EFFECTS[name].title} ({fact})" for name, fact in declared.items()]
+    return f" Limited by what [rig] declares: {list_words(facts)}." if facts else ""
+
+
+def undecidable_sentence(tie: Sequence[str]) -> str:
+    """Return what decides a tie that no trial of the catalogue separates."""
+    facts = [DECLARATIONS[name] for name in tie if name in DECLARATIONS]
+    decide = "on such motions either gives the same torques"
+    if facts:
+        decide = f"declare what is known of them ([rig] {list_words(facts, 'or')})"
+    return (
+        " No trial of the catalogue that is not among these would separate them: "
+        f"{decide}."
+    )
+
+
+def _verdict(
+    found: Search, outcome: Judgement, limits: Thresholds
+) -> tuple[Verdict, str]:
+    misfit, left = found.before.misfit, found.after.misfit
+    if not outcome.effects:
+        return _no_effect_verdict(found.before, found, outcome, limits)
+    ordinary = [each.id for each in outcome.effects if each.ordinary]
+    refining = [e for e in outcome.effects if e.refinement and not e.ordinary]
+    disputed = [
+        e for e in outcome.effects if e.disputed and not (e.refinement or e.ordinary)
+    ]
+    missing = [each.id for each in outcome.effects if each.missing]
+    before, after = floor_ratios(outcome.gap)
+    statement = (
+        f"On held-out data the error of the repaired model is {after:.1f} times the "
+        f"noise floor, that of the tuned scene {before:.1f} times. The weighted RMS "
+        f"error of {_describe_gap(outcome.gap)}."
+    )
+    stretch = outcome.stretch
+    if stretch is not None and stretch.size > Limit.stretch_limit:
+        statement += f" One stretch is left: {stretch.statement}"
+    if refining:
+        either = list_words(list_words(_tied_titles(each), "or") for each in refining)
+        statement += (
+            f" {capitalise(either)} refines the model, but explains too little to be "
+            "called missing."
+        )
+    if ordinary:
+        statement += (
+            f" {capitalise(_titles(ordinary))} is in the model, but no larger than "
+            "uneven bends and loose ends of any conduit make."
+        )
+    if disputed:
+        statement += " " + capitalise(
+            list_words(
+                f"{EFFECTS[each.id].title} is supported by "
+                f"{format_share(each.agreement)} of the parts of the data only"
+                for each in disputed
+            )
+        )
+        statement += ", so it may stand in for something else."
+    if not (missing or disputed):
+        kind, nothing = _no_effect_verdict(found.after, found, outcome, limits)
+        return kind, f"{nothing} {statement}"
+    if not missing:
+        return "unknown", (
+            "Something is missing, and parts of these data name different effects for "
+            f"it{_describe_implausible(found)}. {closest_sentence(found)} {statement}"
+        )
+    explained = 1.0 - (left - 1.0) / (misfit - 1.0) if misfit > 1.0 else 1.0
+    # A model that stays far off is wrong in form, and large errors show that.
+    little = explained < Limit.min_explained_share or left > MAX_EXPLAINED_ERROR
+    little = little and overall_share(outcome.gap) < Limit.min_gap_closed
+    if left > limits.misfit and little:
+        return "unknown", (
+            f"Something is missing{_describe_implausible(found)}. What comes closest "
+            f"is {_titles(missing)}: it takes {format_share(explained)} of the RMS "
+            f"error above the noise and leaves {format_number(left)} times the noise "
+            f"floor, so "
+            f"it does not reach the noise. {statement}"
+        )
+    if outcome.unhooked > Limit.trial_limit and all(
+        EFFECTS[name].where == "conduit" for name in missing
+    ):
+        return "unknown", (
+            "Something is missing at motor, joint or sensors: with the cables off the "
+            f"error is {format_number(outcome.unhooked)} times the noise floor, which "
+            f"no cable causes. {capitalise(_titles(missing))} takes "
+            f"{format_share(explained)} of the RMS error above the noise. {statement}"
+        )
+    if misfit < Limit.hint_error:
+        statement += (
+            f" The error of the tuned scene is only {format_number(misfit)} times the "
+            f"noise floor.{_HINT_CAVEAT}"
+        )
+    tied = {name for tie in outcome.ties for name in tie}
+    if tied:
+        sure = [name for name in missing if name not in tied]
+        groups = [_titles(sure)] if sure else []
+        groups += [
+            list_words([EFFECTS[name].title for name in tie], "or")
+            for tie in outcome.ties
+        ]
+        every = ", and ".join(groups)
+        return "tie", f"Missing: {every}. These data do not show which. {statement}"
+    verb = "is" if len(missing) == 1 else "are"
+    return "named", f"{capitalise(_titles(missing))} {verb} missing. {statement}"
+
+
+def _no_effect_verdict(
+    model: CrossValidation, found: Search, outcome: Judgement, limits: Thresholds
+) -> tuple[Verdict, str]:
+    misfit = model.misfit
+    if outcome.stretch is not None and outcome.stretch.rest <= limits.misfit:
+        return "unknown", (
+            "The data disagree with the simulation in one stretch: "
+            f"{outcome.stretch.statement}"
+        )
+    if outcome.by_trial:
+        return "unknown", outcome.by_trial
+    scene = "tuned scene" if model is found.before else "model"
+    off = f"on held-out data the error of the {scene} is {format_number(misfit)} times "
+    off += "the noise floor"
+    usual = f"rigs without any hidden effect reach up to {limits.misfit:g} times"
+    beyond = outcome.stretch is not None
+    most = f" The largest error: {outcome.stretch.statement}" if outcome.stretch else ""
+    if misfit <= limits.misfit and not beyond:
+        return "none", f"Nothing is missing: {off}; {usual}."
+    if excess(model) < limits.z and not beyond:
+        return "none", (
+            f"Nothing is missing that these data could show: {off}. "
+            f"{capitalise(usual)}, but here a few moments make that error, which is "
+            "no evidence."
+        )
+    return "unknown", (
+        f"Something is missing (error {format_number(misfit)} times the noise floor). "
+        f"{closest_sentence(found)} See where the error lies."
+        f"{_HINT_CAVEAT if misfit < Limit.hint_error else ''}" + most
+    )
+
+
+def closest_sentence(found: Search) -> str:
+    """Return the closest rejected effect in words: share of the error, rest, reason."""
+    tried = [
+        (candidate, step.before)
+        for step in found.rounds
+        for candidate in step.candidates
+        if candidate.reason and candidate.crossed is not step.before
+    ]
+    if not tried:
+        return "To first order no effect of the library takes enough of it."
+    candidate, before = max(tried, key=lambda each: each[0].reduction)
+    left = candidate.crossed.misfit_by(before.problem.inflation)
+    share = 1.0 - (left - 1.0) / max(before.misfit - 1.0, 1e-9)
+    if share < 0.01:
+        return "No effect of the library that was refitted takes 1 % of it."
+    return (
+        f"What comes closest is {EFFECTS[candidate.id].title}: it takes "
+        f"{format_share(share)} of the RMS error above the noise and leaves "
+        f"{format_number(left)} times the noise floor, but is refused: "
+        f"{candidate.reason}."
+    )
+
+
+def _describe_implausible(found: Search) -> str:
+    """Name the effects that would explain the error if they could be so large."""
+    statements = [
+        f"{EFFECTS[candidate.id].title} {candidate.reason}"
+        for step in found.rounds[-1:]
+        for candidate in step.candidates
+        if candidate.reason.startswith(IMPLAUSIBLE_PREFIX)
+    ]
+    return f"; {list_words(statements)}" if statements else ""
+
+
+def _tied_titles(found: FoundEffect) -> list[str]:
+    return [EFFECTS[name].title for name in (found.id, *found.rivals)]
+
+
+def _titles(names: list[str]) -> str:
+    return list_words([EFFECTS[name].title for name in names])
+
+
+def _describe_gap(found: Mapping[str, Gap]) -> str:
+    return list_words(
+        [
+            f"the {channel_name(name)} "
+            f"{'falls' if g.rmse_after <= g.rmse_before else 'rises'} from "
+            f"{format_number(g.rmse_before)} to {format_number(g.rmse_after)} N m "
+            f"(noise floor {format_number(g.noise_floor)})"
+            for name, g in found.items()
+        ]
+    )
+
+
+RELIABILITY: Mapping[Verdict, float] = {
+    "named": 0.95,
+    "tie": 0.89,
+    "none": 0.94,
+    "unknown": 0.91,
+}
+"""Share of right verdicts on the 247 rigs of the fourteenth sealed set.
+
+`scripts/diagnosis_study/diagnose_benchmark.py` prints it by verdict. On new rigs with
+the standard trials verdicts were right at least as often (`validation.md`).
+"""
+
+STUDIED_ERROR: Mapping[Verdict, float] = {
+    "named": 19.4,
+    "tie": 19.4,
+    "none": 1.7,
+    "unknown": 39.3,
+}
+"""Largest error over the noise floor that such verdicts left on study rigs.
+
+Beyond it no rate is known. See `validation.md`.
+"""
+
+
+def probabilities(z: Mapping[str, float]) -> dict[str, float]:
+    """Return the probability of a model, "", and of each alternative to it by id."""
+    normal = NormalDist()
+    weights = {name: normal.cdf(-each) / normal.cdf(each) for name, each in z.items()}
+    weights[""] = 1.0
+    total = sum(weights.values())
+    return {name: weight / total for name, weight in weights.items()}
+
+
+def belief_in_verdict(
+    found: Search,
+    kind: Verdict,
+    missing: Sequence[str],
+    ties: Sequence[Sequence[str]],
+    left: float,
+) -> VerdictOdds:
+    """Return the probability that a verdict is right, and its alternatives.
+
+    A name is right if its effect is the one that acts, a tie if one of its effects is.
+    The probability is NaN where no study rig left as much. `ties` has the effect in the
+    model first; `left` is the error of the model over the noise.
+    """
+    reliable, most = RELIABILITY[kind], STUDIED_ERROR[kind]
+    if left > most:
+        return VerdictOdds(
+            math.nan,
+            f"How often such a verdict is right is not known: it leaves "
+            f"{format_number(left)} times the noise floor, and such verdicts on study "
+            f"rigs left at most {most:g} times.",
+            (),
+        )
+    if kind == "none":
+        return _rate(kind, reliable, [Alternative("small", 1.0 - reliable)])
+    if kind == "unknown":
+        rest = 1.0 - reliable
+        others = [Alternative(name, rest / len(missing)) for name in missing]
+        return _rate(kind, reliable, others)
+    if left > MAX_EXPLAINED_ERROR:
+        reliable = (Limit.far_off_right + 1) / (Limit.far_off_names + 2)
+    groups = {group[0]: set(group) for group in ties}
+    whole, others = reliable, [Alternative("outside", 1.0 - reliable)]
+    for step in found.rounds:
+        leader = next((n for n in missing if n in (step.added, *step.parted)), None)
+        if leader is None or (leader != step.added and step.added in missing):
+            continue
+        group = groups.get(leader, set()) | {leader}
+        shares = probabilities(_alternatives(found, step, leader, group))
+        whole *= shares.pop("")
+        others += [Alternative(name, reliable * each) for name, each in shares.items()]
+    return _worded(kind, whole, others, left)
+
+
+def _alternatives(
+    found: Search, step: Round, leader: str, group: set[str]
+) -> dict[str, float]:
+    """Return z of an effect against all that may stand in its place, by id."""
+    beside = {*found.after.problem.effects, *group}
+    models: dict[str, CrossValidation] = {
+        c.id: c.crossed for c in step.candidates if c.crossed is not step.before
+    }
+    best = blocks(models[leader]).sum(axis=1)
+    start = blocks(step.before).sum(axis=1)
+    before = float(start.sum())
+    found_z = {"nothing": comparison_z(best, start, before)}
+    for c in step.candidates:
+        if c.id in beside or c.id not in models:
+            continue
+        if c.reason.startswith(IMPLAUSIBLE_PREFIX):
+            continue
+        if group.intersection(EFFECTS[c.id].generalises):  # it contains the finding
+            continue
+        meet = EFFECTS[leader].forms_meet(EFFECTS[c.id])
+        errors = blocks(models[c.id]).sum(axis=1)
+        share = Limit.meeting_form_share if meet else None
+        found_z[c.id] = comparison_z(best, errors, before, share)
+    return found_z
+
+
+def _rate(
+    kind: Verdict, probability: float, others: Sequence[Alternative]
+) -> VerdictOdds:
+    """Return the belief in a verdict that compares no models: a rate."""
+    meaning = {
+        "none": "nothing was missing",
+        "unknown": "something acted that the library does not have",
+    }[kind]
+    statement = (
+        f"On study rigs {format_share(probability)} of such verdicts were right: "
+        f"{meaning}."
+    )
+    return VerdictOdds(probability, statement, tuple(others))
+
+
+def _worded(
+    kind: Verdict, probability: float, others: Sequence[Alternative], left: float
+) -> VerdictOdds:
+    shown = sorted(
+        (each for each in others if each.probability >= Limit.min_shown),
+        key=lambda each: -each.probability,
+    )[:3]
+    words = {"nothing": "nothing is missing", "outside": "something else acts"}
+
+    def name(other: Alternative) -> str:
+        return words.get(other.id) or EFFECTS[other.id].title
+
+    rest = [f"{name(each)} (odds {format_odds(each.probability)})" for each in shown]
+    complete = not left > MAX_EXPLAINED_ERROR
+    subject = {
+        "named": f"this {'and nothing else ' * complete}is missing",
+        "tie": "one of the tied effects acts",
+    }[kind]
+    statement = f"The odds are {format_odds(probability)} that {subject}"
+    if len(shown) == 1 and math.isclose(
+        shown[0].probability, 1.0 - probability, abs_tol=Limit.min_shown
+    ):
+        rest = [name(shown[0])]
+    if rest:
+        statement += f"; otherwise {list_words(rest, 'or')}"
+    if not complete:
+        statement += (
+            f". They are lower as {format_number(left)} times the noise floor is left: "
+            f"on study rigs only {Limit.far_off_names} names left more than "
+            f"{MAX_EXPLAINED_ERROR:g} times, of which {Limit.far_off_right} were right"
+        )
+    return VerdictOdds(probability, f"{statement}.", tuple(shown))

@@ -1,1 +1,0 @@
-"""Verdict on the search, and effects that the data could not show."""

@@ -1,1 +1,0 @@
-"""Structure of the error: where, when and along which quantity it lies."""

@@ -89,27 +89,16 @@ from cc_mujoco.report._html import list_words
 
 
 class Stretch(NamedTuple):
-    """Stretch with an error beyond its limit.
+    """Stretch with an error beyond its limit."""
 
-    Attributes:
-        trial: its name.
-        start: time as recorded [s].
-        end: time as recorded [s].
-        channel: torque with the largest error.
-        size: RMS error over the noise.
-        error: RMS error [N m].
-        idle: whether both torques are next to nothing, though the model's are not.
-        rest: misfit of all other samples.
-    """
-
-    trial: str
-    start: float
-    end: float
-    channel: str
-    size: float
-    error: float
-    idle: bool
-    rest: float
+    trial: str  # its name
+    start: float  # time as recorded [s]
+    end: float  # time as recorded [s]
+    channel: str  # torque with the largest error
+    size: float  # RMS error over the noise
+    error: float  # RMS error [N m]
+    idle: bool  # whether both torques are next to nothing, though the model's are not
+    rest: float  # misfit of all other samples
 
     @property
     def statement(self) -> str:
@@ -317,36 +306,24 @@ ZERO_REMEDY = (
 
 
 class EffectChange(NamedTuple):
-    """Torque changes due to plausible sizes of an effect.
+    """Torque changes due to plausible sizes of an effect."""
 
-    Attributes:
-        effect: effect of the library.
-        sizes: plausible sizes on the rig, by name of the parameter.
-        made: (residuals, sizes) change over the noise floor without retuning; its
-            length is the RMS.
-    """
-
-    effect: Effect
-    sizes: Mapping[str, float]
+    effect: Effect  # effect of the library
+    sizes: Mapping[str, float]  # plausible sizes on the rig, by name of the parameter
+    # (residuals, sizes) change over the noise floor without retuning; its length is the
+    # RMS
     made: FloatArray
 
 
 class Testability(NamedTuple):
-    """Evidence in the data for effects that the accepted model has not.
+    """Evidence in the data for effects that the accepted model has not."""
 
-    Attributes:
-        problem: model with the noise of the sensors as its floor.
-        x: fitted parameters.
-        slopes: (residuals, parameters) changes by each parameter, over the noise floor.
-        tangent: (residuals, k) orthonormal basis of the changes by tuning.
-        changes: changes by effects.
-    """
-
-    problem: Problem
-    x: FloatArray
+    problem: Problem  # model with the noise of the sensors as its floor
+    x: FloatArray  # fitted parameters
+    # (residuals, parameters) changes by each parameter, over the noise floor
     slopes: FloatArray
-    tangent: FloatArray
-    changes: tuple[EffectChange, ...]
+    tangent: FloatArray  # (residuals, k) orthonormal basis of the changes by tuning
+    changes: tuple[EffectChange, ...]  # changes by effects
 
     def left(self, change: FloatArray) -> FloatArray:
         """Compute the part of changes that tuning cannot explain (residuals, ...)."""
@@ -587,49 +564,31 @@ DECLARATIONS = {
 
 
 class Judgement(NamedTuple):
-    """Findings once all data have been fitted.
+    """Findings once all data have been fitted."""
 
-    Attributes:
-        effects: effects in the model.
-        ties: groups of ids that the data do not distinguish.
-        gap: by channel.
-        deviating: parameters tuned far beyond their priors.
-        stretch: stretch of a trial beyond its own limit, or None.
-        unhooked: error of the worst trial with the cables off, over the noise.
-        by_trial: sentence on what constants by trial explain, or "".
-    """
-
-    effects: tuple[FoundEffect, ...]
-    ties: tuple[tuple[str, ...], ...]
-    gap: Mapping[str, Gap]
-    deviating: tuple[Deviating, ...]
-    stretch: Stretch | None = None
-    by_trial: str = ""
+    effects: tuple[FoundEffect, ...]  # effects in the model
+    ties: tuple[tuple[str, ...], ...]  # groups of ids that the data do not distinguish
+    gap: Mapping[str, Gap]  # by channel
+    deviating: tuple[Deviating, ...]  # parameters tuned far beyond their priors
+    stretch: Stretch | None = None  # stretch of a trial beyond its own limit, or None
+    by_trial: str = ""  # sentence on what constants by trial explain, or ""
+    # Error of the worst trial with the cables off, over the noise
     unhooked: float = 0.0
 
 
 @dataclass(frozen=True)
 class Judged:
-    """Verdict with its reasons.
+    """Verdict with its reasons."""
 
-    Attributes:
-        verdict: in one word.
-        statement: in a few sentences.
-        belief: probability that it is right; None where the search was interrupted, or
-            where something happened once.
-        stretch: stretch of a trial beyond its own limit, or None.
-        deviating: parameters tuned far beyond their priors.
-        confounded: effects that tuning would hide.
-        not_testable: effects that these data cannot show.
-    """
-
-    verdict: Verdict
-    statement: str
+    verdict: Verdict  # in one word
+    statement: str  # in a few sentences
+    # Probability that it is right; None where the search was interrupted, or where
+    # something happened once
     belief: VerdictOdds | None
-    stretch: Stretch | None
-    deviating: tuple[Deviating, ...]
-    confounded: tuple[Confounded, ...]
-    not_testable: tuple[NotTestable, ...]
+    stretch: Stretch | None  # stretch of a trial beyond its own limit, or None
+    deviating: tuple[Deviating, ...]  # parameters tuned far beyond their priors
+    confounded: tuple[Confounded, ...]  # effects that tuning would hide
+    not_testable: tuple[NotTestable, ...]  # effects that these data cannot show
 
 
 def judge(found: Found, limits: Thresholds) -> Judged:

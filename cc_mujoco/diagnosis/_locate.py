@@ -72,50 +72,32 @@ _CHUNK = 64
 
 
 class Samples(NamedTuple):
-    """One channel of all records; arrays have one entry per sample.
+    """One channel of all records; arrays have one entry per sample."""
 
-    Attributes:
-        error: measured minus simulated [N m].
-        weight: inverse square of the noise floor [1/N m^2].
-        angles: by name, "motor angle" first [rad].
-        torque: simulated, of the same channel [N m].
-        speed: of the motor [rad/s].
-        block: index of the stretch of about a second, by which samples are independent.
-        band: highest frequency that the errors contain [Hz].
-    """
-
-    error: FloatArray
-    weight: FloatArray
-    angles: Mapping[str, FloatArray]
-    torque: FloatArray
-    speed: FloatArray
+    error: FloatArray  # measured minus simulated [N m]
+    weight: FloatArray  # inverse square of the noise floor [1/N m^2]
+    angles: Mapping[str, FloatArray]  # by name, "motor angle" first [rad]
+    torque: FloatArray  # simulated, of the same channel [N m]
+    speed: FloatArray  # of the motor [rad/s]
+    # Index of the stretch of about a second, by which samples are independent
     block: NDArray[np.intp]
-    band: float
+    band: float  # highest frequency that the errors contain [Hz]
 
 
 class PeriodicError(NamedTuple):
-    """Period in an error.
+    """Period in an error."""
 
-    Attributes:
-        angle: in which it is periodic.
-        order: periods per turn.
-        order_error: standard error of the order.
-        amplitude: in N m, or in N m per N m of torque where `by_torque`.
-        by_torque: whether the amplitude is proportional to the torque; None where these
-            data do not determine that.
-        share: share of the squared error that it explains on samples it was not fitted
-            to.
-        statistic: error that it explains, over that of the adjacent orders.
-        threshold: largest statistic that chance reaches with `Limit.false_alarm_rate`.
-    """
-
-    angle: str
-    order: float
-    order_error: float
-    amplitude: float
+    angle: str  # in which it is periodic
+    order: float  # periods per turn
+    order_error: float  # standard error of the order
+    amplitude: float  # in N m, or in N m per N m of torque where `by_torque`
+    # Whether the amplitude is proportional to the torque; None where these data do not
+    # determine that
     by_torque: bool | None
+    # Share of the squared error that it explains on samples it was not fitted to
     share: float
-    statistic: float
+    statistic: float  # error that it explains, over that of the adjacent orders
+    # Largest statistic that chance reaches with `Limit.false_alarm_rate`
     threshold: float
 
     @property
@@ -530,19 +512,12 @@ def describe_map(drawn: Map) -> str:
 
 @dataclass(frozen=True)
 class Located:
-    """Places and trials in which the error lies.
+    """Places and trials in which the error lies."""
 
-    Attributes:
-        evidence: signals and maps that the report draws.
-        where: locations, the main one first.
-        trials: errors of every trial.
-        question: about a trial that contradicts the others, or "".
-    """
-
-    evidence: Evidence
-    where: tuple[Where, ...]
-    trials: tuple[TrialError, ...]
-    question: str
+    evidence: Evidence  # signals and maps that the report draws
+    where: tuple[Where, ...]  # locations, the main one first
+    trials: tuple[TrialError, ...]  # errors of every trial
+    question: str  # about a trial that contradicts the others, or ""
 
 
 def locate_error(

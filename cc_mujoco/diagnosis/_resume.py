@@ -19,22 +19,14 @@ VERDICT_FILE = "verdict.json"
 
 
 class Earlier(NamedTuple):
-    """Files of an earlier diagnosis.
+    """Files of an earlier diagnosis."""
 
-    Attributes:
-        data: its trials.
-        scene: MJCF file of the rig.
-        dataset: file with the meaning of the columns, or None.
-        axis: recorded axis; None for a device with one.
-        effects: requested effects, as they were named.
-        proposed: facts of these trials and of the proposed one, or None.
-    """
-
-    data: tuple[Path, ...]
-    scene: Path
-    dataset: Path | None
-    axis: str | None = None
-    effects: tuple[str, ...] = ()
+    data: tuple[Path, ...]  # its trials
+    scene: Path  # MJCF file of the rig
+    dataset: Path | None  # file with the meaning of the columns, or None
+    axis: str | None = None  # recorded axis; None for a device with one
+    effects: tuple[str, ...] = ()  # requested effects, as they were named
+    # Facts of these trials and of the proposed one, or None
     proposed: Path | None = None
 
     @classmethod

@@ -16,19 +16,16 @@ class Thresholds:
     """Thresholds for naming an effect, set so that rigs without any give `none`.
 
     How often the verdicts are right: `validation.md` of `cc_mujoco.diagnosis`.
-
-    Attributes:
-        z: least z of a comparison with the model without the effect.
-        misfit: RMS held-out error over the floor below which nothing is missing.
-        floor: the same at which a model is at the floor, as far as that is known.
-        agreement: largest spread of the amplitude between the folds over its mean.
-        rival: a rival within this many standard errors of the winner is a tie.
     """
 
-    z: float = 2.0
+    z: float = 2.0  # least z of a comparison with the model without the effect
+    # RMS held-out error over the floor below which nothing is missing
     misfit: float = 1.5
+    # The same at which a model is at the floor, as far as that is known
     floor: float = 1.15
+    # Largest spread of the amplitude between the folds over its mean
     agreement: float = 1.0
+    # A rival within this many standard errors of the winner is a tie
     rival: float = 2.0
 
     @property

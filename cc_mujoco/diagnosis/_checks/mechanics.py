@@ -52,28 +52,17 @@ from cc_mujoco.report._html import list_words
 
 
 class Mechanics(NamedTuple):
-    """Relations between the two sides of a trial.
+    """Relations between the two sides of a trial."""
 
-    Attributes:
-        ratio: joint speed per motor speed.
-        follows: correlation of the speeds, 0 if one side stands still.
-        torque_ratio: motor torque per joint torque, friction aside.
-        torque_correlation: of both torques while the cable slides, 0 if unknown.
-        motor_work: work of the motor per travel of the motor, less the stored energy
-            [N m].
-        joint_work: the same of the joint; their difference is friction.
-        doubt: standard deviation of that difference.
-        scale: transmitted power per speed of the motor [N m].
-    """
-
-    ratio: float
-    follows: float
-    torque_ratio: float
-    torque_correlation: float
+    ratio: float  # joint speed per motor speed
+    follows: float  # correlation of the speeds, 0 if one side stands still
+    torque_ratio: float  # motor torque per joint torque, friction aside
+    torque_correlation: float  # of both torques while the cable slides, 0 if unknown
+    # Work of the motor per travel of the motor, less the stored energy [N m]
     motor_work: float
-    joint_work: float
-    doubt: float
-    scale: float
+    joint_work: float  # the same of the joint; their difference is friction
+    doubt: float  # standard deviation of that difference
+    scale: float  # transmitted power per speed of the motor [N m]
 
 
 def measure_mechanics(trial: Trial) -> Mechanics:
@@ -500,21 +489,14 @@ _DISTANCE_PENALTY = 0.01
 
 
 class Alignment(NamedTuple):
-    """Timing of the joint's readings against the motor's.
+    """Timing of the joint's readings against the motor's."""
 
-    Attributes:
-        delay: delay of the joint [s], NaN if it cannot be seen.
-        drift: change of the delay per time [s/s], 0 if none can be seen.
-        doubt: standard deviation of the drift; infinite if there are too few windows.
-        gain: rise of the correlation of the speeds when the delay is undone.
-        drift_gain: further rise when the drift is undone as well.
-    """
-
-    delay: float
-    drift: float
+    delay: float  # delay of the joint [s], NaN if it cannot be seen
+    drift: float  # change of the delay per time [s/s], 0 if none can be seen
+    # Standard deviation of the drift; infinite if there are too few windows
     doubt: float
-    gain: float
-    drift_gain: float
+    gain: float  # rise of the correlation of the speeds when the delay is undone
+    drift_gain: float  # further rise when the drift is undone as well
 
 
 def measure_alignment(trial: Trial) -> Alignment:
@@ -555,17 +537,11 @@ def measure_alignment(trial: Trial) -> Alignment:
 
 
 class _Window(NamedTuple):
-    """Correlation of the speeds in a stretch of time.
+    """Correlation of the speeds in a stretch of time."""
 
-    Attributes:
-        time: its middle [s].
-        speed: of the motor, standard deviation [rad/s].
-        match: correlation at lags from -REACH to REACH.
-    """
-
-    time: float
-    speed: float
-    match: FloatArray
+    time: float  # its middle [s]
+    speed: float  # of the motor, standard deviation [rad/s]
+    match: FloatArray  # correlation at lags from -REACH to REACH
 
 
 def _windows(trial: Trial) -> list[_Window]:

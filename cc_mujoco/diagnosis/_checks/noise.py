@@ -115,15 +115,10 @@ Pair = dict[str, FloatArray]
 
 
 class Scatter(NamedTuple):
-    """Deviation between repetitions.
+    """Deviation between repetitions."""
 
-    Attributes:
-        deviation: of one repetition by channel [its unit]; 0 without any.
-        trials: names of the compared trials.
-    """
-
-    deviation: FloatArray
-    trials: frozenset[str]
+    deviation: FloatArray  # of one repetition by channel [its unit]; 0 without any
+    trials: frozenset[str]  # names of the compared trials
 
 
 def wrong_repeats(trials: Sequence[Trial]) -> list[DataFinding]:

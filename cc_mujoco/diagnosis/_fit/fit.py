@@ -77,16 +77,11 @@ _MAX_EVALUATIONS = 12
 
 
 class Start(NamedTuple):
-    """Starting point of the fit of the baseline.
+    """Starting point of the fit of the baseline."""
 
-    Attributes:
-        bench: with estimates in place of values that the data contradict.
-        given: those values of the scene, by name.
-        values: that the estimates come with; empty where the scene is the start.
-    """
-
-    bench: Bench
-    given: Mapping[str, float]
+    bench: Bench  # with estimates in place of values that the data contradict
+    given: Mapping[str, float]  # those values of the scene, by name
+    # That the estimates come with; empty where the scene is the start
     values: Mapping[str, float]
 
 
@@ -195,17 +190,11 @@ def _thin_record(record: Record) -> Record:
 
 
 class _Line(NamedTuple):
-    """Line of the cable tension, agonist less antagonist, over the lead of the motor.
+    """Line of the cable tension, agonist less antagonist, over the lead of the motor."""
 
-    Attributes:
-        slope: tension per lead at the motor's rim [N/m].
-        start: tension without lead [N].
-        spread: standard deviation of the tension [N].
-    """
-
-    slope: float
-    start: float
-    spread: float
+    slope: float  # tension per lead at the motor's rim [N/m]
+    start: float  # tension without lead [N]
+    spread: float  # standard deviation of the tension [N]
 
     def offset(self, bench: Bench, pretension: float) -> float:
         """Return the joint's angle at which the cables have their pretension [rad]."""

@@ -211,15 +211,11 @@ def plausible_size(
 
 
 class Spread(NamedTuple):
-    """Uncertainty of the place of a fit.
+    """Uncertainty of the place of a fit."""
 
-    Attributes:
-        covariance: (parameters, parameters).
-        freedom: (parameters,) degrees of freedom with which its diagonal is known, see
-            `estimation._least_squares.estimate`.
-    """
-
-    covariance: FloatArray
+    covariance: FloatArray  # (parameters, parameters)
+    # (parameters,) degrees of freedom with which its diagonal is known, see
+    # `estimation._least_squares.estimate`
     freedom: FloatArray
 
 
@@ -408,16 +404,12 @@ def controls_of(problem: Problem, x: FloatArray, masks: Masks) -> FloatArray:
 
 
 class Disagreement(NamedTuple):
-    """Result of leaving out parts of the data.
+    """Result of leaving out parts of the data."""
 
-    Attributes:
-        factor: (parameters,) mean square of the moves over what noise makes of it; 1
-            where noise is all there is.
-        freedom: (parameters,) degrees of freedom with which that is known.
-    """
-
+    # (parameters,) mean square of the moves over what noise makes of it; 1 where noise
+    # is all there is
     factor: FloatArray
-    freedom: FloatArray
+    freedom: FloatArray  # (parameters,) degrees of freedom with which that is known
 
 
 def disagreement(

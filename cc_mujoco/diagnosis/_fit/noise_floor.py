@@ -43,17 +43,12 @@ _NO_NOISE = Noise(0.0, 0.0, "declared")
 
 
 class NoiseFloor(NamedTuple):
-    """Standard deviations (rows, samples) of every record [N m].
+    """Standard deviations (rows, samples) of every record [N m]."""
 
-    Attributes:
-        noise: error that no model can explain; at least that between repetitions.
-        tolerance: divisor of errors.
-        scatter: (rows, 1), the part of `noise` by which repetitions differ beyond that
-            of sensors.
-    """
-
+    # Error that no model can explain; at least that between repetitions
     noise: tuple[FloatArray, ...]
-    tolerance: tuple[FloatArray, ...]
+    tolerance: tuple[FloatArray, ...]  # divisor of errors
+    # (rows, 1), the part of `noise` by which repetitions differ beyond that of sensors
     scatter: FloatArray
 
 

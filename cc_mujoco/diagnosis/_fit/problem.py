@@ -51,19 +51,12 @@ _PARAMETER_STEPS = {
 
 @dataclass
 class _Tangent:
-    """Derivatives of the torques of one record.
+    """Derivatives of the torques of one record."""
 
-    Attributes:
-        taken: place where they were differenced.
-        place: where they were last compared with a simulation.
-        torque: (2, samples) there [N m].
-        slopes: (parameters, 2, samples) [N m].
-    """
-
-    taken: FloatArray
-    place: FloatArray
-    torque: FloatArray
-    slopes: FloatArray
+    taken: FloatArray  # place where they were differenced
+    place: FloatArray  # where they were last compared with a simulation
+    torque: FloatArray  # (2, samples) there [N m]
+    slopes: FloatArray  # (parameters, 2, samples) [N m]
 
     def follow(self, x: FloatArray, torque: FloatArray, reach: FloatArray) -> bool:
         """Update from a simulation at `x` with `torque`; return False if invalid now.
@@ -322,37 +315,29 @@ def _inset_bounds(tuned: Tuned) -> Tuned:
 
 @dataclass(frozen=True)
 class Problem:
-    """Parameters of a fit and the records they are fitted to.
+    """Parameters of a fit and the records they are fitted to."""
 
-    Attributes:
-        plant: simulates.
-        tuned: every free parameter, baseline first.
-        effects: ids that are present.
-        noise: (2, samples) of every record, unexplained by any model [N m].
-        floor: the same, by which errors are divided, see `noise_floor.NoiseFloor` [N
-            m].
-        weight: of a residual over its floor; below 1 where neighbours are not
-            independent or where the model is known not to reach the floor.
-        inflation: factor of the floor where the baseline is far off, see
-            `with_inflated_noise`.
-        scatter: the part of `noise` by which repetitions differ beyond that of
-            sensors; a wrong model makes some of it.
-        forms: values that select the forms of effects, see `form_key`.
-        defect: (2, samples) of every record that is added to the simulated torques,
-            see `corrected` [N m]; none where it is empty.
-        slopes: derivatives of the plant's torques, shared with other noise.
-    """
-
-    plant: SimulatedRig
-    tuned: tuple[Tuned, ...]
-    effects: tuple[str, ...]
+    plant: SimulatedRig  # simulates
+    tuned: tuple[Tuned, ...]  # every free parameter, baseline first
+    effects: tuple[str, ...]  # ids that are present
+    # (2, samples) of every record, unexplained by any model [N m]
     noise: tuple[FloatArray, ...]
+    # The same, by which errors are divided, see `noise_floor.NoiseFloor` [N m]
     floor: tuple[FloatArray, ...]
+    # Of a residual over its floor; below 1 where neighbours are not independent or
+    # where the model is known not to reach the floor
     weight: float = 1.0
+    # Factor of the floor where the baseline is far off, see `with_inflated_noise`
     inflation: float = 1.0
+    # The part of `noise` by which repetitions differ beyond that of sensors; a wrong
+    # model makes some of it
     scatter: FloatArray | float = 0.0
+    # Values that select the forms of effects, see `form_key`
     forms: Mapping[str, float] = field(default_factory=dict)
+    # (2, samples) of every record that is added to the simulated torques, see
+    # `corrected` [N m]; none where it is empty
     defect: tuple[FloatArray, ...] = ()
+    # Derivatives of the plant's torques, shared with other noise
     slopes: TorqueDerivatives = field(
         default_factory=TorqueDerivatives, compare=False, repr=False
     )
@@ -798,18 +783,12 @@ def never_held_out(
 
 
 class CrossValidation(NamedTuple):
-    """One model fitted fold by fold.
+    """One model fitted fold by fold."""
 
-    Attributes:
-        problem: the model.
-        fits: one per fold.
-        errors: (2, samples) of every record, over the floor and by Huber as in
-            `fitting`: of the fit that has not seen the sample, NaN where no fit was
-            held out.
-    """
-
-    problem: Problem
-    fits: tuple[Fit, ...]
+    problem: Problem  # the model
+    fits: tuple[Fit, ...]  # one per fold
+    # (2, samples) of every record, over the floor and by Huber as in `fitting`: of the
+    # fit that has not seen the sample, NaN where no fit was held out
     errors: tuple[FloatArray, ...]
 
     @property

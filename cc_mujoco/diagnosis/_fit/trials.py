@@ -111,22 +111,14 @@ def _slack_share(problem: Problem, x: FloatArray, places: Sequence[int]) -> floa
 
 
 class Odd(NamedTuple):
-    """Trial that the rest does not predict, or all that are declared turned.
+    """Trial that the rest does not predict, or all that are declared turned."""
 
-    Attributes:
-        trials: names.
-        misfit: RMS error over the noise floor, by parameters fitted to the others.
-        rest: the same of the others.
-        tilt: declared tilt, where all trials of that tilt are meant [rad].
-        own: required value of a constant of its own, in words.
-        extreme: declared condition of which the trial is the only extreme one, or "".
-    """
-
-    trials: tuple[str, ...]
-    misfit: float
-    rest: float
-    tilt: float = 0.0
-    own: str = ""
+    trials: tuple[str, ...]  # names
+    misfit: float  # RMS error over the noise floor, by parameters fitted to the others
+    rest: float  # the same of the others
+    tilt: float = 0.0  # declared tilt, where all trials of that tilt are meant [rad]
+    own: str = ""  # required value of a constant of its own, in words
+    # Declared condition of which the trial is the only extreme one, or ""
     extreme: str = ""
 
     @property
@@ -454,45 +446,29 @@ SEQUENCE_ORDINATES = ("order of the trials", "time of the trials")
 
 
 class TrialConstants(NamedTuple):
-    """One parameter with a value of its own in every trial.
+    """One parameter with a value of its own in every trial."""
 
-    Attributes:
-        parameter: of the fit.
-        trials: names, in the order of the data.
-        change: (trials,) from their mean: of the logarithm where
-            `Tuned.factor`, else in its unit.
-        error: (trials,) standard errors of `change`.
-        share: share of the squared error beyond the floor that these values explain.
-        value: (trials,) in the unit of the parameter, if it is no logarithm; NaN where
-            the fit by trial fails.
-        value_error: (trials,) standard errors of `value`.
-    """
-
-    parameter: Tuned
-    trials: tuple[str, ...]
+    parameter: Tuned  # of the fit
+    trials: tuple[str, ...]  # names, in the order of the data
+    # (trials,) from their mean: of the logarithm where `Tuned.factor`, else in its unit
     change: FloatArray
-    error: FloatArray
+    error: FloatArray  # (trials,) standard errors of `change`
+    # Share of the squared error beyond the floor that these values explain
     share: float
+    # (trials,) in the unit of the parameter, if it is no logarithm; NaN where the fit
+    # by trial fails
     value: FloatArray = np.zeros(0)
-    value_error: FloatArray = np.zeros(0)
+    value_error: FloatArray = np.zeros(0)  # (trials,) standard errors of `value`
 
 
 class Trend(NamedTuple):
-    """Regression of trial constants.
+    """Regression of trial constants."""
 
-    Attributes:
-        ordinate: name of the regressor.
-        slope: change per unit of it.
-        t: slope over its standard error.
-        freedom: degrees of freedom.
-        chance: probability of such a t, in either direction, without a trend.
-    """
-
-    ordinate: str
-    slope: float
-    t: float
-    freedom: int
-    chance: float
+    ordinate: str  # name of the regressor
+    slope: float  # change per unit of it
+    t: float  # slope over its standard error
+    freedom: int  # degrees of freedom
+    chance: float  # probability of such a t, in either direction, without a trend
 
 
 def trial_constants(problem: Problem, x: FloatArray) -> tuple[TrialConstants, ...]:

@@ -59,70 +59,44 @@ losses in either direction of motion, drag and inertia."""
 
 
 class Stroke(NamedTuple):
-    """Motion of the joint in one direction, between two reversals.
+    """Motion of the joint in one direction, between two reversals."""
 
-    Attributes:
-        trial: index of its trial.
-        sign: direction, 1 or -1.
-        reversed: whether a reversal came before, in the same recording.
-        ideal: torque of the joint without loss (samples,) [N m].
-        torque: measured torque of the joint (samples,) [N m].
-        speed: of the joint (samples,) [rad/s].
-        acceleration: of the joint (samples,) [rad/s^2].
-        travel: since the reversal (samples,) [rad].
-        step: time between samples [s].
-    """
-
-    trial: int
-    sign: float
-    reversed: bool
-    ideal: FloatArray
-    torque: FloatArray
-    speed: FloatArray
-    acceleration: FloatArray
-    travel: FloatArray
-    step: float
+    trial: int  # index of its trial
+    sign: float  # direction, 1 or -1
+    reversed: bool  # whether a reversal came before, in the same recording
+    ideal: FloatArray  # torque of the joint without loss (samples,) [N m]
+    torque: FloatArray  # measured torque of the joint (samples,) [N m]
+    speed: FloatArray  # of the joint (samples,) [rad/s]
+    acceleration: FloatArray  # of the joint (samples,) [rad/s^2]
+    travel: FloatArray  # since the reversal (samples,) [rad]
+    step: float  # time between samples [s]
 
 
 @dataclass(frozen=True)
 class LossFit:
-    """Loss of a transmission.
+    """Loss of a transmission."""
 
-    Attributes:
-        values: estimates by name, where the data determine them.
-        settling: travel after a reversal until the cable slides [rad]; NaN if unknown.
-        breakaway_at: travel at which the break-away loss is largest [rad].
-        error: RMS of the joint torque beyond this law while sliding [N m].
-        scene_error: the same beyond the law of the scene [N m].
-        scene: values that the law of the scene would have shown, by name.
-        load: RMS of the joint's torque while sliding [N m].
-        speed: RMS of its speed then [rad/s].
-        undetermined: clauses on what these data do not determine.
-        refused: clause on why there are no numbers, or empty.
-    """
-
-    values: dict[str, Estimate]
+    values: dict[str, Estimate]  # estimates by name, where the data determine them
+    # Travel after a reversal until the cable slides [rad]; NaN if unknown
     settling: float = math.nan
+    # Travel at which the break-away loss is largest [rad]
     breakaway_at: float = math.nan
+    # RMS of the joint torque beyond this law while sliding [N m]
     error: float = math.nan
-    scene_error: float = math.nan
+    scene_error: float = math.nan  # the same beyond the law of the scene [N m]
+    # Values that the law of the scene would have shown, by name
     scene: Mapping[str, float] = field(default_factory=dict)
-    load: float = math.nan
-    speed: float = math.nan
-    undetermined: tuple[str, ...] = ()
-    refused: str = ""
+    load: float = math.nan  # RMS of the joint's torque while sliding [N m]
+    speed: float = math.nan  # RMS of its speed then [rad/s]
+    undetermined: tuple[str, ...] = ()  # clauses on what these data do not determine
+    refused: str = ""  # clause on why there are no numbers, or empty
 
 
 class SceneLaw(NamedTuple):
-    """Friction that a scene states, of one cable or of a pull-pull pair.
+    """Friction that a scene states, of one cable or of a pull-pull pair."""
 
-    Attributes:
-        exponent: mu theta of a cable.
-        pretension: torque at the joint of the pretension of one cable [N m]; 0 of one
-            cable.
-    """
-
-    exponent: float
+    exponent: float  # mu theta of a cable
+    # Torque at the joint of the pretension of one cable [N m]; 0 of one cable
     pretension: float
 
     def torque(self, ideal: FloatArray, sign: float) -> FloatArray:
@@ -184,36 +158,22 @@ def strokes_of(
 
 
 class _Block(NamedTuple):
-    """Part of a stroke in which the whole cable slides.
+    """Part of a stroke in which the whole cable slides."""
 
-    Attributes:
-        sign: direction of the motion.
-        columns: of the fit (samples, 6).
-        torque: of the joint (samples,) [N m].
-        ideal: torque of the joint without loss (samples,) [N m].
-    """
-
-    sign: float
-    columns: FloatArray
-    torque: FloatArray
-    ideal: FloatArray
+    sign: float  # direction of the motion
+    columns: FloatArray  # of the fit (samples, 6)
+    torque: FloatArray  # of the joint (samples,) [N m]
+    ideal: FloatArray  # torque of the joint without loss (samples,) [N m]
 
 
 class _Law(NamedTuple):
-    """Linear law of the joint torque, fitted by normal equations of blocks.
+    """Linear law of the joint torque, fitted by normal equations of blocks."""
 
-    Attributes:
-        blocks: of the data.
-        active: columns that the data distinguish, of six.
-        squares: normal matrices (blocks, active, active), corrected for errors of the
-            load.
-        products: with the joint torque (blocks, active).
-    """
-
-    blocks: Sequence[_Block]
-    active: NDArray[np.int_]
+    blocks: Sequence[_Block]  # of the data
+    active: NDArray[np.int_]  # columns that the data distinguish, of six
+    # Normal matrices (blocks, active, active), corrected for errors of the load
     squares: FloatArray
-    products: FloatArray
+    products: FloatArray  # with the joint torque (blocks, active)
 
     @classmethod
     def of(cls, blocks: Sequence[_Block], load_noise: float) -> _Law:
@@ -455,16 +415,11 @@ def _blocks(strokes: Sequence[Stroke], settling: float) -> list[_Block]:
 
 
 class _Profile(NamedTuple):
-    """Excess of the loss over that of sliding, by the travel since a reversal.
+    """Excess of the loss over that of sliding, by the travel since a reversal."""
 
-    Attributes:
-        edges: of the bins of travel (bins + 1,) [rad].
-        excess: sum of the excess by reversal and bin (reversals, bins) [N m].
-        sliding: sum of the loss of sliding without drag (reversals, bins) [N m].
-    """
-
-    edges: FloatArray
-    excess: FloatArray
+    edges: FloatArray  # of the bins of travel (bins + 1,) [rad]
+    excess: FloatArray  # sum of the excess by reversal and bin (reversals, bins) [N m]
+    # Sum of the loss of sliding without drag (reversals, bins) [N m]
     sliding: FloatArray
 
     @classmethod

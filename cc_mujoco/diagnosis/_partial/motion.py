@@ -150,21 +150,13 @@ _PARAMETERS = (
 
 
 class _Stretch(NamedTuple):
-    """Continuous part of a trial.
+    """Continuous part of a trial."""
 
-    Attributes:
-        trial: number of its trial.
-        motor: angle in turns of the joint (samples,) [rad].
-        joint: angle (samples,) [rad].
-        step: time between samples [s].
-        counts: samples that are compared.
-    """
-
-    trial: int
-    motor: FloatArray
-    joint: FloatArray
-    step: float
-    counts: NDArray[np.bool_]
+    trial: int  # number of its trial
+    motor: FloatArray  # angle in turns of the joint (samples,) [rad]
+    joint: FloatArray  # angle (samples,) [rad]
+    step: float  # time between samples [s]
+    counts: NDArray[np.bool_]  # samples that are compared
 
 
 def diagnose_motion(dataset: Dataset, bench: Bench) -> Diagnosis:

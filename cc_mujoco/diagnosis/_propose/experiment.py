@@ -43,34 +43,22 @@ QUARTER_TURN = 0.5 * np.pi
 
 @dataclass(frozen=True)
 class CataloguedTrial:
-    """A trial that most rigs can run.
+    """A trial that most rigs can run."""
 
-    Attributes:
-        description: instruction.
-        motor: angle of the motor (samples,) [rad].
-        joint: angle of the joint (samples,) [rad].
-        pretension: relative to that of the data; 0 with the cables taken off.
-        tilt: angle by which the rig is turned about the joint's axis [rad].
-        known_torques: of known weights in place of the cables, at motor and joint; see
-            `Facts` [N m].
-        swapped: whether the torque sensors change places.
-        load_cell: channel of a load cell in one cable, or ""; see `Facts`.
-        hard: whether it is proposed only where no other trial settles the tie.
-        usual: whether a plan considers it; others are proposed for a tie.
-        standard: whether a plan always has it: no other trial separates the effects of
-            weights, springs and sensors.
-    """
-
-    description: str
-    motor: FloatArray
-    joint: FloatArray
-    pretension: float = 1.0
-    tilt: float = 0.0
+    description: str  # instruction
+    motor: FloatArray  # angle of the motor (samples,) [rad]
+    joint: FloatArray  # angle of the joint (samples,) [rad]
+    pretension: float = 1.0  # relative to that of the data; 0 with the cables taken off
+    tilt: float = 0.0  # angle by which the rig is turned about the joint's axis [rad]
+    # Of known weights in place of the cables, at motor and joint; see `Facts` [N m]
     known_torques: tuple[float, float] = (0.0, 0.0)
-    swapped: bool = False
-    load_cell: str = ""
+    swapped: bool = False  # whether the torque sensors change places
+    load_cell: str = ""  # channel of a load cell in one cable, or ""; see `Facts`
+    # Whether it is proposed only where no other trial settles the tie
     hard: bool = False
-    usual: bool = True
+    usual: bool = True  # whether a plan considers it; others are proposed for a tie
+    # Whether a plan always has it: no other trial separates the effects of weights,
+    # springs and sensors
     standard: bool = False
 
     def cell_on(self, bench: Bench, pretension: float | None) -> SingleCell | None:
@@ -403,19 +391,12 @@ def catalogue(problem: Problem) -> list[CataloguedTrial]:
 
 
 class Rivals(NamedTuple):
-    """Two effects that the data do not distinguish.
+    """Two effects that the data do not distinguish."""
 
-    Attributes:
-        ids: of the effects.
-        before: the model without either.
-        models: with either.
-        confused: whether they are easily confused.
-    """
-
-    ids: tuple[str, str]
-    before: CrossValidation
-    models: tuple[CrossValidation, CrossValidation]
-    confused: bool
+    ids: tuple[str, str]  # of the effects
+    before: CrossValidation  # the model without either
+    models: tuple[CrossValidation, CrossValidation]  # with either
+    confused: bool  # whether they are easily confused
 
     @property
     def fitted(self) -> list[tuple[Problem, FloatArray]]:

@@ -86,15 +86,10 @@ class Resolved(NamedTuple):
 
 
 class _Column(NamedTuple):
-    """Source of a column of changes.
+    """Source of a column of changes."""
 
-    Attributes:
-        effect: id; empty for a parameter of the baseline.
-        size: of the effect's amplitude that makes the change.
-    """
-
-    effect: str
-    size: float
+    effect: str  # id; empty for a parameter of the baseline
+    size: float  # of the effect's amplitude that makes the change
 
 
 @dataclass(frozen=True)

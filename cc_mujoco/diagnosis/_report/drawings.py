@@ -40,17 +40,11 @@ if TYPE_CHECKING:
 
 
 class Excerpt(NamedTuple):
-    """Stretch of one trial.
+    """Stretch of one trial."""
 
-    Attributes:
-        trace: of the trial.
-        part: its samples that are shown.
-        error: RMS error of the baseline in it, over that of all trials [1].
-    """
-
-    trace: TrialTrace
-    part: slice
-    error: float
+    trace: TrialTrace  # of the trial
+    part: slice  # its samples that are shown
+    error: float  # RMS error of the baseline in it, over that of all trials [1]
 
 
 def worst_excerpt(evidence: Evidence) -> Excerpt | None:

@@ -287,18 +287,12 @@ class Record:
 
 @dataclass(frozen=True)
 class Filtering:
-    """Processing applied to the recorded signals.
+    """Processing applied to the recorded signals."""
 
-    Attributes:
-        motion_band: cut-off of the low-pass of angles [Hz].
-        passed: variance that passes of white noise of a torque, over its own.
-        still: movement of motor and joint that counts as none [rad].
-        load: noise of the torque of a known load by that of the joint's angle [N m].
-    """
-
-    motion_band: float
-    passed: float
-    still: tuple[float, ...]
+    motion_band: float  # cut-off of the low-pass of angles [Hz]
+    passed: float  # variance that passes of white noise of a torque, over its own
+    still: tuple[float, ...]  # movement of motor and joint that counts as none [rad]
+    # Noise of the torque of a known load by that of the joint's angle [N m]
     load: float = 0.0
 
 
@@ -491,36 +485,24 @@ def wind_up_angle(bench: Bench) -> float:
 
 
 class Setting(NamedTuple):
-    """Everything that a replay of a record depends on.
+    """Everything that a replay of a record depends on."""
 
-    Attributes:
-        cables: agonist first.
-        motor_radius: of the motor's pulley [m].
-        joint_radius: of the joint's pulley [m].
-        backlash: between joint and its pulley [rad].
-        late: delay of the recorded joint angle [s].
-        offset: of the joint's angle [rad].
-        substeps: simulation steps per sample.
-        lever: in place of the joint's pulley, or None.
-        courses: of cables that the joint leads, see `Bench.courses`.
-        share: of the courses' distal displacements.
-        arm: coefficients of the joint's moment arm over the nominal one, 1 + a q + b
-            q^2 + ..., or none.
-        motor_arm: the same at the motor, where q is the angle by which a cable is wound
-            on: that of the motor, and its negative for the antagonist.
-    """
-
-    cables: tuple[Cable, ...]
-    motor_radius: float
-    joint_radius: float
-    backlash: float
-    late: float
-    offset: float
-    substeps: int
-    lever: Lever | None = None
+    cables: tuple[Cable, ...]  # agonist first
+    motor_radius: float  # of the motor's pulley [m]
+    joint_radius: float  # of the joint's pulley [m]
+    backlash: float  # between joint and its pulley [rad]
+    late: float  # delay of the recorded joint angle [s]
+    offset: float  # of the joint's angle [rad]
+    substeps: int  # simulation steps per sample
+    lever: Lever | None = None  # in place of the joint's pulley, or None
+    # Of cables that the joint leads, see `Bench.courses`
     courses: tuple[CoupledPath, ...] = ()
-    share: float = 1.0
+    share: float = 1.0  # of the courses' distal displacements
+    # Coefficients of the joint's moment arm over the nominal one, 1 + a q + b q^2 +
+    # ..., or none
     arm: tuple[float, ...] = ()
+    # The same at the motor, where q is the angle by which a cable is wound on: that of
+    # the motor, and its negative for the antagonist
     motor_arm: tuple[float, ...] = ()
 
     def following(self, joint: FloatArray) -> FloatArray:
@@ -552,21 +534,13 @@ class Setting(NamedTuple):
 
 
 class Played(NamedTuple):
-    """Signals of a replay, (samples,) each.
+    """Signals of a replay, (samples,) each."""
 
-    Attributes:
-        joint_angle: as it is compared [rad].
-        motor: torque into the motor's pulley [N m].
-        joint: torque into the joint [N m].
-        tension_proximal: of every cable at the motor (cables, samples) [N].
-        tension_distal: of every cable at the joint (cables, samples) [N].
-    """
-
-    joint_angle: FloatArray
-    motor: FloatArray
-    joint: FloatArray
-    tension_proximal: FloatArray
-    tension_distal: FloatArray
+    joint_angle: FloatArray  # as it is compared [rad]
+    motor: FloatArray  # torque into the motor's pulley [N m]
+    joint: FloatArray  # torque into the joint [N m]
+    tension_proximal: FloatArray  # of every cable at the motor (cables, samples) [N]
+    tension_distal: FloatArray  # of every cable at the joint (cables, samples) [N]
 
     @property
     def proximal(self) -> FloatArray:

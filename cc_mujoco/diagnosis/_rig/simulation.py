@@ -203,16 +203,12 @@ _LOAD_EFFECTS = ("joint_stiffness", "joint_inertia")
 
 
 class Library(NamedTuple):
-    """Effects of a rig.
+    """Effects of a rig."""
 
-    Attributes:
-        effects: effects by id, with the parameters that can change the residuals.
-        hidden: reason why each other effect is not detectable, by id.
-        declared: facts of the rig that remove an effect or bound it, by id, in words.
-    """
-
+    # Effects by id, with the parameters that can change the residuals
     effects: Mapping[str, Effect]
-    hidden: Mapping[str, str]
+    hidden: Mapping[str, str]  # reason why each other effect is not detectable, by id
+    # Facts of the rig that remove an effect or bound it, by id, in words
     declared: Mapping[str, str]
 
 
@@ -552,25 +548,18 @@ def _angle_offset(bench: Bench, records: Sequence[Record]) -> float:
 
 @dataclass(frozen=True)
 class SimulatedRig:
-    """Rig that simulates records.
+    """Rig that simulates records."""
 
-    Attributes:
-        bench: bench with the nominal radii and cables.
-        records: records to simulate.
-        segments: segments per cable.
-        substeps: simulation steps per sample.
-        instruments: instruments that measure the torques of the records.
-        constants: constants of motor and load in the rig's file.
-        given: values of the scene that the data contradict, by name; the bench has
-            estimates in their place.
-    """
-
-    bench: Bench
-    records: tuple[Record, ...]
-    segments: int
-    substeps: int = 1
+    bench: Bench  # bench with the nominal radii and cables
+    records: tuple[Record, ...]  # records to simulate
+    segments: int  # segments per cable
+    substeps: int = 1  # simulation steps per sample
+    # Instruments that measure the torques of the records
     instruments: Instruments = TORQUE_SENSORS
+    # Constants of motor and load in the rig's file
     constants: Mapping[str, Constant] = field(default_factory=dict)
+    # Values of the scene that the data contradict, by name; the bench has estimates in
+    # their place
     given: Values = field(default_factory=dict)
 
     @cached_property

@@ -46,19 +46,12 @@ _SENSOR = mujoco.mjtObj.mjOBJ_SENSOR
 
 
 class Measured(NamedTuple):
-    """Readings of the sensors of a rig at one instant.
+    """Readings of the sensors of a rig at one instant."""
 
-    Attributes:
-        motor_angle: [rad].
-        motor_torque: that the motor puts into its pulley [N m].
-        joint_angle: [rad].
-        joint_torque: that the transmission puts into the joint [N m].
-    """
-
-    motor_angle: float
-    motor_torque: float
-    joint_angle: float
-    joint_torque: float
+    motor_angle: float  # [rad]
+    motor_torque: float  # that the motor puts into its pulley [N m]
+    joint_angle: float  # [rad]
+    joint_torque: float  # that the transmission puts into the joint [N m]
 
 
 class SensorShare(NamedTuple):
@@ -605,19 +598,14 @@ def _set_isotropic_inertia(
 
 @dataclass(frozen=True)
 class _Realisation:
-    """Realisation of one effect in MuJoCo.
+    """Realisation of one effect in MuJoCo."""
 
-    Attributes:
-        parameters: names of its values; 0 is off, and leaves the scene as it was.
-        note: means of the realisation, and advice to a user of the scene.
-        apply: changes a scene.
-        pulley: whether it needs a pulley, or torques that are sums of sensors, which a
-            joint with a lever has not.
-    """
-
+    # Names of its values; 0 is off, and leaves the scene as it was
     parameters: tuple[str, ...]
-    note: str
-    apply: Callable[[mujoco.MjSpec, Bench, Values], None]
+    note: str  # means of the realisation, and advice to a user of the scene
+    apply: Callable[[mujoco.MjSpec, Bench, Values], None]  # changes a scene
+    # Whether it needs a pulley, or torques that are sums of sensors, which a joint with
+    # a lever has not
     pulley: bool = True
 
 

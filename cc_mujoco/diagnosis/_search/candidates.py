@@ -61,38 +61,25 @@ _Key = tuple[str, tuple[float, ...], str]
 
 
 class Signature(NamedTuple):
-    """Contribution that one start of one effect could make to the error.
+    """Contribution that one start of one effect could make to the error."""
 
-    Attributes:
-        id: of the effect.
-        start: its parameters where it would explain most, amplitudes solved for.
-        explained: share of the squared error that it would explain, to first order.
-        foreseen: share of the held-out squared error that it would explain, to first
-            order: fitted to each fold's part and tested on its other.
-        visible: RMS of its plausible size over the floor, after retuning.
-        basis: (residuals, k) orthonormal, of its signatures.
-        changes: (residuals, amplitudes) by plausible sizes, nothing retuned.
-    """
-
-    id: str
+    id: str  # of the effect
+    # Its parameters where it would explain most, amplitudes solved for
     start: dict[str, float]
-    explained: float
+    explained: float  # share of the squared error that it would explain, to first order
+    # Share of the held-out squared error that it would explain, to first order: fitted
+    # to each fold's part and tested on its other
     foreseen: float
-    visible: float
-    basis: FloatArray
-    changes: FloatArray
+    visible: float  # RMS of its plausible size over the floor, after retuning
+    basis: FloatArray  # (residuals, k) orthonormal, of its signatures
+    changes: FloatArray  # (residuals, amplitudes) by plausible sizes, nothing retuned
 
 
 class _KnownChanges(NamedTuple):
-    """Torque changes (1, 2, samples) of a record by effects, where a model had it.
+    """Torque changes (1, 2, samples) of a record by effects, where a model had it."""
 
-    Attributes:
-        torque: (2, samples) of that model [N m].
-        columns: changes by effect, start and parameter [N m].
-    """
-
-    torque: FloatArray
-    columns: dict[_Key, FloatArray]
+    torque: FloatArray  # (2, samples) of that model [N m]
+    columns: dict[_Key, FloatArray]  # changes by effect, start and parameter [N m]
 
 
 class Changes:
@@ -123,44 +110,28 @@ class Changes:
 
 
 class _Place(NamedTuple):
-    """Model at the place of its fit, which effects join.
+    """Model at the place of its fit, which effects join."""
 
-    Attributes:
-        problem: the model.
-        x: where it was fitted.
-        steep: change of the residual by the torques, see `residual_slopes`.
-        seen: indices of the records of which samples count.
-        here: torques (2, samples) of these, from the coarse simulation [N m].
-        priors: number of residuals that are of priors.
-        known: changes of these by effects, see `Changes.at`.
-    """
-
-    problem: Problem
-    x: FloatArray
+    problem: Problem  # the model
+    x: FloatArray  # where it was fitted
+    # Change of the residual by the torques, see `residual_slopes`
     steep: list[tuple[FloatArray, NDArray[np.bool_]]]
-    seen: list[int]
+    seen: list[int]  # indices of the records of which samples count
+    # Torques (2, samples) of these, from the coarse simulation [N m]
     here: list[FloatArray]
-    priors: int
-    known: list[dict[_Key, FloatArray]]
+    priors: int  # number of residuals that are of priors
+    known: list[dict[_Key, FloatArray]]  # changes of these by effects, see `Changes.at`
 
 
 @dataclass(frozen=True)
 class _Screen:
-    """Model with which effects are compared.
+    """Model with which effects are compared."""
 
-    Attributes:
-        place: the model, and where it was fitted.
-        error: residual (residuals,).
-        tangent: (residuals, k) orthonormal basis of the changes by tuning.
-        rest: of the error once tuned.
-        foresight: of held-out errors.
-    """
-
-    place: _Place
-    error: FloatArray
-    tangent: FloatArray
-    rest: FloatArray
-    foresight: _Foresight
+    place: _Place  # the model, and where it was fitted
+    error: FloatArray  # residual (residuals,)
+    tangent: FloatArray  # (residuals, k) orthonormal basis of the changes by tuning
+    rest: FloatArray  # of the error once tuned
+    foresight: _Foresight  # of held-out errors
 
 
 def screen(
@@ -457,41 +428,24 @@ def signature_cosine(one: Signature, other: Signature) -> float:
 
 
 class Candidate(NamedTuple):
-    """An effect refitted on top of the model so far.
+    """An effect refitted on top of the model so far."""
 
-    Attributes:
-        id: of the effect.
-        crossed: the wider model.
-        reduction: of the held-out squared error, relative.
-        z: of the comparison with the model so far.
-        reason: why it may not be named, or empty.
-    """
-
-    id: str
-    crossed: CrossValidation
-    reduction: float
-    z: float
-    reason: str
+    id: str  # of the effect
+    crossed: CrossValidation  # the wider model
+    reduction: float  # of the held-out squared error, relative
+    z: float  # of the comparison with the model so far
+    reason: str  # why it may not be named, or empty
 
 
 class Round(NamedTuple):
-    """One step of the search.
+    """One step of the search."""
 
-    Attributes:
-        candidates: refitted, the best first.
-        added: the one that was added, or None.
-        rivals: ids that do as well as the one added, itself first.
-        confidence: share of bootstraps that the added one wins.
-        before: the model without it.
-        parted: rivals that still helped when it had been added.
-    """
-
-    candidates: tuple[Candidate, ...]
-    added: str | None
-    rivals: tuple[str, ...]
-    confidence: float
-    before: CrossValidation
-    parted: tuple[str, ...] = ()
+    candidates: tuple[Candidate, ...]  # refitted, the best first
+    added: str | None  # the one that was added, or None
+    rivals: tuple[str, ...]  # ids that do as well as the one added, itself first
+    confidence: float  # share of bootstraps that the added one wins
+    before: CrossValidation  # the model without it
+    parted: tuple[str, ...] = ()  # rivals that still helped when it had been added
 
     def tied(self, effects: Sequence[str], added: Sequence[str]) -> tuple[str, ...]:
         """Return tied ids, that of the model first; empty without it.

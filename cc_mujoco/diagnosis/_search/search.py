@@ -147,27 +147,18 @@ def _without_effect(
 
 
 class Search(NamedTuple):
-    """Course of the search.
+    """Course of the search."""
 
-    Attributes:
-        before: the baseline.
-        after: the model with all effects that were added.
-        rounds: steps.
-        signatures: of every effect, on top of the baseline.
-        shares: share of the baseline's held-out squared error beyond the floor that
-            remains where an effect is taken out again and all else is refitted.
-        changes: cache of torque changes by effects.
-        known: models that have been fitted.
-        interrupted: True if the user stopped it, so that fewer effects were tried.
-    """
-
-    before: CrossValidation
-    after: CrossValidation
-    rounds: tuple[Round, ...]
-    signatures: tuple[Signature, ...]
+    before: CrossValidation  # the baseline
+    after: CrossValidation  # the model with all effects that were added
+    rounds: tuple[Round, ...]  # steps
+    signatures: tuple[Signature, ...]  # of every effect, on top of the baseline
+    # Share of the baseline's held-out squared error beyond the floor that remains where
+    # an effect is taken out again and all else is refitted
     shares: Mapping[str, float]
-    changes: Changes
-    known: tuple[CrossValidation, ...] = ()
+    changes: Changes  # cache of torque changes by effects
+    known: tuple[CrossValidation, ...] = ()  # models that have been fitted
+    # True if the user stopped it, so that fewer effects were tried
     interrupted: bool = False
 
     @classmethod
@@ -615,29 +606,19 @@ def _refit(
 
 @dataclass(frozen=True)
 class Found:
-    """Effects that explain the error, and the model that all data support.
+    """Effects that explain the error, and the model that all data support."""
 
-    Attributes:
-        search: the rounds, ending with the model.
-        problem: the model.
-        x: where it was fitted to all data.
-        held: its predictions of held-out data.
-        estimated: value and interval of every parameter.
-        effects: of the model, in the order in which they were added.
-        ties: groups of ids that the data do not distinguish, of missing effects.
-        occasions: comparison of occasions, None where there is one.
-        by_trial: sentence on what constants by trial explain, or ""; effects are not
-            searched then.
-    """
-
-    search: Search
-    problem: Problem
-    x: FloatArray
-    held: Held
-    estimated: Mapping[str, Estimate]
+    search: Search  # the rounds, ending with the model
+    problem: Problem  # the model
+    x: FloatArray  # where it was fitted to all data
+    held: Held  # its predictions of held-out data
+    estimated: Mapping[str, Estimate]  # value and interval of every parameter
+    # Of the model, in the order in which they were added
     effects: tuple[FoundEffect, ...]
+    # Groups of ids that the data do not distinguish, of missing effects
     ties: tuple[tuple[str, ...], ...]
-    occasions: Occasions | None
+    occasions: Occasions | None  # comparison of occasions, None where there is one
+    # Sentence on what constants by trial explain, or ""; effects are not searched then
     by_trial: str
 
     @property
@@ -717,19 +698,12 @@ def _extend_tie(
 
 
 class CheckedModel(NamedTuple):
-    """Result of a search once it has been fitted to all data.
+    """Result of a search once it has been fitted to all data."""
 
-    Attributes:
-        problem: the model.
-        x: where it was fitted to all data.
-        spread: of that place.
-        held: its predictions of held-out data.
-    """
-
-    problem: Problem
-    x: FloatArray
-    spread: Spread
-    held: Held
+    problem: Problem  # the model
+    x: FloatArray  # where it was fitted to all data
+    spread: Spread  # of that place
+    held: Held  # its predictions of held-out data
 
 
 def _drop_doubtful(
@@ -828,17 +802,14 @@ def _found_effects(
 
 
 class Agreement(NamedTuple):
-    """Support that parts of the data give to the effects of the whole.
+    """Support that parts of the data give to the effects of the whole."""
 
-    Attributes:
-        shares: share of the parts that name an effect or one it is tied with, by id;
-            empty where the data are explained, or too few to be divided.
-        rivals: effects that many parts name in its place or as well as it, by id.
-        interrupted: True if the user stopped it before all parts were searched.
-    """
-
+    # Share of the parts that name an effect or one it is tied with, by id; empty where
+    # the data are explained, or too few to be divided
     shares: Mapping[str, float]
+    # Effects that many parts name in its place or as well as it, by id
     rivals: Mapping[str, tuple[str, ...]]
+    # True if the user stopped it before all parts were searched
     interrupted: bool = False
 
 

@@ -190,7 +190,6 @@ def run_inference(
         settings: choices besides data and scene.
         progress: called with the share done and the present step.
     """
-    limits = settings.thresholds
     bench = replace(bench.known(dataset.constants), ends_held=dataset.ends_held)
     fitted = fit_scene(dataset, bench, settings, progress)
     if isinstance(fitted, Diagnosis):
@@ -198,8 +197,8 @@ def run_inference(
     if fitted.refusal:
         return DiagnosisResult(fitted.refusal, bench, baseline_fit=fitted)
     found = search_effects(fitted, settings, progress)
-    judged = judge(found, limits)
-    proposal = propose(found, limits)
+    judged = judge(found)
+    proposal = propose(found)
     located = locate_error(fitted, found, judged, settings.seed)
     progress(0.95, "writing it down")
     statement = judged.statement

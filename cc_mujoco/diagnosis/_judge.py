@@ -71,7 +71,7 @@ from cc_mujoco.diagnosis._search.candidates import (
     effect_amplitudes,
 )
 from cc_mujoco.diagnosis._search.search import Found, Search
-from cc_mujoco.diagnosis._thresholds import MAX_EXPLAINED_ERROR, Limit, Thresholds
+from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis._verdict import (
     Alternative,
     Confounded,
@@ -591,7 +591,7 @@ class Judged:
     not_testable: tuple[NotTestable, ...]  # effects that these data cannot show
 
 
-def judge(found: Found, limits: Thresholds) -> Judged:
+def judge(found: Found) -> Judged:
     """Judge the result of the search, and list effects that these data cannot show."""
     problem, x, search = found.problem, found.x, found.search
     tied = {rival for effect in found.effects for rival in effect.rivals}
@@ -612,7 +612,7 @@ def judge(found: Found, limits: Thresholds) -> Judged:
         found.by_trial,
         max((off[name] for name in unhooked), default=0.0),
     )
-    kind, statement = verdict_of(search, outcome, limits)
+    kind, statement = verdict_of(search, outcome)
     statement += declared_sentence(problem.plant.library.declared)
     belief = None
     if search.interrupted:
@@ -624,25 +624,23 @@ def judge(found: Found, limits: Thresholds) -> Judged:
                 "effect had been added."
             )
         statement = f"Stopped before all effects were tried: {statement}"
-    elif not (kind == "unknown" and one_time(outcome, limits)):
+    elif not (kind == "unknown" and one_time(outcome)):
         left = floor_ratios(found.held.gap)[1]
         belief = belief_in_verdict(search, kind, found.missing, found.ties, left)
     untestable = untestable_effects(shown_by, hidden)
     return Judged(kind, statement, belief, stretch, beyond, hidden, untestable)
 
 
-def one_time(outcome: Judgement, limits: Thresholds) -> bool:
+def one_time(outcome: Judgement) -> bool:
     """Return whether something happened once, as it did on no study rig."""
     stretch = outcome.stretch
-    alone = stretch is not None and stretch.rest <= limits.misfit
+    alone = stretch is not None and stretch.rest <= Limit.max_misfit
     return alone or bool(outcome.by_trial)
 
 
-def verdict_of(
-    found: Search, outcome: Judgement, limits: Thresholds
-) -> tuple[Verdict, str]:
+def verdict_of(found: Search, outcome: Judgement) -> tuple[Verdict, str]:
     """Return the verdict as one word and as a few sentences."""
-    kind, statement = _verdict(found, outcome, limits)
+    kind, statement = _verdict(found, outcome)
     also = " ".join(capitalise(each.statement) for each in outcome.deviating)
     return kind, f"{statement} {also}".strip()
 
@@ -665,12 +663,10 @@ def undecidable_sentence(tie: Sequence[str]) -> str:
     )
 
 
-def _verdict(
-    found: Search, outcome: Judgement, limits: Thresholds
-) -> tuple[Verdict, str]:
+def _verdict(found: Search, outcome: Judgement) -> tuple[Verdict, str]:
     misfit, left = found.before.misfit, found.after.misfit
     if not outcome.effects:
-        return _no_effect_verdict(found.before, found, outcome, limits)
+        return _no_effect_verdict(found.before, found, outcome)
     ordinary = [each.id for each in outcome.effects if each.ordinary]
     refining = [e for e in outcome.effects if e.refinement and not e.ordinary]
     disputed = [
@@ -707,7 +703,7 @@ def _verdict(
         )
         statement += ", so it may stand in for something else."
     if not (missing or disputed):
-        kind, nothing = _no_effect_verdict(found.after, found, outcome, limits)
+        kind, nothing = _no_effect_verdict(found.after, found, outcome)
         return kind, f"{nothing} {statement}"
     if not missing:
         return "unknown", (
@@ -716,9 +712,9 @@ def _verdict(
         )
     explained = 1.0 - (left - 1.0) / (misfit - 1.0) if misfit > 1.0 else 1.0
     # A model that stays far off is wrong in form, and large errors show that.
-    little = explained < Limit.min_explained_share or left > MAX_EXPLAINED_ERROR
+    little = explained < Limit.min_explained_share or left > Limit.max_explained_error
     little = little and overall_share(outcome.gap) < Limit.min_gap_closed
-    if left > limits.misfit and little:
+    if left > Limit.max_misfit and little:
         return "unknown", (
             f"Something is missing{_describe_implausible(found)}. What comes closest "
             f"is {_titles(missing)}: it takes {format_share(explained)} of the RMS "
@@ -755,10 +751,10 @@ def _verdict(
 
 
 def _no_effect_verdict(
-    model: CrossValidation, found: Search, outcome: Judgement, limits: Thresholds
+    model: CrossValidation, found: Search, outcome: Judgement
 ) -> tuple[Verdict, str]:
     misfit = model.misfit
-    if outcome.stretch is not None and outcome.stretch.rest <= limits.misfit:
+    if outcome.stretch is not None and outcome.stretch.rest <= Limit.max_misfit:
         return "unknown", (
             "The data disagree with the simulation in one stretch: "
             f"{outcome.stretch.statement}"
@@ -768,12 +764,12 @@ def _no_effect_verdict(
     scene = "tuned scene" if model is found.before else "model"
     off = f"on held-out data the error of the {scene} is {format_number(misfit)} times "
     off += "the noise floor"
-    usual = f"rigs without any hidden effect reach up to {limits.misfit:g} times"
+    usual = f"rigs without any hidden effect reach up to {Limit.max_misfit:g} times"
     beyond = outcome.stretch is not None
     most = f" The largest error: {outcome.stretch.statement}" if outcome.stretch else ""
-    if misfit <= limits.misfit and not beyond:
+    if misfit <= Limit.max_misfit and not beyond:
         return "none", f"Nothing is missing: {off}; {usual}."
-    if excess(model) < limits.z and not beyond:
+    if excess(model) < Limit.min_z and not beyond:
         return "none", (
             f"Nothing is missing that these data could show: {off}. "
             f"{capitalise(usual)}, but here a few moments make that error, which is "
@@ -901,7 +897,7 @@ def belief_in_verdict(
         rest = 1.0 - reliable
         others = [Alternative(name, rest / len(missing)) for name in missing]
         return _rate(kind, reliable, others)
-    if left > MAX_EXPLAINED_ERROR:
+    if left > Limit.max_explained_error:
         reliable = (Limit.far_off_right + 1) / (Limit.far_off_names + 2)
     groups = {group[0]: set(group) for group in ties}
     whole, others = reliable, [Alternative("outside", 1.0 - reliable)]
@@ -970,7 +966,7 @@ def _worded(
         return words.get(other.id) or EFFECTS[other.id].title
 
     rest = [f"{name(each)} (odds {format_odds(each.probability)})" for each in shown]
-    complete = not left > MAX_EXPLAINED_ERROR
+    complete = not left > Limit.max_explained_error
     subject = {
         "named": f"this {'and nothing else ' * complete}is missing",
         "tie": "one of the tied effects acts",
@@ -986,6 +982,7 @@ def _worded(
         statement += (
             f". They are lower as {format_number(left)} times the noise floor is left: "
             f"on study rigs only {Limit.far_off_names} names left more than "
-            f"{MAX_EXPLAINED_ERROR:g} times, of which {Limit.far_off_right} were right"
+            f"{Limit.max_explained_error:g} times, of which {Limit.far_off_right} were "
+            "right"
         )
     return VerdictOdds(probability, f"{statement}.", tuple(shown))

@@ -55,7 +55,7 @@ from cc_mujoco.diagnosis._phrases import (
 )
 from cc_mujoco.diagnosis._search.candidates import Signature, signature_cosine
 from cc_mujoco.diagnosis._search.search import Found
-from cc_mujoco.diagnosis._thresholds import MAX_EXPLAINED_ERROR, Limit
+from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis._verdict import (
     Evidence,
     Isolability,
@@ -530,10 +530,10 @@ def locate_error(
     explaining = baseline if unknown else model
     odd = find_outlier_trial(*explaining, misfits(*baseline))
     question = odd.question if odd else ""
-    if found.by_trial and odd and odd.rest > MAX_EXPLAINED_ERROR:
+    if found.by_trial and odd and odd.rest > Limit.max_explained_error:
         question = ""  # no single trial contradicts the others
     stretch = judged.stretch
-    if unknown and stretch and stretch.rest <= MAX_EXPLAINED_ERROR and not odd:
+    if unknown and stretch and stretch.rest <= Limit.max_explained_error and not odd:
         question = stretch.question
     constants = trial_constants(*explaining)
     names = constants[0].trials if constants else ()

@@ -1,38 +1,5 @@
 """Thresholds of the decisions of a diagnosis."""
 
-from __future__ import annotations
-
-from dataclasses import dataclass
-
-FORM_ERROR_SHARE = 0.05
-"""Form error of an effect over its explained error, in every trial: right names leave
-that much on rigs of other forms. A smaller difference does not exclude a lookalike."""
-MAX_EXPLAINED_ERROR = 2.4
-"""Error over the floor up to which a model explains the data, part by part."""
-
-
-@dataclass(frozen=True)
-class Thresholds:
-    """Thresholds for naming an effect, set so that rigs without any give `none`.
-
-    How often the verdicts are right: `validation.md` of `cc_mujoco.diagnosis`.
-    """
-
-    z: float = 2.0  # least z of a comparison with the model without the effect
-    # RMS held-out error over the floor below which nothing is missing
-    misfit: float = 1.5
-    # The same at which a model is at the floor, as far as that is known
-    floor: float = 1.15
-    # Largest spread of the amplitude between the folds over its mean
-    agreement: float = 1.0
-    # A rival within this many standard errors of the winner is a tie
-    rival: float = 2.0
-
-    @property
-    def reduction(self) -> float:
-        """Least relative reduction of the held-out squared error that z allows."""
-        return self.z * FORM_ERROR_SHARE
-
 
 class Limit:
     """Thresholds and settings of each step, with meaning and unit.
@@ -40,6 +7,24 @@ class Limit:
     Where no publication is named, a value was set on development rigs of the study,
     which count in no published rate (`validation.md`).
     """
+
+    # Decisions, set so that rigs without any effect give `none`.
+    # Form error of an effect over its explained error, in every trial: right names
+    # leave that much on rigs of other forms. A smaller difference does not exclude a
+    # lookalike
+    form_error_share = 0.05
+    # Error over the floor up to which a model explains the data, part by part
+    max_explained_error = 2.4
+    min_z = 2.0  # Least z of a comparison with the model without the effect
+    # Least relative reduction of the held-out squared error that this z allows
+    min_reduction = min_z * form_error_share
+    # RMS held-out error over the floor below which nothing is missing
+    max_misfit = 1.5
+    # The same at which a model is at the floor, as far as that is known
+    floor_misfit = 1.15
+    # Largest spread of the amplitude between the folds over its mean
+    max_fold_spread = 1.0
+    rival_sigmas = 2.0  # A rival within as many standard errors of the winner is a tie
 
     # Simulation of the rig and priors of its parameters.
     # Relative standard deviation of a pretension that is not measured

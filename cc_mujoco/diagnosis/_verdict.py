@@ -23,28 +23,20 @@ PREDICTED_CHANNELS = ("motor_torque_nm", "joint_torque_nm")
 
 @dataclass(frozen=True, eq=False)  # arrays have no truth to compare by
 class TrialTrace:
-    """One trial; arrays have one entry per compared sample.
+    """One trial; arrays have one entry per compared sample."""
 
-    Attributes:
-        trial: its name.
-        time: (samples,) [s].
-        motor_angle: as given to the model [rad].
-        joint_angle: as given to the model [rad].
-        measured: channel to readings, low-passed as the model's inputs are [N m].
-        before: channel to the baseline's prediction by parameters that were fitted to
-            other data [N m].
-        after: the same of the model with the named effects [N m].
-        counts: 1 where a sample counts; 0 in the run-in after the start.
-    """
-
-    trial: str
-    time: FloatArray
-    motor_angle: FloatArray
-    joint_angle: FloatArray
+    trial: str  # its name
+    time: FloatArray  # (samples,) [s]
+    motor_angle: FloatArray  # as given to the model [rad]
+    joint_angle: FloatArray  # as given to the model [rad]
+    # Channel to readings, low-passed as the model's inputs are [N m]
     measured: Mapping[str, FloatArray]
+    # Channel to the baseline's prediction by parameters that were fitted to other data
+    # [N m]
     before: Mapping[str, FloatArray]
+    # The same of the model with the named effects [N m]
     after: Mapping[str, FloatArray]
-    counts: FloatArray
+    counts: FloatArray  # 1 where a sample counts; 0 in the run-in after the start
 
     def error(self, channel: str, model: Model = "before") -> FloatArray:
         """Return the errors, measured minus simulated (samples,) [N m]."""
@@ -54,44 +46,28 @@ class TrialTrace:
 
 @dataclass(frozen=True)
 class Map:
-    """Mean error of a channel over one axis.
+    """Mean error of a channel over one axis."""
 
-    Attributes:
-        channel: `motor_torque_nm` or `joint_torque_nm`.
-        axis: name of the quantity.
-        unit: its unit.
-        centre: (bins,) of the bins.
-        before: (bins,) mean error of the baseline [N m], NaN where there are no data.
-        after: (bins,) mean error with the named effects.
-        band: (bins,) half width within which chance keeps it in 95 % of cases [N m].
-        share: share of the variance of the baseline's error that the axis explains.
-        chance: share that chance reaches in 5 % of cases.
-    """
-
-    channel: str
-    axis: str
-    unit: str
-    centre: FloatArray
+    channel: str  # `motor_torque_nm` or `joint_torque_nm`
+    axis: str  # name of the quantity
+    unit: str  # its unit
+    centre: FloatArray  # (bins,) of the bins
+    # (bins,) mean error of the baseline [N m], NaN where there are no data
     before: FloatArray
-    after: FloatArray
+    after: FloatArray  # (bins,) mean error with the named effects
+    # (bins,) half width within which chance keeps it in 95 % of cases [N m]
     band: FloatArray
-    share: float
-    chance: float
+    share: float  # share of the variance of the baseline's error that the axis explains
+    chance: float  # share that chance reaches in 5 % of cases
 
 
 @dataclass(frozen=True)
 class Isolability:
-    """Similarity of two effects once the baseline is retuned.
+    """Similarity of two effects once the baseline is retuned."""
 
-    Attributes:
-        ids: of the effects.
-        cosines: (ids, ids) largest cosine between their signatures, 0 to 1.
-        visible: (ids,) size of a plausible effect over the noise.
-    """
-
-    ids: tuple[str, ...]
-    cosines: FloatArray
-    visible: FloatArray
+    ids: tuple[str, ...]  # of the effects
+    cosines: FloatArray  # (ids, ids) largest cosine between their signatures, 0 to 1
+    visible: FloatArray  # (ids,) size of a plausible effect over the noise
 
 
 @dataclass(frozen=True)
@@ -158,61 +134,38 @@ class NotTestable:
 
 @dataclass(frozen=True)
 class Confounded:
-    """An effect that tuning a parameter of the scene would hide.
+    """An effect that tuning a parameter of the scene would hide."""
 
-    Attributes:
-        id: of the effect.
-        parameter: of the baseline that does the same.
-        shift: change of that parameter by a plausible size of the effect, in words.
-        explains: size of the effect that would make up for where the parameter was
-            tuned to, in words; empty where it stayed about where the scene has it.
-        remedy: what to declare or to record to distinguish them.
-    """
-
-    id: str
-    parameter: str
-    shift: str
+    id: str  # of the effect
+    parameter: str  # of the baseline that does the same
+    shift: str  # change of that parameter by a plausible size of the effect, in words
+    # Size of the effect that would make up for where the parameter was tuned to, in
+    # words; empty where it stayed about where the scene has it
     explains: str
-    remedy: str
+    remedy: str  # what to declare or to record to distinguish them
 
 
 @dataclass(frozen=True)
 class Deviating:
-    """A parameter that was tuned further from the scene than is known of it.
+    """A parameter that was tuned further from the scene than is known of it."""
 
-    Attributes:
-        parameter: of the baseline.
-        given: value of the scene or of `dataset.toml`.
-        tuned: fitted value.
-        deviations: distance in standard deviations of its prior.
-        statement: one sentence, with other possible causes.
-    """
-
-    parameter: str
-    given: float
-    tuned: Estimate
-    deviations: float
-    statement: str
+    parameter: str  # of the baseline
+    given: float  # value of the scene or of `dataset.toml`
+    tuned: Estimate  # fitted value
+    deviations: float  # distance in standard deviations of its prior
+    statement: str  # one sentence, with other possible causes
 
 
 @dataclass(frozen=True)
 class NextExperiment:
-    """Experiment to record in order to distinguish rivals.
+    """Experiment to record in order to distinguish rivals."""
 
-    Attributes:
-        description: what to do on the rig.
-        separates: ids of the rivals.
-        predicted_difference: difference of their predictions, in words with numbers and
-            units.
-        trial: name for the recording.
-        facts: lines of `dataset.toml` for it.
-    """
-
-    description: str
-    separates: tuple[str, ...]
+    description: str  # what to do on the rig
+    separates: tuple[str, ...]  # ids of the rivals
+    # Difference of their predictions, in words with numbers and units
     predicted_difference: str
-    trial: str = ""
-    facts: tuple[str, ...] = ()
+    trial: str = ""  # name for the recording
+    facts: tuple[str, ...] = ()  # lines of `dataset.toml` for it
 
 
 def next_folder(planned: NextExperiment) -> str:
@@ -222,19 +175,13 @@ def next_folder(planned: NextExperiment) -> str:
 
 @dataclass(frozen=True)
 class Where:
-    """Location of the error of the baseline.
+    """Location of the error of the baseline."""
 
-    Attributes:
-        channel: `motor_torque_nm` or `joint_torque_nm`.
-        axis: quantity along which it lies.
-        share_of_error: share of the error's variance that the axis explains, 0 to 1.
-        statement: one plain sentence.
-    """
-
-    channel: str
-    axis: str
+    channel: str  # `motor_torque_nm` or `joint_torque_nm`
+    axis: str  # quantity along which it lies
+    # Share of the error's variance that the axis explains, 0 to 1
     share_of_error: float
-    statement: str
+    statement: str  # one plain sentence
 
 
 @dataclass(frozen=True)
@@ -242,166 +189,109 @@ class Gap:
     """RMS error of one channel on held-out data, before and after.
 
     Samples are weighted by how well the angles determine the torque, see `gap`.
-
-    Attributes:
-        rmse_before: of the baseline.
-        rmse_after: of the model with the named effects.
-        noise_floor: RMS error that the noise of the sensors makes, an estimate.
-        gap_closed: 1 - (RMS after - floor)/(RMS before - floor); more than 1 below
-            the floor, NaN where the error before is not above it.
-        ci95: of `gap_closed`, block bootstrap; NaN where there is hardly a gap.
     """
 
-    rmse_before: float
-    rmse_after: float
-    noise_floor: float
+    rmse_before: float  # of the baseline
+    rmse_after: float  # of the model with the named effects
+    noise_floor: float  # RMS error that the noise of the sensors makes, an estimate
+    # 1 - (RMS after - floor)/(RMS before - floor); more than 1 below the floor, NaN
+    # where the error before is not above it
     gap_closed: float
+    # Of `gap_closed`, block bootstrap; NaN where there is hardly a gap
     ci95: tuple[float, float]
 
 
 @dataclass(frozen=True)
 class OccasionChange:
-    """Change of a parameter of the baseline between two occasions.
+    """Change of a parameter of the baseline between two occasions."""
 
-    Attributes:
-        parameter: of the baseline.
-        since: the earlier occasion.
-        until: the later occasion.
-        change: share of the earlier value where `relative`, else in its unit.
-        relative: whether it is a share of the earlier value.
-        statement: in words with its 95 % interval.
-    """
-
-    parameter: str
-    since: str
-    until: str
-    change: Estimate
-    relative: bool
-    statement: str
+    parameter: str  # of the baseline
+    since: str  # the earlier occasion
+    until: str  # the later occasion
+    change: Estimate  # share of the earlier value where `relative`, else in its unit
+    relative: bool  # whether it is a share of the earlier value
+    statement: str  # in words with its 95 % interval
 
 
 @dataclass(frozen=True)
 class OccasionSize:
-    """Size of an effect on every occasion, while all else of it is shared.
+    """Size of an effect on every occasion, while all else of it is shared."""
 
-    Attributes:
-        effect: id.
-        parameter: size of the effect.
-        sizes: fitted size by occasion.
-        agree: whether every occasion that could show the shared size shows it.
-        statement: in words.
-    """
-
-    effect: str
-    parameter: str
-    sizes: Mapping[str, Estimate]
-    agree: bool
-    statement: str
+    effect: str  # id
+    parameter: str  # size of the effect
+    sizes: Mapping[str, Estimate]  # fitted size by occasion
+    agree: bool  # whether every occasion that could show the shared size shows it
+    statement: str  # in words
 
 
 @dataclass(frozen=True)
 class Occasions:
-    """Comparison of the occasions on which one rig was recorded.
+    """Comparison of the occasions on which one rig was recorded."""
 
-    Attributes:
-        names: in order; the baseline and the repaired scene are those of the last.
-        changes: of the baseline, from every earlier occasion to the last.
-        sizes: of the effects in the model.
-        statement: changes from the last but one to the last.
-    """
-
+    # In order; the baseline and the repaired scene are those of the last
     names: tuple[str, ...]
+    # Of the baseline, from every earlier occasion to the last
     changes: tuple[OccasionChange, ...]
-    sizes: tuple[OccasionSize, ...]
-    statement: str
+    sizes: tuple[OccasionSize, ...]  # of the effects in the model
+    statement: str  # changes from the last but one to the last
 
 
 @dataclass(frozen=True)
 class TrialError:
-    """Error of one trial, before and after; by channel, weighted as in `Gap` [N m].
+    """Error of one trial, before and after; by channel, weighted as in `Gap` [N m]."""
 
-    Attributes:
-        trial: its name.
-        rmse_before: of the baseline, by parameters fitted to other data.
-        rmse_after: of the model with the named effects.
-        noise_floor: RMS error that the noise of the sensors makes.
-        misfit_before: of both channels over the noise floor, large errors
-            huber_residual.
-        misfit_after: the same with the named effects.
-        slack: share of its samples in which a cable of the final model is slack.
-    """
-
-    trial: str
+    trial: str  # its name
+    # Of the baseline, by parameters fitted to other data
     rmse_before: Mapping[str, float]
-    rmse_after: Mapping[str, float]
-    noise_floor: Mapping[str, float]
+    rmse_after: Mapping[str, float]  # of the model with the named effects
+    noise_floor: Mapping[str, float]  # RMS error that the noise of the sensors makes
+    # Of both channels over the noise floor, large errors huber_residual
     misfit_before: float
-    misfit_after: float
+    misfit_after: float  # the same with the named effects
+    # Share of its samples in which a cable of the final model is slack
     slack: float = 0.0
 
 
 @dataclass(frozen=True)
 class Baseline:
-    """The model without any effect, as well as it can be tuned.
+    """The model without any effect, as well as it can be tuned."""
 
-    Attributes:
-        parameters: fitted values by name.
-        not_identifiable: one sentence for each combination that the data leave open.
-    """
-
-    parameters: Mapping[str, Estimate]
+    parameters: Mapping[str, Estimate]  # fitted values by name
+    # One sentence for each combination that the data leave open
     not_identifiable: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class RunnerUp:
-    """Candidate that was refitted, and its result.
+    """Candidate that was refitted, and its result."""
 
-    Attributes:
-        id: of the library.
-        reduction: relative reduction of the held-out sum of squares.
-        z: of the comparison with the model before.
-        accepted: whether it would have been named by itself.
-        reason: why not, or empty.
-        parameters: fitted values by name.
-    """
-
-    id: str
-    reduction: float
-    z: float
-    accepted: bool
-    reason: str
-    parameters: Mapping[str, float]
+    id: str  # of the library
+    reduction: float  # relative reduction of the held-out sum of squares
+    z: float  # of the comparison with the model before
+    accepted: bool  # whether it would have been named by itself
+    reason: str  # why not, or empty
+    parameters: Mapping[str, float]  # fitted values by name
 
 
 @dataclass(frozen=True)
 class Alternative:
-    """Alternative to the verdict.
+    """Alternative to the verdict."""
 
-    Attributes:
-        id: of an effect, "nothing", "outside" (no effect of the library) or "small" (an
-            effect too small for the data).
-        probability: 0 to 1.
-    """
-
+    # Of an effect, "nothing", "outside" (no effect of the library) or "small" (an
+    # effect too small for the data)
     id: str
-    probability: float
+    probability: float  # 0 to 1
 
 
 @dataclass(frozen=True)
 class VerdictOdds:
-    """Probability that the verdict is right, scaled by rates of verdicts on study rigs.
+    """Probability that the verdict is right, scaled by rates of verdicts on study rigs."""
 
-    Attributes:
-        probability: 0 to 1, NaN where no study rig left as much of the error;
-            `validation.md` shows how often it held on new rigs.
-        statement: one sentence, with odds.
-        alternatives: the likeliest first.
-    """
-
+    # 0 to 1, NaN where no study rig left as much of the error; `validation.md` shows
+    # how often it held on new rigs
     probability: float
-    statement: str
-    alternatives: tuple[Alternative, ...]
+    statement: str  # one sentence, with odds
+    alternatives: tuple[Alternative, ...]  # the likeliest first
 
 
 @dataclass(frozen=True)

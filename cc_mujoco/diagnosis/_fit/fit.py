@@ -63,7 +63,7 @@ from cc_mujoco.diagnosis._rig.simulation import (
     Values,
     baseline_parameters,
 )
-from cc_mujoco.diagnosis._thresholds import Limit, Thresholds
+from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis._verdict import Diagnosis, Gap, TrialTrace
 from cc_mujoco.diagnosis.effects import EFFECTS, Effect, EffectError
 from cc_mujoco.estimation._least_squares import Fit, Tuned
@@ -190,7 +190,7 @@ def _thin_record(record: Record) -> Record:
 
 
 class _Line(NamedTuple):
-    """Line of the cable tension, agonist less antagonist, over the lead of the motor."""
+    """Line of the tension, agonist less antagonist, over the lead of the motor."""
 
     slope: float  # tension per lead at the motor's rim [N/m]
     start: float  # tension without lead [N]
@@ -679,8 +679,6 @@ class Options:
     which are considered where the others leave the error unexplained."""
     requested: Sequence[str] = ()
     """Effects that the user requested, rare ones included."""
-    thresholds: Thresholds = Thresholds()  # noqa: RUF009
-    """Thresholds of the decisions."""
     seed: int = 0
     """Seed of bootstraps and noise draws."""
 

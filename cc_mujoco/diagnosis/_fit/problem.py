@@ -216,8 +216,7 @@ def plain_residual_slopes(
 
 
 def residual_changes(
-    steep: Sequence[tuple[FloatArray, NDArray[np.bool_]]],
-    changes: Sequence[FloatArray],
+    steep: Sequence[tuple[FloatArray, NDArray[np.bool_]]], changes: Sequence[FloatArray]
 ) -> FloatArray:
     """Return first-order changes of `Problem.residual` without priors (k, residuals).
 
@@ -829,9 +828,7 @@ class CrossValidation(NamedTuple):
 
 
 def cross_validate(
-    problem: Problem,
-    division: Sequence[Fold],
-    starts: Sequence[FloatArray],
+    problem: Problem, division: Sequence[Fold], starts: Sequence[FloatArray]
 ) -> CrossValidation:
     """Fit a model on every fold and predict the held-out data."""
     fits: list[Fit] = []

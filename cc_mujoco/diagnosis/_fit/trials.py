@@ -802,9 +802,7 @@ def trial_ordinates(
 
 
 def describe_trial_constants(
-    constants: Sequence[TrialConstants],
-    ordinates: Mapping[str, FloatArray],
-    worst: str,
+    constants: Sequence[TrialConstants], ordinates: Mapping[str, FloatArray], worst: str
 ) -> tuple[str, Where] | None:
     """Return constants that differ from trial to trial in words, short and in full."""
     able = [each for each in constants if each.share >= Limit.min_trend_share]

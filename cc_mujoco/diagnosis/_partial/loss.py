@@ -44,7 +44,7 @@ from cc_mujoco.diagnosis._phrases import (
     format_share,
 )
 from cc_mujoco.diagnosis._rig.records import compared_band, low_pass
-from cc_mujoco.diagnosis._thresholds import MAX_EXPLAINED_ERROR, Limit, Thresholds
+from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis._verdict import Baseline, Deviating, Diagnosis, Verdict
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation._least_squares import Estimate
@@ -512,10 +512,7 @@ def _breakaway(
 
 
 def _undetermined(
-    law: _Law,
-    values: dict[str, Estimate],
-    gain_uncertainty: float,
-    breakaway_at: float,
+    law: _Law, values: dict[str, Estimate], gain_uncertainty: float, breakaway_at: float
 ) -> tuple[str, ...]:
     found = ["stretch, play and pretension, which need the motor's angle"]
     known = set(law.active.tolist())
@@ -620,13 +617,13 @@ def diagnose_loss(dataset: Dataset, bench: Bench, seed: int = 0) -> Diagnosis:
         )
     noise = math.hypot(load, torque)
     before, after = found.scene_error / noise, found.error / noise
-    ties = () if before <= Thresholds().misfit else _ties(found)
+    ties = () if before <= Limit.max_misfit else _ties(found)
     friction = () if pair else _friction(found, bench)
     kind: Verdict = "none"
     if ties:
         kind = "tie"
-    elif before > Thresholds().misfit and not friction:
-        kind = "unknown" if after > Thresholds().misfit else "none"
+    elif before > Limit.max_misfit and not friction:
+        kind = "unknown" if after > Limit.max_misfit else "none"
     return Diagnosis(
         kind,
         _statement(found, before, after, pair, dataset.constants),
@@ -785,7 +782,7 @@ def _statement(
         )
     if math.isfinite(after):
         text.append(f"With this law {format_number(after)} times the noise is left.")
-    if after > MAX_EXPLAINED_ERROR:
+    if after > Limit.max_explained_error:
         text.append("Something else acts as well.")
     return " ".join(text)
 

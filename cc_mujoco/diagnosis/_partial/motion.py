@@ -33,7 +33,7 @@ from cc_mujoco.diagnosis._phrases import (
     format_number,
 )
 from cc_mujoco.diagnosis._rig.records import compared_band, low_pass, shift_signal
-from cc_mujoco.diagnosis._thresholds import MAX_EXPLAINED_ERROR, Limit, Thresholds
+from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis._verdict import Baseline, Diagnosis, Verdict
 from cc_mujoco.diagnosis.effects import follow_with_play
 from cc_mujoco.errors import CableError
@@ -170,7 +170,6 @@ def diagnose_motion(dataset: Dataset, bench: Bench) -> Diagnosis:
             f"scene {bench.path} has a cable whose path its joint moves, which takes a "
             "torque to diagnose; record one, or declare a load in [rig]"
         )
-    limits = Thresholds()
     noise = _noise(dataset, bench)
     stretches = _stretches(dataset, bench)
     start = _start(stretches)
@@ -233,7 +232,7 @@ def diagnose_motion(dataset: Dataset, bench: Bench) -> Diagnosis:
         tie for tie, sure in ((DEAD_ZONE_TIE, stands), (LAG_TIE, late)) if sure
     )
     kind: Verdict = "tie" if ties else "unknown"
-    if before <= limits.misfit:
+    if before <= Limit.max_misfit:
         kind, ties = "none", ()
     return Diagnosis(
         kind,
@@ -366,6 +365,6 @@ def _statement(
             " A late sensor cannot be distinguished from friction that grows with "
             "speed."
         )
-    if after > MAX_EXPLAINED_ERROR:
+    if after > Limit.max_explained_error:
         text += " Something else moves the joint as well."
     return text

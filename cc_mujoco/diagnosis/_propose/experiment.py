@@ -29,7 +29,7 @@ from cc_mujoco.diagnosis._rig.records import Record, wind_up_angle
 from cc_mujoco.diagnosis._rig.simulation import occasions_of
 from cc_mujoco.diagnosis._search.candidates import are_confusable, tie_reason
 from cc_mujoco.diagnosis._search.search import Found, Search
-from cc_mujoco.diagnosis._thresholds import FORM_ERROR_SHARE, Limit, Thresholds
+from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis._verdict import NextExperiment
 from cc_mujoco.diagnosis.effects import EFFECTS
 from cc_mujoco.native import FloatArray
@@ -248,20 +248,14 @@ def motions(
             free(give * ladder),
         ),
         CataloguedTrial(
-            "joint against a spring, chirp from 0.1 to 3 Hz",
-            chirp,
-            free(give * chirp),
+            "joint against a spring, chirp from 0.1 to 3 Hz", chirp, free(give * chirp)
         ),
     ]
     force = Limit.weight_share * cable.pretension
     weights = tuple(
         float(f"{force * radius:.2g}") if instrument in able else 0.0
         for radius, instrument, able in (
-            (
-                bench.motor_radius,
-                instruments.motor,
-                ("torque sensor", "motor current"),
-            ),
+            (bench.motor_radius, instruments.motor, ("torque sensor", "motor current")),
             (bench.joint_radius, instruments.joint, ("torque sensor",)),
         )
     )
@@ -418,11 +412,11 @@ class Proposal(NamedTuple):
     motion: CataloguedTrial
 
 
-def propose(found: Found, thresholds: Thresholds) -> Proposal | None:
+def propose(found: Found) -> Proposal | None:
     """Return the trial that separates the first tie; None where no trial would."""
     if not found.ties:
         return None
-    return best_trial(_tied_refits(found.search, found.ties[0]), thresholds)
+    return best_trial(_tied_refits(found.search, found.ties[0]))
 
 
 def _tied_refits(found: Search, tie: Sequence[str]) -> Rivals:
@@ -454,7 +448,7 @@ def _first_refits(
     return found
 
 
-def best_trial(rivals: Rivals, thresholds: Thresholds) -> Proposal | None:
+def best_trial(rivals: Rivals) -> Proposal | None:
     """Return the trial that distinguishes two fitted rivals, or None.
 
     If one of them were true, the other would be fitted again, to the old data and the
@@ -506,9 +500,7 @@ def best_trial(rivals: Rivals, thresholds: Thresholds) -> Proposal | None:
         # If one is true, the remaining difference is that of the other one, fitted
         # again.
         settles = [
-            separates_rivals(
-                rivals, record, true, made[true], share * lefts[1 - true], thresholds
-            )
+            separates_rivals(rivals, record, true, made[true], share * lefts[1 - true])
             for true in (0, 1)
         ]
         rank = settles[worse], not motion.hard, score
@@ -629,12 +621,7 @@ def _matches_motion(
 
 
 def separates_rivals(
-    rivals: Rivals,
-    record: Record,
-    true: int,
-    made: FloatArray,
-    left: FloatArray,
-    thresholds: Thresholds,
+    rivals: Rivals, record: Record, true: int, made: FloatArray, left: FloatArray
 ) -> bool:
     """Return whether two effects would not be in a tie with one trial more.
 
@@ -647,7 +634,7 @@ def separates_rivals(
     before = _with_trial(rivals.before, record, made)
     better = _with_trial(model, record, np.zeros_like(left))
     worse = _with_trial(other, record, left)
-    return not tie_reason(before, better, worse, names, rivals.confused, thresholds)
+    return not tie_reason(before, better, worse, names, rivals.confused)
 
 
 def _with_trial(
@@ -702,7 +689,7 @@ def form_error(
         np.mean(((torque - rest) / noise) ** 2, axis=1, keepdims=True)
         for torque, rest in zip(shown, without, strict=True)
     ]
-    found: FloatArray = np.sqrt(FORM_ERROR_SHARE * np.min(sizes, axis=0))
+    found: FloatArray = np.sqrt(Limit.form_error_share * np.min(sizes, axis=0))
     return found
 
 

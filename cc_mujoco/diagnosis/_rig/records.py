@@ -192,14 +192,7 @@ def load_parameters(constants: Mapping[str, Constant]) -> list[Tuned]:
         if known.uncertainty > 0.0:
             relative = known.uncertainty / known.value
             found.append(
-                Tuned(
-                    _PARAMETERS[name],
-                    known.value,
-                    relative,
-                    -10.0,
-                    10.0,
-                    1.0,
-                )
+                Tuned(_PARAMETERS[name], known.value, relative, -10.0, 10.0, 1.0)
             )
     if "load_stiffness" in constants:
         rest = constants.get("load_rest_angle", Constant(0.0))
@@ -424,10 +417,7 @@ def _record(
         band=band,
         counts=counts,
         pretension=0.0 if trial.facts.unhooked else trial.facts.pretension,
-        known_torques=(
-            trial.facts.known_motor_torque,
-            trial.facts.known_joint_torque,
-        ),
+        known_torques=(trial.facts.known_motor_torque, trial.facts.known_joint_torque),
         swapped=trial.facts.swapped,
         load_cell=cell,
         notes=trial.facts.notes,

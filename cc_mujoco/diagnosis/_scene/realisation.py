@@ -117,10 +117,7 @@ def add_instruments(spec: mujoco.MjSpec, bench: Bench) -> None:
         found = spec.sensor(name)
         if found is None:
             spec.add_sensor(
-                name=name,
-                type=angle,
-                objtype=mujoco.mjtObj.mjOBJ_JOINT,
-                objname=joint,
+                name=name, type=angle, objtype=mujoco.mjtObj.mjOBJ_JOINT, objname=joint
             )
         elif (found.type, found.objname) != (angle, joint):
             raise CableError(
@@ -391,9 +388,7 @@ def backlash(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
     index = model.joint(bench.joint).id
     body = model.jnt_bodyid[index]
     pulley = joint.parent.parent.add_body(
-        name=name,
-        pos=model.body_pos[body],
-        quat=model.body_quat[body],
+        name=name, pos=model.body_pos[body], quat=model.body_quat[body]
     )
     _set_isotropic_inertia(pulley, model.jnt_pos[index], inertia)
     # All attributes are set, because a scene may have defaults.
@@ -474,12 +469,7 @@ def tilt_rig(model: mujoco.MjModel, tilt: float) -> None:
 
 
 def _add_periodic_torque(
-    spec: mujoco.MjSpec,
-    name: str,
-    joint: str,
-    order: float,
-    sine: float,
-    cosine: float,
+    spec: mujoco.MjSpec, name: str, joint: str, order: float, sine: float, cosine: float
 ) -> None:
     """Add the torque sine sin(order q) + cosine cos(order q) as cogging of a motor."""
     actuator = spec.add_actuator(name=name)
@@ -565,10 +555,7 @@ def _add_inertia_torque(
     # MuJoCo's sensors do not measure armature; they measure the torque on a body that
     # rides along.
     index = model.joint(name).id
-    probe = joint.parent.add_body(
-        name=f"{name}_acceleration",
-        pos=model.jnt_pos[index],
-    )
+    probe = joint.parent.add_body(name=f"{name}_acceleration", pos=model.jnt_pos[index])
     _set_isotropic_inertia(probe, np.zeros(3), Limit.probe_inertia)
     along = np.empty(4)
     mujoco.mju_quatZ2Vec(along, model.jnt_axis[index])

@@ -237,10 +237,7 @@ def _play(
 
 
 def _set_rest(
-    model: mujoco.MjModel,
-    view: _Sensors,
-    angles: FloatArray,
-    start: float,
+    model: mujoco.MjModel, view: _Sensors, angles: FloatArray, start: float
 ) -> mujoco.MjData:
     """Set the joints to these angles, cables in pretension, sensors settled."""
     motor, joint = view.joints[:2]

@@ -14,7 +14,7 @@ discrepancy f, which all seconds share and no noise shows:
     z = D / sqrt(s^2 + f^2),    f = min(c E, L)
 
 E is the error before the round, L the error that the better model leaves, and c is
-`FORM_ERROR_SHARE`: a right effect leaves as much on rigs of other forms. The odds of
+`Limit.form_error_share`: a right effect leaves as much on rigs of other forms. The odds of
 the better model are Phi(z) to Phi(-z). An effect is accepted from z = 2, odds 98:2; so
 it lowers the error by at least 2 c = 10 %, however long the recording.
 """
@@ -44,12 +44,7 @@ from cc_mujoco.diagnosis._fit.problem import (
 )
 from cc_mujoco.diagnosis._phrases import format_number
 from cc_mujoco.diagnosis._rig.records import Record
-from cc_mujoco.diagnosis._thresholds import (
-    FORM_ERROR_SHARE,
-    MAX_EXPLAINED_ERROR,
-    Limit,
-    Thresholds,
-)
+from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis.effects import EFFECTS, Effect, EffectError, EffectParameter
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation._least_squares import in_threads
@@ -202,11 +197,7 @@ def effect_amplitudes(effect: Effect) -> list[EffectParameter]:
 
 
 def changes_by_effects(
-    problem: Problem,
-    x: FloatArray,
-    masks: Masks,
-    ids: Sequence[str],
-    changes: Changes,
+    problem: Problem, x: FloatArray, masks: Masks, ids: Sequence[str], changes: Changes
 ) -> dict[str, FloatArray]:
     """Compute the changes of the residuals (residuals, amplitudes) by each effect.
 
@@ -471,7 +462,9 @@ def comparison_z(
     difference = worse - better
     noise = block_sum_deviation(difference)
     left = float(np.sum(better))
-    form = min(FORM_ERROR_SHARE * before, left) if share is None else share * before
+    form = (
+        min(Limit.form_error_share * before, left) if share is None else share * before
+    )
     z = float(np.sum(difference)) / max(math.hypot(noise, form), 1e-300)
     return min(max(z, -Limit.max_z), Limit.max_z)
 
@@ -485,25 +478,21 @@ def are_confusable(one: Signature, other: Signature) -> bool:
 
 
 def rejection_reason(
-    crossed: CrossValidation,
-    name: str,
-    reduction: float,
-    z: float,
-    thresholds: Thresholds,
+    crossed: CrossValidation, name: str, reduction: float, z: float
 ) -> str:
     """Return why an effect may not be named, or ""."""
-    if z < thresholds.z:
+    if z < Limit.min_z:
         taken = round(reduction, 2) + 0.0  # no minus before a zero
         return (
             f"takes {taken:.0%} of the error, {format_number(z, 1.0)} standard errors "
-            f"of noise and model form; {thresholds.z:g} are needed"
+            f"of noise and model form; {Limit.min_z:g} are needed"
         )
     effect = crossed.problem.plant.library.effects[name]
     parameters = {parameter.name: parameter for parameter in effect.parameters}
     spread, mean = amplitude_statistics(crossed, name)
     # Where more than a size is fitted, one parameter may stand in for another.
     alone = sum(not parameter.beside for parameter in parameters.values()) == 1
-    if alone and spread > thresholds.agreement * mean:
+    if alone and spread > Limit.max_fold_spread * mean:
         return "its size differs between the halves of the data"
     for tuned, x in zip(crossed.problem.tuned, crossed.fits[0].x, strict=True):
         if tuned.name in parameters and parameters[tuned.name].linear:
@@ -525,10 +514,7 @@ def amplitude_statistics(crossed: CrossValidation, name: str) -> tuple[float, fl
 
 
 def decide(
-    now: CrossValidation,
-    candidates: list[Candidate],
-    signatures: Sequence[Signature],
-    thresholds: Thresholds,
+    now: CrossValidation, candidates: list[Candidate], signatures: Sequence[Signature]
 ) -> Round:
     candidates.sort(key=lambda candidate: -candidate.reduction)
     able = [candidate for candidate in candidates if not candidate.reason]
@@ -541,7 +527,7 @@ def decide(
     for other in able[1:]:
         confused = are_confusable(sign[best.id], sign[other.id])
         pair = best.id, other.id
-        why = tie_reason(now, best.crossed, other.crossed, pair, confused, thresholds)
+        why = tie_reason(now, best.crossed, other.crossed, pair, confused)
         if why == "noise":
             rivals.append(other)
         elif why == "form":
@@ -566,7 +552,6 @@ def tie_reason(
     other: CrossValidation,
     names: tuple[str, str],
     confused: bool,
-    thresholds: Thresholds,
 ) -> Literal["", "noise", "form"]:
     """Return why two effects are tied; "" if the data distinguish them.
 
@@ -574,12 +559,16 @@ def tie_reason(
     moments show it, say those of little tension; but not of effects whose forms meet.
     """
     one, two = (EFFECTS[name] for name in names)
-    explained = best.misfit <= thresholds.misfit
-    if explained and other.misfit > MAX_EXPLAINED_ERROR and not one.forms_meet(two):
+    explained = best.misfit <= Limit.max_misfit
+    if (
+        explained
+        and other.misfit > Limit.max_explained_error
+        and not one.forms_meet(two)
+    ):
         return ""
     difference = blocks(other).sum(axis=1) - blocks(best).sum(axis=1)
     error = block_sum_deviation(difference)
-    if difference.sum() < thresholds.rival * error:
+    if difference.sum() < Limit.rival_sigmas * error:
         return "noise"
     return "form" if confused and parted_by_form(now, best, other) else ""
 
@@ -599,7 +588,7 @@ def parted_by_form(
     table = np.array(list(sums.values()))
     taken, difference = table[:, 0] - table[:, 1], table[:, 2] - table[:, 1]
     # A trial in which the effects hardly show tolerates next to no difference.
-    usual = FORM_ERROR_SHARE * np.maximum(taken, taken.mean())
+    usual = Limit.form_error_share * np.maximum(taken, taken.mean())
     return bool(np.all(difference <= usual))
 
 

@@ -68,12 +68,7 @@ from cc_mujoco.diagnosis._search.candidates import (
     rejection_reason,
     screen,
 )
-from cc_mujoco.diagnosis._thresholds import (
-    FORM_ERROR_SHARE,
-    MAX_EXPLAINED_ERROR,
-    Limit,
-    Thresholds,
-)
+from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis._verdict import FoundEffect, Occasions
 from cc_mujoco.diagnosis.effects import EFFECTS, EffectError, form_key, usual_effects
 from cc_mujoco.errors import CableError
@@ -106,9 +101,7 @@ def gap_shares(
 
 
 def eliminate(
-    now: CrossValidation,
-    division: Sequence[Fold],
-    known: list[CrossValidation],
+    now: CrossValidation, division: Sequence[Fold], known: list[CrossValidation]
 ) -> CrossValidation:
     """Remove the effects that later ones have made redundant.
 
@@ -119,7 +112,7 @@ def eliminate(
         earlier = now.problem.effects[:-1]
         slim = [_without_effect(now, name, division, known) for name in earlier]
         known += slim
-        useless = (1.0 + FORM_ERROR_SHARE) * now.held_out_mse
+        useless = (1.0 + Limit.form_error_share) * now.held_out_mse
         redundant = [model for model in slim if model.held_out_mse <= useless]
         if not redundant:
             return now
@@ -197,7 +190,6 @@ def search(
     baseline: CrossValidation,
     division: Sequence[Fold],
     ids: Sequence[str],
-    thresholds: Thresholds,
     progress: Progress = no_progress,
     rare: Sequence[str] = (),
 ) -> Search:
@@ -206,7 +198,7 @@ def search(
     If the user interrupts it, it ends with the effects added until then. Effects that
     are `rare` compete where an effect of `ids` is accepted that they resemble.
     """
-    course = _add_effects(baseline, division, ids, thresholds, progress, rare=rare)
+    course = _add_effects(baseline, division, ids, progress, rare=rare)
     return drop_redundant(course, division)
 
 
@@ -214,7 +206,6 @@ def names_found(
     baseline: CrossValidation,
     division: Sequence[Fold],
     ids: Sequence[str],
-    thresholds: Thresholds,
     whole: Search | None = None,
 ) -> list[set[str]]:
     """Return the effects that a search finds, each with those it is tied with.
@@ -227,7 +218,6 @@ def names_found(
         baseline,
         division,
         ids,
-        thresholds,
         no_progress,
         whole=whole,
         changes=whole.changes if whole else None,
@@ -243,7 +233,6 @@ def _add_effects(
     baseline: CrossValidation,
     division: Sequence[Fold],
     ids: Sequence[str],
-    thresholds: Thresholds,
     progress: Progress,
     earlier: Sequence[Round] = (),
     whole: Search | None = None,
@@ -262,7 +251,7 @@ def _add_effects(
             # one torque alone does not contradict an effect that fits it a little
             # better.
             both = len(now.problem.plant.instruments.rows) > 1
-            hopeful = now.misfit > (thresholds.floor if both else thresholds.misfit)
+            hopeful = now.misfit > (Limit.floor_misfit if both else Limit.max_misfit)
             if first and not hopeful:
                 break
             progress(count / Limit.max_effects, f"screening {len(left)} effects")
@@ -276,7 +265,7 @@ def _add_effects(
             part = part_of(progress, count / Limit.max_effects, 1.0 / Limit.max_effects)
             refitted = {c.id: c for past in same for c in past.candidates}
             candidates = _refit_candidates(
-                now, division, signatures if hopeful else [], thresholds, part,
+                now, division, signatures if hopeful else [], part,
                 refitted, whole,
             )  # fmt: skip
             if names := resembling(candidates, (*left, *now.problem.effects), rare):
@@ -286,13 +275,13 @@ def _add_effects(
                     sign
                     for sign in more
                     if max(sign.explained, sign.foreseen) >= least
-                    and not _is_redundant(sign.id, candidates, thresholds)
+                    and not _is_redundant(sign.id, candidates)
                 ]
                 candidates += _refit_candidates(
-                    now, division, more, thresholds, part, refitted, whole
+                    now, division, more, part, refitted, whole
                 )
                 signatures = [*signatures, *more]
-            step = decide(now, candidates, signatures, thresholds)
+            step = decide(now, candidates, signatures)
             rounds.append(step)
             for candidate in candidates:  # derivatives take more room than the data
                 if candidate.id not in step.rivals and candidate.crossed is not now:
@@ -336,7 +325,6 @@ def _refit_candidates(
     now: CrossValidation,
     division: Sequence[Fold],
     signatures: Sequence[Signature],
-    thresholds: Thresholds,
     progress: Progress,
     refitted: Mapping[str, Candidate],
     whole: Search | None,
@@ -346,20 +334,20 @@ def _refit_candidates(
     Effects in `refitted` are not fitted again; for `whole` see `names_found`.
     """
     chosen = _choose_candidates(
-        signatures, Limit.min_predicted_share * thresholds.reduction
+        signatures, Limit.min_predicted_share * Limit.min_reduction
     )
     candidates: list[Candidate] = []
     while chosen:
         for place, signature in enumerate(chosen):
-            if _is_redundant(signature.id, candidates, thresholds):
+            if _is_redundant(signature.id, candidates):
                 continue
             progress(place / len(chosen), f"refitting {signature.id}")
             candidates.append(
                 refitted.get(signature.id)
-                or _refit_like(now, division, signature.id, thresholds, whole)
-                or _refit_forms(now, division, signature, thresholds)
+                or _refit_like(now, division, signature.id, whole)
+                or _refit_forms(now, division, signature)
             )
-        chosen = _unrefitted_lookalikes(signatures, candidates, thresholds)
+        chosen = _unrefitted_lookalikes(signatures, candidates)
     return candidates
 
 
@@ -367,7 +355,6 @@ def search_rare(
     found: Search,
     division: Sequence[Fold],
     rare: Sequence[str],
-    thresholds: Thresholds,
     progress: Progress = no_progress,
 ) -> Search:
     """Return the search repeated with rare effects, where they explain more.
@@ -375,18 +362,12 @@ def search_rare(
     They compete with the effects that were refitted before. They are searched only
     where the error is not explained without them.
     """
-    if not rare or found.interrupted or found.after.misfit <= MAX_EXPLAINED_ERROR:
+    if not rare or found.interrupted or found.after.misfit <= Limit.max_explained_error:
         return found
     tried = {c.id for step in found.rounds for c in step.candidates}
     ids = list(dict.fromkeys([*sorted(tried), *rare]))
     course = _add_effects(
-        found.before,
-        division,
-        ids,
-        thresholds,
-        progress,
-        found.rounds,
-        changes=found.changes,
+        found.before, division, ids, progress, found.rounds, changes=found.changes
     )
     if not set(rare) & {step.added for step in course.rounds}:
         return found._replace(interrupted=course.interrupted)
@@ -472,28 +453,24 @@ def _choose_candidates(
     ][: Limit.max_refitted]
 
 
-def _is_redundant(
-    name: str, candidates: Sequence[Candidate], thresholds: Thresholds
-) -> bool:
+def _is_redundant(name: str, candidates: Sequence[Candidate]) -> bool:
     return any(
         c.id in EFFECTS[name].generalises
         and not c.reason
-        and c.crossed.misfit <= thresholds.misfit
+        and c.crossed.misfit <= Limit.max_misfit
         for c in candidates
     )
 
 
 def _unrefitted_lookalikes(
-    signatures: Sequence[Signature],
-    candidates: Sequence[Candidate],
-    thresholds: Thresholds,
+    signatures: Sequence[Signature], candidates: Sequence[Candidate]
 ) -> list[Signature]:
     """Return the effects that resemble the best candidate and were not refitted.
 
     Signatures are of first order, and screening by them may rank lookalikes wrongly.
     """
     leader = max(candidates, key=lambda candidate: candidate.reduction)
-    if leader.reduction < thresholds.reduction:
+    if leader.reduction < Limit.min_reduction:
         return []
     sign = next(s for s in signatures if s.id == leader.id)
     done = {candidate.id for candidate in candidates}
@@ -503,16 +480,13 @@ def _unrefitted_lookalikes(
         if s.id not in done
         and max(s.explained, s.foreseen) >= Limit.min_leader_share * leader.reduction
         and s.explained > 0.0
-        and not _is_redundant(s.id, candidates, thresholds)
+        and not _is_redundant(s.id, candidates)
         and are_confusable(sign, s)
     ]
 
 
 def _refit_forms(
-    now: CrossValidation,
-    division: Sequence[Fold],
-    signature: Signature,
-    thresholds: Thresholds,
+    now: CrossValidation, division: Sequence[Fold], signature: Signature
 ) -> Candidate:
     """Return the effect refitted in the form that does best on held-out data.
 
@@ -520,7 +494,7 @@ def _refit_forms(
     the error unexplained, so are the sizes that the effect starts with, if they are
     several: far from the truth a size by first order may lead to another minimum.
     """
-    best = _refit_signature(now, division, signature, thresholds)
+    best = _refit_signature(now, division, signature)
     if best.reason:
         return best
     effect = now.problem.plant.library.effects[signature.id]
@@ -530,7 +504,7 @@ def _refit_forms(
         for form in range(len(effect.forms))
         if form != given.get(key, 0.0)
     ]
-    if best.crossed.misfit > MAX_EXPLAINED_ERROR:
+    if best.crossed.misfit > Limit.max_explained_error:
         sizes = [parameter.name for parameter in effect.parameters if parameter.linear]
         own = {tuple(start[name] for name in sizes) for start in effect.starts}
         if len(own) > 1:
@@ -539,29 +513,22 @@ def _refit_forms(
             ]
     for start in others:
         other = signature._replace(start=start)
-        candidate = _refit_signature(now, division, other, thresholds)
+        candidate = _refit_signature(now, division, other)
         if not candidate.reason and candidate.reduction > best.reduction:
             best = candidate
     return best
 
 
 def _refit_signature(
-    now: CrossValidation,
-    division: Sequence[Fold],
-    signature: Signature,
-    thresholds: Thresholds,
+    now: CrossValidation, division: Sequence[Fold], signature: Signature
 ) -> Candidate:
     wider = now.problem.with_effect(signature.id, signature.start)
     starts = [wider.placed(fit.x, signature.start) for fit in now.fits]
-    return _refit(now, division, wider, starts, thresholds)
+    return _refit(now, division, wider, starts)
 
 
 def _refit_like(
-    now: CrossValidation,
-    division: Sequence[Fold],
-    name: str,
-    thresholds: Thresholds,
-    whole: Search | None,
+    now: CrossValidation, division: Sequence[Fold], name: str, whole: Search | None
 ) -> Candidate | None:
     """Return the effect refitted from its place in a model of all data, if any."""
     for model in whole.known if whole else ():
@@ -570,14 +537,11 @@ def _refit_like(
             continue
         if known.tuned[: len(now.problem.tuned)] == now.problem.tuned:
             wider = replace(
-                now.problem,
-                tuned=known.tuned,
-                effects=known.effects,
-                forms=known.forms,
+                now.problem, tuned=known.tuned, effects=known.effects, forms=known.forms
             ).sharing([known])
             start = np.mean([fit.x for fit in model.fits], axis=0)
             starts = [start] * len(division)
-            return _refit(now, division, wider, starts, thresholds)
+            return _refit(now, division, wider, starts)
     return None
 
 
@@ -586,7 +550,6 @@ def _refit(
     division: Sequence[Fold],
     wider: Problem,
     starts: Sequence[FloatArray],
-    thresholds: Thresholds,
 ) -> Candidate:
     """Return the last effect of a wider model, refitted."""
     name = wider.effects[-1]
@@ -600,7 +563,7 @@ def _refit(
     whole = float(old.sum())
     reduction = 1.0 - float(better.sum()) / whole
     z = comparison_z(better, old, whole)
-    reason = rejection_reason(crossed, name, reduction, z, thresholds)
+    reason = rejection_reason(crossed, name, reduction, z)
     return Candidate(name, crossed, reduction, z, reason)
 
 
@@ -629,7 +592,6 @@ class Found:
 
 def search_effects(fitted: BaselineFit, settings: Options, progress: Progress) -> Found:
     """Find the effects that explain the error, and fit their model to all data."""
-    limits = settings.thresholds
     records = fitted.problem.plant.records
     several = len(occasions_of(records)) > 1
     by_trial = "" if several else _random_by_trial(fitted)
@@ -641,7 +603,7 @@ def search_effects(fitted: BaselineFit, settings: Options, progress: Progress) -
     # Occasions are better parts than halves, see `compare_occasions`.
     agreed = Agreement({}, {})
     if not (found.interrupted or several):
-        agreed = check_agreement(fitted, found, limits, part_of(progress, 0.7, 0.12))
+        agreed = check_agreement(fitted, found, part_of(progress, 0.7, 0.12))
     if agreed.interrupted:
         found = found._replace(interrupted=True)
     progress(0.82, "fitting the result to all data")
@@ -669,7 +631,7 @@ def search_effects(fitted: BaselineFit, settings: Options, progress: Progress) -
 def _random_by_trial(fitted: BaselineFit) -> str:
     """Return the constant that differs at random by trial and explains all, or ""."""
     misfit = fitted.crossed.misfit
-    if misfit <= MAX_EXPLAINED_ERROR:
+    if misfit <= Limit.max_explained_error:
         return ""
     constants = trial_constants(fitted.problem, fitted.whole.x)
     names = constants[0].trials if constants else ()
@@ -683,10 +645,9 @@ def _search(fitted: BaselineFit, settings: Options, progress: Progress) -> Searc
     names = tuple(name for name in wanted if name in able)
     rare = () if settings.ids else tuple(name for name in able if name not in names)
     division = interleaved_folds(fitted.problem.plant.records)
-    limits = settings.thresholds
     usual, of_rare = part_of(progress, 0.2, 0.4), part_of(progress, 0.6, 0.1)
-    found = search(fitted.crossed, division, names, limits, usual, rare)
-    return search_rare(found, division, rare, limits, of_rare)
+    found = search(fitted.crossed, division, names, usual, rare)
+    return search_rare(found, division, rare, of_rare)
 
 
 def _extend_tie(
@@ -833,17 +794,14 @@ def only_refines(
 
 
 def check_agreement(
-    baseline_fit: BaselineFit,
-    found: Search,
-    limits: Thresholds,
-    progress: Progress = no_progress,
+    baseline_fit: BaselineFit, found: Search, progress: Progress = no_progress
 ) -> Agreement:
     """Repeat the search on parts of the data, with the candidates of the whole.
 
     Fits begin where those of the whole end, with their floor and numerical resolution.
     """
     effects = found.after.problem.effects
-    if not effects or found.after.misfit <= MAX_EXPLAINED_ERROR:
+    if not effects or found.after.misfit <= Limit.max_explained_error:
         return Agreement({}, {})
     records = baseline_fit.problem.plant.records
     parts = split_trials(records)
@@ -852,9 +810,7 @@ def check_agreement(
     try:
         for place, part in enumerate(parts):
             progress(place / len(parts), f"searching part {place + 1} of {len(parts)}")
-            named.append(
-                _named_effects(baseline_fit, part, sorted(tried), limits, found)
-            )
+            named.append(_named_effects(baseline_fit, part, sorted(tried), found))
     except KeyboardInterrupt:
         baseline_fit.problem.slopes.forget()  # they may be half taken
     own = {step.added: set(step.rivals) for step in found.rounds if step.added}
@@ -896,11 +852,7 @@ def count_votes(
 
 
 def _named_effects(
-    baseline_fit: BaselineFit,
-    part: Masks,
-    ids: Sequence[str],
-    limits: Thresholds,
-    whole: Search,
+    baseline_fit: BaselineFit, part: Masks, ids: Sequence[str], whole: Search
 ) -> list[set[str]]:
     """Return the effects that a part of the data names, each with its ties."""
     problem = baseline_fit.problem
@@ -910,7 +862,7 @@ def _named_effects(
     )
     start = [baseline_fit.whole.x] * len(division)
     crossed = cross_validate(problem, division, start)
-    return names_found(crossed, division, ids, limits, whole)
+    return names_found(crossed, division, ids, whole)
 
 
 def _intersect_masks(one: Masks, other: Masks) -> tuple[NDArray[np.bool_], ...]:

@@ -38,31 +38,17 @@ PLUGIN_KEYS = "keys of the cable plugin"
 
 
 class EffectParameter(NamedTuple):
-    """Parameter of an effect with its plausible size; 0 is off.
+    """Parameter of an effect with its plausible size; 0 is off."""
 
-    Attributes:
-        parameter: its descriptor, with the bounds of fits; logarithmic where it cannot
-            be 0 and only shapes the effect.
-        typical: size that is plausible on a rig; the scale of fits.
-        plausible: least and largest value of the effect; one that fits only beyond is
-            not named.
-        of: reference of `plausible`: the joint's range of motion, the motor's
-            radius, the largest torque, the same over half of the joint's range, the
-            elongation of the scene's cable per tension, or nothing.
-        ordinary: size that any rig may have without a report, a fraction of
-            `ordinary_of`; a smaller one belongs into the model, but is not called
-            missing.
-        ordinary_of: the elongation of the cable per tension, or the pretension (of
-            the friction per length times the length of the conduit).
-        beside: True if it may accompany the effect without being a size of it: the
-            effect is absent if all other sizes are 0.
-        shape: True if it only shapes the effect, although it is fitted linearly, as
-            the place of a stop is.
-    """
-
+    # Its descriptor, with the bounds of fits; logarithmic where it cannot be 0 and only
+    # shapes the effect
     parameter: Parameter
-    typical: float
+    typical: float  # size that is plausible on a rig; the scale of fits
+    # Least and largest value of the effect; one that fits only beyond is not named
     plausible: tuple[float, float] = (-math.inf, math.inf)
+    # Reference of `plausible`: the joint's range of motion, the motor's radius, the
+    # largest torque, the same over half of the joint's range, the elongation of the
+    # scene's cable per tension, or nothing
     of: Literal[
         "",
         "motion",
@@ -72,9 +58,17 @@ class EffectParameter(NamedTuple):
         "joint_torque per motion",
         "cable",
     ] = ""
+    # Size that any rig may have without a report, a fraction of `ordinary_of`; a
+    # smaller one belongs into the model, but is not called missing
     ordinary: float = 0.0
+    # The elongation of the cable per tension, or the pretension (of the friction per
+    # length times the length of the conduit)
     ordinary_of: Literal["", "cable", "pretension", "pretension per length"] = ""
+    # True if it may accompany the effect without being a size of it: the effect is
+    # absent if all other sizes are 0
     beside: bool = False
+    # True if it only shapes the effect, although it is fitted linearly, as the place of
+    # a stop is
     shape: bool = False
 
     @property
@@ -176,10 +170,7 @@ class Signals:
         The end at the motor comes first; the antagonist has the opposite speeds.
         """
         return np.array(
-            [
-                self.motor_radius * self.motor_speed,
-                self.joint_radius * self.joint_speed,
-            ]
+            [self.motor_radius * self.motor_speed, self.joint_radius * self.joint_speed]
         )
 
 
@@ -201,70 +192,56 @@ class RigGeometry(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Effect:
-    """One physical effect.
+    """One physical effect."""
 
-    Attributes:
-        id: its name in `verdict.json`.
-        title: name for readers.
-        equation: term that it adds.
-        where: part of the rig in which it acts.
-        parameters: its parameters.
-        starts: values from which it is screened and fitted; several where the fit
-            depends on an unknown scale.
-        required_excitation: excitation that a recording needs to show it.
-        confounded_with: ids that it is easily confused with.
-        generalises: ids that are special cases of it; where one of them does as well,
-            this one is no rival.
-        form_of: ids of effects whose form it has on some rigs, so that the quality of
-            the fit does not distinguish them.
-        mujoco: how a scene has it.
-        source: publication.
-        cables: the cables with the effect, agonist first.
-        torques: the signals with the effect, in the order motor, joint, sensors.
-        sensor: True for an effect of a sensor, applied after the mechanical ones.
-        joint_arm: coefficients (a, b, ...) of the joint's moment arm over the nominal
-            one, 1 + a q + b q^2 + ..., at joint angle q.
-        motor_arm: the same at the motor, where q is the angle by which each cable is
-            wound on: the motor's angle, and its negative for the antagonist.
-        edit_spec: adds the effect to an `MjSpec`; None where it is in keys of the cable
-            plugin, where a table of `realisation` has it, or where a scene cannot.
-        columns: columns of the file that it takes.
-        by_trial: True if the cables depend on the trial's conditions.
-        rare: True if it is searched on request, and where the other effects leave the
-            error unexplained.
-        resembles: ids of usual effects that a rare one can equal on motions alone: it
-            competes wherever one of them is accepted.
-        forms: names of the forms in which it is offered; the value `form_key(id)` is
-            the index of the one that is simulated, 0 where there is none.
-        implausible: why sizes that are plausible by themselves are not together, in
-            words after "fits only with"; "" if they are.
-    """
-
-    id: str
-    title: str
-    equation: str
-    where: Place
-    parameters: tuple[EffectParameter, ...]
+    id: str  # its name in `verdict.json`
+    title: str  # name for readers
+    equation: str  # term that it adds
+    where: Place  # part of the rig in which it acts
+    parameters: tuple[EffectParameter, ...]  # its parameters
+    # Values from which it is screened and fitted; several where the fit depends on an
+    # unknown scale
     starts: tuple[Values, ...]
-    required_excitation: str
-    confounded_with: tuple[str, ...]
-    mujoco: str
-    source: str
+    required_excitation: str  # excitation that a recording needs to show it
+    confounded_with: tuple[str, ...]  # ids that it is easily confused with
+    mujoco: str  # how a scene has it
+    source: str  # publication
+    # The cables with the effect, agonist first
     cables: (
         Callable[[tuple[Cable, ...], Values, RigGeometry], tuple[Cable, ...]] | None
     ) = None
+    # The signals with the effect, in the order motor, joint, sensors
     torques: Callable[[Signals, Values], Signals] | None = None
+    # True for an effect of a sensor, applied after the mechanical ones
     sensor: bool = False
+    # Ids that are special cases of it; where one of them does as well, this one is no
+    # rival
     generalises: tuple[str, ...] = ()
+    # Ids of effects whose form it has on some rigs, so that the quality of the fit does
+    # not distinguish them
     form_of: tuple[str, ...] = ()
+    # Coefficients (a, b, ...) of the joint's moment arm over the nominal one, 1 + a q +
+    # b q^2 + ..., at joint angle q
     joint_arm: Callable[[Values], tuple[float, ...]] | None = None
+    # The same at the motor, where q is the angle by which each cable is wound on: the
+    # motor's angle, and its negative for the antagonist
     motor_arm: Callable[[Values], tuple[float, ...]] | None = None
+    # Adds the effect to an `MjSpec`; None where it is in keys of the cable plugin,
+    # where a table of `realisation` has it, or where a scene cannot
     edit_spec: Callable[[MjSpec, Bench, Values], None] | None = None
-    columns: tuple[str, ...] = ()
-    by_trial: bool = False
+    columns: tuple[str, ...] = ()  # columns of the file that it takes
+    by_trial: bool = False  # True if the cables depend on the trial's conditions
+    # True if it is searched on request, and where the other effects leave the error
+    # unexplained
     rare: bool = False
+    # Ids of usual effects that a rare one can equal on motions alone: it competes
+    # wherever one of them is accepted
     resembles: tuple[str, ...] = ()
+    # Names of the forms in which it is offered; the value `form_key(id)` is the index
+    # of the one that is simulated, 0 where there is none
     forms: tuple[str, ...] = ()
+    # Why sizes that are plausible by themselves are not together, in words after "fits
+    # only with"; "" if they are
     implausible: Callable[[Values], str] | None = None
 
     def form(self, values: Values) -> str:

@@ -26,12 +26,7 @@ from cc_mujoco.diagnosis._judge import (
 )
 from cc_mujoco.diagnosis._phrases import format_odds
 from cc_mujoco.diagnosis._search.candidates import comparison_z
-from cc_mujoco.diagnosis._thresholds import (
-    FORM_ERROR_SHARE,
-    MAX_EXPLAINED_ERROR,
-    Limit,
-    Thresholds,
-)
+from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis._verdict import Alternative, Verdict
 
 BLOCKS = 64
@@ -46,8 +41,8 @@ def errors(size: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
 def test_without_noise_the_acceptance_threshold_is_two_deviations() -> None:
     start = np.full(BLOCKS, 2.0)
     z = comparison_z(0.9 * start, start, float(start.sum()))
-    assert math.isclose(z, Thresholds().z)
-    assert math.isclose(Thresholds().reduction, 0.1)
+    assert math.isclose(z, Limit.min_z)
+    assert math.isclose(Limit.min_reduction, 0.1)
 
 
 def test_noise_and_discrepancy_add_as_squares() -> None:
@@ -55,7 +50,7 @@ def test_noise_and_discrepancy_add_as_squares() -> None:
     before = 40.0 * BLOCKS
     difference = worse - better
     noise = np.std(difference) * math.sqrt(BLOCKS)
-    form = min(FORM_ERROR_SHARE * before, better.sum())
+    form = min(Limit.form_error_share * before, better.sum())
     expected = difference.sum() / math.hypot(noise, form)
     assert math.isclose(comparison_z(better, worse, before), expected)
 
@@ -97,8 +92,8 @@ def test_rates_are_those_of_the_page() -> None:
 def test_what_happened_once_has_no_rate(rest: float, by_trial: str) -> None:
     stretch = Stretch("trial", 1.0, 2.0, "motor_torque_nm", 20.0, 0.1, False, rest)
     found = Judgement((), (), {}, (), stretch, by_trial)
-    assert one_time(found, Thresholds()) is (rest == 1.0 or bool(by_trial))
-    assert not one_time(found._replace(stretch=None, by_trial=""), Thresholds())
+    assert one_time(found) is (rest == 1.0 or bool(by_trial))
+    assert not one_time(found._replace(stretch=None, by_trial=""))
 
 
 @pytest.mark.parametrize("kind", STUDIED_ERROR)
@@ -133,7 +128,7 @@ def test_odds_of_one_alternative_are_said_once() -> None:
 @pytest.mark.parametrize("kind", ["named", "tie"])
 def test_a_name_that_leaves_more_is_never_all_of_it(kind: Verdict) -> None:
     other = Alternative("outside", 0.5)
-    for left, complete in ((MAX_EXPLAINED_ERROR, True), (3.2, False)):
+    for left, complete in ((Limit.max_explained_error, True), (3.2, False)):
         said = _worded(kind, 0.5, [other], left).statement
         assert ("times the noise floor is left" in said) is not complete
         assert ("nothing else" in said) is (complete and kind == "named")

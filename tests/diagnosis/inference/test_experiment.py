@@ -28,7 +28,6 @@ from cc_mujoco.diagnosis._propose.experiment import (
     recorded,
     refit_difference,
 )
-from cc_mujoco.diagnosis._thresholds import Thresholds
 from cc_mujoco.estimation._least_squares import Fit
 from diagnosis.recorded import BENCH, dataset
 
@@ -69,7 +68,7 @@ def sprung() -> tuple[BaselineFit, Rivals]:
 def test_gravity_and_a_spring_part_where_the_rig_is_turned(
     sprung: tuple[BaselineFit, Rivals],
 ) -> None:
-    found = best_trial(sprung[1], Thresholds())
+    found = best_trial(sprung[1])
     assert found is not None
     planned = found.experiment
     assert "turned by 90 degrees" in planned.description
@@ -148,14 +147,14 @@ def test_no_trial_that_the_data_have_and_none_that_settles_nothing_is_proposed(
     monkeypatch.setattr(experiment, "catalogue", lambda _: turned)
     done = {motion.description for motion in turned}
     monkeypatch.setattr(experiment, "recorded", lambda *_: done)
-    assert best_trial(tie(baseline_fit, spring, weight), Thresholds()) is None
+    assert best_trial(tie(baseline_fit, spring, weight)) is None
     monkeypatch.setattr(experiment, "recorded", lambda *_: set())
     small = {"joint_stiffness": 4e-3, "joint_stiffness_moment": 0.0}
     faint = rival(baseline_fit, "joint_stiffness", small)
     weak = rival(
         baseline_fit, "joint_gravity", {"gravity_sine": 4.4e-3, "gravity_cosine": 0.0}
     )
-    assert best_trial(tie(baseline_fit, faint, weak), Thresholds()) is None
+    assert best_trial(tie(baseline_fit, faint, weak)) is None
 
 
 def test_old_and_new_trials_count_by_what_is_left_with_the_effect(

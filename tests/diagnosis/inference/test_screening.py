@@ -25,7 +25,6 @@ from cc_mujoco.diagnosis._search.candidates import (
     screen,
     signature_cosine,
 )
-from cc_mujoco.diagnosis._thresholds import Thresholds
 from cc_mujoco.diagnosis.effects import EFFECTS
 from cc_mujoco.native import FloatArray
 from diagnosis.recorded import BENCH, dataset
@@ -162,7 +161,7 @@ def test_of_two_effects_of_like_signatures_neither_is_certain(
             Candidate(one, best, 0.9, 6.0, ""),
             Candidate(other, worse, 0.9, 6.0, ""),
         ]
-        found = decide(before, candidates, signs, Thresholds())
+        found = decide(before, candidates, signs)
         if one not in EFFECTS[other].generalises:
             assert set(found.rivals) == {one, other}, (one, other, worse.misfit)
 

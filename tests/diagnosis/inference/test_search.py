@@ -24,7 +24,7 @@ from cc_mujoco.diagnosis._search.candidates import (
     tie_reason,
 )
 from cc_mujoco.diagnosis._search.search import search
-from cc_mujoco.diagnosis._thresholds import FORM_ERROR_SHARE, Thresholds
+from cc_mujoco.diagnosis._thresholds import Limit
 from diagnosis import recorded
 from diagnosis.recorded import BENCH, DT, dataset
 
@@ -143,7 +143,7 @@ def test_play_is_found_whatever_its_size(
     start = fit_scene(data, BENCH, Options(), no_progress)
     assert isinstance(start, BaselineFit)
     division = interleaved_folds(start.problem.plant.records)
-    found = search(start.crossed, division, ("backlash",), Thresholds())
+    found = search(start.crossed, division, ("backlash",))
     assert found.after.misfit < 1.5 < 10.0 < start.crossed.misfit
     values = found.after.problem.values(found.after.fits[0].x)
     assert values["backlash"] == pytest.approx(play, rel=0.01)
@@ -163,7 +163,6 @@ def test_no_tie_where_one_explains_the_data_and_the_other_does_not(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A difference in a single second decides if one model is at the noise floor."""
-    limits = Thresholds()
 
     def model(misfit: float, *last: float) -> Any:
         seconds = np.array([[1.0, 0.0]] * 30 + [[each, 0.0] for each in last])
@@ -173,24 +172,24 @@ def test_no_tie_where_one_explains_the_data_and_the_other_does_not(
     monkeypatch.setattr(acceptance, "parted_by_form", lambda *_: True)
     before, best, other = model(30.0, 30e3), model(1.4, 1.0), model(5.7, 900.0)
     friction = "load_independent_friction", "tension_dependent_friction"
-    assert tie_reason(before, best, other, friction, True, limits) == ""
+    assert tie_reason(before, best, other, friction, True) == ""
     # Neither explains the data: that one second decides nothing.
     worse = best.__class__(misfit=3.0, seconds=best.seconds)
-    assert tie_reason(before, worse, other, friction, True, limits) == "noise"
+    assert tie_reason(before, worse, other, friction, True) == "noise"
     near = other.__class__(misfit=2.0, seconds=other.seconds)
-    assert tie_reason(before, best, near, friction, True, limits) == "noise"
+    assert tie_reason(before, best, near, friction, True) == "noise"
     # A band that softens pulls like a weight, however well a weight fits.
     pull = "joint_gravity", "joint_stiffness"
     sure = model(5.7, *([30.0] * 30))
     longer = model(1.4, *([1.0] * 30))
-    assert tie_reason(before, longer, sure, pull, True, limits) == "form"
-    assert tie_reason(before, longer, sure, pull[::-1], True, limits) == "form"
+    assert tie_reason(before, longer, sure, pull, True) == "form"
+    assert tie_reason(before, longer, sure, pull[::-1], True) == "form"
 
 
 def test_forms_part_two_effects_where_one_trial_shows_the_difference() -> None:
     before, best = crossed(4.0, 4.0, 0.5), crossed(1.0, 1.0, 0.5)
-    little = np.sqrt(1.0 + 0.8 * FORM_ERROR_SHARE * 15.0)
-    much = np.sqrt(1.0 + 1.2 * FORM_ERROR_SHARE * 15.0)
+    little = np.sqrt(1.0 + 0.8 * Limit.form_error_share * 15.0)
+    much = np.sqrt(1.0 + 1.2 * Limit.form_error_share * 15.0)
     assert parted_by_form(before, best, crossed(little, little, 0.5))
     assert not parted_by_form(before, best, crossed(1.0, much, 0.5))
     # Next to nothing shows in the last, so next to nothing is much of it.

@@ -1,27 +1,20 @@
-r"""Stretch of a trial that a model does not explain, while it explains the rest.
+r"""Verdict on the search, its reasons, and its probability.
 
-A cable that comes off, a clamp that slips or a sensor that freezes is no effect of the
-library: it begins at a moment. It hides in the RMS error of all data, and large errors
-count less in fits.
+*Stretch*: a cable that comes off, a clamp that slips or a sensor that freezes is no
+effect of the library: it begins at a moment. It hides in the RMS error of all data, and
+large errors count less in fits.
 
-    stretch = worst_stretch(problem, x, torques)
-    stretch.statement, stretch.rest
+*Identifiability*: the torque change by an effect of plausible size is compared with the
+noise and with the change by each parameter of the accepted model. If tuning of one
+parameter cancels the effect, the two are confounded. If that parameter was tuned
+farther from the scene than its uncertainty allows, the effect is a possible cause. The
+remaining model error is not counted as noise.
 
-Identifiability: effects too small to show, and effects that tuning hides.
-
-The torque change by an effect of plausible size is compared with the noise and with the
-change by each parameter of the accepted model. If tuning of one parameter cancels the
-effect, the two are confounded. If that parameter was tuned farther from the scene than
-its uncertainty allows, the effect is a possible cause. The remaining model error is not
-counted as noise.
-
-Verdict on the search, its reasons, and its probability.
-
-Each comparison of two models has odds Phi(z) to Phi(-z), see `acceptance`; effects
-whose forms meet have the discrepancy f = m E. The odds of a verdict follow from those
-against each alternative and from how often such verdicts are right on sealed rigs
-(`RELIABILITY`, `validation.md`), which counts what no comparison shows: effects that
-the library does not have.
+*Probability*: each comparison of two models has odds Phi(z) to Phi(-z), see
+`candidates`; effects whose forms meet have the discrepancy f = m E. The odds of a
+verdict follow from those against each alternative and from how often such verdicts are
+right on sealed rigs (`RELIABILITY`, `validation.md`), which counts what no comparison
+shows: effects that the library does not have.
 """
 
 from __future__ import annotations

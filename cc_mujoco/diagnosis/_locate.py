@@ -1,24 +1,19 @@
-"""Errors that are periodic in an angle: ripple of a motor, teeth of a gear, a bump.
-
-The error, less smooth functions of angle, speed and torque, is fitted by a sine of
-every order (periods per turn) that the range of the angle resolves: once with a
-constant amplitude and once with an amplitude proportional to the torque. The squared
-error that a sine explains, over that of the adjacent orders, is exponentially
-distributed where none is periodic (Fisher, Proc. R. Soc. A 125, 1929). A reversal or
-another sharp feature raises all orders equally; a ripple raises one. Errors that depend
-on the motion are not random, so a period must also explain a share of the error on
-samples to which it was not fitted.
-
-    line = strongest_line(samples)
-    line.order, line.statistic, line.share
-
-Location of the error: the torque, angle and trials in which it lies.
+"""Location of the error: the torque, angle and trials in which it lies.
 
 The first sentence, which always exists, names the torque in error and the structure
 that explains most of it; the others give each structure by itself, with its test
 statistic.
 
-Maps show the mean error along speed, load, angle and time. The share that an axis
+*Periods* (ripple of a motor, teeth of a gear, a bump): the error, less smooth functions
+of angle, speed and torque, is fitted by a sine of every order (periods per turn) that
+the range of the angle resolves: once with a constant amplitude and once with an
+amplitude proportional to the torque. The squared error that a sine explains, over that
+of the adjacent orders, is exponentially distributed where none is periodic (Fisher,
+Proc. R. Soc. A 125, 1929). A reversal or another sharp feature raises all orders
+equally; a ripple raises one. Errors that depend on the motion are not random, so a
+period must also explain a share of the error on samples to which it was not fitted.
+
+*Maps* show the mean error along speed, load, angle and time. The share that an axis
 explains is that of a mean per bin, found on one half of the stretches and tested on the
 other. Chance is the share with the error shifted in time against the axis, which keeps
 the autocorrelation of both (never a permutation of samples).

@@ -285,7 +285,7 @@ class Alternative:
 
 @dataclass(frozen=True)
 class VerdictOdds:
-    """Probability that the verdict is right, scaled by rates of verdicts on study rigs."""
+    """Probability that the verdict is right, scaled by rates on study rigs."""
 
     # 0 to 1, NaN where no study rig left as much of the error; `validation.md` shows
     # how often it held on new rigs

@@ -1,4 +1,4 @@
-"""Checks of signs and units by the mechanics of a transmission.
+"""Checks of signs, units, clocks and delays by the mechanics of a transmission.
 
 Three things are known of every transmission, whatever its friction: the joint follows
 the motor, the joint torque takes motor torque of the same sign, and motor power less
@@ -6,8 +6,6 @@ joint power is never negative in the long run. Of the eight ways in which signs 
 wrong, each breaks another combination of the three (inverting everything on both sides
 is a change of convention that nothing can show). By virtual work the ratio of the
 angles is the ratio of the torques, friction aside, if the units are right.
-
-Checks of clocks and delays of channels.
 
 The speeds of motor and joint are correlated in windows. Lost motion makes the joint
 late by a time that shrinks with speed; a delay is the same in every window; a clock of

@@ -1,4 +1,7 @@
-"""Start values of the fit, where those of the scene contradict the data.
+"""Fit of the scene to data, or a refusal of data that allow no conclusion.
+
+A rig whose readings are in another unit can still be fitted, with another pretension,
+friction and stiffness, and effects named then are worthless.
 
 A fit of friction and stiffness finds its way from a few times their size, but not from
 a hundred, and nothing starts from a pretension of 0. The mean tension of a cable is its
@@ -6,18 +9,11 @@ stiffness times its stretch, whatever its friction; so a line through torques an
 stretch gives the stiffness, and a coarse grid of simulations the rest. Where nothing on
 the grid is much better than the scene, the scene is the start.
 
-Fit of the baseline, and its error on held-out data.
-
 The baseline holds all that is uncertain of the scene and is fitted before anything is
 named, by a simulation that is as fine as the noise floor requires. Held-out errors are
 weighted by how well the angles determine the torque at that moment: where an end of the
 cable sticks, the last digit of its angle is worth newtons, and a handful of such
 samples would outweigh all others.
-
-Fit of the scene to data, which refuses data that allow no conclusion.
-
-A rig whose readings are in another unit can still be fitted, with another pretension,
-friction and stiffness, and effects named then are worthless.
 """
 
 from __future__ import annotations

@@ -1,11 +1,9 @@
-"""Checks that fitted effects are possible, significant and larger than ordinary.
+"""Fitted values: possible, significant, larger than ordinary; with 95 % intervals.
 
 Plausible sizes are those of the bench, scaled to the rig. `EffectParameter.typical` is
 for a bench of `Limit.tension`, `Limit.radius`, `Limit.length` and `Limit.stiffness`. On
 another rig forces scale with the tension, torques with tension and radius, stretches
 with the stretch of the cable.
-
-Values of fitted parameters with 95 % intervals, and those the data do not determine.
 
 Three things make a parameter uncertain: noise, disagreement between parts of the data,
 and errors of form that all parts share.

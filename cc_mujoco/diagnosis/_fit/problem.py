@@ -1,4 +1,4 @@
-"""Fit of the parameters of the simulated rig to records by least squares.
+"""Fit of the simulated rig to records by least squares, and on held-out data.
 
 Residuals are divided by the noise floor of their channel and weighted by the share of
 them that is independent, so that priors and intervals keep their meaning.
@@ -10,7 +10,7 @@ them; a model with an effect more, or a finer one, begins with those of its pred
 Parameters that change only the reading of a replay, say an offset, are differenced anew
 each time: they need no simulation.
 
-Held-out data: every sample is predicted by parameters that were fitted to others.
+In a cross-validation every sample is predicted by a fit to others.
 """
 
 from __future__ import annotations

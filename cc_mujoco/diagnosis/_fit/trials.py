@@ -1,9 +1,7 @@
-"""Error of every trial, and a test for one recorded on another rig.
+"""Differences between trials: errors, constants that change, odd trials, occasions.
 
 A cable that was tightened or laid anew between trials is no effect of the library: the
 trials then contradict each other, and no added effect explains them all.
-
-Constants that differ from trial to trial or between occasions, and their trends.
 
 Around a fitted model one parameter gets a value of its own in every trial, while all
 others are fitted to all trials. The derivatives of the fit serve for that, so it costs

@@ -1,7 +1,4 @@
-"""Trials that most rigs can run, from which experiments are chosen.
-
-Proposal of the trial that would separate two rivals.
-"""
+"""Trials that most rigs can run, and the one that would separate two rivals."""
 
 from __future__ import annotations
 

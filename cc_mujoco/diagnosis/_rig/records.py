@@ -11,10 +11,9 @@ pretension goes to the first sample, and samples do not count until the motor ha
 the whole cable. Where no sensor measures the joint's torque, it follows from the motion
 of a load that `[rig]` declares: a spring, an inertia, a damper, a weight.
 
-Cache of replays of records; changes of sensors or outer loads need no replay.
-
-Records are replayed independently of each other, each in a thread. The key of a replay
-is everything that acts on the cables, so candidates, folds and derivatives share it.
+Records are replayed independently of each other, each in a thread. The key of a cached
+replay is everything that acts on the cables, so candidates, folds and derivatives share
+it; changes of sensors or outer loads need no replay.
 """
 
 from __future__ import annotations

@@ -1,25 +1,21 @@
-"""Several occasions of one rig: shared effects, a baseline of its own for each.
-
-Between two days a rig is run in, dismantled or left in the sun. Friction, pretension,
-stiffness, offsets and clocks then differ, while the effects that the scene lacks are
-still there. The baseline is that of the last occasion. For every earlier one the fit
-has a parameter `<name>@<occasion>`: the ratio to the last occasion where the parameter
-is fitted as a logarithm, the difference from it elsewhere. So the interval of a change
-does not contain the error that both occasions have in common.
-
-Effects that a rig can show, by its cables and its torque instruments.
-
-A load cell on the cable does not measure effects behind it, a known load has no sensor
-that could be off, and without an instrument of a torque none of its effects can be
-seen. Effects that are left out are reported with the instrument that would show them.
-Facts of the rig remove or bound others.
-
-Simulation of the rig: baseline parameters, effects and sensor readings.
+"""Simulation of the rig: baseline parameters, effects and sensor readings.
 
 Both angles of a record go in, both torques come out. The baseline holds everything a
 careful experimenter tunes before blaming physics: friction (times wrap), stiffness,
 pretension, the balance of two cables, offsets, the clocks' offset and, where the rig's
 file says they are uncertain, the pulleys.
+
+Between two occasions a rig is run in, dismantled or left in the sun. Friction,
+pretension, stiffness, offsets and clocks then differ, while the effects that the scene
+lacks are still there. The baseline is that of the last occasion. For every earlier one
+the fit has a parameter `<name>@<occasion>`: the ratio to the last occasion where the
+parameter is fitted as a logarithm, the difference from it elsewhere. So the interval of
+a change does not contain the error that both occasions have in common.
+
+A load cell on the cable does not measure effects behind it, a known load has no sensor
+that could be off, and without an instrument of a torque none of its effects can be
+seen. Effects that are left out are reported with the instrument that would show them.
+Facts of the rig remove or bound others.
 """
 
 from __future__ import annotations

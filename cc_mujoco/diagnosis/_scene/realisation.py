@@ -1,6 +1,6 @@
-"""The four channels of a rig in a scene, as weighted sums of MuJoCo's sensors.
+"""Effects outside the cables in a scene, and the four channels of a rig.
 
-    instrument(spec, bench)
+    add_instruments(spec, bench)
     model = spec.compile()
     ...
     read_channels(model, data).joint_torque
@@ -11,14 +11,13 @@ the weights (`prm`) of their sum. Of a sensor with several numbers the last one 
 the component along z. Delay is an attribute of the sensors themselves, so nothing here
 keeps a state: `read_channels` is right in any simulation of the scene.
 
-Realisation in MuJoCo of the effects that are not in the cable.
-
     REALISATIONS["motor_inertia"].apply(spec, bench, {"motor_inertia": 2e-4})
 
-Every entry changes a scene so that its motion and its measured torques show the effect.
-The torques of a lever do not show it. All changes are plain MJCF: actuators without
-input, hinges, tendons, springs, armature, sensors with delay. To add an effect, write
-its entry; entries are applied in the order of the table, mechanics before sensors.
+Every entry of the table changes a scene so that its motion and its measured torques
+show the effect. The torques of a lever do not show it. All changes are plain MJCF:
+actuators without input, hinges, tendons, springs, armature, sensors with delay. To add
+an effect, write its entry; entries are applied in the order of the table, mechanics
+before sensors.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""Forward selection: add effects one after another, by their gain on held-out data.
+"""Search for the effects that explain the error, and its test on parts of the data.
 
-Search for the effects that explain the error, and its test on parts of the data.
+Effects are added one after another, by their gain on held-out data.
 
 Where a model stays far from the noise whatever is added, every part of the data rewards
 effects that mend its own form errors, and resampling samples does not show it: the

@@ -15,16 +15,30 @@ from contextlib import contextmanager
 from typing import Any
 
 from cc_mujoco._utils.user_code import named_object
-from cc_mujoco.diagnosis.effects._conduit_effects import CABLE_EFFECTS, FRICTION_EFFECTS
+from cc_mujoco.diagnosis.effects._conduit_effects import (
+    CABLE_EFFECTS,
+    FRICTION_EFFECTS,
+    ClampCreep,
+    FrictionByOrder,
+    FrictionByTemperature,
+)
 from cc_mujoco.diagnosis.effects._drive_effects import (
     BACKLASH_BOUNDS as BACKLASH_BOUNDS,
 )
-from cc_mujoco.diagnosis.effects._drive_effects import DRIVE_EFFECTS, SENSOR_EFFECTS
+from cc_mujoco.diagnosis.effects._drive_effects import (
+    DRIVE_EFFECTS,
+    CurrentRipple,
+    DrumWinding,
+    JointFriction,
+    LeverGeometry,
+    LowerJointStop,
+    UpperJointStop,
+)
 from cc_mujoco.diagnosis.effects._drive_effects import EXIT_FORMS as EXIT_FORMS
-from cc_mujoco.diagnosis.effects._drive_effects import GAIN_BOUNDS as GAIN_BOUNDS
-from cc_mujoco.diagnosis.effects._drive_effects import JOINT_DELAY as JOINT_DELAY
+from cc_mujoco.diagnosis.effects._drive_effects import (
+    CoupledNeighbour as CoupledNeighbour,
+)
 from cc_mujoco.diagnosis.effects._drive_effects import acceleration as acceleration
-from cc_mujoco.diagnosis.effects._drive_effects import delay_signal as delay_signal
 from cc_mujoco.diagnosis.effects._effect import ANTAGONIST as ANTAGONIST
 from cc_mujoco.diagnosis.effects._effect import USUAL_CONDITIONS as USUAL_CONDITIONS
 from cc_mujoco.diagnosis.effects._effect import WIND_UP_BOUNDS as WIND_UP_BOUNDS
@@ -41,10 +55,10 @@ from cc_mujoco.diagnosis.effects._effect import form_key as form_key
 from cc_mujoco.diagnosis.effects._effect_class import Shape as Shape
 from cc_mujoco.diagnosis.effects._effect_class import Size as Size
 from cc_mujoco.diagnosis.effects._effect_class import effect_of_class as effect_of_class
-from cc_mujoco.diagnosis.effects._rare_effects import RARE_EFFECTS
-from cc_mujoco.diagnosis.effects._rare_effects import (
-    CoupledNeighbour as CoupledNeighbour,
-)
+from cc_mujoco.diagnosis.effects._sensor_effects import GAIN_BOUNDS as GAIN_BOUNDS
+from cc_mujoco.diagnosis.effects._sensor_effects import JOINT_DELAY as JOINT_DELAY
+from cc_mujoco.diagnosis.effects._sensor_effects import SENSOR_EFFECTS, SensorCrossTalk
+from cc_mujoco.diagnosis.effects._sensor_effects import delay_signal as delay_signal
 from cc_mujoco.errors import CableError
 
 EFFECTS: dict[str, Effect] = {
@@ -54,7 +68,23 @@ EFFECTS: dict[str, Effect] = {
         *CABLE_EFFECTS,
         *DRIVE_EFFECTS,
         *SENSOR_EFFECTS,
-        *RARE_EFFECTS,
+        # Rare ones: searched on request, and where these leave the error unexplained
+        *(
+            effect_of_class(kind, rare=True)
+            for kind in (
+                ClampCreep,
+                DrumWinding,
+                UpperJointStop,
+                LowerJointStop,
+                CurrentRipple,
+                FrictionByOrder,
+                FrictionByTemperature,
+                SensorCrossTalk,
+                JointFriction,
+                CoupledNeighbour,
+                LeverGeometry,
+            )
+        ),
     )
 }
 """Every effect of the library by its id."""

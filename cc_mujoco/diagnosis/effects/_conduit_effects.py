@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from cc_mujoco.cable import Cable
 from cc_mujoco.cable._parameter import Parameter
 from cc_mujoco.diagnosis.effects._effect import (
     ANTAGONIST,
-    PLUGIN_KEYS,
+    Cables,
     Effect,
     EffectParameter,
     RigGeometry,
@@ -17,6 +16,7 @@ from cc_mujoco.diagnosis.effects._effect import (
     on_all_cables,
     sized,
 )
+from cc_mujoco.diagnosis.effects._effect_class import Shape, Size
 
 _ASYMMETRY_BOUNDS = (-0.5, 0.5)
 """Difference of friction between two directions, over its mean."""
@@ -30,9 +30,7 @@ _END_FRICTION_SHARE = 0.015
 """Friction of uneven bends and ends over the pretension."""
 
 
-def _stribeck(
-    given: tuple[Cable, ...], values: Values, _: RigGeometry
-) -> tuple[Cable, ...]:
+def _stribeck(given: Cables, values: Values, _: RigGeometry) -> Cables:
     # A contact has one slip that renews it: with ageing, that of the ageing law.
     form = round(values.get(form_key("stribeck_friction"), 0.0))
     exponent, tail = tuple(_STRIBECK_FORMS.values())[form]
@@ -50,9 +48,7 @@ def _stribeck(
     )
 
 
-def _asymmetric(
-    given: tuple[Cable, ...], values: Values, _: RigGeometry
-) -> tuple[Cable, ...]:
+def _asymmetric(given: Cables, values: Values, _: RigGeometry) -> Cables:
     # Liners wear one by one, so two cables may differ. The antagonist moves the
     # other way.
     each = (values["friction_asymmetry"], -values["asymmetry_antagonist"])
@@ -62,9 +58,7 @@ def _asymmetric(
     )
 
 
-def _tension_dependent(
-    given: tuple[Cable, ...], values: Values, _: RigGeometry
-) -> tuple[Cable, ...]:
+def _tension_dependent(given: Cables, values: Values, _: RigGeometry) -> Cables:
     # A cable refers to its own pretension, which may be that of one trial; the
     # baseline's friction stays that of a cable in the scene's.
     usual = max(values.get("pretension", given[0].pretension), 1e-9)
@@ -87,12 +81,9 @@ FRICTION_EFFECTS = (
         id="viscous_friction",
         title="viscous friction in the conduit",
         equation="dT/dx += c v",
-        where="conduit",
-        parameters=(EffectParameter(of_cable("viscous_friction", 0.0, 1e5), 50.0),),
-        starts=({"viscous_friction": 50.0},),
+        parameters=(of_cable("viscous_friction", 0.0, 1e5, 50.0),),
         required_excitation="speeds over a decade",
         confounded_with=("sensor_delay", "stribeck_friction"),
-        mujoco=PLUGIN_KEYS,
         source="thesis 2.4.4, Fig. 2.13",
         cables=on_all_cables("viscous_friction"),
     ),
@@ -100,17 +91,14 @@ FRICTION_EFFECTS = (
         id="grease_drag",
         title="drag of a grease that thins as it is sheared",
         equation="dT/dx += s g |v|^n",
-        where="conduit",
         parameters=(
-            EffectParameter(of_cable("grease_drag", 0.0, 1e4), 5.0),
-            EffectParameter(of_cable("grease_exponent", 0.3, 0.7), 0.5),
+            of_cable("grease_drag", 0.0, 1e4, 5.0),
+            of_cable("grease_exponent", 0.3, 0.7, 0.5),
         ),
-        starts=({"grease_drag": 5.0, "grease_exponent": 0.5},),
         required_excitation="speeds over two decades",
         confounded_with=(
             "viscous_friction", "load_independent_friction", "stribeck_friction",
         ),
-        mujoco=PLUGIN_KEYS,
         source="Herschel and Bulkley, Kolloid-Zeitschrift 39, 1926",
         cables=on_all_cables("grease_drag", "grease_exponent"),
         generalises=("viscous_friction", "load_independent_friction"),
@@ -119,10 +107,9 @@ FRICTION_EFFECTS = (
         id="stribeck_friction",
         title="Stribeck friction: more friction at low speed",
         equation="mu += mu_b exp(-x), exp(-x^2) or 1/(1 + x^2), x = |v|/v_b",
-        where="conduit",
         parameters=(
-            EffectParameter(of_cable("stribeck_friction", 0.0, 2.0), 0.05),
-            EffectParameter(of_cable("stribeck_speed", 5e-4, 0.5), 0.02),
+            of_cable("stribeck_friction", 0.0, 2.0, 0.05),
+            of_cable("stribeck_speed", 5e-4, 0.5, 0.02),
             EffectParameter(
                 Parameter(
                     "stribeck_slip", "m", "slip over which Stribeck friction adapts",
@@ -131,17 +118,9 @@ FRICTION_EFFECTS = (
                 2e-4,
             ),
         ),
-        starts=tuple(
-            {
-                "stribeck_friction": 0.05,
-                "stribeck_speed": speed,
-                "stribeck_slip": 2e-4,
-            }
-            for speed in (0.003, 0.01, 0.04)
-        ),
+        starts=tuple({"stribeck_speed": speed} for speed in (0.003, 0.01, 0.04)),
         required_excitation="slow motion and reversals",
         confounded_with=("viscous_friction", "presliding", "dwell_dependent_stiction"),
-        mujoco=PLUGIN_KEYS,
         source="Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994",
         cables=_stribeck,
         forms=tuple(_STRIBECK_FORMS),
@@ -150,12 +129,10 @@ FRICTION_EFFECTS = (
         id="presliding",
         title="presliding: friction builds up over a distance",
         equation="f = clip(f + sigma du, capstan cone), sigma = mu theta T/z",
-        where="conduit",
-        parameters=(EffectParameter(of_cable("bristle_length", 0.0, 0.01), 1e-4),),
+        parameters=(of_cable("bristle_length", 0.0, 0.01, 1e-4),),
         starts=({"bristle_length": 5e-5}, {"bristle_length": 5e-4}),
         required_excitation="small reversals",
         confounded_with=("end_compliance", "backlash", "cable_stiffening"),
-        mujoco=PLUGIN_KEYS,
         source="Dahl 1968; Palli and Melchiorri 2014; thesis (1.2)",
         cables=on_all_cables("bristle_length"),
     ),
@@ -163,31 +140,21 @@ FRICTION_EFFECTS = (
         id="load_independent_friction",
         title="friction that needs no tension",
         equation="dT/dx += s f_0, and s F at the seal of either end",
-        where="conduit",
         parameters=(
-            EffectParameter(
-                of_cable("load_independent_friction", 0.0, 1e4), 1.0,
+            of_cable(
+                "load_independent_friction", 0.0, 1e4, 1.0,
                 ordinary=_END_FRICTION_SHARE, ordinary_of="pretension per length",
             ),
             *(
-                EffectParameter(
-                    of_cable(name, 0.0, 1e4),
-                    1.0,
-                    ordinary=_END_FRICTION_SHARE,
-                    ordinary_of="pretension",
+                of_cable(
+                    name, 0.0, 1e4, 1.0,
+                    ordinary=_END_FRICTION_SHARE, ordinary_of="pretension",
                 )
                 for name in ("seal_proximal", "seal_distal")
             ),
         ),
-        starts=(
-            {
-                "load_independent_friction": 1.0, "seal_proximal": 1.0,
-                "seal_distal": 1.0,
-            },
-        ),
         required_excitation="two levels of load or pretension",
         confounded_with=("tension_dependent_friction",),
-        mujoco=PLUGIN_KEYS,
         source="Palli and Melchiorri, Mechatronics 24, 2014",
         cables=on_all_cables(
             "load_independent_friction", "seal_proximal", "seal_distal",
@@ -197,20 +164,14 @@ FRICTION_EFFECTS = (
         id="asymmetric_friction",
         title="friction that depends on the direction of motion",
         equation="mu (1 + s a)",
-        where="conduit",
-        parameters=(
-            EffectParameter(
-                of_cable("friction_asymmetry", -0.9, 0.9), 0.1, _ASYMMETRY_BOUNDS,
-            ),
-            EffectParameter(
-                of_cable("friction_asymmetry", -0.9, 0.9, "asymmetry_antagonist"), 0.1,
-                _ASYMMETRY_BOUNDS,
-            ),
+        parameters=tuple(
+            of_cable(
+                "friction_asymmetry", -0.9, 0.9, 0.1, name, plausible=_ASYMMETRY_BOUNDS,
+            )
+            for name in ("friction_asymmetry", "asymmetry_antagonist")
         ),
-        starts=({"friction_asymmetry": 0.1, "asymmetry_antagonist": 0.1},),
         required_excitation="motion in both directions at several loads",
         confounded_with=("torque_sensor_offset",),
-        mujoco=PLUGIN_KEYS,
         source="Duclusaud et al., arXiv 2410.08650 (directional friction)",
         cables=_asymmetric,
     ),
@@ -218,12 +179,10 @@ FRICTION_EFFECTS = (
         id="tension_dependent_friction",
         title="friction or wrap that changes with tension",
         equation="mu theta (T/T0)^e",
-        where="conduit",
-        parameters=(EffectParameter(of_cable("tension_exponent", -1.0, 1.0), 0.1),),
+        parameters=(of_cable("tension_exponent", -1.0, 1.0, 0.1),),
         starts=({"tension_exponent": -0.1},),
         required_excitation="tension over a factor of 2",
         confounded_with=("load_independent_friction", "configuration_dependent_wrap"),
-        mujoco=PLUGIN_KEYS,
         source="Jung, Pan, Kang, Tribology International 41, 2008",
         cables=_tension_dependent,
     ),
@@ -231,29 +190,19 @@ FRICTION_EFFECTS = (
         id="dwell_dependent_stiction",
         title="break-away friction that grows with rest",
         equation="mu_s = mu + b ln(1 + t/t_a)",
-        where="conduit",
         parameters=(
-            EffectParameter(of_cable("ageing_friction", 0.0, 2.0), 0.05),
-            EffectParameter(of_cable("critical_slip_distance", 1e-5, 0.02), 1e-3),
-            EffectParameter(of_cable("ageing_time", 1e-3, 100.0), 1.0),
+            of_cable("ageing_friction", 0.0, 2.0, 0.05),
+            of_cable("critical_slip_distance", 1e-5, 0.02, 1e-3),
+            of_cable("ageing_time", 1e-3, 100.0, 1.0),
         ),
-        starts=(
-            {
-                "ageing_friction": 0.02, "critical_slip_distance": 2e-4,
-                "ageing_time": 0.05,
-            },
-            {
-                "ageing_friction": 0.05, "critical_slip_distance": 3e-4,
-                "ageing_time": 1.0,
-            },
-            {
-                "ageing_friction": 0.05, "critical_slip_distance": 3e-3,
-                "ageing_time": 1.0,
-            },
+        starts=tuple(
+            {"ageing_friction": size, "critical_slip_distance": slip, "ageing_time": at}
+            for size, slip, at in (
+                (0.02, 2e-4, 0.05), (0.05, 3e-4, 1.0), (0.05, 3e-3, 1.0),
+            )
         ),
         required_excitation="pauses of different length",
         confounded_with=("stribeck_friction",),
-        mujoco=PLUGIN_KEYS,
         source="Dieterich, Pure Appl. Geophys. 116, 1978; Ruina, JGR 88, 1983",
         cables=on_all_cables(
             "ageing_friction", "critical_slip_distance", "ageing_time",
@@ -263,18 +212,13 @@ FRICTION_EFFECTS = (
         id="friction_drift",
         title="friction that drifts during a trial",
         equation="mu (1 + d t + h W), W the heat of friction that is left",
-        where="conduit",
         parameters=(
-            EffectParameter(of_cable("friction_drift", -1.0, 1.0), 0.01),
-            EffectParameter(of_cable("friction_heating", -10.0, 10.0), 0.02),
-            EffectParameter(of_cable("cooling_time", 1.0, 1e3), 10.0),
-        ),
-        starts=(
-            {"friction_drift": 0.01, "friction_heating": 0.02, "cooling_time": 10.0},
+            of_cable("friction_drift", -1.0, 1.0, 0.01),
+            of_cable("friction_heating", -10.0, 10.0, 0.02),
+            of_cable("cooling_time", 1.0, 1e3, 10.0),
         ),
         required_excitation="trials much longer than a cycle",
         confounded_with=("pretension_loss",),
-        mujoco=PLUGIN_KEYS,
         source="thesis 3.2.3",
         cables=on_all_cables("friction_drift", "friction_heating", "cooling_time"),
     ),
@@ -297,9 +241,7 @@ _FITTING_COMPLIANCES = (
 """Compliances of the cables' fasteners, at the joint and at the motor."""
 
 
-def _change_wrap(
-    given: tuple[Cable, ...], values: Values, rig: RigGeometry
-) -> tuple[Cable, ...]:
+def _change_wrap(given: Cables, values: Values, rig: RigGeometry) -> Cables:
     # The distal end of the agonist moves by minus the joint's rim.
     growth = clamp_to_bounds("wrap_growth", values["wrap_per_angle"] / rig.joint_radius)
     signs = (-1.0, 1.0)
@@ -309,9 +251,7 @@ def _change_wrap(
     )
 
 
-def _stiffening(
-    given: tuple[Cable, ...], values: Values, _: RigGeometry
-) -> tuple[Cable, ...]:
+def _stiffening(given: Cables, values: Values, _: RigGeometry) -> Cables:
     # Strands bed in one by one, so two cables may differ. The baseline's
     # stiffness stays that of a cable in the scene's pretension, as far as it can.
     usual = values.get("pretension", given[0].pretension)
@@ -333,9 +273,7 @@ def _stiffening(
     return tuple(found)
 
 
-def _set_end_compliances(
-    given: tuple[Cable, ...], values: Values, _: RigGeometry
-) -> tuple[Cable, ...]:
+def _set_end_compliances(given: Cables, values: Values, _: RigGeometry) -> Cables:
     # Ends are fastened one by one.
     each = zip(_FITTING_COMPLIANCES[0::2], _FITTING_COMPLIANCES[1::2], strict=True)
     distal, proximal = ([values.get(name, 0.0) for name in names] for names in each)
@@ -350,13 +288,12 @@ CABLE_EFFECTS = (
         id="configuration_dependent_wrap",
         title="wrap that changes with the joint angle",
         equation="theta (1 + k q) in the last part of the conduit",
-        where="conduit",
         parameters=(
             sized(
                 "wrap_per_angle", "1/rad",
                 "relative growth of the wrap angles per joint angle", -5.0, 5.0, 0.1,
             ),
-            EffectParameter(of_cable("wrap_reach", 0.05, 1.0), 0.5),
+            of_cable("wrap_reach", 0.05, 1.0, 0.5),
         ),
         starts=(
             {"wrap_per_angle": 0.1, "wrap_reach": 0.9},
@@ -366,7 +303,6 @@ CABLE_EFFECTS = (
         confounded_with=(
             "joint_gravity", "pulley_eccentricity", "tension_dependent_friction",
         ),
-        mujoco=PLUGIN_KEYS,
         source="thesis 2.4.3, Experiment 1b",
         cables=_change_wrap,
     ),
@@ -374,18 +310,13 @@ CABLE_EFFECTS = (
         id="pretension_loss",
         title="pretension that is lost during a trial",
         equation="T0 (1 - c (1 - exp(-t/t_c)))",
-        where="conduit",
         parameters=(
-            EffectParameter(of_cable("stress_relaxation", 0.0, 1.0), 0.1),
-            EffectParameter(of_cable("relaxation_time", 0.5, 1e4), 10.0),
+            of_cable("stress_relaxation", 0.0, 1.0, 0.1),
+            of_cable("relaxation_time", 0.5, 1e4, 10.0),
         ),
-        starts=(
-            {"stress_relaxation": 0.1, "relaxation_time": 2.0},
-            {"stress_relaxation": 0.1, "relaxation_time": 20.0},
-        ),
+        starts=({"relaxation_time": 2.0}, {"relaxation_time": 20.0}),
         required_excitation="trials much longer than a cycle",
         confounded_with=("friction_drift",),
-        mujoco=PLUGIN_KEYS,
         source="standard linear solid",
         cables=on_all_cables("stress_relaxation", "relaxation_time"),
     ),
@@ -393,25 +324,14 @@ CABLE_EFFECTS = (
         id="cable_stiffening",
         title="cable that stiffens under tension",
         equation="strain += e T / (T + T_b), EA at T_0 as before",
-        where="conduit",
         parameters=(
-            EffectParameter(of_cable("bedding_strain", 0.0, 0.3), 5e-4),
-            EffectParameter(
-                of_cable("bedding_strain", 0.0, 0.3, "bedding_strain_antagonist"), 5e-4,
-            ),
-            EffectParameter(of_cable("bedding_tension", 1.0, 500.0), 20.0),
+            of_cable("bedding_strain", 0.0, 0.3, 5e-4),
+            of_cable("bedding_strain", 0.0, 0.3, 5e-4, "bedding_strain_antagonist"),
+            of_cable("bedding_tension", 1.0, 500.0, 20.0),
         ),
-        starts=tuple(
-            {
-                "bedding_strain": 5e-4,
-                "bedding_strain_antagonist": 5e-4,
-                "bedding_tension": half,
-            }
-            for half in (10.0, 60.0)
-        ),
+        starts=({"bedding_tension": 10.0}, {"bedding_tension": 60.0}),
         required_excitation="large and small loads, slack, or two pretensions",
         confounded_with=("end_compliance", "presliding"),
-        mujoco=PLUGIN_KEYS,
         source="constructional stretch of ropes, as their makers give it",
         cables=_stiffening,
     ),
@@ -419,24 +339,114 @@ CABLE_EFFECTS = (
         id="end_compliance",
         title="compliance of an end fitting",
         equation="u_d += C T_d, u_p -= C T_p",
-        where="conduit",
         parameters=tuple(
-            EffectParameter(
-                of_cable(name.removesuffix(f"_{ANTAGONIST}"), 0.0, 0.01, name),
-                1e-5,
-                _END_COMPLIANCE_BOUNDS,
-                "cable",
-                ordinary=2.0 * _LOOSE_END_SHARE,
-                ordinary_of="cable",
+            of_cable(
+                name.removesuffix(f"_{ANTAGONIST}"), 0.0, 0.01, 1e-5, name,
+                plausible=_END_COMPLIANCE_BOUNDS, of="cable",
+                ordinary=2.0 * _LOOSE_END_SHARE, ordinary_of="cable",
             )
             for name in _FITTING_COMPLIANCES
         ),
-        starts=(dict.fromkeys(_FITTING_COMPLIANCES, 1e-5),),
         required_excitation="reversals at several loads",
         confounded_with=("presliding", "backlash", "cable_stiffening"),
-        mujoco=PLUGIN_KEYS,
         source="series springs",
         cables=_set_end_compliances,
     ),
 )  # fmt: skip
 """Effects of the tension, elasticity and ends of a cable."""
+
+
+class ClampCreep:
+    """Conduit that slides in its clamps under large tension, and stays there."""
+
+    equation = (
+        "ds/dt = c max(T - F, 0), the path shorter by s; s = 0 at a trial's start"
+    )
+    source = "plastic flow above a yield force, Bingham 1922"
+    where = "conduit"
+    needs = (
+        "trials that begin without load, with loads that grow, and smaller ones later"
+    )
+    confused_with = ("pretension_loss", "cable_stiffening", "end_compliance")
+
+    def parameters(self) -> list[Size | Shape]:
+        sizes: list[Size | Shape] = [
+            Size(f"{name}{one}", "m/(N s)", 1e-5, f"{meaning}{of}", 0.0, 1e-2)
+            for name, meaning in (
+                ("clamp_creep_distal", "creep of the clamp at the joint"),
+                ("clamp_creep_proximal", "creep of the clamp at the motor"),
+            )
+            for one, of in (("", ""), (f"_{ANTAGONIST}", ", antagonist"))
+        ]
+        forces = [round(10.0 * 1.35**k, 1) for k in range(12)]
+        held = "force up to which a clamp holds"
+        return [*sizes, Shape("clamp_force", "N", forces, 1.0, 1e4, held)]
+
+    def cables(self, cables: Cables, values: Values, rig: RigGeometry) -> Cables:
+        return tuple(
+            cable.replace(
+                clamp_creep_distal=values.get(f"clamp_creep_distal{one}", 0.0),
+                clamp_creep_proximal=values.get(f"clamp_creep_proximal{one}", 0.0),
+                clamp_force=values["clamp_force"],
+            )
+            for cable, one in zip(cables, ("", f"_{ANTAGONIST}"), strict=False)
+        )
+
+
+_MAX_FRICTION_FACTOR = 10.0
+"""Largest factor of friction between trials of different conditions."""
+
+
+def _with_friction(cables: Cables, change: float) -> Cables:
+    factor = min(max(1.0 + change, 0.0), _MAX_FRICTION_FACTOR)
+    return tuple(
+        cable.replace(friction=clamp_to_bounds("friction", factor * cable.friction))
+        for cable in cables
+    )
+
+
+class FrictionByOrder:
+    """Friction that changes from trial to trial."""
+
+    equation = "mu (1 + d n), n the order of the trial from the middle one"
+    source = "running in and wear of liners"
+    needs = "like trials at the beginning and the end of a session"
+    confused_with = ("friction_drift",)
+
+    def parameters(self) -> list[Size | Shape]:
+        meaning = "relative change of friction per trial"
+        return [Size("friction_per_trial", "1", 0.02, meaning, -1.0, 1.0)]
+
+    def cables(self, cables: Cables, values: Values, rig: RigGeometry) -> Cables:
+        change = values["friction_per_trial"] * rig.conditions.order
+        return _with_friction(cables, change) if change else cables
+
+
+class FrictionByTemperature:
+    """Friction that changes with the temperature."""
+
+    equation = "mu (1 + c (T - T_mean))"
+    source = "greases and polymer liners"
+    columns = ("temperature_c",)
+    needs = "like trials at two temperatures, declared or in a column temperature_c"
+    confused_with = ("friction_drift", "friction_by_order")
+
+    def parameters(self) -> list[Size | Shape]:
+        meaning = "relative change of friction per degree"
+        return [Size("friction_per_kelvin", "1/K", 0.01, meaning, -1.0, 1.0)]
+
+    def cables(self, cables: Cables, values: Values, rig: RigGeometry) -> Cables:
+        share = values["friction_per_kelvin"]
+        change = share * rig.conditions.temperature
+        if change:
+            cables = _with_friction(cables, change)
+        if rate := share * rig.conditions.warming / max(1.0 + change, 0.1):
+            cables = tuple(
+                cable.replace(
+                    friction_drift=clamp_to_bounds(
+                        "friction_drift", cable.friction_drift + rate
+                    )
+                )
+                for cable in cables
+            )
+        return cables

@@ -1,25 +1,26 @@
-"""Effects of pulleys, motor, joint and sensors; those of sensors act last."""
+"""Effects of pulleys, motor and joint."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
-from cc_mujoco.cable import Cable
 from cc_mujoco.cable._parameter import Parameter
 from cc_mujoco.diagnosis.effects._effect import (
-    PLUGIN_KEYS,
+    WIND_UP_BOUNDS,
+    Cables,
     Effect,
     EffectParameter,
     RigGeometry,
     Signals,
     Values,
     clamp_to_bounds,
+    dry_friction,
     form_key,
     sized,
 )
+from cc_mujoco.diagnosis.effects._effect_class import Shape, Size
 from cc_mujoco.native import FloatArray
 
 BACKLASH_BOUNDS = (0.0, 0.15)
@@ -35,9 +36,7 @@ EXIT_FORMS = ("cables leaving as the scene has them", "cables leaving half a tur
 _POSITIVE = (0.0, math.inf)
 
 
-def _eccentric(
-    given: tuple[Cable, ...], values: Values, rig: RigGeometry
-) -> tuple[Cable, ...]:
+def _eccentric(given: Cables, values: Values, rig: RigGeometry) -> Cables:
     def wave(name: str) -> tuple[float, float]:
         cosine, sine = values[f"{name}_cosine"], values[f"{name}_sine"]
         # A fit may try values that no cable accepts: more than the radius.
@@ -58,9 +57,7 @@ def _eccentric(
     )
 
 
-def _soft_play(
-    given: tuple[Cable, ...], values: Values, rig: RigGeometry
-) -> tuple[Cable, ...]:
+def _soft_play(given: Cables, values: Values, rig: RigGeometry) -> Cables:
     # In the soft form the pretension presses each cable's part of the edges in by a
     # quarter of the play.
     play = values["backlash"]
@@ -142,41 +139,21 @@ DRIVE_EFFECTS = (
         title="motor pulley that is eccentric or oval",
         equation="r + e cos(q_m - p) + o cos(2 q_m - s)",
         where="motor",
-        parameters=(
+        parameters=tuple(
             sized(
-                "eccentricity_cosine", "m",
-                "eccentricity of the motor pulley, cosine of its angle", -0.05, 0.05,
-                5e-4, _ROUNDNESS_BOUNDS, "motor_radius",
-            ),
-            sized(
-                "eccentricity_sine", "m",
-                "eccentricity of the motor pulley, sine of its angle", -0.05, 0.05,
-                5e-4, _ROUNDNESS_BOUNDS, "motor_radius",
-            ),
-            sized(
-                "ovality_cosine", "m",
-                "ovality of the motor pulley, cosine of twice its angle", -0.05, 0.05,
-                2e-4, _ROUNDNESS_BOUNDS, "motor_radius",
-            ),
-            sized(
-                "ovality_sine", "m",
-                "ovality of the motor pulley, sine of twice its angle", -0.05, 0.05,
-                2e-4, _ROUNDNESS_BOUNDS, "motor_radius",
-            ),
+                f"{name}_{wave}", "m",
+                f"{name} of the motor pulley, {wave} of {angle}", -0.05, 0.05, typical,
+                _ROUNDNESS_BOUNDS, "motor_radius",
+            )
+            for name, angle, typical in (
+                ("eccentricity", "its angle", 5e-4),
+                ("ovality", "twice its angle", 2e-4),
+            )
+            for wave in ("cosine", "sine")
         ),
-        starts=tuple(
-            {
-                "eccentricity_cosine": 5e-4,
-                "eccentricity_sine": 5e-4,
-                "ovality_cosine": 2e-4,
-                "ovality_sine": 2e-4,
-                form_key("pulley_eccentricity"): form,
-            }
-            for form in (0.0, 1.0)
-        ),
+        starts=tuple({form_key("pulley_eccentricity"): form} for form in (0.0, 1.0)),
         required_excitation="half a turn of the motor pulley or more",
         confounded_with=("torque_sensor_gain", "joint_gravity", "motor_cogging"),
-        mujoco=PLUGIN_KEYS,
         source="geometry",
         cables=_eccentric,
         forms=EXIT_FORMS,
@@ -187,13 +164,12 @@ DRIVE_EFFECTS = (
         equation="tau_m += a cos(n q_m - p)",
         where="motor",
         parameters=(
-            sized(
-                "cogging_cosine", "N m", "torque ripple of the motor, cosine", -100.0,
-                100.0, 0.02,
-            ),
-            sized(
-                "cogging_sine", "N m", "torque ripple of the motor, sine", -100.0,
-                100.0, 0.02,
+            *(
+                sized(
+                    f"cogging_{wave}", "N m", f"torque ripple of the motor, {wave}",
+                    -100.0, 100.0, 0.02,
+                )
+                for wave in ("cosine", "sine")
             ),
             EffectParameter(
                 Parameter(
@@ -205,7 +181,7 @@ DRIVE_EFFECTS = (
             ),
         ),
         starts=tuple(
-            {"cogging_cosine": 0.02, "cogging_sine": 0.02, "cogging_order": order}
+            {"cogging_order": order}
             for order in (*range(4, 28, 2), 30, 33, 36, 40, 44, 48)
         ),
         required_excitation="slow motion over several poles",
@@ -219,19 +195,14 @@ DRIVE_EFFECTS = (
         title="gravity on the joint",
         equation="tau_j -= a sin q + b cos q",
         where="joint",
-        parameters=(
+        parameters=tuple(
             sized(
-                "gravity_sine", "N m",
-                "moment of gravity at the joint, sine of its angle", -1e3, 1e3, 0.1,
+                f"gravity_{wave}", "N m",
+                f"moment of gravity at the joint, {wave} of its angle", -1e3, 1e3, 0.1,
                 _AT_MOST_MEASURED, "joint_torque",
-            ),
-            sized(
-                "gravity_cosine", "N m",
-                "moment of gravity at the joint, cosine of its angle", -1e3, 1e3, 0.1,
-                _AT_MOST_MEASURED, "joint_torque",
-            ),
+            )
+            for wave in ("sine", "cosine")
         ),
-        starts=({"gravity_sine": 0.1, "gravity_cosine": 0.1},),
         required_excitation="joint angles over half a radian",
         confounded_with=(
             "joint_stiffness", "torque_sensor_gain", "torque_sensor_offset",
@@ -256,7 +227,6 @@ DRIVE_EFFECTS = (
                 _AT_MOST_MEASURED, "joint_torque", beside=True,
             ),
         ),
-        starts=({"joint_stiffness": 0.2, "joint_stiffness_moment": 0.1},),
         required_excitation="joint angles over half a radian",
         confounded_with=("joint_gravity", "torque_sensor_gain", "torque_sensor_offset"),
         mujoco="`stiffness` and `springref` of the joint",
@@ -277,7 +247,6 @@ DRIVE_EFFECTS = (
                 _POSITIVE,
             ),
         ),
-        starts=({"joint_inertia": 1e-3},),
         required_excitation="accelerations over a decade",
         confounded_with=("sensor_delay", "joint_stiffness"),
         mujoco="`armature` of the joint, shown by a weightless body that rides along",
@@ -297,7 +266,6 @@ DRIVE_EFFECTS = (
                 -1.0, 1.0, 1e-4, _POSITIVE,
             ),
         ),
-        starts=({"motor_inertia": 1e-4},),
         required_excitation="accelerations over a decade",
         confounded_with=("sensor_delay", "viscous_friction"),
         mujoco="`armature` of the motor, shown by a weightless body that rides along",
@@ -310,136 +278,171 @@ DRIVE_EFFECTS = (
 """Effects of pulleys, motor and joint in the library."""
 
 
-GAIN_BOUNDS = (-0.3, 0.3)
-"""Error of a torque sensor's gain that calibration leaves; beyond, it is declared."""
-_OFFSET_BOUNDS = (-0.3, 0.3)
-"""Offset of a torque sensor over the largest torque; a larger one would be noticed."""
-_DELAY_BOUNDS = (-0.1, 0.1)
-"""Delay of a signal chain; a larger one would be noticed [s]."""
-JOINT_DELAY = "joint_delay"
-"""Effect that delays the joint's angle and torque together [s]."""
+class DrumWinding:
+    """Cable that winds on itself, so that the drum's radius grows."""
+
+    equation = "r_m (1 + g w), w the angle by which a cable is wound on"
+    source = "geometry"
+    where = "motor"
+    needs = "several radians of the motor, both ways"
+    confused_with = ("pulley_eccentricity", "joint_stiffness", "joint_gravity")
+    resembles = ("pulley_eccentricity",)
+
+    def parameters(self) -> list[Size | Shape]:
+        meaning = "relative growth of the drum's radius per wound angle"
+        return [Size("drum_growth", "1/rad", 0.005, meaning, -0.2, 0.2, (0.0, 0.1))]
+
+    def motor_arm(self, values: Values) -> tuple[float, ...]:
+        return (values["drum_growth"],)
 
 
-def delay_signal(signal: FloatArray, by: float, dt: float) -> FloatArray:
-    """Return the signal delayed by this time, its first value held (samples,)."""
-    at = np.arange(signal.size) * dt
-    found: FloatArray = np.interp(at - by, at, signal)
-    return found
+class _JointStop:
+    """Elastic stop at one end of the joint's range."""
+
+    equation = "tau_j -= k (q - q_stop) beyond the stop"
+    source = "statics"
+    where = "joint"
+    needs = "several motions into the stop"
+    confused_with = ("joint_stiffness", "joint_gravity")
+    resembles = confused_with
+    generalises = ("joint_stiffness",)  # where it never lets go
+    side = 1.0
+    """1 for the stop at the largest angle, -1 for that at the smallest."""
+    name = ""
+
+    def parameters(self) -> list[Size | Shape]:
+        starts = self.side * np.array([0.1, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0, 1.3, 1.7])
+        return [
+            Size(f"{self.name}_stiffness", "N m/rad", 5.0, "stiffness", 0.0, 1e4),
+            Shape(
+                f"{self.name}_angle",
+                "rad",
+                [-starts[2], -starts[0], 0.0, *starts],
+                -6.3,
+                6.3,
+                "angle of the joint at which it begins",
+                within=1.0,  # a spring that never lets go is no stop
+            ),
+        ]
+
+    def signals(self, signals: Signals, values: Values) -> Signals:
+        beyond = self.side * (signals.joint_angle - values[f"{self.name}_angle"])
+        torque = values[f"{self.name}_stiffness"] * np.maximum(beyond, 0.0)
+        return signals.added(joint=-self.side * torque)
 
 
-def _gain(s: Signals, v: Values) -> Signals:
-    motor, joint = v["motor_torque_gain"], v["joint_torque_gain"]
-    return replace(s, motor=s.motor * (1.0 + motor), joint=s.joint * (1.0 + joint))
+class UpperJointStop(_JointStop):
+    """Stop at the largest angles of the joint."""
+
+    name = "upper_stop"
 
 
-def _delay(s: Signals, v: Values) -> Signals:
-    return replace(
-        s,
-        motor=delay_signal(s.motor, v["motor_torque_delay"], s.dt),
-        joint=delay_signal(s.joint, v["joint_torque_delay"], s.dt),
-    )
+class LowerJointStop(_JointStop):
+    """Stop at the smallest angles of the joint."""
+
+    side = -1.0
+    name = "lower_stop"
 
 
-SENSOR_EFFECTS = (
-    Effect(
-        id="torque_sensor_gain",
-        title="gain of a torque sensor",
-        equation="tau (1 + g)",
-        where="sensor",
-        parameters=(
-            sized(
-                "motor_torque_gain", "1",
-                "relative error of the gain of the motor torque sensor", -0.9, 9.0,
-                0.05, GAIN_BOUNDS,
-            ),
-            sized(
-                "joint_torque_gain", "1",
-                "relative error of the gain of the joint torque sensor", -0.9, 9.0,
-                0.05, GAIN_BOUNDS,
-            ),
-        ),
-        starts=({"motor_torque_gain": 0.05, "joint_torque_gain": 0.05},),
-        required_excitation="loads that hold still",
-        confounded_with=("joint_gravity", "joint_stiffness"),
-        mujoco="weights of the sensors that a torque is the sum of",
-        source="calibration",
-        torques=_gain,
-        sensor=True,
-    ),
-    Effect(
-        id="torque_sensor_offset",
-        title="offset of a torque sensor",
-        equation="tau + b + d t",
-        where="sensor",
-        parameters=(
-            sized(
-                "motor_torque_bias", "N m", "offset of the motor torque sensor", -1e3,
-                1e3, 0.1, _OFFSET_BOUNDS, "motor_torque",
-            ),
-            sized(
-                "joint_torque_bias", "N m", "offset of the joint torque sensor", -1e3,
-                1e3, 0.1, _OFFSET_BOUNDS, "joint_torque",
-            ),
-            sized(
-                "motor_torque_drift", "N m/s",
-                "rate at which that of the motor torque sensor grows", -10.0, 10.0,
-                0.01,
-            ),
-            sized(
-                "joint_torque_drift", "N m/s",
-                "rate at which that of the joint torque sensor grows", -10.0, 10.0,
-                0.01,
-            ),
-        ),
-        starts=(
-            {
-                "motor_torque_bias": 0.1, "joint_torque_bias": 0.1,
-                "motor_torque_drift": 0.01, "joint_torque_drift": 0.01,
-            },
-        ),
-        required_excitation=(
-            "loads of both signs; for a drift, trials much longer than a cycle"
-        ),
-        confounded_with=("asymmetric_friction", "joint_gravity"),
-        mujoco="a `clock` sensor in the sum that is the torque",
-        source="calibration",
-        torques=lambda s, v: s.added(
-            v["motor_torque_bias"] + v["motor_torque_drift"] * s.time,
-            v["joint_torque_bias"] + v["joint_torque_drift"] * s.time,
-        ),
-        sensor=True,
-    ),
-    Effect(
-        id="sensor_delay",
-        title="readings that are recorded late",
-        equation="tau(t - d), q_j(t - d)",
-        where="sensor",
-        parameters=(
-            sized(
-                JOINT_DELAY, "s", "delay of the joint angle sensor", -0.2, 0.2, 0.005,
-                _DELAY_BOUNDS,
-            ),
-            sized(
-                "motor_torque_delay", "s", "delay of the motor torque sensor", -0.2,
-                0.2, 0.005, _DELAY_BOUNDS,
-            ),
-            sized(
-                "joint_torque_delay", "s", "delay of the joint torque sensor", -0.2,
-                0.2, 0.005, _DELAY_BOUNDS,
-            ),
-        ),
-        starts=(
-            {
-                JOINT_DELAY: 0.005, "motor_torque_delay": 0.005,
-                "joint_torque_delay": 0.005,
-            },
-        ),
-        required_excitation="fast and slow motion",
-        confounded_with=("viscous_friction", "joint_inertia", "motor_inertia"),
-        mujoco="`delay` of the sensors that a torque is the sum of",
-        source="signal chain",
-        torques=_delay,
-        sensor=True,
-    ),
-)  # fmt: skip
-"""Effects of sensors in the library."""
+class CurrentRipple:
+    """Torque ripple of the motor in proportion to its current."""
+
+    equation = "tau_m (1 + a cos(n q_m) + b sin(n q_m))"
+    source = "harmonics of the back-EMF of brushless motors"
+    where = "motor"
+    needs = "slow motion over several poles at large and small loads"
+    confused_with = ("motor_cogging", "torque_sensor_gain")
+
+    def parameters(self) -> list[Size | Shape]:
+        orders = [*range(4, 28, 2), 30, 36, 42, 48]
+        return [
+            Size("ripple_cosine", "1", 0.02, "relative ripple, cosine", -1.0, 1.0),
+            Size("ripple_sine", "1", 0.02, "relative ripple, sine", -1.0, 1.0),
+            Shape("ripple_order", "1", orders, 1.0, 200.0, "periods per turn"),
+        ]
+
+    def signals(self, signals: Signals, values: Values) -> Signals:
+        phase = values["ripple_order"] * signals.motor_angle
+        cosine, sine = values["ripple_cosine"], values["ripple_sine"]
+        wave = cosine * np.cos(phase) + sine * np.sin(phase)
+        return signals.added(motor=signals.motor * wave)
+
+
+class JointFriction:
+    """Dry friction of the joint, as `frictionloss` of MJCF, that may wind up."""
+
+    equation = "tau_j -= F b, b = clip(b + dq/w, -1, 1) or tanh(q' / v)"
+    forms = ("wound up", "lubricated")
+    source = "Coulomb friction with presliding, Dahl 1968"
+    where = "joint"
+    needs = "the cables off and the joint moved both ways"
+    confused_with = ("load_independent_friction", "asymmetric_friction")
+    resembles = confused_with
+
+    def parameters(self) -> list[Size | Shape]:
+        meaning = "dry friction of the joint"
+        turn = "turn of the joint over which its friction builds up"
+        return [
+            Size("joint_friction", "N m", 0.05, meaning, 0.0, 100.0),
+            Shape("joint_wind_up", "rad", [3e-4, 5e-3], *WIND_UP_BOUNDS, turn),
+        ]
+
+    def signals(self, signals: Signals, values: Values) -> Signals:
+        if round(values.get(form_key("joint_friction"), 0.0)) == 0:
+            share = dry_friction(signals.joint_angle, values["joint_wind_up"])
+        else:  # nothing at rest; full from a hundredth of the top speed on
+            speed = signals.joint_speed
+            fast = max(float(np.quantile(np.abs(speed), 0.95)), 1e-9)
+            share = np.tanh(100.0 * speed / fast)
+        return signals.added(joint=-values["joint_friction"] * share)
+
+
+class CoupledNeighbour:
+    """Torque of a neighbouring joint that acts on this one, by a measured column.
+
+    Args:
+        column: name of the column in the files.
+    """
+
+    title = "a neighbouring joint whose torque acts on this one"
+    equation = "tau_j += a tau_n, tau_m += b tau_n"
+    source = "a column of the data"
+    where = "joint"
+    needs = "motion of the neighbour that is not in step with the joint's"
+
+    def __init__(self, column: str = "neighbour_torque_nm") -> None:
+        self.columns = (column,)
+
+    def parameters(self) -> list[Size | Shape]:
+        return [
+            Size("neighbour_at_joint", "1", 0.05, "share that acts on the joint"),
+            Size("neighbour_at_motor", "1", 0.05, "share that acts on the motor"),
+        ]
+
+    def signals(self, signals: Signals, values: Values) -> Signals:
+        (column,) = self.columns
+        other = signals.columns[column]
+        return signals.added(
+            motor=values["neighbour_at_motor"] * other,
+            joint=values["neighbour_at_joint"] * other,
+        )
+
+
+class LeverGeometry:
+    """Moment arm at the joint that differs from that of the scene."""
+
+    equation = "r_j (1 + a q + b q^2)"
+    source = "geometry"
+    where = "joint"
+    needs = "loads over the whole range of the joint"
+    confused_with = ("joint_stiffness", "joint_gravity", "pulley_eccentricity")
+    resembles = ("pulley_eccentricity",)
+
+    def parameters(self) -> list[Size | Shape]:
+        return [
+            Size("arm_slope", "1/rad", 0.02, "slope of the arm over it", -1.0, 1.0),
+            Size("arm_bend", "1/rad^2", 0.02, "bend of the arm over it", -1.0, 1.0),
+        ]
+
+    def joint_arm(self, values: Values) -> tuple[float, ...]:
+        return values["arm_slope"], values["arm_bend"]

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from cc_mujoco.datasets import Bench
 
 Values = Mapping[str, float]
+Cables = tuple[Cable, ...]
+"""Cables of a rig, agonist first."""
 Place = Literal["conduit", "motor", "joint", "sensor"]
 """Part of a rig in which an effect acts."""
 
@@ -197,19 +199,17 @@ class Effect:
     id: str  # its name in `verdict.json`
     title: str  # name for readers
     equation: str  # term that it adds
-    where: Place  # part of the rig in which it acts
     parameters: tuple[EffectParameter, ...]  # its parameters
-    # Values from which it is screened and fitted; several where the fit depends on an
-    # unknown scale
-    starts: tuple[Values, ...]
     required_excitation: str  # excitation that a recording needs to show it
     confounded_with: tuple[str, ...]  # ids that it is easily confused with
-    mujoco: str  # how a scene has it
     source: str  # publication
-    # The cables with the effect, agonist first
-    cables: (
-        Callable[[tuple[Cable, ...], Values, RigGeometry], tuple[Cable, ...]] | None
-    ) = None
+    where: Place = "conduit"  # part of the rig in which it acts
+    # Values from which it is screened and fitted, typical ones unless given; several
+    # where the fit depends on an unknown scale
+    starts: tuple[Values, ...] = ({},)
+    mujoco: str = PLUGIN_KEYS  # how a scene has it
+    # The cables with the effect
+    cables: Callable[[Cables, Values, RigGeometry], Cables] | None = None
     # The signals with the effect, in the order motor, joint, sensors
     torques: Callable[[Signals, Values], Signals] | None = None
     # True for an effect of a sensor, applied after the mechanical ones
@@ -244,6 +244,11 @@ class Effect:
     # only with"; "" if they are
     implausible: Callable[[Values], str] | None = None
 
+    def __post_init__(self) -> None:
+        typical = {parameter.name: parameter.typical for parameter in self.parameters}
+        starts = tuple({**typical, **start} for start in self.starts)
+        object.__setattr__(self, "starts", starts)
+
     def form(self, values: Values) -> str:
         """Return the form that values select, "" of an effect with only one."""
         return (
@@ -264,25 +269,25 @@ def form_key(effect: str) -> str:
     return f"{effect}_form"
 
 
-def on_all_cables(*names: str) -> Callable[..., tuple[Cable, ...]]:
+def on_all_cables(*names: str) -> Callable[[Cables, Values, RigGeometry], Cables]:
     """Return a function that sets these parameters on every cable."""
 
-    def cables(
-        given: tuple[Cable, ...], values: Values, _: RigGeometry
-    ) -> tuple[Cable, ...]:
+    def cables(given: Cables, values: Values, _: RigGeometry) -> Cables:
         changes = {name: values[name] for name in names}
         return tuple(cable.replace(**changes) for cable in given)
 
     return cables
 
 
-def of_cable(name: str, low: float, high: float, called: str = "") -> Parameter:
-    """Return the descriptor of a parameter of the cable for fits of an effect.
+def of_cable(
+    name: str, low: float, high: float, typical: float, called: str = "", **more: Any
+) -> EffectParameter:
+    """Return a parameter of the cable as that of an effect.
 
     With a lower bound above 0, it is fitted as a logarithm; `called` is the name in the
     effect, if it differs.
     """
-    return replace(
+    known = replace(
         _OF_CABLES[name],
         name=called or name,
         low=low,
@@ -290,6 +295,7 @@ def of_cable(name: str, low: float, high: float, called: str = "") -> Parameter:
         low_open=False,
         scale="log" if low > 0.0 else "linear",
     )
+    return EffectParameter(known, typical, **more)
 
 
 def sized(

@@ -35,6 +35,7 @@ from cc_mujoco._utils.user_code import user_errors
 from cc_mujoco.cable import Cable, Parameter
 from cc_mujoco.diagnosis.effects._effect import (
     PLUGIN_KEYS,
+    Cables,
     Effect,
     EffectError,
     EffectParameter,
@@ -356,12 +357,10 @@ def _checked_signals(
 
 def _checked_cables(
     name: str, method: Callable[..., Any]
-) -> Callable[[tuple[Cable, ...], Values, RigGeometry], tuple[Cable, ...]]:
+) -> Callable[[Cables, Values, RigGeometry], Cables]:
     called = _guarded(name, method)
 
-    def cables(
-        given: tuple[Cable, ...], values: Values, rig: RigGeometry
-    ) -> tuple[Cable, ...]:
+    def cables(given: Cables, values: Values, rig: RigGeometry) -> Cables:
         found = called(given, values, rig)
         if (
             not isinstance(found, list | tuple)

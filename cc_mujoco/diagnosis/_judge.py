@@ -320,8 +320,7 @@ class Testability(NamedTuple):
 
     def left(self, change: FloatArray) -> FloatArray:
         """Compute the part of changes that tuning cannot explain (residuals, ...)."""
-        found: FloatArray = change - self.tangent @ (self.tangent.T @ change)
-        return found
+        return change - self.tangent @ (self.tangent.T @ change)
 
 
 def detectability(
@@ -393,8 +392,7 @@ def _best_hidden_mix(changes: FloatArray, tangent: FloatArray) -> FloatArray:
     white = axes[:, kept] / np.sqrt(values[kept])
     _, vectors = np.linalg.eigh(white.T @ (left.T @ left) @ white)
     mix = (white @ vectors[:, 0]) / lengths
-    found: FloatArray = mix / mix[np.argmax(np.abs(mix))]
-    return found
+    return mix / mix[np.argmax(np.abs(mix))]
 
 
 def _confounded_effect(

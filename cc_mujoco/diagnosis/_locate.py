@@ -251,8 +251,7 @@ class _Prepared:
         size = self._root * (self._samples.torque if by_torque else 1.0)
         phase = order * angle
         pair = np.stack([np.cos(phase) * size, np.sin(phase) * size], axis=1)
-        found: FloatArray = pair - self._basis @ (self._basis.T @ pair)
-        return found
+        return pair - self._basis @ (self._basis.T @ pair)
 
     def _spectrum(
         self,
@@ -358,19 +357,16 @@ def map_axes(traces: Sequence[TrialTrace]) -> tuple[ResidualAxis, ...]:
 
 
 def _speed(trace: TrialTrace) -> FloatArray:
-    found: FloatArray = np.gradient(trace.motor_angle, trace.time)
-    return found
+    return np.gradient(trace.motor_angle, trace.time)
 
 
 def _acceleration(trace: TrialTrace) -> FloatArray:
-    found: FloatArray = np.gradient(_speed(trace), trace.time)
-    return found
+    return np.gradient(_speed(trace), trace.time)
 
 
 def _joint_acceleration(trace: TrialTrace) -> FloatArray:
     speed = np.gradient(trace.joint_angle, trace.time)
-    found: FloatArray = np.gradient(speed, trace.time)
-    return found
+    return np.gradient(speed, trace.time)
 
 
 def _travel(trace: TrialTrace) -> FloatArray:
@@ -465,8 +461,7 @@ def _means(sums: FloatArray, count: NDArray[np.intp]) -> FloatArray:
     """
     whole = count.sum(axis=0).astype(float)
     whole[whole == 0.0] = np.nan
-    found: FloatArray = sums.sum(axis=0) / whole
-    return found
+    return sums.sum(axis=0) / whole
 
 
 def _share(sums: FloatArray, count: NDArray[np.intp], square: float) -> float:

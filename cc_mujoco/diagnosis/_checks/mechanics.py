@@ -797,16 +797,14 @@ def _fits_by_lag(
     share = np.where(
         (first > 0.0) & (second > 0.0), first * own + second * beside, alone
     )
-    found: FloatArray = -np.log(np.maximum(1.0 - share, Limit.explained))
-    return found
+    return -np.log(np.maximum(1.0 - share, Limit.explained))
 
 
 def _mean_rate(signal: FloatArray, step: float) -> FloatArray:
     """Return the change of a signal between means of adjacent windows."""
     width = max(1, round(Limit.rate_window / step))
     mean = np.convolve(signal, np.full(width, 1.0 / width), "valid")
-    found: FloatArray = mean[width:] - mean[:-width]
-    return found
+    return mean[width:] - mean[:-width]
 
 
 def _lead_correlation(trial: Trial, bench: Bench) -> float:

@@ -361,15 +361,13 @@ def form_error(
     along = shown.T @ residual
     excess = float(along @ along) - shown.shape[1]
     most = float(np.max(size)) ** 2
-    found: FloatArray = min(max(excess, 0.0) / kept, most) * (into.T @ into)
-    return found
+    return min(max(excess, 0.0) / kept, most) * (into.T @ into)
 
 
 def _basis(columns: FloatArray) -> FloatArray:
     """Return an orthonormal basis (rows, k) of columns of length 1 at most."""
     left, sizes, _ = np.linalg.svd(columns, full_matrices=False)
-    found: FloatArray = left[:, sizes > Limit.new]
-    return found
+    return left[:, sizes > Limit.new]
 
 
 def controls_of(problem: Problem, x: FloatArray, masks: Masks) -> FloatArray:
@@ -397,8 +395,7 @@ def controls_of(problem: Problem, x: FloatArray, masks: Masks) -> FloatArray:
     if wider is problem:
         return np.zeros((count, 0))
     scales = [each.scale for each in wider.tuned[x.size :]]
-    found: FloatArray = slopes[:count, x.size :] * np.array(sizes) / scales
-    return found
+    return slopes[:count, x.size :] * np.array(sizes) / scales
 
 
 class Disagreement(NamedTuple):

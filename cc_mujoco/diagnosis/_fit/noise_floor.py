@@ -158,8 +158,7 @@ def _unexplained(
     if not sum(each.shape[1] for each in there):  # none of them moves enough
         return np.zeros(len(names))
     known = np.concatenate(there, axis=1).mean(axis=1)
-    short: FloatArray = np.maximum(deviation**2 - known, 0.0)
-    return short
+    return np.maximum(deviation**2 - known, 0.0)
 
 
 def _residual_trial(
@@ -191,8 +190,7 @@ def _highest_local_mean(square: FloatArray, dt: float) -> FloatArray:
 
     size = max(3, round(Limit.smoothing_time / dt))
     mean: FloatArray = uniform_filter1d(square, size, axis=1)
-    highest: FloatArray = maximum_filter1d(mean, size, axis=1)
-    return highest
+    return maximum_filter1d(mean, size, axis=1)
 
 
 def likely(record: Record, filtering: Filtering) -> Record:

@@ -540,20 +540,14 @@ def huber_residual(error: FloatArray) -> FloatArray:
     root = np.sqrt(
         np.maximum(2.0 * Limit.huber_delta * size - Limit.huber_delta**2, 0.0)
     )
-    found: FloatArray = np.where(
-        size <= Limit.huber_delta, error, np.sign(error) * root
-    )
-    return found
+    return np.where(size <= Limit.huber_delta, error, np.sign(error) * root)
 
 
 def plain_error(residual: FloatArray) -> FloatArray:
     """Return the errors of which `huber_residual` makes these residuals."""
     size = np.abs(residual)
     large = (size**2 + Limit.huber_delta**2) / (2.0 * Limit.huber_delta)
-    found: FloatArray = np.where(
-        size <= Limit.huber_delta, residual, np.sign(residual) * large
-    )
-    return found
+    return np.where(size <= Limit.huber_delta, residual, np.sign(residual) * large)
 
 
 def independence_weight(errors: Sequence[FloatArray], masks: Masks) -> float:
@@ -695,10 +689,7 @@ def interleaved_folds(records: Sequence[Record]) -> tuple[Fold, ...]:
 def _odd_pieces(counts: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return the second, fourth, ... piece of the samples that count."""
     place = np.cumsum(counts) / max(int(np.sum(counts)), 1)
-    odd: NDArray[np.bool_] = (place * Limit.record_pieces * (1.0 - 1e-9)).astype(
-        int
-    ) % 2 == 1
-    return odd
+    return (place * Limit.record_pieces * (1.0 - 1e-9)).astype(int) % 2 == 1
 
 
 def trial_folds(records: Sequence[Record]) -> tuple[Fold, ...]:

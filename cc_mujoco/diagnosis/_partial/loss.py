@@ -108,8 +108,7 @@ class SceneLaw(NamedTuple):
         slack = ideal - 2.0 * half
         pulling = self.pretension + half + np.maximum(slack, 0.0)
         other = self.pretension - half - np.minimum(slack, 0.0)
-        found: FloatArray = pulling * less - other * more
-        return found
+        return pulling * less - other * more
 
 
 def strokes_of(

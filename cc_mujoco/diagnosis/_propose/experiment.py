@@ -106,8 +106,7 @@ def motions(
 
     def free(motor: FloatArray) -> FloatArray:
         """Return the change of the joint's angle as the motor carries it along."""
-        found: FloatArray = bench.carried(motor_middle + motor) - joint_middle
-        return found
+        return bench.carried(motor_middle + motor) - joint_middle
 
     time = np.arange(0.0, Limit.motion_duration, MOTION_STEP)
 
@@ -117,10 +116,9 @@ def motions(
         )
         wave = size * (1.0 - 4.0 * np.abs((phase + 0.25) % 1.0 - 0.5))
         # No motor turns in an instant.
-        found: FloatArray = gaussian_filter1d(
+        return gaussian_filter1d(
             wave, Limit.turn_rounding_time / MOTION_STEP, mode="nearest"
         )
-        return found
 
     steps = np.repeat((0.02, 0.06, 0.2, 0.5, 1.0), -(-time.size // 5))[: time.size]
     ladder = triangle(swing, rate * steps)
@@ -148,8 +146,7 @@ def motions(
         """Return the motor angle, shifted to one side if there is only one cable."""
         if len(bench.cables) == 2:
             return motor
-        found: FloatArray = 0.5 * (motor - motor.min())
-        return found
+        return 0.5 * (motor - motor.min())
 
     if load is not None:
         stiffness = len(bench.cables) * cable.axial_stiffness / cable.length
@@ -658,8 +655,7 @@ def _with_trial(
 
 
 def _row_medians(each: Sequence[FloatArray]) -> FloatArray:
-    found: FloatArray = np.median(np.concatenate(each, axis=1), axis=1)[:, None]
-    return found
+    return np.median(np.concatenate(each, axis=1), axis=1)[:, None]
 
 
 def _without_effects(
@@ -686,8 +682,7 @@ def form_error(
         np.mean(((torque - rest) / noise) ** 2, axis=1, keepdims=True)
         for torque, rest in zip(shown, without, strict=True)
     ]
-    found: FloatArray = np.sqrt(Limit.form_error_share * np.min(sizes, axis=0))
-    return found
+    return np.sqrt(Limit.form_error_share * np.min(sizes, axis=0))
 
 
 def refit_difference(
@@ -730,10 +725,7 @@ def refit_difference(
     bounds = tuple(side * size for side in (margins[0] - 1e-9, margins[1] + 1e-9))
     change = np.zeros(x.size)
     change[moves] = lsq_linear(short, axes.T @ wanted, bounds).x / size
-    left: FloatArray = (
-        difference - (slopes @ change).reshape(difference.shape) / problem.weight
-    )
-    return left
+    return difference - (slopes @ change).reshape(difference.shape) / problem.weight
 
 
 def as_record(problem: Problem, motion: CataloguedTrial) -> Record:

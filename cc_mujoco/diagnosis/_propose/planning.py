@@ -255,8 +255,7 @@ def _noise_response(
     )
     (there,) = plant.limited([moved]).simulate(blank.values(np.zeros(len(blank.tuned))))
     scatter = np.sqrt(np.mean((there - torque) ** 2, axis=1))
-    found: FloatArray = np.broadcast_to(np.hypot(scatter, sizes)[:, None], torque.shape)
-    return found
+    return np.broadcast_to(np.hypot(scatter, sizes)[:, None], torque.shape)
 
 
 def _gram_matrices(
@@ -356,8 +355,7 @@ def _whitened(own: FloatArray) -> FloatArray:
     """Return the orthonormal combinations of an effect's changes (amplitudes, k)."""
     values, vectors = np.linalg.eigh(own)
     kept = values > 1e-6 * max(float(values[-1]), 1e-300)
-    found: FloatArray = vectors[:, kept] / np.sqrt(values[kept])
-    return found
+    return vectors[:, kept] / np.sqrt(values[kept])
 
 
 def _cosine(cross: FloatArray, one: FloatArray, other: FloatArray) -> float:

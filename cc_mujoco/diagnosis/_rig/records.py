@@ -153,13 +153,12 @@ def load_torque(
     speed = np.gradient(angle, step)
     stretch = angle - values.get("load_rest_angle", 0.0)
     lift = np.sin(angle + tilt - values.get("load_hanging_angle", 0.0))
-    found: FloatArray = (
+    return (
         values.get("load_stiffness", 0.0) * stretch
         + values.get("load_damping", 0.0) * speed
         + values.get("load_inertia", 0.0) * np.gradient(speed, step)
         + values.get("load_weight", 0.0) * lift
     )
-    return found
 
 
 def load_noise(
@@ -496,8 +495,7 @@ class Setting(NamedTuple):
 
     def following(self, joint: FloatArray) -> FloatArray:
         """Return the motor angle at which the cables keep their length (samples,)."""
-        found: FloatArray = self.joint_radius / self.motor_radius * self.turned(joint)
-        return found
+        return self.joint_radius / self.motor_radius * self.turned(joint)
 
     def turned(self, joint: FloatArray) -> FloatArray:
         """Return the pulley angle that takes as much cable as the joint (samples,)."""
@@ -505,8 +503,7 @@ class Setting(NamedTuple):
             return joint if self.lever is None else self.lever.turned(joint)
         if self.lever is None:
             whole = Polynomial((1.0, *self.arm)).integ()
-            found: FloatArray = whole(joint)
-            return found
+            return whole(joint)
         angles = self.lever.joint
         arm = self.moment_share(angles)
         middle = 0.5 * (arm[1:] + arm[:-1]) * np.diff(angles)
@@ -543,8 +540,7 @@ class Played(NamedTuple):
 
 
 def _agonist_less_antagonist(tension: FloatArray) -> FloatArray:
-    found: FloatArray = np.array([1.0, -1.0])[: len(tension)] @ tension
-    return found
+    return np.array([1.0, -1.0])[: len(tension)] @ tension
 
 
 REPLAYS: WeakKeyDictionary[Record, OrderedDict[Setting, Played]] = WeakKeyDictionary()
@@ -698,5 +694,4 @@ def shift_signal(signal: FloatArray, samples: float) -> FloatArray:
     if samples == 0.0:
         return signal
     x = np.arange(signal.size)
-    found: FloatArray = np.interp(x + samples, x, signal)
-    return found
+    return np.interp(x + samples, x, signal)

@@ -146,8 +146,7 @@ class _Sensors:
 
     def torques(self, data: mujoco.MjData) -> FloatArray:
         """Return the motor and joint torque at the last evaluation (2,) [N m]."""
-        found: FloatArray = self._weights @ data.sensordata
-        return found
+        return self._weights @ data.sensordata
 
 
 class _Forces(_Sensors):

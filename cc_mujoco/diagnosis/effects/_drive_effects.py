@@ -81,8 +81,7 @@ def _rotate_phase(phase: float, angle: float) -> float:
 
 def acceleration(angle: FloatArray, dt: float) -> FloatArray:
     """Return the second derivative (samples,) [rad/s^2]."""
-    found: FloatArray = np.gradient(np.gradient(angle, dt), dt)
-    return found
+    return np.gradient(np.gradient(angle, dt), dt)
 
 
 def _cogging(s: Signals, v: Values) -> Signals:

@@ -20,7 +20,7 @@ shows: effects that the library does not have.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from statistics import NormalDist
 from typing import NamedTuple
@@ -414,13 +414,11 @@ def _confounded_effect(
     explains = ""
     if possible and abs(place) > Limit.max_prior_sigmas * parameter.prior:
         explains = f"about {_size_text(first.name, share * size, first.unit)}"
-    remedy = _remedy(parameter.name, change.effect)
+    # Parameters of effects that are in the model have no remedy of their own.
+    remedy = REMEDIES.get(
+        base_name(parameter.name), f"record {change.effect.required_excitation}"
+    )
     return Confounded(change.effect.id, parameter.name, statement, explains, remedy)
-
-
-def _remedy(parameter: str, effect: Effect) -> str:
-    # Parameters of effects that are in the model have none of their own.
-    return REMEDIES.get(base_name(parameter), f"record {effect.required_excitation}")
 
 
 def deviating_parameters(
@@ -449,7 +447,10 @@ def deviating_parameters(
         if (scene := problem.plant.given.get(name)) is not None:
             if name == "pretension":  # a fit that replaces it believes in nothing
                 known = Limit.pretension_deviation / parameter.scale
-            given, deviation = scene, _prior_distance(parameter, place, scene) / known
+            given, deviation = scene, math.inf
+            if scene > 0.0:
+                off = abs(math.log(parameter.value(place) / scene))
+                deviation = off / parameter.scale / known
         if deviation < Limit.max_prior_sigmas or estimated[name].holds(given):
             continue
         others = [
@@ -476,13 +477,6 @@ def deviating_parameters(
             )
         )
     return tuple(found)
-
-
-def _prior_distance(parameter: Tuned, place: float, given: float) -> float:
-    """Return the distance of a place from the scene's value, perhaps 0 [scales]."""
-    if given <= 0.0:
-        return math.inf
-    return abs(math.log(parameter.value(place) / given)) / parameter.scale
 
 
 def untestable_effects(
@@ -674,7 +668,7 @@ def _verdict(found: Search, outcome: Judgement) -> tuple[Verdict, str]:
     if stretch is not None and stretch.size > Limit.stretch_limit:
         statement += f" One stretch is left: {stretch.statement}"
     if refining:
-        either = list_words(list_words(_tied_titles(each), "or") for each in refining)
+        either = list_words(_titles((each.id, *each.rivals), "or") for each in refining)
         statement += (
             f" {capitalise(either)} refines the model, but explains too little to be "
             "called missing."
@@ -731,10 +725,7 @@ def _verdict(found: Search, outcome: Judgement) -> tuple[Verdict, str]:
     if tied:
         sure = [name for name in missing if name not in tied]
         groups = [_titles(sure)] if sure else []
-        groups += [
-            list_words([EFFECTS[name].title for name in tie], "or")
-            for tie in outcome.ties
-        ]
+        groups += [_titles(tie, "or") for tie in outcome.ties]
         every = ", and ".join(groups)
         return "tie", f"Missing: {every}. These data do not show which. {statement}"
     verb = "is" if len(missing) == 1 else "are"
@@ -807,12 +798,8 @@ def _describe_implausible(found: Search) -> str:
     return f"; {list_words(statements)}" if statements else ""
 
 
-def _tied_titles(found: FoundEffect) -> list[str]:
-    return [EFFECTS[name].title for name in (found.id, *found.rivals)]
-
-
-def _titles(names: list[str]) -> str:
-    return list_words([EFFECTS[name].title for name in names])
+def _titles(names: Iterable[str], last: str = "and") -> str:
+    return list_words([EFFECTS[name].title for name in names], last)
 
 
 def _describe_gap(found: Mapping[str, Gap]) -> str:

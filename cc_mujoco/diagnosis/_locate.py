@@ -323,7 +323,6 @@ def _lower_medians(taken: FloatArray) -> FloatArray:
 
 
 BINS = 14
-_CHANNEL_NAMES = {"motor_torque_nm": "motor torque", "joint_torque_nm": "joint torque"}
 
 
 class ResidualAxis(NamedTuple):
@@ -342,12 +341,16 @@ def map_axes(traces: Sequence[TrialTrace]) -> tuple[ResidualAxis, ...]:
     return (
         of("motor speed", "rad/s", _speed),
         of("absolute motor speed", "rad/s", lambda t: np.abs(_speed(t))),
-        of("motor acceleration", "rad/s^2", _acceleration),
-        of("joint acceleration", "rad/s^2", _joint_acceleration),
+        of("motor acceleration", "rad/s^2", lambda t: np.gradient(_speed(t), t.time)),
+        of(
+            "joint acceleration",
+            "rad/s^2",
+            lambda t: np.gradient(np.gradient(t.joint_angle, t.time), t.time),
+        ),
         of("motor angle", "rad", lambda t: t.motor_angle),
         of("joint angle", "rad", lambda t: t.joint_angle),
         *(
-            of(_CHANNEL_NAMES[name], "N m", lambda t, name=name: t.measured[name])
+            of(channel_name(name), "N m", lambda t, name=name: t.measured[name])
             for name in list(traces[0].measured)[-1:]
         ),
         of("direction of motion", "1", lambda t: np.sign(_speed(t))),
@@ -358,15 +361,6 @@ def map_axes(traces: Sequence[TrialTrace]) -> tuple[ResidualAxis, ...]:
 
 def _speed(trace: TrialTrace) -> FloatArray:
     return np.gradient(trace.motor_angle, trace.time)
-
-
-def _acceleration(trace: TrialTrace) -> FloatArray:
-    return np.gradient(_speed(trace), trace.time)
-
-
-def _joint_acceleration(trace: TrialTrace) -> FloatArray:
-    speed = np.gradient(trace.joint_angle, trace.time)
-    return np.gradient(speed, trace.time)
 
 
 def _travel(trace: TrialTrace) -> FloatArray:
@@ -432,7 +426,10 @@ def _map(
     own, rest = sums(before), sums(after)
     shares, means = [], []
     for _ in range(30):
-        moved = sums([np.roll(e, _shift(e.size, random)) for e in before])
+        # A random shift along the axis, far from none and all.
+        ends = [(e.size // 4, max(3 * e.size // 4, e.size // 4 + 1)) for e in before]
+        shifts = [int(random.integers(*each)) for each in ends]
+        moved = sums([np.roll(e, by) for e, by in zip(before, shifts, strict=True)])
         shares.append(_share(moved, count, square))
         means.append(_means(moved, count))
     return Map(
@@ -446,12 +443,6 @@ def _map(
         share=max(_share(own, count, square), 0.0),
         chance=max(float(np.quantile(shares, 0.95)), 0.0),
     )
-
-
-def _shift(size: int, random: np.random.Generator) -> int:
-    """Return a random shift of an error along the axis, far from none and all."""
-    first = size // 4
-    return int(random.integers(first, max(3 * size // 4, first + 1)))
 
 
 def _means(sums: FloatArray, count: NDArray[np.intp]) -> FloatArray:
@@ -494,7 +485,7 @@ def describe_map(drawn: Map) -> str:
     )
     sense = " (1 is forwards, \u22121 backwards)" if drawn.unit == "1" else ""
     return (
-        f"{format_share(drawn.share)} of the squared {_CHANNEL_NAMES[drawn.channel]} "
+        f"{format_share(drawn.share)} of the squared {channel_name(drawn.channel)} "
         f"error lies along {drawn.axis} (chance gives {format_share(drawn.chance)}): "
         f"measured minus simulated is {first} and {last}{sense}."
     )

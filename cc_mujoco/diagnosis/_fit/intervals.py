@@ -33,7 +33,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.cable import Cable
 from cc_mujoco.diagnosis._fit.problem import Masks, Problem, TorqueDerivatives, jacobian
 from cc_mujoco.diagnosis._rig.records import Record
 from cc_mujoco.diagnosis._rig.simulation import plausible_range
@@ -50,10 +49,6 @@ from cc_mujoco.native import FloatArray
 
 IMPLAUSIBLE_PREFIX = "fits only with"
 """Beginning of the reason not to name an effect whose size is impossible."""
-_OF_STRETCH = ("bristle_length",)
-_OF_STRAIN = ("bedding_strain", "bedding_strain_antagonist")
-_AT_MOTOR = ("motor_", "cogging_", "eccentricity_", "ovality_")
-_TORQUES = ("N m", "N m/s", "N m/rad", "kg m^2")
 
 
 def implausibility(problem: Problem, x: FloatArray) -> str:
@@ -147,17 +142,12 @@ def max_ordinary_size(
 ) -> float:
     """Return the largest size of a parameter that any rig may have, above 0."""
     cables = problem.plant.cables(problem.values(x), problem.effects)
-    sizes = [
-        parameter.ordinary * _reference_size(parameter.ordinary_of, c) for c in cables
-    ]
-    return max(min(sizes), 1e-12)
-
-
-def _reference_size(of: str, cable: Cable) -> float:
-    """Return the reference of the ordinary size of an effect's parameter."""
-    if of == "cable":
-        return cable.length / cable.axial_stiffness
-    return cable.pretension / (cable.length if of == "pretension per length" else 1.0)
+    references = {
+        "cable": [c.length / c.axial_stiffness for c in cables],
+        "pretension": [c.pretension for c in cables],
+        "pretension per length": [c.pretension / c.length for c in cables],
+    }[parameter.ordinary_of or "pretension"]
+    return max(min(parameter.ordinary * each for each in references), 1e-12)
 
 
 def shape_indices(problem: Problem, name: str) -> list[int]:
@@ -184,27 +174,24 @@ def plausible_size(
     tension = cable.pretension / Limit.tension
     length = cable.length / Limit.length
     soft = Limit.stiffness / cable.axial_stiffness
-    at_motor = parameter.name.startswith(_AT_MOTOR)
+    at_motor = parameter.name.startswith(
+        ("motor_", "cogging_", "eccentricity_", "ovality_")
+    )
     radius = (bench.motor_radius if at_motor else bench.joint_radius) / Limit.radius
-    scale = 1.0
-    if parameter.name in _OF_STRETCH:
+    scales = {
+        **dict.fromkeys(("N m", "N m/s", "N m/rad", "kg m^2"), tension * radius),
+        "N": tension,
+        "N/m": tension / length,
+        "N s/m^2": tension / length / radius,
+        "m/N": soft * length,
+        "m": radius,
+        "1/J": 1.0 / max(tension * radius, 1e-300),
+    }
+    scale = scales.get(parameter.unit, 1.0)
+    if parameter.name == "bristle_length":
         scale = tension * soft * length
-    elif parameter.name in _OF_STRAIN:
+    elif parameter.name.startswith("bedding_strain"):
         scale = tension * soft
-    elif parameter.unit in _TORQUES:
-        scale = tension * radius
-    elif parameter.unit == "N":
-        scale = tension
-    elif parameter.unit == "N/m":
-        scale = tension / length
-    elif parameter.unit == "N s/m^2":
-        scale = tension / length / radius
-    elif parameter.unit == "m/N":
-        scale = soft * length
-    elif parameter.unit == "m":
-        scale = radius
-    elif parameter.unit == "1/J":
-        scale = 1.0 / (tension * radius)
     return parameter.typical * scale
 
 
@@ -267,35 +254,25 @@ def estimates(problem: Problem, x: FloatArray, spread: Spread) -> dict[str, Esti
         )
     }
     for parameter in problem.tuned:
-        if (
-            parameter.factor
-            and _log_span(found[parameter.name]) > 2.0 * Limit.max_log_factor
-        ):
-            nothing = replace(found[parameter.name], ci95=(math.nan, math.nan))
-            found[parameter.name] = nothing
+        own = found[parameter.name]
+        low, high = own.ci95
+        known = low > 0.0 and math.log(high / low) <= 2.0 * Limit.max_log_factor
+        if parameter.factor and not known:
+            found[parameter.name] = replace(own, ci95=(math.nan, math.nan))
     for name in problem.effects:
         for index in amplitude_indices(problem, [name]):
             tuned = problem.tuned[index]
             if tuned.low * tuned.scale + tuned.start != 0.0:
                 continue
-            if shape_indices(problem, name) and x[index] > 0.0:
-                found[tuned.name] = _proportional_interval(found[tuned.name])
+            own = found[tuned.name]
+            low, high = own.ci95
+            if shape_indices(problem, name) and x[index] > 0.0:  # in proportion
+                half = min(0.5 * (high - low) / own.value, Limit.max_log_factor)
+                within = own.value / math.exp(half), own.value * math.exp(half)
+                found[tuned.name] = Estimate(own.value, own.unit, within)
             else:  # no size is below 0
-                interval_found = found[tuned.name]
-                within = max(interval_found.ci95[0], 0.0), interval_found.ci95[1]
-                found[tuned.name] = replace(interval_found, ci95=within)
+                found[tuned.name] = replace(own, ci95=(max(low, 0.0), high))
     return found
-
-
-def _log_span(found: Estimate) -> float:
-    low, high = found.ci95
-    return math.log(high / low) if low > 0.0 else math.inf
-
-
-def _proportional_interval(found: Estimate) -> Estimate:
-    low, high = found.ci95
-    reach = math.exp(min(0.5 * (high - low) / found.value, Limit.max_log_factor))
-    return Estimate(found.value, found.unit, (found.value / reach, found.value * reach))
 
 
 def undetermined(problem: Problem, x: FloatArray, masks: Masks) -> tuple[str, ...]:

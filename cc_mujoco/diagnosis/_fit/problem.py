@@ -127,7 +127,14 @@ class TorqueDerivatives:
         take(0, range(len(seen)), False)
         for known, places in new.items():
             take(known, places, True)
-        reach = np.array([_valid_change(p) for p in problem.tuned])
+        reach = np.array(
+            [
+                min(Limit.valid_log_change / p.scale, 3.0)
+                if p.factor
+                else Limit.valid_change
+                for p in problem.tuned
+            ]
+        )
         reach[~np.array(inner)] = np.inf
         gone = [
             p
@@ -262,15 +269,6 @@ def _step(parameter: Tuned, place: float) -> float:
         base_name(parameter.name), FACTOR_STEP if parameter.factor else 0.05
     )
     return -step if place + step > parameter.high else step
-
-
-def _valid_change(parameter: Tuned) -> float:
-    """Return the change over which the derivatives hold."""
-    return (
-        min(Limit.valid_log_change / parameter.scale, 3.0)
-        if parameter.factor
-        else Limit.valid_change
-    )
 
 
 Masks = Sequence[NDArray[np.bool_]]

@@ -553,14 +553,6 @@ def _rms(parts: Sequence[FloatArray]) -> float:
     return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
 
 
-LOAD_INDEPENDENT_TIE = ("load_independent_friction", "drive_friction")
-"""Causes of a loss that does not depend on the load; the second is not in a cable."""
-CONSTANT_LOAD_TIE = ("friction", "load_independent_friction")
-"""Causes of a loss at one load; the first is a parameter of the scene."""
-DRAG_TIE = ("viscous_friction", "grease_drag")
-"""Effects that make a loss grow with speed."""
-BREAKAWAY_TIE = ("stribeck_friction", "dwell_dependent_stiction")
-"""Effects that make the loss larger after a reversal than while sliding."""
 _WHAT_TELLS = (
     "Record the motor's angle as well, to find stretch, play and pretension and to "
     "distinguish the effects."
@@ -592,7 +584,15 @@ def diagnose_loss(dataset: Dataset, bench: Bench, seed: int = 0) -> Diagnosis:
             f"{where} has several occasions, which take the motor's angle to compare; "
             "diagnose each by itself"
         )
-    used = [trial for trial in dataset.trials if _as_usual(trial)]
+    special = (
+        *("unhooked", "swapped", "load_cell"),
+        *("known_joint_torque", "known_motor_torque"),
+    )
+    used = [
+        trial
+        for trial in dataset.trials
+        if not any(getattr(trial.facts, fact) for fact in special)
+    ]
     strokes = [s for k, t in enumerate(used) for s in _strokes(k, t, dataset, bench)]
     load, torque = _noise(used, dataset, bench)
     known = dataset.constants.get("gain_uncertainty")
@@ -638,17 +638,6 @@ def diagnose_loss(dataset: Dataset, bench: Bench, seed: int = 0) -> Diagnosis:
     )
 
 
-def _as_usual(trial: Trial) -> bool:
-    facts = trial.facts
-    return not (
-        facts.unhooked
-        or facts.swapped
-        or facts.load_cell
-        or facts.known_joint_torque
-        or facts.known_motor_torque
-    )
-
-
 def _strokes(place: int, trial: Trial, dataset: Dataset, bench: Bench) -> list[Stroke]:
     """Return the strokes of a trial, all signals through the same low-pass."""
     band = compared_band(trial.rate)
@@ -690,15 +679,15 @@ def _ties(found: LossFit) -> tuple[tuple[str, ...], ...]:
     ties = []
     loss = values.get("load_independent_loss")
     if loss and loss.ci95[0] - found.scene["load_independent_loss"] > least:
-        ties.append(LOAD_INDEPENDENT_TIE)
+        ties.append(("load_independent_friction", "drive_friction"))
     if "drag" in values and values["drag"].ci95[0] * found.speed > least:
-        ties.append(DRAG_TIE)
+        ties.append(("viscous_friction", "grease_drag"))
     total = values.get("total_loss")
     if total and not total.holds(found.scene.get("total_loss", math.nan)):
-        ties.append(CONSTANT_LOAD_TIE)
+        ties.append(("friction", "load_independent_friction"))
     excess = values.get("breakaway_excess")
     if excess and excess.ci95[0] > Limit.min_excess:
-        ties.append(BREAKAWAY_TIE)
+        ties.append(("stribeck_friction", "dwell_dependent_stiction"))
     return tuple(ties)
 
 

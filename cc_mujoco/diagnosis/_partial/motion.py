@@ -127,10 +127,6 @@ def describe_mode(
     return " ".join(each for each in found if each)
 
 
-DEAD_ZONE_TIE = ("backlash", "end_compliance")
-"""Effects that make a dead zone."""
-LAG_TIE = ("sensor_delay", "viscous_friction")
-"""Effects that make a lag."""
 _WHAT_TELLS = (
     "Record a torque at either end, or load the joint with a known spring or weight "
     "and declare it in [rig], to distinguish the effects."
@@ -229,7 +225,12 @@ def diagnose_motion(dataset: Dataset, bench: Bench) -> Diagnosis:
     stands = zone.ci95[0] > noise
     late = min(lag.ci95) > clock or max(lag.ci95) < -clock
     ties = tuple(
-        tie for tie, sure in ((DEAD_ZONE_TIE, stands), (LAG_TIE, late)) if sure
+        tie
+        for tie, sure in (
+            (("backlash", "end_compliance"), stands),
+            (("sensor_delay", "viscous_friction"), late),
+        )
+        if sure
     )
     kind: Verdict = "tie" if ties else "unknown"
     if before <= Limit.max_misfit:

@@ -198,7 +198,7 @@ def search(
     If the user interrupts it, it ends with the effects added until then. Effects that
     are `rare` compete where an effect of `ids` is accepted that they resemble.
     """
-    course = _add_effects(baseline, division, ids, progress, rare=rare)
+    course = _Additions(division, progress).made(baseline, ids, rare)
     return drop_redundant(course, division)
 
 
@@ -210,18 +210,9 @@ def names_found(
 ) -> list[set[str]]:
     """Return the effects that a search finds, each with those it is tied with.
 
-    `division` is that of part of the data into folds. A model of `whole`, the search in
-    all data, gives the same model of a part its floor, numerical resolution and start
-    values.
+    `division` is that of part of the data into folds, `whole` the search in all data.
     """
-    course = _add_effects(
-        baseline,
-        division,
-        ids,
-        no_progress,
-        whole=whole,
-        changes=whole.changes if whole else None,
-    )
+    course = _Additions(division, whole=whole).made(baseline, ids)
     if course.interrupted:
         raise KeyboardInterrupt
     now = eliminate(course.after, division, list(course.known))
@@ -229,78 +220,191 @@ def names_found(
     return [{name, *tied.get(name, ())} for name in now.problem.effects]
 
 
-def _add_effects(
-    baseline: CrossValidation,
-    division: Sequence[Fold],
-    ids: Sequence[str],
-    progress: Progress,
-    earlier: Sequence[Round] = (),
-    whole: Search | None = None,
-    changes: Changes | None = None,
-    rare: Sequence[str] = (),
-) -> Search:
-    now, rounds = baseline, []
-    changes = changes or Changes()
-    known = [baseline]
-    first: tuple[Signature, ...] = ()
-    interrupted = False
-    try:
-        for count in range(Limit.max_effects):
-            left = [name for name in ids if name not in now.problem.effects]
-            # At the floor there is nothing to explain, and chance rewards any effect;
-            # one torque alone does not contradict an effect that fits it a little
-            # better.
-            both = len(now.problem.plant.instruments.rows) > 1
-            hopeful = now.misfit > (Limit.floor_misfit if both else Limit.max_misfit)
-            if first and not hopeful:
-                break
-            progress(count / Limit.max_effects, f"screening {len(left)} effects")
-            signatures = _screen_folds(now, division, left, changes)
-            first = first or tuple(signatures)
-            place = next(
-                (k for k, step in enumerate(earlier) if step.before is now),
-                len(earlier),
-            )
-            same, following = earlier[place : place + 1], earlier[place + 1 :]
-            part = part_of(progress, count / Limit.max_effects, 1.0 / Limit.max_effects)
-            refitted = {c.id: c for past in same for c in past.candidates}
-            candidates = _refit_candidates(
-                now, division, signatures if hopeful else [], part,
-                refitted, whole,
-            )  # fmt: skip
-            if names := resembling(candidates, (*left, *now.problem.effects), rare):
-                more = _screen_folds(now, division, names, changes)
-                least = Limit.min_rival_share * signatures[0].explained
-                more = [
-                    sign
-                    for sign in more
-                    if max(sign.explained, sign.foreseen) >= least
-                    and not _is_redundant(sign.id, candidates)
-                ]
-                candidates += _refit_candidates(
-                    now, division, more, part, refitted, whole
+@dataclass(frozen=True)
+class _Additions:
+    """Effects that are added to a model one after another."""
+
+    division: Sequence[Fold]
+    progress: Progress = no_progress
+    # Search in all data, of which a model gives the same model of a part its floor,
+    # numerical resolution and start values
+    whole: Search | None = None
+    earlier: Search | None = None  # search whose candidates are not fitted again
+
+    def made(
+        self, baseline: CrossValidation, ids: Sequence[str], rare: Sequence[str] = ()
+    ) -> Search:
+        """Return the search with the effects added, none of them dropped."""
+        now, rounds, known = baseline, [], [baseline]
+        before = self.whole or self.earlier
+        changes = before.changes if before else Changes()
+        past = self.earlier.rounds if self.earlier else ()
+        first: tuple[Signature, ...] = ()
+        interrupted = False
+        try:
+            for count in range(Limit.max_effects):
+                left = [name for name in ids if name not in now.problem.effects]
+                # At the floor there is nothing to explain, and chance rewards any
+                # effect; one torque alone does not contradict an effect that fits it a
+                # little better.
+                both = len(now.problem.plant.instruments.rows) > 1
+                floor = Limit.floor_misfit if both else Limit.max_misfit
+                hopeful = now.misfit > floor
+                if first and not hopeful:
+                    break
+                done, part = count / Limit.max_effects, 1.0 / Limit.max_effects
+                self.progress(done, f"screening {len(left)} effects")
+                signatures = _screen_folds(now, self.division, left, changes)
+                first = first or tuple(signatures)
+                same = [k for k, step in enumerate(past) if step.before is now][:1]
+                refitted = {c.id: c for k in same for c in past[k].candidates}
+                progress = part_of(self.progress, done, part)
+                candidates = self._candidates(
+                    now, signatures if hopeful else [], refitted, progress
                 )
-                signatures = [*signatures, *more]
-            step = decide(now, candidates, signatures)
-            rounds.append(step)
-            for candidate in candidates:  # derivatives take more room than the data
-                if candidate.id not in step.rivals and candidate.crossed is not now:
-                    candidate.crossed.problem.slopes.forget()
-            known += [c.crossed for c in candidates if c.crossed is not now]
-            if step.added is None:
-                break
-            if following and same[0].added == step.added:
-                now = following[0].before
-            else:
-                wider = next(c.crossed for c in candidates if c.id == step.added)
-                now = _begin_round(wider, division, whole)
-            known.append(now)
-    except KeyboardInterrupt:
-        interrupted = True
-        _forget_derivatives(known)
-    return Search(
-        baseline, now, tuple(rounds), first, {}, changes, tuple(known), interrupted
-    )
+                if names := resembling(candidates, (*left, *now.problem.effects), rare):
+                    least = Limit.min_rival_share * signatures[0].explained
+                    more = [
+                        sign
+                        for sign in _screen_folds(now, self.division, names, changes)
+                        if max(sign.explained, sign.foreseen) >= least
+                        and not _is_redundant(sign.id, candidates)
+                    ]
+                    candidates += self._candidates(now, more, refitted, progress)
+                    signatures = [*signatures, *more]
+                step = decide(now, candidates, signatures)
+                rounds.append(step)
+                for candidate in candidates:  # derivatives take more room than the data
+                    if candidate.id not in step.rivals and candidate.crossed is not now:
+                        candidate.crossed.problem.slopes.forget()
+                known += [c.crossed for c in candidates if c.crossed is not now]
+                if step.added is None:
+                    break
+                following = past[same[0] + 1 :] if same else ()
+                if following and past[same[0]].added == step.added:
+                    now = following[0].before
+                else:
+                    wider = next(c.crossed for c in candidates if c.id == step.added)
+                    now = self._next_model(wider)
+                known.append(now)
+        except KeyboardInterrupt:
+            interrupted = True
+            _forget_derivatives(known)
+        return Search(
+            baseline, now, tuple(rounds), first, {}, changes, tuple(known), interrupted
+        )
+
+    def _candidates(
+        self,
+        now: CrossValidation,
+        signatures: Sequence[Signature],
+        refitted: Mapping[str, Candidate],
+        progress: Progress,
+    ) -> list[Candidate]:
+        """Return the effects that screening recommends, refitted, and lookalikes."""
+        chosen: list[Signature] = []
+        if signatures:
+            hopeful = Limit.min_predicted_share * Limit.min_reduction
+            least = max(Limit.min_leader_share * signatures[0].explained, hopeful)
+            chosen = [
+                s
+                for s in signatures
+                if s.explained > 0.0 and max(s.explained, s.foreseen) >= least
+            ][: Limit.max_refitted]
+        candidates: list[Candidate] = []
+        while chosen:
+            for place, signature in enumerate(chosen):
+                if _is_redundant(signature.id, candidates):
+                    continue
+                progress(place / len(chosen), f"refitting {signature.id}")
+                candidates.append(
+                    refitted.get(signature.id)
+                    or self._like(now, signature.id)
+                    or self._best_form(now, signature)
+                )
+            chosen = _unrefitted_lookalikes(signatures, candidates)
+        return candidates
+
+    def _best_form(self, now: CrossValidation, signature: Signature) -> Candidate:
+        """Return the effect refitted in the form that does best on held-out data.
+
+        Other forms are tried where the one that screens best is accepted. Where that
+        leaves the error unexplained, so are the sizes that the effect starts with, if
+        they are several: far from the truth a size by first order may lead to another
+        minimum.
+        """
+        best = self._screened(now, signature)
+        if best.reason:
+            return best
+        effect = now.problem.plant.library.effects[signature.id]
+        key, given = form_key(signature.id), signature.start
+        others = [
+            {**given, key: float(form)}
+            for form in range(len(effect.forms))
+            if form != given.get(key, 0.0)
+        ]
+        if best.crossed.misfit > Limit.max_explained_error:
+            sizes = [each.name for each in effect.parameters if each.linear]
+            own = {tuple(start[name] for name in sizes) for start in effect.starts}
+            if len(own) > 1:
+                others += [
+                    given | dict(zip(sizes, each, strict=True)) for each in sorted(own)
+                ]
+        for start in others:
+            candidate = self._screened(now, signature._replace(start=start))
+            if not candidate.reason and candidate.reduction > best.reduction:
+                best = candidate
+        return best
+
+    def _screened(self, now: CrossValidation, signature: Signature) -> Candidate:
+        wider = now.problem.with_effect(signature.id, signature.start)
+        starts = [wider.placed(fit.x, signature.start) for fit in now.fits]
+        return self._refit(now, wider, starts)
+
+    def _like(self, now: CrossValidation, name: str) -> Candidate | None:
+        """Return the effect refitted from its place in a model of all data, if any."""
+        for model in self.whole.known if self.whole else ():
+            known = model.problem
+            if known.effects != (*now.problem.effects, name):
+                continue
+            if known.tuned[: len(now.problem.tuned)] == now.problem.tuned:
+                wider = replace(
+                    now.problem,
+                    tuned=known.tuned,
+                    effects=known.effects,
+                    forms=known.forms,
+                ).sharing([known])
+                start = np.mean([fit.x for fit in model.fits], axis=0)
+                return self._refit(now, wider, [start] * len(self.division))
+        return None
+
+    def _refit(
+        self, now: CrossValidation, wider: Problem, starts: Sequence[FloatArray]
+    ) -> Candidate:
+        """Return the last effect of a wider model, refitted."""
+        name = wider.effects[-1]
+        try:
+            crossed = cross_validate(wider, self.division, starts)
+        except EffectError:
+            raise
+        except CableError as error:
+            return Candidate(name, now, 0.0, 0.0, str(error))
+        old, better = blocks(now).sum(axis=1), blocks(crossed).sum(axis=1)
+        whole = float(old.sum())
+        reduction = 1.0 - float(better.sum()) / whole
+        z = comparison_z(better, old, whole)
+        reason = rejection_reason(crossed, name, reduction, z)
+        return Candidate(name, crossed, reduction, z, reason)
+
+    def _next_model(self, crossed: CrossValidation) -> CrossValidation:
+        """Return `with_own_noise_floor`, or by the floor of the same model of all."""
+        whole = self.whole
+        for model in [whole.after, *(s.before for s in whole.rounds)] if whole else []:
+            if model.problem.tuned == crossed.problem.tuned:
+                problem = model.problem.sharing([model.problem])
+                starts = [fit.x for fit in crossed.fits]
+                return cross_validate(problem, self.division, starts)
+        return with_own_noise_floor(crossed, self.division)
 
 
 def resembling(
@@ -321,36 +425,6 @@ def _forget_derivatives(known: Sequence[CrossValidation]) -> None:
         crossed.problem.slopes.forget()
 
 
-def _refit_candidates(
-    now: CrossValidation,
-    division: Sequence[Fold],
-    signatures: Sequence[Signature],
-    progress: Progress,
-    refitted: Mapping[str, Candidate],
-    whole: Search | None,
-) -> list[Candidate]:
-    """Return the effects that screening recommends, refitted, with their lookalikes.
-
-    Effects in `refitted` are not fitted again; for `whole` see `names_found`.
-    """
-    chosen = _choose_candidates(
-        signatures, Limit.min_predicted_share * Limit.min_reduction
-    )
-    candidates: list[Candidate] = []
-    while chosen:
-        for place, signature in enumerate(chosen):
-            if _is_redundant(signature.id, candidates):
-                continue
-            progress(place / len(chosen), f"refitting {signature.id}")
-            candidates.append(
-                refitted.get(signature.id)
-                or _refit_like(now, division, signature.id, whole)
-                or _refit_forms(now, division, signature)
-            )
-        chosen = _unrefitted_lookalikes(signatures, candidates)
-    return candidates
-
-
 def search_rare(
     found: Search,
     division: Sequence[Fold],
@@ -362,13 +436,12 @@ def search_rare(
     They compete with the effects that were refitted before. They are searched only
     where the error is not explained without them.
     """
-    if not rare or found.interrupted or found.after.misfit <= Limit.max_explained_error:
+    explained = found.after.misfit <= Limit.max_explained_error
+    if not rare or found.interrupted or explained:
         return found
     tried = {c.id for step in found.rounds for c in step.candidates}
     ids = list(dict.fromkeys([*sorted(tried), *rare]))
-    course = _add_effects(
-        found.before, division, ids, progress, found.rounds, changes=found.changes
-    )
+    course = _Additions(division, progress, earlier=found).made(found.before, ids)
     if not set(rare) & {step.added for step in course.rounds}:
         return found._replace(interrupted=course.interrupted)
     wider = drop_redundant(course, division)
@@ -403,18 +476,6 @@ def with_own_noise_floor(
         problem = finer
 
 
-def _begin_round(
-    crossed: CrossValidation, division: Sequence[Fold], whole: Search | None
-) -> CrossValidation:
-    """Return `with_own_noise_floor`, or by the floor of the same model of all data."""
-    models = [whole.after, *(step.before for step in whole.rounds)] if whole else []
-    for model in models:
-        if model.problem.tuned == crossed.problem.tuned:
-            problem = model.problem.sharing([model.problem])
-            return cross_validate(problem, division, [fit.x for fit in crossed.fits])
-    return with_own_noise_floor(crossed, division)
-
-
 def _split_rivals(rounds: Sequence[Round]) -> tuple[Round, ...]:
     """Return the rounds without the rivals that still help once the leader is added.
 
@@ -437,20 +498,6 @@ def _screen_folds(
     masks = divided_samples(division)
     x = np.mean([fit.x for fit in now.fits], axis=0)
     return screen(now.problem, x, masks, ids, division, changes)
-
-
-def _choose_candidates(
-    signatures: Sequence[Signature], hopeful: float
-) -> list[Signature]:
-    """Return the candidates for a refit; `hopeful` is their least predicted share."""
-    if not signatures:
-        return []
-    least = max(Limit.min_leader_share * signatures[0].explained, hopeful)
-    return [
-        s
-        for s in signatures
-        if s.explained > 0.0 and max(s.explained, s.foreseen) >= least
-    ][: Limit.max_refitted]
 
 
 def _is_redundant(name: str, candidates: Sequence[Candidate]) -> bool:
@@ -483,88 +530,6 @@ def _unrefitted_lookalikes(
         and not _is_redundant(s.id, candidates)
         and are_confusable(sign, s)
     ]
-
-
-def _refit_forms(
-    now: CrossValidation, division: Sequence[Fold], signature: Signature
-) -> Candidate:
-    """Return the effect refitted in the form that does best on held-out data.
-
-    Other forms are tried where the one that screens best is accepted. Where that leaves
-    the error unexplained, so are the sizes that the effect starts with, if they are
-    several: far from the truth a size by first order may lead to another minimum.
-    """
-    best = _refit_signature(now, division, signature)
-    if best.reason:
-        return best
-    effect = now.problem.plant.library.effects[signature.id]
-    key, given = form_key(signature.id), signature.start
-    others = [
-        {**given, key: float(form)}
-        for form in range(len(effect.forms))
-        if form != given.get(key, 0.0)
-    ]
-    if best.crossed.misfit > Limit.max_explained_error:
-        sizes = [parameter.name for parameter in effect.parameters if parameter.linear]
-        own = {tuple(start[name] for name in sizes) for start in effect.starts}
-        if len(own) > 1:
-            others += [
-                given | dict(zip(sizes, each, strict=True)) for each in sorted(own)
-            ]
-    for start in others:
-        other = signature._replace(start=start)
-        candidate = _refit_signature(now, division, other)
-        if not candidate.reason and candidate.reduction > best.reduction:
-            best = candidate
-    return best
-
-
-def _refit_signature(
-    now: CrossValidation, division: Sequence[Fold], signature: Signature
-) -> Candidate:
-    wider = now.problem.with_effect(signature.id, signature.start)
-    starts = [wider.placed(fit.x, signature.start) for fit in now.fits]
-    return _refit(now, division, wider, starts)
-
-
-def _refit_like(
-    now: CrossValidation, division: Sequence[Fold], name: str, whole: Search | None
-) -> Candidate | None:
-    """Return the effect refitted from its place in a model of all data, if any."""
-    for model in whole.known if whole else ():
-        known = model.problem
-        if known.effects != (*now.problem.effects, name):
-            continue
-        if known.tuned[: len(now.problem.tuned)] == now.problem.tuned:
-            wider = replace(
-                now.problem, tuned=known.tuned, effects=known.effects, forms=known.forms
-            ).sharing([known])
-            start = np.mean([fit.x for fit in model.fits], axis=0)
-            starts = [start] * len(division)
-            return _refit(now, division, wider, starts)
-    return None
-
-
-def _refit(
-    now: CrossValidation,
-    division: Sequence[Fold],
-    wider: Problem,
-    starts: Sequence[FloatArray],
-) -> Candidate:
-    """Return the last effect of a wider model, refitted."""
-    name = wider.effects[-1]
-    try:
-        crossed = cross_validate(wider, division, starts)
-    except EffectError:
-        raise
-    except CableError as error:
-        return Candidate(name, now, 0.0, 0.0, str(error))
-    old, better = blocks(now).sum(axis=1), blocks(crossed).sum(axis=1)
-    whole = float(old.sum())
-    reduction = 1.0 - float(better.sum()) / whole
-    z = comparison_z(better, old, whole)
-    reason = rejection_reason(crossed, name, reduction, z)
-    return Candidate(name, crossed, reduction, z, reason)
 
 
 @dataclass(frozen=True)

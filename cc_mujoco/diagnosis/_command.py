@@ -75,7 +75,7 @@ class Diagnose:
             raise CableError("no data given; name files of trials, or folders.")
         dataset, axis, effects = self.dataset, self.axis, self.effects
         if self.earlier is not None:
-            from cc_mujoco.diagnosis._resume import Earlier
+            from cc_mujoco.diagnosis._report.output import Earlier
 
             earlier = Earlier.of(self.earlier)
             scene = earlier.scene if scene is None else scene

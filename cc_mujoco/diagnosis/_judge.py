@@ -392,7 +392,8 @@ def _best_hidden_mix(changes: FloatArray, tangent: FloatArray) -> FloatArray:
     white = axes[:, kept] / np.sqrt(values[kept])
     _, vectors = np.linalg.eigh(white.T @ (left.T @ left) @ white)
     mix = (white @ vectors[:, 0]) / lengths
-    return mix / mix[np.argmax(np.abs(mix))]
+    found: FloatArray = mix / mix[np.argmax(np.abs(mix))]
+    return found
 
 
 def _confounded_effect(

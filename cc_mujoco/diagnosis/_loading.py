@@ -40,7 +40,7 @@ from cc_mujoco.datasets._shared_joints import OtherAxes
 from cc_mujoco.datasets._sorting import sort_rows
 from cc_mujoco.datasets._torques import add_derived_torques, derived_noise
 from cc_mujoco.datasets._trials import Dataset, Facts, FloatArray, Trial
-from cc_mujoco.diagnosis._checks.noise import noise_of, wrong_repeats
+from cc_mujoco.diagnosis._checks.content import noise_of, wrong_repeats
 from cc_mujoco.diagnosis._checks.readings import (
     check_motions,
     check_recording,

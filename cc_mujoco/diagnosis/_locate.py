@@ -452,7 +452,8 @@ def _means(sums: FloatArray, count: NDArray[np.intp]) -> FloatArray:
     """
     whole = count.sum(axis=0).astype(float)
     whole[whole == 0.0] = np.nan
-    return sums.sum(axis=0) / whole
+    found: FloatArray = sums.sum(axis=0) / whole
+    return found
 
 
 def _share(sums: FloatArray, count: NDArray[np.intp], square: float) -> float:

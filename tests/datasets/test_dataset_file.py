@@ -15,7 +15,7 @@ from cc_mujoco.datasets import _dataset_file as dataset_file
 from cc_mujoco.datasets._dataset_file import DatasetFile, read_dataset_file
 from cc_mujoco.datasets._trials import Constant
 from cc_mujoco.diagnosis import excitation, load
-from cc_mujoco.diagnosis._checks.noise import repeat_scatter
+from cc_mujoco.diagnosis._checks.content import repeat_scatter
 from cc_mujoco.errors import CableError
 from diagnosis.bench import recording, write
 from shared_folder import SHARED

@@ -14,7 +14,7 @@ from cc_mujoco.datasets import Bench
 from cc_mujoco.diagnosis import diagnose
 from cc_mujoco.diagnosis._loading import load
 from cc_mujoco.diagnosis._report import output
-from cc_mujoco.diagnosis._resume import Earlier
+from cc_mujoco.diagnosis._report.output import Earlier
 from cc_mujoco.hardware import (
     DrivenAxis,
     Limits,

@@ -16,8 +16,7 @@ from cc_mujoco.cli._parsing import parse
 from cc_mujoco.datasets._dataset_file import read_dataset_file
 from cc_mujoco.diagnosis._phrases import continue_command
 from cc_mujoco.diagnosis._propose.experiment import CataloguedTrial, trial_table
-from cc_mujoco.diagnosis._report.output import write_proposed
-from cc_mujoco.diagnosis._resume import VERDICT_FILE, Earlier
+from cc_mujoco.diagnosis._report.output import VERDICT_FILE, Earlier, write_proposed
 from cc_mujoco.diagnosis._verdict import NextExperiment, next_folder
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware._servo import add_trial_facts, read_plan

@@ -225,7 +225,8 @@ def _mean_tension(dataset: Dataset, bench: Bench, record: Record) -> FloatArray:
     elif not ends:
         arm = bench.share(record.joint_angle, record.path)
         ends.append(shown[1] / (bench.joint_radius * np.maximum(arm, Limit.min_arm)))
-    return np.mean(ends, axis=0)
+    found: FloatArray = np.mean(ends, axis=0)
+    return found
 
 
 class _Fitted(NamedTuple):

@@ -338,7 +338,8 @@ def form_error(
     along = shown.T @ residual
     excess = float(along @ along) - shown.shape[1]
     most = float(np.max(size)) ** 2
-    return min(max(excess, 0.0) / kept, most) * (into.T @ into)
+    found: FloatArray = min(max(excess, 0.0) / kept, most) * (into.T @ into)
+    return found
 
 
 def _basis(columns: FloatArray) -> FloatArray:
@@ -372,7 +373,8 @@ def controls_of(problem: Problem, x: FloatArray, masks: Masks) -> FloatArray:
     if wider is problem:
         return np.zeros((count, 0))
     scales = [each.scale for each in wider.tuned[x.size :]]
-    return slopes[:count, x.size :] * np.array(sizes) / scales
+    found: FloatArray = slopes[:count, x.size :] * np.array(sizes) / scales
+    return found
 
 
 class Disagreement(NamedTuple):

@@ -33,7 +33,7 @@ from cc_mujoco.datasets._channels import (
 )
 from cc_mujoco.datasets._quantization import reconstruct_angle
 from cc_mujoco.datasets._trials import Dataset, Facts, Noise, Trial
-from cc_mujoco.diagnosis._checks.noise import repeat_scatter as scatter_of
+from cc_mujoco.diagnosis._checks.content import repeat_scatter as scatter_of
 from cc_mujoco.diagnosis._rig.records import Filtering, Record, low_pass, play_filter
 from cc_mujoco.diagnosis._rig.simulation import SimulatedRig, Values
 from cc_mujoco.diagnosis._thresholds import Limit
@@ -158,7 +158,8 @@ def _unexplained(
     if not sum(each.shape[1] for each in there):  # none of them moves enough
         return np.zeros(len(names))
     known = np.concatenate(there, axis=1).mean(axis=1)
-    return np.maximum(deviation**2 - known, 0.0)
+    found: FloatArray = np.maximum(deviation**2 - known, 0.0)
+    return found
 
 
 def _residual_trial(
@@ -190,7 +191,8 @@ def _highest_local_mean(square: FloatArray, dt: float) -> FloatArray:
 
     size = max(3, round(Limit.smoothing_time / dt))
     mean: FloatArray = uniform_filter1d(square, size, axis=1)
-    return maximum_filter1d(mean, size, axis=1)
+    found: FloatArray = maximum_filter1d(mean, size, axis=1)
+    return found
 
 
 def likely(record: Record, filtering: Filtering) -> Record:

@@ -687,7 +687,10 @@ def interleaved_folds(records: Sequence[Record]) -> tuple[Fold, ...]:
 def _odd_pieces(counts: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return the second, fourth, ... piece of the samples that count."""
     place = np.cumsum(counts) / max(int(np.sum(counts)), 1)
-    return (place * Limit.record_pieces * (1.0 - 1e-9)).astype(int) % 2 == 1
+    found: NDArray[np.bool_] = (place * Limit.record_pieces * (1.0 - 1e-9)).astype(
+        int
+    ) % 2 == 1
+    return found
 
 
 def trial_folds(records: Sequence[Record]) -> tuple[Fold, ...]:

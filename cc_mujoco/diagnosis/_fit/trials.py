@@ -727,7 +727,8 @@ class _ByTrial:
         size[size == 0.0] = 1.0
         scaled = square / np.outer(size, size)
         scaled[np.diag_indices_from(scaled)] *= 1.0 + damping
-        return -np.linalg.lstsq(scaled, slope / size, 1e-10)[0] / size
+        found: FloatArray = -np.linalg.lstsq(scaled, slope / size, 1e-10)[0] / size
+        return found
 
     def _simulated(self, place: FloatArray, index: int) -> list[FloatArray]:
         """Return the torques of the visible records, each with its trial's value."""

@@ -106,7 +106,8 @@ def motions(
 
     def free(motor: FloatArray) -> FloatArray:
         """Return the change of the joint's angle as the motor carries it along."""
-        return bench.carried(motor_middle + motor) - joint_middle
+        found: FloatArray = bench.carried(motor_middle + motor) - joint_middle
+        return found
 
     time = np.arange(0.0, Limit.motion_duration, MOTION_STEP)
 
@@ -116,9 +117,10 @@ def motions(
         )
         wave = size * (1.0 - 4.0 * np.abs((phase + 0.25) % 1.0 - 0.5))
         # No motor turns in an instant.
-        return gaussian_filter1d(
+        found: FloatArray = gaussian_filter1d(
             wave, Limit.turn_rounding_time / MOTION_STEP, mode="nearest"
         )
+        return found
 
     steps = np.repeat((0.02, 0.06, 0.2, 0.5, 1.0), -(-time.size // 5))[: time.size]
     ladder = triangle(swing, rate * steps)
@@ -146,7 +148,8 @@ def motions(
         """Return the motor angle, shifted to one side if there is only one cable."""
         if len(bench.cables) == 2:
             return motor
-        return 0.5 * (motor - motor.min())
+        found: FloatArray = 0.5 * (motor - motor.min())
+        return found
 
     if load is not None:
         stiffness = len(bench.cables) * cable.axial_stiffness / cable.length
@@ -682,7 +685,8 @@ def form_error(
         np.mean(((torque - rest) / noise) ** 2, axis=1, keepdims=True)
         for torque, rest in zip(shown, without, strict=True)
     ]
-    return np.sqrt(Limit.form_error_share * np.min(sizes, axis=0))
+    found: FloatArray = np.sqrt(Limit.form_error_share * np.min(sizes, axis=0))
+    return found
 
 
 def refit_difference(

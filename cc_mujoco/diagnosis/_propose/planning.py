@@ -355,7 +355,8 @@ def _whitened(own: FloatArray) -> FloatArray:
     """Return the orthonormal combinations of an effect's changes (amplitudes, k)."""
     values, vectors = np.linalg.eigh(own)
     kept = values > 1e-6 * max(float(values[-1]), 1e-300)
-    return vectors[:, kept] / np.sqrt(values[kept])
+    found: FloatArray = vectors[:, kept] / np.sqrt(values[kept])
+    return found
 
 
 def _cosine(cross: FloatArray, one: FloatArray, other: FloatArray) -> float:

@@ -508,7 +508,8 @@ class Setting(NamedTuple):
         arm = self.moment_share(angles)
         middle = 0.5 * (arm[1:] + arm[:-1]) * np.diff(angles)
         taken = np.concatenate([[0.0], np.cumsum(middle)])
-        found = np.interp(joint, angles, taken - np.interp(0.0, angles, taken))
+        rest = np.interp(0.0, angles, taken)
+        found: FloatArray = np.interp(joint, angles, taken - rest)
         return found
 
     def moment_share(self, joint: FloatArray) -> FloatArray:
@@ -694,4 +695,5 @@ def shift_signal(signal: FloatArray, samples: float) -> FloatArray:
     if samples == 0.0:
         return signal
     x = np.arange(signal.size)
-    return np.interp(x + samples, x, signal)
+    found: FloatArray = np.interp(x + samples, x, signal)
+    return found

@@ -146,7 +146,8 @@ class _Sensors:
 
     def torques(self, data: mujoco.MjData) -> FloatArray:
         """Return the motor and joint torque at the last evaluation (2,) [N m]."""
-        return self._weights @ data.sensordata
+        found: FloatArray = self._weights @ data.sensordata
+        return found
 
 
 class _Forces(_Sensors):

@@ -23,7 +23,8 @@ JOINT_DELAY = "joint_delay"
 def delay_signal(signal: FloatArray, by: float, dt: float) -> FloatArray:
     """Return the signal delayed by this time, its first value held (samples,)."""
     at = np.arange(signal.size) * dt
-    return np.interp(at - by, at, signal)
+    found: FloatArray = np.interp(at - by, at, signal)
+    return found
 
 
 def _gain(s: Signals, v: Values) -> Signals:

@@ -13,7 +13,7 @@ from scipy.signal import savgol_filter
 from cc_mujoco.datasets import Dataset, Facts, Noise, Trial, velocity
 from cc_mujoco.datasets._smoothing import velocity_noise
 from cc_mujoco.diagnosis import excitation
-from cc_mujoco.diagnosis._checks.excitation import count_reversals
+from cc_mujoco.diagnosis._checks.content import count_reversals
 from diagnosis.bench import recording
 
 STEP = 0.002

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cc_mujoco.diagnosis import load
-from cc_mujoco.diagnosis._checks.noise import find_period, repeat_scatter
+from cc_mujoco.diagnosis._checks.content import find_period, repeat_scatter
 from diagnosis.bench import RATIO, loaded, only_fix, recording, write
 
 JOINT = ("joint_torque_nm",)

@@ -11,7 +11,7 @@ from cc_mujoco.datasets import Dataset, Facts
 from cc_mujoco.datasets._dataset_file import DatasetFile
 from cc_mujoco.datasets._torques import add_derived_torques, expected_instruments
 from cc_mujoco.diagnosis import plant_of, prepare
-from cc_mujoco.diagnosis._checks.noise import noise_of
+from cc_mujoco.diagnosis._checks.content import noise_of
 from cc_mujoco.diagnosis._checks.readings import check_load_cells
 from cc_mujoco.diagnosis._fit.noise_floor import noise_floor
 from cc_mujoco.diagnosis._propose.experiment import motions, trial_table

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from cc_mujoco.cable import Transmission
 from cc_mujoco.datasets import Dataset, Facts, Noise, Trial
 from cc_mujoco.diagnosis import Problem, fit, prepare
-from cc_mujoco.diagnosis._checks.noise import repeat_scatter
+from cc_mujoco.diagnosis._checks.content import repeat_scatter
 from cc_mujoco.diagnosis._fit.noise_floor import noise_floor
 from cc_mujoco.diagnosis._rig.records import play_filter
 from cc_mujoco.diagnosis._rig.simulation import (

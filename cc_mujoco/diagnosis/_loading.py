@@ -77,7 +77,8 @@ def load(
     paths = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
     files = data_files(paths)
     folders = occasion_folders(paths)
-    if dataset_toml is None and len(_own_files(folders)) > 1:
+    own = [find_dataset_file(data_files([folder])) for folder in folders.values()]
+    if dataset_toml is None and sum(path is not None for path in own) > 1:
         return _load_each(folders, bench, columns)
     findings: list[DataFinding] = []
     toml = Path(dataset_toml) if dataset_toml is not None else find_dataset_file(files)
@@ -128,9 +129,13 @@ def load(
         findings += found
         if track is None:
             continue
-        findings += _check_complete(path, name) + check_recording(
-            recording, facts, file
-        )
+        if why := truncation_reason(path).rstrip("."):
+            message = (
+                f"{path} is what there is of a run that was cut short ({why}); record "
+                "it again if it lacks what it was to show."
+            )
+            findings.append(warning(message, name))
+        findings += check_recording(recording, facts, file)
         track, found = decimate(track, str(path), name)
         findings += found
         if bench is not None:
@@ -175,12 +180,6 @@ def _readings(recording: Recording) -> str:
         if channel != channels.TIME:
             digest.update(channel.encode() + np.ascontiguousarray(values).tobytes())
     return digest.hexdigest()
-
-
-def _own_files(folders: Mapping[str, Path]) -> list[Path]:
-    """Return the `dataset.toml` files of the folders of occasions."""
-    own = [find_dataset_file(data_files([folder])) for folder in folders.values()]
-    return [path for path in own if path is not None]
 
 
 def _load_each(
@@ -237,17 +236,6 @@ def _count_as_data(recording: Recording, bench: Bench, file: DatasetFile) -> Non
     for channel in (channels.JOINT_ANGLE, channels.JOINT_TORQUE):
         if channel in recording.values and file.source(channel).sign > 0.0:
             recording.values[channel] = -recording.values[channel]
-
-
-def _check_complete(path: Path, name: str) -> list[DataFinding]:
-    """Return a warning if a run was cut short."""
-    if not (why := truncation_reason(path).rstrip(".")):
-        return []
-    message = (
-        f"{path} is what there is of a run that was cut short ({why}); record it again "
-        "if it lacks what it was to show."
-    )
-    return [warning(message, name)]
 
 
 def _trials_by_file(

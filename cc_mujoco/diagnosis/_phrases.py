@@ -20,6 +20,7 @@ SIGN_NOTE = (
 )
 """Explanation of the sign of an error."""
 MINUS = "\N{MINUS SIGN}"
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 VERDICT_MEANINGS = {
     "named": "The model lacked what is named here. With it, the simulation comes "
@@ -167,7 +168,7 @@ def format_number(value: float, spread: float = math.nan) -> str:
         digits = max(0, places + power)
         return (
             f"{_with_true_minus(f'{value / 10.0**power:.{digits}f}')}"
-            f"·10{_superscript(power)}"
+            f"·10{str(power).translate(_SUPERSCRIPTS)}"
         )
     return _with_true_minus(f"{value:.{max(0, places)}f}")
 
@@ -222,10 +223,6 @@ def _with_true_minus(text: str) -> str:
     if not text.startswith("-"):
         return text
     return text[1:] if not text.strip("-0.") else MINUS + text[1:]
-
-
-def _superscript(power: int) -> str:
-    return str(power).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
 
 
 Progress = Callable[[float, str], None]

@@ -115,7 +115,11 @@ def estimate_start(dataset: Dataset, bench: Bench, records: Sequence[Record]) ->
     if 0 < len(declared) == len(hooked) or (
         declared and bench.cables[0].pretension == 0.0
     ):
-        bench = _with_usual_pretension(bench, declared)
+        # A pretension of the scene that is about that of some trial is kept.
+        factors = [_factor_between(e, bench.cables[0].pretension) for e in declared]
+        if min(factors) >= Limit.pretension_off_factor:
+            usual = {"pretension": float(np.median(declared))}
+            bench = _with_parameters(bench, usual)
     thin = [
         _thin_record(record)
         for record in records
@@ -140,19 +144,6 @@ def estimate_start(dataset: Dataset, bench: Bench, records: Sequence[Record]) ->
     return Start(
         _with_parameters(bench, {name: best[name] for name in given}), given, best
     )
-
-
-def _with_usual_pretension(bench: Bench, declared: Sequence[float]) -> Bench:
-    """Return the bench with the usual pretension of the trials.
-
-    A pretension of the scene that is about that of some trial is kept.
-    """
-    scene = bench.cables[0].pretension
-    if any(
-        _factor_between(each, scene) < Limit.pretension_off_factor for each in declared
-    ):
-        return bench
-    return _with_parameters(bench, {"pretension": float(np.median(declared))})
 
 
 def _with_parameters(bench: Bench, values: Mapping[str, float]) -> Bench:

@@ -87,6 +87,13 @@ def trial_errors(
             [m - torque[k] for k, m in zip(places, measured, strict=True)]
             for torque in (before, after)
         )
+        slack = 0.0
+        if final is not None:
+            model, x = final
+            values, plant = model.values(x), model.plant
+            shares = [plant.slack_share(values, model.effects, k) for k in places]
+            sizes = [plant.records[k].time.size for k in places]
+            slack = float(np.average(shares, weights=sizes))
         found.append(
             TrialError(
                 name,
@@ -95,17 +102,10 @@ def trial_errors(
                 _rms(problem, places, [problem.noise[k] for k in places]),
                 _misfit(problem, places, off),
                 _misfit(problem, places, left),
-                0.0 if final is None else _slack_share(*final, places),
+                slack,
             )
         )
     return tuple(found)
-
-
-def _slack_share(problem: Problem, x: FloatArray, places: Sequence[int]) -> float:
-    values, records = problem.values(x), problem.plant.records
-    sizes = [records[k].time.size for k in places]
-    shares = [problem.plant.slack_share(values, problem.effects, k) for k in places]
-    return float(np.average(shares, weights=sizes))
 
 
 class Odd(NamedTuple):

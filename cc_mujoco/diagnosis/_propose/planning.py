@@ -144,7 +144,15 @@ def planned(
     rows = len(instruments.rows)
     records = tuple(_record(motion, bench, rows) for motion in every)
     plant = SimulatedRig(bench, records, 16, 1, instruments, constants)
-    records = _simulated_records(plant)
+
+    def read(torques: Sequence[FloatArray]) -> tuple[Record, ...]:
+        """Return the records with these torques, which scale the tuning."""
+        return tuple(
+            replace(record, measured=torque)
+            for record, torque in zip(plant.records, torques, strict=True)
+        )
+
+    records = read(plant.simulate({}))
     slack = [plant.slack_share({}, (), k) for k in range(len(records))]
     if len(bench.cables) == 1:  # of a pair the other cable pulls
         kept = [k for k, share in enumerate(slack) if share <= Limit.max_slack]
@@ -170,12 +178,7 @@ def planned(
         _noise_response(plant, blank, record, torque, np.array(sizes), noise)
         for record, torque in zip(records, torques, strict=True)
     )
-    seen = plant.limited(
-        [
-            replace(record, measured=torque)
-            for record, torque in zip(records, torques, strict=True)
-        ]
-    )
+    seen = plant.limited(read(torques))
     # Torques are compared up to a band: so many of the samples are independent.
     weight = min(1.0, 2.0 * Limit.max_band * MOTION_STEP) ** 0.5
     problem = Problem(seen, free, (), floor, floor, weight)
@@ -193,15 +196,6 @@ def planned(
         {name: library.declared[name] for name in wanted if name in library.declared},
         {name: effect_amplitudes(library.effects[name])[0] for name in able},
         tuple(slack[k] for k in chosen),
-    )
-
-
-def _simulated_records(plant: SimulatedRig) -> tuple[Record, ...]:
-    """Return records simulated from the scene, which scale its tuning."""
-    shown = plant.simulate({})
-    return tuple(
-        replace(record, measured=torque)
-        for record, torque in zip(plant.records, shown, strict=True)
     )
 
 
@@ -414,7 +408,9 @@ def plan(
             raise CableError(f"{name} is {value:g}; it must be more than 0 and finite.")
     _require_possible(bench, swing)
     names = tuple(MOTION_FILE.format(f"{k:02d}") for k in range(1, 20))
-    _require_free(Path(out))
+    page_now = _text(Path(out) / PLAN_PAGE)
+    require_ours(Path(out), lambda _: page_now.startswith(_TITLE))
+    require_untouched(Path(out), [DATASET_FILE], page_now)
     file = (
         DatasetFile() if dataset_toml is None else read_dataset_file(Path(dataset_toml))
     )
@@ -448,12 +444,6 @@ def plan(
     for name in names[len(found.trials) :]:  # of an earlier, longer plan
         (Path(out) / name).unlink(missing_ok=True)
     return found
-
-
-def _require_free(out: Path) -> None:
-    page_now = _text(out / PLAN_PAGE)
-    require_ours(out, lambda _: page_now.startswith(_TITLE))
-    require_untouched(out, [DATASET_FILE], page_now)
 
 
 def _read_declarations(path: Path) -> str:
@@ -554,6 +544,9 @@ def page(
             ("motor", "joint"), channels.TORQUES, instruments, strict=True
         )
     ]
+    at, within = middle_angle(bench, swing), format_number(swing)
+    if at != 0.0:
+        within = f"{format_number(at - swing)} to {format_number(at + swing)}"
     unseen = table(("effect", "why not"), sorted(found.hidden.items()))
     trials = table(
         ("file", "what to do", "pretension [N]", "slack", "seconds"),
@@ -590,7 +583,7 @@ def page(
         [
             _TITLE,
             "",
-            f"For {bench.path.name}: motor within {_describe_limits(bench, swing)} "
+            f"For {bench.path.name}: motor within {within} "
             f"rad and {format_number(speed)} rad/s; {known[0]}, {known[1]}.",
             "",
             trials,
@@ -623,14 +616,6 @@ def page(
             ),
         ]
     )
-
-
-def _describe_limits(bench: Bench, swing: float) -> str:
-    """Describe the angles within which the motor moves."""
-    at = middle_angle(bench, swing)
-    if at == 0.0:
-        return format_number(swing)
-    return f"{format_number(at - swing)} to {format_number(at + swing)}"
 
 
 def _size_text(first: EffectParameter, value: float) -> str:

@@ -342,10 +342,11 @@ def _draw_map(axes: Axes, each: Map, both: bool) -> None:
         )
     if _has_equal_ratios(each.centre):
         axes.set_xscale("log")
+    dollar = r"\$"
     axes.set(
         title=f"{capitalise(channel_name(each.channel))}: "
         f"{format_share(each.share)} of its error",
-        xlabel=f"{_escape_mathtext(each.axis)} [{each.unit or '1'}]",
+        xlabel=f"{plain_name(each.axis).replace('$', dollar)} [{each.unit or '1'}]",
         ylabel=f"mean error [{TORQUE_UNIT}]",
     )
 
@@ -365,7 +366,3 @@ def _break_at_gaps(
     steps = np.diff(time)
     gaps = np.flatnonzero(steps > 3.0 * np.median(steps)) + 1
     return np.insert(time, gaps, np.nan), np.insert(values, gaps, np.nan)
-
-
-def _escape_mathtext(name: str) -> str:
-    return plain_name(name).replace("$", r"\$")

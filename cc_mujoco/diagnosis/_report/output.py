@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import os
 import platform
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from importlib import import_module
@@ -268,7 +268,11 @@ def write_report(
 
 
 def _page(diagnosis: Diagnosis, evidence: Evidence, names: Names, figures: Path) -> str:
-    parts = _sections(diagnosis, evidence, names, figures)
+    def drawn(stem: str, words: str) -> Html:
+        path = figures / f"{stem}.png"
+        return embed_picture(path, words) if path.exists() else Html()
+
+    parts = _sections(diagnosis, evidence, names, drawn)
     if diagnosis.verdict != "unknown":
         del parts["unknown"]
     there = {key: part for key, part in parts.items() if part is not None}
@@ -276,30 +280,25 @@ def _page(diagnosis: Diagnosis, evidence: Evidence, names: Names, figures: Path)
         diagnosis.verdict, "trials" if diagnosis.question else None
     )
     order = sorted(there, key=lambda key: key != first)
+    absent = [f"“{SECTION_TITLES[k]}”" for k, part in parts.items() if part is None]
+    omitted = f"Left out, as there was nothing to show: {list_words(absent)}."
+    gap = drawn("gap", "Weighted RMS error on held-out data, beside the noise floor.")
     return page(
         headline(diagnosis, names),
         diagnosis.verdict,
-        sections.header(diagnosis, names, _gap_picture(figures)),
+        sections.header(diagnosis, names, gap),
         page_sections(SECTION_TITLES, {key: there[key] for key in order}),
-        _omitted_sections([key for key, part in parts.items() if part is None]),
+        paragraph(omitted, kind="small") if absent else Html(),
     )
 
 
-def _gap_picture(figures: Path) -> Html:
-    path = figures / "gap.png"
-    words = "Weighted RMS error on held-out data, beside the noise floor."
-    return embed_picture(path, words) if path.exists() else Html()
-
-
 def _sections(
-    diagnosis: Diagnosis, evidence: Evidence, names: Names, figures: Path
+    diagnosis: Diagnosis,
+    evidence: Evidence,
+    names: Names,
+    drawn: Callable[[str, str], Html],
 ) -> dict[str, Html | None]:
     """Return the content of each section by key, in the order of `SECTION_TITLES`."""
-
-    def drawn(stem: str, words: str) -> Html:
-        path = figures / f"{stem}.png"
-        return embed_picture(path, words) if path.exists() else Html()
-
     most, usual = worst_excerpt(evidence), ordinary_excerpt(evidence)
     seconds = []
     if most is not None:
@@ -339,14 +338,6 @@ def _sections(
             else None
         ),
     }
-
-
-def _omitted_sections(keys: list[str]) -> Html:
-    """Name the sections without content in one sentence."""
-    if not keys:
-        return Html()
-    words = list_words([f"“{SECTION_TITLES[key]}”" for key in keys])
-    return paragraph(f"Left out, as there was nothing to show: {words}.", kind="small")
 
 
 SCENE_FILE = "scene.xml"

@@ -205,70 +205,35 @@ def next_command(diagnosis: Diagnosis) -> Html:
 
 def next_steps(diagnosis: Diagnosis, names: Names) -> Html:
     """Return at most three steps: the finding and its certainty, a change, a run."""
-    steps_of_verdict = {
-        "named": _steps_if_named,
-        "tie": _steps_if_tied,
-        "none": _steps_if_none,
-        "unknown": _steps_if_unknown,
-        "fix-data": _steps_to_fix,
-        "fix-numerics": _steps_to_fix,
-    }[diagnosis.verdict](diagnosis, names)
-    return bullet_list([step for step in steps_of_verdict if step][:3], ranked=True)
-
-
-def _steps_if_named(diagnosis: Diagnosis, names: Names) -> list[Html]:
-    found = [_certainty_sentence(each, names) for each in diagnosis.missing]
-    return [
-        _step_item("What is missing", " ".join(found)),
-        _model_change_step(diagnosis),
-        _question_step(diagnosis),
-    ]
-
-
-def _steps_if_tied(diagnosis: Diagnosis, names: Names) -> list[Html]:
-    return [
-        _experiment_step(diagnosis, names),
-        _question_step(diagnosis),
-        _model_change_step(diagnosis),
-    ]
-
-
-def _steps_if_none(diagnosis: Diagnosis, names: Names) -> list[Html]:
+    found = " ".join(_certainty_sentence(each, names) for each in diagnosis.missing)
+    change, question = _model_change_step(diagnosis), _question_step(diagnosis)
     check = f"Record one more trial with another motion, and {RUN_AGAIN} with it."
-    return [
-        _question_step(diagnosis) or _step_item("What to check", check),
-        _model_change_step(diagnosis),
-    ]
-
-
-def _steps_if_unknown(diagnosis: Diagnosis, names: Names) -> list[Html]:
     where = next((each.statement for each in diagnosis.where), NO_LOCATION)
     close = [each for step in diagnosis.runner_ups for each in step if each.reason]
     best = max(close, key=lambda each: each.reduction, default=None)
-    hint = ""
     if best is not None and best.reduction > 0.0:
-        hint = f" What comes closest: {names(best.id)}, refused: {best.reason}."
-    return [
-        _step_item("Where to look", f"{where}{hint}"),
-        _step_item(
-            "What to record",
-            f"{capitalise(isolating_trial(diagnosis))}; then {RUN_AGAIN} with it.",
-        ),
-        _step_item(
-            "What to check first",
-            diagnosis.question
-            or "Units, signs and clocks of "
-            "the columns, and whether anything was changed between trials.",
-        ),
-    ]
-
-
-def _steps_to_fix(diagnosis: Diagnosis, names: Names) -> list[Html]:
+        where += f" What comes closest: {names(best.id)}, refused: {best.reason}."
+    alone = f"{capitalise(isolating_trial(diagnosis))}; then {RUN_AGAIN} with it."
+    usual = (
+        "Units, signs and clocks of the columns, and whether anything was changed "
+        "between trials."
+    )
     wrong = capitalise(diagnosis.statement.removeprefix(f"{DATA_PREFIX}: "))
-    return [
+    fix = [
         _step_item("Put right", wrong),
         _step_item("Then", f"{capitalise(RUN_AGAIN)}."),
     ]
+    steps = {
+        "named": [_step_item("What is missing", found), change, question],
+        "tie": [_experiment_step(diagnosis, names), question, change],
+        "none": [question or _step_item("What to check", check), change],
+        "unknown": [
+            _step_item("Where to look", where),
+            _step_item("What to record", alone),
+            _step_item("What to check first", diagnosis.question or usual),
+        ],
+    }.get(diagnosis.verdict, fix)
+    return bullet_list([step for step in steps if step][:3], ranked=True)
 
 
 def _certainty_sentence(found: FoundEffect, names: Names) -> str:

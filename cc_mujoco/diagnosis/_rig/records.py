@@ -345,10 +345,6 @@ def _angle_channels(bench: Bench) -> list[str]:
     return [MOTOR_ANGLE, JOINT_ANGLE, *map(other_angle, bench.others)]
 
 
-def _thinning_factor(rate: float) -> int:
-    return max(1, int(rate / Limit.min_kept_rate + 1e-9))
-
-
 def _record(
     trial: Trial,
     part: slice,
@@ -359,7 +355,7 @@ def _record(
 ) -> Record:
     noise, known = dataset.noise, dataset.instruments
     tilt = trial.facts.tilt or 0.0
-    thin = _thinning_factor(trial.rate)
+    thin = max(1, int(trial.rate / Limit.min_kept_rate + 1e-9))
     band, motion_band = bands
     angles = np.array(
         [

@@ -504,7 +504,8 @@ def _motor_parameters(
     records: Sequence[Record], constants: Mapping[str, Constant], rms: float
 ) -> list[Tuned]:
     """Return the parameters of the motor's own friction, for a torque by current."""
-    speed = _top_speed(records)
+    speeds = [np.abs(np.gradient(r.motor_angle, r.dt))[r.counts] for r in records]
+    speed = max(float(np.quantile(np.concatenate(speeds), 0.95)), 1e-6)
     found = [
         Tuned(BASELINE["motor_friction"], 0.0, 0.1 * rms, 0.0, 100.0),
         Tuned(
@@ -524,12 +525,6 @@ def _motor_parameters(
             Tuned(BASELINE["torque_constant"], known.value, size, -10.0, 10.0, 1.0)
         )
     return found
-
-
-def _top_speed(records: Sequence[Record]) -> float:
-    """Return the usual top speed of the motor [rad/s]."""
-    speeds = [np.abs(np.gradient(r.motor_angle, r.dt))[r.counts] for r in records]
-    return max(float(np.quantile(np.concatenate(speeds), 0.95)), 1e-6)
 
 
 def _angle_offset(bench: Bench, records: Sequence[Record]) -> float:

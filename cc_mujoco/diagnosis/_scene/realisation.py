@@ -25,7 +25,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import mujoco
@@ -586,87 +586,68 @@ def _set_isotropic_inertia(
 class _Realisation:
     """Realisation of one effect in MuJoCo."""
 
-    # Names of its values; 0 is off, and leaves the scene as it was
-    parameters: tuple[str, ...]
     note: str  # means of the realisation, and advice to a user of the scene
     apply: Callable[[mujoco.MjSpec, Bench, Values], None]  # changes a scene
     # Whether it needs a pulley, or torques that are sums of sensors, which a joint with
     # a lever has not
     pulley: bool = True
+    # Names of its values, those of the effect unless given; 0 is off, and leaves the
+    # scene as it was
+    parameters: tuple[str, ...] = ()
 
 
 REALISATIONS: dict[str, _Realisation] = {
     "angle_offset": _Realisation(
-        ("joint_angle_offset",),
         "`ref` of the joint: where it is when the cables are at rest",
         angle_offset,
         pulley=False,
+        parameters=("joint_angle_offset",),
     ),
     "backlash": _Realisation(
-        ("backlash",),
         "the cables' pulley turns on a hinge of its own and takes the joint along "
         "through a fixed tendon with two limits; the pulley has the least inertia that "
         "the time step allows",
         backlash,
     ),
     "motor_cogging": _Realisation(
-        ("cogging_cosine", "cogging_sine", "cogging_order"),
         "the cogging torque of MuJoCo's DC motor, as an actuator without input",
         cogging,
         pulley=False,
     ),
     "joint_gravity": _Realisation(
-        ("gravity_sine", "gravity_cosine"),
         "the same with one period per turn: independent of the joint's axis in space "
         "and of the mass of the scene, as the rig stands that is not turned",
         gravity,
         pulley=False,
     ),
     "joint_stiffness": _Realisation(
-        ("joint_stiffness", "joint_stiffness_moment"),
-        "stiffness of the joint, about where it rests",
-        stiffness,
-        pulley=False,
+        "stiffness of the joint, about where it rests", stiffness, pulley=False
     ),
     "joint_inertia": _Realisation(
-        ("joint_inertia",),
         "armature of the joint; a weightless body that rides along shows it",
         joint_inertia,
         pulley=False,
     ),
     "motor_inertia": _Realisation(
-        ("motor_inertia",),
         "armature of the motor; a weightless body that rides along shows it",
         motor_inertia,
         pulley=False,
     ),
     "sensor_cross_talk": _Realisation(
-        ("motor_torque_cross_talk", "joint_torque_cross_talk"),
-        "each torque is also a weighted sum of the sensors of the other one",
-        cross_talk,
+        "each torque is also a weighted sum of the sensors of the other one", cross_talk
     ),
     "torque_sensor_gain": _Realisation(
-        ("motor_torque_gain", "joint_torque_gain"),
-        "weights of the sums that are the torques",
-        gain,
+        "weights of the sums that are the torques", gain
     ),
     "torque_offset": _Realisation(
-        ("motor_torque_offset", "joint_torque_offset"),
         "a constant in the sums that are the torques",
         torque_offset,
+        parameters=("motor_torque_offset", "joint_torque_offset"),
     ),
     "torque_sensor_offset": _Realisation(
-        (
-            "motor_torque_bias",
-            "joint_torque_bias",
-            "motor_torque_drift",
-            "joint_torque_drift",
-        ),
-        "a constant and a clock in the sums that are the torques",
-        bias,
+        "a constant and a clock in the sums that are the torques", bias
     ),
     "sensor_delay": _Realisation(
-        ("joint_delay", "motor_torque_delay", "joint_torque_delay"),
         "MuJoCo's own delay of sensors, linear between steps; where a torque comes "
         "early, the angles and the other torque are delayed instead",
         delay,
@@ -680,22 +661,15 @@ def realisations() -> dict[str, _Realisation]:
 
     Effects of the mechanics come before those of sensors.
     """
-    own = {
-        effect.id: _Realisation(
-            tuple(parameter.name for parameter in effect.parameters),
-            effect.mujoco,
-            effect.edit_spec,
-        )
-        for effect in EFFECTS.values()
-        if effect.edit_spec is not None
-    }
-    late = {name for name in (*REALISATIONS, *own) if _of_sensor(name)}
-    whole = {**REALISATIONS, **own}
-    return {name: whole[name] for name in sorted(whole, key=lambda n: n in late)}
-
-
-def _of_sensor(name: str) -> bool:
-    return name == "torque_offset" or (name in EFFECTS and EFFECTS[name].sensor)
+    whole = dict(REALISATIONS)
+    for effect in EFFECTS.values():
+        if effect.edit_spec is not None:
+            whole[effect.id] = _Realisation(effect.mujoco, effect.edit_spec)
+        if effect.id in whole:
+            names = tuple(parameter.name for parameter in effect.parameters)
+            whole[effect.id] = replace(whole[effect.id], parameters=names)
+    late = {"torque_offset", *(e.id for e in EFFECTS.values() if e.sensor)}
+    return {name: whole[name] for name in sorted(whole, key=late.__contains__)}
 
 
 def is_realisable(bench: Bench, name: str) -> bool:

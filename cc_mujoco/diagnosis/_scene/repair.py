@@ -221,7 +221,11 @@ def require_repairable(bench: Bench) -> None:
         }
         for name, realisation in realisations().items()
         if is_realisable(bench, name)
-        for typical in [_typical_values(name)]
+        for typical in [
+            {p.name: p.typical for p in EFFECTS[name].parameters}
+            if name in EFFECTS
+            else {}
+        ]
     }
     full = _rehearse_repair(bench, everything)
     with TemporaryDirectory() as folder:
@@ -247,11 +251,6 @@ def _rehearse_repair(bench: Bench, effects: Mapping[str, Values]) -> mujoco.MjSp
             f"scene {bench.path} has {taken[2]} {taken[1]!r}, and a repaired scene may "
             "need that name for its own; rename it"
         ) from None
-
-
-def _typical_values(effect: str) -> dict[str, float]:
-    parameters = EFFECTS[effect].parameters if effect in EFFECTS else ()
-    return {parameter.name: parameter.typical for parameter in parameters}
 
 
 def _check_settings(spec: mujoco.MjSpec, bench: Bench) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from cc_mujoco.datasets import Bench
 from cc_mujoco.diagnosis import read_channels, repair_scene, write
-from cc_mujoco.diagnosis._scene.realisation import REALISATIONS
+from cc_mujoco.diagnosis._scene.realisation import realisations
 from cc_mujoco.diagnosis._scene.repair import require_repairable
 from cc_mujoco.errors import CableError
 from cc_mujoco.plugin import from_mjcf
@@ -119,7 +119,7 @@ def test_no_effect_adds_an_input_to_the_scene() -> None:
 def test_values_of_zero_leave_the_scene_as_it_was() -> None:
     off = {
         name: dict.fromkeys(entry.parameters, 0.0)
-        for name, entry in REALISATIONS.items()
+        for name, entry in realisations().items()
     }
     off["motor_cogging"]["cogging_order"] = 7.0
     plain = repair_scene(BENCH, BENCH.cables, {})

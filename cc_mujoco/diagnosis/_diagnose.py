@@ -75,7 +75,7 @@ def diagnose(
 
     Raises:
         CableError: an effect that cannot be used, no data, a wrong dataset file, a
-            scene that is no bench or cannot be repaired (see `requirements`), or a
+            scene that is no bench or cannot be repaired (see `repair`), or a
             folder with the scene, with the diagnosis of other data or with other files
             that would be replaced.
     """

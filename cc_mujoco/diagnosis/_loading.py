@@ -77,9 +77,10 @@ def load(
     paths = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
     files = data_files(paths)
     folders = occasion_folders(paths)
-    own = [find_dataset_file(data_files([folder])) for folder in folders.values()]
-    if dataset_toml is None and sum(path is not None for path in own) > 1:
-        return _load_each(folders, bench, columns)
+    if dataset_toml is None:
+        declared = [find_dataset_file(data_files([each])) for each in folders.values()]
+        if sum(path is not None for path in declared) > 1:
+            return _load_each(folders, bench, columns)
     findings: list[DataFinding] = []
     toml = Path(dataset_toml) if dataset_toml is not None else find_dataset_file(files)
     file = DatasetFile() if toml is None else read_dataset_file(toml)

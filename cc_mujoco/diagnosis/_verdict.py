@@ -188,7 +188,7 @@ class Where:
 class Gap:
     """RMS error of one channel on held-out data, before and after.
 
-    Samples are weighted by how well the angles determine the torque, see `gap`.
+    Samples are weighted by how well the angles determine the torque.
     """
 
     rmse_before: float  # of the baseline

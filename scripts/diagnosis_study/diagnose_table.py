@@ -85,7 +85,7 @@ def is_right(record: dict[str, Any]) -> bool:
 def verdict_rates(records: list[dict[str, Any]]) -> list[list[str]]:
     """Return rows of a table: verdict, times it was given, share that is right.
 
-    `RELIABILITY` of `_search.belief` is copied from it.
+    `RELIABILITY` of `_judge` is copied from it.
     """
     found = []
     for verdict in ("named", "none", "tie", "unknown"):

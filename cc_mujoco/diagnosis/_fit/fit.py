@@ -409,14 +409,13 @@ class BaselineFit:
     problem: Problem
     whole: Fit
     crossed: CrossValidation
-    change: float
-    """RMS change by a finer simulation, over the floor."""
+    change: float  # RMS change by a finer simulation, over the floor
+    # Sentences on requested effects that the data cannot show
     notes: tuple[str, ...] = ()
-    """Sentences on requested effects that the data cannot show."""
+    # Mean temperature of trials by name, where it is known [degC]
     temperatures: Mapping[str, float] = field(default_factory=dict)
-    """Mean temperature of trials by name, where it is known [degC]."""
+    # Verdict where the numerics are too coarse to continue, or None
     refusal: Diagnosis | None = None
-    """Verdict where the numerics are too coarse to continue, or None."""
 
 
 def plant_of(
@@ -661,13 +660,11 @@ class Holdout:
 class Options:
     """Choices that a diagnosis is made with, besides data and scene."""
 
+    # Effects to consider; by default all but the rare ones that are not `requested`,
+    # which are considered where the others leave the error unexplained
     ids: Sequence[str] | None = None
-    """Effects to consider; by default all but the rare ones that are not `requested`,
-    which are considered where the others leave the error unexplained."""
-    requested: Sequence[str] = ()
-    """Effects that the user requested, rare ones included."""
-    seed: int = 0
-    """Seed of bootstraps and noise draws."""
+    requested: Sequence[str] = ()  # effects that the user requested, rare ones included
+    seed: int = 0  # seed of bootstraps and noise draws
 
 
 def fit_scene(

@@ -158,8 +158,8 @@ def _unexplained(
     if not sum(each.shape[1] for each in there):  # none of them moves enough
         return np.zeros(len(names))
     known = np.concatenate(there, axis=1).mean(axis=1)
-    found: FloatArray = np.maximum(deviation**2 - known, 0.0)
-    return found
+    short: FloatArray = np.maximum(deviation**2 - known, 0.0)
+    return short
 
 
 def _residual_trial(

@@ -778,7 +778,7 @@ class CrossValidation(NamedTuple):
 
     problem: Problem  # the model
     fits: tuple[Fit, ...]  # one per fold
-    # (2, samples) of every record, over the floor and by Huber as in `fitting`: of the
+    # (2, samples) of every record, over the floor and by Huber as in fits: of the
     # fit that has not seen the sample, NaN where no fit was held out
     errors: tuple[FloatArray, ...]
 

@@ -929,8 +929,8 @@ def _changes(
 def describe_change(tuned: Tuned, earlier: Estimate) -> tuple[Estimate, str]:
     """Return the change to the later occasion, and the same in words.
 
-    `tuned` is a change, see `occasions`; its estimate is the earlier occasion over the
-    later one, or less it.
+    `tuned` is a change, see `change_name`; its estimate is the earlier occasion over
+    the later one, or less it.
     """
     low, high = earlier.ci95
     if tuned.factor:

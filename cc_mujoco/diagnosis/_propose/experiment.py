@@ -7,7 +7,7 @@ import itertools
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -167,84 +167,80 @@ def motions(
             )
         ]
         return [_centre_motion(each, motor_middle, joint_middle) for each in found]
+
+    def play(
+        words: str,
+        motor: FloatArray,
+        joint: FloatArray | None = None,
+        pretension: float = 1.0,
+        **more: Any,
+    ) -> CataloguedTrial:
+        """Return a trial whose joint goes along unless it has its own motion."""
+        along = free(motor) if joint is None else joint
+        return CataloguedTrial(words, motor, along, pretension, **more)
+
+    turned = "the rig turned by 90 degrees about the joint's axis"
+    unhooked = "cables off, motor and joint each turned slowly over the whole range"
+    against = free(give * ladder)
     found = [
-        CataloguedTrial(
+        play(
             "joint free, triangles at five speeds from 2 % to 100 % of the fastest",
             ladder,
-            free(ladder),
         ),
-        CataloguedTrial("joint free, chirp from 0.1 to 3 Hz", chirp, free(chirp)),
-        CataloguedTrial(
-            "joint free, moves with rests of 1, 3, 8 and 22 s", dwell, free(dwell)
-        ),
-        CataloguedTrial(
+        play("joint free, chirp from 0.1 to 3 Hz", chirp),
+        play("joint free, moves with rests of 1, 3, 8 and 22 s", dwell),
+        play(
             "joint locked, slow triangles of the motor a few times its wind-up",
             taut(triangle(locked, wind)),
             still,
         ),
-        CataloguedTrial(
+        play(
             "joint locked, small reversals of the motor within its wind-up",
             taut(small),
             still,
         ),
-        CataloguedTrial(
+        play(
             "motor locked, joint moved slowly to and fro by hand",
             still,
             triangle(locked * ratio, wind),
         ),
-        CataloguedTrial(
+        play(
             "joint free, slow triangle over the whole range, pretension halved",
             sweep,
-            free(sweep),
-            0.5,
+            pretension=0.5,
         ),
         *(
-            CataloguedTrial(
+            play(
                 f"joint free, slow triangle over {words} the range, if the rig allows",
                 triangle(times * swing, rate * 0.2),
-                free(triangle(times * swing, rate * 0.2)),
                 usual=False,
                 hard=times > 2.0,
             )
             for words, times in (("twice", 2.0), ("four times", 4.0))
         ),
-        CataloguedTrial(
-            "joint free, slow triangle over the whole range, the rig turned by 90 "
-            f"degrees about the joint's axis (`tilt = {QUARTER_TURN:.3f}`), if it "
-            "allows",
+        play(
+            f"joint free, slow triangle over the whole range, {turned} "
+            f"(`tilt = {QUARTER_TURN:.3f}`), if it allows",
             sweep,
-            free(sweep),
             tilt=QUARTER_TURN,
             standard=True,
         ),
-        CataloguedTrial(
-            "cables off, motor and joint each turned slowly over the whole range",
+        play(unhooked, sweep, pretension=0.0, standard=True),
+        play(
+            f"{unhooked}, {turned}",
             sweep,
-            free(sweep),
-            0.0,
-            standard=True,
-        ),
-        CataloguedTrial(
-            "cables off, motor and joint each turned slowly over the whole range, the "
-            "rig turned by 90 degrees about the joint's axis",
-            sweep,
-            free(sweep),
-            0.0,
+            pretension=0.0,
             tilt=QUARTER_TURN,
             usual=False,
         ),
-        CataloguedTrial(
+        play(
             "joint locked, slow triangles, pretension halved",
             taut(triangle(min(2.0 * wind, 0.5 * taut_angle), wind)),
             still,
             0.5,
         ),
-        CataloguedTrial(
-            "joint against a spring, triangles at five speeds",
-            ladder,
-            free(give * ladder),
-        ),
-        CataloguedTrial(
+        play("joint against a spring, triangles at five speeds", ladder, against),
+        play(
             "joint against a spring, chirp from 0.1 to 3 Hz", chirp, free(give * chirp)
         ),
     ]
@@ -263,35 +259,34 @@ def motions(
             if size
         ]
         found.append(
-            CataloguedTrial(
+            play(
                 "cables off, a known weight hung in place of the cable "
                 f"({list_words(sides)}), motor and joint each turned slowly over the "
                 "whole range",
                 sweep,
-                free(sweep),
-                0.0,
+                pretension=0.0,
                 known_torques=(weights[0], weights[1]),
                 standard=True,
             )
         )
     if instruments == TORQUE_SENSORS:
         found.append(
-            CataloguedTrial(
+            play(
                 "the two torque sensors exchanged (`swapped = true`), joint against a "
                 "spring, triangles at five speeds",
                 ladder,
-                free(give * ladder),
+                against,
                 swapped=True,
                 usual=False,
             )
         )
     found += [
-        CataloguedTrial(
+        play(
             f"a load cell in cable {bench.names[0]} at its {end} end "
             f"(`{_cell_channel(bench, end)}`), joint against a spring, triangles at "
             "five speeds",
             ladder,
-            free(give * ladder),
+            against,
             load_cell=_cell_channel(bench, end),
             hard=True,
             usual=_cell_channel(bench, end) in cells,

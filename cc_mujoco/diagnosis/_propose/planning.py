@@ -1,9 +1,9 @@
 """Choose trials before there are any data: all effects testable, none tied.
 
 The catalogue's motions are simulated with the scene as it is, and with each effect at a
-size that is plausible on the rig, see `plausibility`. The change by an effect, less the
-part that tuning can explain, adds up over trials (in the normal equations), so every
-set of trials is judged without another simulation.
+size that is plausible on the rig, see `plausible_size`. The change by an effect, less
+the part that tuning can explain, adds up over trials (in the normal equations), so
+every set of trials is judged without another simulation.
 """
 
 from __future__ import annotations

@@ -203,20 +203,16 @@ def _require_unchanged(path: Path, digest: Any, place: Path) -> None:
 class DiagnosisResult:
     """Diagnosis with the model, evidence and fits behind it."""
 
-    diagnosis: Diagnosis
-    """Verdict, in numbers and sentences."""
-    bench: Bench
-    """Rig as the scene has it."""
+    diagnosis: Diagnosis  # verdict, in numbers and sentences
+    bench: Bench  # rig as the scene has it
+    # Signals and maps that the report draws
     evidence: Evidence = field(default_factory=Evidence)
-    """Signals and maps that the report draws."""
-    problem: Problem | None = None
-    """Final model, or None where there is none."""
+    problem: Problem | None = None  # final model, or None where there is none
+    # Parameters of the final model
     x: FloatArray = field(default_factory=lambda: np.zeros(0))
-    """Parameters of the final model."""
+    # Fit of the baseline, or None where there is none
     baseline_fit: BaselineFit | None = None
-    """Fit of the baseline, or None where there is none."""
-    motion: CataloguedTrial | None = None
-    """Motion of the proposed trial, or None."""
+    motion: CataloguedTrial | None = None  # motion of the proposed trial, or None
 
 
 REPORT_PAGE = "report.html"

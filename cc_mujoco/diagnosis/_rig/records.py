@@ -212,53 +212,38 @@ class Record:
     A record is equal to itself only, so that results of it can be cached.
     """
 
-    trial: str
-    """Name of the trial."""
-    dt: float
-    """Time between samples [s]."""
-    step: float
-    """Time between samples as recorded [s]."""
-    time: FloatArray
-    """Time of every sample as recorded [s]."""
-    motor_angle: FloatArray
-    """Angle of the motor, without movements by noise [rad]."""
-    joint_angle: FloatArray
-    """Angle of the joint, without movements by noise [rad]."""
+    trial: str  # name of the trial
+    dt: float  # time between samples [s]
+    step: float  # time between samples as recorded [s]
+    time: FloatArray  # time of every sample as recorded [s]
+    motor_angle: FloatArray  # angle of the motor, without movements by noise [rad]
+    joint_angle: FloatArray  # angle of the joint, without movements by noise [rad]
+    # Angles (2, samples) of motor and joint with movements by noise [rad]
     read: FloatArray
-    """Angles (2, samples) of motor and joint with movements by noise [rad]."""
+    # Torques (rows, samples) of motor and joint, those that are known [N m]
     measured: FloatArray
-    """Torques (rows, samples) of motor and joint, those that are known [N m]."""
-    band: float
-    """Cut-off of the low-pass of the torques [Hz]."""
-    counts: np.ndarray[tuple[int], np.dtype[np.bool_]]
-    """True where a sample counts."""
+    band: float  # cut-off of the low-pass of the torques [Hz]
+    counts: np.ndarray[tuple[int], np.dtype[np.bool_]]  # true where a sample counts
+    # Pretension of the trial if known [N], else None; 0 without the cables
     pretension: float | None
-    """Pretension of the trial if known [N], else None; 0 without the cables."""
-    start: float
-    """Time from the beginning of the trial to the first sample [s]."""
-    split: str | None
-    """Purpose that `dataset.toml` reserves the trial for, else None."""
+    start: float  # time from the beginning of the trial to the first sample [s]
+    split: str | None  # purpose that `dataset.toml` reserves the trial for, else None
+    # Name of the trials that repeat each other; they are never on both sides of a
+    # division
     group: str
-    """Name of the trials that repeat each other; they are never on both sides of a
-    division."""
-    tilt: float = 0.0
-    """Angle by which the rig was turned about the joint's axis [rad]."""
-    occasion: str = ""
-    """Name of the day or session, see `occasions`."""
+    tilt: float = 0.0  # angle by which the rig was turned about the joint's axis [rad]
+    occasion: str = ""  # name of the day or session
+    # Paths of the cables along the recording, where other joints move them, too
     path: RecordedPath | None = None
-    """Paths of the cables along the recording, where other joints move them, too."""
-    conditions: TrialConditions = USUAL_CONDITIONS
-    """Conditions of the trial."""
+    conditions: TrialConditions = USUAL_CONDITIONS  # conditions of the trial
+    # Torques of known weights in place of the cables, at motor and joint [N m]
     known_torques: tuple[float, float] = (0.0, 0.0)
-    """Torques of known weights in place of the cables, at motor and joint [N m]."""
-    swapped: bool = False
-    """True if the torque sensors had changed places."""
+    swapped: bool = False  # true if the torque sensors had changed places
+    # Load cell in one cable, compared in place of the torque at its end
     load_cell: SingleCell | None = None
-    """Load cell in one cable, compared in place of the torque at its end."""
-    notes: str = ""
-    """Notes on the trial."""
+    notes: str = ""  # notes on the trial
+    # Further columns of the file (samples,), by name, and the temperature
     columns: Mapping[str, FloatArray] = field(default_factory=dict)
-    """Further columns of the file (samples,), by name, and the temperature."""
 
     @property
     def unhooked(self) -> bool:

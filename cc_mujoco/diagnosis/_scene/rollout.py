@@ -63,7 +63,7 @@ def rollout(
         joint_angle: (samples,) [rad]; of a lever positive where the cable pulls.
         lead_in: turns of the motor per turn of the joint (of a lever, per turn of the
             pulley that it is at 0), to come from rest in the pose 0 to the first
-            sample, see `replays.with_lead_in`; None begins there at rest.
+            sample, see `records.with_lead_in`; None begins there at rest.
         tilt: by which the rig was turned about the joint's axis, positive as the joint
             is, for gravity that a diagnosis found [rad]; of a lever nothing shows it.
         cables: names of the cables that are played, of a scene with others besides,

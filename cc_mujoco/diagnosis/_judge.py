@@ -20,7 +20,7 @@ shows: effects that the library does not have.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from statistics import NormalDist
 from typing import NamedTuple
@@ -45,6 +45,8 @@ from cc_mujoco.diagnosis._fit.trials import misfits
 from cc_mujoco.diagnosis._phrases import (
     capitalise,
     channel_name,
+    effect_name,
+    effect_names,
     format_number,
     format_odds,
     format_share,
@@ -455,7 +457,7 @@ def deviating_parameters(
         if deviation < Limit.max_prior_sigmas or estimated[name].holds(given):
             continue
         others = [
-            f"{EFFECTS[each.id].title} ({each.explains})"
+            f"{effect_name(each.id)} ({each.explains})"
             for each in hidden
             if each.parameter == name and each.explains
         ]
@@ -633,7 +635,7 @@ def verdict_of(found: Search, outcome: Judgement) -> tuple[Verdict, str]:
 
 def declared_sentence(declared: Mapping[str, str]) -> str:
     """Return in a sentence the facts of `[rig]` that remove or bound effects, or ""."""
-    facts = [f"{EFFECTS[name].title} ({fact})" for name, fact in declared.items()]
+    facts = [f"{effect_name(name)} ({fact})" for name, fact in declared.items()]
     return f" Limited by what [rig] declares: {list_words(facts)}." if facts else ""
 
 
@@ -669,20 +671,22 @@ def _verdict(found: Search, outcome: Judgement) -> tuple[Verdict, str]:
     if stretch is not None and stretch.size > Limit.stretch_limit:
         statement += f" One stretch is left: {stretch.statement}"
     if refining:
-        either = list_words(_titles((each.id, *each.rivals), "or") for each in refining)
+        either = list_words(
+            effect_names((each.id, *each.rivals), "or") for each in refining
+        )
         statement += (
             f" {capitalise(either)} refines the model, but explains too little to be "
             "called missing."
         )
     if ordinary:
         statement += (
-            f" {capitalise(_titles(ordinary))} is in the model, but no larger than "
-            "uneven bends and loose ends of any conduit make."
+            f" {capitalise(effect_names(ordinary))} is in the model, but no larger "
+            "than uneven bends and loose ends of any conduit make."
         )
     if disputed:
         statement += " " + capitalise(
             list_words(
-                f"{EFFECTS[each.id].title} is supported by "
+                f"{effect_name(each.id)} is supported by "
                 f"{format_share(each.agreement)} of the parts of the data only"
                 for each in disputed
             )
@@ -703,10 +707,9 @@ def _verdict(found: Search, outcome: Judgement) -> tuple[Verdict, str]:
     if left > Limit.max_misfit and little:
         return "unknown", (
             f"Something is missing{_describe_implausible(found)}. What comes closest "
-            f"is {_titles(missing)}: it takes {format_share(explained)} of the RMS "
-            f"error above the noise and leaves {format_number(left)} times the noise "
-            f"floor, so "
-            f"it does not reach the noise. {statement}"
+            f"is {effect_names(missing)}: it takes {format_share(explained)} of the "
+            f"RMS error above the noise and leaves {format_number(left)} times the "
+            f"noise floor, so it does not reach the noise. {statement}"
         )
     if outcome.unhooked > Limit.trial_limit and all(
         EFFECTS[name].where == "conduit" for name in missing
@@ -714,7 +717,7 @@ def _verdict(found: Search, outcome: Judgement) -> tuple[Verdict, str]:
         return "unknown", (
             "Something is missing at motor, joint or sensors: with the cables off the "
             f"error is {format_number(outcome.unhooked)} times the noise floor, which "
-            f"no cable causes. {capitalise(_titles(missing))} takes "
+            f"no cable causes. {capitalise(effect_names(missing))} takes "
             f"{format_share(explained)} of the RMS error above the noise. {statement}"
         )
     if misfit < Limit.hint_error:
@@ -725,12 +728,12 @@ def _verdict(found: Search, outcome: Judgement) -> tuple[Verdict, str]:
     tied = {name for tie in outcome.ties for name in tie}
     if tied:
         sure = [name for name in missing if name not in tied]
-        groups = [_titles(sure)] if sure else []
-        groups += [_titles(tie, "or") for tie in outcome.ties]
+        groups = [effect_names(sure)] if sure else []
+        groups += [effect_names(tie, "or") for tie in outcome.ties]
         every = ", and ".join(groups)
         return "tie", f"Missing: {every}. These data do not show which. {statement}"
     verb = "is" if len(missing) == 1 else "are"
-    return "named", f"{capitalise(_titles(missing))} {verb} missing. {statement}"
+    return "named", f"{capitalise(effect_names(missing))} {verb} missing. {statement}"
 
 
 def _no_effect_verdict(
@@ -781,7 +784,7 @@ def closest_sentence(found: Search) -> str:
     if share < 0.01:
         return "No effect of the library that was refitted takes 1 % of it."
     return (
-        f"What comes closest is {EFFECTS[candidate.id].title}: it takes "
+        f"What comes closest is {effect_name(candidate.id)}: it takes "
         f"{format_share(share)} of the RMS error above the noise and leaves "
         f"{format_number(left)} times the noise floor, but is refused: "
         f"{candidate.reason}."
@@ -791,16 +794,12 @@ def closest_sentence(found: Search) -> str:
 def _describe_implausible(found: Search) -> str:
     """Name the effects that would explain the error if they could be so large."""
     statements = [
-        f"{EFFECTS[candidate.id].title} {candidate.reason}"
+        f"{effect_name(candidate.id)} {candidate.reason}"
         for step in found.rounds[-1:]
         for candidate in step.candidates
         if candidate.reason.startswith(IMPLAUSIBLE_PREFIX)
     ]
     return f"; {list_words(statements)}" if statements else ""
-
-
-def _titles(names: Iterable[str], last: str = "and") -> str:
-    return list_words([EFFECTS[name].title for name in names], last)
 
 
 def _describe_gap(found: Mapping[str, Gap]) -> str:
@@ -942,7 +941,7 @@ def _worded(
     words = {"nothing": "nothing is missing", "outside": "something else acts"}
 
     def name(other: Alternative) -> str:
-        return words.get(other.id) or EFFECTS[other.id].title
+        return words.get(other.id) or effect_name(other.id)
 
     rest = [f"{name(each)} (odds {format_odds(each.probability)})" for each in shown]
     complete = not left > Limit.max_explained_error

@@ -1,15 +1,12 @@
-"""Words and numbers of the report: names of verdicts, channels and intervals.
-
-names = Names({"stribeck_friction": "Stribeck friction"})
-headline(diagnosis, names)   # "Missing: Stribeck friction"
-"""
+"""Words and numbers of the report: names of verdicts, effects, channels, intervals."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 
 from cc_mujoco.diagnosis._verdict import Diagnosis, Gap
+from cc_mujoco.diagnosis.effects import EFFECTS
 from cc_mujoco.estimation._least_squares import Estimate
 from cc_mujoco.report._html import list_words
 
@@ -48,18 +45,14 @@ NOT_IN_SCENE_PREFIX = "scene.xml does not contain"
 """First words of the problem that names an effect missing in the written scene."""
 
 
-class Names:
-    """Names of effects in sentences, by id; without a title, the id with spaces."""
+def effect_name(effect: str) -> str:
+    """Return the title of an effect; of one that is not there its id with spaces."""
+    return EFFECTS[effect].title if effect in EFFECTS else plain_name(effect)
 
-    def __init__(self, titles: Mapping[str, str] | None = None) -> None:
-        self._titles = dict(titles or {})
 
-    def __call__(self, effect: str) -> str:
-        return self._titles.get(effect, plain_name(effect))
-
-    def list(self, effects: Iterable[str], last: str = "and") -> str:
-        """Return the names of several effects as a list in a sentence."""
-        return list_words([self(effect) for effect in effects], last)
+def effect_names(effects: Iterable[str], last: str = "and") -> str:
+    """Return the titles of several effects as a list in a sentence."""
+    return list_words(map(effect_name, effects), last)
 
 
 def plain_name(name: str) -> str:
@@ -88,7 +81,7 @@ def format_odds(probability: float) -> str:
     return f"{percent}:{100 - percent}"
 
 
-def headline(diagnosis: Diagnosis, names: Names) -> str:
+def headline(diagnosis: Diagnosis) -> str:
     """Return the verdict as one line."""
     tied = {name for group in diagnosis.ties for name in group}
     named = [found.id for found in diagnosis.missing if found.id not in tied]
@@ -98,10 +91,10 @@ def headline(diagnosis: Diagnosis, names: Names) -> str:
             f"; the remaining error is {diagnosis.remaining:.1f} times the noise floor"
         )
     if diagnosis.verdict == "named":
-        return f"Missing: {names.list(named)}{remains}"
+        return f"Missing: {effect_names(named)}{remains}"
     if diagnosis.verdict == "tie":
-        rivals = [f"either {names.list(group, 'or')}" for group in diagnosis.ties]
-        return f"Missing: {list_words([*map(names, named), *rivals])}{remains}"
+        rivals = [f"either {effect_names(group, 'or')}" for group in diagnosis.ties]
+        return f"Missing: {list_words([*map(effect_name, named), *rivals])}{remains}"
     if diagnosis.verdict == "unknown" and diagnosis.interrupted:
         return "Something is missing, but the search was stopped before all was tried"
     if diagnosis.verdict == "unknown" and diagnosis.question:

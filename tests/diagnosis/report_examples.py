@@ -20,6 +20,7 @@ from cc_mujoco.diagnosis._verdict import (
     TrialTrace,
     Where,
 )
+from cc_mujoco.diagnosis.effects import EFFECTS
 from cc_mujoco.estimation import Estimate
 
 IDS = (
@@ -46,7 +47,7 @@ IDS = (
     "torque_sensor_offset",
     "sensor_delay",
 )
-TITLES = {"stribeck_friction": "Stribeck friction", "presliding": "presliding"}
+TITLES = {name: EFFECTS[name].title for name in ("stribeck_friction", "presliding")}
 
 _BASELINE = Baseline(
     {

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from cc_mujoco.diagnosis._phrases import (
     MINUS,
-    Names,
+    effect_name,
     format_fitted,
     format_interval,
     format_number,
@@ -19,27 +19,27 @@ from cc_mujoco.diagnosis._phrases import (
 )
 from cc_mujoco.diagnosis._verdict import Gap
 from cc_mujoco.estimation import Estimate
-from diagnosis.report_examples import DIAGNOSES, TITLES
+from diagnosis.report_examples import DIAGNOSES
 
 
 def test_headlines_name_what_is_missing() -> None:
-    names = Names(TITLES)
-    assert headline(DIAGNOSES["named"], names) == "Missing: Stribeck friction"
+    stribeck, play, soft = map(
+        effect_name, ("stribeck_friction", "backlash", "end_compliance")
+    )
+    assert headline(DIAGNOSES["named"]) == f"Missing: {stribeck}"
     off = replace(DIAGNOSES["named"], remaining=4.31)
-    assert headline(off, names) == (
-        "Missing: Stribeck friction; the remaining error is 4.3 times the noise floor"
+    assert headline(off) == (
+        f"Missing: {stribeck}; the remaining error is 4.3 times the noise floor"
     )
     tie = replace(DIAGNOSES["tie"], effects=DIAGNOSES["named"].effects)
     tie = replace(tie, ties=(("backlash", "end_compliance"),))
-    assert headline(tie, names) == (
-        "Missing: Stribeck friction and either backlash or end compliance"
-    )
+    assert headline(tie) == f"Missing: {stribeck} and either {play} or {soft}"
     tie = replace(tie, ties=(("stribeck_friction", "backlash"),))
-    assert headline(tie, names) == "Missing: either Stribeck friction or backlash"
+    assert headline(tie) == f"Missing: either {stribeck} or {play}"
     part = replace(DIAGNOSES["unknown"], effects=DIAGNOSES["named"].effects)
-    assert "one trial was recorded differently" in headline(part, names)
+    assert "one trial was recorded differently" in headline(part)
     part = replace(part, question="")
-    assert "only in part" in headline(part, names)
+    assert "only in part" in headline(part)
 
 
 def test_a_gap_that_widens_or_was_never_there_is_said_so() -> None:

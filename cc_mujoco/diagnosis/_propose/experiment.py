@@ -21,7 +21,7 @@ from cc_mujoco.diagnosis._fit.problem import (
     huber_residual,
     jacobian,
 )
-from cc_mujoco.diagnosis._phrases import format_number
+from cc_mujoco.diagnosis._phrases import effect_name, format_number
 from cc_mujoco.diagnosis._rig.records import Record, wind_up_angle
 from cc_mujoco.diagnosis._rig.simulation import occasions_of
 from cc_mujoco.diagnosis._search.candidates import are_confusable, tie_reason
@@ -499,7 +499,7 @@ def best_trial(rivals: Rivals) -> Proposal | None:
         if settles[better] and (best is None or rank > best[0]):
             description = _describe_difference(problem, rivals.ids, shown, left, noise)
             if not settles[worse]:
-                names = [EFFECTS[rivals.ids[each]].title for each in (better, worse)]
+                names = [effect_name(rivals.ids[each]) for each in (better, worse)]
                 description += (
                     f"; it settles the tie if it is {names[0]}, which fits better now, "
                     f"and need not if it is {names[1]}"
@@ -538,8 +538,8 @@ def _describe_difference(
     return (
         f"{channel} differs by {sizes[row] * noise[row, 0]:.3g} N m RMS even when all "
         f"else is tuned, {format_number(sizes[row])} times the noise; at "
-        f"{most * MOTION_STEP:.1f} s {EFFECTS[ids[0]].title} gives "
-        f"{shown[0][row, most]:.3g} N m and {EFFECTS[ids[1]].title} "
+        f"{most * MOTION_STEP:.1f} s {effect_name(ids[0])} gives "
+        f"{shown[0][row, most]:.3g} N m and {effect_name(ids[1])} "
         f"{shown[1][row, most]:.3g} N m"
     )
 

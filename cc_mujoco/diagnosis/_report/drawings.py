@@ -1,7 +1,7 @@
 """Figures of the report; those without data are left out.
 
 with style():
-    for stem, drawing in draw_figures(diagnosis, evidence, names).items():
+    for stem, drawing in draw_figures(diagnosis, evidence).items():
         save(folder / f"{stem}.png", drawing)
 """
 
@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from cc_mujoco.diagnosis._phrases import (
     TORQUE_UNIT,
-    Names,
     capitalise,
     channel_name,
+    effect_name,
     format_number,
     format_share,
     plain_name,
@@ -136,9 +136,7 @@ def invisible_effects(isolability: Isolability) -> list[str]:
     ]
 
 
-def draw_isolability(
-    isolability: Isolability, names: Names, width: float
-) -> Figure | None:
+def draw_isolability(isolability: Isolability, width: float) -> Figure | None:
     """Draw a heat map of cosines and bars of visibility; None without effects.
 
     Similar effects are adjacent.
@@ -150,7 +148,9 @@ def draw_isolability(
         return None
     order = _cluster_order(isolability.cosines)
     cosines = isolability.cosines[np.ix_(order, order)]
-    labels = [names(isolability.ids[index]).replace("$", r"\$") for index in order]
+    labels = [
+        effect_name(isolability.ids[index]).replace("$", r"\$") for index in order
+    ]
     drawing = figure(width, 1.5 + 0.24 * count)
     heat, bars = drawing.subplots(1, 2, sharey=True, width_ratios=[3.2, 1])
     shades = LinearSegmentedColormap.from_list("likeness", ["white", BLUE])
@@ -214,17 +214,13 @@ FIGURE_STEMS = ("gap", "maps", "traces", "traces_ordinary", "isolability")
 """File names of all possible figures, without `.png`."""
 
 
-def draw_figures(
-    diagnosis: Diagnosis, evidence: Evidence, names: Names
-) -> dict[str, Figure]:
+def draw_figures(diagnosis: Diagnosis, evidence: Evidence) -> dict[str, Figure]:
     """Return the figures by file stem, without empty ones."""
     both = model_changed(evidence)
     found: dict[str, Figure | None] = {
         "gap": draw_gap(diagnosis.gap) if diagnosis.gap else None,
         "maps": draw_maps(shown_maps(evidence), both) if evidence.maps else None,
-        "isolability": draw_isolability(
-            evidence.isolability, names, Limit.matrix_width
-        ),
+        "isolability": draw_isolability(evidence.isolability, Limit.matrix_width),
     }
     most, usual = worst_excerpt(evidence), ordinary_excerpt(evidence)
     if most is not None:

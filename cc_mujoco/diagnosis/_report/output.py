@@ -36,7 +36,7 @@ from cc_mujoco.diagnosis._fit.problem import Problem
 from cc_mujoco.diagnosis._phrases import (
     NO_SCENE_PREFIX,
     NOT_IN_SCENE_PREFIX,
-    Names,
+    effect_name,
     headline,
 )
 from cc_mujoco.diagnosis._propose.experiment import CataloguedTrial, write_motion
@@ -243,32 +243,29 @@ def write_report(
     folder: str | os.PathLike[str],
     diagnosis: Diagnosis,
     evidence: Evidence,
-    titles: Mapping[str, str] | None = None,
 ) -> None:
     """Write `report.html` and its figures, all of them or none.
 
     Figures of an older report in the folder are deleted if this one does not have them.
-    `titles` are names of effects in sentences, by id; without one, the id with spaces.
     """
-    names = Names(titles)
     with replacing_folder(folder) as partial:
         with style():
-            drawings = draw_figures(diagnosis, evidence, names)
+            drawings = draw_figures(diagnosis, evidence)
             for stem, drawing in drawings.items():
                 save(partial / f"{stem}.png", drawing)
-        text = _page(diagnosis, evidence, names, partial)
+        text = _page(diagnosis, evidence, partial)
         (partial / REPORT_PAGE).write_text(text, encoding="utf-8")
     for stem in FIGURE_STEMS:
         if stem not in drawings:
             (Path(folder) / f"{stem}.png").unlink(missing_ok=True)
 
 
-def _page(diagnosis: Diagnosis, evidence: Evidence, names: Names, figures: Path) -> str:
+def _page(diagnosis: Diagnosis, evidence: Evidence, figures: Path) -> str:
     def drawn(stem: str, words: str) -> Html:
         path = figures / f"{stem}.png"
         return embed_picture(path, words) if path.exists() else Html()
 
-    parts = _sections(diagnosis, evidence, names, drawn)
+    parts = _sections(diagnosis, evidence, drawn)
     if diagnosis.verdict != "unknown":
         del parts["unknown"]
     there = {key: part for key, part in parts.items() if part is not None}
@@ -280,9 +277,9 @@ def _page(diagnosis: Diagnosis, evidence: Evidence, names: Names, figures: Path)
     omitted = f"Left out, as there was nothing to show: {list_words(absent)}."
     gap = drawn("gap", "Weighted RMS error on held-out data, beside the noise floor.")
     return page(
-        headline(diagnosis, names),
+        headline(diagnosis),
         diagnosis.verdict,
-        sections.header(diagnosis, names, gap),
+        sections.header(diagnosis, gap),
         page_sections(SECTION_TITLES, {key: there[key] for key in order}),
         paragraph(omitted, kind="small") if absent else Html(),
     )
@@ -291,7 +288,6 @@ def _page(diagnosis: Diagnosis, evidence: Evidence, names: Names, figures: Path)
 def _sections(
     diagnosis: Diagnosis,
     evidence: Evidence,
-    names: Names,
     drawn: Callable[[str, str], Html],
 ) -> dict[str, Html | None]:
     """Return the content of each section by key, in the order of `SECTION_TITLES`."""
@@ -315,18 +311,18 @@ def _sections(
         "unknown": sections.unknown(diagnosis),
         "traces": join_pieces(seconds) if seconds else None,
         "gap": sections.gap(diagnosis),
-        "occasions": sections.occasions(diagnosis, names),
+        "occasions": sections.occasions(diagnosis),
         "trials": sections.trials(diagnosis),
         "where": sections.error_location(diagnosis),
         "maps": illustrated(sections.maps(evidence), maps),
-        "candidates": sections.candidates(diagnosis, names),
+        "candidates": sections.candidates(diagnosis),
         "likeness": illustrated(
-            sections.effect_similarity(evidence, names),
+            sections.effect_similarity(evidence),
             folded("All effects", scrolled(figure)) if figure else Html(),
         ),
-        "untested": sections.untested_effects(diagnosis, names),
-        "next": sections.experiment(diagnosis, names),
-        "parameters": sections.parameters(diagnosis, names),
+        "untested": sections.untested_effects(diagnosis),
+        "next": sections.experiment(diagnosis),
+        "parameters": sections.parameters(diagnosis),
         "problems": sections.problems(diagnosis),
         "provenance": (
             folded("Inputs, versions and settings", known)
@@ -415,7 +411,6 @@ def write(
         result.diagnosis,
         provenance=provenance(result, dataset, out, command, seed, effects),
     )
-    titles = {name: effect.title for name, effect in EFFECTS.items()}
     scene_before = {"written": (_provenance(out) or {}).get("written", "")}
     known = {**diagnosis.provenance, **scene_before}
     with replacing_folder(out) as place:
@@ -430,8 +425,8 @@ def write(
             except CableError as error:  # the verdict stands without it
                 problems = [f"{NO_SCENE_PREFIX}: {error}."]
             diagnosis = replace(diagnosis, problems=(*diagnosis.problems, *problems))
-            write_recording(place / "evidence.rrd", result.evidence, titles)
-        write_report(place, diagnosis, result.evidence, titles)
+            write_recording(place / "evidence.rrd", result.evidence)
+        write_report(place, diagnosis, result.evidence)
         diagnosis.write(place / VERDICT_FILE)
         written = {file.name for file in place.iterdir()}
     if result.motion is not None and diagnosis.next_experiment is not None:
@@ -528,7 +523,7 @@ def write_and_compare_scene(result: DiagnosisResult, path: Path) -> list[str]:
     effects = {name: found[name] for name in _writable_effects(result)}
     left_out = {name: own for name, own in found.items() if name not in effects}
     statements = [
-        f"{NOT_IN_SCENE_PREFIX} {EFFECTS[name].title}, which was found: "
+        f"{NOT_IN_SCENE_PREFIX} {effect_name(name)}, which was found: "
         f"{unrealisable_reason(result.bench, name)}. Take its values from verdict.json."
         for name in left_out
     ]

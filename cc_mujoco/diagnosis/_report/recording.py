@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Mapping
 
 import numpy as np
 import rerun as rr
@@ -19,9 +18,10 @@ import rerun.blueprint as rrb
 from cc_mujoco.diagnosis._phrases import (
     SIGN_NOTE,
     TORQUE_UNIT,
-    Names,
     capitalise,
     channel_name,
+    effect_name,
+    effect_names,
     plain_name,
 )
 from cc_mujoco.diagnosis._phrases import format_share as share_of
@@ -49,15 +49,11 @@ LINE_STYLES = {"measured": (GREY, 2.5), "before": (ORANGE, 1.5), "after": (BLUE,
 def write_recording(
     path: str | os.PathLike[str],
     evidence: Evidence,
-    titles: Mapping[str, str] | None = None,
 ) -> None:
-    """Write the evidence as a `.rrd` file, whole or not at all.
-
-    `titles` are names of effects by id; without one, the id with spaces.
-    """
+    """Write the evidence as a `.rrd` file, whole or not at all."""
     both = model_changed(evidence)
     with recording(path, recording_id(evidence), _blueprint(evidence)) as rec:
-        rec.log("about", _about(evidence, Names(titles)), static=True)
+        rec.log("about", _about(evidence), static=True)
         for trace in evidence.traces:
             _log_trace(rec, trace, both)
         for each in evidence.maps:
@@ -126,7 +122,7 @@ def _log_map(rec: rr.RecordingStream, each: Map, both: bool) -> None:
         rec.log(_map_path(each, kind), bars, static=True)
 
 
-def _about(evidence: Evidence, names: Names) -> rr.TextDocument:
+def _about(evidence: Evidence) -> rr.TextDocument:
     maps = [
         (
             capitalise(channel_name(each.channel)),
@@ -137,7 +133,7 @@ def _about(evidence: Evidence, names: Names) -> rr.TextDocument:
         for each in sorted(evidence.maps, key=lambda each: -np.nan_to_num(each.share))
     ]
     pairs = [
-        (names(one), names(other), f"{cosine:.2f}")
+        (effect_name(one), effect_name(other), f"{cosine:.2f}")
         for one, other, cosine in confounded_pairs(evidence.isolability)
     ]
     parts = [
@@ -151,7 +147,7 @@ def _about(evidence: Evidence, names: Names) -> rr.TextDocument:
     ]
     weak = invisible_effects(evidence.isolability)
     if weak:
-        parts.append(f"Smaller than the noise, if present: {names.list(weak)}.")
+        parts.append(f"Smaller than the noise, if present: {effect_names(weak)}.")
     return rr.TextDocument("\n\n".join(parts), media_type=rr.MediaType.MARKDOWN)
 
 

@@ -14,10 +14,11 @@ from cc_mujoco.diagnosis._phrases import (
     NOT_IN_SCENE_PREFIX,
     SIGN_NOTE,
     VERDICT_MEANINGS,
-    Names,
     capitalise,
     channel_name,
     continue_command,
+    effect_name,
+    effect_names,
     format_fitted,
     format_interval,
     format_number,
@@ -203,16 +204,16 @@ def next_command(diagnosis: Diagnosis) -> Html:
     )
 
 
-def next_steps(diagnosis: Diagnosis, names: Names) -> Html:
+def next_steps(diagnosis: Diagnosis) -> Html:
     """Return at most three steps: the finding and its certainty, a change, a run."""
-    found = " ".join(_certainty_sentence(each, names) for each in diagnosis.missing)
+    found = " ".join(_certainty_sentence(each) for each in diagnosis.missing)
     change, question = _model_change_step(diagnosis), _question_step(diagnosis)
     check = f"Record one more trial with another motion, and {RUN_AGAIN} with it."
     where = next((each.statement for each in diagnosis.where), NO_LOCATION)
     close = [each for step in diagnosis.runner_ups for each in step if each.reason]
     best = max(close, key=lambda each: each.reduction, default=None)
     if best is not None and best.reduction > 0.0:
-        where += f" What comes closest: {names(best.id)}, refused: {best.reason}."
+        where += f" What comes closest: {effect_name(best.id)}, refused: {best.reason}."
     alone = f"{capitalise(isolating_trial(diagnosis))}; then {RUN_AGAIN} with it."
     usual = (
         "Units, signs and clocks of the columns, and whether anything was changed "
@@ -225,7 +226,7 @@ def next_steps(diagnosis: Diagnosis, names: Names) -> Html:
     ]
     steps = {
         "named": [_step_item("What is missing", found), change, question],
-        "tie": [_experiment_step(diagnosis, names), question, change],
+        "tie": [_experiment_step(diagnosis), question, change],
         "none": [question or _step_item("What to check", check), change],
         "unknown": [
             _step_item("Where to look", where),
@@ -236,7 +237,7 @@ def next_steps(diagnosis: Diagnosis, names: Names) -> Html:
     return bullet_list([step for step in steps if step][:3], ranked=True)
 
 
-def _certainty_sentence(found: FoundEffect, names: Names) -> str:
+def _certainty_sentence(found: FoundEffect) -> str:
     # Only sizes that are not 0 count.
     surely = {n: e for n, e in found.parameters.items() if not e.holds(0.0)}
     sizes = [
@@ -244,7 +245,7 @@ def _certainty_sentence(found: FoundEffect, names: Names) -> str:
         + f" (95 %: {format_interval(each)})"
         for name, each in (surely or found.parameters).items()
     ]
-    return f"{capitalise(names(found.id))}: {list_words(sizes)}."
+    return f"{capitalise(effect_name(found.id))}: {list_words(sizes)}."
 
 
 def _model_change_step(diagnosis: Diagnosis) -> Html:
@@ -277,7 +278,7 @@ def _question_step(diagnosis: Diagnosis) -> Html:
     return Html()
 
 
-def _experiment_step(diagnosis: Diagnosis, names: Names) -> Html:
+def _experiment_step(diagnosis: Diagnosis) -> Html:
     planned = diagnosis.next_experiment
     if planned is None:
         return _step_item(
@@ -285,7 +286,7 @@ def _experiment_step(diagnosis: Diagnosis, names: Names) -> Html:
             "No trial of the catalogue that is not among these would separate them; "
             "the verdict says what to declare or to measure instead.",
         )
-    either = names.list(planned.separates, "or")
+    either = effect_names(planned.separates, "or")
     then = f"record it as {planned.trial}, then continue this diagnosis with it"
     if diagnosis.occasions is not None:
         last = diagnosis.occasions.names[-1]
@@ -306,15 +307,15 @@ def _step_item(title: str, text: str) -> Html:
     return join_pieces([element("strong", f"{title}: "), text])
 
 
-def header(diagnosis: Diagnosis, names: Names, picture: Html) -> Html:
+def header(diagnosis: Diagnosis, picture: Html) -> Html:
     """Return the verdict: headline, picture, next command, steps and statement."""
     return element(
         "header",
         paragraph("Diagnosis of a cable transmission", kind="small"),
-        element("h1", headline(diagnosis, names)),
+        element("h1", headline(diagnosis)),
         picture,
         next_command(diagnosis),
-        next_steps(diagnosis, names),
+        next_steps(diagnosis),
         *([paragraph(diagnosis.belief.statement)] if diagnosis.belief else []),
         folded(
             "The verdict in full",
@@ -350,7 +351,7 @@ def gap(diagnosis: Diagnosis) -> Html | None:
     return join_pieces([bullet_list(lines), paragraph(key, kind="small")])
 
 
-def occasions(diagnosis: Diagnosis, names: Names) -> Html | None:
+def occasions(diagnosis: Diagnosis) -> Html | None:
     """Compare the occasions: what changed, and whether the effects are the same."""
     found = diagnosis.occasions
     if found is None:
@@ -365,7 +366,7 @@ def occasions(diagnosis: Diagnosis, names: Names) -> Html | None:
         verb = "agrees" if each.agree else "does not agree"
         if not each.sizes:
             verb = "is not known to agree"
-        title = f"{capitalise(names(each.effect))} {verb} between occasions"
+        title = f"{capitalise(effect_name(each.effect))} {verb} between occasions"
         parts += [element("h3", title), paragraph(each.statement)]
     key = (
         "The effects are shared by all occasions, and the size of each is also fitted "
@@ -486,7 +487,7 @@ def excerpt_caption(excerpt: Excerpt, worst: bool) -> str:
     return f"{span}: ordinary seconds, the baseline errs by {size}."
 
 
-def candidates(diagnosis: Diagnosis, names: Names) -> Html | None:
+def candidates(diagnosis: Diagnosis) -> Html | None:
     """List every refitted effect, its reduction and why it was not named."""
     rounds = [each for each in diagnosis.runner_ups if each]
     if not rounds:
@@ -497,7 +498,7 @@ def candidates(diagnosis: Diagnosis, names: Names) -> Html | None:
         if len(rounds) > 1:
             parts.append(element("h3", f"Round {count}"))
         ranked = sorted(each, key=lambda runner: -runner.reduction)
-        rows = [_candidate_text(runner, diagnosis, names) for runner in ranked]
+        rows = [_candidate_text(runner, diagnosis) for runner in ranked]
         head = ("effect", "held-out error removed", "outcome", "fitted values [SI]")
         parts.append(short_table(head, rows))
     key = (
@@ -506,12 +507,12 @@ def candidates(diagnosis: Diagnosis, names: Names) -> Html | None:
     return join_pieces([*parts, paragraph(key, kind="small")])
 
 
-def effect_similarity(evidence: Evidence, names: Names) -> Html | None:
+def effect_similarity(evidence: Evidence) -> Html | None:
     """Describe which effects are confounded, and which are below the noise."""
     if not evidence.isolability.ids:
         return None
     pairs = [
-        f"{names(one)} and {names(other)} ({cosine:.2f})"
+        f"{effect_name(one)} and {effect_name(other)} ({cosine:.2f})"
         for one, other, cosine in confounded_pairs(evidence.isolability)
     ]
     weak = invisible_effects(evidence.isolability)
@@ -519,11 +520,11 @@ def effect_similarity(evidence: Evidence, names: Names) -> Html | None:
     if pairs:
         lines = [f"These data can hardly distinguish {list_words(pairs, 'or')}."]
     if weak:
-        lines.append(f"Smaller than the noise, if present: {names.list(weak)}.")
+        lines.append(f"Smaller than the noise, if present: {effect_names(weak)}.")
     return bullet_list(lines)
 
 
-def untested_effects(diagnosis: Diagnosis, names: Names) -> Html | None:
+def untested_effects(diagnosis: Diagnosis) -> Html | None:
     """List the effects that tuning hides and those that the data cannot show."""
     items = [
         (each.id, f"hidden by tuning {plain_name(each.parameter)}; {each.remedy}.")
@@ -536,30 +537,32 @@ def untested_effects(diagnosis: Diagnosis, names: Names) -> Html | None:
     if items:
         parts.append(
             bullet_list(
-                join_pieces([element("strong", capitalise(names(name))), f": {text}"])
+                join_pieces(
+                    [element("strong", capitalise(effect_name(name))), f": {text}"]
+                )
                 for name, text in items
             )
         )
     return join_pieces(parts) if parts else None
 
 
-def experiment(diagnosis: Diagnosis, names: Names) -> Html | None:
+def experiment(diagnosis: Diagnosis) -> Html | None:
     planned = diagnosis.next_experiment
     if planned is None:
         return None
     lines = (
         planned.description,
-        f"It separates {names.list(planned.separates)}.",
+        f"It separates {effect_names(planned.separates)}.",
         f"Predicted difference: {planned.predicted_difference}",
     )
     return join_pieces(map(paragraph, lines))
 
 
-def parameters(diagnosis: Diagnosis, names: Names) -> Html | None:
+def parameters(diagnosis: Diagnosis) -> Html | None:
     """List fitted numbers of effects and baseline with their intervals."""
     parts: list[Html] = []
     for found in diagnosis.effects:
-        title = capitalise(names(found.id))
+        title = capitalise(effect_name(found.id))
         if found.form:
             title += f", {found.form}"
         if found.refinement:
@@ -601,9 +604,7 @@ def _map_words(each: Map) -> str:
     )
 
 
-def _candidate_text(
-    runner: RunnerUp, diagnosis: Diagnosis, names: Names
-) -> Sequence[str | Html]:
+def _candidate_text(runner: RunnerUp, diagnosis: Diagnosis) -> Sequence[str | Html]:
     removed = join_pieces([format_share(runner.reduction), share_bar(runner.reduction)])
     named = any(runner.id == found.id for found in diagnosis.effects)
     tied = any(runner.id in group for group in diagnosis.ties)
@@ -617,7 +618,7 @@ def _candidate_text(
     values = [
         f"{plain_name(k)} {format_number(v)}" for k, v in runner.parameters.items()
     ]
-    return capitalise(names(runner.id)), removed, outcome, ", ".join(values)
+    return capitalise(effect_name(runner.id)), removed, outcome, ", ".join(values)
 
 
 def _values(values: Mapping[str, Estimate]) -> Html:

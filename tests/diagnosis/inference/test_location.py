@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cc_mujoco.diagnosis import Diagnosis, Options, run_inference
-from cc_mujoco.diagnosis._phrases import VERDICT_MEANINGS, Names, tried_sentence
+from cc_mujoco.diagnosis._phrases import VERDICT_MEANINGS, tried_sentence
 from cc_mujoco.diagnosis._report.sections import next_steps
 from diagnosis.inference.test_trial_trends import day
 from diagnosis.recorded import BENCH, dataset
@@ -43,7 +43,7 @@ def test_the_first_sentence_names_torque_period_and_amplitude(
     amplitude = "proportional to the torque" if by_torque else "the same at every"
     assert amplitude in first.statement
     assert second.axis == f"{side} angle" and second.share_of_error > 0.5
-    assert first.statement in str(next_steps(found, Names()))
+    assert first.statement in str(next_steps(found))
 
 
 def test_friction_that_falls_from_trial_to_trial_is_the_first_sentence() -> None:
@@ -82,7 +82,7 @@ def test_nothing_is_claimed_of_a_rig_that_is_as_its_scene() -> None:
 
 def test_no_step_is_empty_and_no_effect_tried_that_was_not() -> None:
     nothing = Diagnosis("unknown", "Something is missing.", runner_ups=((),))
-    assert "Where to look: </strong>No quantity" in str(next_steps(nothing, Names()))
+    assert "Where to look: </strong>No quantity" in str(next_steps(nothing))
     assert "none was refitted" in tried_sentence(nothing)
     assert tried_sentence(Diagnosis("fix-data", "A fault.")) == ""
     assert "tried" not in VERDICT_MEANINGS["unknown"]

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cc_mujoco.diagnosis._phrases import Names
 from cc_mujoco.diagnosis._report.drawings import (
     FIGURE_STEMS,
     confounded_pairs,
@@ -38,13 +37,11 @@ from diagnosis.report_examples import (
     trace,
 )
 
-NAMES = Names(TITLES)
-
 
 @pytest.fixture(scope="module")
 def drawn() -> dict[str, Figure]:
     with style():
-        return draw_figures(DIAGNOSES["named"], evidence(), NAMES)
+        return draw_figures(DIAGNOSES["named"], evidence())
 
 
 def panels(drawing: Figure) -> list[Axes]:
@@ -78,7 +75,7 @@ def test_gap_bars_are_as_long_as_the_errors(drawn: dict[str, Figure]) -> None:
 
 def test_a_model_that_did_not_change_is_drawn_once() -> None:
     with style():
-        drawn = draw_figures(DIAGNOSES["tie"], evidence(closed=False), NAMES)
+        drawn = draw_figures(DIAGNOSES["tie"], evidence(closed=False))
     assert not model_changed(evidence(closed=False))
     assert len(panels(drawn["gap"])[0].patches) == 2
     assert legend(panels(drawn["traces"])[0]) == ["measured", "simulation"]
@@ -87,7 +84,7 @@ def test_a_model_that_did_not_change_is_drawn_once() -> None:
 
 def test_nothing_is_drawn_of_nothing() -> None:
     with style():
-        assert draw_figures(DIAGNOSES["fix-data"], NOTHING, NAMES) == {}
+        assert draw_figures(DIAGNOSES["fix-data"], NOTHING) == {}
 
 
 def test_maps_beyond_chance_come_first_and_alone() -> None:
@@ -140,7 +137,7 @@ def test_stretches_of_one_trial_may_differ_in_length() -> None:
     hit = {k: v + 5.0 * (one.time > 15.0) for k, v in one.measured.items()}
     parts = Evidence((replace(one, measured=hit), other), (), isolability())
     with style():
-        drawings = draw_figures(DIAGNOSES["named"], parts, NAMES)
+        drawings = draw_figures(DIAGNOSES["named"], parts)
     assert {"traces", "traces_ordinary"} <= set(drawings)
 
 
@@ -175,11 +172,16 @@ def test_a_trial_of_which_nothing_counts_has_no_excerpt() -> None:
 
 def test_alike_effects_stand_side_by_side() -> None:
     with style():
-        drawing = draw_isolability(isolability(), NAMES, 7.0)
+        drawing = draw_isolability(isolability(), 7.0)
     assert drawing is not None
     rows = [label.get_text() for label in drawing.get_axes()[0].get_yticklabels()]
     words = [row.rpartition("  ")[0] for row in rows]
-    assert abs(words.index("presliding") - words.index("Stribeck friction")) == 1
+    assert (
+        abs(
+            words.index(TITLES["presliding"]) - words.index(TITLES["stribeck_friction"])
+        )
+        == 1
+    )
     assert len(set(words)) == len(isolability().ids)
 
 
@@ -197,11 +199,11 @@ def test_few_effects_can_be_drawn(count: int) -> None:
         whole.ids[:count], whole.cosines[:count, :count], whole.visible[:count]
     )
     with style():
-        assert draw_isolability(few, NAMES, 7.0) is not None
+        assert draw_isolability(few, 7.0) is not None
 
 
 def test_global_state_is_left_alone() -> None:
     sys.modules.pop("matplotlib.pyplot", None)
     with style():
-        draw_figures(DIAGNOSES["none"], evidence(False), NAMES)
+        draw_figures(DIAGNOSES["none"], evidence(False))
     assert "matplotlib.pyplot" not in sys.modules

@@ -17,7 +17,7 @@ from cc_mujoco.diagnosis import (
     diagnose,
     run_inference,
 )
-from cc_mujoco.diagnosis._phrases import NOT_IN_SCENE_PREFIX, Names
+from cc_mujoco.diagnosis._phrases import NOT_IN_SCENE_PREFIX
 from cc_mujoco.diagnosis._report.output import write_and_compare_scene
 from cc_mujoco.diagnosis._report.sections import next_steps
 from cc_mujoco.diagnosis._scene.realisation import unrealisable_reason
@@ -69,7 +69,7 @@ def test_an_effect_without_realisation_is_stated_wherever_it_lacks(
         effects=(FoundEffect(effect.id, {}, 1.0),),
         problems=tuple(told),
     )
-    assert told[0] in str(next_steps(named, Names()))
+    assert told[0] in str(next_steps(named))
 
 
 def test_a_single_path_is_no_list_of_letters(tmp_path: Path) -> None:

@@ -28,7 +28,7 @@ from diagnosis.report_examples import NOTHING, TITLES, evidence, trace
 @pytest.fixture(scope="module")
 def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     file = tmp_path_factory.mktemp("evidence") / "evidence.rrd"
-    write_recording(file, evidence(), TITLES)
+    write_recording(file, evidence())
     return file
 
 
@@ -97,7 +97,7 @@ def test_text_names_shares_and_pairs(path: Path) -> None:
     _, texts = rows(path, "/about", "TextDocument:text")
     text = texts[0][0]
     assert "| Motor torque | joint speed [rad/s] | 62 % | 4 % |" in text
-    assert "| presliding | Stribeck friction | 0.98 |" in text
+    assert f"| {TITLES['presliding']} | {TITLES['stribeck_friction']} | 0.98 |" in text
 
 
 def test_every_entity_is_shown_by_just_one_view(path: Path) -> None:
@@ -126,7 +126,7 @@ def test_nothing_can_be_recorded(tmp_path: Path) -> None:
 
 
 def test_equal_evidence_compares_equal(path: Path, tmp_path: Path) -> None:
-    write_recording(tmp_path / "again.rrd", evidence(), TITLES)
+    write_recording(tmp_path / "again.rrd", evidence())
     compared = rerun("compare", path, tmp_path / "again.rrd")
     assert compared.returncode == 0, compared.stderr
 

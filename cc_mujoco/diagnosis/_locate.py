@@ -48,7 +48,7 @@ from cc_mujoco.diagnosis._phrases import (
     format_share,
     format_signed,
 )
-from cc_mujoco.diagnosis._search.candidates import Signature, signature_cosine
+from cc_mujoco.diagnosis._search.candidates import signature_cosine
 from cc_mujoco.diagnosis._search.search import Found
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis._verdict import (
@@ -521,22 +521,20 @@ def locate_error(
     names = constants[0].trials if constants else ()
     ordinates = trial_ordinates(found.problem, names, fitted.temperatures)
     before, after = found.held.before, found.held.after
+    signs = found.search.signatures
+    table = np.array([[signature_cosine(a, b) for b in signs] for a in signs])
+    isolability = Isolability(
+        tuple(sign.id for sign in signs),
+        table.reshape(len(signs), len(signs)),
+        np.array([sign.visible for sign in signs]),
+    )
     shown = traces(found.problem, before, after)
     drawn = error_maps(shown, seed)
     return Located(
-        Evidence(shown, drawn, effect_isolability(found.search.signatures)),
+        Evidence(shown, drawn, isolability),
         error_places(baseline, model, drawn, constants, ordinates),
         trial_errors(fitted.problem, before, after, model),
         question,
-    )
-
-
-def effect_isolability(signatures: Sequence[Signature]) -> Isolability:
-    table = np.array([[signature_cosine(a, b) for b in signatures] for a in signatures])
-    return Isolability(
-        tuple(s.id for s in signatures),
-        table.reshape(len(signatures), len(signatures)),
-        np.array([s.visible for s in signatures]),
     )
 
 

@@ -70,7 +70,11 @@ def noise_of(dataset: Dataset, file: DatasetFile) -> dict[str, Noise]:
             # A joint that is locked in a trial shows no digit there.
             steps = [digit_of(trial, channel) for trial in trials]
             step = float(np.median([each for each in steps if each > 0.0] or [0.0]))
-        spans = [float(np.ptp(values)) for values in _valid_stretches(trials, channel)]
+        spans = [
+            float(np.ptp(trial.channel(channel)[part]))
+            for trial in trials
+            for part in trial.segments
+        ]
         least = max(step / math.sqrt(12.0), (1e-6) * max(spans, default=0.0))
         if source.noise is not None:
             found[channel] = Noise(source.noise * factor, step, "declared")
@@ -97,12 +101,6 @@ def _line_scatter(values: FloatArray, step: float) -> Iterator[float]:
         part = values[start : start + length]
         rest = part - part.mean() - place * float(place @ part / (place @ place))
         yield math.sqrt(float(rest @ rest) / (length - 2))
-
-
-def _valid_stretches(trials: Sequence[Trial], channel: str) -> Iterator[FloatArray]:
-    for trial in trials:
-        for part in trial.segments:
-            yield trial.channel(channel)[part]
 
 
 def _roughness(trial: Trial, channel: str) -> float:

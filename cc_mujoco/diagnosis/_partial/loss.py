@@ -33,7 +33,7 @@ from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._channels import JOINT_ANGLE, JOINT_TORQUE, MOTOR_TORQUE
 from cc_mujoco.datasets._smoothing import velocity, velocity_noise
 from cc_mujoco.datasets._trials import Constant, Dataset, Trial
-from cc_mujoco.diagnosis._partial.motion import describe_mode
+from cc_mujoco.diagnosis._partial.motion import describe_mode, rms
 from cc_mujoco.diagnosis._phrases import (
     DATA_PREFIX,
     NO_SCENE_PREFIX,
@@ -301,15 +301,13 @@ def fit_loss(
         values,
         settling,
         breakaway_at,
-        _rms([b.torque - b.columns @ np.nan_to_num(best) for b in blocks])
+        rms([b.torque - b.columns @ np.nan_to_num(best) for b in blocks])
         if derived.get("friction_exponent") is not None
         else math.nan,
-        _rms(
-            [b.torque - each.torque for b, each in zip(blocks, by_scene, strict=True)]
-        ),
+        rms([b.torque - each.torque for b, each in zip(blocks, by_scene, strict=True)]),
         {name: float(value[0]) for name, value in stated.items()},
-        _rms([b.torque for b in blocks]),
-        _rms([b.columns[:, DRAG] for b in blocks]),
+        rms([b.torque for b in blocks]),
+        rms([b.columns[:, DRAG] for b in blocks]),
         _undetermined(law, values, gain_uncertainty, breakaway_at),
     )
 
@@ -547,10 +545,6 @@ def _undetermined(
             "recordings"
         )
     return tuple(found)
-
-
-def _rms(parts: Sequence[FloatArray]) -> float:
-    return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
 
 
 _WHAT_TELLS = (

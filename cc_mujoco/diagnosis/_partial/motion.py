@@ -178,8 +178,8 @@ def diagnose_motion(dataset: Dataset, bench: Bench) -> Diagnosis:
         )
     # A clock may be off by half a sample, which is no lag.
     clock = 0.5 * max(each.step for each in stretches)
-    speed = _rms([np.gradient(s.motor, s.step) for s in stretches])
-    size = _rms([s.motor - float(np.mean(s.motor)) for s in stretches])
+    speed = rms([np.gradient(s.motor, s.step) for s in stretches])
+    size = rms([s.motor - float(np.mean(s.motor)) for s in stretches])
     scales = (noise, 0.1, noise / max(speed, 1e-9), noise / max(size, 1e-9))
     free = tuple(
         Tuned(p, 0.0, scale, p.low / scale, p.high / scale)
@@ -319,7 +319,7 @@ def _errors(stretches: Sequence[_Stretch], values: Sequence[float]) -> list[Floa
     return found
 
 
-def _rms(parts: Sequence[FloatArray]) -> float:
+def rms(parts: Sequence[FloatArray]) -> float:
     return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
 
 

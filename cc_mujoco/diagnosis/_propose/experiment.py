@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import itertools
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -420,7 +420,10 @@ def _tied_refits(found: Search, tie: Sequence[str]) -> Rivals:
     # The last round that has both; parts of the data may name effects that no round has
     # together.
     both = [each for each in rounds if all(name in each[1] for name in tie[:2])]
-    before, models = both[-1] if both else (found.before, _first_refits(rounds))
+    first: dict[str, CrossValidation] = {}
+    for _, refitted in rounds:
+        first = {**refitted, **first}
+    before, models = both[-1] if both else (found.before, first)
     one, two = tie[0], tie[1]
     confused = EFFECTS[one].confused(EFFECTS[two]) or any(
         are_confusable(first, second)
@@ -429,15 +432,6 @@ def _tied_refits(found: Search, tie: Sequence[str]) -> Rivals:
         if (first.id, second.id) == (one, two)
     )
     return Rivals((one, two), before, (models[one], models[two]), confused)
-
-
-def _first_refits(
-    rounds: Sequence[tuple[CrossValidation, Mapping[str, CrossValidation]]],
-) -> dict[str, CrossValidation]:
-    found: dict[str, CrossValidation] = {}
-    for _, models in rounds:
-        found = {**models, **found}
-    return found
 
 
 def best_trial(rivals: Rivals) -> Proposal | None:

@@ -461,10 +461,15 @@ def maps(evidence: Evidence) -> Html | None:
         "that a quantity explains. Chance keeps the mean error within the grey band in "
         "95 % of cases."
     )
+
+    def in_words(each: Map) -> str:
+        along = f"{channel_name(each.channel)} over {plain_name(each.axis)}"
+        return f"{along} ({format_share(each.share)})"
+
     hidden = [e for e in evidence.maps if not any(e is d for d in drawn)]
     weaker = [each for each in hidden if each.share > each.chance]
     more = [
-        f"{words}: {list_words(map(_map_words, group))}."
+        f"{words}: {list_words(map(in_words, group))}."
         for words, group in (
             ("Beyond chance, but weaker than those drawn", weaker),
             ("No more than chance", chance),
@@ -595,13 +600,6 @@ def problems(diagnosis: Diagnosis) -> Html:
 
 def provenance(diagnosis: Diagnosis) -> Html | None:
     return _nested_table(diagnosis.provenance) if diagnosis.provenance else None
-
-
-def _map_words(each: Map) -> str:
-    return (
-        f"{channel_name(each.channel)} over {plain_name(each.axis)} "
-        f"({format_share(each.share)})"
-    )
 
 
 def _candidate_text(runner: RunnerUp, diagnosis: Diagnosis) -> Sequence[str | Html]:

@@ -72,7 +72,7 @@ from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis._verdict import FoundEffect, Occasions
 from cc_mujoco.diagnosis.effects import EFFECTS, EffectError, form_key, usual_effects
 from cc_mujoco.errors import CableError
-from cc_mujoco.estimation._least_squares import Estimate, Fit
+from cc_mujoco.estimation._least_squares import Estimate
 from cc_mujoco.native import FloatArray
 
 
@@ -657,21 +657,17 @@ def _drop_doubtful(
             if held is None:
                 break
             return CheckedModel(problem, x, wide, held)
-        slimmer = [_fit_without(found, problem, x, name, counts) for name in idle]
+        slimmer = []
+        for name in idle:
+            slim = problem.without(name).sharing([c.problem for c in found.known])
+            left = x[[k for k, p in enumerate(problem.tuned) if p in slim.tuned]]
+            slimmer.append((slim, fit(slim, left, counts)))
         problem, (start, _) = min(slimmer, key=lambda model: model[1].cost)
     problem = baseline_fit.problem
     x = fit_until_settled(problem, baseline_fit.whole.x, counts).x
     held = holding.out(problem, x)
     assert held is not None
     return CheckedModel(problem, x, fit_covariance(problem, x, counts), held)
-
-
-def _fit_without(
-    found: Search, problem: Problem, x: FloatArray, name: str, counts: Masks
-) -> tuple[Problem, Fit]:
-    slim = problem.without(name).sharing([c.problem for c in found.known])
-    start = x[[k for k, p in enumerate(problem.tuned) if p in slim.tuned]]
-    return slim, fit(slim, start, counts)
 
 
 def final_search(

@@ -175,9 +175,9 @@ def test_a_load_that_is_another_one_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_second_line_of_names_ends_a_recording(tmp_path: Path) -> None:
-    write(tmp_path / "readings.csv", recording(1.0))
-    text = (tmp_path / "readings.csv").read_text(encoding="utf-8")
-    (tmp_path / "readings.csv").write_text(text + text, encoding="utf-8")
+    write(tmp_path / "run.csv", recording(1.0))
+    text = (tmp_path / "run.csv").read_text(encoding="utf-8")
+    (tmp_path / "run.csv").write_text(text + text, encoding="utf-8")
     (wrong,) = errors(load(tmp_path)[1])
     assert "row 501 of the data is a second line of names; split" in wrong.statement
 
@@ -185,7 +185,7 @@ def test_a_second_line_of_names_ends_a_recording(tmp_path: Path) -> None:
 def test_like_names_in_two_folders(tmp_path: Path) -> None:
     for seed, name in enumerate("ab"):
         (tmp_path / name).mkdir()
-        write(tmp_path / name / "readings.csv", recording(3.0, seed=seed))
+        write(tmp_path / name / "run.csv", recording(3.0, seed=seed))
     dataset, _ = load([tmp_path / "b", tmp_path / "a"])
     assert [trial.name for trial in dataset.trials] == ["b/run", "a/run"]
 

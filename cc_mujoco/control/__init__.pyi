@@ -12,9 +12,9 @@ from ._hysteresis import HysteresisTrial as HysteresisTrial
 from ._hysteresis_inverse import FITTED as FITTED
 from ._hysteresis_inverse import fit_hysteresis as fit_hysteresis
 from ._model_based import ModelBased as ModelBased
+from ._network import Network as Network
 from ._of_device import controller as controller
 from ._onnx import write_onnx as write_onnx
-from ._policy import Network as Network
 from ._policy import Policy as Policy
 from ._policy import read_policy as read_policy
 from ._policy import write_policy as write_policy

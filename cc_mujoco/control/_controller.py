@@ -99,6 +99,28 @@ def limit_torques(torque: Any, drives: Sequence[Drive]) -> Any:
     return np.clip(torque, low, high)
 
 
+def needs_winding(observation: Mapping[str, Any], drive: Drive) -> bool:
+    """Return whether `device.WINDING_COLUMNS` describe the joint: no round pulley.
+
+    Raises:
+        CableError: The joint is none, and they are missing.
+    """
+    if WINDING_COLUMNS[0] in observation:
+        return True
+    columns = ", ".join(WINDING_COLUMNS)
+    if drive.crossed:
+        raise CableError(
+            f"joint {', '.join(drive.crossed)} winds the cables too; a controller "
+            f"with a model of them needs to read {columns}."
+        )
+    if drive.lever:
+        raise CableError(
+            "the cables pull a lever, whose arm changes with its angle; a "
+            f"controller with a model of them needs to read {columns}."
+        )
+    return False
+
+
 def as_round_pulley(observation: Mapping[str, Any], drive: Drive) -> Mapping[str, Any]:
     """Convert measurements to a joint with a round pulley on which the cables wind.
 
@@ -109,18 +131,7 @@ def as_round_pulley(observation: Mapping[str, Any], drive: Drive) -> Mapping[str
     Raises:
         CableError: Other joints wind the cables too, or they pull a lever.
     """
-    if WINDING_COLUMNS[0] not in observation:
-        if drive.crossed:
-            raise CableError(
-                f"joint {', '.join(drive.crossed)} winds the cables too; a controller "
-                f"with a model of them needs to read {', '.join(WINDING_COLUMNS)}."
-            )
-        if drive.lever:
-            raise CableError(
-                "the cables pull a lever, whose arm changes with its angle; a "
-                "controller with a model of them needs to read "
-                f"{', '.join(WINDING_COLUMNS)}."
-            )
+    if not needs_winding(observation, drive):
         return observation
     angle, velocity, leverage = (observation[name] for name in WINDING_COLUMNS)
     changed = {"joint_angle_rad": angle, "joint_velocity_rad_s": velocity}

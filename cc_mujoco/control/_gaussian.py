@@ -232,12 +232,8 @@ def motor_torque(
         ahead[i] = state[i]
     for i in range(1, applied.size):
         _advance(model, ahead, applied[i], new)
-    relative = seen[_MOTOR_SPEED] - ratio * seen[_JOINT_SPEED]
-    if guard.state(limits, spring, own, relative, seen[_DESIRED]) != guard.FREE:
-        torque = guard.let_go_torque(own, gains[_RELEASE], relative)
-    else:
-        torque = _regulated(gains, design.regulator, ahead, seen[_DESIRED])
-    torque = guard.bounded(limits, spring, own, guard.limited(gains, torque))
+    torque = _regulated(gains, design.regulator, ahead, seen[_DESIRED])
+    torque = guard.passed(gains, spring, own, gains[_RELEASE], torque)
     for i in range(applied.size - 1):
         applied[i] = applied[i + 1]
     applied[applied.size - 1] = torque

@@ -133,7 +133,7 @@ READINGS = 6
 """Order of readings, and their number."""
 
 (
-    STATE, _STARTED, _GOOD, _MISSING, _QUIET, COMMAND, _REFERENCE, _PREDICTED,
+    STATE, STARTED, _GOOD, _MISSING, _QUIET, COMMAND, _REFERENCE, _PREDICTED,
     _GAIN, _MISFIT, _MEAN, _MEAN_PREDICTED, _GAP, _RUSH, _SLACK, _PUSH,
 ) = (0, 1, 2, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20)  # fmt: skip
 _JUMPED, _EQUAL, _AT, _AT_PREDICTED = 21, 27, 33, 39
@@ -342,7 +342,7 @@ def _start(
     for i in range(READINGS):
         memory[_GOOD + i] = seen[i]
         memory[_AT + i] = seen[TORQUE]
-    memory[_STARTED], memory[_GAIN], memory[_MISFIT] = 1.0, 1.0, _UNKNOWN
+    memory[STARTED], memory[_GAIN], memory[_MISFIT] = 1.0, 1.0, _UNKNOWN
     memory[_PUSH] = -np.inf  # until the motor moves, as late readings begin equal
     memory[_REFERENCE] = seen[MOTOR] / limits.ratio - seen[JOINT]
     memory[_PREDICTED] = seen[TORQUE]
@@ -596,7 +596,7 @@ def admit(
         memory: (`MEMORY_SIZE`,), 0 at the start.
         seen: in the order of `READINGS`; changed.
     """
-    if memory[_STARTED] == 0.0 and not _start(limits, spring, memory, seen):
+    if memory[STARTED] == 0.0 and not _start(limits, spring, memory, seen):
         return
     _fill_missing(limits, memory, seen)
     is_known = spring[STIFFNESS] > 0.0 and limits.safe_torque < NO_TORQUE_LIMIT
@@ -729,3 +729,27 @@ def bounded(
         torque = np.sign(torque) * most
     memory[COMMAND] = torque
     return float(torque)
+
+
+@internal
+def passed(
+    gains: FloatArray,
+    spring: FloatArray,
+    memory: FloatArray,
+    damping: float,
+    torque: float,
+) -> float:
+    """Return the torque of the motor for that of a law, after `admit` [N m].
+
+    Args:
+        gains: `DriveLimits` first.
+        spring: see `admit`.
+        memory: see `admit`.
+        damping: of a motor that is let go [N m s/rad].
+        torque: of the law [N m].
+    """
+    limits, seen = limits_of(gains), memory[_GOOD : _GOOD + READINGS]
+    ahead = seen[MOTOR_SPEED] - limits.ratio * seen[JOINT_SPEED]
+    if state(limits, spring, memory, ahead, seen[DESIRED]) != FREE:
+        torque = let_go_torque(memory, damping, ahead)
+    return bounded(limits, spring, memory, limited(gains, torque))

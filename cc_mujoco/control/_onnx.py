@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 
 from cc_mujoco._utils.atomic_io import replacing
-from cc_mujoco.control._policy import POLICY_METADATA_KEY, Network, read_policy
+from cc_mujoco.control._network import Network
+from cc_mujoco.control._policy import POLICY_METADATA_KEY, read_policy
 from cc_mujoco.errors import CableError
 
 OPSET, IR_VERSION = 13, 8

@@ -4,7 +4,7 @@
     controller("runs/policy.safetensors", drive)
 
 A file has the weights as safetensors and, in its header, what the policy observes of
-each axis as JSON. Nothing in it is executed, and NumPy alone reads and plays it.
+each axis as JSON. Nothing in it is executed.
 """
 
 from __future__ import annotations
@@ -12,8 +12,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,134 +23,79 @@ from cc_mujoco._utils import safetensors
 from cc_mujoco._utils.atomic_io import replacing
 from cc_mujoco._utils.parsing import parse_json
 from cc_mujoco.control import _guard as guard
-from cc_mujoco.control._controller import Controller, limit_torques
+from cc_mujoco.control._cable_model import joint_spring
+from cc_mujoco.control._controller import (
+    Controller,
+    needs_winding,
+    readings,
+)
+from cc_mujoco.control._network import Array, Network
+from cc_mujoco.control._proportional_integral import stable_settling_time
 from cc_mujoco.device._axis_columns import axis_columns
 from cc_mujoco.device._description import device_label
 from cc_mujoco.device._drive import Drive
-from cc_mujoco.device._observation import ObservationHistory, Observed
+from cc_mujoco.device._observation import (
+    JOINT_ANGLE,
+    JOINT_VELOCITY,
+    ObservationHistory,
+    Observed,
+)
+from cc_mujoco.device._sensors import WINDING_COLUMNS
 from cc_mujoco.errors import CableError
-
-Array = NDArray[np.float64]
+from cc_mujoco.native import FloatArray, FloatMatrix, IntArray, compiled, internal
 
 POLICY_METADATA_KEY = "cc_mujoco"
 """Key of the JSON in the metadata of a file."""
 
-ACTIVATIONS: dict[str, Callable[[Array], Array]] = {
-    "tanh": np.tanh,
-    "relu": lambda x: np.maximum(x, 0.0),
-    "identity": lambda x: x,
-    "elu": lambda x: np.where(x > 0.0, x, np.expm1(np.minimum(x, 0.0))),
-}
-"""Functions that may follow a layer, by name."""
+RELEASE, WHOLE, GAINS = range(guard.LIMITS, guard.LIMITS + 3)
+"""Places of the gains behind `DriveLimits`, and their number: damping of a motor that
+is let go [N m s/rad], torque of the motor at a share of 1 [N m]."""
+_WINDING, _WINDING_SPEED, _LEVERAGE = range(len(WINDING_COLUMNS))
 
 
-@dataclass(frozen=True, eq=False)
-class Network:
-    """A multilayer perceptron from an observation (size,) to shares of the torques.
+class PolicyAxis:
+    """An axis that a policy drives, and its guard."""
 
-    Attributes:
-        weights: of each layer, (out, in); the last has an output for each motor.
-        biases: of each layer, (out,).
-        activation: key of `ACTIVATIONS`, after every layer but the last.
-        squashed: whether the hyperbolic tangents of the last outputs are the action.
-        mean: what is subtracted from the observation, (size,).
-        deviation: what it is divided by then, (size,).
-        far: where what results is cut.
+    def __init__(self, drive: Drive, whole: float) -> None:
+        """Prepare, with the torque of the motor at a share of 1 [N m].
 
-    Raises:
-        CableError: If the layers do not fit each other.
-    """
-
-    weights: tuple[Array, ...]
-    biases: tuple[Array, ...]
-    activation: str
-    squashed: bool
-    mean: Array
-    deviation: Array
-    far: float = np.inf
-
-    def __post_init__(self) -> None:
-        """Refuse layers that do not fit."""
-        if self.activation not in ACTIVATIONS:
-            raise CableError.unknown("activation", self.activation, ACTIVATIONS)
-        widths = [self.mean.size]
-        for weights, biases in zip(self.weights, self.biases, strict=True):
-            fits = weights.ndim == 2 and weights.shape[1] == widths[-1]
-            if not fits or biases.shape != weights.shape[:1]:
-                raise CableError(
-                    f"a layer of shape {weights.shape} with {biases.shape} biases does "
-                    f"not follow {widths[-1]} numbers."
-                )
-            widths.append(weights.shape[0])
-        arrays = (*self.weights, *self.biases, self.mean, self.deviation)
-        if len(widths) < 2 or self.deviation.shape != (widths[0],):
-            raise CableError(
-                "a policy needs a layer, and a deviation for each number it observes."
-            )
-        if not all(np.isfinite(array).all() for array in arrays):
-            raise CableError("a policy's weights must be finite numbers.")
-        if not (self.deviation > 0.0).all():
-            raise CableError("a policy's deviations must be above 0.")
-
-    @classmethod
-    def of_layers(
-        cls,
-        layers: Iterable[Any],
-        mean: Array,
-        deviation: Array,
-        squashed: bool = False,
-        far: float = np.inf,
-    ) -> Network:
-        """Return the network of PyTorch layers, for example a `torch.nn.Sequential`.
-
-        Args:
-            layers: `Linear`, with one kind of activation between them.
-            mean: Of the observations, as of the class.
-            deviation: See there.
-            squashed: See there.
-            far: See there.
-
-        Raises:
-            CableError: If activations differ or are not in `ACTIVATIONS`.
+        A task that commands an angle says nothing of torques, so the guard of its
+        policy only bridges missing readings.
         """
-        each = list(layers)
-        linear = [layer for layer in each if hasattr(layer, "weight")]
-        kinds = {type(layer).__name__.lower() for layer in each} - {"linear"}
-        if len(kinds) > 1:
-            raise CableError(
-                f"a policy has one activation, not {', '.join(sorted(kinds))}."
+        self.drive = drive
+        self.is_wound = drive.lever or bool(drive.crossed)
+        """True if the guard reads `device.WINDING_COLUMNS` of the joint."""
+        self.limits = guard.motor_limits(drive)
+        if drive.commands_angle:
+            self.limits = self.limits._replace(
+                safe_torque=guard.NO_TORQUE_LIMIT,
+                safe_speed=guard.NO_SPEED_LIMIT,
+                safe_power=guard.NO_POWER_LIMIT,
             )
-        weights, biases = (
-            tuple(getattr(one, name).detach().cpu().double().numpy() for one in linear)
-            for name in ("weight", "bias")
-        )
-        kind = kinds.pop() if kinds else "identity"
-        return cls(weights, biases, kind, squashed, mean, deviation, far)
+        self.spring = joint_spring(drive.cables)
+        """See `guard.STIFFNESS`."""
+        settling = stable_settling_time(drive, self.spring)
+        damping = settling * self.spring[guard.STIFFNESS] / drive.ratio**2
+        self.gains = np.array([*self.limits, damping, whole])
+        """`DriveLimits`, then `RELEASE` and `WHOLE`."""
+        self.memory: FloatArray = np.zeros((0, guard.MEMORY_SIZE))
 
-    @property
-    def motors(self) -> int:
-        """Number of motors that it drives."""
-        return int(self.weights[-1].shape[0])
-
-    def __call__(self, observation: Array) -> Array:
-        """Return the share of each motor's torque, within [-1, 1], (motors,)."""
-        x = (observation - self.mean) / self.deviation
-        x = np.minimum(np.maximum(x, -self.far), self.far)
-        between = ACTIVATIONS[self.activation]
-        last = len(self.weights) - 1
-        for place, (weights, biases) in enumerate(
-            zip(self.weights, self.biases, strict=True)
-        ):
-            x = weights @ x + biases
-            if place < last:
-                x = between(x)
-        # One by one: of several at once NumPy may round a tangent differently.
-        shares = [np.tanh(own) if self.squashed else own for own in x]
-        return np.minimum(np.maximum(shares, -1.0), 1.0)
+    def unguarded(self, columns: Sequence[str]) -> tuple[str, ...]:
+        """Return which columns of an observation the guard does not read."""
+        others = tuple(columns[guard.READINGS :])
+        if not self.is_wound:
+            return others
+        joint = columns[JOINT_ANGLE], columns[JOINT_VELOCITY]
+        return (*joint, WINDING_COLUMNS[_LEVERAGE], *others)
 
 
 class Policy(Controller):
-    """A policy of a file, fed as in the environment of its training."""
+    """A policy of a file, fed as in the environment of its training, with the guard.
+
+    Each axis has the guard of the other controllers, see `_guard`. It replaces readings
+    before the policy observes them. While it lets a joint go the policy goes on, and
+    observes its own actions as if they were taken.
+    """
 
     def __init__(
         self,
@@ -173,93 +117,190 @@ class Policy(Controller):
         self._drives = (drives,) if isinstance(drives, Drive) else tuple(drives)
         super().__init__(self._drives[0])
         self._prefixes = tuple(prefixes)
-        self._network, self._observed = read_policy(path)
+        self.network, self.observed = read_policy(path)
         name = os.fspath(path)
-        if len(self._observed) != len(self._drives):
+        if len(self.observed) != len(self._drives):
             raise CableError(
-                f"policy {name!r} drives {_axes_text(len(self._observed))} at once, "
+                f"policy {name!r} drives {_axes_text(len(self.observed))} at once, "
                 f"and is given {_axes_text(len(self._drives))}: play it as the one "
                 "controller of the device of its training."
             )
-        for observed, drive in zip(self._observed, self._drives, strict=True):
-            _require_same(name, observed, drive)
-        self._wholes = [
-            drive.observed.torque for drive in self._drives if drive.observed
+        self.axes = [
+            PolicyAxis(drive, _same_device(name, observed, drive).torque)
+            for observed, drive in zip(self.observed, self._drives, strict=True)
         ]
-        self._histories: list[ObservationHistory] = []
-        self._fresh = np.zeros(0, dtype=np.bool_)
-        self._samples = np.zeros(0, dtype=np.intp)
-        self._shares = np.zeros((0, len(self._drives)))
+        self._begin(0)
+
+    @property
+    def limits(self) -> guard.DriveLimits:
+        """Limits that the guard of the first axis knows."""
+        return self.axes[0].limits
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
         """Reset the state; see `Controller.reset`."""
-        if where is None or not self._histories:
-            self._histories = []
-        else:
+        if where is None:
+            self._begin(0)
+        elif self._fresh.size:
             self._fresh |= where
+            self._shares[where] = 0.0
+            for axis in self.axes:
+                axis.memory[where] = 0.0
+
+    def _begin(self, count: int) -> None:
+        """Make room for a number of environments, all before their first sample."""
+        self._histories = [ObservationHistory(own, count) for own in self.observed]
+        self._fresh = np.ones(count, dtype=np.bool_)
+        self._samples = np.zeros(count, dtype=np.intp)
+        self._shares = np.zeros((count, len(self.axes)))
+        for axis in self.axes:
+            axis.memory = np.zeros((count, guard.MEMORY_SIZE))
+
+    def given(self, torque: Any) -> None:
+        """Accept the torque that the motor got; see `Controller.given`."""
+        each = [torque] if len(self.axes) == 1 else np.moveaxis(np.array(torque), -1, 0)
+        for axis, own in zip(self.axes, each, strict=True):
+            kept = axis.memory[:, guard.COMMAND]
+            np.copyto(kept, own, where=guard.is_heard(own))
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
         """Return the torque of the motor [N m]; see `Controller.torque`.
 
-        Of several axes that of every motor, (..., axes). An observation with what is no
-        number, or beyond `guard.MAX_READING`, gives none.
+        Of several axes that of every motor, (..., axes). Where no guard looks, a
+        reading that is no number, or beyond `guard.MAX_READING`, gives no torque and
+        changes nothing.
         """
         seen = [
-            observed.of(axis_columns(observation, prefix, self._prefixes))
-            for observed, prefix in zip(self._observed, self._prefixes, strict=True)
+            axis_columns(observation, prefix, self._prefixes)
+            for prefix in self._prefixes
         ]
-        many = seen[0].ndim == 2
-        measured = [np.atleast_2d(own) for own in seen]
-        # Elsewhere one observation that cannot be would stay in the past of a policy.
-        heard = np.all([guard.is_heard(own).all(axis=1) for own in measured], axis=0)
-        if not heard.any():
-            torque = np.zeros((len(heard), len(self._drives)))
-            return self._each(torque, many)
-        if not heard.all():
-            measured = [np.where(heard[:, None], own, 0.0) for own in measured]
-        if not self._histories:
-            count = len(measured[0])
-            self._histories = [ObservationHistory(own, count) for own in self._observed]
-            self._fresh = np.ones(count, dtype=np.bool_)
-            self._samples = np.zeros(count, dtype=np.intp)
-            self._shares = np.zeros((count, len(self._drives)))
-        fresh, again = self._fresh, self._fresh.any()
+        measured = [
+            readings(own, observed.columns)
+            for own, observed in zip(seen, self.observed, strict=True)
+        ]
+        count = len(measured[0])
+        if len(self._fresh) != count:
+            self._begin(count)
+        heard = np.ones(count, dtype=np.bool_)
+        for axis, own, observed in zip(self.axes, seen, self.observed, strict=True):
+            needs_winding(own, axis.drive)
+            if others := axis.unguarded(observed.columns):
+                heard &= guard.is_heard(readings(own, others)).all(axis=1)
+        rows, started = np.flatnonzero(heard), heard.copy()
+        for axis, own, taken in zip(self.axes, seen, measured, strict=True):
+            wound = WINDING_COLUMNS if axis.is_wound else ()
+            winding = readings(own, wound) if wound else np.zeros((count, 0))
+            _admit_all(axis.gains, axis.spring, axis.memory, taken, winding, rows)
+            started &= axis.memory[:, guard.STARTED] != 0.0
+        self._decide(measured, rows, started)
+        torques = np.zeros((len(self.axes), count))
+        for axis, shares, found in zip(self.axes, self._shares.T, torques, strict=True):
+            asked = np.ascontiguousarray(shares)
+            _torques(axis.gains, axis.spring, axis.memory, asked, rows, found)
+        first = seen[0][self.observed[0].columns[0]]
+        if len(self.axes) > 1:
+            return torques.T if np.ndim(first) else torques[:, 0]
+        return torques[0] if np.ndim(first) else float(torques[0, 0])
+
+    def _decide(
+        self, measured: Sequence[Array], rows: NDArray[np.intp], started: Any
+    ) -> None:
+        """Compute the actions that are due from what is measured, by axis (n, k)."""
+        begins = self._fresh & started
         for history, own in zip(self._histories, measured, strict=True):
-            history.add(own)
-            if again:
-                history.begin(own[fresh], fresh)
-        if again:
-            self._samples[fresh] = 0
-            fresh[:] = False
-        due = self._samples % self._observed[0].hold == 0
+            history.add(own[rows], rows)
+            if begins.any():
+                history.begin(own[begins], begins)
+        self._samples[begins] = 0
+        self._fresh &= ~begins
+        due = started & (self._samples % self.observed[0].hold == 0)
         if due.any():
-            rows = np.concatenate(
+            rounded = np.concatenate(
                 [one.observation() for one in self._histories], axis=1
             )
-            rows = rows.astype(np.float64)
-            # One by one: a product rounds differently for one environment and for many.
-            for row in np.flatnonzero(due):
-                self._shares[row] = self._network(rows[row]).astype(np.float32)
+            shares = self.network(rounded[due].astype(np.float64))
+            self._shares[due] = shares.astype(np.float32)
             for axis, history in enumerate(self._histories):
                 history.act(self._shares[:, axis], due)
-        self._samples += 1
-        # Of the device's motors, whatever these drives limit them to.
-        return self._each(self._shares * self._wholes * heard[:, None], many)
+        self._samples[started] += 1
 
-    def _each(self, torque: Array, many: bool) -> Any:
-        """Return torques (rows, axes) as `Controller.torque` does, limited."""
-        if len(self._drives) == 1:
-            return self.limited(torque[:, 0] if many else float(torque[0, 0]))
-        limited = limit_torques(torque, self._drives)
-        return limited if many else limited[0]
+
+@internal
+def admit_measured(
+    limits: guard.DriveLimits,
+    spring: FloatArray,
+    memory: FloatArray,
+    measured: FloatArray,
+    winding: FloatArray,
+) -> None:
+    """Have the guard check what is measured, and replace it where needed.
+
+    Args:
+        limits: of the drive.
+        spring: see `guard.STIFFNESS`.
+        memory: of the guard.
+        measured: what the policy observes, `guard.READINGS` first; changed.
+        winding: `device.WINDING_COLUMNS`, or nothing where the joint is a round pulley.
+    """
+    seen = memory[guard.SEEN : guard.SEEN + guard.READINGS]
+    for i in range(guard.READINGS):
+        seen[i] = measured[i]
+    if winding.size > 0:
+        seen[guard.JOINT], seen[guard.JOINT_SPEED] = winding[0], winding[1]
+        seen[guard.TORQUE] /= winding[2]
+        seen[guard.DESIRED] /= winding[2]
+    guard.admit(limits, spring, memory, seen)
+    for i in range(guard.READINGS):
+        if winding.size == 0 or i < guard.JOINT:
+            measured[i] = seen[i]
+        elif i > guard.JOINT_SPEED:
+            measured[i] = seen[i] * winding[2]
+
+
+@internal
+def share_torque(
+    gains: FloatArray, spring: FloatArray, memory: FloatArray, share: float
+) -> float:
+    """Return the torque of the motor for a share, guarded [N m]."""
+    damping, torque = gains[RELEASE], share * gains[WHOLE]
+    return guard.passed(gains, spring, memory, damping, torque)
+
+
+@compiled
+def _admit_all(
+    gains: FloatArray,
+    spring: FloatArray,
+    memory: FloatMatrix,
+    measured: FloatMatrix,
+    winding: FloatMatrix,
+    rows: IntArray,
+) -> None:
+    for i in range(rows.size):
+        row = rows[i]
+        admit_measured(
+            guard.limits_of(gains), spring, memory[row], measured[row], winding[row]
+        )
+
+
+@compiled
+def _torques(
+    gains: FloatArray,
+    spring: FloatArray,
+    memory: FloatMatrix,
+    shares: FloatArray,
+    rows: IntArray,
+    found: FloatArray,
+) -> None:
+    for i in range(rows.size):
+        row = rows[i]
+        found[row] = share_torque(gains, spring, memory[row], shares[row])
 
 
 def _axes_text(count: int) -> str:
     return "one axis" if count == 1 else f"{count} axes"
 
 
-def _require_same(name: str, observed: Observed, drive: Drive) -> None:
-    """Refuse a policy of another device or for other samples."""
+def _same_device(name: str, observed: Observed, drive: Drive) -> Observed:
+    """Return what is observed of the drive; refuse another device, or other samples."""
     own = drive.observed
     if own is None:
         raise CableError(
@@ -279,6 +320,12 @@ def _require_same(name: str, observed: Observed, drive: Drive) -> None:
             f"{1e3 * drive.period:g} ms; give the environment the `frame_skip` of "
             "its training and hold=1, for a policy holds its actions itself."
         )
+    if not drive.joint_sensor:
+        raise CableError(
+            f"policy {name!r} reads the joint, and this device measures nothing there; "
+            "set joint_sensor = true in [sensors]."
+        )
+    return own
 
 
 def write_policy(

@@ -200,7 +200,7 @@ def step_tuned(
 
 
 @internal
-def _begun(
+def begun(
     memory: FloatArray,
     tables: FloatArray,
     gains: int,
@@ -230,7 +230,7 @@ def step_inverse(
     memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
 ) -> float:
     gains, size = backlash_inverse.GAINS, backlash_inverse.MEMORY_SIZE
-    seen = _begun(memory, tables, gains, size, backlash_inverse.GUARD, readings)
+    seen = begun(memory, tables, gains, size, backlash_inverse.GUARD, readings)
     spring = gains - guard.LIMITS
     return backlash_inverse.motor_torque(
         part(memory, OWN_MEMORY, gains),
@@ -246,7 +246,7 @@ def step_gaussian(
     memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
 ) -> float:
     gains, size, states = gaussian.GAINS, shape[0], gaussian.STATES
-    seen = _begun(memory, tables, gains, size, gaussian.GUARD, readings)
+    seen = begun(memory, tables, gains, size, gaussian.GUARD, readings)
     spring = gains - guard.LIMITS
     model = spring + guard.SPRING_SIZE
     read = model + states * (states + 1)
@@ -286,7 +286,10 @@ class SteppedLaw:
     """True if cables may only have friction terms that `_tension_slope` supports."""
     is_round: bool = True
     """True if it reads torques as of a round pulley."""
-    is_guarded: bool = True
+    unguarded: frozenset[str] = frozenset()
+    """Readings at which its guard does not look."""
+    is_policy: bool = False
+    """True if it reads the columns of an observation, as they are."""
     numbers: str = "gains"
     """Attribute of the controller with its gains."""
 
@@ -298,6 +301,8 @@ class SteppedLaw:
     @property
     def wound(self) -> tuple[str, ...]:
         """Those readings where the arm of the cables changes."""
+        if self.is_policy:
+            return self.seen
         return tuple(_WOUND.get(name, name) for name in self.seen)
 
     def parameters(self, made: Any) -> list[float]:
@@ -333,7 +338,7 @@ _FEEDBACK = SteppedLaw(
 _TUNED = dataclasses.replace(
     _FEEDBACK, step=step_tuned, tables=_tuned_tables, is_round=True
 )
-_INVERSE = SteppedLaw(
+LIMITED = SteppedLaw(
     wrong_limits,
     store_limits,
     step_inverse,
@@ -363,7 +368,7 @@ _PREDICTIVE = SteppedLaw(
 )
 LAWS: dict[type[Controller], SteppedLaw] = {
     FeedForward: dataclasses.replace(
-        _INVERSE,
+        LIMITED,
         step=step_forward,
         tables=_forward_tables,
         unread=frozenset(guard.DriveLimits._fields) - {"ratio", "low", "high"},
@@ -371,15 +376,15 @@ LAWS: dict[type[Controller], SteppedLaw] = {
         fixed=frozenset({"period"}),
         seen=("desired_torque_nm",),
         is_round=False,
-        is_guarded=False,
+        unguarded=frozenset({"desired_torque_nm"}),
     ),
     ProportionalIntegral: _FEEDBACK,
     Feedback: _FEEDBACK,
     TunedFeedback: _TUNED,
     FrictionFeedForward: _TUNED,
-    BacklashInverse: _INVERSE,
+    BacklashInverse: LIMITED,
     LinearQuadraticGaussian: dataclasses.replace(
-        _INVERSE, step=step_gaussian, tables=_gaussian_tables
+        LIMITED, step=step_gaussian, tables=_gaussian_tables
     ),
     ModelBased: _MODEL,
     StictionCompensation: dataclasses.replace(

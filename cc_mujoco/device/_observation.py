@@ -202,11 +202,11 @@ class ObservationHistory:
         if self.observed.history:
             _act(self.past, self._all[rows], np.array(share, np.float64))
 
-    def add(self, measured: Array) -> None:
-        """Take a new sample of the measurements (n, k)."""
-        self.past.measured[:] = measured
+    def add(self, measured: Array, rows: Any = slice(None)) -> None:
+        """Take a new sample of the measurements (rows, k)."""
+        self.past.measured[rows] = measured
         if self.observed.memory:
-            _follow(self.past, self._all)
+            _follow(self.past, self._all[rows])
 
     def take(self, other: ObservationHistory) -> None:
         """Have the past of another history of the same."""
@@ -279,7 +279,7 @@ def follow_past(past: Past, row: int) -> None:
 
 @compiled
 def write_observation(past: Past, whole: FloatMatrix, first: int) -> None:
-    """Write the observations of all rows into columns of a matrix.
+    """Write the observations of all rows into columns of a matrix, as single precision.
 
     Args:
         past: What is observed.
@@ -289,15 +289,15 @@ def write_observation(past: Past, whole: FloatMatrix, first: int) -> None:
     width = past.units.size
     for row in range(whole.shape[0]):
         for i in range(width):
-            whole[row, first + i] = _frame_value(past, row, i)
+            whole[row, first + i] = np.float32(_frame_value(past, row, i))
         place = first + width
         for play in range(past.reach.size):
             moved = _play_angle(past, row, play) - past.plays[row, play]
-            whole[row, place + play] = moved / past.reach[play]
+            whole[row, place + play] = np.float32(moved / past.reach[play])
         place = place + past.reach.size
         for k in range(past.frames.shape[1]):
             for i in range(width + 1):
-                whole[row, place + i] = past.frames[row, k, i]
+                whole[row, place + i] = np.float32(past.frames[row, k, i])
             place = place + width + 1
 
 

@@ -155,7 +155,7 @@ static inline void cc_controller_given(cc_controller *controller, const double *
 
 def _meanings(axis: AxisPlan) -> Iterator[str]:
     known = _READING_MEANINGS
-    if not axis.law.is_guarded:
+    if axis.law.is_policy:
         known = known | _POLICY_MEANINGS
     for name in axis.columns:
         yield known[name]

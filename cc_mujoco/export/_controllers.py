@@ -27,7 +27,6 @@ from cc_mujoco.control import (
     Controller,
     Policy,
     PredictiveCompensation,
-    read_policy,
 )
 from cc_mujoco.control import _friction_slope as friction_slope
 from cc_mujoco.control._axes import (
@@ -100,24 +99,7 @@ class AxisPlan:
         torques of its own cables. For `iterations` see `PredictiveCompensation`; others
         take none.
         """
-        if name.endswith(POLICY_ENDING):
-            return cls._of_policy(name, drive, prefix, decoupled)
-        if is_user_controller(name):
-            raise CableError(
-                f"controller {name!r} cannot be exported, for code from outside is not "
-                f"compiled; policies and {', '.join(EXPORTED)} can be."
-            )
-        kind = look_up("controller", name, CONTROLLERS)
-        if kind not in LAWS:
-            raise CableError(
-                f"controller {name!r} cannot be exported, for its step is not one "
-                f"compiled function; {', '.join(EXPORTED)} can be."
-            )
-        law = LAWS[kind]
-        make: Callable[[Drive], Controller] = kind
-        if issubclass(kind, PredictiveCompensation):
-            make = functools.partial(kind, iterations=iterations)
-        made: Any = make(drive)
+        made, law = _law_of(name, drive, iterations)
         known = made.drive.cables if law.has_model else ()
         rows = tuple(zip(map(_identifier, cables), known, strict=False))
         values = iter(law.parameters(made))
@@ -139,39 +121,15 @@ class AxisPlan:
             prefix,
         )
 
-    @classmethod
-    def _of_policy(
-        cls, name: str, drive: Drive, prefix: str, decoupled: bool
-    ) -> AxisPlan:
-        made = Policy(drive, name)  # of this device, with these samples
-        network, (observed,) = read_policy(name)
-        tables = feedback.policy_tables(network, observed)
-        law = SteppedLaw(
-            feedback.wrong_policy,
-            feedback.store_policy,
-            feedback.step_policy,
-            lambda _: tables,
-            seen=observed.columns,
-            is_round=False,
-            is_guarded=False,
-        )
-        whole = made.drive.observed.torque if made.drive.observed else 0.0
-        low, high, period = made.drive.low, made.drive.high, drive.period
-        fields = (
-            Field("low", "N m", -1e9, 1e9, low, "least torque of the motor"),
-            Field("high", "N m", -1e9, 1e9, high, "greatest torque of the motor"),
-            Field("torque", "N m", 0.0, 1e9, whole, "torque of the motor at a share 1"),
-            Field("period", "s", period, period, period, "time between two steps"),
-        )
-        return cls(
-            law,
-            tables,
-            tuple(_motor_fields(fields, prefix, decoupled)),
-            law.seen,
-            _other_columns(law, drive, decoupled),
-            (),
-            prefix=prefix,
-        )
+    @property
+    def guarded(self) -> tuple[bool, ...]:
+        """True for every reading at which the guard looks.
+
+        It looks at a leverage ratio by the torques over it.
+        """
+        own = [name not in self.law.unguarded for name in self.columns]
+        tensions, others = len(self.tension_names), len(self.other_columns)
+        return (*own, *[False] * tensions, *[True] * others)
 
     @property
     def seen(self) -> tuple[str, ...]:
@@ -293,16 +251,9 @@ class ExportPlan:
 
     @property
     def guarded(self) -> tuple[int, ...]:
-        """A flag for every reading: 1 where the guard of its axis looks at it.
-
-        It looks at a leverage ratio by the torques over it.
-        """
+        """A flag for every reading: 1 where the guard of its axis looks at it."""
         checks = self.torques.coupling is None
-        return tuple(
-            int(checks and axis.law.is_guarded and name not in axis.tension_names)
-            for axis in self.axes
-            for name in axis.seen
-        )
+        return tuple(int(checks and own) for axis in self.axes for own in axis.guarded)
 
     @property
     def starts(self) -> tuple[int, ...]:
@@ -314,6 +265,28 @@ class ExportPlan:
     def memory_size(self) -> int:
         """Numbers in the memory of a controller."""
         return self.starts[-1] + self.torques.memory_size
+
+
+def _law_of(name: str, drive: Drive, iterations: float) -> tuple[Any, SteppedLaw]:
+    """Return a controller with its default gains, and its compiled functions."""
+    if name.endswith(POLICY_ENDING):
+        made = Policy(drive, name)
+        return made, feedback.policy_law(made)
+    if is_user_controller(name):
+        raise CableError(
+            f"controller {name!r} cannot be exported, for code from outside is not "
+            f"compiled; policies and {', '.join(EXPORTED)} can be."
+        )
+    kind = look_up("controller", name, CONTROLLERS)
+    if kind not in LAWS:
+        raise CableError(
+            f"controller {name!r} cannot be exported, for its step is not one "
+            f"compiled function; {', '.join(EXPORTED)} can be."
+        )
+    make: Callable[[Drive], Controller] = kind
+    if issubclass(kind, PredictiveCompensation):
+        make = functools.partial(kind, iterations=iterations)
+    return make(drive), LAWS[kind]
 
 
 def _other_columns(law: SteppedLaw, drive: Drive, decoupled: bool) -> tuple[str, ...]:

@@ -52,9 +52,11 @@ class PlantsController(Controller):
 
     def torque(self, observation: Mapping[str, Any]) -> Array:
         """Return the torque of every motor [N m], (n,) or (n, axes)."""
+        # The `info` of an episode that ended is a mapping among the columns.
+        columns = {n: v for n, v in observation.items() if isinstance(v, np.ndarray)}
         return np.stack(
             [
-                law.torque({name: value[row] for name, value in observation.items()})
+                law.torque({name: value[row] for name, value in columns.items()})
                 for row, law in enumerate(self.laws)
             ]
         )

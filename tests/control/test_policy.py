@@ -12,16 +12,20 @@ import numpy as np
 import pytest
 
 from cc_mujoco.control import (
+    Controller,
     Network,
     axes_controller,
     controller,
     read_policy,
     write_policy,
 )
-from cc_mujoco.device import Drive, Observed, find_device
+from cc_mujoco.control import _guard as guard
+from cc_mujoco.control._cable_model import joint_spring
+from cc_mujoco.device import CableDrive, Drive, Observed, find_device
 from cc_mujoco.device._sensors import MEASURED_COLUMNS
 from cc_mujoco.envs import IDS as ENVIRONMENTS
 from cc_mujoco.errors import CableError
+from control.devices import cable
 
 IDS = list(ENVIRONMENTS)
 WRIST = "cc_mujoco/WristHandle-v1"
@@ -61,12 +65,15 @@ def test_a_policy_acts_as_its_network_in_its_environment(
     plain = gymnasium.make(name, disable_env_checker=True, duration=0.2)
     inner: Any = env.unwrapped
     device = plain.unwrapped.exo.device  # type: ignore[attr-defined]
+    # Random torques are not safe ones.
+    drives = [
+        dataclasses.replace(own, safe_torque=np.inf)
+        for own in plain.unwrapped.drives  # type: ignore[attr-defined]
+    ]
     net, law = (
         network(*inner.exo.observed),
         axes_controller(
-            written(tmp_path, *inner.exo.observed),
-            plain.unwrapped.drives,  # type: ignore[attr-defined]
-            device.prefixes,
+            written(tmp_path, *inner.exo.observed), drives, device.prefixes
         ),
     )
     for seed in (3, 4):
@@ -100,6 +107,71 @@ def test_one_of_many_is_played_as_if_it_were_alone(tmp_path: Path) -> None:
         for row, law in enumerate(alone):
             one = {column: float(values[row]) for column, values in many.items()}
             assert law.torque(one) == found[row]
+
+
+def played(law: Controller, rows: np.ndarray) -> np.ndarray:
+    """Return the torques for measurements (samples, 6), one after the other."""
+    names = MEASURED_COLUMNS[:6]
+    return np.array(
+        [law.torque(dict(zip(names, row.tolist(), strict=True))) for row in rows]
+    )
+
+
+def guarded_drive(**given: Any) -> Drive:
+    """Return a drive with cables and a safe torque that its motor can exceed."""
+    ends = (-0.02, -0.104), (0.02, 0.104)
+    cables = tuple(CableDrive(cable(), *own) for own in ends)
+    limits = {"safe_torque": 4.0, "inertia": 1e-3, "observed": OBSERVED}
+    return Drive(5.2, -9.0, 9.0, 1e-3, cables=cables, **{**limits, **given})
+
+
+def test_a_policy_lets_an_unsafe_joint_go_until_a_reset(tmp_path: Path) -> None:
+    drive = guarded_drive()
+    observed = dataclasses.replace(OBSERVED, torque=9.0)
+    drive = dataclasses.replace(drive, observed=observed)
+    law = controller(written(tmp_path, OBSERVED), drive)
+    rows = 1e-6 * np.random.default_rng(0).normal(size=(120, 6))  # none is frozen
+    rows[:, 1], rows[:, 3] = 0.01, 0.0  # the motor runs away from the joint, slowly
+    times = [0, 20, 40, 60, 120]
+    rows[:, 4] += np.interp(np.arange(120), times, [0.0, 0.0, 3.0, 0.0, 6.0])
+    torques = played(law, rows)
+    most = guard.command_limit(guard.motor_limits(drive), joint_spring(drive.cables))
+    assert most < drive.high and np.abs(torques).max() == most
+    let_go = torques == torques[39]
+    assert -0.01 < torques[39] < 0.0
+    assert not let_go[:20].any() and let_go[36:42].all() and not let_go[60]
+    assert let_go[110:].all() and (played(law, rows[:20]) == torques[39]).all()
+    law.reset()
+    assert np.array_equal(played(law, rows), torques)
+
+
+def test_a_policy_rides_through_missing_readings_and_then_is_limp(
+    tmp_path: Path,
+) -> None:
+    name, random = written(tmp_path, OBSERVED), np.random.default_rng(0)
+    rows = 1e-3 * random.normal(size=(40, 6))
+    held = rows.copy()
+    rows[10:13], held[10:13] = np.nan, rows[9]
+    wanted = played(controller(name, DRIVE), held)
+    assert np.array_equal(played(controller(name, DRIVE), rows), wanted)
+    rows[20:26] = np.nan
+    late = np.vstack([np.full((3, 6), np.nan), held])
+    assert (played(controller(name, DRIVE), rows)[25:] == 0.0).all()
+    began = played(controller(name, DRIVE), late)
+    assert (began[:3] == 0.0).all() and np.array_equal(began[3:], wanted)
+
+
+def test_a_policy_that_follows_an_angle_has_no_limit_of_torque(tmp_path: Path) -> None:
+    observed = OBSERVED.with_reference()
+    drive = guarded_drive(commands_angle=True, observed=observed)
+    law = controller(written(tmp_path, observed), drive)
+    seen = dict.fromkeys(observed.columns, 0.0) | {"joint_torque_nm": 50.0}
+    before = [law.torque(seen) for _ in range(40)]
+    law = controller(
+        str(tmp_path / "policy.safetensors"),
+        dataclasses.replace(drive, safe_torque=np.inf),
+    )
+    assert before == [law.torque(seen) for _ in range(40)]
 
 
 def test_a_motor_that_is_limited_gives_less_and_not_a_share_of_less(
@@ -165,6 +237,8 @@ def test_a_policy_for_other_samples_or_no_environment_is_refused(
         controller(path, slow)
     with pytest.raises(CableError, match="observed"):
         controller(path, Drive(5.2, -1.0, 1.0, 1e-3))
+    with pytest.raises(CableError, match="joint_sensor = true"):
+        controller(path, dataclasses.replace(DRIVE, joint_sensor=False))
 
 
 def test_a_network_that_does_not_fit_is_refused(tmp_path: Path) -> None:

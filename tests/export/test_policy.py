@@ -14,9 +14,11 @@ import numpy as np
 import pytest
 
 from cc_mujoco.control import Network, controller, read_policy, write_policy
-from cc_mujoco.control._policy import ACTIVATIONS
+from cc_mujoco.control import _guard as guard
+from cc_mujoco.control._network import ACTIVATIONS
 from cc_mujoco.device import DeviceModel, Drive, Observed, find_device
 from cc_mujoco.device._device import bare_model
+from cc_mujoco.device._sensors import WINDING_COLUMNS
 from cc_mujoco.errors import CableError
 from cc_mujoco.export._command import Export
 
@@ -41,11 +43,15 @@ def network(observed: Observed, activation: str, squashed: bool) -> Network:
     )
 
 
-@pytest.fixture(scope="module")
-def drive() -> Drive:
-    device = find_device("wrist")
+def drive_of(scene: str) -> Drive:
+    device = find_device(scene)
     made = DeviceModel(device.description, bare_model(device).compile())
     return made.drives(device.description.period)[0]
+
+
+@pytest.fixture(scope="module")
+def drive() -> Drive:
+    return drive_of("wrist")
 
 
 def written(
@@ -59,72 +65,101 @@ def written(
 
 
 @pytest.mark.skipif(COMPILER is None, reason="there is no C compiler")
-def test_a_policy_in_c_acts_as_in_the_library(tmp_path: Path, drive: Drive) -> None:
-    rows = motion(drive, 300)
-    for name, activation, squashed, past in (
-        ("past", "tanh", True, {"hold": 3, "history": 2, "memory": True}),
-        ("plain", "relu", False, {}),
-        # As `scripts/imitate.py` writes it.
-        ("taught", "tanh", False, {"hold": 2, "history": 10, "memory": True}),
-    ):
-        folder = tmp_path / name
-        folder.mkdir()
-        policy = written(folder, drive, activation, squashed, **past)
-        Export("wrist", policy, folder / "c", no_check=True).run()
-        library = shared(folder / "c")
-        memory = (ctypes.c_double * (library.cc_controller_size() // 8))()
-        kind, found = ctypes.c_double * len(rows[0]), (ctypes.c_double * 1)()
-        values = (ctypes.c_double * 4)(
-            *(ctypes.c_double * 4).in_dll(library, "cc_controller_parameters")
-        )
-        law = controller(policy, drive)
-        for _ in range(2):
-            law.reset()
-            assert library.cc_controller_init(memory, values) == 0
-            torques = []
-            for row in rows:
-                seen = dict(zip(columns(drive), row, strict=True))
-                library.cc_controller_step(memory, kind(*row), found)
-                torques.append((found[0], law.torque(seen)))
+@pytest.mark.parametrize(
+    ("scene", "activation", "squashed", "past"),
+    [
+        ("wrist", "tanh", True, {"hold": 3, "history": 2, "memory": True}),
+        ("wrist", "relu", False, {}),
+        # As `scripts/imitate.py` writes it; a lever, and the phase of the gait.
+        ("ankle", "tanh", False, {"hold": 2, "history": 10, "memory": True}),
+    ],
+)
+def test_a_policy_in_c_gives_the_bits_of_the_library_with_its_guard(
+    scene: str, activation: str, squashed: bool, past: dict[str, Any], tmp_path: Path
+) -> None:
+    drive = drive_of(scene)
+    policy = written(tmp_path, drive, activation, squashed, **past)
+    Export(scene, policy, tmp_path / "c", no_check=True).run()
+    library = shared(tmp_path / "c")
+    memory = (ctypes.c_double * (library.cc_controller_size() // 8))()
+    names, rows = columns(drive), motion(drive, 300)
+    kind, found = ctypes.c_double * len(names), (ctypes.c_double * 1)()
+    numbers = ctypes.c_double * len(guard.DriveLimits._fields)
+    values = numbers(*numbers.in_dll(library, "cc_controller_parameters"))
+    law: Any = controller(policy, drive)
+
+    def step(row: np.ndarray, refused: int = 0) -> tuple[float, float]:
+        """Return the torques of C and of the library."""
+        assert library.cc_controller_step(memory, kind(*row), found) == refused
+        return found[0], law.torque(dict(zip(names, map(float, row), strict=True)))
+
+    for _ in range(2):
+        law.reset()
+        assert library.cc_controller_init(memory, values) == 0
+        torques, states = [], []
+        for row in rows:
+            torques.append(step(row))
+            states.append(law.axes[0].memory[0, guard.STATE])
         ours, theirs = np.array(torques).T
-        assert np.ptp(theirs) > 0.2 * drive.high
-        assert np.abs(ours - theirs).max() < 2e-7 * drive.high
+        assert np.array_equal(ours, theirs)
+        free = np.array(states) == guard.FREE
+        assert free[10:150].all() and np.ptp(theirs[free]) > 0.2 * drive.high
+        assert guard.RELEASED in states and states[-1] == guard.STOPPED
+    law.reset()
+    library.cc_controller_reset(memory)
+    # The first readings may be missing, too.
+    for row in (np.full(len(names), np.nan), rows[0]):
+        row[guard.READINGS : len(drive.observed.columns)] = 0.1  # type: ignore[union-attr]
+        for place in others(drive):
+            row[place] = rows[0, place]
+        assert np.array_equal(*step(row))
+    for place in others(drive):
         before = bytes(memory)
         for wild in (np.nan, np.inf, 1e308):
-            row = [wild, *rows[0][1:]]
-            assert library.cc_controller_step(memory, kind(*row), found) == 1
-            seen = dict(zip(columns(drive), row, strict=True))
-            assert found[0] == law.torque(seen) == 0.0
+            row = rows[1].copy()
+            row[place] = wild
+            assert step(row, place + 1) == (0.0, 0.0)
         assert bytes(memory) == before
-        seen = dict(zip(columns(drive), rows[0], strict=True))
-        assert library.cc_controller_step(memory, kind(*rows[0]), found) == 0
-        assert abs(found[0] - law.torque(seen)) < 2e-7 * drive.high
-        values[0] = values[1] + 1.0
-        assert library.cc_controller_set_parameters(memory, values) == 2
+    assert np.array_equal(*step(rows[1]))
+    place = guard.DriveLimits._fields.index("low")
+    values[place] = values[place + 1] + 1.0
+    assert library.cc_controller_set_parameters(memory, values) == place + 2
 
 
 def columns(drive: Drive) -> tuple[str, ...]:
+    """Return the readings of a policy in C."""
     assert drive.observed is not None
-    return drive.observed.columns
+    return (*drive.observed.columns, *(WINDING_COLUMNS if drive.lever else ()))
 
 
-def motion(drive: Drive, count: int) -> list[list[float]]:
-    """Return measurements of a joint that swings, with noise."""
-    random = np.random.default_rng(6)
+def others(drive: Drive) -> list[int]:
+    """Return the places of the readings at which no guard looks."""
+    names = columns(drive)
+    wound = ("joint_angle_rad", "joint_velocity_rad_s", "leverage_ratio")
+    unread = ("phase_sine", "phase_cosine", *(wound if drive.lever else ()))
+    return [names.index(name) for name in unread if name in names]
+
+
+def motion(drive: Drive, count: int) -> np.ndarray:
+    """Return measurements of a joint that swings; the second half has faults."""
+    random, names = np.random.default_rng(6), columns(drive)
     time = drive.period * np.arange(count)
     angle = 0.4 * np.sin(20.0 * time)
     speed = 8.0 * np.cos(20.0 * time)
-    torque = np.sin(35.0 * time)
-    about = [
-        drive.ratio * angle,
-        drive.ratio * speed,
-        angle,
-        speed,
-        torque,
-        0.7 * torque,
-    ]
-    rows = np.array(about).T + random.normal(size=(count, 6)) * 1e-3
-    return [list(map(float, row)) for row in rows]
+    torque = 0.1 * drive.safe_torque * np.sin(35.0 * time)
+    rows = random.normal(size=(count, len(names))) * 1e-3
+    for place, values in enumerate(
+        (drive.ratio * angle, drive.ratio * speed, angle, speed, torque, 0.7 * torque)
+    ):
+        rows[:, place] += values
+    if drive.lever:
+        rows[:, -3:-1] = rows[:, 2:4]
+        rows[:, -1] += 1.0 + 0.1 * np.cos(20.0 * time)
+    rows[150:153, 0] = np.nan
+    rows[160, 4] *= 50.0
+    half = count // 2
+    rows[half + 50 :, 4] += drive.safe_torque * np.linspace(0.0, 2.0, count - half - 50)
+    return rows
 
 
 def shared(folder: Path) -> ctypes.CDLL:

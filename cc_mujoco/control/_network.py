@@ -1,0 +1,211 @@
+"""Networks of policies: multilayer perceptrons, compiled.
+
+network = Network.of_layers(layers, mean, deviation)
+shares = network(observation)                   # (size,) or (n, size)
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray, FloatMatrix, IntArray, compiled, internal
+
+Array = NDArray[np.float64]
+
+ACTIVATIONS = ("tanh", "relu", "identity", "elu")
+"""Names of the functions that may follow a layer."""
+_TANH, _RELU, _, _ELU = range(len(ACTIVATIONS))
+
+
+class PackedNetwork(NamedTuple):
+    """Numbers of a network, as compiled code reads them."""
+
+    sizes: IntArray
+    """Place of the activation in `ACTIVATIONS`; 1 where the outputs are squashed, else
+    0; widths, that of the observation first."""
+    numbers: FloatArray
+    """`far`, means and deviations; weights and biases of each layer."""
+
+
+_ACTIVATION, _SQUASHED, WIDTHS = range(3)
+"""Places of the sizes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Network:
+    """A multilayer perceptron from an observation (size,) to shares of the torques.
+
+    Attributes:
+        weights: of each layer, (out, in); the last has an output for each motor.
+        biases: of each layer, (out,).
+        activation: key of `ACTIVATIONS`, after every layer but the last.
+        squashed: whether the hyperbolic tangents of the last outputs are the action.
+        mean: what is subtracted from the observation, (size,).
+        deviation: what it is divided by then, (size,).
+        far: where what results is cut.
+
+    Raises:
+        CableError: If the layers do not fit each other.
+    """
+
+    weights: tuple[Array, ...]
+    biases: tuple[Array, ...]
+    activation: str
+    squashed: bool
+    mean: Array
+    deviation: Array
+    far: float = np.inf
+
+    def __post_init__(self) -> None:
+        """Refuse layers that do not fit."""
+        if self.activation not in ACTIVATIONS:
+            raise CableError.unknown("activation", self.activation, ACTIVATIONS)
+        widths = [self.mean.size]
+        for weights, biases in zip(self.weights, self.biases, strict=True):
+            fits = weights.ndim == 2 and weights.shape[1] == widths[-1]
+            if not fits or biases.shape != weights.shape[:1]:
+                raise CableError(
+                    f"a layer of shape {weights.shape} with {biases.shape} biases does "
+                    f"not follow {widths[-1]} numbers."
+                )
+            widths.append(weights.shape[0])
+        arrays = (*self.weights, *self.biases, self.mean, self.deviation)
+        if len(widths) < 2 or self.deviation.shape != (widths[0],):
+            raise CableError(
+                "a policy needs a layer, and a deviation for each number it observes."
+            )
+        if not all(np.isfinite(array).all() for array in arrays):
+            raise CableError("a policy's weights must be finite numbers.")
+        if not (self.deviation > 0.0).all():
+            raise CableError("a policy's deviations must be above 0.")
+
+    @classmethod
+    def of_layers(
+        cls,
+        layers: Iterable[Any],
+        mean: Array,
+        deviation: Array,
+        squashed: bool = False,
+        far: float = np.inf,
+    ) -> Network:
+        """Return the network of PyTorch layers, for example a `torch.nn.Sequential`.
+
+        Args:
+            layers: `Linear`, with one kind of activation between them.
+            mean: Of the observations, as of the class.
+            deviation: See there.
+            squashed: See there.
+            far: See there.
+
+        Raises:
+            CableError: If activations differ or are not in `ACTIVATIONS`.
+        """
+        each = list(layers)
+        linear = [layer for layer in each if hasattr(layer, "weight")]
+        kinds = {type(layer).__name__.lower() for layer in each} - {"linear"}
+        if len(kinds) > 1:
+            raise CableError(
+                f"a policy has one activation, not {', '.join(sorted(kinds))}."
+            )
+        weights, biases = (
+            tuple(getattr(one, name).detach().cpu().double().numpy() for one in linear)
+            for name in ("weight", "bias")
+        )
+        kind = kinds.pop() if kinds else "identity"
+        return cls(weights, biases, kind, squashed, mean, deviation, far)
+
+    @property
+    def motors(self) -> int:
+        """Number of motors that it drives."""
+        return int(self.weights[-1].shape[0])
+
+    @cached_property
+    def packed(self) -> PackedNetwork:
+        """Numbers of the network."""
+        kind = ACTIVATIONS.index(self.activation)
+        widths = [self.mean.size, *(own.size for own in self.biases)]
+        parts = [np.array([self.far]), self.mean, self.deviation]
+        for weights, biases in zip(self.weights, self.biases, strict=True):
+            parts += [weights.ravel(), biases]
+        return PackedNetwork(
+            np.array([kind, int(self.squashed), *widths], dtype=np.int64),
+            np.concatenate(parts).astype(np.float64),
+        )
+
+    def __call__(self, observation: Array) -> Array:
+        """Return the share of each motor's torque, within [-1, 1], (..., motors).
+
+        Args:
+            observation: (size,), or (n, size) of n environments, each by itself.
+
+        Raises:
+            CableError: If it has another size.
+        """
+        rows = np.ascontiguousarray(np.atleast_2d(observation), dtype=np.float64)
+        if rows.ndim != 2 or rows.shape[1] != self.mean.size:
+            raise CableError(
+                f"a policy for {self.mean.size} numbers cannot act on observations of "
+                f"shape {np.shape(observation)}."
+            )
+        net, shares = self.packed, np.empty((len(rows), self.motors))
+        work = np.empty((2, int(net.sizes[WIDTHS:].max())))
+        _all_shares(net, rows, work, shares)
+        return shares if np.ndim(observation) == 2 else shares[0]
+
+
+@internal
+def shares_of(net: PackedNetwork, work: FloatMatrix) -> int:
+    """Compute the share of each motor's torque, and return the row that begins with it.
+
+    Args:
+        net: The network.
+        work: (2, widest layer); the first row begins with the observation, changed.
+    """
+    size, layers = net.sizes[WIDTHS], net.sizes.size - WIDTHS - 1
+    numbers, far = net.numbers, net.numbers[0]
+    for i in range(size):
+        value = (work[0, i] - numbers[1 + i]) / numbers[1 + size + i]
+        work[0, i] = min(max(value, -far), far)
+    place, x = 1 + 2 * size, 0
+    for layer in range(layers):
+        width, out = net.sizes[WIDTHS + layer], net.sizes[WIDTHS + layer + 1]
+        is_last = layer == layers - 1
+        for row in range(out):
+            total = 0.0
+            for i in range(width):
+                total += numbers[place + row * width + i] * work[x, i]
+            total += numbers[place + out * width + row]
+            if is_last:
+                if net.sizes[_SQUASHED] != 0:
+                    total = math.tanh(total)
+                total = min(max(total, -1.0), 1.0)
+            elif net.sizes[_ACTIVATION] == _TANH:
+                total = math.tanh(total)
+            elif net.sizes[_ACTIVATION] == _RELU:
+                total = max(total, 0.0)
+            elif net.sizes[_ACTIVATION] == _ELU and total < 0.0:
+                total = math.expm1(total)
+            work[1 - x, row] = total
+        place += out * (width + 1)
+        x = 1 - x
+    return x
+
+
+@compiled
+def _all_shares(
+    net: PackedNetwork, rows: FloatMatrix, work: FloatMatrix, shares: FloatMatrix
+) -> None:
+    for row in range(rows.shape[0]):
+        for i in range(rows.shape[1]):
+            work[0, i] = rows[row, i]
+        last = shares_of(net, work)
+        for i in range(shares.shape[1]):
+            shares[row, i] = work[last, i]

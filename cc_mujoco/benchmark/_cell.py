@@ -159,8 +159,8 @@ def _structure_key(cell: Cell) -> object:
     if at.known or at.structure in FAULTS or isinstance(at, PositionCondition):
         return at.structure
     (drawn,) = sample_plants(at, cell.seeds[:1])
-    model = drawn.plant.model()
-    return model.nq, model.nu, model.nbody, drawn.plant.layout
+    cuffs = (bool(axis.cuff) for axis in drawn.plant.description.axes)
+    return *cuffs, *drawn.plant.layout
 
 
 def changed(plant: Plant, reference: Reference | None) -> Plant:

@@ -1,13 +1,27 @@
-"""Page on a benchmark: the best controllers, their advantage, and the conditions."""
+"""Files of a benchmark: results, figures, tables and a page on the best controllers."""
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
+from cc_mujoco._utils.atomic_io import MANIFEST, replacing, write_manifest
 from cc_mujoco._utils.provenance import versions
+from cc_mujoco.benchmark import _figures as figures
 from cc_mujoco.benchmark import _report as text
-from cc_mujoco.benchmark._results import Results, describe_machine, rms_errors
-from cc_mujoco.benchmark._runner import RESULTS_FILE, BenchmarkPlan
+from cc_mujoco.benchmark._results import (
+    Results,
+    describe_machine,
+    rms_errors,
+    write_results,
+)
+from cc_mujoco.benchmark._runner import (
+    REPORT_FILE,
+    RESULTS_FILE,
+    TABLES_FILE,
+    TEXT_FILES,
+    BenchmarkPlan,
+)
 from cc_mujoco.benchmark._tables import (
     Cells,
     conditions_table,
@@ -17,6 +31,7 @@ from cc_mujoco.benchmark._tables import (
     scores_table,
     times_table,
 )
+from cc_mujoco.report._figures import save, style
 from cc_mujoco.report._html import (
     Html,
     bullet_list,
@@ -42,7 +57,34 @@ CAPTIONS = {
 """Captions of the figures of a device."""
 
 
-def report_page(
+def write(
+    out: str | os.PathLike[str],
+    plan: BenchmarkPlan,
+    results: Results,
+    baseline: str = text.DEFAULT_BASELINE,
+) -> str:
+    """Write `results.parquet`, figures, `table.md`, `report.html`; return a summary."""
+    out = Path(out)
+    makers = plan.made_by()
+    write_results(out / RESULTS_FILE, results, plan.suite, makers)
+    (out / MANIFEST).unlink(missing_ok=True)  # until all is written
+    for scene in dict.fromkeys(cell.condition.label for cell, _ in results):
+        for stem in CAPTIONS:
+            with style():
+                drawn = getattr(figures, stem)(results, scene)
+                save(out / f"{scene}-{stem}.png", drawn)
+    pages = {
+        TABLES_FILE: text.all_tables(results, baseline, plan.left_out()),
+        REPORT_FILE: _report_page(out, plan, results, baseline),
+    }
+    for name, content in pages.items():
+        with replacing(out / name) as partial:
+            partial.write_text(content, encoding="utf-8")
+    write_manifest(out, TEXT_FILES)
+    return text.summary(results, baseline)
+
+
+def _report_page(
     folder: Path, plan: BenchmarkPlan, results: Results, baseline: str
 ) -> str:
     """Return the page of a benchmark.

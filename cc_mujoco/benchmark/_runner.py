@@ -30,7 +30,6 @@ from cc_mujoco._utils.provenance import (
     with_provenance,
 )
 from cc_mujoco._workers import WORKER_TIMEOUT, Tick, run_here, run_on_cluster
-from cc_mujoco.benchmark import _user_entry as entry
 from cc_mujoco.benchmark import _user_entry as user_entry
 from cc_mujoco.benchmark._cell import (
     Cell,
@@ -64,8 +63,6 @@ MAX_SEED = 2**31
 CELLS_FOLDER, RESULTS_FILE = "cells", "results.parquet"
 TEXT_FILES = REPORT_FILE, TABLES_FILE = "report.html", "table.md"
 """Files for reading, which a user may have changed."""
-FIGURE_STEMS = ("pareto", "cycle", "robustness")
-"""Figures of a scene."""
 
 
 @dataclass(frozen=True)
@@ -183,7 +180,7 @@ class Playing:
                         tuple(replace(one, joint_sensor=True) for one in own)
                         for own in drives
                     ]
-                entry.make_controller(name, drives, made.batch.prefixes)
+                user_entry.make_controller(name, drives, made.batch.prefixes)
 
     def made_by(self) -> dict[str, Any]:
         return self.plan.made_by()
@@ -207,7 +204,7 @@ def provenance(controllers: Iterable[str], scenes: Iterable[str]) -> dict[str, A
 
     The controllers were made before; scenes are names and files of devices.
     """
-    found = entry.controller_provenance(*controllers)
+    found = user_entry.controller_provenance(*controllers)
     for scene in dict.fromkeys(scenes):
         found["files"] |= file_digests(find_device(scene).files, Path(scene).parent)
     return found

@@ -29,10 +29,10 @@ from cc_mujoco.benchmark import (
 from cc_mujoco.benchmark import _figures as drawing
 from cc_mujoco.benchmark._conditions import MODEL_ERRORS, TRANSMISSIONS
 from cc_mujoco.benchmark._figures import pareto
+from cc_mujoco.benchmark._page import CAPTIONS, write
 from cc_mujoco.benchmark._plant import sample_plants
 from cc_mujoco.benchmark._results import read_results
-from cc_mujoco.benchmark._results_files import write
-from cc_mujoco.benchmark._runner import FIGURE_STEMS, Playing, StepTimes
+from cc_mujoco.benchmark._runner import Playing, StepTimes
 from cc_mujoco.cable import Cable
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Hold, Spring
@@ -195,7 +195,7 @@ def mine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> BenchmarkPlan:
     for name in ("mine", "helper"):
         monkeypatch.delitem(sys.modules, name, raising=False)
     blank = figure(1.0, 1.0)
-    for stem in FIGURE_STEMS:
+    for stem in CAPTIONS:
         monkeypatch.setattr(drawing, stem, lambda *_: blank)
     Path("helper.py").write_text(
         "from pathlib import Path\nCC_MUJOCO_FILES = ('gain.toml',)\n"

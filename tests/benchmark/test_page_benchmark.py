@@ -13,7 +13,7 @@ import pytest
 from cc_mujoco import cli
 from cc_mujoco.benchmark import REFERENCES, SCORES, SUITES
 from cc_mujoco.benchmark import _figures as drawing
-from cc_mujoco.benchmark._runner import FIGURE_STEMS
+from cc_mujoco.benchmark._page import CAPTIONS
 from cc_mujoco.report import figure
 from page_blocks import BLOCKS
 
@@ -76,7 +76,7 @@ def test_new_controller_of_the_readme_enters_with_the_command_beside_it(
     monkeypatch.chdir(tmp_path)
     monkeypatch.delitem(sys.modules, "my_controller", raising=False)
     blank = figure(1.0, 1.0)
-    for stem in FIGURE_STEMS:  # what it scores is drawn as all else is
+    for stem in CAPTIONS:  # what it scores is drawn as all else is
         monkeypatch.setattr(drawing, stem, lambda *_: blank)
     assert cli.main([*command, "--duration", "1.05", "--workers", "1"]) == 0
     overview = tables(capsys.readouterr().out)[0]

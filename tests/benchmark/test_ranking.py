@@ -24,11 +24,11 @@ from cc_mujoco.benchmark import (
     rank_controllers,
 )
 from cc_mujoco.benchmark import _figures as drawing
+from cc_mujoco.benchmark._page import CAPTIONS, write
 from cc_mujoco.benchmark._ranking import MAX_NORMALISED_ERROR, bootstrap_means
 from cc_mujoco.benchmark._report import best_sentence, comparison, next_command
 from cc_mujoco.benchmark._results import join_results, read_results, write_results
-from cc_mujoco.benchmark._results_files import write
-from cc_mujoco.benchmark._runner import FIGURE_STEMS, require_ours
+from cc_mujoco.benchmark._runner import require_ours
 from cc_mujoco.errors import CableError
 from cc_mujoco.report import figure
 
@@ -166,7 +166,7 @@ def test_the_first_sentence_names_who_wins_or_all_that_may_be_as_good(
 def test_the_page_opens_with_the_winner_and_is_written_again_until_a_user_edits_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for stem in FIGURE_STEMS:
+    for stem in CAPTIONS:
         monkeypatch.setattr(drawing, stem, lambda *_: figure(1.0, 1.0))
     laws = {**LAWS, "<b>": 0.6}
     plan = BenchmarkPlan(("pi", "model"), scenes=("wrist",))
@@ -181,7 +181,7 @@ def test_the_page_opens_with_the_winner_and_is_written_again_until_a_user_edits_
     assert "6 seeds" in header and header.count("<img") == 1
     assert f"<code>{next_command(fake(laws))}</code>" in header
     assert "<code>&lt;b&gt;</code>" in text and "<b></code>" not in text
-    assert text.count("<img") == len(FIGURE_STEMS)
+    assert text.count("<img") == len(CAPTIONS)
     for row in REFERENCES.values():
         assert row.meaning.partition("`")[0] in text
     (tmp_path / "cells").mkdir()

@@ -27,6 +27,9 @@ LONG = (
     "test_wheel.py",
     "test_export.py",
     "test_cluster.py",
+    "test_implicit_ends.py",
+    "test_guard.py",
+    "test_what_runs_code.py",
     "test_axes.py",
     "test_cli.py",
     "test_predictive.py",
@@ -58,6 +61,9 @@ LONG = (
     "test_effects.py",
     "test_starting.py",
     "test_page_in_browser.py",
+    "test_examples.py",
+    "test_compiled_episode.py",
+    "test_rare_effects.py",
     "test_log_file.py",
     "test_records.py",
     "test_page_benchmark.py",
@@ -145,7 +151,10 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave figures empty: drawing them is most of the work of a short command."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
+    from cc_mujoco.viz import _episode_files
+
     monkeypatch.setattr(FigureCanvasAgg, "draw", FigureCanvasAgg.get_renderer)
+    monkeypatch.setattr(_episode_files, "write_summary", lambda path, _: path.touch())
 
 
 @pytest.fixture

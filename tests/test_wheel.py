@@ -231,10 +231,19 @@ def runnable(place: str, study: bool) -> list[Block]:
     return [block for block in BLOCKS[place] if block.group in groups]
 
 
+STUDIED = {
+    "cc_mujoco/control/README.md",
+    "cc_mujoco/design/README.md",
+    "scripts/examples/README.md",  # `test_own_device_page.py` plays it
+}
+"""Pages of commands that other tests give as well."""
+
+
 @pytest.mark.wheel
 @pytest.mark.skipif(os.name == "nt", reason="the commands of the pages are for bash")
 @pytest.mark.parametrize(
-    "place", [place for place in BLOCKS if runnable(place, study=False)]
+    "place",
+    [p for p in BLOCKS if p not in STUDIED and runnable(p, study=False)],
 )
 def test_blocks_of_a_page_run(place: str, warmed: Path, tmp_path: Path) -> None:
     blocks = [block.brief() for block in runnable(place, study=False)]

@@ -29,6 +29,7 @@ def policy(path: Path, device: str, gain: float) -> str:
     return name
 
 
+@pytest.mark.study
 def test_a_policy_plays_a_rig_in_the_period_and_torque_of_its_training(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -80,6 +80,7 @@ def recorded(folder: Path, rig: Rig, hidden: dict[str, float], out: Path) -> flo
     return max(slack)
 
 
+@pytest.mark.study
 def test_a_rig_with_one_cable_stays_taut_in_what_is_planned(tmp_path: Path) -> None:
     plan(alone(tmp_path), tmp_path / "plan", ids=IDS, reach=REACH, speed=SPEED)
     rig = make_rig(SEED, make="guides")

@@ -37,6 +37,7 @@ def test_leaving_out_sensors_biases_and_one_matrix_does_not() -> None:
     assert abs(found.shared) < 4.0 * found.uncertain[1]
 
 
+@pytest.mark.study
 def test_observer_beats_the_consensus_in_time() -> None:
     run = directions.simulate_run(seconds=2.0)
     vote, observer = (

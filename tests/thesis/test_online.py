@@ -67,6 +67,7 @@ def test_slopes_of_the_model_leave_the_line_with_friction() -> None:
     assert 0.9 < found.exact < 0.99
 
 
+@pytest.mark.study
 def test_printed_law_needs_the_sign_of_motion_and_integration() -> None:
     left = runs.laws(duration=12.0).left
     printed, signed, summed, ours = left.values()

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from thesis._experiments import predecessors
 from thesis.predecessors import Distributed, PassiveDistributed, StaticCapstan
 from thesis.predecessors._capabilities import CABLE, DT, SPRING
 
 
+@pytest.mark.study
 def test_distributed_models_are_right_in_motion_and_before_it() -> None:
     proximal = predecessors.motion()
     truth = Distributed(CABLE.replace(segments=100)).replay(DT, proximal, SPRING)

@@ -21,6 +21,7 @@ def test_mean_loses_on_the_printed_cable_only() -> None:
     assert sensors.excess_of_mean(sensors.CABLE.replace(friction=0.0)) == 1.0
 
 
+@pytest.mark.study
 def test_error_in_motion_is_white_and_at_rest_constant() -> None:
     run = sensors.ramps()
     assert sensors.ljung_box(run.scaled) > 0.01

@@ -80,6 +80,7 @@ def test_a_page_moves_with_its_time_and_the_console_is_silent(
     assert np.ptp(early[100 : HIGH - 200, : WIDE // 2]) > 0.5
 
 
+@pytest.mark.study
 def test_a_tall_picture_is_printed_on_one_sheet(tmp_path: Path) -> None:
     tall, page = tmp_path / "tall.png", tmp_path / "page.html"
     matplotlib.image.imsave(tall, np.full((3000, 1000, 3), 0.5))

@@ -177,6 +177,7 @@ def test_every_effect_is_hidden_at_every_strength(seeds: int) -> None:
         assert hidden.count(((), size)) >= 10 * seeds
 
 
+@pytest.mark.study
 def test_a_case_meets_the_checks_that_the_command_makes(
     monkeypatch: pytest.MonkeyPatch, shortened: Callable[[Trial, float], Trial]
 ) -> None:

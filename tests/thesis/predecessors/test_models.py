@@ -76,6 +76,7 @@ def test_one_direction_is_enough_where_only_the_motor_moves(seed, stiffness, cur
     assert before.tension_distal == pytest.approx(ours.tension_distal, abs=0.01 * scale)
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("exponent", [0.7, 1.0, 1.5])
 def test_bristles_follow_the_dahl_equation(exponent):
     cable = CABLE.replace(segments=1, friction=0.02)

@@ -43,7 +43,7 @@ from cc_mujoco.device._drive import CableDrive, Drive
 from cc_mujoco.device._sensors import RATIO_COLUMN, WINDING_COLUMNS
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.estimation._tension_slope import has_slope
-from cc_mujoco.export import _feedback as feedback
+from cc_mujoco.export import _policy_step as policy_step
 from cc_mujoco.export._joint_torques import JointTorques
 from cc_mujoco.native import FloatArray
 
@@ -271,7 +271,7 @@ def _law_of(name: str, drive: Drive, iterations: float) -> tuple[Any, SteppedLaw
     """Return a controller with its default gains, and its compiled functions."""
     if name.endswith(POLICY_ENDING):
         made = Policy(drive, name)
-        return made, feedback.policy_law(made)
+        return made, policy_step.policy_law(made)
     if is_user_controller(name):
         raise CableError(
             f"controller {name!r} cannot be exported, for code from outside is not "

@@ -68,8 +68,7 @@ def written(
 @pytest.mark.parametrize(
     ("scene", "activation", "squashed", "past"),
     [
-        ("wrist", "tanh", True, {"hold": 3, "history": 2, "memory": True}),
-        ("wrist", "relu", False, {}),
+        ("wrist", "tanh", True, {"hold": 3}),
         # As `scripts/imitate.py` writes it; a lever, and the phase of the gait.
         ("ankle", "tanh", False, {"hold": 2, "history": 10, "memory": True}),
     ],

@@ -456,7 +456,11 @@ def search_rare(
 def with_own_noise_floor(
     crossed: CrossValidation, division: Sequence[Fold]
 ) -> CrossValidation:
-    """Return the model by its own floor and weight, simulated finely enough for it."""
+    """Return the model by its own floor and weight, simulated finely enough for it.
+
+    By the floor of a much worse model the priors outweigh the data and shrink what was
+    added; while a refit halves the floor, it is taken anew.
+    """
     masks = divided_samples(division)
     place = np.mean([fit.x for fit in crossed.fits], axis=0)
     problem = crossed.problem.with_updated_floor(place, masks)
@@ -470,6 +474,10 @@ def with_own_noise_floor(
         starts = [fit.x for fit in crossed.fits]
         crossed = cross_validate(problem, division, starts)
         place = np.mean([fit.x for fit in crossed.fits], axis=0)
+        lower = problem.with_updated_floor(place, masks)
+        if lower.inflation < 0.5 * problem.inflation:
+            problem = lower
+            continue
         finer = refine_simulation(problem, place, counts)
         if finer is None:
             return crossed

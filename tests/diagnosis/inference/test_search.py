@@ -149,6 +149,18 @@ def test_play_is_found_whatever_its_size(
     assert values["backlash"] == pytest.approx(play, rel=0.01)
 
 
+def test_the_prior_of_an_effect_does_not_shrink_what_the_data_show() -> None:
+    sizes = {"friction_asymmetry": 0.5, "asymmetry_antagonist": 0.5}
+    data = dataset({"asymmetric_friction": sizes}, 4.0, 1)
+    start = fit_scene(data, BENCH, Options(), no_progress)
+    assert isinstance(start, BaselineFit)
+    division = interleaved_folds(start.problem.plant.records)
+    found = search(start.crossed, division, ("asymmetric_friction",))
+    assert found.after.misfit < 1.2 < 50.0 < start.crossed.misfit
+    values = found.after.problem.values(found.after.fits[0].x)
+    assert {name: values[name] for name in sizes} == pytest.approx(sizes, rel=0.03)
+
+
 def crossed(*errors: float, groups: Sequence[str] = ()) -> Any:
     """Return a cross-validation with these RMS errors, by trial."""
     names = groups or [f"trial_{k}" for k in range(len(errors))]

@@ -172,6 +172,8 @@ def _module(kind: str, name: str, place: str) -> ModuleType:
 def user_errors(what: str, *kinds: type[BaseException]) -> Iterator[None]:
     """Turn an exception into one sentence that names the object, file and line.
 
+    It has no place if no code of the user was running, as with a wrong signature.
+
     By default all errors and the end of the interpreter, which is not for a part of a
     computation to decide.
     """
@@ -181,24 +183,23 @@ def user_errors(what: str, *kinds: type[BaseException]) -> Iterator[None]:
     except CableError:
         raise
     except kinds as error:
+        where, message = "", str(error)
         if isinstance(error, SyntaxError):
-            message, file, line = error.msg, error.filename, error.lineno
-        else:
-            last = _own_frame(traceback.extract_tb(error.__traceback__))
-            message, file, line = str(error), last.filename, last.lineno
+            where, message = f" in {error.filename}, line {error.lineno}", error.msg
+        elif own := _own_frames(traceback.extract_tb(error.__traceback__)):
+            where = f" in {own[-1].filename}, line {own[-1].lineno}"
         notes = getattr(error, "__notes__", [])
         message = " ".join("; ".join([message, *notes]).split())
         raise CableError(
-            f"{what} raised {type(error).__name__} in {file}, line {line}: {message}"
+            f"{what} raised {type(error).__name__}{where}: {message}"
         ) from error
 
 
-def _own_frame(frames: traceback.StackSummary) -> traceback.FrameSummary:
-    """Return the last frame in code of the user, or the last one without any."""
+def _own_frames(frames: traceback.StackSummary) -> list[traceback.FrameSummary]:
+    """Return the frames in code of the user."""
     package = str(Path(__file__).resolve().parents[1])
-    own = [
+    return [
         frame
         for frame in frames
         if not frame.filename.startswith((*_FOREIGN_FOLDERS, package, "<"))
     ]
-    return (own or list(frames))[-1]

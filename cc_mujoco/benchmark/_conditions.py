@@ -129,8 +129,8 @@ class Condition:
         look_up("error", self.error, MODEL_ERRORS)
         if not self.duration > MIN_DURATION:
             raise CableError(
-                f"duration must be above {MIN_DURATION:g} s, half of which has no "
-                f"score, not {self.duration!r}."
+                f"duration must be above {MIN_DURATION:g} s, not {self.duration!r}; "
+                f"the first {0.5 * MIN_DURATION:g} s have no score."
             )
         low, high = self.delay
         if not 0 <= low <= high <= 1000:

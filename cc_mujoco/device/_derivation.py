@@ -184,6 +184,12 @@ def _ends(arms: Arms, cables: Mapping[str, Cable]) -> dict[str, tuple[_End, _End
             joints = tuple(dict.fromkeys(model.dof_jntid[moved].tolist()))
             ends.append(_End(actuator, out, joints))
         found[name] = (ends[0], ends[1])
+    for name in cables:
+        if name not in found:
+            raise CableError(
+                f"cable {name!r} is used by no actuator; it must be used by two, first "
+                "the proximal and then the distal end."
+            )
     return {name: found[name] for name in cables}
 
 

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco._validation import require_parameter
+from cc_mujoco.errors import CableError, shown
 from cc_mujoco.human import _gait as gait
 from cc_mujoco.human._pace import Pace
 
@@ -59,7 +60,9 @@ class Task(ABC):
         """True if the torque at rest at angle 0 changes with the phase of a gait."""
         phases = np.linspace(0.0, 1.0, 101)
         still = np.zeros_like(phases)
-        return not self.of_time and bool(np.ptp(self.torque(still, still, phases)))
+        return not self.of_time and bool(
+            np.ptp(task_torque(self, still, still, phases))
+        )
 
     @abstractmethod
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
@@ -72,8 +75,39 @@ class Task(ABC):
                 [s] for a task `of_time`.
 
         Returns:
-            Desired torque [N m], of the shape of the arguments.
+            Desired torque [N m], of the shape of the arguments or one for all.
         """
+
+
+def task_torque(
+    task: Task,
+    angle: NDArray[np.float64],
+    velocity: NDArray[np.float64],
+    phase: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return the torque of a task [N m], checked and of the shape of the angle.
+
+    Raises:
+        CableError: The task gave no numbers, another shape, or no finite number at a
+            finite angle and velocity.
+    """
+    name = getattr(task, "name", type(task).__name__)
+    given = np.asarray(task.torque(angle, velocity, phase))
+    if given.dtype.kind not in "fiu" or given.shape not in ((), angle.shape):
+        raise CableError(
+            f"task {name!r} gave {shown(given.tolist())} at angles of shape "
+            f"{angle.shape}; it must give torques in N m of this shape, or one."
+        )
+    torque: NDArray[np.float64] = np.broadcast_to(given, angle.shape)
+    missing = ~np.isfinite(torque) & np.isfinite(angle) & np.isfinite(velocity)
+    if missing.any():
+        first = tuple(index[0] for index in np.nonzero(missing))
+        raise CableError(
+            f"task {name!r} gave {torque[first]} N m at angle {angle[first]:.4g} rad, "
+            f"velocity {velocity[first]:.4g} rad/s and phase {phase[first]:.4g}; it "
+            "must give finite torques."
+        )
+    return torque
 
 
 def peak_demand(task: Task, centre: float, reach: float, speed: float) -> float:
@@ -87,7 +121,7 @@ def peak_demand(task: Task, centre: float, reach: float, speed: float) -> float:
     velocity = np.array([-speed, 0.0, speed])[:, None]
     phase = np.linspace(0.0, DEMAND_TIME if task.of_time else 1.0, 601)
     grid = (np.ravel(one) for one in np.broadcast_arrays(angle, velocity, phase))
-    return float(np.abs(task.torque(*grid)).max())
+    return float(np.abs(task_torque(task, *grid)).max())
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ from cc_mujoco.human import (
     Walk,
 )
 from cc_mujoco.human._motion import SampledMotion
+from cc_mujoco.human._tasks import task_torque
 
 Array = NDArray[np.float64]
 
@@ -270,8 +271,8 @@ class Author:
             clock = motion.time[:: self.frame_skip] if task.of_time else phase
             demand = nothing = np.zeros_like(phase)
             if is_scripted:
-                found = task.torque(nothing, nothing, clock)
-                demand = np.array(np.broadcast_to(found, phase.shape), np.float64)
+                found = task_torque(task, nothing, nothing, clock)
+                demand = np.array(found, np.float64)
             marks += [angle, clock, np.sin(turn), np.cos(turn), demand]
         return ScriptPart(commands, np.stack(marks, axis=-1))
 

@@ -33,7 +33,7 @@ from cc_mujoco.device._axis_record import (
 )
 from cc_mujoco.device._model import DeviceModel
 from cc_mujoco.human import Spring, Task, Tunnel
-from cc_mujoco.human._tasks import spring_torque, tunnel_torque
+from cc_mujoco.human._tasks import spring_torque, task_torque, tunnel_torque
 from cc_mujoco.native import (
     BoolArray,
     FloatArray,
@@ -183,7 +183,7 @@ class Wiring:
             angle, velocity = table[start + JOINT_ANGLE], table[start + JOINT_VELOCITY]
             if task.about_reference:
                 angle = angle - table[start + _WIDTH - 1]
-            table[start + _DESIRED] = task.torque(angle, velocity, table[clock])
+            table[start + _DESIRED] = task_torque(task, angle, velocity, table[clock])
         return table
 
     def columns(self, table: NDArray[np.float64]) -> dict[str, Any]:

@@ -29,7 +29,7 @@ from cc_mujoco.device._sensors import (
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Task, Trajectory, Walk, Wearer, scale_task, trajectory
 from cc_mujoco.human import task as find_task
-from cc_mujoco.human._tasks import peak_demand
+from cc_mujoco.human._tasks import peak_demand, task_torque
 
 from ._reference_motion import MARKS, Author, Script, joint_range, unperturbed
 
@@ -257,7 +257,7 @@ class WornDevice:
             reference, phase = script.mark(MARKS * n), script.mark(MARKS * n + 1)
             velocity = np.gradient(reference, self.sampling)
             deviation = 0.0 * reference if task.about_reference else reference
-            demand = task.torque(deviation, velocity, phase)
+            demand = task_torque(task, deviation, velocity, phase)
             least, most = drive.reach
             slack = BEYOND_SHARE * float(np.abs(demand).max())
             if least - slack <= demand.min() and demand.max() <= most + slack:

@@ -6,6 +6,7 @@ import doctest
 import importlib
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from cc_mujoco.errors import CableError
-from cc_mujoco.human import TASKS, Assist, Hold, Spring, Tunnel, task
+from cc_mujoco.human import TASKS, Assist, Hold, Spring, Task, Tunnel, task
+from cc_mujoco.human._tasks import task_torque
 
 
 def printed_tunnel(angle: float) -> float:
@@ -178,10 +180,41 @@ def test_tasks_of_the_user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     for name in ("Broken", "broken"):
         with pytest.raises(CableError, match=rf"'my_tasks:{name}' raised .* in .*line"):
             task(f"my_tasks:{name}").torque(0.0, 0.0, 0.0)
-    with pytest.raises(CableError, match="gave '1'; it must be a torque in N m"):
-        task("my_tasks:Text").torque(0.0, 0.0, 0.0)
+    with pytest.raises(CableError, match="gave '1' at angles of shape"):
+        task_torque(task("my_tasks:Text"), *np.zeros((3, 1)))
     with pytest.raises(CableError, match="there is no module 'my_task'"):
         task("my_task:stiff")
+
+
+class Answer(Task):
+    """Task that gives what it is told to give."""
+
+    def __init__(self, torque: Any) -> None:
+        self.answer = torque
+
+    def torque(self, angle: Any, velocity: Any, phase: Any) -> Any:
+        return self.answer
+
+
+def test_one_torque_serves_all_angles() -> None:
+    assert np.array_equal(task_torque(Answer(2), *np.zeros((3, 4))), np.full(4, 2.0))
+
+
+@pytest.mark.parametrize("torque", [[1.0, 2.0], None, "1", [[0.0] * 3]])
+def test_what_is_no_torque_is_refused(torque: Any) -> None:
+    with pytest.raises(CableError, match=r"task 'Answer' gave .* of shape \(3,\)"):
+        task_torque(Answer(torque), *np.zeros((3, 3)))
+
+
+@pytest.mark.parametrize("missing", [np.nan, np.inf, -np.inf])
+def test_a_torque_without_a_number_is_refused_but_of_diverged_rows(
+    missing: float,
+) -> None:
+    angle = np.array([0.1, np.nan, 0.3])
+    ran = task_torque(Answer([0.0, missing, 0.0]), angle, 0.0 * angle, np.zeros(3))
+    assert not np.isfinite(ran[1])
+    with pytest.raises(CableError, match=r"N m at angle 0.3 rad, velocity 0 rad/s"):
+        task_torque(Answer([0.0, 0.0, missing]), angle, 0.0 * angle, np.zeros(3))
 
 
 def profile(folder: Path, text: str, name: str = "torque.csv") -> Path:

@@ -72,6 +72,8 @@ class Cluster:
         homes = os.pathsep.join(str(word) for word in words if isinstance(word, Path))
         environment = {
             **os.environ, "PYTHONPATH": homes, "OPENBLAS_NUM_THREADS": "1",
+            # Not the 30 s in which Dask tries to reach a worker that was killed.
+            "DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT": "3s",
         }  # fmt: skip
         self.processes.append(
             subprocess.Popen(command, cwd=self._folder, env=environment, **QUIET)

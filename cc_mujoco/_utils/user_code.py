@@ -172,10 +172,9 @@ def _module(kind: str, name: str, place: str) -> ModuleType:
 def user_errors(what: str, *kinds: type[BaseException]) -> Iterator[None]:
     """Turn an exception into one sentence that names the object, file and line.
 
-    It has no place if no code of the user was running, as with a wrong signature.
-
-    By default all errors and the end of the interpreter, which is not for a part of a
-    computation to decide.
+    The sentence has no place if no code of the user was running, as with a wrong
+    signature. By default all errors are turned, and so is the end of the interpreter,
+    which is not for a part of a computation to decide.
     """
     kinds = kinds or (Exception, SystemExit)
     try:

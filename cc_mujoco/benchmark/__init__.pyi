@@ -1,9 +1,9 @@
-from ._cell import WARM_UP as WARM_UP
 from ._cell import Cell as Cell
 from ._cell import CellResult as CellResult
 from ._cell import batch_groups as batch_groups
 from ._cell import play as play
 from ._cell import play_group as play_group
+from ._conditions import WARM_UP as WARM_UP
 from ._conditions import Condition as Condition
 from ._plant import Belief as Belief
 from ._ranking import normalise_errors as normalise_errors

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from cc_mujoco.benchmark import _user_entry as user_entry
 from cc_mujoco.benchmark._actuation import Hindrance
-from cc_mujoco.benchmark._conditions import MIN_DURATION, MODEL_ERRORS, Condition
+from cc_mujoco.benchmark._conditions import MODEL_ERRORS, WARM_UP, Condition
 from cc_mujoco.benchmark._faults import (
     FAULTS,
     STRAP,
@@ -60,9 +60,6 @@ from cc_mujoco.simulation._batched_controller import Unpowered
 from cc_mujoco.simulation._worn_device import WornDevice
 
 Array = NDArray[np.float64]
-
-WARM_UP = 0.5 * MIN_DURATION
-"""Beginning of an episode that is excluded from scores [s]."""
 
 TRACE_COLUMNS = ("joint_angle_rad", "joint_torque_nm", "desired_torque_nm")
 PHASE_COLUMNS = ("phase_sine", "phase_cosine")

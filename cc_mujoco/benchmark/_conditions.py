@@ -62,8 +62,11 @@ STALE, FITTED_ANEW = "-stale", "-fitted"
 """Suffixes of the names of conditions of the suite `position`, by the trial that fits
 the controllers: one on the scene, or one on the plant itself."""
 
-MIN_DURATION = 1.0
-"""Length that an episode must exceed, whose first half has no score [s]."""
+WARM_UP = 0.5
+"""Time at the start of an episode that has no score [s]."""
+
+MIN_DURATION = 2.0 * WARM_UP
+"""Length that an episode must exceed [s]."""
 
 
 @dataclass(frozen=True)
@@ -130,7 +133,7 @@ class Condition:
         if not self.duration > MIN_DURATION:
             raise CableError(
                 f"duration must be above {MIN_DURATION:g} s, not {self.duration!r}; "
-                f"the first {0.5 * MIN_DURATION:g} s have no score."
+                f"the first {WARM_UP:g} s have no score."
             )
         low, high = self.delay
         if not 0 <= low <= high <= 1000:

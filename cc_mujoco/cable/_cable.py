@@ -442,7 +442,8 @@ class Cable:
     def __post_init__(self) -> None:
         for p in PARAMETERS:
             value = getattr(self, p.name)
-            if type(value) is float and p.low <= value <= p.high and not p.low_open:
+            plain = type(value) is float and not p.low_open and not p.whole
+            if plain and p.low <= value <= p.high:
                 continue  # most are, and cables are made by the thousand
             if not p.admits(value):
                 raise CableError(

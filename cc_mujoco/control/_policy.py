@@ -194,8 +194,8 @@ class Policy(Controller):
         self._decide(measured, rows, started)
         torques = np.zeros((len(self.axes), count))
         for axis, shares, found in zip(self.axes, self._shares.T, torques, strict=True):
-            asked = np.ascontiguousarray(shares)
-            _torques(axis.gains, axis.spring, axis.memory, asked, rows, found)
+            whole = np.ascontiguousarray(shares)
+            _torques(axis.gains, axis.spring, axis.memory, whole, rows, found)
         first = seen[0][self.observed[0].columns[0]]
         if len(self.axes) > 1:
             return torques.T if np.ndim(first) else torques[:, 0]

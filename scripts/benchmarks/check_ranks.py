@@ -67,11 +67,11 @@ def main(
             progress=lambda done: bar.update(done - bar.n),
         )  # fmt: skip
 
-    def told(name: str, law: str) -> np.ndarray:
+    def column(name: str, law: str) -> np.ndarray:
         return np.array(table[f"{name}@{law}"].to_pylist(), float)
 
     for name in METRICS:
-        found = {law: told(name, law) for law in LAWS}
+        found = {law: column(name, law) for law in LAWS}
         print(f"{scene}, {name}")
         for law, values in found.items():
             worse = int(np.sum(values > found["none"] * (1.0 + 1e-6)))
@@ -86,7 +86,7 @@ def main(
             print(f"  rank correlation {one}, {other}: {rank:.2f} of {both.sum()}")
     print(f"{scene}, efficiency against tracking error")
     for law in LAWS:
-        share, error = told("efficiency", law), told("rms_torque_error", law)
+        share, error = column("efficiency", law), column("rms_torque_error", law)
         has = np.isfinite(share)
         rank = spearmanr(share[has], error[has]).statistic
         print(f"  {law:20} rank correlation {rank:.2f} of {has.sum()}")

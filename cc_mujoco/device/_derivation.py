@@ -437,6 +437,8 @@ def _torque_limit(
     A `<dcmotor>` becomes a `<motor>`, as its amplifier controls the current.
     """
     name = model.actuator(motor).name
+    if model.actuator_gear[motor, 0] == 0.0:
+        raise CableError(f"motor {name!r} has `gear` 0, by which it turns nothing.")
     if model.actuator_gaintype[motor] == mujoco.mjtGain.mjGAIN_DCMOTOR:
         return _stall_torque(spec, model, motor, table, read)
     gain, gear = (
@@ -460,7 +462,7 @@ def _torque_limit(
             f"actuator {name!r} is no source of torque: controllers command the torque "
             "of a motor; make it a <motor> with `ctrlrange` or `forcerange`."
         )
-    given = table.number("torque", 0.0)
+    given = table.number("torque", 1e-9)
     if given is not None:
         limit = given / abs(gain * gear)
         spec.actuator(name).ctrlrange = [-limit, limit]
@@ -485,12 +487,13 @@ def _stall_torque(
 ) -> float:
     """Make a `<dcmotor>` a `<motor>` in the scene; return its largest torque [N m].
 
-    By default that is the torque at rest under the largest voltage of its `ctrlrange`.
+    By default that is the torque at rest under the voltage that its `ctrlrange` has
+    both ways.
     """
     name = model.actuator(motor).name
     resistance, constant = model.actuator_gainprm[motor, :2].tolist()
     gear = abs(float(model.actuator_gear[motor, 0]))
-    torque = table.number("torque", 0.0)
+    torque = table.number("torque", 1e-9)
     read.note("axis.torque", SCENE if torque is None else GIVEN)
     if torque is None:
         if not model.actuator_ctrllimited[motor]:
@@ -498,8 +501,13 @@ def _stall_torque(
                 f"dcmotor {name!r} has no largest voltage: give it a `ctrlrange` [V], "
                 "or write its largest torque as `torque` in [axis]."
             )
-        volts = float(np.abs(model.actuator_ctrlrange[motor]).min())
-        torque = volts * constant / resistance * gear
+        low, high = model.actuator_ctrlrange[motor].tolist()
+        if not low < 0.0 < high:
+            raise CableError(
+                f"the `ctrlrange` of dcmotor {name!r} goes from {low:g} to {high:g} V; "
+                "it must go from below 0 to above 0."
+            )
+        torque = min(-low, high) * constant / resistance * gear
     warnings.warn(
         f"dcmotor {name!r} becomes a motor of {torque:.3g} N m at every speed: its "
         "amplifier is taken to control the current, and its voltage, cogging and "

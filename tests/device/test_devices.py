@@ -361,6 +361,16 @@ def test_a_dcmotor_is_a_motor_of_its_torque_at_rest(tmp_path: Path) -> None:
         ({"motor": '<motor name="m" joint="drum"/>'}, "", "'m' has no limit"),
         ({"motor": DCMOTOR.format("")}, "", "dcmotor 'm' has no largest voltage"),
         (
+            {"motor": DCMOTOR.format('ctrlrange="0 12"')},
+            "",
+            "of dcmotor 'm' goes from 0 to 12 V; it must go from below 0",
+        ),
+        (
+            {"motor": DCMOTOR.format("").replace('gear="2"', 'gear="0"')},
+            "",
+            "motor 'm' has `gear` 0",
+        ),
+        (
             {"motor": '<position name="m" joint="drum" ctrlrange="-1 1"/>'},
             "",
             "'m' is no source of torque",

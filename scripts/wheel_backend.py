@@ -56,8 +56,8 @@ _NEEDED = ("gymnasium", "lazy_loader", "mujoco", "numpy", "scipy")
 _COMPILE = """
 import sys
 from pathlib import Path
-from cc_mujoco.native._library import build, write_source
-print(build(Path(sys.argv[1]), write_source))
+from cc_mujoco.native._library import build_library
+print(build_library(Path(sys.argv[1])))
 """
 _DIGEST = "from cc_mujoco.native._library import digest; print(digest())"
 

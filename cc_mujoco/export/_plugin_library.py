@@ -50,7 +50,7 @@ def write_plugin(folder: str | os.PathLike[str]) -> Path:
     with atomic_io.replacing_folder(folder) as partial:
         source = partial / PLUGIN_SOURCE
         source.write_text(_source(), encoding="utf-8")
-        native_library.compile_library(source, partial / PLUGIN_LIBRARY)
+        native_library.compile_library(partial / PLUGIN_LIBRARY, source)
         source.unlink()
     return path
 

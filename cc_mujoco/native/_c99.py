@@ -164,7 +164,7 @@ class CLibrary:
         self._tables: dict[tuple[bytes, str], tuple[str, str]] = {}
         self._constants: dict[str, str] = {}
         self._waiting: list[types.FunctionType] = []
-        self._exports: list[str] = []
+        self.exports: dict[str, str] = {}
 
     def export(self, symbol: str, function: types.FunctionType) -> None:
         """Translate a function and give it a name that is seen outside."""
@@ -172,7 +172,7 @@ class CLibrary:
         kinds = found.signature.arguments
         result = found.signature.result
         calls = "" if result == NOTHING else "return "
-        self._exports.append(
+        self.exports[symbol] = (
             f"CC_EXPORT {self.head(symbol, found.signature)}\n{{\n"
             f"    {calls}{found.name}({', '.join(map(c_name, kinds))});\n}}\n"
         )
@@ -267,12 +267,15 @@ class CLibrary:
         return Value(text, kind, table=name)
 
     def text(self) -> str:
+        """Return all functions, those that are seen outside last."""
+        return "\n".join([self.inner_text(), *self.exports.values()])
+
+    def inner_text(self) -> str:
         functions = self.translate()
         tables = [text for _, text in self._tables.values()]
         texts = [function.text for function in functions]
         named = [f"#define {name} {text}" for name, text in self._constants.items()]
-        parts = [*named, "", *self._records.values(), *tables, *texts, *self._exports]
-        return "\n".join(parts)
+        return "\n".join([*named, "", *self._records.values(), *tables, *texts])
 
 
 def _names(base: str) -> Iterator[str]:

@@ -53,7 +53,15 @@ def own_entries(
     code = f"{native_library.FLAGS}{platform.machine()}{text}".encode()
     module = first.__module__.replace(".", "_")
     name = f"lib{module}-{hashlib.sha256(code).hexdigest()[:20]}"
-    path = native_library.keep(name, lambda source: source.write_text(text))
+
+    def build(place: Path) -> Path:
+        source = place / "cc_mujoco.c"
+        source.write_text(text)
+        return native_library.compile_library(
+            place / native_library.CARRIED.name, source
+        )
+
+    path = native_library.keep(name, build)
     return native_library.methods(native_library.load(path))
 
 

@@ -21,6 +21,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from functools import cache
 from importlib import import_module
@@ -105,7 +106,7 @@ def _library() -> ctypes.CDLL:
     if _does_without:
         compiler()  # says what to install
         raise NativeLibraryError("this process does without the native library.")
-    return load(CARRIED if _is_carried() else keep(_kept_name(), write_source))
+    return load(CARRIED if _is_carried() else keep(_kept_name(), build_library))
 
 
 def load(path: Path) -> ctypes.CDLL:
@@ -133,9 +134,9 @@ def _is_carried() -> bool:
     return sources_digest().encode() in content or digest().encode() in content
 
 
-def _kept(name: str) -> Path | None:
-    """Return a library in the folder of this user, if it is there and whole."""
-    for path in folder().glob(f"{name}-*{SUFFIX}"):
+def _kept(name: str, suffix: str = SUFFIX) -> Path | None:
+    """Return a file in the folder of this user, if it is there and whole."""
+    for path in folder().glob(f"{name}-*{suffix}"):
         if path.stem.endswith(f"-{path.stat().st_size}"):
             return path
     return None
@@ -145,11 +146,11 @@ def _kept_name() -> str:
     return f"libcc_mujoco-{digest()[:20]}-{platform.machine().lower()}"
 
 
-def keep(name: str, write: Callable[[Path], object]) -> Path:
+def keep(name: str, build: Callable[[Path], Path]) -> Path:
     """Return a library in the folder of this user, compiled if it is not there whole.
 
-    `name` identifies its code and machine; the file's name has its size, too. `write`
-    writes its source in C.
+    `name` identifies its code and machine; the file's name has its size, too. `build`
+    compiles it in a folder.
     """
     found = _kept(name)
     if found is not None:
@@ -157,9 +158,12 @@ def keep(name: str, write: Callable[[Path], object]) -> Path:
     with workplace() as place:
         if sys.stderr is not None:
             sys.stderr.write("cc_mujoco: compiling, once, for about 20 s\n")
-        made = build(place, write)
-        size = made.stat().st_size
-        return made.replace(folder() / f"{name}-{size}{SUFFIX}")
+        return _put(build(place), name)
+
+
+def _put(made: Path, name: str) -> Path:
+    size = made.stat().st_size
+    return made.replace(folder() / f"{name}-{size}{made.suffix}")
 
 
 @contextmanager
@@ -351,18 +355,55 @@ def compiler() -> list[str]:
     )
 
 
-def build(place: Path, write: Callable[[Path], object]) -> Path:
-    """Compile a library in a folder; return its path."""
-    source, made = place / "cc_mujoco.c", place / CARRIED.name
-    write(source)
-    compile_library(source, made)
-    return made
+def build_library(place: Path) -> Path:
+    """Compile the library of this package in a folder; return its path."""
+    source, stamp = place / "cc_mujoco.c", place / "stamp.c"
+    write_source(source)
+    head = Path(__file__).with_name("native.h").read_text()
+    stamp.write_text("\n".join([head, *identity(), ""]))
+    return compile_library(place / CARRIED.name, *_units(source), stamp)
 
 
-def compile_library(source: Path, path: Path) -> None:
+def identity() -> Iterator[str]:
+    """Yield the lines in C that tell which code a library was made of."""
+    for name, text in (
+        (DIGEST_NAME, digest()),
+        ("cc_mujoco_sources", sources_digest()),
+    ):
+        yield f'CC_EXPORT const char {name}[] = "{text}";'
+
+
+def _units(source: Path) -> list[Path]:
+    """Return the compiled halves of a source, `CC_UNIT` 1 and 2, made side by side.
+
+    They are kept by what the source says, so that a changed statement that changes no
+    line of C compiles nothing.
+    """
+    text = re.sub(r"/\*.*?\*/", "", source.read_text(), flags=re.DOTALL)
+    lines = [line for line in text.splitlines() if line.strip()]
+    command = [*compiler(), *FLAGS, "-fPIC", "-c"]
+    whole = hashlib.sha256("\0".join([platform.machine(), *command, *lines]).encode())
+
+    def unit(number: int) -> Path:
+        name = f"unit-{whole.hexdigest()[:20]}-{number}"
+        made = source.with_name(f"{name}.o")
+        found = _kept(name, made.suffix)
+        if found is None:
+            given = [f"-DCC_UNIT={number}", str(source), "-o", str(made)]
+            run([*command, *given], made)
+            found = _put(made, name)
+        return found
+
+    with ThreadPoolExecutor(2) as pool:
+        return list(pool.map(unit, (1, 2)))
+
+
+def compile_library(path: Path, *parts: Path) -> Path:
+    """Compile and link a library of sources and compiled parts; return its path."""
     libraries = [] if sys.platform == "win32" else ["-lm"]
-    built = ["-fPIC", "-shared", "-o", str(path), str(source), *libraries]
+    built = ["-fPIC", "-shared", "-o", str(path), *map(str, parts), *libraries]
     run([*compiler(), *FLAGS, *built], path)
+    return path
 
 
 def write_source(path: Path) -> None:

@@ -49,7 +49,18 @@ def source(functions: Iterable[NativeFunction], with_python: bool) -> str:
             made.export(function.symbol, function.py_func)
         elif with_python and function.is_entry:
             entries[function.key] = made.require(function.py_func)
-    text = made.text()
+    text = made.inner_text()
+    exports = made.exports.items()
+    plugin = [each for symbol, each in exports if "episode" not in symbol]
+    plugin.append(_read("native_plugin.c"))
+    episodes = [each for symbol, each in exports if "episode" in symbol]
+    if with_python:
+        halves = [
+            *_in_unit(1, *plugin),
+            *_in_unit(2, *episodes, entries_text(made, entries)),
+        ]
+    else:
+        halves = [*plugin, *episodes, *native_library.identity()]
     return "\n".join(
         [
             "#define _GNU_SOURCE",
@@ -61,10 +72,14 @@ def source(functions: Iterable[NativeFunction], with_python: bool) -> str:
             _read("native_plugin.h").replace('#include "native.h"\n', ""),
             _known_layouts(),
             text,
-            _read("native_plugin.c"),
-            entries_text(made, entries) if with_python else "",
+            *halves,
         ]
     )
+
+
+def _in_unit(number: int, *parts: str) -> list[str]:
+    """Return parts of the source for one of two units, compiled side by side."""
+    return [f"#if CC_UNIT != {3 - number}", *parts, "#endif"]
 
 
 def _read(name: str) -> str:
@@ -75,8 +90,6 @@ def _read(name: str) -> str:
 def _constants() -> dict[str, Any]:
     return {
         "CC_DIGEST_SLOTS": ffi.DIGEST_SLOTS,
-        "CC_DIGEST": _quoted(native_library.digest()),
-        "CC_SOURCES": _quoted(native_library.sources_digest()),
         "CC_ENGINE_NAMES": ", ".join(map(_quoted, registration.ENGINE_NAMES)),
         "CC_KEYS": ", ".join(map(_quoted, KEYS)),
         "CC_OTHER_VERSION": _quoted(_other_version()),

@@ -1,5 +1,9 @@
 /* Registration of the plugin, after its functions. The constants CC_* come before. */
 
+Engine engine;
+Layout written_layout;
+CC_EXPORT int64_t cc_mujoco_said[CC_DIGEST_SLOTS];
+
 typedef struct {
     const char *name;
     int nattribute;
@@ -26,9 +30,6 @@ typedef struct {
 typedef void (*Address)(void);
 
 enum { ENGINE_COUNT = sizeof(Engine) / sizeof(Address) + 3 };
-
-CC_EXPORT const char cc_mujoco_digest[] = CC_DIGEST;
-CC_EXPORT const char cc_mujoco_sources[] = CC_SOURCES;
 
 /* Clock that stands still, for `mjcb_time`. */
 CC_EXPORT double cc_mujoco_stopped_clock(void) { return 0.0; }

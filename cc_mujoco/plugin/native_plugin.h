@@ -24,21 +24,25 @@ typedef struct {
     double *(*mj_stackAllocNum)(void *, size_t);
 } Engine;
 
-static Engine engine;
-
+/* One unit of the library holds what all units share. */
+#if defined(__GNUC__)
+#define CC_SHARED __attribute__((visibility("hidden")))
+#else
+#define CC_SHARED
+#endif
+extern Engine engine CC_SHARED;
 /* Offsets in MuJoCo's structures. They are written once, before any function reads them:
    compilers may keep what they have read, as of a constant. */
 #if defined(__GNUC__)
-#define CC_LAYOUT __asm__("cc_mujoco_offsets") __attribute__((visibility("hidden")))
+#define CC_LAYOUT __asm__("cc_mujoco_offsets") CC_SHARED
 extern const Layout layout CC_LAYOUT;
 extern Layout written_layout CC_LAYOUT;
-Layout written_layout;
 #else
-static Layout layout;
+extern Layout layout;
 #define written_layout layout
 #endif
 
 /* Digests of the warnings that this process has issued. */
-CC_EXPORT int64_t cc_mujoco_said[CC_DIGEST_SLOTS];
+CC_EXPORT extern int64_t cc_mujoco_said[CC_DIGEST_SLOTS];
 
 #endif

@@ -133,7 +133,8 @@ def said(process: subprocess.Popen[str]) -> list[str]:
 
 
 TREES = "trees.json"
-ONE = "int one(void);\nint one(void) { return 1; }\n"
+ONE = '__attribute__((visibility("default"))) int one(void) { return 1; }\n'
+ONE_UNIT = f"#if CC_UNIT != 2\n{ONE}#else\nint two;\n#endif\n"
 NOTICE = "cc_mujoco: compiling, once, for about 20 s"
 WITHOUT = {"PATH": "", "CC": ""}
 NO_ZIG = "import sys; sys.modules['ziglang'] = None; "
@@ -147,7 +148,7 @@ def test_library_that_cannot_be_kept_is_one_sentence(
     taken.write_text("mine")
     monkeypatch.setenv("CC_MUJOCO_CACHE_DIR", str(taken))
     with pytest.raises(native_library.NativeLibraryError) as failure:
-        native_library.keep("libone", write_one)
+        native_library.keep("libone", build_one)
     assert f"in {taken}, which cannot be written" in str(failure.value)
     assert "CC_MUJOCO_CACHE_DIR" in str(failure.value)
     assert taken.read_text() == "mine"
@@ -187,7 +188,7 @@ meeting = pathlib.Path({str(meeting)!r})
 (meeting / str(os.getpid())).touch()
 while len([*meeting.iterdir()]) < 2:
     time.sleep(0.01)
-write = lambda source: source.write_text({ONE!r})
+write = lambda source: source.write_text({ONE_UNIT!r})
 native_library._kept_name, native_library.write_source = lambda: "libone", write
 library = native_library.library
 with ThreadPoolExecutor(4) as pool:
@@ -198,8 +199,10 @@ with ThreadPoolExecutor(4) as pool:
     assert [said(one) for one in both] == [[NOTICE], [NOTICE]]
     assert [one.returncode for one in both] == [0, 0]
     left = sorted(path.name for path in tmp_path.iterdir())
-    assert left == [young.name, left[1], TREES]
-    assert left[1].startswith("libone-")
+    library_name, *units = left[1], *left[3:]
+    assert left[:3] == [young.name, library_name, TREES]
+    assert library_name.startswith("libone-")
+    assert [name.split("-")[::2] for name in units] == [["unit", "1"], ["unit", "2"]]
 
 
 @pytest.mark.study  # the usual run compiles a small library for it, below
@@ -229,8 +232,38 @@ def test_command_without_a_compiler_is_one_sentence(tmp_path: Path) -> None:
     assert error.startswith("cc-mujoco: cc_mujoco needs a C compiler once")
 
 
-def write_one(source: Path) -> None:
+def build_one(place: Path) -> Path:
+    source = place / "one.c"
     source.write_text(ONE)
+    return native_library.compile_library(
+        place / f"libone{native_library.SUFFIX}", source
+    )
+
+
+def test_changed_statement_that_changes_no_c_compiles_nothing(
+    quick_compiler: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CC_MUJOCO_CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setenv("CC", quick_compiler)
+    units: list[list[str]] = []
+    for name, text in (
+        ("first", ONE_UNIT),
+        ("again", "/* line 2 */\n" + ONE_UNIT),
+        ("other", ONE_UNIT.replace("1;", "2;")),
+    ):
+        place = tmp_path / name
+        place.mkdir()
+        monkeypatch.setattr(
+            native_library,
+            "write_source",
+            lambda source, text=text: source.write_text(text),
+        )
+        with native_library.workplace():
+            made = native_library.build_library(place)
+        assert native_library.digest().encode() in made.read_bytes()
+        assert native_library.load(made).one() == (2 if name == "other" else 1)
+        units.append(sorted(path.name for path in (tmp_path / "cache").glob("unit-*")))
+    assert [len(found) for found in units] == [2, 2, 4]
 
 
 COMPILERS = {
@@ -256,12 +289,12 @@ def test_a_compiler_that_fails_is_one_sentence(
     monkeypatch.setenv("CC", str(compiler))
     monkeypatch.setenv("CC_MUJOCO_CACHE_DIR", str(tmp_path / "kept"))
     with pytest.raises(native_library.NativeLibraryError) as failure:
-        native_library.keep("libone", write_one)
+        native_library.keep("libone", build_one)
     assert str(failure.value).endswith(f"`{compiler}` {reason}")
     assert not [*(tmp_path / "kept").iterdir()]
     monkeypatch.setenv("CC", "'gcc")
     with pytest.raises(CableError, match="CC is no command, `'gcc`: No closing"):
-        native_library.keep("libone", write_one)
+        native_library.keep("libone", build_one)
 
 
 def test_any_kept_library_that_is_of_no_use_is_compiled_anew(
@@ -269,11 +302,11 @@ def test_any_kept_library_that_is_of_no_use_is_compiled_anew(
 ) -> None:
     """As one that is cut off, or of a compiler for another machine."""
     monkeypatch.setenv("CC_MUJOCO_CACHE_DIR", str(tmp_path))
-    path = native_library.keep("libone", write_one)
+    path = native_library.keep("libone", build_one)
     size = path.stat().st_size
-    assert native_library.keep("libone", write_one) == path
+    assert native_library.keep("libone", build_one) == path
     for content in (path.read_bytes()[:100], bytes(size)):
         path.write_bytes(content)
         with pytest.raises(native_library.NativeLibraryError, match="does not load"):
             native_library.load(path)
-        assert native_library.keep("libone", write_one).stat().st_size == size
+        assert native_library.keep("libone", build_one).stat().st_size == size

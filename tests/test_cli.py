@@ -824,13 +824,18 @@ def test_a_file_that_cannot_grow_is_named(
         assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("kind", ["a file", "a link to nothing"])
 def test_an_unwritable_folder_is_refused_before_the_simulation(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     blocked = tmp_path / "file"
-    blocked.write_text("")
+    if kind == "a file":
+        blocked.write_text("")
+    else:
+        blocked.symlink_to(tmp_path / "nothing")
     out = blocked / "run"
     assert cli.main(["play", "wrist", "--duration", "100000", "--out", str(out)]) == 2
     said = capsys.readouterr().err
-    assert said.startswith(f"cc-mujoco: cannot write {out}: ")
-    assert said.count("\n") == 1
+    assert (
+        said == f"cc-mujoco: cannot write {out}: {blocked} is {kind}, and no folder.\n"
+    )

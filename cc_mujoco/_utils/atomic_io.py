@@ -134,8 +134,11 @@ def require_writable(folder: str | os.PathLike[str]) -> None:
     there = Path(folder).absolute()
     if there.exists() and not there.is_dir():
         raise CableError(f"{folder} is a file; it must be a folder or be free.")
-    while not there.exists():
+    while not os.path.lexists(there):
         there = there.parent
+    if not there.is_dir():
+        kind = "a link to nothing" if there.is_symlink() else "a file"
+        raise CableError(f"cannot write {folder}: {there} is {kind}, and no folder.")
     try:
         os.listdir(there)
         with tempfile.TemporaryDirectory(prefix=".cc-mujoco-", dir=there):

@@ -7,6 +7,7 @@ So a command refuses a misspelt name before anything is compiled.
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from cc_mujoco._utils.toml_table import read_toml
@@ -57,4 +58,6 @@ def locate(source: str | Path) -> tuple[str, Path, Path | None]:
             )
         return name, scene, path
     beside = path.with_suffix(ENDING)
+    if os.path.lexists(beside) and not beside.is_file():
+        raise CableError(f"{beside}, the description of {name}, is no file.")
     return name, path, beside if beside.is_file() else None

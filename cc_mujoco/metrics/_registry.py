@@ -307,7 +307,10 @@ def find_metric(given: str | Metric) -> Metric:
             return look_up("metric", given, METRICS)
         found = named_object("metric", given, "metric")
     if not isinstance(found, Metric):
-        raise CableError(f"metric {given!r} must be a Metric, not {found!r}.")
+        raise CableError(
+            f"metric {given!r} must be a Metric(name, unit, meaning, compute), not "
+            f"{found!r}."
+        )
     if METRICS.get(found.name) is found and found.name in _BUILT_IN:
         return found
     if not re.fullmatch(r"[^\W\d]\w*", found.name) or found.name in _BUILT_IN:

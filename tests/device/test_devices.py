@@ -488,3 +488,10 @@ def test_a_table_of_one_axis_does_not_move_the_others(tmp_path: Path) -> None:
     log = simulate("exosuit", "none", trajectory=table, duration=0.3)
     assert np.ptp(log["hip.reference_angle_rad"]) > 0.01
     assert np.ptp(log["ankle.reference_angle_rad"]) == 0.0
+
+
+def test_a_description_that_is_no_file_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "knee.xml").write_text("<mujoco/>")
+    (tmp_path / "knee.device.toml").mkdir()
+    with pytest.raises(CableError, match=r"knee\.device\.toml.* is no file"):
+        Device(tmp_path / "knee.xml")

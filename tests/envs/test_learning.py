@@ -266,6 +266,7 @@ def test_a_probability_leaves_the_other_episodes_as_the_scene_has_them() -> None
         ({"frictoin": (0.1, 0.2)}, "did you mean 'friction'"),
         ({"flexxor.friction": (0.1, 0.2)}, "unknown cable or axis 'flexxor'"),
         ({"friction": 0.1}, "must be .least, most."),
+        ({"friction": "abc"}, "must be .least, most."),
         ({"friction": (0.2, 0.1)}, "the lower number first, not"),
         ({"friction": (np.array([0.1]), 0.2)}, "must be a number"),
         ({"friction": (0.1, np.nan)}, "number"),

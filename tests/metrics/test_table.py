@@ -140,12 +140,12 @@ def test_a_metric_whose_module_has_changed_makes_a_table_anew() -> None:
         ("peak_tensoin", "did you mean 'peak_tension'"),
         ("no_such:PEAK", "there is no module 'no_such'"),
         ("mine_c:PAEK", "module 'mine_c' has no metric 'PAEK'"),
-        ("mine_c:NUMBER", "must be a Metric, not 3.0"),
+        ("mine_c:NUMBER", "must be a Metric(name, unit, meaning, compute), not 3.0"),
         ("mine_c:TAKEN", "is called 'efficiency'; it needs a name"),
         ("mine_c:NAMELESS", "is called 'peak angle'; it needs a name"),
         ("failed", "another column of that name"),
         ("slack_time_{cable}", "is of each cable"),
-        (3, "must be a Metric, not 3"),
+        (3, "must be a Metric(name, unit, meaning, compute), not 3"),
     ],
 )
 def test_what_is_no_metric_is_one_sentence(given: Any, wrong: str) -> None:

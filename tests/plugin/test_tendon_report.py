@@ -176,6 +176,9 @@ def test_tendons_without_a_path_are_left_out_and_refused_by_name() -> None:
     other = mujoco.MjData(mujoco.MjModel.from_xml_string("<mujoco/>"))
     with pytest.raises(CableError, match="data have 0 positions, 0 speeds, 1 bodies"):
         tendon_report(spec, data=other)
+    wrong = other
+    with pytest.raises(CableError, match="takes a simulation by name, `data=`"):
+        tendon_report(spec, wrong)
 
 
 def test_a_report_changes_nothing_and_comes_out_the_same_again() -> None:

@@ -397,6 +397,8 @@ def tendon_report(
     if axial_stiffness is not None:
         given = given.replace(axial_stiffness=axial_stiffness)
     known = {_label(model, "tendon", i): i for i in range(model.ntendon)}
+    if isinstance(tendons, mujoco.MjData):
+        raise CableError("tendon_report takes a simulation by name, `data=`.")
     wanted = [tendons] if isinstance(tendons, str | int) else tendons
     labels = list(known)
     chosen = (

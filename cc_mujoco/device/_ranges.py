@@ -45,7 +45,7 @@ class Ranges:
         self._probabilities: dict[str, float] = {}
         for name, ends in require_dictionary("randomise", given).items():
             try:
-                low, high, *rest = iter(None if isinstance(ends, str) else ends)
+                low, high, *rest = [ends] if isinstance(ends, str) else ends
                 (probability,) = rest or (1.0,)
             except (TypeError, ValueError):
                 raise CableError(

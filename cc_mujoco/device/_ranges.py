@@ -45,7 +45,9 @@ class Ranges:
         self._probabilities: dict[str, float] = {}
         for name, ends in require_dictionary("randomise", given).items():
             try:
-                low, high, *rest = [ends] if isinstance(ends, str) else ends
+                if isinstance(ends, str):
+                    raise TypeError
+                low, high, *rest = ends
                 (probability,) = rest or (1.0,)
             except (TypeError, ValueError):
                 raise CableError(

@@ -341,6 +341,22 @@ class Cable:
         unit="N", bounds=(0.0, 1e6), default=20.0, low_open=True,
         meaning="T_b: tension that takes half of that strain",
     )  # fmt: skip
+    clearance: float = parameter(
+        unit="m", bounds=(0.0, 0.1), default=0.0,
+        meaning=(
+            "c: play of the cable across its conduit, by which its path is shorter per "
+            "wrap where it is taut; 0 is off"
+        ),
+        term=Term(
+            equation="path -= c theta T / (T + T_c)",
+            source="geometry: slack cable lies at the outer wall, taut at the inner",
+            acts_on="elasticity", depends_on=("load",),
+        ),
+    )  # fmt: skip
+    seating_tension: float = parameter(
+        unit="N", bounds=(0.0, 1e6), default=5.0, low_open=True,
+        meaning="T_c: tension at which half of that play is taken up",
+    )  # fmt: skip
     stress_relaxation: float = parameter(
         unit="1", bounds=(0.0, 1.0), default=0.0,
         meaning=(
@@ -515,6 +531,12 @@ class Cable:
                 f"{self.path!r}; it must be {MOUTH_ALLOWED}"
             )
         object.__setattr__(self, "guides", _valid_guides(self.guides, self.path))
+        if self.clearance > 0.0 and (self.bend, self.path) != (BENDS[0], PATHS[0]):
+            raise CableError(
+                f"cable parameter `clearance` is {self.clearance!r}; it must be 0 "
+                "(off) where the bends of the conduit change: with `bend` 'route' or a "
+                "`path` that is not 'guided'"
+            )
         for name in OF_A_CONDUIT if self.path == "open" else ():
             if getattr(self, name) != 0.0:
                 raise CableError(

@@ -47,7 +47,7 @@ _FLOW_TOLERANCE = 1e-15
 
 @internal
 def _cable_per_length(prm: FloatArray) -> elastic.Piece:
-    return elastic.Piece(1.0 / prm[_EA], prm[_BEDDING], prm[_BEDDING_TENSION])
+    return elastic.Piece(1.0 / prm[_EA], prm[_BEDDING], prm[_BEDDING_TENSION], 0.0, 1.0)
 
 
 @internal

@@ -17,26 +17,42 @@ _END_COMPLIANCE = law.INDEX["end_compliance"]
 _PROXIMAL_COMPLIANCE = law.INDEX["proximal_compliance"]
 _BEDDING = law.INDEX["bedding_strain"]
 _BEDDING_TENSION = law.INDEX["bedding_tension"]
+_CLEARANCE = law.INDEX["clearance"]
+_SEATING = law.INDEX["seating_tension"]
 
 
 @internal
 def is_curved(prm: FloatArray) -> bool:
     """Return whether the stiffness of a node depends on its tension."""
-    return float(prm[_BEDDING]) > 0.0
+    return float(prm[_BEDDING]) > 0.0 or float(prm[_CLEARANCE]) > 0.0
 
 
 @internal
 def node_piece(prm: FloatArray, n: int, i: int) -> elastic.Piece:
     """Return node i, with the spring at its end."""
-    bedding = at.node_length(prm, n)[i] * prm[_BEDDING]
-    return elastic.Piece(at.node_compliance(prm, n)[i], bedding, prm[_BEDDING_TENSION])
+    angle, turn = at.segment_angles(prm, n), 0.0
+    if i > 0:
+        turn += 0.5 * angle[i - 1]
+    if i < n:
+        turn += 0.5 * angle[i]
+    length = at.node_length(prm, n)[i]
+    return _piece(prm, at.node_compliance(prm, n)[i], length, turn)
+
+
+@internal
+def _piece(prm: FloatArray, taut: float, length: float, turn: float) -> elastic.Piece:
+    """Return a piece of cable of a length [m] in a bend [rad]."""
+    return elastic.Piece(
+        taut, length * prm[_BEDDING], prm[_BEDDING_TENSION],
+        turn * prm[_CLEARANCE], prm[_SEATING],
+    )  # fmt: skip
 
 
 @internal
 def half_piece(prm: FloatArray, n: int, j: int) -> elastic.Piece:
     """Return half of the contact length of segment j."""
-    bedding = 0.5 * at.contact_length(prm, n)[j] * prm[_BEDDING]
-    return elastic.Piece(at.half_compliance(prm, n)[j], bedding, prm[_BEDDING_TENSION])
+    length, turn = at.contact_length(prm, n)[j], at.segment_angles(prm, n)[j]
+    return _piece(prm, at.half_compliance(prm, n)[j], 0.5 * length, 0.5 * turn)
 
 
 @internal
@@ -112,12 +128,12 @@ def mean_tension(prm: FloatArray, n: int, i: int, before: float, after: float) -
 
 
 @internal
-def rest_stretch(prm: FloatArray, tension: float) -> float:
+def rest_stretch(prm: FloatArray, n: int, tension: float) -> float:
     """Stretch of the cable with its end springs at a uniform tension [m]."""
     springs = prm[_END_COMPLIANCE] + prm[_PROXIMAL_COMPLIANCE]
     taut = prm[at.LENGTH] / prm[_EA] + springs
-    whole = elastic.Piece(taut, prm[at.LENGTH] * prm[_BEDDING], prm[_BEDDING_TENSION])
-    return elastic.stretch_of(whole, tension)
+    wrap = at.total(at.segment_angles(prm, n))
+    return elastic.stretch_of(_piece(prm, taut, prm[at.LENGTH], wrap), tension)
 
 
 @internal

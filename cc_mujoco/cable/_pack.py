@@ -170,7 +170,7 @@ def initialize(
     springs = prm[_END_COMPLIANCE] + prm[_PROXIMAL_COMPLIANCE]
     state[3] = stretch + prm[_PRETENSION] * springs
     if nodes.is_curved(prm):
-        state[3] = nodes.rest_stretch(prm, prm[_PRETENSION])
+        state[3] = nodes.rest_stretch(prm, n, prm[_PRETENSION])
     if prm[at.PATH_LENGTHENS] != 0.0:
         state[3] = 0.0
     at.tensions(state, n)[:] = prm[_PRETENSION]

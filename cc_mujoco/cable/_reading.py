@@ -8,8 +8,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as at
+from cc_mujoco.cable import _nodes as nodes
 from cc_mujoco.cable._cable import Cable
 from cc_mujoco.cable._conduit import packed_parameters
 from cc_mujoco.native import ByteMatrix, FloatMatrix, compiled
@@ -66,8 +66,9 @@ def read_states(
 
 @lru_cache(maxsize=256)
 def guided_compliance(cable: Cable) -> Floats:
-    """Return the compliance of the nodes of a cable in a guiding conduit [m/N]."""
-    return 1.0 / kernel.node_stiffness(packed_parameters(cable), cable.segments)
+    """Return the compliance of the slack nodes of a cable in a conduit [m/N]."""
+    prm, n = packed_parameters(cable), cable.segments
+    return np.array([-nodes.node_stretch(prm, n, i, -1.0) for i in range(n + 1)])
 
 
 def slack_compliance(cable: Cable) -> tuple[Floats, float]:

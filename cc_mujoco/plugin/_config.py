@@ -194,6 +194,7 @@ WRAP_GROWTH = KEYS.index("wrap_growth")
 _STATIC = KEYS.index("static_friction")
 _PRETENSION = KEYS.index("pretension")
 _EXPONENT = KEYS.index("tension_exponent")
+_CLEARANCE = KEYS.index("clearance")
 ECCENTRICITY = KEYS.index("eccentricity")
 ECCENTRICITY_PHASE = KEYS.index("eccentricity_phase")
 OVALITY = KEYS.index("ovality")
@@ -220,6 +221,8 @@ def _allowed(key: str) -> str:
         + PARAMETERS[_STATIC].allowed,
         "tension_exponent": "0 (off) where `pretension` is 0, and "
         + PARAMETERS[_EXPONENT].allowed,
+        "clearance": PARAMETERS[_CLEARANCE].allowed
+        + ", and 0 (off) where `bend` is `route` or `path` is not `guided`",
         "eccentricity": PARAMETERS[ECCENTRICITY].allowed
         + ", less than the `gear` of the proximal end",
         "ovality": PARAMETERS[OVALITY].allowed
@@ -477,5 +480,7 @@ def read(
     for key in _OF_A_CONDUIT:
         if values[key] != 0.0 and equal_text(path, _OPEN):
             return key, 0
+    if values[_CLEARANCE] > 0.0 and (follows or free):
+        return _CLEARANCE, 0
     count = _sections(key_text(block, CONDUIT), sections)
     return (VALID_CONFIGURATION if count > 0 else CONDUIT), count

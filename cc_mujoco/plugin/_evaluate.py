@@ -343,7 +343,7 @@ def keep_mounted_rope(block: int, model: int, state: int) -> None:
         wound = max(-paid[0], 0.0) + max(-paid[1], 0.0)
     else:
         whole[3] = rope
-    tension = _even_tension(prm, path, rope, wound)
+    tension = _even_tension(prm, n, path, rope, wound)
     fill(layout.tensions(whole, n), tension)
     if blocks.is_open(block):
         for end in range(2):
@@ -359,7 +359,7 @@ def _wound_ratio(prm: Floats, tension: float) -> float:
 
 
 @internal
-def _even_tension(prm: Floats, path: float, rope: float, wound: float) -> float:
+def _even_tension(prm: Floats, n: int, path: float, rope: float, wound: float) -> float:
     """Return the even tension of a cable at rest [N], negative where it is slack.
 
     `path` is the length of an open path, 0 in a conduit. `rope` is the unstretched
@@ -370,13 +370,13 @@ def _even_tension(prm: Floats, path: float, rope: float, wound: float) -> float:
     if not np.isfinite(path + rope + wound):
         return np.nan
     low, high = -1.0, 1.0
-    while _is_longer(prm, path, rope, wound, low):
+    while _is_longer(prm, n, path, rope, wound, low):
         low *= 2.0
-    while not _is_longer(prm, path, rope, wound, high):
+    while not _is_longer(prm, n, path, rope, wound, high):
         high *= 2.0
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
-        if _is_longer(prm, path, rope, wound, middle):
+        if _is_longer(prm, n, path, rope, wound, middle):
             high = middle
         else:
             low = middle
@@ -385,11 +385,11 @@ def _even_tension(prm: Floats, path: float, rope: float, wound: float) -> float:
 
 @internal
 def _is_longer(
-    prm: Floats, path: float, rope: float, wound: float, tension: float
+    prm: Floats, n: int, path: float, rope: float, wound: float, tension: float
 ) -> bool:
     """Return whether a tension [N] stretches a cable beyond its path or its stretch."""
     if path == 0.0:
-        return nodes.rest_stretch(prm, tension) >= rope
+        return nodes.rest_stretch(prm, n, tension) >= rope
     ratio = moving_path.stretch_ratio(prm, tension)
     springs = prm[_SPRINGS[0]] + prm[_SPRINGS[1]]
     left = max(rope - wound / _wound_ratio(prm, tension), _MIN_ROPE_SHARE * path)

@@ -51,6 +51,10 @@ CABLES = {
         "bedding_strain": 10 ** r.uniform(-5, -2),
         "bedding_tension": 10 ** r.uniform(0, 2),
     },
+    "clearance": lambda r: {
+        "clearance": 10 ** r.uniform(-5, -2),
+        "seating_tension": 10 ** r.uniform(0, 2),
+    },
     "stress_relaxation": lambda r: {
         "stress_relaxation": r.uniform(0.0, 0.5),
         "relaxation_time": r.uniform(0.1, 3),

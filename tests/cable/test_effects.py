@@ -18,8 +18,9 @@ from cable.test_kernel_physics import (
     wander,
     work_in,
 )
-from cc_mujoco.cable import Conduit, packed_parameters, replay, rest_state
+from cc_mujoco.cable import Conduit, Section, packed_parameters, replay, rest_state
 from cc_mujoco.cable import _kernel as kernel
+from cc_mujoco.cable._reading import guided_compliance, read_states
 
 
 def ends(seed, samples=2000, size=0.01):
@@ -345,6 +346,66 @@ def test_a_cable_that_beds_in_has_its_closed_form_whatever_the_path(spring):
     work = trapezoid(tension, stretch(tension))
     wanted = np.interp(motion.tension_distal, tension, work)
     assert motion.stored == pytest.approx(wanted, abs=1e-5 * wanted.max())
+
+
+@pytest.mark.parametrize("viscous", [0.0, 1e-12], ids=["march", "graph"])
+@pytest.mark.parametrize("bedding", [0.0, 2e-3])
+def test_clearance_shortens_the_path_of_a_cable_that_slips(bedding, viscous):
+    """The path gives c theta T / (T + T_c) where T grows by mu per angle on its way."""
+    clearance, seating, friction, half = 1e-3, 4.0, 0.21, 15.0
+    cable = BENT.replace(
+        clearance=clearance, seating_tension=seating, friction=friction,
+        bedding_strain=bedding, bedding_tension=half, viscous_friction=viscous,
+        segments=100,
+    )  # fmt: skip
+    pulled = np.linspace(0.0, -0.03, 400)
+    motion = replay(cable, 1e-3, u_proximal=pulled, u_distal=np.zeros(400))
+    far, near = motion.tension_distal[-1], motion.tension_proximal[-1]
+    assert math.log(near / far) == pytest.approx(friction * cable.wrap, rel=1e-6)
+
+    def ending(half):
+        """Integral of T / (T + half) over the friction coefficient times the angle."""
+        return math.log((near + half) / (far + half))
+
+    along = 0.28 / friction  # length per such an angle
+    stretch = along * ((near - far) / cable.axial_stiffness + bedding * ending(half))
+    stretch += clearance / friction * ending(seating)
+    strain = 10.0 / cable.axial_stiffness + bedding * 10.0 / (10.0 + half)
+    rest = 2.0 * strain + clearance * cable.wrap * 10.0 / (10.0 + seating)
+    assert stretch - rest == pytest.approx(0.03, rel=2e-4)
+
+
+@pytest.mark.parametrize(("pretension", "lost"), [(0.0, 6.8e-3), (2.0, 4.8e-3)])
+def test_clearance_of_the_thesis_hardware_is_millimetres_of_lost_motion(
+    pretension, lost
+):
+    """7.1 rad of conduit and 1.0 mm of play: less the tighter the cable is at rest."""
+    taut = BENT.replace(
+        friction=0.0, conduit=(Section(2.0, 2.0 / 7.1),), pretension=pretension
+    )
+    wide = taut.replace(clearance=1e-3, seating_tension=5.0)
+    pulled = np.linspace(0.0, 0.1, 500)
+    ways = [
+        np.interp(
+            100.0,
+            replay(c, 1e-3, u_proximal=-pulled, u_distal=0.0 * pulled).tension_distal,
+            pulled,
+        )
+        for c in (taut, wide)
+    ]
+    assert ways[1] - ways[0] == pytest.approx(lost, abs=1e-4)
+
+
+@pytest.mark.parametrize("give", [{"bedding_strain": 5e-3}, {"clearance": 2e-3}])
+def test_a_slack_cable_reads_as_long_as_it_is(give):
+    cable = BENT.replace(friction=0.0, segments=9, **give)
+    pushed = np.linspace(0.0, 0.05, 200)
+    motion = replay(cable, 1e-3, u_proximal=pushed, u_distal=0.0 * pushed)
+    rest = kernel.total_stretch(packed_parameters(cable), 9, rest_state(cable))
+    assert motion.slack[-1] == pytest.approx(0.05 - rest, rel=1e-9)
+    state = committed(cable, pushed, 0.0 * pushed, np.full(200, 1e-3))
+    reading = read_states(state[None], 0, guided_compliance(cable))
+    assert reading.slack == pytest.approx(motion.slack[-1], rel=1e-9)
 
 
 @pytest.mark.parametrize("viscous", [0.0, 1e-12], ids=["march", "graph"])

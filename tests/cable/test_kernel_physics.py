@@ -147,12 +147,12 @@ def largest_missing_heat(terms):
     """Return what a turn in 1000 steps may leave, as part of its heat.
 
     Drag that needs no tension begins at once where slack runs out, within a step;
-    work on a cable that beds in is not quite the mean tension times the way.
+    work on a cable that beds in or seats is not quite the mean tension times the way.
     """
     drags = ("load_independent_friction", "seal_proximal", "seal_distal")
     if any(term in terms for term in drags):
         return 1e-3
-    smooth = ("bedding_strain", "viscous_friction", "grease_drag")
+    smooth = ("bedding_strain", "clearance", "viscous_friction", "grease_drag")
     return 1e-4 if any(term in terms for term in smooth) else 1e-10
 
 

@@ -45,7 +45,8 @@ def cables():
 
 
 def _bent(cable):
-    return st.sampled_from(["fixed", "route"] if cable.route else ["fixed"]).map(
+    free = cable.route and cable.clearance == 0.0
+    return st.sampled_from(["fixed", "route"] if free else ["fixed"]).map(
         lambda bend: cable.replace(bend=bend)
     )
 
@@ -140,6 +141,14 @@ def test_a_bad_conduit_is_refused(text):
         ({"bend": "free", "route": "path"}, "`bend` is 'free'; it must be `fixed`"),
         ({"bend": "", "route": "path"}, "`bend` is ''"),
         ({"bend": "route"}, "`bend` is 'route' but `route` is empty"),
+        (
+            {"bend": "route", "route": "path", "clearance": "1e-3"},
+            "`clearance` is 0.001; it must be 0 .off. where the bends",
+        ),
+        (
+            {"path": "open", "route": "path", "clearance": "1e-3"},
+            "`clearance` is 0.001; it must be 0 .off. where the bends",
+        ),
     ],
 )
 def test_a_bend_that_nothing_gives_is_refused(config, message):

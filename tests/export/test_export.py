@@ -359,6 +359,7 @@ TERMS_ON = {
     "friction_drift": 0.1,
     "friction_heating": 0.05,
     "bedding_strain": 2e-3,
+    "clearance": 5e-4,
     "stress_relaxation": 0.3,
     "clamp_creep_proximal": 1e-5,
     "clamp_creep_distal": 1e-5,

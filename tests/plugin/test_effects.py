@@ -22,6 +22,7 @@ EFFECTS = {
     "drift": {"friction_drift": "2"},
     "heating": {"friction_heating": "5", "cooling_time": "0.2"},
     "bedding_strain": {"bedding_strain": "0.005"},
+    "clearance": {"clearance": "0.002", "seating_tension": "4"},
     "stress_relaxation": {"stress_relaxation": "0.5", "relaxation_time": "0.1"},
     "clamps": {
         "clamp_creep_proximal": "1e-4",

@@ -534,8 +534,7 @@ class Cable:
         if self.clearance > 0.0 and (self.bend, self.path) != (BENDS[0], PATHS[0]):
             raise CableError(
                 f"cable parameter `clearance` is {self.clearance!r}; it must be 0 "
-                "(off) where the bends of the conduit change: with `bend` 'route' or a "
-                "`path` that is not 'guided'"
+                "(off) where `bend` is 'route' or `path` is not 'guided'"
             )
         for name in OF_A_CONDUIT if self.path == "open" else ():
             if getattr(self, name) != 0.0:

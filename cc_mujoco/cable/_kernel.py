@@ -193,6 +193,7 @@ def _tension_to_move(
     tension = at.tensions(state, n)
     if (
         before.loses_stretch(prm)
+        or before.seats_anew(prm)
         or prm[at.PATH_LENGTHENS] != 0.0
         or prm[at.YIELD_PROXIMAL] > 0.0
         or prm[at.YIELD_DISTAL] > 0.0
@@ -236,8 +237,10 @@ def begin_step(
     growth, drag = at.constant_growth(prm, n), at.constant_drag(prm, n)
     hold_distal, hold_proximal = growth, growth
     tension = at.tensions(state, n)
-    if before.loses_stretch(prm):
+    if before.loses_stretch(prm) or before.seats_anew(prm):
         tension, lost = before.begin_losses(n, state, work)
+        if before.seats_anew(prm):
+            before.seat_anew(prm, n, state, tension)
         if prm[_STRESS_RELAXATION] > 0.0:
             before.relax_stress(prm, n, state, dt, new_state, tension, lost)
         if before.clamps_slide(prm):
@@ -261,7 +264,8 @@ def begin_step(
     if quick and changes:
         # The fronts presume that friction holds the tensions before the step.
         quick = friction_holds(n, tension, hold_distal, hold_proximal, drag)
-        if quick and still and not lengthens and not yielding:
+        follows = lengthens or yielding or before.seats_anew(prm)
+        if quick and still and not follows:
             _stick_all(n, new_state)
             return OK
     if not quick:

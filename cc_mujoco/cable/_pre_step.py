@@ -1,7 +1,7 @@
 """Changes of a cable's tensions before its ends move in a step, compiled.
 
-The cable relaxes, its conduit slides in its clamps, its path lengthens, and what holds
-its ends gives way.
+The cable seats anew in bends that have changed, it relaxes, its conduit slides in its
+clamps, its path lengthens, and what holds its ends gives way.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 
 from cc_mujoco.cable import _drum as drum
+from cc_mujoco.cable import _elasticity as elastic
 from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable import _moving_path as moving_path
@@ -22,9 +23,34 @@ _RELAXATION_TIME = law.INDEX["relaxation_time"]
 _CLAMP_CREEP_PROXIMAL = law.INDEX["clamp_creep_proximal"]
 _CLAMP_CREEP_DISTAL = law.INDEX["clamp_creep_distal"]
 _CLAMP_FORCE = law.INDEX["clamp_force"]
+_CLEARANCE = law.INDEX["clearance"]
 TENSION_ROW, LOST_ROW = 0, 3
 """Rows of scratch for the node tensions that these changes leave, and for the stretch
 that nodes lose to relaxation and clamps."""
+
+
+@internal
+def seats_anew(prm: FloatArray) -> bool:
+    """Return whether bends that change take cable that has clearance in them."""
+    return float(prm[at.BENDS_CHANGE]) != 0.0 and float(prm[_CLEARANCE]) > 0.0
+
+
+@internal
+def seat_anew(prm: FloatArray, n: int, state: FloatArray, tension: FloatArray) -> None:
+    """Keep the stretch of a cable whose clearance gives another part of it than before.
+
+    The way of the cable is right; where along the cable it is taken up is not known any
+    more, so all nodes take it up as they would without friction.
+    """
+    off, soft = -state[3], 0.0
+    for i in range(n + 1):
+        own = nodes.node_piece(prm, n, i)
+        off += elastic.stretch_of(own, tension[i])
+        soft += elastic.compliance_at(own, tension[i])
+    for i in range(n + 1):
+        own = nodes.node_piece(prm, n, i)
+        moved = -off * elastic.compliance_at(own, tension[i]) / soft
+        tension[i] = nodes.tension_after_stretch(prm, n, i, tension[i], moved)
 
 
 @internal

@@ -141,13 +141,12 @@ def test_a_bad_conduit_is_refused(text):
         ({"bend": "free", "route": "path"}, "`bend` is 'free'; it must be `fixed`"),
         ({"bend": "", "route": "path"}, "`bend` is ''"),
         ({"bend": "route"}, "`bend` is 'route' but `route` is empty"),
-        (
-            {"bend": "route", "route": "path", "clearance": "1e-3"},
-            "`clearance` is 0.001; it must be 0 .off. where the bends",
-        ),
-        (
-            {"path": "open", "route": "path", "clearance": "1e-3"},
-            "`clearance` is 0.001; it must be 0 .off. where the bends",
+        *(
+            (
+                {key: value, "route": "path", "clearance": "1e-3"},
+                "`clearance` is 0.001; it must be 0 .off. where `bend` is 'route' or",
+            )
+            for key, value in (("bend", "route"), ("path", "open"))
         ),
     ],
 )

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cc_mujoco.cable import Cable, Conduit, Section
+from cc_mujoco.cable import Cable, Conduit, Section, packed_parameters, rest_state
+from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.errors import CableError
 
 LENGTH = 2.0
@@ -86,6 +87,45 @@ def test_friction_limits_every_segment_and_creates_no_energy(path, pull):
     assert np.all(tension >= 0.0)
     assert conduit.stored <= before + 1e-12
     assert conduit.dissipated >= lost
+
+
+def wide_stretch(tension, wrap):
+    """Stretch of a cable without friction and with 1 mm of clearance [m]."""
+    return tension * LENGTH / 4000.0 + 1e-3 * wrap * tension / (tension + 5.0)
+
+
+def test_clearance_of_tighter_bends_takes_the_cable_that_it_gives():
+    """Without friction the stretch stays the same, and a way back undoes all."""
+    conduit = loaded(CABLE.replace(friction=0.0, clearance=1e-3, seating_tension=5.0))
+    start = conduit.tension
+    stretch = wide_stretch(10.0, CABLE.wrap) + 0.012
+    assert wide_stretch(start, CABLE.wrap) == pytest.approx(stretch, rel=1e-6)
+    seen = []
+    for path in (bends(4.0), bends(0.0, 3.0), bends(0.0)):
+        conduit.rebend(path)
+        hold(conduit)
+        wrap = sum(s.length / s.radius for s in path)
+        assert wide_stretch(conduit.tension, wrap) == pytest.approx(stretch, rel=1e-6)
+        seen.append(conduit.tension[0])
+    assert seen[0] < start[0] < seen[-1]
+    conduit.rebend(CABLE.conduit)
+    hold(conduit)
+    assert conduit.tension == pytest.approx(start, rel=1e-6)
+
+
+@given(
+    path=st.lists(st.floats(0.0, 6.0), min_size=1, max_size=5),
+    pull=st.floats(-0.02, 0.03),
+)
+@settings(max_examples=40)
+def test_a_cable_with_clearance_keeps_its_length_in_other_bends(path, pull):
+    cable = CABLE.replace(clearance=1e-3)
+    conduit = loaded(cable, pull=pull)
+    conduit.rebend(bends(*path))
+    hold(conduit)
+    rest = kernel.total_stretch(packed_parameters(cable), 40, rest_state(cable))
+    found = kernel.total_stretch(conduit._prm, 40, conduit._state)
+    assert found == pytest.approx(rest + pull, abs=2e-6)
 
 
 def test_reset_returns_to_the_first_path():

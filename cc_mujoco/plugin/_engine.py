@@ -5,11 +5,8 @@ from __future__ import annotations
 import ctypes
 import sys
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import mujoco
 
@@ -33,34 +30,41 @@ LIBRARY = ctypes.CDLL(str(_FILES[-1]))
 _lock = threading.Lock()
 _untimed_callers = 0
 """Number of callers inside `untimed`, over all threads."""
+_clock = ctypes.c_void_p.in_dll(LIBRARY, "mjcb_time")
+"""MuJoCo's clock, which `mujoco.set_mjcb_time` sets too."""
+_own_clock: int | None = None
+"""What it is while nobody sets it."""
 
 
-@contextmanager
-def untimed() -> Iterator[None]:
+class untimed:
     """Context in which MuJoCo takes no times: `MjData.timer` does not grow.
 
     It holds for all threads of the process. A clock that was set by
     `mujoco.set_mjcb_time` is left alone.
     """
-    global _untimed_callers
-    with _lock:
-        ours = _untimed_callers > 0 or mujoco.get_mjcb_time() is None
-        if ours:
-            if _untimed_callers == 0:
-                mujoco.set_mjcb_time(_stopped_clock())
-            _untimed_callers += 1
-    try:
-        yield
-    finally:
-        if ours:
+
+    def __enter__(self) -> None:
+        """Stop MuJoCo's clock, if it is its own."""
+        global _untimed_callers, _own_clock
+        with _lock:
+            self._ours = _untimed_callers > 0 or mujoco.get_mjcb_time() is None
+            if self._ours:
+                if _untimed_callers == 0:
+                    _own_clock, _clock.value = _clock.value, _stopped_clock()
+                _untimed_callers += 1
+
+    def __exit__(self, *_: object) -> None:
+        """Let it go on, if nobody else has set another."""
+        global _untimed_callers
+        if self._ours:
             with _lock:
                 _untimed_callers -= 1
-                if _untimed_callers == 0 and mujoco.get_mjcb_time() is _stopped_clock():
-                    mujoco.set_mjcb_time(None)
+                if _untimed_callers == 0 and _clock.value == _stopped_clock():
+                    _clock.value = _own_clock
 
 
 @cache
-def _stopped_clock() -> Any:
-    """Return a stopped clock that MuJoCo can call without Python."""
-    kind = ctypes.CFUNCTYPE(ctypes.c_double)
-    return kind(("cc_mujoco_stopped_clock", native_library.library()))
+def _stopped_clock() -> int | None:
+    """Return the address of a stopped clock, which MuJoCo calls without Python."""
+    clock = native_library.library().cc_mujoco_stopped_clock
+    return ctypes.cast(clock, ctypes.c_void_p).value

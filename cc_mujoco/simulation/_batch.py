@@ -135,20 +135,20 @@ class Simulations:
     @exclusive
     def advance(self, control: Array, going: Mask) -> None:
         """Advance by a sample; see `Worlds`, and `roll` for what it raises."""
-        rows = control if going.all() else control[going]
-        self.roll(control.shape[1], going, rows)
+        ids = None if going.all() else going
+        self._roll(control.shape[1], ids, control if ids is None else control[ids])
 
     @exclusive
-    def roll(self, steps: int, going: Mask, control: Array | None = None) -> None:
-        """Advance some by physics steps, with controls (., steps, controls).
-
-        By default their controls are those in their states.
+    def roll(self, steps: int, going: Mask) -> None:
+        """Advance some by physics steps, with the controls in their states.
 
         Raises:
             mujoco.batch.SimulationError: If MuJoCo raised; see `why`.
         """
+        self._roll(steps, None if going.all() else going, None)
+
+    def _roll(self, steps: int, ids: Mask | None, control: Array | None) -> None:
         self.physics = self._bound
-        ids = None if going.all() else going
         with untimed():
             self.batch.rollout(steps, control, record=(), ids=ids)
 

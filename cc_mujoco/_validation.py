@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import field, fields
 from typing import Any
 
 from cc_mujoco.cable._parameter import Parameter
@@ -32,6 +33,22 @@ def require_parameter(
     require_number(
         f"{type(owner).__name__}.{name}", getattr(owner, name), low, high, unit
     )
+
+
+def bounded(default: float, low: float, high: float, unit: str) -> Any:
+    """Return a field of a dataclass whose `require_bounds` keeps it in [low, high]."""
+    return field(default=default, metadata={"bounds": (low, high, unit)})
+
+
+def require_bounds(owner: Any) -> None:
+    """Check that every `bounded` field of a dataclass is a number within its bounds.
+
+    Raises:
+        CableError: The first that is not, as `require_parameter`.
+    """
+    for one in fields(owner):
+        if "bounds" in one.metadata:
+            require_parameter(owner, one.name, *one.metadata["bounds"])
 
 
 def require_list(label: str, given: Any) -> tuple[str, ...]:

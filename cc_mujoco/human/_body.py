@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from cc_mujoco._validation import require_parameter
+from cc_mujoco._validation import bounded, require_bounds
 from cc_mujoco.errors import CableError
 from cc_mujoco.human._pace import (
     MAX_SPEED,
@@ -46,14 +46,13 @@ SEGMENT_MASS_SHARES = {"thigh": 0.100, "shank": 0.0465, "foot": 0.0145}
 class Body:
     """A wearer by size; that of the scenes changes nothing by a bit."""
 
-    mass: float = WEARER_MASS
+    mass: float = bounded(WEARER_MASS, MIN_MASS, MAX_MASS, "kg")
     """Mass of the whole body [kg]."""
-    leg: float = WEARER_LEG_LENGTH
+    leg: float = bounded(WEARER_LEG_LENGTH, MIN_LEG_LENGTH, MAX_LEG_LENGTH, "m")
     """Length of a leg from hip to sole [m]."""
 
     def __post_init__(self) -> None:
-        require_parameter(self, "mass", MIN_MASS, MAX_MASS, "kg")
-        require_parameter(self, "leg", MIN_LEG_LENGTH, MAX_LEG_LENGTH, "m")
+        require_bounds(self)
 
     @property
     def longer(self) -> float:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cc_mujoco._validation import require_parameter
+from cc_mujoco._validation import bounded
 from cc_mujoco.errors import CableError
 from cc_mujoco.human._motion import (
     Array,
@@ -32,15 +32,10 @@ class Sine(Scripted):
     """
 
     amplitude: float = 0.4
-    frequency: float = 0.5
+    frequency: float = bounded(0.5, 1e-3, 50.0, "Hz")
     """Frequency [Hz]."""
-    fade: float = 1.0
+    fade: float = bounded(1.0, 0.01, 1e4, "s")
     """Time in which the amplitude grows from 0 to its full value [s]."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require_parameter(self, "frequency", 1e-3, 50.0, "Hz")
-        require_parameter(self, "fade", 0.01, 1e4, "s")
 
     @pointwise
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
@@ -63,16 +58,15 @@ class Chirp(Scripted):
     """
 
     amplitude: float = 0.3
-    low: float = 0.1
+    low: float = bounded(0.1, 1e-3, 50.0, "Hz")
     """Frequency at the start [Hz]."""
-    high: float = 2.0
+    high: float = bounded(2.0, 1e-3, 50.0, "Hz")
     """Frequency at the end of the episode [Hz]."""
-    fade: float = 1.0
+    fade: float = bounded(1.0, 0.01, 1e4, "s")
     """Time in which the amplitude grows from 0 to its full value [s]."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require_parameter(self, "fade", 0.01, 1e4, "s")
         _require_band(self)
 
     @pointwise
@@ -100,22 +94,19 @@ class Multisine(Scripted):
     """
 
     amplitude: float = 0.4
-    low: float = 0.1
+    low: float = bounded(0.1, 1e-3, 50.0, "Hz")
     """Lowest frequency [Hz]."""
-    high: float = 1.5
+    high: float = bounded(1.5, 1e-3, 50.0, "Hz")
     """Highest frequency [Hz]."""
-    period: float = 10.0
+    period: float = bounded(10.0, 0.01, 1e4, "s")
     """Period of the signal [s]."""
-    draws: int = 32
+    draws: int = bounded(32, 1, 10_000, "sets of phases")
     """Number of sets of phases that compete [-]."""
-    fade: float = 1.0
+    fade: float = bounded(1.0, 0.01, 1e4, "s")
     """Time in which the amplitude grows from 0 to its full value [s]."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require_parameter(self, "fade", 0.01, 1e4, "s")
-        require_parameter(self, "period", 0.01, 1e4, "s")
-        require_parameter(self, "draws", 1, 10_000, "sets of phases")
         _require_band(self)
         lines = self._lines().size
         if not 1 <= lines <= 1000:
@@ -182,8 +173,6 @@ def _sum_of_cosines(turn: Array, lines: Array, weights: Array, phases: Array) ->
 
 
 def _require_band(owner: Chirp | Multisine) -> None:
-    require_parameter(owner, "low", 1e-3, 50.0, "Hz")
-    require_parameter(owner, "high", 1e-3, 50.0, "Hz")
     if owner.high <= owner.low:
         where = type(owner).__name__
         raise CableError(
@@ -230,15 +219,10 @@ class Loops(Scripted):
     """
 
     amplitude: float = 0.5
-    centre: float = 0.0
+    centre: float = bounded(0.0, -10.0, 10.0, "rad")
     """Angle about which it swings, and where it begins at rest [rad]."""
-    frequency: float = 0.3
+    frequency: float = bounded(0.3, 1e-3, 50.0, "Hz")
     """Frequency [Hz]."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require_parameter(self, "centre", -10.0, 10.0, "rad")
-        require_parameter(self, "frequency", 1e-3, 50.0, "Hz")
 
     @pointwise
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:

@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco._validation import require_parameter
+from cc_mujoco._validation import require_bounds, require_parameter
 from cc_mujoco.errors import CableError
 
 Array = NDArray[np.float64]
@@ -170,6 +170,7 @@ class Scripted(Trajectory):
 
     def __post_init__(self) -> None:
         require_parameter(self, "amplitude", 0.001, 2 * math.pi, "rad")
+        require_bounds(self)
 
 
 class Ease(NamedTuple):

@@ -25,7 +25,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco._validation import require_parameter
+from cc_mujoco._validation import bounded, require_bounds
 
 Real = TypeVar("Real", float, NDArray[np.float64])
 
@@ -55,11 +55,11 @@ _SPEED_CLASSES = {
 class Pace:
     """Walking at a speed; at `MEASURED_SPEED` every ratio is 1 and no phase moves."""
 
-    speed: float = MEASURED_SPEED
+    speed: float = bounded(MEASURED_SPEED, MIN_SPEED, MAX_SPEED, "m/s")
     """Walking speed [m/s]."""
 
     def __post_init__(self) -> None:
-        require_parameter(self, "speed", MIN_SPEED, MAX_SPEED, "m/s")
+        require_bounds(self)
 
     @cached_property
     def stride(self) -> float:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cc_mujoco._validation import require_parameter
+from cc_mujoco._validation import bounded, require_bounds, require_parameter
 from cc_mujoco.human._motion import Array, Motion, Trajectory
 
 QUIET_TIME = 1.0
@@ -27,6 +27,9 @@ class Disturbed(Trajectory):
     """Motion that is disturbed."""
     joint: str = ""
     """Joint that is disturbed, where the trajectory has companions."""
+
+    def __post_init__(self) -> None:
+        require_bounds(self)
 
     @abstractmethod
     def added(self, time: Array, duration: float, rng: np.random.Generator) -> Array:
@@ -50,17 +53,12 @@ class Perturbed(Disturbed):
     that its acceleration is continuous.
     """
 
-    size: float = 0.1
+    size: float = bounded(0.1, 0.0, 3.0, "rad")
     """Largest angle of a bump [rad]."""
-    width: float = 0.2
+    width: float = bounded(0.2, 0.01, 10.0, "s")
     """Duration of a bump [s]."""
-    pause: float = 0.8
+    pause: float = bounded(0.8, 0.01, 1e3, "s")
     """Mean time from the end of a bump to the next [s]; at least half of it."""
-
-    def __post_init__(self) -> None:
-        require_parameter(self, "size", 0.0, 3.0, "rad")
-        require_parameter(self, "width", 0.01, 10.0, "s")
-        require_parameter(self, "pause", 0.01, 1e3, "s")
 
     def added(self, time: Array, duration: float, rng: np.random.Generator) -> Array:
         """Return the bumps; see `Disturbed.added`."""
@@ -98,16 +96,15 @@ class Tremor(Disturbed):
     on tremor", Movement Disorders 13, 1998).
     """
 
-    size: float = 0.02
+    size: float = bounded(0.02, 0.0, 1.0, "rad")
     """Amplitude [rad]."""
-    low: float = 4.0
+    low: float = bounded(4.0, 0.1, 50.0, "Hz")
     """Least frequency [Hz]."""
     high: float = 8.0
     """Greatest frequency [Hz]."""
 
     def __post_init__(self) -> None:
-        require_parameter(self, "size", 0.0, 1.0, "rad")
-        require_parameter(self, "low", 0.1, 50.0, "Hz")
+        super().__post_init__()
         require_parameter(self, "high", self.low, 50.0, "Hz")
 
     def added(self, time: Array, duration: float, rng: np.random.Generator) -> Array:

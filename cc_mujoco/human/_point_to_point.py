@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cc_mujoco._validation import require_parameter
+from cc_mujoco._validation import bounded, require_parameter
 from cc_mujoco.errors import CableError
 from cc_mujoco.human._motion import (
     Array,
@@ -31,15 +31,10 @@ class Sweep(Scripted):
     """
 
     amplitude: float = 0.4
-    move: float = 1.0
+    move: float = bounded(1.0, 0.01, 1e4, "s")
     """Duration of a sweep [s]."""
-    hold: float = 0.5
+    hold: float = bounded(0.5, 0.0, 1e4, "s")
     """Rest at each side [s]."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require_parameter(self, "move", 0.01, 1e4, "s")
-        require_parameter(self, "hold", 0.0, 1e4, "s")
 
     @pointwise
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
@@ -69,14 +64,13 @@ class Ramp(Scripted):
     """
 
     amplitude: float = 1.5
-    leg: float = 15.0
+    leg: float = bounded(15.0, 0.01, 1e4, "s")
     """Time from 0 to the amplitude [s]."""
     corner: float = 0.1
     """Duration of each corner [s]; at most half a leg."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require_parameter(self, "leg", 0.01, 1e4, "s")
         require_parameter(self, "corner", 0.001, self.leg / 2, "s")
 
     @pointwise
@@ -108,17 +102,16 @@ class Reach(Scripted):
     """
 
     amplitude: float = 0.6
-    fastest: float = 0.5
+    fastest: float = bounded(0.5, 0.01, 1e4, "s")
     """Shortest reach [s]."""
-    slowest: float = 1.5
+    slowest: float = bounded(1.5, 0.01, 1e4, "s")
     """Longest reach [s]."""
-    longest_dwell: float = 0.8
+    longest_dwell: float = bounded(0.8, 0.0, 1e4, "s")
     """Longest rest at a target [s]; the shortest is none."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         _require_range(self)
-        require_parameter(self, "longest_dwell", 0.0, 1e4, "s")
 
     @pointwise
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
@@ -140,17 +133,16 @@ class Reversals(Scripted):
     """
 
     amplitude: float = 0.6
-    fastest: float = 0.3
+    fastest: float = bounded(0.3, 0.01, 1e4, "s")
     """Shortest move [s]."""
-    slowest: float = 1.2
+    slowest: float = bounded(1.2, 0.01, 1e4, "s")
     """Longest move [s]."""
-    smallest: float = 0.05
+    smallest: float = bounded(0.05, 0.0, 1.0, "of the amplitude")
     """Smallest extent of a move, as a fraction of the amplitude [-]."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         _require_range(self)
-        require_parameter(self, "smallest", 0.0, 1.0, "of the amplitude")
 
     @pointwise
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
@@ -170,8 +162,6 @@ class Reversals(Scripted):
 
 
 def _require_range(owner: Reach | Reversals) -> None:
-    require_parameter(owner, "fastest", 0.01, 1e4, "s")
-    require_parameter(owner, "slowest", 0.01, 1e4, "s")
     if owner.slowest < owner.fastest:
         where = type(owner).__name__
         raise CableError(

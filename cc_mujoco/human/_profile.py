@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco._validation import require_parameter
+from cc_mujoco._validation import bounded
 from cc_mujoco.errors import CableError
 from cc_mujoco.human._pace import TOE_OFF
 from cc_mujoco.human._tasks import Real, Task
@@ -37,24 +37,20 @@ class Profile(Task):
     """
 
     of_phase = True
-    onset: float = 30.5
+    onset: float = bounded(30.5, 0.0, 100.0, "% of the stride")
     """Time at which the torque begins [% of the stride]."""
-    peak_time: float = 53.4
+    peak_time: float = bounded(53.4, 0.0, 100.0, "% of the stride")
     """Time at which it is largest [% of the stride]."""
-    peak_torque: float = 30.0
+    peak_torque: float = bounded(30.0, 0.0, MAX_PEAK_TORQUE, "N m")
     """Largest size of the torque [N m]."""
-    fall: float = 11.9
+    fall: float = bounded(11.9, 0.1, 100.0, "% of the stride")
     """Time from the peak to where it ends [% of the stride]."""
-    toe_off: float = 100.0 * TOE_OFF
+    toe_off: float = bounded(100.0 * TOE_OFF, 1.0, 100.0, "% of the stride")
     """Time at which the foot leaves the ground, the latest end [% of the stride]."""
 
     def __post_init__(self) -> None:
         """Refuse numbers that are no profile, and name possible ones."""
-        require_parameter(self, "toe_off", 1.0, 100.0, "% of the stride")
-        require_parameter(self, "peak_torque", 0.0, MAX_PEAK_TORQUE, "N m")
-        require_parameter(self, "onset", 0.0, 100.0, "% of the stride")
-        require_parameter(self, "peak_time", 0.0, 100.0, "% of the stride")
-        require_parameter(self, "fall", 0.1, 100.0, "% of the stride")
+        super().__post_init__()
         if not self.peak_time - self.onset >= 0.1:
             raise CableError(
                 f"the torque begins at {self.onset:g} % of the stride and peaks at "

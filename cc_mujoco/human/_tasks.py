@@ -18,7 +18,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco._validation import require_parameter
+from cc_mujoco._validation import bounded, require_bounds
 from cc_mujoco.errors import CableError, shown
 from cc_mujoco.human import _gait as gait
 from cc_mujoco.human._pace import Pace
@@ -31,6 +31,8 @@ Real = TypeVar("Real", float, NDArray[np.float64])
 
 class Task(ABC):
     """A virtual environment; subclasses are frozen dataclasses of its parameters."""
+
+    __post_init__ = require_bounds
 
     @property
     def of_phase(self) -> bool:
@@ -132,17 +134,12 @@ class Tunnel(Task):
     band, and never more than the limit, which by default is reached at 0.45 rad.
     """
 
-    half_width: float = 0.05
+    half_width: float = bounded(0.05, 0.0, 10.0, "rad")
     """Half the width of the free band [rad]."""
-    stiffness: float = 0.5
+    stiffness: float = bounded(0.5, 0.0, 1e6, "N m/rad")
     """Stiffness of the walls [N m/rad]."""
-    limit: float = 0.2
+    limit: float = bounded(0.2, 0.0, 1e6, "N m")
     """Largest torque [N m]."""
-
-    def __post_init__(self) -> None:
-        require_parameter(self, "half_width", 0.0, 10.0, "rad")
-        require_parameter(self, "stiffness", 0.0, 1e6, "N m/rad")
-        require_parameter(self, "limit", 0.0, 1e6, "N m")
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
         """Torque of the walls [N m]; see `Task.torque`."""
@@ -153,11 +150,8 @@ class Tunnel(Task):
 class Spring(Task):
     """A spring to angle 0: torque = -stiffness angle (thesis section 4.3.2)."""
 
-    stiffness: float = 1.0
+    stiffness: float = bounded(1.0, 0.0, 1e6, "N m/rad")
     """Stiffness [N m/rad]."""
-
-    def __post_init__(self) -> None:
-        require_parameter(self, "stiffness", 0.0, 1e6, "N m/rad")
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
         """Torque of the spring [N m]; see `Task.torque`."""
@@ -185,11 +179,8 @@ class Assist(Task):
     """
 
     of_phase = True
-    peak: float = 30.0
+    peak: float = bounded(30.0, 0.0, 1e6, "N m")
     """Largest torque [N m]; about a quarter of the biological moment of that walk."""
-
-    def __post_init__(self) -> None:
-        require_parameter(self, "peak", 0.0, 1e6, "N m")
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
         """Return the torque of the assistance [N m]; see `Task.torque`."""
@@ -206,17 +197,12 @@ class Swing(Task):
     """
 
     of_phase = True
-    peak: float = 10.0
+    peak: float = bounded(10.0, 0.0, 1e6, "N m")
     """Largest torque [N m]; about a seventh of the biological moment."""
-    middle: float = 0.58
+    middle: float = bounded(0.58, 0.0, 1.0, "")
     """Phase of the peak [-]."""
-    half_width: float = 0.18
+    half_width: float = bounded(0.18, 0.01, 0.5, "")
     """Phase from the peak to where the help ends [-]."""
-
-    def __post_init__(self) -> None:
-        require_parameter(self, "peak", 0.0, 1e6, "N m")
-        require_parameter(self, "middle", 0.0, 1.0, "")
-        require_parameter(self, "half_width", 0.01, 0.5, "")
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
         """Torque of the help [N m]; see `Task.torque`."""
@@ -230,11 +216,8 @@ class Hold(Task):
     """A constant torque, as of a fingertip that presses on something."""
 
     of_phase = True
-    pull: float = -0.15
+    pull: float = bounded(-0.15, -1e6, 1e6, "N m")
     """Torque [N m]; by default 2.7 N at 55 mm from a knuckle, in extension."""
-
-    def __post_init__(self) -> None:
-        require_parameter(self, "pull", -1e6, 1e6, "N m")
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
         """Return the torque to hold [N m]; see `Task.torque`."""
@@ -251,14 +234,10 @@ class Impedance(Task):
     """
 
     about_reference = True
-    stiffness: float = 1.0
+    stiffness: float = bounded(1.0, 0.0, 1e6, "N m/rad")
     """Stiffness [N m/rad]."""
-    damping: float = 0.02
+    damping: float = bounded(0.02, 0.0, 1e6, "N m s/rad")
     """Damping [N m s/rad]."""
-
-    def __post_init__(self) -> None:
-        require_parameter(self, "stiffness", 0.0, 1e6, "N m/rad")
-        require_parameter(self, "damping", 0.0, 1e6, "N m s/rad")
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
         """Return the torque of spring and damper [N m]; see `Task.torque`."""

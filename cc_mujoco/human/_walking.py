@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cc_mujoco._validation import require_parameter
+from cc_mujoco._validation import bounded
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import _gait as gait
 from cc_mujoco.human._body import SCENE_WEARER, Body
@@ -40,9 +40,9 @@ class Walk(Scripted):
     """
 
     amplitude: float = math.ceil(1e3 * ANKLE_PEAK) / 1e3
-    period: float = gait.GAIT_PERIOD
+    period: float = bounded(gait.GAIT_PERIOD, 0.2, 20.0, "s")
     """Duration of a gait cycle at full cadence [s]."""
-    start: float = 1.0
+    start: float = bounded(1.0, 0.01, 1e4, "s")
     """Time in which the cadence grows from 0 [s]."""
     speed: float = MEASURED_SPEED
     """Walking speed [m/s]."""
@@ -105,8 +105,6 @@ class Walk(Scripted):
     def __post_init__(self) -> None:
         super().__post_init__()
         Pace(self.speed)
-        require_parameter(self, "period", 0.2, 20.0, "s")
-        require_parameter(self, "start", 0.01, 1e4, "s")
 
     @pointwise
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:

@@ -26,11 +26,6 @@ def by_turns(
     return {name: np.array(told[first:]) for name, told in found.items()}
 
 
-def quickest(found: Mapping[Name, Array]) -> dict[Name, float]:
-    """Return the times of the quickest turns: what else the machine does only adds."""
-    return {name: float(np.quantile(times, 0.1)) for name, times in found.items()}
-
-
 def spread(ratios: Array) -> str:
     """Return median and middle half as a text."""
     low, middle, high = np.quantile(ratios, (0.25, 0.5, 0.75))

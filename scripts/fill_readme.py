@@ -1,7 +1,6 @@
 r"""Put tables of the package, claims and both benchmarks beside or into their pages.
 
-    python scripts/diagnosis_study/diagnose_benchmark.py \
-        --naive binned sparse bic --out runs/sealed
+    python scripts/diagnosis_study/diagnose_benchmark.py --bic --out runs/sealed
     python scripts/benchmarks/check_structure.py ...   # see there
     python scripts/fill_readme.py [tables] [claims] [benchmark] [structure] [diagnosis]
 

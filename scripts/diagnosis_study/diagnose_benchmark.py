@@ -10,9 +10,8 @@ only then compared with its label. Studies draw from disjoint seeds: `developmen
 from it was measured on `second`, and so on: changes are measured on rigs that had not
 led to them. Cases that are done are kept; the table is written anew after each.
 
-With `--naive binned sparse bic` every case is also named in the naive ways of
-`baselines`, from the same tuned baseline; `sparse` among them needs
-`pip install pysindy`. A case that was done without keeps its record.
+With `--bic` every case is also named in the simpler way of `lowest_bic.py`, from the
+same tuned baseline. A case that was done without keeps its record.
 
 With `--scheduler tcp://HOST:PORT` the cases run on the workers of a Dask cluster, which
 need this folder in their PYTHONPATH; records are the same but for their `seconds`.
@@ -38,7 +37,7 @@ from cc_mujoco.diagnosis import BOOTSTRAP_BLOCK
 from cc_mujoco.errors import CableError
 
 if TYPE_CHECKING:
-    from cc_mujoco.diagnosis import BaselineFit, Diagnosis, DiagnosisResult
+    from cc_mujoco.diagnosis import Diagnosis, DiagnosisResult
     from rig.nominal import Rig
 
 PAIRS = (
@@ -80,8 +79,10 @@ def cases(
                 }  # fmt: skip
 
 
-def run(case: dict[str, Any], naive: Sequence[str] = ()) -> dict[str, Any]:
-    """Generate, diagnose and record one case, and name it in naive ways if wanted."""
+def run(case: dict[str, Any], with_bic: bool = False) -> dict[str, Any]:
+    """Generate, diagnose and record one case, and name it by BIC, too, if wanted."""
+    from lowest_bic import bic
+
     from cc_mujoco.assets import scene_path
     from cc_mujoco.datasets import Bench
     from cc_mujoco.diagnosis import infer, overall_share
@@ -111,8 +112,8 @@ def run(case: dict[str, Any], naive: Sequence[str] = ()) -> dict[str, Any]:
         record = {**case, "amounts": amounts, "reached": reached, "trials": recorded}
         record["settled"] = settled(record, result, Path(folder) / "more")
     found = result.diagnosis
-    if naive and result.baseline_fit is not None:
-        record["naive"] = guesses(result.baseline_fit, naive)
+    if with_bic and result.baseline_fit is not None:
+        record["bic"] = bic(result.baseline_fit)._asdict()
     truth = truth_of(rig)
     return {
         **record,
@@ -220,19 +221,6 @@ def off(result: DiagnosisResult) -> dict[str, list[list[float]]]:
     return found
 
 
-def guesses(baseline_fit: BaselineFit, methods: Sequence[str]) -> dict[str, Any]:
-    """Return the answers of naive methods, and the time that they take [s]."""
-    from baselines import installed
-
-    known = installed()
-    guessed = {}
-    for name, method in ((name, known[name]) for name in methods if name in known):
-        begin = time.perf_counter()
-        guess = method(baseline_fit)._asdict()
-        guessed[name] = {**guess, "seconds": time.perf_counter() - begin}
-    return guessed
-
-
 def main() -> None:
     import study_job  # which imports this module, by its own name
 
@@ -260,11 +248,7 @@ def main() -> None:
         help="record the rig turned, and without its cables, too",
     )
     parser.add_argument(
-        "--naive",
-        nargs="*",
-        choices=("binned", "sparse", "bic"),
-        default=[],
-        help="name in naive ways too, to compare; bic takes a quarter longer",
+        "--bic", action="store_true", help="name by BIC, too; a quarter longer"
     )
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument(
@@ -288,7 +272,7 @@ def main() -> None:
         if (case["seed"], case["strength"], case["make"]) not in done
         and (not options.only or set(case["hidden"]) & set(options.only))
     ]
-    made = study_job.records(wanted, options.naive, options.jobs, options.scheduler)
+    made = study_job.records(wanted, options.bic, options.jobs, options.scheduler)
     try:
         for record in tqdm(made, total=len(wanted), unit="case", **progress_options()):
             records.append(record)

@@ -8,8 +8,8 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
+from lowest_bic import comparison
 
-from baselines.table import comparison
 from cc_mujoco.report import table
 
 STUDIES = {
@@ -126,7 +126,7 @@ def summary(records: list[dict[str, Any]]) -> str:
             rates.append([kind, make, size, *_shares(words, columns.values())])
     head: Sequence[str] = ("cases", *columns)
     parts = [table(("hidden", *head), whole), *_figures(records)]
-    if any("naive" in r for r in records):
+    if any("bic" in r for r in records):
         parts.append(comparison(records, went))
     parts += [
         "<details><summary>By verdict, rigs and strength</summary>",

@@ -24,7 +24,7 @@ HOME = Path(__file__).parent
 class Study:
     """Cases as a `_workers.Job`; a piece is a case, its result a record."""
 
-    naive: tuple[str, ...] = ()  # naive ways in which every case is named, too
+    with_bic: bool = False  # whether every case is named by BIC, too
 
     def rehearse(self) -> None:
         """See `Job.rehearse`; what is imported is all there is to make."""
@@ -45,12 +45,12 @@ class Study:
 
     def do(self, piece: Mapping[str, Any], tick: Tick) -> dict[str, Any]:
         """Generate, diagnose and record a case; see `diagnose_benchmark.run`."""
-        return run(dict(piece), self.naive)
+        return run(dict(piece), self.with_bic)
 
 
 def records(
     cases: Sequence[dict[str, Any]],
-    naive: Sequence[str] = (),
+    with_bic: bool = False,
     jobs: int = 2,
     scheduler: str | None = None,
 ) -> Generator[dict[str, Any], None, None]:
@@ -60,7 +60,7 @@ def records(
         cases: of `diagnose_benchmark.cases`.
         scheduler: address of a Dask scheduler whose workers run them instead.
     """
-    job, pieces = Study(tuple(naive)), dict(enumerate(cases))
+    job, pieces = Study(with_bic), dict(enumerate(cases))
     if scheduler is None:
         done = run_here(job, pieces, count=jobs, processes=True)
     else:

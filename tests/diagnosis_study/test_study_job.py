@@ -16,8 +16,8 @@ from cc_mujoco.errors import CableError
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Cases that are not diagnosed, but say what they were asked."""
 
-    def run(case: dict[str, Any], naive: Any) -> dict[str, Any]:
-        return {**case, "naive": list(naive), "drawn": 0.1 * case["seed"]}
+    def run(case: dict[str, Any], with_bic: bool) -> dict[str, Any]:
+        return {**case, "bic": with_bic, "drawn": 0.1 * case["seed"]}
 
     monkeypatch.setattr(study_job, "run", run)
 
@@ -33,13 +33,13 @@ def test_records_are_the_same_on_a_cluster() -> None:
     import distributed
 
     wanted = list(cases("development", 1, [2.0], ["none", "pair"]))
-    here = by_seed(study_job.records(wanted, ["bic"], jobs=1))
+    here = by_seed(study_job.records(wanted, True, jobs=1))
     assert [record["seed"] for record in here] == [case["seed"] for case in wanted]
     with distributed.LocalCluster(
         n_workers=1, processes=False, protocol="tcp://", dashboard_address=None
     ) as cluster:
         address = cluster.scheduler_address
-        there = by_seed(study_job.records(wanted, ["bic"], scheduler=address))
+        there = by_seed(study_job.records(wanted, True, scheduler=address))
     assert there == here
 
 

@@ -8,11 +8,6 @@ log, in lockstep. Then the same loop plays trials, the rich motions of `rig`, by
 servo that plays those of a plan; `cc-mujoco diagnose` names by their logs what is
 missing, and the scene that it wrote goes into the controller, which plays the task
 again. Errors are of the torque that the joint truly got. Cases that are done are kept.
-
-What a task costs whatever is hidden, by turns of the backlash and noise of the sensors,
-is played too: on the same rig with nothing hidden, by a controller whose model has the
-constants of that very rig. What an error has beyond this floor, in squares, is what the
-effect, and what is wrong with the mended model, come to. `--floors` plays these alone.
 """
 
 from __future__ import annotations
@@ -37,7 +32,6 @@ from cc_mujoco._utils.atomic_io import replacing, require_ours
 from cc_mujoco._utils.command_options import progress_options
 from cc_mujoco.assets import scene_path
 from cc_mujoco.control import controller
-from cc_mujoco.device import CableDrive, Drive
 from cc_mujoco.diagnosis import diagnose
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware import (
@@ -82,9 +76,7 @@ EFFECTS = (
     "configuration_dependent_wrap", "friction_drift", "dwell_dependent_stiction",
     "cable_stiffening", "end_compliance", "joint_inertia", "motor_inertia", "none",
 )  # fmt: skip
-KEPT, TABLE, FLOORS = "cases.jsonl", "table.md", "floors.json"
-Floors = dict[str, dict[str, float]]
-"""Errors with nothing hidden and a true model [N m], by controller, seed and kind."""
+KEPT, TABLE = "cases.jsonl", "table.md"
 
 
 def task() -> tuple[TorqueTable, Swing]:
@@ -120,10 +112,6 @@ class Case:
     def error(self, law: str, scene: str, run: str) -> dict[str, Any]:
         """Return the RMS error of the true torque in the task [N m] and its outcome."""
         drive = drive_of(scene, self.folder, PERIOD, LIMITS.torque)
-        return self.played(law, drive, run)
-
-    def played(self, law: str, drive: Drive, run: str) -> dict[str, Any]:
-        """Return the same with a controller that relies on the model of a drive."""
         desired, swing = task()
         bench = Bench(self.rig, self.hidden, PERIOD)
         lockstep = Lockstep(bench, self.seed, swing)
@@ -170,48 +158,6 @@ class Case:
         rotor = f"[rig]\nrotor_inertia = {drive.inertia:g}\n\n"
         facts = rotor + facts_of("rich", self.seed)
         (data / "dataset.toml").write_text(facts, encoding="utf-8")
-
-
-def true_drive(rig: Rig, drive: Drive) -> Drive:
-    """Return the bench's drive with the constants of a rig that hides nothing."""
-    cables = []
-    for one, friction in zip(
-        drive.cables, (rig.friction_a, rig.friction_b), strict=True
-    ):
-        cable = one.cable.replace(
-            conduit=((rig.length, rig.length / rig.wrap),),
-            axial_stiffness=rig.axial_stiffness,
-            pretension=rig.pretension,
-            friction=friction,
-        )
-        motor, joint = (
-            math.copysign(size, arm)
-            for size, arm in (
-                (rig.motor_radius, one.proximal), (rig.joint_radius, one.distal),
-            )
-        )  # fmt: skip
-        cables.append(CableDrive(cable, motor, joint))
-    return dataclasses.replace(
-        drive,
-        ratio=rig.joint_radius / rig.motor_radius,
-        cables=tuple(cables),
-        inertia=rig.rotor_inertia,
-        joint_inertia=rig.joint_inertia,
-    )
-
-
-def floor(law: str, seed: int, folder: Path) -> dict[str, float]:
-    """Return the errors with nothing hidden and a true model [N m]."""
-    shutil.rmtree(folder, ignore_errors=True)
-    case = Case("none", seed, 0.0, folder)
-    drive = drive_of("bench", folder, PERIOD, LIMITS.torque)
-    found = case.played(law, true_drive(case.rig, drive), law)
-    return {key: found[key] for key in ("rms", "between")}
-
-
-def beyond(error: float, floor: float) -> float:
-    """Return an error's excess over a floor, in squares; 0 at the floor or below."""
-    return math.sqrt(max(error**2 - floor**2, 0.0))
 
 
 def between(log: Path) -> float:
@@ -274,13 +220,12 @@ def run(
     return record
 
 
-def told(records: list[Mapping[str, Any]], floors: Floors) -> str:
+def told(records: list[Mapping[str, Any]]) -> str:
     """Return the cases as a Markdown table."""
     rows = []
     for r in records:
         for law, before in r["before"].items():
-            after, own = r["after"][law], floors[f"{law}-{r['seed']}"]
-            old, new = (beyond(each["rms"], own["rms"]) for each in (before, after))
+            after = r["after"][law]
             said = ", ".join(r["named"]) or "-"
             rows.append(
                 (
@@ -290,14 +235,12 @@ def told(records: list[Mapping[str, Any]], floors: Floors) -> str:
                     f"{r['verdict']}: {said}",
                     law,
                     _fall(before["rms"], after["rms"]),
-                    f"{1e3 * own['rms']:.0f}",
-                    _fall(old, new),
                     _fall(before["between"], after["between"]),
                 )
             )
     head = (
         "hidden", "R", "seed", "verdict", "controller", "error [mN m] (better by)",
-        "floor", "beyond the floor", "error between turns",
+        "error between turns",
     )  # fmt: skip
     return table(head, rows)
 
@@ -308,7 +251,7 @@ def _fall(old: float, new: float) -> str:
     return f"{1e3 * old:.0f} to {1e3 * new:.0f}{better}"
 
 
-def counted(records: list[Mapping[str, Any]], floors: Floors) -> str:
+def counted(records: list[Mapping[str, Any]]) -> str:
     """Return a summary of the table, in lines."""
     hidden = [r for r in records if r["effect"] not in ("none", FRICTION)]
     right = [r for r in hidden if [r["effect"]] == r["named"] and not r["ties"]]
@@ -325,19 +268,6 @@ def counted(records: list[Mapping[str, Any]], floors: Floors) -> str:
                 f"{law}: the {what} falls in {sum(x > 1.0 for x in ratios)} of "
                 f"{len(ratios)}, by {np.median(ratios):.1f} in the median."
             )
-        falls = [
-            (r["before"][law]["rms"], r["after"][law]["rms"], own["rms"])
-            for r in records
-            for own in [floors[f"{law}-{r['seed']}"]]
-        ]
-        reached = sum(
-            beyond(before, least) >= 3.0 * beyond(after, least) and after < before
-            for before, after, least in falls
-        )
-        lines.append(
-            f"{law}: what is beyond the floor falls to a third or less in {reached} of "
-            f"{len(falls)}."
-        )
     return "\n".join(lines)
 
 
@@ -355,26 +285,14 @@ def main() -> None:
     parser.add_argument("--strength", type=float, default=4.0, help="R of an effect")
     parser.add_argument("--controllers", nargs="+", default=["stiction"])
     parser.add_argument("--out", type=Path, default=Path("runs", "closed_loop"))
-    parser.add_argument("--floors", action="store_true", help="play the floors alone")
     given = parser.parse_args()
-    kept, floored = given.out / KEPT, given.out / FLOORS
+    kept = given.out / KEPT
     try:
-        require_ours(given.out, lambda _: bool(read(kept) or read_floors(floored)))
+        require_ours(given.out, lambda _: bool(read(kept)))
     except CableError as error:
         parser.error(str(error))
     given.out.mkdir(parents=True, exist_ok=True)
     records = read(kept)
-    floors = read_floors(floored)
-    pairs = {(law, seed) for law in given.controllers for seed in given.seeds}
-    pairs |= {(law, r["seed"]) for r in records for law in r["before"]}
-    for law, seed in sorted(pairs):
-        if f"{law}-{seed}" not in floors:
-            floors[f"{law}-{seed}"] = floor(law, seed, given.out / f"floor-{seed}")
-            with replacing(floored) as partial:
-                partial.write_text(json.dumps(floors), encoding="utf-8")
-    if given.floors:
-        print(json.dumps(floors, indent=1))
-        return
     done = {(r["effect"], r["seed"], r["strength"]) for r in records}
     cases = [
         (name, seed, given.strength)
@@ -389,17 +307,8 @@ def main() -> None:
         with kept.open("a", encoding="utf-8") as file:
             file.write(json.dumps(found) + "\n")
         with replacing(given.out / TABLE) as partial:
-            partial.write_text(told(records, floors), encoding="utf-8")
-    print(told(records, floors), counted(records, floors), sep="\n\n")
-
-
-def read_floors(path: Path) -> Floors:
-    """Return the floors of an earlier run, none if the file is from no such run."""
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    return found if isinstance(found, dict) else {}
+            partial.write_text(told(records), encoding="utf-8")
+    print(told(records), counted(records), sep="\n\n")
 
 
 def read(kept: Path) -> list[Mapping[str, Any]]:

@@ -27,13 +27,11 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from diagnose_table import LAST, STUDIES, summary
 from tqdm import tqdm
 
 from cc_mujoco._utils.atomic_io import replacing, require_ours
 from cc_mujoco._utils.command_options import progress_options
-from cc_mujoco.diagnosis import BOOTSTRAP_BLOCK
 from cc_mujoco.errors import CableError
 
 if TYPE_CHECKING:
@@ -118,23 +116,14 @@ def run(case: dict[str, Any], with_bic: bool = False) -> dict[str, Any]:
     return {
         **record,
         "misfit": misfit(result),
-        "off": off(result),
         **said(found),
         "said": found.statement,
-        "gap": {
-            name: [g.rmse_before, g.rmse_after, g.noise_floor, g.gap_closed]
-            for name, g in found.gap.items()
-        },
         "closed": overall_share(found.gap) if found.gap else float("nan"),
         "intervals": {
             name: [value.value, *value.ci95, truth[name]]
             for name, value in found.baseline.parameters.items()
             if name in truth
         },
-        "candidates": [
-            [[c.id, c.reduction, c.z, c.reason] for c in step]
-            for step in found.runner_ups
-        ],
         "seconds": seconds,
     }
 
@@ -195,30 +184,6 @@ def misfit(result: DiagnosisResult) -> float:
     """Return the baseline's RMS held-out error over the floor, NaN without one."""
     baseline_fit = result.baseline_fit
     return baseline_fit.crossed.misfit if baseline_fit else float("nan")
-
-
-def off(result: DiagnosisResult) -> dict[str, list[list[float]]]:
-    """Return the squared held-out error of the tuned baseline over that of noise alone.
-
-    By trial: its mean in every second or so, (blocks, channels). Their mean over all
-    data is the square of the misfit.
-    """
-    if result.baseline_fit is None:
-        return {}
-    crossed = result.baseline_fit.crossed
-    found: dict[str, list[list[float]]] = {}
-    for record, errors in zip(
-        crossed.problem.plant.records, crossed.errors, strict=True
-    ):
-        size = max(2, round(BOOTSTRAP_BLOCK / record.dt))
-        squares = errors**2 / crossed.noise_mse
-        for first in range(0, squares.shape[1], size):
-            block = squares[:, first : first + size]
-            block = block[:, np.isfinite(block[0])]
-            if block.shape[1] > size // 4:
-                mean = block.mean(axis=1).round(3).tolist()
-                found.setdefault(record.trial, []).append(mean)
-    return found
 
 
 def main() -> None:

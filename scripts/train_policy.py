@@ -225,20 +225,6 @@ def make(
     ]
 
 
-def bare_rate(envs: list[Any], seconds: float = 3.0) -> float:
-    """Return steps of single environments per second of processor, without learning."""
-    random = np.random.default_rng(0)
-    for env in envs:
-        env.reset(seed=0)
-    steps, start = 0, time.process_time()
-    while (spent := time.process_time() - start) < seconds:
-        for env in envs:
-            shape = env.action_space.shape
-            env.step(random.uniform(-1, 1, shape).astype(np.float32))
-            steps += env.num_envs
-    return steps / spent
-
-
 def train(seed: int, options: argparse.Namespace) -> None:
     """Train one policy, save it, write its curve."""
     import stable_baselines3
@@ -251,7 +237,6 @@ def train(seed: int, options: argparse.Namespace) -> None:
     # Sums of a thread each depend on how many there are; one gives one policy.
     torch.set_num_threads(1)
     envs = make(options)
-    bare = bare_rate(envs)
     env = VecNormalize(VecMonitor(StableBaselines(*envs)), gamma=0.95)
 
     class Curve(BaseCallback):  # type: ignore[misc]
@@ -292,11 +277,7 @@ def train(seed: int, options: argparse.Namespace) -> None:
     model.learn(options.steps, callback=Curve())
     rate = options.steps / (time.process_time() - start)
     save_policy(model, options.out / f"{seed}.safetensors")
-    print(
-        f"{options.algorithm} seed {seed}: {rate:.0f} steps/s of processor, "
-        f"{rate / bare:.2f} of the environments' own {bare:.0f}",
-        flush=True,
-    )
+    print(f"{options.algorithm} seed {seed}: {rate:.0f} steps/s of processor")
 
 
 def require(module: str, name: str) -> None:

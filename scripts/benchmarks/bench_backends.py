@@ -1,29 +1,23 @@
-"""Environments in mujoco_warp against those in MuJoCo: differences and speeds.
+"""Differences of environments in mujoco_warp from those in MuJoCo.
 
-    python scripts/benchmarks/bench_backends.py agree --devices wrist ankle endoscope
-    python scripts/benchmarks/bench_backends.py rate --envs 64 1024
+    python scripts/benchmarks/bench_backends.py --devices wrist ankle endoscope
 
-`agree` plays whole episodes of both with the same seeds and actions, on the plant of
-the scene and on plants that are drawn, and prints differences over the largest value:
-root mean square and worst. The last columns are of MuJoCo against itself with actions
-that differ by up to 1e-6: so sensitive is the device. `rate` takes turns in one process
-and prints environment steps per second of processor, with one thread, their ratio, and
-the time per environment step that is not physics.
+Plays whole episodes of both with the same seeds and actions, on the plant of the scene
+and on plants that are drawn, and prints differences over the largest value: root mean
+square and worst. The last columns are of MuJoCo against itself with actions that differ
+by up to 1e-6: so sensitive is the device.
 """
 
 from __future__ import annotations
 
-import argparse
-import time
 from typing import Any
-from unittest.mock import patch
 
 import gymnasium
 import numpy as np
-from turns import Array, spread
+import tyro
+from turns import Array
 
 import cc_mujoco  # noqa: F401, registers the environments
-from cc_mujoco.simulation._warp_worlds import WarpWorlds
 
 ID = "cc_mujoco/Device-v1"
 DRAWN = {"friction": (0.05, 0.2), "wearer": (0.5, 2.0), "delay": (0, 3)}
@@ -34,35 +28,28 @@ PLANTS: dict[str, dict[str, Any]] = {
     "drawn, break-away": {"randomise": {**DRAWN, "break_away": (1.0, 3.0)}},
 }
 COLUMNS = ("joint_angle_rad", "joint_torque_nm", "tension")
-ROUNDS = 7  # turns that each backend takes
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    commands = parser.add_subparsers(required=True)
-    agree = commands.add_parser("agree")
-    agree.add_argument("--devices", nargs="+", default=["wrist", "ankle", "endoscope"])
-    agree.add_argument("--plants", nargs="+", choices=PLANTS, default=list(PLANTS))
-    agree.add_argument("--seconds", type=float, default=10.0, help="of an episode")
-    agree.add_argument("--envs", type=int, default=8)
-    agree.set_defaults(run=print_agreement)
-    rate = commands.add_parser("rate")
-    rate.add_argument("--devices", nargs="+", default=["wrist"])
-    rate.add_argument("--envs", type=int, nargs="+", default=[64, 1024])
-    rate.add_argument("--steps", type=int, default=20, help="per turn")
-    rate.set_defaults(run=print_rates)
-    arguments = parser.parse_args()
-    arguments.run(arguments)
+def main(
+    devices: tuple[str, ...] = ("wrist", "ankle", "endoscope"),
+    plants: tuple[str, ...] = tuple(PLANTS),
+    seconds: float = 10.0,
+    envs: int = 8,
+) -> None:
+    """Print the differences of whole episodes.
 
-
-def print_agreement(arguments: argparse.Namespace) -> None:
-    """Print the differences of whole episodes."""
+    Args:
+        devices: names of devices.
+        plants: of `PLANTS`.
+        seconds: length of an episode.
+        envs: environments played together.
+    """
     print("| device | plant | quantity | RMS | worst | RMS, 1e-6 | worst |")
     print("|---|---|---|---:|---:|---:|---:|")
-    for device in arguments.devices:
-        for plant in arguments.plants:
-            made = {"device": device, "duration": arguments.seconds, **PLANTS[plant]}
-            for name, numbers in differences(arguments.envs, made).items():
+    for device in devices:
+        for plant in plants:
+            made = {"device": device, "duration": seconds, **PLANTS[plant]}
+            for name, numbers in differences(envs, made).items():
                 shown = " | ".join(f"{number:.1e}" for number in numbers)
                 print(f"| {device} | {plant} | {name} | {shown} |", flush=True)
 
@@ -122,54 +109,5 @@ def gathered(info: dict[str, Any], name: str) -> Array:
     return np.concatenate([info[key].reshape(len(info[key]), -1) for key in keys], 1)
 
 
-def print_rates(arguments: argparse.Namespace) -> None:
-    """Print the speeds."""
-    print("| device | envs | mujoco, steps/s | warp | ratio | host, us per step |")
-    print("|---|---:|---:|---:|---|---:|")
-    for device in arguments.devices:
-        for count in arguments.envs:
-            rates, host = speeds(device, count, arguments.steps)
-            mujoco, warp = np.median(rates, axis=0)
-            ratio = spread(rates[:, 1] / rates[:, 0])
-            print(
-                f"| {device} | {count} | {mujoco:,.0f} | {warp:,.0f} | {ratio} | "
-                f"{1e6 * host:.1f} |",
-                flush=True,
-            )
-
-
-def speeds(device: str, count: int, steps: int) -> tuple[Array, float]:
-    """Return steps per second of both (turns, 2), and the time that is not physics."""
-    envs = [
-        gymnasium.make_vec(ID, count, device=device, **given)
-        for given in ({"threads": 1}, {"backend": "warp"})
-    ]
-    shape = envs[0].action_space.shape or ()
-    drawn = np.random.default_rng(0).uniform(-0.3, 0.3, (steps, *shape))
-    actions = drawn.astype(np.float32)
-    for env in envs:
-        env.reset(seed=0)
-        env.step(actions[0])
-    rates, physics, host = np.empty((ROUNDS, 2)), 0.0, []
-    sample = WarpWorlds._take_sample
-
-    def timed(worlds: WarpWorlds) -> None:
-        nonlocal physics
-        begin = time.process_time()
-        sample(worlds)
-        physics += time.process_time() - begin
-
-    with patch.object(WarpWorlds, "_take_sample", timed):
-        for turn in range(ROUNDS):
-            for place, env in enumerate(envs):
-                physics, begin = 0.0, time.process_time()
-                for action in actions:
-                    env.step(action)
-                spent = time.process_time() - begin
-                rates[turn, place] = steps * count / spent
-            host.append((spent - physics) / (steps * count))
-    return rates, float(np.median(host))
-
-
 if __name__ == "__main__":
-    main()
+    tyro.cli(main)

@@ -1,8 +1,7 @@
 """Time that `cc-mujoco diagnose` takes.
 
     python scripts/benchmarks/bench_diagnosis.py --out runs/diagnosis_speed
-    python scripts/benchmarks/bench_diagnosis.py --cases davinci --davinci DIR
-    python scripts/benchmarks/bench_diagnosis.py --cases own --data DIR --dataset TOML
+    python scripts/benchmarks/bench_diagnosis.py --cases davinci_short --davinci DIR
 
 Rigs that hide something are made by `diagnosis_study/rig` and kept in `--out`; DIR are
 the trials that `diagnosis_study/davinci.toml` describes. Processor time is that of all
@@ -28,9 +27,8 @@ HIDDEN: dict[str, dict[str, float]] = {
     "compliance": {"end_compliance": 1.1e-5},
     "compliance_strong": {"end_compliance": 1e-4},
     "stribeck": {"stribeck_friction": 0.6985},
-    "long": {"viscous_friction": 14.0},
 }
-"""Amounts by case; `long` is 20 trials of 8 s, the others are 8.
+"""Amounts by case.
 
 `stribeck` has strength 30, see `diagnosis_study/rig`; it takes 4 steps per sample.
 """
@@ -65,14 +63,8 @@ def data_of(case: str, out: Path, davinci: Path | None) -> Path:
     from rig.nominal import make_rig
 
     rig = make_rig(SEED)
-    data = make_dataset(rig, HIDDEN[case], "rich", SEED)
     facts = facts_of("rich", SEED)
-    if case == "long":
-        for seed, count in ((SEED + 1, 8), (SEED + 2, 4)):
-            data += make_dataset(rig, HIDDEN[case], "rich", seed)[:count]
-        again = facts.replace("trial_05", "trial_13").split("[trials.")
-        facts += "[trials.".join(["", *(t for t in again if t.startswith("trial_13"))])
-    write_data(folder, data, facts)
+    write_data(folder, make_dataset(rig, HIDDEN[case], "rich", SEED), facts)
     return folder
 
 
@@ -92,28 +84,21 @@ def run(case: str, data: Path, toml: Path | None, into: Path) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    every = [*HIDDEN, *DAVINCI, "own"]
+    every = [*HIDDEN, *DAVINCI]
     parser.add_argument("--cases", nargs="+", choices=every, default=list(HIDDEN))
     parser.add_argument("--davinci", type=Path, help="folder of measured trials")
-    parser.add_argument("--data", type=Path, help="folder of trials of `own`")
-    parser.add_argument("--dataset", type=Path, help="their dataset.toml")
     parser.add_argument("--out", type=Path, default=Path("runs", "bench_diagnosis"))
     parser.add_argument("--alone", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.alone:
         (case,) = options.cases
-        run(case, options.data, options.dataset, options.out / case / "diagnosis")
+        data = data_of(case, options.out, options.davinci)
+        toml = STUDY / "davinci.toml" if case in DAVINCI else None
+        run(case, data, toml, options.out / case / "diagnosis")
         return
     for case in options.cases:
-        toml = STUDY / "davinci.toml" if case in DAVINCI else None
-        if case == "own":
-            if options.data is None:
-                parser.error("the case `own` needs --data")
-            data, toml = options.data, options.dataset
-        else:
-            data = data_of(case, options.out, options.davinci)
+        data_of(case, options.out, options.davinci)
         command = [sys.executable, __file__, "--alone", "--cases", case]
-        command += ["--data", str(data), *(["--dataset", str(toml)] if toml else [])]
         subprocess.run([*command, "--out", str(options.out)], check=True)
 
 

@@ -1,4 +1,4 @@
-"""Measure how much torque error a motor that lags, or a limited rate, costs.
+"""Measure how much torque error of `predictive` a motor that lags costs.
 
     python scripts/benchmarks/bench_motor_lag.py --lags 0 1 3 5 --seeds 2
 
@@ -51,7 +51,6 @@ SWING, SWING_PERIOD = 0.3, 2.0
 """Swing of the hand at the bench, as in `play_rig.py` [rad], [s]."""
 SECONDS, SETTLED = 6.0, 2.0
 """Length of a run of the bench, and from when on its error counts [s]."""
-LAWS = (NOTHING, "none", "pi", "stiction", "predictive")
 
 
 class Off(Controller):
@@ -164,48 +163,33 @@ def device(law: str, scene: str, lag: float, known: bool, seed: int) -> float:
     return float(np.sqrt(np.mean(off**2)))
 
 
-def row(scene: str, law: str, lag: float, known: bool, seeds: range) -> tuple[str, ...]:
-    """Return a row of the table, errors as mean over the seeds."""
-    found, limited = [], 0.0
+def row(scene: str, lag: float, known: bool, seeds: range) -> tuple[str, ...]:
+    """Return a row of the table, the mean error over the seeds."""
+    found = []
     for seed in seeds:
         if scene != "bench":
-            found.append(device(law, scene, lag, known, seed))
+            found.append(device("predictive", scene, lag, known, seed))
             continue
-        settings = page_settings()
-        settings = dataclasses.replace(settings, motor_lag=lag if known else 0.0)
-        rms, outcome = bench(law, settings, lag=lag, seed=seed)
-        found.append(rms)
-        limited += outcome.rate_limited / outcome.cycles / len(seeds)
-    at_limit = f"{limited:.0%}" if scene == "bench" else "-"
-    believed = "-" if law not in ("predictive",) else "known" if known else "0"
-    return (
-        scene, f"`{law}`" if law != NOTHING else law, f"{1e3 * lag:g}", believed,
-        f"{np.mean(found):.3g}", at_limit,
-    )  # fmt: skip
+        settings = dataclasses.replace(page_settings(), motor_lag=lag * known)
+        found.append(bench("predictive", settings, lag=lag, seed=seed)[0])
+    return scene, f"{1e3 * lag:g}", f"{1e3 * lag * known:g}", f"{np.mean(found):.3g}"
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--scenes", nargs="+", default=["bench", "wrist", "ankle"])
     parser.add_argument("--lags", nargs="+", type=float, default=[0.0, 1.0, 3.0, 5.0])
-    parser.add_argument("--laws", nargs="+", choices=LAWS, default=list(LAWS))
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--first-seed", type=int, default=1)
     given = parser.parse_args()
     seeds = range(given.first_seed, given.first_seed + given.seeds)
-    rows = []
-    for scene in given.scenes:
-        for law in given.laws:
-            for lag in given.lags:
-                both = law == "predictive" and lag > 0.0
-                for known in (True, False) if both else (True,):
-                    rows.append(row(scene, law, 1e-3 * lag, known, seeds))
-                    print(*rows[-1], flush=True)
-    head = (
-        "scene", "controller", "lag [ms]", "lag believed", "RMS error [N m]",
-        "cycles at the rate limit",
-    )  # fmt: skip
-    print(f"\nseeds {seeds.start} to {seeds.stop - 1}\n\n{table(head, rows)}")
+    rows = [
+        row(scene, 1e-3 * lag, known, seeds)
+        for scene in given.scenes
+        for lag in given.lags
+        for known in ((True, False) if lag else (True,))
+    ]
+    print(table(("scene", "lag [ms]", "lag believed", "RMS error [N m]"), rows))
 
 
 if __name__ == "__main__":

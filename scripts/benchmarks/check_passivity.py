@@ -26,8 +26,10 @@ from __future__ import annotations
 
 import argparse
 import csv
+import dataclasses
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -35,8 +37,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import differential_evolution
 
-from cc_mujoco._utils.provenance import code_provenance
-from cc_mujoco._workers import Tick, run_here
 from cc_mujoco.benchmark import SUITES, Belief, Condition
 from cc_mujoco.benchmark._actuation import Hindrance
 from cc_mujoco.benchmark._conditions import MODEL_ERRORS
@@ -48,7 +48,6 @@ from cc_mujoco.export import (
     LIMB_RANGES,
     PASSIVITY_REFERENCES,
     PASSIVITY_TASKS,
-    Limb,
     WearerEnergy,
     first_places,
     inertia_of,
@@ -141,92 +140,46 @@ def sampled(scene: str, structure: str, seed: int) -> tuple[Device, dict[str, An
     return device, {"variant": model, "known": own, "hinder": hinder}
 
 
-@dataclass(frozen=True)
-class Rows:
-    """Rows of the table as a `_workers.Job`; see `Piece`."""
+def searched(piece: Piece, given: argparse.Namespace) -> list[dict[str, Any]]:
+    """Search the worst wearer, and tell of all that were tried."""
+    name, task, law, structure = piece
+    scene, _, own = name.partition(".")
+    axis = own or None
+    inertia = inertia_of(scene, axis)
+    device, plant = find_device(scene), {}
+    if structure:
+        device, plant = sampled(scene, structure, given.seed)
 
-    generations: int
-    crowd: int
-    seed: int
-    believed: float
-    damping: float
-
-    def rehearse(self) -> None:
-        """See `Job.rehearse`; what is imported is all there is to make."""
-
-    def made_by(self) -> dict[str, Any]:
-        return code_provenance()
-
-    def size(self, piece: Piece) -> int:
-        """Return the size of a row, 1."""
-        return 1
-
-    def do(self, piece: Piece, tick: Tick) -> list[dict[str, Any]]:
-        """Search the worst wearer, and tell of all that were tried."""
-        name, task, law, structure = piece
-        scene, _, own = name.partition(".")
-        axis = own or None
-        inertia = inertia_of(scene, axis)
-        device, plant = (
-            sampled(scene, structure, self.seed)
-            if structure
-            else (find_device(scene), {})
+    def played(places: Array) -> WearerEnergy:
+        limbs = [limb_of(place, inertia) for place in places]
+        return play(
+            device, law, task, limbs, given.believed, given.damping, axis=axis, **plant
         )
 
-        def limbs(places: Array) -> list[Limb]:
-            return [limb_of(place, inertia) for place in places]
-
-        tried, found = search(
-            lambda places: play(
-                device,
-                law,
-                task,
-                limbs(places),
-                self.believed,
-                self.damping,
-                axis=axis,
-                **plant,
-            ),
-            wearer_bounds(scene, axis),
-            self.generations,
-            self.crowd,
-        )
-        # A wearer of little damping swings on by himself.
-        swings = play(device, "ideal", task, limbs(tried), axis=axis).velocity
-        return [
-            {
-                "scene": name,
-                "structure": structure,
-                "seed": self.seed,
-                "task": task,
-                "controller": law,
-                "believed": self.believed,
-                "damping": self.damping,
-                "stiffness_nm_rad": limb.stiffness,
-                "damping_nms_rad": limb.damping,
-                "inertia_added_kg_m2": limb.inertia,
-                "held_j": float(found.held[k]),
-                "begun_j": float(found.begun[k]),
-                "velocity_rad_s": float(found.velocity[k]),
-                "velocity_ideal_rad_s": float(swings[k]),
-                "stroke_rad": float(found.stroke[k]),
-                "frequency_hz": float(found.frequency[k]),
-            }
-            for k, limb in enumerate(limbs(tried))
-        ]
+    bounds = wearer_bounds(scene, axis)
+    tried, found = search(played, bounds, given.generations, given.crowd)
+    limbs = [limb_of(place, inertia) for place in tried]
+    # A wearer of little damping swings on by himself.
+    swings = play(device, "ideal", task, limbs, axis=axis).velocity
+    return [
+        {
+            "scene": name,
+            "structure": structure,
+            "task": task,
+            "controller": law,
+            **dataclasses.asdict(limb),
+            **{key: float(values[k]) for key, values in found._asdict().items()},
+            "velocity_ideal": float(swings[k]),
+        }
+        for k, limb in enumerate(limbs)
+    ]
 
 
 HEAD = (
-    "device",
-    "structure",
-    "task",
-    "controller",
-    "energy, held still [mJ]",
-    "into the wearer",
-    "from the beginning [mJ]",
-    "velocity left (by himself) [rad/s]",
-    "of the wearer",
-)
+    "device", "structure", "task", "controller", "energy, held still [mJ]",
+    "into the wearer", "from the beginning [mJ]",
+    "velocity left (by himself) [rad/s]", "of the wearer",
+)  # fmt: skip
 """Head of the table; energies are the largest of all wearers, the velocity is that
 which exceeds most the one that the same wearer has with a real spring."""
 
@@ -236,22 +189,17 @@ LEAST = 0.01  # energy of which a table tells [mJ]
 
 def row(tried: Sequence[dict[str, Any]]) -> tuple[str, ...]:
     """Return a row of the table, over all wearers that were simulated."""
-    worst = max(tried, key=lambda one: one["held_j"])
-    fastest = max(
-        tried, key=lambda one: one["velocity_rad_s"] - one["velocity_ideal_rad_s"]
-    )
-    begun = max(one["begun_j"] for one in tried)
+    worst = max(tried, key=lambda one: one["held"])
+    fastest = max(tried, key=lambda one: one["velocity"] - one["velocity_ideal"])
+    begun = max(one["begun"] for one in tried)
     return (
-        worst["scene"],
-        worst["structure"],
-        worst["task"],
-        f"`{worst['controller']}`",
-        _figure(1e3 * worst["held_j"]),
-        _limb(worst) if 1e3 * worst["held_j"] >= LEAST else "",
+        worst["scene"], worst["structure"], worst["task"], f"`{worst['controller']}`",
+        _figure(1e3 * worst["held"]),
+        _limb(worst) if 1e3 * worst["held"] >= LEAST else "",
         _figure(1e3 * begun),
-        f"{fastest['velocity_rad_s']:.2f} ({fastest['velocity_ideal_rad_s']:.2f})",
-        _limb(fastest) if fastest["velocity_rad_s"] >= 0.005 else "",
-    )
+        f"{fastest['velocity']:.2f} ({fastest['velocity_ideal']:.2f})",
+        _limb(fastest) if fastest["velocity"] >= 0.005 else "",
+    )  # fmt: skip
 
 
 def _figure(energy: float) -> str:
@@ -260,7 +208,7 @@ def _figure(energy: float) -> str:
 
 
 def _limb(one: dict[str, Any]) -> str:
-    names = "stiffness_nm_rad", "damping_nms_rad", "inertia_added_kg_m2"
+    names = "stiffness", "damping", "inertia"
     return ", ".join(f"{float(f'{one[name]:.2g}'):g}" for name in names)
 
 
@@ -296,29 +244,24 @@ def main() -> None:
         "--out", type=Path, help="CSV file of all wearers that were tried"
     )
     given = parser.parse_args()
-    pieces = {
-        number: piece
-        for number, piece in enumerate(
-            (scene, task, law, structure)
-            for scene in given.scenes
-            for structure in _structures_of(scene, given.structures)
-            for task in given.tasks
-            for law in given.controllers
-        )
-    }
-    job = Rows(
-        given.generations, given.crowd, given.seed, given.believed, given.damping
-    )
-    done = {}
-    for number, tried in run_here(job, pieces, count=given.jobs, processes=True):
-        done[number] = tried
-        print(*row(tried), sep=" | ", flush=True)
+    pieces = [
+        (scene, task, law, structure)
+        for scene in given.scenes
+        for structure in _structures_of(scene, given.structures)
+        for task in given.tasks
+        for law in given.controllers
+    ]
+    done = []
+    with ProcessPoolExecutor(given.jobs, get_context("spawn")) as pool:
+        for tried in pool.map(searched, pieces, [given] * len(pieces)):
+            done.append(tried)
+            print(*row(tried), sep=" | ", flush=True)
     print()
-    print(table(HEAD, [row(done[number]) for number in pieces], (4, 6, 7)))
+    print(table(HEAD, [row(tried) for tried in done], (4, 6, 7)))
     print("\nWearers: stiffness [N m/rad], damping [N m s/rad], inertia added [kg m2].")
     if given.out:
         given.out.parent.mkdir(parents=True, exist_ok=True)
-        tried = [one for number in pieces for one in done[number]]
+        tried = [one for each in done for one in each]
         with given.out.open("w", newline="", encoding="utf-8") as file:
             writer = csv.DictWriter(file, list(tried[0]), lineterminator="\n")
             writer.writeheader()

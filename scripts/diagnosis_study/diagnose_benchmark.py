@@ -12,9 +12,6 @@ led to them. Cases that are done are kept; the table is written anew after each.
 
 With `--bic` every case is also named in the simpler way of `lowest_bic.py`, from the
 same tuned baseline. A case that was done without keeps its record.
-
-With `--scheduler tcp://HOST:PORT` the cases run on the workers of a Dask cluster, which
-need this folder in their PYTHONPATH; records are the same but for their `seconds`.
 """
 
 from __future__ import annotations
@@ -24,6 +21,8 @@ import json
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -187,8 +186,6 @@ def misfit(result: DiagnosisResult) -> float:
 
 
 def main() -> None:
-    import study_job  # which imports this module, by its own name
-
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--study", choices=STUDIES, default=LAST)
     parser.add_argument(
@@ -216,9 +213,6 @@ def main() -> None:
         "--bic", action="store_true", help="name by BIC, too; a quarter longer"
     )
     parser.add_argument("--jobs", type=int, default=2, help="processes")
-    parser.add_argument(
-        "--scheduler", help="of Dask, tcp://HOST:PORT, whose workers run the cases"
-    )
     parser.add_argument("--out", type=Path, default=Path("runs", "diagnose_benchmark"))
     options = parser.parse_args()
     kept, told = (options.out / f"{options.study}.{end}" for end in ("jsonl", "md"))
@@ -237,15 +231,16 @@ def main() -> None:
         if (case["seed"], case["strength"], case["make"]) not in done
         and (not options.only or set(case["hidden"]) & set(options.only))
     ]
-    made = study_job.records(wanted, options.bic, options.jobs, options.scheduler)
-    try:
-        for record in tqdm(made, total=len(wanted), unit="case", **progress_options()):
-            records.append(record)
+    with (
+        ProcessPoolExecutor(options.jobs, get_context("spawn")) as pool,
+        tqdm(total=len(wanted), unit="case", **progress_options()) as bar,
+    ):
+        for done_one in as_completed(pool.submit(run, c, options.bic) for c in wanted):
+            records.append(done_one.result())
             with kept.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(record) + "\n")
+                file.write(json.dumps(records[-1]) + "\n")
             write(told, summary(records))
-    except CableError as error:
-        parser.error(str(error))
+            bar.update()
     write(told, summary(records))
     print(summary(records))
 

@@ -150,36 +150,17 @@ def draw(path: Path, fixed: Cycle, moving: Cycle) -> None:
         save(path, drawing)
 
 
-def conclusion(fixed: Cycle, moving: Cycle) -> str:
-    """Return three sentences."""
-    passed = [c.heel / c.motor for c in (fixed, moving)]
-    worst = int(np.argmax(np.abs(np.log(passed[1] / passed[0]))))
-    swing = fixed.phase > 0.68
-    pull = [float(c.torque[swing].max()) for c in (fixed, moving)]
-    peak = [float(c.torque.max()) for c in (fixed, moving)]
-    return (
-        f"Over the gait cycle the conduit wraps {moving.wrap.min():.1f} to "
-        f"{moving.wrap.max():.1f} rad as the leg moves, against "
-        f"{fixed.wrap[0]:.1f} rad in the neutral pose, and friction takes "
-        f"{moving.lost / fixed.lost - 1.0:+.0%} energy ({moving.lost:.2f} J instead of "
-        f"{fixed.lost:.2f} J).\n"
-        "While the cable slides, the heel feels "
-        f"{passed[1].min():.2f} to {passed[1].max():.2f} times the tension at the "
-        f"motor instead of {passed[0].min():.2f} to {passed[0].max():.2f}; a fixed "
-        f"route is most wrong at {fixed.phase[worst]:.0%} of the cycle.\n"
-        f"At push-off the wrap is near its lowest, and peak assistance differs by "
-        f"{peak[1] / peak[0] - 1.0:+.1%}; in swing the taut cable, which should not be "
-        f"felt, pulls with up to {pull[1]:.1f} N m instead of {pull[0]:.1f} N m."
-    )
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("out", type=figure_path)
     out = parser.parse_args().out
     fixed, moving = (walk(scene(bend)) for bend in ("fixed", "route"))
     draw(out, fixed, moving)
-    print(conclusion(fixed, moving))
+    print(
+        f"wrap {moving.wrap.min():.1f} to {moving.wrap.max():.1f} rad, in the neutral "
+        f"pose {fixed.wrap[0]:.1f} rad; friction takes "
+        f"{moving.lost / fixed.lost - 1.0:+.0%} energy"
+    )
 
 
 if __name__ == "__main__":

@@ -9,8 +9,6 @@ import gymnasium
 import mujoco
 import numpy as np
 import pytest
-from benchmarks.check_passivity import Limb
-from benchmarks.check_passivity import play as wear
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -26,6 +24,8 @@ from cc_mujoco.control._cable_model import joint_stiffness
 from cc_mujoco.control._predictive import filter_gains, optimal_plan
 from cc_mujoco.device import Sensing, Sensors
 from cc_mujoco.errors import CableError
+from cc_mujoco.export import Limb
+from cc_mujoco.export import play as wear
 from cc_mujoco.simulation import Single, run
 from control.devices import pull_pull, single
 

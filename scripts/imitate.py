@@ -13,9 +13,9 @@ online learning", AISTATS 2011. A torque depends on more than the sensors show; 
 policy learns a mean of what is possible.
 
 Each effect that cables have in suite `v2` is in some of the sampled plants, the liner
-is an ordinary one, and the wearer moves as the device says, a third with a tremor; with
---no-structure plants and motions are those of `train_policy.py`. RMS torque errors are
-printed, one for each axis of each motion; the policy is written to `--out`.
+is an ordinary one, and the wearer moves as the device says, a third with a tremor. RMS
+torque errors are printed, one for each axis of each motion; the policy is written to
+`--out`.
 """
 
 from __future__ import annotations
@@ -69,6 +69,7 @@ BANDWIDTH = 400.0
 """Default bandwidth of the plans of `predictive` [rad/s]. The policy learns what a
 slower plan leaves of a tremor, too."""
 WIDTHS = 128, 128  # units of the hidden layers
+BATCH, FINAL = 512, 6  # samples of an update, rounds of updates after the last round
 RATE, LAST_RATE = 1e-3, 3e-4  # rate of the optimiser in the first round and in the last
 OUTLIER = 0.3
 """Error from which on the loss grows linearly, in standard deviations of the teacher's
@@ -311,25 +312,12 @@ def train(options: argparse.Namespace) -> None:
     """Train one policy and save it."""
     device = train_policy.device_of(options.scene)
     liner = BENCH_LINER if options.scene == train_policy.BENCH else LINER
-    envs = (
-        train_policy.make(
-            options,
-            {**RANGES, **liner, **structure(device)},
-            {},
-            motions(options.scene),
-        )
-        if options.structure
-        else train_policy.make(options, RANGES, {})
-    )
+    ranges = {**RANGES, **liner, **structure(device)}
+    envs = train_policy.make(options, ranges, {}, motions(options.scene))
+    teach = functools.partial(teacher, law=options.teacher)
     rooms = [
         Classroom(
-            env,
-            1000 * options.seed + place,
-            options.history,
-            options.hold,
-            functools.partial(
-                teacher, law=options.teacher, bandwidth=options.bandwidth
-            ),
+            env, 1000 * options.seed + place, options.history, options.hold, teach
         )
         for place, env in enumerate(envs)
     ]
@@ -339,12 +327,12 @@ def train(options: argparse.Namespace) -> None:
     student = Student(seen, taught, options.seed)
     rates = np.linspace(RATE, LAST_RATE, options.rounds)
     for rate in rates[:-1]:
-        student.fit(seen, taught, options.updates, (rate, rate), options.batch)
+        student.fit(seen, taught, options.updates, (rate, rate), BATCH)
         lessons = with_errors_printed("student", [room.play(student) for room in rooms])
         seen = np.concatenate([seen, *(own[0] for own in lessons)])
         taught = np.concatenate([taught, *(own[1] for own in lessons)])
-    steps = options.final * options.updates
-    student.fit(seen, taught, steps, (rates[-1], 0.0), options.batch)
+    steps = FINAL * options.updates
+    student.fit(seen, taught, steps, (rates[-1], 0.0), BATCH)
     write_policy(
         options.out / f"{options.seed}.safetensors",
         student.network(),
@@ -363,16 +351,6 @@ def main() -> None:
     parser.add_argument("--scene", default="wrist", help="name or file of a device")
     parser.add_argument("--rounds", type=int, default=8)
     parser.add_argument("--updates", type=int, default=1500, help="of a round")
-    parser.add_argument("--batch", type=int, default=512, help="of an update")
-    parser.add_argument(
-        "--final", type=int, default=6, help="updates of the last round over --updates"
-    )
-    parser.add_argument(
-        "--structure",
-        action=argparse.BooleanOptionalAction,
-        default=True,
-        help="effects of the cables and tremor, in some episodes",
-    )
     parser.add_argument(
         "--history", type=int, default=HISTORY, help="earlier frames that it sees"
     )
@@ -380,9 +358,6 @@ def main() -> None:
         "--hold", type=int, default=HOLD, help="samples for which an action is held"
     )
     parser.add_argument("--teacher", default=TEACHER, help="name of a controller")
-    parser.add_argument(
-        "--bandwidth", type=float, default=BANDWIDTH, help="of predictive [rad/s]"
-    )
     parser.add_argument("--envs", type=int, default=48)
     parser.add_argument("--seconds", type=float, default=1.5, help="of an episode")
     parser.add_argument("--seed", type=int, default=0)

@@ -5,9 +5,8 @@
 Both run the same actions, by turns in one process, so that what else the machine does
 falls on both, and beside them MuJoCo's own `Batch` takes the same physics steps of the
 same bare model from the same start under the same controls, wearer and all, without
-observations, rewards and scripts: as it comes, and without MuJoCo's timers, which the
-environments do not run either. Prints the ratios of the speeds, those to `Batch` by the
-clock and by processor time; bare times are of this machine only. Where Gymnasium has
+observations, rewards and scripts. Prints the ratios of the speeds by the clock; bare
+times are of this machine only. Where Gymnasium has
 its own MuJoCo environments (`pip install 'gymnasium[mujoco]'`) a last line compares a
 step of the single wrist with one of `HalfCheetah-v5`, by the least of many turns.
 """
@@ -31,7 +30,6 @@ from numpy.typing import NDArray
 import cc_mujoco  # noqa: F401, registers the environments
 from cc_mujoco.device import Physics
 from cc_mujoco.envs import IDS
-from cc_mujoco.plugin import untimed
 
 Array = NDArray[np.float32]
 
@@ -50,16 +48,15 @@ def main() -> None:
     arguments = parser.parse_args()
     print(
         f"{'environment':26} {'envs':>5} {'batch':>12} {'sync':>12} {'ratio':>7}"
-        f" {'of Batch':>9} {'processor':>10} {'untimed':>9} {'processor':>10}"
+        f" {'of Batch':>9}"
     )
     for name in IDS:
         for count in arguments.envs:
             found = compare(name, count, arguments.seconds, arguments.steps)
-            batch, sync, share, cost, bare, least = found
+            batch, sync, share = found
             print(
                 f"{name:26} {count:5d} {batch:8.0f} st/s {sync:8.0f} st/s "
-                f"{batch / sync:7.2f} {share:9.2f} {cost:10.2f} {bare:9.2f} "
-                f"{least:10.2f}",
+                f"{batch / sync:7.2f} {share:9.2f}",
                 flush=True,
             )
     if importlib.util.find_spec("imageio"):
@@ -88,8 +85,7 @@ def compare(name: str, count: int, seconds: float, steps: int) -> tuple[float, .
 
     Returns:
         Steps per second of the vector environment and of the loop; speed of the former
-        over that of the physics, by the clock and by processor time, with MuJoCo's
-        timers; the same without.
+        over that of the physics.
     """
     modes = ("vector_entry_point", "sync")
     env, loop = (gymnasium.make_vec(name, count, vectorization_mode=m) for m in modes)
@@ -99,11 +95,7 @@ def compare(name: str, count: int, seconds: float, steps: int) -> tuple[float, .
     for _ in range(ROUNDS):
         env.reset(seed=0)
         own = taken(lambda: play(env, steps))
-        raw = taken(bare) / own
-        with untimed():
-            least = taken(bare) / own
-        speed = steps * count / own[0]
-        found.append((speed, rate(loop, seconds), *raw, *least))
+        found.append((steps * count / own, rate(loop, seconds), taken(bare) / own))
     env.close()
     loop.close()
     return tuple(np.median(found, axis=0).tolist())
@@ -141,11 +133,11 @@ def physics(env: VectorEnv, steps: int) -> Callable[[], None]:
     return advance
 
 
-def taken(turn: Callable[[], None]) -> NDArray[np.float64]:
-    """Return the time that a turn takes, by the clock and of the processors [s]."""
-    start = time.perf_counter(), time.process_time()
+def taken(turn: Callable[[], None]) -> float:
+    """Return the time that a turn takes by the clock [s]."""
+    start = time.perf_counter()
     turn()
-    return np.array([time.perf_counter(), time.process_time()]) - start
+    return time.perf_counter() - start
 
 
 def actions(env: Any) -> Array:

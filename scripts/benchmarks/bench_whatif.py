@@ -53,7 +53,6 @@ class Options:
     rounds: int = 3
     controllers: tuple[str, ...] = ("pi",)
     steps: tuple[float, ...] = (5e-4, 1e-3)  # of the physics [s]
-    everything: bool = False  # all metrics
 
 
 def main(options: Options) -> None:
@@ -77,7 +76,7 @@ def measure(options: Options, step: float, law: str) -> None:
             controllers=[law],
             duration=options.duration,
             timestep=step,
-            metrics=() if options.everything else EPISODE,
+            metrics=EPISODE,
         )
     )
     print(

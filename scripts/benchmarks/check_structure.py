@@ -21,7 +21,6 @@ import numpy as np
 
 from cc_mujoco.benchmark import SUITES, Cell, Condition, batch_groups
 from cc_mujoco.benchmark._cell import play_group
-from cc_mujoco.errors import look_up
 
 BASELINES = "pi_tuned", "pi_feed_forward", "inverse", "lqg"
 SCORES = "rms_torque_error", "chatter", "peak_motor_torque"
@@ -69,7 +68,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--suite", choices=("v2", "v2-known"), default="v2")
     parser.add_argument("--scenes", nargs="+", default=["wrist", "ankle", "finger"])
-    parser.add_argument("--conditions", nargs="+", help="all by default")
     parser.add_argument("--controllers", nargs="+", default=["predictive", *BASELINES])
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--first-seed", type=int, default=0)
@@ -85,12 +83,9 @@ def main() -> None:
         print(f"\n| {scene} | {' | '.join(laws)} | of the best |")
         print("|---" * (len(laws) + 2) + "|", flush=True)
         shares = []
-        known = {one.name: one for one in SUITES[options.suite].conditions(scene)}
         wanted = [
-            dataclasses.replace(
-                look_up("condition", name, known), duration=options.duration
-            )
-            for name in options.conditions or known
+            dataclasses.replace(one, duration=options.duration)
+            for one in SUITES[options.suite].conditions(scene)
         ]
         for name, found in played(wanted, laws, seeds).items():
             print_row(name, found)

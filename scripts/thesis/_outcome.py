@@ -1,24 +1,28 @@
-"""Outcome of reproducing one thing of the thesis: claims, figures, data."""
+"""Outcome of reproducing one thing of the thesis: claims and figures."""
 
 from __future__ import annotations
 
+import csv
+import itertools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cc_mujoco.report._figures import COLORS, figure
+
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-else:  # imported where one is drawn
-    Axes = Figure = object
 
 Verdict = Literal["agrees", "better", "in part", "disagrees", "cannot", "misprint"]
 
 Progress = Callable[[float], None]  # takes the share of the work that is done, 0 to 1
+
+POINTS = 1000  # points of a curve that are drawn and kept; longer ones are thinned
 
 
 @dataclass(frozen=True)
@@ -37,6 +41,31 @@ class Claim:
     timed: bool = False
 
 
+Curve = tuple[ArrayLike, ArrayLike] | tuple[ArrayLike, ArrayLike, str]
+"""Abscissa and ordinate, and Matplotlib's format if it is not a line."""
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One diagram of a figure."""
+
+    title: str
+    x: str  # quantity of the abscissa, with its unit
+    y: str  # quantity of the ordinate, with its unit
+    curves: Mapping[str, Curve]  # by label
+    # how `Axes` draws them; for bars, abscissas are names
+    kind: Literal["plot", "semilogx", "semilogy", "loglog", "bar"] = "plot"
+    limits: tuple[float | None, float | None] = (None, None)  # of the ordinate
+
+
+@dataclass(frozen=True)
+class ExperimentOutcome:
+    """Outcome of one experiment."""
+
+    claims: tuple[Claim, ...]  # lines of the summary table
+    figures: Mapping[str, Sequence[Panel]]  # file stem to diagrams
+
+
 def rms(values: ArrayLike) -> float:
     """Return the root of the mean square."""
     return float(np.sqrt(np.mean(np.asarray(values) ** 2)))
@@ -52,12 +81,40 @@ def round_down_ratio(ratio: float) -> str:
     return f"{step * power:.12g}"
 
 
-@dataclass(frozen=True)
-class ExperimentOutcome:
-    """Outcome of one experiment."""
+def drawn(panels: Sequence[Panel]) -> Figure:
+    """Return a figure of these diagrams, two in a row."""
+    columns = min(len(panels), 2)
+    rows = math.ceil(len(panels) / columns)
+    drawing = figure(5.5 * columns, 3.9 * rows)
+    for place, panel in enumerate(panels):
+        axes = drawing.add_subplot(rows, columns, place + 1)
+        curves = zip(panel.curves.items(), itertools.cycle(COLORS), strict=False)
+        for number, ((label, (x, y, *form)), color) in enumerate(curves):
+            looks = {"color": color, "label": label}
+            if panel.kind == "bar":
+                width = 0.8 / len(panel.curves)
+                at = np.arange(np.size(x)) + width * number
+                axes.bar(at, y, width, **looks)
+                axes.set_xticks(at - 0.5 * width * number, x)
+            else:
+                getattr(axes, panel.kind)(_thinned(x), _thinned(y), *form, **looks)
+        axes.set(title=panel.title, xlabel=panel.x, ylabel=panel.y, ylim=panel.limits)
+        axes.legend()
+    return drawing
 
-    claims: tuple[Claim, ...]  # lines of the summary table
-    figures: Mapping[str, Figure]  # file stem to figure
-    # file stem to columns, each column (rows,); a column's name ends with its unit
-    # where it has one (`torque_nm`)
-    tables: Mapping[str, Mapping[str, ArrayLike]]
+
+def write_data(path: Path, panels: Sequence[Panel]) -> None:
+    """Write the points of all curves as CSV, one in a row."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        to = csv.writer(file, lineterminator="\n")
+        to.writerow(("panel", "curve", "abscissa", "ordinate", "x", "y"))
+        for panel in panels:
+            for label, (x, y, *_) in panel.curves.items():
+                head = panel.title, label, panel.x, panel.y
+                points = zip(_thinned(x).tolist(), _thinned(y).tolist(), strict=True)
+                to.writerows((*head, *point) for point in points)
+
+
+def _thinned(values: ArrayLike) -> np.ndarray:
+    every = np.asarray(values)
+    return every[:: max(1, every.size // POINTS)]

@@ -18,8 +18,7 @@ import numpy as np
 from cc_mujoco.cable import Cable, Section, Transmission
 from cc_mujoco.metrics._signals import loop_width
 from cc_mujoco.native import FloatArray
-from cc_mujoco.report._figures import COLORS, DASH_PATTERN, GREY
-from thesis._outcome import Axes
+from thesis._outcome import Curve, Panel
 
 LENGTH = 2.0  # length of each conduit [m]
 STIFFNESS = 2000.0  # stiffness of a whole cable, K of Table 2.2 [N/m]; EA = K L
@@ -102,23 +101,13 @@ def blocked_output_test(cable: Cable) -> Blocked:
     )
 
 
-def blocked_table(found: Mapping[str, Blocked]) -> dict[str, FloatArray]:
-    """Return the recordings by the end of their column's name, every tenth sample."""
-    time, torque = chopped_triangle()
-    rows = {f"output_torque_{n}_nm": row.joint_torque for n, row in found.items()}
-    columns = {"time_s": time, "motor_torque_nm": torque, **rows}
-    return {name: values[::10] for name, values in columns.items()}
-
-
-def draw_blocked(
-    axes: Axes, found: Mapping[str, Blocked], title: str, ideal: str | None = None
-) -> None:
-    """Draw the loops of output over motor torque by label, and the ideal line."""
+def blocked_loops(found: Mapping[str, Blocked], title: str) -> Panel:
+    """Return the loops of output over motor torque by label, and the ideal line."""
     time, torque = chopped_triangle()
     late = time > 15.0
-    for (label, row), color in zip(found.items(), COLORS, strict=False):
-        axes.plot(torque[late], row.joint_torque[late], color=color, label=label)
-    out = HANDLE_RADIUS / MOTOR_RADIUS * torque[late]
-    axes.plot(torque[late], out, color=GREY, dashes=DASH_PATTERN, label=ideal)
-    axes.set(title=title, xlabel="motor torque [N m]", ylabel="output torque [N m]")
-    axes.legend()
+    given = torque[late]
+    curves: dict[str, Curve] = {
+        label: (given, row.joint_torque[late]) for label, row in found.items()
+    }
+    curves["ideal"] = (given, HANDLE_RADIUS / MOTOR_RADIUS * given, "--")
+    return Panel(title, "motor torque [N m]", "output torque [N m]", curves)

@@ -21,9 +21,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import pyarrow as pa
-import pyarrow.csv as pa_csv
 from tqdm import tqdm
 
 from cc_mujoco._utils.atomic_io import replacing, replacing_folder, require_ours
@@ -40,7 +37,7 @@ from cc_mujoco.report._figures import save, style
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from thesis._outcome import Claim, ExperimentOutcome, Progress
+from thesis._outcome import Claim, ExperimentOutcome, Progress, drawn, write_data
 
 FOLDER = Path(__file__).resolve().parent
 
@@ -138,8 +135,7 @@ def reproduce(
 def run(name: str, progress: Progress = lambda share: None) -> ExperimentOutcome:
     """Run one experiment and return its outcome; nothing is written."""
     module = importlib.import_module(f"thesis._experiments.{name}")
-    with style():
-        outcome: ExperimentOutcome = module.run(progress)
+    outcome: ExperimentOutcome = module.run(progress)
     return outcome
 
 
@@ -153,11 +149,9 @@ def table(claims: Iterable[Claim]) -> str:
 
 def _write(folder: Path, outcome: ExperimentOutcome) -> None:
     with replacing_folder(folder) as place, style():
-        for stem, drawing in outcome.figures.items():
-            save(place / f"{stem}.png", drawing)
-        for stem, columns in outcome.tables.items():
-            arrays = {name: np.asarray(values) for name, values in columns.items()}
-            pa_csv.write_csv(pa.table(arrays), place / f"{stem}.csv")
+        for stem, panels in outcome.figures.items():
+            save(place / f"{stem}.png", drawn(panels))
+            write_data(place / f"{stem}.csv", panels)
         claims = [dataclasses.asdict(claim) for claim in outcome.claims]
         text = json.dumps({"made_by": _provenance(), "claims": claims}, indent=1)
         (place / RESULT_FILE).write_text(text, encoding="utf-8")

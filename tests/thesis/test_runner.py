@@ -11,12 +11,15 @@ import numpy as np
 import pytest
 
 from cc_mujoco.errors import CableError
-from cc_mujoco.report import figure
 from thesis import reproduce as runner
-from thesis._outcome import Claim, ExperimentOutcome
+from thesis._outcome import Claim, ExperimentOutcome, Panel
 from thesis.reproduce import reproduce
 
 CLAIM = Claim("Fig. 0", "two", "2.0 N m", "agrees", "a | b")
+PANELS = [
+    Panel("Loop", "time [s]", "torque [N m]", {"rig": ([0, 1], np.arange(2.0), "o")}),
+    Panel("Share", "cable", "share [1]", {"a": (["one", "two"], [1, 2])}, "bar"),
+]
 
 
 class Experiments:
@@ -32,10 +35,7 @@ class Experiments:
                 raise KeyboardInterrupt
             self.ran.append(name)
             progress(0.5)
-            drawing = figure(2.0, 2.0)
-            drawing.add_subplot().plot([0.0, 1.0])
-            columns = {"torque_nm": np.arange(3.0), "loops": [1, 2, 3]}
-            return ExperimentOutcome((CLAIM,), {"loop": drawing}, {"data": columns})
+            return ExperimentOutcome((CLAIM,), {"loop": PANELS})
 
         return SimpleNamespace(run=run)
 
@@ -60,9 +60,15 @@ def test_an_experiment_leaves_figure_data_and_claims(
     assert record.fresh
     assert shares == [("loops", 0.0), ("loops", 0.5), ("loops", 1.0)]
     names = {path.name for path in (tmp_path / "loops").iterdir()}
-    assert names == {"loop.png", "data.csv", "result.json"}
-    csv = (tmp_path / "loops" / "data.csv").read_text().splitlines()
-    assert csv == ['"torque_nm","loops"', "0,1", "1,2", "2,3"]
+    assert names == {"loop.png", "loop.csv", "result.json"}
+    csv = (tmp_path / "loops" / "loop.csv").read_text().splitlines()
+    assert csv == [
+        "panel,curve,abscissa,ordinate,x,y",
+        "Loop,rig,time [s],torque [N m],0,0.0",
+        "Loop,rig,time [s],torque [N m],1,1.0",
+        "Share,a,cable,share [1],one,1",
+        "Share,a,cable,share [1],two,2",
+    ]
     summary = (tmp_path / "summary.md").read_text()
     assert "| Fig. 0 | two | 2.0 N m | agrees | a \\| b |" in summary
 

@@ -24,8 +24,15 @@ from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.device._sensors import Sensors
 from cc_mujoco.estimation._fusion import TensionFusion, tension_gains
 from cc_mujoco.native import FloatArray
-from cc_mujoco.report._figures import BLACK, BLUE, COLORS, GREEN, ORANGE, PINK, figure
-from thesis._outcome import Claim, ExperimentOutcome, Figure, Progress, Verdict, rms
+from thesis._outcome import (
+    Claim,
+    Curve,
+    ExperimentOutcome,
+    Panel,
+    Progress,
+    Verdict,
+    rms,
+)
 from thesis._rig import PRINTED_CABLE
 from thesis.estimators._consensus import SensorConsensus
 from thesis.estimators._directions import (
@@ -277,20 +284,14 @@ def run(progress: Progress) -> ExperimentOutcome:
         ),
     )
     figures = {
-        "extrapolation": _draw_example(found),
-        "error_matrices": _draw_matrices(found),
-        "in_time": _draw_run(series),
+        "extrapolation": [
+            _worst_solutions(name, found[name])
+            for name in ("towards distal", "stretching")
+        ],
+        "error_matrices": [_error_matrix(name, one) for name, one in found.items()],
+        "in_time": _in_time(series),
     }
-    tables: dict[str, dict[str, Any]] = {
-        "rms_" + name.replace(" ", "_"): {"sensor_node": np.arange(SEGMENTS + 1) + 1}
-        | {f"at_node_{i + 1}_n": v.rms[:, i] for i in range(SEGMENTS + 1)}
-        for name, v in found.items()
-    }
-    tables["in_time"] = {"time_s": series.time, "truth_n": series.truth} | {
-        f"{name.replace(',', '').replace(' ', '_')}_n": values
-        for name, values in series.output.items()
-    }
-    return ExperimentOutcome(claims, figures, tables)
+    return ExperimentOutcome(claims, figures)
 
 
 def _consensus_verdict(vote: float, at_once: float) -> Verdict:
@@ -319,92 +320,52 @@ def _reading_low(found: _Votes) -> float:
     return float(np.mean((found.reading < found.moment.tension)[mistaken]))
 
 
-def _draw_example(found: dict[str, _Votes]) -> Figure:
-    """Draw Fig. 3.7: some of the worst solutions of two conditions."""
-    drawing = figure(11.0, 4.2)
-    nodes = np.arange(SEGMENTS + 1) + 1
-    pairs = zip(drawing.subplots(1, 2), ("towards distal", "stretching"), strict=True)
-    for axes, name in pairs:
-        one = found[name]
-        axes.plot(nodes, one.moment.tension, "k.", markersize=9, label="truth")
-        for place, sensor in enumerate((1, 3, 5, 7)):
-            worst = int(np.argmax(np.sum(one.wrong[:, sensor], axis=1)))
-            line, color = one.own.tension[worst, sensor], COLORS[place]
-            axes.plot(nodes, line, color=color, label=f"sensor at node {sensor + 1}")
-            axes.plot(sensor + 1, line[sensor], "o", color=color)
-        axes.set(
-            title=f"Worst solutions of single sensors, cable {_direction_text(name)}",
-            xlabel="node, from the motor",
-            ylabel="tension [N]",
-        )
-        axes.legend()
-    return drawing
+NODES = np.arange(1, SEGMENTS + 2)
 
 
-def _draw_matrices(found: dict[str, _Votes]) -> Figure:
-    from matplotlib.colors import LogNorm
+def _worst_solutions(name: str, votes: _Votes) -> Panel:
+    """Return Fig. 3.7: some of the worst solutions of single sensors."""
+    curves: dict[str, Curve] = {"truth": (NODES, votes.moment.tension, ".")}
+    for sensor in (1, 3, 5, 7):
+        worst = int(np.argmax(np.sum(votes.wrong[:, sensor], axis=1)))
+        line = votes.own.tension[worst, sensor]
+        curves[f"sensor at node {sensor + 1}"] = (NODES, line)
+    title = f"Worst solutions of single sensors, cable {_direction_text(name)}"
+    return Panel(title, "node, from the motor", "tension [N]", curves)
 
-    drawing = figure(11.0, 9.0)
-    grid = drawing.subplots(2, 2)
-    low = min(float(np.min(one.rms)) for one in found.values())
-    high = max(float(np.max(one.rms)) for one in found.values())
-    for axes, (name, one) in zip(grid.flat, found.items(), strict=True):
-        image = axes.imshow(
-            one.rms, origin="lower", cmap="viridis", norm=LogNorm(low, high)
-        )
-        for (sensor, node), value in np.ndenumerate(one.rms):
-            text = f"{value:.1f}" if value < 9.95 else f"{value:.0f}"
-            bright = BLACK if value > np.sqrt(low * high) else "white"
-            axes.text(
-                node, sensor, text, ha="center", va="center", fontsize=6, c=bright
-            )
-        axes.grid(False)
-        axes.set_xticks(range(SEGMENTS + 1), range(1, SEGMENTS + 2))
-        axes.set_yticks(range(SEGMENTS + 1), range(1, SEGMENTS + 2))
-        axes.set(
-            title=f"Cable {_direction_text(name)}",
-            xlabel="node at which tension is estimated",
-            ylabel="node of the sensor",
-        )
-    drawing.colorbar(image, ax=grid, label="RMS error [N]", shrink=0.7)
-    drawing.suptitle(
-        f"Error of each sensor's own solution, {NOISE:g} N noise; right of the "
-        "diagonal it extrapolates",
-        fontsize=11,
-    )
-    return drawing
+
+def _error_matrix(name: str, votes: _Votes) -> Panel:
+    """Return Fig. 3.8: the error of the solution of each sensor at each node."""
+    return Panel(
+        f"Own solutions, {NOISE:g} N noise, cable {_direction_text(name)}",
+        "node at which tension is estimated", "RMS error [N]",
+        {
+            f"sensor at node {node}": (NODES, row)
+            for node, row in zip(NODES, votes.rms, strict=True)
+        },
+        "semilogy",
+    )  # fmt: skip
 
 
 def _direction_text(name: str) -> str:
     return name if name.endswith("ing") else f"moving {name}"
 
 
-def _draw_run(series: _Run) -> Figure:
-    drawing = figure(11.0, 6.5)
-    top, bottom = drawing.subplots(2, 1, sharex=True)
-    shown = {
-        "vote, as printed": PINK,
-        "all readings at once": ORANGE,
-        observer_name(AGILITIES[1]): BLUE,
-        "directions known": GREEN,
+def _in_time(series: _Run) -> list[Panel]:
+    printed = "vote, as printed"
+    shown = (
+        printed, "all readings at once", observer_name(AGILITIES[1]), "directions known"
+    )  # fmt: skip
+    tensions: dict[str, Curve] = {"truth": (series.time, series.truth)}
+    tensions |= {
+        f"{name}: RMS {series.rms(name):.2f} N": (series.time, series.output[name])
+        for name in shown
     }
-    top.plot(series.time, series.truth, color=BLACK, label="truth")
-    for name, color in shown.items():
-        label = f"{name}: RMS {series.rms(name):.2f} N"
-        top.plot(series.time, series.output[name], color=color, lw=0.8, label=label)
-        if name != "vote, as printed":
-            error = series.output[name] - series.truth
-            bottom.plot(series.time, error, color=color, lw=0.8)
-    top.legend(ncols=3, loc="lower center")
-    top.set(
-        title=f"Output tension from 11 sensors with {RUN_NOISE:g} N noise",
-        ylabel="output tension [N]",
-        ylim=(0.0, 72.0),
-    )
-    bottom.set(
-        title="Errors of all but the vote",
-        xlabel="time [s]",
-        ylabel="error [N]",
-        ylim=(-4.0, 4.0),
-    )
-    return drawing
+    errors: dict[str, Curve] = {
+        name: (series.time, series.output[name] - series.truth) for name in shown[1:]
+    }
+    title = f"Output tension from 11 sensors with {RUN_NOISE:g} N noise"
+    return [
+        Panel(title, "time [s]", "output tension [N]", tensions, limits=(0.0, 72.0)),
+        Panel("Errors of all but the vote", "time [s]", "error [N]", errors),
+    ]

@@ -15,8 +15,7 @@ import numpy as np
 
 from cc_mujoco.cable import Cable, Conduit, Section
 from cc_mujoco.native import FloatArray
-from cc_mujoco.report._figures import BLUE, DASH_PATTERN, GREY, ORANGE, figure
-from thesis._outcome import Claim, ExperimentOutcome, Progress
+from thesis._outcome import Claim, ExperimentOutcome, Panel, Progress
 from thesis._rig import LENGTH, MOTOR_RADIUS, RECONCILED_CABLE, conduit_in_loops, drive
 
 CABLE = RECONCILED_CABLE.replace(conduit=conduit_in_loops(1))
@@ -124,32 +123,27 @@ def run(progress: Progress) -> ExperimentOutcome:
         ),
     )
     time = np.arange(angle.size) * DT
-    drawing = figure(11.0, 6.0)
-    panels = drawing.subplots(3, 1, sharex=True)
-    panels[0].plot(time, np.degrees(angle), color=BLUE, label="handle")
-    panels[0].plot(
-        time, np.degrees(reached) / ratio, color=ORANGE, dashes=DASH_PATTERN,
-        label="PI follower, at the handle's scale",
-    )  # fmt: skip
-    panels[0].set(title="The wearer moves the handle", ylabel="angle [deg]")
-    panels[0].legend(loc="lower right", bbox_to_anchor=(1, 0.98), ncols=2)
-    for axes, found, title in (
-        (panels[1], ideal, "Ideal follower: both give the same"),
-        (panels[2], real, "PI follower: the wearer gives more"),
-    ):
-        axes.axhline(0.0, color=GREY, linewidth=0.6)
-        axes.plot(time, found.handle, color=BLUE, label="wearer")
-        label = "motor, times the ratio"
-        axes.plot(time, found.motor, color=ORANGE, dashes=DASH_PATTERN, label=label)
-        axes.set(title=title, ylabel="torque [N m]")
-        axes.legend(loc="lower right", bbox_to_anchor=(1, 0.98), ncols=2)
-    panels[2].set_xlabel("time [s]")
-    table = {
-        "time_s": time[::20],
-        "handle_angle_rad": angle[::20],
-        "motor_angle_rad": reached[::20],
-    }
-    for name, found in (("ideal", ideal), ("real", real)):
-        table[f"{name}_motor_torque_scaled_nm"] = found.motor[::20]
-        table[f"{name}_handle_torque_nm"] = found.handle[::20]
-    return ExperimentOutcome(claims, {"follower": drawing}, {"follower": table})
+    follower = np.degrees(reached) / ratio
+    panels = [
+        Panel(
+            "The wearer moves the handle", "time [s]", "angle [deg]",
+            {
+                "handle": (time, np.degrees(angle)),
+                "PI follower, at the handle's scale": (time, follower, "--"),
+            },
+        ),
+        *(
+            Panel(
+                title, "time [s]", "torque [N m]",
+                {
+                    "wearer": (time, found.handle),
+                    "motor, times the ratio": (time, found.motor, "--"),
+                },
+            )
+            for found, title in (
+                (ideal, "Ideal follower: both give the same"),
+                (real, "PI follower: the wearer gives more"),
+            )
+        ),
+    ]  # fmt: skip
+    return ExperimentOutcome(claims, {"follower": panels})

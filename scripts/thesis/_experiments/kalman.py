@@ -13,9 +13,8 @@ import numpy as np
 
 from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.native import FloatArray
-from cc_mujoco.report._figures import BLUE, COLORS, GREY, ORANGE, figure
 from thesis._literal_solver import Constraint, sign_patterns, solve
-from thesis._outcome import Axes, Claim, ExperimentOutcome, Progress
+from thesis._outcome import Claim, ExperimentOutcome, Panel, Progress
 from thesis._rig import PRINTED_CABLE
 
 CABLE = PRINTED_CABLE.replace(friction=0.1, static_friction=0.0)
@@ -209,63 +208,33 @@ def run(progress: Progress) -> ExperimentOutcome:
             "by definition; nothing is built on it",
         ),
     )
-    drawing = figure(11.0, 6.8)
-    axes = drawing.subplots(2, 2)
-    for panel, mean in ((axes[0, 0], True), (axes[0, 1], False)):
-        _draw_jacobian(panel, velocity, curves, mean)
-    _draw_toy(axes[1, 0])
-    axes[1, 1].plot(100.0 * levels, counts, color=BLUE)
-    axes[1, 1].axhline(2.0, color=GREY, linewidth=0.9, linestyle="--")
-    axes[1, 1].set(
-        title="Changes of motion against noise; the truth has 2",
-        xlabel="standard deviation of the reading [% of the ramp]",
-        ylabel="mean number of changes",
-    )
-    table = {"velocity_m_s": velocity[::20]}
-    for (k, mean), curve in curves.items():
-        table[f"{'mean' if mean else 'proximal'}_k{k:.0f}"] = curve[::20]
-    toy = {"noise": levels, "changes": counts}
-    return ExperimentOutcome(
-        claims, {"kalman": drawing}, {"jacobian": table, "toy": toy}
-    )
-
-
-def _draw_jacobian(
-    axes: Axes,
-    velocity: FloatArray,
-    curves: dict[tuple[float, bool], FloatArray],
-    mean: bool,
-) -> None:
-    for k, color in zip(SHARPNESSES, COLORS, strict=False):
-        curve = np.abs(curves[k, mean])
-        label = f"k = {k:.0f} s/m"
-        axes.semilogy(velocity, np.maximum(curve, 1e-16), color=color, label=label)
-    node = "2, mean velocity" if mean else "1, proximal velocity"
-    axes.set(
-        title=f"Derivative of u_2 by the last u_{node}",
-        xlabel="segment velocity [m/s]",
-        ylabel="magnitude of the derivative",
-        ylim=(1e-16, 1e2),
-    )
-    axes.legend()
-
-
-def _draw_toy(axes: Axes) -> None:
-    samples = 200
-    step = np.arange(samples)
-    truth = 1.0 - np.abs(np.linspace(-1.0, 1.0, samples))
-    reading = truth + 0.05 * np.random.default_rng(3).standard_normal(samples)
-    axes.plot(step, reading, color=ORANGE, linewidth=0.8, label="sensor, noise 5 %")
-    axes.plot(step, truth, color=BLUE, label="truth")
-    axes.axhline(0.5, color=GREY, linewidth=0.9, linestyle="--")
-    for values, color, size in ((reading, ORANGE, 18), (truth, BLUE, 55)):
-        at = np.flatnonzero(np.diff(values > 0.5)) + 1
-        axes.scatter(
-            at, values[at], s=size, facecolors="none", edgecolors=color, zorder=3
-        )
-    axes.set(
-        title="Motion starts and stops where the reading crosses the threshold",
-        xlabel="sample",
-        ylabel="reading [share of the ramp]",
-    )
-    axes.legend()
+    samples = np.arange(200)
+    truth = 1.0 - np.abs(np.linspace(-1.0, 1.0, samples.size))
+    reading = truth + 0.05 * np.random.default_rng(3).standard_normal(samples.size)
+    panels = [
+        *(
+            Panel(
+                f"Derivative of u_2 by the last u_{node}", "segment velocity [m/s]",
+                "magnitude of the derivative",
+                {
+                    f"k = {k:.0f} s/m": (
+                        velocity, np.maximum(np.abs(curves[k, mean]), 1e-16)
+                    )
+                    for k in SHARPNESSES
+                },
+                "semilogy",
+            )
+            for mean, node in ((True, "2, mean velocity"), (False, "1, proximal one"))
+        ),
+        Panel(
+            "Motion starts and stops where the reading crosses 0.5", "sample",
+            "reading [share of the ramp]",
+            {"sensor, noise 5 %": (samples, reading), "truth": (samples, truth)},
+        ),
+        Panel(
+            "Changes of motion against noise; the truth has 2",
+            "standard deviation of the reading [% of the ramp]",
+            "mean number of changes", {"mean of 400 runs": (100.0 * levels, counts)},
+        ),
+    ]  # fmt: skip
+    return ExperimentOutcome(claims, {"kalman": panels})

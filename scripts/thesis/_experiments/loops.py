@@ -5,15 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from cc_mujoco.cable import Cable
-from cc_mujoco.report._figures import GREEN, GREY, ORANGE, figure, set_ticks
-from thesis._outcome import Claim, ExperimentOutcome, Progress
+from thesis._outcome import Claim, ExperimentOutcome, Panel, Progress
 from thesis._rig import (
     RECONCILED_CABLE,
     Blocked,
+    blocked_loops,
     blocked_output_test,
-    blocked_table,
     conduit_in_loops,
-    draw_blocked,
     onset_torque,
 )
 
@@ -65,33 +63,19 @@ def run(progress: Progress) -> ExperimentOutcome:
             "14 % more wrap than one loop; perhaps the leads to the mounts are bent",
         ),
     )
-    drawing = figure(11.0, 4.2)
-    loop, chart = drawing.subplots(1, 2)
     named = {f"{n} loop{'s' if n > 1 else ''}": row for n, row in found.items()}
-    draw_blocked(loop, named, "Output locked: more loops, wider loop", "ideal")
     many = np.linspace(0.0, 3.2, 50)[1:]
-    curve = [2.0 * onset_torque(_cable(n)) for n in many]
-    chart.plot(many, curve, color=GREY, label="width, from the arrival of the front")
-    chart.plot(LOOPS, backlash, "o", color=ORANGE, label="width, simulated")
-    chart.set(
-        title="Backlash and efficiency against loops",
-        xlabel="loops of the conduit",
-        ylabel="width of the loop at the motor [N m]",
-        ylim=(0.0, 0.3),
-    )
-    set_ticks(chart.xaxis, LOOPS)
-    right = chart.twinx()
-    right.plot(LOOPS, 100.0 * np.array(efficiency), "s--", color=GREEN)
-    right.set(ylabel="efficiency [%]  (green squares)", ylim=(0.0, 100.0))
-    right.grid(False)
-    chart.legend(loc="upper left")
-    table = blocked_table({str(number): row for number, row in found.items()})
-    summary = {
-        "loops": np.array(LOOPS),
-        "efficiency": np.array(efficiency),
-        "backlash_nm": backlash,
-        "expected_backlash_nm": expected,
-    }
-    return ExperimentOutcome(
-        claims, {"loops": drawing}, {"torque": table, "summary": summary}
-    )
+    widths = [2.0 * onset_torque(_cable(n)) for n in many]
+    panels = [
+        blocked_loops(named, "Output locked: more loops, wider loop"),
+        Panel(
+            "Backlash and efficiency against loops", "loops of the conduit",
+            "see the legend",
+            {
+                "width of the loop [N m], from the front's arrival": (many, widths),
+                "width of the loop [N m], simulated": (LOOPS, backlash, "o"),
+                "efficiency": (LOOPS, efficiency, "s--"),
+            },
+        ),
+    ]  # fmt: skip
+    return ExperimentOutcome(claims, {"loops": panels})

@@ -14,8 +14,7 @@ import numpy as np
 
 from cc_mujoco.cable import Cable
 from cc_mujoco.native import FloatArray
-from cc_mujoco.report._figures import BLUE, GREEN, GREY, ORANGE, figure
-from thesis._outcome import Axes, Claim, ExperimentOutcome, Progress
+from thesis._outcome import Claim, ExperimentOutcome, Panel, Progress
 from thesis._rig import (
     DT,
     MOTOR_RADIUS,
@@ -104,24 +103,19 @@ def run(progress: Progress) -> ExperimentOutcome:
             "a stiffness of the whole 2 m cable, as it was measured (2.4.2)",
         ),
     )
-    drawing = figure(11.0, 4.2)
-    left, right = drawing.subplots(1, 2)
-    _draw(left, friction, "friction coefficient mu_d [1]", COULOMB.friction)
-    left.axvline(RECONCILED_CABLE.friction, color=GREEN, linewidth=0.9)
-    left.annotate(" used here", (RECONCILED_CABLE.friction, 5.0), color=GREEN, size=8)
-    left.set_title("Friction changed alone")
-    _draw(right, pretension, "pretension T0 [N]", COULOMB.pretension)
-    right.axhline(100.0 * bound, color=GREY, linewidth=0.9, linestyle="--")
-    right.annotate("capstan ratio e^-1.5", (0.052, 100.0 * bound + 2.0), size=8)
-    right.set_title("Pretension changed alone")
-    tables = {"friction": friction._asdict(), "pretension": pretension._asdict()}
-    return ExperimentOutcome(claims, {"magnitudes": drawing}, tables)
-
-
-def _draw(axes: Axes, found: _Scan, label: str, printed: float) -> None:
-    axes.semilogx(found.value, 100.0 * found.efficiency, "o-", color=BLUE, markersize=4)
-    axes.axvline(printed, color=ORANGE, linewidth=0.9)
-    axes.annotate("printed ", (printed, 90.0), color=ORANGE, ha="right", size=8)
-    axes.set(
-        xlabel=label, ylabel="peak output at 0.125 N m [% of ideal]", ylim=(-2.0, 100.0)
-    )
+    panels = [
+        Panel(
+            f"{name} changed alone", label, "share of the ideal",
+            {
+                "peak output at 0.125 N m": (found.value, found.efficiency, "o-"),
+                "printed": ([printed, printed], [0.0, 1.0]),
+                "capstan ratio e^-1.5": (found.value, np.full_like(found.value, bound)),
+            },
+            "semilogx",
+        )
+        for name, label, found, printed in (
+            ("Friction", "friction coefficient mu_d [1]", friction, COULOMB.friction),
+            ("Pretension", "pretension T0 [N]", pretension, COULOMB.pretension),
+        )
+    ]  # fmt: skip
+    return ExperimentOutcome(claims, {"magnitudes": panels})

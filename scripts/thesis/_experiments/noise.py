@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import itertools
 import time as clock
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,16 +21,14 @@ from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.device._sensors import Sensors
 from cc_mujoco.estimation._fusion import TensionFusion, tension_gains
 from cc_mujoco.native import FloatArray
-from cc_mujoco.report._figures import (
-    BLACK,
-    BLUE,
-    COLORS,
-    GREEN,
-    ORANGE,
-    figure,
-    set_ticks,
+from thesis._outcome import (
+    Claim,
+    Curve,
+    ExperimentOutcome,
+    Panel,
+    Progress,
+    round_down_ratio,
 )
-from thesis._outcome import Axes, Claim, ExperimentOutcome, Progress, round_down_ratio
 from thesis._rig import PRINTED_CABLE
 from thesis.estimators._directions import (
     CONDITIONS,
@@ -299,31 +297,39 @@ def run(progress: Progress) -> ExperimentOutcome:
             f"at the learnt noise: {_listed(ours)} N",
         ),
     )
-    drawing = figure(11.0, 7.5)
-    grid = drawing.subplots(2, 2)
-    _draw_convergence(grid[0, 0], found)
-    _draw_drift(grid[0, 1], drifting)
-    _draw_rms(grid[1, 0], rms)
-    _draw_weights(grid[1, 1], weighted)
-    names = [f"node_{node + 1}" for node in NODES]
-    lengths: dict[str, Any] = {"samples": np.array(LENGTHS)}
-    for column, name in enumerate(names):
-        lengths[f"variance_{name}_mean_n2"] = found.free[..., column].mean(axis=1)
-        lengths[f"variance_{name}_deviation_n2"] = scatter[:, column]
-    thin = slice(None, None, 40)
-    followed_: dict[str, Any] = {"time_s": drifting.time[thin]}
-    for column, name in enumerate(names):
-        followed_[f"true_{name}_n"] = drifting.true[thin, column]
-        followed_[f"learnt_{name}_n"] = drifting.learnt[thin, column]
-    weights = {"condition": np.array(list(CONDITIONS))}
-    weights |= {
-        f"{k.replace(',', '').replace(' ', '_')}_n": v for k, v in weighted.items()
-    }
-    return ExperimentOutcome(
-        claims,
-        {"noise": drawing},
-        {"convergence": lengths, "drift": followed_, "weights": weights},
-    )
+    variances: dict[str, Curve] = {}
+    deviations: dict[str, Curve] = {}
+    for column, node in enumerate(NODES):
+        middle = found.free[..., column].mean(axis=1)
+        variances[f"node {node + 1}"] = (LENGTHS, middle, "o-")
+        learnt, true = drifting.learnt[:, column], drifting.true[:, column]
+        deviations[f"node {node + 1}"] = (drifting.time, learnt)
+        deviations[f"node {node + 1}, true"] = (drifting.time, true, ":")
+    panels = [
+        Panel(
+            f"Estimated variance of 5 sensors ({RUNS} runs)",
+            "samples in the recording", "mean variance [N$^2$]", variances, "semilogx",
+        ),
+        Panel(
+            "Drifting noise, learnt while the cable moves", "time [s]",
+            "standard deviation [N]", deviations, "semilogy",
+        ),
+        Panel(
+            "Output error with drifting sensors, directions known", "weights",
+            "RMS error [N]", {"all samples in motion": (list(rms), list(rms.values()))},
+            "bar",
+        ),
+        Panel(
+            "Output error by weights, directions unknown", "movement of the cable",
+            "log10 of RMS error [N]",
+            {
+                name: (list(CONDITIONS), np.log10(values))
+                for name, values in weighted.items()
+            },
+            "bar",
+        ),
+    ]  # fmt: skip
+    return ExperimentOutcome(claims, {"noise": panels})
 
 
 def _listed(values: FloatArray) -> str:
@@ -351,68 +357,3 @@ def _learn(deviation: FloatArray, seed: int) -> FloatArray:
         SETTLING_SAMPLES:
     ]
     return np.sqrt(autocovariance_least_squares(innovation, model).sensor)
-
-
-def _draw_convergence(axes: Axes, found: Statistics) -> None:
-    for column, node in enumerate(NODES):
-        color = COLORS[column]
-        middle = np.mean(found.free[..., column], axis=1)
-        spread = np.std(found.free[..., column], axis=1)
-        axes.fill_between(
-            LENGTHS, middle - spread, middle + spread, color=color, alpha=0.25, lw=0
-        )
-        axes.semilogx(LENGTHS, middle, color=color, label=f"node {node + 1}")
-        axes.axhline(DEVIATION[column] ** 2, color=color, lw=0.8, ls=":")
-    axes.set(
-        title=f"Estimated variance of 5 sensors ({RUNS} runs; dotted: true)",
-        xlabel="samples in the recording",
-        ylabel="variance [N$^2$]",
-    )
-    set_ticks(axes.xaxis, LENGTHS)
-    axes.legend(ncols=3, loc="upper right")
-    axes.set_ylim(-0.5, 7.0)
-
-
-def _draw_drift(axes: Axes, found: Drift) -> None:
-    for column, node in enumerate(NODES):
-        color = COLORS[column]
-        axes.semilogy(
-            found.time, found.learnt[:, column], color=color, label=f"node {node + 1}"
-        )
-        axes.semilogy(found.time, found.true[:, column], ":", color=color, lw=0.9)
-    axes.set(
-        title="Drifting noise, learnt while the cable moves (dotted: true)",
-        xlabel="time [s]",
-        ylabel="standard deviation [N]",
-        ylim=(0.15, 5.0),
-    )
-    set_ticks(axes.yaxis, (0.2, 0.5, 1.0, 2.0, 5.0))
-    axes.legend(ncols=5, fontsize=7, loc="upper right")
-
-
-def _draw_rms(axes: Axes, rms: dict[str, float]) -> None:
-    colors = (ORANGE, ORANGE, BLUE, BLACK)
-    bars = axes.bar(list(rms), list(rms.values()), color=colors)
-    axes.bar_label(bars, fmt="%.2f")
-    axes.set(
-        title="Output error with drifting sensors, directions known",
-        xlabel="weights",
-        ylabel="RMS error [N]",
-    )
-
-
-def _draw_weights(axes: Axes, weighted: dict[str, FloatArray]) -> None:
-    at = np.arange(len(CONDITIONS))
-    colors = (ORANGE, COLORS[4], BLUE, COLORS[5], GREEN)
-    for place, (name, values) in enumerate(weighted.items()):
-        shift = at + 0.16 * (place - 2)
-        axes.bar(shift, values, 0.16, label=name, color=colors[place])
-    axes.set_yscale("log")
-    axes.set_xticks(at, list(CONDITIONS), fontsize=7)
-    axes.set(
-        title="Output error by weights, directions unknown",
-        xlabel="movement of the cable",
-        ylabel="RMS error [N]",
-    )
-    axes.set_ylim(0.05, 500.0)
-    axes.legend(title="weights from", ncols=2, loc="upper left")

@@ -9,9 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco.estimation._tracks import EstimateTrack
 from cc_mujoco.native import FloatArray
-from cc_mujoco.report._figures import BLACK, BLUE, GREEN, GREY, ORANGE, PINK, figure
 from thesis._experiments.online_runs import (
     BEND_MEMORY,
     CABLE,
@@ -26,7 +24,6 @@ from thesis._experiments.online_runs import (
     MassMotion,
     PrintedLaws,
     Softening,
-    Truth,
     estimate_bends,
     estimate_recursively,
     estimate_softening,
@@ -36,7 +33,7 @@ from thesis._experiments.online_runs import (
     slopes,
     tracking_statistics,
 )
-from thesis._outcome import Axes, Claim, ExperimentOutcome, Figure, Progress
+from thesis._outcome import Claim, Curve, ExperimentOutcome, Panel, Progress
 
 
 def run(progress: Progress) -> ExperimentOutcome:
@@ -61,13 +58,16 @@ def run(progress: Progress) -> ExperimentOutcome:
         _claim_slopes(instant), claim_law(printed), _claim_filters(one, ends),
         _claim_bend(bend), claim_stiffness(soft),
     )  # fmt: skip
-    figures = {
-        "slopes": _draw_slopes(instant, printed),
-        "tracking": _draw_tracking(truth, friction, by_slope, by_ends),
-        "bend_and_stiffness": _draw_bend_and_stiffness(bend, soft),
+    tracks = {
+        "slope of ln T, 11 sensors": (by_slope.value, by_slope.deviation),
+        "unscented, ends only": (by_ends.value[:, 0], by_ends.deviation[:, 0]),
     }
-    tables = _tables(instant, printed, truth, by_slope, by_ends)
-    return ExperimentOutcome(claims, figures, tables | _more_tables(bend, soft))
+    figures = {
+        "slopes": _slopes(instant, printed),
+        "tracking": _tracking(truth.time, friction, tracks),
+        "bend_and_stiffness": [_bend(bend), _stiffness(soft)],
+    }
+    return ExperimentOutcome(claims, figures)
 
 
 def _claim_slopes(found: MassMotion) -> Claim:
@@ -149,179 +149,80 @@ def claim_stiffness(found: Softening) -> Claim:
     )
 
 
-def _tables(
-    instant: MassMotion,
-    printed: PrintedLaws,
-    truth: Truth,
-    one: EstimateTrack,
-    ends: EstimateTrack,
-) -> dict[str, dict[str, FloatArray]]:
-    lines = {
-        "node": np.arange(1.0, 12.0),
-        "reading_n": instant.reading,
-        "line_n": instant.line,
-    }
-    for model, told in zip(MODEL_FRICTIONS, instant.models, strict=True):
-        lines[f"mean_of_models_at_{model:g}_mu_n"] = told.mean(axis=0)
-    names = {name: f"friction_{name.replace(' ', '_')}" for name in printed.tracks}
-    every = slice(None, None, 10)
-    return {
-        "instant": lines,
-        "laws": {"time_s": printed.time}
-        | {names[name]: track for name, track in printed.tracks.items()},
-        "tracking": {
-            "time_s": truth.time[every],
-            "friction": CABLE.friction * truth.factor[every],
-            "by_slope": one.value[every],
-            "by_slope_deviation": one.deviation[every],
-            "unscented": ends.value[every, 0],
-            "unscented_deviation": ends.deviation[every, 0],
-            "unscented_axial_stiffness_n": ends.value[every, 1],
-            "unscented_pretension_n": ends.value[every, 2],
-        },
-    }
-
-
-def _more_tables(bend: Bends, soft: Softening) -> dict[str, dict[str, FloatArray]]:
-    row = round(DRIFT_START / DT) - 1
-    every = slice(None, None, 10)
-    return {
-        "bend": {
-            "position_m": CURVATURE_PLACES,
-            "truth_before_drift_per_m": bend.truth[row],
-            "found_before_drift_per_m": bend.found.value[row],
-            "deviation_before_drift_per_m": bend.found.deviation[row],
-            "truth_at_end_per_m": bend.truth[-1],
-            "found_at_end_per_m": bend.found.value[-1],
-            "deviation_at_end_per_m": bend.found.deviation[-1],
-        },
-        "stiffness": {
-            "time_s": soft.time[every],
-            "axial_stiffness_n": soft.truth[every],
-            "found_n": soft.found.value[every],
-            "deviation_n": soft.found.deviation[every],
-        },
-    }
-
-
-def _draw_slopes(instant: MassMotion, printed: PrintedLaws) -> Figure:
-    """Draw Fig. 3.9, and the laws that use it."""
-    drawing = figure(11.0, 4.4)
-    left, right = drawing.subplots(1, 2)
+def _slopes(instant: MassMotion, printed: PrintedLaws) -> list[Panel]:
+    """Return Fig. 3.9, and the laws that use it."""
     nodes = np.arange(1, instant.reading.size + 1)
-    colors = (BLUE, GREEN, PINK, ORANGE)
-    for model, told, color in zip(MODEL_FRICTIONS, instant.models, colors, strict=True):
-        label = f"model: {model:g} times the true friction"
-        left.plot(nodes, told.T, color=color, linewidth=0.6, label=[label] + [""] * 10)
-    left.plot(nodes, instant.line, color=BLACK, linewidth=2.2, label="line fitted")
-    left.plot(nodes, instant.reading, "o", color=BLACK, markersize=4, label="sensors")
-    left.set(
-        title="Each sensor's reading, carried along the cable by models",
-        xlabel="node, from the motor",
-        ylabel="tension [N]",
-        ylim=(0.0, 3.0 * float(np.max(instant.reading))),
-    )
-    left.legend()
-    looks = ((GREY, "-"), (ORANGE, "-"), (PINK, "-"), (BLUE, "-"))
-    for (name, track), (color, style) in zip(
-        printed.tracks.items(), looks, strict=True
-    ):
-        label = name if name == "least squares" else f"printed law {name}"
-        label = label.replace("law and", "law, signed and").replace("law as", "law, as")
-        right.plot(printed.time, track, style, color=color, linewidth=1.1, label=label)
-    right.axhline(CABLE.friction, color=BLACK, linewidth=1.0, label="truth")
-    right.set(
-        title="Friction from twice the truth, laws at their best gains",
-        xlabel="time [s]",
-        ylabel="friction coefficient",
-        ylim=(0.0, 0.7),
-    )
-    right.legend(loc="upper right", ncols=2)
-    return drawing
+    models: dict[str, Curve] = {
+        f"mean of models with {model:g} mu": (nodes, told.mean(axis=0))
+        for model, told in zip(MODEL_FRICTIONS, instant.models, strict=True)
+    }
+    models["line fitted"] = (nodes, instant.line)
+    models["sensors"] = (nodes, instant.reading, "o")
+    laws: dict[str, Curve] = {
+        name: (printed.time, track) for name, track in printed.tracks.items()
+    }
+    laws["truth"] = (printed.time, np.full(printed.time.size, CABLE.friction), "--")
+    return [
+        Panel(
+            "Each sensor's reading, carried along the cable by models",
+            "node, from the motor", "tension [N]", models,
+        ),
+        Panel(
+            "Friction from twice the truth, laws at their best gains", "time [s]",
+            "friction coefficient", laws, limits=(0.0, 0.7),
+        ),
+    ]  # fmt: skip
 
 
-def _draw_tracking(
-    truth: Truth, friction: FloatArray, one: EstimateTrack, ends: EstimateTrack
-) -> Figure:
-    """Draw growing friction and its estimates."""
-    drawing = figure(11.0, 4.4)
-    left, right = drawing.subplots(1, 2)
-    seen = slice(None, None, 10)
-    time = truth.time[seen]
-    pairs = (
-        ("slope of ln T, 11 sensors", one.value, one.deviation, BLUE),
-        ("unscented filter, ends only", ends.value[:, 0], ends.deviation[:, 0], ORANGE),
-    )
-    left.plot(time, friction[seen], color=BLACK, linewidth=2.0, label="truth")
-    for label, value, deviation, color in pairs:
-        left.plot(time, value[seen], color=color, linewidth=0.9, label=label)
-        error = 100.0 * (value / friction - 1.0)[seen]
-        stated = 200.0 * (deviation / friction)[seen]
-        right.plot(time, error, color=color, linewidth=0.8, label=label)
-        right.plot(time, stated, "--", color=color, linewidth=0.8)
-        right.plot(time, -stated, "--", color=color, linewidth=0.8)
-    right.plot([], [], "--", color=GREY, label="two stated deviations")
-    left.set(
-        title="Friction that grows by half in three minutes",
-        xlabel="time [s]",
-        ylabel="friction coefficient",
-        ylim=(0.15, 0.45),
-    )
-    right.set(
-        title="Error, and what the estimators state",
-        xlabel="time [s]",
-        ylabel="error [% of the truth]",
-        ylim=(-2.5, 2.5),
-    )
-    left.legend()
-    right.legend(loc="upper right", ncols=2)
-    return drawing
+def _tracking(
+    time: FloatArray,
+    friction: FloatArray,
+    tracks: dict[str, tuple[FloatArray, FloatArray]],
+) -> list[Panel]:
+    """Return growing friction and its estimates, with their errors."""
+    values: dict[str, Curve] = {"truth": (time, friction)}
+    errors: dict[str, Curve] = {}
+    for name, (value, deviation) in tracks.items():
+        values[name] = (time, value)
+        errors[name] = (time, 100.0 * (value / friction - 1.0))
+        stated = 200.0 * deviation / friction
+        errors[f"{name}: two stated deviations"] = (time, stated, "--")
+    return [
+        Panel(
+            "Friction that grows by half in three minutes", "time [s]",
+            "friction coefficient", values, limits=(0.15, 0.45),
+        ),
+        Panel(
+            "Error, and what the estimators state", "time [s]",
+            "error [% of the truth]", errors, limits=(-2.5, 2.5),
+        ),
+    ]  # fmt: skip
 
 
-def _draw_bend_and_stiffness(bend: Bends, soft: Softening) -> Figure:
-    """Draw mu/R along the cable, and stiffness over time."""
-    drawing = figure(11.0, 4.4)
-    left, right = drawing.subplots(1, 2)
-    _draw_bend(left, bend)
-    seen = slice(None, None, 10)
-    time, found = soft.time[seen], soft.found.value[seen] / 1e3
-    spread = 2.0 * soft.found.deviation[seen] / 1e3
-    right.fill_between(
-        time, found - spread, found + spread, color=BLUE, alpha=0.25, linewidth=0.0
-    )
-    right.plot(time, soft.truth[seen] / 1e3, color=BLACK, linewidth=2.0, label="truth")
-    right.plot(
-        time, found, color=BLUE, linewidth=1.0, label="estimate, two stated deviations"
-    )
-    right.set(
-        title="Axial stiffness from partial motion, start at twice the truth",
-        xlabel="time [s]",
-        ylabel="EA [kN]",
-        ylim=(2.0, 5.0),
-    )
-    right.legend()
-    return drawing
-
-
-def _draw_bend(axes: Axes, bend: Bends) -> None:
-    moments = (
-        (round(DRIFT_START / DT) - 1, BLUE, f"after {DRIFT_START:g} s"),
-        (-1, ORANGE, "at the end, friction grown by half"),
-    )
-    for row, color, label in moments:
+def _bend(bend: Bends) -> Panel:
+    curves: dict[str, Curve] = {}
+    moments = {
+        f"after {DRIFT_START:g} s": round(DRIFT_START / DT) - 1,
+        "at the end, friction grown by half": -1,
+    }
+    for name, row in moments.items():
         value, spread = bend.found.value[row], 2.0 * bend.found.deviation[row]
-        axes.fill_between(
-            CURVATURE_PLACES, value - spread, value + spread, color=color, alpha=0.25,
-            linewidth=0,
-        )  # fmt: skip
-        axes.plot(CURVATURE_PLACES, value, color=color, label=f"estimate {label}")
-        axes.plot(CURVATURE_PLACES, bend.truth[row], "k--", linewidth=1.0)
-    axes.plot([], [], "k--", linewidth=1.0, label="truth")
-    axes.axhline(bend.start, color=GREY, linewidth=0.9, label="start")
-    axes.set(
-        title="Friction over bend radius, two stated deviations",
-        xlabel="position from the motor [m]",
-        ylabel="mu/R [1/m]",
-        ylim=(0.0, 2.4),
-    )
-    axes.legend(ncols=2, loc="upper center")
+        curves[f"estimate {name}"] = (CURVATURE_PLACES, value)
+        curves[f"two deviations more, {name}"] = (CURVATURE_PLACES, value + spread, ":")
+        curves[f"truth {name}"] = (CURVATURE_PLACES, bend.truth[row], "--")
+    title = f"Friction over bend radius, start at {bend.start:.2f} 1/m"
+    return Panel(title, "position from the motor [m]", "mu/R [1/m]", curves)
+
+
+def _stiffness(soft: Softening) -> Panel:
+    spread = 2.0 * soft.found.deviation
+    return Panel(
+        "Axial stiffness from partial motion, start at twice the truth", "time [s]",
+        "EA [N]",
+        {
+            "truth": (soft.time, soft.truth), "estimate": (soft.time, soft.found.value),
+            "two deviations more": (soft.time, soft.found.value + spread, ":"),
+            "two deviations less": (soft.time, soft.found.value - spread, ":"),
+        },
+        limits=(2e3, 5e3),
+    )  # fmt: skip

@@ -14,8 +14,7 @@ import numpy as np
 from cc_mujoco.cable import Cable
 from cc_mujoco.estimation._calibration import Calibration, Measurement, calibrate
 from cc_mujoco.native import FloatArray
-from cc_mujoco.report._figures import BLUE, GREY, ORANGE, figure
-from thesis._outcome import Claim, ExperimentOutcome, Progress
+from thesis._outcome import Claim, ExperimentOutcome, Panel, Progress
 from thesis._rig import LENGTH, MOTOR_RADIUS, RECONCILED_CABLE, STIFFNESS, drive
 
 DT = 0.005
@@ -158,47 +157,32 @@ def run(progress: Progress) -> ExperimentOutcome:
     )
     frictions = np.linspace(0.010, 0.022, 21)
     pretensions = np.linspace(6.5, 15.5, 21)
-    maps = [valley(t, frictions, pretensions) for t in (trial, slack_trial)]
-    drawing = figure(11.0, 4.4)
-    loop, *panels = drawing.subplots(1, 3)
-    angle = trial.outputs["motor_angle"]
-    torque = trial.inputs["motor_torque"]
-    loop.plot(np.degrees(angle), torque, ".", color=BLUE, markersize=2, label="rig")
-    played = fit.transmission.replay(DT, **trial.inputs)
-    loop.plot(
-        np.degrees(played.motor_angle), torque, color=ORANGE, linewidth=0.8, label="fit"
-    )
-    span = np.array([angle.min(), angle.max()])
-    loop.plot(
-        np.degrees(span), np.polyval(np.polyfit(angle, torque, 1), span), color=GREY,
-        linewidth=0.9, linestyle="--", label="slope alone",
-    )  # fmt: skip
-    loop.set(
-        title="Output blocked", xlabel="motor angle [deg]", ylabel="motor torque [N m]"
-    )
-    loop.legend()
-    for axes, values, title in zip(
-        panels,
-        maps,
-        ("Taut: a valley of equals", "Slack at times: a point"),
-        strict=True,
-    ):
-        drawn = axes.contourf(
-            frictions, pretensions, np.log10(values), levels=np.linspace(0.0, 2.6, 14),
-            extend="both", cmap="viridis",
-        )  # fmt: skip
-        axes.plot(CABLE.friction, CABLE.pretension, "o", color=ORANGE)
-        axes.grid(False)
-        axes.set(title=title, xlabel="friction mu_d [1]", ylabel="pretension T0 [N]")
-    drawing.colorbar(drawn, ax=panels, label="log10 of misfit over noise (dot: truth)")
-    flat = np.meshgrid(frictions, pretensions)
-    table = {
-        "friction": flat[0].ravel(),
-        "pretension_n": flat[1].ravel(),
-        "misfit_taut": maps[0].ravel(),
-        "misfit_slack": maps[1].ravel(),
-    }
-    return ExperimentOutcome(claims, {"parameters": drawing}, {"valley": table})
+    least = [
+        valley(t, frictions, pretensions).min(axis=1) for t in (trial, slack_trial)
+    ]
+    angle, torque = trial.outputs["motor_angle"], trial.inputs["motor_torque"]
+    degrees, span = np.degrees(angle), np.array([angle.min(), angle.max()])
+    played = np.degrees(fit.transmission.replay(DT, **trial.inputs).motor_angle)
+    line = np.polyval(np.polyfit(angle, torque, 1), span)
+    panels = [
+        Panel(
+            "Output blocked", "motor angle [deg]", "motor torque [N m]",
+            {
+                "rig": (degrees, torque, "."), "fit": (played, torque),
+                "slope alone": (np.degrees(span), line, "--"),
+            },
+        ),
+        Panel(
+            f"Taut: a valley of equals; true {CABLE.pretension:g} N",
+            "pretension T0 [N]", "misfit over noise, at the best friction",
+            {
+                "taut": (pretensions, least[0], "o-"),
+                "slack at times": (pretensions, least[1], "o-"),
+            },
+            "semilogy",
+        ),
+    ]  # fmt: skip
+    return ExperimentOutcome(claims, {"parameters": panels})
 
 
 def _static_fit(segments: int) -> float:

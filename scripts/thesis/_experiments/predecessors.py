@@ -9,13 +9,12 @@ model has beyond those of a cable are chosen: bristles of 20 um, 10 lumped masse
 from __future__ import annotations
 
 import time
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from cc_mujoco.native import FloatArray
-from cc_mujoco.report._figures import BLUE, GREEN, GREY, ORANGE, figure
-from thesis._outcome import Claim, ExperimentOutcome, Figure, Progress, Verdict, rms
+from thesis._outcome import Claim, ExperimentOutcome, Panel, Progress, Verdict, rms
 from thesis.predecessors import (
     Answer,
     BristleChain,
@@ -114,9 +113,8 @@ def run(progress: Progress) -> ExperimentOutcome:
         found.append(judge(model, proximal, truth, unit))
         progress((place + 1) / len(asked))
     by_type = {type(judged.model): judged for judged in found}
-    tables = {"capabilities": _table(found), "motion": _motion(proximal, truth, found)}
-    figures = {"capabilities": _draw_table(found), "motion": _draw_motion(found, truth)}
-    return ExperimentOutcome(_claims(by_type), figures, tables)
+    figures = {"capabilities": [_capabilities(found)], "motion": _motion(found, truth)}
+    return ExperimentOutcome(_claims(by_type), figures)
 
 
 def _has_capabilities(judged: _Judged, *questions: str) -> bool:
@@ -249,94 +247,32 @@ def _claim_cost(found: dict[type[PublishedModel], _Judged]) -> Claim:
     )
 
 
-def _table(found: list[_Judged]) -> dict[str, Any]:
-    columns: dict[str, Any] = {"model": [judged.model.name for judged in found]}
-    for question in CAPABILITY_TESTS:
-        name = question.replace(" ", "_").replace("-", "_")
-        columns[name] = [judged.findings[question].able for judged in found]
-        columns[f"{name}_told"] = [judged.findings[question].told for judged in found]
-    columns["error_in_motion_n"] = [judged.moving for judged in found]
-    columns["error_in_partial_motion_n"] = [judged.starting for judged in found]
-    columns["cost_over_ours"] = [judged.cost for judged in found]
-    return columns
-
-
-def _motion(
-    proximal: FloatArray, truth: Answer, found: list[_Judged]
-) -> dict[str, Any]:
-    every = slice(None, None, 10)
-    columns = {
-        "time_s": (np.arange(proximal.size) * DT)[every],
-        "u_proximal_m": proximal[every],
-        "reference_tension_distal_n": truth.tension_distal[every],
-    }
-    for judged in found:
-        name = type(judged.model).__name__
-        columns[f"{name}_tension_proximal_n"] = judged.answer.tension_proximal[every]
-        columns[f"{name}_tension_distal_n"] = judged.answer.tension_distal[every]
-    return columns
-
-
-def _draw_table(found: list[_Judged]) -> Figure:
-    heads = [
-        *CAPABILITY_TESTS, "error in motion", "in partial motion", "cost of a step",
-    ]  # fmt: skip
-    drawing = figure(10.0, 3.6)
-    axes = drawing.add_subplot()
-    for row, judged in enumerate(found):
-        cells = [
-            "yes" if _has_capabilities(judged, name) else "no"
-            for name in CAPABILITY_TESTS
-        ]
-        cells += [f"{judged.moving:.2g} N", f"{judged.starting:.2g} N"]
-        cells.append(f"{judged.cost:.2g}")
-        for column, text in enumerate(cells):
-            color = {"yes": GREEN, "no": ORANGE}.get(text, "black")
-            axes.text(column, row, text, ha="center", va="center", color=color, size=9)
-    axes.set(xlim=(-0.6, len(heads) - 0.4), ylim=(len(found) - 0.5, -0.5))
-    axes.set_xticks(range(len(heads)), [head.replace(" ", "\n", 1) for head in heads])
-    axes.set_yticks(range(len(found)), [judged.model.name for judged in found])
-    axes.xaxis.tick_top()
-    axes.tick_params(length=0)
-    axes.grid(False)
-    for row in range(1, len(found)):
-        axes.axhline(row - 0.5, color="#E4E4E4", linewidth=0.6)
-    for side in ("left", "bottom"):
-        axes.spines[side].set_visible(False)
-    axes.set_title(
-        "What each model of a cable can show "
-        "(error: RMS of the output tension; cost: ours is 1)",
-        pad=34,
-    )
-    return drawing
-
-
-def _draw_motion(found: list[_Judged], truth: Answer) -> Figure:
-    drawing = figure(10.0, 5.2)
-    panels = np.ravel(drawing.subplots(2, 4, sharex=True, sharey=True))
-    for axes, judged in zip(panels, found, strict=False):
-        axes.plot(truth.tension_proximal, truth.tension_distal, color=GREY, lw=2.5)
-        color = GREEN if isinstance(judged.model, Distributed) else BLUE
-        axes.plot(
-            judged.answer.tension_proximal, judged.answer.tension_distal, color=color
+def _capabilities(found: list[_Judged]) -> Panel:
+    names = [question.replace(" ", "\n", 1) for question in CAPABILITY_TESTS]
+    answers = {
+        f"{judged.model.name} (error {judged.moving:.2g} N in motion, "
+        f"{judged.starting:.2g} N in partial motion; a step costs {judged.cost:.2g})": (
+            names, [float(_has_capabilities(judged, name)) for name in CAPABILITY_TESTS]
         )
-        axes.set_title(judged.model.name, size=8.5)
-    panels[-1].axis("off")
-    panels[-1].text(
-        0.0,
-        0.5,
-        "One motion through every model:\nstrokes of the motor that shrink,\n"
-        "a spring at the output.\n\n"
-        f"Grey: our model with {REFERENCE_SEGMENTS} segments,\nthe others have "
-        f"{CABLE.segments}.\nHorizontal pieces are partial\nmotion: the motor's "
-        "tension changes,\nthe output's does not.",
-        transform=panels[-1].transAxes,
-        va="center",
-        size=8.5,
-    )
-    for axes in panels[4:7]:
-        axes.set_xlabel("tension at the motor [N]")
-    panels[3].tick_params(labelbottom=True)
-    for axes in panels[[0, 4]]:
-        axes.set_ylabel("tension at the output [N]")
-    return drawing
+        for judged in found
+    }  # fmt: skip
+    title = "What each model of a cable can show, and RMS error of the output tension"
+    return Panel(title, "question", "1: answered right", answers, "bar")
+
+
+def _motion(found: list[_Judged], truth: Answer) -> list[Panel]:
+    """Return one motion through every model."""
+    reference = f"our model with {REFERENCE_SEGMENTS} segments"
+    return [
+        Panel(
+            judged.model.name, "tension at the motor [N]",
+            "tension at the output [N]",
+            {
+                reference: (truth.tension_proximal, truth.tension_distal),
+                f"with {CABLE.segments}": (
+                    judged.answer.tension_proximal, judged.answer.tension_distal
+                ),
+            },
+        )
+        for judged in found
+    ]  # fmt: skip

@@ -7,18 +7,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco.report._figures import COLORS, DASH_PATTERN, GREY, figure
-from thesis._outcome import Claim, ExperimentOutcome, Progress
+from thesis._outcome import Claim, ExperimentOutcome, Panel, Progress
 from thesis._rig import (
     HANDLE_RADIUS,
     MOTOR_RADIUS,
     PEAK_TORQUE,
     RECONCILED_CABLE,
     Blocked,
+    blocked_loops,
     blocked_output_test,
-    blocked_table,
     chopped_triangle,
-    draw_blocked,
 )
 
 PRETENSIONS = (5.0, 10.0, 15.0, 20.0)  # pretensions [N]
@@ -67,34 +65,22 @@ def run(progress: Progress) -> ExperimentOutcome:
             "the figure is not in the text",
         ),
     )
-    drawing = figure(11.0, 4.2)
-    series, loop = drawing.subplots(1, 2)
-    ratio = HANDLE_RADIUS / MOTOR_RADIUS
-    torque = rows[0].motor_torque
-    shown = time < 12.0
-    series.plot(
-        time[shown], ratio * torque[shown], color=GREY, dashes=DASH_PATTERN,
-        label="motor, times the ratio",
-    )  # fmt: skip
-    for (tension, row), color in zip(found.items(), COLORS, strict=False):
-        label = f"pretension {tension:.0f} N"
-        series.plot(time[shown], row.joint_torque[shown], color=color, label=label)
-    series.set(
-        title="Output locked: torque on the lock",
-        xlabel="time [s]",
-        ylabel="output torque [N m]",
-    )
-    series.legend(ncols=2, loc="upper right")
-    series.set_ylim(-0.75, 1.15)
     named = {f"pretension {tension:.0f} N": row for tension, row in found.items()}
-    draw_blocked(loop, named, "Higher pretension, wider loop")
-    table = blocked_table({f"{tension:.0f}n": row for tension, row in found.items()})
-    summary = {
-        "pretension_n": np.array(PRETENSIONS),
-        "efficiency": np.array(efficiency),
-        "backlash_nm": np.array(backlash),
-        "friction_work_j": np.array([row.friction_work for row in rows]),
-    }
-    return ExperimentOutcome(
-        claims, {"pretension": drawing}, {"torque": table, "summary": summary}
-    )
+    shown = time < 12.0
+    ideal = HANDLE_RADIUS / MOTOR_RADIUS * rows[0].motor_torque
+    panels = [
+        Panel(
+            "Output locked: torque on the lock", "time [s]", "output torque [N m]",
+            {"motor, times the ratio": (time[shown], ideal[shown], "--")}
+            | {name: (time[shown], r.joint_torque[shown]) for name, r in named.items()},
+        ),
+        blocked_loops(named, "Higher pretension, wider loop"),
+        Panel(
+            "Summary", "pretension [N]", "see the legend",
+            {
+                "width of the loop at the motor [N m]": (PRETENSIONS, backlash, "o-"),
+                "efficiency": (PRETENSIONS, efficiency, "o-"),
+            },
+        ),
+    ]  # fmt: skip
+    return ExperimentOutcome(claims, {"pretension": panels})

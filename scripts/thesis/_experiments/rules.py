@@ -14,7 +14,6 @@ import numpy as np
 from cc_mujoco.cable import replay
 from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.native import FloatArray
-from cc_mujoco.report._figures import BLUE, GREEN, ORANGE, PINK, figure, set_ticks
 from thesis._literal_solver import (
     Constraint,
     play,
@@ -22,7 +21,7 @@ from thesis._literal_solver import (
     sign_pattern_system,
     sign_patterns,
 )
-from thesis._outcome import Axes, Claim, ExperimentOutcome, Progress, rms
+from thesis._outcome import Claim, ExperimentOutcome, Panel, Progress, rms
 from thesis._rig import PRINTED_CABLE
 
 CABLE = PRINTED_CABLE.replace(friction=0.1, static_friction=0.0)
@@ -265,18 +264,45 @@ def run(progress: Progress) -> ExperimentOutcome:
             "friction of a pushed cable has no cause, but here it hardly shows",
         ),
     )
-    drawing = figure(11.0, 7.0)
-    axes = drawing.subplots(2, 2)
-    _draw_motion(axes[0, 0], theirs, fine.tension_proximal)
-    _draw_errors(axes[0, 1], null)
-    _draw_share(axes[1, 0], null)
-    _draw_static(axes[1, 1], static)
-    table = {"segments": np.array(SEGMENTS)}
-    table |= {f"opposed_{k}_percent": 1.0 * v for k, v in null._asdict().items()}
-    for name in ("contradicted", "fed"):
-        table[f"opposed_{name}_percent"] = 100.0 * getattr(null, name)
-    table |= {f"static_{k}_n": v for k, v in static._asdict().items()}
-    return ExperimentOutcome(claims, {"rules": drawing}, {"rules": table})
+    step = np.arange(SAMPLES)
+    panels = [
+        Panel(
+            "Both ends pulled apart and let go, three times", "time step",
+            "tension at the motor end [N]",
+            {
+                f"our kernel, {FINE_SEGMENTS} segments": (step, fine.tension_proximal),
+                f"thesis's rules, {n} segments": (step, theirs),
+            },
+        ),
+        Panel(
+            "Its error against the mesh", "number of segments",
+            "RMS error [% of largest tension]",
+            {
+                "thesis's rules": (SEGMENTS, null.thesis_solver, "o-"),
+                "our kernel": (SEGMENTS, null.kernel, "o-"),
+            },
+            "loglog",
+        ),
+        Panel(
+            "Where no sign pattern is consistent", "number of segments", "share [%]",
+            {
+                "steps that no pattern fits": (SEGMENTS, 100.0 * null.contradicted),
+                "friction work fed in": (SEGMENTS, 100.0 * null.fed),
+            },
+            "bar",
+        ),
+        Panel(
+            "Effect of static friction, output locked", "number of segments",
+            "RMS change of motor-end tension [N]",
+            {
+                "rule 2.17, thesis's solver": (SEGMENTS, static.thesis_solver, "o-"),
+                "rule 2.17, our kernel": (SEGMENTS, static.kernel, "o-"),
+                "break-away over 1 mm, our kernel": (SEGMENTS, static.memory, "o-"),
+            },
+            "loglog",
+        ),
+    ]  # fmt: skip
+    return ExperimentOutcome(claims, {"rules": panels})
 
 
 def _percent(ends: FloatArray, exact: FloatArray) -> float:
@@ -287,59 +313,3 @@ def _percent(ends: FloatArray, exact: FloatArray) -> float:
 
 def _spread(values: FloatArray) -> float:
     return float(np.max(values) / np.min(values) - 1.0)
-
-
-def _draw_motion(axes: Axes, theirs: FloatArray, exact: FloatArray) -> None:
-    step = np.arange(theirs.size)
-    axes.plot(step, exact, color=GREEN, label=f"our kernel, {FINE_SEGMENTS} segments")
-    label = f"thesis's rules, {SEGMENTS[-1]} segments"
-    axes.plot(step, theirs, color=BLUE, label=label, linewidth=0.9)
-    axes.set(
-        title="Both ends pulled apart and let go, three times",
-        xlabel="time step",
-        ylabel="tension at the motor end [N]",
-        ylim=(0.0, 125.0),
-    )
-    axes.legend(loc="upper right")
-
-
-def _draw_errors(axes: Axes, null: _Opposed) -> None:
-    axes.loglog(SEGMENTS, null.thesis_solver, "o-", color=BLUE, label="thesis's rules")
-    axes.loglog(SEGMENTS, null.kernel, "o-", color=GREEN, label="our kernel")
-    set_ticks(axes.xaxis, SEGMENTS)
-    axes.set(
-        title="Its error against the mesh",
-        xlabel="number of segments",
-        ylabel="RMS error [% of largest tension]",
-    )
-    axes.legend()
-
-
-def _draw_share(axes: Axes, null: _Opposed) -> None:
-    at = np.arange(len(SEGMENTS))
-    axes.bar(at - 0.2, 100.0 * null.contradicted, 0.4, color=ORANGE)
-    axes.bar(at + 0.2, 100.0 * null.fed, 0.4, color=PINK)
-    axes.set_xticks(at, [str(n) for n in SEGMENTS])
-    axes.legend(["steps that no pattern fits", "friction work fed in"])
-    axes.set(
-        title="Where no sign pattern is consistent",
-        xlabel="number of segments",
-        ylabel="share [%]",
-        ylim=(0.0, 100.0),
-    )
-
-
-def _draw_static(axes: Axes, static: Static) -> None:
-    for values, label, color in (
-        (static.thesis_solver, "rule 2.17, thesis's solver", BLUE),
-        (static.kernel, "rule 2.17, our kernel", GREEN),
-        (static.memory, "break-away over 1 mm of slip, our kernel", ORANGE),
-    ):
-        axes.loglog(SEGMENTS, values, "o-", color=color, label=label)
-    set_ticks(axes.xaxis, SEGMENTS)
-    axes.set(
-        title="Effect of static friction, output locked",
-        xlabel="number of segments",
-        ylabel="RMS change of motor-end tension [N]",
-    )
-    axes.legend()

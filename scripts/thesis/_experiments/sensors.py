@@ -7,7 +7,7 @@ package's kernel on the same 11 nodes.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,7 @@ from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.device._sensors import Sensors
 from cc_mujoco.estimation._fusion import TensionFusion, Weights, fuse, tension_gains
 from cc_mujoco.native import FloatArray
-from cc_mujoco.report._figures import BLACK, BLUE, COLORS, GREEN, GREY, ORANGE, figure
-from thesis._outcome import Axes, Claim, ExperimentOutcome, Progress
+from thesis._outcome import Claim, Curve, ExperimentOutcome, Panel, Progress
 from thesis._rig import PRINTED_CABLE, RECONCILED_CABLE
 
 SEGMENTS = 10
@@ -205,37 +204,28 @@ def run(progress: Progress) -> ExperimentOutcome:
             "a node at rest keeps its tension: further readings are of the same number",
         ),
     )
-    sizes = figure(11.0, 4.2)
-    left, right = sizes.subplots(1, 2)
-    instant = _draw_instant(left)
-    _draw_grid(right, grid)
-    times = figure(11.0, 4.2)
-    left, right = times.subplots(1, 2, width_ratios=(3, 2))
-    _draw_run(left, series, (0.0, 12.0))
-    _draw_run(right, series, (1.7, 3.2))
-    left.set_ylim(18.0, 60.0)
-    left.legend(ncols=3, loc="upper center")
-    left.set_title("Output tension, pulled and let go twice")
-    right.set_title("The same, at the first rest")
     counts = np.arange(1, SEGMENTS + 2)
-    columns: dict[str, NDArray[Any]] = {"sensors": counts}
-    for row, level_ in enumerate(NOISE_LEVELS):
-        columns[f"mean_at_{100 * level_:g}_percent_noise_percent"] = grid.mean[row]
-        columns[f"weighted_at_{100 * level_:g}_percent_noise_percent"] = grid.weighted[
-            row
-        ]
-    table = {
-        "time_s": series.time,
-        "output_n": series.truth,
-        "mean_n": series.mean,
-        "weighted_n": series.best,
-        "moving": series.moving,
-    }
-    return ExperimentOutcome(
-        claims,
-        {"sensors": sizes, "ramps": times},
-        {"instant": instant, "number_and_noise": columns, "ramps": table},
-    )
+    curves: dict[str, Curve] = {}
+    for row, noisy in enumerate(NOISE_LEVELS):
+        curves[f"mean, noise {100 * noisy:g} %"] = (counts, grid.mean[row], "o-")
+        weighted = (counts, grid.weighted[row], "--")
+        curves[f"by variance, noise {100 * noisy:g} %"] = weighted
+    panels = [
+        _instant(),
+        Panel(
+            "Error at the output, mean of 10,000 simulations each", "number of sensors",
+            "absolute error [% of output tension]", curves, "semilogy",
+        ),
+        Panel(
+            "Output tension, pulled and let go twice", "time [s]", "output tension [N]",
+            {
+                "mean of 11": (series.time, series.mean),
+                "weighted, averaged on at rest": (series.time, series.best),
+                "truth": (series.time, series.truth),
+            },
+        ),
+    ]  # fmt: skip
+    return ExperimentOutcome(claims, {"sensors": panels})
 
 
 def _same_mesh(cable: Cable) -> Cable:
@@ -247,62 +237,18 @@ def _rms_at_rest(run: _Run, estimate: FloatArray) -> float:
     return float(np.sqrt(np.mean((estimate - run.truth)[still] ** 2)))
 
 
-def _draw_instant(axes: Axes) -> dict[str, NDArray[Any]]:
-    """Draw Fig. 3.4, and return its data."""
+def _instant() -> Panel:
+    """Return Fig. 3.4."""
     _, gain, truth = pulled_state(CABLE)
     random = np.random.default_rng(34)
     reading = truth + NOISE * random.normal(size=truth.size)
     nodes = np.arange(truth.size) + 1
-    for place, (row, value) in enumerate(zip(gain, reading, strict=True)):
-        color = COLORS[place % len(COLORS)]
-        axes.plot(nodes, row * value, color="#C0C0C0", linewidth=0.7)
-        axes.plot(place + 1, value, "o", color=color, markersize=4)
     spread = np.full(truth.size, NOISE)
-    mean = fuse(reading, gain, spread, "mean").tension
-    best = fuse(reading, gain, spread).tension
-    axes.plot(nodes, truth, "k.", markersize=9, label="truth")
-    axes.plot(nodes, mean, "--", color=BLUE, linewidth=2, label="mean of all")
-    axes.plot(nodes, best, color=GREEN, linewidth=2, label="weighted by variance")
-    axes.legend()
-    axes.set(
-        title=f"11 sensors with {NOISE:g} N noise: readings, each sensor's own line",
-        xlabel="node, from the motor",
-        ylabel="tension [N]",
-    )
-    return {
-        "node": nodes,
-        "truth_n": truth,
-        "reading_n": reading,
-        "mean_n": mean,
-        "weighted_n": best,
-    }
-
-
-def _draw_grid(axes: Axes, grid: Grid) -> None:
-    counts = np.arange(1, SEGMENTS + 2)
-    for row, level in enumerate(NOISE_LEVELS):
-        color = COLORS[row]
-        label = f"noise {100 * level:g} %"
-        axes.semilogy(counts, grid.mean[row], "o-", color=color, label=label)
-        axes.semilogy(counts, grid.weighted[row], "--", color=color)
-    axes.plot([], [], "o-", color=GREY, label="mean")
-    axes.plot([], [], "--", color=GREY, label="weighted by variance")
-    axes.legend(ncols=2, fontsize=7)
-    axes.set(
-        title="Error at the output, mean of 10,000 simulations each",
-        xlabel="number of sensors",
-        ylabel="absolute error [% of output tension]",
-        ylim=(0.07, 60.0),
-    )
-
-
-def _draw_run(axes: Axes, run: _Run, span: tuple[float, float]) -> None:
-    seen = (run.time >= span[0]) & (run.time <= span[1])
-    time = run.time[seen]
-    axes.plot(time, run.mean[seen], color=BLUE, linewidth=0.8, label="mean of 11")
-    axes.plot(
-        time, run.best[seen], color=ORANGE, linewidth=0.9,
-        label="weighted, averaged on at rest",
+    return Panel(
+        f"11 sensors with {NOISE:g} N noise", "node, from the motor", "tension [N]",
+        {
+            "readings": (nodes, reading, "o"), "truth": (nodes, truth, "."),
+            "mean of all": (nodes, fuse(reading, gain, spread, "mean").tension, "--"),
+            "weighted by variance": (nodes, fuse(reading, gain, spread).tension),
+        },
     )  # fmt: skip
-    axes.plot(time, run.truth[seen], color=BLACK, linewidth=1.0, label="truth")
-    axes.set(xlabel="time [s]", ylabel="output tension [N]")

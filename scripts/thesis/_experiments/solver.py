@@ -17,9 +17,15 @@ from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable._conduit import packed_parameters
 from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.native import FloatArray, compiled
-from cc_mujoco.report._figures import BLUE, GREEN, GREY, ORANGE, figure
 from thesis._literal_solver import Constraint, by_fsolve, play, sign_patterns, solve
-from thesis._outcome import Claim, ExperimentOutcome, Figure, Progress, round_down_ratio
+from thesis._outcome import (
+    Claim,
+    Curve,
+    ExperimentOutcome,
+    Panel,
+    Progress,
+    round_down_ratio,
+)
 from thesis._rig import PRINTED_CABLE
 
 SEGMENTS = (1, 2, 3, 5, 8, 12, 20, 30, 50, 75, 100)
@@ -88,22 +94,22 @@ def run(progress: Progress) -> ExperimentOutcome:
     for place, n in enumerate(SEGMENTS):
         rows.append(costs(n))
         progress((place + 1) / len(SEGMENTS))
-    columns = {
-        name: np.array([getattr(row, name) for row in rows]) for name in Costs._fields
+    labels = {
+        "fsolve": "fsolve, from the last solution",
+        "enumeration": "sign enumeration (thesis)",
+        "kernel": "our kernel",
     }
-    return ExperimentOutcome(
-        _claims(dict(zip(SEGMENTS, rows, strict=True))),
-        {"solution_time": _draw(columns)},
-        {
-            "solution_time": {
-                "segments": np.array(SEGMENTS),
-                "kernel_s": columns["kernel"],
-                "enumeration_s": columns["enumeration"],
-                "fsolve_s": columns["fsolve"],
-                "fsolve_not_converged": columns["failed"],
-            }
-        },
-    )
+    curves: dict[str, Curve] = {
+        label: (SEGMENTS, [1e3 * getattr(row, name) for row in rows], "o-")
+        for name, label in labels.items()
+    }
+    curves["one period of a 1 kHz loop"] = (SEGMENTS, np.ones(len(SEGMENTS)), "--")
+    times = Panel(
+        "Time of one solution, every segment slipping", "number of segments",
+        "time [ms]", curves, "loglog",
+    )  # fmt: skip
+    claims = _claims(dict(zip(SEGMENTS, rows, strict=True)))
+    return ExperimentOutcome(claims, {"solution_time": [times]})
 
 
 @compiled
@@ -210,23 +216,3 @@ def _claims(found: dict[int, Costs]) -> tuple[Claim, ...]:
             "inertia-free motion comes from the two ends, so it turns once at most",
         ),
     )
-
-
-def _draw(columns: dict[str, FloatArray]) -> Figure:
-    drawing = figure(6.5, 4.2)
-    axes = drawing.add_subplot()
-    for name, label, color in (
-        ("fsolve", "fsolve, from the last solution", ORANGE),
-        ("enumeration", "sign enumeration (thesis)", BLUE),
-        ("kernel", "our kernel", GREEN),
-    ):
-        axes.loglog(SEGMENTS, columns[name] * 1e3, "o-", color=color, label=label)
-    axes.axhline(1.0, color=GREY, linewidth=0.9, linestyle="--")
-    axes.text(100.0, 1.15, "one period of a 1 kHz loop", color=GREY, ha="right", size=8)
-    axes.set(
-        title="Time of one solution, every segment slipping",
-        xlabel="number of segments",
-        ylabel="time [ms]",
-    )
-    axes.legend()
-    return drawing

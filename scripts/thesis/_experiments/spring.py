@@ -22,16 +22,14 @@ from cc_mujoco.control import (
 )
 from cc_mujoco.device._drive import CableDrive, Drive
 from cc_mujoco.native import FloatArray
-from cc_mujoco.report._figures import COLORS, DASH_PATTERN, GREY, figure
 from thesis._experiments.tracking import PERIOD, TENSION_RATIO, cable
 from thesis._inertia_free import InertiaFree
-from thesis._outcome import Claim, ExperimentOutcome, Figure, Progress
+from thesis._outcome import Claim, Curve, ExperimentOutcome, Panel, Progress
 
 RADIUS = 0.1  # radius of both pulleys [m]
 STIFFNESS = 1.0  # stiffness of the virtual spring [N m/rad]
 DEFLECTION, DEFLECTION_TIME = 1.5, 15.0
 """Deflection of the joint, and time to get there [rad, s]."""
-SCHEME_STEMS = ("feedback", "both", "model", "stiction")
 REVERSAL_TOLERANCE = 0.01  # error at which a reversal is over [N m]
 
 
@@ -98,14 +96,25 @@ def run(progress: Progress) -> ExperimentOutcome:
         found[name] = render(device, law)
         progress((place + 1) / len(laws))
     time, angle = motion()
-    table = {"time_s": time[::10], "angle_rad": angle[::10]}
-    for stem, row in zip(SCHEME_STEMS, found.values(), strict=True):
-        table[f"torque_{stem}_nm"] = row.torque[::10]
-    return ExperimentOutcome(
-        _claims(*found.values()),
-        {"spring": _draw(time, angle, found)},
-        {"spring": table},
-    )
+    wanted = -STIFFNESS * angle
+    around = np.abs(time - DEFLECTION_TIME - 0.3) < 0.5
+    torque = "torque [N m]"
+
+    def panel(title: str, x: FloatArray, label: str, shown: FloatArray) -> Panel:
+        curves: dict[str, Curve] = {"spring": (x[shown], wanted[shown], "--")}
+        for name, row in found.items():
+            curves[name] = (x[shown], row.torque[shown])
+        return Panel(title, label, torque, curves)
+
+    always = np.ones(time.size, dtype=bool)
+    errors = {name: (time, row.torque - wanted) for name, row in found.items()}
+    panels = [
+        panel("Torque at the joint", time, "time [s]", always),
+        panel("Torque against angle", angle, "angle [rad]", always),
+        panel("The reversal", time, "time [s]", around),
+        Panel("Error", "time [s]", torque, errors, limits=(-0.2, 0.2)),
+    ]
+    return ExperimentOutcome(_claims(*found.values()), {"spring": panels})
 
 
 def _claims(
@@ -150,24 +159,3 @@ def _claims(
             "one sample passes before the reversal is noticed",
         ),
     )
-
-
-def _draw(time: FloatArray, angle: FloatArray, found: dict[str, _Rendered]) -> Figure:
-    drawing = figure(11.0, 7.0)
-    over_time, loop, turn, error = drawing.subplots(2, 2).flat
-    wanted = -STIFFNESS * angle
-    around = (time > DEFLECTION_TIME - 0.2) & (time < DEFLECTION_TIME + 0.8)
-    for (name, row), color in zip(found.items(), COLORS, strict=False):
-        over_time.plot(time, row.torque, color=color, label=name)
-        loop.plot(angle, row.torque, color=color)
-        turn.plot(time[around], row.torque[around], color=color)
-        error.plot(time, row.torque - wanted, color=color)
-    over_time.plot(time, wanted, color=GREY, dashes=DASH_PATTERN, label="spring")
-    loop.plot(angle, wanted, color=GREY, dashes=DASH_PATTERN)
-    turn.plot(time[around], wanted[around], color=GREY, dashes=DASH_PATTERN)
-    over_time.legend(loc="lower left")
-    over_time.set(title="Torque at the joint", xlabel="time [s]", ylabel="torque [N m]")
-    loop.set(title="Torque against angle", xlabel="angle [rad]", ylabel="torque [N m]")
-    turn.set(title="The reversal", xlabel="time [s]", ylabel="torque [N m]")
-    error.set(title="Error", xlabel="time [s]", ylabel="torque [N m]", ylim=(-0.2, 0.2))
-    return drawing

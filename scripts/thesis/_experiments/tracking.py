@@ -24,9 +24,8 @@ from cc_mujoco.control import (
 from cc_mujoco.device._drive import CableDrive, Drive
 from cc_mujoco.metrics._signals import signal_lag
 from cc_mujoco.native import FloatArray
-from cc_mujoco.report._figures import COLORS, DASH_PATTERN, GREY, figure
 from thesis._inertia_free import InertiaFree
-from thesis._outcome import Claim, ExperimentOutcome, Figure, Progress, Verdict
+from thesis._outcome import Claim, Curve, ExperimentOutcome, Panel, Progress, Verdict
 from thesis._rig import PRINTED_CABLE
 
 PERIOD, DURATION = 1e-3, 30.0  # control period and duration of a run [s]
@@ -128,26 +127,26 @@ def run(progress: Progress) -> ExperimentOutcome:
             progress(done / 12)
     time, wanted = desired_tension()
     implied, hard = found["implied"], found["table"]
-    table: dict[str, FloatArray] = {"time_s": time[::10], "desired_n": wanted[::10]}
-    for name, row in implied.items():
-        stem = name.replace(",", "").replace("%", "percent").replace(" ", "_")
-        table[f"{stem.replace('-', '_')}_n"] = row.tension[::10]
-    summary = {
-        "scheme": np.array([name for name in implied for _ in growths]),
-        "tension_ratio": np.array([g for _ in implied for g in growths.values()]),
-    }
-    for field, unit in (
-        ("error", "1"),
-        ("first", "1"),
-        ("settled", "1"),
-        ("delay", "s"),
-    ):
-        summary[f"{field}_{unit}" if unit != "1" else field] = np.array(
-            [getattr(found[case][name], field) for name in implied for case in growths]
+    part, first = slice(20_000, 24_000), slice(0, 150)
+    panels = [
+        Panel(
+            title, "time [s]", "tension [N]",
+            {"desired": (time[shown], wanted[shown], "--")}
+            | {name: (time[shown], r.tension[shown]) for name, r in implied.items()},
         )
-    figures = {"tracking": _draw(time, wanted, implied)}
-    claims = _claims(implied, hard)
-    return ExperimentOutcome(claims, figures, {"tension": table, "summary": summary})
+        for title, shown in (
+            ("Output tension, six schemes", slice(None)),
+            ("Without a model the output lags", part),
+            ("When the controllers begin", first),
+        )
+    ]  # fmt: skip
+    errors: dict[str, Curve] = {
+        name: (time, np.maximum(np.abs(row.tension / wanted - 1.0), 1e-6))
+        for name, row in implied.items()
+    }
+    title = "Error, share of the desired tension"
+    panels.append(Panel(title, "time [s]", "error [1]", errors, "semilogy"))
+    return ExperimentOutcome(_claims(implied, hard), {"tracking": panels})
 
 
 def _claims(rows: dict[str, _Tracked], hard: dict[str, _Tracked]) -> tuple[Claim, ...]:
@@ -230,44 +229,3 @@ def _factor_verdict(ratio: float, agrees: float, partly: float) -> Verdict:
     if ratio >= agrees:
         return "agrees"
     return "in part" if ratio >= partly else "disagrees"
-
-
-def _draw(time: FloatArray, wanted: FloatArray, rows: dict[str, _Tracked]) -> Figure:
-    drawing = figure(11.0, 6.4)
-    grid = drawing.add_gridspec(2, 2)
-    whole = drawing.add_subplot(grid[0, 0])
-    zoom = drawing.add_subplot(grid[0, 1])
-    share = drawing.add_subplot(grid[1, 0])
-    first = drawing.add_subplot(grid[1, 1])
-    every = slice(None, None, 10)
-    for axes, part in ((whole, every), (zoom, slice(20_000, 24_000, 5))):
-        for (name, row), color in zip(rows.items(), COLORS, strict=False):
-            axes.plot(time[part], row.tension[part], color=color, label=name)
-        axes.plot(
-            time[part], wanted[part], color=GREY, dashes=DASH_PATTERN, label="desired"
-        )
-    for (_, row), color in zip(rows.items(), COLORS, strict=False):
-        error = np.abs(row.tension / wanted - 1.0)
-        share.semilogy(time[every], np.maximum(error[every], 1e-6), color=color)
-        first.plot(1e3 * time[:150], row.tension[:150], color=color)
-    first.plot(1e3 * time[:150], wanted[:150], color=GREY, dashes=DASH_PATTERN)
-    whole.legend(loc="upper left")
-    whole.set(
-        title="Output tension, six schemes", xlabel="time [s]", ylabel="tension [N]"
-    )
-    zoom.set(
-        title="Without a model the output lags", xlabel="time [s]", ylabel="tension [N]"
-    )
-    share.set(
-        title="Error, share of the desired tension",
-        xlabel="time [s]",
-        ylabel="error [1]",
-        ylim=(1e-6, 2.0),
-    )
-    first.set(
-        title="When the controllers begin",
-        xlabel="time [ms]",
-        ylabel="tension [N]",
-        ylim=(0.0, 16.0),
-    )
-    return drawing

@@ -21,8 +21,7 @@ from cc_mujoco.estimation._calibration import Calibration, Measurement, calibrat
 from cc_mujoco.human import task, trajectory
 from cc_mujoco.metrics._signals import signal_lag
 from cc_mujoco.native import FloatArray
-from cc_mujoco.report._figures import BLUE, DASH_PATTERN, GREEN, GREY, ORANGE, figure
-from thesis._outcome import Axes, Claim, ExperimentOutcome, Progress, rms
+from thesis._outcome import Claim, ExperimentOutcome, Panel, Progress, rms
 from thesis._rig import RECONCILED_CABLE, conduit_in_loops, drive
 
 DT = 2e-3
@@ -205,93 +204,49 @@ def run(progress: Progress) -> ExperimentOutcome:
             "rendered at the motor's pulley, so the handle feels up to 5.2 times that",
         ),
     )
-    drawing = figure(11.0, 7.2)
-    axes = drawing.subplots(2, 2)
-    _draw_tunnel(axes[0, 0], recording, found)
-    _draw_time(axes[0, 1], recording, found)
-    _draw_bins(axes[1, 0], recording, found)
-    _draw_scan(axes[1, 1], np.array(scan))
-    table = dict(zip(_Columns._fields, (c[::5] for c in recording), strict=True))
-    table |= {"model_torque": found.torque[::5], "residual": found.before[::5]}
-    names = ("stribeck_friction", "rms_nm", "rms_without_linear_nm", "removed")
-    columns = dict(zip(names, np.array(scan).T, strict=True))
-    return ExperimentOutcome(
-        claims, {"tunnel": drawing}, {"recording": table, "scan": columns}
-    )
-
-
-def _draw_tunnel(axes: Axes, recording: _Columns, found: Residual) -> None:
     degrees = np.degrees(recording.handle_angle)
-    ratio = drive(COULOMB).ratio
-    late = recording.time > 6.0
-    axes.plot(
-        degrees[late], recording.handle_torque[late], color=BLUE, label="rig", lw=0.8
-    )
-    axes.plot(
-        degrees[late], found.torque[late], color=ORANGE, label="Coulomb model", lw=0.8
-    )
-    order = np.argsort(degrees)
-    axes.plot(
-        degrees[order],
-        ratio * recording.motor_torque[order],
-        color=GREEN,
-        label="tunnel as designed, times the ratio",
-    )
-    axes.set(
-        title="The tunnel as designed and as rendered",
-        xlabel="handle angle [deg]",
-        ylabel="handle torque [N m]",
-    )
-    axes.legend()
-
-
-def _draw_time(axes: Axes, recording: _Columns, found: Residual) -> None:
-    shown = (recording.time > 6.0) & (recording.time < 12.0)
-    time = recording.time[shown]
-    axes.plot(time, recording.handle_torque[shown], color=BLUE, label="rig")
-    axes.plot(
-        time, found.torque[shown], color=ORANGE, dashes=DASH_PATTERN,
-        label="Coulomb model",
-    )  # fmt: skip
-    axes.set(
-        title="The same over time", xlabel="time [s]", ylabel="handle torque [N m]"
-    )
-    axes.legend()
-
-
-def _draw_bins(axes: Axes, recording: _Columns, found: Residual) -> None:
-    velocity = recording.handle_velocity
+    late, order = recording.time > 6.0, np.argsort(degrees)
+    shown = late & (recording.time < 12.0)
+    ideal = drive(COULOMB).ratio * recording.motor_torque
     edges = np.linspace(-1.5, 1.5, 26)
     centres = 0.5 * (edges[1:] + edges[:-1])
-    axes.plot(velocity[::7], found.before[::7], ".", color=GREY, markersize=1)
-    for error, color, label in (
-        (found.before, BLUE, "mean residual"),
-        (found.after, ORANGE, "less the linear term"),
-    ):
-        mean, _ = binned(velocity, error, edges)
-        axes.plot(centres, mean, "o-", color=color, markersize=3, label=label)
-    axes.plot(
-        centres, found.slope * centres, color=GREEN, dashes=DASH_PATTERN,
-        label="linear term",
-    )  # fmt: skip
-    axes.set(
-        title="Residual of the Coulomb model against velocity",
-        xlabel="handle velocity [rad/s]",
-        ylabel="measured less modelled torque [N m]",
-    )
-    axes.legend()
-
-
-def _draw_scan(axes: Axes, scan: FloatArray) -> None:
-    axes.plot(scan[:, 0], scan[:, 1], "o-", color=BLUE, label="Coulomb model")
-    axes.plot(scan[:, 0], scan[:, 2], "o-", color=ORANGE, label="less the linear term")
-    for level, text in ((0.27, "printed 0.27 N m"), (0.19, "printed 0.19 N m")):
-        axes.axhline(level, color=GREY, linewidth=0.9, linestyle="--")
-        axes.annotate(text, (0.02, level + 0.004), size=8, color=GREY)
-    axes.set(
-        title="How much Stribeck friction the rig must hide",
-        xlabel="Stribeck friction of the rig [1]",
-        ylabel="RMS error [N m]",
-        ylim=(0.0, None),
-    )
-    axes.legend(loc="lower right")
+    hidden, before, after, _ = np.array(scan).T
+    torque = "handle torque [N m]"
+    panels = [
+        Panel(
+            "The tunnel as designed and as rendered", "handle angle [deg]", torque,
+            {
+                "rig": (degrees[late], recording.handle_torque[late]),
+                "Coulomb model": (degrees[late], found.torque[late]),
+                "tunnel as designed, times the ratio": (degrees[order], ideal[order]),
+            },
+        ),
+        Panel(
+            "The same over time", "time [s]", torque,
+            {
+                "rig": (recording.time[shown], recording.handle_torque[shown]),
+                "Coulomb model": (recording.time[shown], found.torque[shown], "--"),
+            },
+        ),
+        Panel(
+            "Residual of the Coulomb model against velocity", "handle velocity [rad/s]",
+            "measured less modelled torque [N m]",
+            {
+                label: (centres, binned(recording.handle_velocity, error, edges)[0])
+                for label, error in (
+                    ("mean residual", found.before),
+                    ("less the linear term", found.after),
+                )
+            } | {"linear term": (centres, found.slope * centres, "--")},
+        ),
+        Panel(
+            "Stribeck friction that the rig must hide",
+            "Stribeck friction of the rig [1]", "RMS error [N m]",
+            {
+                "Coulomb model": (hidden, before, "o-"),
+                "less the linear term": (hidden, after, "o-"),
+            },
+            limits=(0.0, None),
+        ),
+    ]  # fmt: skip
+    return ExperimentOutcome(claims, {"tunnel": panels})

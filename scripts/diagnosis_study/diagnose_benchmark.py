@@ -19,7 +19,6 @@ from __future__ import annotations
 import argparse
 import json
 import tempfile
-import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
@@ -79,12 +78,9 @@ def cases(
 def run(case: dict[str, Any], with_bic: bool = False) -> dict[str, Any]:
     """Generate, diagnose and record one case, and name it by BIC, too, if wanted."""
     from lowest_bic import bic
+    from proposal_loop import loop
 
-    from cc_mujoco.assets import scene_path
-    from cc_mujoco.datasets import Bench
-    from cc_mujoco.diagnosis import infer, overall_share
-    from rig.dataset import make_dataset
-    from rig.generate import facts_of, write_data
+    from cc_mujoco.diagnosis import overall_share
     from rig.makes import MAKES
     from rig.nominal import make_rig
     from rig.strength import calibrate, measure
@@ -97,23 +93,14 @@ def run(case: dict[str, Any], with_bic: bool = False) -> dict[str, Any]:
         name: calibrate(rig, name, case["strength"], trials, seed)
         for name in case["hidden"]
     }
-    reached = measure(rig, amounts, trials, seed).refit if amounts else 0.0
     with tempfile.TemporaryDirectory() as folder:
-        data = Path(folder) / "data"
-        write_data(
-            data, make_dataset(rig, amounts, recorded, seed), facts_of(recorded, seed)
-        )
-        begin = time.perf_counter()
-        result, _ = infer(Bench.of(scene_path("bench")), [data])
-        seconds = time.perf_counter() - begin
-        record = {**case, "amounts": amounts, "reached": reached, "trials": recorded}
-        record["settled"] = settled(record, result, Path(folder) / "more")
-    found = result.diagnosis
-    if with_bic and result.baseline_fit is not None:
-        record["bic"] = bic(result.baseline_fit)._asdict()
-    truth = truth_of(rig)
-    return {
-        **record,
+        first, *more = loop(rig, amounts, recorded, seed, Path(folder))
+    result, found, truth = first.result, first.diagnosis, truth_of(rig)
+    record = {
+        **case,
+        "amounts": amounts,
+        "reached": measure(rig, amounts, trials, seed).refit if amounts else 0.0,
+        "trials": recorded,
         "misfit": misfit(result),
         **said(found),
         "said": found.statement,
@@ -123,8 +110,13 @@ def run(case: dict[str, Any], with_bic: bool = False) -> dict[str, Any]:
             for name, value in found.baseline.parameters.items()
             if name in truth
         },
-        "seconds": seconds,
+        # Once the experiments that ties propose have been done, too.
+        "settled": said(more[-1].diagnosis) if more else None,
+        "seconds": first.seconds,
     }
+    if with_bic and result.baseline_fit is not None:
+        record["bic"] = bic(result.baseline_fit)._asdict()
+    return record
 
 
 def truth_of(rig: Rig) -> dict[str, float]:
@@ -144,28 +136,6 @@ def truth_of(rig: Rig) -> dict[str, float]:
         * rig.wrap
         / NOMINAL["wrap_angle_rad"],
     }
-
-
-def settled(
-    record: dict[str, Any], result: DiagnosisResult, folder: Path
-) -> dict[str, Any] | None:
-    """Return the result once the experiments that ties propose have been done, too.
-
-    None if none is proposed at first.
-    """
-    from proposal_loop import loop
-
-    from rig.nominal import make_rig
-
-    if not result.diagnosis.next_experiment:
-        return None
-    rig = make_rig(record["seed"], make=record["make"])
-    steps = loop(
-        rig, record["amounts"], record["trials"], record["seed"], folder, first=result
-    )
-    done = [step.proposed for step in steps[:-1]]
-    last = said(steps[-1].diagnosis)
-    return {"experiment": done[0], "experiments": done, **last}
 
 
 def said(diagnosis: Diagnosis) -> dict[str, Any]:

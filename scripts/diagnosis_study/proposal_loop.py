@@ -92,10 +92,16 @@ class Case(NamedTuple):
 
 
 class Step(NamedTuple):
-    """One diagnosis, and the trial that it proposes, "" without one."""
+    """One diagnosis, the trial that it proposes, "" without one, and its time [s]."""
 
-    diagnosis: Diagnosis
+    result: DiagnosisResult
     proposed: str
+    seconds: float
+
+    @property
+    def diagnosis(self) -> Diagnosis:
+        """The result's own."""
+        return self.result.diagnosis
 
 
 def loop(
@@ -105,14 +111,12 @@ def loop(
     seed: int,
     folder: Path,
     proposals: int = MAX_PROPOSED,
-    first: DiagnosisResult | None = None,
 ) -> list[Step]:
     """Diagnose a rig, record what is proposed, and diagnose again.
 
     Args:
         recorded: set of trials that is recorded first, see `rig.trials.SETS`.
         proposals: number of proposed trials that are recorded at most.
-        first: result of the first diagnosis, if it is known.
     """
     from cc_mujoco.diagnosis import infer
     from cc_mujoco.diagnosis._report.output import write_proposed
@@ -125,12 +129,11 @@ def loop(
     while True:
         place = folder / f"data_{len(steps)}"
         write_data(place, data, facts)
-        if first is None or steps:
-            result, _ = infer(bench, [place])
-        else:
-            result = first
+        begin = time.perf_counter()
+        result, _ = infer(bench, [place])
+        spent = time.perf_counter() - begin
         planned, motion = result.diagnosis.next_experiment, result.motion
-        steps.append(Step(result.diagnosis, planned.description if planned else ""))
+        steps.append(Step(result, planned.description if planned else "", spent))
         if planned is None or motion is None or len(steps) > proposals:
             return steps
         plan = folder / next_folder(planned)

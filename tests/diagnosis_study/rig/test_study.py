@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable
 from typing import Any
 
+import proposal_loop
 import pytest
 from diagnose_benchmark import cases, run
 from diagnose_table import is_right, judged, summary, went
@@ -195,7 +196,7 @@ def test_a_case_meets_the_checks_that_the_command_makes(
             for columns in whole(*args)
         ]
 
-    monkeypatch.setattr(dataset, "make_dataset", in_other_units)
+    monkeypatch.setattr(proposal_loop, "make_dataset", in_other_units)
     case = next(cases("final", 1, [2.0], ["none"]))
     found = run(case)
     assert (found["verdict"], found["named"]) == ("fix-data", [])

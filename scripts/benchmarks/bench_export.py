@@ -1,7 +1,6 @@
 """Time of a step of an exported controller.
 
     python scripts/benchmarks/bench_export.py --scene wrist ankle
-    python scripts/benchmarks/bench_export.py --controllers model --set grease_drag=3
     python scripts/benchmarks/bench_export.py --scene hand --controllers decoupled_pi
 
 Every controller that can be exported drives all axes of its device for an episode with
@@ -9,13 +8,12 @@ noisy torque sensors; what it read is then fed to the exported one by a program 
 that times each step. Needs gcc. Prints size of the object file, memory, stack, and
 the median, the 999th of a thousand and the longest of the steps of an episode, each the
 fastest of several repetitions of that step: the others were interrupted by something
-else. `--set` changes what the controller believes of every cable.
+else.
 """
 
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import subprocess
 import tempfile
 from pathlib import Path
@@ -30,15 +28,6 @@ from cc_mujoco.export import EXPORTED, ExportPlan, write
 from cc_mujoco.export._measures import FLAGS, stack_bound
 
 PROGRAM = Path(__file__).with_suffix(".c").read_text(encoding="utf-8")
-
-
-def believed(drive: Drive, changes: dict[str, float]) -> Drive:
-    """Return a drive with other believed cable parameters."""
-    row = tuple(
-        dataclasses.replace(one, cable=one.cable.replace(**changes))
-        for one in drive.cables
-    )
-    return dataclasses.replace(drive, cables=row)
 
 
 def readings(
@@ -107,10 +96,7 @@ def main() -> None:
     parser.add_argument("--duration", type=float, default=5.0)
     parser.add_argument("--repetitions", type=int, default=20)
     parser.add_argument("--controllers", nargs="+", default=EXPORTED)
-    parser.add_argument("--set", nargs="+", default=[], metavar="PARAMETER=VALUE")
     given = parser.parse_args()
-    split = [change.partition("=") for change in given.set]
-    changes = {name: float(value) for name, _, value in split}
     print(
         "| scene | controller | object [KiB] | memory [KiB] | stack [bytes] "
         "| median [us] | 99.9 % [us] | longest [us] |\n"
@@ -123,9 +109,9 @@ def main() -> None:
             disable_env_checker=True,
             duration=given.duration,
         ).unwrapped
-        drives = [believed(drive, changes) for drive in env.drives]
         for name in given.controllers:
-            row = timed(*readings(env, drives, name, given.duration), given.repetitions)
+            plan, read = readings(env, list(env.drives), name, given.duration)
+            row = timed(plan, read, given.repetitions)
             print(f"| {scene} | `{name}` | {row} |", flush=True)
 
 

@@ -8,7 +8,6 @@ the capstan ratio of the other, e^-1.5, bounds the efficiency.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -34,14 +33,6 @@ MIN_PLAUSIBLE_EFFICIENCY = 0.2
 """Least efficiency taken for plausible: Fig. 2.8 speaks of output amplified by 5."""
 
 
-class _Scan(NamedTuple):
-    """Experiment 1 with one parameter of Table 2.2 changed."""
-
-    value: FloatArray  # of the parameter
-    efficiency: FloatArray  # peak output over that of the ideal transmission
-    backlash: FloatArray  # width of the loop, in motor torque [N m]
-
-
 def simulated_onset(cable: Cable) -> float:
     """Return the motor torque at which the locked output first feels anything [N m]."""
     torque = np.linspace(0.0, 3.0, 12_000)
@@ -51,16 +42,10 @@ def simulated_onset(cable: Cable) -> float:
     return float(torque[np.argmax(np.abs(found.joint_torque) > 1e-3)])
 
 
-def scan_parameter(name: str, values: FloatArray) -> _Scan:
-    """Simulate Experiment 1 with `name` of Table 2.2 set to each value."""
-    rows = [
-        blocked_output_test(COULOMB.replace(**{name: float(value)})) for value in values
-    ]
-    return _Scan(
-        values,
-        np.array([row.efficiency for row in rows]),
-        np.array([row.backlash for row in rows]),
-    )
+def scan_parameter(name: str, values: FloatArray) -> FloatArray:
+    """Return the efficiency in Experiment 1 with `name` of Table 2.2 set to values."""
+    cables = [COULOMB.replace(**{name: float(value)}) for value in values]
+    return np.array([blocked_output_test(cable).efficiency for cable in cables])
 
 
 def run(progress: Progress) -> ExperimentOutcome:
@@ -76,8 +61,8 @@ def run(progress: Progress) -> ExperimentOutcome:
     progress(0.6)
     pretension = scan_parameter("pretension", PRETENSIONS)
     progress(0.95)
-    most = float(np.max(friction.value[friction.efficiency > MIN_PLAUSIBLE_EFFICIENCY]))
-    best = float(np.max(pretension.efficiency))
+    most = float(np.max(FRICTIONS[friction > MIN_PLAUSIBLE_EFFICIENCY]))
+    best = float(np.max(pretension))
     bound = math.exp(-COULOMB.friction * COULOMB.wrap)
     three = RECONCILED_CABLE.replace(conduit=conduit_in_loops(3))
     claims = (
@@ -107,15 +92,21 @@ def run(progress: Progress) -> ExperimentOutcome:
         Panel(
             f"{name} changed alone", label, "share of the ideal",
             {
-                "peak output at 0.125 N m": (found.value, found.efficiency, "o-"),
+                "peak output at 0.125 N m": (values, found, "o-"),
                 "printed": ([printed, printed], [0.0, 1.0]),
-                "capstan ratio e^-1.5": (found.value, np.full_like(found.value, bound)),
+                "capstan ratio e^-1.5": (values, np.full_like(values, bound)),
             },
             "semilogx",
         )
-        for name, label, found, printed in (
-            ("Friction", "friction coefficient mu_d [1]", friction, COULOMB.friction),
-            ("Pretension", "pretension T0 [N]", pretension, COULOMB.pretension),
+        for name, label, values, found, printed in (
+            (
+                "Friction", "friction coefficient mu_d [1]", FRICTIONS, friction,
+                COULOMB.friction,
+            ),
+            (
+                "Pretension", "pretension T0 [N]", PRETENSIONS, pretension,
+                COULOMB.pretension,
+            ),
         )
     ]  # fmt: skip
     return ExperimentOutcome(claims, {"magnitudes": panels})

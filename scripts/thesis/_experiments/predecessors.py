@@ -14,7 +14,15 @@ from typing import NamedTuple
 import numpy as np
 
 from cc_mujoco.native import FloatArray
-from thesis._outcome import Claim, ExperimentOutcome, Panel, Progress, Verdict, rms
+from thesis._outcome import (
+    Claim,
+    Curve,
+    ExperimentOutcome,
+    Panel,
+    Progress,
+    Verdict,
+    rms,
+)
 from thesis.predecessors import (
     Answer,
     BristleChain,
@@ -113,7 +121,7 @@ def run(progress: Progress) -> ExperimentOutcome:
         found.append(judge(model, proximal, truth, unit))
         progress((place + 1) / len(asked))
     by_type = {type(judged.model): judged for judged in found}
-    figures = {"capabilities": [_capabilities(found)], "motion": _motion(found, truth)}
+    figures = {"capabilities": _capabilities(found), "motion": _motion(found, truth)}
     return ExperimentOutcome(_claims(by_type), figures)
 
 
@@ -247,17 +255,25 @@ def _claim_cost(found: dict[type[PublishedModel], _Judged]) -> Claim:
     )
 
 
-def _capabilities(found: list[_Judged]) -> Panel:
-    names = [question.replace(" ", "\n", 1) for question in CAPABILITY_TESTS]
-    answers = {
-        f"{judged.model.name} (error {judged.moving:.2g} N in motion, "
-        f"{judged.starting:.2g} N in partial motion; a step costs {judged.cost:.2g})": (
-            names, [float(_has_capabilities(judged, name)) for name in CAPABILITY_TESTS]
-        )
-        for judged in found
-    }  # fmt: skip
-    title = "What each model of a cable can show, and RMS error of the output tension"
-    return Panel(title, "question", "1: answered right", answers, "bar")
+def _capabilities(found: list[_Judged]) -> list[Panel]:
+    names = [judged.model.name for judged in found]
+    able: dict[str, Curve] = {}
+    for number, question in enumerate(CAPABILITY_TESTS, start=1):
+        good = [j.model.name for j in found if _has_capabilities(j, question)]
+        able[f"{number}: {question}"] = ([number] * len(good), good, "o")
+    numbers: dict[str, Curve] = {
+        "RMS error of the output in motion [N]": (
+            [j.moving for j in found],
+            names,
+            "o",
+        ),
+        "in partial motion [N]": ([j.starting for j in found], names, "s"),
+        "time of a step, ours is 1": ([j.cost for j in found], names, "x"),
+    }
+    return [
+        Panel("What each model of a cable can show", "question", "model", able),
+        Panel("How far off it is", "see the legend", "model", numbers, "semilogx"),
+    ]
 
 
 def _motion(found: list[_Judged], truth: Answer) -> list[Panel]:

@@ -531,10 +531,10 @@ class Cable:
                 f"{self.path!r}; it must be {MOUTH_ALLOWED}"
             )
         object.__setattr__(self, "guides", _valid_guides(self.guides, self.path))
-        if self.clearance > 0.0 and (self.bend, self.path) != (BENDS[0], PATHS[0]):
+        if self.clearance > 0.0 and self.path != PATHS[0]:
             raise CableError(
                 f"cable parameter `clearance` is {self.clearance!r}; it must be 0 "
-                "(off) where `bend` is 'route' or `path` is not 'guided'"
+                "(off) where `path` is not 'guided'"
             )
         for name in OF_A_CONDUIT if self.path == "open" else ():
             if getattr(self, name) != 0.0:

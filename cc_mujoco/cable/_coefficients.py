@@ -174,15 +174,18 @@ POSITION, TENSION = 0, 1
 
 _STRIBECK = law.INDEX["stribeck_friction"]
 _BRISTLE = law.INDEX["bristle_length"]
+_CLEARANCE = law.INDEX["clearance"]
 _AGEING = law.INDEX["ageing_friction"]
 _GREASE = law.INDEX["grease_drag"]
 
 
 @internal
 def written_size(prm: FloatArray, n: int) -> int:
-    """Return how many of the first numbers of a state the steps of a cable change."""
+    """Return how many of the first numbers of a state the steps of a cable use."""
     if prm[at.PATH_LENGTHENS] != 0.0:
         return at.state_size(n)
+    if prm[_CLEARANCE] > 0.0:
+        return at.rest_wrap(n) + 1
     rows = 2
     if prm[_BRISTLE] > 0.0:
         rows = 4

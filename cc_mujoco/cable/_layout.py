@@ -23,7 +23,8 @@ State vector:
     8 + 4 n : 8 + 5 n  stretch of these bristles [m]
     8 + 5 n : 8 + 6 n  age of the contacts of segment j, see `_friction.age_after_step`
     8 + 6 n :          rope on the drum of either end, see `_drum.py`; 0 where the path
-                       cannot lengthen
+                       cannot lengthen, but for the wrap angle of the rest pose [rad]
+                       where clearance needs it, see `rest_wrap`
 """
 
 from __future__ import annotations
@@ -65,6 +66,16 @@ _NODE_WORK = 4
 def state_size(n: int) -> int:
     """Return the length of the state vector of a cable of n segments."""
     return STATE_HEADER + 1 + (1 + _SEGMENT_STATE) * n + 2 * _DRUM_SIZE
+
+
+@internal
+def rest_wrap(n: int) -> int:
+    """Return the place in the state of the wrap in the rest pose.
+
+    It is negative while that is not known: the pose is `qpos0` of a model whose bends
+    nobody has looked at yet.
+    """
+    return STATE_HEADER + 1 + (1 + _SEGMENT_STATE) * n
 
 
 @compiled

@@ -128,11 +128,13 @@ def mean_tension(prm: FloatArray, n: int, i: int, before: float, after: float) -
 
 
 @internal
-def rest_stretch(prm: FloatArray, n: int, tension: float) -> float:
-    """Stretch of the cable with its end springs at a uniform tension [m]."""
+def rest_stretch(prm: FloatArray, wrap: float, tension: float) -> float:
+    """Stretch of the cable with its end springs at a uniform tension [m].
+
+    `wrap` is that of all its bends [rad], which matters to clearance alone.
+    """
     springs = prm[_END_COMPLIANCE] + prm[_PROXIMAL_COMPLIANCE]
     taut = prm[at.LENGTH] / prm[_EA] + springs
-    wrap = at.total(at.segment_angles(prm, n))
     return elastic.stretch_of(_piece(prm, taut, prm[at.LENGTH], wrap), tension)
 
 

@@ -22,6 +22,7 @@ _FRICTION = law.INDEX["friction"]
 _LOAD_INDEPENDENT = law.INDEX["load_independent_friction"]
 _END_COMPLIANCE = law.INDEX["end_compliance"]
 _PROXIMAL_COMPLIANCE = law.INDEX["proximal_compliance"]
+_CLEARANCE = law.INDEX["clearance"]
 
 
 @internal
@@ -157,6 +158,15 @@ def set_path(prm: FloatArray, n: int, angles: FloatArray, contacts: FloatArray) 
     return bends or contact_changed
 
 
+@internal
+def rest_in(prm: FloatArray, n: int, angles: FloatArray, state: FloatArray) -> None:
+    """Give a cable at rest its stretch in bends of these angles (n,) [rad]."""
+    wrap = at.total(angles)
+    state[3] = nodes.rest_stretch(prm, wrap, prm[_PRETENSION])
+    if prm[_CLEARANCE] > 0.0:
+        state[at.rest_wrap(n)] = wrap
+
+
 @compiled
 def initialize(
     prm: FloatArray, n: int, u_proximal: float, u_distal: float, state: FloatArray
@@ -170,7 +180,7 @@ def initialize(
     springs = prm[_END_COMPLIANCE] + prm[_PROXIMAL_COMPLIANCE]
     state[3] = stretch + prm[_PRETENSION] * springs
     if nodes.is_curved(prm):
-        state[3] = nodes.rest_stretch(prm, n, prm[_PRETENSION])
+        rest_in(prm, n, at.segment_angles(prm, n), state)
     if prm[at.PATH_LENGTHENS] != 0.0:
         state[3] = 0.0
     at.tensions(state, n)[:] = prm[_PRETENSION]

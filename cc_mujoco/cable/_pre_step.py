@@ -97,9 +97,9 @@ def relax_stress(
     time, scale = state[at.TIME], prm[_RELAXATION_TIME]
     before = 1.0 + prm[_STRESS_RELAXATION] * math.expm1(-time / scale)
     after = 1.0 + prm[_STRESS_RELAXATION] * math.expm1(-(time + dt) / scale)
-    rest = prm[_PRETENSION]
-    grown = nodes.rest_stretch(prm, n, rest * before)
-    grown -= nodes.rest_stretch(prm, n, rest * after)
+    rest, wrap = prm[_PRETENSION], state[at.rest_wrap(n)]
+    grown = nodes.rest_stretch(prm, wrap, rest * before)
+    grown -= nodes.rest_stretch(prm, wrap, rest * after)
     for i in range(n + 1):
         lost[i] = at.node_length(prm, n)[i] / prm[at.LENGTH] * grown
         tension[i] = nodes.tension_after_stretch(prm, n, i, tension[i], -lost[i])

@@ -34,6 +34,7 @@ from mujoco.introspect.enums import ENUMS
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as layout
 from cc_mujoco.cable import _moving_path as moving_path
+from cc_mujoco.cable import _pack as prepare
 from cc_mujoco.cable._cable import MAX_SECTIONS
 from cc_mujoco.plugin import _attachments as attachments
 from cc_mujoco.plugin import _config as config
@@ -71,7 +72,7 @@ from cc_mujoco.plugin._ffi import (
     warn,
     warned_once,
 )
-from cc_mujoco.plugin._routing import follow, lay, pull, set_reference
+from cc_mujoco.plugin._routing import follow, lay, pull, seats_with_route, set_reference
 from cc_mujoco.plugin._slack_passage import evaluate_prediction
 
 _NO_ACTUATION = int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
@@ -376,10 +377,15 @@ def settle(model: int, data: int, instance: CInt, keeps_rope: CInt) -> None:
     )
     n = load_word(block + blocks.SEGMENTS)
     store_real(blocks.pose_at(state, n), jump_warnings.pose_checksum(model, data))
-    if blocks.is_open(block):
+    seats = seats_with_route(block)
+    if seats or blocks.is_open(block):
         follow(block, model, data, state)
     if keeps_rope != 0:
         evaluating.keep_mounted_rope(block, model, state)
+    elif seats:
+        prm = floats(blocks.parameters_at(block), kernel.parameter_size(n))
+        whole = floats(state, kernel.state_size(n))
+        prepare.rest_in(prm, n, layout.segment_angles(prm, n), whole)
     if blocks.is_open(block):
         shape = floats(blocks.shape_at(block, n, 0), open_path.shape_size(n))
         open_path.save_path(shape, n, blocks.path_memory(state, n))

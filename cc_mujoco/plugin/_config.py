@@ -191,10 +191,10 @@ FRICTION = KEYS.index("friction")
 DRAGS_PER_LENGTH = tuple(place for place, _, unit in DRAG_TERMS if unit != "N")
 """Keys of drag along the conduit, which that of a seal is not."""
 WRAP_GROWTH = KEYS.index("wrap_growth")
+CLEARANCE = KEYS.index("clearance")
 _STATIC = KEYS.index("static_friction")
 _PRETENSION = KEYS.index("pretension")
 _EXPONENT = KEYS.index("tension_exponent")
-_CLEARANCE = KEYS.index("clearance")
 ECCENTRICITY = KEYS.index("eccentricity")
 ECCENTRICITY_PHASE = KEYS.index("eccentricity_phase")
 OVALITY = KEYS.index("ovality")
@@ -221,8 +221,8 @@ def _allowed(key: str) -> str:
         + PARAMETERS[_STATIC].allowed,
         "tension_exponent": "0 (off) where `pretension` is 0, and "
         + PARAMETERS[_EXPONENT].allowed,
-        "clearance": PARAMETERS[_CLEARANCE].allowed
-        + ", and 0 (off) where `bend` is `route` or `path` is not `guided`",
+        "clearance": PARAMETERS[CLEARANCE].allowed
+        + ", and 0 (off) where `path` is not `guided`",
         "eccentricity": PARAMETERS[ECCENTRICITY].allowed
         + ", less than the `gear` of the proximal end",
         "ovality": PARAMETERS[OVALITY].allowed
@@ -480,7 +480,7 @@ def read(
     for key in _OF_A_CONDUIT:
         if values[key] != 0.0 and equal_text(path, _OPEN):
             return key, 0
-    if values[_CLEARANCE] > 0.0 and (follows or free):
-        return _CLEARANCE, 0
+    if values[CLEARANCE] > 0.0 and free:
+        return CLEARANCE, 0
     count = _sections(key_text(block, CONDUIT), sections)
     return (VALID_CONFIGURATION if count > 0 else CONDUIT), count

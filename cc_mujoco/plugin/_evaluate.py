@@ -31,7 +31,7 @@ from cc_mujoco.plugin._ffi import (
     store_real,
     store_word,
 )
-from cc_mujoco.plugin._routing import follow
+from cc_mujoco.plugin._routing import follow, seats_with_route
 
 _PRETENSION = INDEX["pretension"]
 _SPRINGS = INDEX["proximal_compliance"], INDEX["end_compliance"]
@@ -307,6 +307,8 @@ def set_rest_state(
         store_real(blocks.velocity_at(state, n, part), 0.0)
     if blocks.is_open(block):
         fill(blocks.path_memory(state, n), 0.0)
+    if seats_with_route(block):
+        store_real(state + 8 * layout.rest_wrap(n), -1.0)
 
 
 @internal
@@ -389,7 +391,8 @@ def _is_longer(
 ) -> bool:
     """Return whether a tension [N] stretches a cable beyond its path or its stretch."""
     if path == 0.0:
-        return nodes.rest_stretch(prm, n, tension) >= rope
+        wrap = layout.total(layout.segment_angles(prm, n))
+        return nodes.rest_stretch(prm, wrap, tension) >= rope
     ratio = moving_path.stretch_ratio(prm, tension)
     springs = prm[_SPRINGS[0]] + prm[_SPRINGS[1]]
     left = max(rope - wound / _wound_ratio(prm, tension), _MIN_ROPE_SHARE * path)

@@ -19,6 +19,7 @@ from cc_mujoco.plugin import _open_path as open_path
 from cc_mujoco.plugin import _path as path
 from cc_mujoco.plugin._ffi import (
     FloatMatrix,
+    Floats,
     add,
     assign,
     borrow_floats,
@@ -92,11 +93,28 @@ def _survey(block: int, model: int, data: int, state: int, shape: int) -> None:
         path.bend(model, data, tendon, mouth + 1, length, contact, seen[:guided])
 
 
+@internal
+def seats_with_route(block: int) -> bool:
+    """Return whether a cable has clearance in bends that its route changes."""
+    n = load_word(block + blocks.SEGMENTS)
+    prm = floats(blocks.parameters_at(block), kernel.parameter_size(n))
+    is_bent = load_word(block + blocks.BENDS_WITH_ROUTE) == 1
+    return is_bent and float(prm[config.CLEARANCE]) > 0.0
+
+
+@internal
+def _bend(block: int, model: int, data: int, angles: Floats) -> None:
+    """Measure the wrap angles of a conduit that follows its route (n,) [rad]."""
+    n, tendon = load_word(block + blocks.SEGMENTS), load_word(block + blocks.ROUTE)
+    length = mj_struct.real(data, mj_struct.TEN_LENGTH, tendon)
+    prm = floats(blocks.parameters_at(block), kernel.parameter_size(n))
+    path.bend(model, data, tendon, 0, length, layout.contact_length(prm, n), angles)
+
+
 @callback
 def set_reference(block: int, model: int, data: int) -> None:
-    """Measure the open path in the pose `qpos0` and make its mesh."""
-    n, guided = load_word(block + blocks.SEGMENTS), load_word(block + blocks.GUIDED)
-    nq = mj_struct.positions(model)
+    """Measure the path in the pose `qpos0`; of an open one make the mesh."""
+    n, nq = load_word(block + blocks.SEGMENTS), mj_struct.positions(model)
     present, rest = (
         load_word(data + mj_struct.QPOS),
         load_word(model + mj_struct.QPOS0),
@@ -110,15 +128,29 @@ def set_reference(block: int, model: int, data: int) -> None:
     _exchange_mocap(model, data, held)
     evaluate_bodies(model, data)
     evaluate_tendons(model, data)
-    size = open_path.shape_size(n)
-    reference = floats(blocks.shape_at(block, n, blocks.REFERENCE_STAGE), size)
+    free = blocks.is_open(block)
+    size = open_path.shape_size(n) if free else n
+    first = blocks.shape_at(block, n, blocks.REFERENCE_STAGE)
+    reference = floats(first, size)
     fill(reference, 0.0)
-    _survey(block, model, data, 0, blocks.shape_at(block, n, blocks.REFERENCE_STAGE))
+    if free:
+        _survey(block, model, data, 0, first)
+    else:
+        _bend(block, model, data, reference)
     assign(floats(present, nq), kept)
     _exchange_mocap(model, data, held)
     evaluate_bodies(model, data)
     evaluate_tendons(model, data)
+    if free:
+        _make_mesh(block, model, data, reference)
+    free_stack(data)
+    blocks.invalidate(block)
+    store_word(block + blocks.REFERENCE_KNOWN, 1)
 
+
+@internal
+def _make_mesh(block: int, model: int, data: int, reference: Floats) -> None:
+    n, guided = load_word(block + blocks.SEGMENTS), load_word(block + blocks.GUIDED)
     values = np.empty(config.SCALARS)
     sections = np.empty((MAX_SECTIONS, 2))
     attributes = mj_struct.attributes(model, load_word(block + blocks.INSTANCE))
@@ -129,9 +161,6 @@ def set_reference(block: int, model: int, data: int) -> None:
         kernel.pack(values, sections[:count], guided, inside)
         open_path.store_conduit(inside, reference, n, guided)
     open_path.pack_reference(values, n, guided, reference, prm)
-    free_stack(data)
-    blocks.invalidate(block)
-    store_word(block + blocks.REFERENCE_KNOWN, 1)
 
 
 @callback
@@ -167,11 +196,14 @@ def follow(block: int, model: int, data: int, state: int) -> None:
             set_reference(block, model, data)
         _survey(block, model, data, state, now)
     else:
-        length = mj_struct.real(data, mj_struct.TEN_LENGTH, tendon)
-        prm = floats(blocks.parameters_at(block), kernel.parameter_size(n))
-        inside = layout.contact_length(prm, n)
-        path.bend(model, data, tendon, 0, length, inside, floats(now, n))
+        _bend(block, model, data, floats(now, n))
     lay(block, now, state)
+    if seats_with_route(block) and load_real(state + 8 * layout.rest_wrap(n)) < 0.0:
+        if load_word(block + blocks.REFERENCE_KNOWN) == 0:
+            set_reference(block, model, data)
+        first = floats(blocks.shape_at(block, n, blocks.REFERENCE_STAGE), n)
+        prm = floats(blocks.parameters_at(block), kernel.parameter_size(n))
+        prepare.rest_in(prm, n, first, floats(state, kernel.state_size(n)))
 
 
 @callback

@@ -12,7 +12,14 @@ import pytest
 
 from cc_mujoco.cable import Section, packed_parameters
 from cc_mujoco.cable import _kernel as kernel
-from cc_mujoco.plugin import from_mjcf, read, route_wrap, segment_wrap, to_mjcf
+from cc_mujoco.plugin import (
+    from_mjcf,
+    read,
+    route_wrap,
+    segment_wrap,
+    settle,
+    to_mjcf,
+)
 from plugin.test_path import scene, sites
 
 FULL = mujoco.mjtState.mjSTATE_FULLPHYSICS
@@ -320,3 +327,60 @@ def test_route_that_is_no_spatial_tendon_is_refused() -> None:
     xml = LIMB.format(integrator="Euler", more="").replace('value="path"', 'value="p"')
     with pytest.raises(ValueError, match="`route` is 'p'"):
         mujoco.MjModel.from_xml_string(xml)
+
+
+WIDE = '<config key="clearance" value="2e-3"/>'
+
+
+def wide_stretch(m: mujoco.MjModel, d: mujoco.MjData, tension: float) -> float:
+    """Stretch of the cable of `limb` with 2 mm of clearance in its pose [m]."""
+    seated = tension / (tension + 5.0)
+    return 0.9 * tension / 4000.0 + 2e-3 * route_wrap(m, d, "bowden") * seated
+
+
+def loose_limb(integrator: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """Return a limb whose cable has clearance and no friction, in `qpos0`."""
+    xml = LIMB.format(integrator=integrator, more=WIDE).replace(
+        '"friction" value="0.2"', '"friction" value="0"'
+    )
+    m = mujoco.MjModel.from_xml_string(xml)
+    d = mujoco.MjData(m)
+    mujoco.mj_forward(m, d)
+    return m, d
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_clearance_takes_what_the_bends_of_the_route_need(integrator: str) -> None:
+    m, d = loose_limb(integrator)
+    near, far = m.actuator("near").id, m.actuator("far").id
+    rest = wide_stretch(m, d, 20.0) - d.actuator_length[far] + d.actuator_length[near]
+    before = route_wrap(m, d, "bowden")
+    for elbow in (0.9, 0.3):
+        d.ctrl[:2] = 0.3, elbow
+        mujoco.mj_step(m, d, 2000)
+        assert abs(route_wrap(m, d, "bowden") - before) > 0.04
+        before = route_wrap(m, d, "bowden")
+        stretch = rest + d.actuator_length[far] - d.actuator_length[near]
+        taut = read(m, d, "bowden").tension.mean()
+        assert wide_stretch(m, d, taut) == pytest.approx(stretch, abs=1e-6)
+
+
+def test_a_cable_with_clearance_is_mounted_in_the_bends_of_its_pose() -> None:
+    m, d = loose_limb("Euler")
+    straight = route_wrap(m, d, "bowden")
+    mounted = wide_stretch(m, d, 20.0)
+    lengths = d.actuator_length.copy()
+    d.qpos[m.joint("elbow").qposadr[0]] = 0.9
+    mujoco.mj_forward(m, d)
+    assert abs(route_wrap(m, d, "bowden") - straight) > 0.1
+    settle(m, d, rope="keep")
+    mujoco.mj_forward(m, d)
+    tension = read(m, d, "bowden").tension
+    assert np.ptp(tension) < 1e-9
+    moved = d.actuator_length - lengths
+    stretch = mounted + moved[m.actuator("far").id] - moved[m.actuator("near").id]
+    assert wide_stretch(m, d, tension[0]) == pytest.approx(stretch, abs=1e-9)
+    settle(m, d, rope="remount")
+    for _ in range(2):
+        mujoco.mj_forward(m, d)
+        assert read(m, d, "bowden").tension == pytest.approx(20.0, rel=1e-9)

@@ -20,12 +20,6 @@ from cc_mujoco.assets import SCENES
 from cc_mujoco.cable import Cable, Driven, Transmission
 from cc_mujoco.cable._coupled_route import CoupledCables, CoupledPath
 from cc_mujoco.datasets import _channels as channels
-from cc_mujoco.datasets._angle_pairs import (
-    RATIO_KEY,
-    arm_share,
-    known_arm,
-    wound_angle,
-)
 from cc_mujoco.datasets._coupled_route import (
     OPEN_PATHS,
     CoupledScene,
@@ -40,6 +34,12 @@ from cc_mujoco.datasets._coupled_route import (
     tied_joint,
 )
 from cc_mujoco.datasets._moment_arm import Lever, lever_of, swept_angles
+from cc_mujoco.datasets._rig_table import (
+    RATIO_KEY,
+    arm_share,
+    known_arm,
+    wound_angle,
+)
 from cc_mujoco.datasets._trials import Constant
 from cc_mujoco.device import Axis, load_device
 from cc_mujoco.device._derivation import excursion, known_torque_noise

@@ -11,8 +11,7 @@ from cc_mujoco.datasets import _channels as channels
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._data_findings import DataFinding, doubt, error, warning
 from cc_mujoco.datasets._dataset_file import DatasetFile
-from cc_mujoco.datasets._instruments import Instrument
-from cc_mujoco.datasets._trials import FloatArray, Trial
+from cc_mujoco.datasets._trials import FloatArray, Instrument, Trial
 from cc_mujoco.errors import CableError
 from cc_mujoco.report._html import list_words
 

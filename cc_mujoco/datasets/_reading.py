@@ -19,8 +19,7 @@ from cc_mujoco._utils import tables
 from cc_mujoco.datasets import _channels as channels
 from cc_mujoco.datasets import _columns as columns
 from cc_mujoco.datasets._columns import DATASET_FILE
-from cc_mujoco.datasets._dataset_file import DatasetFile, PartFile
-from cc_mujoco.datasets._multi_file import TrialFile
+from cc_mujoco.datasets._dataset_file import DatasetFile, PartFile, TrialFile
 from cc_mujoco.datasets._trials import FloatArray
 from cc_mujoco.errors import CableError
 

@@ -16,9 +16,15 @@ from cc_mujoco.datasets import _load_cells as load_cells
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._data_findings import DataFinding, error, errors, warning
 from cc_mujoco.datasets._dataset_file import DatasetFile
-from cc_mujoco.datasets._instruments import Instrument, Instruments
 from cc_mujoco.datasets._smoothing import velocity
-from cc_mujoco.datasets._trials import Constant, FloatArray, Noise, Trial
+from cc_mujoco.datasets._trials import (
+    Constant,
+    FloatArray,
+    Instrument,
+    Instruments,
+    Noise,
+    Trial,
+)
 
 _INSTRUMENT_NAMES: dict[Instrument, str] = {
     "load cells": "load cells",

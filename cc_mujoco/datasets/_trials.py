@@ -21,8 +21,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.datasets import _channels as channels
-from cc_mujoco.datasets._instruments import TORQUE_SENSORS, Instruments
+from cc_mujoco.datasets._channels import TORQUES
 from cc_mujoco.errors import CableError
+
+Instrument = Literal["torque sensor", "load cells", "motor current", "known load"]
+
+
+class Instruments(NamedTuple):
+    """Sources of the torques in all trials of a dataset."""
+
+    motor: Instrument | None = "torque sensor"
+    joint: Instrument | None = "torque sensor"
+
+    @property
+    def rows(self) -> tuple[int, ...]:
+        """Return which of motor (0) and joint (1) are compared."""
+        return tuple(row for row, each in enumerate(self) if each is not None)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The torques that are compared, by their columns."""
+        return tuple(TORQUES[row] for row in self.rows)
+
+
+TORQUE_SENSORS = Instruments()
+
 
 FloatArray = NDArray[np.float64]
 Split = Literal["train", "test"]

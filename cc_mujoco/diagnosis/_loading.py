@@ -21,7 +21,12 @@ from cc_mujoco.datasets import _channels as channels
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._clock import SampledTrack, decimate, find_segments
 from cc_mujoco.datasets._data_findings import DataFinding, error, errors, warning
-from cc_mujoco.datasets._dataset_file import DatasetFile, read_dataset_file
+from cc_mujoco.datasets._dataset_file import (
+    DatasetFile,
+    TrialFile,
+    group_files,
+    read_dataset_file,
+)
 from cc_mujoco.datasets._folders import (
     check_occasions,
     data_files,
@@ -33,7 +38,6 @@ from cc_mujoco.datasets._folders import (
     trial_names,
 )
 from cc_mujoco.datasets._glitches import drop_glitches
-from cc_mujoco.datasets._multi_file import TrialFile, group_files
 from cc_mujoco.datasets._reading import Recording, read, read_parts
 from cc_mujoco.datasets._run_log import is_log, other_scene, truncation_reason
 from cc_mujoco.datasets._shared_joints import OtherAxes

@@ -21,8 +21,7 @@ from cc_mujoco.hardware._drive_rig import DriveRig, MotorDrive
 from cc_mujoco.hardware._dynamixel import Dynamixel
 from cc_mujoco.hardware._moteus import Moteus
 from cc_mujoco.hardware._odrive import Odrive
-from cc_mujoco.hardware._rig import Rig
-from cc_mujoco.hardware._udp_rig import UdpRig
+from cc_mujoco.hardware._rig import Rig, UdpRig
 
 
 def rig_address(table: Table) -> Address | None:

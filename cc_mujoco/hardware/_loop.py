@@ -11,9 +11,14 @@ from __future__ import annotations
 
 import contextlib
 import math
+import select
+import signal
+import sys
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from types import FrameType
 from typing import Any, Protocol
 
 import numpy as np
@@ -22,7 +27,6 @@ from numpy.typing import NDArray
 from cc_mujoco.control import Controller
 from cc_mujoco.device import Drive
 from cc_mujoco.errors import CableError
-from cc_mujoco.hardware._clock import Clock
 from cc_mujoco.hardware._drive_model import Windings
 from cc_mujoco.hardware._limits import Limiter, Limits
 from cc_mujoco.hardware._packet import Readings
@@ -30,6 +34,37 @@ from cc_mujoco.hardware._references import Desired
 from cc_mujoco.hardware._rig import Rig
 from cc_mujoco.hardware._run_log import AxisRow
 from cc_mujoco.hardware._watchdog import Watch, Watchdog
+
+SPIN_TIME = 2e-4
+"""Before a deadline the loop no longer sleeps [s]: a sleep ends late by 0.05 to 0.1 ms
+on an idle Linux without real-time priority."""
+
+
+class Clock(Protocol):
+    """Time that goes on by itself, or in a test."""
+
+    def now(self) -> float:
+        """Return the time [s], never going back; only differences matter."""
+
+    def wait(self, deadline: float) -> None:
+        """Return at that time [s], at once if it is past."""
+
+
+class SystemClock:
+    """The machine's monotonic clock: sleep, then spin."""
+
+    def now(self) -> float:
+        """See `Clock`."""
+        return time.perf_counter()
+
+    def wait(self, deadline: float) -> None:
+        """See `Clock`."""
+        left = deadline - time.perf_counter() - SPIN_TIME
+        if left > 0.0:
+            time.sleep(left)
+        while time.perf_counter() < deadline:
+            pass
+
 
 CONNECT_TIME = 3.0
 """Longest time that a rig may take until its first reading [s]."""
@@ -466,3 +501,51 @@ def _error_text(error: Exception) -> str:
     """Return the text of an error, with its type if it is not of this package."""
     kind = "" if isinstance(error, CableError) else f"{type(error).__name__}: "
     return f"{kind}{error}"
+
+
+SIGNALS = tuple(
+    getattr(signal, name)
+    for name in ("SIGINT", "SIGTERM", "SIGHUP")
+    if hasattr(signal, name)
+)
+
+
+class Stops:
+    """Stop signals, checked in every cycle; remembers the first that came."""
+
+    def __init__(self, keyboard: bool) -> None:
+        """Begin with none; with `keyboard` the return key counts, too."""
+        self._keyboard = keyboard
+        self._found: Ending | None = None
+
+    def __call__(self) -> Ending | None:
+        """Return why to end, if a person requested it."""
+        if self._found is None and self._keyboard and self._return_pressed():
+            self._found = Ending("stopped by the return key.")
+        return self._found
+
+    def handle_signal(self, number: int, _: FrameType | None = None) -> None:
+        """Take a signal; the first one counts."""
+        if self._found is None:
+            name = signal.Signals(number).name
+            self._found = Ending(f"stopped by {name}.", 128 + number)
+
+    @staticmethod
+    def _return_pressed() -> bool:
+        ready, _, _ = select.select([sys.stdin], [], [], 0.0)
+        # The end of a terminal is a reason to stop, too.
+        return bool(ready) and sys.stdin.readline() is not None
+
+
+@contextlib.contextmanager
+def watch_for_stop() -> Iterator[Stops]:
+    """Take signals, and the return key where there is a terminal to press it on."""
+    # Windows selects sockets only.
+    keyboard = sys.platform != "win32" and sys.stdin is not None and sys.stdin.isatty()
+    stops = Stops(keyboard)
+    before = {number: signal.signal(number, stops.handle_signal) for number in SIGNALS}
+    try:
+        yield stops
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 from cc_mujoco.report._figures import figure, style
 from cc_mujoco.simulation._episode_log import EpisodeLog
 from cc_mujoco.viz._axis import axis_limits, plot
-from cc_mujoco.viz._entity_path import Branch
 from cc_mujoco.viz._panels import highest_tension, tensions
 from cc_mujoco.viz._rerun_blueprint import line_values, scene_view
 from cc_mujoco.viz._rerun_file import log_episode, recording, recording_id
-from cc_mujoco.viz._scene3d import TIMELINE
+from cc_mujoco.viz._scene3d import TIMELINE, Branch
 from cc_mujoco.viz._summary import draw_loop
 
 if TYPE_CHECKING:

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from cc_mujoco import plugin
 from cc_mujoco.cable._cable import PATHS
 from cc_mujoco.cable._conduit import node_places
-from cc_mujoco.viz._entity_path import Branch
 from cc_mujoco.viz._frame_times import frame_slices
-from cc_mujoco.viz._scene3d import TIMELINE, WORLD
+from cc_mujoco.viz._scene3d import TIMELINE, WORLD, Branch
 
 Array = NDArray[np.float64]
 

@@ -28,9 +28,13 @@ from cc_mujoco.device import Plant
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.errors import CableError
 from cc_mujoco.simulation._loop import Columns, Single, run
-from cc_mujoco.viz._caption import state_rows, wrap_sentence
-from cc_mujoco.viz._live_controls import Knobs, Sliders
-from cc_mujoco.viz._pace import RealTimePacer
+from cc_mujoco.viz._live_controls import (
+    Knobs,
+    RealTimePacer,
+    Sliders,
+    state_rows,
+    wrap_sentence,
+)
 from cc_mujoco.viz._viewer import MIN_FRAME_TIME, Frame, Screen, round_up_tension
 
 if TYPE_CHECKING:

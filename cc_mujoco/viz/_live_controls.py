@@ -11,8 +11,10 @@ Controllers are not informed of either: they know the device as the scene has it
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
-from typing import NamedTuple
+import textwrap
+import time as wall
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -216,3 +218,129 @@ class Sliders:
 def _free(name: str, taken: set[str]) -> str:
     """Return a name that no actuator of the scene has."""
     return _free(f"{name} of cables", taken) if name in taken else name
+
+
+CAPTION_WIDTH = 60
+"""Width of a sentence [letters]."""
+
+
+def state_rows(
+    knobs: Knobs,
+    columns: Mapping[str, Any],
+    cables: Iterable[str],
+    *,
+    controller: str,
+    pretension: float,
+    factor: float,
+    highest: float,
+) -> tuple[tuple[str, str], ...]:
+    """Name and value of all that changes.
+
+    `columns` are those of an episode log, at this time. `pretension` is that of the
+    cables over that of the scene, `factor` simulated over real time, NaN before it is
+    known, and `highest` the tension of the brightest colour [N].
+    """
+    torque, desired = columns["joint_torque_nm"], columns["desired_torque_nm"]
+    return (
+        ("time", f"{columns['time_s']:.1f} s{_speed_text(knobs, factor)}"),
+        ("controller", controller),
+        *_cable_rows(knobs, pretension),
+        ("joint torque", f"{torque:.2f} of {desired:.2f} N m"),
+        *((cable, _tension_text(columns, cable)) for cable in cables),
+        ("brightest", f"{highest:g} N; grey is slack"),
+    )
+
+
+def view_rows(
+    knobs: Knobs,
+    scene: str,
+    time: float,
+    ends: Mapping[str, tuple[float, float]],
+    *,
+    pretension: float,
+    factor: float,
+    highest: float,
+) -> tuple[tuple[str, str], ...]:
+    """Name and value of all that changes in a scene that nobody controls.
+
+    `ends` are the tensions at the motor and at the joint, by cable [N], `time` is
+    simulated [s]; other arguments as in `state_rows`.
+    """
+    return (
+        ("scene", scene),
+        ("time", f"{time:.1f} s{_speed_text(knobs, factor)}"),
+        *_cable_rows(knobs, pretension),
+        *((cable, _ends_text(*both)) for cable, both in ends.items()),
+        ("brightest", f"{highest:g} N; grey is slack"),
+    )
+
+
+def _cable_rows(knobs: Knobs, pretension: float) -> tuple[tuple[str, str], ...]:
+    laid = _factor_text(pretension)
+    if knobs.pretension != pretension:
+        laid += f"; {_factor_text(knobs.pretension)} at the next start"
+    return ("friction", _factor_text(knobs.friction)), ("pretension", laid)
+
+
+def _speed_text(knobs: Knobs, factor: float) -> str:
+    if knobs.paused:
+        return ", paused"
+    return "" if math.isnan(factor) else f", {factor:.2f} of real time"
+
+
+def wrap_sentence(text: str) -> tuple[tuple[str, str], ...]:
+    """Return the lines of a sentence, in the second column; none of an empty one."""
+    return tuple(("", line) for line in textwrap.wrap(text, CAPTION_WIDTH))
+
+
+def _factor_text(factor: float) -> str:
+    return "as in the scene" if factor == 1.0 else f"{factor:.3g} times the scene's"
+
+
+def _tension_text(columns: Mapping[str, Any], cable: str) -> str:
+    near, far = (columns[f"tension_{cable}_{end}_n"] for end in ("proximal", "distal"))
+    return _ends_text(near, far)
+
+
+def _ends_text(near: float, far: float) -> str:
+    return f"{near:.1f} N at the motor, {far:.1f} N at the joint"
+
+
+MAX_LEAD = 0.004
+"""Simulated time that may lead the wall, so that sleeps are worth their while [s]."""
+MAX_LAG = 0.1
+"""Lag that is not made up for: where real time is too fast, time slows down [s]."""
+FACTOR_WINDOW = 0.5
+"""Time over which `RealTimePacer.factor` is taken [s]."""
+
+
+class RealTimePacer:
+    """Waits wherever the simulation is ahead."""
+
+    def __init__(
+        self,
+        now: Callable[[], float] = wall.perf_counter,
+        sleep: Callable[[float], object] = wall.sleep,
+    ) -> None:
+        """Prepare; `now` never goes back and `sleep` lets it go on by so much [s]."""
+        self._now, self._sleep = now, sleep
+        self.factor = math.nan
+        """Ratio of simulated to real time of late; NaN before there is any."""
+
+    def begin(self, time: float) -> None:
+        """Restart the pace here, after an interruption."""
+        self._time = self._since = time
+        self._wall_time = self._interval_start = self._now()
+
+    def keep(self, time: float) -> None:
+        """Wait until the wall has come as far."""
+        now = self._now()
+        ahead = (time - self._time) - (now - self._wall_time)
+        if ahead > MAX_LEAD:
+            self._sleep(ahead)
+        elif ahead < -MAX_LAG:
+            self._time, self._wall_time = time, now
+        now = self._now()
+        if now - self._interval_start >= FACTOR_WINDOW:
+            self.factor = (time - self._since) / (now - self._interval_start)
+            self._since, self._interval_start = time, now

@@ -33,12 +33,16 @@ from cc_mujoco.simulation._episode_log import EpisodeLog
 from cc_mujoco.simulation._log_columns import MODEL_XML
 from cc_mujoco.viz._cable_lines import CONDUIT, CableLine, cable_lines
 from cc_mujoco.viz._conduit3d import log_conduit
-from cc_mujoco.viz._entity_path import Branch
 from cc_mujoco.viz._frame_times import MAX_SAMPLES, frame_rate, frame_slices
 from cc_mujoco.viz._panels import highest_tension
-from cc_mujoco.viz._rerun_blueprint import blueprint
-from cc_mujoco.viz._rerun_series import ORANGE, PURPLE, SKY, plotted_series
-from cc_mujoco.viz._scene3d import TIMELINE, log_motion, log_static
+from cc_mujoco.viz._rerun_blueprint import (
+    ORANGE,
+    PURPLE,
+    SKY,
+    blueprint,
+    plotted_series,
+)
+from cc_mujoco.viz._scene3d import TIMELINE, Branch, log_motion, log_static
 from cc_mujoco.viz._tendon3d import log_tendons
 
 END_STATES = {

@@ -9,9 +9,8 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from cc_mujoco.viz._entity_path import Branch
 from cc_mujoco.viz._frame_times import frame_slices
-from cc_mujoco.viz._scene3d import DEFAULT_RGBA, TIMELINE, WORLD, own_color
+from cc_mujoco.viz._scene3d import DEFAULT_RGBA, TIMELINE, WORLD, Branch, own_color
 
 Array = NDArray[np.float64]
 

@@ -22,9 +22,13 @@ from cc_mujoco.device import find_device
 from cc_mujoco.errors import CableError
 from cc_mujoco.plugin._mjcf import make_room, write_cable
 from cc_mujoco.plugin._spec import error_sentence, read_spec
-from cc_mujoco.viz._caption import view_rows, wrap_sentence
-from cc_mujoco.viz._live_controls import Knobs, Sliders
-from cc_mujoco.viz._pace import RealTimePacer
+from cc_mujoco.viz._live_controls import (
+    Knobs,
+    RealTimePacer,
+    Sliders,
+    view_rows,
+    wrap_sentence,
+)
 from cc_mujoco.viz._viewer import MIN_FRAME_TIME, Frame, Screen, round_up_tension
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cc_mujoco.datasets._angle_pairs import arm_constants, fit_angle_pairs
 from cc_mujoco.datasets._dataset_file import read_dataset_file
+from cc_mujoco.datasets._rig_table import arm_constants, fit_angle_pairs
 from cc_mujoco.errors import CableError
 from diagnosis.rigs import BENCH
 

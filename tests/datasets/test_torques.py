@@ -12,7 +12,7 @@ import pytest
 from cc_mujoco.datasets import Bench, Dataset
 from cc_mujoco.datasets._channels import ANGLES, TORQUES
 from cc_mujoco.datasets._data_findings import DataFinding
-from cc_mujoco.datasets._instruments import TORQUE_SENSORS, Instruments
+from cc_mujoco.datasets._trials import TORQUE_SENSORS, Instruments
 from cc_mujoco.diagnosis import load
 from cc_mujoco.errors import CableError
 from diagnosis.bench import Columns, only_fix, recording

@@ -12,9 +12,8 @@ from cc_mujoco.assets import scene_path
 from cc_mujoco.cable import Transmission
 from cc_mujoco.datasets import Bench, Dataset, Noise, Trial
 from cc_mujoco.datasets._dataset_file import DatasetFile, Source
-from cc_mujoco.datasets._instruments import Instruments
 from cc_mujoco.datasets._torques import add_derived_torques, derived_noise
-from cc_mujoco.datasets._trials import Constant
+from cc_mujoco.datasets._trials import Constant, Instruments
 from cc_mujoco.diagnosis import EFFECTS
 from cc_mujoco.diagnosis.effects import RigGeometry
 from diagnosis.recorded import BENCH, CELL, DT, NOISE, dataset, motions

@@ -23,8 +23,8 @@ from cc_mujoco import cli
 from cc_mujoco.diagnosis import load
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware import Readings, RunLog, require_free, watch_for_stop
+from cc_mujoco.hardware._loop import SIGNALS
 from cc_mujoco.hardware._run_log import RUN_COLUMNS
-from cc_mujoco.hardware._stop_signals import SIGNALS
 from cc_mujoco.simulation._log_columns import AXIS_COLUMNS, TIME_COLUMN
 from hardware.ends import End, MulticastEnd, UdpEnd
 from hardware.fakes import add_row

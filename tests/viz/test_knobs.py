@@ -10,8 +10,14 @@ import pytest
 from cc_mujoco.cable import Cable
 from cc_mujoco.control import CONTROLLERS
 from cc_mujoco.viz import _live_controls as keys
-from cc_mujoco.viz._caption import CAPTION_WIDTH, state_rows, wrap_sentence
-from cc_mujoco.viz._live_controls import MAX_STEPS, STEP_FACTOR, Knobs
+from cc_mujoco.viz._live_controls import (
+    CAPTION_WIDTH,
+    MAX_STEPS,
+    STEP_FACTOR,
+    Knobs,
+    state_rows,
+    wrap_sentence,
+)
 
 CABLES = {
     "flexor": Cable(friction=0.2, static_friction=0.3, pretension=10.0),

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from cc_mujoco.viz._pace import FACTOR_WINDOW, MAX_LAG, MAX_LEAD, RealTimePacer
+from cc_mujoco.viz._live_controls import FACTOR_WINDOW, MAX_LAG, MAX_LEAD, RealTimePacer
 
 STEP = 0.001
 

@@ -19,11 +19,10 @@ from cc_mujoco.datasets._clock import GAP_FACTOR
 from cc_mujoco.datasets._data_findings import DataFinding, doubt, error, warning
 from cc_mujoco.datasets._dataset_file import DatasetFile
 from cc_mujoco.datasets._glitches import leaps
-from cc_mujoco.datasets._instruments import TORQUE_SENSORS
 from cc_mujoco.datasets._load_cells import SingleCell
 from cc_mujoco.datasets._reading import Recording
 from cc_mujoco.datasets._smoothing import velocity
-from cc_mujoco.datasets._trials import Dataset, Facts, FloatArray, Trial
+from cc_mujoco.datasets._trials import TORQUE_SENSORS, Dataset, Facts, FloatArray, Trial
 from cc_mujoco.diagnosis._checks.mechanics import (
     Mechanics,
     check_alignment,

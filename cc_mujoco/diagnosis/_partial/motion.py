@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 from cc_mujoco.cable import Parameter
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._channels import JOINT_ANGLE, MOTOR_ANGLE
-from cc_mujoco.datasets._instruments import Instruments
-from cc_mujoco.datasets._trials import Dataset
+from cc_mujoco.datasets._trials import Dataset, Instruments
 from cc_mujoco.diagnosis._phrases import (
     NO_SCENE_PREFIX,
     format_fitted,

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cc_mujoco.datasets._bench import Bench
-from cc_mujoco.datasets._instruments import TORQUE_SENSORS, Instruments
 from cc_mujoco.datasets._load_cells import SingleCell
+from cc_mujoco.datasets._trials import TORQUE_SENSORS, Instruments
 from cc_mujoco.diagnosis._fit.problem import (
     CrossValidation,
     Problem,

@@ -31,9 +31,8 @@ from cc_mujoco.datasets._channels import JOINT_ANGLE, MOTOR_ANGLE
 from cc_mujoco.datasets._columns import DATASET_FILE
 from cc_mujoco.datasets._dataset_file import DatasetFile, read_dataset_file
 from cc_mujoco.datasets._folders import MOTION_FILE
-from cc_mujoco.datasets._instruments import TORQUE_SENSORS, Instruments
 from cc_mujoco.datasets._torques import derived_noise, expected_instruments
-from cc_mujoco.datasets._trials import Constant, Noise
+from cc_mujoco.datasets._trials import TORQUE_SENSORS, Constant, Instruments, Noise
 from cc_mujoco.diagnosis._fit.intervals import plausible_size
 from cc_mujoco.diagnosis._fit.problem import Problem, jacobian
 from cc_mujoco.diagnosis._judge import declared_sentence

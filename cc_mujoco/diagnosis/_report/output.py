@@ -29,8 +29,7 @@ from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._columns import DATASET_FILE
 from cc_mujoco.datasets._dataset_file import read_dataset_file
 from cc_mujoco.datasets._folders import MOTION_FILE, data_files, find_dataset_file
-from cc_mujoco.datasets._instruments import TORQUE_SENSORS
-from cc_mujoco.datasets._trials import Dataset
+from cc_mujoco.datasets._trials import TORQUE_SENSORS, Dataset
 from cc_mujoco.diagnosis._fit.fit import BaselineFit
 from cc_mujoco.diagnosis._fit.problem import Problem
 from cc_mujoco.diagnosis._phrases import (

@@ -30,11 +30,10 @@ from typing import NamedTuple
 import numpy as np
 
 from cc_mujoco.cable import PARAMETERS, Cable, Parameter
-from cc_mujoco.datasets._angle_pairs import RATIO_KEY
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._coupled_route import Leading
-from cc_mujoco.datasets._instruments import TORQUE_SENSORS, Instrument, Instruments
-from cc_mujoco.datasets._trials import Constant
+from cc_mujoco.datasets._rig_table import RATIO_KEY
+from cc_mujoco.datasets._trials import TORQUE_SENSORS, Constant, Instrument, Instruments
 from cc_mujoco.diagnosis._rig.records import (
     Record,
     Setting,

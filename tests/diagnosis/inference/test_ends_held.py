@@ -11,7 +11,7 @@ import pytest
 from cc_mujoco.cable import Transmission
 from cc_mujoco.datasets import Bench, Dataset, Noise, Trial
 from cc_mujoco.datasets._data_findings import errors
-from cc_mujoco.datasets._instruments import Instruments
+from cc_mujoco.datasets._trials import Instruments
 from cc_mujoco.diagnosis import Options, load, run_inference
 from cc_mujoco.diagnosis._rig.records import prepare
 from cc_mujoco.diagnosis._rig.simulation import SimulatedRig, baseline_parameters

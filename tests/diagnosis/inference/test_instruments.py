@@ -11,8 +11,7 @@ import pytest
 
 from cc_mujoco.datasets import Bench
 from cc_mujoco.datasets._data_findings import errors
-from cc_mujoco.datasets._instruments import TORQUE_SENSORS, Instruments
-from cc_mujoco.datasets._trials import Constant
+from cc_mujoco.datasets._trials import TORQUE_SENSORS, Constant, Instruments
 from cc_mujoco.diagnosis import (
     EFFECTS,
     Diagnosis,

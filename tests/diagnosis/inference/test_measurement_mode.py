@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cc_mujoco.datasets._angle_pairs import arm_constants, fit_angle_pairs
-from cc_mujoco.datasets._instruments import TORQUE_SENSORS, Instruments
+from cc_mujoco.datasets._rig_table import arm_constants, fit_angle_pairs
+from cc_mujoco.datasets._trials import TORQUE_SENSORS, Instruments
 from cc_mujoco.diagnosis import Options, run_inference
 from cc_mujoco.diagnosis._partial.motion import describe_mode
 from diagnosis.instrumented import angles_only, loaded

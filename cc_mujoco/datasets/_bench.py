@@ -50,9 +50,6 @@ from cc_mujoco.plugin import from_mjcf
 from cc_mujoco.plugin._engine import PLUGIN
 from cc_mujoco.plugin._spec import read_spec
 
-_ARM_ANGLES = np.linspace(-2.0, 2.0, 401)
-"""Angles at which an arm from pairs is inverted [rad]."""
-
 
 @dataclass(frozen=True)
 class Bench:
@@ -221,7 +218,7 @@ class Bench:
         if self.lever is None and not self.arm:
             found: FloatArray = self.motor_radius / self.joint_radius * motor
             return found
-        known = _ARM_ANGLES if self.lever is None else self.lever.joint
+        known = np.linspace(-2.0, 2.0, 401) if self.lever is None else self.lever.joint
         if self.arm:
             known = known[arm_share(self.arm, known) > 0.0]
         found = np.interp(motor, self.following(known), known)

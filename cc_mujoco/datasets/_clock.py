@@ -35,11 +35,6 @@ MIN_RATE, LOW_RATE = 25.0, 100.0
 MIN_SEGMENT_TIME, MIN_SEGMENT_SAMPLES = 0.2, 20
 """A stretch is at least so long [s], and has so many samples."""
 
-_MAX_RATE = 5e3  # rate of any rig [Hz]
-_BUNCH_FACTOR = 0.1  # intervals of less than so many usual ones come in bunches
-_MAX_BUNCHED_SHARE = 0.05
-_GRID_TOLERANCE = 0.1  # share of a step by which times may be off an even grid
-
 
 @dataclass
 class SampledTrack:
@@ -127,9 +122,8 @@ def _suggest_time_unit(
     now = CLOCK.factors[file.unit(TIME, label)]
     for unit, factor in CLOCK.factors.items():
         scale = factor / now
-        likely = (
-            MIN_RATE < rate / scale < _MAX_RATE and scale * lasts >= MIN_SEGMENT_TIME
-        )
+        # No rig samples at 5 kHz.
+        likely = MIN_RATE < rate / scale < 5e3 and scale * lasts >= MIN_SEGMENT_TIME
         if scale != 1.0 and likely:
             if set(recording.paths.values()) - {recording.path}:
                 return f"check the `unit` of its files in [files]; {unit!r} would do"
@@ -263,8 +257,8 @@ def _gaps(
                 TIME,
             )
         )
-    bunched = np.count_nonzero((change < _BUNCH_FACTOR * step) | gap)
-    if bunched > _MAX_BUNCHED_SHARE * len(change):
+    bunched = np.count_nonzero((change < 0.1 * step) | gap)
+    if bunched > 0.05 * len(change):
         findings.append(
             error(
                 f"{recording.column(TIME)}: {bunched / len(change):.0%} of the "
@@ -303,7 +297,7 @@ def _resample_evenly(
         float(np.abs(time[part] - (a + step * np.arange(n))).max())
         for part, (a, _, n) in zip(segments, spans, strict=True)
     )
-    if off <= _GRID_TOLERANCE * step:
+    if off <= 0.1 * step:
         return replace(track, step=step), []
     # By rounding the last time may lie beyond the last reading.
     grids = [

@@ -24,7 +24,6 @@ _SIDE_WORDS = {
     ),
 }
 """Words in names of columns that speak of either end of a cable."""
-_PLOTJUGGLER_TIME = "__time"
 _STAMP_PATTERN = re.compile(r"(.*stamp[._/])(secs?)")
 _NANOSECOND_NAMES = {"sec": ("nanosec", "nsec"), "secs": ("nsecs",)}
 
@@ -63,9 +62,8 @@ def time_column(where: str, names: Sequence[str], given: PartFile) -> tuple[str,
     else:
         own = channels.spellings(channels.TIME)
         places = [full for word in own for full in columns_named(word, names)]
-        places = (
-            places or columns_named(_PLOTJUGGLER_TIME, names) or [*stamp_columns(names)]
-        )
+        # PlotJuggler calls it `__time`.
+        places = places or columns_named("__time", names) or [*stamp_columns(names)]
         if len(set(places)) > 1:
             raise _ambiguous_column(where, places, channels.TIME)
         if not places:

@@ -16,8 +16,6 @@ from cc_mujoco.errors import CableError
 MOTION_FILE = "motion_{}.csv"
 """File that holds the motion of a planned trial, by its number of two digits."""
 
-_BAG_FILE = "metadata.yaml"
-"""File that makes a folder a bag of ROS 2."""
 _ENDINGS = f"{', '.join(tables.ENDINGS[:-1])} or {tables.ENDINGS[-1]}"
 
 
@@ -83,7 +81,7 @@ def _folder_of(path: Path) -> Path:
     """Return the folder of a data file; of a bag of ROS 2, that in which the bag is."""
     folder = path.parent
     own = folder / DATASET_FILE
-    in_bag = (folder / _BAG_FILE).is_file() and not own.is_file()
+    in_bag = (folder / "metadata.yaml").is_file() and not own.is_file()
     return folder.parent if in_bag else folder
 
 

@@ -20,8 +20,6 @@ from cc_mujoco.datasets._trials import FloatArray
 _LOADS = channels.TORQUE, channels.FORCE, channels.CURRENT
 _COMPARED = (channels.ANGLE, *_LOADS)
 """Kinds of readings that a model is compared with; others lose a column by a gap."""
-_LONGEST = 2
-"""Most readings in a row that are one glitch: longer ones may be a pulse."""
 _CHANGE_QUANTILE, _CHANGE_RATIO = 0.98, 8.0
 """A glitch leaves the line through its neighbours by so many usual large changes from
 one reading to the next. White noise does so once in 10^100 readings."""
@@ -29,18 +27,9 @@ _MIN_RANGE_SHARE, _MIN_DIGITS = 0.05, 10.0
 """Least size over the range of nearly all readings, and over their digit."""
 _BESIDE, _BESIDE_QUANTILE = 10, 0.7
 """Readings on either side, and the share of their changes, that are calm."""
-_COMMON_RATIO = 3.0
-"""Usual large changes by which another load moves where both feel a real impact."""
 _MIN_READINGS = 50
 _MAX_COUNTED = 100_000
 """Most readings from which sizes are estimated."""
-_MIN_FROZEN = 8
-"""Equal readings in a row that noise does not give."""
-_MAX_REPEATS = 0.1
-"""Share of readings that repeat the one before, from which on repeats are usual."""
-_MIN_NOISE_SHARE = 1e-4
-"""Noise over the range of a channel below which equal readings may be a state of rest,
-as in simulations."""
 
 
 def drop_glitches(recording: Recording) -> tuple[Recording, list[DataFinding]]:
@@ -112,7 +101,7 @@ def _lone(readings: FloatArray) -> NDArray[np.intp]:
     if np.isinf(least):
         return np.empty(0, dtype=np.intp)
     found = np.zeros(readings.size, dtype=bool)
-    for length in range(1, _LONGEST + 1):
+    for length in (1, 2):  # longer ones may be a pulse
         inside = np.lib.stride_tricks.sliding_window_view(readings[1:-1], length)
         before, after = readings[: len(inside)], readings[length + 1 :]
         above = inside.min(axis=1) - np.maximum(before, after)
@@ -171,7 +160,7 @@ def _impacts(
         if not same or channels.kind_of(other) not in _LOADS:
             continue
         moved = np.abs(readings[rows] - readings[rows - 1])
-        felt |= moved > _COMMON_RATIO * _usual_change(readings)
+        felt |= moved > 3.0 * _usual_change(readings)  # usual large changes
     return felt
 
 
@@ -185,14 +174,16 @@ def _frozen(readings: FloatArray) -> list[slice]:
         return []
     same = np.diff(readings) == 0.0
     edges = np.flatnonzero(np.diff(same, prepend=False, append=False)).reshape(-1, 2)
-    runs = edges[edges[:, 1] - edges[:, 0] >= _MIN_FROZEN - 1]
+    # Noise does not give eight equal readings.
+    runs = edges[edges[:, 1] - edges[:, 0] >= 7]
     if not runs.size:
         return []
     within = int(np.sum(runs[:, 1] - runs[:, 0]))
     usual = (np.count_nonzero(same) - within) / max(same.size - within, 1)
     low, high = np.nanquantile(readings, (0.01, 0.99))
     third = np.abs(np.diff(readings, 3))
-    if usual > _MAX_REPEATS or np.nanmedian(third) < _MIN_NOISE_SHARE * (high - low):
+    # Repeats are usual, or so little noise is a state of rest, as in simulations.
+    if usual > 0.1 or np.nanmedian(third) < 1e-4 * (high - low):
         return []
     ends, least = (np.nanmin(readings), np.nanmax(readings)), _least_size(readings)
     found = []

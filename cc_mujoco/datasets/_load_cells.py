@@ -16,10 +16,6 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.report._html import list_words
 
 END_OF_TORQUE = {channels.MOTOR_TORQUE: "proximal", channels.JOINT_TORQUE: "distal"}
-_MAX_PUSH_SHARE = 0.05
-"""Share of its largest reading by which a load cell may show a push on average."""
-_TORQUE_TOLERANCE = 0.05
-"""Reported difference of a torque and that of its cells, relative to its RMS."""
 
 
 def check_cells(
@@ -46,7 +42,7 @@ def check_cells(
             return None, [error(message, trial.name, missing[0])]
         for name in own:
             pull = trial.tensions[name]
-            if np.nanmean(pull) < -_MAX_PUSH_SHARE * np.nanmax(np.abs(pull)):
+            if np.nanmean(pull) < -0.05 * np.nanmax(np.abs(pull)):
                 message = (
                     f"{trial.column(name)} is negative on average, and a cable cannot "
                     f"push; declare [columns.{name}] sign = -1, or its offset."
@@ -182,7 +178,7 @@ def compare_with_sensor(
     shown, made = shown[known], made[known]
     size = float(np.sqrt(np.mean(shown**2)))
     deviation = float(np.sqrt(np.mean((made - shown) ** 2)))
-    if deviation <= _TORQUE_TOLERANCE * size:
+    if deviation <= 0.05 * size:
         return [warning(f"{message}, with which the load cells agree.", channel=torque)]
     gain, offset = np.polyfit(shown, made, 1)
     offset = 0.0 if abs(offset) < 1e-9 * size else offset

@@ -17,11 +17,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
 
 LEVER_ANGLE_COUNT = 4001
-MIN_ARM_RATIO = 0.2
-"""Arm over that at 0 beyond which a lever is as good as dead."""
 _MAX_ANGLE = 3.0
-_JOINT_TOLERANCE = 1e-6
-_RANDOM_POSES = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +124,7 @@ def make_lever(
             f"{where} pulls along its lever at angle 0; it has no arm there"
         )
     at, count = int(np.argmin(np.abs(angles))), angles.size
-    alive = arms / arm > MIN_ARM_RATIO
+    alive = arms / arm > 0.2  # beyond, a lever is as good as dead
     first = at - int(np.argmin(alive[at::-1])) + 1 if not alive[: at + 1].all() else 0
     last = at + int(np.argmin(alive[at:])) if not alive[at:].all() else count
     kept = slice(first, last)
@@ -164,13 +160,11 @@ def _moving_dofs(model: mujoco.MjModel, data: mujoco.MjData, row: int) -> list[i
     """Return the degrees of freedom that change a tendon's length in any pose."""
     random = np.random.default_rng(0)
     most = np.zeros(model.nv)
-    for _ in range(_RANDOM_POSES):
+    for _ in range(8):
         speed = random.uniform(-0.5, 0.5, model.nv)
         data.qpos[:] = model.qpos0
         mujoco.mj_integratePos(model, data.qpos, speed, 1.0)
         mujoco.mj_fwdPosition(model, data)
         most = np.maximum(most, np.abs(_tendon_arms(model, data, row)))
     data.qpos[:] = model.qpos0
-    return [
-        int(k) for k in np.flatnonzero(most > _JOINT_TOLERANCE * max(most.max(), 1e-12))
-    ]
+    return [int(k) for k in np.flatnonzero(most > 1e-6 * max(most.max(), 1e-12))]

@@ -14,13 +14,6 @@ import numpy as np
 from cc_mujoco.datasets._trials import Noise, Trial
 from cc_mujoco.native import FloatArray
 
-_MAX_SAMPLES = 200_000  # samples that are enough to see a digit
-_MIN_DIFFERENCES = 50  # differences that are no multiples of anything by chance
-_MAX_JUMP = 6  # largest candidate for the least difference of readings, in digits
-_CREEP_DIGITS = 1.5  # digits between two readings beyond which an angle is under way
-_ROUNDING_VARIANCE_RATIO = 1.5
-"""Variance over that of rounding up to which the digits tell more than the mean."""
-
 
 def resolution(values: FloatArray) -> float:
     """Return the quantisation step of readings, 0 if they show none.
@@ -28,7 +21,7 @@ def resolution(values: FloatArray) -> float:
     The differences between the values that occur are multiples of the step. They have
     to be the readings themselves: what lies between two of them is no multiple.
     """
-    values = values[:_MAX_SAMPLES]
+    values = values[:200_000]  # enough to see a digit
     values = values[np.isfinite(values)]
     levels = np.unique(values)
     if len(levels) < 3:
@@ -38,9 +31,9 @@ def resolution(values: FloatArray) -> float:
     least = float(np.percentile(change, 10))
     few = change[change < 10.5 * least]
     # An encoder that is fine for its range hardly ever reads the same twice.
-    if len(levels) > 0.5 * len(values) and len(few) < _MIN_DIFFERENCES:
+    if len(levels) > 0.5 * len(values) and len(few) < 50:
         return 0.0
-    for jump in range(1, _MAX_JUMP + 1):
+    for jump in range(1, 7):  # digits of the least difference
         step = least / jump
         for _ in range(5):
             multiples = np.maximum(1.0, np.round(few / step))
@@ -73,7 +66,7 @@ def interpolate_readings(
     after = np.clip(np.searchsorted(clock, wanted), 1, len(clock) - 1)
     one, other = reading[after - 1], reading[after]
     early = wanted - clock[after - 1] < clock[after] - wanted
-    creeps = np.isfinite(found) & (np.abs(other - one) < _CREEP_DIGITS * digit)
+    creeps = np.isfinite(found) & (np.abs(other - one) < 1.5 * digit)
     return np.where(creeps, np.where(early, one, other), found)
 
 
@@ -87,7 +80,8 @@ def reconstruct_angle(reading: FloatArray, noise: Noise | None) -> FloatArray:
     """
     if noise is None or not 0.0 < noise.resolution:
         return reading
-    if noise.deviation > math.sqrt(_ROUNDING_VARIANCE_RATIO / 12.0) * noise.resolution:
+    # With more noise than rounding makes the mean tells more than the digits.
+    if noise.deviation > math.sqrt(1.5 / 12.0) * noise.resolution:
         return reading
     step = np.diff(reading)
     before = np.flatnonzero(np.abs(step) > 0.5 * noise.resolution)

@@ -23,10 +23,6 @@ from cc_mujoco.datasets._dataset_file import DatasetFile, PartFile, TrialFile
 from cc_mujoco.datasets._trials import FloatArray
 from cc_mujoco.errors import CableError
 
-# Complete rows, over the rows of the rarest channel, of one topic.
-_SAME_TOPIC_SHARE = 0.5
-_MIN_RATE_RATIO = 0.5  # rate of a further channel over that of the drive, to be of use
-
 
 class Stream(NamedTuple):
     """Readings of a channel at their times.
@@ -91,9 +87,7 @@ def topic_rows(
     if complete == len(drive[0]):
         return {}
     spacing = [float(np.median(np.diff(np.flatnonzero(mask)))) for mask in drive]
-    return (
-        filled if complete < _SAME_TOPIC_SHARE * fewest or max(spacing) >= 2.0 else {}
-    )
+    return filled if complete < 0.5 * fewest or max(spacing) >= 2.0 else {}
 
 
 def merge_streams(where: str, streams: Mapping[str, Stream]) -> Joined:
@@ -129,7 +123,7 @@ def merge_streams(where: str, streams: Mapping[str, Stream]) -> Joined:
     for channel, stream in streams.items():
         if (
             channel not in (*drive, channels.TEMPERATURE, channels.VALID)
-            and own.interval < _MIN_RATE_RATIO * stream.interval
+            and own.interval < 0.5 * stream.interval
         ):
             remarks.append(
                 f"{where}: {channel} has {1 / stream.interval:.3g} readings per "
@@ -156,8 +150,6 @@ def _rate_sentence(where: str, leader: str, drive: Mapping[str, Stream]) -> str:
 
 MAX_CHANNEL_VALUE, MAX_TIME = 1e6, 1e11
 """Readings and times [s] beyond these are taken for missing."""
-# Clocks that begin within so much of 0 may have zeros of their own [s].
-_CLOCK_START_TOLERANCE = 1.0
 
 
 @dataclass
@@ -434,7 +426,7 @@ def _require_common_zero(where: str, tabled: Sequence[_Table], name: str) -> Non
     for table in tabled:
         known = table.stamps[np.isfinite(table.stamps)]
         begins = abs(float(known.min())) if len(known) else np.inf
-        if table.part.times.offset is None and begins < _CLOCK_START_TOLERANCE:
+        if table.part.times.offset is None and begins < 1.0:
             unknown.append(table)
     if len(unknown) > 1:
         keys = " and ".join(table.part.key for table in unknown)

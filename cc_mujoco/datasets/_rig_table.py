@@ -135,10 +135,6 @@ def _statement(table: Table, name: str) -> Constant:
 
 MIN_PAIRS = 5
 """Pairs from which an arm can be fitted and its error estimated."""
-_CURVED_PAIRS = 7
-"""Pairs from which on the arm may be curved."""
-_MIN_SHARE = 0.2
-"""Least arm over that at 0 within the pairs; a lever beyond is as good as dead."""
 RATIO_KEY, SLOPE_KEY, CURVE_KEY = "lever_ratio", "lever_slope", "lever_curve"
 """Constants that stand for the pairs: R/r, a [1/rad] and b [1/rad^2]."""
 
@@ -163,7 +159,7 @@ def fit_angle_pairs(pairs: Sequence[Sequence[float]], where: str) -> FittedArm:
             f"{where} has {len(set(joint.tolist()))} different joint angles; give "
             f"{MIN_PAIRS} pairs [motor, joint] or more, over the whole range."
         )
-    degree = 3 if len(pairs) >= _CURVED_PAIRS else 2
+    degree = 3 if len(pairs) >= 7 else 2  # fewer tell of no curve
     design = np.vander(joint, degree + 1, increasing=True)
     size = np.linalg.lstsq(design, motor)[0]
     left = motor - design @ size
@@ -171,7 +167,7 @@ def fit_angle_pairs(pairs: Sequence[Sequence[float]], where: str) -> FittedArm:
     spread = np.linalg.inv(design.T @ design) * float(left @ left) / freedom
     ratio = float(size[1])
     arm = Polynomial(size).deriv()(np.linspace(joint.min(), joint.max(), 101)) / ratio
-    if ratio <= 0.0 or float(arm.min()) < _MIN_SHARE:
+    if ratio <= 0.0 or float(arm.min()) < 0.2:  # a lever beyond is as good as dead
         raise CableError(
             f"{where}: the joint does not follow the motor over the whole range (arm "
             f"{float(arm.min()):.2g} of that at 0 at least); give pairs that increase "

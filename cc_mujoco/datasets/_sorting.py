@@ -20,10 +20,7 @@ from cc_mujoco.datasets._reading import Recording
 from cc_mujoco.datasets._trials import FloatArray
 
 MAX_MISSING_SHARE = 0.3
-_MAX_DUPLICATE_SHARE = 0.01
 _MIN_RUN = 20  # rows in order that are a recording of their own
-_BACKWARDS_SHARE = 0.9  # steps back from which on time runs backwards
-_DUPLICATE_RATIO = 1.5  # rows over those that a clock has time for
 
 
 def sort_rows(recording: Recording) -> tuple[Recording | None, list[DataFinding]]:
@@ -80,7 +77,7 @@ def _row_order(
                 "channels to one clock."
             )
             return None, [*findings, error(message, name, channel)]
-        if len(back) > _BACKWARDS_SHARE * (len(rows) - 1):
+        if len(back) > 0.9 * (len(rows) - 1):
             message += (
                 ": time runs backwards; reverse the rows, or correct the clock if it "
                 "counts down."
@@ -102,7 +99,7 @@ def _row_order(
             f"{where} repeats the time of another row in {same} rows, the first of "
             f"them row {first}"
         )
-        if same > _MAX_DUPLICATE_SHARE * len(rows):
+        if same > 0.01 * len(rows):
             advice = "write times with more digits, or the clock is too coarse."
             findings.append(error(f"{message}; {advice}", name, channel))
         else:
@@ -127,6 +124,7 @@ def _covers_time_twice(time: FloatArray, back: NDArray[np.intp]) -> bool:
             for run in (before, after)
         )
         capacity = (stop - start) / step + 1.0
-        if there > _DUPLICATE_RATIO * capacity and there - capacity >= 2.0:
+        # rows over those that a clock has time for
+        if there > 1.5 * capacity and there - capacity >= 2.0:
             return True
     return False

@@ -18,7 +18,6 @@ _JOINT_NEEDED = (
     "`joint`, a table with the `address` or `class` of what measures the joint"
 )
 """Table that a drive needs, as errors name it."""
-_ID_KEYS = ("command_id", "reading_id")
 
 
 @dataclass(frozen=True)
@@ -106,7 +105,7 @@ def _can(table: Table, channel: str) -> CanAddress:
     names = [each.name for each in fields(CanAddress) if each.name != "channel"]
     table.only("address", *names)
     _require_bus(table, "can", channel)
-    for key in _ID_KEYS:
+    for key in ("command_id", "reading_id"):
         _whole(table, key, range(MAX_LONG_ID + 1), 0, f"{MAX_LONG_ID:#x}")
     given = {key: value for key, value in table.content.items() if key != "address"}
     found = CanAddress(channel, **given)

@@ -37,10 +37,6 @@ from cc_mujoco.hardware._rig import PacketRig, pending
 MAX_FAILURES = 5
 """So many in a row are no accident: the bus is gone."""
 NETWORK_FOLDER = Path("/sys/class/net")
-_FD_MTU = 72
-"""MTU of a network of SocketCAN with CAN FD; without it is 16."""
-_BUS_OFF = 0x40
-"""Bit in the identifier of SocketCAN's error frames: the controller is off the bus."""
 _NULL_HANDLER = logging.NullHandler()
 
 
@@ -164,7 +160,8 @@ class CanPort:
         ) from error
 
     def _require_on(self, frame: can.Message) -> None:
-        if self._interface == "socketcan" and frame.arbitration_id & _BUS_OFF:
+        # Bit 0x40 of an error frame: the controller is off the bus.
+        if self._interface == "socketcan" and frame.arbitration_id & 0x40:
             raise CableError(
                 f"{self.where} is off after too many errors; is the rig "
                 "on, with the same bit rates, and is the bus terminated?"
@@ -255,7 +252,7 @@ def _require_fd_network(place: CanPlace, where: str) -> None:
     mtu = NETWORK_FOLDER / place.channel / "mtu"
     if place.interface != "socketcan" or not mtu.is_file():
         return
-    if int(mtu.read_text()) < _FD_MTU:
+    if int(mtu.read_text()) < 72:  # the MTU with CAN FD; without it is 16
         raise _classical_can_error(where)
 
 

@@ -16,10 +16,6 @@ from cc_mujoco.hardware._rig import Connection, Rig, end_safely
 
 TURN = 2.0 * math.pi
 """A turn, in which drives measure angles [rad]."""
-ENABLE_TIME = 1.0
-"""Longest time that a drive takes to enable its motor; its status is unknown [s]."""
-END_INTERVAL = 2e-3
-"""Time between the last commands of a run [s]."""
 Now = Callable[[], float]
 """Clock of the host [s]."""
 
@@ -65,7 +61,8 @@ class Enabling:
             self._enabled = True
             return Status.ENABLED
         waits = self._since is not None and not self._enabled
-        if waits and self._now() - (self._since or 0.0) < ENABLE_TIME:
+        # A drive takes at most 1 s to enable its motor; its status is unknown.
+        if waits and self._now() - (self._since or 0.0) < 1.0:
             return None
         return Status.NONE
 
@@ -137,4 +134,4 @@ class DriveRig:
         if self._closed:
             return
         self._closed = True
-        end_safely(self._drive.stop, END_INTERVAL, self._drive.close, self._joint.close)
+        end_safely(self._drive.stop, 2e-3, self._drive.close, self._joint.close)

@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 
 HEADER = b"\xff\xff\xfd\x00"
 READ, STATUS, SYNC_WRITE = 0x02, 0x55, 0x83
-BROADCAST = 0xFE
 OPERATING_MODE, CURRENT_LIMIT = 11, 38
 TORQUE_ENABLE, BUS_WATCHDOG, GOAL_CURRENT = 64, 98, 102
 PRESENT_VELOCITY, PRESENT_POSITION = 128, 132
@@ -45,14 +44,12 @@ WATCHDOG_UNITS, WATCHDOG_TRIPPED = 3, 0xFF
 REPLY_TIME = 0.01
 """Time after which a reply comes no more [s]; until then nothing is sent."""
 MAX_FAILURES = 5
-_ALERT = 0x80
 _STUFFED = HEADER[:3] + b"\xfd"
 _SETTINGS = (OPERATING_MODE, CURRENT_LIMIT + 2 - OPERATING_MODE)
 _WHOLE = (TORQUE_ENABLE, PRESENT_POSITION + 4 - TORQUE_ENABLE)
 _MOVING = (BUS_WATCHDOG, PRESENT_POSITION + 4 - BUS_WATCHDOG)
 """First address and number of the bytes to read: before the motor is enabled, until the
 servo confirms that, and then."""
-_MAX_PACKET = 256
 
 
 def _crc_entry(value: int) -> int:
@@ -88,7 +85,7 @@ def read_instruction(node: int, address: int, size: int) -> bytes:
 def write_instruction(node: int, address: int, value: bytes) -> bytes:
     """Return the packet that writes bytes into the control table, without an answer."""
     parameters = struct.pack("<HHB", address, len(value), node) + value
-    return instruction(BROADCAST, SYNC_WRITE, parameters)
+    return instruction(0xFE, SYNC_WRITE, parameters)  # to all
 
 
 def take_status(received: bytearray, node: int) -> tuple[int, bytes] | None:
@@ -102,7 +99,7 @@ def take_status(received: bytearray, node: int) -> tuple[int, bytes] | None:
         if len(received) < 7:
             return None
         size = 7 + int.from_bytes(received[5:7], "little")
-        if size > _MAX_PACKET:
+        if size > 256:
             del received[:1]
             continue
         if len(received) < size:
@@ -226,7 +223,7 @@ class Dynamixel:
         if requested == _WHOLE:
             enabled = enabled and data[0] == 1
         velocity, position = struct.unpack_from("<ii", data, PRESENT_VELOCITY - first)
-        status = Status.FAULT if error & _ALERT else self._enabling.status(enabled)
+        status = Status.FAULT if error & 0x80 else self._enabling.status(enabled)
         angle = position * TURN / COUNTS
         return MotorState(self._now(), angle, velocity * VELOCITY, status)
 

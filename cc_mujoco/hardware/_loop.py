@@ -35,10 +35,6 @@ from cc_mujoco.hardware._rig import Rig
 from cc_mujoco.hardware._run_log import AxisRow
 from cc_mujoco.hardware._watchdog import Watch, Watchdog
 
-SPIN_TIME = 2e-4
-"""Before a deadline the loop no longer sleeps [s]: a sleep ends late by 0.05 to 0.1 ms
-on an idle Linux without real-time priority."""
-
 
 class Clock(Protocol):
     """Time that goes on by itself, or in a test."""
@@ -59,7 +55,9 @@ class SystemClock:
 
     def wait(self, deadline: float) -> None:
         """See `Clock`."""
-        left = deadline - time.perf_counter() - SPIN_TIME
+        # A sleep ends late by 0.05 to 0.1 ms on an idle Linux without real-time
+        # priority.
+        left = deadline - time.perf_counter() - 2e-4
         if left > 0.0:
             time.sleep(left)
         while time.perf_counter() < deadline:
@@ -70,8 +68,6 @@ CONNECT_TIME = 3.0
 """Longest time that a rig may take until its first reading [s]."""
 ZERO_TORQUE_CYCLES = 5
 """Cycles at zero torque after the ramp of a stop."""
-WARM_UP_CALLS = 20
-"""Calls of a controller before the first cycle; the first load what is compiled."""
 
 
 class Ending(Exception):
@@ -283,7 +279,7 @@ class Loop:
         """Load compiled code; then send zero torque until all rigs have answered."""
         # First, since a rig that has been heard must not wait for its next command.
         rest = [Readings(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)] * len(self._axes)
-        for _ in range(WARM_UP_CALLS):
+        for _ in range(20):  # the first load what is compiled
             self._wind(rest)
             self._control_torques(0.0, rest)
         self._law.reset()

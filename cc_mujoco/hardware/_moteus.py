@@ -27,9 +27,7 @@ COMMAND, WATCHDOG_TIMEOUT, INTEGRAL_SCALE = 0x020, 0x027, 0x02B
 STOPPED, FAULT, PREPARING, POSITION_MODE = 0, 1, (2, 3, 4), 10
 TIMEOUT = 0.05
 """Time after which a command without a successor ends [s]."""
-_REPLY_REQUESTED = 0x8000
 _WRITE, _READ, _REPLY, _NOP = 0x00, 0x10, 0x20, 0x50
-_ERRORS = (0x30, 0x31)
 _TYPES = ("b", "h", "i", "f")
 """Types of values in a subframe, by bits 2 and 3 of its first byte."""
 _FLOAT = 0x0C
@@ -79,7 +77,7 @@ def registers(data: bytes) -> dict[int, float] | None:
             first, place = data[place], place + 1
             if first == _NOP:
                 continue
-            if first in _ERRORS:
+            if first in (0x30, 0x31):  # errors
                 _, place = _varuint(data, place)
                 _, place = _varuint(data, place)
                 continue
@@ -144,7 +142,7 @@ class Moteus(CanDrive):
         self._send(stop_command())
 
     def _send(self, data: bytes) -> None:
-        self._port.send(_REPLY_REQUESTED | self._node, data)
+        self._port.send(0x8000 | self._node, data)  # and reply
 
     def _status(self, mode: float) -> Status | None:
         if mode == FAULT:

@@ -33,14 +33,8 @@ IDLE, CLOSED_LOOP_CONTROL = 1, 8
 """States of an axis."""
 TORQUE_CONTROL, PASSTHROUGH = 1, 1
 """Control mode and input mode."""
-HEARTBEAT_AGE = 0.5
-"""Age from which the state in a heartbeat counts as unknown [s]."""
 _HEARTBEAT = struct.Struct("<IB")
 _ESTIMATES = struct.Struct("<ff")
-_REQUEST_INTERVAL = 0.1
-"""Time between two requests to enable the motor [s]."""
-_CLEAR_TIME = 0.02
-"""Time in which a drive clears its errors [s]."""
 
 
 def identifier(node: int, command: int) -> int:
@@ -88,7 +82,7 @@ class Odrive(CanDrive):
             self._enabling.request()
             # Never again after a drive has disabled itself.
             waits = self._enabling.status(self._enabled()) is None
-            if waits and self._now() - self._requested >= _REQUEST_INTERVAL:
+            if waits and self._now() - self._requested >= 0.1:
                 self._requested = self._now()
                 self._send(SET_AXIS_STATE, struct.pack("<I", CLOSED_LOOP_CONTROL))
         self._send(SET_INPUT_TORQUE, struct.pack("<f", torque if self._heard else 0.0))
@@ -102,11 +96,12 @@ class Odrive(CanDrive):
 
     def _enabled(self) -> bool:
         time, _, state = self._beat
-        known = self._now() - time <= HEARTBEAT_AGE
+        known = self._now() - time <= 0.5  # an older state is unknown
         return known and state == CLOSED_LOOP_CONTROL
 
     def _status(self) -> Status | None:
         time, errors, _ = self._beat
-        if errors and time > self._cleared + _CLEAR_TIME:
+        # A drive clears its errors in 20 ms.
+        if errors and time > self._cleared + 0.02:
             return Status.FAULT
         return self._enabling.status(self._enabled())

@@ -43,9 +43,6 @@ Array = NDArray[np.float64]
 REQUIRED_COLUMNS = RUN_COLUMNS[1:8]
 """Columns that a log must have of every axis, besides time."""
 RECORDING_FILE, SUMMARY_FIGURE = "recording.rrd", "summary.png"
-_MAX_TWIST = 0.5
-"""Difference of the angles of motor and joint, at the joint, that no cable of a scene
-that fits would allow: more than slack, stretch and offsets of the encoders [rad]."""
 
 
 def files_for(log: Path) -> tuple[Path, Path]:
@@ -231,7 +228,8 @@ def _require_ratio(
         torque = rows["joint_torque_nm"] / rows["leverage_ratio"] * np.sign(drive.ratio)
         at_rest = max(each.cable.pretension * abs(each.distal) for each in drive.cables)
         twist = twist[torque > max(at_rest, 0.1 * float(np.max(torque)))]
-    if twist.size and np.ptp(twist) > _MAX_TWIST:
+    # More than slack, stretch and offsets of the encoders [rad].
+    if twist.size and np.ptp(twist) > 0.5:
         raise CableError(
             f"{path} does not fit scene {scene}: the motor over {drive.ratio:.3g} and "
             f"the joint drift {np.ptp(twist):.2g} rad apart; give the rig's own scene."

@@ -19,10 +19,6 @@ MAX_PENDING = 200
 """Most packets or frames that are looked at in a cycle."""
 END_PACKETS = 10
 """Packets that say that the run is over; some may be lost."""
-_CLOCK_STEP_AGE = 1_000_000_000
-"""Age from which an older time is a step of the rig's clock, and is looked at [ns]."""
-_END_PACKET_INTERVAL = 1e-3
-"""Time between them [s]."""
 
 
 @runtime_checkable
@@ -130,7 +126,8 @@ class PacketRig:
                 same = found.sequence == last.sequence
                 self.ignored["repeated" if same else "reordered"] += 1
                 continue
-            if last is not None and 0 <= last.stamp - found.stamp < _CLOCK_STEP_AGE:
+            # An older time is a step of the clock, and is looked at.
+            if last is not None and 0 <= last.stamp - found.stamp < 1_000_000_000:
                 self.ignored["stamp stands still"] += 1
                 continue
             self.ignored["overtaken"] += newest is not None
@@ -147,7 +144,7 @@ class PacketRig:
         if self._closed:
             return
         self._closed = True
-        end_safely(self._stop, _END_PACKET_INTERVAL, self._link.close)
+        end_safely(self._stop, 1e-3, self._link.close)
 
     def _stop(self) -> None:
         self._send(0.0, Status.STOPPED)

@@ -35,11 +35,6 @@ _AXIS_COLUMNS = RUN_COLUMNS[1:-3]
 SAMPLE_TIME = "sample_time_s"
 """Column of each of several axes: time of its reading by the clock of its own rig,
 since its first reading in the log. `time_s` is that of the first axis."""
-MAX_HEADER = 65536
-"""Bytes of a file from which on it has rows."""
-RESERVED_BYTES = 4096
-"""Blanks in the page of a run while it goes on: a full disk leaves no place for its
-outcome [bytes]."""
 BLOCK_TIME = 0.1
 """Length of a block [s]."""
 
@@ -103,7 +98,8 @@ def _is_empty(folder: Path, name: str) -> bool:
     """Return whether a run of ours ended there before anything was measured."""
     rows, page = (folder / file for file in files_of(name))
     try:
-        header = rows.read_bytes() if rows.stat().st_size < MAX_HEADER else b""
+        # A longer file has rows.
+        header = rows.read_bytes() if rows.stat().st_size < 65536 else b""
         names = header.decode().removesuffix("\n").split(",")
         ends = [name for name in names if name.endswith(_AXIS_COLUMNS[0])]
         axes = [name.removesuffix(_AXIS_COLUMNS[0]).rstrip(".") for name in ends]
@@ -145,7 +141,8 @@ class RunLog:
         self._block: list[str] = []
         self._starts: list[float] = []
         self._folder.mkdir(parents=True, exist_ok=True)
-        self._tell({"outcome": "running, or killed"}, RESERVED_BYTES)
+        # With blanks, as a full disk leaves no place for the outcome.
+        self._tell({"outcome": "running, or killed"}, 4096)
         self._path = self._folder / rows_file
         if _is_empty(self._folder, name):
             os.unlink(self._path)

@@ -33,8 +33,6 @@ Array = NDArray[np.float64]
 
 WIDTH, HEIGHT, LEFT, TOP, BOTTOM = 480, 185, 58, 28, 40
 """Size of a drawing and the margins of its axes; it has no right margin."""
-INTERVALS = 400
-"""Intervals of time of which a curve shows the least and the greatest value."""
 PLOT_STYLE = f"""
 svg {{ display: block; width: 100%; max-width: 40rem; margin: .8rem 0; }}
 svg text {{ font: 15px system-ui, "DejaVu Sans", sans-serif; fill: currentColor; }}
@@ -125,7 +123,7 @@ def _pieces(time: Array, curve: Array) -> list[list[tuple[float, float]]]:
     if not places.size:
         return []
     pieces = np.split(places, np.flatnonzero(np.diff(places) > 1) + 1)
-    every = max(1, time.size // INTERVALS)
+    every = max(1, time.size // 400)
     found = []
     for piece in pieces:
         kept = [

@@ -101,7 +101,6 @@ MAX_MOTOR_TIME_CONSTANT = 0.02
 """Greatest time constant of a motor's torque that a loop is made for [s]."""
 _TASK_KEYS = ("torque", "csv", "name", "trajectory")
 _AXIS_TABLES = ("rig", "limits", "watchdog", "task", "servo")
-_REQUIRED_LIMITS = ("torque", "torque_rate", "motor_speed", "joint_range")
 
 
 @dataclass(frozen=True)
@@ -363,7 +362,7 @@ def _require_distinct(axes: Sequence[Settings]) -> None:
 
 def _limits(table: Table) -> Limits:
     table.only(*(field.name for field in dataclasses.fields(Limits)))
-    for key in _REQUIRED_LIMITS:
+    for key in ("torque", "torque_rate", "motor_speed", "joint_range"):
         _require_value(table, key, table.content.get(key))
     pair = table.content["joint_range"]
     ends = [finite(end) for end in pair] if isinstance(pair, list) else []

@@ -20,8 +20,6 @@ from cc_mujoco.native import FloatArray, FloatMatrix, compiled
 
 STATISTICS_TIME = 1.0
 """Time constant of the statistics of measured and predicted torque [s]."""
-REVERSED_CORRELATION = -0.8
-"""Correlation below which the sensor is reversed."""
 
 
 class TorqueSensor:
@@ -105,7 +103,7 @@ class TorqueSensor:
         if self._count < self._settled or min(measured, expected) < least:
             return None
         correlation = moments[4] / (measured * expected)
-        if correlation > REVERSED_CORRELATION:
+        if correlation > -0.8:
             return None
         return (
             "the torque sensor is reversed: it falls where the angles of motor and "
@@ -135,9 +133,6 @@ def _predict_torque(
             state[k, i] = new[k, i]
     return float(stepper.torque(cables, state, True, motor)[0])
 
-
-MIN_CLOCK_STEP = 1.0
-"""Least step of the rig's clock against that of the host that ends a run [s]."""
 
 _POSSIBLE = {
     "motor_angle": (1e6, "rad"),
@@ -282,7 +277,7 @@ class Watch:
         if before is None:
             return None
         step = (time - before[0]) - (now - before[1])
-        if abs(step) < MIN_CLOCK_STEP:
+        if abs(step) < 1.0:
             return None
         self.has_stepped = True
         return (

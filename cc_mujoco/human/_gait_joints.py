@@ -25,10 +25,6 @@ _OTHER_AXES = {
 }
 """Words of joints that turn about another axis than that of level walking."""
 _PHASE_GRID = np.linspace(0.0, 1.0, 2001)
-_SPARE = 1.1
-"""Largest excursion of a joint at any speed, over that of the measured walk [-]."""
-_MAX_SHIFT = 0.03
-"""Most by which a joint's motion is shifted so that it stays in the range [rad]."""
 
 
 class GaitJoint(NamedTuple):
@@ -82,10 +78,10 @@ def _words(name: str) -> list[str]:
 
 def _fit(part: str, ends: tuple[float, float]) -> tuple[bool, float]:
     """Return whether a joint is turned, and its shift [rad]."""
-    angles = _SPARE * GAIT_ANGLES[part](_PHASE_GRID)
+    angles = 1.1 * GAIT_ANGLES[part](_PHASE_GRID)  # the largest excursion at any speed
     least, most = float(angles.min()), float(angles.max())
     for turned, (low, high) in ((False, (least, most)), (True, (-most, -least))):
         up, down = max(ends[0] - low, 0.0), max(high - ends[1], 0.0)
-        if max(up, down) <= _MAX_SHIFT and not (up and down):
+        if max(up, down) <= 0.03 and not (up and down):
             return turned, math.ceil(1e3 * up) / 1e3 - math.ceil(1e3 * down) / 1e3
     return False, 0.0

@@ -10,8 +10,6 @@ import numpy as np
 from cc_mujoco._validation import bounded, require_bounds, require_parameter
 from cc_mujoco.human._motion import Array, Motion, Trajectory
 
-QUIET_TIME = 1.0
-"""Beginning of an episode without bumps [s]."""
 _GROWTH_TIME = 0.5
 """Time in which a tremor grows to its size [s]."""
 
@@ -63,7 +61,7 @@ class Perturbed(Disturbed):
     def added(self, time: Array, duration: float, rng: np.random.Generator) -> Array:
         """Return the bumps; see `Disturbed.added`."""
         bumps = np.zeros((3, time.size))
-        clock = QUIET_TIME
+        clock = 1.0  # no bump in the first second
         while True:
             clock += rng.uniform(0.5, 1.5) * self.pause
             side = self.size * (1.0 if rng.random() < 0.5 else -1.0)

@@ -29,7 +29,6 @@ from cc_mujoco.human._motion import (
 )
 
 _MIN_SAMPLES = 4
-_MIN_INTERVAL = 1e-6
 _MAX_TIME, _MAX_ANGLE = 1e6, 1e3
 
 Words = tuple[str, ...]
@@ -38,7 +37,6 @@ Entry = TypeVar("Entry")
 _DRIVEN_NAMES: tuple[Words, ...] = ((), ("joint",))
 """Names of the joint that the device drives, in words without `angle`."""
 _SIDES = {"r": "right", "right": "right", "l": "left", "left": "left"}
-_FLEXION = ("flexion", "flex")
 
 
 @dataclass(frozen=True)
@@ -173,7 +171,7 @@ def match_joints(
 def _side_and_limb(words: Words) -> tuple[str, Words]:
     """Return the side, or "", and the other words without that for flexion."""
     sides = [_SIDES[word] for word in words if word in _SIDES]
-    rest = tuple(w for w in words if w not in _SIDES and w not in _FLEXION)
+    rest = tuple(w for w in words if w not in _SIDES and w not in ("flexion", "flex"))
     return sides[0] if len(sides) == 1 else "", rest
 
 
@@ -208,7 +206,7 @@ def read_trajectory(path: str | Path, joints: Sequence[str] = ()) -> Recorded:
             clock._replace(limit=_MAX_TIME),
             *(_angle_column(column) for column in columns.values()),
         ],
-        _MIN_INTERVAL,
+        1e-6,  # least interval [s]
     )
     if len(times) < _MIN_SAMPLES:
         raise CableError(

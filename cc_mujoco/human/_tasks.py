@@ -23,9 +23,6 @@ from cc_mujoco.errors import CableError, shown
 from cc_mujoco.human import _gait as gait
 from cc_mujoco.human._pace import Pace
 
-DEMAND_TIME = 60.0
-"""Time in which a task of time is looked at [s]."""
-
 Real = TypeVar("Real", float, NDArray[np.float64])
 
 
@@ -121,7 +118,8 @@ def peak_demand(task: Task, centre: float, reach: float, speed: float) -> float:
         centre = reach = 0.0
     angle = np.linspace(centre - reach, centre + reach, 21)[:, None, None]
     velocity = np.array([-speed, 0.0, speed])[:, None]
-    phase = np.linspace(0.0, DEMAND_TIME if task.of_time else 1.0, 601)
+    # A task of time is looked at for a minute.
+    phase = np.linspace(0.0, 60.0 if task.of_time else 1.0, 601)
     grid = (np.ravel(one) for one in np.broadcast_arrays(angle, velocity, phase))
     return float(np.abs(task_torque(task, *grid)).max())
 

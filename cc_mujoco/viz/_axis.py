@@ -11,12 +11,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-START_TIME = 0.3
-"""Time at the start of a trial or an episode that counts as its beginning [s]."""
 LEGEND_SHARE = 0.35
 """Room for a legend, before the curves, over the time that they take."""
-MARGIN_SHARE = 0.02
-"""Room behind the curves for the last number of the axis, over the same time."""
 
 
 def plot(
@@ -51,7 +47,8 @@ def time_axis(time: Array, room: float = LEGEND_SHARE) -> rrb.TimeAxis | None:
     start, end = float(time[0]), float(time[-1])
     if not end > start:
         return None
-    begin, finish = start - room * (end - start), end + MARGIN_SHARE * (end - start)
+    # Behind the curves the last number of the axis needs room.
+    begin, finish = start - room * (end - start), end + 0.02 * (end - start)
     ends = (rr.TimeRangeBoundary.absolute(seconds=each) for each in (begin, finish))
     return rrb.TimeAxis(view_range=rr.TimeRange(*ends))
 
@@ -70,7 +67,7 @@ def axis_limits(time: Array, lines: Iterable[Array]) -> tuple[float, float] | No
     lines (T,) well.
     """
     values = np.stack([np.where(np.isfinite(line), line, np.nan) for line in lines])
-    later = values[:, time - time[0] > START_TIME]
+    later = values[:, time - time[0] > 0.3]
     if np.isfinite(later).sum() < 2:
         return None
     low, high = float(np.nanmin(later)), float(np.nanmax(later))

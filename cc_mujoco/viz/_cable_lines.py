@@ -34,12 +34,6 @@ Array = NDArray[np.float64]
 
 CONDUIT, MOTOR_END, JOINT_END = "conduit", "motor_end", "joint_end"
 """Parts of a cable that are drawn."""
-ROPE_POINTS = 40
-STRAIGHT_WIDTH = 0.004
-"""Radius of a line that no tendon gives, over the extent of the model."""
-MIN_LENGTH = 1e-3
-"""Least length of a straight line, over the extent of the model; below it, it is not
-drawn."""
 
 
 @dataclass(frozen=True)
@@ -129,7 +123,7 @@ def cable_lines(model: mujoco.MjModel, cables: Iterable[str]) -> list[CableLine]
         if source is None:
             continue
         tendon = -1 if isinstance(source, _Straight) else source
-        radius = STRAIGHT_WIDTH * float(model.stat.extent)
+        radius = 0.004 * float(model.stat.extent)
         if tendon >= 0:
             radius = float(model.tendon_width[tendon])
         shares = conduit_shares(model, cable)
@@ -140,7 +134,7 @@ def cable_lines(model: mujoco.MjModel, cables: Iterable[str]) -> list[CableLine]
                 continue
             taken.add(rope)
             radius = float(model.tendon_width[rope])
-            fine = np.linspace(0.0, 1.0, ROPE_POINTS)
+            fine = np.linspace(0.0, 1.0, 40)
             found.append(CableLine(cable, part, rope, radius, shares, fine))
     return found
 
@@ -207,7 +201,7 @@ def _conduit(model: mujoco.MjModel, cable: str) -> int | _Straight | None:
     lengths = [float(np.linalg.norm(end - start)) for _, start, end in choices]
     straight = _Straight(ends, choices[int(np.argmin(lengths))][0])
     path = straight.path(model, data)
-    short = MIN_LENGTH * float(model.stat.extent)
+    short = 1e-3 * float(model.stat.extent)
     return straight if np.linalg.norm(path[1] - path[0]) > short else None
 
 

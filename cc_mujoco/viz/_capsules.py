@@ -19,8 +19,6 @@ from cc_mujoco.viz._tendon3d import ROPE_COLOR, is_uncolored
 
 Array = NDArray[np.float64]
 
-RADIUS_FACTOR = 1.4
-"""Radius of a coloured cable over that of its line in the scene: colours need room."""
 SHADE, EMISSION = 0.72, 0.25
 """Material of coloured cables: lit, their colours come near those of the scale."""
 
@@ -69,7 +67,8 @@ class Capsules:
             colors = tension_colors(shown, self.highest).astype(np.float32)
             colors *= SHADE / 255.0
             colors[:, 3] = 1.0
-            _add(scene, points, colors, RADIUS_FACTOR * line.radius)
+            # Colours need more room than the line of the scene.
+            _add(scene, points, colors, 1.4 * line.radius)
 
 
 def _add(

@@ -48,14 +48,10 @@ SUPERSAMPLING = 2
 """Pixels drawn per pixel of the picture along either side, as `_downsample` assumes."""
 SLICES, STACKS = 18, 5
 """Faces around and along what is round and moves; more take longer to draw."""
-PICTURE_MARGIN = 1.12
-"""Size of the picture over that of what moves in it."""
 TILE_SIZE = 48
 """Side of the squares that are read where something moves [drawn pixels]."""
 EDGE_MARGIN = 4
 """Reach of a part beyond its bounding box, for its edge [drawn pixels]."""
-MAX_GEOMS = 10000
-"""Largest number of geoms of a scene; as in `mujoco.Renderer`."""
 MOTION_DISABLED_FLAGS = (
     mujoco.mjtRndFlag.mjRND_SHADOW,
     mujoco.mjtRndFlag.mjRND_REFLECTION,
@@ -127,7 +123,7 @@ class OffscreenRenderer:
         if model.ncam:
             self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
             self._camera.fixedcamid = 0
-        self._scene = mujoco.MjvScene(model, MAX_GEOMS)
+        self._scene = mujoco.MjvScene(model, 10000)  # as in `mujoco.Renderer`
         self._frustum: tuple[float, float, float] | None = None
         self._frustum = self._aim(poses)
         self._gl = _context(width, height)
@@ -241,7 +237,8 @@ class OffscreenRenderer:
         low, high = np.concatenate(boxes).T.reshape(2, 2, -1)
         low, high = low.min(axis=1), high.max(axis=1)
         center, half = 0.5 * (low + high), 0.5 * (high - low)
-        tall = PICTURE_MARGIN * max(half[1], half[0] * self._size[0] / self._size[1])
+        # With a margin around what moves.
+        tall = 1.12 * max(half[1], half[0] * self._size[0] / self._size[1])
         return float(center[0]), float(center[1] - tall), float(center[1] + tall)
 
     def _tiles(self) -> Iterator[tuple[slice, slice]]:

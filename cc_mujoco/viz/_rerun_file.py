@@ -107,7 +107,6 @@ def state_changes(
 
 Array = NDArray[np.float64]
 
-APPLICATION = "cc_mujoco"
 FRAMES_PER_SECOND = 60.0
 """Rate of what is drawn in space; the time series keep every sample."""
 WINDOWS = sys.platform == "win32"
@@ -156,7 +155,7 @@ def recording(
     """
     with replacing(path) as partial, strict():
         rec = rr.RecordingStream(
-            APPLICATION, recording_id=identity, send_properties=False
+            "cc_mujoco", recording_id=identity, send_properties=False
         )
         with _saved_on_windows(rec, partial) if WINDOWS else _saved(rec, partial):
             rec.send_blueprint(blueprint, make_active=False, make_default=True)

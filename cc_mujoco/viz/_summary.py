@@ -29,11 +29,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MAX_COLUMNS = 600
-"""Columns of a heat map; of more samples, means are shown."""
-HEAT_MAP_ROWS = 501
-"""Rows of a heat map, each of the nearest node."""
-
 
 def write_summary(path: str | os.PathLike[str], log: EpisodeLog) -> None:
     """Draw the summary of an episode into a PNG file."""
@@ -137,7 +132,7 @@ def _nearest_nodes(log: EpisodeLog, cable: str, nodes: int) -> NDArray[np.intp]:
     if config is not None:
         described = Cable.from_config(config)
         shares = node_places(described) / described.length
-    along = np.linspace(0.0, 1.0, HEAT_MAP_ROWS)
+    along = np.linspace(0.0, 1.0, 501)
     return np.rint(np.interp(along, shares, np.arange(shares.size))).astype(np.intp)
 
 
@@ -164,7 +159,7 @@ def _draw_tensions(part: Any, log: EpisodeLog) -> None:
     import matplotlib
 
     time = log["time_s"]
-    every = max(1, len(time) // MAX_COLUMNS)
+    every = max(1, len(time) // 600)  # columns of a heat map, each a mean
     means: dict[str, NDArray[np.float64]] = {}
     highest = 1e-9
     for cable in log.cables:

@@ -16,8 +16,6 @@ Array = NDArray[np.float64]
 
 ROPE_COLOR = np.array([0.55, 0.36, 0.18, 1.0])
 """Colour of a tendon that has none of its own: brown."""
-PULLEY_POINT = -2
-"""`wrap_obj` of a point that only separates the branches of a tendon."""
 
 
 def log_tendons(
@@ -94,5 +92,6 @@ def tendon_points(data: mujoco.MjData, tendon: int) -> Array:
     """Return the points of a tendon (P, 3) [m], up to date as by `mj_tendon`."""
     start, count = data.ten_wrapadr[tendon], data.ten_wrapnum[tendon]
     part = slice(start, start + count)
-    real = data.wrap_obj.reshape(-1)[part] != PULLEY_POINT
+    # -2 only separates the branches of a tendon.
+    real = data.wrap_obj.reshape(-1)[part] != -2
     return np.array(data.wrap_xpos.reshape(-1, 3)[part][real])

@@ -43,8 +43,6 @@ FRAME_SIZE = (720, 1280)
 SCENE_RECTANGLE = (44, 632, 0, 760)
 """Position of the scene in the picture: top, height, left, width [pixels]."""
 DPI = 100
-FUTURE_OPACITY = 0.25
-"""Opacity of what is still to come."""
 PLOT_SPAN = (836, 1256)
 """First and last column of the plots [pixels]."""
 CURSOR_WIDTH = 2
@@ -61,7 +59,7 @@ class Strips:
     def __init__(self, log: EpisodeLog, highest: float) -> None:
         self._start, self._end = float(log["time_s"][0]), float(log["time_s"][-1])
         self._whole, self.rows = _draw_surroundings(log, highest, 1.0)
-        self._faded_frame, _ = _draw_surroundings(log, highest, FUTURE_OPACITY)
+        self._faded_frame, _ = _draw_surroundings(log, highest, 0.25)
         self._frame, self._column = self._faded_frame.copy(), SCENE_RECTANGLE[3]
 
     def column(self, time: float) -> int:
@@ -185,10 +183,6 @@ ENCODER_OPTIONS = {"preset": "veryfast", "crf": "20", "threads": "1"}
 PIXEL_FORMAT = "yuv420p"
 """Pixel format, which every player knows. The size stays, so that nothing is lost where
 colours are taken from every other pixel without a filter, in two thirds of the time."""
-CONTAINER_OPTIONS = {"movflags": "+faststart"}
-"""The index in front, so that a page can show it while it arrives."""
-CAMERA_POSES = 40
-"""Poses of the episode that the camera is aimed by."""
 FRAMES_AT_ONCE = 600
 """Frames whose tensions are in memory at the same time."""
 
@@ -216,12 +210,13 @@ def write_video(
     highest = highest_tension(log)
     strips = Strips(log.thinned(MAX_SAMPLES), highest)
     _, height, _, width = SCENE_RECTANGLE
-    poses = log.rows("qpos", np.linspace(0, len(log) - 1, CAMERA_POSES).astype(int))
+    poses = log.rows("qpos", np.linspace(0, len(log) - 1, 40).astype(int))
+    # The index in front, so that a page can show it while it arrives.
     with (
         replacing(path) as partial,
         OffscreenRenderer(model, log.cables, highest, poses, (height, width)) as stage,
         av.open(
-            os.fspath(partial), "w", format="mp4", options=CONTAINER_OPTIONS
+            os.fspath(partial), "w", format="mp4", options={"movflags": "+faststart"}
         ) as film,
         ThreadPoolExecutor(1) as other,  # finishes a frame while the next is drawn
     ):

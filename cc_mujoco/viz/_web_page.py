@@ -42,12 +42,8 @@ MAX_PLOT_SAMPLES = 10_000
 """Most samples of each line of a plot; of more, evenly chosen ones are shown."""
 MAX_FRAMES = 6_000
 """Most frames of the scene; of a longer episode fewer in every second are shown."""
-COLOR_STOPS = 17
-"""Colours of the scale of tensions."""
 DATA_ID = "episode"
 """Id of the element that holds the data."""
-PLAYBACK_SPEEDS = ("1", "0.5", "0.2", "0.05")
-"""Speeds of playing, simulated time per time [1]."""
 WEB_FOLDER = Path(__file__).parent
 
 
@@ -109,7 +105,7 @@ def _colors() -> list[tuple[float, str]]:
     """Return the colour scale of tensions, 0 to 1, with a thousandth grey for slack."""
     import matplotlib
 
-    shares = np.linspace(0.0, 1.0, COLOR_STOPS)
+    shares = np.linspace(0.0, 1.0, 17)
     tones = matplotlib.colormaps[TENSION_COLORS](shares, bytes=True)[:, :3]
     slack = _rgb(SLACK_COLOR)
     shares[0] = 1e-3
@@ -171,7 +167,10 @@ def _body(
         e("output", "0.00 s", id="clock"),
         e(
             "select",
-            *(e("option", f"{speed}x", value=speed) for speed in PLAYBACK_SPEEDS),
+            *(
+                e("option", f"{speed}x", value=speed)
+                for speed in ("1", "0.5", "0.2", "0.05")
+            ),
             id="speed",
             aria_label="speed",
         ),

@@ -21,10 +21,6 @@ Array = NDArray[np.float64]
 SHAPE = mujoco.mjtGeom
 ROUND_SIDES = (10, 24)
 """Sides of a round shape: when it is small and when it is large."""
-LARGE_RADIUS = 0.025
-"""Radius of what is large, over the reach of what there is to see."""
-SPHERE_RINGS = 5
-"""Rings from the pole of a sphere to its equator."""
 
 
 class TriangleMesh(NamedTuple):
@@ -82,7 +78,7 @@ def join_meshes(meshes: list[TriangleMesh]) -> TriangleMesh:
 
 def _dome() -> Array:
     """Return radius and height of a unit half ball, from equator to pole."""
-    angle = np.linspace(0.0, 0.5 * np.pi, SPHERE_RINGS + 1)
+    angle = np.linspace(0.0, 0.5 * np.pi, 6)
     return np.stack([np.cos(angle) * (angle < 0.5 * np.pi), np.sin(angle)], axis=1)
 
 
@@ -99,7 +95,7 @@ def _revolve(profiles: list[Array], size: float) -> TriangleMesh:
     They have radius and height of points (P, 2), the lowest first; `size` is the radius
     over the reach of what there is to see.
     """
-    sides = ROUND_SIDES[int(size > LARGE_RADIUS)]
+    sides = ROUND_SIDES[int(size > 0.025)]
     turn = np.arange(sides) * (2.0 * np.pi / sides)
     circle = np.stack([np.cos(turn), np.sin(turn)], axis=1)
     here = np.arange(sides)
@@ -137,20 +133,8 @@ def _box(center: Array, half: Array) -> TriangleMesh:
 CABLE_WIDTH, ROPE_WIDTH, TENDON_WIDTH = 9, 5, 3
 """Widths of a conduit and of a rope coloured by tension, and of any other tendon
 [pixels]."""
-TENDON_POINTS = 40
-"""Points of a tendon that has no tension of its own."""
-FLOOR_OPACITY = 0.35
-"""Opacity of planes, so that they suit a light page and a dark one."""
-MIN_BOX_RATIO = 0.05
-"""Least side of the box around everything, over its largest."""
-STILL_TOLERANCE = 1e-6
-"""Movement below which a part counts as standing still [m]."""
 VIEW_TANGENT = np.tan(np.radians(22.5))
 """Half the height of what the page's camera sees over its distance."""
-MIN_ASPECT = 1.2
-"""Width of the picture over its height, at least."""
-CAMERA_MARGIN = 1.06
-"""Distance of the camera over the least from which all that moves is seen."""
 
 
 def encode_array(values: NDArray[Any], kind: str = "f4") -> dict[str, Any]:
@@ -188,9 +172,7 @@ def web_scene(
     everything = np.concatenate([seen, *still])
     low, high = everything.min(axis=0), everything.max(axis=0)
     # Nothing may be flat: the page scales by the sides.
-    half = 0.51 * np.maximum(
-        high - low, max(MIN_BOX_RATIO * float((high - low).max()), 1e-3)
-    )
+    half = 0.51 * np.maximum(high - low, max(0.05 * float((high - low).max()), 1e-3))
     box = 0.5 * (low + high)[:, None] + np.stack([-half, half], axis=1)
     return {
         "meshes": [
@@ -241,7 +223,7 @@ def _meshes(
             turned = turned.reshape(3, 3)
         mesh = TriangleMesh(mesh.vertices @ turned.T + place, mesh.triangles)
         if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE:
-            rgba = rgba * [1.0, 1.0, 1.0, FLOOR_OPACITY]
+            rgba = rgba * [1.0, 1.0, 1.0, 0.35]  # suits a light page and a dark one
         groups.setdefault((row, rgba.tobytes()), (rgba, []))[1].append(mesh)
     return [
         (row, rgba, join_meshes(parts)) for (row, _), (rgba, parts) in groups.items()
@@ -289,7 +271,7 @@ def _tendons(
     followed = [line.source for line in lines if isinstance(line.source, int)]
     found = []
     for tendon, rgba in visible_tendons(model, followed):
-        shares = np.linspace(0.0, 1.0, TENDON_POINTS)
+        shares = np.linspace(0.0, 1.0, 40)
         paths = tendon_paths(model, tendon, qpos)
         points = np.stack([resample(path.astype(np.float64), shares) for path in paths])
         color = "#" + bytes(np.rint(255 * rgba[:3]).astype(np.uint8)).hex()
@@ -301,7 +283,7 @@ def _tendons(
 
 def _without_repeats(points: Array) -> Array:
     """Return the points of one frame alone where they are the same in all."""
-    still = np.abs(points - points[0]).max() < STILL_TOLERANCE
+    still = np.abs(points - points[0]).max() < 1e-6
     return points[:1] if still else points
 
 
@@ -321,8 +303,9 @@ def _camera(model: mujoco.MjModel, seen: Array, box: Array) -> dict[str, Any]:
     views = seen @ axes.T
     low, high = views.min(axis=0), views.max(axis=0)
     across, up, deep = (views - 0.5 * (low + high)).T
-    half = np.maximum(np.abs(across) / MIN_ASPECT, np.abs(up)) / VIEW_TANGENT
-    distance = max(CAMERA_MARGIN * float((half - deep).max()), 1e-3)
+    half = np.maximum(np.abs(across) / 1.2, np.abs(up)) / VIEW_TANGENT
+    # With a margin around all that moves.
+    distance = max(1.06 * float((half - deep).max()), 1e-3)
     middle = 0.5 * (low + high) @ axes
     scale = float(np.prod(np.ptp(box, axis=1)) ** (1 / 3))
     center = (middle - box.mean(axis=1)) / scale

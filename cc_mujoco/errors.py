@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any, TypeVar, cast
 
 Entry = TypeVar("Entry")
@@ -63,6 +64,15 @@ class CableError(ValueError):
             return cls(f"{found}: did you mean {hint}?")
         hint = f": did you mean {near[0]!r}?" if near else "."
         return cls(f"{found}{hint} Available: {', '.join(names)}.")
+
+
+@contextmanager
+def naming(place: str) -> Iterator[None]:
+    """Begin the sentence of an error with the place that it is about."""
+    try:
+        yield
+    except CableError as error:
+        raise CableError(f"{place}: {error}") from None
 
 
 def shown(given: object) -> str:

@@ -90,7 +90,6 @@ def _parquet_batches(path: Path, names: list[str]) -> Iterator[pa.RecordBatch]:
 
 
 def _layout(path: Path) -> Layout:
-    """Find out the form of a CSV file."""
     with path.open("rb") as file:
         return layout(path, file.read(HEAD_BYTES))
 

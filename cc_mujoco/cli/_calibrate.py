@@ -42,7 +42,7 @@ class Calibrate:
 
         locate(self.scene)
         from cc_mujoco.device import DeviceModel, Plant, find_device
-        from cc_mujoco.device._hysteresis_file import (
+        from cc_mujoco.device._device_files import (
             HYSTERESIS_ENDING,
             write_hysteresis,
         )

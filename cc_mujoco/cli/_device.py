@@ -54,7 +54,6 @@ class ShowDevice:
 
 
 def _use(device: Device, out: Path) -> str:
-    """Return how the commands come to read a description."""
     from cc_mujoco.device._description import ENDING
 
     if device.path is None:

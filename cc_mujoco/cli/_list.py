@@ -129,7 +129,6 @@ def _matching(
 
 
 def _print_names(groups: Mapping[str, Mapping[str, str]]) -> None:
-    """Print the names of all groups, in as many columns as fit."""
     for group, own in groups.items():
         print(f"{group}:")
         print(_wrapped("  ", "  ".join(own)))
@@ -145,7 +144,6 @@ def _print_meanings(groups: Mapping[str, Mapping[str, str]]) -> None:
 
 
 def _wrapped(first: str, text: str, later: str = "  ") -> str:
-    """Return text in lines as wide as the terminal."""
     width = max(shutil.get_terminal_size().columns, len(later) + 30)
     return textwrap.fill(
         text, width, initial_indent=first, subsequent_indent=later,

@@ -143,7 +143,6 @@ class Play:
             print(sentence)
 
     def _names(self) -> dict[str, str]:
-        """Return the names of trajectory, task and controller."""
         from cc_mujoco.device._device_files import locate
 
         locate(self.scene)

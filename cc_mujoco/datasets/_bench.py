@@ -471,7 +471,6 @@ def _require_axis(source: str | Path) -> None:
 def _excursion(
     model: mujoco.MjModel, joint: str, lever: Lever | None, axis: Axis | None
 ) -> tuple[float, float]:
-    """Return `centre` and `reach` of a bench."""
     index = model.joint(joint).id
     centre, reach = excursion(model, index)
     if not model.jnt_limited[index]:

@@ -12,7 +12,7 @@ from collections.abc import Collection, Sequence
 
 from cc_mujoco.datasets import _channels as channels
 from cc_mujoco.datasets._dataset_file import DatasetFile, PartFile
-from cc_mujoco.errors import CableError
+from cc_mujoco.errors import CableError, naming
 
 DATASET_FILE = "dataset.toml"
 
@@ -81,7 +81,9 @@ def channel_sources(
     `others` are joints whose angles are needed besides that of the driven one. A torque
     may be missing where something stands in for it, see `DatasetFile.has_substitute`.
     """
-    optional = [channel for name in names if (channel := _tension_channel(where, name))]
+    with naming(where):
+        tensions = [channels.tension_channel(channels.bare_name(n)) for n in names]
+    optional = [channel for channel in tensions if channel]
     optional += [channels.MOTOR_CURRENT, channels.TEMPERATURE, channels.VALID]
     found: dict[str, str] = {}
     absent = []
@@ -116,19 +118,10 @@ def channel_sources(
 
 
 def _ambiguous_column(where: str, places: Sequence[str], channel: str) -> CableError:
-    """Return the error for a name that several columns have."""
     return CableError(
         f"{where} has {' and '.join(dict.fromkeys(places))}; say in {DATASET_FILE} "
         f"which of them is {channel}: [columns.{channel}], name."
     )
-
-
-def _tension_channel(where: str, column: str) -> str:
-    """Return the channel of a column that is a tension by its name, else empty."""
-    try:
-        return channels.tension_channel(channels.bare_name(column))
-    except CableError as error:
-        raise CableError(f"{where}: {error}") from None
 
 
 def _missing_column(
@@ -201,5 +194,4 @@ def _names_other_side(column: str, channel: str) -> bool:
 
 
 def _nearest_name(name: str, names: Sequence[str], cutoff: float = 0.6) -> str:
-    """Return the name most similar to another, or an empty one."""
     return next(iter(difflib.get_close_matches(name, names, 1, cutoff)), "")

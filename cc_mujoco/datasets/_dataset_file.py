@@ -99,7 +99,7 @@ from cc_mujoco.datasets import _channels as channels
 from cc_mujoco.datasets._data_findings import DataFinding, warning
 from cc_mujoco.datasets._rig_table import LOAD_CONSTANTS, read_rig
 from cc_mujoco.datasets._trials import Constant, Facts, Locked, Split
-from cc_mujoco.errors import CableError
+from cc_mujoco.errors import CableError, naming
 from cc_mujoco.report._html import list_words
 
 MAX_DELAY = 2.0
@@ -308,10 +308,8 @@ def _is_measured(table: Table, channel: str) -> bool:
 
 def _source(table: Table, channel: str) -> Source:
     """Return one table of `[columns]`."""
-    try:
+    with naming(table.where):
         units = channels.kind_of(channel).factors
-    except CableError as error:
-        raise CableError(f"{table.where}: {error}") from None
     if channel == channels.VALID:
         table.only("name")
     elif channel == channels.TIME:
@@ -448,7 +446,6 @@ def _resolve_trial(given: str | None, names: Mapping[Path, str]) -> str | None:
 
 
 def _matches_any(names: Mapping[Path, str], pattern: str) -> bool:
-    """Return whether a pattern of `[trials]` means one of these files."""
     return any(_matches(path, name, pattern) for path, name in names.items())
 
 

@@ -96,7 +96,6 @@ def _least_size(readings: FloatArray) -> float:
 
 
 def _lone(readings: FloatArray) -> NDArray[np.intp]:
-    """Return the rows of lone readings that are far off."""
     least = _least_size(readings)
     if np.isinf(least):
         return np.empty(0, dtype=np.intp)

@@ -191,7 +191,6 @@ def compare_with_sensor(
 
 
 def _cell_torque(trial: Trial, torque: str, bench: Bench) -> FloatArray:
-    """Return the torque of the cells, on a lever by its arm (samples,) [N m]."""
     made, _ = pull_torque(trial, torque, bench)
     if torque == channels.JOINT_TORQUE and bench.lever is not None:
         made = made * bench.lever.share(trial.joint_angle)

@@ -138,7 +138,6 @@ def merge_streams(where: str, streams: Mapping[str, Stream]) -> Joined:
 
 
 def _rate_sentence(where: str, leader: str, drive: Mapping[str, Stream]) -> str:
-    """Return the sentence that names the clock of the channels."""
     rates = ", ".join(
         f"{channel} {1 / stream.interval:.4g}" for channel, stream in drive.items()
     )

@@ -106,7 +106,6 @@ def read_rig(table: Table) -> dict[str, Constant]:
 
 
 def _angle_pairs(table: Table) -> FittedArm:
-    """Return the moment arm through the pairs of `[rig] angle_pairs`."""
     given = table.content["angle_pairs"]
     pairs = given if isinstance(given, list) else []
     known = [
@@ -125,7 +124,6 @@ def _angle_pairs(table: Table) -> FittedArm:
 
 
 def _statement(table: Table, name: str) -> Constant:
-    """Return a fact that `[rig]` states."""
     value = RIG_STATEMENTS[name]
     if table.flag(name) is not value:
         only = str(value).lower()
@@ -152,7 +150,13 @@ class FittedArm(NamedTuple):
 
 
 def fit_angle_pairs(pairs: Sequence[Sequence[float]], where: str) -> FittedArm:
-    """Return the arm through pairs of motor and joint angle [rad]."""
+    """Return the arm through pairs of motor and joint angle [rad].
+
+    With the cable taut and slow, the motor's angle m is where the cable keeps its
+    length: m = c + R/r (q + a q^2/2 + b q^3/3) for a moment arm R (1 + a q + b q^2) at
+    the joint and a motor pulley of radius r. A least-squares polynomial through pairs
+    (m, q) gives R/r, a and b.
+    """
     motor, joint = np.array(pairs, dtype=np.float64).T
     if len(pairs) < MIN_PAIRS or len(set(joint.tolist())) < MIN_PAIRS:
         raise CableError(

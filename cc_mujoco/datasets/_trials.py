@@ -28,7 +28,13 @@ Instrument = Literal["torque sensor", "load cells", "motor current", "known load
 
 
 class Instruments(NamedTuple):
-    """Sources of the torques in all trials of a dataset."""
+    """Sources of the torques at either end, in all trials of a dataset.
+
+    A torque sensor shows what passes through it; a load cell on the cable only what the
+    cable pulls; a motor's current what the motor makes, its own friction included; and
+    a known load says by its motion what the joint must have been given. What none of
+    them shows is not compared, and no effect that needs it is named.
+    """
 
     motor: Instrument | None = "torque sensor"
     joint: Instrument | None = "torque sensor"

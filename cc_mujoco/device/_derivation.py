@@ -31,7 +31,7 @@ from cc_mujoco.device._description import (
     DescriptionReader,
     rounded,
 )
-from cc_mujoco.device._hysteresis_file import hysteresis_of
+from cc_mujoco.device._device_files import hysteresis_of
 from cc_mujoco.device._moment_arm import Arms, moments
 from cc_mujoco.device._mover import MotorLimits
 from cc_mujoco.device._scene_checks import (
@@ -194,7 +194,6 @@ def _ends(arms: Arms, cables: Mapping[str, Cable]) -> dict[str, tuple[_End, _End
 
 
 def _axis_tables(table: Table) -> list[Table]:
-    """Return the tables of the axes, as far as the file has them."""
     given = table.content.get("axis", [])
     several = isinstance(given, list)
     listed = given if several else [given]
@@ -355,6 +354,10 @@ def _axis(
     gearing = table.number("gearing", 1e-9)
     read.note("axis.gearing", ASSUMED if gearing is None else GIVEN)
     units = _units(table.table("observation"), reach, largest, read)
+
+    def assumed(key: str, default: float, low: float = 0.0) -> float:
+        return read.number(table, key, default, ASSUMED, low=low, label="axis.")
+
     axis = Axis(
         name=table.text("name") or moved,
         motor=name,
@@ -369,24 +372,13 @@ def _axis(
         torque_scale=units["joint_torque_nm"],
         units=units,
         task=task or f"hold:{way * demanded:g}",
-        safe_torque=read.number(
-            table,
-            "safe_torque",
-            SAFE_DEMANDS * demanded,
-            ASSUMED,
-            low=1e-9,
-            label="axis.",
-        ),
+        safe_torque=assumed("safe_torque", SAFE_DEMANDS * demanded, 1e-9),
         safe_is_assumed=table.number("safe_torque", 1e-9) is None,
-        safe_speed=read.number(
-            table, "safe_speed", math.inf, ASSUMED, low=1e-9, label="axis."
-        ),
-        safe_power=read.number(
-            table, "safe_power", math.inf, ASSUMED, low=1e-9, label="axis."
-        ),
-        motor_pulley=read.number(table, "motor_pulley", 0.0, ASSUMED, label="axis."),
+        safe_speed=assumed("safe_speed", math.inf, 1e-9),
+        safe_power=assumed("safe_power", math.inf, 1e-9),
+        motor_pulley=assumed("motor_pulley", 0.0),
         gearing=gearing,
-        joint_pulley=read.number(table, "joint_pulley", 0.0, ASSUMED, label="axis."),
+        joint_pulley=assumed("joint_pulley", 0.0),
         lever=_lever(spec, model, ends[own[0]][1], joint, table, read),
     )
     return _Found(axis, table, largest, abs(distal))
@@ -530,7 +522,6 @@ def _driven_joint(
     table: Table,
     read: DescriptionReader,
 ) -> int:
-    """Return the joint that a motor's cables drive."""
     model = arms.model
     candidates = [
         joint for name in wound for joint in ends[name][1].joints if joint != drum

@@ -145,7 +145,7 @@ class Description:
     hysteresis: Mapping[str, Mapping[str, Mapping[str, Any]]] = field(
         default_factory=dict
     )
-    """Parameters of position controllers by axis and name, see `_hysteresis_file`."""
+    """Parameters of position controllers by axis and name, see `_device_files`."""
 
     def axis(self, name: str | None = None) -> Axis:
         """Return an axis by its name; the only one of a device by default.

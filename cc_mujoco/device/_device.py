@@ -26,8 +26,7 @@ from cc_mujoco.assets import SCENES, scene_path
 from cc_mujoco.cable import Cable
 from cc_mujoco.device._derivation import describe
 from cc_mujoco.device._description import Description
-from cc_mujoco.device._device_files import locate
-from cc_mujoco.device._hysteresis_file import HYSTERESIS_ENDING
+from cc_mujoco.device._device_files import HYSTERESIS_ENDING, locate
 from cc_mujoco.device._mover import Mover
 from cc_mujoco.device._strip_visuals import (
     remaining_cable,

@@ -456,7 +456,6 @@ class Plant:
         ]
 
     def _apply(self, spec: mujoco.MjSpec, whole: bool) -> None:
-        """Write the values into a scene, whole or bare."""
         for name, cable in self.cables.items():
             plugin.to_mjcf(spec, name, cable if whole else remaining_cable(spec, cable))
             own = self._own(name)
@@ -542,7 +541,6 @@ class Plant:
     def _set_radius(
         self, spec: mujoco.MjSpec, cable: str, end: Any, radius: float
     ) -> None:
-        """Give an end of a cable another pulley, or move its lever."""
         actuator: mujoco.MjsActuator = end
         if actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT:
             gear = math.copysign(radius, actuator.gear[0])

@@ -125,18 +125,9 @@ def _axis_properties(device: Device, axis: Axis, several: bool) -> Iterator[Prop
     for key, unit in (("safe_speed", "rad/s"), ("safe_power", "W")):
         meaning = "beyond which the guard brakes the motor"
         yield own(key, getattr(axis, key), unit, f"{key[5:]} of the joint {meaning}")
-    yield own(
-        "motor_pulley",
-        axis.motor_pulley or None,
-        "kg m^2",
-        "inertia of the motor's pulley",
-    )
-    yield own(
-        "joint_pulley",
-        axis.joint_pulley or None,
-        "kg m^2",
-        "inertia of the joint's pulley",
-    )
+    for part, disc in (("motor", axis.motor_pulley), ("joint", axis.joint_pulley)):
+        meaning = f"inertia of the {part}'s pulley"
+        yield own(f"{part}_pulley", disc or None, "kg m^2", meaning)
     yield own("gearing", axis.gearing, "", "turns of the rotor per turn of its pulley")
     yield own("lever", list(axis.lever) or None, "", "sites that move with the lever")
     if axis.cuff is not None:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import socket
 
 from cc_mujoco._utils.toml_table import Table
 from cc_mujoco._utils.user_code import named_object, user_errors
-from cc_mujoco.errors import CableError
+from cc_mujoco.errors import CableError, naming
 from cc_mujoco.hardware._address import (
     Address,
     CanAddress,
@@ -37,19 +38,17 @@ def connect_rig(table: Table, buses: CanBuses) -> Rig:
     address = rig_address(table)
     if address is None:
         return _user_rig(table, table.code("class") or "")
-    try:
+    with naming(table.where):
         if isinstance(address, UdpAddress):
             return UdpRig(address.host, address.port)
         if isinstance(address, CanAddress):
             return CanRig(address, buses)
-    except CableError as error:
-        raise CableError(f"{table.where}: {error}") from None
     joint = connect_rig(address.joint, buses)
-    try:
-        return DriveRig(_drive(address, buses), joint, address.gear, address.zero)
-    except CableError as error:
-        joint.close()
-        raise CableError(f"{table.where}: {error}") from None
+    with contextlib.ExitStack() as closing, naming(table.where):
+        closing.callback(joint.close)
+        rig = DriveRig(_drive(address, buses), joint, address.gear, address.zero)
+        closing.pop_all()
+    return rig
 
 
 def require_distinct(pair: str, one: Table, other: Table) -> None:
@@ -107,7 +106,6 @@ def _require_distinct(pair: str, mine: Address, theirs: Address) -> None:
 
 
 def _bus(address: Address) -> CanPlace | None:
-    """Return the CAN bus of an address, None without one."""
     place = address.place if isinstance(address, DriveAddress) else address
     return place if isinstance(place, CanPlace) else None
 

@@ -424,7 +424,6 @@ class Loop:
         return None
 
     def _wind(self, seen: Sequence[Readings]) -> None:
-        """Find how far the joints have wound their cables."""
         if self._windings is not None:
             self._wound = self._windings.read(
                 [each.joint_angle for each in seen],

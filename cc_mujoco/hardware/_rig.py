@@ -1,4 +1,4 @@
-"""A rig as the loop sees it, and one at the other end of a link of packets."""
+"""A rig as the loop sees it, and one at the other end of a link of packets or UDP."""
 
 from __future__ import annotations
 

@@ -77,7 +77,7 @@ from cc_mujoco._utils import user_code
 from cc_mujoco._utils.toml_table import Table, finite, read_toml
 from cc_mujoco.device._device import Device
 from cc_mujoco.device._drive import Drive
-from cc_mujoco.errors import CableError
+from cc_mujoco.errors import CableError, naming
 from cc_mujoco.hardware._address import Address, address_of
 from cc_mujoco.hardware._can_bus import CanBuses
 from cc_mujoco.hardware._connect import connect_rig, require_distinct, rig_address
@@ -212,15 +212,13 @@ class Settings:
             return constant_course(torque)
         if (file := table.text("csv")) is not None:
             return course_from_csv(self.path.parent / file)
-        try:
+        with naming(table.where):
             if (name := table.code("name", TASKS)) is not None:
                 return Virtual.named(name)
             shape = table.text("trajectory") or ""
             return course_from_trajectory(
                 shape, table.number("amplitude") or 0.0, duration
             )
-        except CableError as error:
-            raise CableError(f"{table.where}: {error}") from None
 
 
 def read_settings(path: str | Path, allow: str | Iterable[str] = ()) -> Settings:
@@ -316,10 +314,8 @@ def _axis(
         )
     table = top.table("limits")
     limits = _limits(table)
-    try:
+    with naming(table.where):
         limits.stop_steps(period)
-    except CableError as error:
-        raise CableError(f"{table.where}: {error}") from None
     dog = top.table("watchdog")
     return Settings(
         path,
@@ -353,7 +349,6 @@ def _merged(path: Path, top: Table, name: str, own: Table) -> Table:
 
 
 def _require_distinct(axes: Sequence[Settings]) -> None:
-    """Refuse two axes whose commands would reach the same motor."""
     for one, other in itertools.combinations(axes, 2):
         require_distinct(
             f"{one.path}, axes {one.axis} and {other.axis}", one.rig, other.rig
@@ -422,7 +417,5 @@ def _numbers(table: Table, kind: type, *others: str) -> dict[str, float]:
 
 
 def _construct(kind: type[Kind], table: Table, given: dict[str, Any]) -> Kind:
-    try:
+    with naming(table.where):
         return kind(**given)
-    except CableError as error:
-        raise CableError(f"{table.where}: {error}") from None

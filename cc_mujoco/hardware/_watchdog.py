@@ -389,7 +389,6 @@ class Watch:
         return None
 
     def _tension_fault(self, motor: float, torque: float) -> str | None:
-        """Return the fault if a cable carries more than it may, by the model."""
         model = self._cables
         if model is None:
             return None
@@ -405,7 +404,6 @@ class Watch:
         return None
 
     def _twist_fault(self, motor: float, angle: float) -> str | None:
-        """Return the fault if motor and joint twist more than cables let them."""
         drive = self._drive
         if not self._twists:
             return None

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 
 from cc_mujoco._utils.tables import is_table
 from cc_mujoco._utils.user_code import named_object, user_errors, without_mark
-from cc_mujoco.errors import CableError, look_up
+from cc_mujoco.errors import CableError, look_up, naming
 
 Entry = TypeVar("Entry")
 
@@ -70,15 +70,9 @@ def with_numbers(kind: str, text: str, registry: Mapping[str, Entry]) -> Entry:
                 f"{kind} {text!r}: {number!r} must be a {whole}number, the {field} of "
                 f"{name!r}."
             ) from None
-    with_prefix: Entry = _replaced(kind, text, found, numbers)
-    return with_prefix
-
-
-def _replaced(kind: str, text: str, found: Any, numbers: Mapping[str, float]) -> Any:
-    try:
-        return dataclasses.replace(found, **numbers)
-    except CableError as error:
-        raise CableError(f"{kind} {text!r}: {error}") from None
+    with naming(f"{kind} {text!r}"):
+        replaced: Entry = dataclasses.replace(found, **numbers)
+        return replaced
 
 
 def user_object(

@@ -97,7 +97,6 @@ class Profiles(Task):
 
 
 def _profile_torque(phase: Any, onset: Any, peak: Any, end: Any, size: Any) -> Any:
-    """Return the profile, elementwise; its times in per cent."""
     now = 100.0 * phase
     since, left = (now - onset) / (peak - onset), (end - now) / (end - peak)
     near: NDArray[np.float64] = np.minimum(np.minimum(since, left), 1.0)

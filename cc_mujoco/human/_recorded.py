@@ -266,7 +266,6 @@ def _names_angle(column: str) -> bool:
 
 
 def _no_unit(path: Path, column: str) -> CableError:
-    """Return the error for an angle whose unit is not named."""
     stem = column if _names_angle(column) else f"{column}_angle"
     header = ""
     if path.suffix.lower() in opensim_files.ENDINGS:

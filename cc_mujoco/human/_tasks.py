@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,30 +29,19 @@ Real = TypeVar("Real", float, NDArray[np.float64])
 class Task(ABC):
     """A virtual environment; subclasses are frozen dataclasses of its parameters."""
 
+    of_phase: ClassVar[bool] = False
+    """True if its torque follows from `phase` alone; a subclass may assign it."""
+    of_time: ClassVar[bool] = False
+    """True if `phase` is the time since the start [s]; a subclass may assign it."""
+    about_reference: ClassVar[bool] = False
+    """True if `angle` is that beyond the motion's; a subclass may assign it."""
+    commands_angle: ClassVar[bool] = False
+    """True if the joint is to follow the motion; a subclass may assign it.
+
+    Controllers then read the angle as `device.REFERENCE_COLUMN`.
+    """
+
     __post_init__ = require_bounds
-
-    @property
-    def of_phase(self) -> bool:
-        """True if its torque follows from `phase` alone; a subclass may assign it."""
-        return False
-
-    @property
-    def of_time(self) -> bool:
-        """True if `phase` is the time since the start [s]; a subclass may assign it."""
-        return False
-
-    @property
-    def about_reference(self) -> bool:
-        """True if `angle` is that beyond the motion's; a subclass may assign it."""
-        return False
-
-    @property
-    def commands_angle(self) -> bool:
-        """True if the joint is to follow the motion; a subclass may assign it.
-
-        Controllers then read the angle as `device.REFERENCE_COLUMN`.
-        """
-        return False
 
     @property
     def follows_gait(self) -> bool:

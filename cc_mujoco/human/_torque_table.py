@@ -187,30 +187,15 @@ class UserTask(Task):
     """`MODULE:NAME`."""
     own: Task
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for trait in ("of_phase", "of_time", "about_reference", "commands_angle"):
+            object.__setattr__(self, trait, getattr(self.own, trait))
+
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
         """Return the torque of the user's task [N m]; see `Task.torque`."""
         with user_errors(f"task {self.name!r}"):
             return self.own.torque(angle, velocity, phase)
-
-    @property
-    def of_phase(self) -> bool:
-        """True if the torque of the user's task follows from `phase` alone."""
-        return self.own.of_phase
-
-    @property
-    def of_time(self) -> bool:
-        """True if `phase` is the time since the start [s] for the user's task."""
-        return self.own.of_time
-
-    @property
-    def about_reference(self) -> bool:
-        """True if `angle` is that beyond the reference for the user's task."""
-        return self.own.about_reference
-
-    @property
-    def commands_angle(self) -> bool:
-        """True if the joint is to follow the reference by the user's task."""
-        return self.own.commands_angle
 
 
 def task(given: str | Path | Task, joints: Sequence[str] = ()) -> Task:

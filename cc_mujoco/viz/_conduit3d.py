@@ -13,7 +13,7 @@ from cc_mujoco import plugin
 from cc_mujoco.cable._cable import PATHS
 from cc_mujoco.cable._conduit import node_places
 from cc_mujoco.viz._frame_times import frame_slices
-from cc_mujoco.viz._scene3d import TIMELINE, WORLD, Branch
+from cc_mujoco.viz._scene3d import TIMELINE, WORLD, Branch, set_pose
 
 Array = NDArray[np.float64]
 
@@ -86,10 +86,7 @@ def conduit_points(
     points = np.empty((len(qpos), len(shares), 3))
     data = mujoco.MjData(model)
     for frame, coordinates in enumerate(qpos):
-        data.qpos[:] = coordinates
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
-        mujoco.mj_tendon(model, data)
+        set_pose(model, data, coordinates)
         points[frame] = resample(plugin.route(model, data, cable), shares)
     return points
 

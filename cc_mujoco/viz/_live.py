@@ -156,7 +156,6 @@ class Show:
         return self._columns
 
     def _turn(self) -> None:
-        """Apply the keys."""
         knobs = self._knobs
         if knobs.paused:
             self._hold()
@@ -165,7 +164,6 @@ class Show:
         self._change()
 
     def _change(self) -> None:
-        """Exchange the controller and change the friction, if the keys demand it."""
         knobs = self._knobs
         try:
             if knobs.controller != self._asked:
@@ -189,7 +187,6 @@ class Show:
         exo.device.apply_plant(Plant(exo.plants.nominal.device, options))
 
     def _hold(self) -> None:
-        """Wait while paused, and show it."""
         knobs = self._knobs
         while knobs.paused and not self.ended:
             self._change()

@@ -1,4 +1,4 @@
-"""Settings that can change while an episode runs, with their keys and sliders.
+"""Settings that can change while an episode runs, its texts on the screen, its pace.
 
     knobs = Knobs(env.exo.device.cables, "pi")
     knobs.press(UP)                    # or knobs.slide(0, 1.25)
@@ -241,51 +241,42 @@ def state_rows(
     known, and `highest` the tension of the brightest colour [N].
     """
     torque, desired = columns["joint_torque_nm"], columns["desired_torque_nm"]
+    ends = "proximal", "distal"
     return (
-        ("time", f"{columns['time_s']:.1f} s{_speed_text(knobs, factor)}"),
+        time_row(knobs, columns["time_s"], factor),
         ("controller", controller),
-        *_cable_rows(knobs, pretension),
+        *cable_rows(knobs, pretension),
         ("joint torque", f"{torque:.2f} of {desired:.2f} N m"),
-        *((cable, _tension_text(columns, cable)) for cable in cables),
-        ("brightest", f"{highest:g} N; grey is slack"),
+        *(
+            end_row(cable, *(columns[f"tension_{cable}_{end}_n"] for end in ends))
+            for cable in cables
+        ),
+        brightest_row(highest),
     )
 
 
-def view_rows(
-    knobs: Knobs,
-    scene: str,
-    time: float,
-    ends: Mapping[str, tuple[float, float]],
-    *,
-    pretension: float,
-    factor: float,
-    highest: float,
-) -> tuple[tuple[str, str], ...]:
-    """Name and value of all that changes in a scene that nobody controls.
-
-    `ends` are the tensions at the motor and at the joint, by cable [N], `time` is
-    simulated [s]; other arguments as in `state_rows`.
-    """
-    return (
-        ("scene", scene),
-        ("time", f"{time:.1f} s{_speed_text(knobs, factor)}"),
-        *_cable_rows(knobs, pretension),
-        *((cable, _ends_text(*both)) for cable, both in ends.items()),
-        ("brightest", f"{highest:g} N; grey is slack"),
-    )
+def time_row(knobs: Knobs, time: float, factor: float) -> tuple[str, str]:
+    """Return the simulated time [s], and how fast it goes over real time."""
+    speed = "" if math.isnan(factor) else f", {factor:.2f} of real time"
+    return "time", f"{time:.1f} s{', paused' if knobs.paused else speed}"
 
 
-def _cable_rows(knobs: Knobs, pretension: float) -> tuple[tuple[str, str], ...]:
+def end_row(cable: str, near: float, far: float) -> tuple[str, str]:
+    """Return the tensions at the motor and at the joint of a cable [N]."""
+    return cable, f"{near:.1f} N at the motor, {far:.1f} N at the joint"
+
+
+def brightest_row(highest: float) -> tuple[str, str]:
+    """Return the tension of the brightest colour [N]."""
+    return "brightest", f"{highest:g} N; grey is slack"
+
+
+def cable_rows(knobs: Knobs, pretension: float) -> tuple[tuple[str, str], ...]:
+    """Return friction and pretension over those of the scene, as laid and as set."""
     laid = _factor_text(pretension)
     if knobs.pretension != pretension:
         laid += f"; {_factor_text(knobs.pretension)} at the next start"
     return ("friction", _factor_text(knobs.friction)), ("pretension", laid)
-
-
-def _speed_text(knobs: Knobs, factor: float) -> str:
-    if knobs.paused:
-        return ", paused"
-    return "" if math.isnan(factor) else f", {factor:.2f} of real time"
 
 
 def wrap_sentence(text: str) -> tuple[tuple[str, str], ...]:
@@ -295,15 +286,6 @@ def wrap_sentence(text: str) -> tuple[tuple[str, str], ...]:
 
 def _factor_text(factor: float) -> str:
     return "as in the scene" if factor == 1.0 else f"{factor:.3g} times the scene's"
-
-
-def _tension_text(columns: Mapping[str, Any], cable: str) -> str:
-    near, far = (columns[f"tension_{cable}_{end}_n"] for end in ("proximal", "distal"))
-    return _ends_text(near, far)
-
-
-def _ends_text(near: float, far: float) -> str:
-    return f"{near:.1f} N at the motor, {far:.1f} N at the joint"
 
 
 MAX_LEAD = 0.004

@@ -17,7 +17,6 @@ import importlib
 import os
 import sys
 from collections.abc import Iterable, Iterator, Mapping
-from types import TracebackType
 from typing import Any, NamedTuple
 
 import mujoco
@@ -25,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.errors import CableError
-from cc_mujoco.viz._capsules import Capsules
+from cc_mujoco.viz._cable_lines import Capsules
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -154,12 +153,7 @@ class OffscreenRenderer:
     def __enter__(self) -> OffscreenRenderer:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._drawing.free()
         self._gl.free()
 

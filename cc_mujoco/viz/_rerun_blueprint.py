@@ -1,4 +1,4 @@
-"""Opening layout of the Rerun recording of an episode: its scene and plots."""
+"""Opening layout of the Rerun recording of an episode: its scene, lines and plots."""
 
 from __future__ import annotations
 
@@ -50,6 +50,7 @@ class Series(NamedTuple):
 
 
 def plotted_series(log: EpisodeLog) -> Iterator[Series]:
+    """Yield every line that a recording of an episode plots."""
     for axis, own in log.each_axis():
         ratio = own.metadata.get(RATIO)
         for path, name, column, color in SERIES:
@@ -109,8 +110,6 @@ ROW_SHARES = (6, 4, 6, 6, 7)
 
 
 def _axis_plots(log: EpisodeLog, axis: str) -> list[View]:
-    """Return the plots of torque and angle of an axis; its name is "" if single."""
-
     def paths(*names: str) -> tuple[str, ...]:
         kind = f"torque/{axis}" if axis else "torque"
         return tuple(f"{kind}/{name}" for name in names)

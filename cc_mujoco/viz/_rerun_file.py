@@ -42,8 +42,7 @@ from cc_mujoco.viz._rerun_blueprint import (
     blueprint,
     plotted_series,
 )
-from cc_mujoco.viz._scene3d import TIMELINE, Branch, log_motion, log_static
-from cc_mujoco.viz._tendon3d import log_tendons
+from cc_mujoco.viz._scene3d import TIMELINE, Branch, log_motion, log_static, log_tendons
 
 END_STATES = {
     "stuck": 0x5F5F5FFF,
@@ -280,7 +279,6 @@ def _log_nodes(rec: Branch, log: EpisodeLog, frames: NDArray[np.intp]) -> None:
 
 
 def _about(log: EpisodeLog, metrics: Mapping[Metric, float]) -> rr.TextDocument:
-    """Describe the episode in Markdown, without the model's XML."""
     facts = []
     for key, value in log.metadata.items():
         if key == MODEL_XML:

@@ -26,7 +26,10 @@ from cc_mujoco.viz._live_controls import (
     Knobs,
     RealTimePacer,
     Sliders,
-    view_rows,
+    brightest_row,
+    cable_rows,
+    end_row,
+    time_row,
     wrap_sentence,
 )
 from cc_mujoco.viz._viewer import MIN_FRAME_TIME, Frame, Screen, round_up_tension
@@ -145,18 +148,16 @@ class Viewing:
     def _show(self, window: Any) -> None:
         state = self._data.plugin_state
         readings = {name: reader.read(state) for name, reader in self._readers.items()}
-        ends = {
-            name: (float(now.tension_proximal), float(now.tension_distal))
+        ends = (
+            end_row(name, float(now.tension_proximal), float(now.tension_distal))
             for name, now in readings.items()
-        }
-        rows = view_rows(
-            self._knobs,
-            self._name,
-            self._data.time,
-            ends,
-            pretension=self._laid,
-            factor=self._pace.factor,
-            highest=window.highest,
+        )
+        rows = (
+            ("scene", self._name),
+            time_row(self._knobs, self._data.time, self._pace.factor),
+            *cable_rows(self._knobs, self._laid),
+            *ends,
+            brightest_row(window.highest),
         )
         texts = (*rows, *wrap_sentence(self._note)), self._knobs.help
         tensions = {name: now.tension for name, now in readings.items()}

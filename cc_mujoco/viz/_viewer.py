@@ -20,7 +20,6 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Iterable, Mapping
-from types import TracebackType
 from typing import Any, NamedTuple
 
 import mujoco
@@ -28,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.errors import CableError
-from cc_mujoco.viz._capsules import Capsules
+from cc_mujoco.viz._cable_lines import Capsules
 from cc_mujoco.viz._live_controls import Sliders
 from cc_mujoco.viz._scene3d import viewpoint
 
@@ -163,12 +162,7 @@ class Screen:
     def __enter__(self) -> Screen:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._left.set()
         self._draw_thread.join(LAST_FRAME_TIMEOUT)
         self._viewer.close()

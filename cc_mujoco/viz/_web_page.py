@@ -135,7 +135,6 @@ def _body(
     highest: float,
     shares: str,
 ) -> html.Html:
-    """Return the page without the parts that the script draws."""
     e = html.element
     gradient = f"linear-gradient(90deg,{','.join(c for _, c in _colors()[2:])})"
     scale = e(
@@ -234,7 +233,6 @@ def _figure(panel: Panel) -> html.Html:
 
 
 def _plotly() -> str:
-    """Return the library to put into the page."""
     try:
         from plotly.offline import get_plotlyjs
     except ImportError:

@@ -13,8 +13,13 @@ from numpy.typing import NDArray
 from cc_mujoco.simulation._episode_log import EpisodeLog
 from cc_mujoco.viz._cable_lines import CONDUIT, MOTOR_END, cable_lines
 from cc_mujoco.viz._conduit3d import resample
-from cc_mujoco.viz._scene3d import body_poses, viewpoint, visible_geoms
-from cc_mujoco.viz._tendon3d import tendon_paths, visible_tendons
+from cc_mujoco.viz._scene3d import (
+    body_poses,
+    tendon_paths,
+    viewpoint,
+    visible_geoms,
+    visible_tendons,
+)
 
 Array = NDArray[np.float64]
 

@@ -36,8 +36,8 @@ from cc_mujoco.control._hysteresis_models import (
     inverse_plays,
 )
 from cc_mujoco.device import Device, Drive, find_device
+from cc_mujoco.device._device_files import write_hysteresis
 from cc_mujoco.device._drive import CableDrive
-from cc_mujoco.device._hysteresis_file import write_hysteresis
 from cc_mujoco.errors import CableError
 from cc_mujoco.simulation import calibration_trials, simulate
 

@@ -8,9 +8,9 @@ import pytest
 
 import cc_mujoco
 from cc_mujoco.assets import SCENES, scene_path
-from cc_mujoco.viz._capsules import Capsules
+from cc_mujoco.viz._cable_lines import Capsules
 from cc_mujoco.viz._conduit3d import SLACK_COLOR
-from cc_mujoco.viz._tendon3d import ROPE_COLOR, visible_tendons
+from cc_mujoco.viz._scene3d import ROPE_COLOR, visible_tendons
 
 SCENE = """<mujoco>
   <asset><material name="red" rgba="0.8 0.1 0.1 1"/></asset>

@@ -34,7 +34,7 @@ from cc_mujoco.device._sensors import AxesMeasuring, Measuring
 from cc_mujoco.human import Spring, Task, Transparent, Wearer
 from cc_mujoco.human._motion import Motion, Trajectory, minimum_jerk
 from cc_mujoco.native import _library as native_library
-from cc_mujoco.simulation._batch import Actuate, Batch, as_commanded
+from cc_mujoco.simulation._batch import Batch
 from cc_mujoco.simulation._batched_controller import Unpowered
 from cc_mujoco.simulation._worn_device import WornDevice
 
@@ -103,18 +103,6 @@ class Limb:
     """[N m s/rad]."""
     inertia: float
     """Added inertia [kg m^2]."""
-
-
-@dataclass(frozen=True)
-class Damped(Task):
-    """A virtual environment with a virtual damper."""
-
-    task: Task
-    damping: float
-    """[N m s/rad]."""
-
-    def torque(self, angle: Any, velocity: Any, phase: Any) -> Any:
-        return self.task.torque(angle, velocity, phase) - self.damping * velocity
 
 
 @dataclass(frozen=True)
@@ -273,19 +261,15 @@ def inertia_of(device: str | Path | Device, axis: str | None = None) -> float:
     return float(model.dof_M0[model.joint(limb).dofadr[0]])
 
 
-def task_of(device: Device, axis: Axis, name: str, damping: float = 0.0) -> Task:
+def task_of(axis: Axis, name: str) -> Task:
     """Return the virtual environment: a spring that suits the axis, or nothing.
 
-    `name` is one of `PASSIVITY_TASKS`. The `damping` of a virtual damper is over what
-    is critical for such a spring and the inertia of the joint [-].
+    `name` is one of `PASSIVITY_TASKS`.
     """
-    task: Task = Transparent()
-    if name == "spring":
-        task = Spring(spring_stiffness(axis))
-        if axis.centre:
-            task = _Centred(task, axis.centre)
-    critical = 2.0 * math.sqrt(spring_stiffness(axis) * inertia_of(device, axis.name))
-    return Damped(task, damping * critical) if damping else task
+    if name != "spring":
+        return Transparent()
+    spring = Spring(spring_stiffness(axis))
+    return _Centred(spring, axis.centre) if axis.centre else spring
 
 
 def spring_stiffness(axis: Axis) -> float:
@@ -315,12 +299,8 @@ def play(
     task: str,
     limbs: Sequence[Limb],
     believed: float = 1.0,
-    damping: float = 0.0,
     seed: int = 0,
-    variant: mujoco.MjModel | None = None,
     axis: str | None = None,
-    known: Sequence[Drive] = (),
-    hinder: Callable[[Batch], Actuate] = lambda batch: as_commanded,
     progress: Callable[[float], object] = float,
 ) -> WearerEnergy:
     """Simulate wearers who move and then hold still, all at once.
@@ -331,13 +311,9 @@ def play(
         task: Of `PASSIVITY_TASKS`.
         limbs: The wearers.
         believed: Friction that the controller believes, over that of the cables.
-        damping: Of a virtual damper besides; see `task_of`.
         seed: Of the noise, the same for all.
-        variant: Of the scene, to be played in its place.
         axis: Name of the axis; the only one by default. Others are transparent, and
             their joints rest.
-        known: Knowledge that the controller has of each axis, in place of the scene's.
-        hinder: Returns the `Batch.actuate` of a batch.
         progress: Called with the simulated time [s] after every control step.
 
     Returns:
@@ -351,11 +327,8 @@ def play(
     own = about.axis(axis)
     place = about.axes.index(own)
     ideal = law == "ideal"
-    spring = Transparent() if law == "motor-off" else task_of(device, own, task)
-    felt = (
-        spring if law in PASSIVITY_REFERENCES else task_of(device, own, task, damping)
-    )
-    model = variant or Plant(device, UNPLUGGED if ideal else {}).model()
+    spring = Transparent() if law == "motor-off" else task_of(own, task)
+    model = Plant(device, UNPLUGGED if ideal else {}).model()
     if ideal and task == "spring":
         _add_spring(model, own)
     dof = int(model.joint(own.limb).dofadr[0])
@@ -365,7 +338,7 @@ def play(
     others = [other for other in about.axes if other is not own]
     resting = tuple((other.limb, other.centre) for other in others)
     aside = _Aside(0.5 * side * own.reach, own.centre, resting)
-    tasks = {other.name: Transparent() for other in others} | {own.name: felt}
+    tasks = {other.name: Transparent() for other in others} | {own.name: spring}
     exos = []
     for limb in limbs:
         loaded = copy.copy(model)
@@ -383,10 +356,7 @@ def play(
     exo = exos[0]
     seeds, prefixes = [seed] * len(limbs), exo.device.prefixes
     batch = Batch(exos, seeds, name=law)
-    batch.actuate = hinder(batch)
-    drives = tuple(
-        _believing(about.sensing.equip(d), believed) for d in known or exo.drives
-    )
+    drives = tuple(_believing(about.sensing.equip(d), believed) for d in exo.drives)
     measuring = AxesMeasuring(
         prefixes,
         [

@@ -1,17 +1,13 @@
 """Does a controlled joint stay quiet in the hands of the worst passive wearer?
 
     python scripts/benchmarks/check_passivity.py --jobs 2 --out runs/passivity.csv
-    python scripts/benchmarks/check_passivity.py --structures all --generations 0
 
 The wearer is a spring and a damper to a reference, with inertia added at the joint; he
 moves to one side and then holds still. From then on nobody does work but the device.
 What it puts into the joint, less what the virtual spring gives back, is energy that a
 passive device does not have; a loop that is unstable with this wearer, or has a limit
 cycle, moves the joint on and on. The sensors are those of the benchmark, noise and
-delay included; the controller knows the cables, or, with `--believed`, takes their
-friction for so many times what it is; with `--damping` a virtual damper is desired.
-With `--structures` the plant is one of suite `v2`: it has an effect that its controller
-does not know, or with `none` no effect, and the numbers of its model are rough.
+delay included; the controller knows the cables.
 
 The worst wearer is searched by differential evolution (R. Storn, K. Price,
 "Differential evolution", J. Global Optimization 11, 1997) that begins with the corners
@@ -37,13 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import differential_evolution
 
-from cc_mujoco.benchmark import SUITES, Belief, Condition
-from cc_mujoco.benchmark._actuation import Hindrance
-from cc_mujoco.benchmark._conditions import MODEL_ERRORS
-from cc_mujoco.benchmark._plant import believed_drives, sample_plants
 from cc_mujoco.control import CONTROLLERS
-from cc_mujoco.device import Device, DeviceModel, find_device
-from cc_mujoco.errors import look_up
 from cc_mujoco.export import (
     LIMB_RANGES,
     PASSIVITY_REFERENCES,
@@ -56,11 +46,10 @@ from cc_mujoco.export import (
     wearer_bounds,
 )
 from cc_mujoco.report import table
-from cc_mujoco.simulation import Batch
 
 Array = NDArray[np.float64]
-Piece = tuple[str, str, str, str]
-"""Device or `DEVICE.AXIS`, task, controller, and structure of suite `v2` or nothing."""
+Piece = tuple[str, str, str]
+"""Device or `DEVICE.AXIS`, task, controller."""
 
 
 def search(
@@ -106,65 +95,25 @@ def search(
     )
 
 
-PLAIN = "none"  # structure of a plant of suite `v2` that has no unknown effect
-ACTIVE_WEARERS = ("tremor",)
-"""Structures of the suite in which the wearer moves by himself."""
-
-
-def structures(scene: str) -> dict[str, Condition]:
-    """Return the conditions of suite `v2` with a passive wearer, by structure."""
-    return {
-        one.structure or PLAIN: one
-        for one in SUITES["v2"].conditions(scene)
-        if one.structure not in ACTIVE_WEARERS
-    }
-
-
-def sampled(scene: str, structure: str, seed: int) -> tuple[Device, dict[str, Any]]:
-    """Return a device of suite `v2` and the arguments of `play` for its plant."""
-    at = look_up("structure", structure, structures(scene))
-    (drawn,) = sample_plants(at, [seed])
-    model = drawn.plant.model()
-    device = drawn.plant.scene
-    plain = DeviceModel(drawn.known.description, drawn.known.model())
-    (own,) = believed_drives(
-        plain.drives(device.description.period),
-        plain.driven,
-        [drawn],
-        [Belief(MODEL_ERRORS[at.error])],
-    )
-
-    def hinder(batch: Batch) -> Hindrance:
-        return Hindrance([drawn.actuation] * len(batch.devices), batch.prefixes)
-
-    return device, {"variant": model, "known": own, "hinder": hinder}
-
-
 def searched(piece: Piece, given: argparse.Namespace) -> list[dict[str, Any]]:
     """Search the worst wearer, and tell of all that were tried."""
-    name, task, law, structure = piece
+    name, task, law = piece
     scene, _, own = name.partition(".")
     axis = own or None
     inertia = inertia_of(scene, axis)
-    device, plant = find_device(scene), {}
-    if structure:
-        device, plant = sampled(scene, structure, given.seed)
 
     def played(places: Array) -> WearerEnergy:
         limbs = [limb_of(place, inertia) for place in places]
-        return play(
-            device, law, task, limbs, given.believed, given.damping, axis=axis, **plant
-        )
+        return play(scene, law, task, limbs, axis=axis)
 
     bounds = wearer_bounds(scene, axis)
     tried, found = search(played, bounds, given.generations, given.crowd)
     limbs = [limb_of(place, inertia) for place in tried]
     # A wearer of little damping swings on by himself.
-    swings = play(device, "ideal", task, limbs, axis=axis).velocity
+    swings = play(scene, "ideal", task, limbs, axis=axis).velocity
     return [
         {
             "scene": name,
-            "structure": structure,
             "task": task,
             "controller": law,
             **dataclasses.asdict(limb),
@@ -176,9 +125,8 @@ def searched(piece: Piece, given: argparse.Namespace) -> list[dict[str, Any]]:
 
 
 HEAD = (
-    "device", "structure", "task", "controller", "energy, held still [mJ]",
-    "into the wearer", "from the beginning [mJ]",
-    "velocity left (by himself) [rad/s]", "of the wearer",
+    "device", "task", "controller", "energy, held still [mJ]", "into the wearer",
+    "from the beginning [mJ]", "velocity left (by himself) [rad/s]", "of the wearer",
 )  # fmt: skip
 """Head of the table; energies are the largest of all wearers, the velocity is that
 which exceeds most the one that the same wearer has with a real spring."""
@@ -193,7 +141,7 @@ def row(tried: Sequence[dict[str, Any]]) -> tuple[str, ...]:
     fastest = max(tried, key=lambda one: one["velocity"] - one["velocity_ideal"])
     begun = max(one["begun"] for one in tried)
     return (
-        worst["scene"], worst["structure"], worst["task"], f"`{worst['controller']}`",
+        worst["scene"], worst["task"], f"`{worst['controller']}`",
         _figure(1e3 * worst["held"]),
         _limb(worst) if 1e3 * worst["held"] >= LEAST else "",
         _figure(1e3 * begun),
@@ -212,11 +160,6 @@ def _limb(one: dict[str, Any]) -> str:
     return ", ".join(f"{float(f'{one[name]:.2g}'):g}" for name in names)
 
 
-def _structures_of(scene: str, given: Sequence[str]) -> list[str]:
-    """Return the structures of a device, all of them for `all`."""
-    return list(structures(scene.partition(".")[0]) if given == ["all"] else given)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument(
@@ -227,16 +170,6 @@ def main() -> None:
     )
     laws = [*PASSIVITY_REFERENCES, *CONTROLLERS]
     parser.add_argument("--controllers", nargs="+", default=laws)
-    parser.add_argument(
-        "--believed", type=float, default=1.0, help="friction, of the true"
-    )
-    parser.add_argument(
-        "--damping", type=float, default=0.0, help="virtual, of critical"
-    )
-    parser.add_argument(
-        "--structures", nargs="+", default=[""], help="of suite v2, or all"
-    )
-    parser.add_argument("--seed", type=int, default=0, help="of a plant of v2")
     parser.add_argument("--generations", type=int, default=5, help="after the first")
     parser.add_argument("--crowd", type=int, default=24, help="wearers in each")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
@@ -245,9 +178,8 @@ def main() -> None:
     )
     given = parser.parse_args()
     pieces = [
-        (scene, task, law, structure)
+        (scene, task, law)
         for scene in given.scenes
-        for structure in _structures_of(scene, given.structures)
         for task in given.tasks
         for law in given.controllers
     ]
@@ -257,7 +189,7 @@ def main() -> None:
             done.append(tried)
             print(*row(tried), sep=" | ", flush=True)
     print()
-    print(table(HEAD, [row(tried) for tried in done], (4, 6, 7)))
+    print(table(HEAD, [row(tried) for tried in done], (3, 5, 6)))
     print("\nWearers: stiffness [N m/rad], damping [N m s/rad], inertia added [kg m2].")
     if given.out:
         given.out.parent.mkdir(parents=True, exist_ok=True)

@@ -251,26 +251,6 @@ def _fall(old: float, new: float) -> str:
     return f"{1e3 * old:.0f} to {1e3 * new:.0f}{better}"
 
 
-def counted(records: list[Mapping[str, Any]]) -> str:
-    """Return a summary of the table, in lines."""
-    hidden = [r for r in records if r["effect"] not in ("none", FRICTION)]
-    right = [r for r in hidden if [r["effect"]] == r["named"] and not r["ties"]]
-    tied = [r for r in hidden if any(r["effect"] in tie for tie in r["ties"])]
-    lines = [
-        f"{len(right)} of {len(hidden)} hidden effects named right and alone, "
-        f"{len(tied)} in a tie."
-    ]
-    for law in records[0]["before"]:
-        for key, what in (("rms", "error"), ("between", "error between turns")):
-            ratios = [r["before"][law][key] / r["after"][law][key] for r in records]
-            ratios = [ratio for ratio in ratios if math.isfinite(ratio)]
-            lines.append(
-                f"{law}: the {what} falls in {sum(x > 1.0 for x in ratios)} of "
-                f"{len(ratios)}, by {np.median(ratios):.1f} in the median."
-            )
-    return "\n".join(lines)
-
-
 def _size(record: Mapping[str, Any]) -> str:
     """Return the strength of an effect, as the table shows it."""
     if record["effect"] == FRICTION:
@@ -308,7 +288,7 @@ def main() -> None:
             file.write(json.dumps(found) + "\n")
         with replacing(given.out / TABLE) as partial:
             partial.write_text(told(records), encoding="utf-8")
-    print(told(records), counted(records), sep="\n\n")
+    print(told(records))
 
 
 def read(kept: Path) -> list[Mapping[str, Any]]:

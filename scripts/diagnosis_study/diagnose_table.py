@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -101,8 +100,8 @@ def verdict_rates(records: list[dict[str, Any]]) -> list[list[str]]:
 def summary(records: list[dict[str, Any]]) -> str:
     """Return Markdown of a study; what stands before the first fold is for the page.
 
-    Rates by kind and figures come first; rates by make and strength, confusion and all
-    cases are folded.
+    Rates by kind and figures come first; rates by make and strength and all cases are
+    folded.
     """
     columns = {
         "right": "right", "in a tie": "tie", "one of two": "half",
@@ -132,7 +131,6 @@ def summary(records: list[dict[str, Any]]) -> str:
         "<details><summary>By verdict, rigs and strength</summary>",
         table(("verdict", "given", "right"), verdict_rates(records)),
         table(("hidden", "rigs", "R", *head), rates),
-        table(("hidden", "first name or verdict"), confusion(records).items()),
         "</details>",
     ]
     cases = []
@@ -278,21 +276,3 @@ def _strengths(records: list[dict[str, Any]]) -> list[str]:
             f"R = {longest['strength']:g})."
         )
     return found
-
-
-def confusion(records: list[dict[str, Any]]) -> dict[str, str]:
-    """Return first names or verdicts with their counts, by what was hidden alone."""
-    told: dict[str, Counter[str]] = {}
-    for r in sorted(records, key=lambda record: record["seed"] % 100):
-        if r["kind"] == "pair":
-            continue
-        first = r["verdict"]
-        if first == "named":
-            first = r["named"][0]
-        elif first == "tie":
-            first = " or ".join(r["ties"][0])
-        told.setdefault(", ".join(r["hidden"]) or "none", Counter())[first] += 1
-    return {
-        hidden: ", ".join(f"{name} {count}" for name, count in counts.most_common())
-        for hidden, counts in told.items()
-    }

@@ -1,11 +1,9 @@
-"""Distance from the noise floor of rigs in which nothing is hidden, trial by trial.
+"""Distance from the noise floor of rigs in which nothing is hidden.
 
     python scripts/diagnosis_study/floors.py --make guides elements --rigs 10
 
 Only the baseline is fitted. Every line is a rig: its held-out error over that of noise
-alone; the square of it, how far trials disagree about that, and by how many of these
-standard errors it exceeds 1; then squares by channel and by trial. `--effect` hides
-something.
+alone.
 
 With `--by-motion` the noise floor is checked against the errors of readings: rigs in
 which nothing is hidden are recorded twice, with sensors and with readings that have
@@ -17,23 +15,18 @@ over the floor, motor and joint, is printed by the pace of the faster end and by
 from __future__ import annotations
 
 import argparse
-import math
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from kept_cases import Lines
 from numpy.typing import NDArray
 
 from cc_mujoco.assets import scene_path
 from cc_mujoco.datasets import Bench, Dataset, Noise
 from cc_mujoco.diagnosis import (
     BaselineFit,
-    CrossValidation,
-    Filtering,
     Record,
     fit_baseline,
     huber_residual,
@@ -46,7 +39,6 @@ from rig.generate import facts_of, write_data
 from rig.makes import MAKES
 from rig.nominal import make_rig
 from rig.sensors import BASIC
-from rig.strength import calibrate
 
 FIRST = 500  # seed of the first rig; no study has these
 
@@ -61,64 +53,19 @@ def written(data: list[dict[str, Array]], trials: str, seed: int) -> Dataset:
         return load([path])[0]
 
 
-def fitted(dataset: Dataset) -> tuple[BaselineFit, Filtering]:
+def fitted(dataset: Dataset) -> BaselineFit:
     """Return the baseline of a data set on the bench."""
     bench = Bench.of(scene_path("bench")).known(dataset.constants)
     records, filtering = prepare(dataset, bench)
-    baseline = fit_baseline(dataset, plant_of(dataset, bench, records), filtering, 0)
-    return baseline, filtering
+    return fit_baseline(dataset, plant_of(dataset, bench, records), filtering, 0)
 
 
-def errors_of(make: str, seed: int, effect: str, strength: float) -> dict[str, Any]:
-    """Return squared held-out errors of the baseline and of noise, by trial."""
+def misfit_of(make: str, seed: int) -> float:
+    """Return the RMS held-out error of the baseline over that of noise."""
     rig = make_rig(seed, make=make)
     trials = MAKES[make].trials(rig)
-    amounts = {effect: calibrate(rig, effect, strength, trials, seed)} if effect else {}
-    data = make_dataset(rig, amounts, trials, seed)
-    crossed = fitted(written(data, trials, seed))[0].crossed
-    return {
-        "make": make, "seed": seed, "trials": trials, "effect": effect,
-        "strength": strength if effect else 0.0,
-        "misfit": crossed.misfit, "squares": by_trial(crossed),
-    }  # fmt: skip
-
-
-def by_trial(crossed: CrossValidation) -> dict[str, list[list[float]]]:
-    """Return sums of squares by trial and channel: held-out errors, and those of noise.
-
-    Both are over what errors are divided by, so that their ratio is over the floor.
-    """
-    problem = crossed.problem
-    found: dict[str, Array] = {}
-    for record, errors, noise, floor in zip(
-        problem.plant.records,
-        crossed.errors,
-        problem.sensed,
-        problem.floor,
-        strict=True,
-    ):
-        kept = np.isfinite(errors[0])
-        both = np.array([errors[:, kept], (noise / floor)[:, kept]])
-        sums = np.sum(both**2, axis=2)
-        found[record.trial] = found.get(record.trial, 0.0) + sums
-    return {trial: sums.round(3).tolist() for trial, sums in found.items()}
-
-
-def told(record: Mapping[str, Any]) -> str:
-    """Return a rig in a line."""
-    squares = np.array(list(record["squares"].values()))
-    errors, noise = squares.sum(axis=2).T
-    beyond = (errors - noise) / noise.sum()
-    apart = float(np.std(beyond, ddof=1)) * math.sqrt(beyond.size)
-    both = squares.sum(axis=0)
-    channels = " ".join(f"{value:.2f}" for value in both[0] / both[1])
-    trials = " ".join(f"{value:.2f}" for value in errors / noise)
-    return (
-        f"{record['make']:9} {record['seed']:5} {record['trials']:8} "
-        f"{record['effect'] or 'none':28} {record['misfit']:.2f} floors; squares: "
-        f"{1.0 + beyond.sum():.2f} +- {apart:.2f} ({beyond.sum() / apart:+.1f}); "
-        f"channels {channels}; trials {trials}"
-    )
+    data = make_dataset(rig, {}, trials, seed)
+    return fitted(written(data, trials, seed)).crossed.misfit
 
 
 PACES = {"rest": 0.005, "creep": 0.06, "slow": 0.5, "fast": np.inf}
@@ -135,7 +82,7 @@ def squares(make: str, seed: int) -> dict[str, Array]:
     recorded = make_dataset(rig, {}, trials, seed)
     signals = clean_dataset(rig, {}, make_trials(trials, seed), seed)
     dataset = written(recorded, trials, seed)
-    baseline, _ = fitted(dataset)
+    baseline = fitted(dataset)
     problem = baseline.problem
     exact = tuple(
         replace(trial, **dict(zip(BASIC, clean.T, strict=True)))
@@ -196,27 +143,15 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=FIRST, help="of the first rig")
     parser.add_argument("--step", type=int, default=1, help="from seed to seed")
     parser.add_argument("--by-motion", action="store_true")
-    parser.add_argument("--effect", default="", help="id of one to hide")
-    parser.add_argument("--strength", type=float, default=4.0, help="its R")
-    parser.add_argument(
-        "--out", type=Path, help="JSON lines to append to; rigs in them are not redone"
-    )
     options = parser.parse_args()
     last = options.seed + options.step * options.rigs
     seeds = range(options.seed, last, options.step)
     if options.by_motion:
         print_by_motion(options.make, seeds)
         return
-    lines = Lines(options.out)
-    done = lines.done("make", "seed", "effect", "strength")
-    strength = options.strength if options.effect else 0.0
     for seed in seeds:
         for make in options.make:
-            if (make, seed, options.effect, strength) in done:
-                continue
-            record = errors_of(make, seed, options.effect, options.strength)
-            print(told(record), flush=True)
-            lines.add(record)
+            print(f"{make:9} {seed:5} {misfit_of(make, seed):.2f} floors", flush=True)
 
 
 if __name__ == "__main__":

@@ -22,14 +22,13 @@ def kept(path: Path, make: Callable[[], Record]) -> Record:
 
 
 class Lines:
-    """Cases in a file of JSON lines, if one is named."""
+    """Cases in a file of JSON lines."""
 
-    def __init__(self, path: Path | None) -> None:
+    def __init__(self, path: Path) -> None:
         """Read those that are there."""
-        self._path, self.records = path, list[Record]()
-        if path is not None and path.exists():
-            text = path.read_text(encoding="utf-8")
-            self.records += [json.loads(line) for line in text.splitlines()]
+        text = path.read_text(encoding="utf-8") if path.exists() else ""
+        self._path = path
+        self.records: list[Record] = [json.loads(line) for line in text.splitlines()]
 
     def done(self, *keys: str) -> set[tuple[Any, ...]]:
         """Return what tells the cases that are there."""
@@ -38,9 +37,8 @@ class Lines:
     def add(self, record: Record) -> None:
         """Keep one more."""
         self.records.append(record)
-        if self._path is not None:
-            with self._path.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(record) + "\n")
+        with self._path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(record) + "\n")
 
 
 def findings(found: Diagnosis) -> Record:

@@ -47,4 +47,3 @@ def test_the_table_has_both_errors_and_how_often_one_goes_into_the_other() -> No
     }  # fmt: skip
     row = closed_loop.told([record]).splitlines()[-1]
     assert "| 500 to 400 (1.2) | 200 to 100 (2.0) |" in row
-    assert "the error falls in 1 of 1, by 1.2" in closed_loop.counted([record])

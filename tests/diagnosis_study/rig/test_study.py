@@ -127,7 +127,7 @@ def test_a_verdict_is_right_if_it_names_all_that_is_hidden_and_no_more(
 
 
 @given(st.lists(judged_cases(), min_size=1, max_size=30))
-def test_rates_and_confusion_count_the_cases_below_them(
+def test_rates_count_the_cases_below_them(
     told: list[dict[str, Any]],
 ) -> None:
     records = [
@@ -158,13 +158,6 @@ def test_rates_and_confusion_count_the_cases_below_them(
     ties = re.findall(r"of the\s(\d+)\sof single effects in (\d+)", above)
     assert [tuple(map(int, each)) for each in ties] in ([], [(len(single), len(well))])
     assert bool(ties) == any(r["settled"] for r in records)
-    counts = [
-        int(part.rsplit(" ", 1)[1])
-        for row in rows(between)
-        if len(row) == 2 and row[0] != "hidden"
-        for part in row[1].split(", ")
-    ]
-    assert sum(counts) == sum(record["kind"] != "pair" for record in records)
 
 
 @pytest.mark.parametrize("seeds", [1, 2])

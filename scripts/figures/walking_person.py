@@ -33,13 +33,8 @@ CONDITIONS = {
 ROWS = (
     ("step length [m]", lambda s: s.step_length.mean()),
     ("step time [s]", lambda s: s.step_time.mean()),
-    ("positive work of the hips [J]", lambda s: s.positive_work[:, 0].sum()),
-    ("... of the knees", lambda s: s.positive_work[:, 1].sum()),
-    ("... of the ankles", lambda s: s.positive_work[:, 2].sum()),
-    ("negative work of the hips [J]", lambda s: s.negative_work[:, 0].sum()),
-    ("... of the knees", lambda s: s.negative_work[:, 1].sum()),
-    ("... of the ankles", lambda s: s.negative_work[:, 2].sum()),
-    ("estimated metabolic power [W]", lambda s: s.metabolic_power),
+    ("positive work of the ankles [J]", lambda s: s.positive_work[:, 2].sum()),
+    ("... of hips and knees", lambda s: s.positive_work[:, :2].sum()),
     (
         "estimated metabolic energy [J/m]",
         lambda s: s.metabolic_power * s.time / s.length,

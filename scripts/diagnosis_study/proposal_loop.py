@@ -9,14 +9,13 @@ its `dataset.toml`, and all trials are diagnosed again: until no trial is propos
 `--proposals` have been recorded. `--protocol` selects the first trials: `bare`, motions
 only, or `standard`, also the rig turned, its cables off, and known weights.
 
-`rigs.csv` has one row for each rig; rigs that have a row are not repeated. A rig keeps
+`rigs.jsonl` has a record of each rig; rigs that have one are not repeated. A rig keeps
 its seed over strengths and protocols, so rates of different strengths share rigs.
 """
 
 from __future__ import annotations
 
 import argparse
-import csv
 import dataclasses
 import tempfile
 import time
@@ -27,8 +26,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from diagnose_benchmark import NEWER, PAIRS
+from diagnose_benchmark import NEWER, PAIRS, said
 from diagnose_table import exact, is_right, judged
+from kept_cases import Lines
 
 from cc_mujoco.assets import scene_path
 from cc_mujoco.datasets import Bench
@@ -59,16 +59,12 @@ CELLS = {
 """Channels of the rig by those of load cells in the scene `bench`."""
 ODDS_BANDS = (0.0, 0.7, 0.85, 0.92, 1.01)
 """Limits of the bands of stated probability in which verdicts are counted."""
-RIGS = "rigs.csv"
-COLUMNS = (
-    "make", "protocol", "hidden", "strength", "seed", "amounts", "verdicts", "named",
-    "ties", "proposed", "end", "first", "last", "alone", "odds", "correct", "seconds",
-)  # fmt: skip
-"""Columns of a row; lists are separated by "; ", one entry for each diagnosis."""
+KEYS = "make", "protocol", "hidden", "strength", "seed"  # what tells a rig
+Record = dict[str, Any]
 
 
 class Case(NamedTuple):
-    """A rig to be diagnosed; the fields are the first columns of its row."""
+    """A rig to be diagnosed; the fields are `KEYS` of its record."""
 
     make: str
     protocol: str
@@ -182,67 +178,51 @@ def trial_of(planned: Planned, known: Mapping[str, Any]) -> Trial:
     )
 
 
-def run(case: Case, proposals: int, amounts: Mapping[str, float]) -> dict[str, Any]:
-    """Return the row of a rig."""
+def run(case: Case, proposals: int, amounts: Mapping[str, float]) -> Record:
+    """Return the record of a rig."""
     rig = make_rig(case.seed, make=case.make)
     trials = MAKES[rig.make].trials(rig)
     recorded = f"{trials}_standard" if case.protocol == "standard" else trials
     begin = time.process_time()
     with tempfile.TemporaryDirectory() as folder:
         steps = loop(rig, amounts, recorded, case.seed, Path(folder), proposals)
-    found = [step.diagnosis for step in steps]
-    named = [[effect.id for effect in each.missing] for each in found]
-    words = [
-        judged(case.kind, case.effects, each.verdict, names, each.ties)
-        for each, names in zip(found, named, strict=True)
-    ]
+    beliefs = [step.diagnosis.belief for step in steps]
     return {
         **case._asdict(),
-        "amounts": " ".join(f"{size:.6g}" for size in amounts.values()),
-        "verdicts": "; ".join(each.verdict for each in found),
-        "named": "; ".join(" ".join(names) for names in named),
-        "ties": "; ".join(", ".join(" ".join(t) for t in each.ties) for each in found),
-        "proposed": "; ".join(step.proposed for step in steps if step.proposed),
-        "end": end_of(steps),
-        "first": words[0],
-        "last": words[-1],
-        "alone": int(is_alone(case, found[-1].verdict, named[-1], words[-1])),
-        "odds": "; ".join(
-            f"{each.belief.probability:.4f}" if each.belief else "" for each in found
-        ),
-        "correct": "; ".join(
-            str(int(is_correct(case.kind, case.effects, each))) for each in found
-        ),
-        "seconds": f"{time.process_time() - begin:.0f}",
+        "kind": case.kind,
+        "effects": case.effects,
+        "amounts": list(amounts.values()),
+        "steps": [said(step.diagnosis) for step in steps],
+        "proposed": [step.proposed for step in steps],
+        "odds": [belief.probability if belief else None for belief in beliefs],
+        "seconds": round(time.process_time() - begin),
     }
 
 
-def end_of(steps: Sequence[Step]) -> str:
+def word_of(record: Record, step: int) -> str:
+    """Return one word for how a diagnosis of a rig went, see `judged`."""
+    found = record["steps"][step]
+    told = found["verdict"], found["named"], found["ties"]
+    return judged(record["kind"], record["effects"], *told)
+
+
+def end_of(record: Record) -> str:
     """Return how a loop ended: with a verdict, as undecidable, or open.
 
     A tie is undecidable if no trial of the catalogue would settle it, and open if one
     more is proposed than may be recorded.
     """
-    last = steps[-1]
-    if last.diagnosis.verdict != "tie" and not last.diagnosis.ties:
-        return last.diagnosis.verdict
-    return "open" if last.proposed else "undecidable"
+    last = record["steps"][-1]
+    if last["verdict"] != "tie" and not last["ties"]:
+        return str(last["verdict"])
+    return "open" if record["proposed"][-1] else "undecidable"
 
 
-def is_alone(case: Case, verdict: str, named: Sequence[str], word: str) -> bool:
-    """Return whether a verdict is right and names nothing else."""
-    if case.kind in ("none", "unknown"):
-        return word == "right"
-    return word == "right" and set(named) == set(case.effects)
-
-
-def is_correct(kind: str, hidden: Sequence[str], found: Diagnosis) -> bool:
-    """Return whether a diagnosis is right as a whole, as its odds mean it."""
-    record = {
-        "kind": kind, "hidden": hidden, "verdict": found.verdict,
-        "named": [each.id for each in found.missing], "ties": found.ties,
-    }  # fmt: skip
-    return is_right(record)
+def is_alone(record: Record) -> bool:
+    """Return whether the last verdict is right and names nothing else."""
+    named = set(record["steps"][-1]["named"])
+    alone = record["kind"] in ("none", "unknown") or named == set(record["effects"])
+    return word_of(record, -1) == "right" and alone
 
 
 def cases(
@@ -270,13 +250,11 @@ def cases(
                         yield Case(make, protocol, name, strength, seed)
 
 
-def amounts_of(case: Case, rows: Sequence[Mapping[str, str]]) -> dict[str, float]:
+def amounts_of(case: Case, records: Sequence[Record]) -> dict[str, float]:
     """Return how much to hide, taken from another protocol of the same rig if done."""
-    key = ("make", "hidden", "strength", "seed")
-    for row in rows:
-        if all(row[name] == str(getattr(case, name)) for name in key):
-            sizes = map(float, row["amounts"].split())
-            return dict(zip(case.effects, sizes, strict=True))
+    for record in records:
+        if all(record[k] == getattr(case, k) for k in KEYS if k != "protocol"):
+            return dict(zip(case.effects, record["amounts"], strict=True))
     rig = make_rig(case.seed, make=case.make)
     trials = MAKES[rig.make].trials(rig)
     return {
@@ -285,60 +263,54 @@ def amounts_of(case: Case, rows: Sequence[Mapping[str, str]]) -> dict[str, float
     }
 
 
-def summary(rows: Sequence[Mapping[str, str]]) -> str:
+def summary(records: Sequence[Record]) -> str:
     """Return Markdown: rates by what is hidden, then the rigs that are not right."""
-    groups: dict[tuple[str, str, str], list[Mapping[str, str]]] = {}
-    for row in rows:
-        kind = Case(row["make"], "", row["hidden"], 0.0, 0).kind
-        group = "static" if row["hidden"] in STATIC else kind
-        size = "-" if kind == "none" else f"{float(row['strength']):g}"
-        groups.setdefault((row["protocol"], group, size), []).append(row)
+    groups: dict[tuple[str, str, str], list[Record]] = {}
+    for r in records:
+        group = "static" if r["hidden"] in STATIC else r["kind"]
+        size = "-" if r["kind"] == "none" else f"{r['strength']:g}"
+        groups.setdefault((r["protocol"], group, size), []).append(r)
     rates = []
     for key, own in sorted(groups.items()):
-        alone = sum(int(row["alone"]) for row in own)
-        last = [row["last"] for row in own]
-        rates.append(
-            [
-                *key, str(len(own)), str(sum(row["first"] == "right" for row in own)),
-                f"{alone} ({exact(alone, len(own))} %)",
-                str(sum(row["end"] == "undecidable" for row in own)),
-                str(last.count("missed")), str(last.count("wrong")),
-                str(sum(_repeats(row) for row in own)),
-            ]
-        )  # fmt: skip
+        alone = sum(map(is_alone, own))
+        first, last = ([word_of(r, step) for r in own] for step in (0, -1))
+        ends = [end_of(r) for r in own]
+        numbers = len(own), first.count("right")
+        others = ends.count("undecidable"), last.count("missed"), last.count("wrong")
+        told = f"{alone} ({exact(alone, len(own))} %)"
+        rates.append([*key, *map(str, numbers), told, *map(str, others)])
     head = (
         "recorded first", "hidden", "R", "rigs", "right at once", "right and alone",
-        "undecidable", "missed", "wrong", "proposed twice",
+        "undecidable", "missed", "wrong",
     )  # fmt: skip
-    failed = [
-        [row[name] for name in ("protocol", "make", "hidden", "strength", "seed")]
-        + [row["verdicts"], row["named"], row["ties"], row["proposed"], row["end"]]
-        for row in rows
-        if row["alone"] != "1"
-    ]
-    more = ("recorded", "make", "hidden", "R", "seed", "verdicts", "named", "ties")
-    bands = ("odds", "verdicts", "mean", "right")
+    failed = []
+    for r in records:
+        if not is_alone(r):
+            parts = ("verdict", "named", "ties")
+            told = ["; ".join(str(each[part]) for each in r["steps"]) for part in parts]
+            which = [str(r[key]) for key in KEYS]
+            failed.append([*which, *told, "; ".join(r["proposed"]), end_of(r)])
     return "\n\n".join(
         [
             table(head, rates),
-            table(bands, calibration(rows)),
-            table((*more, "proposed", "end"), failed),
+            table(("odds", "verdicts", "mean", "right"), calibration(records)),
+            table((*KEYS, "verdicts", "named", "ties", "proposed", "end"), failed),
         ]
     )
 
 
-def calibration(rows: Sequence[Mapping[str, str]]) -> list[list[str]]:
+def calibration(records: Sequence[Record]) -> list[list[str]]:
     """Return how often verdicts were right, in bands of the odds that they stated.
 
     The last verdict of every rig counts, and the first where a trial followed it.
     """
     stated, right = [], []
-    for row in rows:
-        odds, correct = row["odds"].split("; "), row["correct"].split("; ")
-        for place in {0, len(odds) - 1}:
-            if odds[place]:
-                stated.append(float(odds[place]))
-                right.append(int(correct[place]))
+    for record in records:
+        for place in {0, len(record["steps"]) - 1}:
+            if (odds := record["odds"][place]) is not None:
+                stated.append(odds)
+                case = {"kind": record["kind"], "hidden": record["effects"]}
+                right.append(is_right({**case, **record["steps"][place]}))
     found = []
     for low, high in pairwise(ODDS_BANDS):
         here = [k for k, odds in enumerate(stated) if low <= odds < high]
@@ -352,20 +324,6 @@ def calibration(rows: Sequence[Mapping[str, str]]) -> list[list[str]]:
                 ]
             )  # fmt: skip
     return found
-
-
-def _repeats(row: Mapping[str, str]) -> bool:
-    """Return whether a trial was proposed twice."""
-    proposed = row["proposed"].split("; ")
-    return len(set(proposed)) < len(proposed)
-
-
-def read(path: Path) -> list[dict[str, str]]:
-    """Return the rows of an earlier run, none if there was none."""
-    if not path.exists():
-        return []
-    with path.open(newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
 
 
 def main() -> None:
@@ -393,27 +351,18 @@ def main() -> None:
     }
     hidden = [n for name in options.effects for n in groups.get(name, (name,))]
     options.out.mkdir(parents=True, exist_ok=True)
-    path = options.out / RIGS
-    rows = read(path)
-    if rows and tuple(rows[0]) != COLUMNS:
-        parser.error(f"{path} has other columns than this program; name another --out")
-    keys = ("make", "protocol", "hidden", "strength", "seed")
-    done = {tuple(row[name] for name in keys) for row in rows}
+    lines = Lines(options.out / "rigs.jsonl")
+    done = lines.done(*KEYS)
     for case in cases(
         hidden, options.makes, options.strength, options.protocol, options.first,
         options.rounds,
     ):  # fmt: skip
-        if tuple(map(str, case)) in done:
+        if case in done:
             continue
-        row = run(case, options.proposals, amounts_of(case, rows))
-        rows.append({name: str(value) for name, value in row.items()})
-        with path.open("a", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, COLUMNS)
-            if file.tell() == 0:
-                writer.writeheader()
-            writer.writerow(row)
-        print(*(row[name] for name in (*keys, "end", "last", "seconds")), flush=True)
-    print(summary(rows))
+        record = run(case, options.proposals, amounts_of(case, lines.records))
+        lines.add(record)
+        print(*case, end_of(record), word_of(record, -1), record["seconds"], flush=True)
+    print(summary(lines.records))
 
 
 if __name__ == "__main__":

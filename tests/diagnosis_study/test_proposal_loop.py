@@ -48,18 +48,19 @@ def test_a_rig_plays_every_kind_of_proposed_trial(tmp_path: Path) -> None:
 
 
 def test_rates_are_by_strength_and_failures_are_listed() -> None:
-    row = {
+    tied = {"verdict": "tie", "named": [], "ties": [["joint_gravity", "b"]]}
+    right = {"verdict": "named", "named": ["joint_gravity"], "ties": []}
+    record = {
         "make": "guides", "protocol": "bare", "hidden": "joint_gravity",
-        "strength": "4.0", "seed": "1", "verdicts": "tie; named", "named": "",
-        "ties": "", "proposed": "a; a", "end": "named", "first": "tie",
-        "last": "right", "alone": "1", "odds": "0.8000; 0.9500", "correct": "0; 1",
+        "strength": 4.0, "seed": 1, "kind": "named", "effects": ["joint_gravity"],
+        "steps": [tied, right], "proposed": ["a", ""], "odds": [0.8, 0.95],
     }  # fmt: skip
-    wrong = {**row, "seed": "2", "last": "wrong", "alone": "0", "proposed": ""}
-    wrong |= {"odds": "0.9500", "correct": "0"}
-    text = summary([row, wrong])
-    assert "| bare | static | 4 | 2 | 0 | 1 (1 to 99 %) | 0 | 0 | 1 | 1 |" in text
+    wrong = {**record, "seed": 2, "steps": [{**right, "named": ["b"]}]}
+    wrong |= {"proposed": [""], "odds": [0.95]}
+    text = summary([record, wrong])
+    assert "| bare | static | 4 | 2 | 0 | 1 (1 to 99 %) | 0 | 0 | 1 |" in text
     assert (
         "joint_gravity | 4.0 | 2 |" in text and "joint_gravity | 4.0 | 1 |" not in text
     )
-    assert "| 0.70 to 0.85 | 1 | 0.800 | 0.000 (0 to 98 %) |" in text
+    assert "| 0.70 to 0.85 | 1 | 0.800 | 1.000 (3 to 100 %) |" in text
     assert "| 0.92 to 1.00 | 2 | 0.950 | 0.500 (1 to 99 %) |" in text

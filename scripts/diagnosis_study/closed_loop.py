@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import json
 import math
 import shutil
 import time
@@ -25,15 +24,15 @@ from typing import Any
 
 import numpy as np
 from driven import Bench, Lockstep, Swing
+from kept_cases import Lines
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from cc_mujoco._utils.atomic_io import replacing, require_ours
+from cc_mujoco._utils.atomic_io import replacing
 from cc_mujoco._utils.command_options import progress_options
 from cc_mujoco.assets import scene_path
 from cc_mujoco.control import controller
 from cc_mujoco.diagnosis import diagnose
-from cc_mujoco.errors import CableError
 from cc_mujoco.hardware import (
     APPROACH_TIME,
     DrivenAxis,
@@ -266,14 +265,9 @@ def main() -> None:
     parser.add_argument("--controllers", nargs="+", default=["stiction"])
     parser.add_argument("--out", type=Path, default=Path("runs", "closed_loop"))
     given = parser.parse_args()
-    kept = given.out / KEPT
-    try:
-        require_ours(given.out, lambda _: bool(read(kept)))
-    except CableError as error:
-        parser.error(str(error))
     given.out.mkdir(parents=True, exist_ok=True)
-    records = read(kept)
-    done = {(r["effect"], r["seed"], r["strength"]) for r in records}
+    lines = Lines(given.out / KEPT)
+    records, done = lines.records, lines.done("effect", "seed", "strength")
     cases = [
         (name, seed, given.strength)
         for seed in given.seeds
@@ -282,22 +276,10 @@ def main() -> None:
     ]
     for name, seed, strength in tqdm(cases, unit="case", **progress_options()):
         folder = given.out / f"{name}-{seed}-{strength:g}"
-        found = run(name, seed, strength, given.controllers, folder)
-        records.append(found)
-        with kept.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(found) + "\n")
+        lines.add(run(name, seed, strength, given.controllers, folder))
         with replacing(given.out / TABLE) as partial:
             partial.write_text(told(records), encoding="utf-8")
     print(told(records))
-
-
-def read(kept: Path) -> list[Mapping[str, Any]]:
-    """Return the cases of an earlier run; none if the file is no such run's."""
-    try:
-        found = [json.loads(line) for line in kept.read_text().splitlines()]
-    except (OSError, ValueError):
-        return []
-    return found if all("after" in each for each in found) else []
 
 
 if __name__ == "__main__":

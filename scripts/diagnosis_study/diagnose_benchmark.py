@@ -17,7 +17,6 @@ same tuned baseline. A case that was done without keeps its record.
 from __future__ import annotations
 
 import argparse
-import json
 import tempfile
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -26,11 +25,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from diagnose_table import LAST, STUDIES, summary
+from kept_cases import Lines
 from tqdm import tqdm
 
-from cc_mujoco._utils.atomic_io import replacing, require_ours
+from cc_mujoco._utils.atomic_io import replacing
 from cc_mujoco._utils.command_options import progress_options
-from cc_mujoco.errors import CableError
 
 if TYPE_CHECKING:
     from cc_mujoco.diagnosis import Diagnosis, DiagnosisResult
@@ -186,13 +185,9 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("runs", "diagnose_benchmark"))
     options = parser.parse_args()
     kept, told = (options.out / f"{options.study}.{end}" for end in ("jsonl", "md"))
-    try:
-        require_ours(options.out, lambda _: bool(read(kept)))
-    except CableError as error:
-        parser.error(str(error))
     options.out.mkdir(parents=True, exist_ok=True)
-    records = read(kept)
-    done = {(r["seed"], r["strength"], r["make"]) for r in records}
+    lines = Lines(kept)
+    done = lines.done("seed", "strength", "make")
     wanted = [
         {**case, "standard": options.standard}
         for case in cases(
@@ -205,33 +200,12 @@ def main() -> None:
         ProcessPoolExecutor(options.jobs, get_context("spawn")) as pool,
         tqdm(total=len(wanted), unit="case", **progress_options()) as bar,
     ):
-        for done_one in as_completed(pool.submit(run, c, options.bic) for c in wanted):
-            records.append(done_one.result())
-            with kept.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(records[-1]) + "\n")
-            write(told, summary(records))
+        for one in as_completed(pool.submit(run, case, options.bic) for case in wanted):
+            lines.add(one.result())
+            with replacing(told) as partial:
+                partial.write_text(summary(lines.records), encoding="utf-8")
             bar.update()
-    write(told, summary(records))
-    print(summary(records))
-
-
-def read(kept: Path) -> list[dict[str, Any]]:
-    """Return the cases of an earlier run; none if the file is no such run's."""
-    try:
-        found = [json.loads(line) for line in kept.read_text().splitlines()]
-        return (
-            found
-            if all({"seed", "strength", "make"} <= r.keys() for r in found)
-            else []
-        )
-    except (OSError, ValueError, AttributeError):
-        return []
-
-
-def write(path: Path, text: str) -> None:
-    """Write a text, whole or not at all."""
-    with replacing(path) as partial:
-        partial.write_text(text, encoding="utf-8")
+    print(summary(lines.records))
 
 
 if __name__ == "__main__":

@@ -139,17 +139,10 @@ def _left_over(rig: Rig, change: Array, trials: str, seed: int) -> Array:
 
 
 class Strength(NamedTuple):
-    """Strength R of a change and its RMS over the floor by channel, raw and refit."""
+    """Strength R of a change, raw and after the refit."""
 
     raw: float
     refit: float
-    raw_by_channel: dict[str, float]
-    refit_by_channel: dict[str, float]
-
-
-def _by_channel(change: Array) -> dict[str, float]:
-    rms = np.sqrt(np.mean(change**2, axis=0))
-    return dict(zip(RESPONSES, rms.tolist(), strict=True))
 
 
 def measure(
@@ -159,12 +152,7 @@ def measure(
     changed = _responses(rig, *_simulated(rig, effects, trials, seed))
     change = changed - _plain(rig, trials, seed)[2]
     left = _left_over(rig, change, trials, seed)
-    return Strength(
-        raw=math.sqrt(np.mean(change**2)),
-        refit=math.sqrt(np.mean(left**2)),
-        raw_by_channel=_by_channel(change),
-        refit_by_channel=_by_channel(left),
-    )
+    return Strength(math.sqrt(np.mean(change**2)), math.sqrt(np.mean(left**2)))
 
 
 def calibrate(

@@ -39,17 +39,17 @@ def require_ours(folder: str | os.PathLike[str], ours: Callable[[Path], bool]) -
     if not place.exists():
         return
     held = sorted(path for path in place.iterdir() if path.name[:1] != ".")
-    theirs = [path.name for path in held if not _is_empty_folder(path)]
+    theirs = [
+        path.name
+        for path in held
+        if path.is_symlink() or not path.is_dir() or any(path.iterdir())
+    ]
     if theirs and not ours(place):
         more = f" and {len(theirs) - 3} more" if len(theirs) > 3 else ""
         raise CableError(
             f"{folder} holds {', '.join(theirs[:3])}{more}, which no such run wrote; "
             "name another folder to write to."
         )
-
-
-def _is_empty_folder(path: Path) -> bool:
-    return path.is_dir() and not path.is_symlink() and not any(path.iterdir())
 
 
 def require_own_file(path: Path, ours: Callable[[Path], bool]) -> None:

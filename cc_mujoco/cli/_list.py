@@ -62,7 +62,13 @@ class Listing:
         devices = {name: _plays(find_device(name)) for name in SCENES}
         groups = {"devices": devices} | groups
         if not self.word:
-            _print_names(groups)
+            for group, own in groups.items():
+                print(f"{group}:")
+                print(_wrapped("  ", "  ".join(own)))
+            print(
+                "\n`cc-mujoco list WORD` shows the meanings: of a group, a device or a "
+                "name."
+            )
         elif self.word in groups:
             _print_meanings({self.word: groups[self.word]})
         elif self.word in SCENES or is_device_file(Path(self.word)):
@@ -126,13 +132,6 @@ def _matching(
         f"no name has {word!r} and no meaning that word; {hint}"
         "`cc-mujoco list` shows all names."
     )
-
-
-def _print_names(groups: Mapping[str, Mapping[str, str]]) -> None:
-    for group, own in groups.items():
-        print(f"{group}:")
-        print(_wrapped("  ", "  ".join(own)))
-    print("\n`cc-mujoco list WORD` shows the meanings: of a group, a device or a name.")
 
 
 def _print_meanings(groups: Mapping[str, Mapping[str, str]]) -> None:

@@ -425,6 +425,7 @@ class Bench:
                     "different radii; a pull-pull pair shares both pulleys"
                 )
         centre, reach = _excursion(model, joint, lever, described)
+        known = swept_angles(model, joint) if lever is None else lever.joint
         return cls(
             path,
             hashlib.sha256(path.read_bytes()).hexdigest(),
@@ -441,7 +442,7 @@ class Bench:
             stops=tuple(_stops(model, other) for other in moved),
             strangers=tuple(strangers),
             angle_columns=columns,
-            span=_span(model, joint, lever),
+            span=(float(known[0]), float(known[-1])),
             drawn_radius=abs(distal),
             axis=axis or "",
             torque_noise=torque_noise,
@@ -527,14 +528,6 @@ def _cable_connections(
         )
     (motor, proximal), (output, distal) = ends
     return _Ends(motor, proximal, output, distal, lever)
-
-
-def _span(
-    model: mujoco.MjModel, joint: str, lever: Lever | None
-) -> tuple[float, float]:
-    """Return the known joint angles of the scene in the data's count [rad]."""
-    known = swept_angles(model, joint) if lever is None else lever.joint
-    return float(known[0]), float(known[-1])
 
 
 def driven_joint(model: mujoco.MjModel, joint: str) -> str:

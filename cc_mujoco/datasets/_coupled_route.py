@@ -212,7 +212,8 @@ class RecordedPath:
             scene = self.scene
             model = _model_of(scene, segments)
             turned = self.with_lead_in(self.joint + _ASIDE_STEP * step)
-            rests = [_rest(model, name) for name in self.others]
+            places = [int(model.joint(name).qposadr[0]) for name in self.others]
+            rests = model.qpos0[places].tolist()
             angles = [
                 rest + self.with_lead_in(angle - rest)
                 for rest, angle in zip(rests, self.angles, strict=True)
@@ -243,10 +244,6 @@ def _poses(
     for name, angle in others.items():
         poses[:, int(model.joint(name).qposadr[0])] = angle
     return poses
-
-
-def _rest(model: mujoco.MjModel, joint: str) -> float:
-    return float(model.qpos0[int(model.joint(joint).qposadr[0])])
 
 
 class Bounds(NamedTuple):

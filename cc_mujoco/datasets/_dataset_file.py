@@ -292,9 +292,7 @@ def read_dataset_file(path: str | Path) -> DatasetFile:
 
 def _is_measured(table: Table, channel: str) -> bool:
     """Return the value of `measured`, true unless it is declared."""
-    value = table.content.get("measured", True)
-    if not isinstance(value, bool):
-        raise table.wrong("measured", "true or false")
+    value = table.flag("measured") is not False
     if value or channel in (*channels.TORQUES, channels.MOTOR_ANGLE):
         return value
     reason = "a channel that was not recorded needs no table"
@@ -382,11 +380,14 @@ def _facts(table: Table) -> dict[str, Any]:
         "load_cell": table.text("load_cell"),
         "temperature": table.number("temperature"),
         "locked": table.choice("locked", get_args(Locked)),
-        "tilt": _tilt(table),
+        "tilt": table.number("tilt"),
         "occasion": table.text("occasion"),
         "valid": _time_stretches(table),
         "notes": table.text("notes"),
     }
+    tilt = known["tilt"]
+    if isinstance(tilt, float) and abs(tilt) > 2.0 * math.pi:
+        raise table.wrong("tilt", "an angle in radians, at most a turn either way")
     tension = known["pretension"]
     if isinstance(tension, float) and tension <= 0.0:
         raise table.wrong(
@@ -406,14 +407,6 @@ def _facts(table: Table) -> dict[str, Any]:
             "`load_cell`; leave one of them out."
         )
     return {key: value for key, value in known.items() if value is not None}
-
-
-def _tilt(table: Table) -> float | None:
-    """Return the angle by which the rig was turned, None if not given [rad]."""
-    given = table.number("tilt", -math.inf)
-    if given is not None and abs(given) > 2.0 * math.pi:
-        raise table.wrong("tilt", "an angle in radians, at most a turn either way")
-    return given
 
 
 def _time_stretches(table: Table) -> tuple[tuple[float, float], ...] | None:

@@ -188,7 +188,7 @@ class Recording:
 
 
 def read(
-    path: Path,
+    trial: Path | Sequence[TrialFile],
     file: DatasetFile,
     name: str | None = None,
     axis: str = "",
@@ -196,11 +196,11 @@ def read(
     further: Collection[str] = (),
     other_axes: Collection[str] = (),
 ) -> Recording:
-    """Read the channels of one file.
+    """Read the channels of a trial.
 
     Args:
-        path: the file.
-        file: what its columns mean.
+        trial: its file, or several.
+        file: what their columns mean.
         name: of the trial; None is the file's name without ending.
         axis: with whose name columns may begin, as in logs of several axes.
         others: joints whose angles are needed besides that of the driven one, with
@@ -209,28 +209,11 @@ def read(
         other_axes: names of the device's other axes, whose columns are left out.
 
     Raises:
-        CableError: the file cannot be read, lacks a column or holds text.
+        CableError: a file cannot be read, lacks a column or holds text, or clocks of
+            several share no time, or do not say how they are related.
     """
-    parts = (TrialFile("", path, PartFile("")),)
-    name = name or path.stem
-    return read_parts(parts, file, name, axis, others, further, other_axes)
-
-
-def read_parts(
-    parts: Sequence[TrialFile],
-    file: DatasetFile,
-    name: str,
-    axis: str = "",
-    others: Mapping[str, str] | None = None,
-    further: Collection[str] = (),
-    other_axes: Collection[str] = (),
-) -> Recording:
-    """Read the channels of a trial that is in one file or in several.
-
-    Columns may begin with the name of the `axis`, as in logs of several; `others`,
-    `further` and `other_axes` are those of `read`. Clocks of several files that share
-    no time, or do not say how they are related, are refused.
-    """
+    parts = (TrialFile("", trial, PartFile("")),) if isinstance(trial, Path) else trial
+    name = name or parts[0].path.stem
     where = " and ".join(str(part.path) for part in parts)
     tabled = [_Table.of(part, file) for part in parts]
     # In full where there are several: their columns may have the same names.
@@ -359,8 +342,14 @@ class _Table:
         times = {channel: raw[clock] * self.second for channel, clock in clocks.items()}
         self.stamps = _scale(raw[self.time], self.offset, self.second, MAX_TIME)
         values = {
-            channel: _convert(raw[column], channel, column, file)
+            channel: _scale(
+                raw[column],
+                source.offset,
+                source.sign * file.factor(channel, column),
+                MAX_CHANNEL_VALUE,
+            )
             for channel, column in self.channels.items()
+            for source in [file.source(channel)]
         }
         for channel, value in values.items():
             time = times.get(channel, self.stamps)
@@ -436,15 +425,6 @@ def _require_common_zero(where: str, tabled: Sequence[_Table], name: str) -> Non
             f"0 in {DATASET_FILE}, [files], or 0 if they are one clock: {last.key} = "
             f"{{ file = ..., offset = ... }} (trial {name!r})."
         )
-
-
-def _convert(
-    reading: FloatArray, channel: str, column: str, file: DatasetFile
-) -> FloatArray:
-    """Return readings in the unit of the channel, NaN where beyond any rig's range."""
-    source = file.source(channel)
-    factor = source.sign * file.factor(channel, column)
-    return _scale(reading, source.offset, factor, MAX_CHANNEL_VALUE)
 
 
 def _scale(

@@ -69,7 +69,11 @@ def read_rig(table: Table) -> dict[str, Constant]:
     constants = {}
     for name, given in table.content.items():
         if name in RIG_STATEMENTS:
-            constants[name] = _statement(table, name)
+            only = RIG_STATEMENTS[name]
+            if table.flag(name) is not only:
+                right = f"{str(only).lower()}; leave it out where that is not known"
+                raise table.wrong(name, right)
+            constants[name] = Constant(float(only))
             continue
         if name == "angle_pairs":
             constants |= arm_constants(_angle_pairs(table))
@@ -121,14 +125,6 @@ def _angle_pairs(table: Table) -> FittedArm:
             "`joint_radius` out."
         )
     return fit_angle_pairs(known, f"{table.where}, angle_pairs")
-
-
-def _statement(table: Table, name: str) -> Constant:
-    value = RIG_STATEMENTS[name]
-    if table.flag(name) is not value:
-        only = str(value).lower()
-        raise table.wrong(name, f"{only}; leave it out where that is not known")
-    return Constant(float(value))
 
 
 MIN_PAIRS = 5

@@ -73,7 +73,9 @@ class OtherAxes:
         lead = np.linspace(0.0, 1.0, _LEAD_ROWS + 1)[:-1]
 
         def led(name: str) -> FloatArray:
-            filled = _without_gaps(values[name])
+            signal = values[name]
+            known = np.flatnonzero(np.isfinite(signal))
+            filled = np.interp(np.arange(signal.size), known, signal[known])
             return np.concatenate([lead * filled[0], filled])
 
         proximal, distal = (
@@ -124,10 +126,3 @@ class OtherAxes:
         if known.source == "declared":  # of the joint's sensor alone
             variance += float(np.mean(self.scatter))
         return known._replace(deviation=variance**0.5)
-
-
-def _without_gaps(signal: FloatArray) -> FloatArray:
-    """Return a signal with missing samples interpolated (samples,)."""
-    known = np.flatnonzero(np.isfinite(signal))
-    found: FloatArray = np.interp(np.arange(signal.size), known, signal[known])
-    return found

@@ -588,9 +588,7 @@ def _units(
         )
         for key, value in defaults.items()
     }
-    phase = table.content.get("phase", False)
-    if not isinstance(phase, bool):
-        raise table.wrong("phase", "true or false")
+    phase = table.flag("phase")
     read.note("axis.observation.phase", GIVEN if "phase" in table.content else ASSUMED)
     return units | dict.fromkeys(PHASE, 1.0) if phase else units
 

@@ -88,7 +88,8 @@ class Device(Nominal):
         if table_path is not None:
             table = _resolved(read_toml(table_path), table_path.parent)
             named = table.text("scene")
-            if named is not None and not _same(table_path.parent / named, scene):
+            meant = scene if named is None else table_path.parent / named
+            if meant.resolve() != scene.resolve():
                 raise CableError(
                     f"{table_path} is the description of {named}, not of {scene.name}; "
                     "correct its `scene`, or give it another name."
@@ -365,10 +366,6 @@ def _resolved(table: Table, folder: Path) -> Table:
     if "axis" in content:
         content["axis"] = changed if isinstance(axes, list) else changed[0]
     return Table(table.where, content)
-
-
-def _same(one: Path, other: Path) -> bool:
-    return one.resolve() == other.resolve()
 
 
 def bare_model(device: Device) -> mujoco.MjSpec:

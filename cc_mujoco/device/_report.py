@@ -12,6 +12,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+import mujoco
+
 from cc_mujoco._utils.atomic_io import replacing
 from cc_mujoco._utils.user_code import without_mark
 from cc_mujoco.device._derivation import UNITS
@@ -57,7 +59,8 @@ def properties(device: Device) -> Iterator[Property]:
     yield top("trajectory", motion, "", "nominal motion of the wearer")
     yield top("period", found.period, "s", "time between two calls of a controller")
     if "root" in found.sources:
-        held = "held" if not _free(device) else "free"
+        roots = (joint.type for joint in device.spec.joints)
+        held = "free" if mujoco.mjtJoint.mjJNT_FREE in roots else "held"
         yield top("root", held, "", "body on a free joint: held or free")
     for key, value, unit, meaning in (
         ("strength", found.strength, "N", "breaking load of a cable"),
@@ -255,10 +258,3 @@ def _toml(value: object) -> str:
         text = f"{value:.6g}"
         return text if any(c in text for c in ".einf") else f"{text}.0"
     return str(value)
-
-
-def _free(device: Device) -> bool:
-    import mujoco
-
-    free = mujoco.mjtJoint.mjJNT_FREE
-    return any(joint.type == free for joint in device.spec.joints)

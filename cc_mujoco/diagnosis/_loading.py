@@ -38,7 +38,7 @@ from cc_mujoco.datasets._folders import (
     trial_names,
 )
 from cc_mujoco.datasets._glitches import drop_glitches
-from cc_mujoco.datasets._reading import Recording, read, read_parts
+from cc_mujoco.datasets._reading import Recording, read
 from cc_mujoco.datasets._run_log import is_log, other_scene, truncation_reason
 from cc_mujoco.datasets._shared_joints import OtherAxes
 from cc_mujoco.datasets._sorting import sort_rows
@@ -102,11 +102,8 @@ def load(
     known: dict[str, Path] = {}
     for path, name in names.items():
         try:
-            recording = (
-                read_parts(parts[path], file, name, axis, others, columns, strange)
-                if path in parts
-                else read(path, file, name, axis, others, columns, strange)
-            )
+            trial = parts.get(path, path)
+            recording = read(trial, file, name, axis, others, columns, strange)
         except CableError as wrong:
             findings.append(error(str(wrong), name))
             continue

@@ -112,7 +112,12 @@ class CanPort:
                 return None
             if frame.is_error_frame:
                 self.ignored["error frame"] += 1
-                self._require_on(frame)
+                # Bit 0x40: the controller is off the bus.
+                if self._interface == "socketcan" and frame.arbitration_id & 0x40:
+                    raise CableError(
+                        f"{self.where} is off after too many errors; is the rig "
+                        "on, with the same bit rates, and is the bus terminated?"
+                    )
             elif not frame.is_remote_frame:
                 if frame.arbitration_id in self._identifiers:
                     return frame
@@ -159,14 +164,6 @@ class CanPort:
             "the rig on, with the same bit rates, and is the bus terminated?"
         ) from error
 
-    def _require_on(self, frame: can.Message) -> None:
-        # Bit 0x40 of an error frame: the controller is off the bus.
-        if self._interface == "socketcan" and frame.arbitration_id & 0x40:
-            raise CableError(
-                f"{self.where} is off after too many errors; is the rig "
-                "on, with the same bit rates, and is the bus terminated?"
-            )
-
 
 def _python_can() -> ModuleType:
     """Return the library `can` with its log silenced; errors report faults."""
@@ -190,8 +187,11 @@ def _open_bus(library: ModuleType, place: CanPlace, where: str, fd: bool) -> can
         raise CableError.unknown(
             "CAN interface", place.interface, library.VALID_INTERFACES
         )
-    if fd:
-        _require_fd_network(place, where)
+    mtu = NETWORK_FOLDER / place.channel / "mtu"
+    if fd and place.interface == "socketcan" and mtu.is_file():
+        # SocketCAN opens a network without CAN FD silently; its MTU is 16, not 72.
+        if int(mtu.read_text()) < 72:
+            raise _classical_can_error(where)
     _require_known(place, where)
     kind = library.CanProtocol.CAN_FD
     how: dict[str, object] = {}
@@ -245,15 +245,6 @@ def _source_words(interface: str) -> set[str]:
     files += [Path(str(each.__file__)) for each in (bus, bit_timing)]
     texts = (file.read_text(encoding="utf-8") for file in files)
     return {word for text in texts for word in re.findall(r"\w+", text)}
-
-
-def _require_fd_network(place: CanPlace, where: str) -> None:
-    """Require CAN FD, since SocketCAN opens a network without it silently."""
-    mtu = NETWORK_FOLDER / place.channel / "mtu"
-    if place.interface != "socketcan" or not mtu.is_file():
-        return
-    if int(mtu.read_text()) < 72:  # the MTU with CAN FD; without it is 16
-        raise _classical_can_error(where)
 
 
 def _classical_can_error(where: str) -> CableError:
@@ -341,13 +332,5 @@ class CanRig(PacketRig):
     """A rig on a CAN FD bus."""
 
     def __init__(self, address: CanAddress, buses: CanBuses | None = None) -> None:
-        """Open the bus, unless it is open already; nothing is sent yet.
-
-        Args:
-            address: On the bus.
-            buses: Those that are open, see `CanPort`.
-
-        Raises:
-            CableError: As `CanPort`.
-        """
+        """Open the bus, as `CanLink`."""
         super().__init__(CanLink(address, buses))

@@ -189,7 +189,9 @@ def as_episode(
         qpos[:, own.places.joint_q] = own_rows["joint_angle_rad"]
     columns[POSE_COLUMN.name] = qpos
     for name, cable in device.cables.items():
-        columns |= _unknown_cable(name, cable.segments, count)
+        nodes = np.full((count, cable.segments + 1), np.nan)  # unless it was driven
+        slip = np.zeros((count, cable.segments))
+        columns |= _cable_columns(name, nodes, slip, nothing, nothing)
     facts: dict[str, dict[str, float]] = {}
     for own in driven:
         own_rows = found[own.axis.name]
@@ -283,13 +285,6 @@ def _observed(
             dissipated=np.array([state[k][2] for state in states]),
         )
     return columns
-
-
-def _unknown_cable(name: str, segments: int, count: int) -> dict[str, NDArray[Any]]:
-    """Return the columns of a cable that was not driven."""
-    nodes = np.full((count, segments + 1), np.nan)
-    slip, nothing = np.zeros((count, segments)), np.full(count, np.nan)
-    return _cable_columns(name, nodes, slip, nothing, nothing)
 
 
 def _cable_columns(

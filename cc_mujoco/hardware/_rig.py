@@ -144,10 +144,7 @@ class PacketRig:
         if self._closed:
             return
         self._closed = True
-        end_safely(self._stop, 1e-3, self._link.close)
-
-    def _stop(self) -> None:
-        self._send(0.0, Status.STOPPED)
+        end_safely(lambda: self._send(0.0, Status.STOPPED), 1e-3, self._link.close)
 
     def _receive(self) -> bytes | None:
         try:

@@ -179,9 +179,10 @@ def write_run_report(run: ReportedRun) -> Path:
     order = sorted(axes, key=lambda name: -errors[name][0])
     pictures = {n: _picture(n, time, axes[n], run.limits[n]) for n in order}
     title = _sentence(run, float(time[-1]), errors[order[0]], order[0])
+    kind = "fix-data" if run.outcome.code else "named" if _touched(run) else "none"
     text = page(
         title,
-        _kind(run),
+        kind,
         element(
             "header",
             paragraph("Run of a rig", kind="small"),
@@ -197,12 +198,6 @@ def write_run_report(run: ReportedRun) -> Path:
     with replacing(run.page) as place:
         place.write_text(text, encoding="utf-8")
     return run.page
-
-
-def _kind(run: ReportedRun) -> str:
-    if run.outcome.code:
-        return "fix-data"
-    return "named" if _touched(run) else "none"
 
 
 def _errors(

@@ -204,7 +204,11 @@ def read_trajectory(path: str | Path, joints: Sequence[str] = ()) -> Recorded:
         path,
         [
             clock._replace(limit=_MAX_TIME),
-            *(_angle_column(column) for column in columns.values()),
+            *(
+                tables.Column(column, ANGLE.factors[unit or ANGLE.unit], _MAX_ANGLE)
+                for column in columns.values()
+                for _, unit in [quantity_words(column, ANGLE)]
+            ),
         ],
         1e-6,  # least interval [s]
     )
@@ -218,11 +222,6 @@ def read_trajectory(path: str | Path, joints: Sequence[str] = ()) -> Recorded:
     since = tuple((times - times[0]).tolist())
     named = tuple(columns.values())
     return Recorded(since, own, first, tuple(others), str(path), named)
-
-
-def _angle_column(name: str) -> tables.Column:
-    unit = quantity_words(name, ANGLE)[1] or ANGLE.unit
-    return tables.Column(name, ANGLE.factors[unit], _MAX_ANGLE)
 
 
 def _angle_columns(

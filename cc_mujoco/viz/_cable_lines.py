@@ -125,7 +125,8 @@ def cable_lines(model: mujoco.MjModel, cables: Iterable[str]) -> list[CableLine]
     """
     described = plugin.from_mjcf(model)
     wanted = [cable for cable in cables if cable in described]
-    found, taken = [], _routes(model)
+    sources = {_conduit(model, cable) for cable in instances(model)}
+    found, taken = [], {source for source in sources if isinstance(source, int)}
     for cable in wanted:
         source = _conduit(model, cable)
         if source is None:
@@ -165,11 +166,6 @@ def line_notes(model: mujoco.MjModel, cables: Iterable[str]) -> Iterator[str]:
                 f"{start} drawn along tendon {name or source!r}, which ends where its "
                 "rope begins."
             )
-
-
-def _routes(model: mujoco.MjModel) -> set[int]:
-    found = {_conduit(model, cable) for cable in instances(model)}
-    return {source for source in found if isinstance(source, int)}
 
 
 def _conduit(model: mujoco.MjModel, cable: str) -> int | _Straight | None:

@@ -136,7 +136,9 @@ def log_episode(
 ) -> None:
     log_lanes(rec, log)
     log = log.thinned(MAX_SAMPLES)
-    frames = _frames(log["time_s"])
+    time = log["time_s"]
+    ticks = np.floor(time * _rate(time) + 1e-6)
+    frames = np.flatnonzero(np.diff(ticks, prepend=ticks[0] - 1) > 0)
     _log_series(rec, log)
     _log_scene(rec, log, model, frames, highest)
     _log_nodes(rec, log, frames)
@@ -214,12 +216,6 @@ def recording_id(log: EpisodeLog) -> str:
         for rows in itertools.chain([first], pieces):
             digest.update(rows.tobytes())
     return digest.hexdigest()[:32]
-
-
-def _frames(time: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Return the samples to draw in space, at most about 60 for every second."""
-    ticks = np.floor(time * _rate(time) + 1e-6)
-    return np.flatnonzero(np.diff(ticks, prepend=ticks[0] - 1) > 0)
 
 
 def _rate(time: NDArray[np.float64]) -> float:

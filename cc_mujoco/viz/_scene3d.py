@@ -70,7 +70,11 @@ def log_static(rec: Branch, model: mujoco.MjModel) -> None:
             position, quaternion = model.geom_pos[geom], model.geom_quat[geom]
         name = _name(model, mujoco.mjtObj.mjOBJ_GEOM, geom)
         path = rr.new_entity_path([*_body_path(model, body), name])
-        rec.log(path, _transform(position, quaternion), static=True)
+        # MuJoCo's quaternion has its real part first.
+        turn = rr.Quaternion(xyzw=np.roll(quaternion, -1))
+        rec.log(
+            path, rr.Transform3D(translation=position, quaternion=turn), static=True
+        )
         rec.log(path, _shape(model, geom, rgba), static=True)
 
 
@@ -152,12 +156,6 @@ def _body_path(model: mujoco.MjModel, body: int) -> list[str]:
 
 def _name(model: mujoco.MjModel, kind: mujoco.mjtObj, index: int) -> str:
     return mujoco.mj_id2name(model, kind, index) or str(index)
-
-
-def _transform(position: Array, quaternion: Array) -> rr.Transform3D:
-    """Build a transform from MuJoCo's quaternion, which has its real part first."""
-    xyzw = np.roll(quaternion, -1)
-    return rr.Transform3D(translation=position, quaternion=rr.Quaternion(xyzw=xyzw))
 
 
 def own_color(model: mujoco.MjModel, rgba: Array, material: int) -> Array:

@@ -124,22 +124,19 @@ class Diagnose:
         print(f"{found.verdict}: {found.statement}")
         if found.gap:
             print("  The noise floor is the error that the sensors' noise alone makes.")
-        if found.occasions:
-            print(f"  {found.occasions.statement}")
-        if found.instruments:
-            print(f"  {found.instruments}")
-        if found.belief:
-            print(f"  {found.belief.statement}")
-        if found.question:
-            print(f"  {found.question}")
-        if found.verdict == "unknown":
-            for place in found.where[:1]:
-                print(f"  {place.statement}")
+        unknown = found.verdict == "unknown"
+        for remark in (
+            found.occasions.statement if found.occasions else "",
+            found.instruments,
+            found.belief.statement if found.belief else "",
+            found.question,
+            *(place.statement for place in found.where[:1] if unknown),
+        ):
+            if remark:
+                print(f"  {remark}")
         for problem in found.problems:
             lacking = problem.startswith((NO_SCENE_PREFIX, NOT_IN_SCENE_PREFIX))
-            if lacking or (
-                found.verdict == "unknown" and problem not in found.question
-            ):
+            if lacking or (unknown and problem not in found.question):
                 print(f"  noticed: {problem}")
         for tie in found.ties:
             print(f"  cannot distinguish: {', '.join(tie)}")

@@ -1,4 +1,8 @@
-"""Workflow of a diagnosis: from a scene and data to verdict, report and repair."""
+"""Workflow of a diagnosis: from a scene and data to verdict, report and repair.
+
+Five questions follow each other: `fit_scene`, `search_effects`, `judge`, `propose` and
+`locate_error`. Each is one function, whose result has all that the next ones take.
+"""
 
 from __future__ import annotations
 
@@ -18,13 +22,13 @@ from cc_mujoco.diagnosis._checks.readings import (
     check_known_torques,
     check_load_cells,
 )
-from cc_mujoco.diagnosis._fit.fit import Options, fit_scene, floor_ratios
+from cc_mujoco.diagnosis._fit.fit import Options, fit_scene
 from cc_mujoco.diagnosis._fit.intervals import undetermined
-from cc_mujoco.diagnosis._judge import judge, undecidable_sentence
+from cc_mujoco.diagnosis._judge import judge
 from cc_mujoco.diagnosis._loading import load
 from cc_mujoco.diagnosis._locate import locate_error
 from cc_mujoco.diagnosis._partial.loss import diagnose_loss
-from cc_mujoco.diagnosis._partial.motion import describe_mode, diagnose_motion
+from cc_mujoco.diagnosis._partial.motion import diagnose_motion
 from cc_mujoco.diagnosis._phrases import DATA_PREFIX, Progress, no_progress
 from cc_mujoco.diagnosis._propose.experiment import propose
 from cc_mujoco.diagnosis._report.output import (
@@ -34,13 +38,11 @@ from cc_mujoco.diagnosis._report.output import (
     write,
 )
 from cc_mujoco.diagnosis._scene.repair import existing_effects, require_repairable
-from cc_mujoco.diagnosis._search.candidates import Round
 from cc_mujoco.diagnosis._search.search import search_effects
-from cc_mujoco.diagnosis._verdict import Baseline, Diagnosis, RunnerUp
+from cc_mujoco.diagnosis._verdict import Baseline, Diagnosis
 from cc_mujoco.diagnosis.effects import EFFECTS, effects_in_use
 from cc_mujoco.errors import CableError, CableWarning
 from cc_mujoco.estimation._least_squares import single_threaded_blas
-from cc_mujoco.report._html import list_words
 
 
 def diagnose(
@@ -119,61 +121,45 @@ def infer(
             scene that cannot be repaired.
     """
     with effects_in_use(effects) as requested:
-        return _infer(_paths(data), bench, dataset_toml, seed, requested, progress)
-
-
-def _infer(
-    data: Sequence[Path],
-    bench: Bench,
-    dataset_toml: str | os.PathLike[str] | None,
-    seed: int,
-    requested: Sequence[str],
-    progress: Progress,
-) -> tuple[DiagnosisResult, Dataset]:
-    """Return what `infer` does, with effects that are in the library."""
-    if present := existing_effects(bench.path):
-        raise CableError(
-            f"scene {bench.path} has {', '.join(present)} outside its cables from an "
-            "earlier diagnosis, which no baseline tunes; give the scene before it"
-        )
-    require_repairable(bench)
-    progress(0.0, "reading the data")
-    columns = {column for effect in EFFECTS.values() for column in effect.columns}
-    dataset, findings = load(data, dataset_toml, bench, sorted(columns))
-    for finding in findings:
-        if finding.severity == "doubt":
-            warnings.warn(finding.statement, CableWarning, stacklevel=4)
-    known = bench.known(dataset.constants)
-    if dataset.has_motor_angle:
-        findings += check_bench(dataset.trials, known)
-        if not errors(findings):
-            findings += check_lead(dataset.trials, known)
-    findings += check_known_torques(dataset) + check_load_cells(dataset, known)
-    wrong = errors(findings)
-    notes = [f.statement for f in sorted(findings, key=lambda each: each not in wrong)]
-    if wrong or not dataset.trials:
-        statements = [finding.statement for finding in wrong] or [
-            "No trial can be read."
-        ]
-        more = len(statements) - 1
-        statement = f"{DATA_PREFIX}: {statements[0]}"
-        if more:
-            statement += f" The report lists {more} more."
-        diagnosis = Diagnosis(
-            "fix-data", statement, problems=tuple(notes or statements)
-        )
-        return DiagnosisResult(diagnosis, bench), dataset
-    if not dataset.has_motor_angle:
-        diagnosis = diagnose_loss(dataset, known, seed)
-        return _noted(DiagnosisResult(diagnosis, bench), findings), dataset
-    if not dataset.instruments.rows:
-        diagnosis = diagnose_motion(dataset, known)
-        return _noted(DiagnosisResult(diagnosis, bench), findings), dataset
-    with single_threaded_blas():
-        result = run_inference(
-            dataset, bench, Options(seed=seed, requested=requested), progress
-        )
-    return _noted(result, findings), dataset
+        paths = _paths(data)
+        if present := existing_effects(bench.path):
+            raise CableError(
+                f"scene {bench.path} has {', '.join(present)} outside its cables from "
+                "an earlier diagnosis, which no baseline tunes; give the scene before "
+                "it"
+            )
+        require_repairable(bench)
+        progress(0.0, "reading the data")
+        columns = {column for effect in EFFECTS.values() for column in effect.columns}
+        dataset, findings = load(paths, dataset_toml, bench, sorted(columns))
+        for finding in findings:
+            if finding.severity == "doubt":
+                warnings.warn(finding.statement, CableWarning, stacklevel=3)
+        known = bench.known(dataset.constants)
+        if dataset.has_motor_angle:
+            findings += check_bench(dataset.trials, known)
+            if not errors(findings):
+                findings += check_lead(dataset.trials, known)
+        findings += check_known_torques(dataset) + check_load_cells(dataset, known)
+        wrong = errors(findings)
+        if wrong or not dataset.trials:
+            first = wrong[0].statement if wrong else "No trial can be read."
+            statement = f"{DATA_PREFIX}: {first}"
+            if wrong[1:]:
+                statement += f" The report lists {len(wrong) - 1} more."
+            ranked = sorted(findings, key=lambda finding: finding not in wrong)
+            notes = tuple(finding.statement for finding in ranked) or (first,)
+            diagnosis = Diagnosis("fix-data", statement, problems=notes)
+            return DiagnosisResult(diagnosis, bench), dataset
+        if not dataset.has_motor_angle:
+            result = DiagnosisResult(diagnose_loss(dataset, known, seed), bench)
+        elif not dataset.instruments.rows:
+            result = DiagnosisResult(diagnose_motion(dataset, known), bench)
+        else:
+            settings = Options(seed=seed, requested=requested)
+            with single_threaded_blas():
+                result = run_inference(dataset, bench, settings, progress)
+        return _noted(result, findings), dataset
 
 
 def run_inference(
@@ -194,44 +180,24 @@ def run_inference(
     fitted = fit_scene(dataset, bench, settings, progress)
     if isinstance(fitted, Diagnosis):
         return DiagnosisResult(fitted, bench)
-    if fitted.refusal:
-        return DiagnosisResult(fitted.refusal, bench, baseline_fit=fitted)
-    found = search_effects(fitted, settings, progress)
+    found = search_effects(fitted, progress)
     judged = judge(found)
     proposal = propose(found)
-    located = locate_error(fitted, found, judged, settings.seed)
+    located = locate_error(found, judged)
     progress(0.95, "writing it down")
-    statement = judged.statement
-    if found.ties and proposal is None:
-        statement += undecidable_sentence(found.ties[0])
-    baseline, search = fitted.problem, found.search
+    baseline = fitted.problem
     counts = [record.counts for record in found.problem.plant.records]
-    diagnosis = Diagnosis(
-        judged.verdict,
-        statement,
-        effects=found.effects,
-        ties=found.ties,
-        not_testable=judged.not_testable,
-        next_experiment=proposal.experiment if proposal else None,
+    diagnosis = replace(
+        judged,
+        statement=judged.statement + proposal.statement,
+        next_experiment=proposal.experiment,
         where=located.where,
-        gap=found.held.gap,
-        problems=(*_never_held_out_note(found.held.never), *fitted.notes),
         baseline=Baseline(
             {p.name: found.estimated[p.name] for p in baseline.tuned},
             undetermined(baseline, fitted.whole.x, counts),
         ),
-        runner_ups=tuple(_runner_ups(step) for step in search.rounds),
         trials=located.trials,
         question=located.question,
-        deviating=judged.deviating,
-        confounded=judged.confounded,
-        remaining=floor_ratios(found.held.gap)[1],
-        instruments=describe_mode(
-            dataset.instruments, dataset.ends_held, bool(bench.arm)
-        ),
-        occasions=found.occasions,
-        interrupted=search.interrupted,
-        belief=judged.belief,
     )
     return DiagnosisResult(
         diagnosis,
@@ -240,41 +206,7 @@ def run_inference(
         found.problem,
         found.x,
         fitted,
-        proposal.motion if proposal else None,
-    )
-
-
-def _never_held_out_note(trials: Sequence[str]) -> tuple[str, ...]:
-    """Return a note that names the trials that are in every training part."""
-    if not trials:
-        return ()
-    one = len(trials) == 1
-    return (
-        f"{list_words(trials)} {'is the only trial' if one else 'are the only trials'} "
-        f"of {'its' if one else 'their'} kind (side held, pretension, tilt, weights), "
-        f"so {'it is' if one else 'they are'} in every fit and the held-out error is "
-        "that of the others; record more like it to check it.",
-    )
-
-
-def _runner_ups(step: Round) -> tuple[RunnerUp, ...]:
-    return tuple(
-        RunnerUp(
-            c.id,
-            c.reduction,
-            c.z,
-            not c.reason,
-            c.reason,
-            {
-                parameter.name: c.crossed.problem.values(c.crossed.fits[0].x).get(
-                    parameter.name, 0.0
-                )
-                for parameter in c.crossed.problem.plant.library.effects[
-                    c.id
-                ].parameters
-            },
-        )
-        for c in step.candidates
+        proposal.motion,
     )
 
 

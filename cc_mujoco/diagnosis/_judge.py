@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from statistics import NormalDist
 from typing import NamedTuple
 
@@ -42,6 +42,7 @@ from cc_mujoco.diagnosis._fit.problem import (
     jacobian,
 )
 from cc_mujoco.diagnosis._fit.trials import misfits
+from cc_mujoco.diagnosis._partial.motion import describe_mode
 from cc_mujoco.diagnosis._phrases import (
     capitalise,
     channel_name,
@@ -50,6 +51,7 @@ from cc_mujoco.diagnosis._phrases import (
     format_number,
     format_odds,
     format_share,
+    format_size,
     plain_name,
 )
 from cc_mujoco.diagnosis._rig.simulation import (
@@ -71,9 +73,9 @@ from cc_mujoco.diagnosis._verdict import (
     Alternative,
     Confounded,
     Deviating,
-    FoundEffect,
-    Gap,
+    Diagnosis,
     NotTestable,
+    RunnerUp,
     Verdict,
     VerdictOdds,
 )
@@ -404,7 +406,7 @@ def _confounded_effect(
     first = effect_amplitudes(change.effect)[int(np.argmax(np.abs(mix)))]
     size = change.sizes[first.name]
     statement = (
-        f"{_size_text(first.name, size, first.unit)} looks like "
+        f"{format_size(first.name, size, first.unit)} looks like "
         f"{plain_name(parameter.name)} {_value_text(parameter, shift)} in place of "
         f"{_value_text(parameter, 0.0)}"
     )
@@ -416,7 +418,7 @@ def _confounded_effect(
     )
     explains = ""
     if possible and abs(place) > Limit.max_prior_sigmas * parameter.prior:
-        explains = f"about {_size_text(first.name, share * size, first.unit)}"
+        explains = f"about {format_size(first.name, share * size, first.unit)}"
     # Parameters of effects that are in the model have no remedy of their own.
     remedy = REMEDIES.get(
         base_name(parameter.name), f"record {change.effect.required_excitation}"
@@ -499,7 +501,7 @@ def untestable_effects(
         if float(left[most]) ** 2 >= Limit.min_visible_change:
             continue
         size = effect_amplitudes(each.effect)[most]
-        plausible = _size_text(size.name, each.sizes[size.name], size.unit)
+        plausible = format_size(size.name, each.sizes[size.name], size.unit)
         statement = (
             f"once all is tuned, a plausible size ({plausible}) would change the "
         )
@@ -526,10 +528,6 @@ def _suspected_unit(ratio: float) -> str:
     return ""
 
 
-def _size_text(name: str, value: float, unit: str) -> str:
-    return f"{plain_name(name)} {format_number(value)} {unit}".removesuffix(" 1")
-
-
 def _value_text(parameter: Tuned, place: float) -> str:
     return _with_unit(parameter.value(place), parameter)
 
@@ -542,45 +540,11 @@ def _with_unit(value: float, parameter: Tuned) -> str:
 _HINT_CAVEAT = " The layout of a rig alone can cause as much: this is a hint only."
 
 
-DECLARATIONS = {
-    "joint_gravity": "balanced",
-    "joint_stiffness": "joint_spring",
-    "torque_sensor_gain": "gain_uncertainty",
-    "torque_sensor_offset": "zeroed",
-}
-"""Facts of `[rig]` that remove or bound an effect, by its id."""
+def judge(found: Found) -> Diagnosis:
+    """Return the verdict on the result of a search, with its reasons.
 
-
-class Judgement(NamedTuple):
-    """Findings once all data have been fitted."""
-
-    effects: tuple[FoundEffect, ...]  # effects in the model
-    ties: tuple[tuple[str, ...], ...]  # groups of ids that the data do not distinguish
-    gap: Mapping[str, Gap]  # by channel
-    deviating: tuple[Deviating, ...]  # parameters tuned far beyond their priors
-    stretch: Stretch | None = None  # stretch of a trial beyond its own limit, or None
-    by_trial: str = ""  # sentence on what constants by trial explain, or ""
-    # Error of the worst trial with the cables off, over the noise
-    unhooked: float = 0.0
-
-
-@dataclass(frozen=True)
-class Judged:
-    """Verdict with its reasons."""
-
-    verdict: Verdict  # in one word
-    statement: str  # in a few sentences
-    # Probability that it is right; None where the search was interrupted, or where
-    # something happened once
-    belief: VerdictOdds | None
-    stretch: Stretch | None  # stretch of a trial beyond its own limit, or None
-    deviating: tuple[Deviating, ...]  # parameters tuned far beyond their priors
-    confounded: tuple[Confounded, ...]  # effects that tuning would hide
-    not_testable: tuple[NotTestable, ...]  # effects that these data cannot show
-
-
-def judge(found: Found) -> Judged:
-    """Judge the result of the search, and list effects that these data cannot show."""
+    Places of the error, values of the baseline and the next experiment are left out.
+    """
     problem, x, search = found.problem, found.x, found.search
     tied = {rival for effect in found.effects for rival in effect.rivals}
     beside = {*problem.effects, *tied}
@@ -591,17 +555,10 @@ def judge(found: Found) -> Judged:
     stretch = worst_stretch(problem, x, found.held.after)
     off = misfits(problem, x)
     unhooked = {r.trial for r in problem.plant.records if r.unhooked} & set(off)
-    outcome = Judgement(
-        found.effects,
-        found.ties,
-        found.held.gap,
-        beyond,
-        stretch,
-        found.by_trial,
-        max((off[name] for name in unhooked), default=0.0),
-    )
-    kind, statement = verdict_of(search, outcome)
+    most = max((off[name] for name in unhooked), default=0.0)
+    kind, statement = verdict_of(found, beyond, stretch, most)
     statement += declared_sentence(problem.plant.library.declared)
+    left = floor_ratios(found.held.gap)[1]
     belief = None
     if search.interrupted:
         if not found.effects:
@@ -612,25 +569,62 @@ def judge(found: Found) -> Judged:
                 "effect had been added."
             )
         statement = f"Stopped before all effects were tried: {statement}"
-    elif not (kind == "unknown" and one_time(outcome)):
-        left = floor_ratios(found.held.gap)[1]
+    elif not (kind == "unknown" and one_time(stretch, found.by_trial)):
         belief = belief_in_verdict(search, kind, found.missing, found.ties, left)
-    untestable = untestable_effects(shown_by, hidden)
-    return Judged(kind, statement, belief, stretch, beyond, hidden, untestable)
+    question = ""
+    if kind == "unknown" and stretch and stretch.rest <= Limit.max_explained_error:
+        question = stretch.question
+    plant = problem.plant
+    return Diagnosis(
+        kind,
+        statement,
+        effects=found.effects,
+        ties=found.ties,
+        not_testable=untestable_effects(shown_by, hidden),
+        gap=found.held.gap,
+        problems=(*_never_held_out_note(found.held.never), *found.fitted.notes),
+        runner_ups=tuple(map(_runner_ups, search.rounds)),
+        question=question,
+        deviating=beyond,
+        confounded=hidden,
+        remaining=left,
+        instruments=describe_mode(
+            plant.instruments, plant.bench.ends_held, bool(plant.bench.arm)
+        ),
+        occasions=found.occasions,
+        interrupted=search.interrupted,
+        belief=belief,
+    )
 
 
-def one_time(outcome: Judgement) -> bool:
+def _never_held_out_note(trials: Sequence[str]) -> tuple[str, ...]:
+    """Return a note that names the trials that are in every training part."""
+    if not trials:
+        return ()
+    one = len(trials) == 1
+    return (
+        f"{list_words(trials)} {'is the only trial' if one else 'are the only trials'} "
+        f"of {'its' if one else 'their'} kind (side held, pretension, tilt, weights), "
+        f"so {'it is' if one else 'they are'} in every fit and the held-out error is "
+        "that of the others; record more like it to check it.",
+    )
+
+
+def _runner_ups(step: Round) -> tuple[RunnerUp, ...]:
+    found = []
+    for c in step.candidates:
+        problem = c.crossed.problem
+        values = problem.values(c.crossed.fits[0].x)
+        own = problem.plant.library.effects[c.id].parameters
+        sizes = {p.name: values.get(p.name, 0.0) for p in own}
+        found.append(RunnerUp(c.id, c.reduction, c.z, not c.reason, c.reason, sizes))
+    return tuple(found)
+
+
+def one_time(stretch: Stretch | None, by_trial: str) -> bool:
     """Return whether something happened once, as it did on no study rig."""
-    stretch = outcome.stretch
     alone = stretch is not None and stretch.rest <= Limit.max_misfit
-    return alone or bool(outcome.by_trial)
-
-
-def verdict_of(found: Search, outcome: Judgement) -> tuple[Verdict, str]:
-    """Return the verdict as one word and as a few sentences."""
-    kind, statement = _verdict(found, outcome)
-    also = " ".join(capitalise(each.statement) for each in outcome.deviating)
-    return kind, f"{statement} {also}".strip()
+    return alone or bool(by_trial)
 
 
 def declared_sentence(declared: Mapping[str, str]) -> str:
@@ -639,35 +633,49 @@ def declared_sentence(declared: Mapping[str, str]) -> str:
     return f" Limited by what [rig] declares: {list_words(facts)}." if facts else ""
 
 
-def undecidable_sentence(tie: Sequence[str]) -> str:
-    """Return what decides a tie that no trial of the catalogue separates."""
-    facts = [DECLARATIONS[name] for name in tie if name in DECLARATIONS]
-    decide = "on such motions either gives the same torques"
-    if facts:
-        decide = f"declare what is known of them ([rig] {list_words(facts, 'or')})"
-    return (
-        " No trial of the catalogue that is not among these would separate them: "
-        f"{decide}."
-    )
+def verdict_of(
+    found: Found,
+    deviating: Sequence[Deviating] = (),
+    stretch: Stretch | None = None,
+    unhooked: float = 0.0,
+) -> tuple[Verdict, str]:
+    """Return the verdict as one word and as a few sentences.
+
+    `deviating` are parameters tuned far beyond their priors, `stretch` is one of a
+    trial beyond its own limit, and `unhooked` the error of the worst trial with the
+    cables off, over the noise.
+    """
+    kind, statement = _verdict(found, stretch, unhooked)
+    also = " ".join(capitalise(each.statement) for each in deviating)
+    return kind, f"{statement} {also}".strip()
 
 
-def _verdict(found: Search, outcome: Judgement) -> tuple[Verdict, str]:
-    misfit, left = found.before.misfit, found.after.misfit
-    if not outcome.effects:
-        return _no_effect_verdict(found.before, found, outcome)
-    ordinary = [each.id for each in outcome.effects if each.ordinary]
-    refining = [e for e in outcome.effects if e.refinement and not e.ordinary]
+def _verdict(
+    found: Found, stretch: Stretch | None, unhooked: float
+) -> tuple[Verdict, str]:
+    search, gap = found.search, found.held.gap
+    misfit, left = search.before.misfit, search.after.misfit
+    if not found.effects:
+        return _no_effect_verdict(search.before, found, stretch)
+    ordinary = [each.id for each in found.effects if each.ordinary]
+    refining = [e for e in found.effects if e.refinement and not e.ordinary]
     disputed = [
-        e for e in outcome.effects if e.disputed and not (e.refinement or e.ordinary)
+        e for e in found.effects if e.disputed and not (e.refinement or e.ordinary)
     ]
-    missing = [each.id for each in outcome.effects if each.missing]
-    before, after = floor_ratios(outcome.gap)
+    missing = found.missing
+    before, after = floor_ratios(gap)
+    changes = [
+        f"the {channel_name(name)} "
+        f"{'falls' if g.rmse_after <= g.rmse_before else 'rises'} from "
+        f"{format_number(g.rmse_before)} to {format_number(g.rmse_after)} N m "
+        f"(noise floor {format_number(g.noise_floor)})"
+        for name, g in gap.items()
+    ]
     statement = (
         f"On held-out data the error of the repaired model is {after:.1f} times the "
         f"noise floor, that of the tuned scene {before:.1f} times. The weighted RMS "
-        f"error of {_describe_gap(outcome.gap)}."
+        f"error of {list_words(changes)}."
     )
-    stretch = outcome.stretch
     if stretch is not None and stretch.size > Limit.stretch_limit:
         statement += f" One stretch is left: {stretch.statement}"
     if refining:
@@ -693,30 +701,30 @@ def _verdict(found: Search, outcome: Judgement) -> tuple[Verdict, str]:
         )
         statement += ", so it may stand in for something else."
     if not (missing or disputed):
-        kind, nothing = _no_effect_verdict(found.after, found, outcome)
+        kind, nothing = _no_effect_verdict(search.after, found, stretch)
         return kind, f"{nothing} {statement}"
     if not missing:
         return "unknown", (
             "Something is missing, and parts of these data name different effects for "
-            f"it{_describe_implausible(found)}. {closest_sentence(found)} {statement}"
+            f"it{_describe_implausible(search)}. {closest_sentence(search)} {statement}"
         )
     explained = 1.0 - (left - 1.0) / (misfit - 1.0) if misfit > 1.0 else 1.0
     # A model that stays far off is wrong in form, and large errors show that.
     little = explained < Limit.min_explained_share or left > Limit.max_explained_error
-    little = little and overall_share(outcome.gap) < Limit.min_gap_closed
+    little = little and overall_share(gap) < Limit.min_gap_closed
     if left > Limit.max_misfit and little:
         return "unknown", (
-            f"Something is missing{_describe_implausible(found)}. What comes closest "
+            f"Something is missing{_describe_implausible(search)}. What comes closest "
             f"is {effect_names(missing)}: it takes {format_share(explained)} of the "
             f"RMS error above the noise and leaves {format_number(left)} times the "
             f"noise floor, so it does not reach the noise. {statement}"
         )
-    if outcome.unhooked > Limit.trial_limit and all(
+    if unhooked > Limit.trial_limit and all(
         EFFECTS[name].where == "conduit" for name in missing
     ):
         return "unknown", (
             "Something is missing at motor, joint or sensors: with the cables off the "
-            f"error is {format_number(outcome.unhooked)} times the noise floor, which "
+            f"error is {format_number(unhooked)} times the noise floor, which "
             f"no cable causes. {capitalise(effect_names(missing))} takes "
             f"{format_share(explained)} of the RMS error above the noise. {statement}"
         )
@@ -725,11 +733,11 @@ def _verdict(found: Search, outcome: Judgement) -> tuple[Verdict, str]:
             f" The error of the tuned scene is only {format_number(misfit)} times the "
             f"noise floor.{_HINT_CAVEAT}"
         )
-    tied = {name for tie in outcome.ties for name in tie}
+    tied = {name for tie in found.ties for name in tie}
     if tied:
         sure = [name for name in missing if name not in tied]
         groups = [effect_names(sure)] if sure else []
-        groups += [effect_names(tie, "or") for tie in outcome.ties]
+        groups += [effect_names(tie, "or") for tie in found.ties]
         every = ", and ".join(groups)
         return "tie", f"Missing: {every}. These data do not show which. {statement}"
     verb = "is" if len(missing) == 1 else "are"
@@ -737,22 +745,21 @@ def _verdict(found: Search, outcome: Judgement) -> tuple[Verdict, str]:
 
 
 def _no_effect_verdict(
-    model: CrossValidation, found: Search, outcome: Judgement
+    model: CrossValidation, found: Found, stretch: Stretch | None
 ) -> tuple[Verdict, str]:
     misfit = model.misfit
-    if outcome.stretch is not None and outcome.stretch.rest <= Limit.max_misfit:
+    if stretch is not None and stretch.rest <= Limit.max_misfit:
         return "unknown", (
-            "The data disagree with the simulation in one stretch: "
-            f"{outcome.stretch.statement}"
+            f"The data disagree with the simulation in one stretch: {stretch.statement}"
         )
-    if outcome.by_trial:
-        return "unknown", outcome.by_trial
-    scene = "tuned scene" if model is found.before else "model"
+    if found.by_trial:
+        return "unknown", found.by_trial
+    scene = "tuned scene" if model is found.search.before else "model"
     off = f"on held-out data the error of the {scene} is {format_number(misfit)} times "
     off += "the noise floor"
     usual = f"rigs without any hidden effect reach up to {Limit.max_misfit:g} times"
-    beyond = outcome.stretch is not None
-    most = f" The largest error: {outcome.stretch.statement}" if outcome.stretch else ""
+    beyond = stretch is not None
+    most = f" The largest error: {stretch.statement}" if stretch else ""
     if misfit <= Limit.max_misfit and not beyond:
         return "none", f"Nothing is missing: {off}; {usual}."
     if excess(model) < Limit.min_z and not beyond:
@@ -763,7 +770,7 @@ def _no_effect_verdict(
         )
     return "unknown", (
         f"Something is missing (error {format_number(misfit)} times the noise floor). "
-        f"{closest_sentence(found)} See where the error lies."
+        f"{closest_sentence(found.search)} See where the error lies."
         f"{_HINT_CAVEAT if misfit < Limit.hint_error else ''}" + most
     )
 
@@ -800,18 +807,6 @@ def _describe_implausible(found: Search) -> str:
         if candidate.reason.startswith(IMPLAUSIBLE_PREFIX)
     ]
     return f"; {list_words(statements)}" if statements else ""
-
-
-def _describe_gap(found: Mapping[str, Gap]) -> str:
-    return list_words(
-        [
-            f"the {channel_name(name)} "
-            f"{'falls' if g.rmse_after <= g.rmse_before else 'rises'} from "
-            f"{format_number(g.rmse_before)} to {format_number(g.rmse_after)} N m "
-            f"(noise floor {format_number(g.noise_floor)})"
-            for name, g in found.items()
-        ]
-    )
 
 
 RELIABILITY: Mapping[Verdict, float] = {

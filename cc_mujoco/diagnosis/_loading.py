@@ -43,7 +43,7 @@ from cc_mujoco.datasets._run_log import is_log, other_scene, truncation_reason
 from cc_mujoco.datasets._shared_joints import OtherAxes
 from cc_mujoco.datasets._sorting import sort_rows
 from cc_mujoco.datasets._torques import add_derived_torques, derived_noise
-from cc_mujoco.datasets._trials import Dataset, Facts, FloatArray, Trial
+from cc_mujoco.datasets._trials import Dataset, Facts, Trial
 from cc_mujoco.diagnosis._checks.content import noise_of, wrong_repeats
 from cc_mujoco.diagnosis._checks.readings import (
     check_motions,
@@ -261,6 +261,13 @@ def _trial(recording: Recording, track: SampledTrack, facts: Facts) -> Trial:
     temperature = values.get(channels.TEMPERATURE)
     if temperature is None and facts.temperature is not None:
         temperature = np.full(len(track.time), facts.temperature)
+    columns = {
+        channels.further_column(channel): value
+        for channel, value in values.items()
+        if channels.is_further(channel)
+    }
+    if temperature is not None:
+        columns[channels.TEMPERATURE] = temperature
     return Trial(
         name=recording.name,
         time=track.time,
@@ -286,18 +293,5 @@ def _trial(recording: Recording, track: SampledTrack, facts: Facts) -> Trial:
         labels=recording.labels,
         paths={channel: str(path) for channel, path in recording.paths.items()},
         digits=track.digits,
-        columns=_further_columns(values, temperature),
+        columns=columns,
     )
-
-
-def _further_columns(
-    values: Mapping[str, FloatArray], temperature: FloatArray | None
-) -> dict[str, FloatArray]:
-    found = {
-        channels.further_column(channel): value
-        for channel, value in values.items()
-        if channels.is_further(channel)
-    }
-    if temperature is not None:
-        found[channels.TEMPERATURE] = temperature
-    return found

@@ -22,15 +22,14 @@ the autocorrelation of both (never a permutation of samples).
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.diagnosis._fit.fit import BaselineFit, traces
+from cc_mujoco.diagnosis._fit.fit import traces
 from cc_mujoco.diagnosis._fit.problem import BOOTSTRAP_BLOCK, Problem
 from cc_mujoco.diagnosis._fit.trials import (
     TrialConstants,
@@ -41,7 +40,6 @@ from cc_mujoco.diagnosis._fit.trials import (
     trial_errors,
     trial_ordinates,
 )
-from cc_mujoco.diagnosis._judge import Judged
 from cc_mujoco.diagnosis._phrases import (
     channel_name,
     format_number,
@@ -52,6 +50,7 @@ from cc_mujoco.diagnosis._search.candidates import signature_cosine
 from cc_mujoco.diagnosis._search.search import Found
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis._verdict import (
+    Diagnosis,
     Evidence,
     Isolability,
     Map,
@@ -325,42 +324,12 @@ def _lower_medians(taken: FloatArray) -> FloatArray:
 BINS = 14
 
 
-class ResidualAxis(NamedTuple):
-    """Quantity along which the error may lie; `values` are (samples,) per trace."""
-
-    name: str
-    unit: str
-    values: tuple[FloatArray, ...]
-
-
-def map_axes(traces: Sequence[TrialTrace]) -> tuple[ResidualAxis, ...]:
-
-    def of(name: str, unit: str, make: object) -> ResidualAxis:
-        return ResidualAxis(name, unit, tuple(make(trace) for trace in traces))  # type: ignore[operator]
-
-    return (
-        of("motor speed", "rad/s", _speed),
-        of("absolute motor speed", "rad/s", lambda t: np.abs(_speed(t))),
-        of("motor acceleration", "rad/s^2", lambda t: np.gradient(_speed(t), t.time)),
-        of(
-            "joint acceleration",
-            "rad/s^2",
-            lambda t: np.gradient(np.gradient(t.joint_angle, t.time), t.time),
-        ),
-        of("motor angle", "rad", lambda t: t.motor_angle),
-        of("joint angle", "rad", lambda t: t.joint_angle),
-        *(
-            of(channel_name(name), "N m", lambda t, name=name: t.measured[name])
-            for name in list(traces[0].measured)[-1:]
-        ),
-        of("direction of motion", "1", lambda t: np.sign(_speed(t))),
-        of("motor travel since it turned", "rad", _travel),
-        of("time in the trial", "s", lambda t: t.time - t.time[0]),
-    )
-
-
 def _speed(trace: TrialTrace) -> FloatArray:
     return np.gradient(trace.motor_angle, trace.time)
+
+
+def _acceleration(angle: FloatArray, time: FloatArray) -> FloatArray:
+    return np.gradient(np.gradient(angle, time), time)
 
 
 def _travel(trace: TrialTrace) -> FloatArray:
@@ -377,26 +346,46 @@ def _travel(trace: TrialTrace) -> FloatArray:
     return out
 
 
+_AXES: tuple[tuple[str, str, Callable[[TrialTrace], FloatArray]], ...] = (
+    ("motor speed", "rad/s", _speed),
+    ("absolute motor speed", "rad/s", lambda t: np.abs(_speed(t))),
+    ("motor acceleration", "rad/s^2", lambda t: _acceleration(t.motor_angle, t.time)),
+    ("joint acceleration", "rad/s^2", lambda t: _acceleration(t.joint_angle, t.time)),
+    ("motor angle", "rad", lambda t: t.motor_angle),
+    ("joint angle", "rad", lambda t: t.joint_angle),
+    ("", "N m", lambda t: list(t.measured.values())[-1]),
+    ("direction of motion", "1", lambda t: np.sign(_speed(t))),
+    ("motor travel since it turned", "rad", _travel),
+    ("time in the trial", "s", lambda t: t.time - t.time[0]),
+)
+"""Quantities along which the error may lie, with units; "" is the last torque."""
+
+
 def error_maps(traces: Sequence[TrialTrace], seed: int = 0) -> tuple[Map, ...]:
     """Return the maps of all channels and axes, the most explanatory first."""
     random = np.random.default_rng(seed)
-    found = [
-        drawn
-        for axis in map_axes(traces)
-        for channel in traces[0].measured
-        if (drawn := _map(traces, axis, channel, random)) is not None
-    ]
+    last = list(traces[0].measured)[-1]
+    found = []
+    for name, unit, values in _AXES:
+        along = [values(trace)[trace.counts > 0.0] for trace in traces]
+        for channel in traces[0].measured:
+            drawn = _map(
+                traces, name or channel_name(last), unit, along, channel, random
+            )
+            found += [drawn] if drawn else []
     return tuple(sorted(found, key=lambda m: m.chance - m.share))
 
 
 def _map(
     traces: Sequence[TrialTrace],
-    axis: ResidualAxis,
+    axis: str,
+    unit: str,
+    values: Sequence[FloatArray],
     channel: str,
     random: np.random.Generator,
 ) -> Map | None:
+    """Return the map along an axis with these values of the samples that count."""
     kept = [trace.counts > 0.0 for trace in traces]
-    values = [v[k] for v, k in zip(axis.values, kept, strict=True)]
     before = [t.error(channel)[k] for t, k in zip(traces, kept, strict=True)]
     after = [t.error(channel, "after")[k] for t, k in zip(traces, kept, strict=True)]
     whole = np.concatenate(values)
@@ -434,8 +423,8 @@ def _map(
         means.append(_means(moved, count))
     return Map(
         channel,
-        axis.name,
-        axis.unit,
+        axis,
+        unit,
         centre,
         before=_means(own, count),
         after=_means(rest, count),
@@ -461,15 +450,6 @@ def _share(sums: FloatArray, count: NDArray[np.intp], square: float) -> float:
     mean = (sums / np.maximum(count, 1))[::-1]
     left = square - 2.0 * np.sum(mean * sums) + np.sum(count * mean**2)
     return 1.0 - float(left) / max(square, 1e-300)
-
-
-def map_sentences(drawn: Sequence[Map], most: int = 6) -> tuple[Where, ...]:
-    """Return sentences on the maps that chance does not explain."""
-    return tuple(
-        Where(m.channel, m.axis, m.share, describe_map(m))
-        for m in drawn
-        if m.share > max(m.chance, 0.02)
-    )[:most]
 
 
 def describe_map(drawn: Map) -> str:
@@ -502,21 +482,16 @@ class Located:
     question: str  # about a trial that contradicts the others, or ""
 
 
-def locate_error(
-    fitted: BaselineFit, found: Found, judged: Judged, seed: int
-) -> Located:
+def locate_error(found: Found, judged: Diagnosis) -> Located:
     """Locate the error of the baseline, and that of the final model."""
+    fitted = found.fitted
     baseline, model = (fitted.problem, fitted.whole.x), (found.problem, found.x)
     # Where nothing explains the error, an added effect only stands in for it.
-    unknown = judged.verdict == "unknown"
-    explaining = baseline if unknown else model
+    explaining = baseline if judged.verdict == "unknown" else model
     odd = find_outlier_trial(*explaining, misfits(*baseline))
-    question = odd.question if odd else ""
+    question = odd.question if odd else judged.question
     if found.by_trial and odd and odd.rest > Limit.max_explained_error:
         question = ""  # no single trial contradicts the others
-    stretch = judged.stretch
-    if unknown and stretch and stretch.rest <= Limit.max_explained_error and not odd:
-        question = stretch.question
     constants = trial_constants(*explaining)
     names = constants[0].trials if constants else ()
     ordinates = trial_ordinates(found.problem, names, fitted.temperatures)
@@ -529,31 +504,30 @@ def locate_error(
         np.array([sign.visible for sign in signs]),
     )
     shown = traces(found.problem, before, after)
-    drawn = error_maps(shown, seed)
+    drawn = error_maps(shown, fitted.settings.seed)
     return Located(
         Evidence(shown, drawn, isolability),
-        error_places(baseline, model, drawn, constants, ordinates),
+        error_places(found, drawn, constants, ordinates),
         trial_errors(fitted.problem, before, after, model),
         question,
     )
 
 
 def error_places(
-    baseline: tuple[Problem, FloatArray],
-    model: tuple[Problem, FloatArray],
+    result: Found,
     drawn: Sequence[Map],
-    constants: Sequence[TrialConstants] = (),
-    ordinates: Mapping[str, FloatArray] = MappingProxyType({}),
+    constants: Sequence[TrialConstants],
+    ordinates: Mapping[str, FloatArray],
 ) -> tuple[Where, ...]:
     """Return the locations of the error of the baseline, the main sentence first.
 
     Errors are those of fits to all data: errors of held-out trials contain those of
-    their parameters. Baseline and model come with the place of their fit, `constants`
-    by trial with the best first; `ordinates` (trials,) by name are those along which
-    they may drift.
+    their parameters. `constants` by trial come with the best first; `ordinates`
+    (trials,) by name are those along which they may drift.
     """
-    problem = baseline[0]
-    before, after = (fitted.torques(x) for fitted, x in (baseline, model))
+    problem = result.fitted.problem
+    before = problem.torques(result.fitted.whole.x)
+    after = result.problem.torques(result.x)
     seen = traces(problem, before, after)
     off, left = (_noise_ratios(problem, played) for played in (before, after))
     worst = max(off, key=lambda name: off[name])
@@ -575,7 +549,12 @@ def error_places(
     ):
         found.append(by_trial)
     found.sort(key=lambda each: -each[1].share_of_error)
-    mapped = map_sentences(drawn)
+    # Maps that chance does not explain.
+    mapped = tuple(
+        Where(m.channel, m.axis, m.share, describe_map(m))
+        for m in drawn
+        if m.share > max(m.chance, 0.02)
+    )[:6]
     squares = {name: size**2 for name, size in off.items()}
     first = Where(
         worst,
@@ -586,7 +565,7 @@ def error_places(
     remaining = [
         _describe_period(line, name, " that is left with what was added")
         for name, size in left.items()
-        if model[0].effects
+        if result.problem.effects
         and size > Limit.explained_error
         and (line := strongest_line(error_samples(problem, seen, name, "after")))
         is not None
@@ -649,29 +628,27 @@ def _main_sentence(
 ) -> str:
     """Return the main sentence: the torque in error, its size and its structure."""
     others = [name for name in off if name != worst]
-    sizes = list_words(
-        [f"{channel_name(name)} {_over_noise(size)}" for name, size in off.items()]
-    )
-    beside = list_words(
-        [f"{channel_name(name)} {_over_noise(off[name])}" for name in others]
-    )
+    over = {  # error over the noise floor, to a tenth of a floor
+        name: format_number(size, 1.0 if size < 100.0 else math.nan)
+        for name, size in off.items()
+    }
+    sizes = list_words([f"{channel_name(n)} {size}" for n, size in over.items()])
+    beside = list_words([f"{channel_name(n)} {over[n]}" for n in others])
     beyond = {name: max(size**2 - 1.0, 0.0) for name, size in off.items()}
     mostly = all(beyond[worst] > Limit.dominant_ratio * beyond[name] for name in others)
     if off[worst] <= Limit.layout_error:
         text = f"No torque is far off ({sizes} times the noise floor)"
     elif not others:
-        size = _over_noise(off[worst])
         text = (
-            f"Only the {channel_name(worst)} is compared; it is {size} times the noise "
-            "floor off"
+            f"Only the {channel_name(worst)} is compared; it is {over[worst]} times "
+            "the noise floor off"
         )
     elif not mostly:
         text = f"The error is in both torques ({sizes} times the noise floor)"
     elif all(off[name] <= Limit.explained_error for name in others):
-        size = _over_noise(off[worst])
         text = (
             f"The error is in the {channel_name(worst)} only "
-            f"({size} times the noise floor; {beside})"
+            f"({over[worst]} times the noise floor; {beside})"
         )
     else:
         text = (
@@ -691,11 +668,6 @@ def _main_sentence(
         f"{text}: it is not periodic in an angle, follows no constant that differs "
         "from trial to trial, and no quantity explains more of it than chance does."
     )
-
-
-def _over_noise(size: float) -> str:
-    """Return an error over the noise floor, to a tenth of a floor."""
-    return format_number(size, 1.0 if size < 100.0 else math.nan)
 
 
 def _describe_period(

@@ -166,6 +166,11 @@ def format_number(value: float, spread: float = math.nan) -> str:
     return _with_true_minus(f"{value:.{max(0, places)}f}")
 
 
+def format_size(name: str, value: float, unit: str) -> str:
+    """Return the size of a parameter with its name and unit."""
+    return f"{plain_name(name)} {format_number(value)} {unit}".removesuffix(" 1")
+
+
 def format_interval(value: Estimate) -> str:
     """Return the 95 % interval of a fitted number, without its unit."""
     low, high = value.ci95

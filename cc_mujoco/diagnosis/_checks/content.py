@@ -370,15 +370,16 @@ def excitation(dataset: Dataset) -> Excitation:
         reversals += sum(
             count_reversals(trial.motor_angle[part]) for part in trial.segments
         )
-    temperatures = [
-        trial.temperature for trial in dataset.trials if trial.temperature is not None
-    ]
+    warmth = [t.temperature for t in dataset.trials if t.temperature is not None]
+    celsius = np.concatenate([np.empty(0), *warmth])
     known_tensions = {
         trial.facts.pretension
         for trial in dataset.trials
         if trial.facts.pretension is not None and not trial.facts.unhooked
     }
     names = {trial.name for trial in dataset.trials}
+    angles = [_valid_samples(dataset, channel) for channel in channels.ANGLES]
+    turns = [float(np.ptp(a)) / math.tau if len(a) else 0.0 for a in angles]
     return Excitation(
         duration=sum(trial.duration for trial in dataset.trials),
         speed=_percentiles(np.concatenate(speeds), 2, 99),
@@ -387,12 +388,14 @@ def excitation(dataset: Dataset) -> Excitation:
         dwell_count=len(rests),
         torque=_torques(dataset, channels.JOINT_TORQUE),
         motor_torque=_torques(dataset, channels.MOTOR_TORQUE),
-        turns=_revolutions_text(_valid_samples(dataset, channels.MOTOR_ANGLE)),
-        joint_turns=_revolutions_text(_valid_samples(dataset, channels.JOINT_ANGLE)),
+        turns=turns[0],
+        joint_turns=turns[1],
         bandwidth=max((_bandwidth(trial) for trial in dataset.trials), default=0.0),
         repeats=sum(trial.facts.repeat_of in names for trial in dataset.trials),
         pretensions=tuple(sorted(known_tensions)),
-        temperature=_span(temperatures),
+        temperature=(float(np.nanmin(celsius)), float(np.nanmax(celsius)))
+        if celsius.size
+        else None,
         tensions=sum(channels.is_tension(name) for name in dataset.channels),
     )
 
@@ -455,22 +458,11 @@ def _torque_text(ends: tuple[float, float] | None) -> str:
     return f"{ends[0]:.3g} to {ends[1]:.3g} N m" if ends else "not measured"
 
 
-def _revolutions_text(angle: FloatArray) -> float:
-    return float(np.ptp(angle)) / (2.0 * math.pi) if len(angle) else 0.0
-
-
 def _percentiles(values: FloatArray, low: float, high: float) -> tuple[float, float]:
     if not len(values):
         return 0.0, 0.0
     ends = np.percentile(values, [low, high])
     return float(ends[0]), float(ends[1])
-
-
-def _span(values: list[FloatArray]) -> tuple[float, float] | None:
-    if not values:
-        return None
-    joined = np.concatenate(values)
-    return float(np.nanmin(joined)), float(np.nanmax(joined))
 
 
 def _count_text(number: int, word: str) -> str:

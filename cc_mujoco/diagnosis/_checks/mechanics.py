@@ -223,10 +223,18 @@ def _pool_mechanics(members: list[tuple[Trial, Mechanics]]) -> Mechanics:
     first = members[0][1]
     if len(members) == 1:
         return first
-    known = [m for _, m in members]
-    torque_ratio, torque_correlation = _shared_torque_ratio(
-        [trial for trial, _ in members]
-    )
+    known, trials = [m for _, m in members], [trial for trial, _ in members]
+    torque_ratio = torque_correlation = 0.0
+    if not any(t.motor_torque is None or t.joint_torque is None for t in trials):
+        parts = [(trial, part) for trial in trials for part in trial.segments]
+        omega = [velocity(trial.motor_angle[part], trial.step) for trial, part in parts]
+        motor, joint = (
+            np.concatenate([trial.channel(name)[part] for trial, part in parts])
+            for name in (MOTOR_TORQUE, JOINT_TORQUE)
+        )
+        torque_ratio, torque_correlation = sliding_torque_ratio(
+            motor, joint, np.concatenate(omega), trials[0].step
+        )
     if abs(torque_correlation) < abs(first.torque_correlation):
         torque_ratio, torque_correlation = first.torque_ratio, first.torque_correlation
     pooled = first._replace(
@@ -243,22 +251,6 @@ def _pool_mechanics(members: list[tuple[Trial, Mechanics]]) -> Mechanics:
         joint_work=float(joint.mean()),
         doubt=float(np.sqrt((doubt**2).sum())) / len(usable),
         scale=float(scale.mean()),
-    )
-
-
-def _shared_torque_ratio(trials: list[Trial]) -> tuple[float, float]:
-    """Return motor over joint torque of several trials, and their correlation."""
-    parts = [(trial, part) for trial in trials for part in trial.segments]
-    omega = [velocity(trial.motor_angle[part], trial.step) for trial, part in parts]
-    if any(t.motor_torque is None or t.joint_torque is None for t in trials):
-        return 0.0, 0.0
-    motor = [trial.channel(MOTOR_TORQUE)[part] for trial, part in parts]
-    joint = [trial.channel(JOINT_TORQUE)[part] for trial, part in parts]
-    return sliding_torque_ratio(
-        np.concatenate(motor),
-        np.concatenate(joint),
-        np.concatenate(omega),
-        trials[0].step,
     )
 
 
@@ -430,7 +422,12 @@ def check_sizes(
     ]
     ratio = float(np.median(ratios)) if ratios else 1.0
     share = {MOTOR_TORQUE: ratio, JOINT_TORQUE: 1.0 / ratio}
-    leaps = {channel: _size_below_leap(size) for channel, size in sizes.items()}
+    leaps = {}  # size below a leap in the sizes of the trials
+    for channel, size in sizes.items():
+        ordered = np.sort(size)
+        below = Limit.torque_leap_ratio * np.maximum(ordered[:-1], 1e-12)
+        above = np.flatnonzero(ordered[1:] > below)
+        leaps[channel] = float(ordered[above[-1]]) if len(above) else math.inf
     findings = []
     for channel, other in itertools.permutations(sizes):
         for k in np.flatnonzero(sizes[channel] > leaps[channel]).tolist():
@@ -449,15 +446,6 @@ def check_sizes(
             )
             findings.append(error(message, trial.name, channel))
     return findings
-
-
-def _size_below_leap(sizes: NDArray[np.float64]) -> float:
-    """Return the size below a leap in the sizes of the trials, or infinity."""
-    ordered = np.sort(sizes)
-    above = np.flatnonzero(
-        ordered[1:] > Limit.torque_leap_ratio * np.maximum(ordered[:-1], 1e-12)
-    )
-    return float(ordered[above[-1]]) if len(above) else math.inf
 
 
 def check_ratios(
@@ -632,31 +620,28 @@ def check_alignment(trial: Trial, alone: bool = False) -> list[DataFinding]:
     grown = a.drift * (trial.time[-1] - trial.time[0])
     motor, joint = (trial.labels.get(name, name) for name in (MOTOR_ANGLE, JOINT_ANGLE))
     certain = abs(a.drift) > 6.0 * a.doubt and a.drift_gain > (2e-3)
+    finding = error
+    late = f"{1e3 * abs(a.delay):.3g} ms {'after' if a.delay > 0.0 else 'before'}"
     if certain and abs(grown) > max(Limit.relevant_drift, 5.0 * trial.step):
         message = (
-            f"{trial.path}: the delay of {joint} after {motor} changes by "
-            f"{1e3 * grown:.3g} ms within the trial ({1e6 * a.drift:.0f} ppm), so "
-            "they run on two clocks; record on one, or declare the clock of each."
+            f"the delay of {joint} after {motor} changes by {1e3 * grown:.3g} ms "
+            f"within the trial ({1e6 * a.drift:.0f} ppm), so they run on two clocks; "
+            "record on one, or declare the clock of each."
         )
-        return [error(message, trial.name, JOINT_ANGLE)]
-    if abs(a.delay) > Limit.max_plausible_delay and a.gain > 0.1 and not alone:
+    elif abs(a.delay) > Limit.max_plausible_delay and a.gain > 0.1 and not alone:
         message = (
-            f"{trial.path}: {joint} comes {_delay_text(a.delay)} {motor}; declare its "
-            f"delay ([columns.{JOINT_ANGLE}] delay = {a.delay:.2f}), or record on one "
-            "clock."
+            f"{joint} comes {late} {motor}; declare its delay ([columns."
+            f"{JOINT_ANGLE}] delay = {a.delay:.2f}), or record on one clock."
         )
-        return [error(message, trial.name, JOINT_ANGLE)]
-    if abs(a.delay) > max(0.01, 2.0 * trial.step):
+    elif abs(a.delay) > max(0.01, 2.0 * trial.step):
+        finding = warning
         message = (
-            f"{trial.path}: {joint} comes {_delay_text(a.delay)} {motor}, by lost "
-            f"motion, {'slack, ' if alone else ''}elasticity or a delay."
+            f"{joint} comes {late} {motor}, by lost motion, "
+            f"{'slack, ' if alone else ''}elasticity or a delay."
         )
-        return [warning(message, trial.name, JOINT_ANGLE)]
-    return []
-
-
-def _delay_text(delay: float) -> str:
-    return f"{1e3 * abs(delay):.3g} ms {'after' if delay > 0.0 else 'before'}"
+    else:
+        return []
+    return [finding(f"{trial.path}: {message}", trial.name, JOINT_ANGLE)]
 
 
 def check_lead(trials: Sequence[Trial], bench: Bench) -> list[DataFinding]:

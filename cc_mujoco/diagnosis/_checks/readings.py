@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -47,6 +47,7 @@ _CLOCK_PATTERN = re.compile(r"time|clock|stamp", re.I)
 def check_recording(
     recording: Recording, facts: Facts, file: DatasetFile
 ) -> list[DataFinding]:
+    """Return the findings of all checks of rows as they were recorded."""
     return [
         *_check_locked(recording, facts),
         *_check_constants(recording, facts),
@@ -123,12 +124,7 @@ def check_bench(trials: Sequence[Trial], bench: Bench) -> list[DataFinding]:
     """
     ratio = bench.joint_radius / bench.motor_radius
     if bench.others:  # the ends do not turn by one ratio
-        return [
-            finding
-            for trial in trials
-            for check in (_check_overload, _check_known_range, _check_others_range)
-            for finding in check(trial, bench)
-        ]
+        return _findings_by_trial(trials, bench, _check_others_range)
     hooked = [trial for trial in trials if not trial.facts.unhooked]
     found = {trial.name: measure_mechanics(trial) for trial in hooked}
     certain = [t for t in hooked if abs(found[t.name].follows) > 0.6]
@@ -141,9 +137,21 @@ def check_bench(trials: Sequence[Trial], bench: Bench) -> list[DataFinding]:
     findings = _check_inverse(certain, [found[t.name] for t in certain], ratio)
     if closest and not findings:
         findings = check_ratio(closest, ratio, several)
-    for trial in trials:
-        findings += _check_overload(trial, bench) + _check_known_range(trial, bench)
-    return findings
+    return findings + _findings_by_trial(trials, bench)
+
+
+def _findings_by_trial(
+    trials: Sequence[Trial],
+    bench: Bench,
+    *more: Callable[[Trial, Bench], Iterator[DataFinding]],
+) -> list[DataFinding]:
+    checks = (_check_overload, _check_known_range, *more)
+    return [
+        finding
+        for trial in trials
+        for check in checks
+        for finding in check(trial, bench)
+    ]
 
 
 def _check_inverse(
@@ -179,27 +187,23 @@ def _check_inverse(
 
 def check_load_cells(dataset: Dataset, bench: Bench) -> list[DataFinding]:
     """Find declared load cells that the data or the scene do not have."""
-    findings = []
+    findings, rows = [], dataset.instruments.rows
     for trial in dataset.trials:
-        channel = trial.facts.load_cell
-        if not channel:
-            continue
-        where = f"[trials.{trial.name!r}] load_cell = {channel!r}"
-        if channel not in trial.tensions:
+        channel, problem = trial.facts.load_cell, ""
+        if channel and channel not in trial.tensions:
             problem = (
                 f"{trial.path} has no such column; record it there, or name its own "
                 "file in [files]"
             )
-        else:
+        elif channel:
             try:
-                row = SingleCell.of(channel, bench, None).row
+                if SingleCell.of(channel, bench, None).row not in rows:
+                    problem = "the torque at that end is not compared; leave it out"
             except CableError as wrong:
                 problem = str(wrong).rstrip(".")
-            else:
-                if row in dataset.instruments.rows:
-                    continue
-                problem = "the torque at that end is not compared; leave it out"
-        findings.append(error(f"{where}: {problem}.", trial.name, channel))
+        if problem:
+            where = f"[trials.{trial.name!r}] load_cell = {channel!r}"
+            findings.append(error(f"{where}: {problem}.", trial.name, channel))
     return findings
 
 
@@ -223,14 +227,14 @@ def check_known_torques(dataset: Dataset) -> list[DataFinding]:
     ]
 
 
-def _check_known_range(trial: Trial, bench: Bench) -> list[DataFinding]:
+def _check_known_range(trial: Trial, bench: Bench) -> Iterator[DataFinding]:
     """Find angles at which the lever or the path of a scene is not known."""
     if bench.lever is None and not bench.led:
-        return []
+        return
     low, high = bench.span
     least, most = np.nanmin(trial.joint_angle), np.nanmax(trial.joint_angle)
     if low <= least and most <= high:
-        return []
+        return
     message = (
         f"{trial.column(channels.JOINT_ANGLE)} goes from {least:.3g} to {most:.3g} "
         f"rad, but the {'lever' if bench.lever else 'path'} of the scene is known from "
@@ -238,12 +242,11 @@ def _check_known_range(trial: Trial, bench: Bench) -> list[DataFinding]:
         "rad, 0 being the scene's 0 and positive where the cable pulls; declare offset "
         f"and sign of [columns.{channels.JOINT_ANGLE}]."
     )
-    return [error(message, trial.name, channels.JOINT_ANGLE)]
+    yield error(message, trial.name, channels.JOINT_ANGLE)
 
 
-def _check_others_range(trial: Trial, bench: Bench) -> list[DataFinding]:
+def _check_others_range(trial: Trial, bench: Bench) -> Iterator[DataFinding]:
     """Find angles of other joints beyond their stops."""
-    findings = []
     for joint, (low, high) in zip(bench.others, bench.stops, strict=True):
         channel = channels.other_angle(joint)
         least, most = (f(trial.channel(channel)) for f in (np.nanmin, np.nanmax))
@@ -254,21 +257,17 @@ def _check_others_range(trial: Trial, bench: Bench) -> list[DataFinding]:
             f"joint {joint!r} of the scene from {low:.3g} to {high:.3g} rad; declare "
             f"unit, offset and sign of [columns.{channel}], which count as the scene."
         )
-        findings.append(error(message, trial.name, channel))
-    return findings
+        yield error(message, trial.name, channel)
 
 
-def _check_overload(trial: Trial, bench: Bench) -> list[DataFinding]:
+def _check_overload(trial: Trial, bench: Bench) -> Iterator[DataFinding]:
     """Find torques far beyond those that the cables of a scene carry."""
-    findings: list[DataFinding] = []
     taut = trial.facts.pretension or bench.cables[0].pretension
-    if taut == 0.0:  # nobody knows what to expect
-        return findings
     for channel, torque, radius in (
         (channels.MOTOR_TORQUE, trial.motor_torque, bench.motor_radius),
         (channels.JOINT_TORQUE, trial.joint_torque, bench.joint_radius),
     ):
-        if torque is None:
+        if torque is None or taut == 0.0:  # nobody knows what to expect
             continue
         tension = float(np.sqrt(np.nanmean(torque**2))) / radius
         share = tension / max(taut, 1.0)
@@ -278,50 +277,39 @@ def _check_overload(trial: Trial, bench: Bench) -> list[DataFinding]:
                 f"{share:.3g} times the pretension of the scene; perhaps it is in mNm: "
                 f"declare [columns.{channel}] unit = 'mNm'."
             )
-            findings.append(error(message, trial.name, channel))
-    return findings
+            yield error(message, trial.name, channel)
 
 
-def _check_locked(recording: Recording, facts: Facts) -> list[DataFinding]:
-    """Return an error if an angle moves that is declared as locked."""
-    if not facts.locked:
-        return []
-    channel = _ANGLES[facts.locked]
-    if channel not in recording.values:
-        return []
-    moved = _robust_range(recording.values[channel])
-    if moved <= Limit.locked_range:
-        return []
-    message = (
-        f"{recording.column(channel)} moves by {moved:.3g} rad, though "
-        f"locked = {facts.locked!r} says that it was held fast."
-    )
-    return [error(message, recording.name, channel)]
+def _check_locked(recording: Recording, facts: Facts) -> Iterator[DataFinding]:
+    """Find an angle that moves, but is declared as locked."""
+    channel = _ANGLES.get(facts.locked or "", "")
+    values = recording.values.get(channel, np.zeros(0))
+    if (moved := _robust_range(values)) > Limit.locked_range:
+        message = (
+            f"{recording.column(channel)} moves by {moved:.3g} rad, though "
+            f"locked = {facts.locked!r} says that it was held fast."
+        )
+        yield error(message, recording.name, channel)
 
 
-def _check_constants(recording: Recording, facts: Facts) -> list[DataFinding]:
-    findings = []
-    for channel in recording.values:
-        known = (channels.TIME, channels.VALID, channels.TEMPERATURE)
-        if channel in known or channels.is_further(channel):
+def _check_constants(recording: Recording, facts: Facts) -> Iterator[DataFinding]:
+    known = (channels.TIME, channels.VALID, channels.TEMPERATURE)
+    held = _ANGLES.get(facts.locked or "")
+    for channel, values in recording.values.items():
+        if channel in (*known, held) or channels.is_further(channel):
             continue
-        values = recording.values[channel]
         if recording.rows < 2 or not np.nanmax(values) == np.nanmin(values):
             continue
         where = f"{recording.column(channel)} is {np.nanmax(values):.6g} in every row"
-        if facts.locked and _ANGLES[facts.locked] == channel:
-            continue
         advice = "check the sensor"
         if channel in _ANGLES.values():
             side = "motor" if channel == channels.MOTOR_ANGLE else "joint"
             advice += f", or declare locked = {side!r} if it was held fast"
-        findings.append(error(f"{where}; {advice}.", recording.name, channel))
-    return findings
+        yield error(f"{where}; {advice}.", recording.name, channel)
 
 
-def _check_clipping(recording: Recording) -> list[DataFinding]:
+def _check_clipping(recording: Recording) -> Iterator[DataFinding]:
     """Find torques and tensions that stay at an extreme, but scatter elsewhere."""
-    findings = []
     for channel, values in recording.values.items():
         if channels.kind_of(channel) not in _LOAD_KINDS:
             continue
@@ -348,43 +336,33 @@ def _check_clipping(recording: Recording) -> list[DataFinding]:
                 f"{flat.sum()} rows, as if cut off {side}; {mend} or mark these rows "
                 "invalid."
             )
-            findings.append(error(message, recording.name, channel))
-    return findings
+            yield error(message, recording.name, channel)
 
 
-def _check_degrees(recording: Recording, file: DatasetFile) -> list[DataFinding]:
+def _check_degrees(recording: Recording, file: DatasetFile) -> Iterator[DataFinding]:
     """Find angles too large for radians."""
-    findings = []
-    limits = {
-        channels.JOINT_ANGLE: Limit.max_joint_turns,
-        channels.MOTOR_ANGLE: Limit.max_motor_turns,
-    }
-    for channel, most in limits.items():
-        if channel not in recording.values:
-            continue
-        values = recording.values[channel]
+    for channel, most in (
+        (channels.JOINT_ANGLE, Limit.max_joint_turns),
+        (channels.MOTOR_ANGLE, Limit.max_motor_turns),
+    ):
+        values = recording.values.get(channel, np.zeros(0))
         turns = _robust_range(values) / (2.0 * math.pi)
         if turns <= most:
             continue
         message = f"{recording.column(channel)} covers {turns:.3g} turns"
         label = recording.labels.get(channel, channel)
         if file.source(channel).unit or file.unit(channel, label) == "deg":
-            findings.append(
-                warning(f"{message}, as declared.", recording.name, channel)
-            )
+            yield warning(f"{message}, as declared.", recording.name, channel)
             continue
         advice = (
             f"declare [columns.{channel}] unit = 'deg' if it is in degrees, or 'rad'"
         )
-        findings.append(
-            error(f"{message} if it is in radians; {advice}.", recording.name, channel)
-        )
-    return findings
+        message += f" if it is in radians; {advice}."
+        yield error(message, recording.name, channel)
 
 
-def _check_turnovers(recording: Recording) -> list[DataFinding]:
+def _check_turnovers(recording: Recording) -> Iterator[DataFinding]:
     """Find angles of an encoder that wraps after a full turn."""
-    findings = []
     for channel in channels.ANGLES:
         if channel not in recording.values:
             continue
@@ -400,13 +378,11 @@ def _check_turnovers(recording: Recording) -> list[DataFinding]:
             "encoder does that begins anew after each; make it continuous before "
             "(numpy.unwrap)."
         )
-        findings.append(error(message, recording.name, channel))
-    return findings
+        yield error(message, recording.name, channel)
 
 
-def _check_leaps(recording: Recording) -> list[DataFinding]:
+def _check_leaps(recording: Recording) -> Iterator[DataFinding]:
     """Find angles of an encoder that slipped or was zeroed in a trial."""
-    findings = []
     for channel in channels.ANGLES:
         if channel not in recording.values:
             continue
@@ -427,30 +403,24 @@ def _check_leaps(recording: Recording) -> list[DataFinding]:
             "encoder does that slips or is zeroed; correct the rows after it, or name "
             "the stretch before it as `valid` in dataset.toml."
         )
-        findings.append(doubt(message, recording.name, channel))
-    return findings
+        yield doubt(message, recording.name, channel)
 
 
-def _check_copied_loads(recording: Recording) -> list[DataFinding]:
+def _check_copied_loads(recording: Recording) -> Iterator[DataFinding]:
     """Find torques and tensions that are another one to the last digit."""
     loads = [c for c in recording.values if channels.kind_of(c) in _LOAD_KINDS]
-    return [
-        error(
-            f"{recording.column(other)} holds the readings of column "
-            f"{recording.labels.get(channel, channel)}, in every row; record both, "
-            "each by its own sensor.",
-            recording.name,
-            other,
-        )
-        for channel, other in itertools.combinations(loads, 2)
-        if _robust_range(recording.values[channel]) > 0.0
-        and np.array_equal(
-            recording.values[channel], recording.values[other], equal_nan=True
-        )
-    ]
+    for channel, other in itertools.combinations(loads, 2):
+        one, two = recording.values[channel], recording.values[other]
+        if _robust_range(one) > 0.0 and np.array_equal(one, two, equal_nan=True):
+            message = (
+                f"{recording.column(other)} holds the readings of column "
+                f"{recording.labels.get(channel, channel)}, in every row; record both, "
+                "each by its own sensor."
+            )
+            yield error(message, recording.name, other)
 
 
-def _check_copied_rows(recording: Recording) -> list[DataFinding]:
+def _check_copied_rows(recording: Recording) -> Iterator[DataFinding]:
     """Find a stretch that is another one to the last digit, its times aside."""
     known = [
         value
@@ -470,18 +440,18 @@ def _check_copied_rows(recording: Recording) -> list[DataFinding]:
     lengths = np.diff(edges) * (shift[edges[:-1]] > 0)
     longest = int(np.argmax(lengths)) if lengths.size else 0
     if not lengths.size or lengths[longest] < Limit.min_copied_rows:
-        return []
+        return
     start, end = int(edges[longest]), int(edges[longest + 1])
     before, time = start - int(shift[start]), recording.values[channels.TIME]
     first_part, part = slice(before, before + end - start), slice(start, end)
     if not all(np.array_equal(v[first_part], v[part], equal_nan=True) for v in known):
-        return []  # sums of different rows are equal by chance
+        return  # sums of different rows are equal by chance
     message = (
         f"{recording.path} has the rows {before + 1} to {before + end - start} again "
         f"as rows {start + 1} to {end}, from {time[start]:.6g} s on; a copy is no "
         "repeat, so take it out or record it."
     )
-    return [doubt(message, recording.name)]
+    yield doubt(message, recording.name)
 
 
 def _robust_range(values: FloatArray) -> float:
@@ -510,21 +480,20 @@ def _check_second_clock(recording: Recording, file: DatasetFile) -> list[DataFin
     ]
 
 
-def _check_motion(trial: Trial) -> list[DataFinding]:
+def _check_motion(trial: Trial) -> Iterator[DataFinding]:
     """Find trials in which nothing happens."""
     speed = np.abs(velocity(trial.motor_angle, trial.step, trial.segments))
     turn = np.abs(velocity(trial.joint_angle, trial.step, trial.segments))
     if np.nanmax(speed) * trial.duration < 1e-3 > np.nanmax(turn) * trial.duration:
         message = f"{trial.path}: neither side moves by more than a milliradian."
-        return [warning(message, trial.name)]
-    if not trial.ends_held and _is_copy(trial.motor_angle, trial.joint_angle):
+        yield warning(message, trial.name)
+    elif not trial.ends_held and _is_copy(trial.motor_angle, trial.joint_angle):
         message = (
             f"{trial.column(channels.JOINT_ANGLE)} is "
             f"{trial.labels.get(channels.MOTOR_ANGLE, channels.MOTOR_ANGLE)} times a "
             "number to the last digit; record both angles, each by its own encoder."
         )
-        return [error(message, trial.name, channels.JOINT_ANGLE)]
-    return []
+        yield error(message, trial.name, channels.JOINT_ANGLE)
 
 
 def _is_copy(one: FloatArray, other: FloatArray) -> bool:

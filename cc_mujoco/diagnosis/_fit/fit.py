@@ -19,9 +19,10 @@ samples would outweigh all others.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -62,7 +63,7 @@ from cc_mujoco.diagnosis._rig.simulation import (
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis._verdict import Diagnosis, Gap, TrialTrace
 from cc_mujoco.diagnosis.effects import EFFECTS, Effect, EffectError
-from cc_mujoco.estimation._least_squares import Fit, Tuned
+from cc_mujoco.estimation._least_squares import Fit
 from cc_mujoco.native import FloatArray
 from cc_mujoco.report._html import list_words
 
@@ -220,11 +221,6 @@ def _mean_tension(dataset: Dataset, bench: Bench, record: Record) -> FloatArray:
     return found
 
 
-class _Fitted(NamedTuple):
-    values: dict[str, float]
-    cost: float
-
-
 class _Grid:
     """Fits from the best points of a grid of simulations."""
 
@@ -255,12 +251,15 @@ class _Grid:
             int(mask.sum()) for mask in self._masks
         )
 
-    def fitted(self, names: Sequence[str], coarse: bool = False) -> _Fitted | None:
-        """Return the best fit of the baseline, with the parameters of these names free.
+    def fitted(
+        self, names: Sequence[str], coarse: bool = False
+    ) -> tuple[dict[str, float], float]:
+        """Return the best fit of the baseline with the parameters of these names free.
 
-        It is None where the scene's own values are not much worse than the best point,
-        or where the residuals say that none of these values explain the data. If
-        `coarse`, the grid has only the stiffness of the line.
+        It comes as values and cost. There are no values where the scene's own are not
+        much worse than the best point, or where the residuals say that none of these
+        values explain the data. If `coarse`, the grid has only the stiffness of the
+        line.
         """
         tried = {
             name: each
@@ -282,14 +281,14 @@ class _Grid:
         if known and min(costs) > Limit.max_cost_ratio * self._cost(
             problem, self._place(problem, given)
         ):
-            return None
+            return {}, math.inf
         order = np.argsort(costs)[: Limit.refined_points]
         fits = [fit(problem, grid[k], self._masks, _MAX_EVALUATIONS) for k in order]
         best = min(fits, key=lambda each: each.cost).x
         cost = self._cost(problem, best)
         if known and cost > Limit.max_mean_square * self._size:
-            return None
-        return _Fitted(problem.values(best), cost)
+            return {}, math.inf
+        return problem.values(best), cost
 
     def of_scene(self, names: Sequence[str]) -> float:
         """Return the cost of a fit from the scene's values, these parameters free."""
@@ -300,8 +299,16 @@ class _Grid:
         return self._cost(problem, fit(problem, start, self._masks, _MAX_EVALUATIONS).x)
 
     def _problem(self, values: Mapping[str, float]) -> Problem:
-        bench = _with_parameters(self._bench, values)
-        return _rough_problem(self._dataset, bench, self._records, values)
+        bench, records = _with_parameters(self._bench, values), self._records
+        known, constants = self._dataset.instruments, self._dataset.constants
+        plant = SimulatedRig(
+            bench, tuple(records), 4, instruments=known, constants=constants
+        )
+        whole = np.concatenate([record.measured for record in records], axis=1)
+        size = Limit.error_scale * np.std(whole, axis=1, keepdims=True) + 1e-9
+        floor = tuple(np.broadcast_to(size, r.measured.shape) for r in records)
+        free = baseline_parameters(bench, records, constants, known, values)
+        return Problem(plant, free, (), floor, floor)
 
     def _place(self, problem: Problem, values: Mapping[str, float]) -> FloatArray:
         taut = values.get("pretension", self._bench.cables[0].pretension)
@@ -325,32 +332,17 @@ def _best_values(
     """
     grid = _Grid(dataset, bench, records)
     if bench.cables[0].pretension == 0.0:
-        found = grid.fitted(_ESTIMATED_PARAMETERS)
-        return found.values if found else {}
-    found = grid.fitted(_FREE_PARAMETERS)
-    if not declared and (taut := grid.fitted(_ESTIMATED_PARAMETERS, coarse=True)):
-        off = _factor_between(taut.values["pretension"], bench.cables[0].pretension)
-        usual = found.cost if found else grid.of_scene(_FREE_PARAMETERS)
-        if (
-            off > Limit.pretension_off_factor
-            and taut.cost < Limit.max_cost_ratio * usual
-        ):
-            return taut.values
-    return found.values if found else {}
-
-
-def _rough_problem(
-    dataset: Dataset, bench: Bench, records: Sequence[Record], guessed: Collection[str]
-) -> Problem:
-    known, constants = dataset.instruments, dataset.constants
-    plant = SimulatedRig(
-        bench, tuple(records), 4, instruments=known, constants=constants
-    )
-    whole = np.concatenate([record.measured for record in records], axis=1)
-    size = Limit.error_scale * np.std(whole, axis=1, keepdims=True) + 1e-9
-    floor = tuple(np.broadcast_to(size, record.measured.shape) for record in records)
-    free = baseline_parameters(bench, records, constants, known, guessed)
-    return Problem(plant, free, (), floor, floor)
+        return grid.fitted(_ESTIMATED_PARAMETERS)[0]
+    found, usual = grid.fitted(_FREE_PARAMETERS)
+    if declared:
+        return found
+    taut, cost = grid.fitted(_ESTIMATED_PARAMETERS, coarse=True)
+    if taut:
+        off = _factor_between(taut["pretension"], bench.cables[0].pretension)
+        usual = usual if found else grid.of_scene(_FREE_PARAMETERS)
+        if off > Limit.pretension_off_factor and cost < Limit.max_cost_ratio * usual:
+            return taut
+    return found
 
 
 def refine_simulation(problem: Problem, x: FloatArray, masks: Masks) -> Problem | None:
@@ -371,7 +363,8 @@ def refine_simulation(problem: Problem, x: FloatArray, masks: Masks) -> Problem 
     harmless = max(Limit.max_numerical_error, Limit.max_numerical_share * left)
     if change <= harmless or finer is None:
         return None
-    return problem.simulated_by(finer)
+    # Derivatives hardly depend on the resolution of the simulation.
+    return replace(problem, plant=finer, slopes=TorqueDerivatives(problem.slopes))
 
 
 def refinement_change(
@@ -383,12 +376,14 @@ def refinement_change(
     errors are by Huber as in fits. The plant is None where neither may be halved.
     """
     plant = problem.plant
-    values = problem.values(x)
     seen = [k for k, mask in enumerate(masks) if mask.any()]
-    here = plant.simulate(values, problem.effects, seen)
+    here = problem.torques(x, seen)
     tried = []
-    for finer in (plant.finer(segments=2), plant.finer(substeps=2)):
-        there = finer.simulate(values, problem.effects, seen)
+    for finer in (
+        replace(plant, segments=2 * plant.segments),
+        replace(plant, substeps=2 * plant.substeps),
+    ):
+        there = replace(problem, plant=finer).torques(x, seen)
         changes = [
             huber_residual((a - b) / problem.floor[k])[:, masks[k]].ravel()
             for k, a, b in zip(seen, here, there, strict=True)
@@ -403,6 +398,17 @@ def refinement_change(
 
 
 @dataclass(frozen=True)
+class Options:
+    """Choices that a diagnosis is made with, besides data and scene."""
+
+    # Effects to consider; by default all but the rare ones that are not `requested`,
+    # which are considered where the others leave the error unexplained
+    ids: Sequence[str] | None = None
+    requested: Sequence[str] = ()  # effects that the user requested, rare ones included
+    seed: int = 0  # seed of bootstraps and noise draws
+
+
+@dataclass(frozen=True)
 class BaselineFit:
     """The baseline, ready for the search."""
 
@@ -410,12 +416,11 @@ class BaselineFit:
     whole: Fit
     crossed: CrossValidation
     change: float  # RMS change by a finer simulation, over the floor
+    settings: Options = Options()
     # Sentences on requested effects that the data cannot show
     notes: tuple[str, ...] = ()
     # Mean temperature of trials by name, where it is known [degC]
     temperatures: Mapping[str, float] = field(default_factory=dict)
-    # Verdict where the numerics are too coarse to continue, or None
-    refusal: Diagnosis | None = None
 
 
 def plant_of(
@@ -447,8 +452,14 @@ def fit_baseline(
         plant.bench, records, dataset.constants, dataset.instruments, plant.given
     )
     counts = [record.free for record in records]
-    x = np.zeros(len(free))
-    starts, slopes = _start_points(free, x), TorqueDerivatives()
+    starts, slopes = [np.zeros(len(free))], TorqueDerivatives()
+    # Where the pretension is unknown, fits end in different minima, depending on
+    # whether the slack side of a pair goes slack.
+    for k, p in enumerate(free):
+        if p.name == "pretension" and p.scale > Limit.multistart_uncertainty:
+            for factor in Limit.multistart_factors:
+                starts.append(np.zeros(len(free)))
+                starts[-1][k] = math.log(factor) / p.scale
     while True:
         flat = tuple(
             np.full(r.measured.shape, 0.02 * float(np.std(r.measured)) + 1e-9)
@@ -477,25 +488,6 @@ def fit_baseline(
     return BaselineFit(problem, whole, crossed, change)
 
 
-def _start_points(free: Sequence[Tuned], x: FloatArray) -> list[FloatArray]:
-    """Return the start points: several pretensions where it is unknown.
-
-    Fits end in different minima, depending on whether the slack side of a pair goes
-    slack.
-    """
-    starts = [x]
-    for index, parameter in enumerate(free):
-        if (
-            parameter.name == "pretension"
-            and parameter.scale > Limit.multistart_uncertainty
-        ):
-            for factor in Limit.multistart_factors:
-                start = x.copy()
-                start[index] = math.log(factor) / parameter.scale
-                starts.append(start)
-    return starts
-
-
 def predicted(
     problem: Problem, start: FloatArray, division: Sequence[Fold]
 ) -> tuple[FloatArray, ...]:
@@ -507,7 +499,7 @@ def predicted(
     found = [np.zeros(record.measured.shape) for record in records]
     for fold in division:
         x = fit(problem, start, fold.train, 6).x
-        played = problem.plant.simulate(problem.values(x), problem.effects)
+        played = problem.torques(x)
         for kept, torque, train in zip(found, played, fold.train, strict=True):
             kept[:, ~train] = torque[:, ~train]
             empty = np.all(kept == 0.0, axis=0)
@@ -628,10 +620,11 @@ class Held(NamedTuple):
 class Holdout:
     """Cache of held-out predictions; those of the baseline are computed once."""
 
-    def __init__(self, baseline_fit: BaselineFit, seed: int) -> None:
+    def __init__(self, baseline_fit: BaselineFit) -> None:
         problem = baseline_fit.problem
         records = problem.plant.records
-        self._problem, self._x, self._seed = problem, baseline_fit.whole.x, seed
+        self._problem, self._x = problem, baseline_fit.whole.x
+        self._seed = baseline_fit.settings.seed
         # Whole trials. If a single trial shows an effect, say the only one at low
         # pretension, the others cannot determine it: then stretches of all trials are
         # held out.
@@ -654,17 +647,6 @@ class Holdout:
                 records = problem.plant.records
                 return Held(before, after, gap, never_held_out(division, records))
         return None
-
-
-@dataclass(frozen=True)
-class Options:
-    """Choices that a diagnosis is made with, besides data and scene."""
-
-    # Effects to consider; by default all but the rare ones that are not `requested`,
-    # which are considered where the others leave the error unexplained
-    ids: Sequence[str] | None = None
-    requested: Sequence[str] = ()  # effects that the user requested, rare ones included
-    seed: int = 0  # seed of bootstraps and noise draws
 
 
 def fit_scene(
@@ -697,8 +679,7 @@ def fit_scene(
             f"Record faster than {1.0 / plant.records[0].dt:.0f} Hz, or reduce the "
             "wrap."
         )
-        refusal = Diagnosis("fix-numerics", statement, problems=(statement,))
-        return replace(found, refusal=refusal)
+        return Diagnosis("fix-numerics", statement, problems=(statement,))
     if wrong := exchanged_torques(found.problem, found.whole.x):
         return _refused(wrong)
     temperatures = {
@@ -706,7 +687,7 @@ def fit_scene(
         for trial in dataset.trials
         if trial.temperature is not None and np.any(np.isfinite(trial.temperature))
     }
-    return replace(found, notes=notes, temperatures=temperatures)
+    return replace(found, settings=settings, notes=notes, temperatures=temperatures)
 
 
 def _refused(statement: str) -> Diagnosis:
@@ -746,15 +727,12 @@ def check_effects(
     notes = []
     effects = plant.library.effects
     few = plant.limited(plant.records[: Limit.max_checked_records])
-    plain = few.simulate(values) if ids else []
     for name in ids:
         if name not in effects:
             library = plant.library
             why = library.hidden.get(name) or library.declared.get(name, "")
             notes.append(f"Effect {name!r} is not looked for: {why}.")
-        elif not _check(effects[name], few, values, plain) and not _check(
-            effects[name], plant, values, plant.simulate(values)
-        ):
+        elif not any(_check(effects[name], each, values) for each in (few, plant)):
             notes.append(
                 f"Effect {name!r} changes nothing in these data; it takes "
                 f"{EFFECTS[name].required_excitation}."
@@ -762,17 +740,27 @@ def check_effects(
     return tuple(notes)
 
 
-def _check(
-    effect: Effect,
-    plant: SimulatedRig,
-    values: Mapping[str, float],
-    plain: Sequence[FloatArray],
-) -> bool:
+def _check(effect: Effect, plant: SimulatedRig, values: Mapping[str, float]) -> bool:
     """Check one effect; return whether a typical size changes a torque."""
-    shows = False
+    shows, plain = False, plant.simulate(values)
     least = Limit.rounding * float(
         np.linalg.norm(np.concatenate([p.ravel() for p in plain]))
     )
+
+    def changes(given: Mapping[str, float]) -> list[FloatArray]:
+        """Return the change of the torques of each record [N m]."""
+        with_it = plant.simulate(given, (effect.id,))
+        for record, after in zip(plant.records, with_it, strict=True):
+            if not np.isfinite(after).all():
+                raise EffectError(
+                    f"effect {effect.id!r} makes a torque that is not finite in trial "
+                    f"{record.trial}"
+                )
+        return [
+            (after - before).ravel()
+            for before, after in zip(plain, with_it, strict=True)
+        ]
+
     for start in effect.starts:
         sizes = [p for p in effect.parameters if p.linear]
         off = {**values, **start, **{p.name: 0.0 for p in sizes}}
@@ -790,55 +778,30 @@ def _check(
             full = start[parameter.name]
             # At 0 itself the kernel may change from one way of solving to another.
             first, second, whole = (
-                _change(effect, plant, plain, {**off, parameter.name: share * full})
+                np.concatenate(changes({**off, parameter.name: share * full}))
                 for share in (Limit.small_share, 2.0 * Limit.small_share, 1.0)
             )
             small = float(np.linalg.norm(second - first)) / Limit.small_share
             large = float(np.linalg.norm(whole - first))
             shows |= large > least and parameter.size
-            if parameter.size and large > least:
-                _require_slope(effect, parameter.name, small / large)
+            if not (parameter.size and large > least):
+                continue
+            if not 0.01 <= (ratio := small / large) <= Limit.max_slope_ratio:
+                what = "infinite" if ratio > 1.0 else "0"
+                advice = "its root" if ratio < 1.0 else "a power of it"
+                raise EffectError(
+                    f"effect {effect.id!r}: the derivative of the torques with respect "
+                    f"to {parameter.name!r} is {what} where that is 0, so no fit finds "
+                    f"it; use {advice} as the size, so that the change begins in "
+                    "proportion to it"
+                )
     return shows
 
 
-def _change(
-    effect: Effect,
-    plant: SimulatedRig,
-    plain: Sequence[FloatArray],
-    values: Mapping[str, float],
-) -> FloatArray:
-    """Return the change of all torques by an effect [N m]."""
-    changes = []
-    for record, before, after in zip(
-        plant.records, plain, plant.simulate(values, (effect.id,)), strict=True
-    ):
-        if not np.isfinite(after).all():
-            raise EffectError(
-                f"effect {effect.id!r} makes a torque that is not finite in trial "
-                f"{record.trial}"
-            )
-        changes.append((after - before).ravel())
-    return np.concatenate(changes)
-
-
-def _require_slope(effect: Effect, name: str, ratio: float) -> None:
-    """Refuse a size whose derivative at 0 is infinite or 0."""
-    if 0.01 <= ratio <= Limit.max_slope_ratio:
-        return
-    what = "infinite" if ratio > 1.0 else "0"
-    advice = "its root" if ratio < 1.0 else "a power of it"
-    raise EffectError(
-        f"effect {effect.id!r}: the derivative of the torques with respect to "
-        f"{name!r} is {what} where that is 0, so no fit finds it; use {advice} as the "
-        "size, so that the change begins in proportion to it"
-    )
-
-
-_NO_VALUES: Values = {}
-
-
 def unit_or_sign_error(
-    plant: SimulatedRig, start: SimulatedRig | None = None, values: Values = _NO_VALUES
+    plant: SimulatedRig,
+    start: SimulatedRig | None = None,
+    values: Values = MappingProxyType({}),
 ) -> str:
     """Return in what the torques contradict this scene by unit or sign, or "".
 
@@ -856,14 +819,19 @@ def unit_or_sign_error(
             continue
         measured, simulated = _torque_pairs(plant, played, row)
         times = _torque_factor(measured, simulated)
-        if better is not None and _other_values_explain(
-            measured, simulated, times, _torque_pairs(plant, better, row)[1]
-        ):
-            continue
-        alone = len(plant.bench.cables) == 1
-        if (alone and _would_push(measured, simulated)) or (
-            times is not None and _is_near_one(-times)
-        ):
+        if better is not None:
+            scaled = [(times or 0.0) * torque for torque in simulated]
+            _, other_values = _torque_pairs(plant, better, row)
+            left = _residual_square(measured, other_values)
+            most = Limit.alternative_error_ratio * _residual_square(measured, scaled)
+            if left < most:  # other values explain it better than another unit
+                continue
+        pushes = False
+        if len(plant.bench.cables) == 1 and measured:
+            side = float(np.sign(np.concatenate(simulated).sum()))
+            against = side * np.concatenate(measured) < 0.0
+            pushes = bool(np.mean(against) > Limit.push_share)
+        if pushes or (times is not None and _is_near_one(-times)):
             contradictions.append(f"the {channel_name(name)} is the negative of")
         elif times is None:
             continue
@@ -883,19 +851,6 @@ def unit_or_sign_error(
         f"tuned{guess}. Declare unit or sign of the columns in dataset.toml, or put "
         "pretension, friction and pulleys of the scene right."
     )
-
-
-def _other_values_explain(
-    measured: Sequence[FloatArray],
-    simulated: Sequence[FloatArray],
-    times: float | None,
-    better: Sequence[FloatArray],
-) -> bool:
-    """Return whether other values explain a torque better than the scene in a unit."""
-    scaled = [(times or 0.0) * torque for torque in simulated]
-    return _residual_square(
-        measured, better
-    ) < Limit.alternative_error_ratio * _residual_square(measured, scaled)
 
 
 def _residual_square(
@@ -937,15 +892,6 @@ def _torque_factor(
     return math.copysign(
         math.sqrt(float(one @ one) / float(other @ other)), float(one @ other)
     )
-
-
-def _would_push(
-    measured: Sequence[FloatArray], simulated: Sequence[FloatArray]
-) -> bool:
-    if not measured:
-        return False
-    side = float(np.sign(np.concatenate(simulated).sum()))
-    return bool(np.mean(side * np.concatenate(measured) < 0.0) > Limit.push_share)
 
 
 def _is_near_one(times: float) -> bool:

@@ -98,26 +98,16 @@ def doubtful_effects(
         contrast = np.linalg.solve(part, size).astype(np.float64)
         square = float(size @ contrast)
         count = len(index) + len(shape)
-        known = _effective_freedom(contrast, np.diag(part), freedom[index])
+        # Freedom of a sum of sizes with these weights (Satterthwaite, see above).
+        shares = contrast**2 * np.diag(part)
+        total, known = float(np.sum(shares)), MAX_FREEDOM
+        if total > 0.0:
+            spread = max(float(np.sum(shares**2 / freedom[index])), 1e-300)
+            known = min(total**2 / spread, MAX_FREEDOM)
         found[name] = square / (
             count * float(fdtri(count, known, Limit.nonzero_confidence))
         )
     return [name for name, evidence in found.items() if evidence < 1.0]
-
-
-def _effective_freedom(
-    contrast: FloatArray, variance: FloatArray, freedom: FloatArray
-) -> float:
-    """Return the degrees of freedom of a sum of sizes with these weights.
-
-    F. Satterthwaite, Biometrics Bulletin 2, 1946.
-    """
-    shares = contrast**2 * variance
-    total = float(np.sum(shares))
-    if not total > 0.0:
-        return MAX_FREEDOM
-    found = total**2 / max(float(np.sum(shares**2 / freedom)), 1e-300)
-    return min(found, MAX_FREEDOM)
 
 
 def is_ordinary(problem: Problem, x: FloatArray, name: str) -> bool:

@@ -61,6 +61,8 @@ def noise_floor(
     seed: int = 0,
 ) -> NoiseFloor:
     """Return the noise in both torques of every record, through the simulated rig."""
+    from scipy.ndimage import maximum_filter1d, uniform_filter1d
+
     random, other = np.random.default_rng(seed), np.random.default_rng((seed, 1))
     noise = {n: dataset.noise.get(n, _NO_NOISE) for n in (MOTOR_ANGLE, JOINT_ANGLE)}
     clean = plant.simulate(values, effects)
@@ -98,12 +100,15 @@ def noise_floor(
     bases = [_cell_noise(base, record, dataset, filtering) for record in plant.records]
     alone = [total + own for total, own in zip(plain, bases, strict=True)]
     short = _unexplained(plant, clean, alone)
+    tolerance = []
+    for total, record, base in zip(wide, plant.records, bases, strict=True):
+        # The highest local mean nearby counts, because spikes shift in time.
+        size = max(3, round(Limit.smoothing_time / record.dt))
+        mean = uniform_filter1d(total, size, axis=1)
+        tolerance.append(np.sqrt(maximum_filter1d(mean, size, axis=1) + base))
     return NoiseFloor(
         tuple(np.sqrt(each + short[:, None]) for each in alone),
-        tuple(
-            np.sqrt(_highest_local_mean(total, record.dt) + own)
-            for total, record, own in zip(wide, plant.records, bases, strict=True)
-        ),
+        tuple(tolerance),
         np.sqrt(short)[:, None],
     )
 
@@ -185,16 +190,6 @@ def _residual_trial(
     )
 
 
-def _highest_local_mean(square: FloatArray, dt: float) -> FloatArray:
-    """Return the highest local mean nearby, because spikes shift in time."""
-    from scipy.ndimage import maximum_filter1d, uniform_filter1d
-
-    size = max(3, round(Limit.smoothing_time / dt))
-    mean: FloatArray = uniform_filter1d(square, size, axis=1)
-    found: FloatArray = maximum_filter1d(mean, size, axis=1)
-    return found
-
-
 def likely(record: Record, filtering: Filtering) -> Record:
     """Return the record along a likely motion behind its reading."""
     motor, joint = (
@@ -233,70 +228,47 @@ def resample_angles(
     filtering: Filtering,
     random: np.random.Generator,
 ) -> Record:
-    """Return the record as it might be read another time."""
-    angles = (record.motor_angle, record.joint_angle)
-    read = [
-        _read_again(record, angle, noise[name], width, filtering, random)
-        for angle, name, width in zip(
-            angles, (MOTOR_ANGLE, JOINT_ANGLE), filtering.still, strict=True
-        )
-    ]
-    return replace(record, motor_angle=read[0], joint_angle=read[1])
-
-
-def _read_again(
-    record: Record,
-    angle: FloatArray,
-    noise: Noise,
-    width: float,
-    filtering: Filtering,
-    random: np.random.Generator,
-) -> FloatArray:
-    """Return an angle read again with the same noise and shifted digits.
+    """Return the record as it might be read another time, with shifted digits.
 
     Rounding is no white noise: at rest and in slow creep the angle wanders inside a
     digit, and no filter takes that out.
     """
-    if noise.deviation == 0.0:
-        return angle
+    angles = [record.motor_angle, record.joint_angle]
     thin = round(record.dt / record.step)
-    size = (angle.size - 1) * thin + 1
-    read = np.interp(np.arange(size) / thin, np.arange(angle.size), angle)
-    digit = noise.resolution
-    white = max(noise.deviation**2 - digit**2 / 12.0, 0.0)
-    read += math.sqrt(white) * random.normal(size=size)
-    if digit > 0.0:
-        first = random.uniform(0.0, digit)
-        read = first + digit * np.round((read - first) / digit)
-        read = reconstruct_angle(read, noise)
-    smooth = low_pass(read, filtering.motion_band, 1.0 / record.step)[::thin]
-    return play_filter(smooth, width)
+    for k, name in enumerate((MOTOR_ANGLE, JOINT_ANGLE)):
+        angle, own = angles[k], noise[name]
+        if own.deviation == 0.0:
+            continue
+        size = (angle.size - 1) * thin + 1
+        read = np.interp(np.arange(size) / thin, np.arange(angle.size), angle)
+        digit = own.resolution
+        white = max(own.deviation**2 - digit**2 / 12.0, 0.0)
+        read += math.sqrt(white) * random.normal(size=size)
+        if digit > 0.0:
+            first = random.uniform(0.0, digit)
+            read = first + digit * np.round((read - first) / digit)
+            read = reconstruct_angle(read, own)
+        smooth = low_pass(read, filtering.motion_band, 1.0 / record.step)[::thin]
+        angles[k] = play_filter(smooth, filtering.still[k])
+    return replace(record, motor_angle=angles[0], joint_angle=angles[1])
 
 
 def unsettled(
     record: Record, filtering: Filtering, random: np.random.Generator
 ) -> Record:
     """Return the record with movements that are too small to be seen."""
-    motor, joint = (
-        angle + _unseen(angle, width, random)
-        for angle, width in zip(
-            (record.motor_angle, record.joint_angle), filtering.still, strict=True
-        )
-    )
-    return replace(record, motor_angle=motor, joint_angle=joint)
-
-
-def _unseen(angle: FloatArray, width: float, random: np.random.Generator) -> FloatArray:
-    """Return a movement that may have happened where the angle seemed to stand still.
-
-    The play filter limits it: a servo that integrates, or a hand that lets go, creeps
-    to the end of it.
-    """
-    moved = np.zeros(angle.size)
-    edges = np.flatnonzero(np.diff(angle) != 0.0)
-    for first, last in pairwise([-1, *edges.tolist(), angle.size - 1]):
-        size = last - first
-        if size > 2:
-            bump = np.sin(np.pi * np.arange(1, size + 1) / (size + 1))
-            moved[first + 1 : last + 1] = random.uniform(-width, width) * bump
-    return moved
+    angles = []
+    for angle, width in zip(
+        (record.motor_angle, record.joint_angle), filtering.still, strict=True
+    ):
+        # The play filter limits such a movement: a servo that integrates, or a hand
+        # that lets go, creeps to the end of it.
+        moved = np.zeros(angle.size)
+        edges = np.flatnonzero(np.diff(angle) != 0.0)
+        for first, last in pairwise([-1, *edges.tolist(), angle.size - 1]):
+            size = last - first
+            if size > 2:
+                bump = np.sin(np.pi * np.arange(1, size + 1) / (size + 1))
+                moved[first + 1 : last + 1] = random.uniform(-width, width) * bump
+        angles.append(angle + moved)
+    return replace(record, motor_angle=angles[0], joint_angle=angles[1])

@@ -96,7 +96,11 @@ class TorqueDerivatives:
 
         `torques` are those of these records at the place `x`, (2, samples) each [N m].
         """
-        steps = [_step(p, place) for p, place in zip(problem.tuned, x, strict=True)]
+        steps = []  # changes for differences, within the parameters' bounds
+        for tuned, place in zip(problem.tuned, x, strict=True):
+            usual = FACTOR_STEP if tuned.factor else 0.05
+            step = _PARAMETER_STEPS.get(base_name(tuned.name), usual)
+            steps.append(-step if place + step > tuned.high else step)
         inner = self._inner = self._inner or _need_replays(problem, x, steps)
         records = [problem.plant.records[k] for k in seen]
 
@@ -172,54 +176,39 @@ def jacobian(
 ) -> FloatArray:
     """Compute the derivative of `Problem.residual` (residuals, parameters).
 
-    If `explained`, as if the model explained the data, see `plain_residual_slopes`.
+    If `explained`, as if the model explained the data, see `residual_slopes`.
     """
     seen = [k for k, mask in enumerate(masks) if mask.any()]
     priors = np.diag([-1.0 / p.prior for p in problem.tuned])
     priors = priors[:, [np.isfinite(p.prior) for p in problem.tuned]]
     torques = problem.torques(x, seen)
     slopes = problem.slopes.of(problem, x, seen, torques)
-    steep = (
-        plain_residual_slopes(problem, masks)
-        if explained
-        else residual_slopes(problem, torques, masks)
-    )
+    steep = residual_slopes(problem, None if explained else torques, masks)
     rows = residual_changes(steep, slopes)
     return np.concatenate([rows, priors], axis=1).T
 
 
 def residual_slopes(
-    problem: Problem, torques: Sequence[FloatArray], masks: Masks
+    problem: Problem, torques: Sequence[FloatArray] | None, masks: Masks
 ) -> list[tuple[FloatArray, NDArray[np.bool_]]]:
     """Return changes of residuals (2, samples) per torque [1/N m], and counted samples.
 
-    They are of every record with such samples, of which `torques` are given.
+    They are of every record with such samples, of which `torques` are given; without
+    them no error counts as large, so that no sample loses weight.
     """
     seen = [k for k, mask in enumerate(masks) if mask.any()]
+    delta = Limit.huber_delta
     found = []
-    for k, torque in zip(seen, torques, strict=True):
-        size = np.abs(problem.plant.records[k].measured - torque) / problem.floor[k]
-        root = np.sqrt(
-            np.maximum(
-                2.0 * Limit.huber_delta * size - Limit.huber_delta**2,
-                Limit.huber_delta**2,
-            )
-        )
-        slope = np.where(size <= Limit.huber_delta, 1.0, Limit.huber_delta / root)
+    for place, k in enumerate(seen):
+        slope: FloatArray | float = 1.0
+        if torques is not None:
+            error = problem.plant.records[k].measured - torques[place]
+            size = np.abs(error) / problem.floor[k]
+            root = np.sqrt(np.maximum(2.0 * delta * size - delta**2, delta**2))
+            slope = np.where(size <= delta, 1.0, delta / root)
         steep = -problem.weight * slope / problem.floor[k]
         found.append((steep[:, masks[k]], masks[k]))
     return found
-
-
-def plain_residual_slopes(
-    problem: Problem, masks: Masks
-) -> list[tuple[FloatArray, NDArray[np.bool_]]]:
-    """Return `residual_slopes` where no error is large, so that every sample counts."""
-    return [
-        (-problem.weight / floor[:, mask], mask)
-        for floor, mask in zip(problem.floor, masks, strict=True)
-        if mask.any()
-    ]
 
 
 def residual_changes(
@@ -261,14 +250,6 @@ def _need_replays(
         here != settings(x + step * (np.arange(x.size) == k))
         for k, step in enumerate(steps)
     ]
-
-
-def _step(parameter: Tuned, place: float) -> float:
-    """Return the change for differences of torques, within the parameter's bounds."""
-    step = _PARAMETER_STEPS.get(
-        base_name(parameter.name), FACTOR_STEP if parameter.factor else 0.05
-    )
-    return -step if place + step > parameter.high else step
 
 
 Masks = Sequence[NDArray[np.bool_]]
@@ -366,14 +347,6 @@ class Problem:
         """
         problem = self.with_inflated_noise(x, masks)
         return replace(problem, weight=independence_weight(problem.errors(x), masks))
-
-    def simulated_by(self, plant: SimulatedRig) -> Problem:
-        """Return the problem with another plant of the same records.
-
-        It begins with the derivatives of this one, which hardly depend on the
-        resolution of the simulation.
-        """
-        return replace(self, plant=plant, slopes=TorqueDerivatives(self.slopes))
 
     def sharing(self, known: Sequence[Problem]) -> Problem:
         """Return the problem with derivatives of the last known one of its kind.
@@ -482,10 +455,8 @@ class Problem:
 
         They are NaN in records of which no sample is set, where masks are given.
         """
-        if masks is None:
-            return [huber_residual(error) for error in self.plainly(x)]
         found = [np.full(floor.shape, np.nan) for floor in self.floor]
-        seen = [k for k, mask in enumerate(masks) if mask.any()]
+        seen = [k for k in range(len(found)) if masks is None or masks[k].any()]
         for k, error in zip(seen, self.plainly(x, seen), strict=True):
             found[k] = huber_residual(error)
         return found
@@ -534,11 +505,9 @@ def huber_residual(error: FloatArray) -> FloatArray:
 
     A few large errors must not dominate the fit.
     """
-    size = np.abs(error)
-    root = np.sqrt(
-        np.maximum(2.0 * Limit.huber_delta * size - Limit.huber_delta**2, 0.0)
-    )
-    return np.where(size <= Limit.huber_delta, error, np.sign(error) * root)
+    size, delta = np.abs(error), Limit.huber_delta
+    root = np.sqrt(np.maximum(2.0 * delta * size - delta**2, 0.0))
+    return np.where(size <= delta, error, np.sign(error) * root)
 
 
 def plain_error(residual: FloatArray) -> FloatArray:
@@ -575,47 +544,29 @@ def fit(
     start: FloatArray,
     masks: Masks,
     evaluations: int = Limit.fitting_max_evaluations,
+    tolerance: float = Limit.relative_tolerance,
 ) -> Fit:
     """Fit least squares within bounds from a start.
 
-    Where the rig is simulated finely, corrected coarse simulations are fitted.
+    Where the rig is simulated finely, `Problem.corrected` is fitted until the fine
+    simulation confirms its end.
 
     Args:
         problem: model and records.
         start: place of the parameters.
         masks: samples that take part.
         evaluations: most of them.
+        tolerance: relative change of the cost at which the fit ends.
     """
     if problem.coarse is problem:
-        return _descend(problem, start, masks, evaluations)
-    return _descend_coarsely(problem, start, masks, evaluations)
-
-
-def _descend(
-    problem: Problem,
-    start: FloatArray,
-    masks: Masks,
-    evaluations: int,
-    tolerance: float = Limit.relative_tolerance,
-) -> Fit:
-    return least_squares.fit(
-        lambda x: problem.residual(x, masks),
-        lambda x: jacobian(problem, x, masks),
-        problem.tuned,
-        start,
-        tolerance=tolerance,
-        evaluations=evaluations,
-    )
-
-
-def _descend_coarsely(
-    problem: Problem,
-    start: FloatArray,
-    masks: Masks,
-    evaluations: int,
-    tolerance: float = Limit.relative_tolerance,
-) -> Fit:
-    """Fit `Problem.corrected` until the fine simulation confirms its end."""
+        return least_squares.fit(
+            lambda x: problem.residual(x, masks),
+            lambda x: jacobian(problem, x, masks),
+            problem.tuned,
+            start,
+            tolerance=tolerance,
+            evaluations=evaluations,
+        )
     low, high = (
         np.array([getattr(p, side) for p in problem.tuned]) for side in ("low", "high")
     )
@@ -624,7 +575,7 @@ def _descend_coarsely(
     cost = _cost(problem, x, masks)
     for _ in range(Limit.max_corrections):
         rough = problem.corrected(x, seen)
-        there = _descend(rough, x, masks, evaluations, tolerance).x
+        there = fit(rough, x, masks, evaluations, tolerance).x
         gain = cost - _cost(problem, there, masks)
         if gain > 0.0:
             x, cost = there, cost - gain
@@ -649,9 +600,7 @@ def fit_until_settled(problem: Problem, start: FloatArray, masks: Masks) -> Fit:
         Limit.relative_tolerance,
         Limit.cost_tolerance / max(found.cost, Limit.cost_tolerance),
     )
-    coarsely = problem.coarse is not problem
-    descend = _descend_coarsely if coarsely else _descend
-    return descend(problem, found.x, masks, Limit.fitting_max_evaluations, tolerance)
+    return fit(problem, found.x, masks, tolerance=tolerance)
 
 
 BOOTSTRAP_BLOCK = 1.0
@@ -677,20 +626,14 @@ def interleaved_folds(records: Sequence[Record]) -> tuple[Fold, ...]:
     Both halves see every trial, so that no result depends on which half holds, say, the
     only trial with slack. Trials that the dataset reserves for tests are left out.
     """
-    free = [record.free for record in records]
-    odd = [_odd_pieces(counts) for counts in free]
-    one = tuple(counts & ~half for counts, half in zip(free, odd, strict=True))
-    other = tuple(counts & half for counts, half in zip(free, odd, strict=True))
+    halves = []
+    for record in records:
+        counts = record.free
+        place = np.cumsum(counts) / max(int(np.sum(counts)), 1)
+        piece = (place * Limit.record_pieces * (1.0 - 1e-9)).astype(int)
+        halves.append((counts & (piece % 2 == 0), counts & (piece % 2 == 1)))
+    one, other = (tuple(half) for half in zip(*halves, strict=True))
     return (Fold(one, other), Fold(other, one))
-
-
-def _odd_pieces(counts: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return the second, fourth, ... piece of the samples that count."""
-    place = np.cumsum(counts) / max(int(np.sum(counts)), 1)
-    found: NDArray[np.bool_] = (place * Limit.record_pieces * (1.0 - 1e-9)).astype(
-        int
-    ) % 2 == 1
-    return found
 
 
 def trial_folds(records: Sequence[Record]) -> tuple[Fold, ...]:

@@ -25,7 +25,6 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cc_mujoco.diagnosis._fit.intervals import amplitude_indices
 from cc_mujoco.diagnosis._fit.problem import (
@@ -160,24 +159,16 @@ def exchanged_torques(problem: Problem, x: FloatArray) -> str:
         and not (records[own[0]].unhooked or records[own[0]].load_cell)
     }
 
-    def by_exchange(at: FloatArray, name: str) -> tuple[float, float]:
-        own = places[name]
-        plant = problem.plant
-        shown = plant.simulate(problem.values(at), problem.effects, own)
-        found = []
-        for order in (slice(None), slice(None, None, -1)):
-            pairs = zip(own, shown, strict=True)
-            errors = [records[k].measured[order] - torque for k, torque in pairs]
-            found.append(_misfit(problem, own, errors))
-        return found[0], found[1]
-
     def suspicious(at: FloatArray, least: float, share: float) -> tuple[str, ...]:
-        sizes = {name: by_exchange(at, name) for name in places}
-        return tuple(
-            name
-            for name, (off, exchanged) in sizes.items()
-            if off > least and exchanged < share * off
-        )
+        found = []
+        for name, own in places.items():
+            shown = problem.torques(at, own)
+            pairs = [(records[k].measured, t) for k, t in zip(own, shown, strict=True)]
+            off = _misfit(problem, own, [read - torque for read, torque in pairs])
+            swapped = [read[::-1] - torque for read, torque in pairs]
+            if off > least and _misfit(problem, own, swapped) < share * off:
+                found.append(name)
+        return tuple(found)
 
     names = suspicious(x, Limit.outlier_floor_ratio, 0.5)
     if not names or 2 * len(names) > len(places):
@@ -384,10 +375,11 @@ def _record_indices(problem: Problem) -> dict[str, list[int]]:
 
 def _errors(problem: Problem, x: FloatArray) -> list[FloatArray]:
     """Return the errors, measured minus simulated (2, samples) of each record [N m]."""
-    played = problem.plant.simulate(problem.values(x), problem.effects)
     return [
         record.measured - torque
-        for torque, record in zip(played, problem.plant.records, strict=True)
+        for torque, record in zip(
+            problem.torques(x), problem.plant.records, strict=True
+        )
     ]
 
 
@@ -395,9 +387,8 @@ def _rms(
     problem: Problem, places: Sequence[int], errors: Sequence[FloatArray]
 ) -> dict[str, float]:
     """Return each channel's RMS error, weighted by 1 / floor^2 [N m]."""
-    weights = [
-        _counted_samples(problem, k) / np.square(problem.floor[k]) for k in places
-    ]
+    records = problem.plant.records
+    weights = [records[k].counts / np.square(problem.floor[k]) for k in places]
     squares = [
         (w * error**2).sum(axis=1) for w, error in zip(weights, errors, strict=True)
     ]
@@ -413,7 +404,7 @@ def _misfit(
 
     def mean_square(parts: Sequence[FloatArray]) -> float:
         kept = [
-            part[:, _counted_samples(problem, k)].ravel()
+            part[:, problem.plant.records[k].counts].ravel()
             for k, part in zip(places, parts, strict=True)
         ]
         return float(np.mean(np.concatenate(kept) ** 2))
@@ -423,10 +414,6 @@ def _misfit(
     sensed = problem.sensed
     noise = [sensed[k] / f for k, f in zip(places, floor, strict=True)]
     return math.sqrt(mean_square(off) / mean_square(noise))
-
-
-def _counted_samples(problem: Problem, place: int) -> NDArray[np.bool_]:
-    return problem.plant.records[place].counts
 
 
 VARIED_PARAMETERS = (
@@ -599,9 +586,8 @@ class _ByTrial:
     def fitted(self, index: int) -> TrialConstants:
         shared = self._x.size - 1
         place = np.zeros(shared + len(self.trials))
-        torques, error = self._torques, self._error
+        torques, error, slopes = self._torques, self._error, self._jacobian
         best = self._cost(error, place, index)
-        slopes = self._jacobian
         proposed = self._solve(self._design(slopes, index), error, place, index)
         for _ in range(4):
             design = self._design(slopes, index)
@@ -812,9 +798,7 @@ def describe_trial_constants(
         _relative_value(best, change, error)
         for change, error in zip(best.change, best.error, strict=True)
     ]
-    table = [
-        f"{trial} {value}" for trial, value in zip(best.trials, values, strict=True)
-    ]
+    table = [f"{t} {value}" for t, value in zip(best.trials, values, strict=True)]
     if len(table) > 12:
         table = [*table[:3], "...", *table[-3:]]
     unit = f"{best.parameter.unit} from the mean"
@@ -895,10 +879,17 @@ def compare_occasions(
     if len(names) < 2:
         return None
     changes = _changes(problem, names, estimated)
-    recent = [each for each in changes if each.until == names[-1]]
-    return Occasions(
-        names, tuple(changes), tuple(_sizes(problem, x)), _statement(recent, names)
-    )
+    sizes = []
+    for effect in problem.effects:
+        indices = [
+            k
+            for k in amplitude_indices(problem, [effect])
+            if abs(x[k]) > Limit.absent  # others are at a bound
+        ]
+        for each in constants_by_occasion(problem, x, indices):
+            shared = each.parameter.value(float(x[problem.tuned.index(each.parameter)]))
+            sizes.append(compare_size(effect, each, shared))
+    return Occasions(names, tuple(changes), tuple(sizes), _statement(changes, names))
 
 
 def agreement_shares(compared: Occasions) -> dict[str, float]:
@@ -974,19 +965,6 @@ def _statement(recent: Sequence[OccasionChange], names: Sequence[str]) -> str:
     if not changed:
         return f"{start}nothing that these data show; {list_words(same)}."
     return f"{start}{list_words(changed + same)}."
-
-
-def _sizes(problem: Problem, x: FloatArray) -> list[OccasionSize]:
-    found = []
-    for effect in problem.effects:
-        sizes = amplitude_indices(problem, [effect])
-        indices = [
-            k for k in sizes if abs(x[k]) > Limit.absent
-        ]  # others are at a bound
-        for each in constants_by_occasion(problem, x, indices):
-            shared = each.parameter.value(float(x[problem.tuned.index(each.parameter)]))
-            found.append(compare_size(effect, each, shared))
-    return found
 
 
 def compare_size(effect: str, found: TrialConstants, shared: float) -> OccasionSize:

@@ -265,7 +265,7 @@ def fit_loss(
         if settling == before:
             break
         before = settling
-        settling = _settling(_Profile.of(strokes, best, usual), usual)
+        settling = _Profile.of(strokes, best, usual).settling(usual)
     random = np.random.default_rng(seed)
     signs = np.array([each.sign for each in blocks])
     weights = np.zeros((_DRAWS, len(blocks)))
@@ -286,10 +286,9 @@ def fit_loss(
     for name in ("drag", "rotor_inertia"):
         if name in values and values[name].ci95[0] <= 0.0:
             del values[name]
-    ones = np.ones((1, len(blocks)))
     by_scene = [b._replace(torque=scene.torque(b.ideal, b.sign)) for b in blocks]
     expected = _Law.of(by_scene, 0.0)
-    stated = _derived(expected.solve(ones), expected)
+    stated = _derived(expected.solve(np.ones((1, len(blocks)))), expected)
     breakaway_at = math.nan
     slides = values.get("load_independent_loss"), values.get("friction_exponent")
     if all(slides) and any(each.ci95[0] > 0.0 for each in slides if each):
@@ -422,8 +421,7 @@ class _Profile(NamedTuple):
     @classmethod
     def of(cls, strokes: Sequence[Stroke], found: FloatArray, usual: float) -> _Profile:
         edges = np.append(0.0, np.geomspace(0.01 * usual, usual, _TRAVEL_BINS))
-        excess: list[FloatArray] = []
-        sliding: list[FloatArray] = []
+        sums = []
         law = np.nan_to_num(found)
         gain = math.sqrt(law[DRIVING] * law[DRIVEN])
         zero = 0.5 * (law[NEGATIVE] - law[POSITIVE])
@@ -437,13 +435,12 @@ class _Profile(NamedTuple):
             loss = each.sign * (lossless - columns @ law)
             bins = np.searchsorted(edges, each.travel, side="right") - 1
             inside = (bins >= 0) & (bins < _TRAVEL_BINS)
-            for values, sums in ((more, excess), (loss, sliding)):
-                found_sums = np.bincount(bins[inside], values[inside], _TRAVEL_BINS)
-                sums.append(found_sums.astype(np.float64))
-        more_by_bin, loss_by_bin = (
-            np.array(sums).reshape(-1, _TRAVEL_BINS) for sums in (excess, sliding)
-        )
-        return cls(edges, more_by_bin, loss_by_bin)
+            sums += [
+                np.bincount(bins[inside], values[inside], _TRAVEL_BINS)
+                for values in (more, loss)
+            ]
+        table = np.array(sums, dtype=np.float64).reshape(-1, _TRAVEL_BINS)
+        return cls(edges, table[0::2], table[1::2])
 
     def ratio(self) -> tuple[FloatArray, FloatArray]:
         """Return the relative excess by bin, NaN if empty, and its standard error."""
@@ -456,17 +453,16 @@ class _Profile(NamedTuple):
         ratio[used < 3] = np.nan
         return ratio, error
 
-
-def _settling(profile: _Profile, usual: float) -> float:
-    """Return the travel from which three bins in a row show the loss of sliding."""
-    if not len(profile.excess):
-        return 0.3 * usual
-    ratio, error = profile.ratio()
-    settled = np.abs(ratio) < np.maximum(Limit.settled, 2.0 * error)
-    for place in range(_TRAVEL_BINS - 2):
-        if settled[place : place + 3].all():
-            return Limit.settling_margin * float(profile.edges[place])
-    return usual
+    def settling(self, usual: float) -> float:
+        """Return the travel from which three bins in a row show the loss of sliding."""
+        if not len(self.excess):
+            return 0.3 * usual
+        ratio, error = self.ratio()
+        settled = np.abs(ratio) < np.maximum(Limit.settled, 2.0 * error)
+        for place in range(_TRAVEL_BINS - 2):
+            if settled[place : place + 3].all():
+                return Limit.settling_margin * float(self.edges[place])
+        return usual
 
 
 def _breakaway(
@@ -756,7 +752,18 @@ def _statement(
     if (drag := values.get("drag")) is not None:
         text.append(f"With speed the loss grows by {_with_interval(drag)} N m s/rad.")
     if (excess := values.get("breakaway_excess")) is not None:
-        text.append(_breakaway_sentence(excess, found))
+        settles = (
+            f"from {format_number(found.settling)} rad after a reversal the loss is "
+            "steady"
+        )
+        if excess.ci95[0] <= Limit.min_excess:
+            text.append(f"No break-away loss is seen; {settles}.")
+        else:
+            text.append(
+                f"{format_number(found.breakaway_at)} rad after a reversal it is "
+                f"larger than while sliding by {_with_interval(excess)} of it; "
+                f"{settles}."
+            )
     if pair:
         text.append(
             "In a pair of taut cables pretension turns friction into a loss that does "
@@ -767,18 +774,6 @@ def _statement(
     if after > Limit.max_explained_error:
         text.append("Something else acts as well.")
     return " ".join(text)
-
-
-def _breakaway_sentence(excess: Estimate, found: LossFit) -> str:
-    settles = (
-        f"from {format_number(found.settling)} rad after a reversal the loss is steady"
-    )
-    if excess.ci95[0] <= Limit.min_excess:
-        return f"No break-away loss is seen; {settles}."
-    return (
-        f"{format_number(found.breakaway_at)} rad after a reversal it is larger than "
-        f"while sliding by {_with_interval(excess)} of it; {settles}."
-    )
 
 
 def _with_interval(value: Estimate) -> str:

@@ -310,10 +310,8 @@ def _errors(stretches: Sequence[_Stretch], values: Sequence[float]) -> list[Floa
         errors.append((own.joint - (1.0 + change) * followed)[own.counts])
     found = []
     for own, error in zip(stretches, errors, strict=True):
-        own_errors = [
-            e for s, e in zip(stretches, errors, strict=True) if s.trial == own.trial
-        ]
-        whole = np.concatenate(own_errors)
+        pairs = zip(stretches, errors, strict=True)
+        whole = np.concatenate([e for s, e in pairs if s.trial == own.trial])
         found.append(error - whole.mean() if whole.size else error)
     return found
 

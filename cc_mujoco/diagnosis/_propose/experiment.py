@@ -151,13 +151,24 @@ def motions(
         found: FloatArray = 0.5 * (motor - motor.min())
         return found
 
+    def play(
+        words: str,
+        motor: FloatArray,
+        joint: FloatArray | None = None,
+        pretension: float = 1.0,
+        **more: Any,
+    ) -> CataloguedTrial:
+        """Return a trial about the middle, whose joint goes along or has a motion."""
+        along = free(motor) if joint is None else joint
+        return CataloguedTrial(
+            words, motor_middle + motor, joint_middle + along, pretension, **more
+        )
+
     if load is not None:
         stiffness = len(bench.cables) * cable.axial_stiffness / cable.length
         kept = 1.0 / (1.0 + load / (stiffness * bench.joint_radius**2))
-        found = [
-            CataloguedTrial(
-                f"joint turning its load, {how}", each, free(kept * each), share
-            )
+        return [
+            play(f"joint turning its load, {how}", each, free(kept * each), share)
             for how, each, share in (
                 ("triangles at five speeds", ladder, 1.0),
                 ("chirp from 0.1 to 3 Hz", chirp, 1.0),
@@ -166,18 +177,6 @@ def motions(
                 ("slow triangle over the whole range, pretension halved", sweep, 0.5),
             )
         ]
-        return [_centre_motion(each, motor_middle, joint_middle) for each in found]
-
-    def play(
-        words: str,
-        motor: FloatArray,
-        joint: FloatArray | None = None,
-        pretension: float = 1.0,
-        **more: Any,
-    ) -> CataloguedTrial:
-        """Return a trial whose joint goes along unless it has its own motion."""
-        along = free(motor) if joint is None else joint
-        return CataloguedTrial(words, motor, along, pretension, **more)
 
     turned = "the rig turned by 90 degrees about the joint's axis"
     unhooked = "cables off, motor and joint each turned slowly over the whole range"
@@ -302,15 +301,12 @@ def motions(
             if each.pretension
         ]
     if len(bench.cables) == 1:  # which a free joint leaves slack
-        found = [_with_weight(each, bench) for each in found]
-    return [_centre_motion(each, motor_middle, joint_middle) for each in found]
-
-
-def _with_weight(motion: CataloguedTrial, bench: Bench) -> CataloguedTrial:
-    """Return a trial with a weight that keeps a lone cable taut where it is free."""
-    torque = motion.pretension * bench.cables[0].pretension * bench.joint_radius
-    pulled = f"joint pulled against the cable by a weight of {torque:.2g} N m"
-    return replace(motion, description=motion.description.replace("joint free", pulled))
+        for place, each in enumerate(found):
+            torque = each.pretension * cable.pretension * bench.joint_radius
+            pulled = f"joint pulled against the cable by a weight of {torque:.2g} N m"
+            words = each.description.replace("joint free", pulled)
+            found[place] = replace(each, description=words)
+    return found
 
 
 def _cell_channel(bench: Bench, end: str) -> str:
@@ -329,12 +325,6 @@ def middle_angle(bench: Bench, swing: float) -> float:
         return 0.5 * float(low + high)
     middle = float(bench.following(np.array([bench.centre]))[0])
     return min(max(middle, float(low) + swing), float(high) - swing)
-
-
-def _centre_motion(
-    motion: CataloguedTrial, motor: float, joint: float
-) -> CataloguedTrial:
-    return replace(motion, motor=motor + motion.motor, joint=joint + motion.joint)
 
 
 def trial_table(
@@ -400,15 +390,37 @@ class Rivals(NamedTuple):
 
 
 class Proposal(NamedTuple):
-    experiment: NextExperiment
-    motion: CataloguedTrial
+    """Trial that would separate rivals, or why none would."""
+
+    experiment: NextExperiment | None = None
+    motion: CataloguedTrial | None = None  # of the trial
+    statement: str = ""  # sentence on what decides a tie that no trial separates
 
 
-def propose(found: Found) -> Proposal | None:
-    """Return the trial that separates the first tie; None where no trial would."""
+DECLARATIONS = {
+    "joint_gravity": "balanced",
+    "joint_stiffness": "joint_spring",
+    "torque_sensor_gain": "gain_uncertainty",
+    "torque_sensor_offset": "zeroed",
+}
+"""Facts of `[rig]` that remove or bound an effect, by its id."""
+
+
+def propose(found: Found) -> Proposal:
+    """Propose the trial that separates the first tie; none without a tie."""
     if not found.ties:
-        return None
-    return best_trial(_tied_refits(found.search, found.ties[0]))
+        return Proposal()
+    tie = found.ties[0]
+    if (best := best_trial(_tied_refits(found.search, tie))) is not None:
+        return best
+    facts = [DECLARATIONS[name] for name in tie if name in DECLARATIONS]
+    decide = "on such motions either gives the same torques"
+    if facts:
+        decide = f"declare what is known of them ([rig] {list_words(facts, 'or')})"
+    return Proposal(
+        statement=" No trial of the catalogue that is not among these would separate "
+        f"them: {decide}."
+    )
 
 
 def _tied_refits(found: Search, tie: Sequence[str]) -> Rivals:
@@ -448,9 +460,7 @@ def best_trial(rivals: Rivals) -> Proposal | None:
     fitted = rivals.fitted
     problem = fitted[0][0]
     noise = _row_medians(problem.noise)
-    floor = _row_medians(
-        rivals.before.problem.floor
-    )  # by which held-out errors are divided
+    floor = _row_medians(rivals.before.problem.floor)  # of held-out errors
     known = [
         jacobian(other, x, [r.free for r in other.plant.records]) for other, x in fitted
     ]
@@ -464,11 +474,16 @@ def best_trial(rivals: Rivals) -> Proposal | None:
             continue
         record = as_record(problem, motion)
         shown = [
-            other.plant.limited([record]).simulate(other.values(x), other.effects)[0]
+            replace(other, plant=other.plant.limited([record])).torques(x)[0]
             for other, x in fitted
         ]
         difference = (shown[0] - shown[1]) / noise
-        without = _without_effects(fitted, rivals.ids, record)
+        without = [
+            other.plant.limited([record]).simulate(
+                other.values(x), [each for each in other.effects if each != name]
+            )[0]
+            for (other, x), name in zip(fitted, rivals.ids, strict=True)
+        ]
         unsure = form_error(shown, without, noise)
         lefts = [
             refit_difference(
@@ -650,18 +665,6 @@ def _row_medians(each: Sequence[FloatArray]) -> FloatArray:
     return np.median(np.concatenate(each, axis=1), axis=1)[:, None]
 
 
-def _without_effects(
-    fitted: Sequence[tuple[Problem, FloatArray]], ids: Sequence[str], record: Record
-) -> list[FloatArray]:
-    found = []
-    for (problem, x), name in zip(fitted, ids, strict=True):
-        rest = [effect for effect in problem.effects if effect != name]
-        found.append(
-            problem.plant.limited([record]).simulate(problem.values(x), rest)[0]
-        )
-    return found
-
-
 def form_error(
     shown: Sequence[FloatArray], without: Sequence[FloatArray], noise: FloatArray
 ) -> FloatArray:
@@ -676,6 +679,66 @@ def form_error(
     ]
     found: FloatArray = np.sqrt(Limit.form_error_share * np.min(sizes, axis=0))
     return found
+
+
+def motion_record(
+    motion: CataloguedTrial, bench: Bench, rows: int, tension: float, **more: Any
+) -> Record:
+    """Return a motion as a record of `rows` torques, which are 0.
+
+    `tension` is the pretension of the data [N]; `more` are other fields of the record.
+    """
+    size = min(motion.motor.size, motion.joint.size)
+    angles = np.array([motion.motor[:size], motion.joint[:size]])
+    pretension = tension * motion.pretension
+    known: dict[str, Any] = {
+        "trial": motion.description,
+        "step": MOTION_STEP,
+        "band": Limit.max_band,
+        "split": None,
+        "group": motion.description,
+    }
+    return Record(
+        dt=MOTION_STEP,
+        time=MOTION_STEP * np.arange(size, dtype=np.float64),
+        motor_angle=angles[0],
+        joint_angle=angles[1],
+        read=angles,
+        measured=np.zeros((rows, size)),
+        counts=np.ones(size, dtype=bool),
+        pretension=pretension,
+        start=0.0,
+        tilt=motion.tilt,
+        known_torques=motion.known_torques,
+        swapped=motion.swapped,
+        load_cell=motion.cell_on(bench, pretension),
+        **{**known, **more},
+    )
+
+
+def as_record(problem: Problem, motion: CataloguedTrial) -> Record:
+    """Return a motion as a record of the last occasion of the data."""
+    records = problem.plant.records
+    last = occasions_of(records)[-1]  # on which it is recorded
+    records = tuple(each for each in records if each.occasion == last)
+    base = next((each for each in records if not each.unhooked), records[0])
+    bench, tension = problem.plant.bench, base.pretension
+    if tension is None:
+        tension = bench.cables[0].pretension
+    kept = ("step", "band", "split", "group", "occasion", "conditions")
+    found = motion_record(
+        motion,
+        bench,
+        len(base.measured),
+        tension,
+        trial="next",
+        **{name: getattr(base, name) for name in kept},
+    )
+    columns = {
+        name: np.full(found.time.size, np.mean(values))
+        for name, values in base.columns.items()
+    }
+    return replace(found, columns=columns)
 
 
 def refit_difference(
@@ -719,38 +782,3 @@ def refit_difference(
     change = np.zeros(x.size)
     change[moves] = lsq_linear(short, axes.T @ wanted, bounds).x / size
     return difference - (slopes @ change).reshape(difference.shape) / problem.weight
-
-
-def as_record(problem: Problem, motion: CataloguedTrial) -> Record:
-    """Return a motion as a record of the last occasion of the data."""
-    records = problem.plant.records
-    last = occasions_of(records)[-1]  # on which it is recorded
-    records = tuple(each for each in records if each.occasion == last)
-    base = next((each for each in records if not each.unhooked), records[0])
-    size = min(motion.motor.size, motion.joint.size)
-    tension = base.pretension
-    if tension is None:
-        tension = problem.plant.bench.cables[0].pretension
-    return replace(
-        base,
-        trial="next",
-        dt=MOTION_STEP,
-        time=np.arange(size, dtype=np.float64) * MOTION_STEP,
-        motor_angle=motion.motor[:size],
-        joint_angle=motion.joint[:size],
-        read=np.array([motion.motor[:size], motion.joint[:size]]),
-        measured=np.zeros((len(base.measured), size)),
-        counts=np.ones(size, dtype=bool),
-        pretension=tension * motion.pretension,
-        start=0.0,
-        tilt=motion.tilt,
-        known_torques=motion.known_torques,
-        swapped=motion.swapped,
-        load_cell=motion.cell_on(problem.plant.bench, tension * motion.pretension),
-        notes="",
-        path=None,
-        columns={
-            name: np.full(size, np.mean(values))
-            for name, values in base.columns.items()
-        },
-    )

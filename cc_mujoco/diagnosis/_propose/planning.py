@@ -36,11 +36,12 @@ from cc_mujoco.datasets._trials import TORQUE_SENSORS, Constant, Instruments, No
 from cc_mujoco.diagnosis._fit.intervals import plausible_size
 from cc_mujoco.diagnosis._fit.problem import Problem, jacobian
 from cc_mujoco.diagnosis._judge import declared_sentence
-from cc_mujoco.diagnosis._phrases import format_number, format_share, plain_name
+from cc_mujoco.diagnosis._phrases import format_number, format_share, format_size
 from cc_mujoco.diagnosis._propose.experiment import (
     MOTION_STEP,
     CataloguedTrial,
     middle_angle,
+    motion_record,
     motions,
     trial_table,
     write_motion,
@@ -82,13 +83,6 @@ class Resolved(NamedTuple):
     def least(self) -> float:
         """Size of the first amplitude that would just show, in its unit."""
         return Limit.min_clarity * self.plausible / max(self.clarity, 1e-12)
-
-
-class _Column(NamedTuple):
-    """Source of a column of changes."""
-
-    effect: str  # id; empty for a parameter of the baseline
-    size: float  # of the effect's amplitude that makes the change
 
 
 @dataclass(frozen=True)
@@ -140,8 +134,8 @@ def planned(
         for motion in motions(bench, swing, rate, load, instruments, cells)
         if motion.usual
     ]
-    rows = len(instruments.rows)
-    records = tuple(_record(motion, bench, rows) for motion in every)
+    rows, tension = len(instruments.rows), bench.cables[0].pretension
+    records = tuple(motion_record(motion, bench, rows, tension) for motion in every)
     plant = SimulatedRig(bench, records, 16, 1, instruments, constants)
 
     def read(torques: Sequence[FloatArray]) -> tuple[Record, ...]:
@@ -183,10 +177,10 @@ def planned(
     problem = Problem(seen, free, (), floor, floor, weight)
     grams, owners = _gram_matrices(problem, place, able)
     standard = [k for k, motion in enumerate(every) if motion.standard]
-    chosen = _choose_records(grams, owners, len(free), standard)
+    chosen = _choose_records(grams, owners, standard)
     chosen.sort(key=lambda k: every[k].pretension == 0.0)
     together = np.sum([grams[k] for k in chosen], axis=0)
-    resolved = _resolved_effects(together, owners, len(free))
+    resolved = _resolved_effects(together, owners)
     return TrialPlan(
         tuple(every[k] for k in chosen),
         tuple(sorted(resolved, key=lambda each: each.separation)),
@@ -195,30 +189,6 @@ def planned(
         {name: library.declared[name] for name in wanted if name in library.declared},
         {name: effect_amplitudes(library.effects[name])[0] for name in able},
         tuple(slack[k] for k in chosen),
-    )
-
-
-def _record(motion: CataloguedTrial, bench: Bench, rows: int) -> Record:
-    size = min(motion.motor.size, motion.joint.size)
-    return Record(
-        trial=motion.description,
-        dt=MOTION_STEP,
-        step=MOTION_STEP,
-        time=MOTION_STEP * np.arange(size, dtype=np.float64),
-        motor_angle=motion.motor[:size],
-        joint_angle=motion.joint[:size],
-        read=np.array([motion.motor[:size], motion.joint[:size]]),
-        measured=np.zeros((rows, size)),
-        band=Limit.max_band,
-        counts=np.ones(size, dtype=bool),
-        pretension=bench.cables[0].pretension * motion.pretension,
-        start=0.0,
-        split=None,
-        group=motion.description,
-        tilt=motion.tilt,
-        known_torques=motion.known_torques,
-        swapped=motion.swapped,
-        load_cell=motion.cell_on(bench, bench.cables[0].pretension),
     )
 
 
@@ -253,24 +223,24 @@ def _noise_response(
 
 def _gram_matrices(
     problem: Problem, x: FloatArray, ids: Sequence[str]
-) -> tuple[list[FloatArray], list[_Column]]:
-    """Return the Gram matrix of changes in each record, and its columns.
+) -> tuple[list[FloatArray], list[tuple[str, float]]]:
+    """Return the Gram matrix of changes in each record, and amplitudes of effects.
 
-    First come the baseline's parameters, then the amplitudes of every effect at
-    plausible sizes. The priors of the baseline are divided among the records.
+    Its columns are those of the baseline's parameters, then those of the amplitudes
+    (id of the effect and plausible size, which makes the change). The priors of the
+    baseline are divided among the records.
     """
     records = problem.plant.records
     masks = [record.counts for record in records]
     slopes = jacobian(problem, x, masks)
     signatures = screen(problem, x, masks, ids, starts=1)
-    owners = [_Column("", 0.0)] * len(problem.tuned)
-    columns = [slopes]
+    owners, columns = [], [slopes]
     for sign in signatures:
         sizes = effect_amplitudes(problem.plant.library.effects[sign.id])
         plausible = [plausible_size(each, problem, x) for each in sizes]
         typical = [each.typical for each in sizes]
         columns.append(sign.changes * np.divide(plausible, typical))
-        owners += [_Column(sign.id, size) for size in plausible]
+        owners += [(sign.id, size) for size in plausible]
     table = np.concatenate(columns, axis=1)
     rows = len(problem.plant.instruments.rows)
     ends = np.cumsum([0, *(rows * record.time.size for record in records)])
@@ -284,21 +254,21 @@ def _gram_matrices(
 
 def _choose_records(
     grams: Sequence[FloatArray],
-    owners: Sequence[_Column],
-    base: int,
+    owners: Sequence[tuple[str, float]],
     standard: Sequence[int],
 ) -> list[int]:
     """Return the standard records and those that improve the design, greedily."""
     chosen = list(standard)
     best = 0.0
     while len(chosen) < len(grams):
-        tried = {
-            k: _design_value(
-                np.sum([grams[j] for j in (*chosen, k)], axis=0), owners, base
+        tried = {}  # number of effects that would be identified, in part or whole
+        for k in sorted(set(range(len(grams))) - set(chosen)):
+            gram = np.sum([grams[j] for j in (*chosen, k)], axis=0)
+            tried[k] = sum(
+                0.5 * min(each.clarity / SATURATED_CLARITY, 1.0)
+                + 0.5 * min(each.separation / SATURATED_CLARITY, 1.0)
+                for each in _resolved_effects(gram, owners)
             )
-            for k in range(len(grams))
-            if k not in chosen
-        }
         k = max(tried, key=lambda each: tried[each])
         if tried[k] < best + 0.02:
             break
@@ -307,18 +277,10 @@ def _choose_records(
     return chosen
 
 
-def _design_value(gram: FloatArray, owners: Sequence[_Column], base: int) -> float:
-    """Return the number of effects that would be identified, in part or whole."""
-    return sum(
-        0.5 * min(each.clarity / SATURATED_CLARITY, 1.0)
-        + 0.5 * min(each.separation / SATURATED_CLARITY, 1.0)
-        for each in _resolved_effects(gram, owners, base)
-    )
-
-
 def _resolved_effects(
-    gram: FloatArray, owners: Sequence[_Column], base: int
+    gram: FloatArray, owners: Sequence[tuple[str, float]]
 ) -> list[Resolved]:
+    base = len(gram) - len(owners)
     known = gram[:base, :base]
     cross = gram[:base, base:]
     size = np.sqrt(np.diag(known))
@@ -326,9 +288,13 @@ def _resolved_effects(
     shift = np.linalg.lstsq(known / np.outer(size, size), cross / size[:, None])[0]
     left = gram[base:, base:] - (cross / size[:, None]).T @ shift
     index: dict[str, list[int]] = {}
-    for place, column in enumerate(owners[base:]):
-        index.setdefault(column.effect, []).append(place)
-    white = {name: _whitened(left[np.ix_(own, own)]) for name, own in index.items()}
+    for place, (name, _) in enumerate(owners):
+        index.setdefault(name, []).append(place)
+    white = {}  # orthonormal combinations of each effect's changes (amplitudes, k)
+    for name, own in index.items():
+        values, vectors = np.linalg.eigh(left[np.ix_(own, own)])
+        kept = values > 1e-6 * max(float(values[-1]), 1e-300)
+        white[name] = vectors[:, kept] / np.sqrt(values[kept])
     found = []
     for name, own in index.items():
         clarity = float(np.sqrt(np.max(np.diag(left)[own])))
@@ -339,16 +305,8 @@ def _resolved_effects(
         }
         likest = max(cosines, key=lambda other: cosines[other], default="nothing")
         separation = clarity * float(np.sqrt(1.0 - cosines.get(likest, 0.0) ** 2))
-        plausible = owners[base + own[0]].size
+        plausible = owners[own[0]][1]
         found.append(Resolved(name, plausible, clarity, likest, separation))
-    return found
-
-
-def _whitened(own: FloatArray) -> FloatArray:
-    """Return the orthonormal combinations of an effect's changes (amplitudes, k)."""
-    values, vectors = np.linalg.eigh(own)
-    kept = values > 1e-6 * max(float(values[-1]), 1e-300)
-    found: FloatArray = vectors[:, kept] / np.sqrt(values[kept])
     return found
 
 
@@ -546,7 +504,6 @@ def page(
     at, within = middle_angle(bench, swing), format_number(swing)
     if at != 0.0:
         within = f"{format_number(at - swing)} to {format_number(at + swing)}"
-    unseen = table(("effect", "why not"), sorted(found.hidden.items()))
     trials = table(
         ("file", "what to do", "pretension [N]", "slack", "seconds"),
         [
@@ -569,8 +526,11 @@ def page(
         [
             (
                 each.id,
-                f"{_size_text(found.sizes[each.id], each.least)}",
-                f"{_size_text(found.sizes[each.id], each.plausible)}",
+                *(
+                    format_size(first.name, size, first.unit)
+                    for first in [found.sizes[each.id]]
+                    for size in (each.least, each.plausible)
+                ),
                 each.likest,
                 f"{each.separation:.0f} sd"
                 + ("" if each.separation >= Limit.min_clarity else " (tied)"),
@@ -578,46 +538,29 @@ def page(
             for each in found.resolved
         ],
     )
-    return "\n".join(
-        [
-            _TITLE,
-            "",
-            f"For {bench.path.name}: motor within {within} "
-            f"rad and {format_number(speed)} rad/s; {known[0]}, {known[1]}.",
-            "",
-            trials,
-            "",
-            "Each file has the motor's angle to play, and the joint's as expected: "
-            "hold it there where it is locked or against a spring, leave it free else. "
-            "Record both angles and both torques, or what stands for them, at 200 Hz "
-            "or more, call the recordings `trial_01.csv` and so on, and put them and "
-            "`dataset.toml` into a folder of their own.",
-            "",
-            "What these trials would resolve, in the scene as it is, once everything "
-            "else is tuned. An effect shows from the size that is "
-            f"{Limit.min_clarity:g} standard deviations of the noise; separation: a "
-            "plausible size where the effect most like it is fitted as well. A real "
-            f"rig differs from the scene by more than noise: {SATURATED_CLARITY:g} is "
-            "comfortable.",
-            "",
-            resolved,
-            "",
-            *(
-                (facts.strip(), "")
-                if (facts := declared_sentence(found.declared))
-                else ()
-            ),
-            *((_TILT_NOTE, "") if any(motion.tilt for motion in found.trials) else ()),
-            *(
-                ("Not testable with these instruments:", "", unseen, "")
-                if found.hidden
-                else ()
-            ),
-        ]
-    )
-
-
-def _size_text(first: EffectParameter, value: float) -> str:
-    return f"{plain_name(first.name)} {format_number(value)} {first.unit}".removesuffix(
-        " 1"
-    )
+    blocks = [
+        _TITLE,
+        f"For {bench.path.name}: motor within {within} "
+        f"rad and {format_number(speed)} rad/s; {known[0]}, {known[1]}.",
+        trials,
+        "Each file has the motor's angle to play, and the joint's as expected: "
+        "hold it there where it is locked or against a spring, leave it free else. "
+        "Record both angles and both torques, or what stands for them, at 200 Hz "
+        "or more, call the recordings `trial_01.csv` and so on, and put them and "
+        "`dataset.toml` into a folder of their own.",
+        "What these trials would resolve, in the scene as it is, once everything "
+        "else is tuned. An effect shows from the size that is "
+        f"{Limit.min_clarity:g} standard deviations of the noise; separation: a "
+        "plausible size where the effect most like it is fitted as well. A real "
+        f"rig differs from the scene by more than noise: {SATURATED_CLARITY:g} is "
+        "comfortable.",
+        resolved,
+    ]
+    if facts := declared_sentence(found.declared):
+        blocks.append(facts.strip())
+    if any(motion.tilt for motion in found.trials):
+        blocks.append(_TILT_NOTE)
+    if found.hidden:
+        unseen = table(("effect", "why not"), sorted(found.hidden.items()))
+        blocks += ["Not testable with these instruments:", unseen]
+    return "\n\n".join(blocks) + "\n"

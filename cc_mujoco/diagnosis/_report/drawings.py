@@ -70,16 +70,26 @@ def model_changed(evidence: Evidence) -> bool:
 
 def _windows(evidence: Evidence) -> list[Excerpt]:
     """Return the stretches of every trial that overlap by three quarters."""
-    power = _mean_square_error(evidence)
+    squares = [  # errors of the baseline by channel, 0 without valid data
+        {c: np.nan_to_num(t.error(c) * (t.counts > 0)) ** 2 for c in t.measured}
+        for t in evidence.traces
+    ]
+    power = {}
+    for channel in dict.fromkeys(name for each in squares for name in each):
+        pairs = zip(evidence.traces, squares, strict=True)
+        valid = [own[channel][t.counts > 0] for t, own in pairs if channel in own]
+        whole = np.concatenate(valid)
+        if len(whole) and (mean := float(whole.mean())) > 0.0:
+            power[channel] = mean
     found: list[Excerpt] = []
-    for trace in evidence.traces:
+    for trace, own in zip(evidence.traces, squares, strict=True):
         time, counts = trace.time, trace.counts > 0
         if not counts.any():
             continue
         error = np.zeros(len(time))
         for channel, scale in power.items():
-            if channel in trace.measured:
-                error += _squared_error(trace, channel) / scale
+            if channel in own:
+                error += own[channel] / scale
         start, end = time[counts][0], time[counts][-1]
         length = min(Limit.max_excerpt, end - start)
         total = np.concatenate([[0.0], np.cumsum(error)])
@@ -94,26 +104,6 @@ def _windows(evidence: Evidence) -> list[Excerpt]:
                 mean = (total[last] - total[first]) / (number * max(1, len(power)))
                 found.append(Excerpt(trace, slice(first, last), float(np.sqrt(mean))))
     return found
-
-
-def _mean_square_error(evidence: Evidence) -> dict[str, float]:
-    squares: dict[str, list[FloatArray]] = {}
-    for trace in evidence.traces:
-        for channel in trace.measured:
-            part = _squared_error(trace, channel)[trace.counts > 0]
-            squares.setdefault(channel, []).append(part)
-    means = {name: _mean(np.concatenate(parts)) for name, parts in squares.items()}
-    return {name: mean for name, mean in means.items() if mean > 0}
-
-
-def _mean(values: FloatArray) -> float:
-    return float(values.mean()) if len(values) else 0.0
-
-
-def _squared_error(trace: TrialTrace, channel: str) -> FloatArray:
-    """Return the squared error of the baseline, 0 without valid data."""
-    error = trace.error(channel) * (trace.counts > 0)
-    return np.nan_to_num(error) ** 2
 
 
 def confounded_pairs(isolability: Isolability) -> list[tuple[str, str, float]]:

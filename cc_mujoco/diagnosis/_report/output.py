@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import os
 import platform
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from importlib import import_module
@@ -132,7 +132,20 @@ class Earlier(NamedTuple):
             data[dataset["path"]] = dataset["sha256"]
         here = {path: _relative_path(base, path) for path in data}
         for path, recorded in data.items():
-            _require_unchanged(here[path], recorded, place)
+            try:
+                now = hashlib.sha256(here[path].read_bytes()).hexdigest()
+            except OSError:
+                raise CableError(
+                    f"{here[path]}, which {place} names, is not there."
+                ) from None
+            if now != recorded:
+                raise CableError(
+                    f"{here[path]} has changed since {place} was written; diagnose all "
+                    "data anew."
+                )
+        planned = verdict.get("next_experiment")
+        trial = planned.get("trial") if isinstance(planned, dict) else ""
+        proposed = Path(folder, f"next_{trial}", DATASET_FILE)
         return cls(
             tuple(here[path] for path in provenance["data"]),
             here[scene["path"]],
@@ -142,7 +155,7 @@ class Earlier(NamedTuple):
                 named_in_file(str(effect), place, "effects")
                 for effect in provenance.get("effects", ())
             ),
-            _proposed_file(Path(folder), verdict.get("next_experiment")),
+            proposed if proposed.is_file() else None,
         )
 
     def with_more(self, data: Sequence[str | os.PathLike[str]]) -> Path | None:
@@ -173,29 +186,11 @@ class Earlier(NamedTuple):
         )
 
 
-def _proposed_file(folder: Path, planned: Any) -> Path | None:
-    if not isinstance(planned, dict) or not planned.get("trial"):
-        return None
-    path = folder / f"next_{planned['trial']}" / DATASET_FILE
-    return path if path.is_file() else None
-
-
 def _relative_path(base: str, path: str) -> Path:
     whole = os.path.normpath(os.path.join(base, path))
     inside = os.path.relpath(whole)
     outside = os.path.isabs(path) or inside.startswith(os.pardir)
     return Path(whole if outside else inside)
-
-
-def _require_unchanged(path: Path, digest: Any, place: Path) -> None:
-    try:
-        now = hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError:
-        raise CableError(f"{path}, which {place} names, is not there.") from None
-    if now != digest:
-        raise CableError(
-            f"{path} has changed since {place} was written; diagnose all data anew."
-        )
 
 
 @dataclass(frozen=True)
@@ -215,24 +210,6 @@ class DiagnosisResult:
 
 
 REPORT_PAGE = "report.html"
-
-SECTION_TITLES = {
-    "unknown": "What is known of it",
-    "traces": "Measured and simulated",
-    "gap": "How large the gap is",
-    "occasions": "What changed between occasions",
-    "trials": "How far off every trial is",
-    "where": "Where the error lies",
-    "maps": "Maps of the error",
-    "candidates": "What was tried",
-    "likeness": "What these data can distinguish",
-    "untested": "What these data hide",
-    "next": "What to run next",
-    "parameters": "Fitted parameters",
-    "problems": "Data and numerics",
-    "provenance": "Provenance",
-}
-"""Sections in their usual order."""
 
 FIRST_SECTION = {"fix-data": "problems", "fix-numerics": "problems", "tie": "next"}
 """Section that comes first, by verdict."""
@@ -264,32 +241,6 @@ def _page(diagnosis: Diagnosis, evidence: Evidence, figures: Path) -> str:
         path = figures / f"{stem}.png"
         return embed_picture(path, words) if path.exists() else Html()
 
-    parts = _sections(diagnosis, evidence, drawn)
-    if diagnosis.verdict != "unknown":
-        del parts["unknown"]
-    there = {key: part for key, part in parts.items() if part is not None}
-    first = FIRST_SECTION.get(
-        diagnosis.verdict, "trials" if diagnosis.question else None
-    )
-    order = sorted(there, key=lambda key: key != first)
-    absent = [f"“{SECTION_TITLES[k]}”" for k, part in parts.items() if part is None]
-    omitted = f"Left out, as there was nothing to show: {list_words(absent)}."
-    gap = drawn("gap", "Weighted RMS error on held-out data, beside the noise floor.")
-    return page(
-        headline(diagnosis),
-        diagnosis.verdict,
-        sections.header(diagnosis, gap),
-        page_sections(SECTION_TITLES, {key: there[key] for key in order}),
-        paragraph(omitted, kind="small") if absent else Html(),
-    )
-
-
-def _sections(
-    diagnosis: Diagnosis,
-    evidence: Evidence,
-    drawn: Callable[[str, str], Html],
-) -> dict[str, Html | None]:
-    """Return the content of each section by key, in the order of `SECTION_TITLES`."""
     most, usual = worst_excerpt(evidence), ordinary_excerpt(evidence)
     seconds = []
     if most is not None:
@@ -306,40 +257,54 @@ def _sections(
         "the baseline is retuned (1: the same, 0: nothing in common). Right: size of a "
         "plausible effect over the noise, grey where it is smaller.",
     )
-    return {
-        "unknown": sections.unknown(diagnosis),
-        "traces": join_pieces(seconds) if seconds else None,
-        "gap": sections.gap(diagnosis),
-        "occasions": sections.occasions(diagnosis),
-        "trials": sections.trials(diagnosis),
-        "where": sections.error_location(diagnosis),
-        "maps": illustrated(sections.maps(evidence), maps),
-        "candidates": sections.candidates(diagnosis),
-        "likeness": illustrated(
-            sections.effect_similarity(evidence),
-            folded("All effects", scrolled(figure)) if figure else Html(),
+    likeness = illustrated(
+        sections.effect_similarity(evidence),
+        folded("All effects", scrolled(figure)) if figure else Html(),
+    )
+    known = sections.provenance(diagnosis)
+    inputs = None if known is None else folded("Inputs, versions and settings", known)
+    parts = {  # in their usual order
+        "unknown": ("What is known of it", sections.unknown(diagnosis)),
+        "traces": (
+            "Measured and simulated",
+            join_pieces(seconds) if seconds else None,
         ),
-        "untested": sections.untested_effects(diagnosis),
-        "next": sections.experiment(diagnosis),
-        "parameters": sections.parameters(diagnosis),
-        "problems": sections.problems(diagnosis),
-        "provenance": (
-            folded("Inputs, versions and settings", known)
-            if (known := sections.provenance(diagnosis)) is not None
-            else None
-        ),
+        "gap": ("How large the gap is", sections.gap(diagnosis)),
+        "occasions": ("What changed between occasions", sections.occasions(diagnosis)),
+        "trials": ("How far off every trial is", sections.trials(diagnosis)),
+        "where": ("Where the error lies", sections.error_location(diagnosis)),
+        "maps": ("Maps of the error", illustrated(sections.maps(evidence), maps)),
+        "candidates": ("What was tried", sections.candidates(diagnosis)),
+        "likeness": ("What these data can distinguish", likeness),
+        "untested": ("What these data hide", sections.untested_effects(diagnosis)),
+        "next": ("What to run next", sections.experiment(diagnosis)),
+        "parameters": ("Fitted parameters", sections.parameters(diagnosis)),
+        "problems": ("Data and numerics", sections.problems(diagnosis)),
+        "provenance": ("Provenance", inputs),
     }
+    if diagnosis.verdict != "unknown":
+        del parts["unknown"]
+    there = {key: part for key, (_, part) in parts.items() if part is not None}
+    first = FIRST_SECTION.get(
+        diagnosis.verdict, "trials" if diagnosis.question else None
+    )
+    order = sorted(there, key=lambda key: key != first)
+    absent = [f"“{title}”" for title, part in parts.values() if part is None]
+    omitted = f"Left out, as there was nothing to show: {list_words(absent)}."
+    gap = drawn("gap", "Weighted RMS error on held-out data, beside the noise floor.")
+    titles = {key: title for key, (title, _) in parts.items()}
+    return page(
+        headline(diagnosis),
+        diagnosis.verdict,
+        sections.header(diagnosis, gap),
+        page_sections(titles, {key: there[key] for key in order}),
+        paragraph(omitted, kind="small") if absent else Html(),
+    )
 
 
 SCENE_FILE = "scene.xml"
 OPTIONAL_FILES = (SCENE_FILE, "evidence.rrd", *(f"{stem}.png" for stem in FIGURE_STEMS))
-"""Files that only some verdicts have. Require that at most an earlier diagnosis of
-these data is replaced.
-
-The folder must not have the scene, the diagnosis of trials none of which is among the
-data, or a repaired scene that was changed since; see also
-`_utils.atomic_io.require_ours`.
-"""
+"""Files that only some verdicts have."""
 _DRAWING_MODULES = (
     "matplotlib.backends.backend_agg",
     "cc_mujoco.diagnosis._report.recording",

@@ -38,10 +38,8 @@ from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis._verdict import (
     Diagnosis,
     Evidence,
-    FoundEffect,
     Map,
     RunnerUp,
-    TrialError,
     next_folder,
 )
 from cc_mujoco.estimation._least_squares import Estimate
@@ -118,28 +116,20 @@ def _which_end(diagnosis: Diagnosis) -> str:
 
 
 def _which_trials(diagnosis: Diagnosis) -> str:
-    shares = _trial_shares(diagnosis)
-    if len(shares) < 2:
+    beyond = {}  # squared error beyond noise
+    for each in diagnosis.trials:
+        misfit = each.misfit_after if diagnosis.effects else each.misfit_before
+        beyond[each.trial] = max(misfit**2 - 1.0, 0.0)
+    whole = sum(beyond.values())
+    if whole == 0.0 or len(beyond) < 2:
         return "There is one trial only."
+    shares = {name: own / whole for name, own in beyond.items()}
     ranked = sorted(shares.items(), key=lambda each: -each[1])
     worst = ranked[: min(3, len(ranked) // 2)]
     words = list_words([f"{name} ({format_share(share)})" for name, share in worst])
     together = sum(share for _, share in worst)
     where = "Mostly" if together >= Limit.concentrated_share else "All of them; most"
     return f"{where} in {words}; in brackets the share of the squared error."
-
-
-def _trial_shares(diagnosis: Diagnosis) -> dict[str, float]:
-    """Return the share of each trial in the squared error beyond noise."""
-
-    def beyond(trial: TrialError) -> float:
-        misfit = trial.misfit_after if diagnosis.effects else trial.misfit_before
-        return max(misfit**2 - 1.0, 0.0)
-
-    whole = sum(map(beyond, diagnosis.trials))
-    if whole == 0.0:
-        return {}
-    return {trial.trial: beyond(trial) / whole for trial in diagnosis.trials}
 
 
 def _growing_with(diagnosis: Diagnosis) -> str:
@@ -206,7 +196,16 @@ def next_command(diagnosis: Diagnosis) -> Html:
 
 def next_steps(diagnosis: Diagnosis) -> Html:
     """Return at most three steps: the finding and its certainty, a change, a run."""
-    found = " ".join(_certainty_sentence(each) for each in diagnosis.missing)
+    certain = []
+    for found in diagnosis.missing:
+        # Only sizes that are not 0 count.
+        surely = {n: e for n, e in found.parameters.items() if not e.holds(0.0)}
+        sizes = [
+            f"{plain_name(name)} {format_fitted(each)} {each.unit}".removesuffix(" 1")
+            + f" (95 %: {format_interval(each)})"
+            for name, each in (surely or found.parameters).items()
+        ]
+        certain.append(f"{capitalise(effect_name(found.id))}: {list_words(sizes)}.")
     change, question = _model_change_step(diagnosis), _question_step(diagnosis)
     check = f"Record one more trial with another motion, and {RUN_AGAIN} with it."
     where = next((each.statement for each in diagnosis.where), NO_LOCATION)
@@ -225,7 +224,7 @@ def next_steps(diagnosis: Diagnosis) -> Html:
         _step_item("Then", f"{capitalise(RUN_AGAIN)}."),
     ]
     steps = {
-        "named": [_step_item("What is missing", found), change, question],
+        "named": [_step_item("What is missing", " ".join(certain)), change, question],
         "tie": [_experiment_step(diagnosis), question, change],
         "none": [question or _step_item("What to check", check), change],
         "unknown": [
@@ -235,17 +234,6 @@ def next_steps(diagnosis: Diagnosis) -> Html:
         ],
     }.get(diagnosis.verdict, fix)
     return bullet_list([step for step in steps if step][:3], ranked=True)
-
-
-def _certainty_sentence(found: FoundEffect) -> str:
-    # Only sizes that are not 0 count.
-    surely = {n: e for n, e in found.parameters.items() if not e.holds(0.0)}
-    sizes = [
-        f"{plain_name(name)} {format_fitted(each)} {each.unit}".removesuffix(" 1")
-        + f" (95 %: {format_interval(each)})"
-        for name, each in (surely or found.parameters).items()
-    ]
-    return f"{capitalise(effect_name(found.id))}: {list_words(sizes)}."
 
 
 def _model_change_step(diagnosis: Diagnosis) -> Html:
@@ -309,6 +297,7 @@ def _step_item(title: str, text: str) -> Html:
 
 def header(diagnosis: Diagnosis, picture: Html) -> Html:
     """Return the verdict: headline, picture, next command, steps and statement."""
+    tried = tried_sentence(diagnosis) if diagnosis.verdict == "unknown" else ""
     return element(
         "header",
         paragraph("Diagnosis of a cable transmission", kind="small"),
@@ -320,18 +309,7 @@ def header(diagnosis: Diagnosis, picture: Html) -> Html:
         folded(
             "The verdict in full",
             paragraph(diagnosis.statement),
-            paragraph(
-                " ".join(
-                    each
-                    for each in (
-                        tried_sentence(diagnosis)
-                        if diagnosis.verdict == "unknown"
-                        else "",
-                        VERDICT_MEANINGS[diagnosis.verdict],
-                    )
-                    if each
-                )
-            ),
+            paragraph(f"{tried} {VERDICT_MEANINGS[diagnosis.verdict]}".strip()),
         ),
     )
 

@@ -22,7 +22,7 @@ import math
 from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from threading import Lock
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
@@ -30,7 +30,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from cc_mujoco.cable import Cable, Driven, Parameter, Transmission
+from cc_mujoco.cable import Cable, Driven, Transmission
 from cc_mujoco.cable._coupled_route import CoupledCables, CoupledPath
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._channels import (
@@ -43,7 +43,6 @@ from cc_mujoco.datasets._coupled_route import RecordedPath
 from cc_mujoco.datasets._load_cells import SingleCell
 from cc_mujoco.datasets._moment_arm import Lever
 from cc_mujoco.datasets._quantization import reconstruct_angle
-from cc_mujoco.datasets._rig_table import LOAD_CONSTANTS
 from cc_mujoco.datasets._trials import Constant, Dataset, Trial
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis.effects import (
@@ -52,7 +51,6 @@ from cc_mujoco.diagnosis.effects import (
     follow_with_play,
 )
 from cc_mujoco.errors import CableError
-from cc_mujoco.estimation._least_squares import Tuned
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled
 
 _EDGE_SAMPLES = 9
@@ -125,18 +123,6 @@ def _pass_both_ways(gain: float, a1: float, a2: float, rows: FloatMatrix) -> Non
                 at += step
 
 
-_PARAMETERS = {
-    parameter.name: parameter
-    for parameter in (
-        Parameter("load_stiffness", "N m/rad", "stiffness of the spring", scale="log"),
-        Parameter("load_inertia", "kg m^2", "inertia of the load", scale="log"),
-        Parameter("load_damping", "N m s/rad", "viscous damping", scale="log"),
-        Parameter("load_weight", "N m", "largest moment of the weight", scale="log"),
-        Parameter("load_rest_angle", "rad", "joint angle where the spring rests"),
-    )
-}
-
-
 def load_values(constants: Mapping[str, Constant]) -> dict[str, float]:
     return {name: constant.value for name, constant in constants.items()}
 
@@ -180,25 +166,6 @@ def load_noise(
     passed = float(np.std(low_pass(shaken, bands[0], rate)))
     slope = values.get("load_stiffness", 0.0) + values.get("load_weight", 0.0)
     return math.hypot(passed, slope * deviation)
-
-
-def load_parameters(constants: Mapping[str, Constant]) -> list[Tuned]:
-    """Return the uncertain quantities of a load, as parameters of a fit."""
-    found = []
-    for name in LOAD_CONSTANTS:
-        known = constants.get(name, Constant(0.0))
-        if known.uncertainty > 0.0:
-            relative = known.uncertainty / known.value
-            found.append(
-                Tuned(_PARAMETERS[name], known.value, relative, -10.0, 10.0, 1.0)
-            )
-    if "load_stiffness" in constants:
-        rest = constants.get("load_rest_angle", Constant(0.0))
-        scale = rest.uncertainty or Limit.rest_angle_deviation
-        found.append(
-            Tuned(_PARAMETERS["load_rest_angle"], rest.value, scale, -10.0, 10.0, 1.0)
-        )
-    return found
 
 
 LEAD_SAMPLES = 2 * Limit.ramp_samples
@@ -282,11 +249,13 @@ def prepare(dataset: Dataset, bench: Bench) -> tuple[tuple[Record, ...], Filteri
     first = dataset.trials[0]
     bands = (band, motion_band)
     passed = (_passed_share(first, band), _passed_share(first, motion_band))
+    # Angles that are played, motor and joint first.
+    angle_channels = [MOTOR_ANGLE, JOINT_ANGLE, *map(other_angle, bench.others)]
     still = tuple(
         Limit.still_sigmas * dataset.noise[name].deviation * passed[1] ** 0.5
         if name in dataset.noise
         else 0.0
-        for name in _angle_channels(bench)
+        for name in angle_channels
     )
     records = []
     conditions = _conditions(dataset.trials)
@@ -325,11 +294,6 @@ def _conditions(trials: Sequence[Trial]) -> dict[str, TrialConditions]:
     }
 
 
-def _angle_channels(bench: Bench) -> list[str]:
-    """Return the channels of the angles that are played, motor and joint first."""
-    return [MOTOR_ANGLE, JOINT_ANGLE, *map(other_angle, bench.others)]
-
-
 def _record(
     trial: Trial,
     part: slice,
@@ -345,7 +309,7 @@ def _record(
     angles = np.array(
         [
             reconstruct_angle(trial.channel(name)[part], noise.get(name))
-            for name in _angle_channels(bench)
+            for name in (MOTOR_ANGLE, JOINT_ANGLE, *map(other_angle, bench.others))
         ]
     )
     passed = low_pass(angles, motion_band, trial.rate)
@@ -510,18 +474,9 @@ class Played(NamedTuple):
     tension_proximal: FloatArray  # of every cable at the motor (cables, samples) [N]
     tension_distal: FloatArray  # of every cable at the joint (cables, samples) [N]
 
-    @property
-    def proximal(self) -> FloatArray:
-        """Pull of the proximal ends, agonist less antagonist [N]."""
-        return _agonist_less_antagonist(self.tension_proximal)
 
-    @property
-    def distal(self) -> FloatArray:
-        """Pull of the distal ends, agonist less antagonist [N]."""
-        return _agonist_less_antagonist(self.tension_distal)
-
-
-def _agonist_less_antagonist(tension: FloatArray) -> FloatArray:
+def agonist_less_antagonist(tension: FloatArray) -> FloatArray:
+    """Return the pull of ends (cables, samples) on a pulley (samples,) [N]."""
     return np.array([1.0, -1.0])[: len(tension)] @ tension
 
 
@@ -545,62 +500,50 @@ def cached_replay(record: Record, setting: Setting) -> Played:
 
 
 def replay(record: Record, setting: Setting) -> Played:
-    """Replay a record, or return its cached replay."""
+    """Replay a record through the cables of a setting."""
     joint = shift_signal(record.joint_angle, setting.late / record.dt) + setting.offset
     if record.unhooked:
         nothing = np.zeros(joint.size)
         slack = np.zeros((len(setting.cables), joint.size))
         return Played(joint - setting.offset, nothing, nothing, slack, slack)
-    following: Callable[[FloatArray], FloatArray] = setting.following
-    courses = setting.courses
-    path = record.path
-    if path is not None:
-        courses = path.along(joint, setting.cables[0].segments)
-        along = (
-            -setting.share * courses[0].reach[: path.ramp + 1] / setting.motor_radius
+    courses, path, substeps = setting.courses, record.path, setting.substeps
+    if path is None:
+        motor, turned = with_lead_in(
+            record.motor_angle, joint, setting.following, substeps
         )
-        following = partial(_recorded, along)
-
-    motor, turned = with_lead_in(record.motor_angle, joint, following, setting.substeps)
-    if path is not None:  # its courses go by the rows
-        turned = np.arange(motor.size) / setting.substeps
-    dt = record.dt / setting.substeps
-    torques = _replay_cables(setting, courses, dt, motor, turned)
-    keep = slice(LEAD_SAMPLES * setting.substeps, None, setting.substeps)
+    else:  # its lead-in is known, whatever the joint's, and its courses go by rows
+        courses = path.along(joint, setting.cables[0].segments)
+        reach = courses[0].reach[: path.ramp + 1]
+        along = -setting.share * reach / setting.motor_radius
+        motor, _ = with_lead_in(record.motor_angle, joint, lambda _: along, substeps)
+        turned = np.arange(motor.size) / substeps
+    dt = record.dt / substeps
+    if courses:
+        drive = CoupledCables(
+            setting.cables, courses, setting.motor_radius, setting.share
+        )
+        torques = drive.replay(dt, motor_angle=motor, joint_angle=turned)
+    elif setting.motor_arm:
+        torques = _replay_wound(setting, dt, motor, turned)
+    else:
+        pulleys = Transmission(
+            setting.cables,
+            setting.motor_radius,
+            setting.joint_radius,
+            backlash=setting.backlash,
+        )
+        pulley_angle = setting.turned(turned)
+        torques = pulleys.replay(dt, motor_angle=motor, joint_angle=pulley_angle)
+        if setting.lever is not None or setting.arm:
+            share = setting.moment_share(turned)
+            torques = replace(torques, joint_torque=torques.joint_torque * share)
+    keep = slice(LEAD_SAMPLES * substeps, None, substeps)
     return Played(
         joint - setting.offset,
         torques.motor_torque[keep].copy(),
         torques.joint_torque[keep].copy(),
         torques.tension_proximal[:, keep].copy(),
         torques.tension_distal[:, keep].copy(),
-    )
-
-
-def _recorded(along: FloatArray, joint: FloatArray) -> FloatArray:
-    """Return the motor angle of a lead-in that is known, whatever the joint's."""
-    return along
-
-
-def _replay_cables(
-    setting: Setting,
-    courses: tuple[CoupledPath, ...],
-    dt: float,
-    motor: FloatArray,
-    joint: FloatArray,
-) -> Driven:
-    """Replay both angles, of the joint itself, through the cables."""
-    proximal, distal = setting.motor_radius, setting.joint_radius
-    if courses:
-        drive = CoupledCables(setting.cables, courses, proximal, setting.share)
-        return drive.replay(dt, motor_angle=motor, joint_angle=joint)
-    if setting.motor_arm:
-        return _replay_wound(setting, dt, motor, joint)
-    pulleys = Transmission(setting.cables, proximal, distal, backlash=setting.backlash)
-    if setting.lever is None and not setting.arm:
-        return pulleys.replay(dt, motor_angle=motor, joint_angle=joint)
-    played = pulleys.replay(dt, motor_angle=motor, joint_angle=setting.turned(joint))
-    return replace(
-        played, joint_torque=played.joint_torque * setting.moment_share(joint)
     )
 
 
@@ -637,7 +580,7 @@ def _replay_wound(
         motor_torque=setting.motor_radius * np.sum(levers * proximal, axis=0),
         joint_torque=setting.joint_radius
         * setting.moment_share(joint)
-        * _agonist_less_antagonist(distal),
+        * agonist_less_antagonist(distal),
         tension_proximal=proximal,
         tension_distal=distal,
     )

@@ -32,13 +32,13 @@ import numpy as np
 from cc_mujoco.cable import PARAMETERS, Cable, Parameter
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._coupled_route import Leading
-from cc_mujoco.datasets._rig_table import RATIO_KEY
+from cc_mujoco.datasets._rig_table import LOAD_CONSTANTS, RATIO_KEY
 from cc_mujoco.datasets._trials import TORQUE_SENSORS, Constant, Instrument, Instruments
 from cc_mujoco.diagnosis._rig.records import (
     Record,
     Setting,
+    agonist_less_antagonist,
     cached_replay,
-    load_parameters,
     load_torque,
     load_values,
     low_pass,
@@ -147,28 +147,22 @@ def change_parameters(
             if tuned.name not in _CHANGING:
                 continue
             described = replace(tuned.parameter, name=change_name(tuned.name, occasion))
+            prior = _BOTH * tuned.prior
             if tuned.factor:
                 prior = _CHANGE_DEVIATIONS[tuned.name]
                 if tuned.name == "pretension" and declared:
                     prior = _BOTH * tuned.scale * tuned.prior
-                ratio = Parameter(described.name, "1", described.meaning, scale="log")
-                found.append(
-                    Tuned(ratio, 1.0, 1.0, -_MAX_LOG_RATIO, _MAX_LOG_RATIO, prior)
+                described = Parameter(
+                    described.name, "1", described.meaning, scale="log"
                 )
-                continue
-            start = 0.0
+                start, scale, low, high = 1.0, 1.0, -_MAX_LOG_RATIO, _MAX_LOG_RATIO
+            else:
+                start, scale = 0.0, tuned.scale
+                low, high = 2.0 * tuned.low, 2.0 * tuned.high
             if tuned.name == "joint_angle_offset":
                 start = angle_offset(by_occasion[occasion])
                 start -= angle_offset(by_occasion[last])
-            found.append(
-                tuned._replace(
-                    parameter=described,
-                    start=start,
-                    low=2.0 * tuned.low,
-                    high=2.0 * tuned.high,
-                    prior=_BOTH * tuned.prior,
-                )
-            )
+            found.append(Tuned(described, start, scale, low, high, prior))
     return found
 
 
@@ -241,12 +235,17 @@ def available_effects(
         if name in _LOAD_EFFECTS and sides["joint"] == "known load":
             either = (-math.inf, math.inf)
             kept = tuple(parameter._replace(plausible=either) for parameter in kept)
-        if fact := _excluding_fact(name, constants):
-            declared[name] = fact
+        if (fact := _EXCLUDING_FACTS.get(name, "")) in constants:
+            declared[name] = f"{fact} = {str(bool(constants[fact].value)).lower()}"
             continue
-        kept, fact = _bounded_parameters(name, kept, constants)
-        if fact:
-            declared[name] = fact
+        if name == "torque_sensor_offset" and "zeroed" in constants:
+            kept = tuple(each for each in kept if not each.name.endswith("_bias"))
+            declared[name] = "zeroed = true leaves drifts"
+        if name == "torque_sensor_gain" and "gain_uncertainty" in constants:
+            known = constants["gain_uncertainty"].value
+            most = Limit.gain_sigmas * known
+            kept = tuple(each._replace(plausible=(-most, most)) for each in kept)
+            declared[name] = f"gain_uncertainty = {known:g} leaves at most {most:.2g}"
         absent = [column for column in effect.columns if column not in columns]
         if reason := _path_exclusion(effect, led, tied):
             hidden[name] = reason
@@ -255,7 +254,12 @@ def available_effects(
         elif absent:
             hidden[name] = f"it takes the column {absent[0]}, which not all trials have"
         elif shown and sides[side] not in shown:
-            hidden[name] = _instrument_exclusion(side, sides[side], shown)
+            reason = f"the {side}'s torque is not measured"
+            if sides[side] is not None:
+                reason = (
+                    f"load cells on the cable do not see what happens at the {side}"
+                )
+            hidden[name] = f"{reason}; it takes a {list_words(shown, 'or')} there"
         elif not kept:
             hidden[name] = "no sensor of a torque is there that could be off"
         else:
@@ -284,31 +288,6 @@ def _with_parameters(
     return replace(effect, parameters=kept, starts=starts, forms=forms)
 
 
-def _excluding_fact(name: str, constants: Mapping[str, Constant]) -> str:
-    """Return the fact by which a rig does not have an effect; "" if it may."""
-    fact = _EXCLUDING_FACTS.get(name, "")
-    if fact not in constants:
-        return ""
-    return f"{fact} = {str(bool(constants[fact].value)).lower()}"
-
-
-def _bounded_parameters(
-    name: str,
-    parameters: tuple[EffectParameter, ...],
-    constants: Mapping[str, Constant],
-) -> tuple[tuple[EffectParameter, ...], str]:
-    """Return the parameters that the facts leave, and the fact."""
-    if name == "torque_sensor_offset" and "zeroed" in constants:
-        drifts = tuple(each for each in parameters if not each.name.endswith("_bias"))
-        return drifts, "zeroed = true leaves drifts"
-    if name == "torque_sensor_gain" and "gain_uncertainty" in constants:
-        known = constants["gain_uncertainty"].value
-        most = Limit.gain_sigmas * known
-        bounded = tuple(each._replace(plausible=(-most, most)) for each in parameters)
-        return bounded, f"gain_uncertainty = {known:g} leaves at most {most:.2g}"
-    return parameters, ""
-
-
 def _path_exclusion(effect: Effect, led: Leading, tied: bool) -> str:
     """Return why a cable that the joint moves cannot have an effect; "" if it can."""
     if led and (effect.joint_arm is not None or effect.motor_arm is not None):
@@ -322,15 +301,6 @@ def _path_exclusion(effect: Effect, led: Leading, tied: bool) -> str:
     if tied and effect.id == "configuration_dependent_wrap":
         return "the path in the scene says how much the cable bends at every angle"
     return ""
-
-
-def _instrument_exclusion(
-    side: str, known: Instrument | None, shown: tuple[Instrument, ...]
-) -> str:
-    reason = f"the {side}'s torque is not measured"
-    if known is not None:
-        reason = f"load cells on the cable do not see what happens at the {side}"
-    return f"{reason}; it takes a {list_words(shown, 'or')} there"
 
 
 Values = Mapping[str, float]
@@ -359,18 +329,16 @@ BASELINE: dict[str, Parameter] = {
             for p in PARAMETERS
             if p.name in ("friction", "axial_stiffness", "pretension")
         ),
-        Parameter(
-            TORQUE_OFFSETS[0], "N m", "reading of the motor torque sensor at no torque"
-        ),
-        Parameter(
-            TORQUE_OFFSETS[1], "N m", "reading of the joint torque sensor at no torque"
+        *(
+            Parameter(name, "N m", f"reading of the {side} torque sensor at no torque")
+            for name, side in zip(TORQUE_OFFSETS, ("motor", "joint"), strict=True)
         ),
         Parameter("joint_angle_offset", "rad", "joint angle where the motor is at 0"),
-        Parameter(
-            CLOCK_PARAMETERS[0], "s", "lead of the joint's angle over the motor's"
+        Parameter("clock_offset", "s", "lead of the joint's angle over the motor's"),
+        *(
+            Parameter(name, "s", f"delay of the {side} torque sensor")
+            for name, side in zip(TORQUE_DELAYS, ("motor", "joint"), strict=True)
         ),
-        Parameter(TORQUE_DELAYS[0], "s", "delay of the motor torque sensor"),
-        Parameter(TORQUE_DELAYS[1], "s", "delay of the joint torque sensor"),
         Parameter("friction_balance", "1", "difference of two cables' friction"),
         Parameter("motor_radius", "m", "radius of the motor pulley", scale="log"),
         Parameter("joint_radius", "m", "radius of the joint pulley", scale="log"),
@@ -383,6 +351,11 @@ BASELINE: dict[str, Parameter] = {
         ),
         Parameter("motor_damping", "N m s/rad", "viscous friction of the motor"),
         Parameter("torque_constant", "N m/A", "torque per current", scale="log"),
+        Parameter("load_stiffness", "N m/rad", "stiffness of the spring", scale="log"),
+        Parameter("load_inertia", "kg m^2", "inertia of the load", scale="log"),
+        Parameter("load_damping", "N m s/rad", "viscous damping", scale="log"),
+        Parameter("load_weight", "N m", "largest moment of the weight", scale="log"),
+        Parameter("load_rest_angle", "rad", "joint angle where the spring rests"),
     )
 }
 """Parameters of the baseline by name.
@@ -435,68 +408,48 @@ def baseline_parameters(
         )
     ]
     tautest = math.log(MAX_FITTED_PRETENSION / max(cable.pretension, 1e-9)) / known
-    found += [
-        Tuned(
-            BASELINE["pretension"],
-            cable.pretension,
-            known,
-            -10.0,
-            min(10.0, tautest),
-            1.0,
-        ),
-        *(
-            Tuned(BASELINE[TORQUE_OFFSETS[k]], 0.0, size, -2.0, 2.0, 1.0)
-            for k in sensors
-            for size in [max(Limit.offset_deviation * rms[k], 1e-6)]
-        ),
-        *(
-            [Tuned(BASELINE["joint_angle_offset"], centre, 0.01, -1e3, 1e3)]
-            if not bench.ends_held
-            else []
-        ),
-        *(
-            Tuned(BASELINE[name], 0.0, step, -1.0, 1.0, 0.5)
-            for name in ("clock_offset", *(TORQUE_DELAYS[k] for k in sensors))
-            if name != "clock_offset" or not bench.ends_held
-        ),
-    ]
+    found.append(_known("pretension", cable.pretension, known, high=min(10.0, tautest)))
+    for k in sensors:
+        size = max(Limit.offset_deviation * rms[k], 1e-6)
+        found.append(_known(TORQUE_OFFSETS[k], 0.0, size, -2.0, 2.0))
+    late = [TORQUE_DELAYS[k] for k in sensors]
+    if not bench.ends_held:
+        found.append(Tuned(BASELINE["joint_angle_offset"], centre, 0.01, -1e3, 1e3))
+        late = ["clock_offset", *late]
+    found += [Tuned(BASELINE[name], 0.0, step, -1.0, 1.0, 0.5) for name in late]
     if len(bench.cables) == 2:
-        found.append(
-            Tuned(
-                BASELINE["friction_balance"],
-                0.0,
-                Limit.balance_deviation,
-                -10.0,
-                10.0,
-                1.0,
-            )
-        )
+        found.append(_known("friction_balance", 0.0, Limit.balance_deviation))
     # A stiff cable shows the least error of the ratio, so one pulley is always
     # uncertain. Where the path is the arm at the joint it is the motor's.
-    for name, given, otherwise in (
-        (
-            "motor_radius",
-            bench.motor_radius,
-            Limit.ratio_deviation if bench.tied else 0.0,
-        ),
-        (
-            "joint_radius",
-            bench.joint_radius,
-            0.0 if bench.tied else Limit.ratio_deviation,
-        ),
-    ):
-        relative = unsure(name, given, 0.0 if bench.ends_held else otherwise)
-        if name == "joint_radius" and RATIO_KEY in constants:
+    uncertain = "" if bench.ends_held else "motor" if bench.tied else "joint"
+    for side, given in (("motor", bench.motor_radius), ("joint", bench.joint_radius)):
+        otherwise = Limit.ratio_deviation if side == uncertain else 0.0
+        relative = unsure(f"{side}_radius", given, otherwise)
+        if side == "joint" and RATIO_KEY in constants:
             pairs = constants[RATIO_KEY]
             relative = max(relative, pairs.uncertainty / pairs.value)
         if relative > 0.0:
-            found.append(Tuned(BASELINE[name], given, relative, -10.0, 10.0, 1.0))
+            found.append(_known(f"{side}_radius", given, relative))
     if instruments.motor == "motor current":
         found += _motor_parameters(records, constants, rms[0])
     if instruments.joint == "known load":
-        found += load_parameters(constants)
+        for name in LOAD_CONSTANTS:
+            load = constants.get(name, Constant(0.0))
+            if load.uncertainty > 0.0:
+                found.append(_known(name, load.value, load.uncertainty / load.value))
+        if "load_stiffness" in constants:
+            rest = constants.get("load_rest_angle", Constant(0.0))
+            scale = rest.uncertainty or Limit.rest_angle_deviation
+            found.append(_known("load_rest_angle", rest.value, scale))
     found += change_parameters(found, records, lambda own: _angle_offset(bench, own))
     return tuple(found)
+
+
+def _known(
+    name: str, value: float, deviation: float, low: float = -10.0, high: float = 10.0
+) -> Tuned:
+    """Return a parameter that is known to a standard deviation, its scale."""
+    return Tuned(BASELINE[name], value, deviation, low, high, 1.0)
 
 
 def _motor_parameters(
@@ -520,9 +473,7 @@ def _motor_parameters(
     known = constants["torque_constant"]
     if known.uncertainty > 0.0:
         size = known.uncertainty / known.value
-        found.append(
-            Tuned(BASELINE["torque_constant"], known.value, size, -10.0, 10.0, 1.0)
-        )
+        found.append(_known("torque_constant", known.value, size))
     return found
 
 
@@ -595,23 +546,15 @@ class SimulatedRig:
         """
         chosen = self.records if only is None else [self.records[k] for k in only]
         here = {own: values_on(values, own) for own in {r.occasion for r in chosen}}
-
-        def circumstances(record: Record) -> tuple[float | None, TrialConditions, str]:
-            own = self.conditions_of(record, effects)
-            return record.pretension, own, record.occasion
-
-        settings = {
-            (pretension, conditions, occasion): self.setting(
-                here[occasion], effects, pretension, conditions
-            )
-            for pretension, conditions, occasion in set(map(circumstances, chosen))
-        }
-        return in_threads(
-            lambda record: self._shown(
-                record, settings[circumstances(record)], here[record.occasion], effects
-            ),
-            chosen,
-        )
+        settings: dict[tuple[object, ...], Setting] = {}  # many trials share one
+        tasks = []
+        for record in chosen:
+            own, conditions = here[record.occasion], self.conditions_of(record, effects)
+            key = record.pretension, conditions, record.occasion
+            if key not in settings:
+                settings[key] = self.setting(own, effects, *key[:2])
+            tasks.append((record, settings[key], own))
+        return in_threads(lambda task: self._shown(*task, effects), tasks)
 
     @staticmethod
     def conditions_of(record: Record, effects: Sequence[str]) -> TrialConditions:
@@ -707,11 +650,9 @@ class SimulatedRig:
             values = _swap_sensors(values)
         shown = self._torques(record, setting, values)
         values = {**self._absent, **values}
-        for sensor in (False, True):
-            for name in effects:
-                effect = EFFECTS[name]
-                if effect.torques is not None and effect.sensor is sensor:
-                    shown = effect.torques(shown, values)
+        for effect in sorted(map(EFFECTS.__getitem__, effects), key=lambda e: e.sensor):
+            if effect.torques is not None:
+                shown = effect.torques(shown, values)
         behind = [values.get(name, 0.0) for name in TORQUE_DELAYS]
         both = np.array(
             [
@@ -739,7 +680,8 @@ class SimulatedRig:
         joint_angle, motor, joint = played.joint_angle, played.motor, played.joint
         known = self.instruments
         if known.motor == "load cells":
-            motor = self.bench.motor_radius * played.proximal
+            pull = agonist_less_antagonist(played.tension_proximal)
+            motor = self.bench.motor_radius * pull
         rotor = self.constants.get("rotor_inertia")
         if rotor is not None and known.motor in ("torque sensor", "motor current"):
             motor = motor + rotor.value * acceleration(record.motor_angle, record.dt)
@@ -759,15 +701,13 @@ class SimulatedRig:
             given = self.constants["torque_constant"].value
             motor = motor * (given / values.get("torque_constant", given))
         if known.joint == "load cells":
-            joint = self.bench.joint_radius * played.distal
+            pull = agonist_less_antagonist(played.tension_distal)
+            joint = self.bench.joint_radius * pull
         if known.joint == "torque sensor":
             joint = joint + weights[1]
         if known.joint == "known load":
-            given_load = load_values(self.constants)
+            given_load = {"load_rest_angle": 0.0, **load_values(self.constants)}
             here = {k: values.get(k, v) for k, v in given_load.items()}
-            here["load_rest_angle"] = values.get(
-                "load_rest_angle", given_load.get("load_rest_angle", 0.0)
-            )
             joint = joint - (
                 load_torque(joint_angle, record.dt, here, record.tilt)
                 - load_torque(joint_angle, record.dt, given_load, record.tilt)
@@ -790,12 +730,6 @@ class SimulatedRig:
             setting.joint_radius,
             record.conditions,
             record.columns,
-        )
-
-    def finer(self, segments: int = 1, substeps: int = 1) -> SimulatedRig:
-        """Return the rig with more segments or smaller steps, by these factors."""
-        return replace(
-            self, segments=self.segments * segments, substeps=self.substeps * substeps
         )
 
     @cached_property
@@ -848,18 +782,18 @@ def plausible_range(
     if not parameter.of:
         return low, high
     records = plant.records
+    motion = max((float(np.ptp(r.joint_angle)) for r in records), default=0.0)
     if parameter.of == "motor_radius":
         whole = plant.bench.motor_radius
     elif parameter.of == "cable":
         whole = min(c.length / c.axial_stiffness for c in plant.bench.cables)
     elif parameter.of == "motion":
-        whole = max(float(np.ptp(record.joint_angle)) for record in records)
+        whole = motion
     else:
         torque, _, per_motion = parameter.of.partition(" per ")
         side = ("motor_torque", "joint_torque").index(torque)
         row = plant.instruments.rows.index(side)
         whole = max(float(np.max(np.abs(r.measured[row]))) for r in records)
         if per_motion:
-            half = 0.5 * max(float(np.ptp(record.joint_angle)) for record in records)
-            whole /= max(half, 1e-9)
+            whole /= max(0.5 * motion, 1e-9)
     return low * whole, high * whole

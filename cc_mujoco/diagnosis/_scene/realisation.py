@@ -26,7 +26,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import mujoco
 import numpy as np
@@ -53,11 +53,9 @@ class Measured(NamedTuple):
     joint_torque: float  # that the transmission puts into the joint [N m]
 
 
-class SensorShare(NamedTuple):
-    """Share of one sensor in a torque: its name and the weight of its last number."""
-
-    sensor: str
-    weight: float
+SensorShare = tuple[str, float]
+"""Sensor in the sum that is a torque: its name, and the weight of its last number."""
+_SIDES = ((MOTOR_TORQUE, "motor"), (JOINT_TORQUE, "joint"))
 
 
 def read_channels(model: mujoco.MjModel, data: mujoco.MjData) -> Measured:
@@ -130,13 +128,13 @@ def add_instruments(spec: mujoco.MjSpec, bench: Bench) -> None:
     ):
         actuators = [_ends(spec, cable)[end] for cable in bench.names]
         ends = [
-            SensorShare(force_sensor(spec, actuator), sign * radius)
+            (force_sensor(spec, actuator), sign * radius)
             for actuator, sign in zip(actuators, signs, strict=False)
         ]
         others = [
             part
             for part in torque_parts(spec, channel)
-            if not _shows_force_of(spec.sensor(part.sensor), actuators)
+            if not _shows_force_of(spec.sensor(part[0]), actuators)
         ]
         set_torque_parts(spec, channel, [*ends, *others])
 
@@ -169,7 +167,7 @@ def torque_parts(spec: mujoco.MjSpec, channel: str) -> list[SensorShare]:
     if found is None:
         return []
     return [
-        SensorShare(str(name), float(weight))
+        (str(name), float(weight))
         for name, weight in zip(found.objname, found.objprm, strict=True)
     ]
 
@@ -181,17 +179,15 @@ def set_torque_parts(
     if found is None:
         found = spec.add_tuple(name=channel)
     found.objtype = [int(_SENSOR)] * len(wanted)
-    found.objname = [part.sensor for part in wanted]
-    found.objprm = [part.weight for part in wanted]
+    found.objname = [name for name, _ in wanted]
+    found.objprm = [weight for _, weight in wanted]
 
 
 def add_torque_part(
     spec: mujoco.MjSpec, channel: str, sensor: str, weight: float
 ) -> None:
     """Add a sensor to the sum of a torque, as `torque_parts` has it."""
-    set_torque_parts(
-        spec, channel, [*torque_parts(spec, channel), SensorShare(sensor, weight)]
-    )
+    set_torque_parts(spec, channel, [*torque_parts(spec, channel), (sensor, weight)])
 
 
 @contextmanager
@@ -237,6 +233,7 @@ def _index(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str, what: str) -> 
 
 
 Values = Mapping[str, float]
+Realise = Callable[[mujoco.MjSpec, Bench, Values], None]
 
 CLOCK_SENSOR, UNIT_SENSOR = "instrument_clock", "instrument_one"
 """Sensors that show the time and the number 1; they are never late."""
@@ -252,38 +249,30 @@ def angle_offset(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
 
 
 def torque_offset(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
-    add_constant(spec, MOTOR_TORQUE, values["motor_torque_offset"])
-    add_constant(spec, JOINT_TORQUE, values["joint_torque_offset"])
+    for channel, side in _SIDES:
+        add_constant(spec, channel, values[f"{side}_torque_offset"])
 
 
 def gain(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
     """Scale the torque readings by a gain error."""
-    for channel, name in (
-        (MOTOR_TORQUE, "motor_torque_gain"),
-        (JOINT_TORQUE, "joint_torque_gain"),
-    ):
-        gain = 1.0 + values[name]
-        scaled = [
-            SensorShare(p.sensor, gain * p.weight) for p in torque_parts(spec, channel)
-        ]
-        set_torque_parts(spec, channel, scaled)
+    for channel, side in _SIDES:
+        factor = 1.0 + values[f"{side}_torque_gain"]
+        parts = torque_parts(spec, channel)
+        set_torque_parts(spec, channel, [(name, factor * w) for name, w in parts])
 
 
 def cross_talk(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
     """Add to each torque reading a share of the other one."""
-    both = (MOTOR_TORQUE, JOINT_TORQUE)
-    parts = {channel: torque_parts(spec, channel) for channel in both}
-    for channel, other, name in (
-        (MOTOR_TORQUE, JOINT_TORQUE, "motor_torque_cross_talk"),
-        (JOINT_TORQUE, MOTOR_TORQUE, "joint_torque_cross_talk"),
-    ):
-        for part in parts[other]:
-            add_torque_part(spec, channel, part.sensor, values[name] * part.weight)
+    parts = {channel: torque_parts(spec, channel) for channel, _ in _SIDES}
+    for (channel, side), (other, _) in zip(_SIDES, _SIDES[::-1], strict=True):
+        share = values[f"{side}_torque_cross_talk"]
+        for sensor, weight in parts[other]:
+            add_torque_part(spec, channel, sensor, share * weight)
 
 
 def bias(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
     """Add a constant and a drift to the torque readings."""
-    for channel, side in ((MOTOR_TORQUE, "motor"), (JOINT_TORQUE, "joint")):
+    for channel, side in _SIDES:
         add_constant(spec, channel, values[f"{side}_torque_bias"])
         drift = values[f"{side}_torque_drift"]
         if drift != 0.0:
@@ -310,10 +299,10 @@ def delay(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
         if own + common < 0.5 * spec.option.timestep:
             continue
         delayed = []
-        for part in torque_parts(spec, channel):
-            source = spec.sensor(part.sensor)
-            if source.name in (CLOCK_SENSOR, UNIT_SENSOR):
-                delayed.append(part)
+        for name, weight in torque_parts(spec, channel):
+            source = spec.sensor(name)
+            if name in (CLOCK_SENSOR, UNIT_SENSOR):
+                delayed.append((name, weight))
                 continue
             copy = spec.add_sensor(
                 name=sensor_word(f"{channel}_{source.name}"),
@@ -322,14 +311,21 @@ def delay(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
                 objname=source.objname,
             )
             _delay_sensor(spec, copy, own + common)
-            delayed.append(SensorShare(copy.name, part.weight))
+            delayed.append((copy.name, weight))
         set_torque_parts(spec, channel, delayed)
 
 
 def add_constant(spec: mujoco.MjSpec, channel: str, value: float) -> None:
-    """Add a constant to a channel [N m]."""
+    """Add a constant to a channel [N m]: the z of the world's own z axis is 1."""
     if value != 0.0:
-        add_torque_part(spec, channel, _unit_sensor(spec), value)
+        _ensure_sensor(
+            spec,
+            UNIT_SENSOR,
+            mujoco.mjtSensor.mjSENS_FRAMEZAXIS,
+            objtype=mujoco.mjtObj.mjOBJ_XBODY,
+            objname="world",
+        )
+        add_torque_part(spec, channel, UNIT_SENSOR, value)
 
 
 def _delay_sensor(spec: mujoco.MjSpec, sensor: mujoco.MjsSensor, delay: float) -> None:
@@ -337,18 +333,6 @@ def _delay_sensor(spec: mujoco.MjSpec, sensor: mujoco.MjsSensor, delay: float) -
     sensor.interp = 1
     # Enough to be played at half the time step, too.
     sensor.nsample = 2 * math.ceil(delay / spec.option.timestep) + 4
-
-
-def _unit_sensor(spec: mujoco.MjSpec) -> str:
-    """Return a sensor whose last number is always 1: the world's own z axis."""
-    _ensure_sensor(
-        spec,
-        UNIT_SENSOR,
-        mujoco.mjtSensor.mjSENS_FRAMEZAXIS,
-        objtype=mujoco.mjtObj.mjOBJ_XBODY,
-        objname="world",
-    )
-    return UNIT_SENSOR
 
 
 def _ensure_sensor(
@@ -515,18 +499,16 @@ def stiffness(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
     add_constant(spec, JOINT_TORQUE, -moment)
 
 
-def joint_inertia(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
-    """Add an inertia between transmission and joint sensor."""
-    inertia = values["joint_inertia"]
-    if _add_armature(spec, bench.joint, inertia) and bench.lever is None:
-        _add_inertia_torque(spec, bench.joint, inertia, JOINT_TORQUE, -1.0)
+def inertia(side: Literal["motor", "joint"]) -> Realise:
+    """Return the addition of an inertia between the sensor of a side and its pulley."""
+    channel, sign = (MOTOR_TORQUE, 1.0) if side == "motor" else (JOINT_TORQUE, -1.0)
 
+    def add(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
+        name, size = getattr(bench, side), values[f"{side}_inertia"]
+        if _add_armature(spec, name, size) and bench.lever is None:
+            _add_inertia_torque(spec, name, size, channel, sign)
 
-def motor_inertia(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
-    """Add an inertia between motor sensor and pulley."""
-    inertia = values["motor_inertia"]
-    if _add_armature(spec, bench.motor, inertia) and bench.lever is None:
-        _add_inertia_torque(spec, bench.motor, inertia, MOTOR_TORQUE, 1.0)
+    return add
 
 
 def _add_armature(spec: mujoco.MjSpec, name: str, inertia: float) -> bool:
@@ -587,7 +569,7 @@ class _Realisation:
     """Realisation of one effect in MuJoCo."""
 
     note: str  # means of the realisation, and advice to a user of the scene
-    apply: Callable[[mujoco.MjSpec, Bench, Values], None]  # changes a scene
+    apply: Realise  # changes a scene
     # Whether it needs a pulley, or torques that are sums of sensors, which a joint with
     # a lever has not
     pulley: bool = True
@@ -623,16 +605,14 @@ REALISATIONS: dict[str, _Realisation] = {
     "joint_stiffness": _Realisation(
         "stiffness of the joint, about where it rests", stiffness, pulley=False
     ),
-    "joint_inertia": _Realisation(
-        "armature of the joint; a weightless body that rides along shows it",
-        joint_inertia,
-        pulley=False,
-    ),
-    "motor_inertia": _Realisation(
-        "armature of the motor; a weightless body that rides along shows it",
-        motor_inertia,
-        pulley=False,
-    ),
+    **{
+        f"{side}_inertia": _Realisation(
+            f"armature of the {side}; a weightless body that rides along shows it",
+            inertia(side),
+            pulley=False,
+        )
+        for side in ("joint", "motor")
+    },
     "sensor_cross_talk": _Realisation(
         "each torque is also a weighted sum of the sensors of the other one", cross_talk
     ),

@@ -211,23 +211,24 @@ def require_repairable(bench: Bench) -> None:
     """Require that a scene can have any effect, or say what to change in it."""
     spec = mujoco.MjSpec.from_file(str(bench.path))
     _check_settings(spec, bench)
-    plain = _rehearse_repair(bench, {})
-    everything = {
-        name: {
-            parameter: typical.get(
-                parameter, 0.01
-            )  # offsets have no entry in the library
-            for parameter in realisation.parameters
-        }
+    typical = {p.name: p.typical for e in EFFECTS.values() for p in e.parameters}
+    everything = {  # offsets have no entry in the library
+        name: {key: typical.get(key, 0.01) for key in realisation.parameters}
         for name, realisation in realisations().items()
         if is_realisable(bench, name)
-        for typical in [
-            {p.name: p.typical for p in EFFECTS[name].parameters}
-            if name in EFFECTS
-            else {}
-        ]
     }
-    full = _rehearse_repair(bench, everything)
+    try:
+        plain, full = (
+            repair_scene(bench, bench.cables, each) for each in ({}, everything)
+        )
+    except CableError as error:
+        taken = re.search(r"repeated name '(.+)' in (\w+)", str(error))
+        if taken is None:
+            raise
+        raise CableError(
+            f"scene {bench.path} has {taken[2]} {taken[1]!r}, and a repaired scene may "
+            "need that name for its own; rename it"
+        ) from None
     with TemporaryDirectory() as folder:
         try:
             write(Path(folder) / "scene.xml", full)
@@ -238,19 +239,6 @@ def require_repairable(bench: Bench) -> None:
             ) from None
     # The cable of a lever is interpolated in its file.
     _rehearse_motion(bench.path if bench.lever else plain, plain.option.timestep, bench)
-
-
-def _rehearse_repair(bench: Bench, effects: Mapping[str, Values]) -> mujoco.MjSpec:
-    try:
-        return repair_scene(bench, bench.cables, effects)
-    except CableError as error:
-        taken = re.search(r"repeated name '(.+)' in (\w+)", str(error))
-        if taken is None:
-            raise
-        raise CableError(
-            f"scene {bench.path} has {taken[2]} {taken[1]!r}, and a repaired scene may "
-            "need that name for its own; rename it"
-        ) from None
 
 
 def _check_settings(spec: mujoco.MjSpec, bench: Bench) -> None:

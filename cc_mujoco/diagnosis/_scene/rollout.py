@@ -97,19 +97,9 @@ def rollout(
             held = dict(
                 zip(path.others, map(path.with_lead_in, path.angles), strict=True)
             )
-        motor, joint = with_lead_in(angles[0], angles[1], lambda _: lead_in * turned, 1)
+        along = lead_in * turned
+        angles = np.array(with_lead_in(angles[0], angles[1], lambda _: along, 1))
         clock = np.concatenate([before, clock])
-        led_in = rollout(
-            scene,
-            clock,
-            motor,
-            joint,
-            tilt=tilt,
-            cables=cables,
-            driven=driven,
-            others=held,
-        )
-        return led_in[0][LEAD_SAMPLES:], led_in[1][LEAD_SAMPLES:]
     tilt_rig(model, tilt)
     view = _Sensors(model) if bench is None else _Forces(model, bench)
     view.joints += tuple(int(model.joint(name).id) for name in held)
@@ -122,7 +112,8 @@ def rollout(
     late = view.late
     shown = _play(model, view, clock[0], dt, substeps, angles, math.ceil(late / dt))
     at = np.arange(shown.shape[1]) * dt
-    motor, joint = (np.interp(at[: clock.size] + late, at, row) for row in shown)
+    first = 0 if lead_in is None else LEAD_SAMPLES
+    motor, joint = (np.interp(at[first : clock.size] + late, at, row) for row in shown)
     return motor, joint
 
 
@@ -144,7 +135,7 @@ class _Sensors:
         self.late = float(model.sensor_delay[sensors[0]])
         self._weights = torque_weights(model)
 
-    def torques(self, data: mujoco.MjData) -> FloatArray:
+    def measure(self, data: mujoco.MjData) -> FloatArray:
         """Return the motor and joint torque at the last evaluation (2,) [N m]."""
         found: FloatArray = self._weights @ data.sensordata
         return found
@@ -170,7 +161,7 @@ class _Forces(_Sensors):
         self._ends = model.actuator_outadr[ends]
         self._moment = np.zeros((mujoco.MjData(model).moment_rownnz.size, model.nv))
 
-    def torques(self, data: mujoco.MjData) -> FloatArray:
+    def measure(self, data: mujoco.MjData) -> FloatArray:
         mujoco.mju_sparse2dense(
             self._moment,
             data.actuator_moment,
@@ -211,8 +202,10 @@ def _play(
     force = Limit.drive_armature * np.gradient(speed, dt, axis=1)
     samples = angles.shape[1]
     count = (samples - 1 + more) * substeps + 1
+    at = np.arange(count) / substeps  # the last sample is held
     position, velocity, drive = (
-        _upsample(signal, substeps, count) for signal in (angles, speed, force)
+        np.column_stack([np.interp(at, np.arange(samples), row) for row in signal])
+        for signal in (angles, speed, force)
     )
     for signal in (velocity, drive):
         signal[(samples - 1) * substeps + 1 :] = 0.0
@@ -227,7 +220,7 @@ def _play(
             _fill_sensor_history(model, data)
         mujoco.mj_step(model, data)
         if step % substeps == 0:
-            shown[:, step // substeps] = view.torques(data)
+            shown[:, step // substeps] = view.measure(data)
     if any(warning.number for warning in data.warning) or not np.isfinite(shown).all():
         raise CableError(
             f"the scene does not stay finite along this motion at a step of "
@@ -282,13 +275,6 @@ def _fill_sensor_history(model: mujoco.MjModel, data: mujoco.MjData) -> None:
         times = data.time - model.opt.timestep * np.arange(count, 0, -1.0)
         values = np.tile(seen, (count, 1))
         mujoco.mj_initSensorHistory(model, data, sensor, times, values, 0.0)
-
-
-def _upsample(signal: FloatArray, substeps: int, count: int) -> FloatArray:
-    """Return (rows, samples) at `count` steps, linear, with the last one held."""
-    samples = np.arange(signal.shape[1])
-    at = np.arange(count) / substeps
-    return np.column_stack([np.interp(at, samples, row) for row in signal])
 
 
 def _other_angles(

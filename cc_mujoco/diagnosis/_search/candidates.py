@@ -36,7 +36,6 @@ from cc_mujoco.diagnosis._fit.problem import (
     block_sum_deviation,
     blocks,
     jacobian,
-    plain_residual_slopes,
     residual_changes,
     residual_slopes,
 )
@@ -68,13 +67,6 @@ class Signature(NamedTuple):
     changes: FloatArray  # (residuals, amplitudes) by plausible sizes, nothing retuned
 
 
-class _KnownChanges(NamedTuple):
-    """Torque changes (1, 2, samples) of a record by effects, where a model had it."""
-
-    torque: FloatArray  # (2, samples) of that model [N m]
-    columns: dict[_Key, FloatArray]  # changes by effect, start and parameter [N m]
-
-
 class Changes:
     """Torque changes due to effects, kept by record for models that are alike.
 
@@ -84,7 +76,9 @@ class Changes:
     """
 
     def __init__(self) -> None:
-        self._kept: dict[Record, list[_KnownChanges]] = {}
+        # By record the torques (2, samples) of models [N m], and by effect, start and
+        # parameter the changes (1, 2, samples) where a model has it [N m]
+        self._kept: dict[Record, list[tuple[FloatArray, dict[_Key, FloatArray]]]] = {}
 
     def at(self, record: Record, torque: FloatArray) -> dict[_Key, FloatArray]:
         """Return the changes that hold where a model has this torque (2, samples).
@@ -92,14 +86,14 @@ class Changes:
         The caller adds what it simulates.
         """
         kept = self._kept.setdefault(record, [])
-        off = [float(np.sum((torque - known.torque) ** 2)) for known in kept]
+        off = [float(np.sum((torque - known) ** 2)) for known, _ in kept]
         least = int(np.argmin(off)) if off else -1
         if off and off[least] <= Limit.max_model_change**2 * float(np.sum(torque**2)):
             kept.append(kept.pop(least))  # the one used last goes last
         else:
-            kept.append(_KnownChanges(torque, {}))
+            kept.append((torque, {}))
             del kept[: -Limit.max_models]
-        return kept[-1].columns
+        return kept[-1][1]
 
 
 class _Place(NamedTuple):
@@ -114,6 +108,26 @@ class _Place(NamedTuple):
     here: list[FloatArray]
     priors: int  # number of residuals that are of priors
     known: list[dict[_Key, FloatArray]]  # changes of these by effects, see `Changes.at`
+
+    @classmethod
+    def of(
+        cls,
+        problem: Problem,
+        x: FloatArray,
+        masks: Masks,
+        changes: Changes,
+        explained: bool = False,
+    ) -> _Place:
+        """Return the place; if `explained`, as if the model explained the data."""
+        seen = [k for k, mask in enumerate(masks) if mask.any()]
+        here, records = problem.torques(x, seen), problem.plant.records
+        steep = residual_slopes(problem, None if explained else here, masks)
+        base = problem.coarse.torques(x, seen)
+        priors = sum(math.isfinite(parameter.prior) for parameter in problem.tuned)
+        known = [
+            changes.at(records[k], torque) for k, torque in zip(seen, here, strict=True)
+        ]
+        return cls(problem, x, steep, seen, base, priors, known)
 
 
 @dataclass(frozen=True)
@@ -161,17 +175,13 @@ def screen(
     free = inside & (size > 0.0)
     scaled = slopes[:, free] / size[free]
     tangent, _ = np.linalg.qr(scaled)
-    seen = [k for k, mask in enumerate(masks) if mask.any()]
-    here = problem.torques(x, seen)
-    known = _known_changes(problem, seen, here, changes or Changes())
-    steep = residual_slopes(problem, here, masks)
-    priors = error.size - sum(each.size for each, _ in steep)
+    channels = len(problem.plant.records[0].measured)
     given = _Screen(
-        _Place(problem, x, steep, seen, _coarsely(problem, x, seen), priors, known),
+        _Place.of(problem, x, masks, changes or Changes()),
         error,
         tangent,
         error - tangent @ (tangent.T @ error),
-        _Foresight(error, scaled, masks, division, len(here[0])),
+        _Foresight(error, scaled, masks, division, channels),
     )
 
     library = problem.plant.library.effects
@@ -203,13 +213,7 @@ def changes_by_effects(
     data: large errors take no weight from a sample. Effects that cannot be simulated
     are left out.
     """
-    seen = [k for k, mask in enumerate(masks) if mask.any()]
-    here = problem.torques(x, seen)
-    known = _known_changes(problem, seen, here, changes)
-    priors = sum(np.isfinite(parameter.prior) for parameter in problem.tuned)
-    steep = plain_residual_slopes(problem, masks)
-    base = _coarsely(problem, x, seen)
-    place = _Place(problem, x, steep, seen, base, int(priors), known)
+    place = _Place.of(problem, x, masks, changes, explained=True)
     library = problem.plant.library.effects
 
     def made(name: str) -> FloatArray | None:
@@ -224,19 +228,6 @@ def changes_by_effects(
     able = [name for name in ids if name in library]
     found = zip(able, in_threads(made, able), strict=True)
     return {name: columns for name, columns in found if columns is not None}
-
-
-def _known_changes(
-    problem: Problem, seen: list[int], here: list[FloatArray], changes: Changes
-) -> list[dict[_Key, FloatArray]]:
-    records = problem.plant.records
-    return [
-        changes.at(records[k], torque) for k, torque in zip(seen, here, strict=True)
-    ]
-
-
-def _coarsely(problem: Problem, x: FloatArray, seen: list[int]) -> list[FloatArray]:
-    return problem.coarse.torques(x, seen)
 
 
 def _start(given: _Place, name: str, place: int) -> dict[str, float]:
@@ -487,7 +478,10 @@ def rejection_reason(
         )
     effect = crossed.problem.plant.library.effects[name]
     parameters = {parameter.name: parameter for parameter in effect.parameters}
-    spread, mean = amplitude_statistics(crossed, name)
+    index = amplitude_indices(crossed.problem, [name])
+    sizes = np.array([fit.x[index] for fit in crossed.fits])
+    spread = float(np.linalg.norm(sizes[0] - sizes[-1]))
+    mean = float(np.linalg.norm(sizes.mean(axis=0)))
     # Where more than a size is fitted, one parameter may stand in for another.
     alone = sum(not parameter.beside for parameter in parameters.values()) == 1
     if alone and spread > Limit.max_fold_spread * mean:
@@ -499,16 +493,6 @@ def rejection_reason(
     return implausibility(
         crossed.problem, np.mean([fit.x for fit in crossed.fits], axis=0)
     )
-
-
-def amplitude_statistics(crossed: CrossValidation, name: str) -> tuple[float, float]:
-    """Return spread over folds and mean of an effect's amplitude, in scales."""
-    index = amplitude_indices(crossed.problem, [name])
-    found = np.array([fit.x[index] for fit in crossed.fits])
-    if found.shape[0] < 2:
-        return 0.0, float(np.linalg.norm(found[0]))
-    spread = float(np.linalg.norm(found[0] - found[1]))
-    return spread, float(np.linalg.norm(found.mean(axis=0)))
 
 
 def decide(

@@ -18,13 +18,11 @@ from itertools import zip_longest
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cc_mujoco.diagnosis._fit.fit import (
     BaselineFit,
     Held,
     Holdout,
-    Options,
     refine_simulation,
 )
 from cc_mujoco.diagnosis._fit.intervals import (
@@ -154,10 +152,6 @@ class Search(NamedTuple):
     # True if the user stopped it, so that fewer effects were tried
     interrupted: bool = False
 
-    @classmethod
-    def without_effects(cls, baseline: CrossValidation) -> Search:
-        return cls(baseline, baseline, (), (), {}, Changes(), (baseline,))
-
 
 def drop_redundant(course: Search, division: Sequence[Fold]) -> Search:
     """Return the search without the effects that later ones made redundant.
@@ -285,7 +279,7 @@ class _Additions:
                     now = following[0].before
                 else:
                     wider = next(c.crossed for c in candidates if c.id == step.added)
-                    now = self._next_model(wider)
+                    now = with_own_noise_floor(wider, self.division, self.whole)
                 known.append(now)
         except KeyboardInterrupt:
             interrupted = True
@@ -396,16 +390,6 @@ class _Additions:
         reason = rejection_reason(crossed, name, reduction, z)
         return Candidate(name, crossed, reduction, z, reason)
 
-    def _next_model(self, crossed: CrossValidation) -> CrossValidation:
-        """Return `with_own_noise_floor`, or by the floor of the same model of all."""
-        whole = self.whole
-        for model in [whole.after, *(s.before for s in whole.rounds)] if whole else []:
-            if model.problem.tuned == crossed.problem.tuned:
-                problem = model.problem.sharing([model.problem])
-                starts = [fit.x for fit in crossed.fits]
-                return cross_validate(problem, self.division, starts)
-        return with_own_noise_floor(crossed, self.division)
-
 
 def resembling(
     candidates: Sequence[Candidate], present: Sequence[str], rare: Sequence[str]
@@ -454,13 +438,18 @@ def search_rare(
 
 
 def with_own_noise_floor(
-    crossed: CrossValidation, division: Sequence[Fold]
+    crossed: CrossValidation, division: Sequence[Fold], whole: Search | None = None
 ) -> CrossValidation:
     """Return the model by its own floor and weight, simulated finely enough for it.
 
     By the floor of a much worse model the priors outweigh the data and shrink what was
-    added; while a refit halves the floor, it is taken anew.
+    added; while a refit halves the floor, it is taken anew. If the `whole` search has
+    the same model of all data, its floor and simulation serve.
     """
+    for model in [whole.after, *(s.before for s in whole.rounds)] if whole else []:
+        if model.problem.tuned == crossed.problem.tuned:
+            problem = model.problem.sharing([model.problem])
+            return cross_validate(problem, division, [fit.x for fit in crossed.fits])
     masks = divided_samples(division)
     place = np.mean([fit.x for fit in crossed.fits], axis=0)
     problem = crossed.problem.with_updated_floor(place, masks)
@@ -544,6 +533,7 @@ def _unrefitted_lookalikes(
 class Found:
     """Effects that explain the error, and the model that all data support."""
 
+    fitted: BaselineFit  # the baseline
     search: Search  # the rounds, ending with the model
     problem: Problem  # the model
     x: FloatArray  # where it was fitted to all data
@@ -563,16 +553,26 @@ class Found:
         return tuple(effect.id for effect in self.effects if effect.missing)
 
 
-def search_effects(fitted: BaselineFit, settings: Options, progress: Progress) -> Found:
+def search_effects(fitted: BaselineFit, progress: Progress) -> Found:
     """Find the effects that explain the error, and fit their model to all data."""
-    records = fitted.problem.plant.records
-    several = len(occasions_of(records)) > 1
-    by_trial = "" if several else _random_by_trial(fitted)
-    found = (
-        Search.without_effects(fitted.crossed)
-        if by_trial
-        else _search(fitted, settings, progress)
-    )
+    records, crossed = fitted.problem.plant.records, fitted.crossed
+    several, by_trial = len(occasions_of(records)) > 1, ""
+    if not several and crossed.misfit > Limit.max_explained_error:
+        constants = trial_constants(fitted.problem, fitted.whole.x)
+        trials = constants[0].trials if constants else ()
+        along = trial_ordinates(fitted.problem, trials, fitted.temperatures)
+        by_trial = random_constants(constants, along, crossed.misfit)
+    if by_trial:
+        found = Search(crossed, crossed, (), (), {}, Changes(), (crossed,))
+    else:
+        able, settings = fitted.problem.plant.library.effects, fitted.settings
+        wanted = settings.ids or dict.fromkeys([*usual_effects(), *settings.requested])
+        names = tuple(name for name in wanted if name in able)
+        rare = () if settings.ids else tuple(n for n in able if n not in names)
+        division = interleaved_folds(records)
+        usual, of_rare = part_of(progress, 0.2, 0.4), part_of(progress, 0.6, 0.1)
+        found = search(crossed, division, names, usual, rare)
+        found = search_rare(found, division, rare, of_rare)
     # Occasions are better parts than halves, see `compare_occasions`.
     agreed = Agreement({}, {})
     if not (found.interrupted or several):
@@ -580,70 +580,35 @@ def search_effects(fitted: BaselineFit, settings: Options, progress: Progress) -
     if agreed.interrupted:
         found = found._replace(interrupted=True)
     progress(0.82, "fitting the result to all data")
-    model = _drop_doubtful(fitted, found, settings.seed, progress)
-    problem, x = model.problem, model.x
-    estimated = estimates(problem, x, model.spread)
+    problem, x, spread, held = _drop_doubtful(fitted, found, progress)
+    estimated = estimates(problem, x, spread)
     compared = compare_occasions(problem, x, estimated)
     shares = agreement_shares(compared) if compared else agreed.shares
-    found = final_search(found, fitted, model)
+    found = final_search(found, problem, x)
     added = [step.added for step in found.rounds if step.added]
-    groups = {
-        rivals[0]: rivals
-        for step in found.rounds
-        for rivals in [_extend_tie(step.tied(problem.effects, added), agreed.rivals)]
-        if len(rivals) > 1
-    }
+    groups = {}
+    for step in found.rounds:
+        rivals = step.tied(problem.effects, added)
+        # Effects that parts of the data name instead are tied, too.
+        more = agreed.rivals.get(rivals[0], ()) if rivals else ()
+        rivals = tuple(dict.fromkeys((*rivals, *more)))
+        if len(rivals) > 1:
+            groups[rivals[0]] = rivals
     effects = _found_effects(found, problem, x, estimated, shares, groups)
     missing = [effect.id for effect in effects if effect.missing]
     ties = tuple(rivals for name, rivals in groups.items() if name in missing)
     return Found(
-        found, problem, x, model.held, estimated, effects, ties, compared, by_trial
+        fitted, found, problem, x, held, estimated, effects, ties, compared, by_trial
     )
 
 
-def _random_by_trial(fitted: BaselineFit) -> str:
-    """Return the constant that differs at random by trial and explains all, or ""."""
-    misfit = fitted.crossed.misfit
-    if misfit <= Limit.max_explained_error:
-        return ""
-    constants = trial_constants(fitted.problem, fitted.whole.x)
-    names = constants[0].trials if constants else ()
-    along = trial_ordinates(fitted.problem, names, fitted.temperatures)
-    return random_constants(constants, along, misfit)
-
-
-def _search(fitted: BaselineFit, settings: Options, progress: Progress) -> Search:
-    able = fitted.problem.plant.library.effects
-    wanted = settings.ids or dict.fromkeys([*usual_effects(), *settings.requested])
-    names = tuple(name for name in wanted if name in able)
-    rare = () if settings.ids else tuple(name for name in able if name not in names)
-    division = interleaved_folds(fitted.problem.plant.records)
-    usual, of_rare = part_of(progress, 0.2, 0.4), part_of(progress, 0.6, 0.1)
-    found = search(fitted.crossed, division, names, usual, rare)
-    return search_rare(found, division, rare, of_rare)
-
-
-def _extend_tie(
-    rivals: tuple[str, ...], others: Mapping[str, tuple[str, ...]]
-) -> tuple[str, ...]:
-    """Return the tie, with the effects that parts of the data name instead."""
-    more = others.get(rivals[0], ()) if rivals else ()
-    return (*rivals, *(name for name in more if name not in rivals))
-
-
-class CheckedModel(NamedTuple):
-    """Result of a search once it has been fitted to all data."""
-
-    problem: Problem  # the model
-    x: FloatArray  # where it was fitted to all data
-    spread: Spread  # of that place
-    held: Held  # its predictions of held-out data
-
-
 def _drop_doubtful(
-    baseline_fit: BaselineFit, found: Search, seed: int, progress: Progress
-) -> CheckedModel:
+    baseline_fit: BaselineFit, found: Search, progress: Progress
+) -> tuple[Problem, FloatArray, Spread, Held]:
     """Return the model of the search without effects that may be absent.
+
+    With it come where it was fitted to all data, the spread of that place and its
+    predictions of held-out data.
 
     An effect may be absent if its interval contains 0. Where several can replace each
     other, the one without which the rest explain most is dropped. All are dropped where
@@ -652,7 +617,7 @@ def _drop_doubtful(
     problem = found.after.problem
     counts = [record.counts for record in problem.plant.records]
     start = np.mean([f.x for f in found.after.fits], axis=0)
-    holding = Holdout(baseline_fit, seed)
+    holding = Holdout(baseline_fit)
     while problem.effects:
         x = fit_until_settled(problem, start, counts).x
         idle = doubtful_effects(problem, x, *noise_covariance(problem, x, counts))
@@ -664,7 +629,7 @@ def _drop_doubtful(
             held = holding.out(problem, x)
             if held is None:
                 break
-            return CheckedModel(problem, x, wide, held)
+            return problem, x, wide, held
         slimmer = []
         for name in idle:
             slim = problem.without(name).sharing([c.problem for c in found.known])
@@ -675,25 +640,22 @@ def _drop_doubtful(
     x = fit_until_settled(problem, baseline_fit.whole.x, counts).x
     held = holding.out(problem, x)
     assert held is not None
-    return CheckedModel(problem, x, fit_covariance(problem, x, counts), held)
+    return problem, x, fit_covariance(problem, x, counts), held
 
 
-def final_search(
-    found: Search, baseline_fit: BaselineFit, model: CheckedModel
-) -> Search:
-    """Return a search that ends with the rest of its model.
+def final_search(found: Search, problem: Problem, x: FloatArray) -> Search:
+    """Return a search that ends with the rest of its model, fitted at `x`.
 
     Three effects may each be redundant given the two others. Once one of them is
     dropped, the shares and the error are computed again.
     """
-    problem, x = model.problem, model.x
     if problem.effects == found.after.problem.effects:
         return found
     if not problem.effects:
         return found._replace(after=found.before, shares={})
     division = interleaved_folds(problem.plant.records)
     now = cross_validate(problem, division, [x] * len(division))
-    shares = gap_shares(baseline_fit.crossed, now, division, [*found.known])
+    shares = gap_shares(found.before, now, division, [*found.known])
     return found._replace(after=now, shares=shares)
 
 
@@ -772,16 +734,27 @@ def check_agreement(
     effects = found.after.problem.effects
     if not effects or found.after.misfit <= Limit.max_explained_error:
         return Agreement({}, {})
-    records = baseline_fit.problem.plant.records
-    parts = split_trials(records)
+    problem, x = baseline_fit.problem, baseline_fit.whole.x
+    parts = split_trials(problem.plant.records)
+    folds = interleaved_folds(problem.plant.records)
     tried = {c.id for step in found.rounds for c in step.candidates if not c.reason}
     named: list[list[set[str]]] = []
     try:
         for place, part in enumerate(parts):
             progress(place / len(parts), f"searching part {place + 1} of {len(parts)}")
-            named.append(_named_effects(baseline_fit, part, sorted(tried), found))
+            division = tuple(
+                Fold(
+                    *(
+                        tuple(a & b for a, b in zip(half, part, strict=True))
+                        for half in fold
+                    )
+                )
+                for fold in folds
+            )
+            crossed = cross_validate(problem, division, [x] * len(division))
+            named.append(names_found(crossed, division, sorted(tried), found))
     except KeyboardInterrupt:
-        baseline_fit.problem.slopes.forget()  # they may be half taken
+        problem.slopes.forget()  # they may be half taken
     own = {step.added: set(step.rivals) for step in found.rounds if step.added}
     votes = count_votes(effects, own, named)
     return votes._replace(interrupted=len(named) < len(parts))
@@ -818,24 +791,6 @@ def count_votes(
         if named:
             shares[name] = len(agreed) / len(named)
     return Agreement(shares, rivals)
-
-
-def _named_effects(
-    baseline_fit: BaselineFit, part: Masks, ids: Sequence[str], whole: Search
-) -> list[set[str]]:
-    """Return the effects that a part of the data names, each with its ties."""
-    problem = baseline_fit.problem
-    division = tuple(
-        Fold(_intersect_masks(fold.train, part), _intersect_masks(fold.test, part))
-        for fold in interleaved_folds(problem.plant.records)
-    )
-    start = [baseline_fit.whole.x] * len(division)
-    crossed = cross_validate(problem, division, start)
-    return names_found(crossed, division, ids, whole)
-
-
-def _intersect_masks(one: Masks, other: Masks) -> tuple[NDArray[np.bool_], ...]:
-    return tuple(a & b for a, b in zip(one, other, strict=True))
 
 
 def split_trials(records: Sequence[Record]) -> list[Masks]:

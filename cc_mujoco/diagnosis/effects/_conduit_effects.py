@@ -13,7 +13,6 @@ from cc_mujoco.diagnosis.effects._effect import (
     clamp_to_bounds,
     form_key,
     of_cable,
-    on_all_cables,
     sized,
 )
 from cc_mujoco.diagnosis.effects._effect_class import Shape, Size
@@ -85,7 +84,6 @@ FRICTION_EFFECTS = (
         required_excitation="speeds over a decade",
         confounded_with=("sensor_delay", "stribeck_friction"),
         source="thesis 2.4.4, Fig. 2.13",
-        cables=on_all_cables("viscous_friction"),
     ),
     Effect(
         id="grease_drag",
@@ -100,7 +98,6 @@ FRICTION_EFFECTS = (
             "viscous_friction", "load_independent_friction", "stribeck_friction",
         ),
         source="Herschel and Bulkley, Kolloid-Zeitschrift 39, 1926",
-        cables=on_all_cables("grease_drag", "grease_exponent"),
         generalises=("viscous_friction", "load_independent_friction"),
     ),
     Effect(
@@ -134,7 +131,6 @@ FRICTION_EFFECTS = (
         required_excitation="small reversals",
         confounded_with=("end_compliance", "backlash", "cable_stiffening"),
         source="Dahl 1968; Palli and Melchiorri 2014; thesis (1.2)",
-        cables=on_all_cables("bristle_length"),
     ),
     Effect(
         id="load_independent_friction",
@@ -156,9 +152,6 @@ FRICTION_EFFECTS = (
         required_excitation="two levels of load or pretension",
         confounded_with=("tension_dependent_friction",),
         source="Palli and Melchiorri, Mechatronics 24, 2014",
-        cables=on_all_cables(
-            "load_independent_friction", "seal_proximal", "seal_distal",
-        ),
     ),
     Effect(
         id="asymmetric_friction",
@@ -204,9 +197,6 @@ FRICTION_EFFECTS = (
         required_excitation="pauses of different length",
         confounded_with=("stribeck_friction",),
         source="Dieterich, Pure Appl. Geophys. 116, 1978; Ruina, JGR 88, 1983",
-        cables=on_all_cables(
-            "ageing_friction", "critical_slip_distance", "ageing_time",
-        ),
     ),
     Effect(
         id="friction_drift",
@@ -220,7 +210,6 @@ FRICTION_EFFECTS = (
         required_excitation="trials much longer than a cycle",
         confounded_with=("pretension_loss",),
         source="thesis 3.2.3",
-        cables=on_all_cables("friction_drift", "friction_heating", "cooling_time"),
     ),
 )  # fmt: skip
 """Effects of the friction and the path of a cable, the plainest first."""
@@ -318,7 +307,6 @@ CABLE_EFFECTS = (
         required_excitation="trials much longer than a cycle",
         confounded_with=("friction_drift",),
         source="standard linear solid",
-        cables=on_all_cables("stress_relaxation", "relaxation_time"),
     ),
     Effect(
         id="cable_stiffening",

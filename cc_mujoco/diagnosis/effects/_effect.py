@@ -208,7 +208,8 @@ class Effect:
     # where the fit depends on an unknown scale
     starts: tuple[Values, ...] = ({},)
     mujoco: str = PLUGIN_KEYS  # how a scene has it
-    # The cables with the effect
+    # The cables with the effect; an effect of the conduit that says nothing else sets
+    # its parameters on every cable
     cables: Callable[[Cables, Values, RigGeometry], Cables] | None = None
     # The signals with the effect, in the order motor, joint, sensors
     torques: Callable[[Signals, Values], Signals] | None = None
@@ -248,6 +249,14 @@ class Effect:
         typical = {parameter.name: parameter.typical for parameter in self.parameters}
         starts = tuple({**typical, **start} for start in self.starts)
         object.__setattr__(self, "starts", starts)
+        if not (self.cables or self.torques or self.joint_arm or self.motor_arm):
+            names = tuple(typical)
+
+            def cables(given: Cables, values: Values, _: RigGeometry) -> Cables:
+                changes = {name: values[name] for name in names}
+                return tuple(cable.replace(**changes) for cable in given)
+
+            object.__setattr__(self, "cables", cables)
 
     def form(self, values: Values) -> str:
         """Return the form that values select, "" of an effect with only one."""
@@ -267,16 +276,6 @@ class Effect:
 def form_key(effect: str) -> str:
     """Return the name of the value that selects the form of an effect."""
     return f"{effect}_form"
-
-
-def on_all_cables(*names: str) -> Callable[[Cables, Values, RigGeometry], Cables]:
-    """Return a function that sets these parameters on every cable."""
-
-    def cables(given: Cables, values: Values, _: RigGeometry) -> Cables:
-        changes = {name: values[name] for name in names}
-        return tuple(cable.replace(**changes) for cable in given)
-
-    return cables
 
 
 def of_cable(

@@ -40,7 +40,6 @@ from cc_mujoco.diagnosis.effects._effect import (
     EffectError,
     EffectParameter,
     Place,
-    RigGeometry,
     Signals,
     Values,
     form_key,
@@ -232,11 +231,11 @@ def _effect(made: Any, name: str, rare: bool) -> Effect:
         if editing or in_keys
         else "",
         source=getattr(made, "source", f"class {kind.__qualname__}"),
-        cables=_checked_cables(name, cables) if cables else None,
-        torques=_checked_signals(name, signals) if signals else None,
-        joint_arm=_checked_arm(name, joint_arm) if joint_arm else None,
-        motor_arm=_checked_arm(name, motor_arm) if motor_arm else None,
-        edit_spec=_guarded(name, editing) if editing else None,
+        cables=_guarded(name, cables, _checked_cables),
+        torques=_guarded(name, signals, _checked_signals),
+        joint_arm=_guarded(name, joint_arm, _checked_arm),
+        motor_arm=_guarded(name, motor_arm, _checked_arm),
+        edit_spec=_guarded(name, editing),
         sensor=sensor,
         columns=tuple(getattr(made, "columns", ())),
         by_trial=cables is not None,
@@ -308,94 +307,82 @@ def _require_arguments(made: Any, name: str) -> None:
             ) from None
 
 
-def _guarded(name: str, method: Callable[..., Any]) -> Callable[..., Any]:
-    """Return the method with errors that name the effect, the file and the line."""
+def _guarded(
+    name: str,
+    method: Callable[..., Any] | None,
+    checked: Callable[..., Any] = lambda *_: None,
+) -> Callable[..., Any] | None:
+    """Return the method with errors that name the effect, the file and the line.
+
+    `checked` returns its result, or says in words what it must return.
+    """
+    if method is None:
+        return None
 
     @wraps(method)
     def called(*given: Any) -> Any:
         try:
             with user_errors(f"effect {name!r}"):
-                return method(*given)
+                found = method(*given)
         except CableError as wrong:
             # A value that no cable accepts is no fault of the code.
             if isinstance(wrong.__cause__, Exception):
                 raise EffectError(str(wrong)) from wrong.__cause__
             raise
+        found = checked(found, method.__name__, *given)
+        if isinstance(found, str):
+            raise EffectError(f"effect {name!r}: {found}")
+        return found
 
     return called
 
 
 def _checked_signals(
-    name: str, method: Callable[..., Any]
-) -> Callable[[Signals, Values], Signals]:
-    called = _guarded(name, method)
-
-    def signals(given: Signals, values: Values) -> Signals:
-        found = called(given, values)
-        if not isinstance(found, Signals):
-            raise EffectError(
-                f"effect {name!r}: `signals` returned {type(found).__name__}; it must "
-                "return the signals, for example signals.added(joint=...)"
+    found: Any, _: str, given: Signals, values: Values
+) -> Signals | str:
+    if not isinstance(found, Signals):
+        return (
+            f"`signals` returned {type(found).__name__}; it must return the signals, "
+            "for example signals.added(joint=...)"
+        )
+    for side in ("motor", "joint"):
+        torque = np.asarray(getattr(found, side))
+        if torque.shape != given.time.shape:
+            return (
+                f"the torque `{side}` has shape {torque.shape}; it must be "
+                f"{given.time.shape}, one value a sample"
             )
-        for side in ("motor", "joint"):
-            torque = np.asarray(getattr(found, side))
-            if torque.shape != given.time.shape:
-                raise EffectError(
-                    f"effect {name!r}: the torque `{side}` has shape {torque.shape}; "
-                    f"it must be {given.time.shape}, one value a sample"
-                )
-            if not np.isfinite(torque).all():
-                where = int(np.argmin(np.isfinite(torque)))
-                raise EffectError(
-                    f"effect {name!r}: the torque `{side}` is {torque[where]} at "
-                    f"{given.time[where]:.4g} s with {_text(name, values)}"
-                )
-        return found
-
-    return signals
-
-
-def _checked_cables(
-    name: str, method: Callable[..., Any]
-) -> Callable[[Cables, Values, RigGeometry], Cables]:
-    called = _guarded(name, method)
-
-    def cables(given: Cables, values: Values, rig: RigGeometry) -> Cables:
-        found = called(given, values, rig)
-        if (
-            not isinstance(found, list | tuple)
-            or len(found) != len(given)
-            or not all(isinstance(each, Cable) for each in found)
-        ):
-            raise EffectError(
-                f"effect {name!r}: `cables` must return as many cables as it is given, "
-                f"{len(given)}, not {found!r:.80}"
+        if not np.isfinite(torque).all():
+            where = int(np.argmin(np.isfinite(torque)))
+            known = [f"{key} {v:.4g}" for key, v in values.items() if v != 0.0]
+            return (
+                f"the torque `{side}` is {torque[where]} at {given.time[where]:.4g} s "
+                f"with {', '.join(known[-4:]) or 'all sizes 0'}"
             )
-        return tuple(found)
-
-    return cables
+    return found
 
 
-def _checked_arm(
-    name: str, method: Callable[..., Any]
-) -> Callable[[Values], tuple[float, ...]]:
-    called = _guarded(name, method)
-
-    def arm(values: Values) -> tuple[float, ...]:
-        found = np.atleast_1d(np.asarray(called(values), dtype=np.float64))
-        if found.ndim != 1 or not np.isfinite(found).all():
-            raise EffectError(
-                f"effect {name!r}: `{method.__name__}` must return finite "
-                f"coefficients of q, q^2, ..., not {found!r:.80}"
-            )
-        return tuple(found.tolist())
-
-    return arm
+def _checked_cables(found: Any, _: str, given: Cables, *__: Any) -> Cables | str:
+    if (
+        not isinstance(found, list | tuple)
+        or len(found) != len(given)
+        or not all(isinstance(each, Cable) for each in found)
+    ):
+        return (
+            f"`cables` must return as many cables as it is given, {len(given)}, not "
+            f"{found!r:.80}"
+        )
+    return tuple(found)
 
 
-def _text(name: str, values: Values) -> str:
-    known = [f"{key} {value:.4g}" for key, value in values.items() if value != 0.0]
-    return ", ".join(known[-4:]) or "all sizes 0"
+def _checked_arm(found: Any, method: str, _: Values) -> tuple[float, ...] | str:
+    found = np.atleast_1d(np.asarray(found, dtype=np.float64))
+    if found.ndim != 1 or not np.isfinite(found).all():
+        return (
+            f"`{method}` must return finite coefficients of q, q^2, ..., not "
+            f"{found!r:.80}"
+        )
+    return tuple(found.tolist())
 
 
 def _first_line(kind: type, name: str) -> str:

@@ -160,9 +160,9 @@ def test_rows_whose_sums_are_equal_are_no_copies() -> None:
         "joint_angle_rad": np.append(other, late[1]),
     }
     made: Any = SimpleNamespace(values=values, clocks={}, rows=400, path="a", name="a")
-    assert readings._check_copied_rows(made) == []
+    assert list(readings._check_copied_rows(made)) == []
     values["motor_angle_rad"][200:], values["joint_angle_rad"][200:] = first, other
-    assert len(readings._check_copied_rows(made)) == 1
+    assert len(list(readings._check_copied_rows(made))) == 1
 
 
 def test_a_load_that_is_another_one_is_refused(tmp_path: Path) -> None:

@@ -16,7 +16,6 @@ from cc_mujoco import diagnosis
 from cc_mujoco.diagnosis._judge import (
     RELIABILITY,
     STUDIED_ERROR,
-    Judgement,
     Stretch,
     _rate,
     _worded,
@@ -91,9 +90,8 @@ def test_rates_are_those_of_the_page() -> None:
 @pytest.mark.parametrize("by_trial", ["", "Friction differs from trial to trial."])
 def test_what_happened_once_has_no_rate(rest: float, by_trial: str) -> None:
     stretch = Stretch("trial", 1.0, 2.0, "motor_torque_nm", 20.0, 0.1, False, rest)
-    found = Judgement((), (), {}, (), stretch, by_trial)
-    assert one_time(found) is (rest == 1.0 or bool(by_trial))
-    assert not one_time(found._replace(stretch=None, by_trial=""))
+    assert one_time(stretch, by_trial) is (rest == 1.0 or bool(by_trial))
+    assert not one_time(None, "")
 
 
 @pytest.mark.parametrize("kind", STUDIED_ERROR)

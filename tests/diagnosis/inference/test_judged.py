@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from cc_mujoco.diagnosis import _judge as verdict_rules
-from cc_mujoco.diagnosis._judge import Judgement, Stretch, verdict_of
+from cc_mujoco.diagnosis._judge import Stretch, verdict_of
 from cc_mujoco.diagnosis._search.candidates import Round
-from cc_mujoco.diagnosis._search.search import only_refines
+from cc_mujoco.diagnosis._search.search import Found, only_refines
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis._verdict import Deviating, FoundEffect, Gap
 from cc_mujoco.estimation import Estimate
@@ -42,19 +44,36 @@ def outcome(
     names: tuple[str, ...],
     gap: dict[str, Gap],
     ties: tuple[tuple[str, ...], ...] = (),
-    deviating: tuple[Deviating, ...] = (),
     refining: tuple[str, ...] = (),
-) -> Judgement:
-    """Effects that were found."""
+) -> Found:
+    """Return the result of a search that found effects."""
     found = [FoundEffect(name, {}, 1.0) for name in names]
     found += [
         FoundEffect(name, {}, 1.0, share=0.02, refinement=True) for name in refining
     ]
-    return Judgement(tuple(found), ties, gap, deviating)
+    return found_effects(found, gap, ties)
+
+
+def found_effects(
+    effects: Sequence[FoundEffect],
+    gap: dict[str, Gap],
+    ties: tuple[tuple[str, ...], ...] = (),
+) -> Found:
+    """Return the result of a search without its course and its model."""
+    unused: Any = None
+    held: Any = SimpleNamespace(gap=gap)
+    return Found(
+        unused, unused, unused, unused, held, {}, tuple(effects), ties, None, ""
+    )
+
+
+def verdict(course: Any, found: Found, **more: Any) -> tuple[str, str]:
+    """Return the verdict where the search took this course."""
+    return verdict_of(replace(found, search=course), **more)
 
 
 @pytest.mark.parametrize(
-    ("left", "rivals", "verdict"),
+    ("left", "rivals", "expected"),
     [
         (1.0, ALIKE[:1], "named"),
         (1.0, ALIKE, "tie"),
@@ -65,13 +84,13 @@ def outcome(
     ],
 )
 def test_effects_that_leave_most_of_the_error_are_not_the_answer(
-    left: float, rivals: tuple[str, ...], verdict: str
+    left: float, rivals: tuple[str, ...], expected: str
 ) -> None:
     ties = (rivals,) if len(rivals) > 1 else ()
     found = outcome(rivals[:1], GAP, ties)
-    said, statement = verdict_of(search(3.0, left), found)
-    assert said == verdict
-    if verdict == "unknown":
+    said, statement = verdict(search(3.0, left), found)
+    assert said == expected
+    if expected == "unknown":
         assert "takes 20 % of the RMS error above the noise" in statement
         assert "leaves 2.60 times the noise floor" in statement
         assert "none of the effects" not in statement
@@ -94,7 +113,7 @@ def test_what_is_named_for_little_is_called_a_hint(names: tuple[str, ...]) -> No
     ties = (names,) if len(names) > 1 else ()
     for misfit, hint in ((1.6, True), (1.9, False)):
         found = outcome(names[:1], CLOSED, ties)
-        said = verdict_of(search(misfit, 1.0), found)[1]
+        said = verdict(search(misfit, 1.0), found)[1]
         assert ("this is a hint only" in said) is hint
 
 
@@ -103,7 +122,7 @@ def test_a_little_that_nothing_explains_is_called_a_hint(
 ) -> None:
     monkeypatch.setattr(verdict_rules, "excess", lambda model: math.inf)
     for misfit, hint in ((1.6, True), (1.9, False)):
-        said, told = verdict_of(search(misfit, misfit), outcome((), GAP))
+        said, told = verdict(search(misfit, misfit), outcome((), GAP))
         assert said == "unknown"
         assert ("this is a hint only" in told) is hint
 
@@ -111,23 +130,23 @@ def test_a_little_that_nothing_explains_is_called_a_hint(
 def test_a_model_that_stays_far_off_has_to_close_the_gap_as_well() -> None:
     found = outcome(ALIKE[:1], GAP)
     far = search(20.0, 8.0)  # 63 % of the error
-    assert verdict_of(far, found)[0] == "unknown"
-    assert verdict_of(far, outcome(ALIKE[:1], CLOSED))[0] == "named"
+    assert verdict(far, found)[0] == "unknown"
+    assert verdict(far, outcome(ALIKE[:1], CLOSED))[0] == "named"
 
 
 def test_an_effect_of_few_moments_closes_the_gap() -> None:
     found = outcome(ALIKE[:1], CLOSED)
-    assert verdict_of(search(3.0, 2.6), found)[0] == "named"
+    assert verdict(search(3.0, 2.6), found)[0] == "named"
 
 
 def test_little_error_is_within_what_effect_free_rigs_reach() -> None:
     found = outcome(ALIKE[:1], GAP)
-    assert verdict_of(search(1.6, 1.45), found)[0] == "named"
+    assert verdict(search(1.6, 1.45), found)[0] == "named"
 
 
 def test_a_refinement_is_told_but_not_called_missing() -> None:
     found = outcome(ALIKE[:1], CLOSED, refining=("sensor_delay",))
-    said, statement = verdict_of(search(3.0, 1.0), found)
+    said, statement = verdict(search(3.0, 1.0), found)
     assert said == "named"
     missing, refines = statement.split(". ", 1)
     assert "Stribeck" in missing
@@ -140,17 +159,19 @@ def test_half_of_the_error_is_not_closed_whatever_its_square() -> None:
     far = search(12.0, 4.5)
     for channels in (["motor_torque_nm"], ["motor_torque_nm", "joint_torque_nm"]):
         found = outcome(ALIKE[:1], dict.fromkeys(channels, half))
-        said, statement = verdict_of(far, found)
+        said, statement = verdict(far, found)
         assert said == "unknown"
         assert "is 7.5 times the noise floor" in statement
         assert "that of the tuned scene 15.0 times" in statement
 
 
-@pytest.mark.parametrize("verdict", ["named", "tie"])
-def test_how_far_the_repaired_model_is_off_is_told_with_the_name(verdict: str) -> None:
-    ties = (ALIKE,) if verdict == "tie" else ()
-    said, statement = verdict_of(search(3.0, 1.0), outcome(ALIKE[:1], CLOSED, ties))
-    assert said == verdict
+@pytest.mark.parametrize("expected", ["named", "tie"])
+def test_how_far_the_repaired_model_is_off_is_told_with_the_name(
+    expected: str,
+) -> None:
+    ties = (ALIKE,) if expected == "tie" else ()
+    said, statement = verdict(search(3.0, 1.0), outcome(ALIKE[:1], CLOSED, ties))
+    assert said == expected
     assert "the error of the repaired model is 1.2 times the noise" in statement
 
 
@@ -160,7 +181,7 @@ def test_no_effect_of_a_tie_is_told_as_sure() -> None:
         ("viscous_friction", "friction_drift"),
         ("joint_gravity", "joint_stiffness"),
     )
-    said, statement = verdict_of(search(5.0, 1.0), outcome(names, CLOSED, ties))
+    said, statement = verdict(search(5.0, 1.0), outcome(names, CLOSED, ties))
     assert said == "tie"
     sure, *groups = statement.partition(". ")[0].split(", and ")
     assert sure == "Missing: play between pulley and joint"
@@ -195,31 +216,31 @@ def test_a_refinement_tells_what_it_cannot_be_told_from() -> None:
         refinement=True,
         rivals=("joint_stiffness",),
     )
-    found = Judgement((FoundEffect("backlash", {}, 1.0), little), (), CLOSED, ())
-    said, statement = verdict_of(search(3.0, 1.0), found)
+    found = found_effects((FoundEffect("backlash", {}, 1.0), little), CLOSED)
+    said, statement = verdict(search(3.0, 1.0), found)
     assert said == "named"
     assert "ravity on the joint or a spring on the joint refines" in statement
 
 
 def test_what_any_rig_may_have_is_told_but_not_called_missing() -> None:
     usual = FoundEffect("end_compliance", {}, 1.0, ordinary=True)
-    alone = Judgement((usual,), (), CLOSED, ())
-    said, statement = verdict_of(search(1.4, 1.1), alone)
+    alone = found_effects((usual,), CLOSED)
+    said, statement = verdict(search(1.4, 1.1), alone)
     assert said == "none" and "Nothing is missing" in statement
     assert "the error of the model is 1.10 times the noise floor" in statement
     assert "no larger than uneven bends and loose ends" in statement
-    beside = Judgement((FoundEffect("backlash", {}, 1.0), usual), (), CLOSED, ())
-    said, statement = verdict_of(search(3.0, 1.0), beside)
+    beside = found_effects((FoundEffect("backlash", {}, 1.0), usual), CLOSED)
+    said, statement = verdict(search(3.0, 1.0), beside)
     assert said == "named"
     assert "end fitting" not in statement.partition(". ")[0]
 
 
 def test_what_fits_only_with_an_impossible_size_is_evidence_for_the_unknown() -> None:
     found = outcome(ALIKE[:1], GAP)
-    said, statement = verdict_of(search(3.0, 2.6, REASON), found)
+    said, statement = verdict(search(3.0, 2.6, REASON), found)
     assert said == "unknown"
     assert f"gain of a torque sensor {REASON}" in statement
-    _, plain = verdict_of(search(3.0, 2.6, "its gain is 1.2"), found)
+    _, plain = verdict(search(3.0, 2.6, "its gain is 1.2"), found)
     assert "gain of a torque sensor" not in plain
 
 
@@ -228,7 +249,7 @@ def test_unknown_gives_the_refused_effect_its_share_what_remains_and_why(
     reason: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(verdict_rules, "excess", lambda model: math.inf)
-    said, statement = verdict_of(search(9.0, 9.0, reason), outcome((), GAP))
+    said, statement = verdict(search(9.0, 9.0, reason), outcome((), GAP))
     assert said == "unknown"
     assert "What comes closest is gain of a torque sensor" in statement
     assert "25 % of the RMS error above the noise and leaves 7.00" in statement
@@ -242,32 +263,31 @@ def test_nothing_is_missing_only_if_no_stretch_is_beyond_its_limit(
 ) -> None:
     monkeypatch.setattr(verdict_rules, "excess", lambda model: 0.0)
     found = search(misfit, misfit)
-    assert verdict_of(found, outcome((), GAP))[0] == "none"
+    assert verdict(found, outcome((), GAP))[0] == "none"
     stretch = Stretch("trial_06", 4.0, 8.0, "joint_torque_nm", 80.0, 1.2, True, 1.1)
-    off = outcome((), GAP)._replace(stretch=stretch)
-    said, statement = verdict_of(found, off)
+    said, statement = verdict(found, outcome((), GAP), stretch=stretch)
     assert said == "unknown"
     assert "trial_06 transmits nothing from 4.0 s to 8.0 s" in statement
     assert "80.0 times the noise floor" in statement
-    beside = off._replace(stretch=stretch._replace(rest=3.0))
-    said, statement = verdict_of(found, beside)
+    beside = stretch._replace(rest=3.0)
+    said, statement = verdict(found, outcome((), GAP), stretch=beside)
     assert said == "unknown" and "rial_06 transmits nothing from" in statement
 
 
 def test_what_the_cables_off_trials_show_is_not_a_cable_s() -> None:
-    for name, verdict in ((ALIKE[0], "unknown"), ("joint_inertia", "named")):
-        found = outcome((name,), CLOSED)._replace(unhooked=11.8)
-        said, statement = verdict_of(search(20.0, 1.2), found)
-        assert said == verdict
-        assert ("no cable causes" in statement) is (verdict == "unknown")
-    near = outcome(ALIKE[:1], CLOSED)._replace(unhooked=1.5)
-    assert verdict_of(search(20.0, 1.2), near)[0] == "named"
+    for name, expected in ((ALIKE[0], "unknown"), ("joint_inertia", "named")):
+        found = outcome((name,), CLOSED)
+        said, statement = verdict(search(20.0, 1.2), found, unhooked=11.8)
+        assert said == expected
+        assert ("no cable causes" in statement) is (expected == "unknown")
+    near = outcome(ALIKE[:1], CLOSED)
+    assert verdict(search(20.0, 1.2), near, unhooked=1.5)[0] == "named"
 
 
 def test_a_parameter_that_ran_away_is_told_where_nothing_is_missing() -> None:
     told = "pretension had to be tuned to 59 N, where 40 N is given: ..."
     away = Deviating("pretension", 40.0, Estimate(59.0, "N", (57.0, 61.0)), 3.9, told)
-    found = outcome((), GAP, deviating=(away,))
-    said, statement = verdict_of(search(1.0, 1.0), found)
+    found = outcome((), GAP)
+    said, statement = verdict(search(1.0, 1.0), found, deviating=(away,))
     assert said == "none"
     assert "Pretension had to be tuned to 59 N" in statement

@@ -183,8 +183,12 @@ def test_what_makes_held_out_trials_worse_is_judged_by_stretches_or_goes(
     monkeypatch.setattr(module, "trial_folds", lambda _: "trials")
     monkeypatch.setattr(module, "interleaved_folds", lambda _: "stretches")
     monkeypatch.setattr(module, "never_held_out", lambda *_: ())
-    fit: Any = SimpleNamespace(problem=problem, whole=SimpleNamespace(x=np.zeros(0)))
-    held = module.Holdout(fit, 0).out(fit.problem, np.zeros(0))
+    fit: Any = SimpleNamespace(
+        problem=problem,
+        whole=SimpleNamespace(x=np.zeros(0)),
+        settings=module.Options(),
+    )
+    held = module.Holdout(fit).out(fit.problem, np.zeros(0))
     assert held is not None
     by_stretches = held.gap["motor"].rmse_after == 0.9
     assert by_stretches == (worse > 0.1)

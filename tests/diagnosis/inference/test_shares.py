@@ -5,7 +5,6 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
 import pytest
 
 from cc_mujoco.diagnosis import fit, fit_baseline, plant_of, prepare
@@ -31,14 +30,12 @@ def test_what_is_left_of_a_model_counts_anew() -> None:
         idle,  # type: ignore
         Changes(),
     )
-    model: Any = SimpleNamespace(problem=problem, x=np.asarray(x))
-    assert final_search(found, base, model) is found
+    assert final_search(found, problem, x) is found
     both: Any = SimpleNamespace(effects=tuple(idle))
-    left = final_search(
-        found._replace(after=SimpleNamespace(problem=both)), base, model
-    )
+    more = found._replace(after=SimpleNamespace(problem=both))
+    left = final_search(more, problem, x)
     assert left.shares == {"joint_gravity": pytest.approx(1.0, abs=0.1)}
     assert left.after.problem is problem
     assert left.after.misfit < 0.2 * left.before.misfit
-    nothing: Any = SimpleNamespace(problem=base.problem, x=base.whole.x)
-    assert final_search(found, base, nothing).after is base.crossed
+    nothing = final_search(found, base.problem, base.whole.x)
+    assert nothing.after is base.crossed

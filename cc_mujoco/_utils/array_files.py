@@ -25,9 +25,7 @@ ENDINGS = (MATLAB_ENDING, ".h5", ".hdf5")
 """Endings of files that can be read, in any case."""
 
 _NUMERIC_KINDS = "biuf"  # kinds of NumPy
-_MAX_COLUMNS = 64  # columns of a matrix; wider ones are no signals
 _NUMERIC_CLASSES = ("double", "single", "int", "uint", "logical")  # of MATLAB, in HDF5
-_HDF5_VERSION = 2  # major version of files that are HDF5
 
 
 class _Array(NamedTuple):
@@ -80,7 +78,8 @@ def _columns(
     for place, array in arrays.items():
         if len(array.shape) == 1:
             columns[place] = (place, None)
-        elif len(array.shape) == 2 and array.shape[1] <= _MAX_COLUMNS:
+        # Wider ones are no signals.
+        elif len(array.shape) == 2 and array.shape[1] <= 64:
             for k in range(array.shape[1]):
                 columns[form.format(place, k + first)] = (place, k)
     if not columns:
@@ -97,10 +96,8 @@ def _arrays(path: Path) -> Iterator[dict[str, _Array]]:
 
     with one_sentence(path):
         path.open("rb").close()  # the system's reason, where there is one
-        if (
-            path.suffix.lower() != MATLAB_ENDING
-            or matfile_version(str(path))[0] == _HDF5_VERSION
-        ):
+        # Version 2 is HDF5.
+        if path.suffix.lower() != MATLAB_ENDING or matfile_version(str(path))[0] == 2:
             with _h5py(path).File(path, "r") as file:
                 yield _hdf5_arrays(file, path.suffix.lower() == MATLAB_ENDING)
         else:

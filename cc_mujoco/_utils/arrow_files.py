@@ -27,7 +27,6 @@ _NULL_VALUES = [
     "", "nan", "NaN", "NAN", "-nan", "NA", "N/A", "n/a", "null", "NULL", "None",
 ]  # fmt: skip
 _BOOLEAN_VALUES = {"true": "1", "false": "0"}
-_BLOCK_BYTES = 1 << 23
 
 
 def column_names(path: Path) -> list[str]:
@@ -106,7 +105,7 @@ def _csv_batches(
             path,
             pa_csv.ReadOptions(
                 use_threads=False,
-                block_size=_BLOCK_BYTES,
+                block_size=1 << 23,
                 column_names=own,
                 skip_rows=form.top,
                 encoding=form.encoding,

@@ -21,7 +21,6 @@ from typing import NamedTuple
 
 from cc_mujoco.errors import CableError
 
-SEPARATORS = ",;\t|"
 HEAD_BYTES = 1 << 16
 """Bytes of a file from which `layout` is found."""
 
@@ -129,7 +128,7 @@ def layout(path: Path, head: bytes) -> Layout:
     if top == len(lines):
         raise CableError(f"{path} is empty; its first line must name the columns.")
     header = lines[top]
-    separator = separator or max(SEPARATORS, key=header.count)
+    separator = separator or max(",;\t|", key=header.count)
     names = [cell.strip() for cell in next(csv.reader([header], delimiter=separator))]
     if not all(name.isprintable() for name in names):
         raise CableError(

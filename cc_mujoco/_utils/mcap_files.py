@@ -28,8 +28,6 @@ ENDINGS = (".mcap",)
 TIME = "__time"
 """Column of the times of the messages [s]."""
 
-_MAX_ELEMENTS = 64  # elements of an array; longer ones are images or scans
-
 
 def column_names(path: Path) -> list[str]:
     return list(_table(path))
@@ -119,7 +117,7 @@ def _numbers(name: str, value: Any) -> Iterator[tuple[str, float]]:
     elif isinstance(value, str | bytes) or value is None:
         return
     elif isinstance(value, list | tuple):
-        if len(value) <= _MAX_ELEMENTS:
+        if len(value) <= 64:  # longer ones are images or scans
             for k, element in enumerate(value):
                 yield from _numbers(f"{name}[{k}]", element)
     else:

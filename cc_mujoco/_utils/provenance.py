@@ -53,9 +53,6 @@ def versions() -> dict[str, str]:
     return {n: importlib.import_module(n).__version__ for n in VERSIONED_PACKAGES}
 
 
-SOURCE_SUFFIXES = ".py", ".c", ".h", ".xml", ".csv", ".toml"
-
-
 def source_files() -> dict[str, Path]:
     """Return the files that the library's numbers follow from, by their place in it.
 
@@ -67,7 +64,8 @@ def source_files() -> dict[str, Path]:
         for path in root.rglob("*"):
             place = Path(*package.split("."), path.relative_to(root))
             result = path.suffix == ".csv" and "benchmark" in place.parts
-            if path.suffix in SOURCE_SUFFIXES and not result:
+            kinds = ".py", ".c", ".h", ".xml", ".csv", ".toml"
+            if path.suffix in kinds and not result:
                 found[place.as_posix()] = path
     return found
 

@@ -19,9 +19,6 @@ from cc_mujoco._utils.parsing import parse_json
 
 Array = NDArray[np.float64]
 
-MAX_HEADER_BYTES = 10**8
-"""Longest header that is read [bytes], as in the format's own library."""
-
 
 def to_bytes(tensors: Mapping[str, Any], metadata: Mapping[str, str]) -> bytes:
     """Return the content of a file with arrays and texts by name."""
@@ -41,7 +38,8 @@ def to_bytes(tensors: Mapping[str, Any], metadata: Mapping[str, str]) -> bytes:
 
 def from_bytes(content: bytes) -> tuple[dict[str, Array], dict[str, str]]:
     length = int.from_bytes(content[:8], "little")
-    if not 2 <= length <= min(MAX_HEADER_BYTES, len(content) - 8):
+    # The longest header is that of the format's own library.
+    if not 2 <= length <= min(10**8, len(content) - 8):
         raise ValueError("no header of safetensors")
     header = parse_json(content[8 : 8 + length])
     data = memoryview(content)[8 + length :]

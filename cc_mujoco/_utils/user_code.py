@@ -30,13 +30,10 @@ from typing import Any
 
 from cc_mujoco.errors import CableError
 
-_FILE_ENDING = ".py"
 _FOREIGN_FOLDERS = tuple(
     sysconfig.get_paths()[key] for key in ("stdlib", "purelib", "platlib")
 )
 """Folders of code that is not the user's."""
-_FILE_MODULE_PREFIX = "cc_mujoco_user_"
-"""Beginning of the name under which the file of a user is a module."""
 _CODE = re.compile(r":[^\W\d]\w*(?!\w|\s*=)")
 """End of `MODULE:NAME`; a parameter, as in `sine:frequency=2`, is no such end."""
 _ALLOWED: set[str] = set()
@@ -115,7 +112,7 @@ def named_object(kind: str, name: str, form: str) -> Any:
     if refused := _REFUSED.search(name):
         raise CableError(refused[1])
     place, _, inside = name.rpartition(":")
-    is_file = place.endswith(_FILE_ENDING)
+    is_file = place.endswith(".py")
     if not is_file:
         place, _, inside = name.partition(":")
     if not _CODE.fullmatch(f":{inside}"):
@@ -134,7 +131,7 @@ def _module_of_file(kind: str, name: str, place: str) -> ModuleType:
     path = Path(place)
     if not path.is_file():
         raise CableError(f"{kind} {name!r}: there is no file {place!r}.")
-    called = f"{_FILE_MODULE_PREFIX}{path.stem}"
+    called = f"cc_mujoco_user_{path.stem}"
     spec = importlib.util.spec_from_file_location(called, path)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)

@@ -26,6 +26,12 @@ def page_of(rows: Path) -> Path:
     )
 
 
+def beside(rows: Path, name: str) -> Path:
+    """Return the path of a file that is made of the rows of a run."""
+    start = "" if rows.stem == DEFAULT_LOG_NAME else f"{rows.stem}_"
+    return rows.with_name(start + name)
+
+
 def truncation_reason(rows: Path) -> str:
     """Return the reason why a run ended early; empty if it did not or is unknown."""
     page = _read_page(rows)

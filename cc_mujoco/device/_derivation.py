@@ -53,10 +53,6 @@ NOISE_SHARE = 0.002
 """Noise of the assumed torque sensor, as a share of the largest torque at the joint."""
 MARGIN = 0.1
 """Share of the range of a joint that named trajectories keep from either stop."""
-DEFAULT_REACH = 0.5
-"""Excursion of named trajectories at a joint without stops [rad]."""
-DEAD_SHARE = 0.15
-"""Share of its longest arm below which a cable hardly turns its joint."""
 
 UNITS = {
     "twist": "motor_angle_rad",
@@ -399,7 +395,7 @@ def _warn_of_dead_centre(
     arms = moments(model, list(poses))[:, out, model.jnt_dofadr[joint]]
     arms = arms * math.copysign(1.0, float(arms.sum()))
     least, most = int(arms.argmin()), float(np.abs(arms).max())
-    if arms[least] < DEAD_SHARE * most:
+    if arms[least] < 0.15 * most:
         warnings.warn(
             f"cable {cable!r} hardly turns joint {model.joint(joint).name!r} at "
             f"{angles[least]:.3g} rad, where its arm is {1e3 * arms[least]:.2g} mm of "
@@ -557,7 +553,7 @@ def excursion(
     """
     neutral = float(model.qpos0[model.jnt_qposadr[joint]])
     if not model.jnt_limited[joint]:
-        return neutral, DEFAULT_REACH
+        return neutral, 0.5  # without stops [rad]
     low, high = model.jnt_range[joint].tolist()
     if given is not None and low <= neutral - given and neutral + given <= high:
         return neutral, given

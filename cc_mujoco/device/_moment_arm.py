@@ -27,10 +27,6 @@ Array = NDArray[np.float64]
 
 POSE_SHARES = np.linspace(0.1, 0.9, 5)
 """Shares of the ranges of all joints at which is looked for what moves an end."""
-TABLE_ANGLES = 401
-"""Angles of the joint at which a table of the winding is made."""
-OPEN_TOLERANCE = 1e-6
-"""Change of a cable's length by other joints that is none [m]."""
 ARM_TOLERANCE = 1e-9
 """Share of an arm that is rounding."""
 
@@ -177,9 +173,9 @@ def open_winding(
     for qpos in _poses(model):
         still = qpos.copy()
         still[place] = neutral
-        if abs(length(still) - first) > OPEN_TOLERANCE:
+        if abs(length(still) - first) > 1e-6:
             return None
-    angles = np.union1d(np.linspace(low, high, TABLE_ANGLES), [neutral])
+    angles = np.union1d(np.linspace(low, high, 401), [neutral])
     lengths = np.empty(len(angles))
     for row, angle in enumerate(angles.tolist()):
         qpos = model.qpos0.copy()

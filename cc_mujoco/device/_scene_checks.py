@@ -16,9 +16,6 @@ from cc_mujoco.errors import CableError, CableWarning
 from cc_mujoco.plugin._engine import PLUGIN
 from cc_mujoco.plugin._spec import error_sentence
 
-MAX_RANGE = 6.0 * math.pi
-"""Range of a driven hinge that looks like degrees [rad]."""
-
 
 def compile_scene(spec: mujoco.MjSpec, scene: str) -> mujoco.MjModel:
     """Return the model of a scene, which can still be changed afterwards."""
@@ -77,7 +74,8 @@ def warn_of_degrees(model: mujoco.MjModel, scene: str) -> None:
     hinges = (model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE) & (model.jnt_limited != 0)
     for joint in np.flatnonzero(hinges).tolist():
         low, high = model.jnt_range[joint].tolist()
-        if high - low > MAX_RANGE and not _is_drum(model, joint):
+        # So wide a range looks like degrees.
+        if high - low > 6.0 * math.pi and not _is_drum(model, joint):
             warnings.warn(
                 f"scene {scene}: joint {model.joint(joint).name!r} has a range of "
                 f"{low:g} to {high:g} rad; if these are degrees, `angle` in <compiler> "

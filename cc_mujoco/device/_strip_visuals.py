@@ -19,9 +19,6 @@ from cc_mujoco.cable._cable import BENDS, PATHS, Cable
 from cc_mujoco.plugin import PLUGIN
 
 ARENA_BYTES = 1 << 16
-SEGMENT_BYTES = 64
-"""Memory for the plugin's work on a segment, for each cable and two more: twice what it
-needs at least."""
 """Least arena of a bare model without contacts [byte]. MuJoCo's own is 13 MB: the
 allocator would be left with holes as large whenever a batch of simulations ends, and a
 study would grow with its designs."""
@@ -29,11 +26,8 @@ study would grow with its designs."""
 _NO_COLLISIONS = int(
     mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
 )
-_DOFS = {mujoco.mjtJoint.mjJNT_FREE: 6, mujoco.mjtJoint.mjJNT_BALL: 3}
-"""Degrees of freedom of a joint; one of any other type."""
 
 _ALWAYS_INFERRED = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
-_ANCHORS = (mujoco.mjtObj.mjOBJ_BODY, mujoco.mjtObj.mjOBJ_SITE)
 
 _WRAPPED = {
     mujoco.mjtWrap.mjWRAP_SITE: mujoco.mjtObj.mjOBJ_SITE,
@@ -113,7 +107,9 @@ def reserve_memory(spec: mujoco.MjSpec, cables: Iterable[Cable]) -> None:
     """Give a stripped scene memory for the work on its cables."""
     if spec.memory >= 0:  # else MuJoCo decides, and gives plenty
         segments = [cable.segments for cable in cables]
-        spec.memory += SEGMENT_BYTES * (len(segments) + 2) * sum(segments)
+        # For the plugin's work on a segment, for each cable and two more: twice what it
+        # needs at least.
+        spec.memory += 64 * (len(segments) + 2) * sum(segments)
 
 
 def remaining_cable(spec: mujoco.MjSpec, cable: Cable) -> Cable:
@@ -251,7 +247,7 @@ def _needed_names(spec: mujoco.MjSpec) -> Names:
         else:
             needed[site].add(actuator.target)
     for equality in spec.equalities:
-        if equality.objtype in _ANCHORS:
+        if equality.objtype in (mujoco.mjtObj.mjOBJ_BODY, mujoco.mjtObj.mjOBJ_SITE):
             needed[equality.objtype] |= {equality.name1, equality.name2}
     for pair in spec.pairs:
         needed[geom] |= {pair.geomname1, pair.geomname2}
@@ -283,6 +279,7 @@ def _delete_assets(spec: mujoco.MjSpec) -> None:
 
 def _arena_bytes(spec: mujoco.MjSpec) -> int:
     """Return four times what joints and tendons can need without contacts."""
-    dofs = sum(_DOFS.get(joint.type, 1) for joint in spec.joints)
+    most = {mujoco.mjtJoint.mjJNT_FREE: 6, mujoco.mjtJoint.mjJNT_BALL: 3}
+    dofs = sum(most.get(joint.type, 1) for joint in spec.joints)
     rows = 2 * (dofs + len(spec.tendons))
     return max(ARENA_BYTES, 4 * 8 * (rows * (dofs + 40) + 26 * dofs**2))

@@ -12,8 +12,6 @@ from cc_mujoco.errors import CableError
 MAX_SHORT_ID, MAX_LONG_ID = 0x7FF, 0x1FFFFFFF
 """Greatest identifiers of 11 and of 29 bits."""
 _CAN_PREFIX = "can:"
-_PLACES = {"dynamixel": ("PORT", "/dev/ttyUSB0")}
-"""Name and example of the place of a drive that is not on CAN."""
 _JOINT_NEEDED = (
     "`joint`, a table with the `address` or `class` of what measures the joint"
 )
@@ -117,7 +115,9 @@ def _can(table: Table, channel: str) -> CanAddress:
 def _drive(table: Table, protocol: str, place: str) -> DriveAddress:
     common = ("address", "node", "gear", "zero", "joint")
     if not place:
-        kind, example = _PLACES.get(protocol, ("CHANNEL", "can0"))
+        kind, example = (
+            ("PORT", "/dev/ttyUSB0") if protocol == "dynamixel" else ("CHANNEL", "can0")
+        )
         needed = f'{protocol}:{kind}, such as "{protocol}:{example}"'
         more = "" if "joint" in table.content else f", and {_JOINT_NEEDED}"
         raise table.wrong("address", needed + more)

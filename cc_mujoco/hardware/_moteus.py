@@ -28,8 +28,6 @@ STOPPED, FAULT, PREPARING, POSITION_MODE = 0, 1, (2, 3, 4), 10
 TIMEOUT = 0.05
 """Time after which a command without a successor ends [s]."""
 _WRITE, _READ, _REPLY, _NOP = 0x00, 0x10, 0x20, 0x50
-_TYPES = ("b", "h", "i", "f")
-"""Types of values in a subframe, by bits 2 and 3 of its first byte."""
 _FLOAT = 0x0C
 _SIZES: tuple[int, ...] = (*range(9), 12, 16, 20, 24, 32, 48, 64)
 """Lengths that a frame of CAN FD can have."""
@@ -87,7 +85,8 @@ def registers(data: bytes) -> dict[int, float] | None:
             if count == 0:
                 count, place = _varuint(data, place)
             start, place = _varuint(data, place)
-            layout = struct.Struct(f"<{count}{_TYPES[first >> 2 & 3]}")
+            # Bits 2 and 3 of the first byte are the type.
+            layout = struct.Struct(f"<{count}{'bhif'[first >> 2 & 3]}")
             values = layout.unpack_from(data, place)
             found |= zip(range(start, start + count), map(float, values), strict=True)
             place += layout.size

@@ -33,8 +33,6 @@ IDLE, CLOSED_LOOP_CONTROL = 1, 8
 """States of an axis."""
 TORQUE_CONTROL, PASSTHROUGH = 1, 1
 """Control mode and input mode."""
-_HEARTBEAT = struct.Struct("<IB")
-_ESTIMATES = struct.Struct("<ff")
 
 
 def identifier(node: int, command: int) -> int:
@@ -60,11 +58,11 @@ class Odrive(CanDrive):
             if frame.is_extended_id or len(data) != 8:
                 self.ignored["corrupt"] += 1
             elif frame.arbitration_id == identifier(self._node, HEARTBEAT):
-                errors, state = _HEARTBEAT.unpack_from(data)
+                errors, state = struct.unpack_from("<IB", data)
                 self._beat = self._now(), errors, state
             else:
                 self.ignored["overtaken"] += newest is not None
-                newest = _ESTIMATES.unpack(data)
+                newest = struct.unpack("<ff", data)
         if newest is None:
             return None
         self._heard = True

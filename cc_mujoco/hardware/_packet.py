@@ -20,8 +20,6 @@ PROTOCOL_VERSION = 1
 _READING = struct.Struct("<4sHHIQ5d")
 _COMMAND = struct.Struct("<4sHHIQd")
 _CHECKSUM = struct.Struct("<I")
-READING_SIZE = _READING.size + _CHECKSUM.size
-COMMAND_SIZE = _COMMAND.size + _CHECKSUM.size
 SEQUENCE_MODULUS = 1 << 32
 """Sequence numbers begin again after this many."""
 
@@ -95,7 +93,7 @@ def pack_command(given: Command) -> bytes:
 
 def read_reading(data: bytes) -> Packet | None:
     """Return the reading in a packet; None if damaged or of another version."""
-    if not _is_intact(data, READING_SIZE, READING_MAGIC):
+    if not _is_intact(data, _READING, READING_MAGIC):
         return None
     _, _, status, sequence, stamp, *values = _READING.unpack_from(data)
     readings = Readings(stamp * 1e-9, *values)._replace(status=Status(status & 7))
@@ -104,7 +102,7 @@ def read_reading(data: bytes) -> Packet | None:
 
 def read_command(data: bytes) -> Command | None:
     """Return the command in a packet; None if damaged or of another version."""
-    if not _is_intact(data, COMMAND_SIZE, COMMAND_MAGIC):
+    if not _is_intact(data, _COMMAND, COMMAND_MAGIC):
         return None
     _, _, status, sequence, echo, torque = _COMMAND.unpack_from(data)
     return Command(sequence, echo, torque, Status(status & 7))
@@ -119,10 +117,10 @@ def _with_checksum(data: bytes) -> bytes:
     return data + _CHECKSUM.pack(zlib.crc32(data))
 
 
-def _is_intact(data: bytes, size: int, magic: bytes) -> bool:
-    if len(data) != size or data[:4] != magic:
+def _is_intact(data: bytes, layout: struct.Struct, magic: bytes) -> bool:
+    if len(data) != layout.size + _CHECKSUM.size or data[:4] != magic:
         return False
     if int.from_bytes(data[4:6], "little") != PROTOCOL_VERSION:
         return False
-    (checksum,) = _CHECKSUM.unpack_from(data, size - 4)
+    (checksum,) = _CHECKSUM.unpack_from(data, layout.size)
     return bool(checksum == zlib.crc32(data[:-4]))

@@ -21,9 +21,6 @@ from cc_mujoco.human import TRAJECTORIES, Task, task
 
 Array = NDArray[np.float64]
 
-COURSE_COLUMNS = {"time_s": CLOCK, "torque_nm": TORQUE}
-"""Columns of a course in a CSV file."""
-
 
 class Desired(Protocol):
     """Torque at the joint, by time and motion."""
@@ -123,7 +120,7 @@ def course_from_trajectory(name: str, amplitude: float, duration: float) -> Torq
 
 def course_from_csv(path: Path) -> TorqueTable:
     """Return a course from a file with the columns `time_s` and `torque_nm`."""
-    times, torques = read_columns(path, COURSE_COLUMNS)
+    times, torques = read_columns(path, {"time_s": CLOCK, "torque_nm": TORQUE})
     return TorqueTable(times, torques)
 
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from cc_mujoco._utils.atomic_io import is_marked, replacing_folder, require_own_file
 from cc_mujoco.control._cable_model import CableModel
-from cc_mujoco.datasets._run_log import DEFAULT_LOG_NAME, other_scene
+from cc_mujoco.datasets._run_log import beside, other_scene
 from cc_mujoco.device import Drive, find_device
 from cc_mujoco.device._model import DeviceModel
 from cc_mujoco.device._sensors import WINDING_COLUMNS
@@ -43,15 +43,6 @@ Array = NDArray[np.float64]
 REQUIRED_COLUMNS = RUN_COLUMNS[1:8]
 """Columns that a log must have of every axis, besides time."""
 RECORDING_FILE, SUMMARY_FIGURE = "recording.rrd", "summary.png"
-
-
-def files_for(log: Path) -> tuple[Path, Path]:
-    """Return the paths of a log's recording and figure, next to the log.
-
-    They begin with the name of the log unless it is `DEFAULT_LOG_NAME`.
-    """
-    first = "" if log.stem == DEFAULT_LOG_NAME else f"{log.stem}_"
-    return log.with_name(first + RECORDING_FILE), log.with_name(first + SUMMARY_FIGURE)
 
 
 def replay(log: str | os.PathLike[str], scene: str) -> tuple[Path, Path]:
@@ -83,7 +74,7 @@ def replay(log: str | os.PathLike[str], scene: str) -> tuple[Path, Path]:
             "a file of it."
         )
     model, episode = as_episode(read_rows(path), scene, path)
-    written = files_for(path)
+    written = beside(path, RECORDING_FILE), beside(path, SUMMARY_FIGURE)
     about = files_of(path.stem)[1]
     for each in written:
         require_own_file(each, lambda one: one.with_name(about).is_file())

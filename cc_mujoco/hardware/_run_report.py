@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco._utils.atomic_io import replacing
-from cc_mujoco.datasets._run_log import DEFAULT_LOG_NAME
+from cc_mujoco.datasets._run_log import beside
 from cc_mujoco.hardware._limits import Limits
 from cc_mujoco.hardware._loop import RunOutcome
 from cc_mujoco.hardware._replay import read_rows
@@ -159,8 +159,7 @@ class ReportedRun:
     @property
     def page(self) -> Path:
         """Path of the page, beside the log."""
-        first = "" if self.log.stem == DEFAULT_LOG_NAME else f"{self.log.stem}_"
-        return self.log.with_name(f"{first}report.html")
+        return beside(self.log, "report.html")
 
 
 def write_run_report(run: ReportedRun) -> Path:

@@ -121,9 +121,6 @@ class Servo:
         return float(angle), float(later - angle) / step
 
 
-TRIAL_COLUMNS = {"time_s": CLOCK, "motor_angle_rad": ANGLE, "joint_angle_rad": ANGLE}
-
-
 @dataclass(frozen=True)
 class Planned:
     path: Path
@@ -183,7 +180,9 @@ def read_plan(folder: str | os.PathLike[str]) -> list[Planned]:
     found = []
     for path in paths:
         name = path.stem.replace(MOTION_FILE.split("_")[0], "trial")
-        times, motor, joint = read_columns(path, TRIAL_COLUMNS)
+        times, motor, joint = read_columns(
+            path, {"time_s": CLOCK, "motor_angle_rad": ANGLE, "joint_angle_rad": ANGLE}
+        )
         if times.size < 2:
             raise CableError(f"{path} has one line of data; a motion has two or more.")
         notes = facts.facts_of(Path(f"{name}.csv")).notes

@@ -11,7 +11,7 @@ plain `angle_deg`, or `joint_angle_deg`, is that of the joint that the device dr
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -108,23 +108,15 @@ class Recorded(Trajectory):
     @pointwise
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
         phase = episode_fraction(time, duration)
-        own = self._played(self.angles, time, phase, {})
+        own = self._played(self.angles, time, phase)
         companions = {
-            name: self._played(angles, time, phase, {}) for name, angles in self.others
+            name: self._played(angles, time, phase) for name, angles in self.others
         }
-        if not companions:
-            return own
-        if self.joint:
+        if companions and self.joint:
             companions[self.joint] = own
-        return self._played(self.angles, time, phase, companions)
+        return replace(own, companions=companions)
 
-    def _played(
-        self,
-        angles: tuple[float, ...],
-        time: Array,
-        phase: Array,
-        companions: Mapping[str, Motion],
-    ) -> Motion:
+    def _played(self, angles: tuple[float, ...], time: Array, phase: Array) -> Motion:
         from scipy.interpolate import CubicSpline
 
         spline = CubicSpline(self.times, angles, bc_type="clamped")
@@ -136,7 +128,6 @@ class Recorded(Trajectory):
             np.where(inside, spline(held, 1), 0.0),
             np.where(inside, spline(held, 2), 0.0),
             phase,
-            companions,
         )
 
 

@@ -38,11 +38,6 @@ WALKING_SIDES = ("right", "left")
 WALKING_JOINTS = ("hip", "knee", "ankle")
 MUSCLE_PERIOD = 0.004
 """Time between two commands to the muscles [s]."""
-TOUCH = 0.05
-"""Load of a foot that has struck the ground, as a share of the body's weight [-]."""
-EARLIEST_STRIKE = 0.6
-"""Part of a step before which the swinging foot ends no step [-]; its toes leave the
-ground in that time."""
 _THIGH, _SHANK = 0.429, 0.431
 """Lengths of thigh and shank [m], as in the scene."""
 _ROWS = 512
@@ -211,8 +206,10 @@ class WalkingController:
         arrays, policy = self._arrays, self._policy
         swinging = 1.0 - self._leads()
         self.step = self.step + 2.0 * period / policy["stride_time"]
-        landed = arrays.sum(swinging * senses.load, 1) > TOUCH
-        self.struck = (self.step > EARLIEST_STRIKE) & landed
+        # A foot has struck with 5 % of the body's weight.
+        landed = arrays.sum(swinging * senses.load, 1) > 0.05
+        # The toes of the swinging foot leave the ground in the first 60 % of a step.
+        self.struck = (self.step > 0.6) & landed
         self.step = arrays.where(self.struck, 0.0 * self.step, self.step)
         self.step = arrays.clip(self.step, None, 0.999)
         self.lead = arrays.where(self.struck, 1.0 - self.lead, self.lead)

@@ -13,7 +13,6 @@ SWING_PERIODS = 2
 """Periods of the slow swing; the last but a quarter is measured, trough to trough."""
 CHIRP_LOW, CHIRP_HIGH = 0.5, 60.0
 """Range of the chirp [Hz]."""
-BANDS_PER_OCTAVE = 6
 MIN_GAIN = 0.05
 """Joint torque per desired torque; below it nothing arrives."""
 
@@ -70,7 +69,7 @@ def torque_response(log: LogLike) -> tuple[Array, Array]:
     frequency = np.fft.rfftfreq(desired.size, float(log["time_s"][1]))
     octaves = math.log2(CHIRP_HIGH / CHIRP_LOW)
     # The lowest lines are few, so the lowest band is an octave.
-    upper = np.arange(1.0, octaves + 1e-9, 1.0 / BANDS_PER_OCTAVE)
+    upper = np.arange(1.0, octaves + 1e-9, 1.0 / 6)  # six in an octave
     edges = CHIRP_LOW * 2.0 ** np.concatenate([[0.0], upper])
     if not frequency[-1] > edges[-1]:
         return np.sqrt(edges[1:] * edges[:-1]), np.full(upper.size, np.nan)

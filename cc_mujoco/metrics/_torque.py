@@ -25,10 +25,14 @@ from cc_mujoco.metrics._metric import (
     metadata_constant,
     rms,
 )
-from cc_mujoco.metrics._signals import loop_opening, loop_width, moving_mean, signal_lag
+from cc_mujoco.metrics._signals import (
+    MEAN_WINDOW,
+    loop_opening,
+    loop_width,
+    moving_mean,
+    signal_lag,
+)
 
-LAG_STEP = 5e-3
-"""Step of the correlation of `torque_lag`, which is refined beyond it [s]."""
 TAUT_SHARE = 0.1
 """Share of the largest desired torque above which a cable that only pulls is taut."""
 RATE_WINDOW = 0.01
@@ -48,7 +52,8 @@ def torque_error(log: LogLike) -> Array:
 
 def torque_lag(log: LogLike) -> float:
     """Return the lag of the joint torque behind the desired torque [s]."""
-    thin = slice(None, None, max(1, round(LAG_STEP / _period(log))))
+    # Steps of 5 ms, beyond which `signal_lag` refines.
+    thin = slice(None, None, max(1, round(5e-3 / _period(log))))
     names = ("time_s", "desired_torque_nm", "joint_torque_nm")
     return signal_lag(*(log[name][thin] for name in names), signed=True)
 
@@ -78,10 +83,7 @@ def spring_backlash(log: LogLike) -> float:
 
 def chatter(log: LogLike) -> float:
     """Return the RMS of the motor torque minus its moving mean [N m]."""
-    motor = log["motor_torque_nm"]
-    mean = moving_mean(motor, _period(log))
-    first = (motor.size - mean.size) // 2
-    return rms(motor[first : first + mean.size] - mean)
+    return _ripple(log["motor_torque_nm"], _period(log), MEAN_WINDOW)
 
 
 def peak_rate(torque: Array, step: float) -> float:
@@ -198,10 +200,7 @@ def is_unstable(log: LogLike, scale: float) -> bool:
         log: An episode.
         scale: Torque that counts for the device, its safe torque for example [N m].
     """
-    torque = log["joint_torque_nm"]
-    mean = moving_mean(torque, _period(log), SWING_WINDOW)
-    first = (torque.size - mean.size) // 2
-    ripple = rms(torque[first : first + mean.size] - mean)
+    ripple = _ripple(log["joint_torque_nm"], _period(log), SWING_WINDOW)
     largest = float(np.abs(log["desired_torque_nm"]).max())
     least = SWING_SCALE * scale if math.isfinite(scale) else 0.0
     return bool(ripple > max(SWING_SHARE * largest, least))
@@ -234,6 +233,13 @@ def first_unsafe_sample(torque: Array, safe: float, period: float) -> int | None
 def dissipated_energy(log: LogLike, cable: str) -> float:
     """Return the energy that a cable lost to friction [J]."""
     return float(np.diff(log[f"dissipated_{cable}_j"]).sum())
+
+
+def _ripple(torque: Array, period: float, window: float) -> float:
+    """Return the RMS of a torque minus its mean over a window [s]."""
+    mean = moving_mean(torque, period, window)
+    first = (torque.size - mean.size) // 2
+    return rms(torque[first : first + mean.size] - mean)
 
 
 def _period(log: LogLike) -> float:

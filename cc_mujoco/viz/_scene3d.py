@@ -49,8 +49,6 @@ Array = NDArray[np.float64]
 
 WORLD = "world"
 TIMELINE = "sim_time"
-HIDDEN_GROUP = 3
-"""Geom groups from here on are not drawn, as in MuJoCo's own viewers."""
 
 DEFAULT_RGBA = (0.5, 0.5, 0.5, 1.0)
 _SHAPE = mujoco.mjtGeom
@@ -82,7 +80,7 @@ def visible_geoms(model: mujoco.MjModel) -> Iterator[tuple[int, Array]]:
     """Yield every geom that is drawn, and its colour (4,)."""
     for geom in range(model.ngeom):
         rgba = own_color(model, model.geom_rgba[geom], model.geom_matid[geom])
-        if model.geom_group[geom] < HIDDEN_GROUP and rgba[3] > 0:
+        if model.geom_group[geom] < 3 and rgba[3] > 0:  # as in MuJoCo's own viewers
             yield geom, rgba
 
 

@@ -1,24 +1,17 @@
-"""Time the cable kernel against general solvers of the same equations.
+"""Worst step of the cable kernel, and the cost of its terms.
 
     python scripts/benchmarks/bench_kernel.py [--segments 50]
 
-Prints, from one run, the cost of a step and ratios: the kernel against (a)
-`scipy.optimize.fsolve` on equations 2.13 of the thesis, warm-started from the step
-before, and (b) the dense sign enumeration of its section 2.3 in NumPy, last pattern
-first. All three step the same mass motion, in which every segment slips. Then the
-kernel's worst single step over random motions with reversals, opposed ends and slack,
+Prints the worst single step over random motions with reversals, opposed ends and slack,
 and what a step with each of some terms costs over one without, over the same motions.
+`python scripts/thesis/reproduce.py solver` times the kernel against general solvers.
 """
 
 from __future__ import annotations
 
-import os
 import sys
 import time
 from pathlib import Path
-
-# Dense systems of this size are slower on several threads.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 import tyro
@@ -28,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from cc_mujoco.cable import Cable, packed_parameters, replay, rest_state
 from cc_mujoco.cable import _kernel as K
 from cc_mujoco.native import FloatArray
-from thesis._experiments.solver import CABLE, DT, costs
+from thesis._experiments.solver import CABLE, DT
 
 TERMS: tuple[dict[str, float], ...] = (
     {"static_friction": 0.25},
@@ -88,21 +81,7 @@ def worst_step(cable: Cable) -> tuple[float, float]:
 def main(segments: int = 50) -> None:
     """Run and print."""
     n = segments
-    costs(2, steps=5, general_steps=2)  # compiles
-    found = costs(n, steps=300, general_steps=15)
     worst, median = worst_step(CABLE.replace(segments=n))
-    print(f"{n} segments, every segment slipping")
-    print(f"  kernel            {found.kernel * 1e6:10.2f} us/step")
-    print(
-        f"  fsolve, warm      {found.fsolve * 1e6:10.2f} us/step   "
-        f"{found.fsolve / found.kernel:6.0f} x   "
-        f"({found.failed:.0%} of the steps not converged)"
-    )
-    print(
-        f"  sign enumeration  {found.enumeration * 1e6:10.2f} us/step   "
-        f"{found.enumeration / found.kernel:6.0f} x   "
-        f"(end tensions differ by {found.apart:.0e})"
-    )
     print(
         "random motions, one step: "
         f"median {median * 1e6:.1f} us, worst {worst * 1e6:.1f} us"

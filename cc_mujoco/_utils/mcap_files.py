@@ -16,12 +16,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cc_mujoco._utils.array_files import FloatArray
 from cc_mujoco._utils.parsing import one_sentence, parse_json
 from cc_mujoco.errors import CableError
-
-FloatArray = NDArray[np.float64]
 
 ENDINGS = (".mcap",)
 """Endings of files that can be read, in any case."""

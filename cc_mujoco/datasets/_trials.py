@@ -17,12 +17,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from cc_mujoco.datasets import _channels as channels
 from cc_mujoco.datasets._channels import TORQUES
 from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray as FloatArray
 
 Instrument = Literal["torque sensor", "load cells", "motor current", "known load"]
 
@@ -53,7 +51,6 @@ class Instruments(NamedTuple):
 TORQUE_SENSORS = Instruments()
 
 
-FloatArray = NDArray[np.float64]
 Split = Literal["train", "test"]
 Locked = Literal["motor", "joint"]
 

@@ -19,7 +19,7 @@ import numpy as np
 from cc_mujoco.assets import SCENES, scene_path
 from cc_mujoco.datasets import _channels as channels
 from cc_mujoco.datasets._bench import Bench
-from cc_mujoco.datasets._clock import SampledTrack, decimate, find_segments
+from cc_mujoco.datasets._clock import SampledTrack, decimate, find_segments, sort_rows
 from cc_mujoco.datasets._data_findings import DataFinding, error, errors, warning
 from cc_mujoco.datasets._dataset_file import (
     DatasetFile,
@@ -41,7 +41,6 @@ from cc_mujoco.datasets._glitches import drop_glitches
 from cc_mujoco.datasets._reading import Recording, read
 from cc_mujoco.datasets._run_log import is_log, other_scene, truncation_reason
 from cc_mujoco.datasets._shared_joints import OtherAxes
-from cc_mujoco.datasets._sorting import sort_rows
 from cc_mujoco.datasets._torques import add_derived_torques, derived_noise
 from cc_mujoco.datasets._trials import Dataset, Facts, Trial
 from cc_mujoco.diagnosis._checks.content import noise_of, wrong_repeats

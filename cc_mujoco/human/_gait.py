@@ -14,14 +14,11 @@ flexion, hip positive in flexion. `gait_table` states the source and the fit err
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cc_mujoco.human import _gait_table as gait_table
-
-Real = TypeVar("Real", float, NDArray[np.float64])
+from cc_mujoco.human._pace import Real
 
 
 @dataclass(frozen=True)

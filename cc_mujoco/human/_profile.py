@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from cc_mujoco._validation import bounded
 from cc_mujoco.errors import CableError
-from cc_mujoco.human._pace import TOE_OFF
-from cc_mujoco.human._tasks import Real, Task
+from cc_mujoco.human._pace import TOE_OFF, Real
+from cc_mujoco.human._tasks import Task
 
 MAX_PEAK_TORQUE = 1e3
 """Largest peak torque [N m]."""

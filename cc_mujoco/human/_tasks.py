@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar, TypeVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,9 +21,7 @@ from numpy.typing import NDArray
 from cc_mujoco._validation import bounded, require_bounds
 from cc_mujoco.errors import CableError, shown
 from cc_mujoco.human import _gait as gait
-from cc_mujoco.human._pace import Pace
-
-Real = TypeVar("Real", float, NDArray[np.float64])
+from cc_mujoco.human._pace import Pace, Real
 
 
 class Task(ABC):

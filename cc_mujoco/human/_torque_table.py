@@ -26,9 +26,10 @@ from cc_mujoco._utils.tables import is_table
 from cc_mujoco._utils.units import CLOCK, PHASE, TORQUE, quantity_words
 from cc_mujoco._utils.user_code import user_errors
 from cc_mujoco.errors import CableError
+from cc_mujoco.human._pace import Real
 from cc_mujoco.human._parsing import user_object, with_numbers
 from cc_mujoco.human._recorded import match_joints
-from cc_mujoco.human._tasks import TASKS, Real, Task
+from cc_mujoco.human._tasks import TASKS, Task
 
 MIN_SAMPLES = 2
 _MAX_TORQUE, _MAX_TIME = 1e6, 1e6

@@ -24,12 +24,19 @@ from cc_mujoco._utils.tables import is_table
 from cc_mujoco._utils.user_code import user_errors
 from cc_mujoco._validation import require_number
 from cc_mujoco.errors import CableError
-from cc_mujoco.human._excitation import Chirp, Multisine, Sine
 from cc_mujoco.human._motion import Array, Motion, Scripted, Trajectory
 from cc_mujoco.human._parsing import given_fields, user_object, with_numbers
 from cc_mujoco.human._perturbed import Disturbed
-from cc_mujoco.human._point_to_point import Ramp, Reach, Reversals, Sweep
 from cc_mujoco.human._recorded import Recorded, read_trajectory
+from cc_mujoco.human._scripted import (
+    Chirp,
+    Multisine,
+    Ramp,
+    Reach,
+    Reversals,
+    Sine,
+    Sweep,
+)
 from cc_mujoco.human._walking import Walk
 
 TRAJECTORIES: dict[str, Scripted] = {

@@ -8,7 +8,6 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from cc_mujoco import assets
 from cc_mujoco.cable import Cable, Section
@@ -37,8 +36,6 @@ PUSH_OFF = Profile(onset=44.0, peak_time=54.0, fall=6.0)
 begins earlier, while the ankle still yields, does negative work on it; help that lasts
 longer acts on a foot in the air."""
 
-
-Array = NDArray[np.float64]
 
 FOLDER = Path(assets.__file__).resolve().parent / "walking"
 """Folder of the scene and of the policy that ships."""

@@ -25,14 +25,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cc_mujoco._utils import safetensors
 from cc_mujoco._utils.atomic_io import replacing
 from cc_mujoco.errors import CableError
 from cc_mujoco.human._gait import Harmonics
-
-Array = NDArray[np.float64]
+from cc_mujoco.human._motion import Array
 
 WALKING_SIDES = ("right", "left")
 WALKING_JOINTS = ("hip", "knee", "ankle")

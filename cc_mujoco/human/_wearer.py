@@ -19,14 +19,10 @@ several steps is a staircase that a stiff wearer follows as one.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple, TypeVar
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import NamedTuple
 
 from cc_mujoco._validation import require_number, require_parameter
-
-Real = TypeVar("Real", float, NDArray[np.float64])
+from cc_mujoco.human._pace import Real
 
 
 class ActuatorGains(NamedTuple):

@@ -6,9 +6,8 @@ import itertools
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from cc_mujoco.metrics._metric import Array
 
 MEAN_WINDOW = 0.05
 """Window of `moving_mean` [s]."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from cc_mujoco import plugin
 from cc_mujoco.cable._cable import PATHS
 from cc_mujoco.cable._conduit import node_places
-from cc_mujoco.viz._frame_times import frame_slices
+from cc_mujoco.viz._panels import frame_slices
 from cc_mujoco.viz._scene3d import TIMELINE, WORLD, Branch, set_pose
 
 Array = NDArray[np.float64]

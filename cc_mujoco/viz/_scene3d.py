@@ -17,7 +17,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from cc_mujoco.viz._frame_times import frame_slices
+from cc_mujoco.viz._panels import frame_slices
 
 
 @dataclass(frozen=True)

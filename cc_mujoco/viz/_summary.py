@@ -22,8 +22,7 @@ from cc_mujoco.report._figures import (
     style,
 )
 from cc_mujoco.simulation._episode_log import AxisLog, EpisodeLog
-from cc_mujoco.viz._frame_times import MAX_SAMPLES
-from cc_mujoco.viz._panels import axis_angles
+from cc_mujoco.viz._panels import MAX_SAMPLES, axis_angles
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

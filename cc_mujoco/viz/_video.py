@@ -23,13 +23,19 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.report._figures import DASH_PATTERN, GREY, TENSION_COLORS, style
 from cc_mujoco.simulation._episode_log import EpisodeLog
 from cc_mujoco.viz._axis import axis_limits
-from cc_mujoco.viz._frame_times import FRAME_RATE, MAX_SAMPLES, frame_samples
 from cc_mujoco.viz._offscreen_renderer import (
     Exposure,
     OffscreenRenderer,
     require_opengl,
 )
-from cc_mujoco.viz._panels import highest_tension, tensions, torques
+from cc_mujoco.viz._panels import (
+    FRAME_RATE,
+    MAX_SAMPLES,
+    frame_samples,
+    highest_tension,
+    tensions,
+    torques,
+)
 from cc_mujoco.viz._summary import episode_title
 
 if TYPE_CHECKING:

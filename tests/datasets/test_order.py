@@ -11,11 +11,10 @@ from hypothesis import strategies as st
 
 from cc_mujoco.datasets import Facts
 from cc_mujoco.datasets._channels import MAIN_CHANNELS, TIME
-from cc_mujoco.datasets._clock import SampledTrack, find_segments
+from cc_mujoco.datasets._clock import SampledTrack, find_segments, sort_rows
 from cc_mujoco.datasets._data_findings import DataFinding, errors
 from cc_mujoco.datasets._dataset_file import DatasetFile
 from cc_mujoco.datasets._reading import Recording
-from cc_mujoco.datasets._sorting import sort_rows
 from cc_mujoco.datasets._trials import FloatArray
 
 STEP = 2.0**-9  # so that times and what is added to them are exact

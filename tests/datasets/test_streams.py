@@ -10,10 +10,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from cc_mujoco.datasets import Facts
-from cc_mujoco.datasets._clock import SampledTrack, find_segments
+from cc_mujoco.datasets._clock import SampledTrack, find_segments, sort_rows
 from cc_mujoco.datasets._dataset_file import DatasetFile, read_dataset_file
 from cc_mujoco.datasets._reading import Recording, read
-from cc_mujoco.datasets._sorting import sort_rows
 from cc_mujoco.datasets._trials import FloatArray
 from cc_mujoco.diagnosis import load
 from cc_mujoco.errors import CableError

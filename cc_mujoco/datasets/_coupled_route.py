@@ -246,13 +246,6 @@ def _poses(
     return poses
 
 
-class Bounds(NamedTuple):
-    """Least and largest torque (samples,) [N m]."""
-
-    low: FloatArray
-    high: FloatArray
-
-
 def pulling_torque(
     scene: CoupledScene,
     cable: PullingCable,
@@ -260,13 +253,14 @@ def pulling_torque(
     others: Mapping[str, FloatArray],
     proximal: FloatArray | None,
     distal: FloatArray | None,
-) -> Bounds:
+) -> tuple[FloatArray, FloatArray]:
     """Bound the torque of another axis's cable at the joint by its measured tensions.
 
     Between its ends the tension changes by no more than friction along the bends lets
     it, T exp(+-friction wrap); where the whole cable slides the bounds are one. `joint`
     is in the count of the data [rad], `proximal` or `distal` is the tension of that end
-    [N]; one may be None. All are (samples,).
+    [N]; one may be None. All are (samples,), as are the least and the largest torque
+    [N m] that are returned.
     """
     model = _model_of(scene, 0)
     poses = _poses(model, scene, joint, others)
@@ -287,7 +281,7 @@ def pulling_torque(
     gain[:, -1] += course.arm
     arms = -scene.sign * gain
     pulls, pushes = np.maximum(arms, 0.0), np.minimum(arms, 0.0)
-    return Bounds(
+    return (
         (pulls * low + pushes * high).sum(axis=1),
         (pulls * high + pushes * low).sum(axis=1),
     )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import Polynomial
@@ -76,7 +75,7 @@ def read_rig(table: Table) -> dict[str, Constant]:
             constants[name] = Constant(float(only))
             continue
         if name == "angle_pairs":
-            constants |= arm_constants(_angle_pairs(table))
+            constants |= _angle_pairs(table)
             continue
         if name not in RIG_CONSTANTS:
             known = [*RIG_CONSTANTS, *RIG_STATEMENTS, "angle_pairs"]
@@ -109,7 +108,7 @@ def read_rig(table: Table) -> dict[str, Constant]:
     return constants
 
 
-def _angle_pairs(table: Table) -> FittedArm:
+def _angle_pairs(table: Table) -> dict[str, Constant]:
     given = table.content["angle_pairs"]
     pairs = given if isinstance(given, list) else []
     known = [
@@ -133,20 +132,10 @@ RATIO_KEY, SLOPE_KEY, CURVE_KEY = "lever_ratio", "lever_slope", "lever_curve"
 """Constants that stand for the pairs: R/r, a [1/rad] and b [1/rad^2]."""
 
 
-class FittedArm(NamedTuple):
-    """Moment arm at the joint.
-
-    Attributes:
-        ratio: R/r with its standard deviation.
-        coefficients: a [1/rad] and b [1/rad^2].
-    """
-
-    ratio: Constant
-    coefficients: tuple[float, float]
-
-
-def fit_angle_pairs(pairs: Sequence[Sequence[float]], where: str) -> FittedArm:
-    """Return the arm through pairs of motor and joint angle [rad].
+def fit_angle_pairs(
+    pairs: Sequence[Sequence[float]], where: str
+) -> dict[str, Constant]:
+    """Return the constants of the arm through pairs of motor and joint angle [rad].
 
     With the cable taut and slow, the motor's angle m is where the cable keeps its
     length: m = c + R/r (q + a q^2/2 + b q^3/3) for a moment arm R (1 + a q + b q^2) at
@@ -173,15 +162,9 @@ def fit_angle_pairs(pairs: Sequence[Sequence[float]], where: str) -> FittedArm:
             f"{float(arm.min()):.2g} of that at 0 at least); give pairs that increase "
             "together, with the cable taut."
         )
-    more = [k * float(size[k]) / ratio for k in range(2, degree + 1)]
-    doubt = float(np.sqrt(spread[1, 1]))
-    return FittedArm(Constant(ratio, doubt), (more[0], more[1] if degree > 2 else 0.0))
-
-
-def arm_constants(found: FittedArm) -> dict[str, Constant]:
-    slope, curve = found.coefficients
+    slope, curve = (k * float(size[k]) / ratio if k <= degree else 0.0 for k in (2, 3))
     return {
-        RATIO_KEY: found.ratio,
+        RATIO_KEY: Constant(ratio, float(np.sqrt(spread[1, 1]))),
         SLOPE_KEY: Constant(slope),
         CURVE_KEY: Constant(curve),
     }

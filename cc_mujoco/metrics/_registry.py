@@ -29,7 +29,6 @@ from cc_mujoco.human._gait_joints import GaitJoint
 from cc_mujoco.metrics import _clamped as clamped
 from cc_mujoco.metrics import _torque as torque
 from cc_mujoco.metrics._clamped import CHIRP_HIGH, CHIRP_LOW
-from cc_mujoco.metrics._efficiency import efficiency
 from cc_mujoco.metrics._metric import (
     CONTINUOUS_TORQUE,
     GAIT_JOINT,
@@ -54,6 +53,7 @@ from cc_mujoco.metrics._torque import (
     MAX_UNSAFE_TIME,
     RATE_WINDOW,
     TAUT_SHARE,
+    efficiency,
     peak_rate,
 )
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cc_mujoco.datasets._dataset_file import read_dataset_file
-from cc_mujoco.datasets._rig_table import arm_constants, fit_angle_pairs
+from cc_mujoco.datasets._rig_table import RATIO_KEY, fit_angle_pairs, known_arm
 from cc_mujoco.errors import CableError
 from diagnosis.rigs import BENCH
 
@@ -20,15 +20,16 @@ PAIRS = np.array([MOTOR, JOINT]).T.tolist()
 
 def test_pairs_give_the_arm_and_the_uncertainty_of_its_ratio() -> None:
     exact = fit_angle_pairs(PAIRS, "here")
-    assert exact.ratio.value == pytest.approx(RATIO)
-    assert exact.coefficients == pytest.approx((SLOPE, CURVE))
+    assert exact[RATIO_KEY].value == pytest.approx(RATIO)
+    assert known_arm(exact) == pytest.approx((SLOPE, CURVE))
     noise = 0.002 * np.random.default_rng(1).standard_normal(MOTOR.size)
     rough = fit_angle_pairs(np.array([MOTOR + noise, JOINT]).T.tolist(), "here")
-    assert abs(rough.ratio.value - RATIO) < 3.0 * rough.ratio.uncertainty < 0.02
+    ratio = rough[RATIO_KEY]
+    assert abs(ratio.value - RATIO) < 3.0 * ratio.uncertainty < 0.02
 
 
 def test_a_bench_with_a_known_arm_keeps_the_length_of_its_cables() -> None:
-    bench = BENCH.known(arm_constants(fit_angle_pairs(PAIRS, "here")))
+    bench = BENCH.known(fit_angle_pairs(PAIRS, "here"))
     assert bench.following(JOINT) == pytest.approx(MOTOR - 0.1)
     assert bench.carried(MOTOR - 0.1) == pytest.approx(JOINT, abs=1e-4)
     played = bench.replay(0.01, bench.following(JOINT), JOINT)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cc_mujoco.datasets._rig_table import arm_constants, fit_angle_pairs
+from cc_mujoco.datasets._rig_table import fit_angle_pairs
 from cc_mujoco.datasets._trials import TORQUE_SENSORS, Instruments
 from cc_mujoco.diagnosis import Options, run_inference
 from cc_mujoco.diagnosis._partial.motion import describe_mode
@@ -58,7 +58,7 @@ def test_angles_and_a_declared_spring_do_not_show_where_a_cable_stretches() -> N
 def test_angle_pairs_stand_in_for_the_geometry_of_a_lever() -> None:
     joint = np.linspace(-0.9, 0.9, 12)
     motor = joint + 0.1 * joint**2  # an arm of 1 + 0.2 q
-    pairs = arm_constants(fit_angle_pairs(np.array([motor, joint]).T.tolist(), "pairs"))
+    pairs = fit_angle_pairs(np.array([motor, joint]).T.tolist(), "pairs")
     lever = BENCH.known(pairs)
     random = np.random.default_rng(2)
     recorded = dataset({}, 4.0)

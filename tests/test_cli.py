@@ -10,6 +10,7 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -703,6 +704,25 @@ def test_a_signal_in_a_callback_from_c_is_not_lost(
     finally:
         signal.signal(signal.SIGINT, before)
     assert arrived == [1]
+
+
+def test_a_signal_is_not_lost_while_another_is_sent_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    started: list[threading.Timer] = []
+
+    class Early(threading.Timer):
+        """A timer that the first time fires before `start` returns."""
+
+        def start(self) -> None:
+            started.append(self)
+            super().start()
+            if len(started) == 1:
+                self.join()
+
+    monkeypatch.setattr(threading, "Timer", Early)
+    test_a_signal_in_a_callback_from_c_is_not_lost(signal.SIGINT, 130, monkeypatch)
+    assert len(started) == 2
 
 
 RUNS = {

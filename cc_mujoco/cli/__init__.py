@@ -134,16 +134,25 @@ def _handle_signals(interrupts: list[int]) -> Iterator[None]:
     So half-written files are removed. An ignored signal stays ignored; one that
     arrived where exceptions end (in a callback from C, as of LLVM) arrives again.
     """
+    inside = False
+
+    def later(number: int) -> None:
+        threading.Timer(0.01, _thread.interrupt_main, [number]).start()
 
     def interrupt(number: int, frame: FrameType | None) -> None:
+        if inside:  # where an exception ends, too
+            later(number)
+            return
         interrupts.append(number)
         signal.default_int_handler(number, frame)
 
     def unraisable(lost: sys.UnraisableHookArgs, /) -> None:
+        nonlocal inside
         if interrupts and issubclass(lost.exc_type, KeyboardInterrupt):
             # A little later, when the callback has returned.
-            number = interrupts.pop()
-            threading.Timer(0.01, _thread.interrupt_main, [number]).start()
+            inside = True
+            later(interrupts.pop())
+            inside = False
             return
         previous_hook(lost)
 

@@ -12,27 +12,22 @@ import difflib
 import importlib.util
 import logging
 import re
+import time
+from abc import ABC, abstractmethod
 from collections import Counter, deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, ClassVar, NoReturn
 
 from cc_mujoco.errors import CableError
-from cc_mujoco.hardware._address import MAX_SHORT_ID, CanPlace
-from cc_mujoco.hardware._rig import MAX_PENDING
+from cc_mujoco.hardware._address import MAX_SHORT_ID, CanAddress, CanPlace
+from cc_mujoco.hardware._drive_rig import Enabling, Now
+from cc_mujoco.hardware._rig import MAX_PENDING, PacketRig, pending
 
 if TYPE_CHECKING:
     import can
-
-import time
-from abc import ABC, abstractmethod
-from typing import ClassVar
-
-from cc_mujoco.hardware._address import CanAddress
-from cc_mujoco.hardware._drive_rig import Enabling, Now
-from cc_mujoco.hardware._rig import PacketRig, pending
 
 MAX_FAILURES = 5
 """So many in a row are no accident: the bus is gone."""

@@ -149,19 +149,15 @@ class Show:
 
     def advance(self, torque: NDArray[np.float64]) -> Columns:
         """Obey the keys and go a step; see `DrivenDevice.advance`."""
-        self._turn()
+        if self._knobs.paused:
+            self._hold()
+        if self._knobs.restart or self.ended:
+            raise Over
+        self._change()
         self._window.push(self._env.unwrapped.data)
         self._columns = self._single.advance(torque)
         self._pace.keep(float(self._columns["time_s"]))
         return self._columns
-
-    def _turn(self) -> None:
-        knobs = self._knobs
-        if knobs.paused:
-            self._hold()
-        if knobs.restart or self.ended:
-            raise Over
-        self._change()
 
     def _change(self) -> None:
         knobs = self._knobs
@@ -169,7 +165,9 @@ class Show:
             if knobs.controller != self._asked:
                 self._switch_controller(knobs.controller)
             if knobs.friction != self._friction:
-                self._set_friction(knobs.friction)
+                self._friction, exo = knobs.friction, self._exo
+                options = knobs.options(self._laid)
+                exo.device.apply_plant(Plant(exo.plants.nominal.device, options))
         except CableError as error:
             self._note = str(error)
 
@@ -179,12 +177,6 @@ class Show:
         self._note = ""
         self._law.switch_controller(name)
         self._continue_episode()
-
-    def _set_friction(self, friction: float) -> None:
-        """Give the cables this friction, over that of the scene, where they are."""
-        self._friction, exo = friction, self._exo
-        options = self._knobs.options(self._laid)
-        exo.device.apply_plant(Plant(exo.plants.nominal.device, options))
 
     def _hold(self) -> None:
         knobs = self._knobs

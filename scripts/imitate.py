@@ -36,6 +36,7 @@ from cc_mujoco.benchmark import STRUCTURES, SUITES, effect_values
 from cc_mujoco.control import (
     Controller,
     Network,
+    PlantsController,
     PredictiveCompensation,
     axes_controller,
     write_policy,
@@ -45,7 +46,6 @@ from cc_mujoco.device._observation import ObservationHistory
 from cc_mujoco.device._sensors import BIAS, AxesMeasuring
 from cc_mujoco.envs import BACKENDS, DeviceVectorEnv
 from cc_mujoco.errors import CableError
-from cc_mujoco.simulation import PlantsController
 
 Array = NDArray[np.float64]
 Singles = NDArray[np.float32]

@@ -46,6 +46,7 @@ from cc_mujoco.benchmark._scores import (
     episode_scores,
 )
 from cc_mujoco.control import Controller
+from cc_mujoco.control._registry import Unpowered
 from cc_mujoco.device import UNPLUGGED, Description, DeviceModel, Plant
 from cc_mujoco.device._axis_columns import axis_columns
 from cc_mujoco.device._drive import Drive
@@ -56,7 +57,6 @@ from cc_mujoco.human import Spring
 from cc_mujoco.metrics import ArrayLog
 from cc_mujoco.metrics._metric import DRIVEN, SAFE_TORQUE, SPRING
 from cc_mujoco.simulation._batch import Batch
-from cc_mujoco.simulation._batched_controller import Unpowered
 from cc_mujoco.simulation._worn_device import WornDevice
 
 Array = NDArray[np.float64]

@@ -25,10 +25,10 @@ from cc_mujoco.benchmark._conditions import (
 from cc_mujoco.benchmark._generic import device_motion
 from cc_mujoco.benchmark._plant import sample_plants
 from cc_mujoco.benchmark._structure import POSITION_EFFECTS
-from cc_mujoco.control import Controller, fit_hysteresis
+from cc_mujoco.control import Controller, PlantsController, fit_hysteresis
 from cc_mujoco.device import DeviceModel, Drive, Plant, find_device
 from cc_mujoco.errors import CableError
-from cc_mujoco.simulation import PlantsController, calibration_trials
+from cc_mujoco.simulation import calibration_trials
 
 TRIAL = 4.0
 """Length of a trial on a plant [s]."""

@@ -27,12 +27,15 @@ from numpy.typing import NDArray
 
 from cc_mujoco._utils.provenance import code_provenance
 from cc_mujoco.control import Controller
-from cc_mujoco.control._axes import named_laws, runs_code
 from cc_mujoco.control._controller import limit_torques
-from cc_mujoco.control._user_controller import controller_errors
+from cc_mujoco.control._registry import (
+    batched_controller,
+    controller_errors,
+    named_laws,
+    runs_code,
+)
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.errors import CableError
-from cc_mujoco.simulation._batched_controller import batched_controller
 
 _LENGTH_HEADER = struct.Struct("<q")
 _ANSWER_HEADER = struct.Struct("<qqqqd")

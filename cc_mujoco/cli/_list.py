@@ -81,7 +81,7 @@ class Listing:
 def _groups() -> dict[str, Mapping[str, str]]:
     """Return the meaning of every name but those of devices, by group."""
     from cc_mujoco.control import CONTROLLERS, POSITION_CONTROLLERS
-    from cc_mujoco.control._axes import DECOUPLED
+    from cc_mujoco.control._registry import DECOUPLED
     from cc_mujoco.device import MATERIALS, MOTORS, VARIABLES
     from cc_mujoco.diagnosis import EFFECTS
     from cc_mujoco.human import TASKS, TRAJECTORIES

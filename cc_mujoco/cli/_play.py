@@ -148,7 +148,7 @@ class Play:
         locate(self.scene)
         if self.seed < 0:
             raise CableError(f"--seed must be 0 or greater, not {self.seed}.")
-        from cc_mujoco.control._of_device import default_controller
+        from cc_mujoco.control._registry import default_controller
         from cc_mujoco.device import find_device
         from cc_mujoco.simulation._simulate import task_label
 

@@ -71,11 +71,7 @@ class CableModel:
         Raises:
             CableError: `cables` are not known.
         """
-        if not drive.cables:
-            raise CableError(
-                "a controller with a model needs to know the cables; this Drive has "
-                "none."
-            )
+        require_known_cables(drive)
         self.drive = drive
         self._weakening = weakening
         cables = drive.cables
@@ -175,12 +171,6 @@ class CableModel:
         direction: NDArray[np.int8] = slip.astype(np.int8)
         return direction
 
-    def motor_torque(self) -> FloatArray:
-        """Return the model's torque of the motor on the cables (rows,) [N m]."""
-        found = np.empty(self.state.shape[0])
-        _motor_torques(self.segments, self.arm, self.state, found)
-        return found
-
     def _allocate(self, rows: int) -> None:
         cables = self.segments.size
         self._rows = rows
@@ -228,6 +218,14 @@ class CableModel:
         prm, n = self.packed[row, cable], int(self.segments[cable])
         kernel.rebend(prm, n, self._angles[cable])
         kernel.expect_change(prm)
+
+
+def require_known_cables(drive: Drive) -> None:
+    """Refuse a drive whose cables are not known."""
+    if not drive.cables:
+        raise CableError(
+            "a controller with a model needs to know the cables; this Drive has none."
+        )
 
 
 def checked_angles(
@@ -419,11 +417,3 @@ def motor_torque(n: stepper.Counts, arm: FloatArray, state: FloatMatrix) -> floa
     for k in range(n.size):
         total -= arm[k] * max(tensions(state[k], n[k])[0], 0.0)
     return total
-
-
-@compiled
-def _motor_torques(
-    n: stepper.Counts, arm: FloatMatrix, state: FloatCube, found: FloatArray
-) -> None:
-    for row in range(found.size):
-        found[row] = motor_torque(n, arm[row], state[row])

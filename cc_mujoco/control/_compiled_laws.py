@@ -1,10 +1,10 @@
 """Laws of one control step of one device, compiled, without allocation.
 
     memory[:] = 0.0                                    # at the start of an episode
-    torque = proportional_integral(gains, memory, desired, measured)
+    admit(gains, spring, memory, seen)
+    torque = guarded_torque(gains, spring, memory, seen)
 
-The controllers run them for every environment; compiled for another machine they run
-alone. `gains` are numbers in the order of `GAINS`, `seen` are measurements in the order
+`gains` are numbers in the order of `GAINS`, `seen` are measurements in the order
 of `LAW_INPUTS`, and `memory` is the state of a law from one step to the next.
 """
 
@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from cc_mujoco.cable._parameter import Parameter, parameter, parameters_of
 from cc_mujoco.cable._stepper import Counts
 from cc_mujoco.control import _compensation as compensation
 from cc_mujoco.control import _guard as guard
+from cc_mujoco.control._full_slip import full_slip_balance
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 
 LAW_INPUTS = (
@@ -203,20 +205,6 @@ def closed_loop_torque(
     return limited
 
 
-@compiled
-def proportional_integral(
-    gains: FloatArray,
-    memory: FloatArray,
-    desired: float,
-    torque: float,
-) -> float:
-    """Return the motor torque of `ProportionalIntegral`, not guarded [N m]."""
-    feedforward = 0.0
-    if gains[_FEED_FORWARD] != 0.0:
-        feedforward = desired / gains[_RATIO]
-    return closed_loop_torque(gains, memory, feedforward, desired - torque, math.inf)
-
-
 @internal
 def _relative_velocity(gains: FloatArray, seen: FloatArray) -> float:
     return float(seen[VELOCITY] - gains[_RATIO] * seen[JOINT_VELOCITY])
@@ -392,3 +380,310 @@ def stiction(
     feedforward -= _damping_torque(gains, spring, seen)
     # Where the direction has just changed, the feed-forward corrects the error.
     return _driven(gains, spring, memory, feedforward, 0.0 if turned else error)
+
+
+_RATE_FILTER = 0.2
+"""Share of a new value in the filtered rate of the desired torque."""
+_NOISE_TIME = 0.5
+"""Time over which the noise of the torque sensor is measured [s]."""
+(
+    _KNOWN_SIGNALS, _LAST_DESIRED, _DESIRED_RATE, _LAST_TORQUE, _LAST_CHANGE,
+    _NOISE_POWER, SIGNAL_SIZE,
+) = range(7)  # fmt: skip
+"""Places in the memory of the signals of `TunedFeedback`, and its size: desired torque
+and its filtered rate; measured torque, its change in the last step, and the power of
+its noise."""
+
+
+@compiled
+def _sense_of_slip(
+    gains: FloatArray,
+    memory: FloatArray,
+    seen: FloatArray,
+    stiffness: float,
+    slip_speed: float,
+) -> float:
+    """Return the smooth sense in which the motor has to turn, -1 to 1."""
+    desired = seen[DESIRED]
+    rate = (desired - memory[_LAST_DESIRED]) / gains[PERIOD]
+    memory[_LAST_DESIRED] = desired
+    memory[_DESIRED_RATE] += _RATE_FILTER * (rate - memory[_DESIRED_RATE])
+    speed = seen[JOINT_VELOCITY] + memory[_DESIRED_RATE] / stiffness
+    return float(np.tanh(speed / slip_speed))
+
+
+@compiled
+def _noise(gains: FloatArray, memory: FloatArray, torque: float) -> float:
+    """Return the standard deviation of the noise of the torque sensor [N m].
+
+    It is that of second differences: no motion bends a torque within three samples.
+    """
+    change = torque - memory[_LAST_TORQUE]
+    power = (change - memory[_LAST_CHANGE]) ** 2 / 6.0
+    memory[_LAST_TORQUE], memory[_LAST_CHANGE] = torque, change
+    share = min(gains[PERIOD] / _NOISE_TIME, 1.0)
+    memory[_NOISE_POWER] += share * (power - memory[_NOISE_POWER])
+    return float(np.sqrt(memory[_NOISE_POWER]))
+
+
+@internal
+def tuned_torque(
+    gains: FloatArray,
+    spring: FloatArray,
+    cables: FloatMatrix,
+    settings: FloatArray,
+    memory: FloatArray,
+    signals: FloatArray,
+    seen: FloatArray,
+) -> float:
+    """Return the motor torque of `TunedFeedback` [N m].
+
+    Args:
+        gains: see `GAINS`.
+        spring: see `guard.STIFFNESS`.
+        cables: see `cable_table`.
+        settings: share of friction that is fed forward, speed of slip [rad/s], dead
+            zone in deviations, deviation of the torque sensor [N m].
+        memory: of the law.
+        signals: (`SIGNAL_SIZE`,), 0 at the start.
+        seen: what is measured, after `admit`; changed.
+    """
+    desired = seen[DESIRED]
+    ahead = feed_forward(gains, desired)
+    if signals[_KNOWN_SIGNALS] == 0.0:
+        signals[_KNOWN_SIGNALS], signals[_LAST_DESIRED] = 1.0, desired
+        signals[_LAST_TORQUE] = seen[TORQUE]
+    friction_share, slip_speed = settings[0], settings[1]
+    if friction_share > 0.0:
+        stiffness = spring[guard.STIFFNESS]
+        sense = friction_share * _sense_of_slip(
+            gains, signals, seen, stiffness, slip_speed
+        )
+        ahead = full_slip_balance(cables, sense, desired)[0]
+    off = seen[TORQUE] - desired
+    noise = _noise(gains, signals, seen[TORQUE])
+    width = settings[2] * max(noise, settings[3]) - 0.5 * abs(desired)
+    if width > 0.0:
+        off = np.sign(off) * max(abs(off) - width, 0.0)
+        seen[TORQUE] = desired + off
+    return damped_feedback(gains, spring, memory, seen, ahead)
+
+
+BAND_SIGMAS = 0.34
+"""Motion that is none, in standard deviations of the torque sensor."""
+_SLACK_SHARE = 1.0
+"""Most that the integral pays out of a single cable, over its stretch."""
+
+
+class InverseGains(NamedTuple):
+    """Gains of `BacklashInverse` behind `DriveLimits`."""
+
+    late: float
+    """Time from a torque at the joint to the answer of the motor [s]."""
+    position: float
+    """[N m/rad]."""
+    damping: float
+    """[N m s/rad]."""
+    integral: float
+    """[1/s]."""
+    stiffness: float
+    """Of all cables at the joint [N m/rad]."""
+    band: float
+    """Motion of the joint that is none [rad]."""
+    release: float
+    """Damping of a motor that is let go [N m s/rad]."""
+
+
+(
+    _LATE, _POSITION, _INVERSE_DAMPING, _INVERSE_INTEGRAL, _INVERSE_STIFFNESS, _BAND,
+    _INVERSE_RELEASE, INVERSE_GAINS,
+) = range(guard.LIMITS, guard.LIMITS + len(InverseGains._fields) + 1)  # fmt: skip
+_INVERSE_STARTED, _MOTOR_0, _JOINT_0, _SENSE, _EXTREME, _ANGLE_OFFSET, INVERSE_GUARD = (
+    range(7)
+)
+INVERSE_SIZE = INVERSE_GUARD + guard.MEMORY_SIZE
+"""Size of the memory of the law."""
+
+
+@compiled
+def _turn(memory: FloatArray, wanted: float, band: float) -> float:
+    """Return the sense in which an angle moves, which noise does not turn."""
+    sense = memory[_SENSE]
+    if sense == 0.0:
+        if abs(wanted - memory[_EXTREME]) > band:
+            memory[_SENSE] = np.sign(wanted - memory[_EXTREME])
+            memory[_EXTREME] = wanted
+    elif sense * (wanted - memory[_EXTREME]) > 0.0:
+        memory[_EXTREME] = wanted
+    elif sense * (wanted - memory[_EXTREME]) < -band:
+        memory[_SENSE], memory[_EXTREME] = -sense, wanted
+    return float(memory[_SENSE])
+
+
+@internal
+def inverse_torque(
+    gains: FloatArray,
+    spring: FloatArray,
+    cables: FloatMatrix,
+    memory: FloatArray,
+    seen: FloatArray,
+) -> float:
+    """Return the torque of the motor of one device [N m].
+
+    Args:
+        gains: see `InverseGains`.
+        spring: see `guard.STIFFNESS`.
+        cables: see `cable_table`.
+        memory: (`INVERSE_SIZE`,), 0 at the start.
+        seen: in the order of `LAW_INPUTS`; changed.
+    """
+    limits, own = guard.limits_of(gains), memory[INVERSE_GUARD:]
+    ratio, stiffness = limits.ratio, gains[_INVERSE_STIFFNESS]
+    guard.admit(limits, spring, own, seen)
+    if memory[_INVERSE_STARTED] == 0.0:
+        memory[_INVERSE_STARTED], memory[_MOTOR_0] = 1.0, seen[ANGLE]
+        memory[_JOINT_0] = seen[JOINT_ANGLE]
+        memory[_EXTREME] = seen[DESIRED] / stiffness
+    ahead = seen[VELOCITY] - ratio * seen[JOINT_VELOCITY]
+    if guard.state(limits, spring, own, ahead, seen[DESIRED]) != guard.FREE:
+        memory[_ANGLE_OFFSET] = 0.0
+        torque = guard.let_go_torque(own, gains[_INVERSE_RELEASE], ahead)
+        return guard.bounded(limits, spring, own, guard.limited(gains, torque))
+    joint = seen[JOINT_ANGLE] - memory[_JOINT_0] + gains[_LATE] * seen[JOINT_VELOCITY]
+    motor = seen[ANGLE] - memory[_MOTOR_0] + gains[_LATE] * seen[VELOCITY]
+    sense = _turn(memory, joint + seen[DESIRED] / stiffness, gains[_BAND])
+    balance, stretch = full_slip_balance(cables, sense, seen[DESIRED])
+    relative = ratio * (stretch + memory[_ANGLE_OFFSET])
+    error = (seen[DESIRED] - seen[TORQUE]) / stiffness
+    torque = balance + gains[_POSITION] * (relative + ratio * joint - motor)
+    torque += gains[_INVERSE_DAMPING] * (ratio * seen[JOINT_VELOCITY] - seen[VELOCITY])
+    limited = guard.bounded(limits, spring, own, guard.limited(gains, torque))
+    if not (torque - limited) * error * ratio > 0.0:
+        memory[_ANGLE_OFFSET] += gains[_INVERSE_INTEGRAL] * limits.period * error
+    if limits.one_way != 0.0:
+        # A torque that no paying out ends would pay out without an end.
+        least = -_SLACK_SHARE * abs(stretch) - BAND_SIGMAS * gains[_BAND]
+        memory[_ANGLE_OFFSET] = max(memory[_ANGLE_OFFSET], least)
+    return float(limited)
+
+
+STATES = 4
+STRETCH, SPEED, LOAD, LACK = range(STATES)
+"""Motor angle less ratio times joint angle; its rate; torque on the motor and torque at
+the joint that the linear model lacks."""
+
+
+class GaussianGains(NamedTuple):
+    """Gains of `LinearQuadraticGaussian` behind `DriveLimits`."""
+
+    rigidity: float
+    """Stiffness of all cables at the joint [N m/rad]."""
+    release: float
+    """Damping of a motor that is let go [N m s/rad]."""
+    slip: float
+    """Change of the innovation of the stretch from which an encoder has slipped [rad].
+    """
+
+
+_RIGIDITY, _GAUSSIAN_RELEASE, _SLIP, GAUSSIAN_GAINS = range(
+    guard.LIMITS, guard.LIMITS + len(GaussianGains._fields) + 1
+)
+_GAUSSIAN_STARTED, _STRETCH_OFFSET, _INNOVATION, GAUSSIAN_GUARD = range(4)
+HEADER = GAUSSIAN_GUARD + guard.MEMORY_SIZE
+"""Numbers of the memory before the state and the torques on their way."""
+
+
+class Design(NamedTuple):
+    """Model and gains of observer and regulator.
+
+    Attributes:
+        model: state after a step, from state and torque (4, 5).
+        read: stretch and torque of the joint, from the state (2, 4).
+        kalman: gains of the observer (4, 2).
+        regulator: of stretch and its rate (2,).
+    """
+
+    model: FloatMatrix
+    read: FloatMatrix
+    kalman: FloatMatrix
+    regulator: FloatArray
+
+
+@compiled
+def _advance(
+    model: FloatMatrix, state: FloatArray, torque: float, new: FloatArray
+) -> None:
+    """Advance the state by a step with a torque of the motor."""
+    for i in range(STATES):
+        new[i] = model[i, STATES] * torque
+        for j in range(STATES):
+            new[i] += model[i, j] * state[j]
+    for i in range(STATES):
+        state[i] = new[i]
+
+
+@internal
+def gaussian_torque(
+    gains: FloatArray,
+    spring: FloatArray,
+    design: Design,
+    memory: FloatArray,
+    seen: FloatArray,
+    scratch: FloatMatrix,
+) -> float:
+    """Return the torque of the motor of one device [N m].
+
+    Args:
+        gains: see `GaussianGains`.
+        spring: see `guard.STIFFNESS`.
+        design: of the law.
+        memory: `HEADER`, `STATES` and the torques on their way; 0 at the start.
+        seen: in the order of `LAW_INPUTS`; changed.
+        scratch: (2, `STATES`).
+    """
+    limits, own = guard.limits_of(gains), memory[GAUSSIAN_GUARD:HEADER]
+    model, read, kalman = design.model, design.read, design.kalman
+    ratio, ahead, new = limits.ratio, scratch[0], scratch[1]
+    guard.admit(limits, spring, own, seen)
+    state = memory[HEADER : HEADER + STATES]
+    applied = memory[HEADER + STATES :]
+    stretch = seen[ANGLE] - ratio * seen[JOINT_ANGLE]
+    if memory[_GAUSSIAN_STARTED] == 0.0:
+        memory[_GAUSSIAN_STARTED], memory[_STRETCH_OFFSET] = 1.0, stretch
+    _advance(model, state, applied[0], new)
+    off_0 = stretch - memory[_STRETCH_OFFSET] - state[STRETCH]
+    if abs(off_0 - memory[_INNOVATION]) > gains[_SLIP]:
+        # No motion does that in a step: the encoder has slipped, the cable has not.
+        memory[_STRETCH_OFFSET] += off_0 - memory[_INNOVATION]
+        off_0 = memory[_INNOVATION]
+    memory[_INNOVATION] = off_0
+    off_1 = seen[TORQUE]
+    for j in range(STATES):
+        off_1 -= read[1, j] * state[j]
+    for i in range(STATES):
+        state[i] += kalman[i, 0] * off_0 + kalman[i, 1] * off_1
+        ahead[i] = state[i]
+    for i in range(1, applied.size):
+        _advance(model, ahead, applied[i], new)
+    torque = _regulated(gains, design.regulator, ahead, seen[DESIRED])
+    torque = guard.passed(gains, spring, own, gains[_GAUSSIAN_RELEASE], torque)
+    for i in range(applied.size - 1):
+        applied[i] = applied[i + 1]
+    applied[applied.size - 1] = torque
+    return float(torque)
+
+
+@compiled
+def _regulated(
+    gains: FloatArray, regulator: FloatArray, state: FloatArray, desired: float
+) -> float:
+    """Return the torque of the regulator [N m]."""
+    ratio = gains[guard.RATIO]
+    wanted = (desired - state[LACK]) * ratio / gains[_RIGIDITY]
+    if guard.limits_of(gains).one_way != 0.0:
+        # A single cable cannot push, and what hangs need not hang further.
+        least = -abs(desired) * abs(ratio) / gains[_RIGIDITY]
+        wanted = max(wanted, least)
+    hold = gains[_RIGIDITY] / ratio**2 * wanted - state[LOAD]
+    off = regulator[0] * (state[STRETCH] - wanted) + regulator[1] * state[SPEED]
+    return float(hold - off)

@@ -14,15 +14,15 @@ sections. Memory is numbers only; `places` says what stands where.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from cc_mujoco.cable import _friction as friction
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.cable._layout import SCALARS
-from cc_mujoco.control import _cable_model as cable_model
 from cc_mujoco.control import _compiled_laws as compiled_laws
-from cc_mujoco.control import _disturbance as disturbance
 from cc_mujoco.control import _guard as guard
-from cc_mujoco.control._cable_model import add_preload, follow, stiffness
+from cc_mujoco.control._cable_model import add_preload, follow, motor_torque, stiffness
 from cc_mujoco.control._compensation import SCRATCH_ROWS
 from cc_mujoco.native import (
     FloatArray,
@@ -47,12 +47,31 @@ GAINS = OWN_MEMORY + compiled_laws.MEMORY_SIZE
 CABLES = GAINS + GAIN_COUNT
 _CABLE_ROWS = 5  # proximal and distal arm, arm now, direction of slip, gain
 
-_MODEL, _STICTION, _DISTURBANCE = range(3)
+MODEL, STICTION, DISTURBANCE = range(3)
 """Kinds of laws with a model."""
+_KNOWN, _TORQUE, LACK_SIZE = range(3)
+"""Places in the memory of the torque that the model lacks, and its size: whether a
+torque was applied; the disturbance [N m]."""
 _FRICTION = friction.INDEX["friction"]
 _STATIC = friction.INDEX["static_friction"]
 _PRETENSION = friction.INDEX["pretension"]
 _EXPONENT = friction.INDEX["tension_exponent"]
+
+
+class ModelMemory(NamedTuple):
+    """Parts of the memory of a law with a model; see `CableModel`."""
+
+    cables: stepper.Cables
+    arm: FloatArray
+    direction: FloatArray
+    gain: FloatArray
+    scratch: FloatMatrix
+    """See `_compensation.SCRATCH_ROWS`."""
+    state: FloatMatrix
+    new: FloatMatrix
+    work: FloatArray
+    end: int
+    """Place of the first number behind."""
 
 
 @reinterpret_part
@@ -241,6 +260,7 @@ def store_model(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> 
     )
 
 
+@internal
 def impossible(readings: FloatArray, count: int, guarded: IntArray) -> int:
     """Return 1 + the place of a reading that no sensor can mean, 0 if there is none.
 
@@ -281,83 +301,229 @@ def step_proportional_integral(
 
 
 @internal
-def _step_model(
-    memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray,
-    kind: int,
-) -> float:  # fmt: skip
-    """Return the motor torque of the next step of a kind of law [N m]."""
+def model_memory(memory: FloatArray, shape: IntArray) -> ModelMemory:
+    """Return the parts of the memory of a law with a model."""
     count, longest = shape[0], 0
     for k in range(count):
         longest = max(longest, shape[1 + k])
     scratch, packed, first, after, work, end = places(count, longest)
-    size, width = kernel.parameter_size(longest), kernel.state_size(longest)
-    seen = admitted(memory, readings)
-    law = part(memory, OWN_MEMORY, compiled_laws.MEMORY_SIZE)
-    gains = part(memory, GAINS, GAIN_COUNT)
-    spring = part(memory, SPRING, guard.SPRING_SIZE)
+    width = kernel.state_size(longest)
     proximal = part(memory, CABLES, count)
-    distal = part(memory, CABLES + count, count)
-    arm = part(memory, CABLES + 2 * count, count)
-    direction = part(memory, CABLES + 3 * count, count)
-    gain = part(memory, CABLES + 4 * count, count)
-    law_scratch = rows_of(memory, scratch, SCRATCH_ROWS, count)
-    prm = rows_of(memory, packed, count, size)
-    state = rows_of(memory, first, count, width)
-    new = rows_of(memory, after, count, width)
-    n = whole_part(shape, 1, count)
-    cables = stepper.Cables(prm, n, proximal, proximal, distal)
+    prm = rows_of(memory, packed, count, kernel.parameter_size(longest))
+    n, distal = whole_part(shape, 1, count), part(memory, CABLES + count, count)
+    return ModelMemory(
+        stepper.Cables(prm, n, proximal, proximal, distal),
+        part(memory, CABLES + 2 * count, count),
+        part(memory, CABLES + 3 * count, count),
+        part(memory, CABLES + 4 * count, count),
+        rows_of(memory, scratch, SCRATCH_ROWS, count),
+        rows_of(memory, first, count, width),
+        rows_of(memory, after, count, width),
+        part(memory, work, end - work),
+        end,
+    )
+
+
+@compiled
+def follow_model(memory: FloatArray, shape: IntArray, readings: FloatArray) -> None:
+    """Have the guard check what is measured, and the model of the cables follow it."""
+    seen = admitted(memory, readings)
+    own = model_memory(memory, shape)
     if memory[FIRST_STEP] != 0.0:
-        stepper.set_rest(cables, seen[compiled_laws.ANGLE], 0.0, state)
-        direction[:] = 0.0
-        gain[:] = 1.0
-        if kind == _DISTURBANCE:
-            memory[end : end + disturbance.LACK_SIZE] = 0.0
+        stepper.set_rest(own.cables, seen[compiled_laws.ANGLE], 0.0, own.state)
+        own.direction[:] = 0.0
+        own.gain[:] = 1.0
+        for i in range(own.end, memory.size):
+            memory[i] = 0.0
         memory[JOINT_ANGLE], memory[FIRST_STEP] = 0.0, 0.0
     memory[JOINT_ANGLE] = follow(
-        cables,
-        state,
+        own.cables,
+        own.state,
         seen[compiled_laws.ANGLE],
         seen[compiled_laws.TORQUE],
         memory[JOINT_ANGLE],
-        direction,
-        gain,
-        arm,
-        gains[compiled_laws.PERIOD],
-        new,
-        part(memory, work, end - work),
+        own.direction,
+        own.gain,
+        own.arm,
+        memory[GAINS + compiled_laws.PERIOD],
+        own.new,
+        own.work,
     )
-    if kind == _STICTION:
+
+
+@internal
+def model_torque(
+    memory: FloatArray, shape: IntArray, tables: FloatArray, kind: int
+) -> float:
+    """Return the motor torque of a kind of law, after `follow_model` [N m]."""
+    own = model_memory(memory, shape)
+    law = part(memory, OWN_MEMORY, compiled_laws.MEMORY_SIZE)
+    seen = law[compiled_laws.GUARD + guard.SEEN :]
+    gains = part(memory, GAINS, GAIN_COUNT)
+    spring = part(memory, SPRING, guard.SPRING_SIZE)
+    cables, lack = own.cables, 0.0
+    if kind == STICTION:
         return compiled_laws.stiction(
-            gains, spring, prm, n, distal, arm, state, law, seen, law_scratch
-        )
-    lack = 0.0
-    if kind == _DISTURBANCE:
-        load = cable_model.motor_torque(n, arm, state)
-        lack = disturbance.learn_lack(
-            tables[0], load, law, part(memory, end, disturbance.LACK_SIZE)
-        )
+            gains, spring, cables.prm, cables.n, cables.distal, own.arm, own.state, law,
+            seen, own.scratch,
+        )  # fmt: skip
+    if kind == DISTURBANCE:
+        load = motor_torque(cables.n, own.arm, own.state)
+        lack = _learn_lack(tables[0], load, law, part(memory, own.end, LACK_SIZE))
     return compiled_laws.model_based(
-        gains, spring, prm, n, distal, arm, state, direction, gain, lack, law,
-        seen, law_scratch,
+        gains, spring, cables.prm, cables.n, cables.distal, own.arm, own.state,
+        own.direction, own.gain, lack, law, seen, own.scratch,
     )  # fmt: skip
+
+
+@internal
+def _learn_lack(
+    share: float, load: float, memory: FloatArray, lack: FloatArray
+) -> float:
+    """Return the motor torque that the model lacks, with that of the last step [N m].
+
+    `share` is the weight of the new value, `load` the motor torque that the model
+    explains [N m]; `lack` (`LACK_SIZE`,), 0 at the start, is updated.
+    """
+    if memory[compiled_laws.RELEASED] != 0.0:
+        lack[:] = 0.0
+    unexplained = 0.0
+    if lack[_KNOWN] != 0.0:
+        unexplained = memory[compiled_laws.GUARD + guard.COMMAND] - load
+    lack[_KNOWN] = 1.0
+    lack[_TORQUE] += share * (unexplained - lack[_TORQUE])
+    return float(lack[_TORQUE])
 
 
 @internal
 def step_model_based(
     memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
 ) -> float:
-    return _step_model(memory, shape, tables, readings, _MODEL)
+    follow_model(memory, shape, readings)
+    return model_torque(memory, shape, tables, MODEL)
 
 
 @internal
 def step_stiction(
     memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
 ) -> float:
-    return _step_model(memory, shape, tables, readings, _STICTION)
+    follow_model(memory, shape, readings)
+    return model_torque(memory, shape, tables, STICTION)
 
 
 @internal
 def step_disturbance(
     memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
 ) -> float:
-    return _step_model(memory, shape, tables, readings, _DISTURBANCE)
+    follow_model(memory, shape, readings)
+    return model_torque(memory, shape, tables, DISTURBANCE)
+
+
+def wrong_limits(
+    shape: IntArray, parameters: FloatArray, least: FloatArray, most: FloatArray
+) -> int:
+    """Return 1 + the index of an impossible limit, 0 if there is none."""
+    return wrong_motor(
+        parameters, least, most, guard.LIMITS, guard.RATIO, guard.LOW, guard.HIGH
+    )
+
+
+@compiled
+def store_limits(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> None:
+    for i in range(guard.LIMITS):
+        memory[OWN_MEMORY + i] = parameters[i]
+
+
+@internal
+def step_forward(
+    memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
+) -> float:
+    memory[FIRST_STEP] = 0.0
+    gains = part(memory, OWN_MEMORY, guard.LIMITS)
+    return compiled_laws.feed_forward(gains, readings[0])
+
+
+@internal
+def step_tuned(
+    memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
+) -> float:
+    seen = admitted(memory, readings)
+    signals = part(memory, CABLES, compiled_laws.SIGNAL_SIZE)
+    if memory[FIRST_STEP] != 0.0:
+        signals[:] = 0.0
+        memory[FIRST_STEP] = 0.0
+    return compiled_laws.tuned_torque(
+        part(memory, GAINS, GAIN_COUNT),
+        part(memory, SPRING, guard.SPRING_SIZE),
+        rows_of(tables, 4, shape[0], shape[1]),
+        part(tables, 0, 4),
+        part(memory, OWN_MEMORY, compiled_laws.MEMORY_SIZE),
+        signals,
+        seen,
+    )
+
+
+@internal
+def begun(
+    memory: FloatArray,
+    tables: FloatArray,
+    gains: int,
+    size: int,
+    first: int,
+    readings: FloatArray,
+) -> FloatArray:
+    """Complete the gains, begin where that is due; return a copy of what is measured.
+
+    `tables` begin with the `gains` behind `DriveLimits`. In the memory the `size`
+    numbers of the law are behind the gains, `first` of them the guard.
+    """
+    for i in range(guard.LIMITS, gains):
+        memory[OWN_MEMORY + i] = tables[i - guard.LIMITS]
+    law = part(memory, OWN_MEMORY + gains, size)
+    if memory[FIRST_STEP] != 0.0:
+        law[:] = 0.0
+        memory[FIRST_STEP] = 0.0
+    seen = law[first + guard.SEEN : first + guard.SEEN + guard.READINGS]
+    for i in range(guard.READINGS):
+        seen[i] = readings[i]
+    return seen
+
+
+@internal
+def step_inverse(
+    memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
+) -> float:
+    gains, size = compiled_laws.INVERSE_GAINS, compiled_laws.INVERSE_SIZE
+    seen = begun(memory, tables, gains, size, compiled_laws.INVERSE_GUARD, readings)
+    spring = gains - guard.LIMITS
+    return compiled_laws.inverse_torque(
+        part(memory, OWN_MEMORY, gains),
+        part(tables, spring, guard.SPRING_SIZE),
+        rows_of(tables, spring + guard.SPRING_SIZE, shape[0], shape[1]),
+        part(memory, OWN_MEMORY + gains, size),
+        seen,
+    )
+
+
+@internal
+def step_gaussian(
+    memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
+) -> float:
+    gains, size, states = compiled_laws.GAUSSIAN_GAINS, shape[0], compiled_laws.STATES
+    seen = begun(memory, tables, gains, size, compiled_laws.GAUSSIAN_GUARD, readings)
+    spring = gains - guard.LIMITS
+    model = spring + guard.SPRING_SIZE
+    read = model + states * (states + 1)
+    return compiled_laws.gaussian_torque(
+        part(memory, OWN_MEMORY, gains),
+        part(tables, spring, guard.SPRING_SIZE),
+        compiled_laws.Design(
+            rows_of(tables, model, states, states + 1),
+            rows_of(tables, read, 2, states),
+            rows_of(tables, read + 2 * states, states, 2),
+            part(tables, read + 4 * states, 2),
+        ),
+        part(memory, OWN_MEMORY + gains, size),
+        seen,
+        rows_of(memory, OWN_MEMORY + gains + size, 2, states),
+    )

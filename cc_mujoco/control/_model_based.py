@@ -10,26 +10,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import dataclasses
+import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cc_mujoco._validation import require_number
-from cc_mujoco.cable._stepper import Counts
 from cc_mujoco.control import _compiled_laws as compiled_laws
-from cc_mujoco.control._cable_model import CableModel
-from cc_mujoco.control._controller import as_round_pulley, readings
-from cc_mujoco.control._proportional_integral import (
-    ProportionalIntegral,
-    stable_settling_time,
-)
+from cc_mujoco.control import _law_steps as law_steps
+from cc_mujoco.control._cable_model import pack, require_known_cables
+from cc_mujoco.control._feedback import ProportionalIntegral, stable_settling_time
+from cc_mujoco.control._stepped_laws import LawTables, SteppedLaw
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.errors import CableError
-from cc_mujoco.native import FloatArray, FloatCube, FloatMatrix, compiled
+from cc_mujoco.native import FloatArray
 
 Mismatch = float | Callable[[Any], Any]
+
+_FEED_FORWARD_GAINS = frozenset(
+    {"feed_forward", "stiffness", "rest_torque", "wrap_friction"}
+)
+"""Not read by a law with a model."""
 
 
 class ModelBased(ProportionalIntegral):
@@ -50,6 +53,17 @@ class ModelBased(ProportionalIntegral):
     at the motor times T, so that it settles in about that time. The thesis has no
     inertia and needs none of this.
     """
+
+    stepped = SteppedLaw(
+        law_steps.step_model_based,
+        law_steps.wrong_model,
+        law_steps.store_model,
+        has_model=True,
+        unread=_FEED_FORWARD_GAINS | {"preview", "tolerance"},
+        gains=compiled_laws.GAINS,
+    )
+    kind = law_steps.MODEL
+    """Kind of the law, see `_law_steps.model_torque`."""
 
     def __init__(
         self,
@@ -82,82 +96,159 @@ class ModelBased(ProportionalIntegral):
                 "of time"
             )
         require_number("settling", settling, 0.0, 10.0, "s")
+        require_known_cables(drive)
         self.mismatch = mismatch
+        self._played: list[tuple[int, float]] = []
+        """Steps of every environment, and the factor of friction in its model."""
         self.settling = stable_settling_time(drive, self.spring, settling)
-        self.model = CableModel(drive)
-        self._calls: Any = 0
 
-    def reset(self, where: NDArray[np.bool_] | None = None) -> None:
-        super().reset(where)
-        self.model.reset(where)
-        self._calls = 0 if where is None else np.where(where, 0, self._calls)
-
-    def torque(self, observation: Mapping[str, Any]) -> Any:
-        seen = readings(
-            as_round_pulley(observation, self.drive), compiled_laws.LAW_INPUTS
-        )
-        self.admit(seen)
-        self.follow(seen)
-        found = self.answer(seen)
-        numbers = np.ndim(observation["desired_torque_nm"]) == 0
-        return float(found[0]) if numbers else found
-
-    def follow(self, seen: FloatArray) -> None:
-        """Update the model by the measurements (rows, `_compiled_laws.LAW_INPUTS`)."""
-        self.model.follow(seen[:, compiled_laws.ANGLE], seen[:, compiled_laws.TORQUE])
-        error = self.mismatch
-        if callable(error):
-            error = error(self._calls * self.drive.period)
-        self._calls = self._calls + 1
-        self.model.scale_friction(np.reshape(1.0 + error, (-1, 1)))
+    def law_tables(self) -> LawTables:
+        cables = [one.cable for one in self.drive.cables]
+        segments = [cable.segments for cable in cables]
+        shape = len(cables), *segments, *(len(cable.conduit) for cable in cables)
+        places = law_steps.places(len(cables), max(segments))
+        return LawTables(shape, (), places, (law_steps.LAST_COMMAND,))
 
     def answer(self, seen: FloatArray) -> FloatArray:
-        """Return the motor torque (rows,) [N m], after the model was updated."""
-        model, rows = self.model, len(seen)
-        found = np.empty(rows)
-        _torques(
-            self.gains.packed,
-            self.spring,
-            model.packed,
-            model.segments,
-            model.distal,
-            model.arm,
-            model.state,
-            model.slip_direction,
-            model.gain,
-            np.full(rows, self.disturbance(), dtype=float),
-            self.memory(rows),
-            seen,
-            model.scratch,
-            found,
-        )
+        if not (self.mismatch or self._played):
+            return super().answer(seen)
+        memory, found = self.memory(len(seen)), np.empty(len(seen))
+        if len(self._played) != len(seen):
+            self._played = [(0, 1.0)] * len(seen)
+        for row, (own, read) in enumerate(zip(memory, seen, strict=True)):
+            if own[law_steps.FIRST_STEP] != 0.0:
+                self._scale_friction(row, 1.0)
+                self._played[row] = 0, 1.0
+            law_steps.follow_model(own, self._shape, read)
+            error: Any = self.mismatch
+            if callable(error):
+                error = error(self._played[row][0] * self.drive.period)
+            self._scale_friction(row, 1.0 + error)
+            self._played[row] = self._played[row][0] + 1, 1.0 + error
+            found[row] = law_steps.model_torque(
+                own, self._shape, self._numbers, self.kind
+            )
         return found
 
-    def disturbance(self) -> Any:
-        """Return the motor torque that is added to the feed-forward [N m]: none."""
-        return 0.0
+    def _scale_friction(self, row: int, factor: float) -> None:
+        """Scale the friction of the model of an environment."""
+        if self._played and factor == self._played[row][1]:
+            return
+        own = law_steps.model_memory(self._memory[row], self._shape)
+        for prm, one in zip(own.cables.prm, self.drive.cables, strict=True):
+            values = np.array(one.cable.scalars)
+            sections, changed = (
+                np.array(one.cable.conduit, float),
+                np.empty_like(values),
+            )
+            changed = np.empty_like(values)
+            pack(values, sections, one.cable.segments, factor, True, changed, prm)
 
 
-@compiled
-def _torques(
-    gains: FloatArray,
-    spring: FloatArray,
-    prm: FloatCube,
-    n: Counts,
-    distal: FloatArray,
-    arm: FloatMatrix,
-    state: FloatCube,
-    slip_direction: FloatMatrix,
-    gain: FloatMatrix,
-    disturbance: FloatArray,
-    memory: FloatMatrix,
-    seen: FloatMatrix,
-    scratch: FloatMatrix,
-    found: FloatArray,
-) -> None:
-    for row in range(found.size):
-        found[row] = compiled_laws.model_based(
-            gains, spring, prm[row], n, distal, arm[row], state[row],
-            slip_direction[row], gain[row], disturbance[row], memory[row], seen[row],
-            scratch,
-        )  # fmt: skip
+class StictionCompensation(ModelBased):
+    r"""Model-based with stiction compensation: partial motion is crossed at once.
+
+    As long as part of a cable stands still, the motor gives the torque at which
+    equation 2.7 fails at every node that does, so that the whole cable follows at once
+    (Listing 4.1). Which way it shall follow, the thesis does not say. Here it is the
+    sign of
+
+    \[ \tau_d - \tau_j + \kappa\, h\, \dot\theta_j \]
+
+    the torque that is lacking and the motion of the joint that the motor must keep up
+    with, ahead by the time h, with the stiffness \(\kappa\) of all cables at the joint.
+    The sense turns only when that passes the tolerance the other way: a motor that must
+    cross the whole backlash for every bit of noise would chatter.
+    """
+
+    stepped = dataclasses.replace(
+        ModelBased.stepped, step=law_steps.step_stiction, unread=_FEED_FORWARD_GAINS
+    )
+    kind = law_steps.STICTION
+
+    def __init__(
+        self,
+        drive: Drive,
+        proportional: float = 1.0,
+        integral: float = 2.0,
+        mismatch: Mismatch = 0.0,
+        settling: float = 0.03,
+        preview: float = 0.02,
+        tolerance: float | None = None,
+    ) -> None:
+        """Prepare for the first episode.
+
+        Args:
+            drive: The device to be driven; its `cables` must be known.
+            proportional: Kp [-].
+            integral: Ki [1/s].
+            mismatch: See `ModelBased`.
+            settling: See `ModelBased`.
+            preview: h [s].
+            tolerance: Torque at the joint below which the sense does not turn [N m];
+                1 % of the greatest by default.
+
+        Raises:
+            CableError: As `ModelBased`, or a preview or tolerance that is negative.
+        """
+        super().__init__(drive, proportional, integral, mismatch, settling)
+        most = abs(drive.ratio) * max(abs(drive.low), abs(drive.high))
+        self.preview = preview
+        self.tolerance = 0.01 * most if tolerance is None else tolerance
+        require_number("preview", self.preview, 0.0, 10.0, "s")
+        require_number("tolerance", self.tolerance, 0.0, 1e6, "N m")
+
+    @property
+    def gains(self) -> compiled_laws.FeedbackGains:
+        return dataclasses.replace(
+            super().gains, preview=self.preview, tolerance=self.tolerance
+        )
+
+
+class DisturbanceObserver(ModelBased):
+    r"""Model-based with a disturbance observer: input not explained by the model.
+
+    \[ \tau_m = u_r + \frac{\omega_c}{s + \omega_c}
+       \bigl( \tau_m - \hat\tau_m \bigr) \]
+
+    with the torque \(u_r\) of `ModelBased`, the torque \(\tau_m\) applied before and
+    the torque \(\hat\tau_m\) that the model needs to explain motor angle and joint
+    torque. Their difference is the friction beyond the model, and the torque that
+    accelerates the rotor; the low-pass suppresses sensor noise (thesis 4.2, Fig. 4.2).
+    """
+
+    stepped = dataclasses.replace(ModelBased.stepped, step=law_steps.step_disturbance)
+    kind = law_steps.DISTURBANCE
+
+    def __init__(
+        self,
+        drive: Drive,
+        proportional: float = 1.0,
+        integral: float = 2.0,
+        mismatch: Mismatch = 0.0,
+        settling: float = 0.03,
+        cutoff: float = 3.0,
+    ) -> None:
+        """Prepare for the first episode.
+
+        Args:
+            drive: The device to be driven; its `cables` must be known.
+            proportional: Kp [-].
+            integral: Ki [1/s].
+            mismatch: See `ModelBased`.
+            settling: See `ModelBased`.
+            cutoff: Of the low-pass [Hz].
+
+        Raises:
+            CableError: As `ModelBased`, or a cut-off that is not positive.
+        """
+        super().__init__(drive, proportional, integral, mismatch, settling)
+        require_number("cutoff", cutoff, 1e-6, 0.5 / drive.period, "Hz")
+        self.share = -math.expm1(-2.0 * math.pi * cutoff * drive.period)
+        """Share of a new value in the disturbance."""
+
+    def law_tables(self) -> LawTables:
+        shape, _, (*places, end), given = super().law_tables()
+        return LawTables(
+            shape, (self.share,), (*places, end + law_steps.LACK_SIZE), given
+        )

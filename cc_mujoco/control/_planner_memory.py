@@ -26,6 +26,13 @@ from typing import NamedTuple
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.native import FloatArray, FloatCube, FloatMatrix, internal
 
+PLANNER_INPUTS = (
+    "motor_angle_rad",
+    "joint_angle_rad",
+    "joint_torque_nm",
+    "desired_torque_nm",
+)
+"""Columns of `device.MEASURED_COLUMNS` that the controller reads."""
 ANGLE, VELOCITY, DISTURBANCE, LOAD = 0, 1, 2, 3
 JOINT, DESIRED_TORQUE, DIRECTION, STARTED, FILTERED_TORQUE = 4, 7, 10, 11, 12
 BELIEVED_DELAY, ENERGY, BIAS, MOTOR_TORQUE, COMMAND = 13, 14, 15, 16, 17

@@ -35,7 +35,7 @@ from cc_mujoco.control._law_steps import (
     whole_part,
     whole_rows_of,
 )
-from cc_mujoco.control._predictive import PLANNER_INPUTS
+from cc_mujoco.control._planner_memory import PLANNER_INPUTS
 from cc_mujoco.estimation import _tension_slope as tension_slope
 from cc_mujoco.native import FloatArray, IntArray, compiled, internal
 

@@ -29,8 +29,8 @@ from cc_mujoco.control._controller import (
     needs_winding,
     readings,
 )
+from cc_mujoco.control._feedback import stable_settling_time
 from cc_mujoco.control._network import Array, Network
-from cc_mujoco.control._proportional_integral import stable_settling_time
 from cc_mujoco.device._axis_columns import axis_columns
 from cc_mujoco.device._description import device_label
 from cc_mujoco.device._drive import Drive

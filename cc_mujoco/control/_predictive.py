@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -16,22 +17,22 @@ from cc_mujoco._validation import require_number
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control import _planner_learning as planner_learning
 from cc_mujoco.control import _planner_memory as planner_memory
+from cc_mujoco.control import _planner_steps as planner_steps
 from cc_mujoco.control import _planning as planning
 from cc_mujoco.control import _rollout as rollout
 from cc_mujoco.control._cable_model import ADOPTION_THRESHOLD, CableModel, joint_spring
-from cc_mujoco.control._controller import Controller, as_round_pulley, readings
-from cc_mujoco.control._planner_parameters import Tuning
+from cc_mujoco.control._controller import as_round_pulley, readings
+from cc_mujoco.control._planner_memory import PLANNER_INPUTS
+from cc_mujoco.control._planner_parameters import TUNING, Tuning
+from cc_mujoco.control._stepped_laws import LawTables, SteppedController, SteppedLaw
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
 
-PLANNER_INPUTS = (
-    "motor_angle_rad",
-    "joint_angle_rad",
-    "joint_torque_nm",
-    "desired_torque_nm",
+_FIXED_TUNING = frozenset(
+    "period span rotor_0 rotor_1 motion_0 motion_1 motion_2 forgetting leak "
+    "late lag creep".split()
 )
-"""Columns of `device.MEASURED_COLUMNS` that the controller reads."""
 _MIN_NOISE = 1e-5
 """Least noise, as a share of the greatest torque: a sensor without noise is no reason
 to reverse for nothing."""
@@ -56,7 +57,7 @@ ENERGY_MEMORY, ENERGY_SPEND_TIME, SLOW_JOINT_SPEED = 10.0, 0.02, 0.1
 the joint below which that takes longer [rad/s]."""
 
 
-class PredictiveCompensation(Controller):
+class PredictiveCompensation(SteppedController):
     r"""Model-predictive: the motor's path is planned, and rolled out with the kernel.
 
     The cables have no mass, so the angles of motor and joint alone say what torque they
@@ -120,6 +121,16 @@ class PredictiveCompensation(Controller):
     not reverse with the slip. Preview control of linear systems is that of M. Tomizuka,
     "Optimal continuous finite preview problem", IEEE Trans. Automatic Control 20, 1975.
     """
+
+    stepped = SteppedLaw(
+        planner_steps.step_plan,
+        planner_steps.wrong_plan,
+        planner_steps.store_plan,
+        has_model=True,
+        fixed=_FIXED_TUNING,
+        gains=TUNING,
+        seen=PLANNER_INPUTS,
+    )
 
     def __init__(
         self,
@@ -256,7 +267,7 @@ class PredictiveCompensation(Controller):
         rotor_0, rotor_1, _ = filter_gains(rotor * period)
         motion_0, motion_1, motion_2 = filter_gains(motion * period)
         self.tuning = Tuning(
-            **guard.motor_limits(drive)._asdict(),
+            **self.limits._asdict(),
             damping=drive.damping,
             span=horizon / knots,
             tolerance=tolerance * noise,
@@ -310,6 +321,22 @@ class PredictiveCompensation(Controller):
             spent=np.zeros(1),
         )
         self._forget(0)
+
+    @property
+    def gains(self) -> Tuning:
+        return self.tuning
+
+    def law_tables(self) -> LawTables:
+        cables = [one.cable for one in self.drive.cables]
+        segments = [cable.segments for cable in cables]
+        sections = [len(cable.conduit) for cable in cables]
+        *tables, _ = self.tables
+        size = len(cables), *tables[0].shape[:2]
+        places = planner_steps.places(size[0], max(segments), sum(sections), *size[1:])
+        numbers = tuple(map(float, chain(*map(np.ravel, tables))))
+        # The last command stands before the scratch, see `_planner_steps.places`.
+        shape = size[0], *segments, *sections, *size[1:]
+        return LawTables(shape, numbers, places, (places[0] - 1,))
 
     def _forget(self, rows: int) -> None:
         delays = self.tables.unexplained.size

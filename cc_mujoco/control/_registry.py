@@ -1,23 +1,46 @@
-"""All controllers by name.
+"""All controllers by name, of a drive, of a device and of many devices.
 
->>> from cc_mujoco.device._drive import Drive
->>> from cc_mujoco.control import controller
->>> drive = Drive(ratio=5.2, low=-1.0, high=1.0, period=0.001)
->>> controller("none", drive).torque({"desired_torque_nm": 2.6})
-0.5
+    law = controller("lqg", "wrist")
+    law = controller("my_module:my_function", env.unwrapped.drive)
+    law = axes_controller("hip=predictive,ankle=pi", drives, prefixes)
+    law = axes_controller({"hip": "predictive", "ankle": make}, drives, prefixes)
+    law = axes_controller("decoupled_pi", drives, prefixes)  # see `_decoupling`
+
+`module:function` is called with the drive. It returns a `Controller`, or a function
+from measurements to the torque of the motor [N m]. An exception inside becomes a
+`CableError` with its location; the exception itself is its cause.
+
+Controllers act on one axis and see the columns of that axis under plain names. A
+function with the attribute `ALL_AXES = True` is called with the drives of all axes; its
+controller sees all columns and returns the torques of all motors.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import dataclasses
+import inspect
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from cc_mujoco._utils import user_code
 from cc_mujoco._utils.provenance import POLICY_ENDING, is_user_controller
 from cc_mujoco.control._backlash_inverse import BacklashInverse
-from cc_mujoco.control._controller import Controller
+from cc_mujoco.control._controller import Controller, limit_torques
+from cc_mujoco.control._decoupling import Coupling
 from cc_mujoco.control._distal_feedback import DistalFeedback
-from cc_mujoco.control._disturbance import DisturbanceObserver
-from cc_mujoco.control._feed_forward import FeedForward
+from cc_mujoco.control._feedback import (
+    Feedback,
+    FeedForward,
+    FrictionFeedForward,
+    ProportionalIntegral,
+    TunedFeedback,
+)
 from cc_mujoco.control._gaussian import LinearQuadraticGaussian
 from cc_mujoco.control._hysteresis_inverse import (
     BoucWenFeedForward,
@@ -26,17 +49,23 @@ from cc_mujoco.control._hysteresis_inverse import (
     PrandtlIshlinskiiInverse,
     SmoothBacklashInverse,
 )
-from cc_mujoco.control._model_based import ModelBased
+from cc_mujoco.control._model_based import (
+    DisturbanceObserver,
+    ModelBased,
+    StictionCompensation,
+)
 from cc_mujoco.control._policy import Policy
 from cc_mujoco.control._position import IdealRatio
 from cc_mujoco.control._predictive import PredictiveCompensation
-from cc_mujoco.control._proportional_integral import Feedback, ProportionalIntegral
-from cc_mujoco.control._stiction import StictionCompensation
 from cc_mujoco.control._tension_feedback import AdaptiveModel, FusedFeedback
-from cc_mujoco.control._tuned_feedback import FrictionFeedForward, TunedFeedback
-from cc_mujoco.control._user_controller import from_callable
+from cc_mujoco.device._axis_columns import axis_columns, split_by_axis
+from cc_mujoco.device._description import Description
+from cc_mujoco.device._device import Nominal
 from cc_mujoco.device._drive import Drive
+from cc_mujoco.device._model import DeviceModel
+from cc_mujoco.device._plant import Plant
 from cc_mujoco.errors import CableError, look_up
+from cc_mujoco.human import task as find_task
 
 CONTROLLERS: dict[str, type[Controller]] = {
     "none": FeedForward,
@@ -67,23 +96,211 @@ POSITION_CONTROLLERS: dict[str, type[Controller]] = {
 """Every controller of a joint angle, for a drive that commands one."""
 
 
-def controller(name: str | Callable[[Drive], Any], drive: Drive) -> Controller:
+Law = str | Callable[..., Any]
+"""Name of a controller, or a function that makes one for a drive."""
+
+DECOUPLED = "decoupled_"
+"""Prefix of the name of a controller whose axes are decoupled."""
+
+OWN_COLUMNS = "joint_torque_nm", "desired_torque_nm"
+"""Columns that hold the torques of the own cable where axes are decoupled."""
+
+ALL_AXES = "ALL_AXES"
+"""Attribute of a function that makes one controller for all axes."""
+
+
+class _Readings(dict[str, Any]):
+    """Measurements, whose error for a misspelt name lists the names."""
+
+    def __missing__(self, name: str) -> Any:
+        error = KeyError(name)
+        error.add_note(str(CableError.unknown("reading", name, self)))
+        raise error
+
+
+class External(Controller):
+    """User function of the measurements, with the motor's limits applied.
+
+    It is made anew, by the function that makes it, before every episode.
+    """
+
+    def __init__(
+        self, drive: Drive, make: Callable[[Drive], Any], name: str = "function"
+    ) -> None:
+        """Prepare; `make` of the drive returns a function of the observation."""
+        super().__init__(drive)
+        self._make_controller = make
+        self.name = name
+        self._law = make(drive)
+
+    def reset(self, where: NDArray[np.bool_] | None = None) -> None:
+        if where is None:
+            self._law = self._make_controller(self.drive)
+
+    def torque(self, observation: Mapping[str, Any]) -> Any:
+        """Return the torque of the motor [N m]; see `Controller.torque`.
+
+        Raises:
+            CableError: If the function raises, or returns what is not real numbers.
+        """
+        with controller_errors(self.name):
+            torque = self._law(_Readings(observation))
+        given = np.asarray(torque)
+        if given.dtype.kind not in "fiu":
+            raise CableError(
+                f"controller {self.name!r} gave {torque!r}; it must be a torque in N m."
+            )
+        # Infinity is a division by zero, not a request for the motor's largest torque.
+        return self.limited(np.where(np.isfinite(given), given, np.nan)[()])
+
+
+class AxesController(Controller):
+    """One controller for each axis of a device."""
+
+    def __init__(self, laws: Sequence[Controller], prefixes: Sequence[str]) -> None:
+        """Prepare for the first episode: a law and a column prefix for each axis."""
+        super().__init__(laws[0].drive)
+        self.laws, self._prefixes = tuple(laws), tuple(prefixes)
+
+    def reset(self, where: NDArray[np.bool_] | None = None) -> None:
+        for law in self.laws:
+            law.reset(where)
+
+    def given(self, torque: Any) -> None:
+        for law, own in zip(self.laws, torque, strict=True):
+            law.given(own)
+
+    def torque(self, observation: Mapping[str, Any]) -> NDArray[np.float64]:
+        """Return the torque of every motor [N m], (..., axes)."""
+        torques = [
+            law.torque(axis_columns(observation, prefix, self._prefixes))
+            for law, prefix in zip(self.laws, self._prefixes, strict=True)
+        ]
+        return np.stack(np.broadcast_arrays(*torques), axis=-1)
+
+
+class DecoupledController(AxesController):
+    """One controller per axis, which receives the torque of its own cable alone."""
+
+    def __init__(
+        self,
+        laws: Sequence[Controller],
+        prefixes: Sequence[str],
+        coupling: Coupling,
+    ) -> None:
+        """Prepare; the laws of all axes are of the drives of `decoupled_drives`."""
+        super().__init__(laws, prefixes)
+        self._coupling = coupling
+
+    def torque(self, observation: Mapping[str, Any]) -> NDArray[np.float64]:
+        """Return the torque of every motor [N m], (..., axes)."""
+        seen = [
+            axis_columns(observation, prefix, self._prefixes)
+            for prefix in self._prefixes
+        ]
+        measured, desired = (
+            np.stack([np.atleast_1d(own[name]) for own in seen], axis=-1)
+            for name in OWN_COLUMNS
+        )
+        ratios = self._coupling.ratios(seen, len(measured))
+        given, wanted = self._coupling.own_torques(ratios, measured, desired)
+        many = np.ndim(seen[0][OWN_COLUMNS[0]]) > 0
+        torques = []
+        for place, (law, own) in enumerate(zip(self.laws, seen, strict=True)):
+            pair = given[:, place], wanted[:, place]
+            values = pair if many else (float(one[0]) for one in pair)
+            changed = dict(zip(OWN_COLUMNS, values, strict=True))
+            torques.append(law.torque({**own, **changed}))
+        return np.stack(np.broadcast_arrays(*torques), axis=-1)
+
+
+class _ExternalOfAll(External):
+    """User function of the measurements of all axes, with the motors' limits."""
+
+    def __init__(
+        self, drives: tuple[Drive, ...], make: Callable[..., Any], name: str
+    ) -> None:
+        super().__init__(drives[0], lambda _: make(drives), name)
+        self._drives = drives
+
+    def limited(self, torque: Any) -> Any:
+        return limit_torques(torque, self._drives)
+
+
+class Unpowered(Controller):
+    """Motors that give no torque."""
+
+    def __init__(self, drive: Drive, axes: int = 1) -> None:
+        super().__init__(drive)
+        self._axes = axes
+
+    def reset(self, where: NDArray[np.bool_] | None = None) -> None:
+        """Do nothing; see `Controller.reset`."""
+
+    def torque(self, observation: Mapping[str, Any]) -> Any:
+        if self._axes == 1:
+            return 0.0
+        shape = np.shape(next(iter(observation.values())))
+        return np.zeros((*shape, self._axes))
+
+
+class PlantsController(Controller):
+    """A controller for each of several plants, of one axis or of all."""
+
+    def __init__(self, laws: Sequence[Controller]) -> None:
+        super().__init__(laws[0].drive)
+        self.laws = tuple(laws)
+
+    def reset(self, where: NDArray[np.bool_] | None = None) -> None:
+        """Reset those of all plants; see `Controller.reset`."""
+        for row, law in enumerate(self.laws):
+            if where is None or where[row]:
+                law.reset()
+
+    def given(self, torque: Any) -> None:
+        """Accept the torques of every plant, (n,) or (n, axes); see `Controller`."""
+        for law, own in zip(self.laws, torque, strict=True):
+            law.given(own)
+
+    def torque(self, observation: Mapping[str, Any]) -> NDArray[np.float64]:
+        """Return the torque of every motor [N m], (n,) or (n, axes)."""
+        # The `info` of an episode that ended is a mapping among the columns.
+        columns = {n: v for n, v in observation.items() if isinstance(v, np.ndarray)}
+        return np.stack(
+            [
+                law.torque({name: value[row] for name, value in columns.items()})
+                for row, law in enumerate(self.laws)
+            ]
+        )
+
+
+def controller(
+    name: str | Callable[[Drive], Any], drive: Drive | Plant | Nominal | str | Path
+) -> Controller:
     """Make a controller.
 
     Args:
         name: A key of `CONTROLLERS`, or of `POSITION_CONTROLLERS` for a drive that
             commands an angle, `module:function` or a function itself (see
-            `_user_controller`), or the file of a policy, `*.safetensors`.
-        drive: The device to be driven; environments have it as `unwrapped.drive`.
+            this module), or the file of a policy, `*.safetensors`.
+        drive: The device to be driven: name, file, `Device` or `Plant`, with its own
+            task and sensors; or a `Drive`, as environments have as `unwrapped.drive`.
 
     Returns:
-        The controller, reset.
+        The controller, reset; of a device with several axes as `axes_controller`.
 
     Raises:
         CableError: If there is no such controller; names the nearest and all others.
             Or if it commands what the task does not ask for, or needs a sensor at the
             joint that the device does not have.
     """
+    if isinstance(drive, Drive):
+        return _controller_of(name, drive)
+    return axes_controller(name, *_device_drives(drive))
+
+
+def _controller_of(name: Law, drive: Drive) -> Controller:
+    """Return the controller of an axis; see `controller`."""
     if not isinstance(name, str):
         return from_callable(name, drive)
     if name.endswith(POLICY_ENDING):
@@ -110,3 +327,271 @@ def controller(name: str | Callable[[Drive], Any], drive: Drive) -> Controller:
             "joint_sensor = true in [sensors]."
         )
     return kind(drive)
+
+
+def from_callable(given: str | Callable[[Drive], Any], drive: Drive) -> Controller:
+    """Return the controller that a function makes; see the module's documentation.
+
+    Args:
+        given: `module:function`, found as by `import` in the folder of the call, or the
+            function itself.
+        drive: The device to be driven.
+
+    Raises:
+        CableError: If there is no such module or function, it makes no controller,
+            either takes other than one argument, or its code raises.
+    """
+    if isinstance(given, str):
+        name, make = given, user_code.named_object("controller", given, "function")
+    else:
+        name, make = getattr(given, "__qualname__", type(given).__name__), given
+    place, _, function = name.rpartition(":")
+    if not callable(make):
+        raise CableError(
+            f"controller {name!r}: module {place!r} has no function {function!r}."
+        )
+    _require_one_argument(name, make, f"{function!r}", "the drive")
+    with controller_errors(name):
+        made = make(drive)
+    if isinstance(made, Controller):
+        return made
+    if callable(made):
+        _require_one_argument(
+            name, made, f"what {function!r} returns", "what is measured"
+        )
+        return External(drive, make, name)
+    raise CableError(
+        f"controller {name!r}: called with a Drive it must return a Controller or a "
+        f"function of the observation, not {made!r}."
+    )
+
+
+def _require_one_argument(name: str, called: Any, which: str, what: str) -> None:
+    """Refuse a function that cannot be called with one argument."""
+    try:
+        signature = inspect.signature(called)
+    except (TypeError, ValueError):  # some of extension modules have none
+        return
+    try:
+        signature.bind(None)
+    except TypeError:
+        code = getattr(inspect.unwrap(called), "__code__", None)
+        where = f" in {code.co_filename}, line {code.co_firstlineno}," if code else ""
+        raise CableError(
+            f"controller {name!r}: {which}{where} must take one argument, {what}, but "
+            f"takes {signature}."
+        ) from None
+
+
+def controller_errors(name: str) -> AbstractContextManager[None]:
+    """Report in one sentence which controller raised which error, and where."""
+    return user_code.user_errors(f"controller {name!r}")
+
+
+def _device_drives(
+    device: Plant | Nominal | str | Path,
+) -> tuple[list[Drive], tuple[str, ...]]:
+    """Return the drives of a device as it is, and the prefixes of their columns."""
+    if not isinstance(device, (Plant, Nominal, str, Path)):
+        raise CableError(
+            "a controller is made for a Drive, a Device, a Plant or the name or file "
+            f"of a device, not for {device!r}."
+        )
+    plant = device if isinstance(device, Plant) else Plant(device)
+    model = DeviceModel(plant.description, plant.model())
+    period = model.frame_skip * float(model.model.opt.timestep)
+    drives = [
+        dataclasses.replace(
+            drive, commands_angle=find_task(axis.task, (axis.limb,)).commands_angle
+        )
+        for drive, axis in zip(
+            model.drives(period), plant.description.axes, strict=True
+        )
+    ]
+    return drives, model.prefixes
+
+
+def default_controller(device: Description, task: Any = None) -> str:
+    """Return the controller that plays a task unless one is named.
+
+    It is `pi_tuned`, whose gains follow from rotor, cables and delay of any device.
+    Where the task commands an angle, it is `backlash_inverse` if the device has its
+    parameters, else `none`. The task is of all axes or by axis, see `human.task`; that
+    of the device by default.
+    """
+    axis = device.axes[0]
+    if isinstance(task, str):
+        task = split_by_axis(task, [axis.name])
+    named = task.get(axis.name) if isinstance(task, Mapping) else task
+    given = axis.task if named is None else named
+    if len(device.axes) > 1 or not find_task(given, (axis.limb,)).commands_angle:
+        return "pi_tuned"
+    fitted = device.hysteresis.get(axis.name, {})
+    return "backlash_inverse" if "backlash_inverse" in fitted else "none"
+
+
+def axes_controller(
+    given: Law | Mapping[str, Law], drives: Sequence[Drive], prefixes: Sequence[str]
+) -> Controller:
+    """Make the controller of a device.
+
+    Args:
+        given: For all axes, or by the name of an axis: a mapping, or a text such as
+            `hip=predictive,ankle=pi`.
+        drives: Of every axis.
+        prefixes: Beginnings of the columns of each axis.
+
+    Returns:
+        The controller; of a device with one axis that of the axis.
+
+    Raises:
+        CableError: There is no such controller or axis, or an axis has none; or a
+            single axis is to be decoupled.
+    """
+    require_decoupling(given, len(drives))
+    if len(drives) == 1 and not isinstance(given, Mapping):
+        return _controller_of(given, drives[0])
+    if not isinstance(given, Mapping) and (make := _for_all_axes(given)) is not None:
+        name = given if isinstance(given, str) else make.__qualname__
+        with controller_errors(name):
+            made = make(tuple(drives))
+        if isinstance(made, Controller):
+            return made
+        return _ExternalOfAll(tuple(drives), make, name)
+    if is_policy(given):
+        return Policy(drives, str(given), prefixes)
+    laws = by_axis(given, prefixes)
+    if not is_decoupled(given):
+        made = [_controller_of(law, one) for law, one in zip(laws, drives, strict=True)]
+        return AxesController(made, prefixes)
+    own, coupling = decoupled_drives(drives, prefixes)
+    made = [_controller_of(law, one) for law, one in zip(laws, own, strict=True)]
+    return DecoupledController(made, prefixes, coupling)
+
+
+def batched_controller(
+    given: Law | Mapping[str, Law],
+    drives: Sequence[Sequence[Drive]],
+    prefixes: Sequence[str],
+) -> Controller:
+    """Make the controller of many devices, of one axis or several.
+
+    What it does for one of them is the same as for that one alone. Equal devices share
+    a controller that takes arrays; code from outside may know numbers only.
+
+    Args:
+        given: As of `control.axes_controller`.
+        drives: Of every axis of each device.
+        prefixes: Beginnings of the columns of each axis.
+
+    Raises:
+        CableError: As `control.axes_controller`.
+    """
+    first = drives[0]
+    are_equal = all(list(own) == list(first) for own in drives)
+    if len(drives) == 1 or (are_equal and not runs_code(given)):
+        return axes_controller(given, first, prefixes)
+    return PlantsController([axes_controller(given, own, prefixes) for own in drives])
+
+
+def decoupled_drives(
+    drives: Sequence[Drive], prefixes: Sequence[str]
+) -> tuple[list[Drive], Coupling]:
+    coupling = Coupling(drives, prefixes)
+    found = [
+        dataclasses.replace(drive, torque_noise=float(noise))
+        for drive, noise in zip(drives, coupling.noise, strict=True)
+    ]
+    return found, coupling
+
+
+def is_decoupled(given: Law | Mapping[str, Law]) -> bool:
+    return isinstance(given, str) and given.startswith(DECOUPLED)
+
+
+def _for_all_axes(given: Law) -> Any:
+    """Return the function that makes one controller for all axes, or None."""
+    if isinstance(given, str):
+        if not is_user_controller(given) or "=" in given or is_decoupled(given):
+            return None
+        if given.endswith(POLICY_ENDING):
+            return None
+        given = user_code.named_object("controller", given, "function")
+    return given if getattr(given, ALL_AXES, False) else None
+
+
+def is_policy(given: Law | Mapping[str, Law]) -> bool:
+    """Return whether a controller is the file of a policy, which has all axes."""
+    return (
+        isinstance(given, str)
+        and named_laws(given) == [given]
+        and given.endswith(POLICY_ENDING)
+    )
+
+
+def sees_all_axes(given: Law | Mapping[str, Law]) -> bool:
+    """Return whether a function makes one controller for all axes."""
+    return not isinstance(given, Mapping) and _for_all_axes(given) is not None
+
+
+def runs_code(given: Law | Mapping[str, Law]) -> bool:
+    """Return whether a controller has code of its own: `module:name`, or a function.
+
+    The file of a policy has none: it is numbers.
+    """
+    if isinstance(given, str):
+        laws: Iterable[Law] = named_laws(given)
+    else:
+        laws = given.values() if isinstance(given, Mapping) else [given]
+    return any(
+        not isinstance(law, str)
+        or (is_user_controller(law) and not law.endswith(POLICY_ENDING))
+        for law in laws
+    )
+
+
+def require_decoupling(given: Law | Mapping[str, Law], axes: int) -> None:
+    """Refuse a `decoupled_NAME` with an unknown NAME, or of a single axis."""
+    if not isinstance(given, str) or not is_decoupled(given):
+        return
+    for name in named_laws(given):
+        if not is_user_controller(name) and name not in CONTROLLERS:
+            error = CableError.unknown("suffix", name, CONTROLLERS)
+            raise CableError(f"controller {given!r}: {error}")
+    if axes == 1:
+        raise CableError(
+            f"controller {given!r} decouples several driven axes, and here is one; "
+            f"take {given.removeprefix(DECOUPLED)!r}."
+        )
+
+
+def by_axis(given: Law | Mapping[str, Law], prefixes: Sequence[str]) -> list[Law]:
+    """Return the controller of every axis, as it is given."""
+    names = [prefix.rstrip(".") for prefix in prefixes]
+    if isinstance(given, str):
+        given = split_by_axis(given.removeprefix(DECOUPLED), names)
+    if not isinstance(given, Mapping):
+        return [given] * len(names)
+    for name in given:
+        if name not in names:
+            raise CableError.unknown("axis", name, names)
+    missing = [name for name in names if name not in given]
+    if missing:
+        raise CableError(
+            f"axis {missing[0]!r} has no controller; write {missing[0]}=NAME as well."
+        )
+    return [given[name] for name in names]
+
+
+def named_laws(given: str) -> list[str]:
+    """Return the controllers of a name: several of `hip=model,ankle=pi`."""
+    given = given.removeprefix(DECOUPLED)
+    pairs = [re.fullmatch(r"\s*[\w-]+=(.*)", part) for part in given.split(",")]
+    return [pair[1].strip() for pair in pairs if pair] if all(pairs) else [given]
+
+
+def law_drives(law: Controller, drives: Sequence[Drive]) -> Sequence[Drive]:
+    """Return the drives of a controller: its own, or those of the device if many."""
+    if isinstance(law, AxesController):
+        return [one.drive for one in law.laws]
+    return [law.drive] if len(drives) == 1 else drives

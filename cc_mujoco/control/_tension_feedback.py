@@ -15,10 +15,12 @@ from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.control import _compiled_laws as compiled_laws
 from cc_mujoco.control import _friction_slope as friction_slope
 from cc_mujoco.control import _guard as guard
+from cc_mujoco.control import _planner_steps as planner_steps
 from cc_mujoco.control._cable_model import CableModel
 from cc_mujoco.control._controller import as_round_pulley, readings
+from cc_mujoco.control._feedback import ProportionalIntegral
 from cc_mujoco.control._predictive import PredictiveCompensation
-from cc_mujoco.control._proportional_integral import ProportionalIntegral
+from cc_mujoco.control._stepped_laws import LawTables
 from cc_mujoco.device._drive import CableDrive, Drive
 from cc_mujoco.device._sensors import TENSION_COLUMN
 from cc_mujoco.errors import CableError
@@ -97,7 +99,6 @@ class FusedFeedback(ProportionalIntegral):
             )
         seen = readings(observation, compiled_laws.LAW_INPUTS)
         seen[:, compiled_laws.TORQUE] = torque
-        self.admit(seen)
         found = self.answer(seen)
         return float(found[0]) if np.ndim(desired) == 0 else found
 
@@ -139,6 +140,16 @@ class AdaptiveModel(PredictiveCompensation):
     the motor.
     """
 
+    stepped = dataclasses.replace(
+        PredictiveCompensation.stepped,
+        step=planner_steps.step_sensed,
+        wrong_parameters=planner_steps.wrong_sensed,
+        store_parameters=planner_steps.store_sensed,
+        unread=frozenset({"learning"}),
+        fixed=PredictiveCompensation.stepped.fixed | {"learning"},
+        needs_slope=True,
+    )
+
     def __init__(self, drive: Drive, memory: float = 200.0, **settings: Any) -> None:
         """Prepare for the first episode.
 
@@ -167,6 +178,20 @@ class AdaptiveModel(PredictiveCompensation):
             (0, len(drive.cables), friction_slope.ESTIMATE_SIZE)
         )
         self._calls: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
+
+    def parameters(self) -> list[float]:
+        return [*super().parameters(), *self.taps.noise.ravel().tolist()]
+
+    def law_tables(self) -> LawTables:
+        own, nodes = super().law_tables(), self.taps.nodes
+        *places, end = own.places
+        count, sensors = nodes.shape
+        longest = max(own.shape[1 : 1 + count])
+        return own._replace(
+            shape=(*own.shape, sensors, *nodes.ravel().tolist()),
+            numbers=(*own.numbers, self.taps.fading),
+            places=(*places, end + planner_steps.memory_size(count, longest, sensors)),
+        )
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
         super().reset(where)

@@ -18,7 +18,7 @@ import pyarrow as pa
 from cc_mujoco._utils.provenance import earlier_results_message
 from cc_mujoco._workers import Progress
 from cc_mujoco.control import CONTROLLERS
-from cc_mujoco.control._stepped_laws import LAWS
+from cc_mujoco.control._stepped_laws import stepped_law
 from cc_mujoco.design._evaluation import episodes
 from cc_mujoco.design._plan import Plan, make_plan
 from cc_mujoco.design._results_store import Store
@@ -155,7 +155,7 @@ def wait_sentences(plan: Plan, threads: int) -> Iterator[str]:
 
     Of a search nothing is known in advance. 0 `threads` means one per processor.
     """
-    known = {law: LAWS.get(CONTROLLERS[law]) for law in CONTROLLERS}
+    known = {law: stepped_law(kind) for law, kind in CONTROLLERS.items()}
     slow = [  # policies and users' laws, too
         law
         for law in plan.protocol.controllers

@@ -140,7 +140,7 @@ class Export:
             file=sys.stderr,
             flush=True,
         )
-        from cc_mujoco.control._axes import by_axis, is_decoupled
+        from cc_mujoco.control._registry import by_axis, is_decoupled
         from cc_mujoco.export._passivity import EPISODE_TIME, activity
 
         about = device.description

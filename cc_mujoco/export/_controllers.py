@@ -25,11 +25,11 @@ from cc_mujoco.cable._parameter import Parameter
 from cc_mujoco.control import (
     CONTROLLERS,
     Controller,
-    Policy,
     PredictiveCompensation,
 )
 from cc_mujoco.control import _friction_slope as friction_slope
-from cc_mujoco.control._axes import (
+from cc_mujoco.control._decoupling import Coupling
+from cc_mujoco.control._registry import (
     OWN_COLUMNS,
     by_axis,
     decoupled_drives,
@@ -37,8 +37,7 @@ from cc_mujoco.control._axes import (
     is_policy,
     require_decoupling,
 )
-from cc_mujoco.control._decoupling import Coupling
-from cc_mujoco.control._stepped_laws import LAWS, LawTables, SteppedLaw
+from cc_mujoco.control._stepped_laws import LawTables, SteppedLaw, stepped_law
 from cc_mujoco.device._drive import CableDrive, Drive
 from cc_mujoco.device._sensors import RATIO_COLUMN, WINDING_COLUMNS
 from cc_mujoco.errors import CableError, look_up
@@ -50,7 +49,7 @@ from cc_mujoco.native import FloatArray
 _COUPLED_GAINS = frozenset({"ratio", "high", "safe_torque"})
 """Fixed where axes are decoupled, which rests on them."""
 
-EXPORTED = tuple(name for name, kind in CONTROLLERS.items() if kind in LAWS)
+EXPORTED = tuple(name for name, kind in CONTROLLERS.items() if stepped_law(kind))
 """Their names."""
 
 
@@ -102,7 +101,7 @@ class AxisPlan:
         made, law = _law_of(name, drive, iterations)
         known = made.drive.cables if law.has_model else ()
         rows = tuple(zip(map(_identifier, cables), known, strict=False))
-        values = iter(law.parameters(made))
+        values = iter(made.parameters())
         gains = [_gain_parameter(gain, next(values), law) for gain in law.gains]
         fields = _motor_fields(gains, prefix, decoupled)
         for cable, own in rows:
@@ -112,7 +111,7 @@ class AxisPlan:
             fields += _sensor_parameters(names, taps, values)
         return cls(
             law,
-            law.tables(made),
+            made.law_tables(),
             tuple(fields),
             law.wound if drive.lever or drive.crossed else law.seen,
             _other_columns(law, drive, decoupled),
@@ -214,9 +213,7 @@ class ExportPlan:
             )
             for law, drive, own, name in zip(laws, drives, cables, names, strict=True)
         )
-        if iterations < math.inf and not any(
-            axis.law.numbers == "tuning" for axis in axes
-        ):
+        if iterations < math.inf and not any(axis.law.plans for axis in axes):
             raise CableError(f"controller {given!r} plans nothing: no iterations.")
         for what, found in (
             ("parameters", [field.name for axis in axes for field in axis.fields]),
@@ -270,15 +267,15 @@ class ExportPlan:
 def _law_of(name: str, drive: Drive, iterations: float) -> tuple[Any, SteppedLaw]:
     """Return a controller with its default gains, and its compiled functions."""
     if name.endswith(POLICY_ENDING):
-        made = Policy(drive, name)
-        return made, policy_step.policy_law(made)
+        policy = policy_step.SteppedPolicy(drive, name)
+        return policy, policy.stepped
     if is_user_controller(name):
         raise CableError(
             f"controller {name!r} cannot be exported, for code from outside is not "
             f"compiled; policies and {', '.join(EXPORTED)} can be."
         )
     kind = look_up("controller", name, CONTROLLERS)
-    if kind not in LAWS:
+    if (law := stepped_law(kind)) is None:
         raise CableError(
             f"controller {name!r} cannot be exported, for its step is not one "
             f"compiled function; {', '.join(EXPORTED)} can be."
@@ -286,7 +283,7 @@ def _law_of(name: str, drive: Drive, iterations: float) -> tuple[Any, SteppedLaw
     make: Callable[[Drive], Controller] = kind
     if issubclass(kind, PredictiveCompensation):
         make = functools.partial(kind, iterations=iterations)
-    return make(drive), LAWS[kind]
+    return make(drive), law
 
 
 def _other_columns(law: SteppedLaw, drive: Drive, decoupled: bool) -> tuple[str, ...]:

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from cc_mujoco._utils.provenance import POLICY_ENDING
 from cc_mujoco.control import AxesController, Controller, axes_controller, controller
-from cc_mujoco.control._axes import is_decoupled
+from cc_mujoco.control._registry import Unpowered, is_decoupled
 from cc_mujoco.device import UNPLUGGED, Axis, Device, DeviceModel, Plant, find_device
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._sensors import AxesMeasuring, Measuring
@@ -35,7 +35,6 @@ from cc_mujoco.human import Spring, Task, Transparent, Wearer
 from cc_mujoco.human._motion import Motion, Trajectory, minimum_jerk
 from cc_mujoco.native import _library as native_library
 from cc_mujoco.simulation._batch import Batch
-from cc_mujoco.simulation._batched_controller import Unpowered
 from cc_mujoco.simulation._worn_device import WornDevice
 
 Array = NDArray[np.float64]

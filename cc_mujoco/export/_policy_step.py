@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 
 from cc_mujoco.control import Policy
@@ -11,13 +9,14 @@ from cc_mujoco.control import _guard as guard
 from cc_mujoco.control import _policy as policy
 from cc_mujoco.control._law_steps import (
     OWN_MEMORY,
+    begun,
     part,
     rows_of,
     tables_of,
     whole_part,
 )
 from cc_mujoco.control._network import WIDTHS, PackedNetwork, shares_of
-from cc_mujoco.control._stepped_laws import LIMITED, LawTables, SteppedLaw, begun
+from cc_mujoco.control._stepped_laws import LawTables, SteppedLaw
 from cc_mujoco.device._observation import (
     ObservationHistory,
     Past,
@@ -37,24 +36,6 @@ _BEGUN = guard.MEMORY_SIZE
 _SAMPLE, _SHARE, _POLICY_SIZE = range(_BEGUN + 1, _BEGUN + 4)
 """Places in the memory behind the guard: 1 once the policy has begun; samples since the
 last action; that action. Then what is measured, plays, past frames, scratch."""
-
-
-def policy_tables(law: Policy) -> LawTables:
-    """Return network and observation of a policy of one axis."""
-    (axis,), (own,), net = law.axes, law.observed, law.network.packed
-    past = ObservationHistory(own, 1).past
-    numbers = axis.gains[guard.LIMITS :], axis.spring, [past.ratio], past.units
-    kept = past.measured.size + past.plays.size + past.frames.size
-    first = OWN_MEMORY + policy.GAINS
-    return LawTables(
-        (
-            *(own.frame, own.hold, own.history, past.reach.size, int(axis.is_wound)),
-            *net.sizes.tolist(),
-        ),
-        tuple(map(float, np.concatenate([*numbers, past.reach, net.numbers]))),
-        (first + _POLICY_SIZE + kept + 2 * int(net.sizes[WIDTHS:].max()),),
-        (first + guard.COMMAND,),
-    )
 
 
 @internal
@@ -111,16 +92,38 @@ def step_policy(
     return policy.share_torque(gains, spring, law, law[_SHARE])
 
 
-def policy_law(law: Policy) -> SteppedLaw:
-    """Return the compiled functions of a policy of one axis."""
-    (axis,), (observed,) = law.axes, law.observed
-    winding = WINDING_COLUMNS if axis.is_wound else ()
-    return dataclasses.replace(
-        LIMITED,
-        step=step_policy,
-        tables=policy_tables,
-        seen=(*observed.columns, *winding),
-        unguarded=frozenset(axis.unguarded(observed.columns)),
-        is_round=False,
-        is_policy=True,
-    )
+class SteppedPolicy(Policy):
+    """A policy of one axis with its compiled functions; see `SteppedController`."""
+
+    @property
+    def stepped(self) -> SteppedLaw:
+        (axis,), (observed,) = self.axes, self.observed
+        return SteppedLaw(
+            step_policy,
+            fixed=frozenset({"ratio", "period", "one_way", "inertia"}),
+            seen=(*observed.columns, *(WINDING_COLUMNS if axis.is_wound else ())),
+            unguarded=frozenset(axis.unguarded(observed.columns)),
+            is_round=False,
+            is_policy=True,
+        )
+
+    def parameters(self) -> list[float]:
+        return [float(limit) for limit in self.limits]
+
+    def law_tables(self) -> LawTables:
+        """Return network and observation."""
+        (axis,), (own,), net = self.axes, self.observed, self.network.packed
+        past = ObservationHistory(own, 1).past
+        numbers = axis.gains[guard.LIMITS :], axis.spring, [past.ratio], past.units
+        kept = past.measured.size + past.plays.size + past.frames.size
+        first = OWN_MEMORY + policy.GAINS
+        return LawTables(
+            (
+                *(own.frame, own.hold, own.history, past.reach.size),
+                int(axis.is_wound),
+                *net.sizes.tolist(),
+            ),
+            tuple(map(float, np.concatenate([*numbers, past.reach, net.numbers]))),
+            (first + _POLICY_SIZE + kept + 2 * int(net.sizes[WIDTHS:].max()),),
+            (first + guard.COMMAND,),
+        )

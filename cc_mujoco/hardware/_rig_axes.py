@@ -10,7 +10,7 @@ import contextlib
 from collections.abc import Sequence
 
 from cc_mujoco.control import Controller, axes_controller
-from cc_mujoco.control._axes import AxesController
+from cc_mujoco.control._registry import AxesController
 from cc_mujoco.device._axis_columns import column_prefixes, split_by_axis
 from cc_mujoco.device._device import bare_model
 from cc_mujoco.device._model import DeviceModel

@@ -1,6 +1,4 @@
 from ._batch import Batch as Batch
-from ._batched_controller import PlantsController as PlantsController
-from ._batched_controller import Unpowered as Unpowered
 from ._calibration_trial import calibration_trials as calibration_trials
 from ._episode_log import EpisodeLog as EpisodeLog
 from ._episode_log import Recorder as Recorder

@@ -17,8 +17,7 @@ from mujoco.batch import SimulationError
 from numpy.typing import NDArray
 
 from cc_mujoco.control import AdaptiveModel, Controller
-from cc_mujoco.control._law_steps import FIRST_STEP
-from cc_mujoco.control._stepped_laws import LAWS, STEPS
+from cc_mujoco.control._stepped_laws import STEPS, SteppedController, stepped_law
 from cc_mujoco.device._model import DeviceModel
 from cc_mujoco.human import Task
 from cc_mujoco.plugin import Reader
@@ -47,7 +46,7 @@ def law_of(controller: Controller | None) -> int | None:
     """
     if controller is None:
         return compiled.UNPOWERED
-    law = LAWS.get(type(controller))
+    law = stepped_law(type(controller))
     is_exact = not getattr(controller, "mismatch", 0.0)
     return STEPS.index(law.step) if law is not None and is_exact else None
 
@@ -121,14 +120,10 @@ class CompiledEpisodes:
     def _write_law_data(self, made: Controller | None) -> dict[str, Any]:
         """Return what the law of a device uses."""
         place = law_of(made)
-        if made is None:
+        if not isinstance(made, SteppedController):
             return {"law": place}
-        law = LAWS[type(made)]
-        tables = law.tables(made)
+        law, tables, memory = made.stepped, made.law_tables(), made.fresh_memory()
         shape = np.array(tables.shape, np.int64)
-        memory = np.zeros(tables.places[-1])
-        law.store_parameters(memory, shape, np.array(law.parameters(made)))
-        memory[FIRST_STEP] = 1.0
         sources = np.array([READ_COLUMNS.index(name) for name in law.wound])
         taps: list[int] = []
         if isinstance(made, AdaptiveModel):

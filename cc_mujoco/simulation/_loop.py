@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.control import Controller
-from cc_mujoco.control._user_controller import controller_errors
+from cc_mujoco.control._registry import controller_errors
 from cc_mujoco.errors import CableError
 
 Columns = Mapping[str, Any]

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.control import Controller, controller
+from cc_mujoco.control._registry import Unpowered, batched_controller
 from cc_mujoco.device import Plant
 from cc_mujoco.device._description import Description
 from cc_mujoco.device._drive import Drive
@@ -22,7 +23,6 @@ from cc_mujoco.device._model import DeviceModel
 from cc_mujoco.device._sensors import PERFECT_SENSING
 from cc_mujoco.human import Trajectory, Wearer
 from cc_mujoco.simulation._batch import Batch
-from cc_mujoco.simulation._batched_controller import Unpowered, batched_controller
 from cc_mujoco.simulation._compiled_batch import (
     TICK_STEPS,
     CompiledEpisodes,

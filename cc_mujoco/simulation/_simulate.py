@@ -21,8 +21,7 @@ import numpy as np
 from cc_mujoco import plugin
 from cc_mujoco._utils.provenance import versions
 from cc_mujoco.control import Controller, axes_controller
-from cc_mujoco.control._axes import law_drives
-from cc_mujoco.control._of_device import default_controller
+from cc_mujoco.control._registry import default_controller, law_drives
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._sensors import Sensing
 from cc_mujoco.errors import CableError, shown, with_new_names
@@ -252,7 +251,7 @@ def _law(
     prefixes: Sequence[str],
     alone: bool,
 ) -> Controller:
-    from cc_mujoco.simulation._batched_controller import batched_controller
+    from cc_mujoco.control._registry import batched_controller
 
     if isinstance(given, Controller):
         period = drives[0][0].period

@@ -23,7 +23,7 @@ from cc_mujoco.control import (
     Controller,
     axes_controller,
 )
-from cc_mujoco.control._user_controller import controller_errors
+from cc_mujoco.control._registry import controller_errors
 from cc_mujoco.device import Plant
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.errors import CableError

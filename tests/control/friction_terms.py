@@ -17,12 +17,12 @@ import numpy as np
 
 from cc_mujoco.benchmark import WARM_UP
 from cc_mujoco.cable import PARAMETERS
-from cc_mujoco.control import controller
+from cc_mujoco.control import Unpowered, controller
+from cc_mujoco.control._registry import batched_controller
 from cc_mujoco.device import Drive, Measuring, Plant, load_device
 from cc_mujoco.errors import CableError
 from cc_mujoco.metrics import first_unsafe_sample
-from cc_mujoco.simulation import Batch, Unpowered, WornDevice
-from cc_mujoco.simulation._batched_controller import batched_controller
+from cc_mujoco.simulation import Batch, WornDevice
 
 Term = Mapping[str, float]
 

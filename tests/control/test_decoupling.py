@@ -15,11 +15,11 @@ from cc_mujoco.control._decoupling import (
     distribute,
     workspace,
 )
+from cc_mujoco.control._registry import batched_controller
 from cc_mujoco.device import DeviceModel, Drive, Plant, find_device
 from cc_mujoco.device._moment_arm import moments
 from cc_mujoco.errors import CableError
 from cc_mujoco.simulation import EpisodeLog, simulate
-from cc_mujoco.simulation._batched_controller import batched_controller
 
 Array = NDArray[np.float64]
 

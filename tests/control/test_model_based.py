@@ -19,6 +19,7 @@ from cc_mujoco.control import (
     StictionCompensation,
 )
 from cc_mujoco.control import _guard as guard
+from cc_mujoco.control._law_steps import model_memory
 from cc_mujoco.device import TENSION_COLUMN, Drive, Sensors
 from cc_mujoco.errors import CableError
 from control.devices import growth, pull_pull, single, there_and_back
@@ -41,7 +42,7 @@ def test_feed_forward_alone_is_right_once_the_cable_moves(
     law = ModelBased(drive, proportional=0.0, integral=0.0, settling=0.0)
     device, desired = InertiaFree(drive), np.full(1500, level)
     log = device.run(law, 0.1 * np.arange(1500) / 1000.0, desired)
-    assert law.model.slip_direction[0, 0] == -1.0
+    assert model_memory(law._memory[0], law._shape).direction[0] == -1.0
     assert log["joint_torque_nm"][-1] == pytest.approx(level, rel=1e-6)
     assert log["motor_torque_nm"][-1] == pytest.approx(
         level * growth(friction), rel=1e-6

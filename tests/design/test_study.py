@@ -18,6 +18,7 @@ import pytest
 
 from cc_mujoco import cli
 from cc_mujoco.control import CONTROLLERS, Controller, Network, write_policy
+from cc_mujoco.control._registry import batched_controller
 from cc_mujoco.design import Execution, StudySpec, carry_out, make_plan, study
 from cc_mujoco.design._evaluation import evaluate
 from cc_mujoco.design._execution import wait_sentences
@@ -31,7 +32,6 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.human import Hold, Sine, read_trajectory, task
 from cc_mujoco.metrics import METRICS
 from cc_mujoco.simulation import EpisodeLog
-from cc_mujoco.simulation._batched_controller import batched_controller
 from study_marks import study_but
 
 UNASKED = tuple(

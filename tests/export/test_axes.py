@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from cc_mujoco.cable._layout import tensions
+from cc_mujoco.control import _law_steps as law_steps
 from cc_mujoco.control import axes_controller
 from cc_mujoco.device import DeviceModel, find_device
 from cc_mujoco.device._device import bare_model
@@ -275,9 +277,10 @@ def test_what_the_motors_got_and_what_observers_find_are_those_of_their_axes(
         law.given(0.5 * expected[-1])
     assert np.array_equal(found[:60], np.ravel(expected))
     assert not np.allclose(expected, torques[:30], rtol=1e-3)
-    model = law.laws[0].model
-    assert found[60:62] == [model.joint[0], 0.0]
-    assert np.array_equal(np.maximum(found[62:], 0.0), model.tension(0)[0])
+    one: Any = law.laws[0]
+    model = law_steps.model_memory(one._memory[0], one._shape)
+    assert found[60:62] == [one._memory[0, law_steps.JOINT_ANGLE], 0.0]
+    assert np.array_equal(found[62:], tensions(model.state[0], model.cables.n[0]))
 
 
 @pytest.mark.usefixtures("unmeasured")

@@ -20,11 +20,13 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from cc_mujoco.cable import TERMS
+from cc_mujoco.cable._layout import tensions as node_tensions
 from cc_mujoco.control import (
     Controller,
     PredictiveCompensation,
     controller,
 )
+from cc_mujoco.control import _law_steps as law_steps
 from cc_mujoco.device import TENSION_COLUMN, Drive
 from cc_mujoco.device._axis_columns import axis_columns
 from cc_mujoco.device._sensors import WINDING_COLUMNS
@@ -329,7 +331,7 @@ def test_parameters_can_be_exchanged_while_it_runs(made: Made) -> None:
     before = python(law, readings[:400])
     assert np.array_equal(exported.motor_torques(readings[:400]), before)
     law.mismatch = 0.5
-    law.model.scale_friction(1.5)
+    law._scale_friction(0, 1.5)
     law.proportional = 0.5
     changed = exported.parameters.copy()
     for place, field in enumerate(plan.fields):
@@ -603,8 +605,9 @@ def test_what_the_observer_finds_is_told_in_c(made: Made, tmp_path: Path) -> Non
     *tensions, angle = map(float, run(tmp_path / "main").split())
     law: Any = controller("stiction", device("wrist").drive)
     python(law, np.tile(readings[0], (3, 1)))
-    assert np.array_equal(np.maximum(tensions, 0.0), law.model.tension(1)[0])
-    assert angle == law.model.joint[0]
+    model = law_steps.model_memory(law._memory[0], law._shape)
+    assert np.array_equal(tensions, node_tensions(model.state[1], model.cables.n[1]))
+    assert angle == law._memory[0, law_steps.JOINT_ANGLE]
 
 
 BARE = [

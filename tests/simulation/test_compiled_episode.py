@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ast
 import dataclasses
+import inspect
 import itertools
 from collections.abc import Callable
 from pathlib import Path
@@ -19,7 +21,7 @@ from cc_mujoco.control import (
     ProportionalIntegral,
     StictionCompensation,
 )
-from cc_mujoco.control._stepped_laws import LAWS
+from cc_mujoco.control._stepped_laws import STEPS, step, stepped_law
 from cc_mujoco.design import StudySpec, episodes, make_plan
 from cc_mujoco.design import _walking_designs as walking_designs
 from cc_mujoco.design._designs import Given
@@ -31,7 +33,7 @@ from cc_mujoco.simulation._compiled_batch import law_of, task_of
 from cc_mujoco.simulation._rollout import Rollout, play
 from study_marks import study_unless
 
-INSIDE = [name for name, kind in CONTROLLERS.items() if kind in LAWS]
+INSIDE = [name for name, kind in CONTROLLERS.items() if stepped_law(kind)]
 QUICK = {
     "ankle": ("pi_tuned", "lqg", "stiction", "disturbance", "adaptive"),
     "finger": ("pi_feed_forward", "inverse", "predictive"),
@@ -152,15 +154,13 @@ def test_a_design_that_diverges_is_told_at_the_same_time(
 ) -> None:
     # A law that is unstable: it drives a light rotor harder the faster it turns.
     class Wild(ProportionalIntegral):
+        stepped = ProportionalIntegral.stepped
+
         def __init__(self, drive: Any) -> None:
             free = dataclasses.replace(drive, safe_torque=np.inf)  # without a guard
             super().__init__(free, proportional=1e6, integral=1e6)
 
     monkeypatch.setitem(CONTROLLERS, "wild", Wild)
-    monkeypatch.setattr(
-        "cc_mujoco.simulation._compiled_batch.LAWS",
-        {**LAWS, Wild: LAWS[ProportionalIntegral]},
-    )
     vary: dict[str, Given] = {
         "friction": [0.0, 0.1], "motor_torque": [1e6], "rotor_inertia": [1e-6],
     }  # fmt: skip
@@ -173,15 +173,13 @@ def test_a_torque_that_is_no_number_is_told_at_the_same_time(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     class Hollow(ProportionalIntegral):
+        stepped = ProportionalIntegral.stepped
+
         def __init__(self, drive: Any) -> None:
             super().__init__(drive)
             self.proportional = float("inf")
 
     monkeypatch.setitem(CONTROLLERS, "hollow", Hollow)
-    monkeypatch.setattr(
-        "cc_mujoco.simulation._compiled_batch.LAWS",
-        {**LAWS, Hollow: LAWS[ProportionalIntegral]},
-    )
     pairs = both_ways(monkeypatch, "wrist", {"friction": [0.05, 0.2]}, "hollow")
     for inside, outside in pairs:
         assert_same(inside, outside)
@@ -203,6 +201,16 @@ def test_a_law_with_settings_of_its_own_is_the_same(
     vary: dict[str, Given] = {"friction": [0.05, 0.2]}
     for pair in both_ways(monkeypatch, "wrist", vary, "own", duration=0.4):
         assert_same(*pair)
+
+
+def test_every_step_has_the_place_at_which_it_is_found() -> None:
+    tree = ast.parse(inspect.getsource(step.py_func))
+    found = [node for node in ast.walk(tree) if isinstance(node, ast.Return)]
+    found.sort(key=lambda node: node.lineno)
+    names = [ast.unparse(node).split("(")[0].rpartition(".")[2] for node in found]
+    assert names == [one.__name__ for one in STEPS]
+    places = [n.value for n in ast.walk(tree) if isinstance(n, ast.Constant)]
+    assert [n for n in places if isinstance(n, int)] == list(range(len(STEPS) - 1))
 
 
 def test_what_python_alone_knows_is_left_to_it() -> None:

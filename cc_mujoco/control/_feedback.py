@@ -1,0 +1,317 @@
+"""Controllers of torque by feedback and feed-forward, without a model of the cables.
+
+>>> from cc_mujoco.device._drive import Drive, CableDrive
+>>> from cc_mujoco.control import TunedFeedback
+>>> from cc_mujoco.cable import Cable
+>>> pair = CableDrive(Cable(), -0.02, -0.1), CableDrive(Cable(), 0.02, 0.1)
+>>> drive = Drive(5.0, -1.0, 1.0, 0.001, cables=pair, inertia=7e-5)
+>>> round(TunedFeedback(drive).integral)
+150
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from cc_mujoco._utils.arguments import require_kind
+from cc_mujoco._validation import require_number
+from cc_mujoco.control import _compiled_laws as compiled_laws
+from cc_mujoco.control import _guard as guard
+from cc_mujoco.control import _law_steps as law_steps
+from cc_mujoco.control._cable_model import joint_spring, joint_stiffness
+from cc_mujoco.control._compiled_laws import GAINS, LAW_INPUTS
+from cc_mujoco.control._controller import readings
+from cc_mujoco.control._full_slip import cable_table
+from cc_mujoco.control._stepped_laws import LawTables, SteppedController, SteppedLaw
+from cc_mujoco.device._drive import Drive
+from cc_mujoco.device._sensors import WINDING_COLUMNS
+from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray
+
+_TORQUE_COLUMNS = LAW_INPUTS[compiled_laws.TORQUE :]
+"""Columns that the law reads, without those of its guard."""
+_DAMPING_RATIO = 0.7
+_DELAY_SHARE = 0.35
+"""Share of what a delay allows that damping and proportional gain take."""
+_MAX_PROPORTIONAL = 2.0
+_DEAD_SIGMAS = 6.0
+"""Error at no desired torque that a single cable does not answer, in standard
+deviations of the torque sensor: three times those of its bias in the benchmark."""
+
+
+class FeedForward(SteppedController):
+    r"""No compensation: the desired torque is given as if without friction.
+
+    \[ \tau_m = \tau_d / \rho \]
+
+    with the desired joint torque \(\tau_d\) [N m] and the ratio \(\rho\) of the drive
+    ("feed-forward only" of the thesis, section 4.3.1). It has no state. A desired
+    torque that is no number, or beyond `guard.MAX_READING`, gives none.
+    """
+
+    stepped = SteppedLaw(
+        law_steps.step_forward,
+        unread=frozenset(guard.DriveLimits._fields) - {"ratio", "low", "high"},
+        fixed=frozenset({"period"}),
+        seen=("desired_torque_nm",),
+        is_round=False,
+        unguarded=frozenset({"desired_torque_nm"}),
+    )
+
+    def law_tables(self) -> LawTables:
+        return LawTables((), (), (law_steps.OWN_MEMORY + guard.LIMITS,))
+
+    def measured(self, observation: Mapping[str, Any]) -> FloatArray:
+        return readings(observation, self.stepped.seen)
+
+
+class ProportionalIntegral(SteppedController):
+    r"""Feedback of the joint torque, proportional and integral, and feed-forward.
+
+    \[ \tau_m = \frac{1}{\rho} \Bigl( f \tau_d + K_p e + K_i \int e \, dt \Bigr),
+       \qquad e = \tau_d - \tau_j \]
+
+    with the desired and the measured joint torque \(\tau_d, \tau_j\) [N m], the ratio
+    \(\rho\) of the drive and \(f\) = 1 with feed-forward, 0 without. The gains are
+    those of the thesis, section 4.3.1: \(K_p\) = 1, \(K_i\) = 2 / s; with them both
+    devices of this package are stable at 1 kHz, inertia and stretch included.
+
+    Anti-windup by clamping: while the motor is at a limit, the integral does not grow
+    beyond; and where cables only pull, the integral never takes more than the
+    feed-forward. It would pay out cable for as long as friction holds back some
+    tension, and the motor would then have to take up the slack at speed.
+
+    Where a safe torque is known, the `guard` releases a joint with too large a torque:
+    the motor then follows the joint by a damper, and the integral restarts.
+    """
+
+    stepped = SteppedLaw(
+        law_steps.step_proportional_integral,
+        law_steps.wrong_gains,
+        law_steps.store_gains,
+        unread=frozenset({"preview", "tolerance"}),
+        gains=GAINS,
+        is_round=False,
+    )
+
+    def __init__(
+        self,
+        drive: Drive,
+        proportional: float = 1.0,
+        integral: float = 2.0,
+        feed_forward: bool = True,
+    ) -> None:
+        """Prepare for the first episode.
+
+        Args:
+            drive: The device to be driven.
+            proportional: Kp [-].
+            integral: Ki [1/s].
+            feed_forward: Whether the desired torque is fed forward.
+
+        Raises:
+            CableError: If a gain is negative or not a number.
+        """
+        super().__init__(drive)
+        require_number("proportional", proportional, 0.0, 1e6, "")
+        require_number("integral", integral, 0.0, 1e6, "1/s")
+        self.proportional = proportional
+        self.integral = integral
+        self.feed_forward = feed_forward
+        self.spring = joint_spring(drive.cables)
+        """All cables as a spring at the joint, see `guard.STIFFNESS`; 0 where they are
+        not known."""
+        self.settling = stable_settling_time(drive, self.spring)
+        """Time in which the motor settles relative to the joint [s]; without a model
+        only while the guard releases the joint."""
+
+    @property
+    def gains(self) -> compiled_laws.FeedbackGains:
+        """Present numbers of the law."""
+        return compiled_laws.FeedbackGains(
+            **self.limits._asdict(),
+            feed_forward=float(self.feed_forward),
+            proportional=self.proportional,
+            integral=self.integral,
+            settling=self.settling,
+            stiffness=float(self.spring[guard.STIFFNESS]),
+            rest_torque=float(self.spring[guard.REST]),
+            wrap_friction=float(self.spring[guard.FRICTION]),
+        )
+
+    def law_tables(self) -> LawTables:
+        return LawTables((), (), (law_steps.CABLES,), (law_steps.LAST_COMMAND,))
+
+    def measured(self, observation: Mapping[str, Any]) -> FloatArray:
+        if self.stepped.is_round:
+            return super().measured(observation)
+        # Without a safe torque there is no guard, which alone reads angles.
+        is_guarded = self.drive.safe_torque < math.inf
+        names = LAW_INPUTS if is_guarded else _TORQUE_COLUMNS
+        if WINDING_COLUMNS[1] in observation:
+            # Levers, and cables that other joints wind.
+            angle, velocity = (observation[name] for name in WINDING_COLUMNS[:2])
+            moved = {"joint_angle_rad": angle, "joint_velocity_rad_s": velocity}
+            observation = {**observation, **moved}
+        part = readings(observation, names)
+        seen = np.zeros((len(part), len(LAW_INPUTS)))
+        seen[:, -len(names) :] = part
+        return seen
+
+    def memory(self, rows: int) -> FloatArray:
+        """Return the numbers of every environment, with the present gains."""
+        found = super().memory(rows)
+        found[:, law_steps.GAINS : law_steps.CABLES] = self.gains.packed
+        return found
+
+
+def stable_settling_time(
+    drive: Drive, spring: FloatArray, settling: float = guard.RELEASE_TIME
+) -> float:
+    """Return a stable time in which a damped motor settles, near the wanted one [s].
+
+    `spring` is of all cables at the joint.
+    """
+    stiffness = float(spring[guard.STIFFNESS])
+    if not (drive.inertia > 0.0 and stiffness > 0.0):
+        return settling
+    # A damper sampled this slowly would drive the motor, not calm it.
+    most = guard.MAX_DAMPING_SHARE * drive.inertia / (drive.period + drive.motor_lag)
+    at_motor = stiffness / drive.ratio**2
+    return min(settling, most / at_motor)
+
+
+class Feedback(ProportionalIntegral):
+    """Feedback alone: proportional and integral, without feed-forward.
+
+    The "model-free linear feedback controller" of the thesis, section 4.3.1.
+    """
+
+    stepped = ProportionalIntegral.stepped
+
+    def __init__(
+        self, drive: Drive, proportional: float = 1.0, integral: float = 2.0
+    ) -> None:
+        super().__init__(drive, proportional, integral, feed_forward=False)
+
+
+class LoopGains(NamedTuple):
+    """Gains of a torque loop that is stable with the delay of the drive."""
+
+    settling: float
+    """Damping of the motor over the stiffness of the cables [s]."""
+    proportional: float
+    """K_p [-]."""
+    integral: float
+    """K_i [1/s]."""
+
+
+def total_delay(drive: Drive) -> float:
+    """Return the time from a torque at the joint to the answer of the motor [s]."""
+    return (drive.delay + 1.5) * drive.period + drive.motor_lag
+
+
+def require_known_motor(drive: Drive) -> None:
+    """Refuse a drive whose cables or rotor are not known.
+
+    Raises:
+        CableError: They are not.
+    """
+    require_kind("drive", drive, Drive)
+    if not (drive.inertia > 0.0 and drive.cables):
+        raise CableError(
+            "a controller whose gains follow from rotor and cables needs to know both; "
+            "this Drive has no inertia or no cables."
+        )
+
+
+def loop_gains(drive: Drive, integral_share: float = 0.0) -> LoopGains:
+    r"""Return the gains of a PI loop with a damper of the motor.
+
+    With the rotor's inertia J, the stiffness k of the cables at the motor and the delay
+    T, the damper D is that of a damping ratio of 0.7, at most 0.35 J / T. The
+    proportional gain acts as a damping of \(-K_p k T\), so it is at most 0.35 D / (k
+    T). The integral has a share of the least of the bandwidths 1 / T, k / D, D / J. The
+    shares are the best of `scripts/benchmarks/tune_baselines.py`.
+
+    Raises:
+        CableError: Cables or rotor are not known.
+    """
+    require_known_motor(drive)
+    inertia, late = drive.inertia, total_delay(drive)
+    stiffness = joint_stiffness(drive.cables) / drive.ratio**2
+    damping = 2.0 * _DAMPING_RATIO * math.sqrt(stiffness * inertia)
+    damping = min(damping, _DELAY_SHARE * inertia / late)
+    proportional = min(_DELAY_SHARE * damping / (stiffness * late), _MAX_PROPORTIONAL)
+    bandwidth = min(1.0 / late, stiffness / damping, damping / inertia)
+    integral = integral_share * (1.0 + proportional) * bandwidth
+    return LoopGains(damping / stiffness, proportional, integral)
+
+
+class TunedFeedback(ProportionalIntegral):
+    r"""`pi` with a damped motor and gains from rotor, cables and delay; no model.
+
+    \[ \tau_m = \frac{1}{\rho} \Bigl( \tau_d + K_p e + K_i \int e \, dt \Bigr)
+       - D (\dot\theta_m - \rho \dot\theta_j) \]
+
+    with the gains of `loop_gains`. It is stable on a light winch, where the gains of
+    the thesis are not. Where a single cable is to pull nothing, an error e within six
+    standard deviations of the sensor, as `Drive` has it or as measured, is none: its
+    bias would wind the cable in and out in a limit cycle. The dead zone is gone at a
+    desired torque of twice its width.
+    """
+
+    stepped = dataclasses.replace(
+        ProportionalIntegral.stepped, step=law_steps.step_tuned, is_round=True
+    )
+    integral_share = 0.35
+    """Bandwidth of the integral over that of the damped motor."""
+    friction_share = 0.0
+    """Share of the friction of slipping cables that is fed forward."""
+    slip_speed = 0.3
+    """Speed of the joint at which the sense of slip is hardly in doubt [rad/s]."""
+
+    def __init__(self, drive: Drive) -> None:
+        """Prepare for the first episode.
+
+        Args:
+            drive: The device; its `cables` and the motor's inertia must be known.
+
+        Raises:
+            CableError: They are not known.
+        """
+        found = loop_gains(drive, self.integral_share)
+        super().__init__(drive, found.proportional, found.integral)
+        self.settling = found.settling
+        self.dead_sigmas = _DEAD_SIGMAS if drive.one_way else 0.0
+        """Error at no desired torque that is none, over the sensor's noise."""
+
+    def law_tables(self) -> LawTables:
+        cables, noise = cable_table(self.drive.cables), self.drive.torque_noise
+        settings = self.friction_share, self.slip_speed, self.dead_sigmas, noise
+        return LawTables(
+            cables.shape,
+            (*settings, *cables.ravel().tolist()),
+            (law_steps.CABLES + compiled_laws.SIGNAL_SIZE,),
+            (law_steps.LAST_COMMAND,),
+        )
+
+
+class FrictionFeedForward(TunedFeedback):
+    r"""`pi_tuned` with the friction of slipping cables fed forward, smoothly.
+
+    The motor torque of cables that slip as a whole (`full_slip_balance`), with a
+    quarter of the believed friction, takes the place of \(\tau_d / \rho\). The sense of
+    the slip is the hyperbolic tangent of the speed \(\dot\theta_j + \dot\tau_d / k\) at
+    which the motor has to follow, over 0.3 rad/s: it is 0 at rest, so that nothing
+    chatters there. More friction makes a light winch swing.
+    """
+
+    stepped = TunedFeedback.stepped
+    integral_share = 0.5
+    friction_share = 0.25

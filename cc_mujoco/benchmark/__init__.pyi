@@ -3,13 +3,15 @@ from ._cell import CellResult as CellResult
 from ._cell import batch_groups as batch_groups
 from ._cell import play as play
 from ._cell import play_group as play_group
+from ._conditions import REFERENCES as REFERENCES
 from ._conditions import WARM_UP as WARM_UP
+from ._conditions import Belief as Belief
 from ._conditions import Condition as Condition
-from ._plant import Belief as Belief
+from ._conditions import Reference as Reference
+from ._plant import STRUCTURES as STRUCTURES
+from ._plant import effect_values as effect_values
 from ._ranking import normalise_errors as normalise_errors
 from ._ranking import rank_controllers as rank_controllers
-from ._references import REFERENCES as REFERENCES
-from ._references import Reference as Reference
 from ._report import DEFAULT_BASELINE as DEFAULT_BASELINE
 from ._report import OVERVIEW_HEADING as OVERVIEW_HEADING
 from ._report import all_tables as all_tables
@@ -19,8 +21,6 @@ from ._results import rms_errors as rms_errors
 from ._runner import BenchmarkPlan as BenchmarkPlan
 from ._runner import run as run
 from ._scores import SCORES as SCORES
-from ._structure import STRUCTURES as STRUCTURES
-from ._structure import effect_values as effect_values
 from ._suites import SUITES as SUITES
 from ._suites import Suite as Suite
 from ._tables import Interval as Interval

@@ -15,14 +15,20 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.benchmark import _user_entry as user_entry
-from cc_mujoco.benchmark._actuation import Hindrance
-from cc_mujoco.benchmark._conditions import MODEL_ERRORS, WARM_UP, Condition
+from cc_mujoco.benchmark._conditions import (
+    MODEL_ERRORS,
+    REFERENCES,
+    SCALE_CONTROLLER,
+    WARM_UP,
+    Belief,
+    Condition,
+    Reference,
+)
 from cc_mujoco.benchmark._faults import (
     FAULTS,
     STRAP,
@@ -30,14 +36,13 @@ from cc_mujoco.benchmark._faults import (
     StrapOpening,
     fault_onsets,
 )
-from cc_mujoco.benchmark._plant import Belief, Draw, believed_drives, sample_plants
+from cc_mujoco.benchmark._plant import Draw, Hindrance, sample_plants
 from cc_mujoco.benchmark._position import (
     WITH_SENSOR,
     PositionCondition,
+    fitted_drives,
     position_drive,
-    position_law,
 )
-from cc_mujoco.benchmark._references import REFERENCES, SCALE_CONTROLLER, Reference
 from cc_mujoco.benchmark._scores import (
     ANGLE_SCORES,
     SAFETY_SCORES,
@@ -45,11 +50,12 @@ from cc_mujoco.benchmark._scores import (
     device_scores,
     episode_scores,
 )
-from cc_mujoco.control import Controller
-from cc_mujoco.control._registry import Unpowered
-from cc_mujoco.device import UNPLUGGED, Description, DeviceModel, Plant
+from cc_mujoco.benchmark._user_entry import Entry
+from cc_mujoco.control import Controller, PlantsController, Unpowered
+from cc_mujoco.control._registry import batched_controller, runs_code
+from cc_mujoco.device import UNPLUGGED, DeviceModel, Plant
 from cc_mujoco.device._axis_columns import axis_columns
-from cc_mujoco.device._drive import Drive
+from cc_mujoco.device._drive import CableDrive, Drive
 from cc_mujoco.device._plant import facts_of
 from cc_mujoco.device._sensors import REFERENCE_COLUMN, AxesMeasuring, Sensing
 from cc_mujoco.errors import CableError
@@ -116,20 +122,15 @@ class CellResult:
     trace: dict[str, Array]
 
 
-@dataclass
-class CellSetup:
-    """Everything that an episode of a cell needs."""
+class CellSetup(NamedTuple):
+    """Everything that an episode of a cell needs, a row for each cell and seed."""
 
-    description: Description
     draws: list[Draw]
     batch: Batch
-    driven: tuple[tuple[str, ...], ...]
-    """Cables that each motor winds."""
-    drives: list[tuple[Drive, ...]]
+    drives: Sequence[tuple[Drive, ...]]
     """Drives of every axis as the controller knows them, of each plant."""
     law: Controller
     sensors: AxesMeasuring | FaultySensors
-    period: float
     torque_noise: float
     """Standard deviation of the device's joint torque sensor [N m]."""
 
@@ -160,6 +161,33 @@ def _structure_key(cell: Cell) -> object:
     return *cuffs, *drawn.plant.layout
 
 
+def believed_drives(
+    drives: Sequence[Drive],
+    driven: Sequence[Sequence[str]],
+    draws: Sequence[Draw],
+    beliefs: Sequence[Belief],
+) -> list[tuple[Drive, ...]]:
+    """Return the drives of each plant with the cables that its controller believes.
+
+    The drives, of every axis of the device, give the arms of the cables; `driven` are
+    the names of the cables that each motor winds; there are a draw and a belief per
+    device.
+    """
+    found: list[tuple[Drive, ...]] = []
+    for drawn, belief in zip(draws, beliefs, strict=True):
+        random = np.random.default_rng([drawn.seed, 3])
+        cables = drawn.known.cables
+        own = []
+        for drive, names in zip(drives, driven, strict=True):
+            known = tuple(
+                CableDrive(belief.of(cables[name], random), s.proximal, s.distal)
+                for name, s in zip(names, drive.cables, strict=True)
+            )
+            own.append(dataclasses.replace(drive, cables=known))
+        found.append(tuple(own))
+    return found
+
+
 def changed(plant: Plant, reference: Reference | None) -> Plant:
     if reference is None:
         return plant
@@ -171,58 +199,81 @@ def changed(plant: Plant, reference: Reference | None) -> Plant:
     return Plant(plant.device, {**plant.values, **changes})
 
 
+def make_controller(
+    name: str, drives: Sequence[Sequence[Drive]], prefixes: Sequence[str]
+) -> Controller:
+    """Return the controller of a name, in a process of its own if it has own code.
+
+    Args:
+        name: As of `control.axes_controller`.
+        drives: Of every axis of each plant.
+        prefixes: Beginnings of the columns of each axis.
+
+    Raises:
+        CableError: If there is none, or its code raises.
+    """
+    if runs_code(name):
+        return Entry(drives, prefixes, name)
+    return batched_controller(name, drives, prefixes)
+
+
 def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
     """Prepare the episodes of a group, a row for each cell and seed."""
     one = cells[0]
-    at, reference = one.condition, _reference(one)
+    at, reference = one.condition, REFERENCES.get(one.controller)
     draws: list[Draw] = []
     beliefs: list[Belief] = []
     for cell in cells:
         draws += sample_plants(cell.condition, cell.seeds, cell.key)
         own = cell.belief or Belief(MODEL_ERRORS[cell.condition.error])
         beliefs += [(reference and reference.belief) or own] * len(cell.seeds)
-    description = draws[0].plant.description
+    description, seeds = draws[0].plant.description, [drawn.seed for drawn in draws]
+    tasks = at.tasks(description)
     exos = [
         WornDevice(
             description,
             changed(drawn.plant, reference).model(),
             drawn.trajectory,
-            at.tasks(description),
+            tasks,
             at.duration,
         )
         for drawn in draws
     ]
-    exo, seeds = exos[0], [drawn.seed for drawn in draws]
+    exo, prefixes = exos[0], exos[0].device.prefixes
     batch = Batch(exos, seeds, name=one.controller)
-    onsets = fault_onsets(seeds, exo.period)
+    onsets = fault_onsets(seeds, exo.period) if at.structure in FAULTS else []
     hindered = [drawn.actuation for drawn in draws]
     if at.structure == STRAP:
         batch.actuate = StrapOpening(batch, onsets)
     elif not (all(h.is_plain for h in hindered) or (reference and reference.ideal)):
-        batch.actuate = Hindrance(hindered, exo.device.prefixes)
-    driven, prefixes = exo.device.driven, exo.device.prefixes
-    sensing = one.sensing or description.sensing
-    known = exo.drives
+        batch.actuate = Hindrance(hindered, prefixes)
+    sensing, known = one.sensing or description.sensing, exo.drives
+    name = reference.controller if reference else one.controller
+    fitted: list[Drive] = []
+    drives: Sequence[tuple[Drive, ...]]
     if isinstance(at, PositionCondition):
         if one.controller in WITH_SENSOR:
             sensing = dataclasses.replace(sensing, joint_sensor=True)
-    elif at.structure:
-        plain = draws[0].known
-        known = DeviceModel(plain.description, plain.model()).drives(exo.period)
-    equipped = [sensing.equip(drive) for drive in known]
-    if isinstance(at, PositionCondition):
-        of_axes = tuple(position_drive(at, drive) for drive in equipped)
-        drives = [of_axes] * len(draws)
+        drive = position_drive(at, sensing.equip(known[0]))
+        drives = [(drive,)] * len(draws)
+        if name not in (None, SCALE_CONTROLLER):  # which have no parameters
+            fitted = fitted_drives(
+                [(c.condition, c.seeds, c.key) for c in cells], drive
+            )
     else:
-        drives = believed_drives(equipped, driven, draws, beliefs)
-    name = reference.controller if reference else one.controller
+        if at.structure:
+            plain = draws[0].known
+            known = DeviceModel(plain.description, plain.model()).drives(exo.period)
+        equipped = [sensing.equip(drive) for drive in known]
+        drives = believed_drives(equipped, exo.device.driven, draws, beliefs)
     law: Controller
     if name is None:
         law = Unpowered(drives[0][0], len(prefixes))
-    elif isinstance(at, PositionCondition):
-        law = _position_law(cells, name, drives[0][0], prefixes)
+    elif fitted:
+        each = [make_controller(name, [(drive,)], prefixes) for drive in fitted]
+        law = PlantsController(each)
     else:
-        law = user_entry.make_controller(name, drives, prefixes)
+        law = make_controller(name, drives, prefixes)
     whole = exo.controller_sensors(
         sensing,
         drives[0],
@@ -243,34 +294,7 @@ def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
         sensors = FaultySensors(
             at.structure, onsets, whole, prefixes, ratios, exo.period
         )
-    return CellSetup(
-        description,
-        draws,
-        batch,
-        driven,
-        drives,
-        law,
-        sensors,
-        exo.period,
-        sensing.torque_noise,
-    )
-
-
-def _position_law(
-    cells: Sequence[Cell], name: str, drive: Drive, prefixes: Sequence[str]
-) -> Controller:
-    """Return the controller of an angle, with parameters of a trial for every plant."""
-
-    def make(own: Drive) -> Controller:
-        return user_entry.make_controller(name, [(own,)], prefixes)
-
-    if name == SCALE_CONTROLLER:
-        return make(drive)  # it has no parameters
-    return position_law([(c.condition, c.seeds, c.key) for c in cells], drive, make)
-
-
-def _reference(cell: Cell) -> Reference | None:
-    return REFERENCES.get(cell.controller)
+    return CellSetup(draws, batch, drives, law, sensors, sensing.torque_noise)
 
 
 def play(cell: Cell) -> CellResult:
@@ -296,8 +320,8 @@ def play_group(cells: Sequence[Cell]) -> list[CellResult]:
     rows: dict[str, NDArray[Any]] = {
         **batch.play(made.law, made.sensors.measure, [*of_axes, *CABLE_COLUMNS])
     }
-    time = np.arange(batch.steps + 1, dtype=float) * made.period
-    reference = _reference(cells[0])
+    time = np.arange(batch.steps + 1, dtype=float) * made.batch.exo.period
+    reference = REFERENCES.get(cells[0].controller)
     if reference is not None and reference.ideal:
         _apply_ideal_torque(made, rows)
     if reference is not None and reference.changes == UNPLUGGED:
@@ -334,7 +358,8 @@ def _scores(
     cell: Cell, rows: Mapping[str, NDArray[Any]], time: Array, made: CellSetup
 ) -> dict[str, Array]:
     """Return the scores of every seed (seeds,), without the warm-up."""
-    description, cables = made.description, made.batch.cables
+    description, device = made.draws[0].plant.description, made.batch.exo.device
+    cables = made.batch.cables
     tasks = cell.condition.tasks(description)
     strength = dict.fromkeys(cables, description.strength)
     facts = [
@@ -344,14 +369,14 @@ def _scores(
             DRIVEN: driven,
             SPRING: isinstance(tasks[axis.name], Spring),
         }
-        for axis, driven in zip(description.axes, made.driven, strict=True)
+        for axis, driven in zip(description.axes, device.driven, strict=True)
     ]
-    prefixes = made.batch.prefixes
+    prefixes = device.prefixes
     of_angle = isinstance(cell.condition, PositionCondition)
     scores = ANGLE_SCORES if of_angle else SCORES
     if cell.condition.structure in FAULTS:
         scores = SAFETY_SCORES
-    first = round(WARM_UP / made.period)
+    first = round(WARM_UP / made.batch.exo.period)
     episodes: list[dict[str, float]] = []
     for row in range(len(cell.seeds)):
         columns = {name: values[first:, row] for name, values in rows.items()}
@@ -375,7 +400,7 @@ def _scores(
 def _plant_columns(made: CellSetup, own: slice) -> dict[str, list[Any]]:
     """Return columns of the sampled and the assumed parameters, for some rows."""
     found: dict[str, list[Any]] = {}
-    names = list(chain.from_iterable(made.driven))
+    names = list(chain.from_iterable(made.batch.exo.device.driven))
     for drawn, drives in zip(made.draws[own], made.drives[own], strict=True):
         plant = drawn.plant
         actual = [plant.cables[name] for name in names]

@@ -101,9 +101,9 @@ class Benchmark:
 
         from cc_mujoco._utils.provenance import is_user_controller
         from cc_mujoco.benchmark import BenchmarkPlan, run
+        from cc_mujoco.benchmark._conditions import SCALE_CONTROLLER
         from cc_mujoco.benchmark._page import write
         from cc_mujoco.benchmark._plant import new_key
-        from cc_mujoco.benchmark._references import SCALE_CONTROLLER
         from cc_mujoco.benchmark._report import DEFAULT_BASELINE
         from cc_mujoco.benchmark._runner import REPORT_FILE, RESULTS_FILE
         from cc_mujoco.benchmark._suites import SUITES, default_suite

@@ -1,4 +1,4 @@
-"""Conditions of a suite, each of which differs from the ordinary one.
+"""Conditions of a suite, each of which differs from the ordinary one; references.
 
     SUITES["v1"].conditions("wrist")
 
@@ -10,13 +10,15 @@ be some thousand conditions for each device.
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.device import find_device
+from cc_mujoco._validation import require_parameter
+from cc_mujoco.cable import Cable
+from cc_mujoco.device import UNPLUGGED, Value, find_device
 from cc_mujoco.device._description import Description, device_label
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.human import (
@@ -61,6 +63,9 @@ and with the same that it knows."""
 STALE, FITTED_ANEW = "-stale", "-fitted"
 """Suffixes of the names of conditions of the suite `position`, by the trial that fits
 the controllers: one on the scene, or one on the plant itself."""
+
+MAX_SIGMAS = 3.0
+"""Draws are clipped beyond this many standard deviations."""
 
 WARM_UP = 0.5
 """Time at the start of an episode that has no score [s]."""
@@ -197,3 +202,81 @@ def crossed_conditions(plain: Condition) -> list[Condition]:
 
 def named_condition(plain: Condition, name: str, **changes: object) -> Condition:
     return dataclasses.replace(plain, name=name, **changes)  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True)
+class Belief:
+    """Standard deviations of the relative errors of a controller's parameters."""
+
+    error: float = 0.1
+    """Error of both friction coefficients, axial stiffness and pretension."""
+    bias: float = 0.0
+    """Relative error of friction that is the same for all, added to the draw."""
+
+    def __post_init__(self) -> None:
+        require_parameter(self, "error", 0.0, 0.3, "")
+        require_parameter(self, "bias", -0.9, 5.0, "")
+
+    def of(self, cable: Cable, random: np.random.Generator) -> Cable:
+        """Return a cable as the controller assumes it; its route is known."""
+        friction, stiffness, pretension = (
+            self.error * clipped_normal(random) for _ in range(3)
+        )
+        factor = max(1.0 + self.bias + friction, 0.05)
+        return cable.replace(
+            friction=factor * cable.friction,
+            static_friction=factor * cable.static_friction,
+            axial_stiffness=(1.0 + stiffness) * cable.axial_stiffness,
+            pretension=(1.0 + pretension) * cable.pretension,
+        )
+
+
+def clipped_normal(random: np.random.Generator) -> float:
+    return float(min(max(random.normal(), -MAX_SIGMAS), MAX_SIGMAS))
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Device or controller that is no entry of a benchmark."""
+
+    meaning: str
+    controller: str | None = None
+    """Name of the controller; without one the motor gives no torque."""
+    changes: dict[str, Value] = field(default_factory=dict)
+    """Changes to every cable of the plant."""
+    ideal: bool = False
+    """True if the desired torque reaches the joint whatever the cables do."""
+    belief: Belief | None = None
+    """Belief of the controller; that of the condition by default."""
+
+
+SCALE_CONTROLLER = "none"
+"""The controller whose mean error in a condition is an error of 1."""
+
+REFERENCES = {
+    "unplugged": Reference(
+        "the device without its cables: the joint feels nothing",
+        changes=UNPLUGGED,
+    ),
+    "motor-off": Reference("the cables are there and the motor gives no torque"),
+    "ideal-transmission": Reference(
+        "what the motor can give of the desired torque, as late as it is measured, "
+        "reaches the joint of the unplugged device",
+        changes=UNPLUGGED,
+        ideal=True,
+    ),
+    "perfect-model": Reference(
+        "`stiction` that knows the cables as they are; sensors as usual",
+        "stiction",
+        belief=Belief(0.0),
+    ),
+}
+"""Every reference by name; `none` is one too, and a controller."""
+
+
+def require_unused_name(controller: str) -> None:
+    """Refuse a controller with the name of a reference."""
+    if controller in REFERENCES:
+        raise CableError(
+            f"{controller!r} is a reference, which every table has; it is no controller"
+        )

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.benchmark._conditions import is_walk
+from cc_mujoco.benchmark._conditions import REFERENCES, SCALE_CONTROLLER, is_walk
 from cc_mujoco.benchmark._ranking import normalise_errors
-from cc_mujoco.benchmark._references import REFERENCES, SCALE_CONTROLLER
 from cc_mujoco.benchmark._results import Results, rms_errors
 from cc_mujoco.device._axis_columns import axis_columns
 from cc_mujoco.device._sensors import REFERENCE_COLUMN

@@ -21,8 +21,9 @@ from cc_mujoco.benchmark._conditions import (
     is_walk,
     named_condition,
 )
-from cc_mujoco.benchmark._structure import GENERIC_STRUCTURES, has_effect
+from cc_mujoco.benchmark._plant import GENERIC_STRUCTURES, has_effect
 from cc_mujoco.device import Description, DeviceModel, Plant, find_device
+from cc_mujoco.device._model import joint_range
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import (
     TASKS,
@@ -33,7 +34,6 @@ from cc_mujoco.human import (
     task,
     trajectory,
 )
-from cc_mujoco.simulation._reference_motion import joint_range
 from cc_mujoco.simulation._worn_device import axis_trajectories
 
 MAX_JOLT = 0.1

@@ -1,46 +1,50 @@
 """True parameters of devices, sampled by seed, which a controller does not know.
 
-    drawn = draw(condition, seeds=(0, 1))
+    drawn = sample_plants(condition, seeds=(0, 1))
     drawn[0].plant.cables["flexor"].friction      # of the plant
-    Belief(0.1).of(drawn[0].plant.cables["flexor"], random)     # of the controller
+    effect_values(find_device("knee.xml"), "seals")
+    # {'extensor.seal_proximal': 8.3, 'extensor.seal_distal': 8.3}
 
 A condition and a seed are one plant, one motion and one noise for every controller, so
 that controllers are compared in pairs. Conditions that differ only in the error of the
 model share their plants; all others draw independently of each other.
+
+A plant may have an effect that its controller does not know. Its size follows from the
+description of the device: the torque that counts as 1, the reach of its motions and the
+arms of its cables.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import math
 import re
 import secrets
 import zlib
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
-from cc_mujoco._validation import require_parameter
-from cc_mujoco.benchmark._actuation import PLAIN, Actuation
 from cc_mujoco.benchmark._conditions import (
     TRANSMISSIONS,
     Condition,
     Liner,
     Together,
+    clipped_normal,
     plant_key,
 )
-from cc_mujoco.benchmark._structure import hidden_effect
-from cc_mujoco.cable import Cable
-from cc_mujoco.cable._cable import BENDS, PATHS
-from cc_mujoco.device import Device, Plant, find_device
-from cc_mujoco.device._drive import CableDrive, Drive
+from cc_mujoco.cable import PATHS, Cable
+from cc_mujoco.cable._cable import BENDS
+from cc_mujoco.device import Axis, Device, DeviceModel, Plant, Value, find_device
 from cc_mujoco.device._sensors import BIAS
-from cc_mujoco.device._variables import Value
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Disturbed, Trajectory, Walk
+from cc_mujoco.simulation._loop import Columns
 
-MAX_SIGMAS = 3.0
-"""Draws are clipped beyond this many standard deviations."""
+Array = NDArray[np.float64]
 
 CABLE_SPREAD = {
     "friction": 0.15,
@@ -58,6 +62,274 @@ KEY_BYTES = 16
 
 SENSORS_PER_CABLE = 3
 """Tension sensors on a cable, see `Sensing.equip`."""
+LAG = 0.005
+"""Time constant of a motor that lags [s], beside that of the scene."""
+LAG_RANGE = 0.001, 0.005
+"""Range of that of `varied-lag` [s]."""
+LAG_NAME = "motor-lag"
+"""Name of that effect, which is in the motor and in no cable."""
+INERTIA_FACTORS = 0.6, 1.6
+"""Inertia of a rotor over its assumed value; seeds take the levels in turn."""
+LATE_COMMANDS = 1, 3
+"""Least and most delay of commands in control steps; seeds take the levels in turn."""
+MOTOR_FRICTION, COGGING = 0.1, 0.05
+"""Dry friction of a motor and amplitude of its cogging, as shares of the torque that
+counts as 1."""
+COGGING_ORDER = 12
+"""Waves of cogging in a turn of the motor's pulley."""
+TREMOR_SHARE = 0.05
+"""Amplitude of a tremor, as a share of the reach of a device."""
+CUFF_SETTLING = 0.01
+"""Damping of a cuff over its stiffness [s]."""
+
+
+@dataclass(frozen=True)
+class _Scale:
+    """Sizes of a cable that effects are scaled with."""
+
+    tension: float
+    """Tension of the desired torque that counts as 1 [N]."""
+    speed: float
+    """Speed of the cable at the velocity of the joint that counts as 1 [m/s]."""
+    travel: float
+    """Travel of the cable over the reach of named trajectories [m]."""
+    length: float
+    """Length of the cable [m]."""
+    radius: float
+    """Radius of the motor's pulley [m]."""
+
+    @classmethod
+    def of(cls, axis: Axis, cable: Cable, arm: float, radius: float) -> _Scale:
+        """Return the sizes of a cable of radius `arm` at the joint [m]."""
+        return cls(
+            axis.units["desired_torque_nm"] / arm,
+            axis.units["joint_velocity_rad_s"] * arm,
+            axis.reach * arm,
+            cable.length,
+            radius,
+        )
+
+
+def _concentrated(own: _Scale, cable: Cable) -> dict[str, Value]:
+    """Return a conduit with the whole wrap in the last 15 % before the joint."""
+    if cable.path != PATHS[0] or not cable.wrap:
+        return {}  # the scene draws what bends an open cable
+    straight, bent = 0.85 * cable.length, 0.15 * cable.length
+    return {"conduit": f"{straight:.9g}:inf {bent:.9g}:{bent / cable.wrap:.9g}"}
+
+
+EFFECTS: dict[str, Callable[[_Scale, Cable], dict[str, Value]]] = {
+    "viscous": lambda own, cable: {
+        "viscous_friction": 0.2 * own.tension / (own.speed * own.length)
+    },
+    "load-independent": lambda own, cable: {
+        "load_independent_friction": 0.1 * own.tension / own.length
+    },
+    "seals": lambda own, cable: (
+        {}  # nothing seals a cable that no conduit leads
+        if cable.path == PATHS[1]
+        else {"seal_proximal": 0.05 * own.tension, "seal_distal": 0.05 * own.tension}
+    ),
+    "presliding": lambda own, cable: {"bristle_length": 0.1 * own.travel},
+    "stribeck": lambda own, cable: {
+        "stribeck_friction": 0.5 * cable.friction,
+        "stribeck_speed": 0.05 * own.speed,
+    },
+    "ageing": lambda own, cable: {
+        "ageing_friction": 0.2 * cable.friction,
+        "ageing_time": 0.1,
+        "critical_slip_distance": 0.01 * own.travel,
+    },
+    "soft-ends": lambda own, cable: {
+        "end_compliance": 0.25 * own.length / cable.axial_stiffness,
+        "proximal_compliance": 0.25 * own.length / cable.axial_stiffness,
+    },
+    "eccentric": lambda own, cable: {"eccentricity": 0.05 * own.radius},
+    "wrap-end": _concentrated,
+    "route": lambda own, cable: (
+        {"wrap_growth": 0.3 / own.travel} if cable.path == PATHS[0] else {}
+    ),
+}
+"""Effects in a cable by the name of their condition.
+
+The drag of `viscous` at the velocity that counts as 1 is a fifth of the tension that
+counts as 1, that of `load-independent` and of both `seals` a tenth; `presliding` builds
+friction up over a tenth of the travel of the cable. `stribeck` adds half of the
+friction at rest, `ageing` a fifth with every factor e of rest. `soft-ends` make the
+cable half as soft again, `eccentric` pulleys are out of centre by a twentieth of their
+radius, `route` bends the conduit by 30 % more or less over the reach of the joint."""
+
+POSITION_EFFECTS: dict[str, Callable[[_Scale, Cable], dict[str, Value]]] = {
+    "friction-doubled": lambda own, cable: {
+        "friction": 2.0 * cable.friction,
+        "static_friction": 2.0 * cable.static_friction,
+    },
+    "bends-halved": lambda own, cable: {"wrap": 0.5 * cable.wrap},
+}
+"""Further effects in a cable by the name of their condition in `position`."""
+
+MOTOR_EFFECTS = (
+    "varied-lag",
+    "motor-friction",
+    "cogging",
+    "late-commands",
+    "rotor-inertia",
+)
+"""Effects in the motor by name."""
+WEARER_EFFECTS = "cuff", "tremor"
+"""Effects in a wearer by name."""
+
+GENERIC_STRUCTURES = (*tuple(EFFECTS)[:4], LAG_NAME)
+"""Effects that the suite `generic` has."""
+STRUCTURES = (*EFFECTS, LAG_NAME, *MOTOR_EFFECTS, *WEARER_EFFECTS)
+"""Every effect by name."""
+
+
+@dataclass(frozen=True)
+class Actuation:
+    """Late commands and a torque that changes with the angle of the motor."""
+
+    delay: int = 0
+    """Control steps by which a command is late."""
+    cogging: tuple[float, ...] = ()
+    """Amplitude of the torque of every motor [N m]; none by default."""
+    order: int = 1
+    """Periods of that torque in a turn of the motor's pulley."""
+    phase: float = 0.0
+    """Phase of that torque at an angle of 0 [rad]."""
+
+    @property
+    def is_plain(self) -> bool:
+        """True if the motor applies the command of the controller."""
+        return not self.delay and not self.cogging
+
+
+PLAIN = Actuation()
+"""Actuation of a motor that applies the command of its controller."""
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """Effect of one plant."""
+
+    device: Device
+    """The device, with a cuff where that is the effect."""
+    values: dict[str, Value] = field(default_factory=dict)
+    """Values of the plant."""
+    actuation: Actuation = PLAIN
+    """Effects between the controller and the motor."""
+
+
+@lru_cache(maxsize=64)
+def _scales(device: Device) -> dict[str, _Scale]:
+    model = DeviceModel(device.description, Plant(device).model())
+    found: dict[str, _Scale] = {}
+    for axis, own, drive in zip(
+        device.description.axes, model.axes, model.drives(1.0), strict=True
+    ):
+        for name, one in zip(own.driven, drive.cables, strict=False):
+            arms = abs(one.distal), abs(one.proximal)
+            found[name] = _Scale.of(axis, device.cables[name], *arms)
+    return found
+
+
+@lru_cache(maxsize=64)
+def effect_values(device: Device, name: str) -> dict[str, Value]:
+    """Return the values of a plant with an effect of `STRUCTURES` and nothing else.
+
+    They are empty for an effect that no cable can have, or that is in no cable.
+    """
+    return _cable_values(Plant(device), name)
+
+
+def _cable_values(known: Plant, name: str) -> dict[str, Value]:
+    device, effects = known.scene, {**EFFECTS, **POSITION_EFFECTS}
+    if name not in effects:
+        return {}
+    return {
+        f"{cable}.{key}": value
+        for cable, scale in _scales(device).items()
+        for key, value in effects[name](scale, known.cables[cable]).items()
+    }
+
+
+def hidden_effect(
+    known: Plant, name: str, seed: int, random: np.random.Generator
+) -> Hidden:
+    """Return an effect of `STRUCTURES`, or of none if the name is empty, for a plant.
+
+    Seeds take the levels of effects with few of them in turn; all else is random.
+    """
+    device, axes = known.scene, known.description.axes
+    values = _cable_values(known, name)
+    if name == "eccentric":
+        phase = random.uniform(-math.pi, math.pi)
+        for axis in axes:
+            for side, cable in enumerate(axis.cables):
+                if f"{cable}.eccentricity" in values:
+                    values[f"{cable}.eccentricity_phase"] = phase + math.pi * (side % 2)
+    if name == "route":
+        for axis in axes:
+            for cable in axis.cables:
+                own = known.cables[cable]
+                # The leg of a wearer who walks bends a conduit that its route draws.
+                if "phase_sine" in axis.units and own.route and own.path == PATHS[0]:
+                    values = {f"{cable}.bend": BENDS[1]}
+    if values:
+        return Hidden(device, values)
+    drives = DeviceModel(known.description, known.model()).drives(1.0)
+    unit = {
+        axis.name: abs(axis.units["desired_torque_nm"] / drive.ratio)
+        for axis, drive in zip(axes, drives, strict=True)
+    }
+    if name == LAG_NAME or name == "varied-lag":
+        more = LAG if name == LAG_NAME else random.uniform(*LAG_RANGE)
+        lags = {
+            f"{axis.name}.motor_lag": drive.motor_lag + more
+            for axis, drive in zip(axes, drives, strict=True)
+        }
+        return Hidden(device, {**lags})
+    if name == "motor-friction":
+        rubs = {
+            f"{n}.motor_friction": MOTOR_FRICTION * size for n, size in unit.items()
+        }
+        return Hidden(device, {**rubs})
+    if name == "rotor-inertia":
+        factor = INERTIA_FACTORS[seed % len(INERTIA_FACTORS)]
+        heavy = {
+            f"{axis.name}.rotor_inertia": factor
+            * float(device.spec.joint(axis.drum).armature)
+            for axis in axes
+        }
+        return Hidden(device, {**heavy})
+    if name == "cogging":
+        phase = random.uniform(-math.pi, math.pi)
+        size = tuple(COGGING * one for one in unit.values())
+        return Hidden(device, actuation=Actuation(0, size, COGGING_ORDER, phase))
+    if name == "late-commands":
+        low, high = LATE_COMMANDS
+        return Hidden(device, actuation=Actuation(low + seed % (high - low + 1)))
+    if name == "cuff":
+        return Hidden(_cuffed(device))
+    return Hidden(device)  # a tremor is in the motion
+
+
+@lru_cache(maxsize=8)
+def _cuffed(device: Device) -> Device:
+    axis = device.description.axis()
+    stiffness = 10.0 * axis.units["desired_torque_nm"] / axis.units["joint_angle_rad"]
+    cuff = {"stiffness": stiffness, "damping": CUFF_SETTLING * stiffness}
+    return Device(device.name, device.timestep, axis={"cuff": cuff})
+
+
+def has_effect(device: Device, name: str) -> bool:
+    """Return whether a device can have an effect of `STRUCTURES`."""
+    if name in EFFECTS:
+        return bool(effect_values(device, name))
+    if name == "cuff":
+        one = len(device.description.axes) == 1
+        return one and bool(device.wearers) and not device.description.axes[0].cuff
+    return name != "tremor" or bool(device.wearers)
 
 
 @dataclass(frozen=True)
@@ -76,33 +348,6 @@ class Draw:
     multiple of the standard deviation of the device's noise."""
     actuation: Actuation = PLAIN
     """Effects between the controller and the motor."""
-
-
-@dataclass(frozen=True)
-class Belief:
-    """Standard deviations of the relative errors of a controller's parameters."""
-
-    error: float = 0.1
-    """Error of both friction coefficients, axial stiffness and pretension."""
-    bias: float = 0.0
-    """Relative error of friction that is the same for all, added to the draw."""
-
-    def __post_init__(self) -> None:
-        require_parameter(self, "error", 0.0, 0.3, "")
-        require_parameter(self, "bias", -0.9, 5.0, "")
-
-    def of(self, cable: Cable, random: np.random.Generator) -> Cable:
-        """Return a cable as the controller assumes it; its route is known."""
-        friction, stiffness, pretension = (
-            self.error * _clipped_normal(random) for _ in range(3)
-        )
-        factor = max(1.0 + self.bias + friction, 0.05)
-        return cable.replace(
-            friction=factor * cable.friction,
-            static_friction=factor * cable.static_friction,
-            axial_stiffness=(1.0 + stiffness) * cable.axial_stiffness,
-            pretension=(1.0 + pretension) * cable.pretension,
-        )
 
 
 def sample_plants(
@@ -146,9 +391,7 @@ def _sample_plant(condition: Condition, seed: int, device: Device, key: str) -> 
     random = np.random.default_rng([own, 2])
     values: dict[str, Value] = {}
     for name, cable in device.cables.items():
-        factors = {
-            n: 1.0 + s * _clipped_normal(random) for n, s in CABLE_SPREAD.items()
-        }
+        factors = {n: 1.0 + s * clipped_normal(random) for n, s in CABLE_SPREAD.items()}
         unchanged = Liner(cable.friction, cable.static_friction)
         liner = TRANSMISSIONS.get(condition.transmission, unchanged)
         drawn: dict[str, Value] = {
@@ -162,11 +405,11 @@ def _sample_plant(condition: Condition, seed: int, device: Device, key: str) -> 
         elif cable.path == PATHS[0]:
             drawn["wrap"] = factors["wrap"] * cable.wrap
         values |= {f"{name}.{key}": value for key, value in drawn.items()}
-    impedance = 1.0 + IMPEDANCE_SPREAD * _clipped_normal(random)
+    impedance = 1.0 + IMPEDANCE_SPREAD * clipped_normal(random)
     if device.wearers:
         values["wearer"] = condition.impedance * impedance
     source = condition.trajectory
-    cadence = 1.0 + CADENCE_SPREAD * _clipped_normal(random)
+    cadence = 1.0 + CADENCE_SPREAD * clipped_normal(random)
     low, high = condition.delay
     # In turns: of few seeds each delay has its share, as so much depends on it.
     values["delay"] = low + (seed + place) % (high - low + 1)
@@ -186,7 +429,7 @@ def _sample_plant(condition: Condition, seed: int, device: Device, key: str) -> 
         seed=own,
         trajectory=_with_period_factor(source, cadence),
         bias=tuple(
-            tuple(condition.noise * BIAS * _clipped_normal(random) for _ in range(own))
+            tuple(condition.noise * BIAS * clipped_normal(random) for _ in range(own))
             for own in sensors
         ),
         actuation=hidden.actuation,
@@ -202,33 +445,6 @@ def _with_effect(
         cable, _, key = name.rpartition(".")
         if key in {"conduit", "bend"}:
             found.pop(f"{cable}.wrap", None)
-    return found
-
-
-def believed_drives(
-    drives: Sequence[Drive],
-    driven: Sequence[Sequence[str]],
-    draws: Sequence[Draw],
-    beliefs: Sequence[Belief],
-) -> list[tuple[Drive, ...]]:
-    """Return the drives of each plant with the cables that its controller believes.
-
-    The drives, of every axis of the device, give the arms of the cables; `driven` are
-    the names of the cables that each motor winds; there are a draw and a belief per
-    device.
-    """
-    found: list[tuple[Drive, ...]] = []
-    for drawn, belief in zip(draws, beliefs, strict=True):
-        random = np.random.default_rng([drawn.seed, 3])
-        cables = drawn.known.cables
-        own = []
-        for drive, names in zip(drives, driven, strict=True):
-            known = tuple(
-                CableDrive(belief.of(cables[name], random), s.proximal, s.distal)
-                for name, s in zip(names, drive.cables, strict=True)
-            )
-            own.append(dataclasses.replace(drive, cables=known))
-        found.append(tuple(own))
     return found
 
 
@@ -248,5 +464,29 @@ def _with_period_factor(source: Trajectory, factor: float) -> Trajectory:
     return source
 
 
-def _clipped_normal(random: np.random.Generator) -> float:
-    return float(min(max(random.normal(), -MAX_SIGMAS), MAX_SIGMAS))
+class Hindrance:
+    """Motors that do not apply their controllers' commands; see `Batch.actuate`."""
+
+    def __init__(
+        self, actuations: Sequence[Actuation], prefixes: Sequence[str]
+    ) -> None:
+        """Prepare, with the actuation of every device and the axes' column prefixes."""
+        shape = len(actuations), len(prefixes)
+        self._angles = [f"{prefix}motor_angle_rad" for prefix in prefixes]
+        self._delay = np.array([one.delay for one in actuations])
+        self._past = np.zeros((int(self._delay.max()) + 1, *shape))
+        self._size = np.array([one.cogging or (0.0,) * shape[1] for one in actuations])
+        self._order = np.array([[float(one.order)] for one in actuations])
+        self._phase = np.array([[one.phase] for one in actuations])
+
+    def __call__(self, step: int, columns: Columns, torque: Array) -> Array:
+        """Return the torque of the motors [N m], (devices, axes)."""
+        if step == 0:
+            self._past[:] = 0.0
+        shape = self._past.shape[1:]
+        angle = np.stack([columns[name] for name in self._angles], axis=1)
+        self._past = np.roll(self._past, 1, axis=0)
+        self._past[0] = np.broadcast_to(np.reshape(torque, (-1, shape[1])), shape)
+        late: Array = self._past[self._delay, np.arange(shape[0])]
+        wave: Array = np.sin(self._order * angle + self._phase)
+        return late + self._size * wave

@@ -10,7 +10,7 @@ trial on the plant itself (`-fitted`).
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -23,9 +23,8 @@ from cc_mujoco.benchmark._conditions import (
     named_condition,
 )
 from cc_mujoco.benchmark._generic import device_motion
-from cc_mujoco.benchmark._plant import sample_plants
-from cc_mujoco.benchmark._structure import POSITION_EFFECTS
-from cc_mujoco.control import Controller, PlantsController, fit_hysteresis
+from cc_mujoco.benchmark._plant import POSITION_EFFECTS, sample_plants
+from cc_mujoco.control import fit_hysteresis
 from cc_mujoco.device import DeviceModel, Drive, Plant, find_device
 from cc_mujoco.errors import CableError
 from cc_mujoco.simulation import calibration_trials
@@ -102,20 +101,17 @@ def position_drive(condition: Condition, drive: Drive) -> Drive:
     )
 
 
-def position_law(
-    cells: Sequence[tuple[Condition, tuple[int, ...], str]],
-    drive: Drive,
-    make: Callable[[Drive], Controller],
-) -> Controller:
-    """Return the controller of the episodes of a group.
+def fitted_drives(
+    cells: Sequence[tuple[Condition, tuple[int, ...], str]], drive: Drive
+) -> list[Drive]:
+    """Return the drive of `position_drive` with the parameters of every episode.
 
-    `cells` are condition, seeds and key of each; the drive is that of `position_drive`.
-    `make` makes the controller of a plant.
+    `cells` are condition, seeds and key of each.
     """
-    laws: list[Controller] = []
+    found: list[Drive] = []
     for condition, seeds, key in cells:
         fits: Sequence[Any] = [drive.hysteresis] * len(seeds)
         if isinstance(condition, PositionCondition) and condition.fitted:
             fits = fresh_fits(condition, seeds, key)
-        laws += [make(dataclasses.replace(drive, hysteresis=fit)) for fit in fits]
-    return PlantsController(laws)
+        found += [dataclasses.replace(drive, hysteresis=fit) for fit in fits]
+    return found

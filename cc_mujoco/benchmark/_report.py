@@ -10,7 +10,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.benchmark._references import REFERENCES, SCALE_CONTROLLER
+from cc_mujoco.benchmark._conditions import REFERENCES, SCALE_CONTROLLER
 from cc_mujoco.benchmark._results import Errors, Results, rms_errors
 from cc_mujoco.benchmark._scores import EVERY_SCORE, ranked_score
 from cc_mujoco.benchmark._tables import (

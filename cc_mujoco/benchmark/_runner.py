@@ -35,17 +35,18 @@ from cc_mujoco.benchmark._cell import (
     Cell,
     CellResult,
     batch_groups,
+    make_controller,
     play_group,
     prepare_episodes,
 )
-from cc_mujoco.benchmark._conditions import Condition
-from cc_mujoco.benchmark._plant import require_key
-from cc_mujoco.benchmark._position import WITH_SENSOR
-from cc_mujoco.benchmark._references import (
+from cc_mujoco.benchmark._conditions import (
     REFERENCES,
     SCALE_CONTROLLER,
+    Condition,
     require_unused_name,
 )
+from cc_mujoco.benchmark._plant import require_key
+from cc_mujoco.benchmark._position import WITH_SENSOR
 from cc_mujoco.benchmark._scores import score_columns
 from cc_mujoco.benchmark._suites import SUITES
 from cc_mujoco.device import find_device
@@ -180,7 +181,7 @@ class Playing:
                         tuple(replace(one, joint_sensor=True) for one in own)
                         for own in drives
                     ]
-                user_entry.make_controller(name, drives, made.batch.prefixes)
+                make_controller(name, drives, made.batch.prefixes)
 
     def made_by(self) -> dict[str, Any]:
         return self.plan.made_by()
@@ -366,7 +367,7 @@ def time_steps(cell: Cell) -> StepTimes:
     made = prepare_episodes(
         [dataclasses.replace(cell, condition=short, seeds=cell.seeds[:1])]
     )
-    law = user_entry.make_controller(cell.controller, made.drives, made.batch.prefixes)
+    law = make_controller(cell.controller, made.drives, made.batch.prefixes)
     law.reset()
     taken: list[float] = []
 

@@ -13,6 +13,7 @@ from cc_mujoco.assets import SCENES
 from cc_mujoco.benchmark._conditions import (
     DEFAULT_CONDITION,
     KNOWN,
+    REFERENCES,
     STRUCTURE,
     TRANSMISSIONS,
     Condition,
@@ -26,15 +27,14 @@ from cc_mujoco.benchmark._generic import (
     plain_condition,
     trajectory_of,
 )
-from cc_mujoco.benchmark._position import position_conditions
-from cc_mujoco.benchmark._references import REFERENCES
-from cc_mujoco.benchmark._structure import (
+from cc_mujoco.benchmark._plant import (
     EFFECTS,
     LAG_NAME,
     STRUCTURES,
     TREMOR_SHARE,
     has_effect,
 )
+from cc_mujoco.benchmark._position import position_conditions
 from cc_mujoco.control import CONTROLLERS, POSITION_CONTROLLERS
 from cc_mujoco.device import Axis, DeviceModel, Plant, find_device
 from cc_mujoco.device._device_files import is_device_file

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.benchmark._conditions import plant_key
+from cc_mujoco.benchmark._conditions import REFERENCES, SCALE_CONTROLLER, plant_key
 from cc_mujoco.benchmark._ranking import (
     Place,
     bootstrap_means,
@@ -20,7 +20,6 @@ from cc_mujoco.benchmark._ranking import (
     normalise_errors,
     rank_controllers,
 )
-from cc_mujoco.benchmark._references import REFERENCES, SCALE_CONTROLLER
 from cc_mujoco.benchmark._results import Results, rms_errors
 from cc_mujoco.benchmark._scores import EVERY_SCORE, ranked_score
 

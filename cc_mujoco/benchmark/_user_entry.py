@@ -52,24 +52,6 @@ _processes: dict[str, _Process] = {}
 """Process of every entry that this process judges."""
 
 
-def make_controller(
-    name: str, drives: Sequence[Sequence[Drive]], prefixes: Sequence[str]
-) -> Controller:
-    """Return the controller of a name, in a process of its own if it has own code.
-
-    Args:
-        name: As of `control.axes_controller`.
-        drives: Of every axis of each plant.
-        prefixes: Beginnings of the columns of each axis.
-
-    Raises:
-        CableError: If there is none, or its code raises.
-    """
-    if runs_code(name):
-        return Entry(drives, prefixes, name)
-    return batched_controller(name, drives, prefixes)
-
-
 def controller_provenance(*names: str) -> dict[str, Any]:
     """Return the `code_provenance` of controllers, with the files of user entries.
 

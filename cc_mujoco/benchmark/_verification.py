@@ -19,9 +19,8 @@ import pyarrow as pa
 from cc_mujoco._utils import user_code
 from cc_mujoco._utils.provenance import provenance_differences
 from cc_mujoco.benchmark._cell import Cell, play
-from cc_mujoco.benchmark._conditions import Condition
+from cc_mujoco.benchmark._conditions import REFERENCES, SCALE_CONTROLLER, Condition
 from cc_mujoco.benchmark._ranking import normalise_errors
-from cc_mujoco.benchmark._references import REFERENCES, SCALE_CONTROLLER
 from cc_mujoco.benchmark._results import read_results, read_rows
 from cc_mujoco.benchmark._runner import BenchmarkPlan, Playing
 from cc_mujoco.benchmark._suites import SUITES

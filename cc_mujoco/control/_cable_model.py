@@ -171,6 +171,13 @@ class CableModel:
         direction: NDArray[np.int8] = slip.astype(np.int8)
         return direction
 
+    def motor_torque(self) -> FloatArray:
+        """Return the model's torque of the motor on the cables (rows,) [N m]."""
+        found: FloatArray = np.zeros(self._rows)
+        for cable, arm in enumerate(self.arm.T):
+            found = found - arm * self.tension(cable)[:, 0]
+        return found
+
     def _allocate(self, rows: int) -> None:
         cables = self.segments.size
         self._rows = rows

@@ -17,6 +17,7 @@ from pathlib import Path
 from cc_mujoco.design._protocol import EpisodeProtocol
 from cc_mujoco.design._study_metrics import is_stride_metric
 from cc_mujoco.device import Description, Device, Plant
+from cc_mujoco.device._model import joint_range
 from cc_mujoco.device._variables import Value
 from cc_mujoco.device._wearer_scaling import (
     ASSIST,
@@ -39,7 +40,6 @@ from cc_mujoco.human import Profile, Task, Walk, scale_task
 from cc_mujoco.human import task as find_task
 from cc_mujoco.human._gait_joints import GaitJoint, gait_joints
 from cc_mujoco.human._profile import Profiles
-from cc_mujoco.simulation._reference_motion import joint_range
 from cc_mujoco.simulation._rollout import Episode
 from cc_mujoco.simulation._worn_device import TaskChoice
 

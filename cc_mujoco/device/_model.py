@@ -509,3 +509,12 @@ def _cable_columns(name: str, reading: plugin.CableReading) -> dict[str, Any]:
         f"tension_{name}_nodes_n": reading.tension,
         f"slip_{name}_direction": reading.slip,
     }
+
+
+def joint_range(model: mujoco.MjModel, name: str) -> tuple[float, float]:
+    """Return the stops of a joint [rad], infinite where it has none."""
+    joint = model.joint(name)
+    if not model.jnt_limited[joint.id]:
+        return -math.inf, math.inf
+    low, high = joint.range
+    return float(low), float(high)

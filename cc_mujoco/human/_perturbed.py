@@ -43,6 +43,12 @@ class Disturbed(Trajectory):
         return replace(_plus(motion, by), companions=companions)
 
 
+def unperturbed(source: Trajectory) -> Trajectory:
+    while isinstance(source, Disturbed):
+        source = source.base
+    return source
+
+
 @dataclass(frozen=True)
 class Perturbed(Disturbed):
     """Another trajectory, jolted: out and back, to a random side, at random times.

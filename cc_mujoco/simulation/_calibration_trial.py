@@ -15,9 +15,9 @@ from pathlib import Path
 
 from cc_mujoco.control import DistalFeedback, HysteresisTrial
 from cc_mujoco.device import Device, DeviceModel, Drive, Plant
+from cc_mujoco.device._model import joint_range
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Loops, Position
-from cc_mujoco.simulation._reference_motion import joint_range
 from cc_mujoco.simulation._simulate import simulate
 
 DURATION = 12.0

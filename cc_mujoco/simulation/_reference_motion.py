@@ -12,11 +12,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.device._model import DeviceModel
+from cc_mujoco.device._model import DeviceModel, joint_range
 from cc_mujoco.device._mover import Mover
 from cc_mujoco.errors import CableError, CableWarning
 from cc_mujoco.human import (
-    Disturbed,
     Motion,
     Recorded,
     Task,
@@ -25,6 +24,7 @@ from cc_mujoco.human import (
     Walk,
 )
 from cc_mujoco.human._motion import SampledMotion
+from cc_mujoco.human._perturbed import unperturbed
 from cc_mujoco.human._tasks import task_torque
 
 Array = NDArray[np.float64]
@@ -309,15 +309,6 @@ def _warn_of_limit(joint: str, mover: Mover, low: float, high: float) -> None:
         )
 
 
-def joint_range(model: mujoco.MjModel, name: str) -> tuple[float, float]:
-    """Return the stops of a joint [rad], infinite where it has none."""
-    joint = model.joint(name)
-    if not model.jnt_limited[joint.id]:
-        return -math.inf, math.inf
-    low, high = joint.range
-    return float(low), float(high)
-
-
 def _require_range(model: mujoco.MjModel, name: str, least: float, most: float) -> None:
     low, high = joint_range(model, name)
     if least < low or most > high:
@@ -337,9 +328,3 @@ def scripted(task: Task) -> bool:
     """Return whether a task's torque follows from the motion, the same for all rows."""
     nothing = np.zeros(1)
     return task.of_phase and np.size(task.torque(nothing, nothing, nothing)) == 1
-
-
-def unperturbed(source: Trajectory) -> Trajectory:
-    while isinstance(source, Disturbed):
-        source = source.base
-    return source

@@ -18,7 +18,7 @@ from cc_mujoco.device import Nominal
 from cc_mujoco.device._axis_columns import axis_columns, split_by_axis
 from cc_mujoco.device._description import SAFE_DEMANDS, Description
 from cc_mujoco.device._drive import Drive
-from cc_mujoco.device._model import DeviceModel
+from cc_mujoco.device._model import DeviceModel, joint_range
 from cc_mujoco.device._observation import OBSERVATION_LIMIT
 from cc_mujoco.device._ranges import Ranges
 from cc_mujoco.device._sensors import (
@@ -29,9 +29,9 @@ from cc_mujoco.device._sensors import (
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Task, Trajectory, Walk, Wearer, scale_task, trajectory
 from cc_mujoco.human import task as find_task
+from cc_mujoco.human._perturbed import unperturbed
 from cc_mujoco.human._tasks import peak_demand, task_torque
-
-from ._reference_motion import MARKS, Author, Script, joint_range, unperturbed
+from cc_mujoco.simulation._reference_motion import MARKS, Author, Script
 
 TaskChoice = str | Path | Task | Mapping[str, str | Path | Task] | None
 """Task of all axes, or by the name of an axis; None for that of the device."""

@@ -21,9 +21,13 @@ from cc_mujoco.benchmark import (
     play_group,
 )
 from cc_mujoco.benchmark._conditions import Together
-from cc_mujoco.benchmark._plant import sample_plants
+from cc_mujoco.benchmark._plant import (
+    GENERIC_STRUCTURES,
+    LAG,
+    effect_values,
+    sample_plants,
+)
 from cc_mujoco.benchmark._runner import provenance
-from cc_mujoco.benchmark._structure import GENERIC_STRUCTURES, LAG, effect_values
 from cc_mujoco.device import find_device
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Hold, Perturbed

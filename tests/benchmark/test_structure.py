@@ -8,10 +8,15 @@ import numpy as np
 import pytest
 
 from cc_mujoco.benchmark import SUITES, Cell, Condition, play
-from cc_mujoco.benchmark._actuation import Actuation, Hindrance
 from cc_mujoco.benchmark._cell import prepare_episodes
-from cc_mujoco.benchmark._plant import sample_plants
-from cc_mujoco.benchmark._structure import EFFECTS, INERTIA_FACTORS, STRUCTURES
+from cc_mujoco.benchmark._plant import (
+    EFFECTS,
+    INERTIA_FACTORS,
+    STRUCTURES,
+    Actuation,
+    Hindrance,
+    sample_plants,
+)
 from cc_mujoco.errors import CableError
 from study_marks import study_but
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import train_policy
 
-from cc_mujoco.simulation._reference_motion import joint_range
+from cc_mujoco.device._model import joint_range
 
 
 def made(scene: str, fixed: bool) -> list[Any]:

@@ -29,8 +29,7 @@ from cc_mujoco.device import Drive, Plant, load_device
 from cc_mujoco.human import TASKS, Spring, Tunnel, task
 from cc_mujoco.simulation import _rollout as rollout
 from cc_mujoco.simulation import attended
-from cc_mujoco.simulation._compiled_batch import law_of, task_of
-from cc_mujoco.simulation._rollout import Rollout, play
+from cc_mujoco.simulation._rollout import Rollout, law_of, play, task_of
 from study_marks import study_unless
 
 INSIDE = [name for name, kind in CONTROLLERS.items() if stepped_law(kind)]

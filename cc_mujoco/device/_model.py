@@ -515,6 +515,6 @@ def joint_range(model: mujoco.MjModel, name: str) -> tuple[float, float]:
     """Return the stops of a joint [rad], infinite where it has none."""
     joint = model.joint(name)
     if not model.jnt_limited[joint.id]:
-        return -math.inf, math.inf
+        return -np.inf, np.inf
     low, high = joint.range
     return float(low), float(high)

@@ -52,7 +52,7 @@ from cc_mujoco.benchmark._scores import (
 )
 from cc_mujoco.benchmark._user_entry import Entry
 from cc_mujoco.control import Controller, PlantsController, Unpowered
-from cc_mujoco.control._registry import batched_controller, runs_code
+from cc_mujoco.control._registry import batched_controller
 from cc_mujoco.device import UNPLUGGED, DeviceModel, Plant
 from cc_mujoco.device._axis_columns import axis_columns
 from cc_mujoco.device._drive import CableDrive, Drive
@@ -199,24 +199,6 @@ def changed(plant: Plant, reference: Reference | None) -> Plant:
     return Plant(plant.device, {**plant.values, **changes})
 
 
-def make_controller(
-    name: str, drives: Sequence[Sequence[Drive]], prefixes: Sequence[str]
-) -> Controller:
-    """Return the controller of a name, in a process of its own if it has own code.
-
-    Args:
-        name: As of `control.axes_controller`.
-        drives: Of every axis of each plant.
-        prefixes: Beginnings of the columns of each axis.
-
-    Raises:
-        CableError: If there is none, or its code raises.
-    """
-    if runs_code(name):
-        return Entry(drives, prefixes, name)
-    return batched_controller(name, drives, prefixes)
-
-
 def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
     """Prepare the episodes of a group, a row for each cell and seed."""
     one = cells[0]
@@ -270,10 +252,12 @@ def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
     if name is None:
         law = Unpowered(drives[0][0], len(prefixes))
     elif fitted:
-        each = [make_controller(name, [(drive,)], prefixes) for drive in fitted]
+        each = [
+            batched_controller(name, [(drive,)], prefixes, Entry) for drive in fitted
+        ]
         law = PlantsController(each)
     else:
-        law = make_controller(name, drives, prefixes)
+        law = batched_controller(name, drives, prefixes, Entry)
     whole = exo.controller_sensors(
         sensing,
         drives[0],

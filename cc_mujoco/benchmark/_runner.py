@@ -30,12 +30,10 @@ from cc_mujoco._utils.provenance import (
     with_provenance,
 )
 from cc_mujoco._workers import WORKER_TIMEOUT, Tick, run_here, run_on_cluster
-from cc_mujoco.benchmark import _user_entry as user_entry
 from cc_mujoco.benchmark._cell import (
     Cell,
     CellResult,
     batch_groups,
-    make_controller,
     play_group,
     prepare_episodes,
 )
@@ -49,6 +47,8 @@ from cc_mujoco.benchmark._plant import require_key
 from cc_mujoco.benchmark._position import WITH_SENSOR
 from cc_mujoco.benchmark._scores import score_columns
 from cc_mujoco.benchmark._suites import SUITES
+from cc_mujoco.benchmark._user_entry import Entry, controller_provenance
+from cc_mujoco.control._registry import batched_controller
 from cc_mujoco.device import find_device
 from cc_mujoco.device._description import device_label
 from cc_mujoco.errors import CableError, look_up
@@ -181,7 +181,7 @@ class Playing:
                         tuple(replace(one, joint_sensor=True) for one in own)
                         for own in drives
                     ]
-                make_controller(name, drives, made.batch.prefixes)
+                batched_controller(name, drives, made.batch.prefixes, Entry)
 
     def made_by(self) -> dict[str, Any]:
         return self.plan.made_by()
@@ -205,7 +205,7 @@ def provenance(controllers: Iterable[str], scenes: Iterable[str]) -> dict[str, A
 
     The controllers were made before; scenes are names and files of devices.
     """
-    found = user_entry.controller_provenance(*controllers)
+    found = controller_provenance(*controllers)
     for scene in dict.fromkeys(scenes):
         found["files"] |= file_digests(find_device(scene).files, Path(scene).parent)
     return found
@@ -367,7 +367,7 @@ def time_steps(cell: Cell) -> StepTimes:
     made = prepare_episodes(
         [dataclasses.replace(cell, condition=short, seeds=cell.seeds[:1])]
     )
-    law = make_controller(cell.controller, made.drives, made.batch.prefixes)
+    law = batched_controller(cell.controller, made.drives, made.batch.prefixes, Entry)
     law.reset()
     taken: list[float] = []
 
@@ -377,7 +377,7 @@ def time_steps(cell: Cell) -> StepTimes:
         law.torque(one)
         spent = time.thread_time() - begun
         # Not the time that it takes to ask the process of an entry.
-        taken.append(law.spent if isinstance(law, user_entry.Entry) else spent)
+        taken.append(law.spent if isinstance(law, Entry) else spent)
         return seen
 
     made.batch.play(made.law, lambda columns: timed(made.sensors.measure(columns)), ())

@@ -1,6 +1,6 @@
 """A controller from outside in a process of its own.
 
-    law = Entry(drives, prefixes, "my_module:my_function")     # a `Controller`
+    law = Entry("my_module:my_function", drives, prefixes)     # a `Controller`
     torque = law.torque(measured)
 
 The process that judges sends it the drive and what is measured, and takes torques, as
@@ -56,7 +56,7 @@ def controller_provenance(*names: str) -> dict[str, Any]:
     """Return the `code_provenance` of controllers, with the files of user entries.
 
     Args:
-        names: controllers that `make_controller` has made in this process.
+        names: controllers that were made in this process.
     """
     others = [name for name in names if not runs_code(name)]
     found = code_provenance(*(law for name in others for law in named_laws(name)))
@@ -69,14 +69,14 @@ class Entry(Controller):
     """A controller from outside, as the process that judges sees it."""
 
     def __init__(
-        self, drives: Sequence[Sequence[Drive]], prefixes: Sequence[str], name: str
+        self, name: str, drives: Sequence[Sequence[Drive]], prefixes: Sequence[str]
     ) -> None:
         """Make it, in its process, which is started if there is none yet.
 
         Args:
+            name: `module:function`, or such a name by axis.
             drives: Of every axis of each plant.
             prefixes: Beginnings of the columns of each axis.
-            name: `module:function`, or such a name by axis.
 
         Raises:
             CableError: If it cannot be made.

@@ -9,7 +9,7 @@ import numpy as np
 
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control import _law_steps as law_steps
-from cc_mujoco.control._cable_model import joint_spring, joint_stiffness
+from cc_mujoco.control._cable_model import cable_table, joint_spring, joint_stiffness
 from cc_mujoco.control._compiled_laws import (
     BAND_SIGMAS,
     INVERSE_GAINS,
@@ -17,9 +17,8 @@ from cc_mujoco.control._compiled_laws import (
     INVERSE_SIZE,
     InverseGains,
 )
+from cc_mujoco.control._controller import LawTables, SteppedController, SteppedLaw
 from cc_mujoco.control._feedback import loop_gains, require_known_motor, total_delay
-from cc_mujoco.control._full_slip import cable_table
-from cc_mujoco.control._stepped_laws import LawTables, SteppedController, SteppedLaw
 from cc_mujoco.device._drive import Drive
 
 _DELAY_SHARE = 0.2

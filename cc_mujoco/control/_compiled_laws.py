@@ -20,7 +20,7 @@ from cc_mujoco.cable._parameter import Parameter, parameter, parameters_of
 from cc_mujoco.cable._stepper import Counts
 from cc_mujoco.control import _compensation as compensation
 from cc_mujoco.control import _guard as guard
-from cc_mujoco.control._full_slip import full_slip_balance
+from cc_mujoco.control._cable_model import full_slip_balance
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 
 LAW_INPUTS = (
@@ -153,11 +153,6 @@ class FeedbackGains:
         default=0.0,
         meaning="friction coefficient times wrap of the cables, for the guard",
     )
-
-    @property
-    def packed(self) -> FloatArray:
-        """Numbers in the order of `GAINS`."""
-        return np.array(list(vars(self).values()))
 
 
 GAINS: tuple[Parameter, ...] = parameters_of(FeedbackGains)

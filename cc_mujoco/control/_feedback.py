@@ -23,11 +23,14 @@ from cc_mujoco._validation import require_number
 from cc_mujoco.control import _compiled_laws as compiled_laws
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control import _law_steps as law_steps
-from cc_mujoco.control._cable_model import joint_spring, joint_stiffness
+from cc_mujoco.control._cable_model import cable_table, joint_spring, joint_stiffness
 from cc_mujoco.control._compiled_laws import GAINS, LAW_INPUTS
-from cc_mujoco.control._controller import readings
-from cc_mujoco.control._full_slip import cable_table
-from cc_mujoco.control._stepped_laws import LawTables, SteppedController, SteppedLaw
+from cc_mujoco.control._controller import (
+    LawTables,
+    SteppedController,
+    SteppedLaw,
+    readings,
+)
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._sensors import WINDING_COLUMNS
 from cc_mujoco.errors import CableError
@@ -166,7 +169,7 @@ class ProportionalIntegral(SteppedController):
     def memory(self, rows: int) -> FloatArray:
         """Return the numbers of every environment, with the present gains."""
         found = super().memory(rows)
-        found[:, law_steps.GAINS : law_steps.CABLES] = self.gains.packed
+        found[:, law_steps.GAINS : law_steps.CABLES] = list(vars(self.gains).values())
         return found
 
 

@@ -12,9 +12,9 @@ stretch of the cables between both encoders. The joint is let go by whichever is
 so no single sensor that fails is trusted.
 
 The torque of the stretch is that of springs whose tension at the joint lies between
-the values of a cable that slips as a whole to either side (`_full_slip`). It follows
-the joint between these edges, as a play does. A gain that is learned from the torque
-sensor, within bounds, takes up a wrong stiffness.
+the values of a cable that slips as a whole to either side (`full_slip_balance`). It
+follows the joint between these edges, as a play does. A gain that is learned from the
+torque sensor, within bounds, takes up a wrong stiffness.
 
 A cable may stretch otherwise than believed. So the stretch contradicts a sensor only
 where it has explained the torque before, or where a third witness agrees with it: the

@@ -21,8 +21,8 @@ from cc_mujoco._validation import require_number
 from cc_mujoco.control import _compiled_laws as compiled_laws
 from cc_mujoco.control import _law_steps as law_steps
 from cc_mujoco.control._cable_model import pack, require_known_cables
+from cc_mujoco.control._controller import LawTables, SteppedLaw
 from cc_mujoco.control._feedback import ProportionalIntegral, stable_settling_time
-from cc_mujoco.control._stepped_laws import LawTables, SteppedLaw
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray

@@ -21,10 +21,15 @@ from cc_mujoco.control import _planner_steps as planner_steps
 from cc_mujoco.control import _planning as planning
 from cc_mujoco.control import _rollout as rollout
 from cc_mujoco.control._cable_model import ADOPTION_THRESHOLD, CableModel, joint_spring
-from cc_mujoco.control._controller import as_round_pulley, readings
+from cc_mujoco.control._controller import (
+    LawTables,
+    SteppedController,
+    SteppedLaw,
+    as_round_pulley,
+    readings,
+)
 from cc_mujoco.control._planner_memory import PLANNER_INPUTS
 from cc_mujoco.control._planner_parameters import TUNING, Tuning
-from cc_mujoco.control._stepped_laws import LawTables, SteppedController, SteppedLaw
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray

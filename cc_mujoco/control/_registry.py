@@ -301,11 +301,9 @@ def controller(
 
 def _controller_of(name: Law, drive: Drive) -> Controller:
     """Return the controller of an axis; see `controller`."""
-    if not isinstance(name, str):
-        return from_callable(name, drive)
-    if name.endswith(POLICY_ENDING):
+    if isinstance(name, str) and name.endswith(POLICY_ENDING):
         return Policy(drive, name)
-    if is_user_controller(name):
+    if not isinstance(name, str) or is_user_controller(name):
         return from_callable(name, drive)
     if drive.commands_angle:
         if name in CONTROLLERS and name not in POSITION_CONTROLLERS:
@@ -449,6 +447,8 @@ def axes_controller(
             single axis is to be decoupled.
     """
     require_decoupling(given, len(drives))
+    if is_policy(given):
+        return Policy(drives, str(given), prefixes)
     if len(drives) == 1 and not isinstance(given, Mapping):
         return _controller_of(given, drives[0])
     if not isinstance(given, Mapping) and (make := _for_all_axes(given)) is not None:
@@ -458,14 +458,12 @@ def axes_controller(
         if isinstance(made, Controller):
             return made
         return _ExternalOfAll(tuple(drives), make, name)
-    if is_policy(given):
-        return Policy(drives, str(given), prefixes)
-    laws = by_axis(given, prefixes)
-    if not is_decoupled(given):
-        made = [_controller_of(law, one) for law, one in zip(laws, drives, strict=True)]
+    laws, coupling = by_axis(given, prefixes), None
+    if is_decoupled(given):
+        drives, coupling = decoupled_drives(drives, prefixes)
+    made = [_controller_of(law, one) for law, one in zip(laws, drives, strict=True)]
+    if coupling is None:
         return AxesController(made, prefixes)
-    own, coupling = decoupled_drives(drives, prefixes)
-    made = [_controller_of(law, one) for law, one in zip(laws, own, strict=True)]
     return DecoupledController(made, prefixes, coupling)
 
 
@@ -473,6 +471,7 @@ def batched_controller(
     given: Law | Mapping[str, Law],
     drives: Sequence[Sequence[Drive]],
     prefixes: Sequence[str],
+    outside: Callable[[Any, Any, Any], Controller] | None = None,
 ) -> Controller:
     """Make the controller of many devices, of one axis or several.
 
@@ -483,13 +482,16 @@ def batched_controller(
         given: As of `control.axes_controller`.
         drives: Of every axis of each device.
         prefixes: Beginnings of the columns of each axis.
+        outside: Makes one with code of its own, from the same three, in its place.
 
     Raises:
         CableError: As `control.axes_controller`.
     """
-    first = drives[0]
+    first, has_code = drives[0], runs_code(given)
+    if has_code and outside is not None:
+        return outside(given, drives, prefixes)
     are_equal = all(list(own) == list(first) for own in drives)
-    if len(drives) == 1 or (are_equal and not runs_code(given)):
+    if len(drives) == 1 or (are_equal and not has_code):
         return axes_controller(given, first, prefixes)
     return PlantsController([axes_controller(given, own, prefixes) for own in drives])
 

@@ -17,10 +17,9 @@ from cc_mujoco.control import _friction_slope as friction_slope
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control import _planner_steps as planner_steps
 from cc_mujoco.control._cable_model import CableModel
-from cc_mujoco.control._controller import as_round_pulley, readings
+from cc_mujoco.control._controller import LawTables, as_round_pulley, readings
 from cc_mujoco.control._feedback import ProportionalIntegral
 from cc_mujoco.control._predictive import PredictiveCompensation
-from cc_mujoco.control._stepped_laws import LawTables
 from cc_mujoco.device._drive import CableDrive, Drive
 from cc_mujoco.device._sensors import TENSION_COLUMN
 from cc_mujoco.errors import CableError

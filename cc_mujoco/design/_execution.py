@@ -18,7 +18,7 @@ import pyarrow as pa
 from cc_mujoco._utils.provenance import earlier_results_message
 from cc_mujoco._workers import Progress
 from cc_mujoco.control import CONTROLLERS
-from cc_mujoco.control._stepped_laws import stepped_law
+from cc_mujoco.control._controller import stepped_law
 from cc_mujoco.design._evaluation import episodes
 from cc_mujoco.design._plan import Plan, make_plan
 from cc_mujoco.design._results_store import Store

@@ -28,6 +28,7 @@ from cc_mujoco.control import (
     PredictiveCompensation,
 )
 from cc_mujoco.control import _friction_slope as friction_slope
+from cc_mujoco.control._controller import LawTables, SteppedLaw, stepped_law
 from cc_mujoco.control._decoupling import Coupling
 from cc_mujoco.control._registry import (
     OWN_COLUMNS,
@@ -37,7 +38,6 @@ from cc_mujoco.control._registry import (
     is_policy,
     require_decoupling,
 )
-from cc_mujoco.control._stepped_laws import LawTables, SteppedLaw, stepped_law
 from cc_mujoco.device._drive import CableDrive, Drive
 from cc_mujoco.device._sensors import RATIO_COLUMN, WINDING_COLUMNS
 from cc_mujoco.errors import CableError, look_up

@@ -7,6 +7,7 @@ import numpy as np
 from cc_mujoco.control import Policy
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control import _policy as policy
+from cc_mujoco.control._controller import LawTables, SteppedLaw
 from cc_mujoco.control._law_steps import (
     OWN_MEMORY,
     begun,
@@ -16,7 +17,6 @@ from cc_mujoco.control._law_steps import (
     whole_part,
 )
 from cc_mujoco.control._network import WIDTHS, PackedNetwork, shares_of
-from cc_mujoco.control._stepped_laws import LawTables, SteppedLaw
 from cc_mujoco.device._observation import (
     ObservationHistory,
     Past,

@@ -7,7 +7,7 @@ ends, and a simulation goes through its episode in one go.
 
 `advance` is called when a step has new positions and velocities and still the forces
 that acted in it, which is what a control step of an environment reads. The formulas are
-those of `human._tasks` and `control._stepped_laws`; here is only where their arguments
+those of `human._tasks` and `control._law_steps`; here is only where their arguments
 lie.
 """
 
@@ -20,7 +20,7 @@ from typing import Annotated, Any
 import mujoco
 import numpy as np
 
-from cc_mujoco.control import _stepped_laws as stepped_laws
+from cc_mujoco.control import _controller as controller
 from cc_mujoco.device._axis_record import (
     FIELDS,
     JOINT_ANGLE,
@@ -54,7 +54,7 @@ from cc_mujoco.simulation._wiring import OF_PHASE, desired_torque
 PLUGIN = "cc_mujoco.episode"
 
 UNPOWERED = -1
-"""Law of a motor that gives no torque; others are places in `_stepped_laws.STEPS`."""
+"""Law of a motor that gives no torque; others are places in `_controller.STEPS`."""
 
 KEPT = (*READING_COLUMNS[:WINDING_ANGLE], "desired_torque_nm")
 """Columns that are kept of every control step, before those of each cable."""
@@ -129,7 +129,7 @@ def _torque(record: EpisodeRecord) -> float:
     """Return the torque of the motor [N m]."""
     if record.law == UNPOWERED:
         return 0.0
-    return stepped_laws.step(
+    return controller.step(
         record.law,
         floats(record.memory, record.memory_size),
         words(record.shape, record.shape_size),

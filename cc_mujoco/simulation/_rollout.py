@@ -19,8 +19,8 @@ from mujoco.batch import SimulationError
 from numpy.typing import NDArray
 
 from cc_mujoco.control import AdaptiveModel, Controller, controller
+from cc_mujoco.control._controller import STEPS, SteppedController, stepped_law
 from cc_mujoco.control._registry import Unpowered, batched_controller
-from cc_mujoco.control._stepped_laws import STEPS, SteppedController, stepped_law
 from cc_mujoco.device import Plant
 from cc_mujoco.device._description import Description
 from cc_mujoco.device._drive import Drive

@@ -19,8 +19,8 @@ from cc_mujoco.control import (
     LinearQuadraticGaussian,
     TunedFeedback,
 )
+from cc_mujoco.control._cable_model import cable_table, full_slip_balance
 from cc_mujoco.control._feedback import loop_gains
-from cc_mujoco.control._full_slip import cable_table, full_slip_balance
 from cc_mujoco.device import Drive
 from cc_mujoco.errors import CableError
 from cc_mujoco.simulation import run

@@ -26,8 +26,12 @@ from cc_mujoco.control import _compiled_laws as compiled_laws
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control import _law_steps as law_steps
 from cc_mujoco.control import _planner_memory as planner_memory
-from cc_mujoco.control._cable_model import joint_spring
-from cc_mujoco.control._full_slip import FRICTION, cable_table, full_slip_balance
+from cc_mujoco.control._cable_model import (
+    FRICTION,
+    cable_table,
+    full_slip_balance,
+    joint_spring,
+)
 from cc_mujoco.control._guard import NO_TORQUE_LIMIT, release_state
 from cc_mujoco.device import (
     TENSION_COLUMN,
@@ -150,10 +154,12 @@ def test_a_motor_that_is_let_go_follows_the_joint(
         np.zeros(compiled_laws.MEMORY_SIZE),
     )
     spring = np.array([20.0, 0.0, 0.0])
-    compiled_laws.admit(gains.packed, spring, memory, read)
-    found = compiled_laws.guarded_torque(gains.packed, spring, memory, read)
+    packed = np.array(dataclasses.astuple(gains))
+    compiled_laws.admit(packed, spring, memory, read)
+    found = compiled_laws.guarded_torque(packed, spring, memory, read)
     free = dataclasses.replace(gains, safe_torque=guard.NO_TORQUE_LIMIT)
-    usual = compiled_laws.guarded_torque(free.packed, spring, plain, read)
+    unguarded = np.array(dataclasses.astuple(free))
+    usual = compiled_laws.guarded_torque(unguarded, spring, plain, read)
     rushing = (motor - 2.0 * joint) * np.sqrt(20.0 * 1e-2)
     # By the sensor, or by the stretch of the cables, which is none.
     if not any(release_state(0.0, t, rushing, 1.0, SAFE) for t in (torque, 0.0)):

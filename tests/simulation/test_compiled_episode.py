@@ -21,7 +21,7 @@ from cc_mujoco.control import (
     ProportionalIntegral,
     StictionCompensation,
 )
-from cc_mujoco.control._stepped_laws import STEPS, step, stepped_law
+from cc_mujoco.control._controller import STEPS, step, stepped_law
 from cc_mujoco.design import StudySpec, episodes, make_plan
 from cc_mujoco.design import _walking_designs as walking_designs
 from cc_mujoco.design._designs import Given

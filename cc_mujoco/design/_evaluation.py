@@ -6,6 +6,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -15,7 +16,6 @@ import numpy as np
 from cc_mujoco._utils.provenance import code_provenance
 from cc_mujoco._workers import Tick
 from cc_mujoco.control import axes_controller
-from cc_mujoco.design import _walking_designs as walking_designs
 from cc_mujoco.design._bill_of_materials import inertias_of, parts_of
 from cc_mujoco.design._protocol import (
     CHIRP_SHARE,
@@ -37,22 +37,40 @@ from cc_mujoco.design._study_metrics import (
     metric_of,
     number_columns,
     over_axes,
-    record_of,
     split_metric,
     wants_high,
 )
-from cc_mujoco.device import Axis, Device, Plant
+from cc_mujoco.device import Axis, Description, Device, Plant
+from cc_mujoco.device._axis_columns import axis_columns
+from cc_mujoco.device._model import joint_range
 from cc_mujoco.device._sensors import PERFECT_SENSING
 from cc_mujoco.device._variables import Value
-from cc_mujoco.device._wearer_scaling import body_of, pace_of
-from cc_mujoco.human import Spring, Task, Wearer
+from cc_mujoco.device._wearer_scaling import (
+    WALKER,
+    body_of,
+    helped_axis,
+    pace_of,
+    profile_of,
+    trajectory_of,
+)
+from cc_mujoco.human import Spring, Task, Wearer, scale_task
 from cc_mujoco.human import task as find_task
-from cc_mujoco.human._gait_joints import GaitJoint
+from cc_mujoco.human._gait_joints import GaitJoint, gait_joints
+from cc_mujoco.human._profile import Profiles
 from cc_mujoco.metrics import ArrayLog, Metric, measure
 from cc_mujoco.metrics._clamped import SWING_PERIODS
-from cc_mujoco.metrics._metric import GAIT_JOINT, MOMENT_RATIO, PACE, SPRING, Test
+from cc_mujoco.metrics._metric import (
+    DRIVEN,
+    GAIT_JOINT,
+    MOMENT_RATIO,
+    PACE,
+    RATIO,
+    SPRING,
+    Test,
+)
 from cc_mujoco.metrics._torque import first_unsafe_sample
 from cc_mujoco.simulation._rollout import Episode, Rollout, attended, play
+from cc_mujoco.simulation._worn_device import TaskChoice
 
 Design = dict[str, Value]
 
@@ -136,13 +154,13 @@ def _try_case(
                 each[law] |= row
     strides: Mapping[str, GaitJoint] = {}
     if any(is_stride_metric(name) for name in protocol.metrics):
-        strides = walking_designs.joints_of_gait(builder)
+        strides = joints_of_gait(builder)
     total = sum(episode.duration for _, _, episode in tests)
     done = 0.0
     for test, law, episode in tests:
         start, part = done / total, episode.duration / total
         if test == "episode":
-            task = walking_designs.tasks_of(
+            task = tasks_of(
                 [plant.values for plant in plants],
                 episode.task,
                 builder.description,
@@ -219,7 +237,7 @@ def episodes(
     Raises:
         CableError: the trajectory or the task cannot be played.
     """
-    main = walking_designs.episode_of(design or {}, _main_episode(protocol, builder))
+    main = episode_of(design or {}, _main_episode(protocol, builder))
     needed = {metric_of(name).test for name in protocol.metrics}
     found: list[tuple[Test, str, Episode]] = []
     if "episode" in needed:
@@ -256,8 +274,8 @@ def beyond_motor(protocol: EpisodeProtocol, design: Design) -> str:
     builder = protocol.device
     values = {**design, **protocol.across.cases[0]}
     plant = Plant(builder, values)
-    main = walking_designs.episode_of(values, _main_episode(protocol, builder))
-    task = walking_designs.tasks_of([plant.values], main.task, builder.description)
+    main = episode_of(values, _main_episode(protocol, builder))
+    task = tasks_of([plant.values], main.task, builder.description)
     exo = dataclasses.replace(main, task=task).exo(plant.model())
     return exo.beyond(exo.author.write(np.random.default_rng(protocol.seed)))
 
@@ -385,7 +403,7 @@ def _measure(
                 PACE: pace_of(plant.values),
                 MOMENT_RATIO: body_of(plant.values).moment,
             }
-        logs[axis.name] = record_of(played, index, tuple(plant.cables), facts, place)
+        logs[axis.name] = _record_of(played, index, tuple(plant.cables), facts, place)
     return _values(test, logs, protocol)
 
 
@@ -440,3 +458,94 @@ def _unsafe_reason(played: Rollout, index: int, axes: Sequence[Axis]) -> str:
 
 def _partial_tick(tick: Tick, start: float, part: float) -> Callable[[float], None]:
     return lambda share: tick(start + part * share)
+
+
+def _record_of(
+    played: Rollout,
+    index: int,
+    cables: tuple[str, ...],
+    facts: Mapping[str, Any],
+    axis: int = 0,
+) -> ArrayLog:
+    """Return one axis of a design of a batch in the shape of an episode log.
+
+    The tension of nodes is that of the node with least (T, 1).
+    """
+    prefixes = played.prefixes
+    own = axis_columns(played.columns, prefixes[axis], prefixes)
+    columns = {name: values[index] for name, values in own.items()}
+    lost, ends, least = (
+        columns.pop(name) for name in ("dissipated_j", "tension_n", "least_tension_n")
+    )
+    for place, cable in enumerate(cables):
+        columns[f"dissipated_{cable}_j"] = lost[place]
+        columns[f"tension_{cable}_proximal_n"] = ends[2 * place]
+        columns[f"tension_{cable}_distal_n"] = ends[2 * place + 1]
+        nodes = np.maximum(least[place], 0.0)[:, None]
+        columns[f"tension_{cable}_nodes_n"] = nodes
+    ratio = float(played.ratio[index, axis])
+    driven = played.driven[axis]
+    return ArrayLog(columns, cables, {RATIO: ratio, DRIVEN: driven, **facts})
+
+
+def episode_of(design: Mapping[str, Value], episode: Episode) -> Episode:
+    """Return an episode with the gait and the task of the wearer of a design."""
+    return dataclasses.replace(
+        episode,
+        trajectory=trajectory_of(design, episode.trajectory),
+        task=_each_task(episode.task, lambda task: _task_of_wearer(task, design)),
+    )
+
+
+def tasks_of(
+    designs: Sequence[Mapping[str, Value]], task: TaskChoice, device: Description
+) -> TaskChoice:
+    """Return the task of designs simulated together: `task`, or their profiles."""
+    found = [profile_of(design) for design in designs]
+    profiles = [profile for profile in found if profile is not None]
+    return _with_profile(task, Profiles(profiles) if profiles else None, device)
+
+
+def task_of(
+    design: Mapping[str, Value], task: TaskChoice, device: Description
+) -> TaskChoice:
+    own = _each_task(task, lambda one: _task_of_wearer(one, design))
+    return _with_profile(own, profile_of(design), device)
+
+
+def _with_profile(
+    task: TaskChoice, profile: Task | None, device: Description
+) -> TaskChoice:
+    """Return a task with a profile, if there is one, at the axis that is helped."""
+    helped = helped_axis(device)
+    if profile is None or helped is None:
+        return task
+    return {**task, helped.name: profile} if isinstance(task, Mapping) else profile
+
+
+def _each_task(
+    task: TaskChoice, change: Callable[[str | Path | Task], str | Path | Task]
+) -> TaskChoice:
+    if isinstance(task, Mapping):
+        return {name: change(one) for name, one in task.items()}
+    return None if task is None else change(task)
+
+
+def _task_of_wearer(
+    task: str | Path | Task, design: Mapping[str, Value]
+) -> str | Path | Task:
+    """Return a task for the wearer of a design, who may walk differently.
+
+    Tasks that do not follow the gait are returned unchanged.
+    """
+    if not any(name in design for name in WALKER):
+        return task
+    return scale_task(find_task(task), pace_of(design), body_of(design).moment)
+
+
+def joints_of_gait(builder: Device) -> dict[str, GaitJoint]:
+    """Return the parts in a walk of the joints that a device drives, by axis."""
+    model, axes = Plant(builder).model(), builder.description.axes
+    found = gait_joints({axis.limb: joint_range(model, axis.limb) for axis in axes})
+    walking = {joint.name: joint for joint in found}
+    return {axis.name: walking[axis.limb] for axis in axes if axis.limb in walking}

@@ -5,6 +5,7 @@ Every error in the specification of a study is found here, before anything runs.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import hashlib
 import itertools
@@ -28,7 +29,6 @@ from cc_mujoco._validation import (
     require_list,
     require_number,
 )
-from cc_mujoco.design import _walking_designs as walking_designs
 from cc_mujoco.design._bill_of_materials import EXAMPLE, read_costs
 from cc_mujoco.design._designs import (
     Range,
@@ -38,7 +38,12 @@ from cc_mujoco.design._designs import (
     read_range,
     require_count,
 )
-from cc_mujoco.design._evaluation import Design, rehearse, unheld_reason
+from cc_mujoco.design._evaluation import (
+    Design,
+    joints_of_gait,
+    rehearse,
+    unheld_reason,
+)
 from cc_mujoco.design._pareto import (
     MetricLimit,
     Objective,
@@ -67,12 +72,23 @@ from cc_mujoco.design._study_metrics import (
     split_metric,
 )
 from cc_mujoco.design._whatif_options import Assignments, Given, StudySpec
-from cc_mujoco.device import Axis, Device, load_device
+from cc_mujoco.device import Axis, Description, Device, Value, load_device
 from cc_mujoco.device._device_files import is_device_file
 from cc_mujoco.device._variables import split
-from cc_mujoco.device._wearer_scaling import WALK, WALKER
+from cc_mujoco.device._wearer_scaling import (
+    ASSIST,
+    LEG_LENGTH,
+    PROFILE,
+    SPEED,
+    WALK,
+    WALKER,
+    body_of,
+    helped_axis,
+    require_scene,
+    speed_of,
+)
 from cc_mujoco.errors import CableError, CableWarning, look_up
-from cc_mujoco.human import Task, Trajectory, trajectory
+from cc_mujoco.human import Task, Trajectory, Walk, trajectory
 from cc_mujoco.human import task as find_task
 from cc_mujoco.human._parsing import user_classes
 from cc_mujoco.metrics import Metric, find_metric, metric_key, user_metrics
@@ -219,7 +235,7 @@ def make_plan(spec: StudySpec) -> Plan:
     cases.require_disjoint(dict.fromkeys(name for row in rows for name in row))
     require_count(len(rows) * len(cases.cases))
     checked = _check(cases, builder, rows)
-    walking_designs.require_strides(protocol, checked)
+    _require_strides(protocol, checked)
     if spec.designs is not None:
         _require_distinct(checked)
         names = list(checked[0])
@@ -261,7 +277,7 @@ def _plan_search(spec: StudySpec, evaluations: int) -> Plan:
     ranges = {name: read_range(name, v, builder) for name, v in vary.items()}
     ends = {n: r.ends or (min(r.levels), max(r.levels)) for n, r in ranges.items()
             if n in WALKER}  # fmt: skip
-    walking_designs.require_strides(
+    _require_strides(
         protocol,
         [dict(zip(ends, c, strict=True)) for c in itertools.product(*ends.values())],
     )
@@ -356,12 +372,12 @@ def _make_protocol(
         if is_table(text) or not isinstance(given, (str, Path)):
             tasks[axis.name] = find_task(given, (axis.limb,))
     variables_named = {split(name)[1] for name in (*named, *cases.names)}
-    walking_designs.require_played(home, variables_named, sources[0], texts)
+    _require_played(home, variables_named, sources[0], texts)
     unheld = unheld_reason(builder)
     for name in chosen:
         metric = metric_of(name)
         if is_stride_metric(name) and not (
-            sources[0] == WALK and walking_designs.joints_of_gait(builder)
+            sources[0] == WALK and joints_of_gait(builder)
         ):
             raise CableError(
                 f"metric {name!r} is of the strides of an assisted ankle, knee or hip; "
@@ -573,3 +589,61 @@ def with_few_designs(plan: Plan, builder: Device, designs: Sequence[Design]) -> 
         batches=batches_of(layouts, _SMALL_BATCH),
         search=None,
     )
+
+
+def _require_played(
+    device: Description,
+    names: Collection[str],
+    trajectory: str,
+    tasks: Mapping[str, str],
+) -> None:
+    """Refuse to vary a walk or a profile that a study does not play."""
+    require_scene(device, names)
+    for name in (SPEED, LEG_LENGTH):
+        if name in names and trajectory != WALK:
+            raise CableError(
+                f"variable {name!r} is of trajectory {WALK!r}, but the study plays "
+                f"{trajectory!r}."
+            )
+    helped = helped_axis(device)
+    for name in PROFILE:
+        task = "" if helped is None else tasks[helped.name]
+        if name in names and task.partition(":")[0] != ASSIST:
+            raise CableError(
+                f"variable {name!r} is of task {ASSIST!r}, but the study plays "
+                f"{task!r}."
+            )
+
+
+def _require_strides(
+    protocol: EpisodeProtocol, designs: Iterable[Mapping[str, Value]]
+) -> None:
+    """Refuse to measure strides in episodes too short for one.
+
+    `designs` are those that walk slowest, at least. A metric without a number in one
+    case would be compared over the others.
+    """
+    stride_metrics = [name for name in protocol.metrics if is_stride_metric(name)]
+    if not stride_metrics:
+        return
+    walkers = {tuple((n, d[n]) for n in WALKER if n in d) for d in designs}
+    period = protocol.device.description.period
+    for case in protocol.across.cases:
+        ends = []
+        for walker in walkers:
+            with contextlib.suppress(CableError):  # impossible; reported elsewhere
+                ends.append(_whole_stride({**dict(walker), **case}, period))
+        if ends and max(ends) > protocol.duration:
+            slowest = " of who walks slowest" if len(set(ends)) > 1 else ""
+            raise CableError(
+                f"metric {stride_metrics[0]!r} is of whole strides, of which the "
+                f"first{slowest} ends {max(ends):.4g} s after the start; the episode "
+                f"of {protocol.duration:g} s must be longer."
+            )
+
+
+def _whole_stride(design: Mapping[str, Value], period: float) -> float:
+    """Return the end of the first stride walked at full cadence all along [s]."""
+    walk = Walk.at(speed_of(design), body_of(design))
+    # By the end of the start half of it has been walked; one sample tells the strike.
+    return 0.5 * walk.start + 2.0 * walk.period + period

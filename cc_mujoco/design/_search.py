@@ -25,7 +25,6 @@ import pyarrow as pa
 
 from cc_mujoco._utils.provenance import earlier_results_message
 from cc_mujoco._workers import Progress, run_here, run_on_cluster
-from cc_mujoco.design import _walking_designs as walking_designs
 from cc_mujoco.design._designs import Range
 from cc_mujoco.design._evaluation import Design, DesignJob, DesignResult
 from cc_mujoco.design._pareto import Objective
@@ -33,8 +32,10 @@ from cc_mujoco.design._plan import GENERATION, PIECE, Plan, batches_of, require_
 from cc_mujoco.design._results_store import Store
 from cc_mujoco.design._study_metrics import number_columns
 from cc_mujoco.design._whatif_options import HERE, Execution
-from cc_mujoco.device import Device
+from cc_mujoco.device import Device, Value
+from cc_mujoco.device._wearer_scaling import PROFILE, SHORTEST, pace_of
 from cc_mujoco.errors import CableError
+from cc_mujoco.human import Profile
 
 MAX_REPEATED_TRIALS = 20
 """Most times in a row that the sampler may ask for what was tried before."""
@@ -201,7 +202,7 @@ def _design_of_trial(plan: Plan, parameters: Mapping[str, Any]) -> Design:
     """Return the design of a sampler's trial.
 
     What decides before any simulation whether a design can be is no concern of the
-    sampler's: see `_walking_designs.fit_profile`.
+    sampler's: see `_fit_profile`.
     """
     found: Design = {}
     between: dict[str, tuple[float, float, bool]] = {}
@@ -210,7 +211,7 @@ def _design_of_trial(plan: Plan, parameters: Mapping[str, Any]) -> Design:
         found[name] = sorted(values.levels)[one] if isinstance(one, int) else one
         if values.ends is not None and not values.levels:
             between[name] = (*values.ends, values.log)
-    return walking_designs.fit_profile(found, between, plan.protocol.across.cases)
+    return fit_profile(found, between, plan.protocol.across.cases)
 
 
 def _with_designs(
@@ -246,3 +247,50 @@ def _with_designs(
 
 def _offset_progress(progress: Progress, before: int) -> Progress:
     return lambda done: progress(before + done)
+
+
+def fit_profile(
+    design: Mapping[str, Value],
+    ranges: Mapping[str, tuple[float, float, bool]],
+    cases: Sequence[Mapping[str, Value]] = ({},),
+) -> dict[str, Value]:
+    """Return a design with a possible profile: it ends with the stance at the latest.
+
+    How late a peak may be depends on the least fall, how long a fall on the peak, and
+    how late an onset, too. A sampler draws each variable from its full range; the draw
+    is mapped to the same fraction of the range that is left. So all designs are
+    possible and the longest fall is an edge, not a slope across two variables.
+
+    `ranges` are the ends of the drawn variables, and whether on a logarithmic scale;
+    the profile has to fit into the shortest stance of all `cases`.
+    """
+    found = dict(design)
+    if not any(name in design for name in PROFILE):
+        return found
+    try:
+        toe_off = min(100.0 * pace_of({**design, **case}).toe_off for case in cases)
+    except CableError:  # impossible, which is reported where designs are checked
+        return found
+    least = ranges["fall"][0] if "fall" in ranges else design.get("fall", SHORTEST)
+    peak = float(design.get("peak_time", Profile.peak_time))
+    if "peak_time" in ranges:
+        found["peak_time"] = peak = _rescale(
+            peak, *ranges["peak_time"], toe_off - float(least)
+        )
+    for name, most in (("fall", toe_off - peak), ("onset", peak - SHORTEST)):
+        if name in ranges:
+            found[name] = _rescale(float(design[name]), *ranges[name], most)
+    return found
+
+
+def _rescale(value: float, low: float, high: float, log: bool, most: float) -> float:
+    """Return a value of low...high mapped to the same fraction of low...most."""
+    most *= 1.0 - 1e-12  # rounding must not take a sum beyond its limit
+    if most >= high:
+        return value
+    if most <= low:
+        return low
+    if log:
+        share = math.log(value / low) / math.log(high / low)
+        return min(low * math.pow(most / low, share), most)
+    return min(low + (value - low) * (most - low) / (high - low), most)

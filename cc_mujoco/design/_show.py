@@ -18,8 +18,7 @@ from cc_mujoco._utils.provenance import (
 )
 from cc_mujoco._utils.tables import is_table
 from cc_mujoco.control import axes_controller
-from cc_mujoco.design import _walking_designs as walking_designs
-from cc_mujoco.design._evaluation import Design
+from cc_mujoco.design._evaluation import Design, task_of
 from cc_mujoco.design._phrases import column_title, format_cell
 from cc_mujoco.design._protocol import device_digests, split_axes, tasks_of_axes
 from cc_mujoco.design._results_store import (
@@ -88,7 +87,7 @@ def show(
         device=device,
         model=model,
         trajectory=trajectory_of(plant.values, protocol["trajectory"]),
-        task=walking_designs.task_of(plant.values, task, device.description),
+        task=task_of(plant.values, task, device.description),
         duration=protocol["duration"],
         frame_skip=device.frame_skip,
     )

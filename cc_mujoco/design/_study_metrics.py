@@ -10,27 +10,20 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
-
-import numpy as np
 
 from cc_mujoco.design._protocol import EpisodeProtocol
 from cc_mujoco.design._scenarios import LEAST_SUFFIX, MOST_SUFFIX
 from cc_mujoco.device import Description
-from cc_mujoco.device._axis_columns import axis_columns
 from cc_mujoco.device._variables import VARIABLES, WEARER
 from cc_mujoco.errors import CableError
-from cc_mujoco.metrics import METRICS, ArrayLog, Metric, find_metric
+from cc_mujoco.metrics import METRICS, Metric, find_metric
 from cc_mujoco.metrics._metric import (
     CONTINUOUS_TORQUE,
-    DRIVEN,
     PACE,
-    RATIO,
     STRENGTH,
     TORQUE_CONSTANT,
     WINDING_RESISTANCE,
 )
-from cc_mujoco.simulation._rollout import Rollout
 
 DEFAULT_METRICS = (
     "efficiency", "held_backlash", "rms_torque_error", "peak_wearer_torque",
@@ -218,31 +211,3 @@ def wants_high(protocol: EpisodeProtocol, name: str) -> bool:
     own = name.rpartition(".")[2]
     turned = not {name, own}.isdisjoint(protocol.across.turned)
     return METRICS[own].high != turned
-
-
-def record_of(
-    played: Rollout,
-    index: int,
-    cables: tuple[str, ...],
-    facts: Mapping[str, Any],
-    axis: int = 0,
-) -> ArrayLog:
-    """Return one axis of a design of a batch in the shape of an episode log.
-
-    The tension of nodes is that of the node with least (T, 1).
-    """
-    prefixes = played.prefixes
-    own = axis_columns(played.columns, prefixes[axis], prefixes)
-    columns = {name: values[index] for name, values in own.items()}
-    lost, ends, least = (
-        columns.pop(name) for name in ("dissipated_j", "tension_n", "least_tension_n")
-    )
-    for place, cable in enumerate(cables):
-        columns[f"dissipated_{cable}_j"] = lost[place]
-        columns[f"tension_{cable}_proximal_n"] = ends[2 * place]
-        columns[f"tension_{cable}_distal_n"] = ends[2 * place + 1]
-        nodes = np.maximum(least[place], 0.0)[:, None]
-        columns[f"tension_{cable}_nodes_n"] = nodes
-    ratio = float(played.ratio[index, axis])
-    driven = played.driven[axis]
-    return ArrayLog(columns, cables, {RATIO: ratio, DRIVEN: driven, **facts})

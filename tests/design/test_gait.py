@@ -13,10 +13,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cc_mujoco.design import StudySpec, make_plan, optimise, study
+from cc_mujoco.design._evaluation import task_of
+from cc_mujoco.design._search import fit_profile
 from cc_mujoco.design._show import show
 from cc_mujoco.design._study_metrics import is_stride_metric
-from cc_mujoco.design._walking_designs import fit_profile, profile_of, task_of
 from cc_mujoco.device import Plant, load_device
+from cc_mujoco.device._wearer_scaling import profile_of
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Assist, Body, Pace, Paced, Profile, Walk
 from cc_mujoco.human._body import SEGMENT_MASS_SHARES, WEARER_LEG_LENGTH, WEARER_MASS

@@ -23,8 +23,8 @@ from cc_mujoco.control import (
 )
 from cc_mujoco.control._controller import STEPS, step, stepped_law
 from cc_mujoco.design import StudySpec, episodes, make_plan
-from cc_mujoco.design import _walking_designs as walking_designs
 from cc_mujoco.design._designs import Given
+from cc_mujoco.design._evaluation import tasks_of
 from cc_mujoco.device import Drive, Plant, load_device
 from cc_mujoco.human import TASKS, Spring, Tunnel, task
 from cc_mujoco.simulation import _rollout as rollout
@@ -63,9 +63,7 @@ def both_ways(
         if test not in tests:
             continue
         if test == "episode":
-            task = walking_designs.tasks_of(
-                plan.designs, episode.task, device.description
-            )
+            task = tasks_of(plan.designs, episode.task, device.description)
             episode = dataclasses.replace(episode, task=task)
         inside = play(episode, models)
         with monkeypatch.context() as patch:

@@ -14,7 +14,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cc_mujoco.cable._layout import segment_angles, slips
 from cc_mujoco.cable._stepper import Counts
@@ -25,7 +24,6 @@ from cc_mujoco.estimation import _recursive as recursive
 from cc_mujoco.estimation import _tension_slope as tension_slope
 from cc_mujoco.native import (
     FloatArray,
-    FloatCube,
     FloatMatrix,
     IntMatrix,
     compiled,
@@ -92,14 +90,6 @@ def taps(
     )
 
 
-def make_scratch(sensors: int, longest: int) -> SlopeWorkspace:
-    return SlopeWorkspace(
-        np.empty(longest),
-        np.empty((sensors, 1)),
-        tension_slope.make_scratch(sensors, 1),
-    )
-
-
 @compiled
 def reset_estimate(known: FloatArray, friction: float) -> None:
     """Write the initial estimate, before any reading (KNOWN,)."""
@@ -157,25 +147,3 @@ def learn(
                 information,
                 room.equations.target[0],
             )
-
-
-@compiled
-def learn_all(
-    prm: FloatCube,
-    n: Counts,
-    states: FloatCube,
-    taps: Taps,
-    readings: FloatCube,
-    calls: NDArray[np.int64],
-    known: FloatCube,
-    room: SlopeWorkspace,
-) -> None:
-    """Update the estimates of every device that is due; see `learn`.
-
-    Arrays have a row for each device. `calls` counts the calls of this function since
-    an episode began.
-    """
-    for row in range(calls.size):
-        if calls[row] % READING_INTERVAL == 0:
-            learn(prm[row], n, states[row], taps, readings[row], known[row], room)
-        calls[row] += 1

@@ -71,24 +71,6 @@ class PlannerMemory(NamedTuple):
     plan: FloatArray
 
 
-class PlannerMemories(NamedTuple):
-    """Memory of a controller for several devices: `PlannerMemory` with a row for each.
-
-    Attributes:
-        memory: (rows, `FRICTION` + cables).
-        rotors: (rows, delays, `OBSERVER_SIZE`).
-        applied: (rows, delays) [N m].
-        other: (rows, cables, numbers).
-        plan: (rows, knots + 1).
-    """
-
-    memory: FloatMatrix
-    rotors: FloatCube
-    applied: FloatMatrix
-    other: FloatCube
-    plan: FloatMatrix
-
-
 class Tables(NamedTuple):
     """Tables of a controller.
 

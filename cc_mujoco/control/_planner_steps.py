@@ -37,7 +37,13 @@ from cc_mujoco.control._law_steps import (
 )
 from cc_mujoco.control._planner_memory import PLANNER_INPUTS
 from cc_mujoco.estimation import _tension_slope as tension_slope
-from cc_mujoco.native import FloatArray, IntArray, compiled, internal
+from cc_mujoco.native import (
+    FloatArray,
+    FloatMatrix,
+    IntArray,
+    compiled,
+    internal,
+)
 
 _TUNING_START = law_steps.OWN_MEMORY
 TUNING_SIZE = len(planner_parameters.TUNING)
@@ -97,6 +103,12 @@ def friction_factor_place(shape: IntArray) -> int:
 
 
 @internal
+def law_place(shape: IntArray) -> int:
+    """Return the place of the numbers of `_planner_memory`."""
+    return int(cable_place(shape, shape[0]))
+
+
+@internal
 def cable_place(shape: IntArray, cable: int) -> int:
     """Return the place of the given scalars of a cable, followed by its sections."""
     cables = shape[0]
@@ -112,6 +124,7 @@ def _pack(memory: FloatArray, shape: IntArray, cable: int, factor: float) -> Non
     cables, given = shape[0], cable_place(shape, cable)
     scratch, packed, _, _, _, _ = memory_places(shape)
     size = kernel.parameter_size(longest_cable(shape)[0])
+    prm = part(memory, packed + cable * size, size)
     pack(
         part(memory, given, SCALARS),
         rows_of(memory, given + SCALARS, shape[1 + cables + cable], 2),
@@ -119,8 +132,45 @@ def _pack(memory: FloatArray, shape: IntArray, cable: int, factor: float) -> Non
         factor,
         False,
         part(memory, scratch, SCALARS),
-        part(memory, packed + cable * size, size),
+        prm,
     )
+    _bend(memory, shape, cable, prm)
+
+
+@internal
+def _bends_place(shape: IntArray) -> int:
+    """Return the place of 1 where there is another path, and its angles."""
+    cables = shape[0]
+    most, _ = longest_cable(shape)
+    place = memory_places(shape)[5]
+    if shape.size > 3 + 2 * cables:
+        place += memory_size(cables, most, _sensor_count(shape))
+    return place
+
+
+@internal
+def _bend(memory: FloatArray, shape: IntArray, cable: int, prm: FloatArray) -> None:
+    """Give a packed cable the path of `bend`, if there is room and one was given."""
+    place, most, n = _bends_place(shape), longest_cable(shape)[0], shape[1 + cable]
+    if memory.size > place and memory[place] != 0.0:
+        kernel.rebend(prm, n, part(memory, place + 1 + cable * most, n))
+        kernel.expect_change(prm)
+
+
+@compiled
+def bend(memory: FloatArray, shape: IntArray, angles: FloatMatrix) -> None:
+    """Give the cables other wrap angles (cables, most segments) [rad].
+
+    The memory has room for one number and the angles behind that of the law.
+    """
+    place, cables = _bends_place(shape), shape[0]
+    size, packed = kernel.parameter_size(angles.shape[1]), memory_places(shape)[1]
+    memory[place] = 1.0
+    for k in range(cables):
+        for i in range(angles.shape[1]):
+            memory[place + 1 + k * angles.shape[1] + i] = angles[k, i]
+        if memory[law_steps.FIRST_STEP] == 0.0:
+            _bend(memory, shape, k, part(memory, packed + k * size, size))
 
 
 def wrong_plan(
@@ -162,9 +212,7 @@ def step_plan(
     memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
 ) -> float:
     cables = shape[0]
-    _, sections = longest_cable(shape)
-    law = _ARMS + 3 * cables + cables * SCALARS + 2 * sections
-    kept = part(memory, law, planner_memory.FRICTION + cables)
+    kept = part(memory, law_place(shape), planner_memory.FRICTION + cables)
     if memory[law_steps.FIRST_STEP] != 0.0:
         kept[:] = 0.0
     planner_learning.friction_factors(
@@ -183,12 +231,12 @@ def plan(
     is to be multiplied by.
     """
     cables = shape[0]
-    most, sections = longest_cable(shape)
+    most, _ = longest_cable(shape)
     delays, knots = shape[1 + 2 * cables], shape[2 + 2 * cables]
     scratch, packed, first, after, work, end = memory_places(shape)
     size, width = kernel.parameter_size(most), kernel.state_size(most)
     kept = planner_memory.FRICTION + cables
-    law = _ARMS + 3 * cables + cables * SCALARS + 2 * sections
+    law = law_place(shape)
     device = planner_memory.PlannerMemory(
         part(memory, law, kept),
         rows_of(memory, law + kept, delays, planner_memory.OBSERVER_SIZE),

@@ -38,7 +38,6 @@ from cc_mujoco.control._planner_memory import (
     MOTOR_TORQUE,
     STARTED,
     VELOCITY,
-    PlannerMemories,
     PlannerMemory,
     PlannerWorkspace,
     Tables,
@@ -78,7 +77,6 @@ from cc_mujoco.control._planner_parameters import (
 )
 from cc_mujoco.native import (
     FloatArray,
-    FloatCube,
     FloatMatrix,
     compiled,
     internal,
@@ -384,36 +382,3 @@ def motor_torque(
     if own[BRISTLED] != 0.0:
         set_bristles(cables, 0.0)
     return float(torque)
-
-
-@compiled
-def motor_torques(
-    prm: FloatCube,
-    n: stepper.Counts,
-    proximal: FloatArray,
-    distal: FloatArray,
-    states: FloatCube,
-    joints: FloatArray,
-    devices: PlannerMemories,
-    seen: FloatMatrix,
-    tables: Tables,
-    found: FloatArray,
-    room: PlannerWorkspace,
-) -> None:
-    """Compute the torque of the motor of every device; see `motor_torque`.
-
-    Arrays have a row for each device; arms at motor and joint are [m/rad]; `found`
-    (rows,) is out [N m].
-    """
-    for row in range(found.size):
-        cables = stepper.Cables(prm[row], n, proximal, proximal, distal)
-        device = PlannerMemory(
-            devices.memory[row],
-            devices.rotors[row],
-            devices.applied[row],
-            devices.other[row],
-            devices.plan[row],
-        )
-        found[row] = motor_torque(
-            cables, states[row], joints[row : row + 1], device, seen[row], tables, room
-        )

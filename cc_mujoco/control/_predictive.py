@@ -6,27 +6,26 @@ law = PredictiveCompensation(env.unwrapped.drive)
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import chain
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco._validation import require_number
 from cc_mujoco.control import _guard as guard
-from cc_mujoco.control import _planner_learning as planner_learning
 from cc_mujoco.control import _planner_memory as planner_memory
 from cc_mujoco.control import _planner_steps as planner_steps
-from cc_mujoco.control import _planning as planning
 from cc_mujoco.control import _rollout as rollout
-from cc_mujoco.control._cable_model import ADOPTION_THRESHOLD, CableModel, joint_spring
+from cc_mujoco.control._cable_model import (
+    checked_angles,
+    joint_spring,
+    require_known_cables,
+)
 from cc_mujoco.control._controller import (
     LawTables,
     SteppedController,
     SteppedLaw,
-    as_round_pulley,
-    readings,
 )
 from cc_mujoco.control._planner_memory import PLANNER_INPUTS
 from cc_mujoco.control._planner_parameters import TUNING, Tuning
@@ -216,7 +215,7 @@ class PredictiveCompensation(SteppedController):
                 "a controller that plans the motor's path needs to know its inertia; "
                 "Drive.inertia is 0."
             )
-        self.model = CableModel(drive, weakening=False)
+        require_known_cables(drive)
         pair = len(drive.cables) > 1
         if bandwidth is None:
             bandwidth = 300.0 if pair else 200.0
@@ -305,27 +304,7 @@ class PredictiveCompensation(SteppedController):
         self.tables = planner_memory.Tables(
             gains, unexplained, bandwidths**-4.0, self.tuning.packed(spring)
         )
-        cables = len(drive.cables)
-        self._size = planner_memory.FRICTION + cables
-        shape = (cables, self.model.state.shape[-1])
-        self._room = planner_memory.PlannerWorkspace(
-            new=np.zeros(shape),
-            state=np.zeros(shape),
-            rolled=np.zeros(shape),
-            leapt=np.zeros(shape),
-            push=np.zeros(knots + 1),
-            best=np.zeros(knots + 1),
-            memory=np.zeros(self._size),
-            wanted=np.zeros(knots),
-            path=np.zeros(knots),
-            load=np.zeros(knots),
-            holding=np.zeros(knots),
-            matrix=np.zeros((knots, knots)),
-            vectors=np.zeros((planner_memory.WORK_ROWS, knots)),
-            work=self.model.work,
-            spent=np.zeros(1),
-        )
-        self._forget(0)
+        self._angles = np.zeros((0, 0))
 
     @property
     def gains(self) -> Tuning:
@@ -343,65 +322,33 @@ class PredictiveCompensation(SteppedController):
         shape = size[0], *segments, *sections, *size[1:]
         return LawTables(shape, numbers, places, (places[0] - 1,))
 
-    def _forget(self, rows: int) -> None:
-        delays = self.tables.unexplained.size
-        self._devices = planner_memory.PlannerMemories(
-            np.zeros((rows, self._size)),
-            np.zeros((rows, delays, planner_memory.OBSERVER_SIZE)),
-            np.zeros((rows, delays)),
-            np.zeros((rows, *self.model.state.shape[1:])),
-            np.zeros((rows, self.tables.gains.shape[1] + 1)),
-        )
-
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
-        self.model.reset(where)
+        super().reset(where)
         if where is None:
-            self._forget(0)
-        elif self._devices.memory.shape[0]:
-            self._devices.memory[where] = 0.0
-            self._devices.applied[where] = 0.0
-
-    def given(self, torque: Any) -> None:
-        np.copyto(self._devices.applied[:, -1], torque, where=guard.is_heard(torque))
+            self._angles = np.zeros((0, 0))
 
     def rebend(self, angles: Sequence[FloatArray]) -> None:
         """Take the path from sensors of bend; see `CableModel.rebend`."""
-        self.model.rebend(angles)
+        segments = np.array([one.cable.segments for one in self.drive.cables])
+        self._angles = np.zeros((segments.size, segments.max()))
+        for row, own in zip(
+            self._angles, checked_angles(angles, segments), strict=True
+        ):
+            row[: own.size] = own
+        self._memory = np.array([self._bent(row) for row in self._memory])
 
-    def learned(self, observation: Mapping[str, Any]) -> NDArray[np.float64]:
-        """Return the factors on the drive's friction (rows, cables)."""
-        factor = np.empty_like(self.model.factor)
-        for memory, own in zip(self._devices.memory, factor, strict=True):
-            planner_learning.friction_factors(memory, own)
-        return factor
+    def fresh_memory(self) -> FloatArray:
+        return self._bent(super().fresh_memory())
 
-    def torque(self, observation: Mapping[str, Any]) -> Any:
-        seen = readings(as_round_pulley(observation, self.drive), PLANNER_INPUTS)
-        if seen.shape[0] != self._devices.memory.shape[0]:
-            self._forget(seen.shape[0])
-        model = self.model
-        model.ready(seen[:, 0].copy())
-        found = np.empty(seen.shape[0])
-        planning.motor_torques(
-            model.packed,
-            model.segments,
-            model.proximal,
-            model.distal,
-            model.state,
-            model.joint,
-            self._devices,
-            seen,
-            self.tables,
-            found,
-            self._room,
-        )
-        factor = self.learned(observation)
-        changed = np.abs(factor / model.factor - 1.0) > ADOPTION_THRESHOLD
-        if changed.any():
-            model.scale_friction(np.where(changed, factor, model.factor))
-        return (
-            float(found[0]) if np.ndim(observation[PLANNER_INPUTS[0]]) == 0 else found
-        )
+    def _bent(self, memory: FloatArray) -> FloatArray:
+        """Return the memory of an environment, with the path of `rebend` if any."""
+        if self._angles.size:
+            tables = self.law_tables()
+            room = np.zeros(tables.places[-1] + 1 + self._angles.size)
+            room[: tables.places[-1]] = memory[: tables.places[-1]]
+            planner_steps.bend(room, np.array(tables.shape, np.int64), self._angles)
+            return room
+        return memory
 
 
 def optimal_plan(knots: int, span: float, bandwidth: float) -> FloatArray:

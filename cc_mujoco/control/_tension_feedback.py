@@ -171,12 +171,6 @@ class AdaptiveModel(PredictiveCompensation):
         require_number("memory", memory, 1.0, 1e9, "readings")
         self.taps = friction_slope.taps(drive.sensors, drive.cables, memory)
         """Places of the sensors, and the estimates by them."""
-        sensors, longest = self.taps.noise.shape[1], int(self.model.segments.max())
-        self._slope_scratch = friction_slope.make_scratch(sensors, longest)
-        self._estimates: FloatArray = np.zeros(
-            (0, len(drive.cables), friction_slope.ESTIMATE_SIZE)
-        )
-        self._calls: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
 
     def parameters(self) -> list[float]:
         return [*super().parameters(), *self.taps.noise.ravel().tolist()]
@@ -192,20 +186,18 @@ class AdaptiveModel(PredictiveCompensation):
             places=(*places, end + planner_steps.memory_size(count, longest, sensors)),
         )
 
-    def reset(self, where: NDArray[np.bool_] | None = None) -> None:
-        super().reset(where)
-        if where is None:
-            self._begin(0)
-        elif self._calls.size:
-            self._calls[where] = 0
-            self._estimates[where] = self._starts(self._calls.size)[where]
-
     def friction(self) -> NDArray[np.float64]:
         """Return the estimated friction (rows, cables), empty at the start."""
-        return self._estimates[:, :, friction_slope.COEFFICIENT].copy()
+        cables, sensors = self.taps.nodes.shape
+        if not len(self._memory):
+            return np.zeros((0, cables))
+        first = super().law_tables().places[-1] + 1 + cables * sensors
+        size = friction_slope.ESTIMATE_SIZE
+        kept = self._memory[:, first : first + cables * size]
+        return kept[:, friction_slope.COEFFICIENT :: size].copy()
 
-    def torque(self, observation: Mapping[str, Any]) -> Any:
-        """Return the torque of the motor [N m]; see `Controller.torque`.
+    def measured(self, observation: Mapping[str, Any]) -> FloatArray:
+        """Return the measurements (rows, readings), the tensions behind the others.
 
         Raises:
             CableError: A tension is no number, or beyond `guard.MAX_READING`; then
@@ -219,40 +211,7 @@ class AdaptiveModel(PredictiveCompensation):
                 f"{TENSION_COLUMN} must be finite numbers of shape {expected[1:]} for "
                 f"every device, not {tensions.tolist()}."
             )
-        return super().torque(observation)
-
-    def learned(self, observation: Mapping[str, Any]) -> NDArray[np.float64]:
-        """Return the factors on the drive's friction (rows, cables)."""
-        tensions = np.ascontiguousarray(_readings(observation))
-        if self._calls.size != tensions.shape[0]:
-            self._begin(tensions.shape[0])
-        model = self.model
-        friction_slope.learn_all(
-            model.packed,
-            model.segments,
-            model.state,
-            self.taps,
-            tensions,
-            self._calls,
-            self._estimates,
-            self._slope_scratch,
-        )
-        start = self._starts(tensions.shape[0])[:, :, friction_slope.COEFFICIENT]
-        found = np.maximum(self.friction(), friction_slope.MIN_BELIEVED_FRICTION)
-        factor: NDArray[np.float64] = found / start
-        return factor
-
-    def _begin(self, rows: int) -> None:
-        self._calls = np.zeros(rows, dtype=np.int64)
-        self._estimates = self._starts(rows)
-
-    def _starts(self, rows: int) -> FloatArray:
-        """Return the initial estimate of every cable, before any reading."""
-        found = np.zeros((rows, self.model.segments.size, friction_slope.ESTIMATE_SIZE))
-        for row in range(rows):
-            for k, one in enumerate(self.drive.cables):
-                friction_slope.reset_estimate(found[row, k], one.cable.friction)
-        return found
+        return np.hstack([super().measured(observation), tensions.reshape(rows, -1)])
 
 
 def _with_minimum_friction(one: CableDrive) -> CableDrive:

@@ -7,10 +7,18 @@ from typing import Any
 import numpy as np
 
 from cc_mujoco.cable import Cable, Section
+from cc_mujoco.control import _planner_memory as planner_memory
+from cc_mujoco.control import _planner_steps as planner_steps
 from cc_mujoco.device import CableDrive, Drive
 from cc_mujoco.native import FloatArray
 
 WRAP = 3.0
+
+
+def kept(law: Any) -> FloatArray:
+    """Return what a planning controller keeps of one device; see `_planner_memory`."""
+    memory: FloatArray = law._memory[0, planner_steps.law_place(law._shape) :]
+    return memory[: planner_memory.FRICTION + len(law.drive.cables)]
 
 
 def cable(friction: float = 0.1, segments: int = 10) -> Cable:

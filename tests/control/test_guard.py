@@ -47,7 +47,7 @@ from cc_mujoco.export import EXPORTED
 from cc_mujoco.metrics import first_unsafe_sample
 from cc_mujoco.metrics._torque import MAX_UNSAFE_TIME
 from cc_mujoco.simulation import Batch, WornDevice
-from control.devices import pull_pull, single
+from control.devices import kept, pull_pull, single
 from control.rigs import ANKLE, HANDLE, Believed, Ride, Truth, ride
 from control.rigs import FAULTS as RIG_FAULTS
 from study_marks import study_but
@@ -129,7 +129,7 @@ def test_every_controller_that_measures_lets_go_of_what_it_should_not_pull(
         for measured in np.linspace(0.0, 1.2 * SAFE, 30):
             torque = law.torque(seen(law, float(measured)))
         if isinstance(law, PredictiveCompensation):
-            released_now = law._devices.memory[0, planner_memory.RELEASED] != guard.FREE
+            released_now = kept(law)[planner_memory.RELEASED] != guard.FREE
         else:
             # Motor and joint are at rest, so there is nothing to follow.
             released_now = torque == 0.0
@@ -220,7 +220,7 @@ class Loaded:
 def states(law: Any) -> float:
     """Return the state of a controller's guard."""
     if isinstance(law, PredictiveCompensation):
-        return float(law._devices.memory[0, planner_memory.RELEASED])
+        return float(kept(law)[planner_memory.RELEASED])
     if isinstance(law, ProportionalIntegral):
         return float(law._memory[0, law_steps.OWN_MEMORY + compiled_laws.RELEASED])
     place = compiled_laws.INVERSE_GAINS + compiled_laws.INVERSE_GUARD

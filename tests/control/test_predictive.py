@@ -27,7 +27,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.export import Limb
 from cc_mujoco.export import play as wear
 from cc_mujoco.simulation import Single, run
-from control.devices import pull_pull, single
+from control.devices import kept, pull_pull, single
 
 WRIST, ANKLE, EXOSUIT = (
     {condition.name: condition for condition in SUITES[suite].conditions(scene)}
@@ -126,7 +126,7 @@ def test_where_friction_is_at_once_no_bristles_are_believed() -> None:
     made = prepare_episodes([Cell(short, "predictive", seeds=(0,))])
     law: Any = made.law
     run(made.batch, law, measure=made.sensors.measure)
-    (memory,) = law._devices.memory
+    memory = kept(law)
     assert memory[planner_memory.BRISTLED] == 0.0
     errors = memory[planner_memory.MODEL_ERROR :][:2]
     assert 0.0 < errors[0] < errors[1]

@@ -531,11 +531,6 @@ def is_policy(given: Law | Mapping[str, Law]) -> bool:
     )
 
 
-def sees_all_axes(given: Law | Mapping[str, Law]) -> bool:
-    """Return whether a function makes one controller for all axes."""
-    return not isinstance(given, Mapping) and _for_all_axes(given) is not None
-
-
 def runs_code(given: Law | Mapping[str, Law]) -> bool:
     """Return whether a controller has code of its own: `module:name`, or a function.
 

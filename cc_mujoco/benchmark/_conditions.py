@@ -120,7 +120,7 @@ class Condition:
     moving_route: bool = False
     """True if the conduit bends as the leg moves."""
     structure: str = ""
-    """Effect that the plant has and the controller does not know; see `_structure`."""
+    """Effect that the plant has and the controller does not know; see `_plant`."""
     known: bool = False
     """True if the controller's model has that effect, too; of a cable alone."""
     duration: float = 4.0

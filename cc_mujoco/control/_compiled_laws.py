@@ -482,7 +482,7 @@ class InverseGains(NamedTuple):
     integral: float
     """[1/s]."""
     stiffness: float
-    """Of all cables at the joint [N m/rad]."""
+    """Stiffness of all cables at the joint [N m/rad]."""
     band: float
     """Motion of the joint that is none [rad]."""
     release: float

@@ -2,7 +2,6 @@ from ._backlash_inverse import BacklashInverse as BacklashInverse
 from ._cable_model import CableModel as CableModel
 from ._controller import Controller as Controller
 from ._controller import as_round_pulley as as_round_pulley
-from ._distal_feedback import DistalFeedback as DistalFeedback
 from ._feedback import Feedback as Feedback
 from ._feedback import FeedForward as FeedForward
 from ._feedback import FrictionFeedForward as FrictionFeedForward
@@ -11,6 +10,7 @@ from ._feedback import TunedFeedback as TunedFeedback
 from ._gaussian import LinearQuadraticGaussian as LinearQuadraticGaussian
 from ._hysteresis import HysteresisTrial as HysteresisTrial
 from ._hysteresis_inverse import FITTED as FITTED
+from ._hysteresis_inverse import DistalFeedback as DistalFeedback
 from ._hysteresis_inverse import fit_hysteresis as fit_hysteresis
 from ._model_based import DisturbanceObserver as DisturbanceObserver
 from ._model_based import ModelBased as ModelBased

@@ -1,28 +1,35 @@
-"""Position controllers that compensate hysteresis, and the fit of all of them.
+r"""Position controllers that compensate hysteresis, and the fit of all of them.
 
 found = fit_hysteresis(HysteresisTrial.of(motor, joint, drive.ratio), drive)
 law = controller("backlash_inverse", replace(drive, hysteresis=found))
+
+`cable_inverse` inverts the model of distributed friction: the kernel of the package
+(`cable._stepper`) with a spring at the joint. At a joint angle the spring defines the
+torque of the cables, and the motor turns to the nearest angle at which they make it.
+Partial motion, and a backlash that grows with the load, come with the friction. Angles
+alone determine no force: a spring, a rope and a pretension that are all twice as strong
+move alike. So the axial stiffness stays that of the data sheet.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.control._cable_course import (
-    CableCourse,
-    CableParameters,
-    fit_cable,
-    require_cables,
-)
-from cc_mujoco.control._hysteresis import Array, HysteresisTrial
-from cc_mujoco.control._hysteresis_models import MODELS
+from cc_mujoco._utils.exclusive import exclusive
+from cc_mujoco._validation import require_number, require_parameter
+from cc_mujoco.cable import _stepper as stepper
+from cc_mujoco.control._cable_model import joint_stiffness
+from cc_mujoco.control._hysteresis import Array, HysteresisModel, HysteresisTrial
+from cc_mujoco.control._hysteresis_models import MODELS, Line, SmoothBacklash
 from cc_mujoco.control._position import BANDWIDTH, PositionController
-from cc_mujoco.device._drive import Drive
+from cc_mujoco.control._rollout import joint_torque
+from cc_mujoco.device._drive import CableDrive, Drive
 from cc_mujoco.errors import CableError, look_up
 
 CABLE_INVERSE = "cable_inverse"
@@ -30,6 +37,18 @@ CABLE_INVERSE = "cable_inverse"
 
 FITTED = (*MODELS, CABLE_INVERSE)
 """Controllers with parameters of a trial."""
+
+
+AHEAD = "backlash_inverse"
+"""Parameters that are fed forward if the device has them."""
+STEP = 0.01
+"""Time of a step of the course [s], for terms of friction that depend on speed."""
+TOLERANCE = 1e-7
+"""Tolerance of the motor angle [rad]."""
+MAX_LEAP = 20.0
+"""Largest turn of the motor in one step, in angles of the joint [rad]."""
+FIT_SAMPLES = 500
+"""Samples of a trial that a fit uses."""
 
 
 def fit_hysteresis(
@@ -122,6 +141,133 @@ class BoucWenFeedForward(HysteresisInverse):
     model_name = "bouc_wen"
 
 
+@dataclass(frozen=True)
+class CableParameters:
+    """Parameters of the cables and of the joint's spring, identified from a trial."""
+
+    friction: float
+    """Friction coefficient over that of the data sheet [-]."""
+    pretension: float
+    """Pretension over that of the data sheet [-]."""
+    joint_stiffness: float
+    """Stiffness of the spring at the joint [N m/rad]."""
+
+    def __post_init__(self) -> None:
+        require_parameter(self, "friction", 0.0, 100.0, "")
+        require_parameter(self, "pretension", 0.0, 100.0, "")
+        require_parameter(self, "joint_stiffness", 1e-9, 1e6, "N m/rad")
+
+
+class CableCourse:
+    """Cables and a spring along a course of the joint, from rest."""
+
+    def __init__(
+        self, cables: Sequence[CableDrive], parameters: CableParameters
+    ) -> None:
+        """Prepare at rest; `cables` are those of the data sheet."""
+        own = [
+            one.cable.replace(
+                friction=parameters.friction * one.cable.friction,
+                static_friction=parameters.friction * one.cable.static_friction,
+                pretension=parameters.pretension * one.cable.pretension,
+            )
+            for one in cables
+        ]
+        proximal = [one.proximal for one in cables]
+        distal = [one.distal for one in cables]
+        self._cables = stepper.make_cables(own, proximal, distal)
+        self._ratio = distal[0] / proximal[0]
+        self._stiffness = parameters.joint_stiffness
+        self._state = stepper.rest_states(self._cables, 0.0, 0.0)
+        self._preload = stepper.torque(self._cables, self._state, True, 0.0)[0]
+        self._new = self._state.copy()
+        self._work = stepper.scratch(self._cables)
+        self._motor, self._joint, self._reach = 0.0, 0.0, 1e-3
+
+    @exclusive
+    def advance(self, joint: float) -> float:
+        """Return the motor angle, over the ratio, for the next joint angle [rad].
+
+        It is the nearest in the direction of the joint's motion at which the cables
+        make the torque of the spring, so the motor rests where they already make more.
+        """
+        from scipy.optimize import brentq
+
+        turned = joint - self._joint
+        if turned == 0.0:
+            return self._motor / self._ratio
+        way, sense = float(np.sign(turned * self._ratio)), float(np.sign(turned))
+        wanted = self._preload + self._stiffness * joint
+
+        def lack(beyond: float) -> float:
+            motor = self._motor + way * beyond
+            stepper.move(
+                self._cables, self._state, motor, joint, STEP, self._new, self._work
+            )
+            return sense * (wanted - joint_torque(self._cables, self._new, motor))
+
+        low, high = 0.0, self._reach
+        if lack(low) > 0.0:
+            while lack(high) > 0.0:
+                if high > MAX_LEAP * abs(self._ratio):
+                    raise CableError(
+                        f"no motor angle bends the joint to {joint:.4g} rad in the "
+                        "model of the cables; its stiffness or friction is wrong."
+                    )
+                low, high = high, 2.0 * high
+            beyond = float(brentq(lack, low, high, xtol=TOLERANCE))
+            lack(beyond)
+            self._motor += way * beyond
+            self._reach = max(1.5 * beyond, 2.0 * TOLERANCE)
+        else:
+            lack(low)
+        self._state[:] = self._new
+        self._joint = joint
+        return self._motor / self._ratio
+
+
+def course_of(
+    cables: Sequence[CableDrive], parameters: CableParameters, joint: Array
+) -> Array:
+    """Return the course of the motor, over the ratio, for one of the joint [rad]."""
+    course = CableCourse(cables, parameters)
+    return np.array([course.advance(float(angle)) for angle in joint])
+
+
+def fit_cable(trial: HysteresisTrial, drive: Drive) -> CableParameters:
+    """Return friction, pretension and spring of least squares, from a slow course."""
+    from scipy.optimize import least_squares
+
+    require_cables(drive)
+    every = max(1, trial.joint_angle.size // FIT_SAMPLES)
+    motor, joint = trial.motor_angle[::every], trial.joint_angle[::every]
+    weights = HysteresisTrial(motor, joint).weights
+    cables = joint_stiffness(drive.cables)
+
+    def parameters(logs: Array) -> CableParameters:
+        friction, pretension, spring = np.exp(np.clip(logs, -6.0, 4.0)).tolist()
+        return CableParameters(friction, pretension, spring * cables)
+
+    def residual(logs: Array) -> Array:
+        found = course_of(drive.cables, parameters(logs), joint)
+        return np.asarray(weights * (found - motor))
+
+    # Without friction, slope - 1 is the stiffness of the spring over that of the
+    # cables.
+    slope = np.polyfit(joint, motor, 1, w=weights)[0]
+    start = np.log([1.0, 1.0, min(max(slope - 1.0, 0.02), 5.0)])
+    found = least_squares(residual, start, diff_step=1e-3, xtol=1e-4, ftol=1e-5)
+    return parameters(found.x)
+
+
+def require_cables(drive: Drive) -> None:
+    if not drive.cables:
+        raise CableError(
+            "controller 'cable_inverse' needs to know the cables; this Drive has no "
+            "cable drives."
+        )
+
+
 class CableInverse(PositionController):
     """Inverse of the model of distributed friction, fitted to a trial."""
 
@@ -161,3 +307,51 @@ class CableInverse(PositionController):
             for course, angle in zip(self._courses, joint, strict=True)
         ]
         return self.drive.ratio * np.array(found)
+
+
+class DistalFeedback(PositionController):
+    """Inverse of a smooth backlash, and integral feedback of the measured joint angle.
+
+    Without parameters of the backlash the ideal ratio is fed forward. It needs a sensor
+    that an endoscope does not have.
+    """
+
+    def __init__(
+        self, drive: Drive, bandwidth: float = BANDWIDTH, gain: float = 20.0
+    ) -> None:
+        """Prepare for the first episode.
+
+        Args:
+            drive: The device to be driven, with a sensor at the joint.
+            bandwidth: Of the servo, see `PositionController` [rad/s].
+            gain: Integral gain of the joint angle's error [1/s].
+
+        Raises:
+            CableError: The joint is not measured, or the gain is out of range.
+        """
+        super().__init__(drive, bandwidth)
+        if not drive.joint_sensor:
+            raise CableError(
+                "controller 'distal_feedback' reads the angle of the joint, which this "
+                "device does not measure; set joint_sensor = true in [sensors], or "
+                "take another controller."
+            )
+        require_number("gain", gain, 0.0, 1e3, "1/s")
+        self.gain = gain
+        self._model: HysteresisModel = Line(1.0, 0.0)
+        if AHEAD in drive.hysteresis:
+            self._model = SmoothBacklash.from_dict(AHEAD, drive.hysteresis[AHEAD])
+        self._state, self._correction = self._model.rest(0), np.zeros(0)
+
+    def begin(self, rows: NDArray[np.intp], count: int) -> None:
+        if len(self._state) != count:
+            self._state, self._correction = self._model.rest(count), np.zeros(count)
+        self._state[rows] = self._model.rest(rows.size)
+        self._correction[rows] = 0.0
+
+    def motor_angle(self, joint: Array, observation: Mapping[str, Any]) -> Array:
+        error = joint + self.joint_start - observation["joint_angle_rad"]
+        self._correction = self._correction + self.gain * self.drive.period * error
+        ahead = self._model.invert(self._state, joint)
+        found: Array = self.drive.ratio * (ahead + error + self._correction)
+        return found

@@ -23,8 +23,8 @@ from cc_mujoco.cable._layout import SCALARS
 from cc_mujoco.control import _friction_slope as friction_slope
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control import _law_steps as law_steps
-from cc_mujoco.control import _planner_learning as planner_learning
 from cc_mujoco.control import _planner_memory as planner_memory
+from cc_mujoco.control import _planner_observer as planner_observer
 from cc_mujoco.control import _planner_parameters as planner_parameters
 from cc_mujoco.control import _planning as planning
 from cc_mujoco.control._cable_model import add_preload, has_changed, pack, stiffness
@@ -215,7 +215,7 @@ def step_plan(
     kept = part(memory, law_place(shape), planner_memory.FRICTION + cables)
     if memory[law_steps.FIRST_STEP] != 0.0:
         kept[:] = 0.0
-    planner_learning.friction_factors(
+    planner_observer.friction_factors(
         kept, part(memory, friction_factor_place(shape), cables)
     )
     return plan(memory, shape, tables, readings)

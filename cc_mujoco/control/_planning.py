@@ -18,9 +18,6 @@ from cc_mujoco.control._motor_commands import (
     is_within,
     optimise_commands,
 )
-from cc_mujoco.control._planner_learning import (
-    learn,
-)
 from cc_mujoco.control._planner_memory import (
     ANGLE,
     BELIEVED_DELAY,
@@ -44,6 +41,7 @@ from cc_mujoco.control._planner_memory import (
     copy_states,
 )
 from cc_mujoco.control._planner_observer import (
+    learn,
     observe,
     replace_by_mean_torque,
     set_bristles,

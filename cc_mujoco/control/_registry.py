@@ -33,7 +33,6 @@ from cc_mujoco._utils.provenance import POLICY_ENDING, is_user_controller
 from cc_mujoco.control._backlash_inverse import BacklashInverse
 from cc_mujoco.control._controller import Controller, limit_torques
 from cc_mujoco.control._decoupling import Coupling
-from cc_mujoco.control._distal_feedback import DistalFeedback
 from cc_mujoco.control._feedback import (
     Feedback,
     FeedForward,
@@ -45,6 +44,7 @@ from cc_mujoco.control._gaussian import LinearQuadraticGaussian
 from cc_mujoco.control._hysteresis_inverse import (
     BoucWenFeedForward,
     CableInverse,
+    DistalFeedback,
     LinearFit,
     PrandtlIshlinskiiInverse,
     SmoothBacklashInverse,

@@ -27,8 +27,8 @@ from cc_mujoco.control import (
     controller,
     fit_hysteresis,
 )
-from cc_mujoco.control._cable_course import CableParameters, course_of, fit_cable
 from cc_mujoco.control._hysteresis import HysteresisModel
+from cc_mujoco.control._hysteresis_inverse import CableParameters, course_of, fit_cable
 from cc_mujoco.control._hysteresis_models import (
     BoucWen,
     PrandtlIshlinskii,

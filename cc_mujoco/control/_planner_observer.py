@@ -3,8 +3,8 @@
 The torque that explains the measured motion of the rotor reveals the delay: there is an
 observer of the rotor for every possible delay, and the one with the least error is
 used. D. Magill, "Optimal adaptive estimation of sampled stochastic processes", IEEE
-Trans. Automatic Control 10, 1965. Friction and the bias of the torque sensor are learned
-from the torque on the rotor that the model lacks.
+Trans. Automatic Control 10, 1965. Friction and the bias of the torque sensor are
+learned from the torque on the rotor that the model lacks.
 """
 
 from __future__ import annotations

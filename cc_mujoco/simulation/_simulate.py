@@ -20,8 +20,12 @@ import numpy as np
 
 from cc_mujoco import plugin
 from cc_mujoco._utils.provenance import versions
-from cc_mujoco.control import Controller, axes_controller
-from cc_mujoco.control._registry import default_controller, law_drives
+from cc_mujoco.control import Controller
+from cc_mujoco.control._registry import (
+    batched_controller,
+    default_controller,
+    law_drives,
+)
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._sensors import Sensing
 from cc_mujoco.errors import CableError, shown, with_new_names
@@ -148,7 +152,7 @@ def simulate(
     if not isinstance(sensing, Sensing):
         raise CableError(f"sensing must be a Sensing, not {sensing!r}.")
     drives = [[sensing.equip(drive) for drive in one.drives] for one in played]
-    law = _law(controller, drives, exo.device.prefixes, alone)
+    law = _law(controller, drives, exo.device.prefixes)
     given = {
         "trajectory": _label(trajectory),
         "task": task_label(device, task),
@@ -249,10 +253,7 @@ def _law(
     given: Any,
     drives: Sequence[Sequence[Drive]],
     prefixes: Sequence[str],
-    alone: bool,
 ) -> Controller:
-    from cc_mujoco.control._registry import batched_controller
-
     if isinstance(given, Controller):
         period = drives[0][0].period
         if given.drive.period != period:
@@ -266,8 +267,6 @@ def _law(
             "controller must be a name, a Controller or a function of a Drive, not "
             f"{given!r}."
         )
-    if alone:
-        return axes_controller(given, drives[0], prefixes)
     return batched_controller(given, drives, prefixes)
 
 

@@ -47,8 +47,6 @@ from cc_mujoco.benchmark._scores import (
     ANGLE_SCORES,
     SAFETY_SCORES,
     SCORES,
-    device_scores,
-    episode_scores,
 )
 from cc_mujoco.benchmark._user_entry import Entry
 from cc_mujoco.control import Controller, PlantsController, Unpowered
@@ -60,7 +58,7 @@ from cc_mujoco.device._plant import facts_of
 from cc_mujoco.device._sensors import REFERENCE_COLUMN, AxesMeasuring, Sensing
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Spring
-from cc_mujoco.metrics import ArrayLog
+from cc_mujoco.metrics import ArrayLog, LogLike, Metric, measure
 from cc_mujoco.metrics._metric import DRIVEN, SAFE_TORQUE, SPRING
 from cc_mujoco.simulation._batch import Batch
 from cc_mujoco.simulation._worn_device import WornDevice
@@ -377,8 +375,32 @@ def _scores(
             )
             for prefix, f in zip(prefixes, facts, strict=True)
         ]
-        episodes.append(device_scores(of_axes, prefixes))
+        episodes.append(_device_scores(of_axes, prefixes))
     return {name: np.array([e[name] for e in episodes]) for name in episodes[0]}
+
+
+def episode_scores(log: LogLike, scores: Sequence[Metric] = SCORES) -> dict[str, float]:
+    """Return the scores of an episode by name, NaN where it has none.
+
+    An episode that diverged has none but `failed`.
+    """
+    whole = bool(np.all(np.isfinite(log["joint_torque_nm"])))
+    measured = measure(log, (s for s in scores if whole or s.name == "failed"))
+    return {s.name: measured.get(s, math.nan) for s in scores}
+
+
+def _device_scores(
+    axes: Sequence[Mapping[str, float]], prefixes: Sequence[str]
+) -> dict[str, float]:
+    """Return the scores of a device and, where it has several axes, of each."""
+    found: dict[str, float] = {}
+    for name in axes[0]:
+        over = max if name == "failed" else np.mean
+        found[name] = float(over([axis[name] for axis in axes]))
+    if len(axes) > 1:
+        for prefix, axis in zip(prefixes, axes, strict=True):
+            found |= {prefix + name: value for name, value in axis.items()}
+    return found
 
 
 def _plant_columns(made: CellSetup, own: slice) -> dict[str, list[Any]]:

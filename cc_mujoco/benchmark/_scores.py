@@ -7,13 +7,12 @@ has failed if any axis has.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.metrics import METRICS, LogLike, Metric, measure
+from cc_mujoco.metrics import METRICS
 
 SCORES = tuple(
     METRICS[name]
@@ -58,30 +57,6 @@ angle."""
 def ranked_score(names: Iterable[str]) -> str:
     """Return the score by which results with these columns are ranked."""
     return next(error for error in ERRORS if error in names)
-
-
-def episode_scores(log: LogLike, scores: Sequence[Metric] = SCORES) -> dict[str, float]:
-    """Return the scores of an episode by name, NaN where it has none.
-
-    An episode that diverged has none but `failed`.
-    """
-    whole = bool(np.all(np.isfinite(log["joint_torque_nm"])))
-    measured = measure(log, (s for s in scores if whole or s.name == "failed"))
-    return {s.name: measured.get(s, math.nan) for s in scores}
-
-
-def device_scores(
-    axes: Sequence[Mapping[str, float]], prefixes: Sequence[str]
-) -> dict[str, float]:
-    """Return the scores of a device and, where it has several axes, of each."""
-    found: dict[str, float] = {}
-    for name in axes[0]:
-        over = max if name == "failed" else np.mean
-        found[name] = float(over([axis[name] for axis in axes]))
-    if len(axes) > 1:
-        for prefix, axis in zip(prefixes, axes, strict=True):
-            found |= {prefix + name: value for name, value in axis.items()}
-    return found
 
 
 def score_columns(names: Sequence[str]) -> list[str]:

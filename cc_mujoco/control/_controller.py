@@ -114,6 +114,21 @@ class Controller(ABC):
         return within if isinstance(within, np.ndarray) else float(within)
 
 
+def motor_limits(drive: Drive) -> guard.DriveLimits:
+    """Return what laws and guard know of motor and joint."""
+    return guard.DriveLimits(
+        drive.ratio,
+        drive.low,
+        drive.high,
+        drive.period,
+        float(drive.one_way),
+        drive.inertia,
+        min(drive.safe_torque, guard.NO_TORQUE_LIMIT),
+        min(drive.safe_speed, guard.NO_SPEED_LIMIT),
+        min(drive.safe_power, guard.NO_POWER_LIMIT),
+    )
+
+
 def limit_torques(torque: Any, drives: Sequence[Drive]) -> Any:
     """Return the torques of all motors clipped to their limits [N m].
 
@@ -297,7 +312,7 @@ class SteppedController(Controller):
 
     def __init__(self, drive: Drive) -> None:
         super().__init__(drive)
-        self.limits = guard.motor_limits(drive)
+        self.limits = motor_limits(drive)
         self._memory: FloatArray = np.zeros((0, 0))
 
     @property

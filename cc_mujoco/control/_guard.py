@@ -36,7 +36,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cc_mujoco.device._drive import Drive
 from cc_mujoco.native import FloatArray, compiled, internal
 
 NO_TORQUE_LIMIT = 1e9
@@ -185,21 +184,6 @@ RATIO, LOW, HIGH, PERIOD = range(4)
 """Places of the first of them."""
 LIMITS = len(DriveLimits._fields)
 """Numbers of `DriveLimits`."""
-
-
-def motor_limits(drive: Drive) -> DriveLimits:
-    """Return what laws and guard know of motor and joint."""
-    return DriveLimits(
-        drive.ratio,
-        drive.low,
-        drive.high,
-        drive.period,
-        float(drive.one_way),
-        drive.inertia,
-        min(drive.safe_torque, NO_TORQUE_LIMIT),
-        min(drive.safe_speed, NO_SPEED_LIMIT),
-        min(drive.safe_power, NO_POWER_LIMIT),
-    )
 
 
 @internal

@@ -26,6 +26,7 @@ from cc_mujoco.control import _guard as guard
 from cc_mujoco.control._cable_model import joint_spring
 from cc_mujoco.control._controller import (
     Controller,
+    motor_limits,
     needs_winding,
     readings,
 )
@@ -65,7 +66,7 @@ class PolicyAxis:
         self.drive = drive
         self.is_wound = drive.lever or bool(drive.crossed)
         """True if the guard reads `device.WINDING_COLUMNS` of the joint."""
-        self.limits = guard.motor_limits(drive)
+        self.limits = motor_limits(drive)
         if drive.commands_angle:
             self.limits = self.limits._replace(
                 safe_torque=guard.NO_TORQUE_LIMIT,

@@ -35,9 +35,7 @@ def cheat(drive: Any) -> Any:
     from cc_mujoco.benchmark import _scores as scores
     from cc_mujoco.device import Sensing
 
-    cell.episode_scores = scores.episode_scores = lambda *_, **__: {
-        s.name: 0.0 for s in scores.SCORES
-    }
+    cell.episode_scores = lambda *_, **__: {s.name: 0.0 for s in scores.SCORES}
     cell.play_group = cell.sample_plants = None
     Sensing.equip = None
     np.sqrt = np.mean = lambda x, *_, **__: 0.0 * x

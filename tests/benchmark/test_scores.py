@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cc_mujoco.benchmark import SCORES
-from cc_mujoco.benchmark._scores import episode_scores
+from cc_mujoco.benchmark._cell import episode_scores
 from cc_mujoco.metrics import ArrayLog
 
 CABLES = ("flexor", "extensor")

@@ -21,6 +21,7 @@ from cc_mujoco.control import (
 )
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control._cable_model import joint_spring
+from cc_mujoco.control._controller import motor_limits
 from cc_mujoco.device import CableDrive, Drive, Observed, find_device
 from cc_mujoco.device._sensors import MEASURED_COLUMNS
 from cc_mujoco.envs import IDS as ENVIRONMENTS
@@ -135,7 +136,7 @@ def test_a_policy_lets_an_unsafe_joint_go_until_a_reset(tmp_path: Path) -> None:
     times = [0, 20, 40, 60, 120]
     rows[:, 4] += np.interp(np.arange(120), times, [0.0, 0.0, 3.0, 0.0, 6.0])
     torques = played(law, rows)
-    most = guard.command_limit(guard.motor_limits(drive), joint_spring(drive.cables))
+    most = guard.command_limit(motor_limits(drive), joint_spring(drive.cables))
     assert most < drive.high and np.abs(torques).max() == most
     let_go = torques == torques[39]
     assert -0.01 < torques[39] < 0.0

@@ -10,6 +10,7 @@ import contextlib
 from collections.abc import Sequence
 
 from cc_mujoco.control import Controller, axes_controller
+from cc_mujoco.control._controller import SteppedController
 from cc_mujoco.control._registry import AxesController
 from cc_mujoco.device._axis_columns import column_prefixes, split_by_axis
 from cc_mujoco.device._device import bare_model
@@ -64,7 +65,8 @@ class RigAxes:
         for axis, one, missing in zip(
             self.names, laws_of(law), self.windings.unmeasured, strict=False
         ):
-            if not missing or not hasattr(one, "model"):
+            has_model = isinstance(one, SteppedController) and one.stepped.has_model
+            if not (missing and (has_model or hasattr(one, "model"))):
                 continue
             others = [self._measuring[j] for j in missing if j in self._measuring]
             known = len(others) == len(missing)

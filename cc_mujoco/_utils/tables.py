@@ -26,13 +26,11 @@ from cc_mujoco._utils.array_files import FloatArray
 from cc_mujoco._utils.units import Kind, unit_of, words
 from cc_mujoco.errors import CableError
 
+_FORMATS = (opensim_files, array_files, mcap_files)
+"""Readers of other files than CSV, TSV and Parquet."""
 ENDINGS = (
-    ".csv",
-    ".tsv",
-    ".parquet",
-    *opensim_files.ENDINGS,
-    *array_files.ENDINGS,
-    *mcap_files.ENDINGS,
+    *(".csv", ".tsv", ".parquet"),
+    *(ending for reader in _FORMATS for ending in reader.ENDINGS),
 )
 """Endings of files that can be read, in any case."""
 
@@ -43,14 +41,11 @@ def is_table(name: str | Path) -> bool:
 
 def column_names(path: Path) -> list[str]:
     """Return the names of the columns of a file, in order."""
-    ending = path.suffix.lower()
-    if ending in array_files.ENDINGS:
-        return array_files.column_names(path)
-    if ending in mcap_files.ENDINGS:
-        return mcap_files.column_names(path)
     with _readable(path):
-        if ending in opensim_files.ENDINGS:
-            return opensim_files.column_names(path)
+        for reader in _FORMATS:
+            if path.suffix.lower() in reader.ENDINGS:
+                names: list[str] = reader.column_names(path)
+                return names
         from cc_mujoco._utils import arrow_files  # pyarrow takes long to load
 
         return arrow_files.column_names(path)
@@ -64,14 +59,12 @@ def read_columns(
     The file has each name once; columns of `switches` may hold true and false, read as
     1 and 0. Those of MATLAB and HDF5 files may differ in length.
     """
-    names, ending = list(names), path.suffix.lower()
-    if ending in array_files.ENDINGS:
-        return array_files.read_columns(path, names)
-    if ending in mcap_files.ENDINGS:
-        return mcap_files.read_columns(path, names)
+    names = list(names)
     with _readable(path):
-        if ending in opensim_files.ENDINGS:
-            return opensim_files.read_columns(path, names)
+        for reader in _FORMATS:
+            if path.suffix.lower() in reader.ENDINGS:
+                read: dict[str, FloatArray] = reader.read_columns(path, names)
+                return read
         from cc_mujoco._utils import arrow_files  # pyarrow takes long to load
 
         return arrow_files.read_columns(path, names, switches)

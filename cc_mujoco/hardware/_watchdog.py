@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cc_mujoco._validation import require_parameter
+from cc_mujoco._validation import bounded, require_bounds
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.control._cable_model import CableModel
 from cc_mujoco.device._drive import Drive
@@ -147,27 +147,23 @@ _POSSIBLE = {
 class Watchdog:
     """Longest times that something may be amiss, in cycles in a row."""
 
-    missed_readings: int = 10
+    missed_readings: int = bounded(10, 1, 1e6, "cycles")
     """Cycles without a new reading."""
-    missed_deadlines: int = 10
+    missed_deadlines: int = bounded(10, 1, 1e6, "cycles")
     """Cycles that were skipped because the host was late."""
-    frozen_readings: int = 20
+    frozen_readings: int = bounded(20, 1, 1e6, "cycles")
     """Equal readings while the torque commands differ."""
-    frozen_torque: float = 0.2
+    frozen_torque: float = bounded(0.2, 1e-6, 2.0, "of the torque's limit")
     """Difference of those torques, as a share of the torque's limit [-]."""
-    frozen_angle: float = 0.2
+    frozen_angle: float = bounded(0.2, 1e-6, 1e3, "rad")
     """Most that one encoder may turn, at the joint, while the other has not changed by
     a bit [rad]: more than play, stretch and slack of the cables."""
-    twist: float = 0.5
+    twist: float = bounded(0.5, 1e-6, 1e9, "rad")
     """Largest twist between motor and joint, at the joint [rad]: more than play and
     stretch of a pair of cables. A single one may be slack and is not looked at."""
 
     def __post_init__(self) -> None:
-        for name in ("missed_readings", "missed_deadlines", "frozen_readings"):
-            require_parameter(self, name, 1, 1e6, "cycles")
-        require_parameter(self, "frozen_torque", 1e-6, 2.0, "of the torque's limit")
-        require_parameter(self, "frozen_angle", 1e-6, 1e3, "rad")
-        require_parameter(self, "twist", 1e-6, 1e9, "rad")
+        require_bounds(self)
 
 
 def tension_model(drive: Drive, limit: float, unmeasured: Sequence[str]) -> CableModel:

@@ -31,13 +31,13 @@ SCENES = "wrist", "ankle", "finger", "exosuit"
 DURATION = 1.6  # length of an episode [s]
 STEP = 0.7  # factor of a number from one try to the next
 SCORES = "rms_torque_error", "chatter"
-_TUNED = "tuned_feedback.TunedFeedback"
-_FORWARD = "tuned_feedback.FrictionFeedForward"
+_TUNED = "feedback.TunedFeedback"
+_FORWARD = "feedback.FrictionFeedForward"
 NUMBERS = {
     "pi_tuned": (
-        "tuned_feedback._DELAY_SHARE",
+        "feedback._DELAY_SHARE",
         f"{_TUNED}.integral_share",
-        "tuned_feedback._DEAD_SIGMAS",
+        "feedback._DEAD_SIGMAS",
     ),
     "pi_feed_forward": tuple(
         f"{_FORWARD}.{name}"
@@ -53,7 +53,7 @@ NUMBERS = {
         "backlash_inverse._DELAY_SHARE",
         "backlash_inverse._MAX_BANDWIDTH",
         "backlash_inverse._INTEGRAL_SHARE",
-        "backlash_inverse._BAND_SIGMAS",
+        "backlash_inverse.BAND_SIGMAS",
     ),
 }
 """Free numbers of each baseline, and where they are in `cc_mujoco.control`."""

@@ -17,8 +17,13 @@ from cc_mujoco.control._compiled_laws import (
     INVERSE_SIZE,
     InverseGains,
 )
-from cc_mujoco.control._controller import LawTables, SteppedController, SteppedLaw
-from cc_mujoco.control._feedback import loop_gains, require_known_motor, total_delay
+from cc_mujoco.control._controller import (
+    LawTables,
+    SteppedController,
+    SteppedLaw,
+    total_delay,
+)
+from cc_mujoco.control._feedback import loop_gains, require_known_motor
 from cc_mujoco.device._drive import Drive
 
 _DELAY_SHARE = 0.2

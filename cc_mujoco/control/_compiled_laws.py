@@ -105,6 +105,18 @@ class FeedbackGains:
         low_open=True,
         meaning="power into the joint beyond which it is let go",
     )
+    answer_time: float = parameter(
+        unit="s",
+        bounds=(0.0, guard.MAX_ANSWER_TIME),
+        default=0.0,
+        meaning="time from a torque at the joint to the answer of the motor; 0 is none",
+    )
+    shared: float = parameter(
+        unit="1",
+        bounds=(0.0, 1.0),
+        default=0.0,
+        meaning="1 where other motors turn the joint, too, else 0",
+    )
     feed_forward: float = parameter(
         unit="1",
         bounds=(0.0, 1.0),
@@ -245,8 +257,9 @@ def _let_go(
     own, ratio = memory[GUARD:], gains[_RATIO]
     damping = gains[_SETTLING] * spring[guard.STIFFNESS] / (ratio * ratio)
     ahead = _relative_velocity(gains, seen)
-    torque = guard.limited(gains, guard.let_go_torque(own, damping, ahead))
-    return guard.bounded(guard.limits_of(gains), spring, own, torque)
+    limits = guard.limits_of(gains)
+    torque = guard.let_go_torque(limits, spring, own, damping, ahead)
+    return guard.bounded(limits, spring, own, guard.limited(gains, torque))
 
 
 @internal
@@ -542,7 +555,9 @@ def inverse_torque(
     ahead = seen[VELOCITY] - ratio * seen[JOINT_VELOCITY]
     if guard.state(limits, spring, own, ahead, seen[DESIRED]) != guard.FREE:
         memory[_ANGLE_OFFSET] = 0.0
-        torque = guard.let_go_torque(own, gains[_INVERSE_RELEASE], ahead)
+        torque = guard.let_go_torque(
+            limits, spring, own, gains[_INVERSE_RELEASE], ahead
+        )
         return guard.bounded(limits, spring, own, guard.limited(gains, torque))
     joint = seen[JOINT_ANGLE] - memory[_JOINT_0] + gains[_LATE] * seen[JOINT_VELOCITY]
     motor = seen[ANGLE] - memory[_MOTOR_0] + gains[_LATE] * seen[VELOCITY]

@@ -114,6 +114,11 @@ class Controller(ABC):
         return within if isinstance(within, np.ndarray) else float(within)
 
 
+def total_delay(drive: Drive) -> float:
+    """Return the time from a torque at the joint to the answer of the motor [s]."""
+    return (drive.delay + 1.5) * drive.period + drive.motor_lag
+
+
 def motor_limits(drive: Drive) -> guard.DriveLimits:
     """Return what laws and guard know of motor and joint."""
     return guard.DriveLimits(
@@ -126,6 +131,8 @@ def motor_limits(drive: Drive) -> guard.DriveLimits:
         min(drive.safe_torque, guard.NO_TORQUE_LIMIT),
         min(drive.safe_speed, guard.NO_SPEED_LIMIT),
         min(drive.safe_power, guard.NO_POWER_LIMIT),
+        min(total_delay(drive), guard.MAX_ANSWER_TIME),
+        float(drive.shared_joint),
     )
 
 

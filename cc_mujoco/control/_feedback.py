@@ -29,7 +29,9 @@ from cc_mujoco.control._controller import (
     LawTables,
     SteppedController,
     SteppedLaw,
+    motor_limits,
     readings,
+    total_delay,
 )
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._sensors import WINDING_COLUMNS
@@ -186,7 +188,8 @@ def stable_settling_time(
     # A damper sampled this slowly would drive the motor, not calm it.
     most = guard.MAX_DAMPING_SHARE * drive.inertia / (drive.period + drive.motor_lag)
     at_motor = stiffness / drive.ratio**2
-    return min(settling, most / at_motor)
+    stable = guard.damper_share(motor_limits(drive), spring)
+    return stable * min(settling, most / at_motor)
 
 
 class Feedback(ProportionalIntegral):
@@ -214,11 +217,6 @@ class LoopGains(NamedTuple):
     """K_i [1/s]."""
 
 
-def total_delay(drive: Drive) -> float:
-    """Return the time from a torque at the joint to the answer of the motor [s]."""
-    return (drive.delay + 1.5) * drive.period + drive.motor_lag
-
-
 def require_known_motor(drive: Drive) -> None:
     """Refuse a drive whose cables or rotor are not known.
 
@@ -240,7 +238,8 @@ def loop_gains(drive: Drive, integral_share: float = 0.0) -> LoopGains:
     T, the damper D is that of a damping ratio of 0.7, at most 0.35 J / T. The
     proportional gain acts as a damping of \(-K_p k T\), so it is at most 0.35 D / (k
     T). The integral has a share of the least of the bandwidths 1 / T, k / D, D / J. The
-    shares are the best of `scripts/benchmarks/tune_baselines.py`.
+    shares are the best of `scripts/benchmarks/tune_baselines.py`. There is no
+    damper where it would drive the swing, as late as it acts.
 
     Raises:
         CableError: Cables or rotor are not known.
@@ -253,6 +252,8 @@ def loop_gains(drive: Drive, integral_share: float = 0.0) -> LoopGains:
     proportional = min(_DELAY_SHARE * damping / (stiffness * late), _MAX_PROPORTIONAL)
     bandwidth = min(1.0 / late, stiffness / damping, damping / inertia)
     integral = integral_share * (1.0 + proportional) * bandwidth
+    limits, spring = motor_limits(drive), joint_spring(drive.cables)
+    damping *= guard.damper_share(limits, spring)
     return LoopGains(damping / stiffness, proportional, integral)
 
 

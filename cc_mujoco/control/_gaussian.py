@@ -24,8 +24,13 @@ from cc_mujoco.control._compiled_laws import (
     Design,
     GaussianGains,
 )
-from cc_mujoco.control._controller import LawTables, SteppedController, SteppedLaw
-from cc_mujoco.control._feedback import loop_gains, require_known_motor, total_delay
+from cc_mujoco.control._controller import (
+    LawTables,
+    SteppedController,
+    SteppedLaw,
+    total_delay,
+)
+from cc_mujoco.control._feedback import loop_gains, require_known_motor
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.estimation._least_squares import single_threaded_blas
 

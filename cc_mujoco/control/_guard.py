@@ -3,7 +3,7 @@
     guard.admit(limits, spring, memory, seen)          # readings, in place
     state = guard.state(limits, spring, memory, ahead, planned)
     if state != guard.FREE:
-        torque = guard.let_go_torque(memory, damping, ahead)
+        torque = guard.let_go_torque(limits, spring, memory, damping, ahead)
     torque = guard.bounded(limits, spring, memory, torque)
 
 A model may be wrong, a sensor may fail, an integral may wind up. Then the compensation
@@ -24,6 +24,9 @@ stretch that is not known to explain the torque lets go only as far as the motor
 have made that torque. A torque that is unsafe again and again is a stop, whatever makes
 it.
 
+Where other motors turn the joint, too, its sensor does not measure the torque of these
+cables, so it contradicts neither stretch nor motor.
+
 A motor that winds up slack is detected too late: when the cable gets taut, the
 stiffness k of the cables at the joint stops the rotor within milliseconds, with a
 torque of v sqrt(k J) beyond the measured one, at a speed v relative to the joint and an
@@ -42,6 +45,8 @@ NO_TORQUE_LIMIT = 1e9
 """Safe torque of a joint of which none is known [N m]."""
 NO_SPEED_LIMIT, NO_POWER_LIMIT = 1e9, 1e12
 """Safe speed [rad/s] and power [W] of a joint of which none is known."""
+MAX_ANSWER_TIME = 1.0
+"""Longest time from a reading to the answer of the motor that is told apart [s]."""
 MAX_READING = 1e6
 """Largest reading that is taken for one [rad, rad/s, N m, N]: what is learnt from a
 larger one is never unlearnt."""
@@ -55,6 +60,8 @@ RIDE_TIME = 0.005
 _RELEASE_SHARE, _RECOVERY_SHARE = 0.5, 0.25
 """Share of the way from the planned to the safe torque beyond which the joint is let
 go, and down to which it stays so; likewise of the safe speed and power, from 1."""
+_SWING_SHARE = 0.7
+"""Such a share up to which a motor may swing on its cables before an answer."""
 _PREDICTED_FACTOR = 2.0
 """Such shares of a torque that would only come, over those of a measured one."""
 _COMMAND_MARGIN = 1.25
@@ -77,8 +84,10 @@ _STRETCH_FACTOR = 3.0
 """Stiffness over the believed one, and its inverse, that cables may have."""
 _PUSH_TIME, _PUSH_PERIODS, _PUSH_SHARE, _PUSH_FRICTION = 0.02, 6.0, 0.3, 3.0
 """Time, more than readings may be late, and periods, for which a motor may stand still
-under a command above a share of what the safe torque needs, beyond the measured torque
-against such a multiple of the believed friction."""
+in all under a command above a share of what the safe torque needs, beyond the measured
+torque against such a multiple of the believed friction."""
+_PUSH_RATE = 2.0
+"""Most by which that time is shorter where the command is far above."""
 _GAP_SHARE, _GAP_FACTOR, _GAP_TIME = 0.25, 0.4, 0.05
 """Difference between the torques of sensor and stretch that is a fault: share of the
 safe torque, plus share of the larger one, for so long [s]."""
@@ -178,6 +187,11 @@ class DriveLimits(NamedTuple):
     """Speed of the joint beyond which it is let go [rad/s]."""
     safe_power: float
     """Power into the joint beyond which it is let go [W]."""
+    answer_time: float
+    """Time from a torque at the joint to the answer of the motor [s]."""
+    shared: float
+    """1 where other motors turn the joint, too, whose torque is measured there, else
+    0."""
 
 
 RATIO, LOW, HIGH, PERIOD = range(4)
@@ -191,7 +205,7 @@ def limits_of(gains: FloatArray) -> DriveLimits:
     """Return the limits of gains that begin with `DriveLimits`."""
     return DriveLimits(
         gains[RATIO], gains[LOW], gains[HIGH], gains[PERIOD], gains[4], gains[5],
-        gains[6], gains[7], gains[8],
+        gains[6], gains[7], gains[8], gains[9], gains[10],
     )  # fmt: skip
 
 
@@ -378,6 +392,9 @@ def _skip_spikes(
             speed = memory[_GOOD + i + 1] * limits.period
             most = turn * (abs(limits.ratio) if i == MOTOR else 1.0)
             most += _JUMP_PERIODS * abs(speed)
+        if i == MOTOR and limits.inertia > 0.0:  # the command and the cables turn it
+            pulled = 2.0 * command_limit(limits, spring)
+            most += pulled / limits.inertia * limits.period**2
         if abs(seen[i] - before - speed) <= most:
             memory[_JUMPED + i] = 0.0
         elif memory[_JUMPED + i] == 0.0:
@@ -399,6 +416,8 @@ def _check_frozen(
 ) -> None:
     """Stop if a reading stays the same while the others say that it cannot."""
     torque, predicted = seen[TORQUE], memory[_GAIN] * memory[_PREDICTED]
+    if limits.shared != 0.0:
+        torque = predicted
     least = _GAP_SHARE * limits.safe_torque
     for i in (MOTOR, JOINT, TORQUE):
         change = abs(seen[i] - memory[_GOOD + i])
@@ -416,6 +435,7 @@ def _check_frozen(
         elif i == TORQUE:
             given = memory[_GIVEN]
             is_far = _beyond(limits, spring, given, torque, spring[FRICTION]) != 0.0
+            is_far &= limits.shared == 0.0
         else:  # one of both stands still: no other radius explains the torque
             low, high = expected / _STRETCH_FACTOR, expected * _STRETCH_FACTOR
             is_far = max(min(low, high) - change, change - max(low, high)) > least
@@ -423,11 +443,11 @@ def _check_frozen(
             stop(memory, STOPPED if i == TORQUE else LIMP)
     load = (abs(torque) + spring[REST]) * np.exp(_PUSH_FRICTION * spring[FRICTION])
     load += _PUSH_SHARE * limits.safe_torque
+    pushed = abs(memory[COMMAND] * limits.ratio) / load
     if memory[_EQUAL + MOTOR] == 0.0:
         memory[_PUSH] = 0.0
-    elif abs(memory[COMMAND] * limits.ratio) < load:
-        memory[_PUSH] = min(memory[_PUSH], 0.0)
-    memory[_PUSH] += limits.period
+    elif pushed > 1.0:
+        memory[_PUSH] += limits.period * min(pushed, _PUSH_RATE)
     if memory[_PUSH] > max(_PUSH_TIME, _PUSH_PERIODS * limits.period):
         stop(memory, LIMP)
 
@@ -605,16 +625,19 @@ def admit(
         memory[_TAKEN_PREDICTED] += share * (
             memory[_PREDICTED] - memory[_TAKEN_PREDICTED]
         )
-        if memory[STATE] < STOPPED:
+        if memory[STATE] < STOPPED and limits.shared == 0.0:
             _compare(limits, spring, memory)
 
 
 @internal
 def _credible(limits: DriveLimits, spring: FloatArray, memory: FloatArray) -> float:
     """Return the torque of the stretch as far as it is to be believed [N m]."""
-    if _explains(memory, _MAX_MISFIT):
-        return float(memory[_GAIN] * memory[_PREDICTED])
     predicted = max(memory[_GAIN], 1.0) * memory[_PREDICTED]
+    if _explains(memory, _MAX_MISFIT):
+        # A gain below 1 may be that of the sensor, once the motor can be unsafe.
+        if memory[_MOST] > limits.safe_torque:
+            return float(predicted)
+        return float(memory[_GAIN] * memory[_PREDICTED])
     friction = _most_friction(spring)
     high = _behind_friction(limits, spring, memory[_MOST], friction)
     low = _behind_friction(limits, spring, -memory[_MOST], -friction)
@@ -673,20 +696,66 @@ def state(
     return float(memory[STATE])
 
 
+@internal
+def _turn_of_answer(limits: DriveLimits, spring: FloatArray) -> float:
+    """Return by how much a motor on its cables swings on before an answer [rad].
+
+    It is 0 where stiffness, inertia or the time of an answer are not known.
+    """
+    if not limits.inertia * spring[STIFFNESS] > 0.0:
+        return 0.0
+    frequency = np.sqrt(spring[STIFFNESS] / limits.inertia) / abs(limits.ratio)
+    return float(frequency * limits.answer_time)
+
+
 @compiled
-def let_go_torque(memory: FloatArray, damping: float, ahead: float) -> float:
+def damper_share(limits: DriveLimits, spring: FloatArray) -> float:
+    """Return the share of a motor's damping that still calms it, late as it acts.
+
+    A damper that answers a quarter of a swing late, pi / 2, drives the swing, and an
+    answer may be half as late again as believed. So it is all below 0.5 and none from
+    1 rad.
+    """
+    turned = _turn_of_answer(limits, spring)
+    return float(min(max(2.0 - 2.0 * turned, 0.0), 1.0))
+
+
+@internal
+def _period_share(limits: DriveLimits, spring: FloatArray) -> float:
+    """Return the share of half a swing of the motor that a step lasts, 1 at most."""
+    frequency = _turn_of_answer(limits, spring) / limits.answer_time
+    return float(min(limits.period * frequency / np.pi, 1.0))
+
+
+@compiled
+def let_go_torque(
+    limits: DriveLimits,
+    spring: FloatArray,
+    memory: FloatArray,
+    damping: float,
+    ahead: float,
+) -> float:
     """Return the torque of a motor that the law does not drive [N m].
 
     Args:
+        limits: see `admit`.
+        spring: see `admit`.
         memory: see `admit`.
         damping: of a motor that is let go [N m s/rad].
         ahead: velocity of the motor relative to the joint [rad/s].
     """
     if memory[STATE] == LIMP:
         return 0.0
+    share = damper_share(limits, spring)
+    damping *= share
+    kept = 0.0
+    if share < 1.0:
+        # Torque that ends at once makes the motor swing by as much.
+        left = 1.0 - _period_share(limits, spring)
+        kept = (1.0 - share) * left * memory[COMMAND]
     if memory[STATE] == BRAKED:
-        return float(-damping * memory[_GOOD + MOTOR_SPEED])
-    return float(-damping * ahead)
+        return float(kept - damping * memory[_GOOD + MOTOR_SPEED])
+    return float(kept - damping * ahead)
 
 
 @compiled
@@ -703,12 +772,64 @@ def command_limit(limits: DriveLimits, spring: FloatArray) -> float:
     return float(_COMMAND_MARGIN * held)
 
 
+@internal
+def _swing_bounds(
+    limits: DriveLimits, spring: FloatArray, torque: float, rushing: float, most: float
+) -> tuple[float, float]:
+    """Return the least and the greatest torque that the motor may pull with [N m].
+
+    Rotor and cables swing at an angular frequency w about a torque that the motor
+    holds. The guard sees late what it does, so that torque is held for the time T of an
+    answer. Let go then, they swing by no more than the greatest torque M:
+    g^2 |a|^2 + 2 g a b + |b|^2 <= M^2, where a = (1 - cos wT, sin wT), and b is the
+    present state (torque, rushing) turned by wT.
+
+    Args:
+        limits: see `admit`.
+        spring: see `admit`.
+        torque: at the joint [N m].
+        rushing: torque that stopping the rotor would add, see `impact_torque` [N m].
+        most: greatest torque [N m].
+    """
+    turned = min(_turn_of_answer(limits, spring), np.pi)
+    short = 2.0 * np.sin(0.5 * turned) ** 2  # 1 - cos
+    both = 0.5 * (torque * short - rushing * np.sin(turned)) / short
+    room = most**2 - torque**2 - rushing**2
+    half = np.sqrt(max(both**2 + 0.5 * room / short, 0.0))
+    return float(both - half), float(both + half)
+
+
+@internal
+def _swing_limited(
+    limits: DriveLimits, spring: FloatArray, memory: FloatArray, torque: float
+) -> float:
+    """Return a command of which the joint gets no unsafe torque before an answer."""
+    is_quick = damper_share(limits, spring) < 1.0  # else it is let go in time
+    is_known = limits.safe_torque < NO_TORQUE_LIMIT
+    if not (is_quick and is_known) or memory[STATE] != FREE:
+        return torque
+    ratio, friction = limits.ratio, spring[FRICTION]
+    ahead = memory[_GOOD + MOTOR_SPEED] - ratio * memory[_GOOD + JOINT_SPEED]
+    rushing = impact_torque(ahead, ratio, spring[STIFFNESS], limits.inertia)
+    aim = min(abs(memory[_GOOD + DESIRED]), limits.safe_torque)
+    most = aim + _SWING_SHARE * (limits.safe_torque - aim)
+    before, step = ratio * memory[COMMAND], most * _period_share(limits, spring)
+    given = max(min(ratio * torque, before + step), before - step)
+    for measured in (memory[_GOOD + TORQUE], _credible(limits, spring, memory)):
+        low, high = _swing_bounds(limits, spring, measured, rushing, most)
+        low += _behind_friction(limits, spring, measured, -friction) - measured
+        high += _behind_friction(limits, spring, measured, friction) - measured
+        given = max(min(given, max(high, 0.0)), min(low, 0.0))  # no sensor drives
+    return float(given / ratio)
+
+
 @compiled
 def bounded(
     limits: DriveLimits, spring: FloatArray, memory: FloatArray, torque: float
 ) -> float:
-    """Return a command within `command_limit`, and keep it [N m]."""
+    """Return a command that makes no unsafe torque, and keep it [N m]."""
     most = command_limit(limits, spring)
+    torque = _swing_limited(limits, spring, memory, torque)
     if abs(torque) > most:
         torque = np.sign(torque) * most
     memory[COMMAND] = torque
@@ -735,5 +856,5 @@ def passed(
     limits, seen = limits_of(gains), memory[_GOOD : _GOOD + READINGS]
     ahead = seen[MOTOR_SPEED] - limits.ratio * seen[JOINT_SPEED]
     if state(limits, spring, memory, ahead, seen[DESIRED]) != FREE:
-        torque = let_go_torque(memory, damping, ahead)
+        torque = let_go_torque(limits, spring, memory, damping, ahead)
     return bounded(limits, spring, memory, limited(gains, torque))

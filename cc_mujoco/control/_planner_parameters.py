@@ -159,6 +159,14 @@ class Tuning:
         unit="W", bounds=(0.0, guard.NO_POWER_LIMIT), default=guard.NO_POWER_LIMIT,
         low_open=True, meaning="power into the joint beyond which it is let go",
     )  # fmt: skip
+    answer_time: float = parameter(
+        unit="s", bounds=(0.0, guard.MAX_ANSWER_TIME), default=0.0,
+        meaning="time from a torque at the joint to the answer of the motor; 0 is none",
+    )  # fmt: skip
+    shared: float = parameter(
+        unit="1", bounds=(0.0, 1.0), default=0.0,
+        meaning="1 where other motors turn the joint, too, else 0",
+    )  # fmt: skip
     one_way: float = parameter(
         unit="1", bounds=(0.0, 1.0), default=0.0,
         meaning="1 where the cables only transmit positive motor torque, else 0",
@@ -216,6 +224,8 @@ TUNING: tuple[Parameter, ...] = parameters_of(Tuning)
     SAFE,
     SAFE_SPEED,
     SAFE_POWER,
+    ANSWER_TIME,
+    SHARED,
     ONE_WAY,
     ITERATIONS,
     STIFFNESS,

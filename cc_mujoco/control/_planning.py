@@ -47,6 +47,7 @@ from cc_mujoco.control._planner_observer import (
     set_bristles,
 )
 from cc_mujoco.control._planner_parameters import (
+    ANSWER_TIME,
     CAUTION_SHARE,
     CREEP,
     DAMPER,
@@ -64,6 +65,7 @@ from cc_mujoco.control._planner_parameters import (
     SAFE,
     SAFE_POWER,
     SAFE_SPEED,
+    SHARED,
     SLACK,
     SLOW,
     SPAN,
@@ -304,7 +306,8 @@ def motor_torque(
     dt, own = tune[PERIOD], device.memory
     limits = guard.DriveLimits(
         tune[RATIO], tune[LOW], tune[HIGH], dt, tune[ONE_WAY], tune[INERTIA],
-        tune[SAFE], tune[SAFE_SPEED], tune[SAFE_POWER],
+        tune[SAFE], tune[SAFE_SPEED], tune[SAFE_POWER], tune[ANSWER_TIME],
+        tune[SHARED],
     )  # fmt: skip
     spring, watched = tune[STIFFNESS:], own[GUARD:FRICTION]
     read = watched[guard.SEEN :]
@@ -365,7 +368,8 @@ def motor_torque(
     if guard.state(limits, spring, watched, ahead, planned) != guard.FREE:
         # Predictions from a failed sensor would drive the motor.
         ahead = read[guard.MOTOR_SPEED] - tune[RATIO] * read[guard.JOINT_SPEED]
-        torque = guard.let_go_torque(watched, _damping(tune, delay), ahead)
+        damping = _damping(tune, delay)
+        torque = guard.let_go_torque(limits, spring, watched, damping, ahead)
     if not abs(torque) < np.inf:
         # Readings that contradict each other by far made the models diverge.
         guard.stop(watched, guard.LIMP)

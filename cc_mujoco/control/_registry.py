@@ -501,7 +501,7 @@ def decoupled_drives(
 ) -> tuple[list[Drive], Coupling]:
     coupling = Coupling(drives, prefixes)
     found = [
-        dataclasses.replace(drive, torque_noise=float(noise))
+        dataclasses.replace(drive, torque_noise=float(noise), shared_joint=False)
         for drive, noise in zip(drives, coupling.noise, strict=True)
     ]
     return found, coupling

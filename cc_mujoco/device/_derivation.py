@@ -24,11 +24,11 @@ from cc_mujoco.device._description import (
     ASSUMED,
     GIVEN,
     PERIOD,
-    SAFE_DEMANDS,
     SCENE,
     Axis,
     Description,
     DescriptionReader,
+    Slip,
     rounded,
 )
 from cc_mujoco.device._device_files import hysteresis_of
@@ -251,7 +251,8 @@ def _axes(
     sources = []
     for name in order:
         table = given.get(name, Table(f"scene {scene}, motor {name!r}", {}))
-        one = _axis(spec, arms, motors[name], wound[motors[name]], ends, table, read)
+        pulled = {cable: cables[cable] for cable in wound[motors[name]]}
+        one = _axis(spec, arms, motors[name], pulled, ends, table, read)
         origins = [key for key in read.sources if key.startswith("axis.")]
         sources.append({key: read.sources.pop(key) for key in origins})
         found.append(one)
@@ -307,7 +308,7 @@ def _axis(
     spec: mujoco.MjSpec,
     arms: Arms,
     motor: int,
-    wound: list[str],
+    cables: Mapping[str, Cable],
     ends: Mapping[str, tuple[_End, _End]],
     table: Table,
     read: DescriptionReader,
@@ -317,10 +318,10 @@ def _axis(
     drum = int(model.actuator_trnid[motor, 0])
     _require_hinge(model, drum, f"motor {name!r} turns")
     torque = _torque_limit(spec, model, motor, table, read)
-    joint = _driven_joint(arms, wound, ends, drum, table, read)
+    joint = _driven_joint(arms, list(cables), ends, drum, table, read)
     moved = model.joint(joint).name
     _require_hinge(model, joint, f"motor {name!r} drives")
-    own = [n for n in wound if joint in ends[n][1].joints]
+    own = [n for n in cables if joint in ends[n][1].joints]
     drums, joints = (
         {n: arms.neutral(ends[n][side].out, at) for n in own}
         for side, at in enumerate((drum, joint))
@@ -345,6 +346,10 @@ def _axis(
     # A cable pulls its joint against its own arm.
     way = -math.copysign(1.0, distal) if one_way else 1.0
     demanded = rounded(TORQUE_SHARE * largest)
+    slip = Slip(
+        max(cables[n].friction * cables[n].wrap for n in own),
+        sum(abs(joints[n]) * cables[n].pretension for n in own) if pull_pull else 0.0,
+    )
     task = table.text("task")
     read.note("axis.task", ASSUMED if task is None else GIVEN)
     gearing = table.number("gearing", 1e-9)
@@ -360,7 +365,7 @@ def _axis(
         drum=model.joint(drum).name,
         joint=moved,
         limb=moved,
-        cables=tuple(wound),
+        cables=tuple(cables),
         pull_pull=pull_pull,
         torque=torque,
         reach=reach,
@@ -368,8 +373,9 @@ def _axis(
         torque_scale=units["joint_torque_nm"],
         units=units,
         task=task or f"hold:{way * demanded:g}",
-        safe_torque=assumed("safe_torque", SAFE_DEMANDS * demanded, 1e-9),
+        safe_torque=assumed("safe_torque", slip.safe_torque(demanded), 1e-9),
         safe_is_assumed=table.number("safe_torque", 1e-9) is None,
+        slip=slip,
         safe_speed=assumed("safe_speed", math.inf, 1e-9),
         safe_power=assumed("safe_power", math.inf, 1e-9),
         motor_pulley=assumed("motor_pulley", 0.0),

@@ -40,7 +40,34 @@ FREE_ROOTS = ("held", "free")
 
 
 SAFE_DEMANDS = 2.0
-"""Assumed safe torque over the largest that a task demands."""
+"""Least assumed safe torque over the largest that a task demands."""
+
+
+@dataclass(frozen=True)
+class Slip:
+    """Friction of the cables of an axis, as an assumed safe torque goes by it."""
+
+    friction: float = 0.0
+    """Friction coefficient times wrap."""
+    rest: float = 0.0
+    """Torque of the pretension of cables that hold each other taut [N m]."""
+
+    def held(self, torque: float) -> float:
+        """Return the torque of a motor that winds against a torque at the joint [N m].
+
+        It is that at the joint without friction.
+        """
+        taut = torque + self.rest * self.friction
+        return max(torque * math.exp(self.friction), taut)
+
+    def safe_torque(self, demand: float) -> float:
+        """Return a safe torque that leaves room for a demand [N m].
+
+        A motor that holds the demand against friction makes more of it by twice that
+        friction where the joint turns, before a controller answers.
+        """
+        turned = demand + 2.0 * (self.held(demand) - demand)
+        return rounded(max(SAFE_DEMANDS * demand, turned))
 
 
 @dataclass(frozen=True)
@@ -98,6 +125,8 @@ class Axis:
     safe_is_assumed: bool = False
     """True if nobody gives that torque, so that it follows from the motor and the task.
     """
+    slip: Slip = Slip()
+    """Friction of the cables, where it follows."""
     safe_speed: float = math.inf
     """Speed of that joint beyond which the motor brakes [rad/s]."""
     safe_power: float = math.inf

@@ -89,6 +89,9 @@ class Drive:
     """Joints of other axes that the cables turn, too, and the torque there per motor
     torque without friction in the neutral pose, signed [-]. Controllers that decouple
     axes read `device.RATIO_COLUMN` of each."""
+    shared_joint: bool = False
+    """True if cables of other axes turn the joint, too: the torque that is measured
+    there is not of these cables alone."""
     lever: bool = False
     """True if the cables pull a lever, whose arm changes with its angle; `distal` is
     that of the neutral pose. Then, too, controllers with a model need

@@ -7,6 +7,7 @@ both give the same bits, because the arithmetic is elementwise.
 from __future__ import annotations
 
 import dataclasses
+from collections import Counter
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, NamedTuple
 
@@ -354,10 +355,14 @@ class DeviceModel:
         That includes where their tension sensors are, and how good.
         """
         about = self.description
-        made = (axis.drive(self.cables, about.scene, period) for axis in self.axes)
+        made = [axis.drive(self.cables, about.scene, period) for axis in self.axes]
+        turned = Counter(
+            joint for drive in made for joint in (drive.joint, *drive.shared_ratios)
+        )
         return tuple(
             dataclasses.replace(
                 about.sensing.equip(drive),
+                shared_joint=turned[drive.joint] > 1,
                 hysteresis=about.hysteresis.get(axis.name, {}),
             )
             for axis, drive in zip(about.axes, made, strict=True)

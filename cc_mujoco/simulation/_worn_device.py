@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from cc_mujoco._validation import MAX_DURATION, require_number
 from cc_mujoco.device import Nominal
 from cc_mujoco.device._axis_columns import axis_columns, split_by_axis
-from cc_mujoco.device._description import SAFE_DEMANDS, Description
+from cc_mujoco.device._description import Description
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._model import DeviceModel, joint_range
 from cc_mujoco.device._observation import OBSERVATION_LIMIT
@@ -311,7 +311,7 @@ def _with_safe_torques(description: Description, tasks: Sequence[Task]) -> Descr
         if axis.safe_is_assumed and not task.commands_angle:
             speed = axis.units["joint_velocity_rad_s"]
             demand = peak_demand(task, axis.centre, axis.reach, speed)
-            safe = max(axis.safe_torque, SAFE_DEMANDS * demand)
+            safe = max(axis.safe_torque, axis.slip.safe_torque(demand))
             axis = dataclasses.replace(axis, safe_torque=safe)
         axes.append(axis)
     return dataclasses.replace(description, axes=tuple(axes))

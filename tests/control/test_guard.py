@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cc_mujoco.benchmark import SUITES, Cell, play
+from cc_mujoco.benchmark._cell import prepare_episodes
 from cc_mujoco.benchmark._faults import FAULTS
 from cc_mujoco.control import (
     CONTROLLERS,
@@ -41,6 +42,7 @@ from cc_mujoco.device import (
     Sensors,
     find_device,
 )
+from cc_mujoco.device._description import Slip
 from cc_mujoco.device._sensors import MEASURED_COLUMNS
 from cc_mujoco.errors import CableError
 from cc_mujoco.export import EXPORTED
@@ -194,6 +196,22 @@ def test_the_torque_of_the_stretch_lies_between_cables_that_slip_to_either_side(
     assert found[0 if sense > 0.0 else 1] == pytest.approx(desired, rel=1e-6)
 
 
+@given(pair=st.booleans(), friction=st.floats(0.0, 1.5), desired=st.floats(0.5, 6.0))
+def test_an_assumed_safe_torque_goes_by_the_balance_of_cables_that_slip(
+    pair: bool, friction: float, desired: float
+) -> None:
+    plain = pull_pull() if pair else single()
+    cables = cable_table(plain.cables)
+    cables[:, FRICTION] = friction
+    sign = 1.0 if pair else math.copysign(1.0, plain.ratio)
+    balance, _ = full_slip_balance(cables, sign, sign * desired)
+    slip = Slip(friction, joint_spring(plain.cables)[guard.REST] if pair else 0.0)
+    held = slip.held(desired)
+    assert held == pytest.approx(sign * plain.ratio * balance, rel=1e-9)
+    least = max(2.0 * desired, 2.0 * held - desired)
+    assert slip.safe_torque(desired) == pytest.approx(least, rel=0.05)
+
+
 class Loaded:
     """Readings of joint and motor at rest in a slow swing, as the cables make them."""
 
@@ -328,6 +346,47 @@ def test_no_exported_controller_is_unsafe_after_a_fault(scene: str) -> None:
         for fault in FAULTS
     }
     assert max(found.values()) <= 1.1, found
+
+
+@pytest.mark.parametrize(
+    ("name", "fault"),
+    [
+        ("pi_tuned", "strap-open"),  # 1.9 of what was assumed without friction
+        *(
+            pytest.param(*case, marks=pytest.mark.study)
+            for case in product(("pi", "lqg", "model"), FAULTS)
+        ),
+    ],
+)
+def test_a_device_of_assumed_safe_torque_is_safe_after_a_fault(
+    name: str, fault: str
+) -> None:
+    """Its cables are so stiff that they swing faster than a controller answers."""
+    assert fault_peaks("bench", name, fault) <= 1.1
+
+
+@pytest.mark.parametrize(
+    ("scene", "condition", "seed"),
+    [
+        # Its motor turns by more in a sample than an encoder that jumps.
+        ("bench", "noise-none", 2),
+        # Other motors turn its joints, too: the sensors know more than one cable.
+        ("hand", "noise-none", 0),
+        *(
+            pytest.param(scene, condition, seed, marks=pytest.mark.study)
+            for scene in ("bench", "hand", "bilateral")
+            for condition in ("noise-none", "noise-loud", "reversals", "wearer-stiff")
+            for seed in range(5)
+        ),
+    ],
+)
+def test_a_healthy_device_is_not_stopped(scene: str, condition: str, seed: int) -> None:
+    found = {one.name: one for one in SUITES["generic"].conditions(scene)}
+    short = dataclasses.replace(found[condition], duration=1.1)
+    made = prepare_episodes([Cell(short, "pi_tuned", (seed,))])
+    made.batch.play(made.law, made.sensors.measure, ["joint_torque_nm"][:0])
+    laws = getattr(made.law, "laws", (made.law,))
+    assert max(map(states, laws)) < guard.STOPPED
 
 
 RIGS = {

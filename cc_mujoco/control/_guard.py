@@ -722,9 +722,9 @@ def damper_share(limits: DriveLimits, spring: FloatArray) -> float:
 
 @internal
 def _period_share(limits: DriveLimits, spring: FloatArray) -> float:
-    """Return the share of half a swing of the motor that a step lasts, 1 at most."""
+    """Return the share of a swing of the motor that a step lasts, 1 at most."""
     frequency = _turn_of_answer(limits, spring) / limits.answer_time
-    return float(min(limits.period * frequency / np.pi, 1.0))
+    return float(min(limits.period * frequency / (2.0 * np.pi), 1.0))
 
 
 @compiled

@@ -83,7 +83,8 @@ class ModelBased(ProportionalIntegral):
                 function of the time since the reset [s] that gives it.
             settling: T [s]; 0 where the motor has no inertia. It is less where the
                 damping, times period and motor lag, would exceed 0.8 of a known
-                inertia: with a delay of one period, 1 is the edge of stability.
+                inertia: with a delay of one period, 1 is the edge of stability. It is 0
+                where the motor swings so fast that damping would drive the swing.
 
         Raises:
             CableError: If the cables are not known, a gain is negative, or a constant

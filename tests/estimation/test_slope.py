@@ -70,6 +70,7 @@ def test_a_term_is_refused_where_it_bends_the_slope(name: str) -> None:
 def test_stiffness_is_told_only_where_it_stays(on: dict[str, float]) -> None:
     cable = CABLE.replace(**on)
     changes = any(
-        name.startswith(("bedding", "stress", "bristle", "clamp")) for name in on
+        name.startswith(("bedding", "clearance", "stress", "bristle", "clamp"))
+        for name in on
     )
     assert refuses(lambda c: StiffnessEstimator(c, EVERY), cable) == changes

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ast
 import ctypes
+import gc
 import hashlib
 import json
 import os
@@ -212,6 +213,7 @@ def do_without() -> None:
 def write(path: str) -> None:
     """Write the library's source in C, in a process that does nothing else."""
     do_without()
+    gc.disable()  # trees of all functions are kept to the end
     import_module("cc_mujoco.plugin._native").write(path)
 
 

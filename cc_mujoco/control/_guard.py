@@ -420,8 +420,10 @@ def _check_frozen(
         torque = predicted
     least = _GAP_SHARE * limits.safe_torque
     for i in (MOTOR, JOINT, TORQUE):
-        change = abs(seen[i] - memory[_GOOD + i])
-        if change > (_EQUAL_SHARE * abs(torque) if i == TORQUE else 0.0):
+        change, most = abs(seen[i] - memory[_GOOD + i]), 0.0
+        if i == TORQUE:  # a slow torque changes by little from sample to sample
+            change, most = abs(torque - memory[_AT + i]), _EQUAL_SHARE * abs(torque)
+        if change > most:
             memory[_EQUAL + i] = 0.0
             memory[_AT + i], memory[_AT_PREDICTED + i] = torque, predicted
             continue

@@ -22,6 +22,7 @@ mean factor: `full_slip_balance`. Between the two directions lies the backlash.
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
 
 import numpy as np
@@ -36,7 +37,7 @@ from cc_mujoco.cable._layout import LENGTH, slips, tensions
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control._compensation import SCRATCH_ROWS, has_drag
 from cc_mujoco.device._drive import CableDrive, Drive
-from cc_mujoco.errors import CableError
+from cc_mujoco.errors import CableError, CableWarning
 from cc_mujoco.native import FloatArray, FloatCube, FloatMatrix, compiled, internal
 
 _STATIC, _BRISTLE = INDEX["static_friction"], INDEX["bristle_length"]
@@ -49,6 +50,8 @@ ADOPTION_THRESHOLD = 0.01
 """Least relative change of a learned factor of friction that is adopted: packing a
 cable for every last bit would take longer than stepping it."""
 _EA = INDEX["axial_stiffness"]
+_MOST_SOFTER = 1.5
+"""Compliance at the pretension over that of the taut cable, from which laws warn."""
 
 
 PROXIMAL, DISTAL, FRICTION, COMPLIANCE, PRETENSION = range(5)
@@ -299,7 +302,23 @@ def has_changed(factor: float, believed: float) -> bool:
 
 
 def joint_stiffness(cables: Sequence[CableDrive]) -> float:
-    """Return the stiffness of all cables of a device at its joint [N m/rad]."""
+    """Return the stiffness of all cables of a device at its joint [N m/rad].
+
+    That of taut cables: a cable with much clearance in its bends is softer, which
+    warns.
+    """
+    for cable in (one.cable for one in cables):
+        taut, seated = cable.length / cable.axial_stiffness, cable.seating_tension
+        play = cable.clearance * cable.wrap * seated
+        softer = 1.0 + play / (cable.pretension + seated) ** 2 / taut
+        if softer > _MOST_SOFTER:
+            warnings.warn(
+                f"controllers and their guards take cables for taut, but `clearance` "
+                f"makes one {softer:.1f} times softer at its pretension of "
+                f"{cable.pretension:g} N; they may let go of the joint at once.",
+                CableWarning,
+                stacklevel=2,
+            )
     prm, _, _, _, distal = stepper.make_cables(
         [one.cable for one in cables],
         [one.proximal for one in cables],

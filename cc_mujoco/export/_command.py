@@ -102,6 +102,12 @@ class Export:
                 f"iterations: {self.iterations:g} for the plans of a step, then the "
                 "last plan goes on; passivity is that without a limit"
             )
+        for axis in (description.axes[place] for place in places):
+            if axis.safe_is_assumed:
+                notes.append(
+                    f"safe torque at joint {axis.limb!r}: {axis.safe_torque:g} N m, "
+                    "ASSUMED; give `safe_torque` in [axis] of the description"
+                )
         notes += measure(plan).lines()
         scene = f"axis {self.axis} of the scene" if self.axis else "the scene"
         what = f"{self.controller} for {scene} {self.scene}"

@@ -22,7 +22,7 @@ from cc_mujoco.control import _guard as guard
 from cc_mujoco.control._controller import motor_limits
 from cc_mujoco.control._law_steps import model_memory
 from cc_mujoco.device import TENSION_COLUMN, Drive, Sensors
-from cc_mujoco.errors import CableError
+from cc_mujoco.errors import CableError, CableWarning
 from control.devices import growth, pull_pull, single, there_and_back
 from study_marks import study_but
 from thesis._inertia_free import InertiaFree
@@ -211,3 +211,15 @@ def test_bad_parameters_are_refused() -> None:
         StictionCompensation(drive, tolerance=-1.0)
     with pytest.raises(CableError, match="cutoff"):
         DisturbanceObserver(drive, cutoff=0.0)
+
+
+def test_a_law_warns_of_clearance_that_makes_its_cables_soft() -> None:
+    taut = pull_pull()
+    wide = [
+        dataclasses.replace(
+            drawn, cable=drawn.cable.replace(clearance=5e-3, seating_tension=5.0)
+        )
+        for drawn in taut.cables
+    ]
+    with pytest.warns(CableWarning, match="but `clearance` makes one .* times softer"):
+        ModelBased(dataclasses.replace(taut, cables=tuple(wide)))

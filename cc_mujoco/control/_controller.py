@@ -327,9 +327,9 @@ class SteppedController(Controller):
         """Present gains, with an attribute for each of `SteppedLaw.gains`."""
         return self.limits
 
+    @abstractmethod
     def law_tables(self) -> LawTables:
         """Return the numbers of the law besides its parameters."""
-        raise NotImplementedError
 
     def parameters(self) -> list[float]:
         """Return the parameters, in order; see `_law_steps`."""

@@ -342,7 +342,7 @@ class Cable:
         meaning="T_b: tension that takes half of that strain",
     )  # fmt: skip
     clearance: float = parameter(
-        unit="m", bounds=(0.0, 0.1), default=0.0,
+        unit="m", bounds=(0.0, 0.01), default=0.0,
         meaning=(
             "c: play of the cable across its conduit, by which its path is shorter per "
             "wrap where it is taut; 0 is off"

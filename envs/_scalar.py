@@ -19,7 +19,7 @@ from cc_mujoco.device._model import load
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Trajectory, Wearer
 from cc_mujoco.simulation._batch import Simulation
-from cc_mujoco.simulation._episodes import REWARD_TERMS, Episodes
+from cc_mujoco.simulation._episodes import REWARD, REWARD_TERMS, Episodes
 from cc_mujoco.simulation._worn_device import (
     DrivenEnvironment,
     TaskChoice,
@@ -260,7 +260,7 @@ class DeviceEnv(
         terms = episodes.step(action)[:, 0].tolist()
         return (
             episodes.observation()[0],
-            terms[0] + terms[1] + terms[2],
+            terms[REWARD],
             bool(episodes.worlds.warned[0]),
             bool(episodes.samples[0] >= last),
             self._info(terms),
@@ -274,7 +274,7 @@ class DeviceEnv(
         return {
             name: value[0] if value.ndim > 1 else float(value[0])
             for name, value in self._episodes.columns(snapshot).items()
-        } | dict(zip(REWARD_TERMS, terms, strict=True))
+        } | dict(zip(REWARD_TERMS, terms, strict=False))
 
     def render(self) -> NDArray[np.uint8] | None:
         """Picture of the device, (height, width, 3), in mode `rgb_array`.

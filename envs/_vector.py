@@ -21,7 +21,7 @@ from cc_mujoco.device._model import Array, load
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Trajectory, Wearer
 from cc_mujoco.simulation._batch import Simulations, Worlds
-from cc_mujoco.simulation._episodes import REWARD_TERMS, Episodes
+from cc_mujoco.simulation._episodes import REWARD, REWARD_TERMS, TERMS, Episodes
 from cc_mujoco.simulation._worn_device import (
     DrivenEnvironment,
     TaskChoice,
@@ -207,7 +207,7 @@ class DeviceVectorEnv(
         self._begin(np.flatnonzero(masked), options)
         self._over[masked] = False
         self._was_reset = True
-        terms = np.zeros((len(REWARD_TERMS), self.num_envs))
+        terms = np.zeros((TERMS, self.num_envs))
         return self._episodes.observation(), self._info(terms, masked.copy())
 
     def _mask(self, given: Any) -> NDArray[np.bool_]:
@@ -246,7 +246,7 @@ class DeviceVectorEnv(
                 f"environments {rows} are over: reset(options={{'reset_mask': ...}})."
             )
         fresh = self._over
-        going = ~fresh if fresh.any() else None
+        going = ~fresh if b"\1" in fresh.tobytes() else None
         terms = self._episodes.step(actions, going)
         if going is not None:
             self._begin(np.flatnonzero(fresh), None)
@@ -255,10 +255,11 @@ class DeviceVectorEnv(
         terminated = self.simulations.warned
         truncated = self._episodes.samples >= self._last
         self._over = terminated | truncated
-        reward = terms[0] + terms[1] + terms[2]
+        reward = terms[REWARD]
         if not (self.mode is AutoresetMode.SAME_STEP and self._over.any()):
             return observation, reward, terminated, truncated, self._info(terms)
         over, self._over = self._over, np.zeros_like(self._over)
+        reward = reward.copy()
         final = self._final_info(observation, terms, over)
         self._begin(np.flatnonzero(over), None)
         terms[:, over] = 0.0
@@ -309,7 +310,7 @@ class DeviceVectorEnv(
     ) -> LazyInfo:
         """Return an `info` of some environments: arrays and a mask for each.
 
-        Nothing writes to the `terms` of the reward, (3, num_envs).
+        Nothing writes to the `terms` of the reward, (4, num_envs).
         """
         return LazyInfo(self._columns, self._episodes.snapshot(), terms, described)
 
@@ -317,7 +318,7 @@ class DeviceVectorEnv(
         self, snapshot: Any, terms: Array, described: NDArray[np.bool_] | None
     ) -> dict[str, Any]:
         columns = self._episodes.columns(snapshot)
-        columns |= dict(zip(REWARD_TERMS, terms, strict=True))
+        columns |= dict(zip(REWARD_TERMS, terms, strict=False))
         masks = np.ones((len(columns), self.num_envs), dtype=np.bool_)
         if described is not None:
             masks &= described

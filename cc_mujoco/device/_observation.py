@@ -277,6 +277,23 @@ def follow_past(past: Past, row: int) -> None:
         past.plays[row, play] = min(near, angle + reach)
 
 
+@internal
+def write_row(past: Past, row: int, whole: FloatMatrix, first: int) -> None:
+    """Write the observation of a row into a matrix, from column `first` on."""
+    width = past.units.size
+    for i in range(width):
+        whole[row, first + i] = np.float32(_frame_value(past, row, i))
+    place = first + width
+    for play in range(past.reach.size):
+        moved = _play_angle(past, row, play) - past.plays[row, play]
+        whole[row, place + play] = np.float32(moved / past.reach[play])
+    place = place + past.reach.size
+    for k in range(past.frames.shape[1]):
+        for i in range(width + 1):
+            whole[row, place + i] = np.float32(past.frames[row, k, i])
+        place = place + width + 1
+
+
 @compiled
 def write_observation(past: Past, whole: FloatMatrix, first: int) -> None:
     """Write the observations of all rows into columns of a matrix, as single precision.
@@ -286,19 +303,8 @@ def write_observation(past: Past, whole: FloatMatrix, first: int) -> None:
         whole: (n, columns), written.
         first: Column of the first number.
     """
-    width = past.units.size
     for row in range(whole.shape[0]):
-        for i in range(width):
-            whole[row, first + i] = np.float32(_frame_value(past, row, i))
-        place = first + width
-        for play in range(past.reach.size):
-            moved = _play_angle(past, row, play) - past.plays[row, play]
-            whole[row, place + play] = np.float32(moved / past.reach[play])
-        place = place + past.reach.size
-        for k in range(past.frames.shape[1]):
-            for i in range(width + 1):
-                whole[row, place + i] = np.float32(past.frames[row, k, i])
-            place = place + width + 1
+        write_row(past, row, whole, first)
 
 
 @compiled

@@ -2,7 +2,7 @@
 
     episodes = Episodes(exo, worlds, count)
     episodes.begin([0, 1], generators, options)
-    terms = episodes.step(actions, going)              # (3, n), see `REWARD_TERMS`
+    terms = episodes.step(actions, going)              # (4, n), see `REWARD_TERMS`
     episodes.observation()                             # (n, size)
 
 A single environment is one of them, a vector environment n.
@@ -24,7 +24,7 @@ from cc_mujoco.device._observation import (
     Past,
     begin_past,
     follow_past,
-    write_observation,
+    write_row,
 )
 from cc_mujoco.device._sensors import BIAS, REFERENCE_COLUMN
 from cc_mujoco.device._variables import DELAY, NOISE
@@ -50,9 +50,11 @@ MAX_ERROR_COST = 10.0
 """Most that an error of torque costs [1/s]."""
 
 REWARD_TERMS = ("reward_tracking", "reward_effort", "reward_smoothness")
-"""Keys of the terms of the reward in `info`; the reward is their sum."""
+"""Keys of the terms of the reward in `info`."""
 
-_TRACKING, _EFFORT, _SMOOTHNESS = range(len(REWARD_TERMS))
+TERMS = 1 + len(REWARD_TERMS)
+_TRACKING, _EFFORT, _SMOOTHNESS, REWARD = range(TERMS)
+"""Places of the terms of a reward, and of their sum."""
 
 
 class AxisSensors(NamedTuple):
@@ -98,7 +100,7 @@ class Episodes:
         self._costs = np.zeros(count)
         self._action_shape = self._actions.shape[0 if is_vector else 1 :]
         self._effort = -EFFORT_COST * exo.period
-        self._shape = count, sum(one.size for one in self._histories)
+        self._observed = np.zeros((count, sum(one.size for one in self._histories)))
         self._all, self._none = np.ones(count, np.bool_), np.zeros(count, np.bool_)
         self._table = np.zeros((0, 0))
 
@@ -147,7 +149,7 @@ class Episodes:
             fresh[row] = True
         self.samples[fresh] = 0
         self._actions[fresh] = 0.0
-        self._look(self._none, fresh, np.zeros((len(REWARD_TERMS), len(fresh))))
+        self._look(self._none, fresh, np.zeros((TERMS, len(fresh))))
 
     def _apply_plant(self, row: int, plant: Plant) -> None:
         """Give a row its plant, and the model that is started from."""
@@ -190,7 +192,7 @@ class Episodes:
             going: Mask of those that are advanced (n,); all by default.
 
         Returns:
-            Terms of the reward, `REWARD_TERMS`, (3, n).
+            Terms of the reward, `REWARD_TERMS`, and their sum, (4, n).
 
         Raises:
             CableError: If actions are of another shape, or one of those that are
@@ -198,7 +200,7 @@ class Episodes:
         """
         exo, worlds = self.exo, self.worlds
         going = self._all if going is None else going
-        terms = np.zeros((len(REWARD_TERMS), len(going)))
+        terms = np.zeros((TERMS, len(going)))
         actions = self._numbers(action)
         if not _charge(
             actions, self._actions, going, self._effort, -exo.smoothness, terms
@@ -238,22 +240,20 @@ class Episodes:
 
     def _look(self, going: Mask, fresh: Mask, terms: NDArray[np.float64]) -> None:
         """Take a sample of all sensors, and add to the reward for tracking."""
-        exo = self.exo
         self._table = table = self.wiring.read(self.worlds.physics, self.samples)
-        for n, sensors in enumerate(self._sensors):
+        first, sampling = 0, self.exo.sampling
+        for n, (sensors, history) in enumerate(
+            zip(self._sensors, self._histories, strict=True)
+        ):
             _sense(
-                sensors, self._histories[n].past, table, self.samples, going, fresh,
-                n, self._costs, len(self._sensors), exo.sampling, terms,
+                sensors, history.past, table, self.samples, going, fresh, n,
+                self._costs, len(self._sensors), sampling, terms, self._observed, first,
             )  # fmt: skip
+            first += history.size
 
     def observation(self) -> NDArray[np.float32]:
         """Return what is observed now (n, size)."""
-        whole = np.empty(self._shape)
-        first = 0
-        for history in self._histories:
-            write_observation(history.past, whole, first)
-            first += history.size
-        return whole.astype(np.float32)
+        return self._observed.astype(np.float32)
 
     def snapshot(self) -> tuple[NDArray[Any], ...]:
         """Return what `columns` needs of now."""
@@ -269,6 +269,7 @@ class Episodes:
         """Go on with the episodes of another, of which `worlds` have the state."""
         self.plants, self._current_plant = list(other.plants), other._current_plant
         self.samples[:], self._actions[:] = other.samples, other._actions
+        self._observed[:] = other._observed
         self.wiring.take(other.wiring)
         self._table = other._table
         self._sensors = copy.deepcopy(other._sensors)
@@ -320,10 +321,13 @@ def _sense(
     axes: int,
     sampling: float,
     terms: FloatMatrix,
+    observed: FloatMatrix,
+    first: int,
 ) -> None:
     """Take a sample of the sensors of the n-th axis, in rows that go on or begin.
 
-    `costs` are those of the errors of the axes so far, per second (n,).
+    `costs` are those of the errors of the axes so far, per second (n,). The
+    observation of the axis is written to `observed` from column `first` on.
     """
     last = sensors.errors.shape[1] - 1
     for row in range(samples.size):
@@ -342,11 +346,16 @@ def _sense(
             past.measured[row, i] = value
         if fresh[row]:
             begin_past(past, row)
+            write_row(past, row, observed, first)
             continue
         follow_past(past, row)
+        write_row(past, row, observed, first)
         error = abs(table[sensors.actual, row] - table[sensors.wanted, row])
         cost = min(error / sensors.scale, MAX_ERROR_COST)
         costs[row] = cost if n == 0 else costs[row] + cost
         if n == axes - 1:
             reward = -costs[row] / axes
-            terms[_TRACKING, row] = terms[_TRACKING, row] + sampling * reward
+            tracking = terms[_TRACKING, row] + sampling * reward
+            terms[_TRACKING, row] = tracking
+            used = tracking + terms[_EFFORT, row]
+            terms[REWARD, row] = used + terms[_SMOOTHNESS, row]

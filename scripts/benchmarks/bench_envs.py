@@ -13,7 +13,6 @@ step of the single wrist with one of `HalfCheetah-v5`, by the least of many turn
 
 from __future__ import annotations
 
-import argparse
 import importlib.util
 import math
 import time
@@ -23,6 +22,7 @@ from unittest.mock import patch
 
 import gymnasium
 import numpy as np
+import tyro
 from gymnasium.vector import VectorEnv
 from mujoco.batch import Batch
 from numpy.typing import NDArray
@@ -39,21 +39,22 @@ ROUNDS = 5
 """Turns that each of them takes."""
 
 
-def main() -> None:
-    """Print a table for each environment."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--envs", type=int, nargs="+", default=[1, 16, 64, 256])
-    parser.add_argument("--seconds", type=float, default=0.5, help="per turn of sync")
-    parser.add_argument("--steps", type=int, default=500, help="per turn of the others")
-    arguments = parser.parse_args()
+def main(
+    envs: tuple[int, ...] = (1, 16, 64, 256), seconds: float = 0.5, steps: int = 500
+) -> None:
+    """Print a table for each environment.
+
+    Args:
+        seconds: per turn of `SyncVectorEnv`.
+        steps: per turn of the others.
+    """
     print(
         f"{'environment':26} {'envs':>5} {'batch':>12} {'sync':>12} {'ratio':>7}"
         f" {'of Batch':>9}"
     )
     for name in IDS:
-        for count in arguments.envs:
-            found = compare(name, count, arguments.seconds, arguments.steps)
-            batch, sync, share = found
+        for count in envs:
+            batch, sync, share = compare(name, count, seconds, steps)
             print(
                 f"{name:26} {count:5d} {batch:8.0f} st/s {sync:8.0f} st/s "
                 f"{batch / sync:7.2f} {share:9.2f}",
@@ -159,4 +160,4 @@ def rate(env: VectorEnv, seconds: float) -> float:
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(main)

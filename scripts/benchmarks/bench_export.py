@@ -13,7 +13,6 @@ else.
 
 from __future__ import annotations
 
-import argparse
 import subprocess
 import tempfile
 from pathlib import Path
@@ -21,6 +20,7 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+import tyro
 
 from cc_mujoco.control import axes_controller
 from cc_mujoco.device import TENSION_COLUMN, Drive
@@ -90,30 +90,30 @@ def timed(plan: ExportPlan, read: np.ndarray, repetitions: int) -> str:
     )
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--scene", nargs="+", default=["wrist"])
-    parser.add_argument("--duration", type=float, default=5.0)
-    parser.add_argument("--repetitions", type=int, default=20)
-    parser.add_argument("--controllers", nargs="+", default=EXPORTED)
-    given = parser.parse_args()
+def main(
+    scene: tuple[str, ...] = ("wrist",),
+    duration: float = 5.0,
+    repetitions: int = 20,
+    controllers: tuple[str, ...] = tuple(EXPORTED),
+) -> None:
+    """Print the table, of episodes of this duration [s]."""
     print(
         "| scene | controller | object [KiB] | memory [KiB] | stack [bytes] "
         "| median [us] | 99.9 % [us] | longest [us] |\n"
         "|---|---|---:|---:|---:|---:|---:|---:|"
     )
-    for scene in given.scene:
+    for place in scene:
         env: Any = gymnasium.make(
             "cc_mujoco/Device-v1",
-            device=scene,
+            device=place,
             disable_env_checker=True,
-            duration=given.duration,
+            duration=duration,
         ).unwrapped
-        for name in given.controllers:
-            plan, read = readings(env, list(env.drives), name, given.duration)
-            row = timed(plan, read, given.repetitions)
-            print(f"| {scene} | `{name}` | {row} |", flush=True)
+        for name in controllers:
+            plan, read = readings(env, list(env.drives), name, duration)
+            row = timed(plan, read, repetitions)
+            print(f"| {place} | `{name}` | {row} |", flush=True)
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(main)

@@ -11,36 +11,28 @@ takes it for 0. Errors are RMS, of the torque that the joint truly got.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import math
 import re
 import sys
 import tempfile
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import gymnasium
 import mujoco
 import numpy as np
+import tyro
 
 import cc_mujoco.envs  # noqa: F401, registers the environments
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "diagnosis_study"))
 
-from driven import Bench, Lockstep
+from driven import Bench, Lockstep, play
 
 from cc_mujoco.control import Controller, controller
 from cc_mujoco.device import Drive, Measuring, load_device
-from cc_mujoco.hardware import (
-    AxisRow,
-    DrivenAxis,
-    Loop,
-    RunOutcome,
-    Settings,
-    read_settings,
-)
+from cc_mujoco.hardware import RunOutcome, Settings, read_settings
 from cc_mujoco.report import table
 from cc_mujoco.simulation import Single, Trace, run
 from rig import make_rig
@@ -79,13 +71,6 @@ def page_settings(changes: dict[str, str] | None = None) -> Settings:
         return read_settings(path)
 
 
-class Nowhere:
-    """Keeps no log."""
-
-    def row(self, axes: Sequence[AxisRow], *_: float) -> None:
-        """See `RunLog.row`."""
-
-
 def bench(
     law: str,
     settings: Settings,
@@ -122,13 +107,14 @@ def bench(
         swing,
     )
     desired = settings.desired(seconds)
-    axis = DrivenAxis(rig, drive, desired, settings.limits, settings.watchdog)
-    loop = Loop([axis], law_of(law, drive), clock=rig, log=Nowhere())
-    outcome = loop.run(seconds)
-    felt = np.array(rig.torques)[: round(seconds / settings.period)]
-    felt = felt[round(min(SETTLED, 0.5 * seconds) / settings.period) :]
+    outcome = play(
+        rig, law_of(law, drive), desired, settings.limits, seconds,
+        watchdog=settings.watchdog,
+    )  # fmt: skip
+    torque = np.array(rig.torques)[: round(seconds / settings.period)]
+    torque = torque[round(min(SETTLED, 0.5 * seconds) / settings.period) :]
     wanted = settings.task.number("torque") or 0.0
-    rms = float(np.sqrt(np.mean((felt - wanted) ** 2)))
+    rms = float(np.sqrt(np.mean((torque - wanted) ** 2)))
     return (rms if outcome.code == 0 else math.inf), outcome
 
 
@@ -175,22 +161,22 @@ def row(scene: str, lag: float, known: bool, seeds: range) -> tuple[str, ...]:
     return scene, f"{1e3 * lag:g}", f"{1e3 * lag * known:g}", f"{np.mean(found):.3g}"
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--scenes", nargs="+", default=["bench", "wrist", "ankle"])
-    parser.add_argument("--lags", nargs="+", type=float, default=[0.0, 1.0, 3.0, 5.0])
-    parser.add_argument("--seeds", type=int, default=2)
-    parser.add_argument("--first-seed", type=int, default=1)
-    given = parser.parse_args()
-    seeds = range(given.first_seed, given.first_seed + given.seeds)
+def main(
+    scenes: tuple[str, ...] = ("bench", "wrist", "ankle"),
+    lags: tuple[float, ...] = (0.0, 1.0, 3.0, 5.0),
+    seeds: int = 2,
+    first_seed: int = 1,
+) -> None:
+    """Print the table, for lags in milliseconds."""
+    numbers = range(first_seed, first_seed + seeds)
     rows = [
-        row(scene, 1e-3 * lag, known, seeds)
-        for scene in given.scenes
-        for lag in given.lags
+        row(scene, 1e-3 * lag, known, numbers)
+        for scene in scenes
+        for lag in lags
         for known in ((True, False) if lag else (True,))
     ]
     print(table(("scene", "lag [ms]", "lag believed", "RMS error [N m]"), rows))
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(main)

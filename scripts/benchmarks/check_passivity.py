@@ -20,16 +20,17 @@ cables and motor are there and nothing is desired.
 
 from __future__ import annotations
 
-import argparse
 import csv
 import dataclasses
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
+import tyro
 from numpy.typing import NDArray
 from scipy.optimize import differential_evolution
 
@@ -95,7 +96,7 @@ def search(
     )
 
 
-def searched(piece: Piece, given: argparse.Namespace) -> list[dict[str, Any]]:
+def searched(piece: Piece, generations: int, crowd: int) -> list[dict[str, Any]]:
     """Search the worst wearer, and tell of all that were tried."""
     name, task, law = piece
     scene, _, own = name.partition(".")
@@ -107,7 +108,7 @@ def searched(piece: Piece, given: argparse.Namespace) -> list[dict[str, Any]]:
         return play(scene, law, task, limbs, axis=axis)
 
     bounds = wearer_bounds(scene, axis)
-    tried, found = search(played, bounds, given.generations, given.crowd)
+    tried, found = search(played, bounds, generations, crowd)
     limbs = [limb_of(place, inertia) for place in tried]
     # A wearer of little damping swings on by himself.
     swings = play(scene, "ideal", task, limbs, axis=axis).velocity
@@ -160,45 +161,41 @@ def _limb(one: dict[str, Any]) -> str:
     return ", ".join(f"{float(f'{one[name]:.2g}'):g}" for name in names)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument(
-        "--scenes", nargs="+", default=list(LIMB_RANGES), choices=list(LIMB_RANGES)
-    )
-    parser.add_argument(
-        "--tasks", nargs="+", default=["spring"], choices=PASSIVITY_TASKS
-    )
-    laws = [*PASSIVITY_REFERENCES, *CONTROLLERS]
-    parser.add_argument("--controllers", nargs="+", default=laws)
-    parser.add_argument("--generations", type=int, default=5, help="after the first")
-    parser.add_argument("--crowd", type=int, default=24, help="wearers in each")
-    parser.add_argument("--jobs", type=int, default=1, help="processes")
-    parser.add_argument(
-        "--out", type=Path, help="CSV file of all wearers that were tried"
-    )
-    given = parser.parse_args()
-    pieces = [
-        (scene, task, law)
-        for scene in given.scenes
-        for task in given.tasks
-        for law in given.controllers
-    ]
+def main(
+    scenes: tuple[Literal[tuple(LIMB_RANGES)], ...] = tuple(LIMB_RANGES),
+    tasks: tuple[Literal[tuple(PASSIVITY_TASKS)], ...] = ("spring",),
+    controllers: tuple[str, ...] = (*PASSIVITY_REFERENCES, *CONTROLLERS),
+    generations: int = 5,
+    crowd: int = 24,
+    jobs: int = 1,
+    out: Path | None = None,
+) -> None:
+    """Search the worst wearers, and print the table.
+
+    Args:
+        generations: after the first.
+        crowd: wearers in each.
+        jobs: processes.
+        out: CSV file of all wearers that were tried.
+    """
+    pieces = [(s, task, law) for s in scenes for task in tasks for law in controllers]
     done = []
-    with ProcessPoolExecutor(given.jobs, get_context("spawn")) as pool:
-        for tried in pool.map(searched, pieces, [given] * len(pieces)):
+    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
+        each = partial(searched, generations=generations, crowd=crowd)
+        for tried in pool.map(each, pieces):
             done.append(tried)
             print(*row(tried), sep=" | ", flush=True)
     print()
     print(table(HEAD, [row(tried) for tried in done], (3, 5, 6)))
     print("\nWearers: stiffness [N m/rad], damping [N m s/rad], inertia added [kg m2].")
-    if given.out:
-        given.out.parent.mkdir(parents=True, exist_ok=True)
+    if out:
+        out.parent.mkdir(parents=True, exist_ok=True)
         tried = [one for each in done for one in each]
-        with given.out.open("w", newline="", encoding="utf-8") as file:
+        with out.open("w", newline="", encoding="utf-8") as file:
             writer = csv.DictWriter(file, list(tried[0]), lineterminator="\n")
             writer.writeheader()
             writer.writerows(tried)
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(main)

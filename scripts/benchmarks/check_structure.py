@@ -12,12 +12,13 @@ printed once it is played. `--out` keeps errors, chatter and motor peak, of whic
 
 from __future__ import annotations
 
-import argparse
 import csv
 import dataclasses
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
+import tyro
 
 from cc_mujoco.benchmark import SUITES, Cell, Condition, batch_groups
 from cc_mujoco.benchmark._cell import play_group
@@ -28,7 +29,7 @@ SCORES = "rms_torque_error", "chatter", "peak_motor_torque"
 
 
 def played(
-    conditions: list[Condition], laws: list[str], seeds: tuple[int, ...]
+    conditions: list[Condition], laws: tuple[str, ...], seeds: tuple[int, ...]
 ) -> dict[str, dict[str, list[float]]]:
     """Return `SCORES` and failed episodes of each law in each condition."""
     found: dict[str, dict[str, list[float]]] = {one.name: {} for one in conditions}
@@ -64,38 +65,41 @@ def keep(path: Path, rows: list[tuple[str | float, ...]]) -> None:
         to.writerows(rows)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--suite", choices=("v2", "v2-known"), default="v2")
-    parser.add_argument("--scenes", nargs="+", default=["wrist", "ankle", "finger"])
-    parser.add_argument("--controllers", nargs="+", default=["predictive", *BASELINES])
-    parser.add_argument("--seeds", type=int, default=5)
-    parser.add_argument("--first-seed", type=int, default=0)
-    parser.add_argument("--duration", type=float, default=4.0)
-    parser.add_argument("--out", type=Path, help="CSV file, written after every device")
-    options = parser.parse_args()
-    seeds = tuple(range(options.first_seed, options.first_seed + options.seeds))
-    laws: list[str] = options.controllers
-    if len(laws) < 2:
-        parser.error("--controllers needs one to judge and one to compare it with")
+def main(
+    suite: Literal["v2", "v2-known"] = "v2",
+    scenes: tuple[str, ...] = ("wrist", "ankle", "finger"),
+    controllers: tuple[str, ...] = ("predictive", *BASELINES),
+    seeds: int = 5,
+    first_seed: int = 0,
+    duration: float = 4.0,
+    out: Path | None = None,
+) -> None:
+    """Print a table for each device.
+
+    Args:
+        out: CSV file, written after every device.
+    """
+    if len(controllers) < 2:
+        raise SystemExit("--controllers needs one to judge and one to compare it with")
+    numbers = tuple(range(first_seed, first_seed + seeds))
     kept: list[tuple[str | float, ...]] = []
-    for scene in options.scenes:
-        print(f"\n| {scene} | {' | '.join(laws)} | of the best |")
-        print("|---" * (len(laws) + 2) + "|", flush=True)
+    for scene in scenes:
+        print(f"\n| {scene} | {' | '.join(controllers)} | of the best |")
+        print("|---" * (len(controllers) + 2) + "|", flush=True)
         shares = []
         wanted = [
-            dataclasses.replace(one, duration=options.duration)
-            for one in SUITES[options.suite].conditions(scene)
+            dataclasses.replace(one, duration=duration)
+            for one in SUITES[suite].conditions(scene)
         ]
-        for name, found in played(wanted, laws, seeds).items():
+        for name, found in played(wanted, controllers, numbers).items():
             print_row(name, found)
             shares.append(of_the_best(found))
             for law, scores in found.items():
                 kept.append((scene, name, law, *(f"{one:.4g}" for one in scores)))
-        if options.out is not None:
-            keep(options.out, kept)
+        if out is not None:
+            keep(out, kept)
         print(f"\nmedian {np.median(shares):.2f}, worst {max(shares):.2f}", flush=True)
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(main)

@@ -13,14 +13,14 @@ others (42 to 45): a dead zone of `pi_tuned` that wins by 2 % here swings there.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import importlib
 from collections.abc import Iterator
 from functools import reduce
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
+import tyro
 
 from cc_mujoco.benchmark import SUITES, Cell, Condition, batch_groups
 from cc_mujoco.benchmark._cell import play_group
@@ -123,16 +123,12 @@ def tune(law: str, wanted: list[Condition]) -> None:
     print(f"{law}: {least:.3f} with {best}", flush=True)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument(
-        "--controllers", nargs="+", choices=NUMBERS, default=list(NUMBERS)
-    )
-    options = parser.parse_args()
+def main(controllers: tuple[Literal[tuple(NUMBERS)], ...] = tuple(NUMBERS)) -> None:
+    """Tune baselines."""
     wanted = [condition for scene in SCENES for condition in conditions(scene)]
-    for law in options.controllers:
+    for law in controllers:
         tune(law, wanted)
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(main)

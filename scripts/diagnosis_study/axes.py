@@ -11,17 +11,18 @@ as Markdown.
 
 from __future__ import annotations
 
-import argparse
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
+import tyro
 from kept_cases import findings, kept, words
 from numpy.typing import NDArray
+from tyro.conf import Positional
 
 from cc_mujoco.datasets import Bench
 from cc_mujoco.device import load_device
@@ -144,6 +145,7 @@ def played(
             wave = 0.3 - 0.2 * np.cos(0.9 * t)
         moved[bench.motor] = along + pull * stretch * wave
     places = [int(model.joint(name).qposadr[0]) for name in moved]
+    order = {name: row for row, name in enumerate(moved)}
     dofs = [int(model.joint(name).dofadr[0]) for name in moved]
     lead = round(LEAD / STEP)
     ramp = np.linspace(0.0, 1.0, lead + 1)[:-1]
@@ -175,15 +177,9 @@ def played(
             pulls = [
                 data.actuator_force[model.actuator_outadr[e]] for e in (end, end + 1)
             ]
-            put(
-                f"{bench.axis}.motor_angle_rad",
-                poses[list(moved).index(bench.motor), k],
-            )
+            put(f"{bench.axis}.motor_angle_rad", poses[order[bench.motor], k])
             put(f"{bench.axis}.motor_torque_nm", bench.motor_radius * pulls[0])
-            put(
-                f"{bench.axis}.joint_angle_rad",
-                poses[list(moved).index(bench.joint), k],
-            )
+            put(f"{bench.axis}.joint_angle_rad", poses[order[bench.joint], k])
             dof = int(model.joint(bench.joint).dofadr[0])
             put(f"{bench.axis}.joint_torque_nm", forces[dof])
             put(f"tension_{bench.names[0]}_proximal_n", pulls[0])
@@ -258,35 +254,37 @@ def diagnosed(
     }
 
 
-def main(given: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("axes", nargs="*", help="DEVICE/AXIS, default all")
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--hidden", nargs="*", default=list(HIDDEN))
-    parser.add_argument("--seconds", type=float, default=8.0)
-    options = parser.parse_args(given)
-    axes = options.axes or [
+def main(
+    axes: Positional[tuple[str, ...]] = (),
+    *,
+    out: Path,
+    hidden: tuple[str, ...] = HIDDEN,
+    seconds: float = 8.0,
+) -> None:
+    """Diagnose the cases that are not done, and print the table.
+
+    Args:
+        axes: DEVICE/AXIS, default all.
+    """
+    axes = axes or tuple(
         f"{scene}/{axis}" for scene in DEVICES for axis in Device.of(scene).benches
-    ]
+    )
     rows = []
     for place in axes:
         scene, axis = place.split("/")
-        for hidden in options.hidden:
-            folder = options.out / f"{scene} {axis} {hidden}"
-            asked = folder, scene, axis, hidden, options.seconds
-            case = kept(folder / "case.json", partial(diagnosed, *asked))
+        for name in hidden:
+            folder = out / f"{scene} {axis} {name}"
+            make = partial(diagnosed, folder, scene, axis, name, seconds)
+            case = kept(folder / "case.json", make)
             gaps = [
                 f"{1e3 * before:.3g}, {1e3 * after:.3g} ({1e3 * floor:.3g})"
                 for floor, before, after in case["gap"].values()
             ]
-            rows.append((place, hidden, *words(case)[:2], *gaps))
+            rows.append((place, name, *words(case)[:2], *gaps))
             print(*rows[-1], f"{case['seconds']:.0f} s", sep=" | ", flush=True)
-    print(
-        markdown.table(
-            ("axis", "hidden", "verdict", "named", "motor torque", "joint torque"), rows
-        )
-    )
+    head = ("axis", "hidden", "verdict", "named", "motor torque", "joint torque")
+    print(markdown.table(head, rows))
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(main)

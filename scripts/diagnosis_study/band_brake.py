@@ -16,11 +16,12 @@ ends. Every preload is an occasion of its own.
 
 from __future__ import annotations
 
-import argparse
 import re
 from pathlib import Path
 
 import numpy as np
+import tyro
+from tyro.conf import Positional
 
 RADIUS = 0.15  # radius of the drum [m]; only the displacement at its rim is measured
 SCENE, DATASET = (
@@ -31,32 +32,37 @@ SCENE, DATASET = (
 HEAD = "time_s,drum_angle_rad,tension_proximal_n,tension_distal_n"
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--out", type=Path, default=Path("runs/band"))
-    parser.add_argument("--only", default=".", help="pattern of the recordings")
-    parser.add_argument("--seconds", type=float, default=1e9, help="of each, at most")
-    given = parser.parse_args()
-    (given.out / "data").mkdir(parents=True, exist_ok=True)
-    (given.out / "band.xml").write_text(SCENE, encoding="utf-8")
+def main(
+    folder: Positional[Path],
+    out: Path = Path("runs/band"),
+    only: str = ".",
+    seconds: float = 1e9,
+) -> None:
+    """Write scene and trials.
+
+    Args:
+        only: pattern of the recordings.
+        seconds: of each, at most.
+    """
+    (out / "data").mkdir(parents=True, exist_ok=True)
+    (out / "band.xml").write_text(SCENE, encoding="utf-8")
     facts = [DATASET]
-    for path in sorted(given.folder.glob("*.npz")):
-        if not re.search(given.only, path.name):
+    for path in sorted(folder.glob("*.npz")):
+        if not re.search(only, path.name):
             continue
         time, place, _, _, end_1, end_2 = np.load(path)["data"].T.astype(float)
-        keep = time - time[0] <= given.seconds
+        keep = time - time[0] <= seconds
         rows = np.array([time - time[0], place / RADIUS, end_2, end_1]).T[keep]
         name = path.stem.replace("characterization_datasets__", "").replace(".", "p")
-        file = given.out / "data" / f"{name}.csv"
+        file = out / "data" / f"{name}.csv"
         form = ["%.5f", "%.7f", "%.2f", "%.2f"]
         np.savetxt(file, rows, form, ",", header=HEAD, comments="")
         load = re.search(r"(\d+)lb", path.name)
         if load:
             facts.append(f'[trials."{name}"]\noccasion = "{load[1]} lb"\n')
     text = "\n".join(facts)
-    (given.out / "data" / "dataset.toml").write_text(text, encoding="utf-8")
+    (out / "data" / "dataset.toml").write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(main)

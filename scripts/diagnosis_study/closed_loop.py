@@ -12,37 +12,31 @@ again. Errors are of the torque that the joint truly got. Cases that are done ar
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import math
 import shutil
 import time
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
-from driven import Bench, Lockstep, Swing
-from kept_cases import Lines
-from numpy.typing import NDArray
-from tqdm import tqdm
+import tyro
+from driven import Array, Bench, Lockstep, Swing, errors, play
+from kept_cases import complete
 
-from cc_mujoco._utils.atomic_io import replacing
-from cc_mujoco._utils.command_options import progress_options
 from cc_mujoco.assets import scene_path
 from cc_mujoco.control import controller
 from cc_mujoco.diagnosis import diagnose
 from cc_mujoco.hardware import (
     APPROACH_TIME,
-    DrivenAxis,
     Limits,
-    Loop,
     RunLog,
     Servo,
     Stiffness,
     TorqueTable,
-    Watchdog,
     drive_of,
 )
 from cc_mujoco.report import table
@@ -75,7 +69,6 @@ EFFECTS = (
     "configuration_dependent_wrap", "friction_drift", "dwell_dependent_stiction",
     "cable_stiffening", "end_compliance", "joint_inertia", "motor_inertia", "none",
 )  # fmt: skip
-KEPT, TABLE = "cases.jsonl", "table.md"
 
 
 def task() -> tuple[TorqueTable, Swing]:
@@ -115,15 +108,11 @@ class Case:
         bench = Bench(self.rig, self.hidden, PERIOD)
         lockstep = Lockstep(bench, self.seed, swing)
         log = RunLog(self.folder / run, {"controller": law}, 200)
-        axis = DrivenAxis(lockstep, drive, desired, LIMITS, Watchdog())
-        loop = Loop([axis], controller(law, drive), clock=lockstep, log=log)
-        outcome = loop.run(SECONDS)
+        made = controller(law, drive)
+        outcome = play(lockstep, made, desired, LIMITS, SECONDS, log)
         log.close(outcome.to_json())
-        # The first period passes before the first cycle.
-        true = np.array(lockstep.torques[1 : 1 + round(SECONDS / PERIOD)])
-        now = PERIOD * np.arange(true.size)
-        off = true - np.interp(now, desired.times, desired.torques)
-        rms = float(np.sqrt(np.mean(off[now > SETTLED] ** 2)))
+        off = errors(lockstep, desired, SECONDS, SETTLED)
+        rms = float(np.sqrt(np.mean(off**2)))
         whole = outcome.code == 0
         return {
             "rms": rms if whole else math.nan,
@@ -148,11 +137,12 @@ class Case:
             servo = Servo(drive, times, trial.command[:, 0], firm)
             lockstep = Lockstep(bench, 100 * self.seed + number, led(times, trial))
             log = RunLog(data, {"motion": trial.motion}, 200, f"trial_{number:02d}")
-            axis = DrivenAxis(lockstep, drive, servo, limits, Watchdog())
-            loop = Loop([axis], controller("none", drive), clock=lockstep, log=log)
-            log.close(loop.run(APPROACH_TIME + float(times[-1])).to_json())
-            if loop.outcome.code:
-                raise RuntimeError(f"{data}, trial {number}: {loop.outcome.sentence}")
+            seconds = APPROACH_TIME + float(times[-1])
+            none = controller("none", drive)
+            outcome = play(lockstep, none, servo, limits, seconds, log)
+            log.close(outcome.to_json())
+            if outcome.code:
+                raise RuntimeError(f"{data}, trial {number}: {outcome.sentence}")
         # A log has the commanded torque of the motor, and its rotor takes a part.
         rotor = f"[rig]\nrotor_inertia = {drive.inertia:g}\n\n"
         facts = rotor + facts_of("rich", self.seed)
@@ -178,7 +168,7 @@ def between(log: Path) -> float:
     return float(np.sqrt(np.mean(smooth[counts] ** 2)))
 
 
-def led(times: NDArray[np.float64], trial: Trial) -> Swing:
+def led(times: Array, trial: Trial) -> Swing:
     """Return the motion in a trial of what holds the joint."""
 
     def swing(now: float) -> tuple[float, float]:
@@ -190,9 +180,10 @@ def led(times: NDArray[np.float64], trial: Trial) -> Swing:
 
 
 def run(
-    name: str, seed: int, strength: float, laws: list[str], folder: Path
+    name: str, seed: int, strength: float, laws: Sequence[str], out: Path
 ) -> dict[str, Any]:
     """Return one case, from a task played badly to one that is played again."""
+    folder = out / f"{name}-{seed}-{strength:g}"
     shutil.rmtree(folder, ignore_errors=True)
     case = Case(name, seed, strength, folder)
     before = {law: case.error(law, "bench", f"{law}_before") for law in laws}
@@ -219,19 +210,19 @@ def run(
     return record
 
 
-def told(records: list[Mapping[str, Any]]) -> str:
+def summary(records: list[Mapping[str, Any]]) -> str:
     """Return the cases as a Markdown table."""
     rows = []
     for r in records:
         for law, before in r["before"].items():
             after = r["after"][law]
-            said = ", ".join(r["named"]) or "-"
+            named = ", ".join(r["named"]) or "-"
             rows.append(
                 (
                     r["effect"],
                     _size(r),
                     str(r["seed"]),
-                    f"{r['verdict']}: {said}",
+                    f"{r['verdict']}: {named}",
                     law,
                     _fall(before["rms"], after["rms"]),
                     _fall(before["between"], after["between"]),
@@ -257,31 +248,23 @@ def _size(record: Mapping[str, Any]) -> str:
     return "-" if record["effect"] == "none" else f"{record['strength']:g}"
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--effects", nargs="+", choices=EFFECTS, default=EFFECTS)
-    parser.add_argument("--seeds", nargs="+", type=int, default=[1, 2])
-    parser.add_argument("--strength", type=float, default=4.0, help="R of an effect")
-    parser.add_argument("--controllers", nargs="+", default=["stiction"])
-    parser.add_argument("--out", type=Path, default=Path("runs", "closed_loop"))
-    given = parser.parse_args()
-    given.out.mkdir(parents=True, exist_ok=True)
-    lines = Lines(given.out / KEPT)
-    records, done = lines.records, lines.done("effect", "seed", "strength")
-    cases = [
-        (name, seed, given.strength)
-        for seed in given.seeds
-        for name in given.effects
-        if (name, seed, given.strength) not in done
-    ]
-    for name, seed, strength in tqdm(cases, unit="case", **progress_options()):
-        folder = given.out / f"{name}-{seed}-{strength:g}"
-        lines.add(run(name, seed, strength, given.controllers, folder))
-        with replacing(given.out / TABLE) as partial:
-            partial.write_text(told(records), encoding="utf-8")
-    print(told(records))
+def main(
+    effects: tuple[Literal[EFFECTS], ...] = EFFECTS,
+    seeds: tuple[int, ...] = (1, 2),
+    strength: float = 4.0,
+    controllers: tuple[str, ...] = ("stiction",),
+    out: Path = Path("runs", "closed_loop"),
+) -> None:
+    """Play the cases that are not done, and print the table.
+
+    Args:
+        strength: R of an effect.
+    """
+    cases = [(name, seed, strength) for seed in seeds for name in effects]
+    make = partial(run, laws=controllers, out=out)
+    complete(out, ("effect", "seed", "strength"), cases, make, summary)
 
 
 if __name__ == "__main__":
     warnings.filterwarnings("ignore")
-    main()
+    tyro.cli(main)

@@ -8,14 +8,15 @@ those of trials that no fit has seen.
 
 from __future__ import annotations
 
-import argparse
 import json
 import re
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
+import tyro
 from kept_cases import findings
+from tyro.conf import Positional
 
 from cc_mujoco.assets import scene_path
 from cc_mujoco.datasets import Bench
@@ -51,15 +52,15 @@ def diagnosed(occasion: str, folder: Path, work: Path) -> tuple[Diagnosis, float
     return result.diagnosis, time.process_time() - begin
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--out", type=Path, default=Path("runs/davinci.json"))
-    parser.add_argument("--only", nargs="+", choices=OCCASIONS, default=[*OCCASIONS])
-    given = parser.parse_args()
+def main(
+    folder: Positional[Path],
+    out: Path = Path("runs/davinci.json"),
+    only: tuple[Literal[tuple(OCCASIONS)], ...] = tuple(OCCASIONS),
+) -> None:
+    """Diagnose occasions, and write and print what was found."""
     kept: dict[str, Any] = {}
-    for occasion in given.only:
-        found, seconds = diagnosed(occasion, given.folder, given.out.parent)
+    for occasion in only:
+        found, seconds = diagnosed(occasion, folder, out.parent)
         kept[occasion] = {
             **findings(found),
             "seconds": seconds,
@@ -74,8 +75,8 @@ def main() -> None:
             },
         }
         print(occasion, json.dumps(kept[occasion], indent=1), flush=True)
-    given.out.write_text(json.dumps(kept, indent=1), encoding="utf-8")
+    out.write_text(json.dumps(kept, indent=1), encoding="utf-8")
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(main)

@@ -16,14 +16,14 @@ same tuned baseline. A case that was done without keeps its record.
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
+import tyro
 from diagnose_table import LAST, STUDIES, summary
 from kept_cases import Lines
 from tqdm import tqdm
@@ -51,7 +51,7 @@ def cases(
     study: str,
     seeds: int,
     strengths: Sequence[float],
-    kinds: list[str],
+    kinds: Sequence[str],
     make: str = "bristles",
 ) -> Iterator[dict[str, Any]]:
     """Yield the cases of a study: hidden effects, strengths and seeds."""
@@ -101,7 +101,7 @@ def run(case: dict[str, Any], with_bic: bool = False) -> dict[str, Any]:
         "reached": measure(rig, amounts, trials, seed).refit if amounts else 0.0,
         "trials": recorded,
         "misfit": misfit(result),
-        **said(found),
+        **judgement(found),
         "said": found.statement,
         "closed": overall_share(found.gap) if found.gap else float("nan"),
         "intervals": {
@@ -110,7 +110,7 @@ def run(case: dict[str, Any], with_bic: bool = False) -> dict[str, Any]:
             if name in truth
         },
         # Once the experiments that ties propose have been done, too.
-        "settled": said(more[-1].diagnosis) if more else None,
+        "settled": judgement(more[-1].diagnosis) if more else None,
         "seconds": first.seconds,
     }
     if with_bic and result.baseline_fit is not None:
@@ -137,7 +137,7 @@ def truth_of(rig: Rig) -> dict[str, float]:
     }
 
 
-def said(diagnosis: Diagnosis) -> dict[str, Any]:
+def judgement(diagnosis: Diagnosis) -> dict[str, Any]:
     """Return the judged parts of a diagnosis."""
     return {
         "verdict": diagnosis.verdict,
@@ -154,59 +154,49 @@ def misfit(result: DiagnosisResult) -> float:
     return baseline_fit.crossed.misfit if baseline_fit else float("nan")
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--study", choices=STUDIES, default=LAST)
-    parser.add_argument(
-        "--seeds", type=int, default=1, help="rounds over all that can be hidden"
-    )
-    parser.add_argument(
-        "--strength", type=float, nargs="+", default=[2.0], help="R of every effect"
-    )
-    parser.add_argument(
-        "--kinds", nargs="+", default=["named", "none", "unknown", "pair"]
-    )
-    parser.add_argument("--only", nargs="+", default=[], help="ids")
-    parser.add_argument(
-        "--make",
-        choices=("bristles", "guides", "elements"),
-        default="bristles",
-        help="of the rigs",
-    )
-    parser.add_argument(
-        "--standard",
-        action="store_true",
-        help="record the rig turned, and without its cables, too",
-    )
-    parser.add_argument(
-        "--bic", action="store_true", help="name by BIC, too; a quarter longer"
-    )
-    parser.add_argument("--jobs", type=int, default=2, help="processes")
-    parser.add_argument("--out", type=Path, default=Path("runs", "diagnose_benchmark"))
-    options = parser.parse_args()
-    kept, told = (options.out / f"{options.study}.{end}" for end in ("jsonl", "md"))
-    options.out.mkdir(parents=True, exist_ok=True)
-    lines = Lines(kept)
+def main(
+    study: Literal[tuple(STUDIES)] = LAST,
+    seeds: int = 1,
+    strength: tuple[float, ...] = (2.0,),
+    kinds: tuple[str, ...] = ("named", "none", "unknown", "pair"),
+    only: tuple[str, ...] = (),
+    make: Literal["bristles", "guides", "elements"] = "bristles",
+    standard: bool = False,
+    bic: bool = False,
+    jobs: int = 2,
+    out: Path = Path("runs", "diagnose_benchmark"),
+) -> None:
+    """Diagnose the cases that are not done; write and print the table.
+
+    Args:
+        seeds: rounds over all that can be hidden.
+        strength: R of every effect.
+        only: ids.
+        make: of the rigs.
+        standard: record the rig turned, and without its cables, too.
+        bic: name by BIC, too; a quarter longer.
+        jobs: processes.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    lines, page = Lines(out / f"{study}.jsonl"), out / f"{study}.md"
     done = lines.done("seed", "strength", "make")
     wanted = [
-        {**case, "standard": options.standard}
-        for case in cases(
-            options.study, options.seeds, options.strength, options.kinds, options.make
-        )
+        {**case, "standard": standard}
+        for case in cases(study, seeds, strength, kinds, make)
         if (case["seed"], case["strength"], case["make"]) not in done
-        and (not options.only or set(case["hidden"]) & set(options.only))
+        and (not only or set(case["hidden"]) & set(only))
     ]
     with (
-        ProcessPoolExecutor(options.jobs, get_context("spawn")) as pool,
+        ProcessPoolExecutor(jobs, get_context("spawn")) as pool,
         tqdm(total=len(wanted), unit="case", **progress_options()) as bar,
     ):
-        for one in as_completed(pool.submit(run, case, options.bic) for case in wanted):
+        for one in as_completed(pool.submit(run, case, bic) for case in wanted):
             lines.add(one.result())
-            with replacing(told) as partial:
+            with replacing(page) as partial:
                 partial.write_text(summary(lines.records), encoding="utf-8")
             bar.update()
     print(summary(lines.records))
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(main)

@@ -221,23 +221,23 @@ def _figures(records: list[dict[str, Any]]) -> list[str]:
         given = [
             r["intervals"] for r in records if r["make"] == make and r.get("intervals")
         ]
-        told = []
+        shares = []
         for name in given[0] if given else ():
             of = [each[name] for each in given]
             held = sum(low <= true <= high for _, low, high, true in of)
-            told.append(f"{name} {_share(held, len(of))} ({exact(held, len(of))})")
-        if told:
+            shares.append(f"{name} {_share(held, len(of))} ({exact(held, len(of))})")
+        if shares:
             found.append(
                 f"Intervals of 95 % that cover, of {len(given)} rigs ({make}): "
-                f"{', '.join(told)}."
+                f"{', '.join(shares)}."
             )
     return found
 
 
 def _well(record: dict[str, Any]) -> bool:
     """Return whether the proposed experiment settled a tie."""
-    told = record["settled"]
-    return told["verdict"] == "named" and set(record["hidden"]) <= set(told["named"])
+    last = record["settled"]
+    return last["verdict"] == "named" and set(record["hidden"]) <= set(last["named"])
 
 
 def _strengths(records: list[dict[str, Any]]) -> list[str]:
@@ -246,15 +246,15 @@ def _strengths(records: list[dict[str, Any]]) -> list[str]:
     for kind, what in (("named", "single effects"), ("pair", "pairs")):
         some = [r for r in records if r["kind"] == kind]
         sizes = sorted({r["strength"] for r in some})
-        told = []
+        rates = []
         for size in sizes:
             words = [went(r) for r in some if r["strength"] == size]
             right = words.count("right")
-            told.append(
+            rates.append(
                 f"{right} of {len(words)} at R = {size:g} ({exact(right, len(words))}%)"
             )
-        if told:
-            found.append(f"Right, of {what}: {', '.join(told)}.")
+        if rates:
+            found.append(f"Right, of {what}: {', '.join(rates)}.")
     free = [r for r in records if r["kind"] == "none"]
     if free:
         errors = [r.get("misfit", math.nan) for r in free]

@@ -2,8 +2,8 @@
 
     bench = Bench(make_rig(1, make="guides"), {"viscous_friction": 200.0}, 0.002)
     rig = Lockstep(bench, seed=1, swing=lambda time: (0.0, 0.0))
-    axis = DrivenAxis(rig, law.drive, desired, limits, watchdog)
-    Loop([axis], law, clock=rig, log=log).run(10.0)
+    outcome = play(rig, law, desired, limits, 10.0)
+    rig.torques, outcome
 
 Cables in equilibrium at every step, a rotor, a joint with inertia, and a hand that
 holds it by a spring and a damper and swings it; encoders and torque sensor with steps
@@ -13,13 +13,25 @@ and noise as of the study's logger.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cc_mujoco.control import Controller
 from cc_mujoco.errors import CableError
-from cc_mujoco.hardware import Readings, Status
+from cc_mujoco.hardware import (
+    AxisRow,
+    DrivenAxis,
+    Limits,
+    Loop,
+    Readings,
+    RunOutcome,
+    Status,
+    TorqueTable,
+    Watchdog,
+)
 from rig.dataset import truth_of
 from rig.guides import advance, start
 from rig.nominal import Rig
@@ -68,8 +80,8 @@ class Instruments:
             self._speeds[k] += share * ((now - before) / self._period - self._speeds[k])
         self._last = angles
         motor, joint = self._speeds
-        felt = self._read("joint_torque", torque)
-        return Readings(0.0, angles[0], motor, angles[1], joint, felt, status)
+        shown = self._read("joint_torque", torque)
+        return Readings(0.0, angles[0], motor, angles[1], joint, shown, status)
 
 
 class Bench:
@@ -164,9 +176,9 @@ class Lockstep:
     def wait(self, deadline: float) -> None:
         while self.now() < deadline - 0.5 * self.bench.period:
             self.bench.advance(self._torque, *self._swing(self.now()))
-            felt = self.bench.joint_torque
-            self.torques.append(felt)
-            found = self._instruments.readings(self.bench.state, felt, Status.ENABLED)
+            torque = self.bench.joint_torque
+            self.torques.append(torque)
+            found = self._instruments.readings(self.bench.state, torque, Status.ENABLED)
             self._new = found._replace(time=self.now())
 
     def read(self) -> Readings | None:
@@ -178,3 +190,46 @@ class Lockstep:
 
     def close(self) -> None:
         self._torque = 0.0
+
+
+class Commands:
+    """Log of a run that keeps the torques commanded to the motor [N m]."""
+
+    def __init__(self) -> None:
+        """Begin with nothing."""
+        self.torques: list[float] = []
+
+    def row(self, axes: Sequence[AxisRow], *_: float) -> None:
+        """See `RunLog.row`."""
+        self.torques.append(axes[0].command)
+
+
+def play(
+    rig: Lockstep,
+    law: Controller,
+    desired: Any,
+    limits: Limits,
+    seconds: float,
+    log: Any = None,
+    watchdog: Watchdog | None = None,
+) -> RunOutcome:
+    """Run a controller on the rig through the loop of `cc-mujoco run`.
+
+    Args:
+        desired: desired torque over time.
+        log: what takes the rows of the loop; none by default.
+    """
+    axis = DrivenAxis(rig, law.drive, desired, limits, watchdog or Watchdog())
+    loop = Loop([axis], law, clock=rig, log=Commands() if log is None else log)
+    return loop.run(seconds)
+
+
+def errors(
+    rig: Lockstep, desired: TorqueTable, seconds: float, settled: float
+) -> Array:
+    """Return the errors of the joint's true torque in a task, once settled [N m]."""
+    # The first period passes before the first cycle.
+    true = np.array(rig.torques[1 : 1 + round(seconds / rig.bench.period)])
+    now = rig.bench.period * np.arange(true.size)
+    off = true - np.interp(now, desired.times, desired.torques)
+    return np.asarray(off[now > settled])

@@ -14,13 +14,14 @@ over the floor, motor and joint, is printed by the pace of the faster end and by
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
+import tyro
 from numpy.typing import NDArray
 
 from cc_mujoco.assets import scene_path
@@ -136,23 +137,28 @@ def print_by_motion(makes: Sequence[str], seeds: Iterable[int]) -> None:
         print(f"{name:9} {motor:.2f} {joint:.2f}")
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--make", nargs="+", choices=MAKES, default=list(MAKES))
-    parser.add_argument("--rigs", type=int, default=10, help="of every make")
-    parser.add_argument("--seed", type=int, default=FIRST, help="of the first rig")
-    parser.add_argument("--step", type=int, default=1, help="from seed to seed")
-    parser.add_argument("--by-motion", action="store_true")
-    options = parser.parse_args()
-    last = options.seed + options.step * options.rigs
-    seeds = range(options.seed, last, options.step)
-    if options.by_motion:
-        print_by_motion(options.make, seeds)
+def main(
+    make: tuple[Literal[tuple(MAKES)], ...] = tuple(MAKES),
+    rigs: int = 10,
+    seed: int = FIRST,
+    step: int = 1,
+    by_motion: bool = False,
+) -> None:
+    """Print the distances of rigs.
+
+    Args:
+        rigs: of every make.
+        seed: of the first rig.
+        step: from seed to seed.
+    """
+    seeds = range(seed, seed + step * rigs, step)
+    if by_motion:
+        print_by_motion(make, seeds)
         return
-    for seed in seeds:
-        for make in options.make:
-            print(f"{make:9} {seed:5} {misfit_of(make, seed):.2f} floors", flush=True)
+    for one in seeds:
+        for kind in make:
+            print(f"{kind:9} {one:5} {misfit_of(kind, one):.2f} floors", flush=True)
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(main)

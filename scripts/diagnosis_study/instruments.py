@@ -10,7 +10,6 @@ done are kept; the table is printed as Markdown.
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 from collections.abc import Callable
 from functools import cache, partial
@@ -18,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import tyro
 from kept_cases import findings, kept, words
 from numpy.typing import NDArray
 
@@ -114,8 +114,8 @@ def diagnosed(name: str, kind: str) -> dict[str, Any]:
             if k not in chosen:
                 (place / f"trial_{k:02d}.csv").unlink()
         facts = facts_of("rich", SEED).split("\n\n")
-        told = [head, *(each for k, each in enumerate(facts) if k in chosen)]
-        (place / "dataset.toml").write_text("\n\n".join(told), encoding="utf-8")
+        known = [head, *(each for k, each in enumerate(facts) if k in chosen)]
+        (place / "dataset.toml").write_text("\n\n".join(known), encoding="utf-8")
         result, _ = infer(Bench.of(scene_path("bench")), [place])
     found = result.diagnosis
     return {
@@ -134,21 +134,17 @@ def recorded(name: str) -> list[Columns]:
     return make_dataset(rig, amounts, "rich", SEED, tensions=True)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, required=True)
-    given = parser.parse_args()
+def main(out: Path) -> None:
+    """Diagnose the cases that are not done, and print the table."""
     rows = []
     for name in HIDDEN:
         for kind in KINDS:
-            path = given.out / f"{name}, {kind}.json"
-            case = kept(path, partial(diagnosed, name, kind))
-            by = case["hidden_by"].get(name, "-")
-            rows.append((name, kind, *words(case), by))
+            case = kept(out / f"{name}, {kind}.json", partial(diagnosed, name, kind))
+            rows.append((name, kind, *words(case), case["hidden_by"].get(name, "-")))
             print(*rows[-1], sep=" | ", flush=True)
     head = ("hidden", "known from", "verdict", "named", "ties", "hidden by tuning")
     print(markdown.table(head, rows))
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(main)

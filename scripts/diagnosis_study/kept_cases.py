@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from tqdm import tqdm
+
+from cc_mujoco._utils.atomic_io import replacing
+from cc_mujoco._utils.command_options import progress_options
 
 if TYPE_CHECKING:
     from cc_mujoco.diagnosis import Diagnosis
@@ -39,6 +44,30 @@ class Lines:
         self.records.append(record)
         with self._path.open("a", encoding="utf-8") as file:
             file.write(json.dumps(record) + "\n")
+
+
+def complete(
+    out: Path,
+    keys: tuple[str, ...],
+    cases: Iterable[tuple[Any, ...]],
+    make: Callable[..., Record],
+    table: Callable[[list[Record]], str],
+) -> list[Record]:
+    """Make the cases that a folder lacks, one after another; print and keep the table.
+
+    Args:
+        keys: entries of a record that tell its case, in the order of a case.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    lines = Lines(out / "cases.jsonl")
+    done = lines.done(*keys)
+    missing = [case for case in cases if case not in done]
+    for case in tqdm(missing, unit="case", **progress_options()):
+        lines.add(make(*case))
+        with replacing(out / "table.md") as partial:
+            partial.write_text(table(lines.records), encoding="utf-8")
+    print(table(lines.records))
+    return lines.records
 
 
 def findings(found: Diagnosis) -> Record:

@@ -15,24 +15,22 @@ the RMS of the motor's torque less its mean over 50 ms. Tasks that are done are 
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
+import tyro
 from closed_loop import FRICTION, LIMITS, PERIOD, SECONDS, SETTLED, task
-from driven import Array, Bench, Lockstep
-from kept_cases import Lines
-from tqdm import tqdm
+from driven import Array, Bench, Commands, Lockstep, errors, play
+from kept_cases import complete
 
-from cc_mujoco._utils.atomic_io import replacing
-from cc_mujoco._utils.command_options import progress_options
 from cc_mujoco.control import Controller, controller, read_policy
 from cc_mujoco.errors import CableError
-from cc_mujoco.hardware import AxisRow, DrivenAxis, Loop, Watchdog, drive_of
+from cc_mujoco.hardware import drive_of
 from cc_mujoco.report import table
 from rig.makes import MAKES
 from rig.nominal import Rig, make_rig
@@ -44,19 +42,6 @@ EFFECTS = (
     "configuration_dependent_wrap", "friction_drift",
 )  # fmt: skip
 MORE = 1.4  # factor of friction where that is what is hidden
-KEPT, TABLE = "cases.jsonl", "table.md"
-
-
-class Rows:
-    """Record of the commands of the motor."""
-
-    def __init__(self) -> None:
-        """Begin with nothing."""
-        self.torques: list[float] = []
-
-    def row(self, axes: Sequence[AxisRow], *_: float) -> None:
-        """See `Rows` of the loop."""
-        self.torques.append(axes[0].command)
 
 
 def built(effect: str, seed: int) -> tuple[Rig, dict[str, float]]:
@@ -91,19 +76,15 @@ def played(name: str, effect: str, seed: int) -> dict[str, Any]:
     law = law_of(name)
     period = law.drive.period
     bench = Bench(*built(effect, seed), period)
-    lockstep, rows = Lockstep(bench, seed, swing), Rows()
-    axis = DrivenAxis(lockstep, law.drive, desired, LIMITS, Watchdog())
-    loop = Loop([axis], law, clock=lockstep, log=rows)
-    outcome = loop.run(SECONDS)
+    lockstep, rows = Lockstep(bench, seed, swing), Commands()
+    outcome = play(lockstep, law, desired, LIMITS, SECONDS, rows)
     whole = outcome.code == 0
-    true = np.array(lockstep.torques[1 : 1 + round(SECONDS / period)])
-    now = period * np.arange(true.size)
-    off = true - np.interp(now, desired.times, desired.torques)
+    off = errors(lockstep, desired, SECONDS, SETTLED)
     return {
         "controller": name,
         "effect": effect,
         "seed": seed,
-        "rms": rms(off[now > SETTLED]) if whole else math.nan,
+        "rms": rms(off) if whole else math.nan,
         "chatter": chatter(np.array(rows.torques), period) if whole else math.nan,
         "peak": float(np.max(np.abs(rows.torques))) if whole else math.nan,
         "outcome": outcome.sentence,
@@ -123,7 +104,7 @@ def chatter(torques: Array, period: float) -> float:
     return rms((torques - mean)[begin:end])
 
 
-def told(records: list[Mapping[str, Any]], names: list[str]) -> str:
+def summary(records: list[Mapping[str, Any]], names: Sequence[str]) -> str:
     """Return means over seeds as a Markdown table [mN m], a row per hidden effect."""
     effects = list(dict.fromkeys(r["effect"] for r in records))
     rows = [
@@ -150,34 +131,22 @@ def cell(
     return f"{mean} ({lost} of {len(found)} stopped)" if lost else mean
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--controllers", nargs="+", required=True)
-    parser.add_argument("--effects", nargs="+", choices=EFFECTS, default=[*EFFECTS])
-    parser.add_argument("--seeds", nargs="+", type=int, default=[1, 2])
-    parser.add_argument("--out", type=Path, default=Path("runs", "learned"))
-    given = parser.parse_args()
+def main(
+    controllers: tuple[str, ...],
+    effects: tuple[Literal[EFFECTS], ...] = EFFECTS,
+    seeds: tuple[int, ...] = (1, 2),
+    out: Path = Path("runs", "learned"),
+) -> None:
+    """Play the tasks that are not done, and print the table."""
     try:
-        for name in given.controllers:
+        for name in controllers:
             law_of(name)
     except CableError as error:
-        parser.error(str(error))
-    given.out.mkdir(parents=True, exist_ok=True)
-    lines = Lines(given.out / KEPT)
-    records, done = lines.records, lines.done("controller", "effect", "seed")
-    cases = [
-        case
-        for seed in given.seeds
-        for effect in given.effects
-        for name in given.controllers
-        if (case := (name, effect, seed)) not in done
-    ]
-    for case in tqdm(cases, unit="task", **progress_options()):
-        lines.add(played(*case))
-    with replacing(given.out / TABLE) as partial:
-        partial.write_text(told(records, given.controllers), encoding="utf-8")
-    print(told(records, given.controllers))
+        raise SystemExit(f"--controllers: {error}") from None
+    cases = [(n, effect, s) for s in seeds for effect in effects for n in controllers]
+    table = partial(summary, names=controllers)
+    complete(out, ("controller", "effect", "seed"), cases, played, table)
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(main)

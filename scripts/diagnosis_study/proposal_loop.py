@@ -15,7 +15,6 @@ its seed over strengths and protocols, so rates of different strengths share rig
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import tempfile
 import time
@@ -23,10 +22,11 @@ import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
-from diagnose_benchmark import NEWER, PAIRS, said
+import tyro
+from diagnose_benchmark import NEWER, PAIRS, judgement
 from diagnose_table import exact, is_right, judged
 from kept_cases import Lines
 
@@ -192,7 +192,7 @@ def run(case: Case, proposals: int, amounts: Mapping[str, float]) -> Record:
         "kind": case.kind,
         "effects": case.effects,
         "amounts": list(amounts.values()),
-        "steps": [said(step.diagnosis) for step in steps],
+        "steps": [judgement(step.diagnosis) for step in steps],
         "proposed": [step.proposed for step in steps],
         "odds": [belief.probability if belief else None for belief in beliefs],
         "seconds": round(time.process_time() - begin),
@@ -202,8 +202,8 @@ def run(case: Case, proposals: int, amounts: Mapping[str, float]) -> Record:
 def word_of(record: Record, step: int) -> str:
     """Return one word for how a diagnosis of a rig went, see `judged`."""
     found = record["steps"][step]
-    told = found["verdict"], found["named"], found["ties"]
-    return judged(record["kind"], record["effects"], *told)
+    parts = found["verdict"], found["named"], found["ties"]
+    return judged(record["kind"], record["effects"], *parts)
 
 
 def end_of(record: Record) -> str:
@@ -277,8 +277,8 @@ def summary(records: Sequence[Record]) -> str:
         ends = [end_of(r) for r in own]
         numbers = len(own), first.count("right")
         others = ends.count("undecidable"), last.count("missed"), last.count("wrong")
-        told = f"{alone} ({exact(alone, len(own))} %)"
-        rates.append([*key, *map(str, numbers), told, *map(str, others)])
+        share = f"{alone} ({exact(alone, len(own))} %)"
+        rates.append([*key, *map(str, numbers), share, *map(str, others)])
     head = (
         "recorded first", "hidden", "R", "rigs", "right at once", "right and alone",
         "undecidable", "missed", "wrong",
@@ -287,9 +287,9 @@ def summary(records: Sequence[Record]) -> str:
     for r in records:
         if not is_alone(r):
             parts = ("verdict", "named", "ties")
-            told = ["; ".join(str(each[part]) for each in r["steps"]) for part in parts]
+            said = ["; ".join(str(each[part]) for each in r["steps"]) for part in parts]
             which = [str(r[key]) for key in KEYS]
-            failed.append([*which, *told, "; ".join(r["proposed"]), end_of(r)])
+            failed.append([*which, *said, "; ".join(r["proposed"]), end_of(r)])
     return "\n\n".join(
         [
             table(head, rates),
@@ -326,44 +326,43 @@ def calibration(records: Sequence[Record]) -> list[list[str]]:
     return found
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument(
-        "--effects", nargs="+", default=["static"],
-        help='ids, pairs "a+b", none, or the groups static, named, unknown, pairs',
-    )  # fmt: skip
-    parser.add_argument("--makes", nargs="+", choices=MAKES, default=list(MAKES))
-    parser.add_argument("--strength", nargs="+", type=float, default=[4.0, 2.0])
-    parser.add_argument(
-        "--protocol", nargs="+", choices=("bare", "standard"), default=["standard"]
-    )
-    parser.add_argument("--first", type=int, default=18000, help="seed")
-    parser.add_argument("--rounds", type=int, default=1, help="rigs of each kind")
-    parser.add_argument("--proposals", type=int, default=MAX_PROPOSED)
-    parser.add_argument("--out", type=Path, default=Path("runs", "proposal_loop"))
-    options = parser.parse_args()
-    named = dict.fromkeys(n for m in options.makes for n in MAKES[m].named)
+def main(
+    effects: tuple[str, ...] = ("static",),
+    makes: tuple[Literal[tuple(MAKES)], ...] = tuple(MAKES),
+    strength: tuple[float, ...] = (4.0, 2.0),
+    protocol: tuple[Literal["bare", "standard"], ...] = ("standard",),
+    first: int = 18000,
+    rounds: int = 1,
+    proposals: int = MAX_PROPOSED,
+    out: Path = Path("runs", "proposal_loop"),
+) -> None:
+    """Run the rigs that are not done, and print the tables.
+
+    Args:
+        effects: ids, pairs "a+b", none, or the groups static, named, unknown, pairs.
+        first: seed.
+        rounds: rigs of each kind.
+        proposals: number of proposed trials that are recorded at most.
+    """
+    named = dict.fromkeys(n for m in makes for n in MAKES[m].named)
     groups = {
         "static": STATIC,
         "named": tuple(sorted(named, key=NEWER.__contains__)),
-        "unknown": tuple(n for m in options.makes for n in MAKES[m].unknown),
+        "unknown": tuple(n for m in makes for n in MAKES[m].unknown),
         "pairs": tuple(map("+".join, PAIRS)),
     }
-    hidden = [n for name in options.effects for n in groups.get(name, (name,))]
-    options.out.mkdir(parents=True, exist_ok=True)
-    lines = Lines(options.out / "rigs.jsonl")
+    hidden = [n for name in effects for n in groups.get(name, (name,))]
+    out.mkdir(parents=True, exist_ok=True)
+    lines = Lines(out / "rigs.jsonl")
     done = lines.done(*KEYS)
-    for case in cases(
-        hidden, options.makes, options.strength, options.protocol, options.first,
-        options.rounds,
-    ):  # fmt: skip
+    for case in cases(hidden, makes, strength, protocol, first, rounds):
         if case in done:
             continue
-        record = run(case, options.proposals, amounts_of(case, lines.records))
+        record = run(case, proposals, amounts_of(case, lines.records))
         lines.add(record)
         print(*case, end_of(record), word_of(record, -1), record["seconds"], flush=True)
     print(summary(lines.records))
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(main)

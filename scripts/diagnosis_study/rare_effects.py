@@ -12,13 +12,14 @@ printed as Markdown.
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
+import tyro
 from numpy.typing import NDArray
 
 from cc_mujoco.diagnosis import EFFECTS, diagnose
@@ -187,37 +188,41 @@ def row(out: Path, name: str, make: str, seed: int) -> list[str]:
         _write(place / "data", session(make_rig(seed, make=make), amount), seed)
     if not (place / "out" / "verdict.json").exists():
         diagnose("bench", place / "data", place / "out", effects=RARE)
-    told = json.loads((place / "out" / "verdict.json").read_text(encoding="utf-8"))
-    ids = [each["id"] for each in told["effects"]]
-    known = {k: v for each in told["effects"] for k, v in each["parameters"].items()}
+    found = json.loads((place / "out" / "verdict.json").read_text(encoding="utf-8"))
+    ids = [each["id"] for each in found["effects"]]
+    known = {k: v for each in found["effects"] for k, v in each["parameters"].items()}
     value = ""
     if parameter in known:
         low, high = known[parameter]["ci95"]
         value = f"{known[parameter]['value']:.4g} ({low:.4g} to {high:.4g})"
-    ties = ["/".join(tie) for tie in told["ties"]]
+    ties = ["/".join(tie) for tie in found["ties"]]
     return [
-        *(name, make, str(seed), f"{amount:g}", told["verdict"]),
-        *(", ".join(ids), "; ".join(ties), value, f"{told['remaining']:.2f}"),
+        *(name, make, str(seed), f"{amount:g}", found["verdict"]),
+        *(", ".join(ids), "; ".join(ties), value, f"{found['remaining']:.2f}"),
     ]
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--out", type=Path, default=Path("runs/rare"))
-    parser.add_argument("--only", nargs="+", choices=HIDDEN, default=list(HIDDEN))
-    parser.add_argument("--make", nargs="+", choices=MAKES, default=["bristles"])
-    parser.add_argument("--first", type=int, default=820, help="seed of the first rig")
-    parser.add_argument("--rigs", type=int, default=1)
-    given = parser.parse_args()
+def main(
+    out: Path = Path("runs/rare"),
+    only: tuple[Literal[tuple(HIDDEN)], ...] = tuple(HIDDEN),
+    make: tuple[Literal[tuple(MAKES)], ...] = ("bristles",),
+    first: int = 820,
+    rigs: int = 1,
+) -> None:
+    """Diagnose the rigs that are not done, and print the table.
+
+    Args:
+        first: seed of the first rig.
+    """
     head = ("hidden", "make", "seed", "amount", "verdict", "added", "tied")
     rows = []
-    for name in given.only:
-        for make in given.make:
-            for seed in range(given.first, given.first + given.rigs):
-                rows.append(row(given.out, name, make, seed))
+    for name in only:
+        for kind in make:
+            for seed in range(first, first + rigs):
+                rows.append(row(out, name, kind, seed))
                 print(" | ".join(rows[-1]), flush=True)
     print(markdown.table((*head, "found", "floors left"), rows))
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(main)

@@ -14,22 +14,19 @@ are kept.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import math
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
+import tyro
 from bending import BEND, PLACES, STRAIN, BendingBench, Elbow, Quality, Taps
-from driven import Array, Lockstep, Swing
-from kept_cases import Lines
-from tqdm import tqdm
+from driven import Array, Lockstep, Swing, errors, play
+from kept_cases import complete
 
-from cc_mujoco._utils.atomic_io import replacing
-from cc_mujoco._utils.command_options import progress_options
 from cc_mujoco.control import (
     AdaptiveModel,
     Controller,
@@ -37,7 +34,7 @@ from cc_mujoco.control import (
     controller,
 )
 from cc_mujoco.device import TENSION_COLUMN, Drive, Sensors
-from cc_mujoco.hardware import DrivenAxis, Limits, Loop, TorqueTable, Watchdog, drive_of
+from cc_mujoco.hardware import Limits, TorqueTable, drive_of
 from cc_mujoco.report import COLORS, GREY, figure, save, style, table
 from rig.nominal import make_rig
 
@@ -74,7 +71,7 @@ VARIANTS = {
     "truth": "path and friction as they are",
 }
 """Equipment of the controller, by its short name."""
-SEEDS, KEPT, TABLE = tuple(range(11, 21)), "cases.jsonl", "table.md"
+SEEDS = tuple(range(11, 21))
 FIGURE = "self_tuning.png"
 RESAMPLES = 10_000
 
@@ -83,18 +80,18 @@ class Equipped(Controller):
     """A controller and its sensors along the cables."""
 
     def __init__(
-        self, law: Controller, bench: BendingBench, taps: Taps, *, feels_bend: bool,
-        is_told: bool = False,
+        self, law: Controller, bench: BendingBench, taps: Taps, *, senses_bend: bool,
+        knows_truth: bool = False,
     ) -> None:  # fmt: skip
         """Prepare.
 
         Args:
-            feels_bend: Whether it takes the path from them.
-            is_told: Whether path and friction are given to it as they are.
+            senses_bend: Whether it takes the path from them.
+            knows_truth: Whether path and friction are given to it as they are.
         """
         super().__init__(law.drive)
         self._law, self._bench, self._taps = law, bench, taps
-        self._feels_bend, self._is_told = feels_bend, is_told
+        self._senses_bend, self._knows_truth = senses_bend, knows_truth
         self.reset()
 
     def reset(self, where: Any = None) -> None:
@@ -108,19 +105,19 @@ class Equipped(Controller):
         self._bends += share * (bends - self._bends)
         if self._calls % EVERY == 0 and isinstance(self._law, PredictiveCompensation):
             cables = self.drive.cables
-            if self._feels_bend:
+            if self._senses_bend:
                 self._law.rebend(
                     [
                         along(own, cable.cable.segments)
                         for own, cable in zip(self._bends, cables, strict=True)
                     ]
                 )
-            elif self._is_told:
-                self._tell(self._law)
+            elif self._knows_truth:
+                self._give_truth(self._law)
         self._calls += 1
         return self._law.torque({**observation, TENSION_COLUMN: tensions})
 
-    def _tell(self, law: PredictiveCompensation) -> None:
+    def _give_truth(self, law: PredictiveCompensation) -> None:
         """Give the true product of friction and bend, by other bends of the model."""
         plant, cables = self._bench.plant, self._bench.cables
         ran = 1.0 - np.exp(-cables.travel / plant.running_travel)
@@ -162,7 +159,7 @@ def equipped(name: str, drive: Drive, bench: BendingBench, seed: int) -> Equippe
         law = PredictiveCompensation(drive, learning=learning, **SETTINGS)
     taps = Taps(seed, PERIOD, bend, strain)
     return Equipped(
-        law, bench, taps, feels_bend="bend" in name, is_told=name == "truth"
+        law, bench, taps, senses_bend="bend" in name, knows_truth=name == "truth"
     )
 
 
@@ -184,13 +181,6 @@ def task(seed: int) -> tuple[TorqueTable, Swing]:
     return TorqueTable(times, torques), swing
 
 
-class Nothing:
-    """No log."""
-
-    def row(self, *_: Any) -> None:
-        """See `Rows`."""
-
-
 def played(name: str, world: str, seed: int) -> dict[str, Any]:
     """Play a task; RMS and median error [N m], and how it ended."""
     desired, swing = task(seed)
@@ -200,20 +190,15 @@ def played(name: str, world: str, seed: int) -> dict[str, Any]:
     drive = dataclasses.replace(drive, torque_noise=0.025)
     lockstep = Lockstep(bench, seed, swing)
     law = equipped(name, drive, bench, seed)
-    axis = DrivenAxis(lockstep, law.drive, desired, LIMITS, Watchdog())
-    loop = Loop([axis], law, clock=lockstep, log=Nothing())
-    outcome = loop.run(SECONDS)
-    true = np.array(lockstep.torques[1 : 1 + round(SECONDS / PERIOD)])
-    now = PERIOD * np.arange(true.size)
-    off = true - np.interp(now, desired.times, desired.torques)
-    counts = now > SETTLED
+    outcome = play(lockstep, law, desired, LIMITS, SECONDS)
+    off = errors(lockstep, desired, SECONDS, SETTLED)
     whole = outcome.code == 0
     return {
         "variant": name,
         "world": world,
         "seed": seed,
-        "rms": float(np.sqrt(np.mean(off[counts] ** 2))) if whole else math.nan,
-        "median": float(np.median(np.abs(off[counts]))) if whole else math.nan,
+        "rms": float(np.sqrt(np.mean(off**2))) if whole else math.nan,
+        "median": float(np.median(np.abs(off))) if whole else math.nan,
         "outcome": outcome.sentence,
     }
 
@@ -246,7 +231,7 @@ def compared(
     return mean, between, math.exp(low), math.exp(high), len(own) - len(pairs)
 
 
-def told(records: list[Mapping[str, Any]]) -> str:
+def summary(records: list[Mapping[str, Any]]) -> str:
     """Return the cases as a Markdown table."""
     rows = []
     for world in WORLDS:
@@ -284,30 +269,17 @@ def draw(records: list[Mapping[str, Any]], path: Path) -> None:
         save(path, drawing)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--seeds", nargs="+", type=int, default=SEEDS)
-    parser.add_argument("--variants", nargs="+", choices=VARIANTS, default=[*VARIANTS])
-    parser.add_argument("--out", type=Path, default=Path("runs", "self_tuning"))
-    given = parser.parse_args()
-    given.out.mkdir(parents=True, exist_ok=True)
-    lines = Lines(given.out / KEPT)
-    records, done = lines.records, lines.done("variant", "world", "seed")
-    cases = [
-        case
-        for seed in given.seeds
-        for world in WORLDS
-        for name in given.variants
-        if (case := (name, world, seed)) not in done
-    ]
-    for case in tqdm(cases, unit="task", **progress_options()):
-        lines.add(played(*case))
-    with replacing(given.out / TABLE) as partial:
-        partial.write_text(told(records), encoding="utf-8")
-    draw(records, given.out / FIGURE)
-    print(told(records))
+def main(
+    seeds: tuple[int, ...] = SEEDS,
+    variants: tuple[Literal[tuple(VARIANTS)], ...] = tuple(VARIANTS),
+    out: Path = Path("runs", "self_tuning"),
+) -> None:
+    """Play the tasks that are not done; print the table and draw it."""
+    cases = [(n, world, seed) for seed in seeds for world in WORLDS for n in variants]
+    records = complete(out, ("variant", "world", "seed"), cases, played, summary)
+    draw(records, out / FIGURE)
 
 
 if __name__ == "__main__":
     warnings.filterwarnings("ignore")
-    main()
+    tyro.cli(main)

@@ -10,7 +10,7 @@ kept; the table is printed as Markdown.
 
 from __future__ import annotations
 
-import argparse
+import tempfile
 import time
 from collections.abc import Mapping
 from dataclasses import replace
@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import tyro
 from kept_cases import findings, kept, words
 from numpy.typing import NDArray
 
@@ -107,8 +108,6 @@ def rollout_of(
     bench: Bench, cables: Any, dt: float, motor: Array, joint: Array
 ) -> tuple[Array, Array]:
     """Return the torques of the scene with other cables, by MuJoCo."""
-    import tempfile
-
     with tempfile.TemporaryDirectory() as folder:
         scene = Path(folder) / "scene.xml"
         scene.write_text(repair_scene(bench, cables, {}).to_xml(), encoding="utf-8")
@@ -168,20 +167,17 @@ def diagnosed(rig: str, name: str, seed: int) -> dict[str, Any]:
     }
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--seed", type=int, default=1)
-    given = parser.parse_args()
+def main(out: Path, seed: int = 1) -> None:
+    """Diagnose the cases that are not done, and print the table."""
     rows = []
     for name in HIDDEN:
         for rig in ("closed forms", "MuJoCo"):
-            path = given.out / f"{name}, {rig}, {given.seed}.json"
-            case = kept(path, partial(diagnosed, rig, name, given.seed))
+            path = out / f"{name}, {rig}, {seed}.json"
+            case = kept(path, partial(diagnosed, rig, name, seed))
             rows.append((name, rig, *words(case)))
             print(*rows[-1], f"{case['seconds']:.0f} s", sep=" | ", flush=True)
     print(markdown.table(("hidden", "rig", "verdict", "named", "ties"), rows))
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(main)

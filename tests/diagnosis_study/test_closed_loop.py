@@ -45,5 +45,5 @@ def test_the_table_has_both_errors_and_how_often_one_goes_into_the_other() -> No
         "named": ["presliding"], "ties": [], "before": {"pi": errors[0]},
         "after": {"pi": errors[1]},
     }  # fmt: skip
-    row = closed_loop.told([record]).splitlines()[-1]
+    row = closed_loop.summary([record]).splitlines()[-1]
     assert "| 500 to 400 (1.2) | 200 to 100 (2.0) |" in row

@@ -82,6 +82,6 @@ def test_what_stopped_is_counted_beside_the_mean_of_what_did_not() -> None:
     ]
     assert learned.cell(rows, "pi", "rms", "none") == "1000 (1 of 2 stopped)"
     assert learned.cell(rows, "pi", "rms") == "2000 (1 of 3 stopped)"
-    text = learned.told(rows, ["pi"])
+    text = learned.summary(rows, ["pi"])
     assert "| friction | 3000 |" in text
     assert "| chatter | 200 (1 of 3 stopped) |" in text

@@ -300,17 +300,11 @@ def estimate_unscented(truth: Truth) -> EstimateTrack:
         guess,
         ("friction", "axial_stiffness", "pretension"),
         DT,
-        noise={"tension_proximal": NOISE, "tension_distal": NOISE},
+        noise=NOISE,
         drift=[0.02, 0.0, 0.0],
     )
-    return estimator.over(
-        {
-            "u_proximal": truth.u_proximal,
-            "u_distal": truth.u_distal,
-            "tension_proximal": truth.reading[:, 0],
-            "tension_distal": truth.reading[:, -1],
-        }
-    )
+    ends = truth.reading[:, 0], truth.reading[:, -1]
+    return estimator.over(truth.u_proximal, truth.u_distal, *ends)
 
 
 class Bends(NamedTuple):

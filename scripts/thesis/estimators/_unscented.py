@@ -1,11 +1,10 @@
 r"""Unscented filter on the parameters of a cable: any of them, from its ends alone.
 
     estimator = UnscentedEstimator(
-        cable, ("friction", "axial_stiffness"), dt=0.005,
-        noise={"tension_proximal": 0.5, "tension_distal": 0.5},
+        cable, ("friction", "axial_stiffness"), dt=0.005, noise=0.5
     )
-    estimator.update(u_proximal=..., u_distal=..., tension_proximal=..., ...)
-    estimator.value, estimator.covariance
+    estimator.over(u_proximal, u_distal, tension_proximal, tension_distal)
+    estimator.value, estimator.deviation
 
 The thesis names it as the alternative to an update law (3.2.3; Srang and Yamakita,
 Proc. ACC 2014; Julier and Uhlmann, Proc. IEEE 92, 2004; Wan and van der Merwe, Proc.
@@ -32,24 +31,20 @@ whenever the whole cable slips one way: what the profile is then follows from th
 cable's length and its parameters alone. The latest such sample, the anchor, is where
 replays begin, so a cable that goes to and fro has at most one stroke to replay. Until
 there is an anchor they begin at the first sample, which must be at rest in the
-pretension.
-
-Without an anchor for `limit` samples, and with friction terms beyond Coulomb's, which
-remember more, replays begin with a uniform profile of the right length, and they are
-wrong until the cable has next slipped as a whole.
+pretension. Friction terms beyond Coulomb's, which remember more, must be off.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cc_mujoco.cable._cable import PARAMETERS, Cable
 from cc_mujoco.cable._conduit import Replay, node_lengths, replay
-from cc_mujoco.estimation._tracks import EstimateTrack, rows, wrap_angles
+from cc_mujoco.estimation._tracks import EstimateTrack, wrap_angles
 from cc_mujoco.native import FloatArray
 
 _BETA = 2.0
@@ -85,21 +80,21 @@ class Linearization(NamedTuple):
     root: FloatArray  # of the covariance of the residual, root root' (k, 2 p + 1)
 
 
-def linearize(points: FloatArray, said: FloatArray) -> Linearization:
+def linearize(points: FloatArray, values: FloatArray) -> Linearization:
     """Statistical linearization of a function by its values at sigma points.
 
     Args:
         points: of `sigma_points` (2 p + 1, p).
-        said: the values at the points (2 p + 1, k).
+        values: of the function at the points (2 p + 1, k).
     """
     size = points.shape[1]
     weight = np.concatenate([[_BETA], np.full(2 * size, 0.5 / size)])
-    mean, middle = np.mean(points[1:], axis=0), np.mean(said[1:], axis=0)
-    apart, spoken = points - mean, said - middle
-    cross = (weight * spoken.T) @ apart
-    covariance = (weight * apart.T) @ apart
+    mean, middle = np.mean(points[1:], axis=0), np.mean(values[1:], axis=0)
+    shift, change = points - mean, values - middle
+    cross = (weight * change.T) @ shift
+    covariance = (weight * shift.T) @ shift
     slope = cross @ np.linalg.pinv(covariance, rcond=1e-12, hermitian=True)
-    root = np.sqrt(weight) * (spoken - apart @ slope.T).T
+    root = np.sqrt(weight) * (change - shift @ slope.T).T
     return Linearization(slope, middle - slope @ mean, root)
 
 
@@ -124,73 +119,44 @@ def kalman_gain(
     return gain.T
 
 
-OUTPUTS = ("tension_proximal", "tension_distal")
-"""Outputs in which a model of the cable can be compared."""
-
-_DISPLACEMENTS = ("u_proximal", "u_distal")
-
-
 class History:
-    """Samples of the ends since the anchor.
+    """Displacements [m] and tensions [N] of both ends since the anchor."""
 
-    Attributes:
-        inputs: what drives the cable, one of `END_QUANTITIES` per end.
-        outputs: what else is measured, of `OUTPUTS`.
-    """
-
-    def __init__(
-        self,
-        cable: Cable,
-        dt: float,
-        inputs: tuple[str, str],
-        outputs: Sequence[str],
-        limit: int,
-    ) -> None:
+    def __init__(self, cable: Cable, dt: float) -> None:
         """Start empty.
 
         Args:
             cable: the cable; only its path and its segments count.
             dt: time between samples [s].
-            inputs: one displacement or tension per end; not both tensions.
-            outputs: at least one of `OUTPUTS`, none of them an input.
-            limit: samples after which replays are shortened without an anchor.
         """
-        self.inputs, self.outputs = inputs, tuple(outputs)
-        self._dt, self._limit = dt, limit
-        self._angle = wrap_angles(cable)
-        self._share = node_lengths(cable)
-        self._rows: dict[str, list[float]] = {
-            name: [] for name in (*self.inputs, *self.outputs)
-        }
+        self._dt = dt
+        self._angle, self._share = wrap_angles(cable), node_lengths(cable)
+        self._rows: list[tuple[float, ...]] = []
         self._slip_direction = 0.0
         self._origin: float | None = None
 
-    def add(self, sample: Mapping[str, float]) -> None:
-        """Take the next sample."""
-        for name, given in sample.items():
-            # A tension that drives the model must be one; noise may make it negative.
-            least = 0.0 if name in self.inputs and name in OUTPUTS else -np.inf
-            self._rows[name].append(max(float(given), least))
+    def add(self, *sample: float) -> None:
+        """Take displacements and tensions of both ends, the proximal one first."""
+        self._rows.append(sample)
         if self._origin is None:
-            self._origin = self._apart(0)
+            self._origin = sample[1] - sample[0]
 
     def measured(self, count: int) -> FloatArray:
-        """Return the last `count` samples of each output, concatenated."""
-        return np.concatenate([self._rows[name][-count:] for name in self.outputs])
+        """Return the last `count` tensions of each end, concatenated."""
+        return np.array(self._rows[-count:])[:, 2:].T.ravel()
 
     def replay(self, cable: Cable) -> Replay:
         """Replay the motion of this cable from the anchor on."""
+        proximal, distal = np.array(self._rows)[:, :2].T
         profile = np.exp(self._slip_direction * cable.friction * self._angle)
-        if self.inputs[0] == "tension_proximal":
-            profile *= self._rows["tension_proximal"][0] / profile[0]
-        elif self.inputs[1] == "tension_distal":
-            profile *= self._rows["tension_distal"][0] / profile[-1]
-        else:
-            strain = cable.pretension * cable.length / cable.axial_stiffness
-            stretch = max(strain + self._apart(0) - (self._origin or 0.0), 0.0)
-            profile *= stretch * cable.axial_stiffness / float(self._share @ profile)
-        driven: dict[str, Any] = {name: self._rows[name] for name in self.inputs}
-        return replay(cable, self._dt, initial_tension=profile, **driven)
+        strain = cable.pretension * cable.length / cable.axial_stiffness
+        longer = float(distal[0] - proximal[0]) - (self._origin or 0.0)
+        stretch = max(strain + longer, 0.0)
+        profile *= stretch * cable.axial_stiffness / float(self._share @ profile)
+        return replay(
+            cable, self._dt, initial_tension=profile, u_proximal=proximal,
+            u_distal=distal,
+        )  # fmt: skip
 
     def drop_old_samples(
         self, cables: Sequence[Cable], played: Sequence[Replay]
@@ -198,27 +164,14 @@ class History:
         """Drop the samples before the latest anchor.
 
         Args:
-            played: what `replay` says of each.
+            played: replay of each cable.
         """
         slip_direction = _whole_slip_direction(cables, played)
         anchors = np.flatnonzero(slip_direction)
         if anchors.size > 0:
             first = int(anchors[-1])
-        elif slip_direction.size > self._limit:
-            # The tightest sample of the second quarter: slack has no profile.
-            begin = max(slip_direction.size // 4, 1)
-            end = max(slip_direction.size // 2, begin + 1)
-            first = begin + int(np.argmax(played[0].tension_proximal[begin:end]))
-        else:
-            return
-        self._slip_direction = float(slip_direction[first])
-        self._rows = {name: values[first:] for name, values in self._rows.items()}
-
-    def _apart(self, row: int) -> float:
-        """Return the distance of ends that are both driven by position [m]."""
-        if self.inputs != _DISPLACEMENTS:
-            return 0.0
-        return self._rows["u_distal"][row] - self._rows["u_proximal"][row]
+            self._slip_direction = float(slip_direction[first])
+            self._rows = self._rows[first:]
 
 
 def _whole_slip_direction(
@@ -241,8 +194,10 @@ def _whole_slip_direction(
     return np.where(agreed, slip_directions[0], 0.0)
 
 
-CONVERGED_SIGMAS = 0.1
-"""Change of the mean, in standard deviations, below which a window is done."""
+CONVERGED_SIGMAS, ROUNDS = 0.1, 8
+"""Change of the mean, in standard deviations, below which a window is done; most
+linearizations of one window."""
+SPREAD = 0.5  # standard deviation of the logarithms of the guess
 
 
 class UnscentedEstimator:
@@ -259,13 +214,9 @@ class UnscentedEstimator:
         names: Sequence[str],
         dt: float,
         *,
-        noise: Mapping[str, float],
-        inputs: tuple[str, str] = ("u_proximal", "u_distal"),
-        spread: ArrayLike = 0.5,
+        noise: float,
         drift: ArrayLike = 0.0,
         window: int = 50,
-        rounds: int = 8,
-        limit: int = 5000,
     ) -> None:
         """Start from the cable's own parameters.
 
@@ -273,75 +224,71 @@ class UnscentedEstimator:
             cable: the cable; values of the named parameters are the guess.
             names: of `PARAMETERS`, each greater than 0 in the cable.
             dt: time between samples [s].
-            noise: standard deviation of every measured output, see `History` [N].
-            inputs: what drives the model, see `History`.
-            spread: standard deviation of the logarithms of the guess, or one of each.
+            noise: standard deviation of both tensions [N].
             drift: of the random walk, of the logarithms in the root of a second.
-            rounds: most linearizations of one window; 1 is the plain filter.
-            limit: samples after which replays are shortened without an anchor.
+            window: samples from one estimate to the next.
         """
         table = {parameter.name: parameter for parameter in PARAMETERS}
         self.cable, self.names = cable, tuple(names)
-        self._noise = np.repeat(list(noise.values()), window)
-        self._history = History(cable, dt, inputs, tuple(noise), limit)
-        self._dt, self._window, self._rounds = dt, window, rounds
+        self._variance = np.full(2 * window, noise**2)
+        self._history = History(cable, dt)
+        self._dt, self._window = dt, window
         self._drift = np.asarray(drift, dtype=float)
         self._low = np.log([max(table[name].low, 1e-9) for name in names])
         self._bound = np.array([table[name].high for name in names])
         self._high = np.log(self._bound)
         self.mean = np.log([getattr(self.cable, name) for name in self.names])
-        spread = np.broadcast_to(np.asarray(spread, dtype=float), self.mean.shape)
-        self.covariance = np.diag(spread**2)
+        self.covariance = np.diag(np.full(self.mean.size, SPREAD**2))
         self._fresh = 0
 
     @property
-    def value(self) -> dict[str, float]:
-        """The estimates, medians of their distributions, in SI units."""
-        return dict(zip(self.names, np.exp(self.mean).tolist(), strict=True))
+    def value(self) -> FloatArray:
+        """Estimates (p,), medians of their distributions, in SI units."""
+        return np.exp(self.mean)
 
     @property
-    def deviation(self) -> dict[str, float]:
-        """Standard deviation of every estimate's error, in its unit."""
-        spread = np.exp(self.mean) * np.sqrt(np.diag(self.covariance))
-        return dict(zip(self.names, spread.tolist(), strict=True))
+    def deviation(self) -> FloatArray:
+        """Standard deviation of every estimate's error (p,), in its unit."""
+        return np.exp(self.mean) * np.sqrt(np.diag(self.covariance))
 
-    def update(self, **sample: float) -> dict[str, float]:
-        """Take inputs and outputs by name; estimates change at every `window`-th."""
-        self._history.add(sample)
-        self._fresh += 1
-        if self._fresh == self._window:
-            self._assimilate()
-            self._fresh = 0
-        return self.value
+    def over(self, *recording: ArrayLike) -> EstimateTrack:
+        """Run over displacements and tensions of both ends (samples,).
 
-    def over(self, recording: Mapping[str, ArrayLike]) -> EstimateTrack:
-        """Run over a recording of inputs and outputs by name, (samples,) each."""
+        Estimates change at every `window`-th sample.
+        """
         found = []
-        for row in rows(**recording):
-            value = self.update(**dict(zip(recording, map(float, row), strict=True)))
-            found.append((list(value.values()), list(self.deviation.values())))
-        track = np.reshape(found, (-1, 2, len(self.names)))
+        for sample in zip(
+            *(np.asarray(one).tolist() for one in recording), strict=True
+        ):
+            self._history.add(*sample)
+            self._fresh += 1
+            if self._fresh == self._window:
+                self._assimilate()
+                self._fresh = 0
+            found.append((self.value, self.deviation))
+        track = np.array(found)
         return EstimateTrack(track[:, 0], track[:, 1])
 
     def _assimilate(self) -> None:
         """Run one cycle of the filter over the samples of a window."""
-        names, count = self._history.outputs, self._window
-        told = self._history.measured(count)
+        count = self._window
+        measured = self._history.measured(count)
         wander = np.broadcast_to(self._drift**2 * count * self._dt, self.mean.shape)
         prior, spread = self.mean, self.covariance + np.diag(wander)
         mean, covariance = prior, spread
-        for _ in range(self._rounds):
+        for _ in range(ROUNDS):
             points = sigma_points(mean, covariance)
             points = np.clip(points, self._low, self._high)
             cables = [self._cable(point) for point in points]
             played = [self._history.replay(cable) for cable in cables]
-            said = [
-                [getattr(motion, name)[-count:] for name in names] for motion in played
+            answers = [
+                (motion.tension_proximal[-count:], motion.tension_distal[-count:])
+                for motion in played
             ]
-            line = linearize(points, np.reshape(said, (len(points), -1)))
-            gain = kalman_gain(line, spread, self._noise**2)
+            line = linearize(points, np.reshape(answers, (len(points), -1)))
+            gain = kalman_gain(line, spread, self._variance)
             last = mean
-            mean = prior + gain @ (told - line.offset - line.slope @ prior)
+            mean = prior + gain @ (measured - line.offset - line.slope @ prior)
             mean = np.clip(mean, self._low, self._high)
             root = square_root(spread - gain @ line.slope @ spread)
             covariance = root @ root.T
@@ -354,9 +301,4 @@ class UnscentedEstimator:
     def _cable(self, point: FloatArray) -> Cable:
         # Rounding must not take a logarithm at its bound out of bounds.
         values = np.minimum(np.exp(point), self._bound)
-        changes = dict(zip(self.names, values.tolist(), strict=True))
-        friction = changes.get("friction", self.cable.friction)
-        static = changes.get("static_friction", self.cable.static_friction)
-        if static > 0.0:
-            changes["static_friction"] = max(static, friction)
-        return self.cable.replace(**changes)
+        return self.cable.replace(**dict(zip(self.names, values.tolist(), strict=True)))

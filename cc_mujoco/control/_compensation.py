@@ -10,11 +10,13 @@ linearly: a cable that would have to push is slack instead.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _layout as at
-from cc_mujoco.cable._stepper import Counts
+from cc_mujoco.cable._stepper import Cables
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled
 
 SCRATCH_ROWS = 6
@@ -23,6 +25,31 @@ _PRETENSION = law.INDEX["pretension"]
 _ASYMMETRY = law.INDEX["friction_asymmetry"]
 _AGEING = law.INDEX["ageing_friction"]
 _DRAG_TERMS = tuple(place for place, _, _ in law.DRAG_TERMS)
+
+
+class Model(NamedTuple):
+    """Cables of one device, as a model follows them.
+
+    Attributes:
+        cables: parameters, segments and arms.
+        state: (cables, numbers).
+        arm: arms at the present motor angle (cables,) [m/rad].
+        direction: in which a cable last slipped as a whole (cables,): 1 towards the
+            joint, -1 towards the motor, 0 never.
+        gain: proximal per distal tension at that moment (cables,); 1 before.
+        scratch: of the compensation (`SCRATCH_ROWS`, cables).
+        new: scratch like `state`.
+        work: of `cable._layout.work_size`.
+    """
+
+    cables: Cables
+    state: FloatMatrix
+    arm: FloatArray
+    direction: FloatArray
+    gain: FloatArray
+    scratch: FloatMatrix
+    new: FloatMatrix
+    work: FloatArray
 
 
 @compiled
@@ -103,21 +130,15 @@ def _stretches(
 
 @compiled
 def _shared_tensions(
-    prm: FloatMatrix,
-    n: Counts,
-    distal: FloatArray,
-    state: FloatMatrix,
-    slip_direction: FloatArray,
-    joint_velocity: float,
-    desired: float,
-    scratch: FloatMatrix,
+    model: Model, direction: FloatArray, joint_velocity: float, desired: float
 ) -> None:
     """Compute distal tensions of all cables that make the joint torque [N].
 
     The joint velocity is that at which the cables have to follow [rad/s]. The tensions
-    are written to the first row of the scratch (see `SCRATCH_ROWS`); the third is not
-    touched.
+    are written to the first row of the scratch; the third is not touched.
     """
+    prm, n, _, _, distal = model.cables
+    scratch = model.scratch
     share, taut = scratch[0], scratch[1]
     rest, unit, none = scratch[3], scratch[4], scratch[5]
     if n.size == 1:
@@ -126,7 +147,7 @@ def _shared_tensions(
     taut[:] = 1.0
     for k in range(n.size):
         rest[k], unit[k], none[k] = _stretches(
-            prm[k], n[k], state[k], slip_direction[k], distal[k] * joint_velocity
+            prm[k], n[k], model.state[k], direction[k], distal[k] * joint_velocity
         )
     for _ in range(n.size):
         # Torque = -sum f_i (s_i0 + f_i g) / unit_i of the cables that are taut.
@@ -149,18 +170,7 @@ def _shared_tensions(
 
 
 @compiled
-def dynamic(
-    prm: FloatMatrix,
-    n: Counts,
-    arm: FloatArray,
-    distal: FloatArray,
-    state: FloatMatrix,
-    slip_direction: FloatArray,
-    gain: FloatArray,
-    joint_velocity: float,
-    desired: float,
-    scratch: FloatMatrix,
-) -> float:
+def dynamic(model: Model, joint_velocity: float, desired: float) -> float:
     """Return the motor torque with dynamic friction (4.2) [N m].
 
     It is the distal tensions times gains. Drag that needs no tension is added instead:
@@ -169,66 +179,55 @@ def dynamic(
     that pulls more than desired is not pulled harder than in the model, nor one that
     pulls less released further.
 
-    The arms `arm`, at the present motor angle, and `distal`, at the joint, are
-    (cables,) [m/rad]; `gain` is the proximal per distal tension when each cable last
-    slipped as a whole. `joint_velocity` is that at which the cables have to follow
-    [rad/s]; the scratch is (`SCRATCH_ROWS`, cables).
+    `joint_velocity` is that at which the cables have to follow [rad/s].
     """
-    share = scratch[0]
-    _shared_tensions(
-        prm, n, distal, state, slip_direction, joint_velocity, desired, scratch
-    )
+    share = model.scratch[0]
+    prm, n, _, _, distal = model.cables
+    _shared_tensions(model, model.direction, joint_velocity, desired)
     torque = 0.0
     for k in range(n.size):
-        if slip_direction[k] != 0.0 and has_drag(prm[k]):
-            speed = distal[k] * joint_velocity
+        if model.direction[k] != 0.0 and has_drag(prm[k]):
+            speed, state = distal[k] * joint_velocity, model.state[k]
             tension = _proximal_tension(
-                prm[k], n[k], state[k], slip_direction[k], speed, share[k], False
+                prm[k], n[k], state, model.direction[k], speed, share[k], False
             )
-            node = at.tensions(state[k], n[k])
+            node = at.tensions(state, n[k])
             if max(node[n[k]], 0.0) > share[k]:
                 tension = min(tension, max(node[0], 0.0))
             else:
                 tension = max(tension, max(node[0], 0.0))
-            torque -= arm[k] * tension
+            torque -= model.arm[k] * tension
         else:
-            torque -= arm[k] * gain[k] * share[k]
+            torque -= model.arm[k] * model.gain[k] * share[k]
     return torque
 
 
 @compiled
 def full_slip_torque(
-    prm: FloatMatrix,
-    n: Counts,
-    arm: FloatArray,
-    distal: FloatArray,
-    state: FloatMatrix,
-    slip_direction: float,
-    joint_velocity: float,
-    desired: float,
-    scratch: FloatMatrix,
+    model: Model, sense: float, joint_velocity: float, desired: float
 ) -> float:
     """Return the motor torque at which all cables slip completely its way [N m].
 
     Listing 4.1: where part of a cable stands still, the proximal tension is the one at
     which (2.7) fails at every sticking node, and at which the desired tension arrives.
     Where all of it moves that way already this is the compensation of dynamic friction.
-    `slip_direction` is the direction in which the motor shall turn, 1, -1 or 0 for the
-    present one; other arguments as in `dynamic`.
+    `sense` is that in which the motor shall turn, 1, -1 or 0 for the present one;
+    other arguments as in `dynamic`.
     """
-    share, senses = scratch[0], scratch[2]
+    share, senses = model.scratch[0], model.scratch[2]
+    prm, n, _, _, distal = model.cables
     for k in range(n.size):
-        senses[k] = np.sign(arm[k]) * slip_direction
-    _shared_tensions(prm, n, distal, state, senses, joint_velocity, desired, scratch)
+        senses[k] = np.sign(model.arm[k]) * sense
+    _shared_tensions(model, senses, joint_velocity, desired)
     torque = 0.0
     for k in range(n.size):
         tension = share[k]
-        if slip_direction != 0.0:
-            speed = distal[k] * joint_velocity
+        if sense != 0.0:
+            speed, state = distal[k] * joint_velocity, model.state[k]
             tension = _proximal_tension(
-                prm[k], n[k], state[k], senses[k], speed, tension, True
+                prm[k], n[k], state, senses[k], speed, tension, True
             )
-        torque -= arm[k] * tension
+        torque -= model.arm[k] * tension
     return torque
 
 

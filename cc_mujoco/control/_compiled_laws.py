@@ -1,23 +1,19 @@
 """Laws of one control step of one device, compiled, without allocation.
 
-    memory[:] = 0.0                                    # at the start of an episode
-    admit(gains, spring, memory, seen)
-    torque = guarded_torque(gains, spring, memory, seen)
-
-`gains` are numbers in the order of `GAINS`, `seen` are measurements in the order
-of `LAW_INPUTS`, and `memory` is the state of a law from one step to the next.
+law.memory[:] = 0.0                                # at the start of an episode
+admit(law)
+torque = proportional_integral(law)
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from cc_mujoco.cable._parameter import Parameter, parameter, parameters_of
-from cc_mujoco.cable._stepper import Counts
 from cc_mujoco.control import _compensation as compensation
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control._cable_model import full_slip_balance
@@ -43,132 +39,94 @@ MEMORY_SIZE = GUARD + guard.MEMORY_SIZE
 """Size of the memory of a law."""
 
 
+def gain(
+    unit: str, low: float, high: float, default: float, meaning: str, **more: Any
+) -> float:
+    """Define a gain by its unit, bounds, default and meaning; see `parameter`."""
+    return parameter(
+        unit=unit, bounds=(low, high), default=default, meaning=meaning, **more
+    )
+
+
 @dataclass(frozen=True)
-class FeedbackGains:
-    """Parameters of motor and feedback that a law uses; `DriveLimits` first."""
+class DriveGains:
+    """Parameters of motor and joint that every law begins with, as `DriveLimits`."""
 
-    ratio: float = parameter(
-        unit="1",
-        bounds=(-1e6, 1e6),
-        default=1.0,
-        meaning="joint torque per motor torque without friction, signed, not 0",
+    ratio: float = gain(
+        "1", -1e6, 1e6, 1.0,
+        "joint torque per motor torque without friction, signed, not 0",
+    )  # fmt: skip
+    low: float = gain("N m", -1e9, 1e9, -1.0, "least torque of the motor")
+    high: float = gain(
+        "N m", -1e9, 1e9, 1.0, "greatest torque of the motor, above `low`"
     )
-    low: float = parameter(
-        unit="N m",
-        bounds=(-1e9, 1e9),
-        default=-1.0,
-        meaning="least torque of the motor",
+    period: float = gain(
+        "s", 0.0, 1e3, 1e-3, "time between two steps of the controller", low_open=True
     )
-    high: float = parameter(
-        unit="N m",
-        bounds=(-1e9, 1e9),
-        default=1.0,
-        meaning="greatest torque of the motor, above `low`",
+    one_way: float = gain(
+        "1", 0.0, 1.0, 0.0,
+        "1 where the cables only transmit positive motor torque, else 0",
+    )  # fmt: skip
+    inertia: float = gain(
+        "kg m^2", 0.0, 1e6, 0.0, "of the motor with its pulley; 0 is not known"
     )
-    period: float = parameter(
-        unit="s",
-        bounds=(0.0, 1e3),
-        default=1e-3,
-        low_open=True,
-        meaning="time between two steps of the controller",
-    )
-    one_way: float = parameter(
-        unit="1",
-        bounds=(0.0, 1.0),
-        default=0.0,
-        meaning="1 where the cables only transmit positive motor torque, else 0",
-    )
-    inertia: float = parameter(
-        unit="kg m^2",
-        bounds=(0.0, 1e6),
-        default=0.0,
-        meaning="of the motor with its pulley; 0 is not known",
-    )
-    safe_torque: float = parameter(
-        unit="N m",
-        bounds=(0.0, guard.NO_TORQUE_LIMIT),
-        default=guard.NO_TORQUE_LIMIT,
-        low_open=True,
-        meaning="most that the cables may put into the joint",
-    )
-    safe_speed: float = parameter(
-        unit="rad/s",
-        bounds=(0.0, guard.NO_SPEED_LIMIT),
-        default=guard.NO_SPEED_LIMIT,
-        low_open=True,
-        meaning="speed of the joint beyond which it is let go",
-    )
-    safe_power: float = parameter(
-        unit="W",
-        bounds=(0.0, guard.NO_POWER_LIMIT),
-        default=guard.NO_POWER_LIMIT,
-        low_open=True,
-        meaning="power into the joint beyond which it is let go",
-    )
-    answer_time: float = parameter(
-        unit="s",
-        bounds=(0.0, guard.MAX_ANSWER_TIME),
-        default=0.0,
-        meaning="time from a torque at the joint to the answer of the motor; 0 is none",
-    )
-    shared: float = parameter(
-        unit="1",
-        bounds=(0.0, 1.0),
-        default=0.0,
-        meaning="1 where other motors turn the joint, too, else 0",
-    )
-    feed_forward: float = parameter(
-        unit="1",
-        bounds=(0.0, 1.0),
-        default=1.0,
-        meaning="1 where the desired torque is fed forward, else 0",
-    )
-    proportional: float = parameter(
-        unit="1", bounds=(0.0, 1e6), default=1.0, meaning="K_p"
-    )
-    integral: float = parameter(
-        unit="1/s", bounds=(0.0, 1e6), default=2.0, meaning="K_i"
-    )
-    settling: float = parameter(
-        unit="s",
-        bounds=(0.0, 10.0),
-        default=0.03,
-        meaning="time in which the motor settles relative to the joint; 0 is undamped",
-    )
-    preview: float = parameter(
-        unit="s",
-        bounds=(0.0, 10.0),
-        default=0.02,
-        meaning="time by which the motion of the joint is looked ahead",
-    )
-    tolerance: float = parameter(
-        unit="N m",
-        bounds=(0.0, 1e6),
-        default=0.0,
-        meaning="torque at the joint below which the sense does not turn",
-    )
-    stiffness: float = parameter(
-        unit="N m/rad",
-        bounds=(0.0, 1e12),
-        default=0.0,
-        meaning="of all cables at the joint, for the guard; 0 is not known",
-    )
-    rest_torque: float = parameter(
-        unit="N m",
-        bounds=(0.0, 1e9),
-        default=0.0,
-        meaning="torque of the pretension of all cables at the joint, for the guard",
-    )
-    wrap_friction: float = parameter(
-        unit="1",
-        bounds=(0.0, 100.0),
-        default=0.0,
-        meaning="friction coefficient times wrap of the cables, for the guard",
+    safe_torque: float = gain(
+        "N m", 0.0, guard.NO_TORQUE_LIMIT, guard.NO_TORQUE_LIMIT,
+        "most that the cables may put into the joint", low_open=True,
+    )  # fmt: skip
+    safe_speed: float = gain(
+        "rad/s", 0.0, guard.NO_SPEED_LIMIT, guard.NO_SPEED_LIMIT,
+        "speed of the joint beyond which it is let go", low_open=True,
+    )  # fmt: skip
+    safe_power: float = gain(
+        "W", 0.0, guard.NO_POWER_LIMIT, guard.NO_POWER_LIMIT,
+        "power into the joint beyond which it is let go", low_open=True,
+    )  # fmt: skip
+    answer_time: float = gain(
+        "s", 0.0, guard.MAX_ANSWER_TIME, 0.0,
+        "time from a torque at the joint to the answer of the motor; 0 is none",
+    )  # fmt: skip
+    shared: float = gain(
+        "1", 0.0, 1.0, 0.0, "1 where other motors turn the joint, too, else 0"
     )
 
 
+@dataclass(frozen=True)
+class FeedbackGains(DriveGains):
+    """Parameters of a law with feedback."""
+
+    feed_forward: float = gain(
+        "1", 0.0, 1.0, 1.0, "1 where the desired torque is fed forward, else 0"
+    )
+    proportional: float = gain("1", 0.0, 1e6, 1.0, "K_p")
+    integral: float = gain("1/s", 0.0, 1e6, 2.0, "K_i")
+    settling: float = gain(
+        "s", 0.0, 10.0, 0.03,
+        "time in which the motor settles relative to the joint; 0 is undamped",
+    )  # fmt: skip
+    preview: float = gain(
+        "s", 0.0, 10.0, 0.02, "time by which the motion of the joint is looked ahead"
+    )
+    tolerance: float = gain(
+        "N m", 0.0, 1e6, 0.0, "torque at the joint below which the sense does not turn"
+    )
+    stiffness: float = gain(
+        "N m/rad", 0.0, 1e12, 0.0,
+        "of all cables at the joint, for the guard; 0 is not known",
+    )  # fmt: skip
+    rest_torque: float = gain(
+        "N m", 0.0, 1e9, 0.0,
+        "torque of the pretension of all cables at the joint, for the guard",
+    )  # fmt: skip
+    wrap_friction: float = gain(
+        "1", 0.0, 100.0, 0.0,
+        "friction coefficient times wrap of the cables, for the guard",
+    )  # fmt: skip
+
+
+LIMITS: tuple[Parameter, ...] = parameters_of(DriveGains)
 GAINS: tuple[Parameter, ...] = parameters_of(FeedbackGains)
-"""Gains in the order of the laws."""
+"""Gains of a law without and with feedback, in order."""
 
 _RATIO, PERIOD = guard.RATIO, guard.PERIOD
 (
@@ -177,196 +135,102 @@ _RATIO, PERIOD = guard.RATIO, guard.PERIOD
 ) = range(guard.LIMITS, len(GAINS))  # fmt: skip
 
 
-@compiled
-def feed_forward(gains: FloatArray, desired: float) -> float:
-    """Return the motor torque of `FeedForward` from that at the joint [N m]."""
-    return guard.limited(gains, desired / gains[_RATIO])
+class Law(NamedTuple):
+    """Numbers of a law with feedback, of one device.
+
+    Attributes:
+        gains: in the order of `GAINS`, or of another law's own.
+        spring: all cables at the joint, see `guard.STIFFNESS`.
+        memory: state from one step to the next, 0 at the start.
+        seen: measurements in the order of `LAW_INPUTS`, which a law may change.
+    """
+
+    gains: FloatArray
+    spring: FloatArray
+    memory: FloatArray
+    seen: FloatArray
 
 
 @compiled
-def closed_loop_torque(
-    gains: FloatArray,
-    memory: FloatArray,
-    feedforward: float,
-    error: float,
-    most: float,
-) -> float:
-    """Return the limited motor torque of feedback around a feed-forward [N m].
+def admit(law: Law) -> None:
+    """Check measurements, and replace them where needed; see `guard.admit`."""
+    guard.admit(guard.limits_of(law.gains), law.spring, law.memory[GUARD:], law.seen)
+
+
+@internal
+def _damping(law: Law) -> float:
+    ratio = law.gains[_RATIO]
+    damping = law.gains[_SETTLING] * law.spring[guard.STIFFNESS] / (ratio * ratio)
+    return float(damping)
+
+
+@internal
+def _relative_velocity(law: Law) -> float:
+    return float(law.seen[VELOCITY] - law.gains[_RATIO] * law.seen[JOINT_VELOCITY])
+
+
+@internal
+def _guarded(law: Law, feedforward: float, error: float) -> float:
+    """Return the motor torque of feedback around a feed-forward, guarded [N m].
 
     The integral in the memory is updated. `error` is the desired less the measured
-    joint torque [N m], `most` the largest torque that the guard admits [N m].
+    joint torque [N m]. While the guard does not let the law drive, it restarts.
     """
-    ratio = gains[_RATIO]
+    gains, spring, memory, seen = law
+    limits, own, ratio = guard.limits_of(gains), memory[GUARD:], gains[_RATIO]
+    ahead = _relative_velocity(law)
+    if guard.state(limits, spring, own, ahead, seen[DESIRED]) != guard.FREE:
+        memory[INTEGRAL_TORQUE], memory[MOTOR_DIRECTION] = 0.0, 0.0
+        torque = guard.let_go_torque(limits, spring, own, _damping(law), ahead)
+        return guard.bounded(limits, spring, own, guard.limited(gains, torque))
     following = (
         memory[INTEGRAL_TORQUE] + gains[_INTEGRAL] * gains[PERIOD] * error / ratio
     )
-    if guard.limits_of(gains).one_way != 0.0:
+    if limits.one_way != 0.0:
         following = max(following, -max(feedforward, 0.0))
     torque = feedforward + gains[_PROPORTIONAL] * error / ratio + following
-    limited = guard.limited(gains, torque)
+    limited, most = guard.limited(gains, torque), guard.command_limit(limits, spring)
     if abs(limited) > most:
         limited = math.copysign(most, limited)
     # At a limit, with an error that would push beyond.
     if not (torque - limited) * (error / ratio) > 0.0:
         memory[INTEGRAL_TORQUE] = following
-    return limited
-
-
-@internal
-def _relative_velocity(gains: FloatArray, seen: FloatArray) -> float:
-    return float(seen[VELOCITY] - gains[_RATIO] * seen[JOINT_VELOCITY])
-
-
-@internal
-def _damping_torque(gains: FloatArray, spring: FloatArray, seen: FloatArray) -> float:
-    """Return the torque against the relative velocity of the motor [N m]."""
-    ratio = gains[_RATIO]
-    ahead = _relative_velocity(gains, seen)
-    damping = gains[_SETTLING] * spring[guard.STIFFNESS] / (ratio * ratio)
-    return float(damping * ahead)
+    return guard.bounded(limits, spring, own, limited)
 
 
 @compiled
-def admit(
-    gains: FloatArray, spring: FloatArray, memory: FloatArray, seen: FloatArray
-) -> None:
-    """Check measurements, and replace them where needed; see `guard.admit`."""
-    guard.admit(guard.limits_of(gains), spring, memory[GUARD:], seen)
-
-
-@internal
-def _releases_joint(
-    gains: FloatArray, spring: FloatArray, memory: FloatArray, seen: FloatArray
-) -> bool:
-    """Return whether the law must not drive the motor; then it restarts."""
-    ahead = _relative_velocity(gains, seen)
-    own = memory[GUARD:]
-    if (
-        guard.state(guard.limits_of(gains), spring, own, ahead, seen[DESIRED])
-        == guard.FREE
-    ):
-        return False
-    memory[INTEGRAL_TORQUE], memory[MOTOR_DIRECTION] = 0.0, 0.0
-    return True
-
-
-@internal
-def _let_go(
-    gains: FloatArray, spring: FloatArray, memory: FloatArray, seen: FloatArray
-) -> float:
-    own, ratio = memory[GUARD:], gains[_RATIO]
-    damping = gains[_SETTLING] * spring[guard.STIFFNESS] / (ratio * ratio)
-    ahead = _relative_velocity(gains, seen)
-    limits = guard.limits_of(gains)
-    torque = guard.let_go_torque(limits, spring, own, damping, ahead)
-    return guard.bounded(limits, spring, own, guard.limited(gains, torque))
-
-
-@internal
-def _driven(
-    gains: FloatArray,
-    spring: FloatArray,
-    memory: FloatArray,
-    feedforward: float,
-    error: float,
-) -> float:
-    """Return the motor torque of feedback within the limit of the guard [N m]."""
-    limits = guard.limits_of(gains)
-    most = guard.command_limit(limits, spring)
-    torque = closed_loop_torque(gains, memory, feedforward, error, most)
-    return guard.bounded(limits, spring, memory[GUARD:], torque)
-
-
-@compiled
-def guarded_torque(
-    gains: FloatArray, spring: FloatArray, memory: FloatArray, seen: FloatArray
-) -> float:
-    """Return the motor torque of `proportional_integral`, guarded [N m].
-
-    `spring` is of all cables at the joint, see `guard.STIFFNESS`; `seen` are
-    measurements after `admit`.
-    """
-    if _releases_joint(gains, spring, memory, seen):
-        return _let_go(gains, spring, memory, seen)
+def proportional_integral(law: Law) -> float:
+    """Return the motor torque of `ProportionalIntegral`, after `admit` [N m]."""
     feedforward = 0.0
-    if gains[_FEED_FORWARD] != 0.0:
-        feedforward = seen[DESIRED] / gains[_RATIO]
-    error = seen[DESIRED] - seen[TORQUE]
-    return _driven(gains, spring, memory, feedforward, error)
+    if law.gains[_FEED_FORWARD] != 0.0:
+        feedforward = law.seen[DESIRED] / law.gains[_RATIO]
+    return _guarded(law, feedforward, law.seen[DESIRED] - law.seen[TORQUE])
 
 
-@compiled
-def damped_feedback(
-    gains: FloatArray,
-    spring: FloatArray,
-    memory: FloatArray,
-    seen: FloatArray,
-    feedforward: float,
-) -> float:
-    """Return the motor torque of feedback with a damper, guarded [N m].
-
-    Arguments as in `guarded_torque`; `feedforward` is a motor torque [N m].
-    """
-    if _releases_joint(gains, spring, memory, seen):
-        return _let_go(gains, spring, memory, seen)
-    feedforward -= _damping_torque(gains, spring, seen)
-    error = seen[DESIRED] - seen[TORQUE]
-    return _driven(gains, spring, memory, feedforward, error)
+@internal
+def damped_feedback(law: Law, feedforward: float) -> float:
+    """Return the torque of feedback with a damper around a feed-forward, both [N m]."""
+    feedforward -= _damping(law) * _relative_velocity(law)
+    return _guarded(law, feedforward, law.seen[DESIRED] - law.seen[TORQUE])
 
 
-@compiled
-def model_based(
-    gains: FloatArray,
-    spring: FloatArray,
-    prm: FloatMatrix,
-    n: Counts,
-    distal: FloatArray,
-    arm: FloatArray,
-    state: FloatMatrix,
-    slip_direction: FloatArray,
-    gain: FloatArray,
-    disturbance: float,
-    memory: FloatArray,
-    seen: FloatArray,
-    scratch: FloatMatrix,
-) -> float:
+@internal
+def model_based(law: Law, model: compensation.Model, disturbance: float) -> float:
     """Return the motor torque of `ModelBased` [N m], after its model was updated.
 
-    Arguments of the cables as in `_compensation.dynamic`; `disturbance` is the motor
-    torque to be added [N m].
+    `disturbance` is the motor torque to be added [N m].
     """
-    if _releases_joint(gains, spring, memory, seen):
-        return _let_go(gains, spring, memory, seen)
-    feedforward = compensation.dynamic(
-        prm, n, arm, distal, state, slip_direction, gain, seen[JOINT_VELOCITY],
-        seen[DESIRED], scratch,
-    )  # fmt: skip
-    feedforward = feedforward + disturbance - _damping_torque(gains, spring, seen)
+    velocity, desired = law.seen[JOINT_VELOCITY], law.seen[DESIRED]
+    feedforward = compensation.dynamic(model, velocity, desired) + disturbance
+    return damped_feedback(law, feedforward)
+
+
+@internal
+def stiction(law: Law, model: compensation.Model) -> float:
+    """Return the motor torque of `StictionCompensation` [N m]; see `model_based`."""
+    gains, memory, seen = law.gains, law.memory, law.seen
     error = seen[DESIRED] - seen[TORQUE]
-    return _driven(gains, spring, memory, feedforward, error)
-
-
-@compiled
-def stiction(
-    gains: FloatArray,
-    spring: FloatArray,
-    prm: FloatMatrix,
-    n: Counts,
-    distal: FloatArray,
-    arm: FloatArray,
-    state: FloatMatrix,
-    memory: FloatArray,
-    seen: FloatArray,
-    scratch: FloatMatrix,
-) -> float:
-    """Return the motor torque of `StictionCompensation` [N m]; see `model_based`.
-
-    `state` is that of the model (cables, numbers).
-    """
-    if _releases_joint(gains, spring, memory, seen):
-        return _let_go(gains, spring, memory, seen)
-    error = seen[DESIRED] - seen[TORQUE]
-    motion = spring[guard.STIFFNESS] * gains[_PREVIEW] * seen[JOINT_VELOCITY]
+    motion = law.spring[guard.STIFFNESS] * gains[_PREVIEW] * seen[JOINT_VELOCITY]
     # Positive at the motor is winding towards a positive ratio.
     wanted = math.copysign(1.0, gains[_RATIO]) * (error + motion)
     sense = memory[MOTOR_DIRECTION]
@@ -375,25 +239,15 @@ def stiction(
     if turned:
         memory[MOTOR_DIRECTION] = np.sign(wanted)
     feedforward = compensation.full_slip_torque(
-        prm,
-        n,
-        arm,
-        distal,
-        state,
-        memory[MOTOR_DIRECTION],
-        seen[JOINT_VELOCITY],
-        seen[DESIRED],
-        scratch,
+        model, memory[MOTOR_DIRECTION], seen[JOINT_VELOCITY], seen[DESIRED]
     )
-    feedforward -= _damping_torque(gains, spring, seen)
+    feedforward -= _damping(law) * _relative_velocity(law)
     # Where the direction has just changed, the feed-forward corrects the error.
-    return _driven(gains, spring, memory, feedforward, 0.0 if turned else error)
+    return _guarded(law, feedforward, 0.0 if turned else error)
 
 
 _RATE_FILTER = 0.2
 """Share of a new value in the filtered rate of the desired torque."""
-_NOISE_TIME = 0.5
-"""Time over which the noise of the torque sensor is measured [s]."""
 (
     _KNOWN_SIGNALS, _LAST_DESIRED, _DESIRED_RATE, _LAST_TORQUE, _LAST_CHANGE,
     _NOISE_POWER, SIGNAL_SIZE,
@@ -403,78 +257,59 @@ and its filtered rate; measured torque, its change in the last step, and the pow
 its noise."""
 
 
-@compiled
-def _sense_of_slip(
-    gains: FloatArray,
-    memory: FloatArray,
-    seen: FloatArray,
-    stiffness: float,
-    slip_speed: float,
-) -> float:
+@internal
+def _sense_of_slip(law: Law, signals: FloatArray, slip_speed: float) -> float:
     """Return the smooth sense in which the motor has to turn, -1 to 1."""
-    desired = seen[DESIRED]
-    rate = (desired - memory[_LAST_DESIRED]) / gains[PERIOD]
-    memory[_LAST_DESIRED] = desired
-    memory[_DESIRED_RATE] += _RATE_FILTER * (rate - memory[_DESIRED_RATE])
-    speed = seen[JOINT_VELOCITY] + memory[_DESIRED_RATE] / stiffness
-    return float(np.tanh(speed / slip_speed))
+    desired = law.seen[DESIRED]
+    rate = (desired - signals[_LAST_DESIRED]) / law.gains[PERIOD]
+    signals[_LAST_DESIRED] = desired
+    signals[_DESIRED_RATE] += _RATE_FILTER * (rate - signals[_DESIRED_RATE])
+    stretching = signals[_DESIRED_RATE] / law.spring[guard.STIFFNESS]
+    return float(np.tanh((law.seen[JOINT_VELOCITY] + stretching) / slip_speed))
 
 
-@compiled
-def _noise(gains: FloatArray, memory: FloatArray, torque: float) -> float:
+@internal
+def _noise(period: float, signals: FloatArray, torque: float) -> float:
     """Return the standard deviation of the noise of the torque sensor [N m].
 
     It is that of second differences: no motion bends a torque within three samples.
     """
-    change = torque - memory[_LAST_TORQUE]
-    power = (change - memory[_LAST_CHANGE]) ** 2 / 6.0
-    memory[_LAST_TORQUE], memory[_LAST_CHANGE] = torque, change
-    share = min(gains[PERIOD] / _NOISE_TIME, 1.0)
-    memory[_NOISE_POWER] += share * (power - memory[_NOISE_POWER])
-    return float(np.sqrt(memory[_NOISE_POWER]))
+    change = torque - signals[_LAST_TORQUE]
+    power = (change - signals[_LAST_CHANGE]) ** 2 / 6.0
+    signals[_LAST_TORQUE], signals[_LAST_CHANGE] = torque, change
+    share = min(period / 0.5, 1.0)  # it is measured over half a second
+    signals[_NOISE_POWER] += share * (power - signals[_NOISE_POWER])
+    return float(np.sqrt(signals[_NOISE_POWER]))
 
 
 @internal
 def tuned_torque(
-    gains: FloatArray,
-    spring: FloatArray,
-    cables: FloatMatrix,
-    settings: FloatArray,
-    memory: FloatArray,
-    signals: FloatArray,
-    seen: FloatArray,
+    law: Law, cables: FloatMatrix, settings: FloatArray, signals: FloatArray
 ) -> float:
     """Return the motor torque of `TunedFeedback` [N m].
 
     Args:
-        gains: see `GAINS`.
-        spring: see `guard.STIFFNESS`.
+        law: after `admit`; the measured torque is changed.
         cables: see `cable_table`.
         settings: share of friction that is fed forward, speed of slip [rad/s], dead
             zone in deviations, deviation of the torque sensor [N m].
-        memory: of the law.
         signals: (`SIGNAL_SIZE`,), 0 at the start.
-        seen: what is measured, after `admit`; changed.
     """
-    desired = seen[DESIRED]
-    ahead = feed_forward(gains, desired)
+    seen, desired = law.seen, law.seen[DESIRED]
+    ahead = guard.limited(law.gains, desired / law.gains[_RATIO])
     if signals[_KNOWN_SIGNALS] == 0.0:
         signals[_KNOWN_SIGNALS], signals[_LAST_DESIRED] = 1.0, desired
         signals[_LAST_TORQUE] = seen[TORQUE]
-    friction_share, slip_speed = settings[0], settings[1]
-    if friction_share > 0.0:
-        stiffness = spring[guard.STIFFNESS]
-        sense = friction_share * _sense_of_slip(
-            gains, signals, seen, stiffness, slip_speed
-        )
+    if settings[0] > 0.0:
+        sense = settings[0] * _sense_of_slip(law, signals, settings[1])
         ahead = full_slip_balance(cables, sense, desired)[0]
     off = seen[TORQUE] - desired
-    noise = _noise(gains, signals, seen[TORQUE])
+    noise = _noise(law.gains[PERIOD], signals, seen[TORQUE])
     width = settings[2] * max(noise, settings[3]) - 0.5 * abs(desired)
     if width > 0.0:
         off = np.sign(off) * max(abs(off) - width, 0.0)
         seen[TORQUE] = desired + off
-    return damped_feedback(gains, spring, memory, seen, ahead)
+    return damped_feedback(law, ahead)
 
 
 BAND_SIGMAS = 0.34
@@ -529,22 +364,9 @@ def _turn(memory: FloatArray, wanted: float, band: float) -> float:
 
 
 @internal
-def inverse_torque(
-    gains: FloatArray,
-    spring: FloatArray,
-    cables: FloatMatrix,
-    memory: FloatArray,
-    seen: FloatArray,
-) -> float:
-    """Return the torque of the motor of one device [N m].
-
-    Args:
-        gains: see `InverseGains`.
-        spring: see `guard.STIFFNESS`.
-        cables: see `cable_table`.
-        memory: (`INVERSE_SIZE`,), 0 at the start.
-        seen: in the order of `LAW_INPUTS`; changed.
-    """
+def inverse_torque(law: Law, cables: FloatMatrix) -> float:
+    """Return the motor torque of `BacklashInverse` [N m]; see `cable_table`."""
+    gains, spring, memory, seen = law
     limits, own = guard.limits_of(gains), memory[INVERSE_GUARD:]
     ratio, stiffness = limits.ratio, gains[_INVERSE_STIFFNESS]
     guard.admit(limits, spring, own, seen)
@@ -633,26 +455,15 @@ def _advance(
 
 
 @internal
-def gaussian_torque(
-    gains: FloatArray,
-    spring: FloatArray,
-    design: Design,
-    memory: FloatArray,
-    seen: FloatArray,
-    scratch: FloatMatrix,
-) -> float:
-    """Return the torque of the motor of one device [N m].
+def gaussian_torque(law: Law, design: Design, scratch: FloatMatrix) -> float:
+    """Return the motor torque of `LinearQuadraticGaussian` [N m].
 
-    Args:
-        gains: see `GaussianGains`.
-        spring: see `guard.STIFFNESS`.
-        design: of the law.
-        memory: `HEADER`, `STATES` and the torques on their way; 0 at the start.
-        seen: in the order of `LAW_INPUTS`; changed.
-        scratch: (2, `STATES`).
+    The memory has `HEADER` numbers, `STATES` and the torques on their way; the scratch
+    is (2, `STATES`).
     """
+    gains, spring, memory, seen = law
     limits, own = guard.limits_of(gains), memory[GAUSSIAN_GUARD:HEADER]
-    model, read, kalman = design.model, design.read, design.kalman
+    model, read, kalman, _ = design
     ratio, ahead, new = limits.ratio, scratch[0], scratch[1]
     guard.admit(limits, spring, own, seen)
     state = memory[HEADER : HEADER + STATES]

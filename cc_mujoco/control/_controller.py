@@ -31,9 +31,9 @@ from cc_mujoco.cable._parameter import Parameter
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control import _law_steps as law_steps
 from cc_mujoco.control import _planner_steps as planner_steps
-from cc_mujoco.control._compiled_laws import GAINS, LAW_INPUTS
+from cc_mujoco.control._compiled_laws import LAW_INPUTS, LIMITS
 from cc_mujoco.control._law_steps import FIRST_STEP
-from cc_mujoco.control._planner_parameters import TUNING
+from cc_mujoco.control._planner_memory import TUNING
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._sensors import WINDING_COLUMNS
 from cc_mujoco.errors import CableError
@@ -41,11 +41,6 @@ from cc_mujoco.native import FloatArray, FloatMatrix, IntArray, compiled, intern
 
 _WOUND = dict(zip(LAW_INPUTS[2:4], WINDING_COLUMNS, strict=False))
 """Motion of the joint as it winds the cables."""
-_BY_NAME = {gain.name: gain for gain in GAINS}
-LIMITS: tuple[Parameter, ...] = tuple(
-    _BY_NAME[name] for name in guard.DriveLimits._fields
-)
-"""Gains of a law that has none but those of `DriveLimits`."""
 
 STEPS = (
     law_steps.step_forward, law_steps.step_proportional_integral, law_steps.step_tuned,
@@ -272,7 +267,6 @@ class SteppedLaw:
     """The compiled functions of a controller."""
 
     step: Callable[..., Any]
-    wrong_parameters: Callable[..., Any] = law_steps.wrong_limits
     store_parameters: Callable[..., Any] = law_steps.store_limits
     has_model: bool = False
     unread: frozenset[str] = frozenset()

@@ -97,7 +97,6 @@ class ProportionalIntegral(SteppedController):
 
     stepped = SteppedLaw(
         law_steps.step_proportional_integral,
-        law_steps.wrong_gains,
         law_steps.store_gains,
         unread=frozenset({"preview", "tolerance"}),
         gains=GAINS,

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from cc_mujoco._utils.exclusive import exclusive
 from cc_mujoco._validation import require_number, require_parameter
 from cc_mujoco.cable import _stepper as stepper
-from cc_mujoco.control._cable_model import joint_stiffness
+from cc_mujoco.control._cable_model import joint_stiffness, stepper_cables
 from cc_mujoco.control._hysteresis import Array, HysteresisModel, HysteresisTrial
 from cc_mujoco.control._hysteresis_models import MODELS, Line, SmoothBacklash
 from cc_mujoco.control._position import BANDWIDTH, PositionController
@@ -173,10 +173,10 @@ class CableCourse:
             )
             for one in cables
         ]
-        proximal = [one.proximal for one in cables]
-        distal = [one.distal for one in cables]
-        self._cables = stepper.make_cables(own, proximal, distal)
-        self._ratio = distal[0] / proximal[0]
+        self._cables = stepper_cables(
+            [dataclasses.replace(c, cable=o) for c, o in zip(cables, own, strict=True)]
+        )
+        self._ratio = cables[0].distal / cables[0].proximal
         self._stiffness = parameters.joint_stiffness
         self._state = stepper.rest_states(self._cables, 0.0, 0.0)
         self._preload = stepper.torque(self._cables, self._state, True, 0.0)[0]

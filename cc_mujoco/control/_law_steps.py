@@ -1,6 +1,6 @@
 """Steps of laws as compiled functions, on the memory of the caller.
 
-    wrong(shape, parameters, least, most)           # 0, or 1 + what is wrong
+    wrong_parameters(shape, parameters, least, most, gains)   # 0, or 1 + its index
     store(memory, shape, parameters)
     torque = step(memory, shape, tables, readings)
 
@@ -14,8 +14,6 @@ sections. Memory is numbers only; `places` says what stands where.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 from cc_mujoco.cable import _friction as friction
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _stepper as stepper
@@ -23,7 +21,7 @@ from cc_mujoco.cable._layout import SCALARS
 from cc_mujoco.control import _compiled_laws as compiled_laws
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control._cable_model import add_preload, follow, motor_torque, stiffness
-from cc_mujoco.control._compensation import SCRATCH_ROWS
+from cc_mujoco.control._compensation import SCRATCH_ROWS, Model
 from cc_mujoco.native import (
     FloatArray,
     FloatCube,
@@ -42,7 +40,7 @@ OWN_MEMORY = SPRING + guard.SPRING_SIZE
 """Numbers before those that are a controller's own."""
 LAST_COMMAND = OWN_MEMORY + compiled_laws.GUARD + guard.COMMAND
 """Place of the last torque of a controller that does not plan."""
-GAIN_COUNT, _N_INPUTS = len(compiled_laws.GAINS), len(compiled_laws.LAW_INPUTS)
+GAIN_COUNT = len(compiled_laws.GAINS)
 GAINS = OWN_MEMORY + compiled_laws.MEMORY_SIZE
 CABLES = GAINS + GAIN_COUNT
 _CABLE_ROWS = 5  # proximal and distal arm, arm now, direction of slip, gain
@@ -56,22 +54,6 @@ _FRICTION = friction.INDEX["friction"]
 _STATIC = friction.INDEX["static_friction"]
 _PRETENSION = friction.INDEX["pretension"]
 _EXPONENT = friction.INDEX["tension_exponent"]
-
-
-class ModelMemory(NamedTuple):
-    """Parts of the memory of a law with a model; see `CableModel`."""
-
-    cables: stepper.Cables
-    arm: FloatArray
-    direction: FloatArray
-    gain: FloatArray
-    scratch: FloatMatrix
-    """See `_compensation.SCRATCH_ROWS`."""
-    state: FloatMatrix
-    new: FloatMatrix
-    work: FloatArray
-    end: int
-    """Place of the first number behind."""
 
 
 @reinterpret_part
@@ -120,38 +102,13 @@ def places(cables: int, most: int) -> tuple[int, int, int, int, int, int]:
 
 
 @internal
-def first_out_of_range(
+def _first_out_of_range(
     first: int, end: int, parameters: FloatArray, least: FloatArray, most: FloatArray
 ) -> int:
     """Return 1 + the index of a parameter out of its range, 0 if there is none."""
     for i in range(first, end):
         if not least[i] <= parameters[i] <= most[i]:
             return i + 1
-    return 0
-
-
-@internal
-def wrong_motor(
-    parameters: FloatArray,
-    least: FloatArray,
-    most: FloatArray,
-    count: int,
-    ratio: int,
-    low: int,
-    high: int,
-) -> int:
-    """Return 1 + the index of an impossible motor parameter, 0 if there is none.
-
-    There are `count` of a controller; those of its cables are behind. `ratio`, `low`
-    and `high` are the places of the ratio, the least and the greatest torque.
-    """
-    wrong = first_out_of_range(0, count, parameters, least, most)
-    if wrong != 0:
-        return wrong
-    if parameters[ratio] == 0.0:
-        return ratio + 1
-    if not parameters[low] < parameters[high]:
-        return high + 1
     return 0
 
 
@@ -165,22 +122,31 @@ def _consistent(values: FloatArray) -> int:
     return 0
 
 
-@internal
-def wrong_cables(
+def wrong_parameters(
     shape: IntArray,
     parameters: FloatArray,
     least: FloatArray,
     most: FloatArray,
-    first: int,
+    gains: int,
 ) -> int:
-    """Return 1 + the index of an impossible cable parameter, 0 if there is none.
+    """Return 1 + the index of an impossible parameter, 0 if there is none.
 
-    Those of the cables begin at `first`.
+    `gains` numbers are of the controller, `DriveLimits` first. Behind them are those of
+    its cables, where it has a model, and then any others.
     """
-    cables, count = shape[0], first
+    wrong = _first_out_of_range(0, gains, parameters, least, most)
+    if wrong != 0:
+        return wrong
+    if parameters[guard.RATIO] == 0.0:
+        return guard.RATIO + 1
+    if not parameters[guard.LOW] < parameters[guard.HIGH]:
+        return guard.HIGH + 1
+    if parameters.size == gains:
+        return 0
+    cables, first, end = shape[0], gains, gains
     for k in range(cables):
-        count += 2 + SCALARS + 2 * shape[1 + cables + k]
-    wrong = first_out_of_range(first, count, parameters, least, most)
+        end += 2 + SCALARS + 2 * shape[1 + cables + k]
+    wrong = _first_out_of_range(first, end, parameters, least, most)
     if wrong != 0:
         return wrong
     for k in range(cables):
@@ -190,51 +156,37 @@ def wrong_cables(
         if wrong != 0:
             return first + 2 + wrong
         first += 2 + SCALARS + 2 * shape[1 + cables + k]
-    return 0
+    return _first_out_of_range(end, parameters.size, parameters, least, most)
 
 
-@internal
-def _store_parameters(memory: FloatArray, parameters: FloatArray) -> None:
-    for i in range(GAIN_COUNT):
-        memory[GAINS + i] = parameters[i]
-
-
-def wrong_gains(
-    shape: IntArray, parameters: FloatArray, least: FloatArray, most: FloatArray
-) -> int:
-    """Return 1 + the index of an impossible gain, 0 if there is none."""
-    return wrong_motor(
-        parameters, least, most, GAIN_COUNT, guard.RATIO, guard.LOW, guard.HIGH
-    )
+@compiled
+def store_limits(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> None:
+    for i in range(guard.LIMITS):
+        memory[OWN_MEMORY + i] = parameters[i]
 
 
 @compiled
 def store_gains(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> None:
-    _store_parameters(memory, parameters)
+    for i in range(GAIN_COUNT):
+        memory[GAINS + i] = parameters[i]
     memory[SPRING + guard.STIFFNESS] = parameters[compiled_laws.STIFFNESS]
     memory[SPRING + guard.REST] = parameters[compiled_laws.REST_TORQUE]
     memory[SPRING + guard.FRICTION] = parameters[compiled_laws.WRAP_FRICTION]
 
 
-def wrong_model(
-    shape: IntArray, parameters: FloatArray, least: FloatArray, most: FloatArray
-) -> int:
-    """Return 1 + the index of an impossible gain or cable, 0 if there is none."""
-    wrong = wrong_motor(
-        parameters, least, most, GAIN_COUNT, guard.RATIO, guard.LOW, guard.HIGH
-    )
-    if wrong != 0:
-        return wrong
-    return wrong_cables(shape, parameters, least, most, GAIN_COUNT)
+@internal
+def _longest_cable(shape: IntArray) -> int:
+    longest = 0
+    for k in range(shape[0]):
+        longest = max(longest, shape[1 + k])
+    return longest
 
 
 @compiled
 def store_model(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> None:
     """Take the gains of a controller with a model, and its cables."""
-    cables, longest = shape[0], 0
-    for k in range(cables):
-        longest = max(longest, shape[1 + k])
-    _store_parameters(memory, parameters)
+    cables, longest = shape[0], _longest_cable(shape)
+    store_gains(memory, shape, parameters)
     _, packed, _, _, _, _ = places(cables, longest)
     size = kernel.parameter_size(longest)
     first = GAIN_COUNT
@@ -246,18 +198,12 @@ def store_model(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> 
         sections = shape[1 + cables + k]
         values = part(parameters, first + 2, SCALARS)
         bends = rows_of(parameters, first + 2 + SCALARS, sections, 2)
-        kernel.pack(
-            values,
-            bends,
-            shape[1 + k],
-            part(memory, packed + k * size, size),
-        )
+        own = part(memory, packed + k * size, size)
+        kernel.pack(values, bends, shape[1 + k], own)
         add_preload(values, bends, parameters[first + 1], spring)
         first += 2 + SCALARS + 2 * sections
-    spring[guard.STIFFNESS] = stiffness(
-        rows_of(memory, packed, cables, size),
-        part(memory, CABLES + cables, cables),
-    )
+    prm = rows_of(memory, packed, cables, size)
+    spring[guard.STIFFNESS] = stiffness(prm, part(memory, CABLES + cables, cables))
 
 
 @internal
@@ -274,81 +220,79 @@ def impossible(readings: FloatArray, count: int, guarded: IntArray) -> int:
 
 
 @internal
-def admitted(memory: FloatArray, readings: FloatArray) -> FloatArray:
-    """Return what is measured as the guard lets it through; begin where that is due."""
-    law = part(memory, OWN_MEMORY, compiled_laws.MEMORY_SIZE)
+def _law_of(memory: FloatArray) -> compiled_laws.Law:
+    numbers = part(memory, OWN_MEMORY, compiled_laws.MEMORY_SIZE)
+    return compiled_laws.Law(
+        part(memory, GAINS, GAIN_COUNT),
+        part(memory, SPRING, guard.SPRING_SIZE),
+        numbers,
+        numbers[compiled_laws.GUARD + guard.SEEN :],
+    )
+
+
+@internal
+def _admitted(memory: FloatArray, readings: FloatArray) -> compiled_laws.Law:
+    """Return a law and what its guard lets through; begin where that is due."""
+    law = _law_of(memory)
     if memory[FIRST_STEP] != 0.0:
-        law[:] = 0.0
-    seen = law[compiled_laws.GUARD + guard.SEEN :]
-    for i in range(_N_INPUTS):
-        seen[i] = readings[i]
-    gains = part(memory, GAINS, GAIN_COUNT)
-    spring = part(memory, SPRING, guard.SPRING_SIZE)
-    compiled_laws.admit(gains, spring, law, seen)
-    return seen
+        law.memory[:] = 0.0
+    for i in range(len(compiled_laws.LAW_INPUTS)):
+        law.seen[i] = readings[i]
+    compiled_laws.admit(law)
+    return law
 
 
 @internal
 def step_proportional_integral(
     memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
 ) -> float:
-    seen = admitted(memory, readings)
+    law = _admitted(memory, readings)
     memory[FIRST_STEP] = 0.0
-    law = part(memory, OWN_MEMORY, compiled_laws.MEMORY_SIZE)
-    gains = part(memory, GAINS, GAIN_COUNT)
-    spring = part(memory, SPRING, guard.SPRING_SIZE)
-    return compiled_laws.guarded_torque(gains, spring, law, seen)
+    return compiled_laws.proportional_integral(law)
 
 
 @internal
-def model_memory(memory: FloatArray, shape: IntArray) -> ModelMemory:
+def model_memory(memory: FloatArray, shape: IntArray) -> Model:
     """Return the parts of the memory of a law with a model."""
-    count, longest = shape[0], 0
-    for k in range(count):
-        longest = max(longest, shape[1 + k])
+    count, longest = shape[0], _longest_cable(shape)
     scratch, packed, first, after, work, end = places(count, longest)
     width = kernel.state_size(longest)
     proximal = part(memory, CABLES, count)
     prm = rows_of(memory, packed, count, kernel.parameter_size(longest))
     n, distal = whole_part(shape, 1, count), part(memory, CABLES + count, count)
-    return ModelMemory(
+    return Model(
         stepper.Cables(prm, n, proximal, proximal, distal),
+        rows_of(memory, first, count, width),
         part(memory, CABLES + 2 * count, count),
         part(memory, CABLES + 3 * count, count),
         part(memory, CABLES + 4 * count, count),
         rows_of(memory, scratch, SCRATCH_ROWS, count),
-        rows_of(memory, first, count, width),
         rows_of(memory, after, count, width),
         part(memory, work, end - work),
-        end,
     )
+
+
+@internal
+def _end_of_model(shape: IntArray) -> int:
+    """Return the place of the first number behind a model in a memory."""
+    return places(shape[0], _longest_cable(shape))[5]
 
 
 @compiled
 def follow_model(memory: FloatArray, shape: IntArray, readings: FloatArray) -> None:
     """Have the guard check what is measured, and the model of the cables follow it."""
-    seen = admitted(memory, readings)
-    own = model_memory(memory, shape)
+    seen, own = _admitted(memory, readings).seen, model_memory(memory, shape)
     if memory[FIRST_STEP] != 0.0:
         stepper.set_rest(own.cables, seen[compiled_laws.ANGLE], 0.0, own.state)
         own.direction[:] = 0.0
         own.gain[:] = 1.0
-        for i in range(own.end, memory.size):
+        for i in range(_end_of_model(shape), memory.size):
             memory[i] = 0.0
         memory[JOINT_ANGLE], memory[FIRST_STEP] = 0.0, 0.0
     memory[JOINT_ANGLE] = follow(
-        own.cables,
-        own.state,
-        seen[compiled_laws.ANGLE],
-        seen[compiled_laws.TORQUE],
-        memory[JOINT_ANGLE],
-        own.direction,
-        own.gain,
-        own.arm,
-        memory[GAINS + compiled_laws.PERIOD],
-        own.new,
-        own.work,
-    )
+        own, seen[compiled_laws.ANGLE], seen[compiled_laws.TORQUE],
+        memory[JOINT_ANGLE], memory[GAINS + compiled_laws.PERIOD],
+    )  # fmt: skip
 
 
 @internal
@@ -356,24 +300,13 @@ def model_torque(
     memory: FloatArray, shape: IntArray, tables: FloatArray, kind: int
 ) -> float:
     """Return the motor torque of a kind of law, after `follow_model` [N m]."""
-    own = model_memory(memory, shape)
-    law = part(memory, OWN_MEMORY, compiled_laws.MEMORY_SIZE)
-    seen = law[compiled_laws.GUARD + guard.SEEN :]
-    gains = part(memory, GAINS, GAIN_COUNT)
-    spring = part(memory, SPRING, guard.SPRING_SIZE)
-    cables, lack = own.cables, 0.0
+    own, law, lack = model_memory(memory, shape), _law_of(memory), 0.0
     if kind == STICTION:
-        return compiled_laws.stiction(
-            gains, spring, cables.prm, cables.n, cables.distal, own.arm, own.state, law,
-            seen, own.scratch,
-        )  # fmt: skip
+        return compiled_laws.stiction(law, own)
     if kind == DISTURBANCE:
-        load = motor_torque(cables.n, own.arm, own.state)
-        lack = _learn_lack(tables[0], load, law, part(memory, own.end, LACK_SIZE))
-    return compiled_laws.model_based(
-        gains, spring, cables.prm, cables.n, cables.distal, own.arm, own.state,
-        own.direction, own.gain, lack, law, seen, own.scratch,
-    )  # fmt: skip
+        known = part(memory, _end_of_model(shape), LACK_SIZE)
+        lack = _learn_lack(tables[0], motor_torque(own), law.memory, known)
+    return compiled_laws.model_based(law, own, lack)
 
 
 @internal
@@ -419,48 +352,26 @@ def step_disturbance(
     return model_torque(memory, shape, tables, DISTURBANCE)
 
 
-def wrong_limits(
-    shape: IntArray, parameters: FloatArray, least: FloatArray, most: FloatArray
-) -> int:
-    """Return 1 + the index of an impossible limit, 0 if there is none."""
-    return wrong_motor(
-        parameters, least, most, guard.LIMITS, guard.RATIO, guard.LOW, guard.HIGH
-    )
-
-
-@compiled
-def store_limits(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> None:
-    for i in range(guard.LIMITS):
-        memory[OWN_MEMORY + i] = parameters[i]
-
-
 @internal
 def step_forward(
     memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
 ) -> float:
     memory[FIRST_STEP] = 0.0
     gains = part(memory, OWN_MEMORY, guard.LIMITS)
-    return compiled_laws.feed_forward(gains, readings[0])
+    return guard.limited(gains, readings[0] / gains[guard.RATIO])
 
 
 @internal
 def step_tuned(
     memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
 ) -> float:
-    seen = admitted(memory, readings)
+    law = _admitted(memory, readings)
     signals = part(memory, CABLES, compiled_laws.SIGNAL_SIZE)
     if memory[FIRST_STEP] != 0.0:
         signals[:] = 0.0
         memory[FIRST_STEP] = 0.0
-    return compiled_laws.tuned_torque(
-        part(memory, GAINS, GAIN_COUNT),
-        part(memory, SPRING, guard.SPRING_SIZE),
-        rows_of(tables, 4, shape[0], shape[1]),
-        part(tables, 0, 4),
-        part(memory, OWN_MEMORY, compiled_laws.MEMORY_SIZE),
-        signals,
-        seen,
-    )
+    cables = rows_of(tables, 4, shape[0], shape[1])
+    return compiled_laws.tuned_torque(law, cables, part(tables, 0, 4), signals)
 
 
 @internal
@@ -471,22 +382,24 @@ def begun(
     size: int,
     first: int,
     readings: FloatArray,
-) -> FloatArray:
-    """Complete the gains, begin where that is due; return a copy of what is measured.
+) -> compiled_laws.Law:
+    """Return a law with a copy of what is measured; begin where that is due.
 
-    `tables` begin with the `gains` behind `DriveLimits`. In the memory the `size`
-    numbers of the law are behind the gains, `first` of them the guard.
+    `tables` begin with the `gains` behind `DriveLimits` and the spring of the cables.
+    In the memory the `size` numbers of the law are behind the gains, `first` of them
+    the guard.
     """
     for i in range(guard.LIMITS, gains):
         memory[OWN_MEMORY + i] = tables[i - guard.LIMITS]
-    law = part(memory, OWN_MEMORY + gains, size)
+    numbers = part(memory, OWN_MEMORY + gains, size)
     if memory[FIRST_STEP] != 0.0:
-        law[:] = 0.0
+        numbers[:] = 0.0
         memory[FIRST_STEP] = 0.0
-    seen = law[first + guard.SEEN : first + guard.SEEN + guard.READINGS]
+    seen = numbers[first + guard.SEEN : first + guard.SEEN + guard.READINGS]
     for i in range(guard.READINGS):
         seen[i] = readings[i]
-    return seen
+    spring = part(tables, gains - guard.LIMITS, guard.SPRING_SIZE)
+    return compiled_laws.Law(part(memory, OWN_MEMORY, gains), spring, numbers, seen)
 
 
 @internal
@@ -494,15 +407,10 @@ def step_inverse(
     memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
 ) -> float:
     gains, size = compiled_laws.INVERSE_GAINS, compiled_laws.INVERSE_SIZE
-    seen = begun(memory, tables, gains, size, compiled_laws.INVERSE_GUARD, readings)
-    spring = gains - guard.LIMITS
-    return compiled_laws.inverse_torque(
-        part(memory, OWN_MEMORY, gains),
-        part(tables, spring, guard.SPRING_SIZE),
-        rows_of(tables, spring + guard.SPRING_SIZE, shape[0], shape[1]),
-        part(memory, OWN_MEMORY + gains, size),
-        seen,
-    )
+    law = begun(memory, tables, gains, size, compiled_laws.INVERSE_GUARD, readings)
+    first = gains - guard.LIMITS + guard.SPRING_SIZE
+    cables = rows_of(tables, first, shape[0], shape[1])
+    return compiled_laws.inverse_torque(law, cables)
 
 
 @internal
@@ -510,20 +418,14 @@ def step_gaussian(
     memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
 ) -> float:
     gains, size, states = compiled_laws.GAUSSIAN_GAINS, shape[0], compiled_laws.STATES
-    seen = begun(memory, tables, gains, size, compiled_laws.GAUSSIAN_GUARD, readings)
-    spring = gains - guard.LIMITS
-    model = spring + guard.SPRING_SIZE
+    law = begun(memory, tables, gains, size, compiled_laws.GAUSSIAN_GUARD, readings)
+    model = gains - guard.LIMITS + guard.SPRING_SIZE
     read = model + states * (states + 1)
-    return compiled_laws.gaussian_torque(
-        part(memory, OWN_MEMORY, gains),
-        part(tables, spring, guard.SPRING_SIZE),
-        compiled_laws.Design(
-            rows_of(tables, model, states, states + 1),
-            rows_of(tables, read, 2, states),
-            rows_of(tables, read + 2 * states, states, 2),
-            part(tables, read + 4 * states, 2),
-        ),
-        part(memory, OWN_MEMORY + gains, size),
-        seen,
-        rows_of(memory, OWN_MEMORY + gains + size, 2, states),
+    design = compiled_laws.Design(
+        rows_of(tables, model, states, states + 1),
+        rows_of(tables, read, 2, states),
+        rows_of(tables, read + 2 * states, states, 2),
+        part(tables, read + 4 * states, 2),
     )
+    scratch = rows_of(memory, OWN_MEMORY + gains + size, 2, states)
+    return compiled_laws.gaussian_torque(law, design, scratch)

@@ -56,7 +56,6 @@ class ModelBased(ProportionalIntegral):
 
     stepped = SteppedLaw(
         law_steps.step_model_based,
-        law_steps.wrong_model,
         law_steps.store_model,
         has_model=True,
         unread=_FEED_FORWARD_GAINS | {"preview", "tolerance"},
@@ -136,14 +135,11 @@ class ModelBased(ProportionalIntegral):
         if self._played and factor == self._played[row][1]:
             return
         own = law_steps.model_memory(self._memory[row], self._shape)
-        for prm, one in zip(own.cables.prm, self.drive.cables, strict=True):
-            values = np.array(one.cable.scalars)
-            sections, changed = (
-                np.array(one.cable.conduit, float),
-                np.empty_like(values),
-            )
+        cables = [one.cable for one in self.drive.cables]
+        for prm, cable in zip(own.cables.prm, cables, strict=True):
+            values, sections = np.array(cable.scalars), np.array(cable.conduit, float)
             changed = np.empty_like(values)
-            pack(values, sections, one.cable.segments, factor, True, changed, prm)
+            pack(values, sections, cable.segments, factor, True, changed, prm)
 
 
 class StictionCompensation(ModelBased):

@@ -1,4 +1,7 @@
-"""Memory of a planning controller for one device, its tables and its scratch.
+"""Memory of a planning controller for one device, its tuning, tables and scratch.
+
+    tune = Tuning(period=1e-3, inertia=2e-4, ...).packed(stiffness)
+    tune[PERIOD]
 
 A row of `memory` is the state of a controller for one device besides that of its
 cables: the rotor as estimated by an observer, with the torque that the model does not
@@ -21,9 +24,15 @@ travel matters little.
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
+
+from cc_mujoco.cable._parameter import Parameter, parameters_of
 from cc_mujoco.control import _guard as guard
+from cc_mujoco.control._compiled_laws import DriveGains, gain
 from cc_mujoco.native import FloatArray, FloatCube, FloatMatrix, internal
 
 PLANNER_INPUTS = (
@@ -50,6 +59,117 @@ OBSERVER_ERROR, OBSERVER_SIZE = 3, 4
 and unexplained torque; size of an observer."""
 WORK_ROWS = 9
 """Rows of the scratch of a plan of commands, of numbers for each knot."""
+
+
+@dataclass(frozen=True)
+class Tuning(DriveGains):
+    """Settings of motor, observers and plan for the compiled functions."""
+
+    inertia: float = gain(
+        "kg m^2", 0.0, 1e6, 1e-4, "of the motor with its pulley", low_open=True
+    )
+    damping: float = gain("N m s/rad", 0.0, 1e6, 0.0, "of the motor's bearings")
+    span: float = gain(
+        "s", 0.0, 10.0, 3e-3, "time between two knots of the plan", low_open=True
+    )
+    tolerance: float = gain(
+        "N m", 0.0, 1e6, 0.0, "of the torque that a knot of the plan makes"
+    )
+    turning: float = gain(
+        "N m^2", 0.0, 1e12, 0.0, "mean squared error that turning the motor must save"
+    )
+    noise: float = gain(
+        "N m", 0.0, 1e6, 0.0, "measured torque that is one for sure", low_open=True
+    )
+    belief: float = gain(
+        "1", 1e-3, 1.0, 0.5, "share of the torque sensor that is taken over in a step"
+    )
+    learning: float = gain("1/s", 0.0, 1e3, 5.0, "rate at which friction is learned")
+    zeroing: float = gain(
+        "1/s", 0.0, 1e3, 2.0, "rate at which the bias of the torque sensor is learned"
+    )
+    least: float = gain(
+        "N m", 0.0, 1e9, 0.05,
+        "motor torque of friction below which little is learned", low_open=True,
+    )  # fmt: skip
+    spend: float = gain(
+        "s", 0.0, 10.0, 0.02,
+        "time in which energy given to the joint is spent by a damper", low_open=True,
+    )  # fmt: skip
+    slow: float = gain(
+        "rad/s", 0.0, 1e3, 0.1,
+        "velocity of the joint below which that takes longer", low_open=True,
+    )  # fmt: skip
+    damper: float = gain("N m s/rad", 0.0, 1e6, 0.0, "strongest damper")
+    rotor_0: float = gain(
+        "1", 0.0, 1.0, 0.5, "gain of the observer of the rotor, angle"
+    )
+    rotor_1: float = gain("1", 0.0, 2.0, 0.5, "likewise, velocity")
+    motion_0: float = gain(
+        "1", 0.0, 1.0, 0.5, "gain of the filters of joint and desired torque, value"
+    )
+    motion_1: float = gain("1", 0.0, 2.0, 0.5, "likewise, rate")
+    motion_2: float = gain("1", 0.0, 1.0, 0.1, "likewise, acceleration")
+    forgetting: float = gain(
+        "1", 0.0, 1.0, 0.01,
+        "share of an observer's mean squared error that a step renews",
+    )  # fmt: skip
+    leak: float = gain(
+        "1", 0.0, 1.0, 1e-4, "share of the account of energy that a step forgets"
+    )
+    yielding: float = gain(
+        "rad/(N m s)", 0.0, 1e9, 0.0,
+        "velocity that the joint gains per torque that it lacks",
+    )  # fmt: skip
+    late: float = gain(
+        "steps", 0.0, 1e6, 0.0,
+        "by how many measurements are thought to be late at first",
+    )  # fmt: skip
+    lag: float = gain(
+        "s", 0.0, 1.0, 0.0, "time constant of the motor's torque behind its command"
+    )
+    rate: float = gain(
+        "N m/s", 0.0, math.inf, math.inf,
+        "fastest change of the command; infinite where there is no limit",
+        low_open=True,
+    )  # fmt: skip
+    bristles: float = gain(
+        "rad", 0.0, 10.0, 0.2,
+        "motion of the joint over which friction may build up; 0 is at once",
+    )  # fmt: skip
+    caution: float = gain(
+        "1", 0.0, 1.0, 0.0, "share of a crossing that the motor stops short of"
+    )
+    slack: float = gain(
+        "N m", 0.0, 1e6, 0.0, "slack at the motor of a cable whose drag pulls too much"
+    )
+    creep: float = gain(
+        "1", 0.0, 1.0, 0.02, "share of it that the motor makes up for in a step"
+    )
+    iterations: float = gain(
+        "1", 1.0, math.inf, math.inf,
+        "steps of the cables' model for the plans of a step; then the last plan goes "
+        "on",
+    )  # fmt: skip
+
+    def packed(self, spring: FloatArray) -> FloatArray:
+        """Return the numbers as the vector of the compiled functions.
+
+        `spring` is of all cables at the joint, see `guard.STIFFNESS`.
+        """
+        return np.array([*(getattr(self, one.name) for one in TUNING), *spring])
+
+
+TUNING: tuple[Parameter, ...] = parameters_of(Tuning)
+"""Numbers of a tuning, in order; the spring of the cables is behind them."""
+RATIO, LOW, HIGH, PERIOD, INERTIA = 0, 1, 2, 3, 5
+(
+    DAMPING, SPAN, TOLERANCE, TURNING, NOISE, BELIEF, LEARNING, ZEROING,
+    MIN_FRICTION_TORQUE, SPEND, SLOW, DAMPER, ROTOR_0, ROTOR_1, MOTION_0, MOTION_1,
+    MOTION_2, FORGETTING, LEAK, YIELDING, LATE_FIRST, LAG, RATE, BRISTLES,
+    CAUTION_SHARE, SLACK, CREEP, ITERATIONS, STIFFNESS,
+) = range(guard.LIMITS, len(TUNING) + 1)  # fmt: skip
+"""Their places; the first are those of `DriveGains`."""
 
 
 class PlannerMemory(NamedTuple):

@@ -21,62 +21,13 @@ from cc_mujoco.cable._layout import (
     tensions,
 )
 from cc_mujoco.control import _guard as guard
+from cc_mujoco.control import _planner_memory as at
 from cc_mujoco.control import _rollout as rollout
 from cc_mujoco.control._planner_memory import (
-    ANGLE,
-    BELIEVED_DELAY,
-    BIAS,
-    BRISTLED,
-    COMMAND,
-    DESIRED_TORQUE,
-    DISTURBANCE,
-    ENERGY,
-    FILTERED_TORQUE,
-    FRICTION,
-    GUARD,
-    JOINT,
-    JOINT_SHIFT,
-    LOAD,
-    MODEL_ERROR,
-    MODEL_LOAD,
-    MODEL_ROTOR,
-    MOTOR_TORQUE,
-    OBSERVER_ERROR,
-    OBSERVER_SIZE,
-    OTHER_JOINT,
-    ROTOR_ERROR,
-    STARTED,
-    TAUT_SHIFT,
-    VELOCITY,
     PlannerMemory,
     PlannerWorkspace,
     Tables,
     copy_states,
-)
-from cc_mujoco.control._planner_parameters import (
-    BELIEF,
-    BRISTLES,
-    DAMPING,
-    FORGETTING,
-    HIGH,
-    INERTIA,
-    LAG,
-    LATE_FIRST,
-    LEAK,
-    LEARNING,
-    LOW,
-    MIN_FRICTION_TORQUE,
-    MOTION_0,
-    MOTION_1,
-    MOTION_2,
-    NOISE,
-    PERIOD,
-    RATIO,
-    ROTOR_0,
-    ROTOR_1,
-    SPAN,
-    STIFFNESS,
-    ZEROING,
 )
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 
@@ -110,13 +61,13 @@ def replace_by_mean_torque(
     memory: FloatArray, applied: FloatArray, tune: FloatArray
 ) -> None:
     """Replace the newest command in `applied` by the resulting mean torque."""
-    command, lag, dt = applied[applied.size - 1], tune[LAG], tune[PERIOD]
-    behind = memory[MOTOR_TORQUE] - command
-    memory[COMMAND] = memory[MOTOR_TORQUE] = command
+    command, lag, dt = applied[applied.size - 1], tune[at.LAG], tune[at.PERIOD]
+    behind = memory[at.MOTOR_TORQUE] - command
+    memory[at.COMMAND] = memory[at.MOTOR_TORQUE] = command
     if lag > 0.0:
         passed = -np.expm1(-dt / lag)
         applied[applied.size - 1] += behind * (passed * lag / dt)
-        memory[MOTOR_TORQUE] += behind * (1.0 - passed)
+        memory[at.MOTOR_TORQUE] += behind * (1.0 - passed)
 
 
 @compiled
@@ -145,22 +96,24 @@ def _reset(
     The guard is reset before.
     """
     memory, rotors = device.memory, device.rotors
-    memory[:GUARD] = 0.0
-    memory[FRICTION:] = 0.0
-    memory[JOINT], memory[DESIRED_TORQUE], memory[BELIEVED_DELAY] = (
+    memory[: at.GUARD] = 0.0
+    memory[at.FRICTION :] = 0.0
+    memory[at.JOINT], memory[at.DESIRED_TORQUE], memory[at.BELIEVED_DELAY] = (
         seen[guard.JOINT],
         seen[guard.DESIRED],
         late,
     )
     rotors[:] = 0.0
     for row in range(rotors.shape[0]):
-        rotors[row, ANGLE] = seen[guard.MOTOR]
-    memory[LOAD] = stepper.torque(cables, state, False, seen[guard.MOTOR])[0]
+        rotors[row, at.ANGLE] = seen[guard.MOTOR]
+    memory[at.LOAD] = stepper.torque(cables, state, False, seen[guard.MOTOR])[0]
     for hypothesis in range(2):
-        memory[MODEL_LOAD + hypothesis] = memory[LOAD]
-        memory[MODEL_ROTOR + hypothesis * OBSERVER_SIZE + ANGLE] = seen[guard.MOTOR]
+        memory[at.MODEL_LOAD + hypothesis] = memory[at.LOAD]
+        memory[at.MODEL_ROTOR + hypothesis * at.OBSERVER_SIZE + at.ANGLE] = seen[
+            guard.MOTOR
+        ]
     copy_states(state, device.other)
-    memory[STARTED] = 1.0
+    memory[at.STARTED] = 1.0
 
 
 @compiled
@@ -179,31 +132,38 @@ def observe(
     have.
     """
     memory, tune = device.memory, tables.tune
-    if memory[STARTED] == 0.0:
-        _reset(cables, state, device, seen, tune[LATE_FIRST])
-        memory[OTHER_JOINT] = joint[0]
-    torque = seen[guard.TORQUE] - memory[BIAS]
-    before = memory[JOINT]
+    if memory[at.STARTED] == 0.0:
+        _reset(cables, state, device, seen, tune[at.LATE_FIRST])
+        memory[at.OTHER_JOINT] = joint[0]
+    torque = seen[guard.TORQUE] - memory[at.BIAS]
+    before = memory[at.JOINT]
     smooth(
-        memory, JOINT, seen[guard.JOINT], tune[MOTION_0], tune[MOTION_1], tune[MOTION_2]
+        memory,
+        at.JOINT,
+        seen[guard.JOINT],
+        tune[at.MOTION_0],
+        tune[at.MOTION_1],
+        tune[at.MOTION_2],
     )
     smooth(
         memory,
-        DESIRED_TORQUE,
+        at.DESIRED_TORQUE,
         seen[guard.DESIRED],
-        tune[MOTION_0],
-        tune[MOTION_1],
-        tune[MOTION_2],
+        tune[at.MOTION_0],
+        tune[at.MOTION_1],
+        tune[at.MOTION_2],
     )
-    turned = memory[JOINT] - before
-    memory[ENERGY] += (torque - memory[DESIRED_TORQUE]) * memory[JOINT + 1]
-    memory[ENERGY] -= tune[LEAK] * memory[ENERGY]
-    memory[FILTERED_TORQUE] += _TORQUE_SMOOTHING * (torque - memory[FILTERED_TORQUE])
-    has_second = tune[BRISTLES] > 0.0 and not _has_bristles(cables)
+    turned = memory[at.JOINT] - before
+    memory[at.ENERGY] += (torque - memory[at.DESIRED_TORQUE]) * memory[at.JOINT + 1]
+    memory[at.ENERGY] -= tune[at.LEAK] * memory[at.ENERGY]
+    memory[at.FILTERED_TORQUE] += _TORQUE_SMOOTHING * (
+        torque - memory[at.FILTERED_TORQUE]
+    )
+    has_second = tune[at.BRISTLES] > 0.0 and not _has_bristles(cables)
     if has_second:
-        set_bristles(cables, tune[BRISTLES])
-        memory[OTHER_JOINT] = _follow(
-            cables, device.other, memory[OTHER_JOINT] + turned, memory, 1,
+        set_bristles(cables, tune[at.BRISTLES])
+        memory[at.OTHER_JOINT] = _follow(
+            cables, device.other, memory[at.OTHER_JOINT] + turned, memory, 1,
             seen[guard.MOTOR], torque, tune, scratch,
         )  # fmt: skip
         _explain_rotor(cables, device.other, device, 1, seen[guard.MOTOR], tables)
@@ -223,16 +183,16 @@ def observe(
     if has_second:
         _explain_rotor(cables, state, device, 0, seen[guard.MOTOR], tables)
         bristled = _choose_model(memory, tune)
-        load = memory[MODEL_LOAD + (1 if bristled else 0)]
+        load = memory[at.MODEL_LOAD + (1 if bristled else 0)]
     else:
-        memory[BRISTLED] = 0.0
+        memory[at.BRISTLED] = 0.0
         load = stepper.torque(cables, state, False, seen[guard.MOTOR])[0]
     if bristled:
-        set_bristles(cables, tune[BRISTLES])
-    mean_load = 0.5 * (load + memory[LOAD])
-    memory[LOAD] = load
+        set_bristles(cables, tune[at.BRISTLES])
+    mean_load = 0.5 * (load + memory[at.LOAD])
+    memory[at.LOAD] = load
     _observe_rotor(device, seen[guard.MOTOR], mean_load, tables)
-    return float(memory[OTHER_JOINT] if bristled else joint[0])
+    return float(memory[at.OTHER_JOINT] if bristled else joint[0])
 
 
 @internal
@@ -267,17 +227,17 @@ def _explain_rotor(
     """
     memory, applied, tune = device.memory, device.applied, tables.tune
     load = stepper.torque(cables, state, False, motor)[0]
-    mean_load = 0.5 * (load + memory[MODEL_LOAD + hypothesis])
-    memory[MODEL_LOAD + hypothesis] = load
-    believed = int(memory[BELIEVED_DELAY])
-    first = MODEL_ROTOR + hypothesis * OBSERVER_SIZE
-    rotor = memory[first : first + OBSERVER_SIZE]
+    mean_load = 0.5 * (load + memory[at.MODEL_LOAD + hypothesis])
+    memory[at.MODEL_LOAD + hypothesis] = load
+    believed = int(memory[at.BELIEVED_DELAY])
+    first = at.MODEL_ROTOR + hypothesis * at.OBSERVER_SIZE
+    rotor = memory[first : first + at.OBSERVER_SIZE]
     force = applied[applied.size - 1 - believed] - mean_load
     _update_observer(rotor, motor, force, tables.unexplained[believed], tune)
-    error = memory[ROTOR_ERROR + hypothesis]
-    off = rotor[DISTURBANCE]
-    memory[ROTOR_ERROR + hypothesis] += (
-        tune[PERIOD] / _MODEL_MEMORY * (off * off - error)
+    error = memory[at.ROTOR_ERROR + hypothesis]
+    off = rotor[at.DISTURBANCE]
+    memory[at.ROTOR_ERROR + hypothesis] += (
+        tune[at.PERIOD] / _MODEL_MEMORY * (off * off - error)
     )
 
 
@@ -289,15 +249,17 @@ def _choose_model(memory: FloatArray, tune: FloatArray) -> bool:
     model falls with the product of both mean squares. A model is replaced only by a
     margin, and by more than noise.
     """
-    floor = _MODEL_ERROR_FLOOR * tune[NOISE] * tune[NOISE]
-    at_rotor = floor / (tune[RATIO] * tune[RATIO])
-    plain = (memory[MODEL_ERROR] + floor) * (memory[ROTOR_ERROR] + at_rotor)
-    other = (memory[MODEL_ERROR + 1] + floor) * (memory[ROTOR_ERROR + 1] + at_rotor)
-    if memory[BRISTLED] != 0.0:
+    floor = _MODEL_ERROR_FLOOR * tune[at.NOISE] * tune[at.NOISE]
+    at_rotor = floor / (tune[at.RATIO] * tune[at.RATIO])
+    plain = (memory[at.MODEL_ERROR] + floor) * (memory[at.ROTOR_ERROR] + at_rotor)
+    other = (memory[at.MODEL_ERROR + 1] + floor) * (
+        memory[at.ROTOR_ERROR + 1] + at_rotor
+    )
+    if memory[at.BRISTLED] != 0.0:
         bristled = other <= _LEAVE_RATIO * plain
     else:
         bristled = other < _ENTER_RATIO * plain
-    memory[BRISTLED] = 1.0 if bristled else 0.0
+    memory[at.BRISTLED] = 1.0 if bristled else 0.0
     return bool(bristled)
 
 
@@ -320,24 +282,24 @@ def _follow(
     measured. The memory gets the error of the torque.
     """
     new = scratch.new
-    stepper.move(cables, state, motor, joint, tune[PERIOD], new, scratch.work)
+    stepper.move(cables, state, motor, joint, tune[at.PERIOD], new, scratch.work)
     made, size = stepper.torque(cables, new, True, motor)
     taut = size > 0.0
     if cables.n.size == 1:
         # By the bias of its sensor a cable would be paid out without end.
-        taut = abs(made) > tune[NOISE]
-    if taut or abs(memory[FILTERED_TORQUE]) > tune[NOISE]:
-        error = memory[MODEL_ERROR + hypothesis]
+        taut = abs(made) > tune[at.NOISE]
+    if taut or abs(memory[at.FILTERED_TORQUE]) > tune[at.NOISE]:
+        error = memory[at.MODEL_ERROR + hypothesis]
         off = torque - made
-        share = tune[PERIOD] / _MODEL_MEMORY
-        memory[MODEL_ERROR + hypothesis] += share * (off * off - error)
+        share = tune[at.PERIOD] / _MODEL_MEMORY
+        memory[at.MODEL_ERROR + hypothesis] += share * (off * off - error)
         # The motion of the cables is known better than the last bit of a sensor.
-        made += tune[BELIEF] * off
+        made += tune[at.BELIEF] * off
         if cables.n.size == 1 and made * cables.distal[0] > 0.0:
             made = 0.0  # noise may push, a cable cannot
         to = rollout.find_joint_angle(
-            cables, state, motor, joint, made, tune[STIFFNESS], 0.02 * tune[NOISE],
-            tune[PERIOD], new, scratch.work,
+            cables, state, motor, joint, made, tune[at.STIFFNESS],
+            0.02 * tune[at.NOISE], tune[at.PERIOD], new, scratch.work,
         )  # fmt: skip
         if cables.n.size == 1:
             side = np.sign(cables.distal[0])
@@ -347,7 +309,9 @@ def _follow(
             )  # fmt: skip
             if shift < side * (to - joint):
                 to = joint + side * shift
-                stepper.move(cables, state, motor, to, tune[PERIOD], new, scratch.work)
+                stepper.move(
+                    cables, state, motor, to, tune[at.PERIOD], new, scratch.work
+                )
         joint = to
     copy_states(new, state)
     return joint
@@ -360,26 +324,26 @@ def _observe_rotor(
     """Advance the observers of the rotor and choose the delay that explains it best."""
     memory, rotors, applied = device.memory, device.rotors, device.applied
     tune = tables.tune
-    believed = int(memory[BELIEVED_DELAY])
+    believed = int(memory[at.BELIEVED_DELAY])
     gain = tables.unexplained[believed]  # the same for all, or the quickest would win
     best = 0
     for d in range(rotors.shape[0]):
         _update_observer(
             rotors[d], motor, applied[applied.size - 1 - d] - mean_load, gain, tune
         )
-        if rotors[d, OBSERVER_ERROR] < rotors[best, OBSERVER_ERROR]:
+        if rotors[d, at.OBSERVER_ERROR] < rotors[best, at.OBSERVER_ERROR]:
             best = d
     if (
-        rotors[best, OBSERVER_ERROR] + _ROUNDING_ERROR
-        < _OBSERVER_SWITCH_RATIO * rotors[believed, OBSERVER_ERROR]
+        rotors[best, at.OBSERVER_ERROR] + _ROUNDING_ERROR
+        < _OBSERVER_SWITCH_RATIO * rotors[believed, at.OBSERVER_ERROR]
     ):
         believed = best
-    memory[BELIEVED_DELAY] = believed
-    memory[ANGLE], memory[VELOCITY] = (
-        rotors[believed, ANGLE],
-        rotors[believed, VELOCITY],
+    memory[at.BELIEVED_DELAY] = believed
+    memory[at.ANGLE], memory[at.VELOCITY] = (
+        rotors[believed, at.ANGLE],
+        rotors[believed, at.VELOCITY],
     )
-    memory[DISTURBANCE] = rotors[believed, DISTURBANCE]
+    memory[at.DISTURBANCE] = rotors[believed, at.DISTURBANCE]
 
 
 @internal
@@ -403,17 +367,19 @@ def _shift(
     [rad], `pull` the measured torque in the direction in which the cable pulls [N m],
     `way` the sign of such a torque; `hypothesis` as in `_follow`.
     """
-    shift = memory[JOINT_SHIFT + 2 * hypothesis] + wanted
-    if pull > max(way * memory[DESIRED_TORQUE], 0.0) + tune[NOISE]:
-        half = 0.5 * tune[SPAN] * scratch.path.size
-        quick = max(abs(tune[LOW]), abs(tune[HIGH])) / tune[INERTIA]
-        reach = 0.25 * quick * half * half / abs(tune[RATIO])
-        most = memory[TAUT_SHIFT + 2 * hypothesis] + pull / tune[STIFFNESS] + reach
-        shift = min(shift, max(most, memory[JOINT_SHIFT + 2 * hypothesis]))
-    elif pull > tune[NOISE]:
-        memory[TAUT_SHIFT + 2 * hypothesis] = shift
-    wanted = shift - memory[JOINT_SHIFT + 2 * hypothesis]
-    memory[JOINT_SHIFT + 2 * hypothesis] = shift
+    shift = memory[at.JOINT_SHIFT + 2 * hypothesis] + wanted
+    if pull > max(way * memory[at.DESIRED_TORQUE], 0.0) + tune[at.NOISE]:
+        half = 0.5 * tune[at.SPAN] * scratch.path.size
+        quick = max(abs(tune[at.LOW]), abs(tune[at.HIGH])) / tune[at.INERTIA]
+        reach = 0.25 * quick * half * half / abs(tune[at.RATIO])
+        most = (
+            memory[at.TAUT_SHIFT + 2 * hypothesis] + pull / tune[at.STIFFNESS] + reach
+        )
+        shift = min(shift, max(most, memory[at.JOINT_SHIFT + 2 * hypothesis]))
+    elif pull > tune[at.NOISE]:
+        memory[at.TAUT_SHIFT + 2 * hypothesis] = shift
+    wanted = shift - memory[at.JOINT_SHIFT + 2 * hypothesis]
+    memory[at.JOINT_SHIFT + 2 * hypothesis] = shift
     return float(wanted)
 
 
@@ -422,16 +388,18 @@ def _update_observer(
     rotor: FloatArray, seen: float, force: float, unexplained: float, tune: FloatArray
 ) -> None:
     """Advance an observer of the rotor by one step, with the measured angle."""
-    dt, inertia = tune[PERIOD], tune[INERTIA]
-    force += rotor[DISTURBANCE] - tune[DAMPING] * rotor[VELOCITY]
+    dt, inertia = tune[at.PERIOD], tune[at.INERTIA]
+    force += rotor[at.DISTURBANCE] - tune[at.DAMPING] * rotor[at.VELOCITY]
     gained = dt * force / inertia
-    rotor[ANGLE] += dt * (rotor[VELOCITY] + 0.5 * gained)
-    rotor[VELOCITY] += gained
-    off = seen - rotor[ANGLE]
-    rotor[ANGLE] += tune[ROTOR_0] * off
-    rotor[VELOCITY] += tune[ROTOR_1] / dt * off
-    rotor[DISTURBANCE] += 2.0 * unexplained / dt**2 * inertia * off
-    rotor[OBSERVER_ERROR] += tune[FORGETTING] * (off * off - rotor[OBSERVER_ERROR])
+    rotor[at.ANGLE] += dt * (rotor[at.VELOCITY] + 0.5 * gained)
+    rotor[at.VELOCITY] += gained
+    off = seen - rotor[at.ANGLE]
+    rotor[at.ANGLE] += tune[at.ROTOR_0] * off
+    rotor[at.VELOCITY] += tune[at.ROTOR_1] / dt * off
+    rotor[at.DISTURBANCE] += 2.0 * unexplained / dt**2 * inertia * off
+    rotor[at.OBSERVER_ERROR] += tune[at.FORGETTING] * (
+        off * off - rotor[at.OBSERVER_ERROR]
+    )
 
 
 @compiled
@@ -455,26 +423,27 @@ def learn(
                 return
         sensitivity += _load_slope(cables, k, state[k], sign) ** 2
     unexplained = min(
-        max(memory[DISTURBANCE], -tune[MIN_FRICTION_TORQUE]), tune[MIN_FRICTION_TORQUE]
+        max(memory[at.DISTURBANCE], -tune[at.MIN_FRICTION_TORQUE]),
+        tune[at.MIN_FRICTION_TORQUE],
     )
-    biased = (tune[NOISE] / tune[RATIO]) ** 2
+    biased = (tune[at.NOISE] / tune[at.RATIO]) ** 2
     share = biased / (
         biased + (_MAX_FRICTION_ERROR * _MAX_FRICTION_ERROR) * sensitivity
     )
-    step = tune[ZEROING] * tune[PERIOD] * share * unexplained * tune[RATIO]
-    most = _MAX_BIAS_RATIO * tune[NOISE]
-    memory[BIAS] = min(max(memory[BIAS] + step, -most), most)
+    step = tune[at.ZEROING] * tune[at.PERIOD] * share * unexplained * tune[at.RATIO]
+    most = _MAX_BIAS_RATIO * tune[at.NOISE]
+    memory[at.BIAS] = min(max(memory[at.BIAS] + step, -most), most)
     rate = (
-        tune[LEARNING]
-        * tune[PERIOD]
+        tune[at.LEARNING]
+        * tune[at.PERIOD]
         * unexplained
-        / (tune[MIN_FRICTION_TORQUE] ** 2 + sensitivity)
+        / (tune[at.MIN_FRICTION_TORQUE] ** 2 + sensitivity)
     )
     low, high = np.log(_FRICTION_FACTOR_BOUNDS[0]), np.log(_FRICTION_FACTOR_BOUNDS[1])
     for k in range(cables.n.size):
         sign = np.sign(slips(state[k], cables.n[k])[0])
-        factor = memory[FRICTION + k] - rate * _load_slope(cables, k, state[k], sign)
-        memory[FRICTION + k] = min(max(factor, low), high)
+        factor = memory[at.FRICTION + k] - rate * _load_slope(cables, k, state[k], sign)
+        memory[at.FRICTION + k] = min(max(factor, low), high)
 
 
 @internal
@@ -494,4 +463,4 @@ def _load_slope(
 def friction_factors(memory: FloatArray, factor: FloatArray) -> None:
     """Compute the factor on the friction of every cable (cables,)."""
     for k in range(factor.size):
-        factor[k] = np.exp(memory[FRICTION + k])
+        factor[k] = np.exp(memory[at.FRICTION + k])

@@ -17,18 +17,13 @@ from cc_mujoco.control import _guard as guard
 from cc_mujoco.control import _planner_memory as planner_memory
 from cc_mujoco.control import _planner_steps as planner_steps
 from cc_mujoco.control import _rollout as rollout
-from cc_mujoco.control._cable_model import (
-    checked_angles,
-    joint_spring,
-    require_known_cables,
-)
+from cc_mujoco.control._cable_model import joint_spring, require_known_cables
 from cc_mujoco.control._controller import (
     LawTables,
     SteppedController,
     SteppedLaw,
 )
-from cc_mujoco.control._planner_memory import PLANNER_INPUTS
-from cc_mujoco.control._planner_parameters import TUNING, Tuning
+from cc_mujoco.control._planner_memory import PLANNER_INPUTS, TUNING, Tuning
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
@@ -128,7 +123,6 @@ class PredictiveCompensation(SteppedController):
 
     stepped = SteppedLaw(
         planner_steps.step_plan,
-        planner_steps.wrong_plan,
         planner_steps.store_plan,
         has_model=True,
         fixed=_FIXED_TUNING,
@@ -328,13 +322,31 @@ class PredictiveCompensation(SteppedController):
             self._angles = np.zeros((0, 0))
 
     def rebend(self, angles: Sequence[FloatArray]) -> None:
-        """Take the path from sensors of bend; see `CableModel.rebend`."""
-        segments = np.array([one.cable.segments for one in self.drive.cables])
-        self._angles = np.zeros((segments.size, segments.max()))
-        for row, own in zip(
-            self._angles, checked_angles(angles, segments), strict=True
-        ):
-            row[: own.size] = own
+        """Set another path of the conduits in the model, until all are reset.
+
+        The length of the path stays; friction is scaled as it was.
+
+        Args:
+            angles: wrap angles of the segments of every cable (segments,) [rad].
+
+        Raises:
+            CableError: other shapes, or an angle that is negative or not finite.
+        """
+        given = [np.array(angle, dtype=float) for angle in angles]
+        segments = [one.cable.segments for one in self.drive.cables]
+        if [angle.shape for angle in given] != [(n,) for n in segments]:
+            raise CableError(
+                f"wrap angles have shapes {[angle.shape for angle in given]}; they "
+                f"must be those of {segments} segments."
+            )
+        self._angles = np.zeros((len(segments), max(segments)))
+        for cable, angle in enumerate(given):
+            if not (np.all(np.isfinite(angle)) and np.all(angle >= 0.0)):
+                raise CableError(
+                    f"wrap angles of cable {cable} are {angle.tolist()} rad; all must "
+                    "be finite and 0 or more."
+                )
+            self._angles[cable, : angle.size] = angle
         self._memory = np.array([self._bent(row) for row in self._memory])
 
     def fresh_memory(self) -> FloatArray:

@@ -142,7 +142,6 @@ class AdaptiveModel(PredictiveCompensation):
     stepped = dataclasses.replace(
         PredictiveCompensation.stepped,
         step=planner_steps.step_sensed,
-        wrong_parameters=planner_steps.wrong_sensed,
         store_parameters=planner_steps.store_sensed,
         unread=frozenset({"learning"}),
         fixed=PredictiveCompensation.stepped.fixed | {"learning"},

@@ -94,8 +94,8 @@ class _Interface:
                     for name in ("given", "least", "most")
                 ),
             ]
-            yield f"    wrong = {self._name(axis.law.wrong_parameters)}("
-            yield f"        {_joined(arguments)});"
+            yield f"    wrong = {self._name(law_steps.wrong_parameters)}("
+            yield f"        {_joined([*arguments, str(len(axis.law.gains))])});"
             yield "    if (wrong != 0) {"
             yield f"        return (int)(wrong + {first});"
             yield "    }"

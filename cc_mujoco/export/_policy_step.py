@@ -43,10 +43,9 @@ def step_policy(
     memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
 ) -> float:
     columns, history, plays = shape[_COLUMNS], shape[_HISTORY], shape[_PLAYS]
-    begun(memory, tables, policy.GAINS, _POLICY_SIZE, 0, readings)
-    gains = part(memory, OWN_MEMORY, policy.GAINS)
-    spring = part(tables, policy.GAINS - guard.LIMITS, guard.SPRING_SIZE)
-    law = part(memory, OWN_MEMORY + policy.GAINS, _POLICY_SIZE)
+    gains, spring, law, _ = begun(
+        memory, tables, policy.GAINS, _POLICY_SIZE, 0, readings
+    )
     first = OWN_MEMORY + policy.GAINS + _POLICY_SIZE
     measured = part(memory, first, columns)
     for i in range(columns):

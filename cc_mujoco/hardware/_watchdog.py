@@ -62,8 +62,8 @@ class TorqueSensor:
         model = self._model
         model.ready(np.array([motor]))
         return _predict_torque(
-            model.packed[0], model.segments, model.proximal, model.distal,
-            model.state[0], motor, joint, model.drive.period, model.new, model.work,
+            model.cables, model.state[0], motor, joint, model.drive.period, model.new,
+            model.work,
         )  # fmt: skip
 
     def _is_dead(self, torque: float, predicted: float) -> str | None:
@@ -114,10 +114,7 @@ class TorqueSensor:
 
 @compiled
 def _predict_torque(
-    prm: FloatMatrix,
-    n: stepper.Counts,
-    proximal: FloatArray,
-    distal: FloatArray,
+    cables: stepper.Cables,
     state: FloatMatrix,
     motor: float,
     joint: float,
@@ -126,7 +123,6 @@ def _predict_torque(
     work: FloatArray,
 ) -> float:
     """Move cables by both ends; return their torque at the joint [N m]."""
-    cables = stepper.Cables(prm, n, proximal, proximal, distal)
     stepper.move(cables, state, motor, joint, dt, new, work)
     for k in range(state.shape[0]):
         for i in range(state.shape[1]):
@@ -389,10 +385,10 @@ class Watch:
         if model is None:
             return None
         model.follow([motor], [torque])
-        for k in range(model.segments.size):
+        for k in range(model.cables.n.size):
             most = float(model.tension(k).max())
             if most > self._limits.tension:
-                which = "the cable" if model.segments.size == 1 else f"cable {k + 1}"
+                which = "the cable" if model.cables.n.size == 1 else f"cable {k + 1}"
                 return (
                     f"{which} carries {most:.4g} N by the scene's model, beyond its "
                     f"limit of {self._limits.tension:g}."

@@ -157,11 +157,14 @@ def test_a_motor_that_is_let_go_follows_the_joint(
     )
     spring = np.array([20.0, 0.0, 0.0])
     packed = np.array(dataclasses.astuple(gains))
-    compiled_laws.admit(packed, spring, memory, read)
-    found = compiled_laws.guarded_torque(packed, spring, memory, read)
+    law = compiled_laws.Law(packed, spring, memory, read)
+    compiled_laws.admit(law)
+    found = compiled_laws.proportional_integral(law)
     free = dataclasses.replace(gains, safe_torque=guard.NO_TORQUE_LIMIT)
     unguarded = np.array(dataclasses.astuple(free))
-    usual = compiled_laws.guarded_torque(unguarded, spring, plain, read)
+    usual = compiled_laws.proportional_integral(
+        compiled_laws.Law(unguarded, spring, plain, read)
+    )
     rushing = (motor - 2.0 * joint) * np.sqrt(20.0 * 1e-2)
     # By the sensor, or by the stretch of the cables, which is none.
     if not any(release_state(0.0, t, rushing, 1.0, SAFE) for t in (torque, 0.0)):

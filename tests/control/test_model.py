@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 from cc_mujoco.cable import Transmission
+from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.control import CableModel
+from cc_mujoco.control._cable_model import pack
 from cc_mujoco.device import CableDrive, Drive
 from cc_mujoco.errors import CableError
-from control.devices import WRAP, cable, growth, pull_pull, single, there_and_back
+from control.devices import cable, pull_pull, single, there_and_back
 
 PERIOD = 0.001
 
@@ -54,7 +56,7 @@ def test_a_pulley_that_is_not_round_is_known_to_the_model() -> None:
 
 
 @pytest.mark.parametrize("bristle_length", [0.0, 1e-3])
-def test_friction_that_falls_is_left_out_of_a_model_without_weakening(
+def test_friction_that_falls_is_left_out_of_a_cable_without_weakening(
     bristle_length: float,
 ) -> None:
     plain = cable().replace(bristle_length=bristle_length)
@@ -64,17 +66,13 @@ def test_friction_that_falls_is_left_out_of_a_model_without_weakening(
         stribeck_friction=0.1,
         ageing_friction=0.1,
     )
-    angle = there_and_back()
-    torque = 1.2 * np.sin(np.arange(angle.size) / 700.0)
-    found = np.empty((3, angle.size))
-    for row, own, weakening in ((0, plain, True), (1, falls, False), (2, falls, True)):
-        pair = tuple(dataclasses.replace(one, cable=own) for one in pull_pull().cables)
-        model = CableModel(dataclasses.replace(pull_pull(), cables=pair), weakening)
-        for i in range(angle.size):
-            model.follow(5.0 * angle[i], torque[i])
-            found[row, i] = model.motor_torque()[0]
-    assert np.array_equal(found[0], found[1])
-    assert np.abs(found[0] - found[2]).max() > 1e-2
+    packed = []
+    for own, weakening in ((plain, True), (falls, False), (falls, True)):
+        values, conduit = np.array(own.scalars), np.array(own.conduit, float)
+        prm = np.zeros(kernel.parameter_size(own.segments))
+        pack(values, conduit, own.segments, 1.0, weakening, np.empty_like(values), prm)
+        packed.append(prm.tolist())
+    assert packed[0] == packed[1] != packed[2]
 
 
 def test_gain_is_that_of_the_capstan_and_stays_during_partial_motion() -> None:
@@ -97,17 +95,6 @@ def test_gain_is_that_of_the_capstan_and_stays_during_partial_motion() -> None:
     assert model.gain[0, 0] == pytest.approx(np.exp(-0.3), rel=1e-9)
 
 
-def test_friction_of_one_environment_is_scaled_alone() -> None:
-    model = CableModel(single())
-    for pulled in np.linspace(0.0, 0.05, 200):
-        model.follow(np.full(2, pulled), np.full(2, 12.0))
-    assert model.gain[:, 0] == pytest.approx(np.exp(0.3))
-    model.scale_friction(np.array([[1.0], [2.0]]))
-    for pulled in np.linspace(0.05, 0.1, 200):
-        model.follow(np.full(2, pulled), np.full(2, 12.0))
-    assert model.gain[:, 0] == pytest.approx(np.exp([0.3, 0.6]))
-
-
 def test_only_the_environments_that_start_anew_forget() -> None:
     model = CableModel(single())
     for pulled in np.linspace(0.0, 0.05, 200):
@@ -121,32 +108,3 @@ def test_only_the_environments_that_start_anew_forget() -> None:
 def test_a_drive_without_cables_is_refused() -> None:
     with pytest.raises(CableError, match="needs to know the cables"):
         CableModel(Drive(1.0, -1.0, 1.0, 0.001))
-
-
-def test_a_path_that_is_told_counts_from_then_on_whatever_becomes_of_friction() -> None:
-    """All of the cable slips in the end, by the capstan's law of the path it has."""
-    model = CableModel(single(0.1))
-    more = 2.0 * WRAP / 10
-    gains = []
-    for begins, factor in ((None, 1.0), (0, 1.0), (500, 1.0), (500, 1.5)):
-        model.reset()
-        for step in range(1000):
-            if step == begins:
-                model.rebend([np.full(10, more)])
-            if step == 700:
-                model.scale_friction(factor)
-            model.follow(1e-4 * step, 20.0)
-        gains.append(float(model.gain[0, 0]))
-    expected = [growth(0.1), growth(0.2), growth(0.2), growth(0.3)]
-    assert gains == pytest.approx(expected, rel=1e-6)
-
-
-def test_a_path_that_is_none_is_refused() -> None:
-    model = CableModel(single())
-    for angles, says in (
-        ([np.zeros(9)], "shapes"),
-        ([np.full(10, -0.1)], "0 or more"),
-        ([np.full(10, np.nan)], "finite"),
-    ):
-        with pytest.raises(CableError, match=says):
-            model.rebend(angles)

@@ -294,9 +294,7 @@ def test_a_motor_is_found_for_every_torque_that_a_cable_can_make(
     drive = single(friction)
     model = CableModel(drive)
     model.ready(np.zeros(1))
-    cables = stepper.Cables(
-        model.packed[0], model.segments, model.proximal, model.proximal, model.distal
-    )
+    cables = model.cables
     state, new = model.state[0].copy(), np.zeros_like(model.state[0])
     rise = joint_stiffness(drive.cables)
     stepper.move(cables, state, turned, 0.0, 0.01, new, model.work)
@@ -394,3 +392,27 @@ def test_each_environment_may_get_another_torque_than_was_planned() -> None:
     assert both[0] == planned([0.3])[0]
     assert both[1] == planned([np.nan])[0]
     assert both[0] != both[1]
+
+
+def test_a_path_that_is_given_counts_from_then_on() -> None:
+    drive = dataclasses.replace(pull_pull(), inertia=1e-4)
+    belief = drive.cables[0].cable
+    own = [belief.wrap / belief.segments] * belief.segments
+    read = {name: 0.0 for name in planner_memory.PLANNER_INPUTS}
+    found = []
+    for share in (None, 1.0, 3.0):
+        law = PredictiveCompensation(drive)
+        for step in range(20):
+            if share is not None and step == 5:
+                law.rebend([share * np.array(own)] * 2)
+            read |= {"desired_torque_nm": 0.1 * step, "joint_angle_rad": 0.01 * step}
+            torque = law.torque(read)
+        found.append(torque)
+    assert found[0] == found[1] != found[2]
+    for angles, says in (
+        ([np.zeros(9)] * 2, "shapes"),
+        ([-np.array(own)] * 2, "0 or more"),
+        ([np.nan * np.array(own)] * 2, "finite"),
+    ):
+        with pytest.raises(CableError, match=says):
+            law.rebend(angles)

@@ -8,8 +8,9 @@
 
 What most programs need is here, imported when it is first used. The subpackages have
 the rest: `cable` the physics, `plugin` the MuJoCo plugin, `device`, `human`, `control`,
-`simulation` and `metrics` the parts of an episode, and `design`, `diagnosis`,
-`benchmark`, `hardware`, `export` and `thesis` what is done with them.
+`simulation` and `metrics` the parts of an episode, `datasets` and `estimation` what is
+measured, and `design`, `diagnosis`, `benchmark`, `hardware`, `export` and `viz` what is
+done with them.
 """
 
 from __future__ import annotations

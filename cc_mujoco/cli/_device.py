@@ -36,19 +36,24 @@ class ShowDevice:
         from cc_mujoco.assets import SCENES
         from cc_mujoco.device import find_device
         from cc_mujoco.device._description import ENDING
-        from cc_mujoco.device._report import account, write_description
+        from cc_mujoco.device._report import (
+            account,
+            require_new_file,
+            write_description,
+        )
 
         device = find_device(self.scene)
-        print(account(device))
-        beside = Path(self.scene)
-        out = self.out
-        if out is None:
-            if self.scene in SCENES or beside.suffix == ".toml":
-                return
+        beside, out = Path(self.scene), self.out
+        if out is None and self.scene not in SCENES and beside.suffix != ".toml":
             out = beside.with_suffix(ENDING)
-            if out.exists():
-                print(f"\n{out} is there and was read; edit it.")
-                return
+        was_read = self.out is None and out is not None and out.exists()
+        if out is not None and not was_read:
+            require_new_file(out)
+        print(account(device))
+        if was_read:
+            print(f"\n{out} is there and was read; edit it.")
+        if out is None or was_read:
+            return
         write_description(device, out)
         print(f"\nwrote {out}: edit it, {_use(device, out)}.")
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import mujoco
 
-from cc_mujoco._utils.atomic_io import replacing
+from cc_mujoco._utils.atomic_io import replacing, require_writable
 from cc_mujoco._utils.user_code import without_mark
 from cc_mujoco.device._derivation import UNITS
 from cc_mujoco.device._description import ASSUMED, GIVEN, SCENE, Axis
@@ -230,9 +230,17 @@ def description_text(device: Device) -> str:
     return "\n".join(lines) + "\n"
 
 
-def write_description(device: Device, path: str | os.PathLike[str]) -> None:
+def require_new_file(path: str | os.PathLike[str]) -> None:
+    """Find out, before anything is shown, whether a description may be written."""
     if Path(path).exists():
         raise CableError(f"{path} is there already; give another name with --out.")
+    if not Path(path).parent.is_dir():
+        raise CableError(f"cannot write {path}: there is no such folder.")
+    require_writable(Path(path).parent)
+
+
+def write_description(device: Device, path: str | os.PathLike[str]) -> None:
+    require_new_file(path)
     with replacing(path) as partial:
         Path(partial).write_text(description_text(device), encoding="utf-8")
 

@@ -57,6 +57,8 @@ class Export:
         from cc_mujoco.device._device_files import locate
 
         locate(self.scene)
+        about = f"exporting {self.controller} for {self.scene}"
+        print(about, file=sys.stderr, flush=True)
         from cc_mujoco.device import DeviceModel, find_device
         from cc_mujoco.device._device import bare_model
         from cc_mujoco.export import (

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from cc_mujoco import Plant, Trajectory, simulate
+from cc_mujoco import Plant, Trajectory, cli, simulate
 from cc_mujoco.assets import SCENES, scene_path
 from cc_mujoco.device import Device, DeviceModel, find_device, load_device
 from cc_mujoco.device._description import SAFE_DEMANDS
@@ -210,6 +210,16 @@ def test_a_written_description_reads_as_the_same_device(tmp_path: Path) -> None:
     assert Device(path).description == before.description
     with pytest.raises(CableError, match="is there already"):
         write_description(before, tmp_path / "knee.device.toml")
+
+
+@pytest.mark.parametrize("place", ["taken.toml", "nowhere/knee.toml"])
+def test_an_output_that_cannot_be_is_refused_before_anything_is_shown(
+    tmp_path: Path, place: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "taken.toml").touch()
+    words = ["device", str(knee(tmp_path)), "--out", str(tmp_path / place)]
+    assert cli.main(words) == 2
+    assert capsys.readouterr().out == ""
 
 
 def test_a_wearer_is_added_where_the_scene_has_none(tmp_path: Path) -> None:

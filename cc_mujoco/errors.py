@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import inspect
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, TypeVar, cast
@@ -105,13 +106,16 @@ def require_new_name(name: str) -> None:
         raise CableError(f"{name} is now {RENAMED[name]}.")
 
 
-def with_new_names(function: Function) -> Function:
-    """Return a function that refuses arguments which have another name now."""
+def with_known_names(function: Function) -> Function:
+    """Return a function that refuses unknown arguments in a sentence."""
+    allowed = tuple(inspect.signature(function).parameters)
 
     @functools.wraps(function)
     def call(*arguments: Any, **named: Any) -> Any:
         for name in named:
             require_new_name(name)
+            if name not in allowed:
+                raise CableError.unknown("argument", name, allowed)
         return function(*arguments, **named)
 
     return cast("Function", call)

@@ -39,6 +39,8 @@ def test_where_there_are_no_names_that_is_said() -> None:
 def test_old_names_are_refused_with_the_new_ones(tmp_path: Path) -> None:
     with pytest.raises(CableError, match="motion is now trajectory"):
         cc_mujoco.simulate("wrist", motion="sine")  # type: ignore[call-overload]
+    with pytest.raises(CableError, match="'trajctory': did you mean 'trajectory'"):
+        cc_mujoco.simulate("wrist", trajctory="sine")  # type: ignore[call-overload]
     with pytest.raises(CableError, match="read_motion is now read_trajectory"):
         human.read_motion  # noqa: B018
     for data in (["run.csv"], str(tmp_path)):

@@ -3,7 +3,13 @@
 from __future__ import annotations
 
 import os
+import signal
+import subprocess
+import sys
 import time
+from pathlib import Path
+
+import pytest
 
 from cc_mujoco._workers import run_here
 from jobs import Doubling, Sleeping
@@ -29,3 +35,32 @@ def test_processes_end_with_the_run_that_wants_them() -> None:
     begun = time.monotonic()
     running.close()
     assert time.monotonic() - begun < 60.0
+
+
+PROGRAM = """
+from cc_mujoco._workers import run_here
+from jobs import Sleeping
+
+if __name__ == "__main__":
+    for number, _ in run_here(Sleeping(), {0: 0.0, 1: 600.0}, count=2, processes=True):
+        print("begun", flush=True)
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="no signals for a group of processes")
+def test_an_interruption_is_told_of_by_the_run_alone(tmp_path: Path) -> None:
+    (tmp_path / "program.py").write_text(PROGRAM)
+    started = subprocess.Popen(
+        [sys.executable, tmp_path / "program.py"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).parent)},
+        start_new_session=True,
+        text=True,
+    )
+    assert started.stdout is not None
+    assert started.stdout.readline() == "begun\n"
+    os.killpg(started.pid, signal.SIGINT)
+    _, errors = started.communicate(timeout=60.0)
+    assert errors.count("Traceback") == 1 and "KeyboardInterrupt" in errors
+    assert "SpawnProcess" not in errors

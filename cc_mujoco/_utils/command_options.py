@@ -74,6 +74,16 @@ def progress_bar(total: float, name: str = "") -> Iterator[Callable[[float], obj
 
 
 @contextmanager
+def progress_word(text: str) -> Iterator[None]:
+    """Show what takes its time, and for how long it has."""
+    from tqdm import tqdm
+
+    layout = {"bar_format": "{desc}  {elapsed}", "leave": False}
+    with tqdm(desc=text, **layout, **progress_options()):
+        yield
+
+
+@contextmanager
 def plain_warnings() -> Iterator[None]:
     """Show the package's warnings as lines on standard error, each once."""
     usual, shown = warnings.showwarning, set()

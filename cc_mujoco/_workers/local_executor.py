@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
 import os
+import signal
 import threading
-from collections.abc import Generator, Mapping
+from collections.abc import Generator, Iterator, Mapping
 from concurrent.futures import (
     FIRST_COMPLETED,
     Executor,
@@ -95,11 +97,11 @@ def run_here(
             while waiting and len(queue) < count:
                 number = next(iter(waiting))
                 piece = waiting.pop(number)
-                future = (
-                    pool.submit(job.do, piece, _ignore_tick)
-                    if processes
-                    else pool.submit(work, number)
-                )
+                if processes:
+                    with _interrupts_held():  # a process starts with what is held
+                        future = pool.submit(job.do, piece, _ignore_tick)
+                else:
+                    future = pool.submit(work, number)
                 queue[future] = number
             for future in wait(queue, return_when=FIRST_COMPLETED).done:
                 number = queue.pop(future)
@@ -120,3 +122,19 @@ def run_here(
 
 def _ignore_tick(share: float) -> None:
     """Ignore a tick."""
+
+
+@contextlib.contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Hold Ctrl-C back, here for a moment and for ever in processes that start.
+
+    It goes to every process of a terminal, and it is for this one to end the others.
+    """
+    if not hasattr(signal, "pthread_sigmask"):  # as on Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

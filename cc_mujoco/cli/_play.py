@@ -92,7 +92,7 @@ class Play:
         from cc_mujoco.control import axes_controller
         from cc_mujoco.metrics import find_metric
         from cc_mujoco.simulation import EpisodeLog, simulate
-        from cc_mujoco.simulation._episode_findings import episode_findings
+        from cc_mujoco.simulation._episode_findings import Guards, episode_findings
         from cc_mujoco.viz import write_episode
         from cc_mujoco.viz._episode_files import LOG_FILE, require_ours
 
@@ -104,12 +104,18 @@ class Play:
         device, model, prefixes = inner.device, inner.model, inner.exo.device.prefixes
         worn = inner.exo.description
         law = axes_controller(names["controller"], inner.drives, prefixes)
+        guards = Guards(law, worn)
         self._warn(inner, names)
         env.close()
         del env, inner  # with them goes a script as long as the episode
 
         def episode(file: Path) -> EpisodeLog:
             with progress_bar(self.duration) as progress:
+
+                def passed(time: float) -> None:
+                    guards.look(time)
+                    progress(time)
+
                 return simulate(
                     device,
                     law,
@@ -118,7 +124,7 @@ class Play:
                     seed=self.seed,
                     duration=self.duration,
                     about=names,
-                    progress=progress,
+                    progress=passed,
                     file=file,
                 )
 
@@ -136,7 +142,8 @@ class Play:
             )
         print("\n".join(_table(found, prefixes)))
         played = EpisodeLog.open(out / LOG_FILE)
-        for finding in episode_findings(played, model, worn, names["controller"]):
+        seen = episode_findings(played, model, worn, names["controller"])
+        for finding in (*guards.findings(), *seen):
             print(f"warning: {finding}", file=sys.stderr)
         print(f"\nopen with:  rerun {out / 'recording.rrd'}\nsee also:   {out}")
         for sentence in messages:

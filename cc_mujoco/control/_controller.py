@@ -357,6 +357,14 @@ class SteppedController(Controller):
                 kept = self._memory[:, place]
                 np.copyto(kept, torque, where=guard.is_heard(torque))
 
+    def guard_states(self) -> FloatArray:
+        """Return the state of the guard of every environment, see `guard.FREE`."""
+        if not (len(self._memory) and self._tables.given):
+            return np.zeros(len(self._memory))
+        place = self._tables.given[-1] - guard.COMMAND
+        found: FloatArray = self._memory[:, place + guard.STATE]
+        return found
+
     def memory(self, rows: int) -> FloatArray:
         """Return the numbers of every environment (rows, numbers)."""
         if len(self._memory) != rows:

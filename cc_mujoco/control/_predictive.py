@@ -316,6 +316,13 @@ class PredictiveCompensation(SteppedController):
         shape = size[0], *segments, *sections, *size[1:]
         return LawTables(shape, numbers, places, (places[0] - 1,))
 
+    def guard_states(self) -> FloatArray:
+        if not len(self._memory):
+            return np.zeros(0)
+        place = planner_steps.law_place(self._shape) + planner_memory.RELEASED
+        found: FloatArray = self._memory[:, place]
+        return found
+
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
         super().reset(where)
         if where is None:

@@ -8,7 +8,7 @@ import sys
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 
@@ -17,9 +17,13 @@ from cc_mujoco._utils.command_options import (
     Flag,
     option_help,
     progress_options,
+    progress_word,
 )
 from cc_mujoco.design._whatif_options import Execution, StudySpec
 from cc_mujoco.errors import CableError
+
+if TYPE_CHECKING:
+    from cc_mujoco.design._plan import Plan
 
 MAX_REASONS = 3
 """Reasons of failures that are printed; the report lists all."""
@@ -44,23 +48,16 @@ class WhatIf:
 
     def run(self) -> None:
         """Run what is not done yet; print the best designs and where the rest is."""
-        from cc_mujoco.device._device_files import locate
-
-        locate(self.study.scene)
-        if self.execution.threads < 0:
-            raise CableError(
-                f"--workers must be 0 or greater, not {self.execution.threads}."
-            )
+        with progress_word("checking the device and its designs"):
+            plan, folder = self._plan()
         from tqdm import tqdm
 
-        from cc_mujoco._utils.atomic_io import require_unmodified
         from cc_mujoco.design import carry_out
         from cc_mujoco.design._evaluation import beyond_motor
         from cc_mujoco.design._execution import wait_sentences
         from cc_mujoco.design._local_sensitivity import analyse_best_design
         from cc_mujoco.design._pareto import within_limits
-        from cc_mujoco.design._plan import make_plan
-        from cc_mujoco.design._report import REPORT_FILES, write_report
+        from cc_mujoco.design._report import write_report
         from cc_mujoco.design._report_text import (
             RankedStudy,
             answer_sentence,
@@ -70,18 +67,10 @@ class WhatIf:
             material_sentence,
             timestep_sentence,
         )
-        from cc_mujoco.design._results_store import require_ours
         from cc_mujoco.design._search import search
         from cc_mujoco.design._timestep_check import check_timestep
 
-        name = Path(self.study.scene).name.partition(".")[0]
-        folder = self.out or Path("runs", f"whatif-{name}")
-        plan = make_plan(self.study)
         objectives, limits = plan.objectives, plan.limits
-        require_ours(folder)
-        require_unmodified(folder, REPORT_FILES)
-        if self.around and not objectives:
-            raise CableError("--around goes by an --objective, which is not given.")
         for row in sorted({0, len(plan.designs) - 1}) if plan.search is None else ():
             if beyond := beyond_motor(plan.protocol, plan.designs[row]):
                 print(f"warning: design {row}: {beyond}", file=sys.stderr)
@@ -111,12 +100,7 @@ class WhatIf:
         nearby = None
         if self.around:
             nearby = analyse_best_design(plan, table, objectives, limits, run)
-        with tqdm(
-            desc="some designs at half the time step",
-            bar_format="{desc}  {elapsed}",
-            leave=False,
-            **progress_options(),
-        ):
+        with progress_word("some designs at half the time step"):
             half = check_timestep(plan, table, goals_of(plan, table), limits, run)
         files = write_report(folder, plan, table, command, nearby, half)
         if self.around and nearby is None:
@@ -132,9 +116,33 @@ class WhatIf:
             kept = int(within_limits(table, limits).sum())
             print(f"{kept} keep the limits")
         print(answer_sentence(RankedStudy.of(plan, table)))
+        print("sensors:  perfect here; those of `cc-mujoco play` are the device's")
         if half is not None and half.unsettled:
             print(f"WARNING: {timestep_sentence(half)}")
         print(f"table:    {folder / 'table.parquet'}")
         for path in files:
             print(f"          {path}")
         print(f"one row:  cc-mujoco whatif-show {folder} ROW")
+
+    def _plan(self) -> tuple[Plan, Path]:
+        """Return the plan, and the folder, which may take its results."""
+        from cc_mujoco.device._device_files import locate
+
+        locate(self.study.scene)
+        if self.execution.threads < 0:
+            raise CableError(
+                f"--workers must be 0 or greater, not {self.execution.threads}."
+            )
+        from cc_mujoco._utils.atomic_io import require_unmodified
+        from cc_mujoco.design._plan import make_plan
+        from cc_mujoco.design._report import REPORT_FILES
+        from cc_mujoco.design._results_store import require_ours
+
+        name = Path(self.study.scene).name.partition(".")[0]
+        folder = self.out or Path("runs", f"whatif-{name}")
+        plan = make_plan(self.study)
+        require_ours(folder)
+        require_unmodified(folder, REPORT_FILES)
+        if self.around and not plan.objectives:
+            raise CableError("--around goes by an --objective, which is not given.")
+        return plan, folder

@@ -1,6 +1,8 @@
 """Findings on an episode in sentences, for a user who plays one.
 
-for sentence in episode_findings(log, model, description, "pi"):
+guards = Guards(law, description)
+simulate(device, law, progress=guards.look)     # looks at every control step
+for sentence in (*guards.findings(), *episode_findings(log, model, description, "pi")):
     print(f"warning: {sentence}")
 """
 
@@ -13,6 +15,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from cc_mujoco.control import Controller
+from cc_mujoco.control import _guard as guard
+from cc_mujoco.control._controller import SteppedController
+from cc_mujoco.control._registry import AxesController
 from cc_mujoco.device import Axis, Description
 from cc_mujoco.metrics._metric import LogLike
 from cc_mujoco.metrics._torque import MAX_UNSAFE_TIME, is_unstable
@@ -28,6 +34,57 @@ STOP_SHARE = 0.01
 """Part of the range of a joint that counts as its stop."""
 MIN_TIME_SHARE = 0.02
 """Least part of an episode for which a state must last to be a finding."""
+
+
+LET_GO = {
+    guard.RELEASED: "let joint {0!r} go, as its torque came too close to the safe "
+    "{1:g} N m",
+    guard.BRAKED: "braked joint {0!r}, as it was too fast or its sensors were silent",
+    guard.STOPPED: "stopped the motor of joint {0!r}, which then follows the joint, as "
+    "the torque measured there is not credible or was unsafe again and again",
+    guard.LIMP: "left joint {0!r} without torque, as an angle measured there is not "
+    "credible",
+}
+"""Action of a guard in a state, of a joint and its safe torque [N m], and the cause."""
+
+
+class Guards:
+    """Watch over the guards of the controller of a device in an episode."""
+
+    def __init__(self, law: Controller, description: Description) -> None:
+        laws = law.laws if isinstance(law, AxesController) else (law,)
+        self._watched = [
+            (axis, one)
+            for axis, one in zip(description.axes, laws, strict=False)
+            if isinstance(one, SteppedController)
+        ]
+        self._steps = 0
+        self._begun: dict[tuple[str, float], list[float]] = {}
+        self._count: dict[tuple[str, float], int] = {}
+        self._last = [guard.FREE] * len(self._watched)
+
+    def look(self, time: float) -> None:
+        """Note the states of a control step at a time [s]."""
+        self._steps += 1
+        for n, (axis, law) in enumerate(self._watched):
+            state = float(law.guard_states().max(initial=guard.FREE))
+            if state != guard.FREE:
+                key = axis.limb, state
+                self._count[key] = self._count.get(key, 0) + 1
+                if state != self._last[n]:
+                    self._begun.setdefault(key, []).append(time)
+            self._last[n] = state
+
+    def findings(self) -> Iterator[str]:
+        """Yield a sentence for every joint and state other than `guard.FREE`."""
+        safe = {axis.limb: axis.safe_torque for axis, _ in self._watched}
+        for (limb, state), begun in self._begun.items():
+            share = 100.0 * self._count[limb, state] / self._steps
+            often = "once" if len(begun) == 1 else f"{len(begun)} times"
+            when = f"at {begun[0]:.4g} s"
+            if state < guard.STOPPED:
+                when = f"{often} ({share:.2g} % of the time), first {when}"
+            yield f"the guard {LET_GO[state].format(limb, safe[limb])}: {when}."
 
 
 def episode_findings(

@@ -28,7 +28,7 @@ from cc_mujoco.control._registry import (
 )
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._sensors import Sensing
-from cc_mujoco.errors import CableError, shown, with_new_names
+from cc_mujoco.errors import CableError, shown, with_known_names
 from cc_mujoco.human import Spring, Trajectory
 from cc_mujoco.metrics._metric import DRIVEN, RATIO, SPRING
 from cc_mujoco.simulation._episode_log import EpisodeLog, Recorder, log_file
@@ -79,7 +79,7 @@ def simulate(
 ) -> list[EpisodeLog]: ...
 
 
-@with_new_names
+@with_known_names
 def simulate(
     plants: str | Path | Device | Plant | list[Any] | tuple[Any, ...],
     controller: Law | None = None,

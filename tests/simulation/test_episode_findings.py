@@ -10,9 +10,15 @@ import numpy as np
 import pytest
 
 from cc_mujoco import METRICS, Device, simulate
-from cc_mujoco.device import find_device
+from cc_mujoco.control import CONTROLLERS, controller
+from cc_mujoco.control._controller import SteppedController
+from cc_mujoco.control._registry import law_drives
+from cc_mujoco.device import Plant, find_device
 from cc_mujoco.simulation import EpisodeLog, columns_for
-from cc_mujoco.simulation._episode_findings import episode_findings
+from cc_mujoco.simulation._batch import Batch
+from cc_mujoco.simulation._episode_findings import Guards, episode_findings
+from cc_mujoco.simulation._loop import run
+from cc_mujoco.simulation._worn_device import WornDevice
 
 KNEE = Path(__file__).parents[2] / "scripts" / "examples" / "knee_exo.xml"
 WRIST = find_device("wrist").description
@@ -96,3 +102,58 @@ def test_large_torque_fails_an_episode_of_a_device_without_a_safe_torque() -> No
     torque = np.full(len(log), 62.0)
     wild = EpisodeLog({**log.columns, "joint_torque_nm": torque}, log.metadata)
     assert METRICS["failed"].compute(wild) == 1.0
+
+
+LOST = {"joint_torque_nm": "stopped the motor", "motor_angle_rad": "without torque"}
+
+
+@pytest.mark.parametrize("lost", LOST)
+@pytest.mark.parametrize("name", [name for name in CONTROLLERS if name != "none"])
+def test_a_guard_that_stops_is_said_with_its_time_whatever_the_law(
+    name: str, lost: str
+) -> None:
+    exo = WornDevice(WRIST, Plant("wrist").model(), duration=0.1)
+    drives = [WRIST.sensing.equip(drive) for drive in exo.drives]
+    law = controller(name, drives[0])
+    assert isinstance(law, SteppedController)
+    sensors = exo.controller_sensors(WRIST.sensing, law_drives(law, drives), 0)
+    batch = Batch([exo], [0], alone=True, whole=True)
+    guards = Guards(law, WRIST)
+
+    def measure(columns: Any) -> Any:
+        seen = sensors.measure(columns)
+        return seen if columns["time_s"] < 0.02 else seen | {lost: np.nan}
+
+    def observe(step: int, *_: object) -> None:
+        guards.look(1e-3 * step)
+
+    run(batch, law, observe, measure=measure)
+    if (name, lost) == ("fused", "joint_torque_nm"):  # it measures tensions instead
+        assert not [*guards.findings()]
+        return
+    (*_, sentence) = guards.findings()
+    assert LOST[lost] in sentence and f"joint {AXIS.limb!r}" in sentence
+    assert sentence.endswith((": at 0.025 s.", ": at 0.026 s."))
+
+
+def test_a_guard_that_lets_go_is_said_with_count_and_share() -> None:
+    guards = Guards(Flickering(), WRIST)
+    for step in range(10):
+        guards.look(0.1 * step)
+    (sentence,) = guards.findings()
+    assert "came too close to the safe 8 N m: 2 times (30 % of the time)" in sentence
+    assert sentence.endswith("first at 0.2 s.")
+
+
+class Flickering(SteppedController):
+    """Law whose guard lets go twice."""
+
+    def __init__(self) -> None:
+        self._states = [0.0, 0.0, 1.0, 1.0, 0.0, 1.0, *4 * [0.0]]
+
+    def guard_states(self) -> Any:
+        """Return the next state."""
+        return np.array([self._states.pop(0)])
+
+    def law_tables(self) -> Any:
+        """Have none."""

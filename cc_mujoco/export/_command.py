@@ -57,8 +57,6 @@ class Export:
         from cc_mujoco.device._device_files import locate
 
         locate(self.scene)
-        about = f"exporting {self.controller} for {self.scene}"
-        print(about, file=sys.stderr, flush=True)
         from cc_mujoco.device import DeviceModel, find_device
         from cc_mujoco.device._device import bare_model
         from cc_mujoco.export import (
@@ -96,6 +94,8 @@ class Export:
         )
         if self.ros2_control:
             require_ros2_states(plan)
+        what = f"{self.controller} for {self.scene}"
+        print(f"exporting {what}", file=sys.stderr, flush=True)
         notes = ["passivity: NOT CHECKED"]
         if not self.no_check:
             notes = self._require_passive(device, places)

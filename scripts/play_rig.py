@@ -29,6 +29,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parent / "diagnosis_study"))
 
 from driven import Bench, Instruments
+from rig_end import Sender, ServedHost, UdpEnd
 
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware import (
@@ -43,7 +44,6 @@ from cc_mujoco.hardware import (
 from cc_mujoco.hardware import _packet as packet
 from cc_mujoco.hardware._can_bus import CanBuses
 from cc_mujoco.hardware._rig_axes import RigAxes
-from cc_mujoco.hardware._rig_end import Sender, ServedHost, UdpEnd
 from rig import make_rig
 from rig.makes import MAKES
 

@@ -23,9 +23,10 @@ from collections.abc import Callable, Sequence
 from time import perf_counter
 from typing import Any
 
+from rig_end import ServedHost, UdpEnd
+
 from cc_mujoco.hardware import Readings, Status
 from cc_mujoco.hardware import _packet as packet
-from cc_mujoco.hardware._rig_end import ServedHost, UdpEnd
 
 INTERVAL = 0.5e-3  # time between two looks for commands [s]
 

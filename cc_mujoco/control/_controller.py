@@ -344,14 +344,12 @@ class SteppedController(Controller):
         return memory
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
-        """Reset the state; see `Controller.reset`."""
         if where is None:
             self._memory = np.zeros((0, 0))
         elif len(self._memory):
             self._memory[where, FIRST_STEP] = 1.0
 
     def given(self, torque: Any) -> None:
-        """Accept the torque that the motor got; see `Controller.given`."""
         if len(self._memory):
             for place in self._tables.given:
                 kept = self._memory[:, place]
@@ -378,7 +376,6 @@ class SteppedController(Controller):
         return self._memory
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
-        """Return the torque of the motor [N m]; see `Controller.torque`."""
         found = self.answer(self.measured(observation))
         return found if np.ndim(observation["desired_torque_nm"]) else float(found[0])
 

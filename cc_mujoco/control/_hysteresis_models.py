@@ -119,7 +119,6 @@ class SmoothBacklash(HysteresisModel):
         return best.model
 
     def rest(self, count: int) -> Array:
-        """Return joint angle and blend z; see `HysteresisModel.rest`."""
         return np.zeros((count, 2))
 
     def invert(self, state: Array, joint: Array) -> Array:
@@ -228,7 +227,6 @@ class PrandtlIshlinskii(HysteresisModel):
         )
 
     def rest(self, count: int) -> Array:
-        """Return the plays of the inverse; see `HysteresisModel.rest`."""
         return np.zeros((count, len(self.thresholds)))
 
     def invert(self, state: Array, joint: Array) -> Array:
@@ -341,7 +339,6 @@ class BoucWen(HysteresisModel):
         return cls(gain, hysteresis, offset, beta, beta * float(np.tanh(rates[1])))
 
     def rest(self, count: int) -> Array:
-        """Return joint angle, motor angle and z; see `HysteresisModel.rest`."""
         state = np.zeros((count, 3))
         state[:, 0] = self.offset
         return state

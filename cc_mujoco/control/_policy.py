@@ -138,7 +138,6 @@ class Policy(Controller):
         return self.axes[0].limits
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
-        """Reset the state; see `Controller.reset`."""
         if where is None:
             self._begin(0)
         elif self._fresh.size:
@@ -157,7 +156,6 @@ class Policy(Controller):
             axis.memory = np.zeros((count, guard.MEMORY_SIZE))
 
     def given(self, torque: Any) -> None:
-        """Accept the torque that the motor got; see `Controller.given`."""
         each = [torque] if len(self.axes) == 1 else np.moveaxis(np.array(torque), -1, 0)
         for axis, own in zip(self.axes, each, strict=True):
             kept = axis.memory[:, guard.COMMAND]

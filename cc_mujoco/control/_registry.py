@@ -252,7 +252,6 @@ class PlantsController(Controller):
         self.laws = tuple(laws)
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
-        """Reset those of all plants; see `Controller.reset`."""
         for row, law in enumerate(self.laws):
             if where is None or where[row]:
                 law.reset()

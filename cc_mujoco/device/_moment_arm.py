@@ -71,7 +71,6 @@ class Winding(NamedTuple):
         return found
 
     def record(self, hold: Callable[[NDArray[Any]], int]) -> dict[str, Any]:
-        """Return the entries of an axis's record; see `AxisModel.record`."""
         shared = [place for _, place, _ in self.shared]
         return {
             "wound": len(self.places),
@@ -138,7 +137,6 @@ class TabledWinding(NamedTuple):
         return dict(zip(WINDING_COLUMNS, (wound, velocity, leverage), strict=True))
 
     def record(self, hold: Callable[[NDArray[Any]], int]) -> dict[str, Any]:
-        """Return the entries of an axis's record; see `AxisModel.record`."""
         table = np.concatenate((self.angles, self.wound, self.leverage))
         return {"knots": len(self.angles), "table": hold(table)}
 

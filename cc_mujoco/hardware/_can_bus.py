@@ -308,14 +308,12 @@ class CanLink:
         self.ignored, self.where = self._port.ignored, self._port.where
 
     def receive(self) -> bytes | None:
-        """See `Link`."""
         for frame in pending(self._port.receive):
             if frame.is_extended_id == (frame.arbitration_id > MAX_SHORT_ID):
                 return bytes(frame.data)
         return None
 
     def send(self, data: bytes) -> None:
-        """See `Link`."""
         self._port.send(self._address.command_id, data)
 
     def close(self) -> None:

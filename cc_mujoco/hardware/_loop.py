@@ -50,11 +50,9 @@ class SystemClock:
     """The machine's monotonic clock: sleep, then spin."""
 
     def now(self) -> float:
-        """See `Clock`."""
         return time.perf_counter()
 
     def wait(self, deadline: float) -> None:
-        """See `Clock`."""
         # A sleep ends late by 0.05 to 0.1 ms on an idle Linux without real-time
         # priority.
         left = deadline - time.perf_counter() - 2e-4

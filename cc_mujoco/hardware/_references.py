@@ -37,7 +37,6 @@ class TorqueTable:
     torques: Array
 
     def torque(self, time: float, seen: Readings) -> float:
-        """See `Desired`."""
         return float(np.interp(time, self.times, self.torques))
 
     def require_within(self, drive: Drive, limits: Limits) -> None:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Mapping, Sequence
+import tempfile
+from collections.abc import Mapping
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
 
 import numpy as np
@@ -17,10 +17,11 @@ from cc_mujoco.datasets._run_log import beside
 from cc_mujoco.hardware._limits import Limits
 from cc_mujoco.hardware._loop import RunOutcome
 from cc_mujoco.hardware._replay import read_rows
-from cc_mujoco.report._figures import BLUE, GREY, ORANGE, SKY
+from cc_mujoco.report._figures import BLUE, GREY, ORANGE, figure, save, style
 from cc_mujoco.report._html import (
     Html,
     element,
+    embed_picture,
     folded,
     join_pieces,
     list_words,
@@ -30,110 +31,6 @@ from cc_mujoco.report._html import (
 )
 
 Array = NDArray[np.float64]
-
-WIDTH, HEIGHT, LEFT, TOP, BOTTOM = 480, 185, 58, 28, 40
-"""Size of a drawing and the margins of its axes; it has no right margin."""
-PLOT_STYLE = f"""
-svg {{ display: block; width: 100%; max-width: 40rem; margin: .8rem 0; }}
-svg text {{ font: 15px system-ui, "DejaVu Sans", sans-serif; fill: currentColor; }}
-svg .frame {{ stroke: {GREY}; fill: none; }}
-svg .limit {{ stroke: {GREY}; stroke-dasharray: 2 4; }}
-svg .curve {{ fill: none; stroke-width: 1.6; stroke-linejoin: round; }}
-svg .curve0 {{ stroke: {BLUE}; }} svg .curve1 {{ stroke: {ORANGE}; }}
-@media (prefers-color-scheme: dark) {{ svg .curve0 {{ stroke: {SKY}; }} }}
-@media print {{ svg {{ break-inside: avoid; }} svg .curve0 {{ stroke: {BLUE}; }} }}
-"""
-"""Style sheet of a page with drawings."""
-
-
-def time_plot(
-    title: str,
-    time: Array,
-    curves: Mapping[str, Array],
-    limits: Sequence[float] = (),
-) -> Html:
-    """Return at most two curves over time (T,) [s] as SVG; the first lies below.
-
-    Values that are not finite are gaps. `limits` are marked by a dotted line, where
-    they are in reach of the curves.
-    """
-    finite = [c[np.isfinite(c)] for c in curves.values() if np.isfinite(c).any()]
-    values = np.concatenate(finite) if finite else np.zeros(1)
-    low, high = float(values.min()), float(values.max())
-    room = max(high - low, 1e-9)
-    shown = [each for each in limits if low - room <= each <= high + room]
-    low, high = min(low, *shown, high), max(high, *shown, low)
-    margin = 0.06 * max(high - low, 1e-9)
-    low, high = low - margin, high + margin
-    start, end = float(time[0]), float(max(time[-1], time[0] + 1e-9))
-
-    def x(value: float) -> float:
-        return LEFT + (WIDTH - LEFT - 8) * (value - start) / (end - start)
-
-    def y(value: float) -> float:
-        return HEIGHT - BOTTOM - (HEIGHT - TOP - BOTTOM) * (value - low) / (high - low)
-
-    parts = [
-        f'<rect class="frame" x="{LEFT}" y="{TOP}" width="{WIDTH - LEFT - 8}" '
-        f'height="{HEIGHT - TOP - BOTTOM}"/>',
-        f'<text x="{LEFT}" y="{TOP - 9}">{escape(title)}</text>',
-    ]
-    for each in _ticks(low, high, 5):
-        place = f'x="{LEFT - 5}" y="{y(each) + 4:.1f}" text-anchor="end"'
-        parts.append(f"<text {place}>{each:g}</text>")
-    for each in _ticks(start, end, 6):
-        place = f'x="{x(each):.1f}" y="{HEIGHT - BOTTOM + 18}" text-anchor="middle"'
-        parts.append(f"<text {place}>{each:g}</text>")
-    parts.append(
-        f'<text x="{(LEFT + WIDTH - 8) / 2}" y="{HEIGHT - 5}" text-anchor="middle">'
-        "time [s]</text>"
-    )
-    for each in shown:
-        ends = f'x1="{LEFT}" x2="{WIDTH - 8}" y1="{y(each):.1f}" y2="{y(each):.1f}"'
-        parts.append(f'<line class="limit" {ends}/>')
-    for number, (name, curve) in enumerate(curves.items()):
-        for piece in _pieces(time, curve):
-            points = " ".join(f"{x(t):.1f},{y(v):.1f}" for t, v in piece)
-            parts.append(f'<polyline class="curve curve{number}" points="{points}"/>')
-        if len(curves) > 1:
-            right = WIDTH - 8 - 110 * (len(curves) - 1 - number)
-            key = (
-                f'x1="{right - 100}" x2="{right - 82}" y1="{TOP - 14}" y2="{TOP - 14}"'
-            )
-            parts.append(f'<line class="curve curve{number}" {key}/>')
-            parts.append(f'<text x="{right - 76}" y="{TOP - 9}">{escape(name)}</text>')
-    return Html(
-        f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(title)}">'
-        f"{''.join(parts)}</svg>"
-    )
-
-
-def _ticks(low: float, high: float, most: int) -> list[float]:
-    """Return round numbers in a range, at most so many."""
-    rough = (high - low) / most
-    power = 10.0 ** np.floor(np.log10(rough))
-    step = next(power * each for each in (1.0, 2.0, 5.0, 10.0) if power * each >= rough)
-    first, last = int(np.ceil(low / step)), int(np.floor(high / step))
-    return [float(f"{step * number:.10g}") for number in range(first, last + 1)]
-
-
-def _pieces(time: Array, curve: Array) -> list[list[tuple[float, float]]]:
-    """Return the points of a curve without gaps, thinned to what can be seen."""
-    places = np.flatnonzero(np.isfinite(curve))
-    if not places.size:
-        return []
-    pieces = np.split(places, np.flatnonzero(np.diff(places) > 1) + 1)
-    every = max(1, time.size // 400)
-    found = []
-    for piece in pieces:
-        kept = [
-            part[index]
-            for part in np.array_split(piece, max(1, piece.size // every))
-            for index in sorted({int(curve[part].argmin()), int(curve[part].argmax())})
-        ]
-        found.append([(float(time[k]), float(curve[k])) for k in kept])
-    return found
-
 
 AT_LIMIT_SHARE = 0.02
 """Share of the cycles at a limit of the torque from which on that is reported."""
@@ -192,7 +89,6 @@ def write_run_report(run: ReportedRun) -> Path:
         *(folded(f"Axis {name}", pictures[name]) for name in order[1:]),
         *(_used(name, axes[name], run.limits[name]) for name in order),
         _timing(run),
-        style=PLOT_STYLE,
     )
     with replacing(run.page) as place:
         place.write_text(text, encoding="utf-8")
@@ -245,22 +141,34 @@ def _sentence(
 
 
 def _picture(name: str, time: Array, rows: Mapping[str, Array], limits: Limits) -> Html:
-    start = f"{name}: " if name else ""
-    torque = {"measured": rows["joint_torque_nm"], "desired": rows["desired_torque_nm"]}
-    commanded = {"commanded": rows["motor_torque_nm"]}
-    angle = {"measured": rows["joint_angle_rad"]}
-    bounds = (-limits.torque, limits.torque)
-    return join_pieces(
-        [
-            time_plot(f"{start}joint torque [N m]", time, torque),
-            time_plot(
-                f"{start}motor torque [N m], limit dotted", time, commanded, bounds
-            ),
-            time_plot(
-                f"{start}joint [rad], range dotted", time, angle, limits.joint_range
-            ),
-        ]
-    )
+    """Return torques and angle of an axis over time, with limits that are near."""
+    shown = {
+        "joint torque [N m]": ("joint_torque_nm", "desired_torque_nm"),
+        "motor torque [N m]": ("motor_torque_nm",),
+        "joint [rad]": ("joint_angle_rad",),
+    }
+    bounds = (), (-limits.torque, limits.torque), limits.joint_range
+    with style(), tempfile.TemporaryDirectory() as folder:
+        drawing = figure(7.0, 6.0)
+        parts = drawing.subplots(len(shown), sharex=True)
+        for axes, (title, columns), ends in zip(
+            parts, shown.items(), bounds, strict=True
+        ):
+            for column, color in zip(columns, (BLUE, ORANGE), strict=False):
+                words = column.partition("_torque")[0].replace("joint", "measured")
+                axes.plot(time, rows[column], color=color, label=words)
+            if len(columns) > 1:
+                axes.legend(loc="upper right")
+            low, high = axes.get_ylim()
+            for end in ends:
+                if 2.0 * low - high <= end <= 2.0 * high - low:
+                    axes.axhline(end, color=GREY, linestyle=":")
+            axes.set(title=title)
+        parts[-1].set(xlabel="time [s]")
+        path = Path(folder) / "run.png"
+        save(path, drawing)
+        which = f"axis {name}" if name else "the run"
+        return embed_picture(path, f"Torques and angle of {which}; limits are dotted.")
 
 
 def _next(run: ReportedRun, axis: str) -> Html:

@@ -91,7 +91,6 @@ class Servo:
         self._integral, self._last = 0.0, 0.0
 
     def torque(self, time: float, seen: Readings) -> float:
-        """See `Desired`."""
         firm, drive = self._servo_stiffness, self._drive
         if time == 0.0 or self._begin is None:
             self._begin, self._integral, self._last = seen.motor_angle, 0.0, 0.0

@@ -65,7 +65,6 @@ class Perturbed(Disturbed):
     """Mean time from the end of a bump to the next [s]; at least half of it."""
 
     def added(self, time: Array, duration: float, rng: np.random.Generator) -> Array:
-        """Return the bumps; see `Disturbed.added`."""
         bumps = np.zeros((3, time.size))
         clock = 1.0  # no bump in the first second
         while True:

@@ -75,7 +75,6 @@ class Profile(Task):
         return self.peak_time + self.fall
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
-        """Return the torque of the assistance [N m]; see `Task.torque`."""
         peak, end = self.peak_time, self.end
         found: Real = _profile_torque(phase, self.onset, peak, end, self.peak_torque)
         return found
@@ -91,7 +90,6 @@ class Profiles(Task):
         self._rows = [np.array([getattr(p, name) for p in profiles]) for name in names]
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
-        """Return the torque of every device [N m], (n,); see `Task.torque`."""
         found: Real = _profile_torque(phase, *self._rows)
         return found
 

@@ -127,7 +127,6 @@ class Tunnel(Task):
     """Largest torque [N m]."""
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
-        """Torque of the walls [N m]; see `Task.torque`."""
         return tunnel_torque(angle, self.half_width, self.stiffness, self.limit)
 
 
@@ -139,7 +138,6 @@ class Spring(Task):
     """Stiffness [N m/rad]."""
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
-        """Torque of the spring [N m]; see `Task.torque`."""
         return spring_torque(angle, self.stiffness)
 
 
@@ -150,7 +148,6 @@ class Transparent(Task):
     of_phase = True
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
-        """Return zero torque [N m]; see `Task.torque`."""
         # Adding 0.0 turns -0.0 into 0.0.
         return 0.0 * angle + 0.0
 
@@ -168,7 +165,6 @@ class Assist(Task):
     """Largest torque [N m]; about a quarter of the biological moment of that walk."""
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
-        """Return the torque of the assistance [N m]; see `Task.torque`."""
         return -self.peak * gait.assistance(phase)
 
 
@@ -190,7 +186,6 @@ class Swing(Task):
     """Phase from the peak to where the help ends [-]."""
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
-        """Torque of the help [N m]; see `Task.torque`."""
         away = clamp((phase - self.middle) / self.half_width, -1.0, 1.0)
         inside = 1.0 - away * away
         return self.peak * (inside * inside * inside)
@@ -205,7 +200,6 @@ class Hold(Task):
     """Torque [N m]; by default 2.7 N at 55 mm from a knuckle, in extension."""
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
-        """Return the torque to hold [N m]; see `Task.torque`."""
         return 0.0 * angle + self.pull
 
 
@@ -225,7 +219,6 @@ class Impedance(Task):
     """Damping [N m s/rad]."""
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
-        """Return the torque of spring and damper [N m]; see `Task.torque`."""
         return -self.stiffness * angle - self.damping * velocity
 
 
@@ -236,7 +229,6 @@ class Position(Task):
     commands_angle = True
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
-        """Return zero torque [N m], as none is desired; see `Task.torque`."""
         return 0.0 * angle + 0.0
 
 
@@ -291,7 +283,6 @@ class Paced(Task):
     """Torque over that of `base` [-]."""
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
-        """Return the torque of the help [N m]; see `Task.torque`."""
         return self.share * self.base.torque(angle, velocity, self.pace.phase(phase))
 
 

@@ -50,7 +50,6 @@ class PhaseTorque(Task):
     """Path of the file, for messages."""
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
-        """Return the torque at a phase [N m]; see `Task.torque`."""
         found: Real = _interpolated(phase, self.phases, self.torques, 1.0)
         return found
 
@@ -77,7 +76,6 @@ class TimeTorque(Task):
         return self.times[-1]
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
-        """Return the torque at a time, given as `phase` [s]; see `Task.torque`."""
         found: Real = _interpolated(phase, self.times, self.torques, None)
         return found
 
@@ -194,7 +192,6 @@ class UserTask(Task):
             object.__setattr__(self, trait, getattr(self.own, trait))
 
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
-        """Return the torque of the user's task [N m]; see `Task.torque`."""
         with user_errors(f"task {self.name!r}"):
             return self.own.torque(angle, velocity, phase)
 

@@ -16,12 +16,12 @@ import pytest
 from benchmarks import bench_motor_lag
 from driven import HAND, Bench, Instruments
 from play_rig import PERIOD, Worn, WornRig, ends_of
+from rig_end import SILENCE, ServedHost, UdpEnd
 
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware import Readings, Status, read_settings
 from cc_mujoco.hardware import _packet as packet
 from cc_mujoco.hardware._packet import Command
-from cc_mujoco.hardware._rig_end import SILENCE, ServedHost, UdpEnd
 from hardware.peers import toml
 from rig import make_rig
 

@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 import ros2_bridge
+from rig_end import SILENCE
 
 from cc_mujoco.hardware import Status, UdpRig
-from cc_mujoco.hardware._rig_end import SILENCE
 
 
 class JointState:

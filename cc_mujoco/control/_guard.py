@@ -91,9 +91,11 @@ _PUSH_RATE = 2.0
 _GAP_SHARE, _GAP_FACTOR, _GAP_TIME = 0.25, 0.4, 0.05
 """Difference between the torques of sensor and stretch that is a fault: share of the
 safe torque, plus share of the larger one, for so long [s]."""
-_UNSAFE_TIME, _UNSAFE_MEMORY = 0.02, 1.0
+_UNSAFE_TIME, _MOST_RELEASES, _UNSAFE_MEMORY = 0.02, 5.0, 1.0
 """Time for which a torque may be beyond the safe one while the joint is let go, as by
-an unstable controller, and over which it is forgotten [s]."""
+an unstable controller [s]; how often the joint may be let go that its torque sensor
+does not ask for, as where its gain is too small; and time over which both are forgotten
+[s]."""
 _GAP_SIGMAS = 3.0
 """Usual deviations of the torque from that of the stretch that are added to it where
 the stretch alone says so."""
@@ -114,8 +116,10 @@ _MEAN_TIME, _LEARN_TIME = 0.5, 5.0
 _KNOWN_SHARE, _KNOWN_TIME = 0.1, 0.1
 """Change of a torque, as a share of the safe one, and its time, from which it is known
 whether the stretch explains the torque [s]."""
-_GAIN_RANGE = 0.7, 2.0
-"""Least and greatest gain with which the torque of the stretch is used."""
+_GAIN_RANGE, _GAIN_FALL = (0.7, 2.0), 0.3
+"""Least and greatest gain with which the torque of the stretch is used, and most by
+which it falls in the time for which it was learned already: a sensor may have failed.
+"""
 _MAX_MISFIT, _MAX_DOUBT = 0.2, 0.1
 """Greatest power of the difference between both torques, over the sum of their powers,
 with which the stretch explains the torque, and with which its word alone is a stop."""
@@ -146,7 +150,7 @@ READINGS = 6
 ) = (0, 1, 2, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20)  # fmt: skip
 _JUMPED, _EQUAL, _AT, _AT_PREDICTED = 21, 27, 33, 39
 _GIVEN, _POWER, _BOTH, _SENSED, _AGREED, _MOST = 45, 46, 47, 48, 49, 50
-_TAKEN, _TAKEN_PREDICTED, _LEARNT, _UNSAFE, SEEN = 51, 52, 53, 54, 55
+_TAKEN, _TAKEN_PREDICTED, _LEARNT, _UNSAFE, _RELEASES, SEEN = 51, 52, 53, 54, 55, 56
 MEMORY_SIZE = SEEN + READINGS
 """Places in the memory, and its size: state; readings of the last step, as they were
 used; samples without all readings and until velocities are read again; last command;
@@ -159,8 +163,8 @@ low-passed torque of the motor at the joint without friction; powers of the torq
 the stretch, of both, and of the sensor's, each about its mean; time for which the
 motor has explained the torque, and size of its greatest torque lately; torques of
 sensor and stretch, low-passed as that of the motor; time over which the stretch has
-been learned; time for which the torque was unsafe lately; room for readings of a
-caller whose own must not change.
+been learned; time for which the torque was unsafe lately, and how often the joint was
+let go without its sensor; room for readings of a caller whose own must not change.
 """
 _UNKNOWN = -1.0
 """Misfit that is not known yet."""
@@ -549,7 +553,8 @@ def _learn(limits: DriveLimits, memory: FloatArray) -> None:
     memory[_SENSED] = kept * memory[_SENSED] + limits.period * off * off
     known = (_KNOWN_SHARE * limits.safe_torque) ** 2 * _KNOWN_TIME
     gain = (memory[_BOTH] + known) / (memory[_POWER] + known)
-    gain = min(max(gain, _GAIN_RANGE[0]), _GAIN_RANGE[1])
+    least = memory[_GAIN] - limits.period * _GAIN_FALL / memory[_LEARNT]
+    gain = min(max(gain, _GAIN_RANGE[0], least), _GAIN_RANGE[1])
     memory[_GAIN] = gain
     both = memory[_SENSED] + gain * gain * memory[_POWER]
     memory[_MISFIT] = _UNKNOWN
@@ -612,7 +617,9 @@ def admit(
     rate = (seen[TORQUE] - memory[_GOOD + TORQUE]) / limits.period
     memory[_RUSH] += _RATE_FILTER * (rate - memory[_RUSH])
     _watch_motor(limits, memory, seen)
-    memory[_UNSAFE] *= max(1.0 - limits.period / _UNSAFE_MEMORY, 0.0)
+    kept = max(1.0 - limits.period / _UNSAFE_MEMORY, 0.0)
+    memory[_UNSAFE] *= kept
+    memory[_RELEASES] *= kept
     if abs(seen[TORQUE]) > limits.safe_torque:
         memory[_UNSAFE] += limits.period
         if memory[_UNSAFE] > _UNSAFE_TIME:
@@ -680,7 +687,8 @@ def state(
     before = 1.0 if memory[STATE] != FREE else 0.0
     rushing = impact_torque(ahead, ratio, stiffness, limits.inertia)
     measured = memory[_GOOD + TORQUE]
-    released = release_state(before, measured, rushing, planned, safe)
+    sensed = release_state(before, measured, rushing, planned, safe)
+    released = sensed
     if safe < NO_TORQUE_LIMIT and stiffness > 0.0:
         predicted = _credible(limits, spring, memory)
         released = max(
@@ -695,6 +703,10 @@ def state(
     memory[STATE] = released
     if _is_too_fast(limits, memory):
         memory[STATE] = BRAKED
+    if released != 0.0 and before == 0.0 and sensed == 0.0:
+        memory[_RELEASES] += 1.0
+        if memory[_RELEASES] > _MOST_RELEASES:
+            stop(memory, STOPPED)
     return float(memory[STATE])
 
 

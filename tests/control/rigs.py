@@ -83,6 +83,8 @@ HANDLE = Believed(5.2, 41.0, 2.0, 0.75, 7e-5, 1.0, 8.0, 0.01)
 """Two cables of a light motor, as at a wrist."""
 ANKLE = Believed(-4.8, 420.0, 0.7, 0.45, 5.65e-3, 50.0, 60.0, 0.3)
 """One cable of a heavy motor, as at an ankle."""
+KNEE = Believed(5.0 / 3.0, 167.0, 2.0, 0.2, 1e-3, 3.0, 2.0, 0.0)
+"""Two stiff cables of little friction, whose motor swings on them at 20 Hz."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -119,6 +121,7 @@ def _frozen(side: str) -> Fault:
 FAULTS: dict[str, Fault] = {
     "dead": _set("joint_torque_nm", lambda now, held: 0.0),
     "frozen": _set("joint_torque_nm", lambda now, held: held),
+    "halved": _set("joint_torque_nm", lambda now, held: 0.5 * now),
     "reversed": _set("joint_torque_nm", lambda now, held: -now),
     "slipped": _set("motor_angle_rad", lambda now, held: now + 0.1),
     "motor-frozen": _frozen("motor"),
@@ -146,6 +149,7 @@ def ride(
     duration: float = 4.0,
     share: float = 0.5,
     seed: int = 0,
+    steady: bool = False,
 ) -> Ride:
     """Drive a rig whose joint is moved by its wearer.
 
@@ -159,6 +163,7 @@ def ride(
         duration: Of the episode [s].
         share: Greatest desired torque over the safe one.
         seed: Of the noise.
+        steady: Whether the desired torque stays the same.
     """
     random = np.random.default_rng(seed)
     ratio, safe = believed.ratio, believed.safe
@@ -176,7 +181,9 @@ def ride(
     command = 0.0
     for n in range(count):
         time = 0.001 * n
-        wanted = share * safe * math.sin(2.0 * math.pi * 1.1 * time)
+        wanted = share * safe
+        if not steady:
+            wanted *= math.sin(2.0 * math.pi * 1.1 * time)
         if not believed.pair:
             wanted = sense * max(sense * wanted, 0.0)
         for k in range(_SUBSTEPS):

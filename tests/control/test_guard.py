@@ -50,7 +50,7 @@ from cc_mujoco.metrics import first_unsafe_sample
 from cc_mujoco.metrics._torque import MAX_UNSAFE_TIME
 from cc_mujoco.simulation import Batch, WornDevice
 from control.devices import kept, pull_pull, single
-from control.rigs import ANKLE, HANDLE, Believed, Ride, Truth, ride
+from control.rigs import ANKLE, HANDLE, KNEE, Believed, Ride, Truth, ride
 from control.rigs import FAULTS as RIG_FAULTS
 from study_marks import study_but
 
@@ -415,12 +415,13 @@ def driven(
     fault: str = "",
     duration: float = 2.5,
     onset: float = 1.2,
+    steady: bool = False,
 ) -> Ride:
     """Return an episode of a rig."""
     law = controller(name, believed.drive())
     law.name = name
     law.reset()
-    return ride(believed, truth, law, states, fault, onset, duration)
+    return ride(believed, truth, law, states, fault, onset, duration, steady=steady)
 
 
 @pytest.mark.parametrize(
@@ -527,6 +528,19 @@ def test_no_controller_stops_a_rig_that_is_not_as_believed_while_it_is_safe(
         own = dataclasses.replace(believed, noise=noise)
         found = driven(own, truth, name, duration=4.0)
         assert not stopped_while_safe(found, own.safe), (truth, noise)
+
+
+@pytest.mark.parametrize(
+    "name", ["inverse", pytest.param("lqg", marks=pytest.mark.study)]
+)
+def test_a_joint_that_is_let_go_again_and_again_is_stopped(name: str) -> None:
+    """A sensor of half the gain and a steady torque, of which a guard learns little."""
+    peaks = []
+    for fault in ("", "halved"):
+        found = driven(KNEE, Truth(), name, fault, steady=True)
+        peaks.append(np.abs(found.torque).max() / KNEE.safe)
+        assert (found.state.max() == guard.STOPPED) == bool(fault)
+    assert peaks[0] < peaks[1] < 1.0  # 1.22 if it is let go for ever
 
 
 def test_a_gaussian_controller_recovers_after_an_encoder_slips() -> None:

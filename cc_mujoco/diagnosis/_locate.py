@@ -544,10 +544,8 @@ def error_places(
             if off[name] > Limit.min_searched_error
         }
     )
-    if off[worst] > Limit.min_searched_error and (
-        by_trial := describe_trial_constants(constants, ordinates, worst)
-    ):
-        found.append(by_trial)
+    if off[worst] > Limit.min_searched_error:
+        found += describe_trial_constants(constants, ordinates, worst)
     found.sort(key=lambda each: -each[1].share_of_error)
     # Maps that chance does not explain.
     mapped = tuple(

@@ -16,7 +16,7 @@ In a cross-validation every sample is predicted by a fit to others.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -327,11 +327,8 @@ class Problem:
         nearly every error as an outlier, and fits would follow the many small ones
         only.
         """
-        kept = [
-            np.abs(error[:, mask]).ravel()
-            for error, mask in zip(self.plainly(x), masks, strict=True)
-        ]
-        usual = self.inflation * float(np.median(np.concatenate(kept))) / 0.6745
+        kept = np.abs(kept_samples(self.plainly(x), masks))
+        usual = self.inflation * float(np.median(kept)) / 0.6745
         factor = max(1.0, usual / Limit.huber_delta)
         change = factor / self.inflation
         return replace(
@@ -386,6 +383,11 @@ class Problem:
         """Return the effect of sensor noise on every record, as `noise` [N m]."""
         part = np.square(self.scatter)
         return tuple(np.sqrt(np.maximum(n**2 - part, 0.0)) for n in self.noise)
+
+    @property
+    def noise_over_floor(self) -> list[FloatArray]:
+        """The same over the floor."""
+        return [n / f for n, f in zip(self.sensed, self.floor, strict=True)]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -488,16 +490,22 @@ class Problem:
 
     def residual(self, x: FloatArray, masks: Masks) -> FloatArray:
         """Return the weighted errors within the masks, then those of the priors."""
-        parts = [
-            self.weight * error[:, mask].ravel()
-            for error, mask in zip(self.errors(x, masks), masks, strict=True)
-        ]
         known = [
             -place / parameter.prior
             for parameter, place in zip(self.tuned, x, strict=True)
             if math.isfinite(parameter.prior)
         ]
-        return np.concatenate([*parts, np.array(known)])
+        kept = self.weight * kept_samples(self.errors(x, masks), masks)
+        return np.concatenate([kept, known])
+
+
+def kept_samples(parts: Iterable[FloatArray], masks: Masks) -> FloatArray:
+    """Return the values of samples within masks, record by record and row by row.
+
+    `parts` has (rows, samples) of every record.
+    """
+    kept = zip(parts, masks, strict=True)
+    return np.concatenate([part[:, mask].ravel() for part, mask in kept])
 
 
 def huber_residual(error: FloatArray) -> FloatArray:
@@ -726,20 +734,24 @@ class CrossValidation(NamedTuple):
     errors: tuple[FloatArray, ...]
 
     @property
+    def x(self) -> FloatArray:
+        """Mean place of the fits of the folds."""
+        found: FloatArray = np.mean([fit.x for fit in self.fits], axis=0)
+        return found
+
+    def mean_square(self, parts: Iterable[FloatArray]) -> float:
+        """Return the mean square of parts (2, samples) where errors were held out."""
+        masks = [np.isfinite(error[0]) for error in self.errors]
+        return float(np.mean(kept_samples(parts, masks) ** 2))
+
+    @property
     def held_out_mse(self) -> float:
-        kept = [e[:, np.isfinite(e[0])] for e in self.errors]
-        return float(np.mean(np.concatenate([k.ravel() for k in kept]) ** 2))
+        return self.mean_square(self.errors)
 
     @property
     def noise_mse(self) -> float:
         """Mean squared error if there was noise of the sensors only."""
-        kept = [
-            (noise / floor)[:, np.isfinite(error[0])].ravel()
-            for noise, floor, error in zip(
-                self.problem.sensed, self.problem.floor, self.errors, strict=True
-            )
-        ]
-        return float(np.mean(np.concatenate(kept) ** 2))
+        return self.mean_square(self.problem.noise_over_floor)
 
     @property
     def misfit(self) -> float:
@@ -754,11 +766,9 @@ class CrossValidation(NamedTuple):
         ratio = self.problem.inflation / inflation
         if ratio == 1.0:
             return math.sqrt(self.held_out_mse / self.noise_mse)
-        kept = [
-            huber_residual(ratio * plain_error(e[:, np.isfinite(e[0])])).ravel()
-            for e in self.errors
-        ]
-        mean = float(np.mean(np.concatenate(kept) ** 2))
+        mean = self.mean_square(
+            huber_residual(ratio * plain_error(error)) for error in self.errors
+        )
         return math.sqrt(mean / self.noise_mse) / ratio
 
 
@@ -807,8 +817,8 @@ def excess(crossed: CrossValidation) -> float:
     another time, do not make a model wrong.
     """
     problem = crossed.problem
-    noise = [n / f for n, f in zip(problem.sensed, problem.floor, strict=True)]
-    beyond = (blocks(crossed) - _block_sums(crossed, noise)).sum(axis=1)
+    noise = _block_sums(crossed, problem.noise_over_floor)
+    beyond = (blocks(crossed) - noise).sum(axis=1)
     return float(beyond.sum() / max(block_sum_deviation(beyond), 1e-300))
 
 

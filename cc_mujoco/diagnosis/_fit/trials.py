@@ -21,7 +21,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -32,12 +31,14 @@ from cc_mujoco.diagnosis._fit.problem import (
     fit,
     huber_residual,
     independence_weight,
+    kept_samples,
     residual_changes,
     residual_slopes,
 )
 from cc_mujoco.diagnosis._phrases import (
     capitalise,
     format_fitted,
+    format_interval,
     format_number,
     format_share,
     plain_name,
@@ -60,11 +61,6 @@ from cc_mujoco.diagnosis._verdict import (
 from cc_mujoco.estimation._least_squares import Estimate, Tuned
 from cc_mujoco.native import FloatArray
 from cc_mujoco.report._html import list_words
-
-TRIAL_CONSTANTS = ("pretension", "friction", "tilt")
-"""Parameters that one trial may have of its own."""
-MAX_LOG_CHANGE = math.log(8.0)
-"""Logarithm of the largest such change."""
 
 
 def trial_errors(
@@ -119,12 +115,17 @@ class Odd(NamedTuple):
     extreme: str = ""
 
     @property
+    def least(self) -> float:
+        """Misfit from which on it stands out."""
+        return max(Limit.outlier_floor_ratio, Limit.outlier_ratio * self.rest)
+
+    @property
     def question(self) -> str:
         """Question to whoever recorded it."""
-        several = len(self.trials) > 1
+        few = len(self.trials) == 1
         off = (
-            f"Trial{'s' * several} {list_words(self.trials)} "
-            f"{'are' if several else 'is'} off by {format_number(self.misfit)} times "
+            f"Trial{'s'[few:]} {list_words(self.trials)} {('are', 'is')[few]} "
+            f"off by {format_number(self.misfit)} times "
             "the noise floor, the others, fitted without, by "
             f"{format_number(self.rest)}: "
         )
@@ -134,15 +135,13 @@ class Odd(NamedTuple):
                 f"as the joint is? It looks as if {self.own}. Correct sign and size of "
                 "`tilt` in dataset.toml."
             )
+        advice = ", or leave the trial out"
+        if self.extreme:
+            advice = f"; keep the trial, as no other has such a {self.extreme}"
         return (
             f"{off}was its pretension, its route or the way the rig stands changed?"
             f" It looks as if {self.own}. If so, declare it in dataset.toml "
-            f"([trials.{self.trials[0]!r}] pretension, tilt)"
-            + (
-                f"; keep the trial, as no other has such a {self.extreme}."
-                if self.extreme
-                else ", or leave the trial out."
-            )
+            f"([trials.{self.trials[0]!r}] pretension, tilt){advice}."
         )
 
 
@@ -151,19 +150,21 @@ def exchanged_torques(problem: Problem, x: FloatArray) -> str:
 
     The others predict such a trial once its torques are exchanged.
     """
-    records = problem.plant.records
+    records, every = problem.plant.records, _record_indices(problem)
     places = {
         name: own
-        for name, own in _record_indices(problem).items()
-        if len(records[own[0]].measured) == 2
-        and not (records[own[0]].unhooked or records[own[0]].load_cell)
+        for name, own in every.items()
+        for first in [records[own[0]]]
+        if len(first.measured) == 2 and not (first.unhooked or first.load_cell)
     }
 
     def suspicious(at: FloatArray, least: float, share: float) -> tuple[str, ...]:
         found = []
         for name, own in places.items():
-            shown = problem.torques(at, own)
-            pairs = [(records[k].measured, t) for k, t in zip(own, shown, strict=True)]
+            torques = problem.torques(at, own)
+            pairs = [
+                (records[k].measured, t) for k, t in zip(own, torques, strict=True)
+            ]
             off = _misfit(problem, own, [read - torque for read, torque in pairs])
             swapped = [read[::-1] - torque for read, torque in pairs]
             if off > least and _misfit(problem, own, swapped) < share * off:
@@ -173,18 +174,17 @@ def exchanged_torques(problem: Problem, x: FloatArray) -> str:
     names = suspicious(x, Limit.outlier_floor_ratio, 0.5)
     if not names or 2 * len(names) > len(places):
         return ""
-    suspect, there = _leave_out(problem, x, names, _record_indices(problem))
-    least = max(Limit.outlier_floor_ratio, Limit.outlier_ratio * suspect.rest)
-    names = suspicious(there, least, Limit.max_exchanged_share)
+    suspect, there = _leave_out(problem, x, names, every)
+    names = suspicious(there, suspect.least, Limit.max_exchanged_share)
     if not names:
         return ""
-    several = len(names) > 1
+    one = len(names) == 1
     return (
-        f"The torque columns of trial{'s' * several} {list_words(names)} are swapped: "
-        f"{'they are' if several else 'it is'} {format_number(suspect.misfit)} times "
-        "the noise floor off by what the other trials determine, and fit"
-        f"{'' if several else 's'} once motor_torque_nm and joint_torque_nm are "
-        "exchanged; exchange them, or declare `swapped = true` if the sensors were."
+        f"The torque columns of trial{'s'[one:]} {list_words(names)} are swapped: "
+        f"{('they are', 'it is')[one]} {format_number(suspect.misfit)} times the noise "
+        f"floor off by what the other trials determine, and fit{'s' * one} once "
+        "motor_torque_nm and joint_torque_nm are exchanged; exchange them, or declare "
+        "`swapped = true` if the sensors were."
     )
 
 
@@ -201,38 +201,26 @@ def find_outlier_trial(
     if len(places) < Limit.min_outlier_trials:
         return None
     off = misfits(problem, x)
-    before = tuned or off
+    large = {name for name in off if off[name] > Limit.outlier_floor_ratio / 2.0}
     worst = sorted(off, key=lambda name: -off[name])[: Limit.max_suspects]
-    suspects: list[tuple[str, ...]] = [
-        (name,) for name in worst if off[name] > Limit.outlier_floor_ratio / 2.0
-    ]
+    suspects: list[tuple[str, ...]] = [(name,) for name in worst if name in large]
     tilts = {name: problem.plant.records[own[0]].tilt for name, own in places.items()}
-    suspects += [
-        names
-        for tilt in sorted(set(tilts.values()) - {0.0})
-        for names in [tuple(name for name, own in tilts.items() if own == tilt)]
-        if 2 * len(names) <= len(places)
-        and max(off[n] for n in names) > Limit.outlier_floor_ratio / 2.0
-    ]
+    for tilt in sorted(set(tilts.values()) - {0.0}):
+        names = tuple(name for name, own in tilts.items() if own == tilt)
+        if 2 * len(names) <= len(places) and large.intersection(names):
+            suspects.append(names)
     found = [_leave_out(problem, x, names, places) for names in dict.fromkeys(suspects)]
-    odd = min(found, key=lambda each: each[0].rest, default=None)
-    if odd is None or odd[0].misfit < max(
-        Limit.outlier_floor_ratio, Limit.outlier_ratio * odd[0].rest
-    ):
+    if not found:
         return None
-    suspect, there = odd
-    if suspect.misfit < Limit.min_remaining_share * max(
-        before[name] for name in suspect.trials
-    ):
+    suspect, there = min(found, key=lambda each: each[0].rest)
+    kept = Limit.min_remaining_share * max((tuned or off)[n] for n in suspect.trials)
+    if suspect.misfit < max(suspect.least, kept):
         return None
     tilt = tilts[suspect.trials[0]]
-    turned = tilt and sum(each == tilt for each in tilts.values()) == len(
-        suspect.trials
-    )
+    turned = tilt and [*tilts.values()].count(tilt) == len(suspect.trials)
     own = [k for name in suspect.trials for k in places[name]]
-    left, words = _best_own_constant(
-        problem, there, own, ("tilt",) if turned else TRIAL_CONSTANTS
-    )
+    able = ("tilt",) if turned else ("pretension", "friction", "tilt")
+    left, words = _best_own_constant(problem, there, own, able)
     if left > Limit.max_remaining_ratio * max(suspect.rest, 1.0):
         return None
     return suspect._replace(
@@ -243,22 +231,26 @@ def find_outlier_trial(
 
 
 def _extreme_condition(problem: Problem, names: Sequence[str]) -> str:
-    records = problem.plant.records
-
-    def lie_beyond(values: Callable[[Record], float | None]) -> bool:
+    """Return the condition of which these trials are the only extreme ones, or ""."""
+    conditions: dict[str, Callable[[Record], float | None]] = {
+        "pretension": lambda record: record.pretension,
+        "tilt": lambda record: abs(record.tilt),
+        "load": lambda record: max(map(abs, record.known_torques)),
+    }
+    for condition, value in conditions.items():
         own, others = (
-            [v for r in records if (r.trial in names) == inside and (v := values(r))]
+            [
+                size
+                for record in problem.plant.records
+                if (record.trial in names) == inside and (size := value(record))
+            ]
             for inside in (True, False)
         )
-        if not own or not others:
-            return bool(own)
-        return min(own) > 1.05 * max(others) or max(own) < 0.95 * min(others)
-
-    if lie_beyond(lambda record: record.pretension):
-        return "pretension"
-    if lie_beyond(lambda record: abs(record.tilt)):
-        return "tilt"
-    return "load" if lie_beyond(lambda r: max(map(abs, r.known_torques))) else ""
+        if own and not others:
+            return condition
+        if own and (min(own) > 1.05 * max(others) or max(own) < 0.95 * min(others)):
+            return condition
+    return ""
 
 
 def misfits(problem: Problem, x: FloatArray) -> dict[str, float]:
@@ -276,18 +268,14 @@ def _leave_out(
     names: tuple[str, ...],
     places: dict[str, list[int]],
 ) -> tuple[Odd, FloatArray]:
+    """Return how far trials are off by a fit to the others, and its place."""
     own = [k for name in names for k in places[name]]
-    masks = [
-        record.free & (k not in own) for k, record in enumerate(problem.plant.records)
-    ]
-    there = fit(problem, x, masks).x
-    errors = _errors(problem, there)
     rest = [k for other, theirs in places.items() if other not in names for k in theirs]
-    return Odd(
-        names,
-        _misfit(problem, own, [errors[k] for k in own]),
-        _misfit(problem, rest, [errors[k] for k in rest]),
-    ), there
+    records = problem.plant.records
+    there = fit(problem, x, [r.free & (k not in own) for k, r in enumerate(records)]).x
+    errors = _errors(problem, there)
+    off, left = (_misfit(problem, k, [errors[j] for j in k]) for k in (own, rest))
+    return Odd(names, off, left), there
 
 
 def _best_own_constant(
@@ -297,72 +285,61 @@ def _best_own_constant(
 
     Return their RMS error over the floor with it, and its value in words.
     """
+    from scipy.optimize import minimize_scalar
+
     values = problem.values(x)
-    records = problem.plant.records
+    records = [problem.plant.records[k] for k in places]
     start = problem.plant.bench.cables[0].pretension
 
-    def misfit(name: str, change: float) -> float:
-        errors = []
-        for k in places:
-            record, changed = records[k], {**values}
+    def misfit(change: float, name: str) -> float:
+        errors, changed, factor = [], {**values}, math.exp(change)
+        if name == "friction":
+            changed[name] = factor * values[name]
+        for record in records:
             if name == "pretension":
                 usual = start if record.pretension is None else record.pretension
-                record = replace(record, pretension=math.exp(change) * usual)
+                record = replace(record, pretension=factor * usual)
             elif name == "tilt":
                 record = replace(record, tilt=change)
-            else:
-                changed[name] = math.exp(change) * values[name]
             plant = problem.plant.limited([record])
             (torque,) = plant.simulate(changed, problem.effects)
             errors.append(record.measured - torque)
         return _misfit(problem, places, errors)
 
-    known = set(names) if "joint_gravity" in problem.effects else {*names} - {"tilt"}
-    if any(records[k].unhooked for k in places):
-        known &= {"tilt"}
-    tried = {name: _minimise_misfit(name, misfit) for name in names if name in known}
+    tried = {}
+    for name in names:
+        if name != "tilt" and any(record.unhooked for record in records):
+            continue
+        about, reach = 0.0, math.log(8.0)  # the logarithm of the largest change
+        if name == "tilt":
+            if "joint_gravity" not in problem.effects:
+                continue
+            reach = math.tau / Limit.tilt_grid_points
+            turns = np.arange(Limit.tilt_grid_points) * reach - math.pi
+            about = float(min(turns, key=lambda turn: misfit(float(turn), name)))
+        best = minimize_scalar(
+            lambda change, name=name: misfit(float(change), name),
+            bounds=(about - reach, about + reach),
+            method="bounded",
+            options={"xatol": 0.01, "maxiter": 25},
+        )
+        tried[name] = float(best.fun), float(best.x)
     if not tried:
         return math.inf, ""
     name = min(tried, key=lambda each: tried[each][0])
     left, change = tried[name]
-    if name == "friction":
-        description = (
-            f"friction times wrap were {format_number(math.exp(change))} times that of "
-        )
-        return left, f"{description}the others"
     if name == "tilt":
         return left, f"the rig had been turned by {format_number(change)} rad"
-    own = records[places[0]].pretension
+    factor = math.exp(change)
+    if name == "friction":
+        times = format_number(factor)
+        return left, f"friction times wrap were {times} times that of the others"
+    own = records[0].pretension
     tension = values.get("pretension", start)
     if own is not None and start > 0.0:
         tension *= own / start
-    return left, (
-        f"its pretension were {format_number(math.exp(change) * tension)} N, not "
-        f"{format_number(tension)} N"
-    )
-
-
-def _minimise_misfit(
-    name: str, misfit: Callable[[str, float], float]
-) -> tuple[float, float]:
-    """Return the least misfit by a constant, and its change there."""
-    from scipy.optimize import minimize_scalar
-
-    low, high = -MAX_LOG_CHANGE, MAX_LOG_CHANGE
-    if name == "tilt":
-        turns = np.linspace(-math.pi, math.pi, Limit.tilt_grid_points, endpoint=False)
-        about = float(min(turns, key=lambda turn: misfit(name, float(turn))))
-        low, high = (
-            about - math.tau / Limit.tilt_grid_points,
-            about + math.tau / Limit.tilt_grid_points,
-        )
-    best = minimize_scalar(
-        lambda change: misfit(name, float(change)),
-        bounds=(low, high),
-        method="bounded",
-        options={"xatol": 0.01, "maxiter": 25},
-    )
-    return float(best.fun), float(best.x)
+    there, usual = format_number(factor * tension), format_number(tension)
+    return left, f"its pretension were {there} N, not {usual} N"
 
 
 def _record_indices(problem: Problem) -> dict[str, list[int]]:
@@ -401,19 +378,19 @@ def _misfit(
     problem: Problem, places: Sequence[int], errors: Sequence[FloatArray]
 ) -> float:
     """Return the RMS error, by Huber as in fits, over that of noise alone."""
-
-    def mean_square(parts: Sequence[FloatArray]) -> float:
-        kept = [
-            part[:, problem.plant.records[k].counts].ravel()
-            for k, part in zip(places, parts, strict=True)
-        ]
-        return float(np.mean(np.concatenate(kept) ** 2))
-
-    floor = [problem.floor[k] for k in places]
-    off = [huber_residual(e / f) for e, f in zip(errors, floor, strict=True)]
-    sensed = problem.sensed
-    noise = [sensed[k] / f for k, f in zip(places, floor, strict=True)]
-    return math.sqrt(mean_square(off) / mean_square(noise))
+    masks = [problem.plant.records[k].counts for k in places]
+    noise = problem.noise_over_floor
+    off, usual = (
+        float(np.mean(kept_samples(parts, masks) ** 2))
+        for parts in (
+            [
+                huber_residual(e / problem.floor[k])
+                for k, e in zip(places, errors, strict=True)
+            ],
+            [noise[k] for k in places],
+        )
+    )
+    return math.sqrt(off / usual)
 
 
 VARIED_PARAMETERS = (
@@ -426,7 +403,6 @@ VARIED_PARAMETERS = (
     "joint_angle_offset",
 )
 """Parameters that a rig may change between trials."""
-_MAX_LOG_STEP = math.log(2.0)
 SEQUENCE_ORDINATES = ("order of the trials", "time of the trials")
 
 
@@ -458,16 +434,16 @@ class Trend(NamedTuple):
 
 def trial_constants(problem: Problem, x: FloatArray) -> tuple[TrialConstants, ...]:
     """Return parameters whose values by trial explain most of the error, best first."""
-    fit = _ByTrial(problem, x, unhooked=False)
-    if len(fit.trials) < Limit.min_trend_trials:
+    by_trial = _ByTrial(problem, x, unhooked=False)
+    if len(by_trial.trials) < Limit.min_trend_trials:
         return ()
     able = [
-        index
+        by_trial.one(index)
         for index, parameter in enumerate(problem.tuned)
-        if parameter.name in VARIED_PARAMETERS and fit.affects_every_trial(index)
+        if parameter.name in VARIED_PARAMETERS and by_trial.affects_every_trial(index)
     ]
-    first = sorted(able, key=lambda index: -fit.foreseen(index))[: Limit.max_fitted]
-    found = [fit.fitted(index) for index in first]
+    able.sort(key=lambda one: -one.foreseen)
+    found = [one.fitted() for one in able[: Limit.max_fitted]]
     return tuple(sorted(found, key=lambda each: -each.share))
 
 
@@ -479,8 +455,9 @@ def constants_by_occasion(
     The model was fitted to all trials at `x`. A parameter that an occasion does not
     inform is left out.
     """
-    fit = _ByTrial(problem, x, lambda record: record.occasion)
-    return tuple(fit.fitted(k) for k in indices if fit.affects_every_trial(k))
+    by_occasion = _ByTrial(problem, x, lambda record: record.occasion)
+    able = filter(by_occasion.affects_every_trial, indices)
+    return tuple(by_occasion.one(index).fitted() for index in able)
 
 
 def trial_trends(
@@ -527,7 +504,7 @@ def _trend(name: str, at: FloatArray, change: FloatArray, error: FloatArray) -> 
 
 
 class _ByTrial:
-    """Gauss-Newton with one parameter by trial, by the derivatives of the whole fit.
+    """Model at the place of its fit, whose parameters trials may have of their own.
 
     `group` names what counts as a trial, for example the occasion of a record; those
     with the cables off are left out unless `unhooked`.
@@ -541,174 +518,152 @@ class _ByTrial:
         unhooked: bool = True,
     ) -> None:
         records = problem.plant.records
-        self._problem, self._x = problem, x
-        self._masks = [
-            record.counts & (unhooked or not record.unhooked) for record in records
-        ]
-        self._seen = [k for k, mask in enumerate(self._masks) if mask.any()]
-        groups = [group(records[k]) for k in self._seen]
+        self.problem, self.x = problem, x
+        self.masks = [r.counts & (unhooked or not r.unhooked) for r in records]
+        self.seen = [k for k, mask in enumerate(self.masks) if mask.any()]
+        groups = [group(records[k]) for k in self.seen]
         self.trials = tuple(dict.fromkeys(groups))
-        self._place = [self.trials.index(each) for each in groups]
-        self._torques = problem.torques(x, self._seen)
-        self._slopes = problem.slopes.of(problem, x, self._seen, self._torques)
-        self._rows = np.concatenate(
-            [
-                np.full(len(torque) * int(self._masks[k].sum()), place)
-                for k, place, torque in zip(
-                    self._seen, self._place, self._torques, strict=True
-                )
-            ]
+        places = [self.trials.index(each) for each in groups]
+        self.of_trial = [
+            [k for k, place in zip(self.seen, places, strict=True) if place == trial]
+            for trial in range(len(self.trials))
+        ]
+        self.torques = problem.torques(x, self.seen)
+        self._slopes = problem.slopes.of(problem, x, self.seen, self.torques)
+        # Trial of every residual.
+        sizes = [len(records[k].measured) * int(self.masks[k].sum()) for k in self.seen]
+        self.rows = np.repeat(places, sizes)
+        self.error = self.residual(self.torques)
+        self.jacobian = self.derivatives(self.torques)
+        self.noise = problem.weight**2 * sum(
+            float(np.sum(noise[:, mask] ** 2))
+            for noise, mask in zip(problem.noise_over_floor, self.masks, strict=True)
         )
-        self._error = self._weighted(self._torques)
-        self._jacobian = self._derivatives(self._torques)
-        self._prior = np.array([1.0 / p.prior for p in problem.tuned])
-        floor = problem.weight**2 * sum(
-            float(np.sum((noise / by)[:, mask] ** 2))
-            for noise, by, mask in zip(
-                problem.sensed, problem.floor, self._masks, strict=True
-            )
-        )
-        self._beyond = float(self._error @ self._error) - floor
-        self._noise = floor
+        self._beyond = float(self.error @ self.error) - self.noise
 
     def affects_every_trial(self, index: int) -> bool:
-        square = np.bincount(
-            self._rows, self._jacobian[:, index] ** 2, len(self.trials)
-        )
+        square = np.bincount(self.rows, self.jacobian[:, index] ** 2, len(self.trials))
         return bool(np.all(square > 1e-4))
 
-    def foreseen(self, index: int) -> float:
-        """Return the share of the error that it explains by trial, to first order."""
-        design = self._design(self._jacobian, index)
-        step = self._solve(design, self._error, np.zeros(design.shape[1]), index)
-        return self._share(self._error + design @ step)
+    def one(self, index: int) -> _OneByTrial:
+        return _OneByTrial(self, index)
 
-    def fitted(self, index: int) -> TrialConstants:
-        shared = self._x.size - 1
-        place = np.zeros(shared + len(self.trials))
-        torques, error, slopes = self._torques, self._error, self._jacobian
-        best = self._cost(error, place, index)
-        proposed = self._solve(self._design(slopes, index), error, place, index)
+    def share(self, error: FloatArray) -> float:
+        """Return the removed share of squared error beyond the floor, 0 without any."""
+        if self._beyond <= 0.02 * self.noise:
+            return 0.0
+        return 1.0 - (float(error @ error) - self.noise) / self._beyond
+
+    def plain(self, torques: Sequence[FloatArray]) -> list[FloatArray]:
+        """Return Huber's errors of every record, 0 in those left out (1, samples)."""
+        found = [np.zeros(mask.size)[None] for mask in self.masks]
+        for k, torque in zip(self.seen, torques, strict=True):
+            off = self.problem.plant.records[k].measured - torque
+            found[k] = huber_residual(off / self.problem.floor[k])
+        return found
+
+    def residual(self, torques: Sequence[FloatArray]) -> FloatArray:
+        """Return the residuals of the samples that count (rows,), without priors."""
+        return self.problem.weight * kept_samples(self.plain(torques), self.masks)
+
+    def derivatives(self, torques: Sequence[FloatArray]) -> FloatArray:
+        """Return the derivatives of the residuals (rows, parameters)."""
+        steep = residual_slopes(self.problem, torques, self.masks)
+        return residual_changes(steep, self._slopes).T
+
+
+class _OneByTrial:
+    """Gauss-Newton with one parameter by trial, by the derivatives of the whole fit.
+
+    The unknowns are the other parameters, then this one in every trial.
+    """
+
+    def __init__(self, model: _ByTrial, index: int) -> None:
+        problem, trials = model.problem, np.zeros(len(model.trials))
+        self._model, self._index = model, index
+        tuned = [p for k, p in enumerate(problem.tuned) if k != index]
+        # Inverse deviations of the priors, and places that these refer to; the values
+        # of one trial have no prior.
+        self._known = np.append([1.0 / p.prior for p in tuned], trials)
+        self._home = np.append(np.delete(model.x, index), trials)
+        own = [problem.tuned[index]] * trials.size
+        self._scales = np.array([p.scale if p.factor else 0.0 for p in (*tuned, *own)])
+        design = self._design(model.jacobian)
+        self._first = self._step(design, model.error, np.zeros(self._home.size))
+        # Share of the error that it explains by trial, to first order
+        self.foreseen = model.share(model.error + design @ self._first)
+
+    def fitted(self) -> TrialConstants:
+        model, count = self._model, len(self._model.trials)
+        place = np.zeros(self._home.size)
+        torques, error, slopes = model.torques, model.error, model.jacobian
+        best = self._cost(error, place)
         for _ in range(4):
-            design = self._design(slopes, index)
+            design = self._design(slopes)
             for damping in Limit.dampings:
-                step = self._solve(design, error, place, index, damping)
-                step = self._limited(step, index)
-                there = self._simulated(place + step, index)
-                left = self._weighted(there)
-                cost = self._cost(left, place + step, index)
+                step = self._step(design, error, place, damping)
+                # No logarithm changes by more than a factor of 2.
+                longest = float(np.max(np.abs(step) * self._scales))
+                there = place + step * min(1.0, math.log(2.0) / max(longest, 1e-300))
+                played = self._simulated(there)
+                left = model.residual(played)
+                cost = self._cost(left, there)
                 if cost < best:
                     break
             else:
                 break
             done = cost > (1.0 - 1e-3) * best
-            place, torques, error, best = place + step, there, left, cost
-            slopes = self._derivatives(torques)
+            place, torques, error, best = there, played, left, cost
+            slopes = model.derivatives(torques)
             if done:
                 break
-        found = self._constants(index, place, torques, error, slopes)
-        own = np.abs(proposed[shared:]) * self._problem.tuned[index].scale
-        if not place.any() and np.any(own > Limit.missed_sigmas * found.value_error):
-            found = found._replace(value=np.full(own.size, np.nan))
-        return found
-
-    def _limited(self, step: FloatArray, index: int) -> FloatArray:
-        """Return a step along which no logarithm changes by more than a factor of 2."""
-        tuned = self._problem.tuned
-        shared = [p for k, p in enumerate(tuned) if k != index]
-        own = [tuned[index]] * len(self.trials)
-        scales = np.array([p.scale if p.factor else 0.0 for p in (*shared, *own)])
-        longest = float(np.max(np.abs(step) * scales))
-        return step * min(1.0, _MAX_LOG_STEP / max(longest, 1e-300))
-
-    def _constants(
-        self,
-        index: int,
-        place: FloatArray,
-        torques: Sequence[FloatArray],
-        error: FloatArray,
-        slopes: FloatArray,
-    ) -> TrialConstants:
-        problem = self._problem
-        parameter, count = problem.tuned[index], len(self.trials)
-        design = self._design(slopes, index)
-        square = design.T @ design + np.diag(self._priors(index) ** 2)
-        plain = [np.zeros(mask.size)[None] for mask in self._masks]
-        for k, torque in zip(self._seen, torques, strict=True):
-            record = problem.plant.records[k]
-            plain[k] = huber_residual((record.measured - torque) / problem.floor[k])
+        parameter = model.problem.tuned[self._index]
+        design = self._design(slopes)
+        square = design.T @ design + np.diag(self._known**2)
         # Errors of this model are weighted by the share of them that is independent.
-        ratio = problem.weight / max(independence_weight(plain, self._masks), 1e-300)
+        independent = independence_weight(model.plain(torques), model.masks)
+        ratio = model.problem.weight / max(independent, 1e-300)
         covariance = np.linalg.pinv(square, rcond=1e-10, hermitian=True) * ratio**2
-        centre = np.eye(count) - 1.0 / count
         own = covariance[-count:, -count:]
-        spread = centre @ own @ centre
+        centre = np.eye(count) - 1.0 / count
+        change, value_error = (
+            parameter.scale * np.sqrt(np.maximum(np.diag(spread), 0.0))
+            for spread in (centre @ own @ centre, own)
+        )
+        value = model.x[self._index] + place[-count:]
+        value = parameter.start + parameter.scale * value
+        proposed = np.abs(self._first[-count:]) * parameter.scale
+        if not place.any() and np.any(proposed > Limit.missed_sigmas * value_error):
+            value = np.full(count, np.nan)
         return TrialConstants(
             parameter,
-            self.trials,
+            model.trials,
             parameter.scale * (centre @ place[-count:]),
-            parameter.scale * np.sqrt(np.maximum(np.diag(spread), 0.0)),
-            self._share(error),
-            parameter.start + parameter.scale * (self._x[index] + place[-count:]),
-            parameter.scale * np.sqrt(np.maximum(np.diag(own), 0.0)),
+            change,
+            model.share(error),
+            value,
+            value_error,
         )
 
-    def _share(self, error: FloatArray) -> float:
-        """Return the removed share of squared error beyond the floor, 0 without any."""
-        if self._beyond <= 0.02 * self._noise:
-            return 0.0
-        return 1.0 - (float(error @ error) - self._noise) / self._beyond
+    def _design(self, slopes: FloatArray) -> FloatArray:
+        """Return derivatives by the unknowns (rows, unknowns)."""
+        own = np.zeros((len(slopes), len(self._model.trials)))
+        own[np.arange(len(slopes)), self._model.rows] = slopes[:, self._index]
+        return np.concatenate([np.delete(slopes, self._index, axis=1), own], axis=1)
 
-    def _weighted(self, torques: Sequence[FloatArray]) -> FloatArray:
-        """Return the residuals of the samples that count (rows,), without priors."""
-        problem = self._problem
-        return np.concatenate(
-            [
-                problem.weight
-                * huber_residual(
-                    (problem.plant.records[k].measured - torque) / problem.floor[k]
-                )[:, self._masks[k]].ravel()
-                for k, torque in zip(self._seen, torques, strict=True)
-            ]
-        )
-
-    def _derivatives(self, torques: Sequence[FloatArray]) -> FloatArray:
-        """Return the derivatives of the residuals (rows, parameters)."""
-        steep = residual_slopes(self._problem, torques, self._masks)
-        return residual_changes(steep, self._slopes).T
-
-    def _design(self, slopes: FloatArray, index: int) -> FloatArray:
-        """Return derivatives by the others, then by this one in every trial."""
-        own = np.zeros((len(slopes), len(self.trials)))
-        own[np.arange(len(slopes)), self._rows] = slopes[:, index]
-        return np.concatenate([np.delete(slopes, index, axis=1), own], axis=1)
-
-    def _priors(self, index: int) -> FloatArray:
-        """Return the inverse deviations of the priors, without values of one trial."""
-        known = np.delete(self._prior, index)
-        return np.concatenate([known, np.zeros(len(self.trials))])
-
-    def _off(self, place: FloatArray, index: int) -> FloatArray:
-        """Return the residuals of the priors (unknowns,)."""
-        start = np.delete(self._x, index)
-        at = np.concatenate([start, np.zeros(len(self.trials))]) + place
-        return -self._priors(index) * at
-
-    def _cost(self, error: FloatArray, place: FloatArray, index: int) -> float:
-        off = self._off(place, index)
+    def _cost(self, error: FloatArray, place: FloatArray) -> float:
+        off = self._known * (self._home + place)
         return float(error @ error + off @ off)
 
-    def _solve(
+    def _step(
         self,
         design: FloatArray,
         error: FloatArray,
         place: FloatArray,
-        index: int,
         damping: float = 0.0,
     ) -> FloatArray:
-        known = self._priors(index)
-        square = design.T @ design + np.diag(known**2)
-        slope = design.T @ error - known * self._off(place, index)
+        square = design.T @ design + np.diag(self._known**2)
+        slope = design.T @ error + self._known * (self._known * (self._home + place))
         size = np.sqrt(np.diag(square))
         size[size == 0.0] = 1.0
         scaled = square / np.outer(size, size)
@@ -716,18 +671,16 @@ class _ByTrial:
         found: FloatArray = -np.linalg.lstsq(scaled, slope / size, 1e-10)[0] / size
         return found
 
-    def _simulated(self, place: FloatArray, index: int) -> list[FloatArray]:
+    def _simulated(self, place: FloatArray) -> list[FloatArray]:
         """Return the torques of the visible records, each with its trial's value."""
-        shared = np.insert(place[: self._x.size - 1], index, 0.0)
-        found = []
-        for trial, own in enumerate(place[self._x.size - 1 :]):
-            at = self._x + shared
-            at[index] += own
-            chosen = [
-                k for k, p in zip(self._seen, self._place, strict=True) if p == trial
-            ]
-            found += list(zip(chosen, self._problem.torques(at, chosen), strict=True))
-        return [torque for _, torque in sorted(found, key=lambda each: each[0])]
+        model, count = self._model, len(self._model.trials)
+        shared = model.x + np.insert(place[:-count], self._index, 0.0)
+        found: dict[int, FloatArray] = {}
+        for chosen, own in zip(model.of_trial, place[-count:], strict=True):
+            at = shared.copy()
+            at[self._index] += own
+            found |= zip(chosen, model.problem.torques(at, chosen), strict=True)
+        return [found[k] for k in model.seen]
 
 
 def random_constants(
@@ -740,18 +693,15 @@ def random_constants(
     `ordinates` (trials,) by name are those along which constants may drift; `misfit` is
     that of the tuned scene.
     """
-    found = describe_trial_constants(constants, ordinates, "")
-    if found is None:
-        return ""
-    _, where = found
-    if where.axis != "trial" or where.share_of_error <= Limit.random_share:
-        return ""
-    return (
-        "The trials contradict each other: the error of the tuned scene is "
-        f"{format_number(misfit)} times the noise floor. {where.statement} Effects "
-        "were not searched, as they hold for all trials: find out what was changed "
-        "between them, or declare it."
-    )
+    for _, where in describe_trial_constants(constants, ordinates, ""):
+        if where.axis == "trial" and where.share_of_error > Limit.random_share:
+            return (
+                "The trials contradict each other: the error of the tuned scene is "
+                f"{format_number(misfit)} times the noise floor. {where.statement} "
+                "Effects were not searched, as they hold for all trials: find out what "
+                "was changed between them, or declare it."
+            )
+    return ""
 
 
 def trial_ordinates(
@@ -761,52 +711,49 @@ def trial_ordinates(
 
     `warmth` is the mean temperature of trials by name, where it is known [degC].
     """
-    own = {
-        name: [r for r in problem.plant.records if r.trial == name] for name in names
-    }
-
-    def speed(name: str) -> float:
-        square = [np.mean(np.gradient(r.motor_angle, r.dt) ** 2) for r in own[name]]
-        return math.sqrt(float(np.mean(square)))
-
-    spans = [(own[n][0].time[0], own[n][-1].time[-1]) for n in names]
-    ordered = all(last < first for (_, last), (first, _) in pairwise(spans))
-    when = {SEQUENCE_ORDINATES[0]: np.arange(float(len(names)))}
-    if ordered:  # one clock for all of them
-        when = {SEQUENCE_ORDINATES[1]: np.array([first for first, _ in spans])}
-    pulled = [own[name][0].pretension for name in names]
+    own = [[r for r in problem.plant.records if r.trial == name] for name in names]
+    speeds = [
+        math.sqrt(
+            np.mean([np.mean(np.gradient(r.motor_angle, r.dt) ** 2) for r in each])
+        )
+        for each in own
+    ]
+    order, clock = SEQUENCE_ORDINATES
+    starts, ends = (np.array([each[k].time[k] for each in own]) for k in (0, -1))
+    one_clock = bool(np.all(ends[:-1] < starts[1:]))
+    tensions = [each[0].pretension for each in own]
     return {
-        **when,
+        **({clock: starts} if one_clock else {order: np.arange(float(len(names)))}),
         "temperature": np.array([warmth.get(name, math.nan) for name in names]),
-        "speed of the trial": np.array([speed(name) for name in names]),
-        "declared pretension": np.array(
-            [math.nan if each is None else each for each in pulled], dtype=float
-        ),
+        "speed of the trial": np.array(speeds),
+        "declared pretension": np.array(tensions, dtype=float),
     }
 
 
 def describe_trial_constants(
     constants: Sequence[TrialConstants], ordinates: Mapping[str, FloatArray], worst: str
-) -> tuple[str, Where] | None:
+) -> list[tuple[str, Where]]:
     """Return constants that differ from trial to trial in words, short and in full."""
     able = [each for each in constants if each.share >= Limit.min_trend_share]
     if not able:
-        return None
-    best = able[0]
-    name = plain_name(best.parameter.name)
-    values = [
-        _relative_value(best, change, error)
-        for change, error in zip(best.change, best.error, strict=True)
-    ]
+        return []
+    best, *others = able
+    name, factor = plain_name(best.parameter.name), best.parameter.factor
+    values = []  # of trials relative to the mean of all, with standard errors
+    for change, error in zip(best.change, best.error, strict=True):
+        if factor:
+            change = math.exp(change)
+            error = change * error
+        parts = (format_number(each, 10.0 * error) for each in (change, error))
+        values.append(" ± ".join(parts))
     table = [f"{t} {value}" for t, value in zip(best.trials, values, strict=True)]
     if len(table) > 12:
         table = [*table[:3], "...", *table[-3:]]
-    unit = f"{best.parameter.unit} from the mean"
-    unit = "times the mean" if best.parameter.factor else unit
+    unit = "times the mean" if factor else f"{best.parameter.unit} from the mean"
     rivals = [
         f"{plain_name(each.parameter.name)} by trial would take "
         f"{format_share(each.share)}"
-        for each in able[1:]
+        for each in others
         if each.share > best.share - Limit.rival_margin
     ]
     takes = (
@@ -816,69 +763,53 @@ def describe_trial_constants(
     )
     tried = trial_trends(best, ordinates)
     level = Limit.trend_false_alarm_rate / max(len(constants) * len(tried), 1)
-    clear = [each for each in tried if each.chance < level]
-    if not clear:
-        if best.share < Limit.unordered_share:
-            return None
-        test = f" It follows no trend ({_trend_statistics(tried[0])})." if tried else ""
-        return (
-            f"{name} differs from trial to trial without a trend",
-            Where(
-                worst,
-                "trial",
-                best.share,
-                f"{capitalise(name)} differs from trial to trial. {takes}{test}",
-            ),
-        )
-    trend = clear[0]
-    along = f"with the {trend.ordinate}"
-    if trend.ordinate in SEQUENCE_ORDINATES:
-        along = "from trial to trial"
-    first, last = (
-        pick(ordinates[trend.ordinate]) for pick in (np.nanargmin, np.nanargmax)
-    )
-    moves = f"{'rises' if trend.slope > 0.0 else 'falls'} steadily {along}"
-    sizes = f"from {values[first]} in {best.trials[first]} to {values[last]} in "
-    return (
-        f"{name} {moves}, {sizes}{best.trials[last]} ({unit})",
-        Where(
-            worst,
-            trend.ordinate,
-            best.share,
-            f"{capitalise(name)} {moves}. {takes} Test of the trend: "
-            f"{'; '.join(map(_trend_statistics, clear))}.",
-        ),
-    )
-
-
-def _trend_statistics(trend: Trend) -> str:
-    return (
-        f"along the {trend.ordinate} t = {format_number(trend.t)} with {trend.freedom} "
-        f"degrees of freedom, p = {format_number(trend.chance)}"
-    )
-
-
-def _relative_value(found: TrialConstants, change: float, error: float) -> str:
-    """Return a trial's value relative to the mean of all, with its standard error."""
-    if found.parameter.factor:
-        change = math.exp(change)
-        error = change * error
-    return (
-        f"{format_number(change, 10.0 * error)} ± {format_number(error, 10.0 * error)}"
-    )
-
-
-_REPORTED = ("friction", "pretension", "axial_stiffness", "friction_balance")
-"""Parameters whose changes say something about the rig, in the order of reports."""
+    tests = [
+        f"along the {each.ordinate} t = {format_number(each.t)} with {each.freedom} "
+        f"degrees of freedom, p = {format_number(each.chance)}"
+        for each in tried
+    ]
+    clear = [
+        test for each, test in zip(tried, tests, strict=True) if each.chance < level
+    ]
+    if clear:
+        trend, axis = tried[0], tried[0].ordinate
+        along = f"with the {axis}"
+        if axis in SEQUENCE_ORDINATES:
+            along = "from trial to trial"
+        first, last = (pick(ordinates[axis]) for pick in (np.nanargmin, np.nanargmax))
+        moves = f"{'rises' if trend.slope > 0.0 else 'falls'} steadily {along}"
+        sizes = f"from {values[first]} in {best.trials[first]} to {values[last]} in "
+        short = f"{moves}, {sizes}{best.trials[last]} ({unit})"
+        test = f" Test of the trend: {'; '.join(clear)}."
+    elif best.share < Limit.unordered_share:
+        return []
+    else:
+        axis, moves = "trial", "differs from trial to trial"
+        short = f"{moves} without a trend"
+        test = f" It follows no trend ({tests[0]})." if tests else ""
+    text = f"{capitalise(name)} {moves}. {takes}{test}"
+    return [(f"{name} {short}", Where(worst, axis, best.share, text))]
 
 
 def compare_occasions(
     problem: Problem, x: FloatArray, estimated: Mapping[str, Estimate]
 ) -> Occasions | None:
+    """Compare the parameters and sizes of effects on the occasions, if several."""
     names = occasions_of(problem.plant.records)
     if len(names) < 2:
         return None
-    changes = _changes(problem, names, estimated)
+    tuned = {parameter.name: parameter for parameter in problem.tuned}
+    reported = ("friction", "pretension", "axial_stiffness", "friction_balance")
+    changes = []
+    for since in reversed(names[:-1]):
+        for base in dict.fromkeys((*reported, *tuned)):
+            name = change_name(base, since)
+            if name in tuned and not is_change(base):
+                change, words = describe_change(tuned[name], estimated[name])
+                factor = tuned[name].factor
+                changes.append(
+                    OccasionChange(base, since, names[-1], change, factor, words)
+                )
     sizes = []
     for effect in problem.effects:
         indices = [
@@ -889,32 +820,21 @@ def compare_occasions(
         for each in constants_by_occasion(problem, x, indices):
             shared = each.parameter.value(float(x[problem.tuned.index(each.parameter)]))
             sizes.append(compare_size(effect, each, shared))
-    return Occasions(names, tuple(changes), tuple(sizes), _statement(changes, names))
+    own = [e for e in changes if e.since == names[-2] and e.parameter in reported]
+    changed = [e.statement for e in own if not e.change.holds(0.0)]
+    same = [e.statement for e in own if e.change.holds(0.0)]
+    told = list_words(changed + same)
+    if not changed:
+        told = f"nothing that these data show; {told}"
+    statement = f"Since {names[-2]}: {told}."
+    return Occasions(names, tuple(changes), tuple(sizes), statement)
 
 
 def agreement_shares(compared: Occasions) -> dict[str, float]:
     """Return the share of the sizes of each effect on which all occasions agree."""
-    by_effect: dict[str, list[bool]] = {}
-    for each in compared.sizes:
-        by_effect.setdefault(each.effect, []).append(each.agree)
-    return {name: sum(own) / len(own) for name, own in by_effect.items()}
-
-
-def _changes(
-    problem: Problem, names: Sequence[str], estimated: Mapping[str, Estimate]
-) -> list[OccasionChange]:
-    tuned = {parameter.name: parameter for parameter in problem.tuned}
-    found = []
-    for since in reversed(names[:-1]):
-        for base in (*_REPORTED, *(n for n in tuned if n not in _REPORTED)):
-            name = change_name(base, since)
-            if name in tuned and not is_change(base):
-                change, words = describe_change(tuned[name], estimated[name])
-                factor = tuned[name].factor
-                found.append(
-                    OccasionChange(base, since, names[-1], change, factor, words)
-                )
-    return found
+    effects = dict.fromkeys(each.effect for each in compared.sizes)
+    agreed = {e: [s.agree for s in compared.sizes if s.effect == e] for e in effects}
+    return {effect: sum(own) / len(own) for effect, own in agreed.items()}
 
 
 def describe_change(tuned: Tuned, earlier: Estimate) -> tuple[Estimate, str]:
@@ -924,74 +844,45 @@ def describe_change(tuned: Tuned, earlier: Estimate) -> tuple[Estimate, str]:
     the later one, or less it.
     """
     low, high = earlier.ci95
+    shown = change = Estimate(-earlier.value, earlier.unit, (-high, -low))
     if tuned.factor:
-        change = Estimate(
-            1.0 / earlier.value - 1.0, "1", (1.0 / high - 1.0, 1.0 / low - 1.0)
-        )
+        low, high = 1.0 / high - 1.0, 1.0 / low - 1.0
+        change = Estimate(1.0 / earlier.value - 1.0, "1", (low, high))
+        shown = Estimate(100.0 * change.value, "%", (100.0 * low, 100.0 * high))
+    low, high = shown.ci95
+    unit, width = f" {shown.unit}".removesuffix(" 1"), high - low
+    if math.isnan(low) or (tuned.factor and width > 100.0 * Limit.max_relative_width):
+        words = "not determined"
+    elif shown.holds(0.0):
+        most = format_number(max(abs(low), abs(high)), width)
+        words = f"unchanged within {most}{unit}"
     else:
-        change = Estimate(-earlier.value, earlier.unit, (-high, -low))
-    words = _percent(change) if tuned.factor else _difference(change)
+        sign = "+" if shown.value > 0.0 else ""
+        words = f"{sign}{format_fitted(shown)}{unit} (95 %: {format_interval(shown)})"
     return change, f"{plain_name(base_name(tuned.name))} {words}"
 
 
-def _percent(change: Estimate) -> str:
-    low, high = change.ci95
-    if high - low > Limit.max_relative_width:
-        return "not determined"
-    scaled = Estimate(100.0 * change.value, "%", (100.0 * low, 100.0 * high))
-    return _difference(scaled)
-
-
-def _difference(change: Estimate) -> str:
-    low, high = change.ci95
-    unit = f" {change.unit}".removesuffix(" 1")
-    if math.isnan(low):
-        return "not determined"
-    if change.holds(0.0):
-        most = format_number(max(abs(low), abs(high)), high - low)
-        return f"unchanged within {most}{unit}"
-    sign = "+" if change.value > 0.0 else ""
-    return (
-        f"{sign}{format_fitted(change)}{unit} (95 %: "
-        f"{format_number(low, high - low)} to {format_number(high, high - low)})"
-    )
-
-
-def _statement(recent: Sequence[OccasionChange], names: Sequence[str]) -> str:
-    own = [e for e in recent if e.since == names[-2] and e.parameter in _REPORTED]
-    changed = [e.statement for e in own if not e.change.holds(0.0)]
-    same = [e.statement for e in own if e.change.holds(0.0)]
-    start = f"Since {names[-2]}: "
-    if not changed:
-        return f"{start}nothing that these data show; {list_words(same)}."
-    return f"{start}{list_words(changed + same)}."
-
-
 def compare_size(effect: str, found: TrialConstants, shared: float) -> OccasionSize:
-    unit = found.parameter.unit
-    name = plain_name(found.parameter.name)
+    """Compare the sizes of an effect on all occasions with the shared one."""
+    parameter, unit = found.parameter.name, found.parameter.unit
+    name = plain_name(parameter)
     if not np.all(np.isfinite(found.value)):
         text = f"{name}: the fit to each occasion fails, so agreement is not known."
-        return OccasionSize(effect, found.parameter.name, {}, True, text)
-    sizes = {
-        name: Estimate(
-            value, unit, (value - Limit.sigmas * error, value + Limit.sigmas * error)
-        )
-        for name, value, error in zip(
-            found.trials, found.value.tolist(), found.value_error.tolist(), strict=True
-        )
-    }
-    able = [
-        name
-        for name, error in zip(found.trials, found.value_error.tolist(), strict=True)
-        if Limit.visible_ratio * error < abs(shared)
-    ]
+        return OccasionSize(effect, parameter, {}, True, text)
+    sizes, able = {}, []
+    for occasion, value, error in zip(
+        found.trials, found.value.tolist(), found.value_error.tolist(), strict=True
+    ):
+        reach = Limit.sigmas * error
+        sizes[occasion] = Estimate(value, unit, (value - reach, value + reach))
+        if Limit.visible_ratio * error < abs(shared):
+            able.append(occasion)
     missing = [n for n in able if sizes[n].holds(0.0) or sizes[n].value * shared < 0.0]
-    words = [f"{format_fitted(size)} on {name}" for name, size in sizes.items()]
+    words = [f"{format_fitted(size)} on {each}" for each, size in sizes.items()]
     text = f"{name} [{unit or '1'}]: {list_words(words)}"
     if missing:
         text += f"; {list_words(missing)} could show it and does not"
     elif len(able) < len(sizes):
-        blind = [name for name in sizes if name not in able]
-        text += f"; {list_words(blind)} cannot show a size of {format_number(shared)}"
-    return OccasionSize(effect, found.parameter.name, sizes, not missing, f"{text}.")
+        blind = list_words(each for each in sizes if each not in able)
+        text += f"; {blind} cannot show a size of {format_number(shared)}"
+    return OccasionSize(effect, parameter, sizes, not missing, f"{text}.")

@@ -893,8 +893,8 @@ def _alternatives(
     models: dict[str, CrossValidation] = {
         c.id: c.crossed for c in step.candidates if c.crossed is not step.before
     }
-    best = blocks(models[leader]).sum(axis=1)
-    start = blocks(step.before).sum(axis=1)
+    best = blocks(models[leader])
+    start = blocks(step.before)
     before = float(start.sum())
     found_z = {"nothing": comparison_z(best, start, before)}
     for c in step.candidates:
@@ -905,7 +905,7 @@ def _alternatives(
         if group.intersection(EFFECTS[c.id].generalises):  # it contains the finding
             continue
         meet = EFFECTS[leader].forms_meet(EFFECTS[c.id])
-        errors = blocks(models[c.id]).sum(axis=1)
+        errors = blocks(models[c.id])
         share = Limit.meeting_form_share if meet else None
         found_z[c.id] = comparison_z(best, errors, before, share)
     return found_z

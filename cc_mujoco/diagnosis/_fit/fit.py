@@ -19,7 +19,7 @@ samples would outweigh all others.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from types import MappingProxyType
@@ -32,17 +32,18 @@ from cc_mujoco.datasets._channels import TORQUE
 from cc_mujoco.datasets._trials import Dataset
 from cc_mujoco.diagnosis._fit.noise_floor import noise_floor
 from cc_mujoco.diagnosis._fit.problem import (
-    BOOTSTRAP_BLOCK,
     CrossValidation,
     Fold,
     Masks,
     Problem,
     TorqueDerivatives,
+    block_sums,
     cross_validate,
     fit,
     huber_residual,
     independence_weight,
     interleaved_folds,
+    kept_samples,
     never_held_out,
     trial_folds,
 )
@@ -67,19 +68,14 @@ from cc_mujoco.estimation._least_squares import Fit
 from cc_mujoco.native import FloatArray
 from cc_mujoco.report._html import list_words
 
-_FREE_PARAMETERS = ("friction", "axial_stiffness")
-"""Parameters that a scene may give with any value."""
-_ESTIMATED_PARAMETERS = (*_FREE_PARAMETERS, "pretension")
-_MAX_EVALUATIONS = 12
-
 
 class Start(NamedTuple):
     """Starting point of the fit of the baseline."""
 
     bench: Bench  # with estimates in place of values that the data contradict
-    given: Mapping[str, float]  # those values of the scene, by name
+    given: Mapping[str, float] = {}  # those values of the scene, by name
     # That the estimates come with; empty where the scene is the start
-    values: Mapping[str, float]
+    values: Mapping[str, float] = {}
 
 
 def prepare_start(
@@ -92,56 +88,56 @@ def prepare_start(
     fit something that the scene lacks.
     """
     records, filtering = prepare(dataset, bench)
-    start = estimate_start(dataset, bench, records)
+    start = _estimate_start(dataset, bench, records)
     if start.bench is bench:
         return start, records, filtering
     again = prepare(dataset, start.bench)
-    if _count(again[0]) < Limit.min_counted_samples <= _count(records) and start.given:
-        return Start(bench, {}, {}), records, filtering
+    least = Limit.min_counted_samples
+    if start.given and _count(again[0]) < least <= _count(records):
+        return Start(bench), records, filtering
     return start, *again
 
 
-def _count(records: Sequence[Record]) -> int:
+def _count(records: Iterable[Record]) -> int:
     return sum(int(record.counts.sum()) for record in records)
 
 
-def estimate_start(dataset: Dataset, bench: Bench, records: Sequence[Record]) -> Start:
+def _estimate_start(dataset: Dataset, bench: Bench, records: Sequence[Record]) -> Start:
     """Return the start: the scene, with estimates where the data contradict it.
 
     Declarations of `[rig]` are not replaced. The records may count any samples.
     """
     hooked = [trial for trial in dataset.trials if not trial.facts.unhooked]
     declared = [t.facts.pretension for t in hooked if t.facts.pretension is not None]
+    scene = bench.cables[0]
     # Trials have their own pretension, of which that of the scene is the unit.
-    if 0 < len(declared) == len(hooked) or (
-        declared and bench.cables[0].pretension == 0.0
-    ):
+    if 0 < len(declared) == len(hooked) or (declared and scene.pretension == 0.0):
         # A pretension of the scene that is about that of some trial is kept.
-        factors = [_factor_between(e, bench.cables[0].pretension) for e in declared]
+        factors = [_factor_between(e, scene.pretension) for e in declared]
         if min(factors) >= Limit.pretension_off_factor:
-            usual = {"pretension": float(np.median(declared))}
-            bench = _with_parameters(bench, usual)
+            bench = _with_parameters(bench, {"pretension": float(np.median(declared))})
+            scene = bench.cables[0]
     thin = [
         _thin_record(record)
         for record in records
         if not record.unhooked and record.load_cell is None
     ]
     if _count(thin) < Limit.start_values_min_samples:
-        return Start(bench, {}, {})
+        return Start(bench)
     known = bool(declared) or "pretension" in dataset.constants
-    best = _best_values(dataset, bench, thin, known)
-    scene = bench.cables[0]
-    least = {name: Limit.off_factor for name in _FREE_PARAMETERS} | {
-        "pretension": Limit.pretension_off_factor
+    best = _Grid(dataset, bench, thin).best(known)
+    least = {
+        "friction": Limit.off_factor,
+        "axial_stiffness": Limit.off_factor,
+        "pretension": Limit.pretension_off_factor,
     }
     given = {
         name: getattr(scene, name)
-        for name in _ESTIMATED_PARAMETERS
-        if name in best
-        and _factor_between(best[name], getattr(scene, name)) > least[name]
+        for name, factor in least.items()
+        if name in best and _factor_between(best[name], getattr(scene, name)) > factor
     }
     if not given:
-        return Start(bench, {}, {})
+        return Start(bench)
     return Start(
         _with_parameters(bench, {name: best[name] for name in given}), given, best
     )
@@ -229,29 +225,49 @@ class _Grid:
     ) -> None:
         self._dataset, self._bench, self._records = dataset, bench, records
         self._line = line = _fit_line(dataset, bench, records)
-        scene = bench.cables[0]
-        wrap = max(scene.wrap, Limit.min_wrap)
+        self._scene = scene = bench.cables[0]
         stiff = line.slope * scene.length / len(bench.cables)
         if not (stiff > 0.0 and line.spread > 0.0):
             stiff = scene.axial_stiffness
-        self._points = {
-            "friction": [
-                min(each / wrap, Limit.max_fitted_friction)
-                for each in Limit.friction_grid
-            ],
-            "axial_stiffness": [
-                min(each * stiff, MAX_FITTED_STIFFNESS) for each in Limit.stiffness_grid
-            ],
-            "pretension": [
-                each * max(line.spread, 1e-3) for each in Limit.pretension_grid
-            ],
+        wrap = max(scene.wrap, Limit.min_wrap)
+        friction = np.divide(Limit.friction_grid, wrap)
+        points = {
+            "friction": np.minimum(friction, Limit.max_fitted_friction),
+            "axial_stiffness": np.minimum(
+                np.multiply(Limit.stiffness_grid, stiff), MAX_FITTED_STIFFNESS
+            ),
+            "pretension": np.multiply(Limit.pretension_grid, max(line.spread, 1e-3)),
         }
+        known = dataset.constants
+        self._points = {n: p.tolist() for n, p in points.items() if n not in known}
         self._masks = [record.counts for record in records]
-        self._size = len(dataset.instruments.rows) * sum(
-            int(mask.sum()) for mask in self._masks
-        )
 
-    def fitted(
+    def best(self, declared: bool) -> dict[str, float]:
+        """Return the best values; none where the scene's are not much worse.
+
+        A pretension that nobody declared may be wrong, too. Its prior is a tenth, so
+        one that the data contradict distorts the fit of all else.
+        """
+        free = ("friction", "axial_stiffness")
+        if self._scene.pretension == 0.0:
+            return self._fitted((*free, "pretension"))[0]
+        found, usual = self._fitted(free)
+        if declared:
+            return found
+        taut, cost = self._fitted((*free, "pretension"), coarse=True)
+        if taut:
+            off = _factor_between(taut["pretension"], self._scene.pretension)
+            if not found:  # a fit from the scene's values
+                given = {name: getattr(self._scene, name) for name in free}
+                _, usual = self._refined(self._problem(given), [given])
+            if (
+                off > Limit.pretension_off_factor
+                and cost < Limit.max_cost_ratio * usual
+            ):
+                return taut
+        return found
+
+    def _fitted(
         self, names: Sequence[str], coarse: bool = False
     ) -> tuple[dict[str, float], float]:
         """Return the best fit of the baseline with the parameters of these names free.
@@ -261,42 +277,35 @@ class _Grid:
         values explain the data. If `coarse`, the grid has only the stiffness of the
         line.
         """
-        tried = {
-            name: each
-            for name, each in self._points.items()
-            if name in names and name not in self._dataset.constants
-        }
+        tried = {name: each for name, each in self._points.items() if name in names}
         centre = {name: each[len(each) // 2] for name, each in tried.items()}
         if coarse and "axial_stiffness" in tried:
             tried["axial_stiffness"] = [centre["axial_stiffness"]]
         problem = self._problem(centre)
         grid = [
-            self._place(problem, dict(zip(tried, values, strict=True)))
-            for values in product(*tried.values())
+            dict(zip(tried, each, strict=True)) for each in product(*tried.values())
         ]
-        costs = [self._cost(problem, x) for x in grid]
-        scene = self._bench.cables[0]
-        known = scene.pretension > 0.0
-        given = {name: getattr(scene, name) for name in tried}
+        costs = [self._cost(problem, self._place(problem, each)) for each in grid]
+        known = self._scene.pretension > 0.0
+        given = {name: getattr(self._scene, name) for name in tried}
         if known and min(costs) > Limit.max_cost_ratio * self._cost(
             problem, self._place(problem, given)
         ):
             return {}, math.inf
         order = np.argsort(costs)[: Limit.refined_points]
-        fits = [fit(problem, grid[k], self._masks, _MAX_EVALUATIONS) for k in order]
-        best = min(fits, key=lambda each: each.cost).x
-        cost = self._cost(problem, best)
-        if known and cost > Limit.max_mean_square * self._size:
+        best, cost = self._refined(problem, [grid[k] for k in order])
+        size = len(self._dataset.instruments.rows) * _count(self._records)
+        if known and cost > Limit.max_mean_square * size:
             return {}, math.inf
         return problem.values(best), cost
 
-    def of_scene(self, names: Sequence[str]) -> float:
-        """Return the cost of a fit from the scene's values, these parameters free."""
-        scene = self._bench.cables[0]
-        given = {name: getattr(scene, name) for name in names}
-        problem = self._problem(given)
-        start = self._place(problem, given)
-        return self._cost(problem, fit(problem, start, self._masks, _MAX_EVALUATIONS).x)
+    def _refined(
+        self, problem: Problem, starts: Sequence[Mapping[str, float]]
+    ) -> tuple[FloatArray, float]:
+        """Return the place of the best fit from these values, and its cost."""
+        fits = [fit(problem, self._place(problem, s), self._masks, 12) for s in starts]
+        best = min(fits, key=lambda each: each.cost).x
+        return best, self._cost(problem, best)
 
     def _problem(self, values: Mapping[str, float]) -> Problem:
         bench, records = _with_parameters(self._bench, values), self._records
@@ -311,38 +320,15 @@ class _Grid:
         return Problem(plant, free, (), floor, floor)
 
     def _place(self, problem: Problem, values: Mapping[str, float]) -> FloatArray:
-        taut = values.get("pretension", self._bench.cables[0].pretension)
         known = dict(values)
         if self._line.slope > 0.0:
+            taut = values.get("pretension", self._scene.pretension)
             known["joint_angle_offset"] = self._line.offset(self._bench, taut)
         return problem.place(known)
 
     def _cost(self, problem: Problem, x: FloatArray) -> float:
         error = problem.residual(x, self._masks)
         return float(error @ error)
-
-
-def _best_values(
-    dataset: Dataset, bench: Bench, records: Sequence[Record], declared: bool
-) -> dict[str, float]:
-    """Return the best values; none where the scene's are not much worse.
-
-    A pretension that nobody declared may be wrong, too. Its prior is a tenth, so one
-    that the data contradict distorts the fit of all else.
-    """
-    grid = _Grid(dataset, bench, records)
-    if bench.cables[0].pretension == 0.0:
-        return grid.fitted(_ESTIMATED_PARAMETERS)[0]
-    found, usual = grid.fitted(_FREE_PARAMETERS)
-    if declared:
-        return found
-    taut, cost = grid.fitted(_ESTIMATED_PARAMETERS, coarse=True)
-    if taut:
-        off = _factor_between(taut["pretension"], bench.cables[0].pretension)
-        usual = usual if found else grid.of_scene(_FREE_PARAMETERS)
-        if off > Limit.pretension_off_factor and cost < Limit.max_cost_ratio * usual:
-            return taut
-    return found
 
 
 def refine_simulation(problem: Problem, x: FloatArray, masks: Masks) -> Problem | None:
@@ -357,8 +343,7 @@ def refine_simulation(problem: Problem, x: FloatArray, masks: Masks) -> Problem 
     ):
         return None
     change, finer = refinement_change(problem, x, masks)
-    parts = zip(problem.errors(x, masks), masks, strict=True)
-    kept = np.concatenate([error[:, mask].ravel() for error, mask in parts])
+    kept = kept_samples(problem.errors(x, masks), masks)
     left = float(np.sqrt(np.mean(kept**2)))
     harmless = max(Limit.max_numerical_error, Limit.max_numerical_share * left)
     if change <= harmless or finer is None:
@@ -378,22 +363,21 @@ def refinement_change(
     plant = problem.plant
     seen = [k for k, mask in enumerate(masks) if mask.any()]
     here = problem.torques(x, seen)
-    tried = []
-    for finer in (
-        replace(plant, segments=2 * plant.segments),
-        replace(plant, substeps=2 * plant.substeps),
+    tried: list[tuple[float, SimulatedRig | None]] = []
+    for name, most in (
+        ("segments", Limit.max_cable_segments),
+        ("substeps", Limit.max_substeps),
     ):
+        count = 2 * getattr(plant, name)
+        finer = replace(plant, **{name: count})
         there = replace(problem, plant=finer).torques(x, seen)
         changes = [
-            huber_residual((a - b) / problem.floor[k])[:, masks[k]].ravel()
+            huber_residual((a - b) / problem.floor[k])
             for k, a, b in zip(seen, here, there, strict=True)
         ]
-        change = float(np.sqrt(np.mean(np.concatenate(changes) ** 2)))
-        fine = (
-            finer.segments > Limit.max_cable_segments
-            or finer.substeps > Limit.max_substeps
-        )
-        tried.append((change, None if fine else finer))
+        kept = kept_samples(changes, [masks[k] for k in seen])
+        change = float(np.sqrt(np.mean(kept**2)))
+        tried.append((change, None if count > most else finer))
     return max(tried, key=lambda each: each[0])
 
 
@@ -516,34 +500,27 @@ def gaps(
 ) -> dict[str, Gap]:
     """Return the gap of each channel on the held-out samples."""
     records = problem.plant.records
-    masks = [np.zeros(r.counts.size, dtype=bool) for r in records]
-    for fold in division:
-        for mask, test in zip(masks, fold.test, strict=True):
-            mask |= test
+    tests = zip(*(fold.test for fold in division), strict=True)
+    masks = [np.any(own, axis=0) for own in tests]
     found = {}
     random = np.random.default_rng(seed)
     for row, channel in enumerate(problem.plant.instruments.channels):
-        squares = []
-        for record, mask, old, new, noise, floor in zip(
-            records, masks, before, after, problem.noise, problem.floor, strict=True
-        ):
-            size = max(2, round(BOOTSTRAP_BLOCK / record.dt))
-            columns = (
-                np.array(
-                    [
-                        (record.measured[row] - old[row]) ** 2,
-                        (record.measured[row] - new[row]) ** 2,
-                        noise[row] ** 2,
-                        np.ones(mask.size),
-                    ]
-                )
-                * mask
-                / floor[row] ** 2
+        squares = [
+            np.array(
+                [
+                    (record.measured[row] - old[row]) ** 2,
+                    (record.measured[row] - new[row]) ** 2,
+                    noise[row] ** 2,
+                    np.ones(mask.size),
+                ]
             )
-            for first in range(0, mask.size, size):
-                if np.any(mask[first : first + size]):
-                    squares.append(columns[:, first : first + size].sum(axis=1))
-        found[channel] = _gap_of_sums(np.array(squares), random)
+            * mask
+            / floor[row] ** 2
+            for record, mask, old, new, noise, floor in zip(
+                records, masks, before, after, problem.noise, problem.floor, strict=True
+            )
+        ]
+        found[channel] = _gap_of_sums(block_sums(problem, masks, squares), random)
     return found
 
 
@@ -618,13 +595,11 @@ class Held(NamedTuple):
 
 
 class Holdout:
-    """Cache of held-out predictions; those of the baseline are computed once."""
+    """Held-out predictions of models; those of the baseline are computed once."""
 
     def __init__(self, baseline_fit: BaselineFit) -> None:
-        problem = baseline_fit.problem
-        records = problem.plant.records
-        self._problem, self._x = problem, baseline_fit.whole.x
-        self._seed = baseline_fit.settings.seed
+        self._baseline = baseline_fit
+        records = baseline_fit.problem.plant.records
         # Whole trials. If a single trial shows an effect, say the only one at low
         # pretension, the others cannot determine it: then stretches of all trials are
         # held out.
@@ -633,19 +608,21 @@ class Holdout:
 
     def out(self, problem: Problem, x: FloatArray) -> Held | None:
         """Predict the held-out data; None if they do not support the effects."""
+        baseline, settings = self._baseline.problem, self._baseline.settings
         for place, division in enumerate(self._divisions):
             if place not in self._before:
-                self._before[place] = predicted(self._problem, self._x, division)
+                start = self._baseline.whole.x
+                self._before[place] = predicted(baseline, start, division)
             before = self._before[place]
             after = predicted(problem, x, division) if problem.effects else before
-            gap = gaps(self._problem, before, after, division, self._seed)
+            gap = gaps(baseline, before, after, division, settings.seed)
             better = sum(
                 (g.rmse_before**2 - g.rmse_after**2) / g.noise_floor**2
                 for g in gap.values()
             )
             if not problem.effects or better >= 0.0:
-                records = problem.plant.records
-                return Held(before, after, gap, never_held_out(division, records))
+                never = never_held_out(division, problem.plant.records)
+                return Held(before, after, gap, never)
         return None
 
 
@@ -697,18 +674,18 @@ def _refused(statement: str) -> Diagnosis:
 def _excitation_problem(records: Sequence[Record]) -> str:
     """Return the reason why nothing can be compared or tested, or ""."""
     still = "the motor never moves enough to carry the whole cable along"
-    if sum(int(r.counts.sum()) for r in records) < Limit.min_counted_samples:
+    reserved = [r for r in records if r.split == "test"]
+    if _count(records) < Limit.min_counted_samples:
         return (
             f"{capitalise(still)}, so nothing can be compared; record larger motions."
         )
-    if sum(int(r.free.sum()) for r in records) < Limit.min_counted_samples:
+    if _count(r for r in records if r.split != "test") < Limit.min_counted_samples:
         return (
             f"In the trials that are not reserved (split = 'test') {still}; leave "
             "some of those that move for fitting."
         )
-    tests = [r for r in records if r.split == "test"]
-    if tests and sum(int(r.reserved.sum()) for r in tests) < Limit.min_counted_samples:
-        names = list_words(sorted({r.trial for r in tests}))
+    if reserved and _count(reserved) < Limit.min_counted_samples:
+        names = list_words(sorted({r.trial for r in reserved}))
         return (
             f"In what is reserved (split = 'test': {names}) {still}; reserve trials "
             "that move, or none."
@@ -756,17 +733,14 @@ def _check(effect: Effect, plant: SimulatedRig, values: Mapping[str, float]) -> 
                     f"effect {effect.id!r} makes a torque that is not finite in trial "
                     f"{record.trial}"
                 )
-        return [
-            (after - before).ravel()
-            for before, after in zip(plain, with_it, strict=True)
-        ]
+        pairs = zip(plain, with_it, strict=True)
+        return [(after - before).ravel() for before, after in pairs]
 
     for start in effect.starts:
         sizes = [p for p in effect.parameters if p.linear]
         off = {**values, **start, **{p.name: 0.0 for p in sizes}}
-        for record, before, after in zip(
-            plant.records, plain, plant.simulate(off, (effect.id,)), strict=True
-        ):
+        played = plant.simulate(off, (effect.id,))
+        for record, before, after in zip(plant.records, plain, played, strict=True):
             if not np.array_equal(before, after):
                 most = np.abs(after - before).max()
                 raise EffectError(
@@ -783,12 +757,13 @@ def _check(effect: Effect, plant: SimulatedRig, values: Mapping[str, float]) -> 
             )
             small = float(np.linalg.norm(second - first)) / Limit.small_share
             large = float(np.linalg.norm(whole - first))
-            shows |= large > least and parameter.size
             if not (parameter.size and large > least):
                 continue
+            shows = True
             if not 0.01 <= (ratio := small / large) <= Limit.max_slope_ratio:
-                what = "infinite" if ratio > 1.0 else "0"
-                advice = "its root" if ratio < 1.0 else "a power of it"
+                what, advice = "0", "its root"
+                if ratio > 1.0:
+                    what, advice = "infinite", "a power of it"
                 raise EffectError(
                     f"effect {effect.id!r}: the derivative of the torques with respect "
                     f"to {parameter.name!r} is {what} where that is 0, so no fit finds "
@@ -813,35 +788,44 @@ def unit_or_sign_error(
     contradictions: list[str] = []
     units: set[str] = set()
     played = plant.simulate({})
-    better = start.simulate(values) if start and values else None
-    for row, name in enumerate(plant.instruments.channels):
-        if plant.instruments[plant.instruments.rows[row]] != "torque sensor":
+    better = start.simulate(values) if start and values else played
+    used = [
+        place
+        for place, record in enumerate(plant.records)
+        if np.count_nonzero(record.free) > 1
+        and not record.unhooked
+        and record.load_cell is None
+    ]
+    known = plant.instruments
+    for place, (row, channel) in enumerate(
+        zip(known.rows, known.channels, strict=True)
+    ):
+        if known[row] != "torque sensor" or not used:
             continue
-        measured, simulated = _torque_pairs(plant, played, row)
+        measured, simulated, others = (
+            [torques[k][place, plant.records[k].free] for k in used]
+            for torques in ([r.measured for r in plant.records], played, better)
+        )
         times = _torque_factor(measured, simulated)
-        if better is not None:
+        if better is not played:
             scaled = [(times or 0.0) * torque for torque in simulated]
-            _, other_values = _torque_pairs(plant, better, row)
-            left = _residual_square(measured, other_values)
+            left = _residual_square(measured, others)
             most = Limit.alternative_error_ratio * _residual_square(measured, scaled)
             if left < most:  # other values explain it better than another unit
                 continue
         pushes = False
-        if len(plant.bench.cables) == 1 and measured:
+        if len(plant.bench.cables) == 1:
             side = float(np.sign(np.concatenate(simulated).sum()))
             against = side * np.concatenate(measured) < 0.0
             pushes = bool(np.mean(against) > Limit.push_share)
+        name = channel_name(channel)
         if pushes or (times is not None and _is_near_one(-times)):
-            contradictions.append(f"the {channel_name(name)} is the negative of")
-        elif times is None:
-            continue
-        elif other := [
-            u for u, si in TORQUE.factors.items() if _is_near_one(times * si)
-        ]:
-            if "Nm" not in other:
-                contradictions.append(
-                    f"the {channel_name(name)} is {format_number(times)} times"
-                )
+            contradictions.append(f"the {name} is the negative of")
+        elif times is not None:
+            factors = TORQUE.factors.items()
+            other = [unit for unit, si in factors if _is_near_one(times * si)]
+            if other and "Nm" not in other:
+                contradictions.append(f"the {name} is {format_number(times)} times")
                 units.update(other)
     if not contradictions:
         return ""
@@ -862,36 +846,19 @@ def _residual_square(
     )
 
 
-def _torque_pairs(
-    plant: SimulatedRig, played: Sequence[FloatArray], row: int
-) -> tuple[list[FloatArray], list[FloatArray]]:
-    kept = [
-        (record.measured[row, record.free], torque[row, record.free])
-        for record, torque in zip(plant.records, played, strict=True)
-        if np.count_nonzero(record.free) > 1
-        and not record.unhooked
-        and record.load_cell is None
-    ]
-    return [measured for measured, _ in kept], [simulated for _, simulated in kept]
-
-
 def _torque_factor(
     measured: Sequence[FloatArray], simulated: Sequence[FloatArray]
 ) -> float | None:
     """Return measured over simulated torque during sliding, None if dissimilar."""
-    if not measured:
-        return None
-    one = np.concatenate([torque - torque.mean() for torque in measured])
-    other = np.concatenate([torque - torque.mean() for torque in simulated])
-    scale = math.sqrt(float(one @ one) * float(other @ other))
-    if (
-        not scale > 0.0
-        or abs(float(one @ other)) < Limit.prerequisites_min_correlation * scale
-    ):
-        return None
-    return math.copysign(
-        math.sqrt(float(one @ one) / float(other @ other)), float(one @ other)
+    one, other = (
+        np.concatenate([torque - torque.mean() for torque in torques])
+        for torques in (measured, simulated)
     )
+    own, its, both = float(one @ one), float(other @ other), float(one @ other)
+    scale = math.sqrt(own * its)
+    if not scale > 0.0 or abs(both) < Limit.prerequisites_min_correlation * scale:
+        return None
+    return math.copysign(math.sqrt(own / its), both)
 
 
 def _is_near_one(times: float) -> bool:

@@ -791,22 +791,34 @@ def cross_validate(
 
 
 def blocks(crossed: CrossValidation) -> FloatArray:
-    """Return sums of squared held-out errors in blocks of a second (blocks, 2)."""
-    return _block_sums(crossed, crossed.errors)
+    """Return sums of squared held-out errors in blocks of a second (blocks,)."""
+    return _held_out_sums(crossed, crossed.errors)
 
 
-def _block_sums(crossed: CrossValidation, parts: Sequence[FloatArray]) -> FloatArray:
+def _held_out_sums(crossed: CrossValidation, parts: Sequence[FloatArray]) -> FloatArray:
     """Sum the squares of any (2, samples) per record where errors were held out."""
+    masks = [np.isfinite(error[0]) for error in crossed.errors]
+    kept = zip(parts, masks, strict=True)
+    squares = [np.where(mask, part, 0.0) ** 2 for part, mask in kept]
+    found: FloatArray = block_sums(crossed.problem, masks, squares).sum(axis=1)
+    return found
+
+
+def block_sums(
+    problem: Problem, masks: Masks, parts: Sequence[FloatArray]
+) -> FloatArray:
+    """Return sums of parts (k, samples) in blocks of a second (blocks, k).
+
+    Blocks without any sample within the masks are left out.
+    """
     found = []
-    for record, error, part in zip(
-        crossed.problem.plant.records, crossed.errors, parts, strict=True
-    ):
+    for record, mask, part in zip(problem.plant.records, masks, parts, strict=True):
         size = max(2, round(BOOTSTRAP_BLOCK / record.dt))
-        kept = np.isfinite(error[0])
-        squares = np.where(kept, part, 0.0) ** 2
-        for first in range(0, kept.size, size):
-            if np.any(kept[first : first + size]):
-                found.append(np.sum(squares[:, first : first + size], axis=1))
+        found += [
+            part[:, first : first + size].sum(axis=1)
+            for first in range(0, mask.size, size)
+            if mask[first : first + size].any()
+        ]
     return np.array(found)
 
 
@@ -816,9 +828,8 @@ def excess(crossed: CrossValidation) -> float:
     The standard error is that of blocks: a few bad moments, say one stick that broke at
     another time, do not make a model wrong.
     """
-    problem = crossed.problem
-    noise = _block_sums(crossed, problem.noise_over_floor)
-    beyond = (blocks(crossed) - noise).sum(axis=1)
+    noise = _held_out_sums(crossed, crossed.problem.noise_over_floor)
+    beyond = blocks(crossed) - noise
     return float(beyond.sum() / max(block_sum_deviation(beyond), 1e-300))
 
 

@@ -502,7 +502,7 @@ def decide(
     able = [candidate for candidate in candidates if not candidate.reason]
     if not able:
         return Round(tuple(candidates), None, (), 0.0, now)
-    sums = {c.id: blocks(c.crossed).sum(axis=1) for c in able}
+    sums = {c.id: blocks(c.crossed) for c in able}
     best = able[0]
     rivals, lookalikes = [best], []
     sign = {signature.id: signature for signature in signatures}
@@ -548,7 +548,7 @@ def tie_reason(
         and not one.forms_meet(two)
     ):
         return ""
-    difference = blocks(other).sum(axis=1) - blocks(best).sum(axis=1)
+    difference = blocks(other) - blocks(best)
     error = block_sum_deviation(difference)
     if difference.sum() < Limit.rival_sigmas * error:
         return "noise"

@@ -383,7 +383,7 @@ class _Additions:
             raise
         except CableError as error:
             return Candidate(name, now, 0.0, 0.0, str(error))
-        old, better = blocks(now).sum(axis=1), blocks(crossed).sum(axis=1)
+        old, better = blocks(now), blocks(crossed)
         whole = float(old.sum())
         reduction = 1.0 - float(better.sum()) / whole
         z = comparison_z(better, old, whole)

@@ -26,6 +26,7 @@ from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cc_mujoco.datasets import _channels as channels
 from cc_mujoco.diagnosis._fit.fit import floor_ratios, overall_share
@@ -40,6 +41,7 @@ from cc_mujoco.diagnosis._fit.problem import (
     fit,
     huber_residual,
     jacobian,
+    kept_samples,
 )
 from cc_mujoco.diagnosis._fit.trials import misfits
 from cc_mujoco.diagnosis._partial.motion import describe_mode
@@ -128,36 +130,28 @@ def worst_stretch(
     are predictions (rows, samples) of every record [N m].
     """
     worst: tuple[float, int, int, slice] | None = None
-    records, instruments = problem.plant.records, problem.plant.instruments
+    records, names = problem.plant.records, problem.plant.instruments.channels
     swing = Limit.friction_swing * problem.values(x).get("motor_friction", 0.0)
     masks = [record.counts.copy() for record in records]
     for place, (error, noise) in enumerate(_squares(problem, torques, masks)):
-        record = records[place]
-        if not record.counts.any():
+        record, counts = records[place], records[place].counts
+        if not counts.any():
             continue
         window = max(1, round(BOOTSTRAP_BLOCK / record.dt))
-        for row, channel in enumerate(instruments.channels):
+        for row, channel in enumerate(names):
             own = swing if channel == channels.MOTOR_TORQUE else 0.0
-            free = np.where(record.counts, own / problem.floor[place][row], 0.0) ** 2
-            over, middle = _largest_ratio(
-                error[row],
-                noise[row] + free / Limit.stretch_limit**2,
-                record.counts,
-                window,
-            )
-            whole = _ratio(error[row], noise[row] + free / Limit.trial_limit**2)
-            beyond = max(
-                over / Limit.stretch_limit, math.sqrt(whole) / Limit.trial_limit
-            )
-            if beyond > 1.0 and (worst is None or beyond > worst[0]):
-                least = 0.5 * math.hypot(
-                    Limit.stretch_limit, math.sqrt(float(free.max()))
-                )
+            free = np.where(counts, own / problem.floor[place][row], 0.0) ** 2
+            limits = Limit.stretch_limit, Limit.trial_limit
+            quiet, whole = (noise[row] + free / limit**2 for limit in limits)
+            over, middle = _largest_ratio(error[row], quiet, counts, window)
+            sizes = over / limits[0], _rms_ratio(error[row], whole) / limits[1]
+            if max(sizes) > max(1.0, worst[0] if worst else 0.0):
+                least = 0.5 * math.hypot(limits[0], math.sqrt(float(free.max())))
                 part = _edges(error[row], middle, record.dt, least)
-                if over < Limit.stretch_limit:
-                    first, last = np.flatnonzero(record.counts)[[0, -1]]
+                if over < limits[0]:
+                    first, last = np.flatnonzero(counts)[[0, -1]]
                     part = slice(int(first), int(last) + 1)
-                worst = beyond, place, row, part
+                worst = max(sizes), place, row, part
     if worst is None:
         return None
     _, place, row, part = worst
@@ -165,31 +159,21 @@ def worst_stretch(
     if not any(mask.any() for mask in masks):
         return None
     there = problem.torques(fit(problem, x, masks).x)
-    rest = [
-        (huber_residual(np.sqrt(error[:, mask])) ** 2, noise[:, mask])
-        for (error, noise), mask in zip(
-            _squares(problem, there, masks), masks, strict=True
-        )
-    ]
+    errors, noises = zip(*_squares(problem, there, masks), strict=True)
+    rest = [huber_residual(np.sqrt(error)) ** 2 for error in errors]
     record, shown = records[place], there[place][:, part]
     measured, floor = record.measured[:, part], problem.floor[place][row, part]
     off = (measured - shown)[row]
-    idle = np.median(np.abs(measured), axis=1) < Limit.max_idle_share * np.median(
-        np.abs(shown), axis=1
-    )
+    usual, expected = (np.median(np.abs(each), axis=1) for each in (measured, shown))
     return Stretch(
         record.trial,
         float(record.time[part][0]),
         float(record.time[part][-1]),
-        problem.plant.instruments.channels[row],
-        math.sqrt(
-            _ratio((off / floor) ** 2, (problem.sensed[place][row, part] / floor) ** 2)
-        ),
+        names[row],
+        _rms_ratio((off / floor) ** 2, (problem.sensed[place][row, part] / floor) ** 2),
         math.sqrt(float(np.mean(off**2))),
-        bool(idle.all()),
-        math.sqrt(
-            _ratio(*(np.concatenate([e[k].ravel() for e in rest]) for k in (0, 1)))
-        ),
+        bool((usual < Limit.max_idle_share * expected).all()),
+        _rms_ratio(kept_samples(rest, masks), kept_samples(noises, masks)),
     )
 
 
@@ -197,38 +181,27 @@ def _squares(
     problem: Problem, torques: Sequence[FloatArray], masks: Masks
 ) -> list[tuple[FloatArray, FloatArray]]:
     """Return squared errors and noise over the floor (rows, samples), 0 if masked."""
+    records, sensed = problem.plant.records, problem.sensed
     return [
         (
-            np.where(mask, (record.measured - torque) / floor, 0.0) ** 2,
-            np.where(mask, sensed / floor, 0.0) ** 2,
+            np.where(mask, (records[k].measured - torques[k]) / floor, 0.0) ** 2,
+            np.where(mask, sensed[k] / floor, 0.0) ** 2,
         )
-        for record, torque, floor, sensed, mask in zip(
-            problem.plant.records,
-            torques,
-            problem.floor,
-            problem.sensed,
-            masks,
-            strict=True,
-        )
+        for k, (floor, mask) in enumerate(zip(problem.floor, masks, strict=True))
     ]
 
 
 def _largest_ratio(
-    error: FloatArray,
-    noise: FloatArray,
-    counts: np.ndarray[tuple[int], np.dtype[np.bool_]],
-    window: int,
+    error: FloatArray, noise: FloatArray, counts: NDArray[np.bool_], window: int
 ) -> tuple[float, int]:
     """Return the largest RMS error of a window over its noise, and its middle."""
     box = np.ones(min(window, counts.size))
-    sums = [
-        np.convolve(each, box, "valid")
-        for each in (error, noise, counts.astype(np.float64))
-    ]
-    full = sums[2] > 0.8 * box.size
+    signals = error, noise, counts.astype(np.float64)
+    errors, noises, number = (np.convolve(each, box, "valid") for each in signals)
+    full = number > 0.8 * box.size
     if not full.any():
         return 0.0, 0
-    ratios = np.where(full, sums[0] / np.maximum(sums[1], 1e-300), 0.0)
+    ratios = np.where(full, errors / np.maximum(noises, 1e-300), 0.0)
     most = int(np.argmax(ratios))
     return math.sqrt(float(ratios[most])), most + box.size // 2
 
@@ -247,12 +220,10 @@ def _edges(error: FloatArray, middle: int, dt: float, smallest: float) -> slice:
     return slice(int(starts[own]), int(ends[own]) + 1)
 
 
-def _ratio(error: FloatArray, noise: FloatArray) -> float:
-    return float(error.sum() / max(float(noise.sum()), 1e-300))
+def _rms_ratio(error: FloatArray, noise: FloatArray) -> float:
+    """Return the RMS error over that of the noise, by their squares."""
+    return math.sqrt(float(error.sum() / max(float(noise.sum()), 1e-300)))
 
-
-GUESSED_DEVIATIONS = {"friction": 0.4, "axial_stiffness": 0.4}
-"""Standard deviation of the logarithm of a value of the scene that is not declared."""
 
 REMEDIES = {
     "pretension": "declare a measured pretension ([rig] pretension with its "
@@ -263,43 +234,41 @@ REMEDIES = {
     "uncertainty), or record the joint locked",
     "friction_balance": "pull each cable by itself, the other one slack, and compare "
     "their friction",
-    "motor_radius": "measure the motor's pulley and declare it ([rig] motor_radius)",
-    "joint_radius": "measure the joint's pulley and declare it ([rig] joint_radius)",
-    "motor_torque_offset": "read the motor's torque sensor without any load and "
-    "declare the offset of its column",
-    "joint_torque_offset": "read the joint's torque sensor without any load and "
-    "declare the offset of its column",
     "joint_angle_offset": "record where both cables pull equally, and declare the "
     "offset of the joint's angle",
     "load_stiffness": "measure the spring by itself and declare it more exactly ([rig] "
     "load_stiffness with its uncertainty), or measure the joint's torque",
     "load_rest_angle": "record the joint where its spring is at rest, and declare that "
     "angle ([rig] load_rest_angle)",
-    "load_inertia": "declare the inertia of the load more exactly ([rig] "
-    "load_inertia), or measure the joint's torque",
-    "load_damping": "declare the damping of the load more exactly ([rig] "
-    "load_damping), or measure the joint's torque",
-    "load_weight": "weigh the load and declare it more exactly ([rig] load_weight), or "
-    "measure the joint's torque",
+    **{
+        f"load_{name}": f"{what} more exactly ([rig] load_{name}), or measure the "
+        "joint's torque"
+        for name, what in (
+            ("inertia", "declare the inertia of the load"),
+            ("damping", "declare the damping of the load"),
+            ("weight", "weigh the load and declare it"),
+        )
+    },
     "torque_constant": "measure the motor's torque constant and declare it more "
     "exactly, or measure the torque behind motor and gear",
     "motor_friction": "a current shows the motor's own friction as well: measure the "
     "torque behind motor and gear, or the tension of the cable there",
-    "motor_wind_up": "a current shows the wind-up of motor and gear as well: measure "
-    "the torque behind them, or the tension of the cable there",
-    "motor_damping": "a current shows the drag of motor and gear as well: measure the "
-    "torque behind them, or the tension of the cable there",
+    **{
+        f"motor_{name}": f"a current shows the {what} of motor and gear as well: "
+        "measure the torque behind them, or the tension of the cable there"
+        for name, what in (("wind_up", "wind-up"), ("damping", "drag"))
+    },
     "clock_offset": "record all channels by one clock, or declare the delay of each",
-    "motor_torque_late": "declare the delay of the motor's torque sensor",
-    "joint_torque_late": "declare the delay of the joint's torque sensor",
 }
 """Advice to distinguish a baseline parameter from the effects it can stand for."""
-
-ZERO_REMEDY = (
-    "the arm of the cable hangs on that angle, so let motor and joint read 0 where the "
-    "scene's are, and declare the offset of the column that does not"
-)
-"""Advice if the tuned zero of a joint with a lever is far from its prior."""
+for _side in ("motor", "joint"):
+    REMEDIES |= {
+        f"{_side}_radius": f"measure the {_side}'s pulley and declare it "
+        f"([rig] {_side}_radius)",
+        f"{_side}_torque_offset": f"read the {_side}'s torque sensor without any load "
+        "and declare the offset of its column",
+        f"{_side}_torque_late": f"declare the delay of the {_side}'s torque sensor",
+    }
 
 
 class EffectChange(NamedTuple):
@@ -366,16 +335,15 @@ def confounded_effects(shown: Testability) -> tuple[Confounded, ...]:
     size = np.linalg.norm(shown.slopes, axis=0)
     free = np.flatnonzero(size > 0.0)
     scaled = shown.slopes[:, free] / size[free]
+    least = math.sqrt(Limit.min_visible_change)
     found = []
     for each in shown.changes:
         if not each.made.any():
             continue
         mix = _best_hidden_mix(each.made, shown.tangent)
         change = each.made @ mix
-        least = math.sqrt(Limit.min_visible_change)
-        if float(np.linalg.norm(shown.left(change))) > least:
-            continue
-        if float(np.linalg.norm(change)) < Limit.hidden_clarity * least:
+        left, whole = (float(np.linalg.norm(c)) for c in (shown.left(change), change))
+        if left > least or whole < Limit.hidden_clarity * least:
             continue
         shifts = np.linalg.lstsq(scaled, change)[0]
         most = int(np.argmax(np.abs(shifts)))
@@ -405,19 +373,16 @@ def _confounded_effect(
 ) -> Confounded:
     first = effect_amplitudes(change.effect)[int(np.argmax(np.abs(mix)))]
     size = change.sizes[first.name]
+    moved, usual = (_value_text(parameter, each) for each in (shift, 0.0))
     statement = (
         f"{format_size(first.name, size, first.unit)} looks like "
-        f"{plain_name(parameter.name)} {_value_text(parameter, shift)} in place of "
-        f"{_value_text(parameter, 0.0)}"
+        f"{plain_name(parameter.name)} {moved} in place of {usual}"
     )
-    share = place / shift if shift else math.inf
-    possible = (
-        (0.0 if first.parameter.low == 0.0 else -Limit.max_size_ratio)
-        < share
-        < Limit.max_size_ratio
-    )
+    share, most = place / shift if shift else math.inf, Limit.max_size_ratio
+    least = 0.0 if first.parameter.low == 0.0 else -most
     explains = ""
-    if possible and abs(place) > Limit.max_prior_sigmas * parameter.prior:
+    far = abs(place) > Limit.max_prior_sigmas * parameter.prior
+    if far and least < share < most:
         explains = f"about {format_size(first.name, share * size, first.unit)}"
     # Parameters of effects that are in the model have no remedy of their own.
     remedy = REMEDIES.get(
@@ -435,26 +400,25 @@ def deviating_parameters(
     """Return the parameters tuned further from the scene than is known of it."""
     found = []
     for parameter, place in zip(problem.tuned, x.tolist(), strict=True):
-        name = parameter.name
-        known = parameter.prior
-        if not math.isfinite(known) and name in GUESSED_DEVIATIONS:
-            known = GUESSED_DEVIATIONS[name] / parameter.scale
-        home = 0.0  # place of what is given
-        if name == "joint_angle_offset" and problem.plant.bench.lever is not None:
+        name, known, home = parameter.name, parameter.prior, 0.0  # place of the given
+        if is_change(name) or name in (*TORQUE_OFFSETS, *CLOCK_PARAMETERS):
+            continue  # reported as such
+        if not math.isfinite(known) and name in ("friction", "axial_stiffness"):
+            known = 0.4 / parameter.scale  # of the logarithm, where none is declared
+        lever = name == "joint_angle_offset" and problem.plant.bench.lever is not None
+        if lever:
             known = Limit.zero_angle_deviation / parameter.scale
             home = -parameter.start / parameter.scale
-        if name in (*TORQUE_OFFSETS, *CLOCK_PARAMETERS) or not math.isfinite(known):
-            continue
-        if is_change(name) or name == "motor_wind_up":  # reported as such; never given
+        if not math.isfinite(known) or name == "motor_wind_up":  # which is never given
             continue
         deviation = abs(place - home) / known
-        given = parameter.value(home)
+        given, tuned = parameter.value(home), parameter.value(place)
         if (scene := problem.plant.given.get(name)) is not None:
             if name == "pretension":  # a fit that replaces it believes in nothing
                 known = Limit.pretension_deviation / parameter.scale
             given, deviation = scene, math.inf
             if scene > 0.0:
-                off = abs(math.log(parameter.value(place) / scene))
+                off = abs(math.log(tuned / scene))
                 deviation = off / parameter.scale / known
         if deviation < Limit.max_prior_sigmas or estimated[name].holds(given):
             continue
@@ -464,23 +428,24 @@ def deviating_parameters(
             if each.parameter == name and each.explains
         ]
         statement = (
-            f"{plain_name(name)} had to be tuned to {_value_text(parameter, place)}, "
+            f"{plain_name(name)} had to be tuned to {_with_unit(tuned, parameter)}, "
             f"where {_with_unit(given, parameter)} is given: either it is so"
         )
-        if name == "axial_stiffness" and (
-            unit := _suspected_unit(parameter.value(place) / given)
-        ):
+        if name == "axial_stiffness" and (unit := _suspected_unit(tuned / given)):
             statement += f", or angles in {unit} were taken for another unit"
         if others:
             statement += f", or these data hide {list_words(others, 'or')}"
         else:
             statement += ", or something that is not in the model looks like it"
-        remedy = ZERO_REMEDY if name == "joint_angle_offset" else REMEDIES[name]
-        found.append(
-            Deviating(
-                name, given, estimated[name], deviation, f"{statement}; {remedy}."
+        remedy = REMEDIES[name]
+        if lever:
+            remedy = (
+                "the arm of the cable hangs on that angle, so let motor and joint read "
+                "0 where the scene's are, and declare the offset of the column that "
+                "does not"
             )
-        )
+        statement += f"; {remedy}."
+        found.append(Deviating(name, given, estimated[name], deviation, statement))
     return tuple(found)
 
 
@@ -489,12 +454,8 @@ def untestable_effects(
 ) -> tuple[NotTestable, ...]:
     """Return effects that are not detectable at a plausible size, with the reason."""
     confused = {each.id: each for each in hidden}
-    able = shown.problem.plant.library
-    found = [
-        NotTestable(name, why)
-        for name, why in able.hidden.items()
-        if not EFFECTS[name].rare
-    ]
+    reasons = shown.problem.plant.library.hidden.items()
+    found = [NotTestable(name, why) for name, why in reasons if not EFFECTS[name].rare]
     for each in shown.changes:
         left = np.linalg.norm(shown.left(each.made), axis=0)
         most = int(np.argmax(left))
@@ -502,16 +463,13 @@ def untestable_effects(
             continue
         size = effect_amplitudes(each.effect)[most]
         plausible = format_size(size.name, each.sizes[size.name], size.unit)
+        why = f"it shows only with {each.effect.required_excitation}"
+        if other := confused.get(each.effect.id):
+            why = f"tuning {plain_name(other.parameter)} hides it: {other.remedy}"
         statement = (
             f"once all is tuned, a plausible size ({plausible}) would change the "
+            f"torques by {float(left[most]):.2f} times the noise floor only; {why}"
         )
-        statement += f"torques by {float(left[most]):.2f} times the noise floor only; "
-        if other := confused.get(each.effect.id):
-            statement += (
-                f"tuning {plain_name(other.parameter)} hides it: {other.remedy}"
-            )
-        else:
-            statement += f"it shows only with {each.effect.required_excitation}"
         found.append(NotTestable(each.effect.id, statement))
     return tuple(found)
 
@@ -519,10 +477,8 @@ def untestable_effects(
 def _suspected_unit(ratio: float) -> str:
     """Return the angle units whose confusion explains a stiffness ratio, or ""."""
     size = abs(math.log(max(ratio, 1e-300)))
-    for unit, factor in (
-        ("degrees or radians", math.degrees(1.0)),
-        ("turns", math.tau),
-    ):
+    units = {"degrees or radians": math.degrees(1.0), "turns": math.tau}
+    for unit, factor in units.items():
         if abs(size - math.log(factor)) < Limit.unit_tolerance:
             return unit
     return ""
@@ -546,6 +502,7 @@ def judge(found: Found) -> Diagnosis:
     Places of the error, values of the baseline and the next experiment are left out.
     """
     problem, x, search = found.problem, found.x, found.search
+    plant, never = problem.plant, found.held.never
     tied = {rival for effect in found.effects for rival in effect.rivals}
     beside = {*problem.effects, *tied}
     others = [sign.id for sign in search.signatures if sign.id not in beside]
@@ -554,10 +511,10 @@ def judge(found: Found) -> Diagnosis:
     beyond = deviating_parameters(problem, x, found.estimated, hidden)
     stretch = worst_stretch(problem, x, found.held.after)
     off = misfits(problem, x)
-    unhooked = {r.trial for r in problem.plant.records if r.unhooked} & set(off)
+    unhooked = {r.trial for r in plant.records if r.unhooked} & set(off)
     most = max((off[name] for name in unhooked), default=0.0)
     kind, statement = verdict_of(found, beyond, stretch, most)
-    statement += declared_sentence(problem.plant.library.declared)
+    statement += declared_sentence(plant.library.declared)
     left = floor_ratios(found.held.gap)[1]
     belief = None
     if search.interrupted:
@@ -571,10 +528,19 @@ def judge(found: Found) -> Diagnosis:
         statement = f"Stopped before all effects were tried: {statement}"
     elif not (kind == "unknown" and one_time(stretch, found.by_trial)):
         belief = belief_in_verdict(search, kind, found.missing, found.ties, left)
-    question = ""
+    question, problems = "", found.fitted.notes
     if kind == "unknown" and stretch and stretch.rest <= Limit.max_explained_error:
         question = stretch.question
-    plant = problem.plant
+    if never:
+        only, its, it = "are the only trials", "their", "they are"
+        if len(never) == 1:
+            only, its, it = "is the only trial", "its", "it is"
+        note = (
+            f"{list_words(never)} {only} of {its} kind (side held, pretension, tilt, "
+            f"weights), so {it} in every fit and the held-out error is that of the "
+            "others; record more like it to check it."
+        )
+        problems = (note, *problems)
     return Diagnosis(
         kind,
         statement,
@@ -582,7 +548,7 @@ def judge(found: Found) -> Diagnosis:
         ties=found.ties,
         not_testable=untestable_effects(shown_by, hidden),
         gap=found.held.gap,
-        problems=(*_never_held_out_note(found.held.never), *found.fitted.notes),
+        problems=problems,
         runner_ups=tuple(map(_runner_ups, search.rounds)),
         question=question,
         deviating=beyond,
@@ -594,19 +560,6 @@ def judge(found: Found) -> Diagnosis:
         occasions=found.occasions,
         interrupted=search.interrupted,
         belief=belief,
-    )
-
-
-def _never_held_out_note(trials: Sequence[str]) -> tuple[str, ...]:
-    """Return a note that names the trials that are in every training part."""
-    if not trials:
-        return ()
-    one = len(trials) == 1
-    return (
-        f"{list_words(trials)} {'is the only trial' if one else 'are the only trials'} "
-        f"of {'its' if one else 'their'} kind (side held, pretension, tilt, weights), "
-        f"so {'it is' if one else 'they are'} in every fit and the held-out error is "
-        "that of the others; record more like it to check it.",
     )
 
 
@@ -645,79 +598,41 @@ def verdict_of(
     trial beyond its own limit, and `unhooked` the error of the worst trial with the
     cables off, over the noise.
     """
-    kind, statement = _verdict(found, stretch, unhooked)
-    also = " ".join(capitalise(each.statement) for each in deviating)
-    return kind, f"{statement} {also}".strip()
+    if found.effects:
+        kind, statement = _verdict(found, stretch, unhooked)
+    else:
+        kind, statement = _no_effect_verdict(found.search.before, found, stretch)
+    also = (capitalise(each.statement) for each in deviating)
+    return kind, " ".join([statement, *also])
 
 
 def _verdict(
     found: Found, stretch: Stretch | None, unhooked: float
 ) -> tuple[Verdict, str]:
-    search, gap = found.search, found.held.gap
+    """Return the verdict on a model with effects, and what is said of it."""
+    search, gap, missing = found.search, found.held.gap, found.missing
     misfit, left = search.before.misfit, search.after.misfit
-    if not found.effects:
-        return _no_effect_verdict(search.before, found, stretch)
-    ordinary = [each.id for each in found.effects if each.ordinary]
-    refining = [e for e in found.effects if e.refinement and not e.ordinary]
-    disputed = [
-        e for e in found.effects if e.disputed and not (e.refinement or e.ordinary)
-    ]
-    missing = found.missing
-    before, after = floor_ratios(gap)
-    changes = [
-        f"the {channel_name(name)} "
-        f"{'falls' if g.rmse_after <= g.rmse_before else 'rises'} from "
-        f"{format_number(g.rmse_before)} to {format_number(g.rmse_after)} N m "
-        f"(noise floor {format_number(g.noise_floor)})"
-        for name, g in gap.items()
-    ]
-    statement = (
-        f"On held-out data the error of the repaired model is {after:.1f} times the "
-        f"noise floor, that of the tuned scene {before:.1f} times. The weighted RMS "
-        f"error of {list_words(changes)}."
-    )
-    if stretch is not None and stretch.size > Limit.stretch_limit:
-        statement += f" One stretch is left: {stretch.statement}"
-    if refining:
-        either = list_words(
-            effect_names((each.id, *each.rivals), "or") for each in refining
-        )
-        statement += (
-            f" {capitalise(either)} refines the model, but explains too little to be "
-            "called missing."
-        )
-    if ordinary:
-        statement += (
-            f" {capitalise(effect_names(ordinary))} is in the model, but no larger "
-            "than uneven bends and loose ends of any conduit make."
-        )
-    if disputed:
-        statement += " " + capitalise(
-            list_words(
-                f"{effect_name(each.id)} is supported by "
-                f"{format_share(each.agreement)} of the parts of the data only"
-                for each in disputed
-            )
-        )
-        statement += ", so it may stand in for something else."
-    if not (missing or disputed):
-        kind, nothing = _no_effect_verdict(search.after, found, stretch)
-        return kind, f"{nothing} {statement}"
+    model = _model_statement(found, stretch)
     if not missing:
+        if not any(
+            e.disputed and not (e.refinement or e.ordinary) for e in found.effects
+        ):
+            kind, nothing = _no_effect_verdict(search.after, found, stretch)
+            return kind, f"{nothing} {model}"
         return "unknown", (
             "Something is missing, and parts of these data name different effects for "
-            f"it{_describe_implausible(search)}. {closest_sentence(search)} {statement}"
+            f"it{_describe_implausible(search)}. {closest_sentence(search)} {model}"
         )
     explained = 1.0 - (left - 1.0) / (misfit - 1.0) if misfit > 1.0 else 1.0
     # A model that stays far off is wrong in form, and large errors show that.
     little = explained < Limit.min_explained_share or left > Limit.max_explained_error
-    little = little and overall_share(gap) < Limit.min_gap_closed
-    if left > Limit.max_misfit and little:
+    named = effect_names(missing)
+    takes = f"takes {format_share(explained)} of the RMS error above the noise"
+    if left > Limit.max_misfit and little and overall_share(gap) < Limit.min_gap_closed:
         return "unknown", (
             f"Something is missing{_describe_implausible(search)}. What comes closest "
-            f"is {effect_names(missing)}: it takes {format_share(explained)} of the "
-            f"RMS error above the noise and leaves {format_number(left)} times the "
-            f"noise floor, so it does not reach the noise. {statement}"
+            f"is {named}: it {takes} and leaves {format_number(left)} times the "
+            f"noise floor, so it does not reach the noise. {model}"
         )
     if unhooked > Limit.trial_limit and all(
         EFFECTS[name].where == "conduit" for name in missing
@@ -725,11 +640,10 @@ def _verdict(
         return "unknown", (
             "Something is missing at motor, joint or sensors: with the cables off the "
             f"error is {format_number(unhooked)} times the noise floor, which "
-            f"no cable causes. {capitalise(effect_names(missing))} takes "
-            f"{format_share(explained)} of the RMS error above the noise. {statement}"
+            f"no cable causes. {capitalise(named)} {takes}. {model}"
         )
     if misfit < Limit.hint_error:
-        statement += (
+        model += (
             f" The error of the tuned scene is only {format_number(misfit)} times the "
             f"noise floor.{_HINT_CAVEAT}"
         )
@@ -739,9 +653,52 @@ def _verdict(
         groups = [effect_names(sure)] if sure else []
         groups += [effect_names(tie, "or") for tie in found.ties]
         every = ", and ".join(groups)
-        return "tie", f"Missing: {every}. These data do not show which. {statement}"
+        return "tie", f"Missing: {every}. These data do not show which. {model}"
     verb = "is" if len(missing) == 1 else "are"
-    return "named", f"{capitalise(effect_names(missing))} {verb} missing. {statement}"
+    return "named", f"{capitalise(named)} {verb} missing. {model}"
+
+
+def _model_statement(found: Found, stretch: Stretch | None) -> str:
+    """Return what the model's error is, and what its lesser effects are."""
+    before, after = floor_ratios(found.held.gap)
+    changes = [
+        f"the {channel_name(name)} "
+        f"{'falls' if g.rmse_after <= g.rmse_before else 'rises'} from "
+        f"{format_number(g.rmse_before)} to {format_number(g.rmse_after)} N m "
+        f"(noise floor {format_number(g.noise_floor)})"
+        for name, g in found.held.gap.items()
+    ]
+    text = (
+        f"On held-out data the error of the repaired model is {after:.1f} times the "
+        f"noise floor, that of the tuned scene {before:.1f} times. The weighted RMS "
+        f"error of {list_words(changes)}."
+    )
+    if stretch is not None and stretch.size > Limit.stretch_limit:
+        text += f" One stretch is left: {stretch.statement}"
+    usual = [each.id for each in found.effects if each.ordinary]
+    others = [each for each in found.effects if not each.ordinary]
+    refining = [(each.id, *each.rivals) for each in others if each.refinement]
+    if refining:
+        either = capitalise(list_words(effect_names(e, "or") for e in refining))
+        text += (
+            f" {either} refines the model, but explains too little to be called "
+            "missing."
+        )
+    if usual:
+        text += (
+            f" {capitalise(effect_names(usual))} is in the model, but no larger than "
+            "uneven bends and loose ends of any conduit make."
+        )
+    disputed = [
+        f"{effect_name(each.id)} is supported by {format_share(each.agreement)} of the "
+        "parts of the data only"
+        for each in others
+        if each.disputed and not each.refinement
+    ]
+    if disputed:
+        words = capitalise(list_words(disputed))
+        text += f" {words}, so it may stand in for something else."
+    return text
 
 
 def _no_effect_verdict(
@@ -915,14 +872,11 @@ def _rate(
     kind: Verdict, probability: float, others: Sequence[Alternative]
 ) -> VerdictOdds:
     """Return the belief in a verdict that compares no models: a rate."""
-    meaning = {
-        "none": "nothing was missing",
-        "unknown": "something acted that the library does not have",
-    }[kind]
-    statement = (
-        f"On study rigs {format_share(probability)} of such verdicts were right: "
-        f"{meaning}."
-    )
+    meaning = "nothing was missing"
+    if kind == "unknown":
+        meaning = "something acted that the library does not have"
+    share = format_share(probability)
+    statement = f"On study rigs {share} of such verdicts were right: {meaning}."
     return VerdictOdds(probability, statement, tuple(others))
 
 
@@ -934,21 +888,20 @@ def _worded(
         key=lambda each: -each.probability,
     )[:3]
     words = {"nothing": "nothing is missing", "outside": "something else acts"}
-
-    def name(other: Alternative) -> str:
-        return words.get(other.id) or effect_name(other.id)
-
-    rest = [f"{name(each)} (odds {format_odds(each.probability)})" for each in shown]
-    complete = not left > Limit.max_explained_error
-    subject = {
-        "named": f"this {'and nothing else ' * complete}is missing",
-        "tie": "one of the tied effects acts",
-    }[kind]
-    statement = f"The odds are {format_odds(probability)} that {subject}"
-    if len(shown) == 1 and math.isclose(
+    names = [words.get(each.id) or effect_name(each.id) for each in shown]
+    rest = names
+    if len(shown) != 1 or not math.isclose(
         shown[0].probability, 1.0 - probability, abs_tol=Limit.min_shown
     ):
-        rest = [name(shown[0])]
+        rest = [
+            f"{name} (odds {format_odds(each.probability)})"
+            for name, each in zip(names, shown, strict=True)
+        ]
+    complete = not left > Limit.max_explained_error
+    subject = "one of the tied effects acts"
+    if kind == "named":
+        subject = f"this {'and nothing else ' * complete}is missing"
+    statement = f"The odds are {format_odds(probability)} that {subject}"
     if rest:
         statement += f"; otherwise {list_words(rest, 'or')}"
     if not complete:

@@ -383,9 +383,8 @@ class Rivals(NamedTuple):
         """
         found = []
         for model in self.models:
-            x = np.mean([fit.x for fit in model.fits], axis=0)
             masks = [record.free for record in model.problem.plant.records]
-            found.append((model.problem.with_updated_floor(x, masks), x))
+            found.append((model.problem.with_updated_floor(model.x, masks), model.x))
         return found
 
 

@@ -21,7 +21,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -47,7 +46,6 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.estimation._least_squares import in_threads
 from cc_mujoco.native import FloatArray
 
-_BOUND_MARGIN = 1e-3
 _Key = tuple[str, tuple[float, ...], str]
 """Effect, its start and name of a parameter."""
 
@@ -96,49 +94,194 @@ class Changes:
         return kept[-1][1]
 
 
-class _Place(NamedTuple):
-    """Model at the place of its fit, which effects join."""
+class _Place:
+    """Model at the place of its fit, which effects join.
 
-    problem: Problem  # the model
-    x: FloatArray  # where it was fitted
-    # Change of the residual by the torques, see `residual_slopes`
-    steep: list[tuple[FloatArray, NDArray[np.bool_]]]
-    seen: list[int]  # indices of the records of which samples count
-    # Torques (2, samples) of these, from the coarse simulation [N m]
-    here: list[FloatArray]
-    priors: int  # number of residuals that are of priors
-    known: list[dict[_Key, FloatArray]]  # changes of these by effects, see `Changes.at`
+    If `explained`, it is as if the model explained the data.
+    """
 
-    @classmethod
-    def of(
-        cls,
+    def __init__(
+        self,
         problem: Problem,
         x: FloatArray,
         masks: Masks,
         changes: Changes,
         explained: bool = False,
-    ) -> _Place:
-        """Return the place; if `explained`, as if the model explained the data."""
-        seen = [k for k, mask in enumerate(masks) if mask.any()]
-        here, records = problem.torques(x, seen), problem.plant.records
-        steep = residual_slopes(problem, None if explained else here, masks)
-        base = problem.coarse.torques(x, seen)
-        priors = sum(math.isfinite(parameter.prior) for parameter in problem.tuned)
-        known = [
-            changes.at(records[k], torque) for k, torque in zip(seen, here, strict=True)
+    ) -> None:
+        self.problem, self.x = problem, x
+        self._seen = [k for k, mask in enumerate(masks) if mask.any()]
+        here, records = problem.torques(x, self._seen), problem.plant.records
+        # Change of the residual by the torques
+        self._steep = residual_slopes(problem, None if explained else here, masks)
+        self._base = problem.coarse.torques(x, self._seen)
+        self._priors = sum(math.isfinite(p.prior) for p in problem.tuned)
+        self._known = [  # changes of these records by effects
+            changes.at(records[k], torque)
+            for k, torque in zip(self._seen, here, strict=True)
         ]
-        return cls(problem, x, steep, seen, base, priors, known)
+
+    def start(self, name: str, number: int) -> dict[str, float]:
+        """Return a start of an effect, with the shape that the cables have already.
+
+        Two effects may share a length of slip: with another one the added effect would
+        change the torques, however small it is.
+        """
+        plant, values = self.problem.plant, self.problem.values(self.x)
+        effect = plant.library.effects[name]
+        start = dict(effect.starts[number])
+        shapes = [p for p in effect.parameters if not p.linear and p.name in start]
+        if not shapes:
+            return start
+        here, bare = (
+            plant.cables(values, effects)[0] for effects in (self.problem.effects, ())
+        )
+        for shape in shapes:
+            own = getattr(here, shape.name, None)
+            if own is not None and own != getattr(bare, shape.name):
+                low, high = shape.parameter.low, shape.parameter.high
+                start[shape.name] = min(max(own, low), high)
+        return start
+
+    def columns(self, name: str, number: int) -> FloatArray | None:
+        """Return the residual changes by a start of an effect (residuals, amplitudes).
+
+        They are None where the effect cannot be simulated.
+        """
+        effect = self.problem.plant.library.effects[name]
+        start = self.start(name, number)
+        wider = self.problem.coarse.with_effect(name, start)
+        columns = []
+        for parameter in filter(lambda each: each.linear, effect.parameters):
+            size = start[parameter.name] / parameter.typical
+            key = (name, tuple(start.values()), parameter.name)
+            new = [k for k, known in enumerate(self._known) if key not in known]
+            if new:
+                own = parameter.name
+                places = [size if p.name == own else 0.0 for p in wider.tuned]
+                places[: self.x.size] = self.x.tolist()
+                seen = [self._seen[k] for k in new]
+                try:
+                    moved = wider.torques(np.array(places), seen)
+                except EffectError:
+                    raise
+                except CableError:
+                    return None
+                for k, torque in zip(new, moved, strict=True):
+                    self._known[k][key] = (torque - self._base[k])[None] / size
+            torques = [known[key] for known in self._known]
+            (made,) = residual_changes(self._steep, torques)
+            columns.append(np.append(made, np.zeros(self._priors)))
+        return np.array(columns).T
 
 
-@dataclass(frozen=True)
-class _Screen:
-    """Model with which effects are compared."""
+class _Screen(_Place):
+    """Model with which effects are compared, and its errors on folds of the data."""
 
-    place: _Place  # the model, and where it was fitted
-    error: FloatArray  # residual (residuals,)
-    tangent: FloatArray  # (residuals, k) orthonormal basis of the changes by tuning
-    rest: FloatArray  # of the error once tuned
-    foresight: _Foresight  # of held-out errors
+    def __init__(
+        self,
+        problem: Problem,
+        x: FloatArray,
+        masks: Masks,
+        changes: Changes,
+        division: Sequence[Fold],
+    ) -> None:
+        super().__init__(problem, x, masks, changes)
+        self._error = error = problem.residual(x, masks)
+        slopes = jacobian(problem, x, masks)
+        size = np.linalg.norm(slopes, axis=0)
+        # Parameters without influence are left out, and those at a bound: they cannot
+        # move further.
+        margin = 1e-3
+        inside = np.array(
+            [
+                p.low + margin < place < p.high - margin
+                for p, place in zip(problem.tuned, x, strict=True)
+            ]
+        )
+        free = inside & (size > 0.0)
+        scaled = slopes[:, free] / size[free]
+        # Orthonormal basis of the changes by tuning, and the rest of the error then
+        self._tangent, _ = np.linalg.qr(scaled)
+        self._rest = error - self._tangent @ (self._tangent.T @ error)
+        rows = len(problem.plant.records[0].measured)
+        samples = rows * sum(int(mask.sum()) for mask in masks)
+        priors = np.zeros(error.size - samples, dtype=bool)
+
+        def residuals(part: Masks, of_priors: NDArray[np.bool_]) -> NDArray[np.bool_]:
+            """Return the residuals of part of the samples, among those of all."""
+            pairs = zip(part, masks, strict=True)
+            own = [np.tile(some[mask], rows) for some, mask in pairs]
+            return np.concatenate([*own, of_priors])
+
+        self._halves = [
+            (residuals(fold.train, ~priors), residuals(fold.test, priors))
+            for fold in division
+        ]
+        self._parts = [
+            [(scaled[rows], error[rows]) for rows in half] for half in self._halves
+        ]
+        self._before = self._left(scaled[:, :0])
+
+    def signature(self, name: str, number: int) -> Signature | None:
+        """Return the signature of a start of an effect; None if not to be simulated."""
+        changes = self.columns(name, number)
+        if changes is None:
+            return None
+        problem, error, rest = self.problem, self._error, self._rest
+        parameters = problem.plant.library.effects[name].parameters
+        linear = [parameter for parameter in parameters if parameter.linear]
+        start = self.start(name, number)
+        signature = changes - (self._tangent @ (self._tangent.T @ changes))
+        lengths = np.linalg.norm(signature, axis=0)
+        sizes = np.array([parameter.size for parameter in linear])
+        own, seen = float(lengths[sizes].max()), changes[:, sizes]
+        visible = own / np.sqrt(error.size) / problem.weight
+        if own <= Limit.min_square_share:
+            nothing = np.zeros((error.size, 0))
+            return Signature(name, start, 0.0, 0.0, 0.0, nothing, seen)
+        kept = lengths > Limit.min_square_share
+        solved = np.zeros(len(linear))
+        wider = problem.with_effect(name, start).tuned[self.x.size :]
+        known = [k for k in wider if k.name in {p.name for p in linear}]
+        priors = np.diag([1.0 / k.prior for k in known])[:, kept]
+        low, high = (
+            np.array([getattr(k, side) for k in known])[kept]
+            for side in ("low", "high")
+        )
+        solved[kept] = bounded_least_squares(
+            np.concatenate([signature[:, kept], priors]),
+            -np.concatenate([rest, np.zeros(len(known))]),
+            np.maximum(low, -20.0),
+            np.minimum(high, 20.0),
+        )
+        left = rest + signature @ solved
+        beyond = max(float(error @ error), 1e-300)
+        gained = (float(rest @ rest) - float(left @ left)) / beyond
+        for parameter, amount in zip(linear, solved.tolist(), strict=True):
+            start[parameter.name] = amount * parameter.typical
+        # A companion of an effect is tuned with it and does not identify it.
+        along, _ = np.linalg.qr(signature[:, kept & ~sizes])
+        alone = signature[:, kept & sizes]
+        basis, _ = np.linalg.qr(alone - along @ (along.T @ alone))
+        foreseen = 0.0
+        if self._halves and gained > 0:
+            after = self._left(changes[:, kept] / lengths[kept])
+            foreseen = 1.0 - after / max(self._before, 1e-300)
+        return Signature(name, start, max(gained, 0.0), foreseen, visible, basis, seen)
+
+    def _left(self, changes: FloatArray) -> float:
+        """Predict the held-out squared error with changes (rows, k) added."""
+        total = 0.0
+        for half, known in zip(self._halves, self._parts, strict=True):
+            (train, error), (test, unseen) = known
+            more, other = (changes[rows] for rows in half)
+            cross = train.T @ more
+            square = np.block([[train.T @ train, cross], [cross.T, more.T @ more]])
+            slope = np.concatenate([train.T @ error, more.T @ error])
+            step = np.linalg.lstsq(square, -slope, 1e-9)[0]
+            own, added = np.split(step, [train.shape[1]])
+            total += float(np.sum((unseen + test @ own + other @ added) ** 2))
+        return total
 
 
 def screen(
@@ -161,42 +304,17 @@ def screen(
         changes: cache of earlier rounds.
         starts: most starts of every effect; default all.
     """
-    error = problem.residual(x, masks)
-    slopes = jacobian(problem, x, masks)
-    size = np.linalg.norm(slopes, axis=0)
-    # Parameters without influence are left out, and those at a bound: they cannot move
-    # further.
-    inside = np.array(
-        [
-            p.low + _BOUND_MARGIN < place < p.high - _BOUND_MARGIN
-            for p, place in zip(problem.tuned, x, strict=True)
-        ]
-    )
-    free = inside & (size > 0.0)
-    scaled = slopes[:, free] / size[free]
-    tangent, _ = np.linalg.qr(scaled)
-    channels = len(problem.plant.records[0].measured)
-    given = _Screen(
-        _Place.of(problem, x, masks, changes or Changes()),
-        error,
-        tangent,
-        error - tangent @ (tangent.T @ error),
-        _Foresight(error, scaled, masks, division, channels),
-    )
-
+    given = _Screen(problem, x, masks, changes or Changes(), division)
     library = problem.plant.library.effects
 
     def best(name: str) -> Signature | None:
-        places = range(len(library[name].starts))[:starts]
-        found = [_signature(given, name, k) for k in places]
-        able = [signature for signature in found if signature]
+        numbers = range(len(library[name].starts))[:starts]
+        able = filter(None, [given.signature(name, k) for k in numbers])
         return max(able, key=lambda s: s.explained, default=None)
 
     every = in_threads(best, [name for name in ids if name in library])
-    return sorted(
-        (signature for signature in every if signature is not None),
-        key=lambda signature: -signature.explained,
-    )
+    found = [signature for signature in every if signature is not None]
+    return sorted(found, key=lambda signature: -signature.explained)
 
 
 def effect_amplitudes(effect: Effect) -> list[EffectParameter]:
@@ -213,116 +331,15 @@ def changes_by_effects(
     data: large errors take no weight from a sample. Effects that cannot be simulated
     are left out.
     """
-    place = _Place.of(problem, x, masks, changes, explained=True)
+    place = _Place(problem, x, masks, changes, explained=True)
     library = problem.plant.library.effects
-
-    def made(name: str) -> FloatArray | None:
-        sizes = [p.size for p in library[name].parameters if p.linear]
-        try:
-            return _effect_columns(place, name, 0)[:, sizes]
-        except EffectError:
-            raise
-        except CableError:
-            return None
-
     able = [name for name in ids if name in library]
-    found = zip(able, in_threads(made, able), strict=True)
-    return {name: columns for name, columns in found if columns is not None}
-
-
-def _start(given: _Place, name: str, place: int) -> dict[str, float]:
-    """Return a start of an effect, with the shape that the model's cables have already.
-
-    Two effects may share a length of slip: with another one the added effect would
-    change the torques, however small it is.
-    """
-    plant, values = given.problem.plant, given.problem.values(given.x)
-    effect = plant.library.effects[name]
-    start = dict(effect.starts[place])
-    shapes = [p for p in effect.parameters if not p.linear and p.name in start]
-    if not shapes:
-        return start
-    here, bare = (
-        plant.cables(values, effects)[0] for effects in (given.problem.effects, ())
-    )
-    for shape in shapes:
-        own = getattr(here, shape.name, None)
-        if own is not None and own != getattr(bare, shape.name):
-            low, high = shape.parameter.low, shape.parameter.high
-            start[shape.name] = min(max(own, low), high)
-    return start
-
-
-def _effect_columns(given: _Place, name: str, place: int) -> FloatArray:
-    """Return the residual changes by a start of an effect (residuals, amplitudes)."""
-    effect = given.problem.plant.library.effects[name]
-    start = _start(given, name, place)
-    wider = given.problem.coarse.with_effect(name, start)
-    columns = []
-    for parameter in filter(lambda each: each.linear, effect.parameters):
-        size = start[parameter.name] / parameter.typical
-
-        key = (name, tuple(start.values()), parameter.name)
-        new = [k for k, known in enumerate(given.known) if key not in known]
-        if new:
-            places = [size if p.name == parameter.name else 0.0 for p in wider.tuned]
-            places[: given.x.size] = given.x.tolist()
-            moved = wider.torques(np.array(places), [given.seen[k] for k in new])
-            for k, torque in zip(new, moved, strict=True):
-                given.known[k][key] = (torque - given.here[k])[None] / size
-        torques = [known[key] for known in given.known]
-        (made,) = residual_changes(given.steep, torques)
-        columns.append(np.append(made, np.zeros(given.priors)))
-    return np.array(columns).T
-
-
-def _signature(given: _Screen, name: str, place: int) -> Signature | None:
-    """Return the signature of a start of an effect; None if it cannot be simulated."""
-    try:
-        changes = _effect_columns(given.place, name, place)
-    except EffectError:
-        raise
-    except CableError:
-        return None
-    problem = given.place.problem
-    effect = problem.plant.library.effects[name]
-    start = _start(given.place, name, place)
-    parameters = [parameter for parameter in effect.parameters if parameter.linear]
-    error, rest = given.error, given.rest
-    signature = changes - (given.tangent @ (given.tangent.T @ changes))
-    lengths = np.linalg.norm(signature, axis=0)
-    sizes = np.array([parameter.size for parameter in parameters])
-    own = float(lengths[sizes].max())
-    visible = own / np.sqrt(error.size) / problem.weight
-    if own <= Limit.min_square_share:
-        nothing = np.zeros((error.size, 0))
-        return Signature(name, start, 0.0, 0.0, 0.0, nothing, changes[:, sizes])
-    kept = lengths > Limit.min_square_share
-    solved = np.zeros(len(parameters))
-    wider = problem.with_effect(name, start).tuned[given.place.x.size :]
-    known = [k for k in wider if k.name in {p.name for p in parameters}]
-    priors = np.diag([1.0 / k.prior for k in known])[:, kept]
-    low, high = (
-        np.array([getattr(k, side) for k in known])[kept] for side in ("low", "high")
-    )
-    solved[kept] = bounded_least_squares(
-        np.concatenate([signature[:, kept], priors]),
-        -np.concatenate([rest, np.zeros(len(known))]),
-        np.maximum(low, -20.0),
-        np.minimum(high, 20.0),
-    )
-    left = rest + signature @ solved
-    beyond = max(float(error @ error), 1e-300)
-    gained = (float(rest @ rest) - float(left @ left)) / beyond
-    for parameter, amount in zip(parameters, solved.tolist(), strict=True):
-        start[parameter.name] = amount * parameter.typical
-    # A companion of an effect is tuned with it and does not identify it.
-    along, _ = np.linalg.qr(signature[:, kept & ~sizes])
-    alone = signature[:, kept & sizes]
-    basis, _ = np.linalg.qr(alone - along @ (along.T @ alone))
-    foreseen = given.foresight(changes[:, kept] / lengths[kept]) if gained > 0 else 0.0
-    seen = changes[:, sizes]
-    return Signature(name, start, max(gained, 0.0), foreseen, visible, basis, seen)
+    made = in_threads(lambda name: place.columns(name, 0), able)
+    return {
+        name: columns[:, [p.size for p in library[name].parameters if p.linear]]
+        for name, columns in zip(able, made, strict=True)
+        if columns is not None
+    }
 
 
 def bounded_least_squares(
@@ -345,58 +362,6 @@ def bounded_least_squares(
             break
         open_ &= ~beyond
     return found
-
-
-class _Foresight:
-    """First-order prediction of the cross-validation of added effects."""
-
-    def __init__(
-        self,
-        error: FloatArray,
-        slopes: FloatArray,
-        masks: Masks,
-        division: Sequence[Fold],
-        channels: int,
-    ) -> None:
-        samples = channels * sum(int(m.sum()) for m in masks)
-        priors = np.zeros(error.size - samples, dtype=bool)
-        self._halves = [
-            (
-                np.concatenate([_residual_rows(fold.train, masks, channels), ~priors]),
-                np.concatenate([_residual_rows(fold.test, masks, channels), priors]),
-            )
-            for fold in division
-        ]
-        self._known = [
-            [(slopes[rows], error[rows]) for rows in half] for half in self._halves
-        ]
-        self._before = self._left(slopes[:, :0])
-
-    def __call__(self, changes: FloatArray) -> float:
-        """Return the share of held-out squared error that changes (rows, k) explain."""
-        if not self._halves:
-            return 0.0
-        return 1.0 - self._left(changes) / max(self._before, 1e-300)
-
-    def _left(self, changes: FloatArray) -> float:
-        total = 0.0
-        for half, known in zip(self._halves, self._known, strict=True):
-            (train, error), (test, unseen) = known
-            more, other = (changes[rows] for rows in half)
-            cross = train.T @ more
-            square = np.block([[train.T @ train, cross], [cross.T, more.T @ more]])
-            slope = np.concatenate([train.T @ error, more.T @ error])
-            step = np.linalg.lstsq(square, -slope, 1e-9)[0]
-            own, added = np.split(step, [train.shape[1]])
-            total += float(np.sum((unseen + test @ own + other @ added) ** 2))
-        return total
-
-
-def _residual_rows(part: Masks, masks: Masks, channels: int) -> NDArray[np.bool_]:
-    """Return the residuals of part of the samples, among those of all."""
-    return np.concatenate(
-        [np.tile(own[all_], channels) for own, all_ in zip(part, masks, strict=True)]
-    )
 
 
 def signature_cosine(one: Signature, other: Signature) -> float:
@@ -490,19 +455,17 @@ def rejection_reason(
         if tuned.name in parameters and parameters[tuned.name].linear:
             if x >= tuned.high * 0.999:
                 return f"{tuned.name} runs to its bound"
-    return implausibility(
-        crossed.problem, np.mean([fit.x for fit in crossed.fits], axis=0)
-    )
+    return implausibility(crossed.problem, crossed.x)
 
 
 def decide(
     now: CrossValidation, candidates: list[Candidate], signatures: Sequence[Signature]
 ) -> Round:
+    """Return the round that adds the best of the candidates, if any may be named."""
     candidates.sort(key=lambda candidate: -candidate.reduction)
     able = [candidate for candidate in candidates if not candidate.reason]
     if not able:
         return Round(tuple(candidates), None, (), 0.0, now)
-    sums = {c.id: blocks(c.crossed) for c in able}
     best = able[0]
     rivals, lookalikes = [best], []
     sign = {signature.id: signature for signature in signatures}
@@ -518,14 +481,12 @@ def decide(
     # error is no reason to have the worse one in the model.
     rivals.sort(key=lambda rival: len(EFFECTS[rival.id].parameters))
     rivals += lookalikes
-    leader = rivals[0].id
     tied = {rival.id for rival in rivals}
-    wider = {c.id for c in rivals[1:] if tied.intersection(EFFECTS[c.id].generalises)}
-    rivals = [rival for rival in rivals if rival.id not in wider]
-    sums = {name: own for name, own in sums.items() if name not in wider}
-    names = tuple(rival.id for rival in rivals)
-    sure = confidence(sums, leader)
-    return Round(tuple(candidates), leader, names, sure, now)
+    leader, *others = (rival.id for rival in rivals)
+    wider = {name for name in others if tied.intersection(EFFECTS[name].generalises)}
+    names = tuple(rival.id for rival in rivals if rival.id not in wider)
+    sums = {c.id: blocks(c.crossed) for c in able if c.id not in wider}
+    return Round(tuple(candidates), leader, names, confidence(sums, leader), now)
 
 
 def tie_reason(
@@ -541,12 +502,8 @@ def tie_reason(
     moments show it, say those of little tension; but not of effects whose forms meet.
     """
     one, two = (EFFECTS[name] for name in names)
-    explained = best.misfit <= Limit.max_misfit
-    if (
-        explained
-        and other.misfit > Limit.max_explained_error
-        and not one.forms_meet(two)
-    ):
+    far = other.misfit > Limit.max_explained_error and not one.forms_meet(two)
+    if far and best.misfit <= Limit.max_misfit:
         return ""
     difference = blocks(other) - blocks(best)
     error = block_sum_deviation(difference)

@@ -84,18 +84,13 @@ def gap_shares(
 
     Models that are fitted for that are added to `known`.
     """
-    inflation = baseline.problem.inflation
+    inflation, names = baseline.problem.inflation, now.problem.effects
     beyond = max(baseline.misfit**2 - 1.0, 1e-12)
     left = now.misfit_by(inflation) ** 2
-    slim = {
-        name: _without_effect(now, name, division, known)
-        for name in now.problem.effects
-    }
-    known += slim.values()
-    return {
-        name: (crossed.misfit_by(inflation) ** 2 - left) / beyond
-        for name, crossed in slim.items()
-    }
+    slim = [_without_effect(now, name, division, known) for name in names]
+    known += slim
+    shares = [(each.misfit_by(inflation) ** 2 - left) / beyond for each in slim]
+    return dict(zip(names, shares, strict=True))
 
 
 def eliminate(
@@ -158,23 +153,20 @@ def drop_redundant(course: Search, division: Sequence[Fold]) -> Search:
 
     If it was or is interrupted, all effects stay.
     """
-    baseline, now, known = course.before, course.after, list(course.known)
-    interrupted = course.interrupted
-    shares: Mapping[str, float] | None = None
-    if not interrupted:
-        try:
-            left = eliminate(now, division, known)
-            shares = gap_shares(baseline, left, division, known)
-            now = left
-        except KeyboardInterrupt:
-            interrupted = True
-            _forget_derivatives(known)
-    if shares is None:
-        shares = gap_shares(baseline, now, division, known)
+    known = list(course.known)
+    shares: Mapping[str, float] = {}
+    now, interrupted = course.after, course.interrupted
+    try:
+        if not interrupted:
+            now = eliminate(course.after, division, known)
+            shares = gap_shares(course.before, now, division, known)
+    except KeyboardInterrupt:
+        now, interrupted = course.after, True
+        _forget_derivatives(known)
     return course._replace(
         after=now,
         rounds=_split_rivals(course.rounds),
-        shares=shares,
+        shares=shares or gap_shares(course.before, now, division, known),
         known=tuple(known),
         interrupted=interrupted,
     )
@@ -368,8 +360,7 @@ class _Additions:
                     effects=known.effects,
                     forms=known.forms,
                 ).sharing([known])
-                start = np.mean([fit.x for fit in model.fits], axis=0)
-                return self._refit(now, wider, [start] * len(self.division))
+                return self._refit(now, wider, [model.x] * len(self.division))
         return None
 
     def _refit(
@@ -396,11 +387,8 @@ def resembling(
 ) -> list[str]:
     """Return the rare effects, none of them `present`, that accepted ones equal."""
     accepted = {c.id for c in candidates if not c.reason}
-    return [
-        name
-        for name in rare
-        if name not in present and accepted.intersection(EFFECTS[name].resembles)
-    ]
+    new = [name for name in rare if name not in present]
+    return [name for name in new if accepted.intersection(EFFECTS[name].resembles)]
 
 
 def _forget_derivatives(known: Sequence[CrossValidation]) -> None:
@@ -451,7 +439,7 @@ def with_own_noise_floor(
             problem = model.problem.sharing([model.problem])
             return cross_validate(problem, division, [fit.x for fit in crossed.fits])
     masks = divided_samples(division)
-    place = np.mean([fit.x for fit in crossed.fits], axis=0)
+    place = crossed.x
     problem = crossed.problem.with_updated_floor(place, masks)
     # Trials that are reserved are predicted by the same simulation.
     reserved = [record.reserved for record in problem.plant.records]
@@ -462,7 +450,7 @@ def with_own_noise_floor(
             problem = finer
         starts = [fit.x for fit in crossed.fits]
         crossed = cross_validate(problem, division, starts)
-        place = np.mean([fit.x for fit in crossed.fits], axis=0)
+        place = crossed.x
         lower = problem.with_updated_floor(place, masks)
         if lower.inflation < 0.5 * problem.inflation:
             problem = lower
@@ -493,8 +481,7 @@ def _screen_folds(
 ) -> list[Signature]:
     """Return the signatures on the divided data, at the mean of the folds' fits."""
     masks = divided_samples(division)
-    x = np.mean([fit.x for fit in now.fits], axis=0)
-    return screen(now.problem, x, masks, ids, division, changes)
+    return screen(now.problem, now.x, masks, ids, division, changes)
 
 
 def _is_redundant(name: str, candidates: Sequence[Candidate]) -> bool:
@@ -616,7 +603,7 @@ def _drop_doubtful(
     """
     problem = found.after.problem
     counts = [record.counts for record in problem.plant.records]
-    start = np.mean([f.x for f in found.after.fits], axis=0)
+    start = found.after.x
     holding = Holdout(baseline_fit)
     while problem.effects:
         x = fit_until_settled(problem, start, counts).x
@@ -668,17 +655,14 @@ def _found_effects(
     groups: Mapping[str, tuple[str, ...]],
 ) -> tuple[FoundEffect, ...]:
     sure = {step.added: step.confidence for step in found.rounds}
-    shares = found.shares
+    shares, library = found.shares, problem.plant.library.effects
     beyond = max(found.before.misfit**2 - 1.0, 0.0)
     own = {name: math.sqrt(max(shares[name], 0.0) * beyond) for name in problem.effects}
     left = found.after.misfit_by(found.before.problem.inflation)
     return tuple(
         FoundEffect(
             name,
-            {
-                parameter.name: estimated[parameter.name]
-                for parameter in problem.plant.library.effects[name].parameters
-            },
+            {p.name: estimated[p.name] for p in library[name].parameters},
             sure.get(name, 0.0),
             share=shares[name],
             refinement=only_refines(name, shares, own, left),
@@ -717,10 +701,8 @@ def only_refines(
     """
     if shares[name] >= min(Limit.max_refinement_share, max(shares.values())):
         return False
-    mends = any(
-        shares[other] > shares[name] and EFFECTS[name].confused(EFFECTS[other])
-        for other in shares
-    )
+    larger = [other for other in shares if shares[other] > shares[name]]
+    mends = any(EFFECTS[name].confused(EFFECTS[other]) for other in larger)
     return mends or own[name] < max(Limit.finding_error, left)
 
 
@@ -743,12 +725,7 @@ def check_agreement(
         for place, part in enumerate(parts):
             progress(place / len(parts), f"searching part {place + 1} of {len(parts)}")
             division = tuple(
-                Fold(
-                    *(
-                        tuple(a & b for a, b in zip(half, part, strict=True))
-                        for half in fold
-                    )
-                )
+                Fold(*(tuple(map(np.logical_and, half, part)) for half in fold))
                 for fold in folds
             )
             crossed = cross_validate(problem, division, [x] * len(division))

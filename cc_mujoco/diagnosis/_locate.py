@@ -50,6 +50,7 @@ from cc_mujoco.diagnosis._search.candidates import signature_cosine
 from cc_mujoco.diagnosis._search.search import Found
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis._verdict import (
+    MODELS,
     Diagnosis,
     Evidence,
     Isolability,
@@ -61,8 +62,6 @@ from cc_mujoco.diagnosis._verdict import (
 )
 from cc_mujoco.native import FloatArray
 from cc_mujoco.report._html import list_words
-
-_CHUNK = 64
 
 
 class Samples(NamedTuple):
@@ -101,13 +100,15 @@ class PeriodicError(NamedTuple):
 
 
 class _Candidate(NamedTuple):
+    """Sine that an error may contain."""
+
     angle: str
     by_torque: bool
     order: float
-    statistic: float
-    background: float
-    left: FloatArray
+    left: FloatArray  # squared error by block, of samples it was not fitted to
     share: float
+    statistic: float = 0.0
+    background: float = 0.0
 
 
 def strongest_line(samples: Samples) -> PeriodicError | None:
@@ -115,36 +116,24 @@ def strongest_line(samples: Samples) -> PeriodicError | None:
     if samples.error.size < 100 or not np.any(samples.error):
         return None
     fit = _Prepared(samples)
-    families = [
-        (name, angle, by_torque)
-        for name, angle in samples.angles.items()
-        for by_torque in (False, True)
-        if fit.orders(angle).size
-    ]
-    tried = sum(fit.orders(angle).size for _, angle, _ in families)
-    if not tried:
+    orders = {name: fit.orders(angle) for name, angle in samples.angles.items()}
+    families = [(n, by) for n in orders for by in (False, True) if orders[n].size]
+    if not families:
         return None
+    tried = sum(orders[name].size for name, _ in families)
     threshold = math.log(tried / Limit.false_alarm_rate)
-    found = [
-        candidate
-        for name, angle, by_torque in families
-        if (candidate := fit.peak(name, angle, by_torque, threshold)) is not None
-    ]
-    best = max(found, key=lambda each: each.share, default=None)
+    peaks = [fit.peak(name, by, orders[name], threshold) for name, by in families]
+    best = max(filter(None, peaks), key=lambda each: each.share, default=None)
     if best is None or best.share < Limit.min_error_share:
         return None
-    angle = samples.angles[best.angle]
-    other = fit.at(best.angle, angle, not best.by_torque, best.order)
+    other = fit.at(best.angle, not best.by_torque, best.order)
     difference = other.left - best.left
-    sure = difference.sum() > Limit.decision_sigmas * np.std(difference) * math.sqrt(
-        difference.size
-    )
-    order_error, amplitude = fit.details(best, angle)
+    scatter = np.std(difference) * math.sqrt(difference.size)
+    sure = difference.sum() > Limit.decision_sigmas * scatter
     return PeriodicError(
         best.angle,
         best.order,
-        order_error,
-        amplitude,
+        *fit.details(best),
         best.by_torque if sure else None,
         best.share,
         best.statistic,
@@ -157,12 +146,11 @@ class _Prepared:
 
     def __init__(self, samples: Samples) -> None:
         self._samples = samples
-        root = np.sqrt(samples.weight)
+        self._root = root = np.sqrt(samples.weight)
         plain = samples.error * root
         usual = Limit.clip_sigmas * float(np.median(np.abs(plain))) / 0.6745
         if usual > 0.0:
             plain = np.clip(plain, -usual, usual)
-        self._root = root
         smooth = np.concatenate(
             [_smooth_functions(samples, angle) for angle in samples.angles.values()],
             axis=1,
@@ -170,10 +158,13 @@ class _Prepared:
         # Collinear columns (both angles of a stiff cable) are dropped.
         left, sizes, _ = np.linalg.svd(smooth * root[:, None], full_matrices=False)
         self._basis = left[:, sizes > 1e-8 * sizes[0]]
-        self._plain = plain
-        self._error = plain - self._basis @ (self._basis.T @ plain)
+        self._error = self._rough(plain)
         self._total = float(plain @ plain)
         self._half = samples.block % 2 == 0
+
+    def _rough(self, columns: FloatArray) -> FloatArray:
+        """Return columns (samples, ...) without their smooth part."""
+        return columns - self._basis @ (self._basis.T @ columns)
 
     def orders(self, angle: FloatArray) -> FloatArray:
         """Return the candidate orders and adjacent ones, in radians per radian."""
@@ -186,23 +177,21 @@ class _Prepared:
         step = math.tau / span / Limit.order_oversampling
         first, last = 0.5 * math.tau / span, min(Limit.max_order, fastest)
         orders: FloatArray = np.arange(first, last, step)
-        enough = orders.size >= 2 * Limit.order_oversampling * (
-            Limit.min_background_orders + 1
-        )
-        return orders if enough else np.zeros(0)
+        least = 2 * Limit.order_oversampling * (Limit.min_background_orders + 1)
+        return orders if orders.size >= least else np.zeros(0)
 
     def peak(
-        self, name: str, angle: FloatArray, by_torque: bool, threshold: float
+        self, name: str, by_torque: bool, orders: FloatArray, threshold: float
     ) -> _Candidate | None:
-        """Return the most significant order, or None."""
-        orders = self.orders(angle)
-        taken = self._spectrum(angle, by_torque, orders)
+        """Return the most significant order of an angle, or None."""
+        angle = self._samples.angles[name]
+        taken = self._spectrum(angle, by_torque, orders, self._error)
         background = np.maximum(_background(taken), 1e-300)
         background[orders < Limit.min_periods * math.tau / np.ptp(angle)] = np.inf
         place = int(np.argmax(taken / background))
         step = orders[1] - orders[0]
         finer = orders[place] + step * np.linspace(-1.0, 1.0, 41)
-        near = self._spectrum(angle, by_torque, finer)
+        near = self._spectrum(angle, by_torque, finer, self._error)
         best = int(np.argmax(near))
         if near[best] < Limit.min_error_share * self._total or not np.isfinite(
             background[place]
@@ -210,32 +199,30 @@ class _Prepared:
             return None
         # A short motion smears a period over the adjacent orders, so they are judged
         # without it.
-        pair = self._pair(angle, by_torque, float(finer[best]))
+        order = float(finer[best])
+        pair = self._pair(angle, by_torque, order)
         left = self._error - pair @ np.linalg.lstsq(pair, self._error)[0]
         beside = self._spectrum(angle, by_torque, orders, left)
         level = max(float(_background(beside)[place]), 1e-300)
         if near[best] < threshold * level:
             return None
-        found = self.at(name, angle, by_torque, float(finer[best]))
-        return found._replace(statistic=float(near[best]) / level, background=level)
+        found, statistic = self.at(name, by_torque, order), float(near[best]) / level
+        return found._replace(statistic=statistic, background=level)
 
-    def at(
-        self, name: str, angle: FloatArray, by_torque: bool, order: float
-    ) -> _Candidate:
-        pair = self._pair(angle, by_torque, order)
+    def at(self, name: str, by_torque: bool, order: float) -> _Candidate:
+        pair = self._pair(self._samples.angles[name], by_torque, order)
         left = np.empty(self._error.size)
         for mask in (self._half, ~self._half):
             size = np.linalg.lstsq(pair[mask], self._error[mask])[0]
             left[~mask] = self._error[~mask] - pair[~mask] @ size
-        blocks = self._samples.block
-        squares = np.bincount(blocks, left**2).astype(np.float64)
+        squares = np.bincount(self._samples.block, left**2).astype(np.float64)
         gain = float(self._error @ self._error - squares.sum())
-        return _Candidate(
-            name, by_torque, order, 0.0, 0.0, squares, gain / max(self._total, 1e-300)
-        )
+        share = gain / max(self._total, 1e-300)
+        return _Candidate(name, by_torque, order, squares, share)
 
-    def details(self, found: _Candidate, angle: FloatArray) -> tuple[float, float]:
+    def details(self, found: _Candidate) -> tuple[float, float]:
         """Return standard error of the order and amplitude of a line."""
+        angle = self._samples.angles[found.angle]
         pair = self._pair(angle, found.by_torque, found.order)
         size = np.linalg.lstsq(pair, self._error)[0]
         turned = np.stack([pair[:, 1], -pair[:, 0]], axis=1) @ size
@@ -245,28 +232,27 @@ class _Prepared:
         spread = math.sqrt(0.5 * found.background / max(float(slope @ slope), 1e-300))
         return spread, float(np.linalg.norm(size))
 
+    def _waves(
+        self, angle: FloatArray, by_torque: bool, orders: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return weighted cosines and sines (samples, orders)."""
+        size = (self._root * (self._samples.torque if by_torque else 1.0))[:, None]
+        phase = np.outer(angle, orders)
+        return np.cos(phase) * size, np.sin(phase) * size
+
     def _pair(self, angle: FloatArray, by_torque: bool, order: float) -> FloatArray:
         """Return weighted cosine and sine without their smooth part (samples, 2)."""
-        size = self._root * (self._samples.torque if by_torque else 1.0)
-        phase = order * angle
-        pair = np.stack([np.cos(phase) * size, np.sin(phase) * size], axis=1)
-        return pair - self._basis @ (self._basis.T @ pair)
+        waves = self._waves(angle, by_torque, np.array([order]))
+        return self._rough(np.concatenate(waves, axis=1))
 
     def _spectrum(
-        self,
-        angle: FloatArray,
-        by_torque: bool,
-        orders: FloatArray,
-        error: FloatArray | None = None,
+        self, angle: FloatArray, by_torque: bool, orders: FloatArray, error: FloatArray
     ) -> FloatArray:
         """Return the squared error that a sine of each order explains (orders,)."""
-        error = self._error if error is None else error
-        size = (self._root * (self._samples.torque if by_torque else 1.0))[:, None]
-        taken = []
-        for first in range(0, orders.size, _CHUNK):
-            phase = np.outer(angle, orders[first : first + _CHUNK])
-            both = np.cos(phase) * size, np.sin(phase) * size
-            one, two = (each - self._basis @ (self._basis.T @ each) for each in both)
+        taken, chunk = [], 64
+        for first in range(0, orders.size, chunk):
+            waves = self._waves(angle, by_torque, orders[first : first + chunk])
+            one, two = map(self._rough, waves)
             aa, bb = (one**2).sum(axis=0), (two**2).sum(axis=0)
             ab = (one * two).sum(axis=0)
             a, b = one.T @ error, two.T @ error
@@ -364,15 +350,15 @@ _AXES: tuple[tuple[str, str, Callable[[TrialTrace], FloatArray]], ...] = (
 def error_maps(traces: Sequence[TrialTrace], seed: int = 0) -> tuple[Map, ...]:
     """Return the maps of all channels and axes, the most explanatory first."""
     random = np.random.default_rng(seed)
-    last = list(traces[0].measured)[-1]
+    last = channel_name(list(traces[0].measured)[-1])
     found = []
     for name, unit, values in _AXES:
         along = [values(trace)[trace.counts > 0.0] for trace in traces]
-        for channel in traces[0].measured:
-            drawn = _map(
-                traces, name or channel_name(last), unit, along, channel, random
-            )
-            found += [drawn] if drawn else []
+        found += [
+            drawn
+            for channel in traces[0].measured
+            if (drawn := _map(traces, name or last, unit, along, channel, random))
+        ]
     return tuple(sorted(found, key=lambda m: m.chance - m.share))
 
 
@@ -385,9 +371,10 @@ def _map(
     random: np.random.Generator,
 ) -> Map | None:
     """Return the map along an axis with these values of the samples that count."""
-    kept = [trace.counts > 0.0 for trace in traces]
-    before = [t.error(channel)[k] for t, k in zip(traces, kept, strict=True)]
-    after = [t.error(channel, "after")[k] for t, k in zip(traces, kept, strict=True)]
+    before, after = (
+        [trace.error(channel, model)[trace.counts > 0.0] for trace in traces]
+        for model in MODELS
+    )
     whole = np.concatenate(values)
     if whole.size < 10 * BINS or np.ptp(whole) == 0.0:
         return None
@@ -400,12 +387,9 @@ def _map(
     half = np.concatenate([(np.arange(v.size) * 8 // v.size) % 2 for v in values])
     cell = place + bins * half
     count = np.bincount(cell, minlength=2 * bins).reshape(2, bins)
-    inside = np.where(count.sum(axis=0) > 0, count.sum(axis=0), 1)
-    centre = np.where(
-        count.sum(axis=0) > 0,
-        np.bincount(place, weights=whole, minlength=bins) / inside,
-        0.5 * (edges[:-1] + edges[1:]),
-    )
+    inside = count.sum(axis=0)
+    mean = np.bincount(place, weights=whole, minlength=bins) / np.maximum(inside, 1)
+    centre = np.where(inside > 0, mean, 0.5 * (edges[:-1] + edges[1:]))
 
     def sums(error: Sequence[FloatArray]) -> FloatArray:
         found = np.bincount(cell, np.concatenate(error), 2 * bins)
@@ -453,18 +437,19 @@ def _share(sums: FloatArray, count: NDArray[np.intp], square: float) -> float:
 
 
 def describe_map(drawn: Map) -> str:
+    """Return in a sentence where along its axis the error of a map lies."""
     good = np.isfinite(drawn.before)
     centre, error = drawn.centre[good], drawn.before[good]
-    low, high = int(np.argmin(error)), int(np.argmax(error))
     # Centres of bins that are symmetric about 0 miss it by rounding.
     place = np.where(np.abs(centre) < 1e-9 * np.max(np.abs(centre)), 0.0, centre)
-    unit = "" if drawn.unit == "1" else f" {drawn.unit}"
+    unit, sense = f" {drawn.unit}", ""
+    if drawn.unit == "1":
+        unit, sense = "", " (1 is forwards, \u22121 backwards)"
     step = float(np.ptp(centre)) / BINS
     first, last = (
         f"{format_signed(error[k])} N m at {format_number(place[k], step)}{unit}"
-        for k in (low, high)
+        for k in (np.argmin(error), np.argmax(error))
     )
-    sense = " (1 is forwards, \u22121 backwards)" if drawn.unit == "1" else ""
     return (
         f"{format_share(drawn.share)} of the squared {channel_name(drawn.channel)} "
         f"error lies along {drawn.axis} (chance gives {format_share(drawn.chance)}): "
@@ -530,21 +515,17 @@ def error_places(
     after = result.problem.torques(result.x)
     seen = traces(problem, before, after)
     off, left = (_noise_ratios(problem, played) for played in (before, after))
-    worst = max(off, key=lambda name: off[name])
+    ranked = sorted(off, key=lambda name: -off[name])
+    worst = ranked[0]
+    large = [name for name in off if off[name] > Limit.min_searched_error]
+    samples = {name: error_samples(problem, seen, name) for name in large}
     found = [
         _describe_period(line, name)
-        for name in sorted(off, key=lambda name: -off[name])
-        if off[name] > Limit.min_searched_error
-        and (line := strongest_line(error_samples(problem, seen, name))) is not None
+        for name in ranked
+        if name in samples and (line := strongest_line(samples[name])) is not None
     ]
-    found += _describe_constants(
-        {
-            name: error_samples(problem, seen, name)
-            for name in off
-            if off[name] > Limit.min_searched_error
-        }
-    )
-    if off[worst] > Limit.min_searched_error:
+    found += _describe_constants(samples)
+    if worst in samples:
         found += describe_trial_constants(constants, ordinates, worst)
     found.sort(key=lambda each: -each[1].share_of_error)
     # Maps that chance does not explain.
@@ -553,13 +534,8 @@ def error_places(
         for m in drawn
         if m.share > max(m.chance, 0.02)
     )[:6]
-    squares = {name: size**2 for name, size in off.items()}
-    first = Where(
-        worst,
-        "channel",
-        squares[worst] / sum(squares.values()),
-        _main_sentence(off, worst, found, mapped),
-    )
+    share = off[worst] ** 2 / sum(size**2 for size in off.values())
+    first = Where(worst, "channel", share, _main_sentence(off, worst, found, mapped))
     remaining = [
         _describe_period(line, name, " that is left with what was added")
         for name, size in left.items()
@@ -630,37 +606,39 @@ def _main_sentence(
         name: format_number(size, 1.0 if size < 100.0 else math.nan)
         for name, size in off.items()
     }
-    sizes = list_words([f"{channel_name(n)} {size}" for n, size in over.items()])
-    beside = list_words([f"{channel_name(n)} {over[n]}" for n in others])
+    sizes, beside = (
+        list_words([f"{channel_name(name)} {over[name]}" for name in names])
+        for names in (off, others)
+    )
+    floors = f"({sizes} times the noise floor)"
     beyond = {name: max(size**2 - 1.0, 0.0) for name, size in off.items()}
     mostly = all(beyond[worst] > Limit.dominant_ratio * beyond[name] for name in others)
-    if off[worst] <= Limit.layout_error:
-        text = f"No torque is far off ({sizes} times the noise floor)"
+    channel, close = channel_name(worst), off[worst] <= Limit.layout_error
+    if close:
+        text = f"No torque is far off {floors}"
     elif not others:
         text = (
-            f"Only the {channel_name(worst)} is compared; it is {over[worst]} times "
-            "the noise floor off"
+            f"Only the {channel} is compared; it is {over[worst]} times the noise "
+            "floor off"
         )
     elif not mostly:
-        text = f"The error is in both torques ({sizes} times the noise floor)"
+        text = f"The error is in both torques {floors}"
     elif all(off[name] <= Limit.explained_error for name in others):
         text = (
-            f"The error is in the {channel_name(worst)} only "
-            f"({over[worst]} times the noise floor; {beside})"
+            f"The error is in the {channel} only ({over[worst]} times the noise floor; "
+            f"{beside})"
         )
     else:
-        text = (
-            f"The error is mostly in the {channel_name(worst)} "
-            f"({sizes} times the noise floor)"
-        )
+        text = f"The error is mostly in the {channel} {floors}"
     if found:
         return f"{text}: {found[0][0]}."
-    if off[worst] <= Limit.layout_error:
+    if close:
         return f"{text}."
     if mapped:
+        most = mapped[0]
         return (
-            f"{text}: {format_share(mapped[0].share_of_error)} of the squared "
-            f"{channel_name(mapped[0].channel)} error lies along {mapped[0].axis}."
+            f"{text}: {format_share(most.share_of_error)} of the squared "
+            f"{channel_name(most.channel)} error lies along {most.axis}."
         )
     return (
         f"{text}: it is not periodic in an angle, follows no constant that differs "

@@ -17,6 +17,7 @@ from cc_mujoco.estimation._least_squares import Estimate
 from cc_mujoco.native import FloatArray
 
 Model = Literal["before", "after"]
+MODELS: tuple[Model, ...] = ("before", "after")
 PREDICTED_CHANNELS = ("motor_torque_nm", "joint_torque_nm")
 """Channels that the model predicts, from both angles."""
 

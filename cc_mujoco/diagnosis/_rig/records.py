@@ -241,14 +241,9 @@ class Filtering:
 
 def prepare(dataset: Dataset, bench: Bench) -> tuple[tuple[Record, ...], Filtering]:
     """Return the records of a dataset, in order, and how they were filtered."""
-    slowest = min(trial.rate for trial in dataset.trials)
-    band, motion_band = (
-        compared_band(slowest),
-        min(Limit.max_motion_band, 0.4 * slowest),
-    )
-    first = dataset.trials[0]
-    bands = (band, motion_band)
-    passed = (_passed_share(first, band), _passed_share(first, motion_band))
+    first, slowest = dataset.trials[0], min(trial.rate for trial in dataset.trials)
+    bands = compared_band(slowest), min(Limit.max_motion_band, 0.4 * slowest)
+    passed = [_passed_share(first, band) for band in bands]
     # Angles that are played, motor and joint first.
     angle_channels = [MOTOR_ANGLE, JOINT_ANGLE, *map(other_angle, bench.others)]
     still = tuple(
@@ -268,25 +263,23 @@ def prepare(dataset: Dataset, bench: Bench) -> tuple[tuple[Record, ...], Filteri
     if dataset.instruments.joint == "known load":
         noise = dataset.noise[JOINT_ANGLE].deviation
         shaken = load_noise(dataset.constants, noise, first.rate, bands)
-    return tuple(records), Filtering(motion_band, passed[0], still[:2], shaken)
+    return tuple(records), Filtering(bands[1], passed[0], still[:2], shaken)
 
 
 def _conditions(trials: Sequence[Trial]) -> dict[str, TrialConditions]:
     """Return the conditions of trials, which are in the order of recording, by name."""
     means, rates = {}, {}
     for trial in trials:
-        if trial.temperature is None or not np.isfinite(trial.temperature).any():
-            continue
-        known = np.isfinite(trial.temperature)
-        time, celsius = trial.time[known], trial.temperature[known]
-        means[trial.name] = float(celsius.mean())
-        spread = time - time.mean()
-        rates[trial.name] = float(spread @ celsius / max(spread @ spread, 1e-300))
+        if trial.temperature is not None and np.isfinite(trial.temperature).any():
+            known = np.isfinite(trial.temperature)
+            time, celsius = trial.time[known], trial.temperature[known]
+            means[trial.name] = float(celsius.mean())
+            spread = time - time.mean()
+            rates[trial.name] = float(spread @ celsius / max(spread @ spread, 1e-300))
     usual = float(np.mean(list(means.values()))) if means else 0.0
-    middle = 0.5 * (len(trials) - 1)
     return {
         trial.name: TrialConditions(
-            place - middle,
+            place - 0.5 * (len(trials) - 1),
             means.get(trial.name, usual) - usual,
             rates.get(trial.name, 0.0),
         )
@@ -302,8 +295,8 @@ def _record(
     still: tuple[float, ...],
     dataset: Dataset,
 ) -> Record:
-    noise, known = dataset.noise, dataset.instruments
-    tilt = trial.facts.tilt or 0.0
+    noise, known, facts = dataset.noise, dataset.instruments, trial.facts
+    tilt = facts.tilt or 0.0
     thin = max(1, int(trial.rate / Limit.min_kept_rate + 1e-9))
     band, motion_band = bands
     angles = np.array(
@@ -322,9 +315,8 @@ def _record(
         ]
     )
     cell = None
-    if trial.facts.load_cell:
-        name, pretension = trial.facts.load_cell, trial.facts.pretension
-        cell = SingleCell.of(name, bench, pretension)
+    if name := facts.load_cell:
+        cell = SingleCell.of(name, bench, facts.pretension)
         torques[known.rows.index(cell.row)] = cell.torque(trial.tensions[name][part])
     read = passed[:, ::thin].copy()
     measured = low_pass(torques, band, trial.rate)[:, ::thin]
@@ -334,10 +326,10 @@ def _record(
     time = trial.time[part][::thin]
     dt = trial.step * thin
     travel = np.cumsum(np.abs(np.diff(smooth[0], prepend=smooth[0, 0])))
-    wind_up_travel = (
-        0.0 if trial.facts.unhooked else Limit.run_in_travel * wind_up_angle(bench)
-    )
-    counts = (travel >= wind_up_travel) & (time - time[0] > 0.1)
+    run_in = 0.0
+    if not facts.unhooked:
+        run_in = Limit.run_in_travel * wind_up_angle(bench)
+    counts = (travel >= run_in) & (time - time[0] > 0.1)
     # Without samples on both sides the filter differs between the signals.
     edge = max(2, round(0.5 / band / dt))
     if known.motor == "motor current":
@@ -359,16 +351,16 @@ def _record(
         measured=measured,
         band=band,
         counts=counts,
-        pretension=0.0 if trial.facts.unhooked else trial.facts.pretension,
-        known_torques=(trial.facts.known_motor_torque, trial.facts.known_joint_torque),
-        swapped=trial.facts.swapped,
+        pretension=0.0 if facts.unhooked else facts.pretension,
+        known_torques=(facts.known_motor_torque, facts.known_joint_torque),
+        swapped=facts.swapped,
         load_cell=cell,
-        notes=trial.facts.notes,
+        notes=facts.notes,
         start=float(time[0] - trial.time[0]),
-        split=trial.facts.split,
-        group=trial.facts.repeat_of or trial.name,
+        split=facts.split,
+        group=facts.repeat_of or trial.name,
         tilt=tilt,
-        occasion=trial.facts.occasion,
+        occasion=facts.occasion,
         path=bench.recorded_path(smooth[1], smooth[2:], Limit.ramp_samples),
         columns={name: values[part][::thin] for name, values in trial.columns.items()},
     )
@@ -447,8 +439,7 @@ class Setting(NamedTuple):
         if not self.arm:
             return joint if self.lever is None else self.lever.turned(joint)
         if self.lever is None:
-            whole = Polynomial((1.0, *self.arm)).integ()
-            return whole(joint)
+            return Polynomial((1.0, *self.arm)).integ()(joint)
         angles = self.lever.joint
         arm = self.moment_share(angles)
         middle = 0.5 * (arm[1:] + arm[:-1]) * np.diff(angles)
@@ -599,13 +590,12 @@ def with_lead_in(
     The angles are (samples,) [rad]; `following` is the motor angle at which the cables
     keep their length, by that of the joint.
     """
-    there = np.linspace(0.0, 1.0, Limit.ramp_samples + 1) * joint[0]
+    count = Limit.ramp_samples
+    there = np.linspace(0.0, 1.0, count + 1) * joint[0]
     along = following(there)
-    settling = np.linspace(along[-1], motor[0], Limit.ramp_samples + 1)[:-1]
+    settling = np.linspace(along[-1], motor[0], count + 1)[:-1]
     led_motor = np.concatenate([along[:-1], settling, motor])
-    led_joint = np.concatenate(
-        [there[:-1], np.full(Limit.ramp_samples, joint[0]), joint]
-    )
+    led_joint = np.concatenate([there[:-1], np.full(count, joint[0]), joint])
     if substeps == 1:
         return led_motor, led_joint
     size = led_motor.size

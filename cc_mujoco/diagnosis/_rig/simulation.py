@@ -21,9 +21,10 @@ Facts of the rig remove or bound others.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import zip_longest
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -82,10 +83,6 @@ _CHANGING = (
 )
 """Parameters of the baseline that may change between occasions."""
 _LARGEST = {p.name: p.high for p in PARAMETERS if p.name in _CHANGE_DEVIATIONS}
-_MAX_LOG_RATIO = math.log(30.0)
-"""Largest ratio of two occasions that is fitted, as a logarithm."""
-_BOTH = math.sqrt(2.0)
-"""Deviation of a difference over that of both parts."""
 
 
 def change_name(name: str, occasion: str) -> str:
@@ -136,33 +133,31 @@ def change_parameters(
     """
     *earlier, last = occasions_of(records)
     found = []
-    by_occasion = {
-        name: [record for record in records if record.occasion == name]
-        for name in (*earlier, last)
-    }
     for occasion in earlier:
-        both = [*by_occasion[occasion], *by_occasion[last]]
-        declared = all(record.pretension is not None for record in both)
+        before, after = (
+            [record for record in records if record.occasion == name]
+            for name in (occasion, last)
+        )
+        declared = all(record.pretension is not None for record in before + after)
         for tuned in baseline:
             if tuned.name not in _CHANGING:
                 continue
-            described = replace(tuned.parameter, name=change_name(tuned.name, occasion))
-            prior = _BOTH * tuned.prior
+            name, both = change_name(tuned.name, occasion), math.sqrt(2.0)
             if tuned.factor:
+                meaning = tuned.parameter.meaning
+                described = Parameter(name, "1", meaning, scale="log")
                 prior = _CHANGE_DEVIATIONS[tuned.name]
                 if tuned.name == "pretension" and declared:
-                    prior = _BOTH * tuned.scale * tuned.prior
-                described = Parameter(
-                    described.name, "1", described.meaning, scale="log"
-                )
-                start, scale, low, high = 1.0, 1.0, -_MAX_LOG_RATIO, _MAX_LOG_RATIO
-            else:
-                start, scale = 0.0, tuned.scale
-                low, high = 2.0 * tuned.low, 2.0 * tuned.high
+                    prior = both * tuned.scale * tuned.prior
+                most = math.log(30.0)  # the logarithm of the largest ratio
+                found.append(Tuned(described, 1.0, 1.0, -most, most, prior))
+                continue
+            described = replace(tuned.parameter, name=name)
+            start, (low, high) = 0.0, (2.0 * tuned.low, 2.0 * tuned.high)
             if tuned.name == "joint_angle_offset":
-                start = angle_offset(by_occasion[occasion])
-                start -= angle_offset(by_occasion[last])
-            found.append(Tuned(described, start, scale, low, high, prior))
+                start = angle_offset(before) - angle_offset(after)
+            prior = both * tuned.prior
+            found.append(Tuned(described, start, tuned.scale, low, high, prior))
     return found
 
 
@@ -582,8 +577,8 @@ class SimulatedRig:
         conditions: TrialConditions = USUAL_CONDITIONS,
     ) -> Setting:
         """Return the replay setting of the cables for these values, see `cables`."""
-        radii = self.radii(values)
-        whole = {**self._absent, **values}
+        radii, whole = self.radii(values), {**self._absent, **values}
+        acting = [EFFECTS[name] for name in effects]
         return Setting(
             self.cables(values, effects, pretension, conditions),
             *radii,
@@ -594,10 +589,8 @@ class SimulatedRig:
             lever=self.bench.lever,
             courses=self.bench.courses(self.segments),
             share=radii[1] / self.bench.drawn_radius if self.bench.led else 1.0,
-            arm=_moment_arm(
-                [EFFECTS[name].joint_arm for name in effects], whole, self.bench.arm
-            ),
-            motor_arm=_moment_arm([EFFECTS[name].motor_arm for name in effects], whole),
+            arm=_moment_arm((e.joint_arm for e in acting), whole, self.bench.arm),
+            motor_arm=_moment_arm((e.motor_arm for e in acting), whole),
         )
 
     def cables(
@@ -653,13 +646,16 @@ class SimulatedRig:
         for effect in sorted(map(EFFECTS.__getitem__, effects), key=lambda e: e.sensor):
             if effect.torques is not None:
                 shown = effect.torques(shown, values)
-        behind = [values.get(name, 0.0) for name in TORQUE_DELAYS]
+        motor, joint = (values.get(name, 0.0) for name in TORQUE_DELAYS)
         both = np.array(
             [
-                shift_signal(shown.motor, -behind[0] / record.dt)
-                + values.get(TORQUE_OFFSETS[0], 0.0),
-                shift_signal(shown.joint, -(setting.late + behind[1]) / record.dt)
-                + values.get(TORQUE_OFFSETS[1], 0.0),
+                shift_signal(torque, -late / record.dt) + values.get(offset, 0.0)
+                for torque, late, offset in zip(
+                    (shown.motor, shown.joint),
+                    (motor, setting.late + joint),
+                    TORQUE_OFFSETS,
+                    strict=True,
+                )
             ]
         )
         if (cell := record.load_cell) is not None:  # no torque sensor shows its fault
@@ -678,58 +674,56 @@ class SimulatedRig:
         """
         played = cached_replay(record, setting)
         joint_angle, motor, joint = played.joint_angle, played.motor, played.joint
-        known = self.instruments
+        known, constants = self.instruments, self.constants
         if known.motor == "load cells":
             pull = agonist_less_antagonist(played.tension_proximal)
             motor = self.bench.motor_radius * pull
-        rotor = self.constants.get("rotor_inertia")
-        if rotor is not None and known.motor in ("torque sensor", "motor current"):
-            motor = motor + rotor.value * acceleration(record.motor_angle, record.dt)
-        weights = record.known_torques
-        if known.motor in ("torque sensor", "motor current"):
-            motor = motor + weights[0]
+        if known.motor in _MECHANICAL_INSTRUMENTS["motor"]:
+            if (rotor := constants.get("rotor_inertia")) is not None:
+                turning = acceleration(record.motor_angle, record.dt)
+                motor = motor + rotor.value * turning
+            motor = motor + record.known_torques[0]
         if known.motor == "motor current":
             speed = np.gradient(record.motor_angle, record.dt)
-            share = dry_friction(
-                record.motor_angle, values.get("motor_wind_up", Limit.wind_up)
-            )
+            wind_up = values.get("motor_wind_up", Limit.wind_up)
+            share = dry_friction(record.motor_angle, wind_up)
             motor = (
                 motor
                 + values.get("motor_friction", 0.0) * share
                 + values.get("motor_damping", 0.0) * speed
             )
-            given = self.constants["torque_constant"].value
+            given = constants["torque_constant"].value
             motor = motor * (given / values.get("torque_constant", given))
         if known.joint == "load cells":
             pull = agonist_less_antagonist(played.tension_distal)
             joint = self.bench.joint_radius * pull
-        if known.joint == "torque sensor":
-            joint = joint + weights[1]
-        if known.joint == "known load":
-            given_load = {"load_rest_angle": 0.0, **load_values(self.constants)}
-            here = {k: values.get(k, v) for k, v in given_load.items()}
-            joint = joint - (
-                load_torque(joint_angle, record.dt, here, record.tilt)
-                - load_torque(joint_angle, record.dt, given_load, record.tilt)
+        elif known.joint == "torque sensor":
+            joint = joint + record.known_torques[1]
+        elif known.joint == "known load":
+            declared = {"load_rest_angle": 0.0, **load_values(constants)}
+            here = {k: values.get(k, v) for k, v in declared.items()}
+            tuned, usual = (
+                load_torque(joint_angle, record.dt, load, record.tilt)
+                for load in (here, declared)
             )
-        time = record.start + record.dt * np.arange(motor.size, dtype=np.float64)
+            joint = joint - (tuned - usual)
         # A lever has its arm by the joint's own angle, and so have weights and springs.
         # With pulleys, the offset is the motor's zero as much as the joint's.
         there = joint_angle + (setting.offset if setting.lever is not None else 0.0)
         return Signals(
-            record.dt,
-            time,
-            record.motor_angle,
-            there,
-            motor,
-            joint,
-            record.tilt,
-            played.tension_proximal,
-            played.tension_distal,
-            setting.motor_radius,
-            setting.joint_radius,
-            record.conditions,
-            record.columns,
+            dt=record.dt,
+            time=record.start + record.dt * np.arange(motor.size, dtype=np.float64),
+            motor_angle=record.motor_angle,
+            joint_angle=there,
+            motor=motor,
+            joint=joint,
+            tilt=record.tilt,
+            tension_proximal=played.tension_proximal,
+            tension_distal=played.tension_distal,
+            motor_radius=setting.motor_radius,
+            joint_radius=setting.joint_radius,
+            conditions=record.conditions,
+            columns=record.columns,
         )
 
     @cached_property
@@ -752,16 +746,15 @@ class SimulatedRig:
 
 
 def _moment_arm(
-    changes: Sequence[Callable[[Values], tuple[float, ...]] | None],
+    changes: Iterable[Callable[[Values], tuple[float, ...]] | None],
     values: Values,
     known: tuple[float, ...] = (),
 ) -> tuple[float, ...]:
     """Return the sum of the coefficients of a moment arm, see `Setting.arm`."""
-    found = [np.array(change(values)) for change in changes if change is not None]
-    found.append(np.array(known))
-    size = max((each.size for each in found), default=0)
-    total = sum((np.pad(c, (0, size - c.size)) for c in found), np.zeros(size))
-    return tuple(total.tolist()) if total.any() else ()
+    found = [change(values) for change in changes if change is not None]
+    rows = zip_longest(*found, known, fillvalue=0.0)
+    total = tuple(float(sum(row)) for row in rows)
+    return total if any(total) else ()
 
 
 def _swap_sensors(values: Values) -> dict[str, float]:
@@ -778,10 +771,10 @@ def _swap_sensors(values: Values) -> dict[str, float]:
 def plausible_range(
     parameter: EffectParameter, plant: SimulatedRig
 ) -> tuple[float, float]:
-    low, high = parameter.plausible
+    """Return the range of a parameter of an effect that is possible on a rig."""
+    (low, high), records = parameter.plausible, plant.records
     if not parameter.of:
         return low, high
-    records = plant.records
     motion = max((float(np.ptp(r.joint_angle)) for r in records), default=0.0)
     if parameter.of == "motor_radius":
         whole = plant.bench.motor_radius

@@ -24,6 +24,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -131,28 +132,16 @@ def strokes_of(
     sign = np.where(moves, np.sign(speed), 0.0)
     moving = np.flatnonzero(moves)
     turns = moving[1:][np.diff(sign[moving]) != 0.0]
-    found = []
-    for place, (first, last) in enumerate(
-        zip([*moving[:1], *turns], [*turns, angle.size], strict=True)
-    ):
+    found: list[Stroke] = []
+    for first, last in pairwise([*moving[:1], *turns, angle.size]):
         rows = moving[(moving >= first) & (moving < last)]
-        begin = 0 if place == 0 else moving[np.searchsorted(moving, first) - 1]
+        begin = moving[np.searchsorted(moving, first) - 1] if found else 0
         way = float(sign[first])
         # The reversal is where the joint was furthest the other way.
         start = float(np.min(way * angle[begin : first + 1]))
-        found.append(
-            Stroke(
-                trial,
-                way,
-                place > 0,
-                ideal[rows],
-                torque[rows],
-                speed[rows],
-                acceleration[rows],
-                way * angle[rows] - start,
-                step,
-            )
-        )
+        shown = (ideal[rows], torque[rows], speed[rows], acceleration[rows])
+        travel = way * angle[rows] - start
+        found.append(Stroke(trial, way, bool(found), *shown, travel, step))
     return found
 
 
@@ -181,12 +170,10 @@ class _Law(NamedTuple):
         squares, products = [], []
         for each in blocks:
             columns = each.columns[:, active]
-            square = columns.T @ columns
-            for place, column in enumerate(active):
-                if column in (DRIVING, DRIVEN):
-                    used = np.count_nonzero(each.columns[:, column])
-                    square[place, place] -= used * load_noise**2
-            squares.append(square)
+            used = np.count_nonzero(columns, axis=0) * np.isin(
+                active, [DRIVING, DRIVEN]
+            )
+            squares.append(columns.T @ columns - np.diag(used * load_noise**2))
             products.append(columns.T @ each.torque)
         return cls(blocks, active, np.array(squares), np.array(products))
 
@@ -201,6 +188,20 @@ class _Law(NamedTuple):
         found[:, [DRAG, INERTIA]] = 0.0
         found[:, self.active] = np.linalg.solve(squares, products[..., None])[..., 0]
         return found
+
+    def best(self) -> FloatArray:
+        """Return the coefficients (1, 6) with all blocks."""
+        return self.solve(np.ones((1, len(self.blocks))))
+
+    @property
+    def constant_load(self) -> bool:
+        """True if the data do not distinguish one of their slopes from a loss."""
+        present = [
+            column
+            for column in (DRIVING, DRIVEN)
+            if any(np.any(b.columns[:, column]) for b in self.blocks)
+        ]
+        return not np.isin(present, self.active).all()
 
 
 def _distinguished(columns: FloatArray) -> NDArray[np.int_]:
@@ -252,7 +253,8 @@ def fit_loss(
     settling, before = 0.3 * usual, math.nan
     for _ in range(4):
         blocks = _blocks(strokes, settling)
-        few = min(sum(1 for b in blocks if b.sign == way) for way in (1.0, -1.0))
+        signs = np.array([each.sign for each in blocks])
+        few = int(min(np.sum(signs == way) for way in (1.0, -1.0)))
         if few < Limit.loss_min_blocks or settling > Limit.max_settling_share * usual:
             return LossFit(
                 {},
@@ -261,53 +263,52 @@ def fit_loss(
                 "distinguished from stretch and play; record longer strokes",
             )
         law = _Law.of(blocks, load_noise)
-        best = law.solve(np.ones((1, len(blocks))))[0]
+        best = law.best()
         if settling == before:
             break
         before = settling
-        settling = _Profile.of(strokes, best, usual).settling(usual)
+        settling = _Profile.of(strokes, best[0], usual).settling(usual)
     random = np.random.default_rng(seed)
-    signs = np.array([each.sign for each in blocks])
     weights = np.zeros((_DRAWS, len(blocks)))
     for way in (1.0, -1.0):
         own = np.flatnonzero(signs == way)
         weights[:, own] = random.multinomial(
             own.size, np.full(own.size, 1.0 / own.size), _DRAWS
         )
-    derived = _derived(best[None], law)
-    spread = {
-        name: float(np.nanstd(values)) * math.sqrt(few / (few - 1.0))
-        for name, values in _derived(law.solve(weights), law, weights).items()
-    }
-    values = {
-        name: _estimate(float(value[0]), _UNITS[name], spread[name], few - 2)
-        for name, value in derived.items()
-    }
-    for name in ("drag", "rotor_inertia"):
-        if name in values and values[name].ci95[0] <= 0.0:
-            del values[name]
+    derived, drawn = _derived(best, law), _derived(law.solve(weights), law, weights)
+    wider = math.sqrt(few / (few - 1.0))
+    values = {}
+    for name, value in derived.items():
+        spread = float(np.nanstd(drawn[name])) * wider
+        fitted = _estimate(float(value[0]), _UNITS[name], spread, few - 2)
+        if name not in ("drag", "rotor_inertia") or fitted.ci95[0] > 0.0:
+            values[name] = fitted
     by_scene = [b._replace(torque=scene.torque(b.ideal, b.sign)) for b in blocks]
     expected = _Law.of(by_scene, 0.0)
-    stated = _derived(expected.solve(np.ones((1, len(blocks)))), expected)
+    stated = _derived(expected.best(), expected)
     breakaway_at = math.nan
-    slides = values.get("load_independent_loss"), values.get("friction_exponent")
-    if all(slides) and any(each.ci95[0] > 0.0 for each in slides if each):
-        profile = _Profile.of(strokes, best, usual)
+    slides = [
+        values[name].ci95[0] > 0.0
+        for name in ("load_independent_loss", "friction_exponent")
+        if name in values
+    ]
+    if len(slides) == 2 and any(slides):
+        profile = _Profile.of(strokes, best[0], usual)
         excess, breakaway_at = _breakaway(profile, random)
         if excess is not None:
             values["breakaway_excess"] = excess
+    left = [b.torque - b.columns @ np.nan_to_num(best[0]) for b in blocks]
+    off = [b.torque - each.torque for b, each in zip(blocks, by_scene, strict=True)]
     return LossFit(
         values,
         settling,
         breakaway_at,
-        rms([b.torque - b.columns @ np.nan_to_num(best) for b in blocks])
-        if derived.get("friction_exponent") is not None
-        else math.nan,
-        rms([b.torque - each.torque for b, each in zip(blocks, by_scene, strict=True)]),
+        rms(left) if "friction_exponent" in derived else math.nan,
+        rms(off),
         {name: float(value[0]) for name, value in stated.items()},
         rms([b.torque for b in blocks]),
         rms([b.columns[:, DRAG] for b in blocks]),
-        _undetermined(law, values, gain_uncertainty, breakaway_at),
+        _undetermined(law, gain_uncertainty, breakaway_at),
     )
 
 
@@ -334,38 +335,29 @@ def _derived(
     values: dict[str, FloatArray] = {}
     known = set(law.active.tolist())
     if {DRIVING, DRIVEN} <= known:
-        slopes = np.log(np.maximum(found[:, [DRIVING, DRIVEN]], 1e-9))
-        driving, driven = slopes[:, 0], slopes[:, 1]
+        driving, driven = np.log(np.maximum(found[:, [DRIVING, DRIVEN]], 1e-9)).T
         values["friction_exponent"] = 0.5 * (driven - driving)
         values["exponent_driving"], values["exponent_driven"] = -driving, driven
         values["gain"] = np.exp(0.5 * (driven + driving))
-    if known & {DRIVING, DRIVEN} and not _constant_load(law):
+    if known & {DRIVING, DRIVEN} and not law.constant_load:
         positive, negative = found[:, POSITIVE], found[:, NEGATIVE]
         values["load_independent_loss"] = 0.5 * (positive + negative)
         values["load_independent_positive"] = positive
         values["load_independent_negative"] = negative
         values["zero"] = 0.5 * (negative - positive)
     else:
-        each = np.array([[b.ideal.mean() - b.torque.mean()] for b in law.blocks])[:, 0]
+        each = np.array([b.ideal.mean() - b.torque.mean() for b in law.blocks])
         signs = np.array([b.sign for b in law.blocks])
         used = np.ones((1, signs.size)) if weights is None else weights
-        means = [used[:, signs == w] @ each[signs == w] for w in (1.0, -1.0)]
-        count = [used[:, signs == w].sum(axis=1) for w in (1.0, -1.0)]
-        values["total_loss"] = 0.5 * (means[0] / count[0] - means[1] / count[1])
+        forth, back = (
+            used[:, signs == w] @ each[signs == w] / used[:, signs == w].sum(axis=1)
+            for w in (1.0, -1.0)
+        )
+        values["total_loss"] = 0.5 * (forth - back)
     for name, column in (("drag", DRAG), ("rotor_inertia", INERTIA)):
         if column in known:
             values[name] = found[:, column]
     return values
-
-
-def _constant_load(law: _Law) -> bool:
-    """Return whether the data do not distinguish one of their slopes from a loss."""
-    present = {
-        column
-        for column in (DRIVING, DRIVEN)
-        if any(np.any(b.columns[:, column]) for b in law.blocks)
-    }
-    return not present <= set(law.active.tolist())
 
 
 def _estimate(value: float, unit: str, deviation: float, freedom: int) -> Estimate:
@@ -505,11 +497,12 @@ def _breakaway(
 
 
 def _undetermined(
-    law: _Law, values: dict[str, Estimate], gain_uncertainty: float, breakaway_at: float
+    law: _Law, gain_uncertainty: float, breakaway_at: float
 ) -> tuple[str, ...]:
+    """Return clauses on what the data do not determine."""
     found = ["stretch, play and pretension, which need the motor's angle"]
     known = set(law.active.tolist())
-    if _constant_load(law):
+    if law.constant_load:
         found.append(
             "which part of the loss grows with the load, as the load hardly varies "
             "in one direction; record at two or more loads"
@@ -543,28 +536,19 @@ def _undetermined(
     return tuple(found)
 
 
-_WHAT_TELLS = (
-    "Record the motor's angle as well, to find stretch, play and pretension and to "
-    "distinguish the effects."
-)
-
-
 def diagnose_loss(dataset: Dataset, bench: Bench, seed: int = 0) -> Diagnosis:
     """Return the loss by direction and load, and effects that these data cannot show.
 
     The dataset must have both torques and the joint's angle of one occasion, and the
     path of the cables must not depend on the joint.
     """
-    where = dataset.path or "these trials"
+    where, known = dataset.path or "these trials", dataset.instruments
     if bench.led or bench.others:
         raise CableError(
             f"scene {bench.path} has a cable whose path its joint moves, which takes "
             "the motor's angle to diagnose; record it"
         )
-    if dataset.instruments.motor is None or dataset.instruments.joint in (
-        None,
-        "known load",
-    ):
+    if known.motor is None or known.joint in (None, "known load"):
         raise CableError(
             f"in {where} the motor's angle is not measured and a torque is not either; "
             "record the torque at both ends (a current will do at the motor)"
@@ -574,10 +558,7 @@ def diagnose_loss(dataset: Dataset, bench: Bench, seed: int = 0) -> Diagnosis:
             f"{where} has several occasions, which take the motor's angle to compare; "
             "diagnose each by itself"
         )
-    special = (
-        *("unhooked", "swapped", "load_cell"),
-        *("known_joint_torque", "known_motor_torque"),
-    )
+    special = "unhooked swapped load_cell known_joint_torque known_motor_torque".split()
     used = [
         trial
         for trial in dataset.trials
@@ -585,15 +566,13 @@ def diagnose_loss(dataset: Dataset, bench: Bench, seed: int = 0) -> Diagnosis:
     ]
     strokes = [s for k, t in enumerate(used) for s in _strokes(k, t, dataset, bench)]
     load, torque = _noise(used, dataset, bench)
-    known = dataset.constants.get("gain_uncertainty")
-    cable = bench.cables[0]
-    pair = len(bench.cables) > 1
-    law = SceneLaw(
-        cable.friction * cable.wrap, cable.pretension * bench.joint_radius * pair
-    )
-    doubt = math.inf if known is None else math.sqrt(2.0) * known.value
+    gains = dataset.constants.get("gain_uncertainty")
+    cable, pair = bench.cables[0], len(bench.cables) > 1
+    taut = cable.pretension * bench.joint_radius * pair
+    doubt = math.inf if gains is None else math.sqrt(2.0) * gains.value
+    law = SceneLaw(cable.friction * cable.wrap, taut)
     found = fit_loss(strokes, load, law, doubt, seed)
-    mode = describe_mode(dataset.instruments, motor_angle=False)
+    mode = describe_mode(known, motor_angle=False)
     no_scene = f"{NO_SCENE_PREFIX}: without the motor's angle no cable can be played."
     if found.refused:
         reason = f"{capitalise(found.refused)}."
@@ -608,11 +587,10 @@ def diagnose_loss(dataset: Dataset, bench: Bench, seed: int = 0) -> Diagnosis:
     before, after = found.scene_error / noise, found.error / noise
     ties = () if before <= Limit.max_misfit else _ties(found)
     friction = () if pair else _friction(found, bench)
-    kind: Verdict = "none"
-    if ties:
-        kind = "tie"
-    elif before > Limit.max_misfit and not friction:
-        kind = "unknown" if after > Limit.max_misfit else "none"
+    kind: Verdict = "tie" if ties else "none"
+    far = before > Limit.max_misfit and after > Limit.max_misfit
+    if far and not (ties or friction):
+        kind = "unknown"
     return Diagnosis(
         kind,
         _statement(found, before, after, pair, dataset.constants),
@@ -624,7 +602,8 @@ def diagnose_loss(dataset: Dataset, bench: Bench, seed: int = 0) -> Diagnosis:
         remaining=after,
         instruments=mode,
         problems=(no_scene,),
-        question=_WHAT_TELLS,
+        question="Record the motor's angle as well, to find stretch, play and "
+        "pretension and to distinguish the effects.",
     )
 
 
@@ -683,25 +662,21 @@ def _ties(found: LossFit) -> tuple[tuple[str, ...], ...]:
 
 def _friction(found: LossFit, bench: Bench) -> tuple[Deviating, ...]:
     """Return the friction of a single cable, if it is not that of the scene."""
-    exponent = found.values.get("friction_exponent")
-    cable = bench.cables[0]
-    if exponent is None or cable.wrap == 0.0 or cable.friction == 0.0:
+    exponent, cable = found.values.get("friction_exponent"), bench.cables[0]
+    given = cable.friction
+    if exponent is None or cable.wrap == 0.0 or given == 0.0:
         return ()
     low, high = (each / cable.wrap for each in exponent.ci95)
     tuned = Estimate(exponent.value / cable.wrap, "1", (low, high))
-    off = tuned.value - cable.friction
-    if (
-        tuned.holds(cable.friction)
-        or abs(off) < Limit.min_friction_change * cable.friction
-    ):
+    off = abs(tuned.value - given)
+    if tuned.holds(given) or off < Limit.min_friction_change * given:
         return ()
     statement = (
-        f"friction is {format_fitted(tuned)} (95 %: {format_interval(tuned)}) with the "
-        f"wrap of the scene, where {format_number(cable.friction)} is given; correct "
-        "one of them."
+        f"friction is {_with_interval(tuned)} with the wrap of the scene, where "
+        f"{format_number(given)} is given; correct one of them."
     )
-    deviations = abs(off) / max(0.5 * (high - low) / 1.96, 1e-12)
-    return (Deviating("friction", cable.friction, tuned, deviations, statement),)
+    deviations = off / max(0.5 * (high - low) / 1.96, 1e-12)
+    return (Deviating("friction", given, tuned, deviations, statement),)
 
 
 def _statement(
@@ -712,21 +687,19 @@ def _statement(
     constants: Mapping[str, Constant],
 ) -> str:
     values = found.values
+    said = {name: _with_interval(value) for name, value in values.items()}
     text = [
         f"While the cable slides, the joint torque is {format_number(before)} times "
         "the noise off the friction of the scene."
     ]
     if (exponent := values.get("friction_exponent")) is not None:
-        share = -math.expm1(-exponent.value)
+        share = format_share(-math.expm1(-exponent.value))
+        stated = format_number(found.scene["friction_exponent"])
         text.append(
-            f"The loss that grows with the load is {format_share(share)} of the torque "
-            f"that drives: exponent mu theta {_with_interval(exponent)}, "
-            f"{format_number(found.scene['friction_exponent'])} by the scene."
-        )
-        driving, driven = values["exponent_driving"], values["exponent_driven"]
-        text.append(
-            f"With exact gains it is {_with_interval(driving)} where the motor drives "
-            f"the load and {_with_interval(driven)} where the load drives the motor."
+            f"The loss that grows with the load is {share} of the torque that drives: "
+            f"exponent mu theta {said['friction_exponent']}, {stated} by the scene. "
+            f"With exact gains it is {said['exponent_driving']} where the motor drives "
+            f"the load and {said['exponent_driven']} where the load drives the motor."
         )
         if "gain_uncertainty" in constants:
             doubt = 2.0 * math.sqrt(2.0) * constants["gain_uncertainty"].value
@@ -737,33 +710,29 @@ def _statement(
                     "friction is asymmetric or the torque constant is wrong."
                 )
     if (loss := values.get("load_independent_loss")) is not None:
-        stated = found.scene.get("load_independent_loss", 0.0)
+        own = found.scene.get("load_independent_loss", 0.0)
+        stated = format_number(own, loss.ci95[1] - loss.ci95[0])
         text.append(
-            f"The loss that does not depend on the load is {_with_interval(loss)} N m "
-            f"at the joint, {format_number(stated, loss.ci95[1] - loss.ci95[0])} by "
-            "the scene."
+            "The loss that does not depend on the load is "
+            f"{said['load_independent_loss']} N m at the joint, {stated} by the scene."
         )
-    if (total := values.get("total_loss")) is not None:
+    if "total_loss" in values:
         text.append(
-            f"At this load {_with_interval(total)} N m are lost at the joint in either "
+            f"At this load {said['total_loss']} N m are lost at the joint in either "
             f"direction, {format_number(found.scene['total_loss'])} by the scene; how "
             "much of it grows with the load, these data cannot show."
         )
-    if (drag := values.get("drag")) is not None:
-        text.append(f"With speed the loss grows by {_with_interval(drag)} N m s/rad.")
+    if "drag" in values:
+        text.append(f"With speed the loss grows by {said['drag']} N m s/rad.")
     if (excess := values.get("breakaway_excess")) is not None:
-        settles = (
-            f"from {format_number(found.settling)} rad after a reversal the loss is "
-            "steady"
-        )
-        if excess.ci95[0] <= Limit.min_excess:
-            text.append(f"No break-away loss is seen; {settles}.")
-        else:
-            text.append(
+        seen = "No break-away loss is seen"
+        if excess.ci95[0] > Limit.min_excess:
+            seen = (
                 f"{format_number(found.breakaway_at)} rad after a reversal it is "
-                f"larger than while sliding by {_with_interval(excess)} of it; "
-                f"{settles}."
+                f"larger than while sliding by {said['breakaway_excess']} of it"
             )
+        steady = format_number(found.settling)
+        text.append(f"{seen}; from {steady} rad after a reversal the loss is steady.")
     if pair:
         text.append(
             "In a pair of taut cables pretension turns friction into a loss that does "

@@ -95,31 +95,34 @@ def four_answers(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     ]
 
 
-def _which_end(diagnosis: Diagnosis) -> str:
-    if not diagnosis.gap:
-        return "No torque could be compared."
-    after = bool(diagnosis.effects)
+def _floors(diagnosis: Diagnosis, after: bool = False) -> dict[str, float]:
+    """Return the error of every channel over the noise floor, the largest first."""
     sizes = {
         name: (gap.rmse_after if after else gap.rmse_before) / gap.noise_floor
         for name, gap in diagnosis.gap.items()
     }
-    each = list_words(
-        [f"{channel_name(name)} {size:.1f}" for name, size in sizes.items()]
-    )
-    most = max(sizes, key=lambda name: sizes[name])
-    others = [size for name, size in sizes.items() if name != most]
+    return dict(sorted(sizes.items(), key=lambda each: -each[1]))
+
+
+def _which_end(diagnosis: Diagnosis) -> str:
+    if not diagnosis.gap:
+        return "No torque could be compared."
+    sizes = _floors(diagnosis, bool(diagnosis.effects))
+    (most, largest), *others = sizes.items()
+    each = list_words(f"{channel_name(n)} {sizes[n]:.1f}" for n in diagnosis.gap)
     off = f"Errors over the noise floor: {each}."
-    if not others or max(others) > 0.5 * sizes[most]:
+    if not others or others[0][1] > 0.5 * largest:
         return f"{off} No single end has most of it."
     end = "motor" if most.startswith("motor") else "joint"
     return f"{off} It is mostly at the {end}'s end."
 
 
 def _which_trials(diagnosis: Diagnosis) -> str:
-    beyond = {}  # squared error beyond noise
-    for each in diagnosis.trials:
-        misfit = each.misfit_after if diagnosis.effects else each.misfit_before
-        beyond[each.trial] = max(misfit**2 - 1.0, 0.0)
+    model = "misfit_after" if diagnosis.effects else "misfit_before"
+    beyond = {  # squared error beyond noise
+        trial.trial: max(getattr(trial, model) ** 2 - 1.0, 0.0)
+        for trial in diagnosis.trials
+    }
     whole = sum(beyond.values())
     if whole == 0.0 or len(beyond) < 2:
         return "There is one trial only."
@@ -149,20 +152,13 @@ def _growing_with(diagnosis: Diagnosis) -> str:
 
 def isolating_trial(diagnosis: Diagnosis) -> str:
     """Return in a clause the trial that isolates an unknown effect."""
-    axes = [each.axis for each in diagnosis.where if each.axis != "channel"]
-    for axis in axes[:1]:
-        for word, trial in BY_AXIS.items():
-            if word in axis:
-                return trial
-    sizes = {
-        name: gap.rmse_before / gap.noise_floor for name, gap in diagnosis.gap.items()
-    }
-    if len(sizes) < 2:
+    axis = next((e.axis for e in diagnosis.where if e.axis != "channel"), "")
+    for word, trial in BY_AXIS.items():
+        if word in axis:
+            return trial
+    (worst, most), *others = [*_floors(diagnosis).items()] or [("", 0.0)]
+    if not others or most < 2.0 * others[-1][1]:
         return CABLE_ALONE
-    most, least = max(sizes.values()), min(sizes.values())
-    if most < 2.0 * least:
-        return CABLE_ALONE
-    worst = max(sizes, key=lambda name: sizes[name])
     return MOTOR_ONLY if worst.startswith("motor") else JOINT_ONLY
 
 
@@ -176,22 +172,24 @@ NO_LOCATION = (
 
 def next_command(diagnosis: Diagnosis) -> Html:
     again = str(diagnosis.provenance.get("command", ""))
-    written = not any(p.startswith(NO_SCENE_PREFIX) for p in diagnosis.problems)
-    command = {
-        "named": "cc-mujoco play scene.xml" if written else OPEN_RECORDING,
-        "none": "cc-mujoco play scene.xml" if written else OPEN_RECORDING,
+    written, command = _has_scene(diagnosis), again
+    if diagnosis.verdict in ("named", "none"):
+        command = "cc-mujoco play scene.xml" if written else OPEN_RECORDING
+    elif diagnosis.verdict == "unknown":
+        command = OPEN_RECORDING
+    elif diagnosis.verdict == "tie" and diagnosis.occasions is None and written:
         # A diagnosis of several occasions is repeated with the trial in their folders.
-        "tie": again if diagnosis.occasions is not None or not written else CONTINUE,
-        "unknown": OPEN_RECORDING,
-        "fix-data": again,
-        "fix-numerics": again,
-    }[diagnosis.verdict]
+        command = CONTINUE
     if not command:
         return Html()
     where = "" if command == again else ", in the folder of this report"
     return element(
         "p", element("strong", "Next"), f"{where}: ", element("code", command)
     )
+
+
+def _has_scene(diagnosis: Diagnosis) -> bool:
+    return not any(p.startswith(NO_SCENE_PREFIX) for p in diagnosis.problems)
 
 
 def next_steps(diagnosis: Diagnosis) -> Html:
@@ -237,40 +235,37 @@ def next_steps(diagnosis: Diagnosis) -> Html:
 
 
 def _model_change_step(diagnosis: Diagnosis) -> Html:
-    if any(problem.startswith(NO_SCENE_PREFIX) for problem in diagnosis.problems):
+    if not _has_scene(diagnosis):
         return Html()
-    gaps = [gap_sentence(name, each) for name, each in list(diagnosis.gap.items())[:1]]
-    lacks = [
-        each for each in diagnosis.problems if each.startswith(NOT_IN_SCENE_PREFIX)
-    ]
-    added = "the added effects and " if diagnosis.effects else ""
+    added, notes = "", []
+    if diagnosis.effects:
+        added = "the added effects and "
+        notes = [p for p in diagnosis.problems if p.startswith(NOT_IN_SCENE_PREFIX)]
+        notes += [gap_sentence(n, gap) for n, gap in [*diagnosis.gap.items()][:1]]
     return join_pieces(
         [
             element("strong", "What to change: "),
             "simulate with ",
             element("code", "scene.xml"),
             f" beside this report, which contains {added}the tuned values. ",
-            " ".join([*lacks, *gaps]) if diagnosis.effects else "",
+            " ".join(notes),
         ]
     )
 
 
 def _question_step(diagnosis: Diagnosis) -> Html:
     """Ask about a trial or a value that contradicts the rest; empty without one."""
-    if diagnosis.question and diagnosis.verdict != "unknown":  # which asks it first
-        return _step_item("What to settle", diagnosis.question)
-    if diagnosis.deviating:
-        return _step_item(
-            "What to settle", capitalise(diagnosis.deviating[0].statement)
-        )
-    return Html()
+    question = diagnosis.question
+    if not question or diagnosis.verdict == "unknown":  # which asks it first
+        question = "".join(capitalise(e.statement) for e in diagnosis.deviating[:1])
+    return _step_item("What to settle", question) if question else Html()
 
 
 def _experiment_step(diagnosis: Diagnosis) -> Html:
-    planned = diagnosis.next_experiment
+    planned, title = diagnosis.next_experiment, "What to record"
     if planned is None:
         return _step_item(
-            "What to record",
+            title,
             "No trial of the catalogue that is not among these would separate them; "
             "the verdict says what to declare or to measure instead.",
         )
@@ -283,12 +278,15 @@ def _experiment_step(diagnosis: Diagnosis) -> Html:
             f"dataset.toml by that of the folder, then {RUN_AGAIN}"
         )
     return _step_item(
-        "What to record",
+        title,
         f"{capitalise(planned.description.rstrip('.'))}. It shows whether it is "
-        f"{either}. Folder "
-        f"{next_folder(planned)} has the motion and the lines of dataset.toml; "
-        f"{then}.",
+        f"{either}. Folder {next_folder(planned)} has the motion and the lines of "
+        f"dataset.toml; {then}.",
     )
+
+
+def _step(title: str, text: str) -> Html:
+    return join_pieces([element("strong", title), f" {text}"])
 
 
 def _step_item(title: str, text: str) -> Html:
@@ -367,25 +365,18 @@ def trials(diagnosis: Diagnosis) -> Html | None:
         sizes = (before, after) if both else (before,)
         return " to ".join(format_number(size, floor) for size in sizes)
 
-    rows = [
-        (
-            element("code", each.trial),
-            change(each.misfit_before, each.misfit_after),
-            *(
-                change(
-                    each.rmse_before[name],
-                    each.rmse_after[name],
-                    each.noise_floor[name],
-                )
-                for name in each.rmse_before
-            ),
-            *([format_share(each.slack)] if slack else []),
+    rows = []
+    for each in ranked:
+        errors = each.rmse_before, each.rmse_after, each.noise_floor
+        rows.append(
+            (
+                element("code", each.trial),
+                change(each.misfit_before, each.misfit_after),
+                *(change(*(e[name] for e in errors)) for name in each.rmse_before),
+                *([format_share(each.slack)] if slack else []),
+            )
         )
-        for each in ranked
-    ]
-    torques = [
-        f"{channel_name(name)} [N m]" for name in diagnosis.trials[0].rmse_before
-    ]
+    torques = [f"{channel_name(name)} [N m]" for name in ranked[0].rmse_before]
     key = (
         "Each trial is predicted by parameters fitted to the others or, where trials "
         "are few, to other parts of them. The second column has the error of all "
@@ -420,10 +411,7 @@ def unknown(diagnosis: Diagnosis) -> Html | None:
     """Answer four questions on an effect that has no name."""
     if diagnosis.verdict != "unknown":
         return None
-    return bullet_list(
-        join_pieces([element("strong", question), f" {answer}"])
-        for question, answer in four_answers(diagnosis)
-    )
+    return bullet_list(_step(*each) for each in four_answers(diagnosis))
 
 
 def maps(evidence: Evidence) -> Html | None:
@@ -513,19 +501,11 @@ def untested_effects(diagnosis: Diagnosis) -> Html | None:
         (each.id, f"hidden by tuning {plain_name(each.parameter)}; {each.remedy}.")
         for each in diagnosis.confounded
     ]
-    items += [
-        (each.id, f"{each.reason.rstrip('.')}.") for each in diagnosis.not_testable
-    ]
+    items += [(e.id, f"{e.reason.rstrip('.')}.") for e in diagnosis.not_testable]
     parts = [paragraph(diagnosis.instruments)] if diagnosis.instruments else []
     if items:
-        parts.append(
-            bullet_list(
-                join_pieces(
-                    [element("strong", capitalise(effect_name(name))), f": {text}"]
-                )
-                for name, text in items
-            )
-        )
+        titled = [(element("strong", capitalise(effect_name(n))), t) for n, t in items]
+        parts.append(bullet_list(join_pieces([n, f": {t}"]) for n, t in titled))
     return join_pieces(parts) if parts else None
 
 
@@ -557,16 +537,14 @@ def parameters(diagnosis: Diagnosis) -> Html | None:
             "noise floor opens again; it is the best candidate in "
             f"{format_share(found.confidence)} of resamplings."
         )
-        parts += [
-            element("h3", title),
-            _values(found.parameters),
-            paragraph(takes, kind="small"),
-        ]
-    if diagnosis.baseline.parameters:
-        parts += [element("h3", "Baseline"), _values(diagnosis.baseline.parameters)]
-    if diagnosis.baseline.not_identifiable:
-        parts.append(element("h3", "What the data do not determine"))
-        parts.append(bullet_list(diagnosis.baseline.not_identifiable))
+        note = paragraph(takes, kind="small")
+        parts += [element("h3", title), _values(found.parameters), note]
+    baseline = diagnosis.baseline
+    if baseline.parameters:
+        parts += [element("h3", "Baseline"), _values(baseline.parameters)]
+    if baseline.not_identifiable:
+        title = element("h3", "What the data do not determine")
+        parts += [title, bullet_list(baseline.not_identifiable)]
     return join_pieces(parts) if parts else None
 
 

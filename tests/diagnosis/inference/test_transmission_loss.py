@@ -39,6 +39,11 @@ def fitted(rig: Dynamometer, seed: int = 1, **motion: bool | float) -> LossFit:
     return fit_loss(strokes, LOAD_NOISE, SCENE)
 
 
+def test_a_joint_that_rests_makes_no_stroke() -> None:
+    still = np.zeros(500)
+    assert strokes_of(0, still, still, still, STEP, 0.0) == []
+
+
 def test_exponent_and_loss_are_found_whatever_gain_and_zero_are() -> None:
     for gain, zero in ((1.0, 0.0), (1.05, 0.1)):
         found = fitted(Dynamometer(gain=gain, zero=zero)).values

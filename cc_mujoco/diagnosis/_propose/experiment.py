@@ -67,19 +67,17 @@ class CataloguedTrial:
     @property
     def toml(self) -> tuple[str, ...]:
         """Lines of its table in `dataset.toml`, but for pretension and notes."""
-        lines = ["unhooked = true"] if self.pretension == 0.0 else []
-        if self.description.startswith("joint locked"):
-            lines.append('locked = "joint"')
-        if self.tilt:
-            lines.append(f"tilt = {self.tilt:.4g}")
-        for side, torque in zip(("motor", "joint"), self.known_torques, strict=True):
-            if torque:
-                lines.append(f"known_{side}_torque = {torque:g}")
-        if self.swapped:
-            lines.append("swapped = true")
-        if self.load_cell:
-            lines.append(f'load_cell = "{self.load_cell}"')
-        return tuple(lines)
+        motor, joint = self.known_torques
+        lines = {
+            "unhooked = true": self.pretension == 0.0,
+            'locked = "joint"': self.description.startswith("joint locked"),
+            f"tilt = {self.tilt:.4g}": self.tilt,
+            f"known_motor_torque = {motor:g}": motor,
+            f"known_joint_torque = {joint:g}": joint,
+            "swapped = true": self.swapped,
+            f'load_cell = "{self.load_cell}"': self.load_cell,
+        }
+        return tuple(line for line, there in lines.items() if there)
 
 
 def motions(
@@ -112,14 +110,12 @@ def motions(
     time = np.arange(0.0, Limit.motion_duration, MOTION_STEP)
 
     def triangle(size: float, speed: float | FloatArray) -> FloatArray:
-        phase = (
-            np.cumsum(np.broadcast_to(speed, time.shape)) * MOTION_STEP / (4.0 * size)
-        )
+        travel = np.cumsum(np.broadcast_to(speed, time.shape)) * MOTION_STEP
+        phase = travel / (4.0 * size)
         wave = size * (1.0 - 4.0 * np.abs((phase + 0.25) % 1.0 - 0.5))
         # No motor turns in an instant.
-        found: FloatArray = gaussian_filter1d(
-            wave, Limit.turn_rounding_time / MOTION_STEP, mode="nearest"
-        )
+        width = Limit.turn_rounding_time / MOTION_STEP
+        found: FloatArray = gaussian_filter1d(wave, width, mode="nearest")
         return found
 
     steps = np.repeat((0.02, 0.06, 0.2, 0.5, 1.0), -(-time.size // 5))[: time.size]
@@ -128,28 +124,17 @@ def motions(
     chirp = loudness * np.sin(2.0 * np.pi * (0.1 * time + 0.04 * time**2))
     cable = bench.cables[0]
     # This nearly loosens one cable and tightens the other as much.
-    stretch = (
-        Limit.max_tension_change
-        * cable.pretension
-        / cable.axial_stiffness
-        * cable.length
-    )
+    taut = Limit.max_tension_change * cable.pretension
+    stretch = taut / cable.axial_stiffness * cable.length
     taut_angle = stretch / bench.motor_radius
     give = 1.0 - stretch / (ratio * swing * bench.joint_radius)
     sweep = triangle(swing, rate * 0.2)
     dwell = swing * np.interp(
         time, [0, 1, 2, 3, 6, 7, 15, 16, 38, 39, 40], [0, 1, 1, 0, 0, 1, 1, 0, 0, 1, 1]
     )
-    locked = min(4.0 * wind, taut_angle)
-    small = triangle(min(2.0 * wind, 0.5 * taut_angle), rate * 0.1)
+    locked, reversal = min(4.0 * wind, taut_angle), min(2.0 * wind, 0.5 * taut_angle)
+    small = triangle(reversal, rate * 0.1)
     still = np.zeros(time.size)
-
-    def taut(motor: FloatArray) -> FloatArray:
-        """Return the motor angle, shifted to one side if there is only one cable."""
-        if len(bench.cables) == 2:
-            return motor
-        found: FloatArray = 0.5 * (motor - motor.min())
-        return found
 
     def play(
         words: str,
@@ -163,6 +148,12 @@ def motions(
         return CataloguedTrial(
             words, motor_middle + motor, joint_middle + along, pretension, **more
         )
+
+    def hold(words: str, motor: FloatArray, pretension: float = 1.0) -> CataloguedTrial:
+        """Return a trial with the joint locked; a lone cable is pulled to one side."""
+        if len(bench.cables) == 1:
+            motor = 0.5 * (motor - motor.min())
+        return play(f"joint locked, {words}", motor, still, pretension)
 
     if load is not None:
         stiffness = len(bench.cables) * cable.axial_stiffness / cable.length
@@ -180,7 +171,9 @@ def motions(
 
     turned = "the rig turned by 90 degrees about the joint's axis"
     unhooked = "cables off, motor and joint each turned slowly over the whole range"
+    whole = "joint free, slow triangle over the whole range"
     against = free(give * ladder)
+    off: dict[str, Any] = {"pretension": 0.0}
     found = [
         play(
             "joint free, triangles at five speeds from 2 % to 100 % of the fastest",
@@ -188,26 +181,17 @@ def motions(
         ),
         play("joint free, chirp from 0.1 to 3 Hz", chirp),
         play("joint free, moves with rests of 1, 3, 8 and 22 s", dwell),
-        play(
-            "joint locked, slow triangles of the motor a few times its wind-up",
-            taut(triangle(locked, wind)),
-            still,
+        hold(
+            "slow triangles of the motor a few times its wind-up",
+            triangle(locked, wind),
         ),
-        play(
-            "joint locked, small reversals of the motor within its wind-up",
-            taut(small),
-            still,
-        ),
+        hold("small reversals of the motor within its wind-up", small),
         play(
             "motor locked, joint moved slowly to and fro by hand",
             still,
             triangle(locked * ratio, wind),
         ),
-        play(
-            "joint free, slow triangle over the whole range, pretension halved",
-            sweep,
-            pretension=0.5,
-        ),
+        play(f"{whole}, pretension halved", sweep, pretension=0.5),
         *(
             play(
                 f"joint free, slow triangle over {words} the range, if the rig allows",
@@ -218,26 +202,14 @@ def motions(
             for words, times in (("twice", 2.0), ("four times", 4.0))
         ),
         play(
-            f"joint free, slow triangle over the whole range, {turned} "
-            f"(`tilt = {QUARTER_TURN:.3f}`), if it allows",
+            f"{whole}, {turned} (`tilt = {QUARTER_TURN:.3f}`), if it allows",
             sweep,
             tilt=QUARTER_TURN,
             standard=True,
         ),
-        play(unhooked, sweep, pretension=0.0, standard=True),
-        play(
-            f"{unhooked}, {turned}",
-            sweep,
-            pretension=0.0,
-            tilt=QUARTER_TURN,
-            usual=False,
-        ),
-        play(
-            "joint locked, slow triangles, pretension halved",
-            taut(triangle(min(2.0 * wind, 0.5 * taut_angle), wind)),
-            still,
-            0.5,
-        ),
+        play(unhooked, sweep, **off, standard=True),
+        play(f"{unhooked}, {turned}", sweep, **off, tilt=QUARTER_TURN, usual=False),
+        hold("slow triangles, pretension halved", triangle(reversal, wind), 0.5),
         play("joint against a spring, triangles at five speeds", ladder, against),
         play(
             "joint against a spring, chirp from 0.1 to 3 Hz", chirp, free(give * chirp)
@@ -252,48 +224,31 @@ def motions(
         )
     )
     if any(weights):
-        sides = [
-            f"{size:g} N m at the {side}"
-            for side, size in zip(("motor", "joint"), weights, strict=True)
-            if size
-        ]
-        found.append(
-            play(
-                "cables off, a known weight hung in place of the cable "
-                f"({list_words(sides)}), motor and joint each turned slowly over the "
-                "whole range",
-                sweep,
-                pretension=0.0,
-                known_torques=(weights[0], weights[1]),
-                standard=True,
-            )
+        pairs = zip(("motor", "joint"), weights, strict=True)
+        sides = list_words(
+            f"{size:g} N m at the {side}" for side, size in pairs if size
         )
+        words = (
+            f"cables off, a known weight hung in place of the cable ({sides}), motor "
+            "and joint each turned slowly over the whole range"
+        )
+        found.append(play(words, sweep, **off, known_torques=weights, standard=True))
     if instruments == TORQUE_SENSORS:
-        found.append(
-            play(
-                "the two torque sensors exchanged (`swapped = true`), joint against a "
-                "spring, triangles at five speeds",
-                ladder,
-                against,
-                swapped=True,
-                usual=False,
+        words = (
+            "the two torque sensors exchanged (`swapped = true`), joint against a "
+            "spring, triangles at five speeds"
+        )
+        found.append(play(words, ladder, against, swapped=True, usual=False))
+    for instrument, end in zip(instruments, ("proximal", "distal"), strict=True):
+        if instrument in ("torque sensor", "motor current"):
+            cell = f"tension_{bench.names[0]}_{end}_n"  # in the agonist
+            words = (
+                f"a load cell in cable {bench.names[0]} at its {end} end (`{cell}`), "
+                "joint against a spring, triangles at five speeds"
             )
-        )
-    found += [
-        play(
-            f"a load cell in cable {bench.names[0]} at its {end} end "
-            f"(`{_cell_channel(bench, end)}`), joint against a spring, triangles at "
-            "five speeds",
-            ladder,
-            against,
-            load_cell=_cell_channel(bench, end),
-            hard=True,
-            usual=_cell_channel(bench, end) in cells,
-            standard=_cell_channel(bench, end) in cells,
-        )
-        for instrument, end in zip(instruments, ("proximal", "distal"), strict=True)
-        if instrument in ("torque sensor", "motor current")
-    ]
+            asked = cell in cells
+            known = {"load_cell": cell, "usual": asked, "standard": asked}
+            found.append(play(words, ladder, against, hard=True, **known))
     if instruments.joint != "torque sensor":  # which alone sees weights and springs
         found = [
             replace(each, standard=each.load_cell in cells)
@@ -307,11 +262,6 @@ def motions(
             words = each.description.replace("joint free", pulled)
             found[place] = replace(each, description=words)
     return found
-
-
-def _cell_channel(bench: Bench, end: str) -> str:
-    """Return the channel of a load cell in the agonist."""
-    return f"tension_{bench.names[0]}_{end}_n"
 
 
 def middle_angle(bench: Bench, swing: float) -> float:
@@ -346,23 +296,19 @@ def write_motion(path: Path, motion: CataloguedTrial) -> None:
     with path.open("w", newline="", encoding="utf-8") as file:
         rows = csv.writer(file)
         rows.writerow(("time_s", "motor_angle_rad", "joint_angle_rad"))
+        angles = zip(motion.motor, motion.joint, strict=False)
         rows.writerows(
             (f"{MOTION_STEP * k:.3f}", f"{motor:.6f}", f"{joint:.6f}")
-            for k, (motor, joint) in enumerate(
-                zip(motion.motor, motion.joint, strict=False)
-            )
+            for k, (motor, joint) in enumerate(angles)
         )
 
 
 def catalogue(problem: Problem) -> list[CataloguedTrial]:
     """Return trials within the speeds and tensions of the data, and one beyond."""
-    records = problem.plant.records
-    swing = 0.5 * max(float(np.ptp(r.motor_angle)) for r in records)
-    rate = max(
-        float(np.quantile(np.abs(np.gradient(r.motor_angle, r.dt)), 0.99))
-        for r in records
-    )
     plant = problem.plant
+    swing = 0.5 * max(float(np.ptp(r.motor_angle)) for r in plant.records)
+    speeds = (np.abs(np.gradient(r.motor_angle, r.dt)) for r in plant.records)
+    rate = max(float(np.quantile(speed, 0.99)) for speed in speeds)
     return motions(plant.bench, swing, rate, instruments=plant.instruments)
 
 
@@ -396,15 +342,6 @@ class Proposal(NamedTuple):
     statement: str = ""  # sentence on what decides a tie that no trial separates
 
 
-DECLARATIONS = {
-    "joint_gravity": "balanced",
-    "joint_stiffness": "joint_spring",
-    "torque_sensor_gain": "gain_uncertainty",
-    "torque_sensor_offset": "zeroed",
-}
-"""Facts of `[rig]` that remove or bound an effect, by its id."""
-
-
 def propose(found: Found) -> Proposal:
     """Propose the trial that separates the first tie; none without a tie."""
     if not found.ties:
@@ -412,7 +349,13 @@ def propose(found: Found) -> Proposal:
     tie = found.ties[0]
     if (best := best_trial(_tied_refits(found.search, tie))) is not None:
         return best
-    facts = [DECLARATIONS[name] for name in tie if name in DECLARATIONS]
+    declared = {  # facts of `[rig]` that remove or bound an effect
+        "joint_gravity": "balanced",
+        "joint_stiffness": "joint_spring",
+        "torque_sensor_gain": "gain_uncertainty",
+        "torque_sensor_offset": "zeroed",
+    }
+    facts = [declared[name] for name in tie if name in declared]
     decide = "on such motions either gives the same torques"
     if facts:
         decide = f"declare what is known of them ([rig] {list_words(facts, 'or')})"
@@ -424,23 +367,19 @@ def propose(found: Found) -> Proposal:
 
 def _tied_refits(found: Search, tie: Sequence[str]) -> Rivals:
     """Return the first two effects of a tie, as they were refitted to one model."""
-    rounds = [
-        (step.before, {c.id: c.crossed for c in step.candidates})
-        for step in found.rounds
-    ]
+    one, two = tie[:2]
     # The last round that has both; parts of the data may name effects that no round has
     # together.
-    both = [each for each in rounds if all(name in each[1] for name in tie[:2])]
-    first: dict[str, CrossValidation] = {}
-    for _, refitted in rounds:
-        first = {**refitted, **first}
-    before, models = both[-1] if both else (found.before, first)
-    one, two = tie[0], tie[1]
-    confused = EFFECTS[one].confused(EFFECTS[two]) or any(
-        are_confusable(first, second)
-        for first in found.signatures
-        for second in found.signatures
-        if (first.id, second.id) == (one, two)
+    before, models = found.before, {}
+    for step in reversed(found.rounds):
+        refitted = {c.id: c.crossed for c in step.candidates}
+        if {one, two} <= refitted.keys():
+            before, models = step.before, refitted
+            break
+        models |= refitted
+    signs = {sign.id: sign for sign in found.signatures}
+    confused = EFFECTS[one].confused(EFFECTS[two]) or (
+        {one, two} <= signs.keys() and are_confusable(signs[one], signs[two])
     )
     return Rivals((one, two), before, (models[one], models[two]), confused)
 
@@ -594,16 +533,10 @@ def _matches_motion(
         return False
     if record.load_cell != motion.cell_on(bench, record.pretension):
         return False
-    weights = zip(record.known_torques, motion.known_torques, strict=True)
-    if any((own != 0.0) != (other != 0.0) for own, other in weights):
+    if [*map(bool, record.known_torques)] != [*map(bool, motion.known_torques)]:
         return False
-    spans = [
-        (float(np.ptp(there)), float(np.ptp(here)))
-        for there, here in (
-            (record.motor_angle, motion.motor),
-            (record.joint_angle, motion.joint),
-        )
-    ]
+    pairs = (record.motor_angle, motion.motor), (record.joint_angle, motion.joint)
+    spans = [(float(np.ptp(there)), float(np.ptp(here))) for there, here in pairs]
     if motion.pretension == 0.0:  # moved by hand
         return spans[1][0] > 0.5 * spans[1][1]
     largest = max(max(pair) for pair in spans)

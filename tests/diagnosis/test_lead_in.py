@@ -83,5 +83,5 @@ def test_the_repaired_scene_plays_what_the_replay_plays(tmp_path: Path) -> None:
         Options(("joint_gravity", "motor_inertia")),
     )
     write_and_compare_scene(result, tmp_path / "scene.xml")
-    (_, apart), size = rollout_difference(result, tmp_path / "scene.xml")
+    _, apart, size = rollout_difference(result, tmp_path / "scene.xml")
     assert apart < 1e-4 * size

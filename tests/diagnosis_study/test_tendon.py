@@ -42,7 +42,7 @@ def test_an_effect_in_the_tendon_is_named_and_repaired(
         assert all(gap.gap_closed > 0.75 for gap in found.gap.values())
     path = tmp_path / "scene.xml"
     write_and_compare_scene(result, path)
-    (_, apart), size = rollout_difference(result, path)
+    _, apart, size = rollout_difference(result, path)
     assert apart < 2e-3 * size
     assert Bench.of(path).cables[0].friction == pytest.approx(0.22, rel=0.02)
 

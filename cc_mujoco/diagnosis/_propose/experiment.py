@@ -247,8 +247,9 @@ def motions(
                 "joint against a spring, triangles at five speeds"
             )
             asked = cell in cells
-            known = {"load_cell": cell, "usual": asked, "standard": asked}
-            found.append(play(words, ladder, against, hard=True, **known))
+            known: dict[str, Any] = {"load_cell": cell, "usual": asked}
+            known |= {"standard": asked, "hard": True}
+            found.append(play(words, ladder, against, **known))
     if instruments.joint != "torque sensor":  # which alone sees weights and springs
         found = [
             replace(each, standard=each.load_cell in cells)

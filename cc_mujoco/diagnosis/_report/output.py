@@ -47,7 +47,11 @@ from cc_mujoco.diagnosis._report.drawings import (
     worst_excerpt,
 )
 from cc_mujoco.diagnosis._rig.records import low_pass, shift_signal
-from cc_mujoco.diagnosis._rig.simulation import CLOCK_PARAMETERS, occasions_of
+from cc_mujoco.diagnosis._rig.simulation import (
+    CLOCK_PARAMETERS,
+    TORQUE_OFFSETS,
+    occasions_of,
+)
 from cc_mujoco.diagnosis._scene.realisation import (
     is_realisable,
     realisations,
@@ -103,15 +107,11 @@ class Earlier(NamedTuple):
         place = Path(folder) / VERDICT_FILE
         try:
             verdict = parse_json(place.read_text(encoding="utf-8"))
-            provenance = verdict["provenance"]
-            data = {
-                str(path): str(recorded)
-                for path, recorded in provenance["data"].items()
-            }
-            scene, dataset = provenance["scene"], provenance["dataset"]
-            several = provenance["several_files"]
-            occasions = provenance.get("occasions", ())
-            base = os.path.join(os.path.realpath(folder), provenance["folder"])
+            known = verdict["provenance"]
+            data = {str(path): str(digest) for path, digest in known["data"].items()}
+            scene, dataset = known["scene"], known["dataset"]
+            several, occasions = known["several_files"], known.get("occasions", ())
+            base = os.path.join(os.path.realpath(folder), known["folder"])
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as wrong:
             raise CableError(
                 f"{folder} holds no diagnosis that can be continued ({place}: {wrong})."
@@ -127,34 +127,34 @@ class Earlier(NamedTuple):
                 "their folders anew, with the new trials (and, of a proposed one, "
                 "its dataset.toml) in the folder of their occasion."
             )
-        data[scene["path"]] = scene["sha256"]
-        if dataset["path"]:
-            data[dataset["path"]] = dataset["sha256"]
-        here = {path: _relative_path(base, path) for path in data}
-        for path, recorded in data.items():
+        here = {}
+        for file in (
+            *({"path": p, "sha256": s} for p, s in data.items()),
+            scene,
+            dataset,
+        ):
+            if not (path := file["path"]):
+                continue
+            here[path] = now = _relative_path(base, path)
             try:
-                now = hashlib.sha256(here[path].read_bytes()).hexdigest()
+                digest = hashlib.sha256(now.read_bytes()).hexdigest()
             except OSError:
+                raise CableError(f"{now}, which {place} names, is not there.") from None
+            if digest != file["sha256"]:
                 raise CableError(
-                    f"{here[path]}, which {place} names, is not there."
-                ) from None
-            if now != recorded:
-                raise CableError(
-                    f"{here[path]} has changed since {place} was written; diagnose all "
-                    "data anew."
+                    f"{now} has changed since {place} was written; diagnose all data "
+                    "anew."
                 )
         planned = verdict.get("next_experiment")
         trial = planned.get("trial") if isinstance(planned, dict) else ""
         proposed = Path(folder, f"next_{trial}", DATASET_FILE)
+        effects = known.get("effects", ())
         return cls(
-            tuple(here[path] for path in provenance["data"]),
+            tuple(here[path] for path in data),
             here[scene["path"]],
-            here[dataset["path"]] if dataset["path"] else None,
+            here.get(dataset["path"]),
             scene.get("axis"),
-            tuple(
-                named_in_file(str(effect), place, "effects")
-                for effect in provenance.get("effects", ())
-            ),
+            tuple(named_in_file(str(each), place, "effects") for each in effects),
             proposed if proposed.is_file() else None,
         )
 
@@ -167,15 +167,14 @@ class Earlier(NamedTuple):
         files = data_files(data)
         own = find_dataset_file(files)
         if self.proposed is not None:
-            planned = read_dataset_file(self.proposed)
             recorded = self.proposed.parent.name.removeprefix("next_")
-            here = read_dataset_file(own) if own is not None else planned
-            same = (here.columns, here.rig, here.facts.get(recorded)) == (
-                planned.columns,
-                planned.rig,
-                planned.facts.get(recorded),
-            )
-            if same and [file.stem for file in files] == [recorded]:
+            facts = [
+                (file.columns, file.rig, file.facts.get(recorded))
+                for file in map(
+                    read_dataset_file, (self.proposed, own or self.proposed)
+                )
+            ]
+            if facts[0] == facts[1] and [file.stem for file in files] == [recorded]:
                 return self.proposed
         if own is None or (self.dataset is not None and own.samefile(self.dataset)):
             return self.dataset
@@ -211,9 +210,6 @@ class DiagnosisResult:
 
 REPORT_PAGE = "report.html"
 
-FIRST_SECTION = {"fix-data": "problems", "fix-numerics": "problems", "tie": "next"}
-"""Section that comes first, by verdict."""
-
 
 def write_report(
     folder: str | os.PathLike[str],
@@ -231,9 +227,8 @@ def write_report(
                 save(partial / f"{stem}.png", drawing)
         text = _page(diagnosis, evidence, partial)
         (partial / REPORT_PAGE).write_text(text, encoding="utf-8")
-    for stem in FIGURE_STEMS:
-        if stem not in drawings:
-            (Path(folder) / f"{stem}.png").unlink(missing_ok=True)
+    for stem in set(FIGURE_STEMS) - set(drawings):
+        (Path(folder) / f"{stem}.png").unlink(missing_ok=True)
 
 
 def _page(diagnosis: Diagnosis, evidence: Evidence, figures: Path) -> str:
@@ -241,13 +236,16 @@ def _page(diagnosis: Diagnosis, evidence: Evidence, figures: Path) -> str:
         path = figures / f"{stem}.png"
         return embed_picture(path, words) if path.exists() else Html()
 
+    def fold(title: str, content: Html | None) -> Html:
+        return folded(title, content) if content else Html()
+
     most, usual = worst_excerpt(evidence), ordinary_excerpt(evidence)
     seconds = []
     if most is not None:
         seconds.append(drawn("traces", sections.excerpt_caption(most, True)))
     if usual is not None:
         ordinary = drawn("traces_ordinary", sections.excerpt_caption(usual, False))
-        seconds.append(folded("Ordinary seconds", ordinary) if ordinary else Html())
+        seconds.append(fold("Ordinary seconds", ordinary))
     maps = drawn(
         "maps", "Mean error, measured minus simulated, over what it lies along."
     )
@@ -259,10 +257,9 @@ def _page(diagnosis: Diagnosis, evidence: Evidence, figures: Path) -> str:
     )
     likeness = illustrated(
         sections.effect_similarity(evidence),
-        folded("All effects", scrolled(figure)) if figure else Html(),
+        fold("All effects", scrolled(figure) if figure else None),
     )
-    known = sections.provenance(diagnosis)
-    inputs = None if known is None else folded("Inputs, versions and settings", known)
+    inputs = fold("Inputs, versions and settings", sections.provenance(diagnosis))
     parts = {  # in their usual order
         "unknown": ("What is known of it", sections.unknown(diagnosis)),
         "traces": (
@@ -280,15 +277,15 @@ def _page(diagnosis: Diagnosis, evidence: Evidence, figures: Path) -> str:
         "next": ("What to run next", sections.experiment(diagnosis)),
         "parameters": ("Fitted parameters", sections.parameters(diagnosis)),
         "problems": ("Data and numerics", sections.problems(diagnosis)),
-        "provenance": ("Provenance", inputs),
+        "provenance": ("Provenance", inputs or None),
     }
     if diagnosis.verdict != "unknown":
         del parts["unknown"]
-    there = {key: part for key, (_, part) in parts.items() if part is not None}
-    first = FIRST_SECTION.get(
-        diagnosis.verdict, "trials" if diagnosis.question else None
-    )
-    order = sorted(there, key=lambda key: key != first)
+    # The section that comes first, by verdict
+    named = {"fix-data": "problems", "fix-numerics": "problems", "tie": "next"}
+    first = named.get(diagnosis.verdict, "trials" if diagnosis.question else "")
+    order = sorted(parts, key=lambda key: key != first)
+    there = {key: part for key in order if (part := parts[key][1]) is not None}
     absent = [f"“{title}”" for title, part in parts.values() if part is None]
     omitted = f"Left out, as there was nothing to show: {list_words(absent)}."
     gap = drawn("gap", "Weighted RMS error on held-out data, beside the noise floor.")
@@ -297,7 +294,7 @@ def _page(diagnosis: Diagnosis, evidence: Evidence, figures: Path) -> str:
         headline(diagnosis),
         diagnosis.verdict,
         sections.header(diagnosis, gap),
-        page_sections(titles, {key: there[key] for key in order}),
+        page_sections(titles, there),
         paragraph(omitted, kind="small") if absent else Html(),
     )
 
@@ -440,25 +437,18 @@ def provenance(
     effects: Sequence[str] = (),
 ) -> Mapping[str, Any]:
     """Return the provenance; relative paths are from `folder`, seen from `out`."""
+    bench, trials = result.bench, dataset.trials
+    occasions = result.diagnosis.occasions
+    axis = {"axis": bench.axis} if bench.axis else {}
     return {
         "command": command,
         "seed": seed,
-        "scene": {
-            "path": str(result.bench.path),
-            "sha256": result.bench.sha256,
-            **({"axis": result.bench.axis} if result.bench.axis else {}),
-        },
-        "data": {trial.path: trial.sha256 for trial in dataset.trials},
+        "scene": {"path": str(bench.path), "sha256": bench.sha256, **axis},
+        "data": {trial.path: trial.sha256 for trial in trials},
         "folder": os.path.relpath(os.getcwd(), os.path.realpath(out)),
         "effects": list(effects),
-        "occasions": list(result.diagnosis.occasions.names)
-        if result.diagnosis.occasions
-        else [],
-        "several_files": [
-            trial.path
-            for trial in dataset.trials
-            if set(trial.paths.values()) - {trial.path}
-        ],
+        "occasions": list(occasions.names) if occasions else [],
+        "several_files": [t.path for t in trials if {*t.paths.values()} - {t.path}],
         "dataset": {"path": dataset.path, "sha256": dataset.sha256},
         "versions": {
             "cc_mujoco": version("cc_mujoco"),
@@ -477,20 +467,19 @@ def write_and_compare_scene(result: DiagnosisResult, path: Path) -> list[str]:
     cables = problem.plant.cables(values, problem.effects)
     proximal, distal = problem.plant.radii(values)
     bench = replace(result.bench, motor_radius=proximal, joint_radius=distal)
-    found = {
-        name: {
-            parameter.name: values.get(parameter.name, 0.0)
-            for parameter in EFFECTS[name].parameters
-        }
-        for name in problem.effects
-    }
-    effects = {name: found[name] for name in _writable_effects(result)}
-    left_out = {name: own for name, own in found.items() if name not in effects}
-    statements = [
-        f"{NOT_IN_SCENE_PREFIX} {effect_name(name)}, which was found: "
-        f"{unrealisable_reason(result.bench, name)}. Take its values from verdict.json."
-        for name in left_out
-    ]
+    effects: dict[str, dict[str, float]] = {}
+    left_out: dict[str, dict[str, float]] = {}
+    statements = []
+    for name in problem.effects:
+        own = {p.name: values.get(p.name, 0.0) for p in EFFECTS[name].parameters}
+        if reason := unrealisable_reason(result.bench, name):
+            left_out[name] = own
+            statements.append(
+                f"{NOT_IN_SCENE_PREFIX} {effect_name(name)}, which was found: {reason}."
+                " Take its values from verdict.json."
+            )
+        else:
+            effects[name] = own
     if bench.arm:
         statements.append(
             f"{NOT_IN_SCENE_PREFIX} the moment arm of [rig] angle_pairs; its joint has "
@@ -500,13 +489,13 @@ def write_and_compare_scene(result: DiagnosisResult, path: Path) -> list[str]:
         _use_scene_angle(effects, values.get("joint_angle_offset", 0.0))
     write_scene(path, repair_scene(bench, cables, effects, left_out))
     try:
-        differences, size = rollout_difference(result, path)
+        trial, difference, size = rollout_difference(result, path)
     except CableError as error:
         return [*statements, f"scene.xml is written, but cannot be compared: {error}."]
     return [
         *statements,
-        f"scene.xml, played by MuJoCo along the first seconds of {differences[0]}, "
-        f"differs from the replay by {differences[1]:.2g} N m RMS, with torques of "
+        f"scene.xml, played by MuJoCo along the first seconds of {trial}, "
+        f"differs from the replay by {difference:.2g} N m RMS, with torques of "
         f"{size:.2g} N m RMS.",
     ]
 
@@ -529,68 +518,51 @@ def _use_scene_angle(effects: dict[str, dict[str, float]], offset: float) -> Non
         spring["joint_stiffness_moment"] -= spring["joint_stiffness"] * offset
 
 
-def _writable_effects(result: DiagnosisResult) -> list[str]:
-    assert result.problem is not None
-    return [
-        name for name in result.problem.effects if is_realisable(result.bench, name)
-    ]
+def rollout_difference(result: DiagnosisResult, path: Path) -> tuple[str, float, float]:
+    """Return the RMS difference of scene and replay in the first seconds [N m].
 
-
-def rollout_difference(
-    result: DiagnosisResult, path: Path
-) -> tuple[tuple[str, float], float]:
-    """Return the RMS difference of scene and replay in the first seconds [N m]."""
+    Before it comes the trial, and after it the RMS torque of the replay [N m].
+    """
     problem = result.problem
     assert problem is not None
-    records = problem.plant.records
+    records, lever = problem.plant.records, result.bench.lever
     last = occasions_of(records)[-1]  # the scene is that of the last occasion
     first = next(k for k, each in enumerate(records) if each.occasion == last)
     record = records[first]
     values = problem.values(result.x)
     short = min(record.time.size, round(4.0 / record.dt))
-    offset = values.get("joint_angle_offset", 0.0)
     proximal, distal = problem.plant.radii(values)
     ahead = values.get(JOINT_DELAY, 0.0) / record.dt
-    joint = shift_signal(record.joint_angle, ahead)[:short] + offset
-    time = record.start + record.dt * np.arange(short)
-    shown = np.array(
-        rollout(
-            path,
-            time,
-            record.motor_angle[:short],
-            joint,
-            lead_in=distal / proximal,
-            tilt=record.tilt,
-            cables=result.bench.names,
-            driven=result.bench.joint,
-            others=(
-                {}
-                if record.path is None
-                else dict(
-                    zip(record.path.others, record.path.angles[:, :short], strict=True)
-                )
-            ),
-        )
+    offset = values.get("joint_angle_offset", 0.0)
+    others = {}
+    if record.path is not None:
+        angles = record.path.angles[:, :short]
+        others = dict(zip(record.path.others, angles, strict=True))
+    shown = rollout(
+        path,
+        record.start + record.dt * np.arange(short),
+        record.motor_angle[:short],
+        shift_signal(record.joint_angle, ahead)[:short] + offset,
+        lead_in=distal / proximal,
+        tilt=record.tilt,
+        cables=result.bench.names,
+        driven=result.bench.joint,
+        others=others,
     )
-    quiet = {
-        **values,
-        "motor_torque_offset": 0.0,
-        "joint_torque_offset": 0.0,
-        **dict.fromkeys(CLOCK_PARAMETERS, 0.0),
-    }
+    quiet = values | dict.fromkeys((*TORQUE_OFFSETS, *CLOCK_PARAMETERS), 0.0)
     # The sensors of a scene show both torques, even if those of the rig do not.
-    round_pulley = replace(problem.plant.bench, arm=())
-    sensed = tuple(replace(each, load_cell=None) for each in records)
     whole = replace(
-        problem.plant, records=sensed, instruments=TORQUE_SENSORS, bench=round_pulley
+        problem.plant,
+        records=tuple(replace(each, load_cell=None) for each in records),
+        instruments=TORQUE_SENSORS,
+        bench=replace(problem.plant.bench, arm=()),
     )
-    shows = _writable_effects(result)
-    if result.bench.lever is not None:  # MuJoCo shows of it what the cable does
+    shows = [name for name in problem.effects if is_realisable(result.bench, name)]
+    if lever is not None:  # MuJoCo shows of it what the cable does
         shows = [name for name in shows if name not in realisations()]
-    played: FloatArray = whole.simulate(quiet, shows, only=(first,))[0]
+    played: FloatArray = whole.simulate(quiet, shows, only=(first,))[0][:, :short]
     edge = round(1.0 / record.band / record.dt)
-    passed = low_pass(shown, record.band, 1.0 / record.dt)
-    error = (passed - played[:, :short])[:, edge:-edge]
-    return (record.trial, float(np.sqrt(np.mean(error**2)))), float(
-        np.sqrt(np.mean(played[:, :short] ** 2))
-    )
+    passed = low_pass(np.array(shown), record.band, 1.0 / record.dt)
+    error = (passed - played)[:, edge:-edge]
+    off, size = (float(np.sqrt(np.mean(each**2))) for each in (error, played))
+    return record.trial, off, size

@@ -108,7 +108,7 @@ def test_an_effect_in_the_conduit_is_named_and_what_cannot_be_seen_is_told(
     for name in unseen:
         assert "it takes a torque sensor" in reasons[name]
     write_and_compare_scene(result, tmp_path / "repaired.xml")
-    (_, apart), size = rollout_difference(result, tmp_path / "repaired.xml")
+    _, apart, size = rollout_difference(result, tmp_path / "repaired.xml")
     assert apart < 1e-3 * size
 
 
@@ -342,7 +342,7 @@ def test_a_weight_at_a_joint_acts_by_its_angle_not_by_its_encoder(
     (found,) = result.diagnosis.effects
     for key, size in {"gravity_sine": 15.0, "gravity_cosine": 0.0}.items():
         assert found.parameters[key].value == pytest.approx(size, abs=0.4)
-    (_, apart), size = _written(result, tmp_path / "scene.xml")
+    _, apart, size = _written(result, tmp_path / "scene.xml")
     assert apart < 2e-2 * size
 
 
@@ -363,7 +363,7 @@ def test_a_scene_with_pulleys_has_weights_where_the_encoder_saw_them(
     turned = replace(data, trials=tuple(trials))
     result = run_inference(turned, BENCH, Options((name,)))
     assert [found.id for found in result.diagnosis.effects] == [name]
-    (_, apart), size = _written(result, tmp_path / "scene.xml")
+    _, apart, size = _written(result, tmp_path / "scene.xml")
     assert apart < 2e-2 * size
 
 
@@ -422,7 +422,7 @@ def test_angles_beyond_the_lever_are_told() -> None:
     assert "declare offset and sign of [columns.joint_angle_rad]" in wrong.statement
 
 
-def _written(result: DiagnosisResult, path: Path) -> tuple[tuple[str, float], float]:
+def _written(result: DiagnosisResult, path: Path) -> tuple[str, float, float]:
     """Return the `rollout_difference` of the repaired scene."""
     write_and_compare_scene(result, path)
     return rollout_difference(result, path)

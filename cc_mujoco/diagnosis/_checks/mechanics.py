@@ -100,11 +100,10 @@ def sliding_torque_ratio(
         rows = settled & (ways == way)
         if np.count_nonzero(rows) < 50:
             return 0.0, 0.0
-        one, other = motor[rows] - motor[rows].mean(), joint[rows] - joint[rows].mean()
-        spread, other_spread = motor.std(), joint.std()
-        if not (
-            one.std() > Limit.min_spread_share * spread
-            and other.std() > Limit.min_spread_share * other_spread
+        one, other = (torque[rows] - torque[rows].mean() for torque in (motor, joint))
+        if not all(
+            part.std() > Limit.min_spread_share * whole.std()
+            for part, whole in ((one, motor), (other, joint))
         ):
             return 0.0, 0.0
         slopes.append(float(one @ other) / float(other @ other))
@@ -119,6 +118,7 @@ def _sliding(
     omega: FloatArray, usual: float, step: float
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Return the direction of motion, and where friction has settled."""
+    slow = Limit.sliding_speed_share * usual
     moving = np.flatnonzero(np.abs(omega) > 0.2 * Limit.sliding_speed_share * usual)
     last = np.zeros(len(omega), dtype=np.intp)
     last[moving] = moving
@@ -129,9 +129,7 @@ def _sliding(
     start[turned] = travel[turned]
     since = travel - np.maximum.accumulate(start)
     span = float(np.ptp(np.cumsum(omega) * step))
-    return ways, (since > Limit.signs_settling_share * span) & (
-        np.abs(omega) > Limit.sliding_speed_share * usual
-    )
+    return ways, (since > Limit.signs_settling_share * span) & (np.abs(omega) > slow)
 
 
 def _work_per_travel(
@@ -147,37 +145,25 @@ def _work_per_travel(
     closed. Linear terms in the angles take up constant offsets of the torques.
     """
     motor, joint = shown
-    lengths = [part.stop - part.start for part in trial.segments]
-    starts = np.cumsum([0, *lengths[:-1]])
+    angles = trial.motor_angle[used], trial.joint_angle[used]
     powers = np.column_stack([motor * omega, joint * turn, np.abs(omega)])
     passed = np.cumsum(powers, axis=0) * trial.step
     travel = passed[:, 2]
-    span = np.ptp(trial.motor_angle[used])
+    span = np.ptp(angles[0])
     if not span > 0.0 or travel[-1] < Limit.min_travel * span:
         return 0.0, 0.0, math.inf, 1.0
-    state = np.column_stack(
-        [
-            trial.motor_angle[used],
-            trial.joint_angle[used],
-            motor**2,
-            joint**2,
-            motor * joint,
-            omega**2,
-            turn**2,
-        ]
-    )
-    columns = np.column_stack([travel, state, passed[:, :2]])
-    for start, length in zip(starts, lengths, strict=True):
-        part = slice(start, start + length)
-        columns[part] -= columns[part].mean(axis=0)
+    squares = motor**2, joint**2, motor * joint, omega**2, turn**2
+    columns = np.column_stack([travel, *angles, *squares, passed[:, :2]])
+    ends = np.cumsum([0, *(part.stop - part.start for part in trial.segments)])
+    for start, end in itertools.pairwise(ends):
+        columns[start:end] -= columns[start:end].mean(axis=0)
     known, works = columns[:, :8], columns[:, 8:]
     scale = np.maximum(np.abs(known).max(axis=0), 1e-300)
     slopes = np.linalg.lstsq(known / scale, works, rcond=None)[0] / scale[:, None]
     lost = (works - known[:, 1:] @ slopes[1:]) @ [1.0, -1.0]
-    blocks = np.array_split(np.arange(len(used)), 8)
     rates = [
         np.polyfit(travel[block], lost[block], 1)[0]
-        for block in blocks
+        for block in np.array_split(np.arange(len(used)), 8)
         if len(block) > 2 and np.ptp(travel[block]) > 0.02 * travel[-1]
     ]
     doubt = np.std(rates) / math.sqrt(len(rates)) if len(rates) > 2 else math.inf
@@ -186,8 +172,6 @@ def _work_per_travel(
 
 
 _MIN_TORQUE_CORRELATION = 0.7
-_ODD_ANGLE_RATIO = 8.0
-_DEGREES_PER_RADIAN = math.degrees(1.0)
 
 
 class Group(NamedTuple):
@@ -223,30 +207,27 @@ def _pool_mechanics(members: list[tuple[Trial, Mechanics]]) -> Mechanics:
     first = members[0][1]
     if len(members) == 1:
         return first
-    known, trials = [m for _, m in members], [trial for trial, _ in members]
-    torque_ratio = torque_correlation = 0.0
-    if not any(t.motor_torque is None or t.joint_torque is None for t in trials):
-        parts = [(trial, part) for trial in trials for part in trial.segments]
+    torques = first.torque_ratio, first.torque_correlation
+    if not any(t.motor_torque is None or t.joint_torque is None for t, _ in members):
+        parts = [(trial, part) for trial, _ in members for part in trial.segments]
         omega = [velocity(trial.motor_angle[part], trial.step) for trial, part in parts]
         motor, joint = (
             np.concatenate([trial.channel(name)[part] for trial, part in parts])
             for name in (MOTOR_TORQUE, JOINT_TORQUE)
         )
-        torque_ratio, torque_correlation = sliding_torque_ratio(
-            motor, joint, np.concatenate(omega), trials[0].step
-        )
-    if abs(torque_correlation) < abs(first.torque_correlation):
-        torque_ratio, torque_correlation = first.torque_ratio, first.torque_correlation
-    pooled = first._replace(
-        ratio=float(np.median([m.ratio for m in known])),
-        torque_ratio=torque_ratio,
-        torque_correlation=torque_correlation,
+        step = members[0][0].step
+        pooled = sliding_torque_ratio(motor, joint, np.concatenate(omega), step)
+        torques = max(pooled, torques, key=lambda each: abs(each[1]))
+    found = first._replace(
+        ratio=float(np.median([m.ratio for _, m in members])),
+        torque_ratio=torques[0],
+        torque_correlation=torques[1],
     )
-    usable = [m for m in known if math.isfinite(m.doubt)]
+    usable = [m for _, m in members if math.isfinite(m.doubt)]
     if not usable:
-        return pooled
+        return found
     motor, joint, doubt, scale = np.array([m[4:] for m in usable]).T
-    return pooled._replace(
+    return found._replace(
         motor_work=float(motor.mean()),
         joint_work=float(joint.mean()),
         doubt=float(np.sqrt((doubt**2).sum())) / len(usable),
@@ -257,23 +238,18 @@ def _pool_mechanics(members: list[tuple[Trial, Mechanics]]) -> Mechanics:
 def check_signs(group: Group) -> list[DataFinding]:
     """Find channels with inverted sign, and swapped sides."""
     trials, m = group
-    follows, torque_correlation = (
-        _sign(m.follows, Limit.min_angle_correlation),
-        _sign(m.torque_correlation, _MIN_TORQUE_CORRELATION),
-    )
+    follows = _sign(m.follows, Limit.min_angle_correlation)
+    torque_correlation = _sign(m.torque_correlation, _MIN_TORQUE_CORRELATION)
     friction = m.motor_work - m.joint_work
-    contradictions = []
-    if follows < 0.0:
-        contradictions.append("the joint turns against the motor")
-    if torque_correlation < 0.0:
-        contradictions.append("motor torque falls where joint torque rises")
     made = friction < -max(3.0 * m.doubt, Limit.min_generated_share * m.scale)
-    if made:
-        contradictions.append(
-            f"more energy leaves the transmission than enters, by "
-            f"{-friction / m.scale:.0%} of what passes"
-        )
-    if not contradictions:
+    contradictions = {
+        "the joint turns against the motor": follows < 0.0,
+        "motor torque falls where joint torque rises": torque_correlation < 0.0,
+        f"more energy leaves the transmission than enters, by "
+        f"{-friction / m.scale:.0%} of what passes": made,
+    }
+    found = [text for text, there in contradictions.items() if there]
+    if not found:
         return []
     ways = _fewest_inversions(m, follows, torque_correlation)
     if follows >= 0.0 and torque_correlation >= 0.0:
@@ -282,7 +258,7 @@ def check_signs(group: Group) -> list[DataFinding]:
         if follows and m.joint_work / m.ratio > m.motor_work * m.ratio:
             ways.append(f"swap {{{MOTOR_TORQUE}}} and {{{JOINT_TORQUE}}}")
     advice = " or ".join(ways).format(**_labels(trials[0]))
-    sentence = f"{_files(trials)}: {' and '.join(contradictions)}; {advice}."
+    sentence = f"{_files(trials)}: {' and '.join(found)}; {advice}."
     if follows < 0.0:
         certain = True
     elif made:
@@ -341,32 +317,22 @@ def _fewest_inversions(
     m: Mechanics, follows: float, torque_correlation: float
 ) -> list[str]:
     """Return the fewest inversions that make the trial possible."""
-    possible = []
+    possible: list[list[str]] = []
+    least = -min(2.0 * m.doubt, Limit.min_generated_share * m.scale)
     for flips in itertools.product((1, -1), repeat=4):
         motor_angle, motor_torque, joint_angle, joint_torque = flips
-        friction = (
-            motor_angle * motor_torque * m.motor_work
-            - joint_angle * joint_torque * m.joint_work
-        )
-        if (
+        made = motor_angle * motor_torque * m.motor_work
+        friction = made - joint_angle * joint_torque * m.joint_work
+        agrees = (
             follows * motor_angle * joint_angle >= 0.0
             and torque_correlation * motor_torque * joint_torque >= 0.0
-            and friction > -min(2.0 * m.doubt, Limit.min_generated_share * m.scale)
-        ):
-            inverted = [
-                name
-                for name, flip in zip(MAIN_CHANNELS, flips, strict=True)
-                if flip < 0
-            ]
-            possible.append(inverted)
-    if not possible:
-        return ["check the signs"]
-    fewest = min(map(len, possible))
-    return [
-        f"invert {' and '.join(f'{{{name}}}' for name in inverted)}"
-        for inverted in possible
-        if len(inverted) == fewest
-    ]
+        )
+        if agrees and friction > least:
+            signs = zip(MAIN_CHANNELS, flips, strict=True)
+            possible.append([f"{{{name}}}" for name, flip in signs if flip < 0])
+    fewest = min(map(len, possible), default=0)
+    ways = [f"invert {' and '.join(e)}" for e in possible if len(e) == fewest]
+    return ways or ["check the signs"]
 
 
 def check_units(group: Group) -> list[DataFinding]:
@@ -376,23 +342,20 @@ def check_units(group: Group) -> list[DataFinding]:
         abs(m.follows) > Limit.min_angle_correlation and abs(m.torque_correlation) > 0.9
     ):
         return []
-    mismatch = abs(m.torque_ratio / m.ratio)
+    mismatch, degrees = abs(m.torque_ratio / m.ratio), math.degrees(1.0)
     if 1.0 / Limit.unit_mismatch_ratio < mismatch < Limit.unit_mismatch_ratio:
         return []
     mends = {
-        wrong_unit(trials[0], MOTOR_ANGLE): mismatch / _DEGREES_PER_RADIAN,
-        wrong_unit(trials[0], JOINT_ANGLE): mismatch * _DEGREES_PER_RADIAN,
+        wrong_unit(trials[0], MOTOR_ANGLE): mismatch / degrees,
+        wrong_unit(trials[0], JOINT_ANGLE): mismatch * degrees,
         wrong_unit(trials[0], MOTOR_TORQUE): mismatch / 1e3,
         wrong_unit(trials[0], JOINT_TORQUE): mismatch * 1e3,
         "the torque columns are swapped": 1.0 / abs(m.torque_ratio * m.ratio),
         "the angle columns are swapped": abs(m.torque_ratio * m.ratio),
     }
-    likely = sorted(
-        (abs(math.log(left)), text)
-        for text, left in mends.items()
-        if abs(math.log(left)) < math.log(Limit.unit_match_ratio)
-    )
-    advice = " or ".join(text for _, text in likely[:2]).format(**_labels(trials[0]))
+    off = sorted((abs(math.log(left)), text) for text, left in mends.items())
+    likely = [text for size, text in off if size < math.log(Limit.unit_match_ratio)]
+    advice = " or ".join(likely[:2]).format(**_labels(trials[0]))
     sentence = (
         f"{_files(trials)}: the joint turns {m.ratio:.3g} rad per motor radian, but "
         f"motor torque is {m.torque_ratio:.3g} of joint torque, which cannot be; "
@@ -411,36 +374,29 @@ def check_sizes(
     """
     if any(t.motor_torque is None or t.joint_torque is None for t in trials):
         return []
-    sizes = {
-        channel: np.array(
-            [np.sqrt(np.nanmean(t.channel(channel) ** 2)) for t in trials]
-        )
-        for channel in (MOTOR_TORQUE, JOINT_TORQUE)
-    }
     ratios = [
         abs(m.ratio) for m in known if abs(m.follows) > Limit.min_angle_correlation
     ]
     ratio = float(np.median(ratios)) if ratios else 1.0
     share = {MOTOR_TORQUE: ratio, JOINT_TORQUE: 1.0 / ratio}
-    leaps = {}  # size below a leap in the sizes of the trials
-    for channel, size in sizes.items():
-        ordered = np.sort(size)
+    sizes, leaps = {}, {}  # size below a leap in the sizes of the trials
+    for channel in share:
+        squares = [np.nanmean(t.channel(channel) ** 2) for t in trials]
+        sizes[channel] = np.array([np.sqrt(square) for square in squares])
+        ordered = np.sort(sizes[channel])
         below = Limit.torque_leap_ratio * np.maximum(ordered[:-1], 1e-12)
         above = np.flatnonzero(ordered[1:] > below)
         leaps[channel] = float(ordered[above[-1]]) if len(above) else math.inf
     findings = []
     for channel, other in itertools.permutations(sizes):
-        for k in np.flatnonzero(sizes[channel] > leaps[channel]).tolist():
-            is_consistent = (
-                sizes[channel][k]
-                < Limit.torque_leap_ratio * share[channel] * sizes[other][k]
-            )
-            if is_consistent and sizes[other][k] <= leaps[other]:
+        own, least = sizes[channel], leaps[channel]
+        for k in np.flatnonzero(own > least).tolist():
+            most = Limit.torque_leap_ratio * share[channel] * sizes[other][k]
+            if own[k] < most and sizes[other][k] <= leaps[other]:
                 continue
-            trial = trials[k]
-            usual = float(sizes[channel][sizes[channel] <= leaps[channel]].max())
+            trial, usual = trials[k], float(own[own <= least].max())
             message = (
-                f"{trial.column(channel)} is {sizes[channel][k]:.3g} N m RMS, but at "
+                f"{trial.column(channel)} is {own[k]:.3g} N m RMS, but at "
                 f"most {usual:.3g} in other trials; perhaps it is in mNm: call it "
                 f"{channel.removesuffix('_nm')}_mnm there."
             )
@@ -459,7 +415,7 @@ def check_ratios(
     ]
     if len(certain) < 3:
         return []
-    usual = float(np.median([abs(ratio) for _, ratio in certain]))
+    usual, odd = float(np.median([abs(ratio) for _, ratio in certain])), 8.0
     return [
         error(
             f"{trial.path}: the joint turns {ratio:.3g} rad per motor radian, but "
@@ -467,11 +423,8 @@ def check_ratios(
             trial.name,
         )
         for trial, ratio in certain
-        if not 1.0 / _ODD_ANGLE_RATIO < abs(ratio) / usual < _ODD_ANGLE_RATIO
+        if not 1.0 / odd < abs(ratio) / usual < odd
     ]
-
-
-_DISTANCE_PENALTY = 0.01
 
 
 class Alignment(NamedTuple):
@@ -487,9 +440,10 @@ class Alignment(NamedTuple):
 
 def measure_alignment(trial: Trial) -> Alignment:
     """Return the delay between the two sides, and its drift."""
+    unknown = Alignment(math.nan, 0.0, math.inf, 0.0, 0.0)
     windows = _windows(trial)
     if not windows:
-        return Alignment(math.nan, 0.0, math.inf, 0.0, 0.0)
+        return unknown
     times = np.array([window.time for window in windows])
     times -= times.mean()
     delay, drift = _delay_and_drift(windows, times, trial.step)
@@ -499,7 +453,7 @@ def measure_alignment(trial: Trial) -> Alignment:
         if lag is not None:
             found.append((time, lag, 1.0 / window.speed, window.match))
     if len(found) < max(2, 0.5 * len(windows)):
-        return Alignment(math.nan, 0.0, math.inf, 0.0, 0.0)
+        return unknown
     now, lags, slow = np.array([entry[:3] for entry in found]).T
     middle = float(np.median(lags))
     matches = np.array([match for *_, match in found])
@@ -509,9 +463,10 @@ def measure_alignment(trial: Trial) -> Alignment:
         return Alignment(middle, 0.0, math.inf, gain, 0.0)
     basis = np.column_stack([now - now.mean(), np.ones_like(now), slow])
     scale = np.abs(basis).max(axis=0)
-    inverse = np.linalg.pinv((basis / scale).T @ (basis / scale))
-    slopes = inverse @ (basis / scale).T @ lags
-    rest = lags - basis / scale @ slopes
+    scaled = basis / scale
+    inverse = np.linalg.pinv(scaled.T @ scaled)
+    slopes = inverse @ scaled.T @ lags
+    rest = lags - scaled @ slopes
     spread = float(rest @ rest) / max(1, len(lags) - 3)
     doubt = math.sqrt(spread * inverse[0, 0]) / scale[0]
     drift = float(slopes[0] / scale[0])
@@ -569,17 +524,14 @@ def _delay_and_drift(
     A single window of a periodic motion has many peaks; together they have one.
     """
     matches = np.array([window.match for window in windows])
-    width = matches.shape[1]
+    width, penalty = matches.shape[1], 0.01
     reach = width // 2
     far = np.abs(np.arange(width) - reach) / max(reach, 1)
     row = np.arange(len(windows))[:, None]
     best, found = -math.inf, (0.0, 0.0)
-    span = float(np.ptp(times))
-    most = (
-        min(Limit.max_drift, 2.0 * Limit.max_searched_delay / span)
-        if span > 0.0
-        else 0.0
-    )
+    span, most = float(np.ptp(times)), 0.0
+    if span > 0.0:
+        most = min(Limit.max_drift, 2.0 * Limit.max_searched_delay / span)
     ways = max(1, int(most * span / Limit.drift_resolution))
     for drift in np.linspace(-most, most, 2 * ways + 1):
         shift = np.round(drift * times / step).astype(int)[:, None]
@@ -587,9 +539,9 @@ def _delay_and_drift(
         inside = (lags >= 0) & (lags < width)
         values = np.where(inside, matches[row, np.clip(lags, 0, width - 1)], 0.0)
         # The peak nearest to no delay and no drift wins, unless another is better.
-        total = values.mean(axis=0) - _DISTANCE_PENALTY * far
+        total = values.mean(axis=0) - penalty * far
         k = int(np.argmax(total))
-        value = float(total[k]) - _DISTANCE_PENALTY * abs(drift) / max(most, 1e-300)
+        value = float(total[k]) - penalty * abs(drift) / max(most, 1e-300)
         if value > best:
             best, found = value, ((k - reach) * step, float(drift))
     return found
@@ -676,16 +628,16 @@ def _swapped_angles(sure: Sequence[tuple[Trial, float]]) -> list[DataFinding]:
     reverse = [trial for trial, lead in sure if lead < 0.0]
     if not reverse:
         return []
-    names = [reverse[0].labels.get(name, name) for name in (MOTOR_ANGLE, JOINT_ANGLE)]
+    labels = _labels(reverse[0])
     others = "" if len(reverse) == len(sure) else ", but not in the other trials"
     message = (
         f"{list_words([trial.path for trial in reverse])}: the joint leads the motor "
         "the more, the more torque passes, as no cable that stretches lets it"
-        f"{others}; perhaps {names[0]} and {names[1]} are swapped."
+        f"{others}; perhaps {labels[MOTOR_ANGLE]} and {labels[JOINT_ANGLE]} are "
+        "swapped."
     )
-    certain = len(sure) > 1
-    one = reverse[0].name if len(reverse) == 1 else ""
-    return [(error if certain else warning)(message, one)]
+    finding = error if len(sure) > 1 else warning
+    return [finding(message, _single_trial_name(reverse))]
 
 
 def _late_channel(
@@ -798,10 +750,8 @@ def _lead_correlation(trial: Trial, bench: Bench) -> float:
     Different clocks and offsets make a lead as well, and are taken out. A wrong ratio
     may, too, so only a correlation with and without it counts.
     """
-    if trial.motor_torque is None or trial.joint_torque is None:
-        return 0.0
     parts = [p for p in trial.segments if p.stop - p.start >= 200]
-    if not parts:
+    if trial.motor_torque is None or trial.joint_torque is None or not parts:
         return 0.0
     used = np.concatenate([np.arange(p.start, p.stop) for p in parts])
     along = bench.following(trial.joint_angle)[used]
@@ -810,12 +760,10 @@ def _lead_correlation(trial: Trial, bench: Bench) -> float:
     for shown in (trial.motor_torque[used], trial.joint_torque[used]):
         torque += shown / max(float(np.std(shown)), 1e-300)
     speed = velocity(trial.motor_angle, trial.step, trial.segments)[used]
-    usual = [speed] + [
-        ((used >= part.start) & (used < part.stop)).astype(np.float64) for part in parts
-    ]
+    inside = [(used >= part.start) & (used < part.stop) for part in parts]
+    usual = [speed, *(part.astype(np.float64) for part in inside)]
     fixed, free = (
-        _partial_correlation(lead, torque, usual),
-        _partial_correlation(lead, torque, [*usual, along]),
+        _partial_correlation(lead, torque, known) for known in (usual, [*usual, along])
     )
     return min(fixed, free, key=abs) if fixed * free > 0.0 else 0.0
 

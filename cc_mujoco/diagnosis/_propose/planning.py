@@ -129,21 +129,16 @@ def planned(
     load = None
     if instruments.joint == "known load":
         load = load_values(constants).get("load_stiffness", 0.0)
-    every = [
-        motion
-        for motion in motions(bench, swing, rate, load, instruments, cells)
-        if motion.usual
-    ]
+    every = motions(bench, swing, rate, load, instruments, cells)
+    every = [motion for motion in every if motion.usual]
     rows, tension = len(instruments.rows), bench.cables[0].pretension
     records = tuple(motion_record(motion, bench, rows, tension) for motion in every)
     plant = SimulatedRig(bench, records, 16, 1, instruments, constants)
 
     def read(torques: Sequence[FloatArray]) -> tuple[Record, ...]:
         """Return the records with these torques, which scale the tuning."""
-        return tuple(
-            replace(record, measured=torque)
-            for record, torque in zip(plant.records, torques, strict=True)
-        )
+        pairs = zip(plant.records, torques, strict=True)
+        return tuple(replace(record, measured=torque) for record, torque in pairs)
 
     records = read(plant.simulate({}))
     slack = [plant.slack_share({}, (), k) for k in range(len(records))]
@@ -153,28 +148,28 @@ def planned(
         records = tuple(records[k] for k in kept)
     plant = plant.limited(records)
     free = baseline_parameters(bench, records, constants, instruments)
-    library = plant.library
+    library, place = plant.library, np.zeros(len(free))
     wanted = usual_effects() if ids is None else ids
-    hidden = {name: library.hidden[name] for name in wanted if name in library.hidden}
     able = [name for name in wanted if name in library.effects]
-    place = np.zeros(len(free))
     blank = Problem(plant, free, (), (), ())
     torques = plant.simulate(blank.values(place))
-    whole = np.concatenate(torques, axis=1)
-    sizes = [
-        noise[name].deviation
+    sizes = {
+        name: noise[name].deviation
         if name in noise
         else Limit.default_torque_noise * float(np.std(row))
-        for name, row in zip(instruments.channels, whole, strict=True)
-    ]
+        for name, row in zip(
+            instruments.channels, np.concatenate(torques, axis=1), strict=True
+        )
+    }
     floor = tuple(
-        _noise_response(plant, blank, record, torque, np.array(sizes), noise)
+        _noise_response(
+            plant, blank, record, torque, np.array([*sizes.values()]), noise
+        )
         for record, torque in zip(records, torques, strict=True)
     )
-    seen = plant.limited(read(torques))
     # Torques are compared up to a band: so many of the samples are independent.
     weight = min(1.0, 2.0 * Limit.max_band * MOTION_STEP) ** 0.5
-    problem = Problem(seen, free, (), floor, floor, weight)
+    problem = Problem(plant.limited(read(torques)), free, (), floor, floor, weight)
     grams, owners = _gram_matrices(problem, place, able)
     standard = [k for k, motion in enumerate(every) if motion.standard]
     chosen = _choose_records(grams, owners, standard)
@@ -184,8 +179,8 @@ def planned(
     return TrialPlan(
         tuple(every[k] for k in chosen),
         tuple(sorted(resolved, key=lambda each: each.separation)),
-        dict(zip(instruments.channels, sizes, strict=True)),
-        hidden,
+        sizes,
+        {name: library.hidden[name] for name in wanted if name in library.hidden},
         {name: library.declared[name] for name in wanted if name in library.declared},
         {name: effect_amplitudes(library.effects[name])[0] for name in able},
         tuple(slack[k] for k in chosen),
@@ -201,21 +196,16 @@ def _noise_response(
     noise: Mapping[str, Noise],
 ) -> FloatArray:
     """Return the noise of both torques by torque and angle noise (2, samples) [N m]."""
-    random = np.random.default_rng(0)
-    deviation = [
-        noise[name].deviation if name in noise else Limit.default_angle_noise
-        for name in (MOTOR_ANGLE, JOINT_ANGLE)
-    ]
-    # Slow enough to pass the filters, and to strain a cable that sticks.
-    slow = [
-        np.repeat(random.normal(0.0, each, -(-record.time.size // 8)), 8)
-        for each in deviation
-    ]
-    moved = replace(
-        record,
-        motor_angle=record.motor_angle + slow[0][: record.time.size],
-        joint_angle=record.joint_angle + slow[1][: record.time.size],
-    )
+    random, size, angles = np.random.default_rng(0), record.time.size, []
+    for name, angle in (
+        (MOTOR_ANGLE, record.motor_angle),
+        (JOINT_ANGLE, record.joint_angle),
+    ):
+        known = noise[name].deviation if name in noise else Limit.default_angle_noise
+        # Slow enough to pass the filters, and to strain a cable that sticks.
+        slow = np.repeat(random.normal(0.0, known, -(-size // 8)), 8)
+        angles.append(angle + slow[:size])
+    moved = replace(record, motor_angle=angles[0], joint_angle=angles[1])
     (there,) = plant.limited([moved]).simulate(blank.values(np.zeros(len(blank.tuned))))
     scatter = np.sqrt(np.mean((there - torque) ** 2, axis=1))
     return np.broadcast_to(np.hypot(scatter, sizes)[:, None], torque.shape)
@@ -258,8 +248,7 @@ def _choose_records(
     standard: Sequence[int],
 ) -> list[int]:
     """Return the standard records and those that improve the design, greedily."""
-    chosen = list(standard)
-    best = 0.0
+    chosen, best = list(standard), 0.0
     while len(chosen) < len(grams):
         tried = {}  # number of effects that would be identified, in part or whole
         for k in sorted(set(range(len(grams))) - set(chosen)):
@@ -320,11 +309,6 @@ def _cosine(cross: FloatArray, one: FloatArray, other: FloatArray) -> float:
 
 PLAN_PAGE = "plan.md"
 _TITLE = "# Trials to record"
-_TILT_NOTE = (
-    "If the rig cannot be turned, leave that trial out: a spring that softens, as "
-    "rubber does, pulls like a weight, and only a weight notices the turn. Positive is "
-    "as the joint is, in radians (`tilt` in `dataset.toml`)."
-)
 
 
 def plan(
@@ -426,21 +410,26 @@ def _require_possible(bench: Bench, reach: float) -> None:
 
     A larger one exceeds a turn of the joint, as in degrees, or the range of a lever.
     """
-    turn = 2.0 * math.pi
-    if reach * bench.motor_radius / bench.joint_radius > turn:
-        most = turn * bench.joint_radius / bench.motor_radius
-        raise CableError(
-            f"reach is {reach:g} rad, more than a turn of joint {bench.joint!r} to "
-            f"either side; it must be at most {most:.3g}, in radians of the motor."
+    most, limit = math.tau * bench.joint_radius / bench.motor_radius, ""
+    if reach * bench.motor_radius / bench.joint_radius > math.tau:
+        limit = (
+            f", more than a turn of joint {bench.joint!r} to either side; it must be "
+            f"at most {most:.3g}, in radians of the motor."
         )
-    limited = bench.lever is not None or math.isfinite(bench.reach)
-    if limited and reach > (most := _half_range(bench)):
-        lever = "to where its lever is not known"
-        where = "beyond its stops" if bench.lever is None else lever
-        raise CableError(
-            f"reach is {reach:g} rad, which takes joint {bench.joint!r} {where}; it "
-            f"must be at most {most:.3g}, in radians of the motor."
+    elif (bench.lever is not None or math.isfinite(bench.reach)) and reach > (
+        most := _half_range(bench)
+    ):
+        where = (
+            "beyond its stops"
+            if bench.lever is None
+            else "to where its lever is not known"
         )
+        limit = (
+            f", which takes joint {bench.joint!r} {where}; it must be at most "
+            f"{most:.3g}, in radians of the motor."
+        )
+    if limit:
+        raise CableError(f"reach is {reach:g} rad{limit}")
 
 
 def _half_range(bench: Bench) -> float:
@@ -492,57 +481,44 @@ def _dataset(found: TrialPlan, bench: Bench) -> str:
 def page(
     found: TrialPlan, bench: Bench, swing: float, speed: float, instruments: Instruments
 ) -> str:
-    known = [
-        f"the {side}'s torque from {instrument}, {format_number(found.noise[channel])} "
-        "N m of noise"
-        if instrument
-        else f"the {side}'s torque not at all"
-        for side, channel, instrument in zip(
-            ("motor", "joint"), channels.TORQUES, instruments, strict=True
-        )
-    ]
+    """Return the page of a plan: what to record, and what that resolves."""
+    known = []
+    for side, channel, instrument in zip(
+        ("motor", "joint"), channels.TORQUES, instruments, strict=True
+    ):
+        how = "not at all"
+        if instrument:
+            noise = format_number(found.noise[channel])
+            how = f"from {instrument}, {noise} N m of noise"
+        known.append(f"the {side}'s torque {how}")
     at, within = middle_angle(bench, swing), format_number(swing)
     if at != 0.0:
         within = f"{format_number(at - swing)} to {format_number(at + swing)}"
-    trials = table(
-        ("file", "what to do", "pretension [N]", "slack", "seconds"),
-        [
-            (
-                f"`{MOTION_FILE.format(f'{k:02d}')}`",
-                motion.description,
-                format_number(bench.cables[0].pretension * motion.pretension)
-                if motion.pretension
-                else "-",
-                format_share(share) if motion.pretension else "-",
-                format_number(MOTION_STEP * motion.motor.size),
-            )
-            for k, (motion, share) in enumerate(
-                zip(found.trials, found.slack, strict=True), start=1
-            )
-        ],
-    )
-    resolved = table(
-        ("effect", "shows from", "plausible", "most like", "separation"),
-        [
-            (
-                each.id,
-                *(
-                    format_size(first.name, size, first.unit)
-                    for first in [found.sizes[each.id]]
-                    for size in (each.least, each.plausible)
-                ),
-                each.likest,
-                f"{each.separation:.0f} sd"
-                + ("" if each.separation >= Limit.min_clarity else " (tied)"),
-            )
-            for each in found.resolved
-        ],
-    )
+    trials = []
+    for k, motion in enumerate(found.trials):
+        tension, slack = "-", "-"
+        if motion.pretension:
+            tension = format_number(bench.cables[0].pretension * motion.pretension)
+            slack = format_share(found.slack[k])
+        file = f"`{MOTION_FILE.format(f'{k + 1:02d}')}`"
+        seconds = format_number(MOTION_STEP * motion.motor.size)
+        trials.append((file, motion.description, tension, slack, seconds))
+    resolved = []
+    for each in found.resolved:
+        first = found.sizes[each.id]
+        least, usual = (
+            format_size(first.name, size, first.unit)
+            for size in (each.least, each.plausible)
+        )
+        separation = f"{each.separation:.0f} sd"
+        if not each.separation >= Limit.min_clarity:
+            separation += " (tied)"
+        resolved.append((each.id, least, usual, each.likest, separation))
     blocks = [
         _TITLE,
         f"For {bench.path.name}: motor within {within} "
         f"rad and {format_number(speed)} rad/s; {known[0]}, {known[1]}.",
-        trials,
+        table(("file", "what to do", "pretension [N]", "slack", "seconds"), trials),
         "Each file has the motor's angle to play, and the joint's as expected: "
         "hold it there where it is locked or against a spring, leave it free else. "
         "Record both angles and both torques, or what stands for them, at 200 Hz "
@@ -554,12 +530,18 @@ def page(
         "plausible size where the effect most like it is fitted as well. A real "
         f"rig differs from the scene by more than noise: {SATURATED_CLARITY:g} is "
         "comfortable.",
-        resolved,
+        table(
+            ("effect", "shows from", "plausible", "most like", "separation"), resolved
+        ),
     ]
     if facts := declared_sentence(found.declared):
         blocks.append(facts.strip())
     if any(motion.tilt for motion in found.trials):
-        blocks.append(_TILT_NOTE)
+        blocks.append(
+            "If the rig cannot be turned, leave that trial out: a spring that softens, "
+            "as rubber does, pulls like a weight, and only a weight notices the turn. "
+            "Positive is as the joint is, in radians (`tilt` in `dataset.toml`)."
+        )
     if found.hidden:
         unseen = table(("effect", "why not"), sorted(found.hidden.items()))
         blocks += ["Not testable with these instruments:", unseen]

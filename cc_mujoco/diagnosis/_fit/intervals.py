@@ -82,7 +82,7 @@ def doubtful_effects(
     """
     from scipy.special import fdtri
 
-    found = {}
+    found = []
     for name in problem.effects:
         index = amplitude_indices(problem, [name])
         size = x[index]
@@ -96,7 +96,6 @@ def doubtful_effects(
             within = covariance[np.ix_(shape, shape)]
             part = part - across @ np.linalg.solve(within, across.T)
         contrast = np.linalg.solve(part, size).astype(np.float64)
-        square = float(size @ contrast)
         count = len(index) + len(shape)
         # Freedom of a sum of sizes with these weights (Satterthwaite, see above).
         shares = contrast**2 * np.diag(part)
@@ -104,10 +103,10 @@ def doubtful_effects(
         if total > 0.0:
             spread = max(float(np.sum(shares**2 / freedom[index])), 1e-300)
             known = min(total**2 / spread, MAX_FREEDOM)
-        found[name] = square / (
-            count * float(fdtri(count, known, Limit.nonzero_confidence))
-        )
-    return [name for name, evidence in found.items() if evidence < 1.0]
+        least = count * float(fdtri(count, known, Limit.nonzero_confidence))
+        if float(size @ contrast) / least < 1.0:
+            found.append(name)
+    return found
 
 
 def is_ordinary(problem: Problem, x: FloatArray, name: str) -> bool:
@@ -146,12 +145,8 @@ def shape_indices(problem: Problem, name: str) -> list[int]:
 
 
 def amplitude_indices(problem: Problem, names: Sequence[str]) -> list[int]:
-    off = {
-        parameter.name
-        for name in names
-        for parameter in EFFECTS[name].parameters
-        if parameter.size
-    }
+    parameters = [p for name in names for p in EFFECTS[name].parameters]
+    off = {parameter.name for parameter in parameters if parameter.size}
     return [k for k, parameter in enumerate(problem.tuned) if parameter.name in off]
 
 
@@ -232,22 +227,14 @@ def estimates(problem: Problem, x: FloatArray, spread: Spread) -> dict[str, Esti
     An interval over more than six powers of ten says nothing and is NaN: the data do
     not determine that parameter.
     """
-    deviations = np.sqrt(np.diag(spread.covariance))
-    found = {
-        parameter.name: estimate(parameter, place, deviation, freedom)
-        for parameter, place, deviation, freedom in zip(
-            problem.tuned,
-            x.tolist(),
-            deviations.tolist(),
-            spread.freedom.tolist(),
-            strict=True,
-        )
-    }
-    for parameter in problem.tuned:
-        own = found[parameter.name]
+    found = {}
+    deviations = np.sqrt(np.diag(spread.covariance)).tolist()
+    uncertain = zip(x.tolist(), deviations, spread.freedom.tolist(), strict=True)
+    for parameter, known in zip(problem.tuned, uncertain, strict=True):
+        own = found[parameter.name] = estimate(parameter, *known)
         low, high = own.ci95
-        known = low > 0.0 and math.log(high / low) <= 2.0 * Limit.max_log_factor
-        if parameter.factor and not known:
+        sure = low > 0.0 and math.log(high / low) <= 2.0 * Limit.max_log_factor
+        if parameter.factor and not sure:
             found[parameter.name] = replace(own, ci95=(math.nan, math.nan))
     for name in problem.effects:
         for index in amplitude_indices(problem, [name]):
@@ -259,9 +246,9 @@ def estimates(problem: Problem, x: FloatArray, spread: Spread) -> dict[str, Esti
             if shape_indices(problem, name) and x[index] > 0.0:  # in proportion
                 half = min(0.5 * (high - low) / own.value, Limit.max_log_factor)
                 within = own.value / math.exp(half), own.value * math.exp(half)
-                found[tuned.name] = Estimate(own.value, own.unit, within)
             else:  # no size is below 0
-                found[tuned.name] = replace(own, ci95=(max(low, 0.0), high))
+                within = max(low, 0.0), high
+            found[tuned.name] = replace(own, ci95=within)
     return found
 
 
@@ -270,23 +257,17 @@ def undetermined(problem: Problem, x: FloatArray, masks: Masks) -> tuple[str, ..
     found = []
     whole = jacobian(problem, x, masks)
     priors = sum(math.isfinite(parameter.prior) for parameter in problem.tuned)
-    data = whole[: whole.shape[0] - priors]
-    for shares in undetermined_directions(
-        covariance(data), Limit.undetermined_deviation
-    ):
-        parts = [
-            parameter.name
-            for parameter, share in zip(problem.tuned, shares, strict=True)
-            if abs(share) > 0.3
-        ]
-        names = " against ".join(parts)
-        if len(parts) == 1:
-            found.append(f"{names} hardly changes the outputs; its value is a guess.")
-        else:
-            found.append(
-                f"{names}: changed together these hardly change the outputs; only what "
-                "was known before distinguishes them."
+    known = covariance(whole[: whole.shape[0] - priors])
+    for shares in undetermined_directions(known, Limit.undetermined_deviation):
+        pairs = zip(problem.names, shares, strict=True)
+        parts = [name for name, share in pairs if abs(share) > 0.3]
+        text = " hardly changes the outputs; its value is a guess."
+        if len(parts) > 1:
+            text = (
+                ": changed together these hardly change the outputs; only what was "
+                "known before distinguishes them."
             )
+        found.append(f"{' against '.join(parts)}{text}")
     found.append(
         "Friction enters only as its product with the wrap angle, which is the scene's."
     )
@@ -343,20 +324,15 @@ def controls_of(problem: Problem, x: FloatArray, masks: Masks) -> FloatArray:
 
     Effects that the model has are fitted and left out here.
     """
-    count = sum(
-        len(record.measured) * int(np.sum(mask))
-        for record, mask in zip(problem.plant.records, masks, strict=True)
-    )
+    rows = len(problem.plant.instruments.rows)
+    count = rows * sum(int(mask.sum()) for mask in masks)
     wider, sizes = problem, []
     for name, effect in problem.plant.library.effects.items():
         if name in problem.effects:
             continue
         if all(parameter.ordinary > 0.0 for parameter in effect.parameters):
             wider = wider.with_effect(name, {})
-            sizes += [
-                max_ordinary_size(problem, x, parameter)
-                for parameter in effect.parameters
-            ]
+            sizes += [max_ordinary_size(problem, x, p) for p in effect.parameters]
             place = np.concatenate([x, np.zeros(len(wider.tuned) - x.size)])
             # One after another: derivatives that are known are taken over.
             slopes = jacobian(wider, place, masks)
@@ -395,13 +371,10 @@ def disagreement(
         parts: (data,) number of the part of each residual; those of priors have none.
     """
     whole = covariance(slopes)
-    root: list[FloatArray] = []
-    pull: list[FloatArray] = []
-    for part in np.unique(parts):
-        rows = np.flatnonzero(parts == part)
-        # A triangle has the same square as the rows, which may be many.
-        root.append(np.asarray(np.linalg.qr(slopes[rows], mode="r")))
-        pull.append(slopes[rows].T @ residual[rows])
+    every = [np.flatnonzero(parts == part) for part in np.unique(parts)]
+    # A triangle has the same square as the rows, which may be many.
+    root = [np.asarray(np.linalg.qr(slopes[rows], mode="r")) for rows in every]
+    pull = [slopes[rows].T @ residual[rows] for rows in every]
     square = [each.T @ each for each in root]
     known = slopes[parts.size :]
     without = [
@@ -412,8 +385,10 @@ def disagreement(
     freedom = np.full(slopes.shape[1], np.inf)
     for k in range(factor.size):
         row = [each[k] for each in without]
-        shares = np.array([a @ b for a, b in zip(row, square, strict=True)])
-        moved = np.array([a @ b for a, b in zip(row, pull, strict=True)])
+        shares, moved = (
+            np.array([a @ b for a, b in zip(row, other, strict=True)])
+            for other in (square, pull)
+        )
         joint = -shares @ whole @ shares.T
         joint[np.diag_indices_from(joint)] += np.sum(shares * np.array(row), axis=1)
         size = np.diag(joint)
@@ -427,23 +402,19 @@ def disagreement(
     return Disagreement(factor, freedom)
 
 
-def parts_of(
-    records: Sequence[Record], masks: Sequence[NDArray[np.bool_]]
-) -> NDArray[np.int64]:
+def parts_of(records: Sequence[Record], masks: Masks) -> NDArray[np.int64]:
     """Return the group of each residual (data,): its trial and its repetitions.
 
     With fewer trials than `Limit.least` it is one of the pieces of every record.
     """
-    used = [bool(mask.any()) for mask in masks]
-    groups = sorted({r.group for r, some in zip(records, used, strict=True) if some})
+    pairs = list(zip(records, masks, strict=True))
+    groups = sorted({record.group for record, mask in pairs if mask.any()})
     found = []
-    for place, (record, mask) in enumerate(zip(records, masks, strict=True)):
+    for place, (record, mask) in enumerate(pairs):
         count = int(np.sum(mask))
+        piece = np.arange(count) * Limit.record_pieces // max(count, 1)
+        own = place * Limit.record_pieces + piece
         if len(groups) >= Limit.least:
             own = np.full(count, groups.index(record.group) if count else 0)
-        else:
-            own = place * Limit.record_pieces + np.arange(
-                count
-            ) * Limit.record_pieces // max(count, 1)
         found.append(np.tile(own, len(record.measured)))
     return np.concatenate(found).astype(np.int64)

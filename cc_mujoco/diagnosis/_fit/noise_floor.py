@@ -139,29 +139,22 @@ def _unexplained(
     variance of the readings: a wrong model makes newtons of a digit. Noise counts where
     motions were repeated, as the share that reaches the torques depends on the motion.
     """
-    names = plant.instruments.channels
-    found = []
+    names, found = plant.instruments.channels, []
     for torques in clean, [np.zeros(torque.shape) for torque in clean]:
         trials: dict[str, list[tuple[Record, FloatArray]]] = {}
         for record, torque in zip(plant.records, torques, strict=True):
             left = np.where(record.counts, record.measured - torque, np.nan)
             trials.setdefault(record.trial, []).append((record, left))
-        found.append(
-            scatter_of(
-                [_residual_trial(parts, names) for parts in trials.values()], names
-            )
-        )
-    compared = found[0].trials
-    if not compared:
-        return np.zeros(len(names))
-    deviation = np.minimum(found[0].deviation, found[1].deviation)
+        every = [_residual_trial(parts, names) for parts in trials.values()]
+        found.append(scatter_of(every, names))
     there = [
         each[:, record.counts]
         for each, record in zip(noise, plant.records, strict=True)
-        if record.trial in compared
+        if record.trial in found[0].trials
     ]
     if not sum(each.shape[1] for each in there):  # none of them moves enough
         return np.zeros(len(names))
+    deviation = np.minimum(found[0].deviation, found[1].deviation)
     known = np.concatenate(there, axis=1).mean(axis=1)
     short: FloatArray = np.maximum(deviation**2 - known, 0.0)
     return short
@@ -172,17 +165,19 @@ def _residual_trial(
 ) -> Trial:
     """Return a trial whose torques are the residuals of a model."""
     records = [record for record, _ in parts]
-    torques = dict(
-        zip(names, np.concatenate([left for _, left in parts], axis=1), strict=True)
+    first, left = records[0], np.concatenate([left for _, left in parts], axis=1)
+    torques = dict(zip(names, left, strict=True))
+    time, motor, joint = (
+        np.concatenate([getattr(record, name) for record in records])
+        for name in ("time", "motor_angle", "joint_angle")
     )
     ends = np.cumsum([0, *(record.time.size for record in records)]).tolist()
-    first = records[0]
     return Trial(
         first.trial,
-        np.concatenate([record.time for record in records]),
-        np.concatenate([record.motor_angle for record in records]),
+        time,
+        motor,
         torques.get(MOTOR_TORQUE),
-        np.concatenate([record.joint_angle for record in records]),
+        joint,
         torques.get(JOINT_TORQUE),
         tuple(slice(a, b) for a, b in pairwise(ends)),
         first.dt,
@@ -192,14 +187,14 @@ def _residual_trial(
 
 def likely(record: Record, filtering: Filtering) -> Record:
     """Return the record along a likely motion behind its reading."""
+    angles = zip(
+        (record.motor_angle, record.joint_angle),
+        record.read,
+        filtering.still,
+        strict=True,
+    )
     motor, joint = (
-        _likely(angle, seen, width, record.dt, filtering.motion_band)
-        for angle, seen, width in zip(
-            (record.motor_angle, record.joint_angle),
-            record.read,
-            filtering.still,
-            strict=True,
-        )
+        _likely(*angle, record.dt, filtering.motion_band) for angle in angles
     )
     return replace(record, motor_angle=motor, joint_angle=joint)
 

@@ -254,8 +254,7 @@ def _noise(dataset: Dataset, bench: Bench) -> float:
         dataset.noise[name].deviation if name in dataset.noise else 0.0
         for name in (JOINT_ANGLE, MOTOR_ANGLE)
     )
-    ratio = bench.motor_radius / bench.joint_radius
-    whole: float = np.hypot(joint, ratio * motor).item()
+    whole = float(np.hypot(joint, bench.motor_radius / bench.joint_radius * motor))
     return max(whole * math.sqrt(passed), 1e-9)
 
 
@@ -308,12 +307,12 @@ def _errors(stretches: Sequence[_Stretch], values: Sequence[float]) -> list[Floa
         widths = [0.5 * zone * (1.0 + k * spread) for k in (-1.0, 0.0, 1.0)]
         followed = np.mean([follow_with_play(late, width) for width in widths], axis=0)
         errors.append((own.joint - (1.0 + change) * followed)[own.counts])
-    found = []
-    for own, error in zip(stretches, errors, strict=True):
+    whole = {}
+    for trial in {own.trial for own in stretches}:
         pairs = zip(stretches, errors, strict=True)
-        whole = np.concatenate([e for s, e in pairs if s.trial == own.trial])
-        found.append(error - whole.mean() if whole.size else error)
-    return found
+        parts = np.concatenate([e for own, e in pairs if own.trial == trial])
+        whole[trial] = parts.mean() if parts.size else 0.0
+    return [e - whole[own.trial] for own, e in zip(stretches, errors, strict=True)]
 
 
 def rms(parts: Sequence[FloatArray]) -> float:
@@ -327,29 +326,28 @@ def _statement(
     before: float,
     after: float,
 ) -> str:
-    zone, lag, spread = (values[n] for n in ("dead_zone", "lag", "dead_zone_spread"))
     off = f"The joint is {format_number(before)} times the noise off a rigid drive"
     if kind == "none":
         return f"{off}: these data show neither a dead zone nor a lag."
     stands, late = sure
-    found = []
-    if stands:
-        found.append(
-            f"a dead zone of {format_fitted(zone)} rad (95 %: {format_interval(zone)})"
+    found = [
+        f"{what} of {format_fitted(values[name])} {values[name].unit} "
+        f"(95 %: {format_interval(values[name])})"
+        for what, name, there in (
+            ("a dead zone", "dead_zone", stands),
+            ("a lag", "lag", late),
         )
-    if late:
-        found.append(f"a lag of {format_fitted(lag)} s (95 %: {format_interval(lag)})")
+        if there
+    ]
+    left = f"{format_number(after)} times the noise is left."
     if not found:
-        return (
-            f"{off}, and neither a dead zone nor a lag explains it; "
-            f"{format_number(after)} times the noise is left."
-        )
-    text = f"{off}. It has {' and '.join(found)}; with that {format_number(after)} "
-    text += "times the noise is left."
+        return f"{off}, and neither a dead zone nor a lag explains it; {left}"
+    text = f"{off}. It has {' and '.join(found)}; with that {left}"
     if stands:
-        if spread.ci95[1] < 0.5:
+        low, high = values["dead_zone_spread"].ci95
+        if high < 0.5:
             text += " After a reversal the joint sets off at once."
-        elif spread.ci95[0] > 0.5:
+        elif low > 0.5:
             text += (
                 " After a reversal the joint sets off gradually, which a loose joint "
                 "alone does not."

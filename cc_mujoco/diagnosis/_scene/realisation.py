@@ -87,10 +87,10 @@ def torque_weights(model: mujoco.MjModel) -> FloatArray:
 
 
 def angle_sensors(model: mujoco.MjModel) -> tuple[int, int]:
-    return (
-        _index(model, _SENSOR, MOTOR_ANGLE, "sensor"),
-        _index(model, _SENSOR, JOINT_ANGLE, "sensor"),
+    motor, joint = (
+        _index(model, _SENSOR, name, "sensor") for name in (MOTOR_ANGLE, JOINT_ANGLE)
     )
+    return motor, joint
 
 
 def has_instruments(spec: mujoco.MjSpec) -> bool:
@@ -166,18 +166,14 @@ def torque_parts(spec: mujoco.MjSpec, channel: str) -> list[SensorShare]:
     found = spec.tuple(channel)
     if found is None:
         return []
-    return [
-        (str(name), float(weight))
-        for name, weight in zip(found.objname, found.objprm, strict=True)
-    ]
+    pairs = zip(found.objname, found.objprm, strict=True)
+    return [(str(name), float(weight)) for name, weight in pairs]
 
 
 def set_torque_parts(
     spec: mujoco.MjSpec, channel: str, wanted: list[SensorShare]
 ) -> None:
-    found = spec.tuple(channel)
-    if found is None:
-        found = spec.add_tuple(name=channel)
+    found = spec.tuple(channel) or spec.add_tuple(name=channel)
     found.objtype = [int(_SENSOR)] * len(wanted)
     found.objname = [name for name, _ in wanted]
     found.objprm = [weight for _, weight in wanted]
@@ -286,32 +282,32 @@ def delay(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
     In MuJoCo a sensor is late by a time step or more; by less than half, it is not.
     """
     side = values["joint_delay"]
-    angles = {MOTOR_ANGLE: 0.0, JOINT_ANGLE: side}
-    torques = {
+    late = {
+        MOTOR_ANGLE: 0.0,
+        JOINT_ANGLE: side,
         MOTOR_TORQUE: values["motor_torque_delay"],
         JOINT_TORQUE: side + values["joint_torque_delay"],
     }
-    common = max(0.0, -min([*angles.values(), *torques.values()]))
-    for name, own in angles.items():
-        if own + common >= 0.5 * spec.option.timestep:
-            _delay_sensor(spec, spec.sensor(name), own + common)
-    for channel, own in torques.items():
+    common = max(0.0, -min(late.values()))
+    for channel, own in late.items():
         if own + common < 0.5 * spec.option.timestep:
+            continue
+        if channel in (MOTOR_ANGLE, JOINT_ANGLE):
+            _delay_sensor(spec, spec.sensor(channel), own + common)
             continue
         delayed = []
         for name, weight in torque_parts(spec, channel):
-            source = spec.sensor(name)
-            if name in (CLOCK_SENSOR, UNIT_SENSOR):
-                delayed.append((name, weight))
-                continue
-            copy = spec.add_sensor(
-                name=sensor_word(f"{channel}_{source.name}"),
-                type=source.type,
-                objtype=source.objtype,
-                objname=source.objname,
-            )
-            _delay_sensor(spec, copy, own + common)
-            delayed.append((copy.name, weight))
+            if name not in (CLOCK_SENSOR, UNIT_SENSOR):
+                source = spec.sensor(name)
+                name = sensor_word(f"{channel}_{name}")
+                copy = spec.add_sensor(
+                    name=name,
+                    type=source.type,
+                    objtype=source.objtype,
+                    objname=source.objname,
+                )
+                _delay_sensor(spec, copy, own + common)
+            delayed.append((name, weight))
         set_torque_parts(spec, channel, delayed)
 
 
@@ -416,9 +412,8 @@ def _keep_keyframes(
     """
     after = spec.compile()
     old, new = before.joint(joint), after.joint(pulley)
-    for key, pose, speed in zip(
-        spec.keys, before.key_qpos, before.key_qvel, strict=True
-    ):
+    keys = zip(spec.keys, before.key_qpos, before.key_qvel, strict=True)
+    for key, pose, speed in keys:
         key.qpos = np.insert(pose, new.qposadr[0], pose[old.qposadr[0]])
         key.qvel = np.insert(speed, new.dofadr[0], speed[old.dofadr[0]])
 
@@ -505,25 +500,20 @@ def inertia(side: Literal["motor", "joint"]) -> Realise:
 
     def add(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
         name, size = getattr(bench, side), values[f"{side}_inertia"]
-        if _add_armature(spec, name, size) and bench.lever is None:
+        if size == 0.0:
+            return
+        model = spec.compile()
+        present = model.dof_M0[model.joint(name).dofadr[0]]
+        if present + size <= 0.0:
+            raise CableError(
+                f"joint {name!r} has an inertia of {present:.3g} kg m^2, so "
+                f"{size:.3g} cannot be added; give the scene's joint its whole inertia"
+            )
+        spec.joint(name).armature += size
+        if bench.lever is None:
             _add_inertia_torque(spec, name, size, channel, sign)
 
     return add
-
-
-def _add_armature(spec: mujoco.MjSpec, name: str, inertia: float) -> bool:
-    """Add armature to a joint; return False if there is none to add."""
-    if inertia == 0.0:
-        return False
-    model = spec.compile()
-    present = model.dof_M0[model.joint(name).dofadr[0]]
-    if present + inertia <= 0.0:
-        raise CableError(
-            f"joint {name!r} has an inertia of {present:.3g} kg m^2, so {inertia:.3g} "
-            "cannot be added; give the scene's joint its whole inertia"
-        )
-    spec.joint(name).armature += inertia
-    return True
 
 
 def _add_inertia_torque(
@@ -658,13 +648,17 @@ def is_realisable(bench: Bench, name: str) -> bool:
 
 def unrealisable_reason(bench: Bench, name: str) -> str:
     """Return why a scene cannot have an effect; empty where it can."""
-    realisation = realisations().get(name)
+    realisation, effect = realisations().get(name), EFFECTS.get(name)
     if realisation is not None:
-        if bench.lever is None or not realisation.pulley:
-            return ""
-        return "it takes pulleys at both ends, and the joint of this scene has a lever"
-    effect = EFFECTS.get(name)
-    if effect is not None and effect.cables is not None:
-        if not (effect.torques or effect.joint_arm or effect.motor_arm):
-            return ""  # keys of the cables
-    return "nothing says how MuJoCo has it (method `edit_spec` of its class)"
+        if bench.lever is not None and realisation.pulley:
+            return (
+                "it takes pulleys at both ends, and the joint of this scene has a lever"
+            )
+        return ""
+    if (
+        effect is None
+        or effect.cables is None
+        or (effect.torques or effect.joint_arm or effect.motor_arm)
+    ):
+        return "nothing says how MuJoCo has it (method `edit_spec` of its class)"
+    return ""  # keys of the cables

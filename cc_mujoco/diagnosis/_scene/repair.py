@@ -164,11 +164,9 @@ def _largest_step(spec: mujoco.MjSpec, bench: Bench) -> float:
     if bench.tied:  # its pieces are the springs
         found = step_limits(model, mujoco.MjData(model))
         return 0.5 * min(min(found[name]) for name in bench.names)
+    pulleys = (bench.motor, bench.motor_radius), (bench.joint, bench.joint_radius)
     limits = []
-    for joint, radius in (
-        (bench.motor, bench.motor_radius),
-        (bench.joint, bench.joint_radius),
-    ):
+    for joint, radius in pulleys:
         inertia = model.dof_M0[model.joint(joint).dofadr[0]]
         limits.append(2.0 * math.sqrt(inertia / rim_stiffness(bench, radius)))
     return 0.5 * min(limits)
@@ -188,23 +186,17 @@ def _check(name: str, parameters: Sequence[str], values: Values) -> None:
 def _comment(
     bench: Bench, effects: Mapping[str, Values], left_out: Mapping[str, Values]
 ) -> str:
-    lines = [f" {bench.path.name}, sha256 {bench.sha256[:16]}, refitted"]
-    for name, values in effects.items():
+    lines, table = [], realisations()
+    for name, values in {**effects, **left_out}.items():
         written = ", ".join(f"{key} {value:.6g}" for key, value in values.items())
-        realisation = realisations().get(name)
-        how = realisation.note if realisation else "keys of the cable plugin"
-        lines.append(f"    {name}: {written} ({how})")
-    for name, values in left_out.items():
-        written = ", ".join(f"{key} {value:.6g}" for key, value in values.items())
-        lines.append(f"    not in this scene, {name}: {written}")
-    return ";\n".join(lines).replace("--", "- -") + " "
-
-
-_REQUIRED_FLAGS = ("actuation", "constraint", "damper", "limit", "sensor", "spring")
-"""Parts of MuJoCo that cables, instruments or effects are made of."""
-_COMPILER_SETTINGS = ("settotalmass", "boundmass", "boundinertia")
-"""Compiler settings that would change the bodies added by effects."""
-_REHEARSAL_TIME, _REHEARSAL_STEPS = 0.3, (200, 5000)
+        how = table[name].note if name in table else "keys of the cable plugin"
+        lines.append(
+            f"    {name}: {written} ({how})"
+            if name in effects
+            else f"    not in this scene, {name}: {written}"
+        )
+    head = f" {bench.path.name}, sha256 {bench.sha256[:16]}, refitted"
+    return ";\n".join([head, *lines]).replace("--", "- -") + " "
 
 
 def require_repairable(bench: Bench) -> None:
@@ -242,18 +234,17 @@ def require_repairable(bench: Bench) -> None:
 
 
 def _check_settings(spec: mujoco.MjSpec, bench: Bench) -> None:
-    off = [
-        name
-        for name in _REQUIRED_FLAGS
-        if spec.option.disableflags
-        & int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{name.upper()}"))
-    ]
+    # Parts of MuJoCo that cables, instruments or effects are made of.
+    flags = "actuation constraint damper limit sensor spring".split()
+    bits = (getattr(mujoco.mjtDisableBit, f"mjDSBL_{f.upper()}") for f in flags)
+    pairs = zip(flags, bits, strict=True)
+    off = [flag for flag, bit in pairs if spec.option.disableflags & int(bit)]
     if off:
         raise CableError(
             f"scene {bench.path} disables {list_words(off)} in <flag>; cables, sensors "
             "and the effects that are added need them enabled"
         )
-    for name in _COMPILER_SETTINGS:
+    for name in ("settotalmass", "boundmass", "boundinertia"):
         if getattr(spec.compiler, name) > 0.0:
             raise CableError(
                 f"scene {bench.path} has {name} in <compiler>, which would change the "
@@ -263,9 +254,7 @@ def _check_settings(spec: mujoco.MjSpec, bench: Bench) -> None:
 
 def _rehearse_motion(scene: mujoco.MjSpec | Path, step: float, bench: Bench) -> None:
     """Play a short motion through the scene and through its cables alone."""
-    count = min(
-        max(round(_REHEARSAL_TIME / step), _REHEARSAL_STEPS[0]), _REHEARSAL_STEPS[1]
-    )
+    count = min(max(round(0.3 / step), 200), 5000)
     phase = np.linspace(0.0, 4.0 * math.pi, count)
     low, high = bench.span
     swing = min(Limit.rehearsal_swing, 0.45 * (high - low))
@@ -273,24 +262,19 @@ def _rehearse_motion(scene: mujoco.MjSpec | Path, step: float, bench: Bench) -> 
     joint = middle + swing * np.sin(phase)
     wind_up = 0.1 * Limit.rehearsal_swing * bench.joint_radius / bench.motor_radius
     motor = bench.following(joint) + wind_up * np.sin(1.7 * phase)
-    shown = rollout(
-        scene,
-        step * np.arange(count),
-        motor,
-        joint,
-        cables=bench.names,
-        driven=bench.joint,
-    )
+    time = step * np.arange(count)
+    cables, driven = bench.names, bench.joint
+    shown = rollout(scene, time, motor, joint, cables=cables, driven=driven)
     alone = bench.replay(step, motor, joint)
     for side, torque, own in zip(
         ("motor", "joint"), shown, (alone.motor_torque, alone.joint_torque), strict=True
     ):
         difference, most = np.abs(torque - own).max(), np.abs(own).max()
         if not difference <= Limit.torque_tolerance * most:
-            sums = "" if bench.lever else f", and other parts of the <tuple> {side}"
+            parts = f", and other parts of the <tuple> {side}_torque_nm"
             raise CableError(
                 f"scene {bench.path}: played by MuJoCo, {side}_torque_nm differs from "
                 f"what its cables do alone by {difference:.2g} N m, with torques of "
                 f"{most:.2g} N m; take out of the scene whatever changes the cables' "
-                f"forces{sums and sums + '_torque_nm'}"
+                f"forces{'' if bench.lever else parts}"
             )

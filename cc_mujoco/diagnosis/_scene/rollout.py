@@ -86,17 +86,16 @@ def rollout(
     if lead_in is not None:
         step = (clock[-1] - clock[0]) / (clock.size - 1)
         before = clock[0] + step * np.arange(-LEAD_SAMPLES, 0)
-        path = None
+        turned = np.linspace(0.0, 1.0, Limit.ramp_samples + 1) * angles[1, 0]
+        if bench is not None:
+            turned = bench.turned(turned)
         if bench is not None and held:
-            angles_of_others = np.array([held[name] for name in bench.others])
-            path = bench.recorded_path(angles[1], angles_of_others, Limit.ramp_samples)
-        ramp = np.linspace(0.0, 1.0, Limit.ramp_samples + 1) * angles[1, 0]
-        turned = ramp if bench is None else bench.turned(ramp)
-        if bench is not None and path is not None:
-            turned = bench.along_lead_in(path)
-            held = dict(
-                zip(path.others, map(path.with_lead_in, path.angles), strict=True)
-            )
+            beside = np.array([held[name] for name in bench.others])
+            path = bench.recorded_path(angles[1], beside, Limit.ramp_samples)
+            if path is not None:
+                turned = bench.along_lead_in(path)
+                led = map(path.with_lead_in, path.angles)
+                held = dict(zip(path.others, led, strict=True))
         along = lead_in * turned
         angles = np.array(with_lead_in(angles[0], angles[1], lambda _: along, 1))
         clock = np.concatenate([before, clock])
@@ -195,9 +194,8 @@ def _play(
     model.dof_armature[dof] += Limit.drive_armature
     # The look-ahead of the cables' ends follows from this state of MuJoCo.
     model.dof_invweight0[dof] /= 1.0 + Limit.drive_armature * model.dof_invweight0[dof]
-    model.dof_M0[dof] += (
-        Limit.drive_armature  # what counts where a joint turns a balanced body
-    )
+    # What counts where a joint turns a balanced body.
+    model.dof_M0[dof] += Limit.drive_armature
     speed = np.gradient(angles, dt, axis=1)
     force = Limit.drive_armature * np.gradient(speed, dt, axis=1)
     samples = angles.shape[1]
@@ -358,10 +356,8 @@ def _motion(
     time: ArrayLike, motor_angle: ArrayLike, joint_angle: ArrayLike
 ) -> tuple[FloatArray, FloatArray]:
     """Return the time (samples,) and both angles (2, samples), checked."""
-    clock, motor, joint = (
-        np.asarray(signal, dtype=np.float64)
-        for signal in (time, motor_angle, joint_angle)
-    )
+    given = time, motor_angle, joint_angle
+    clock, motor, joint = (np.asarray(each, dtype=np.float64) for each in given)
     if clock.ndim != 1 or not clock.shape == motor.shape == joint.shape:
         raise CableError(
             f"time, motor_angle and joint_angle have shapes {clock.shape}, "
@@ -369,11 +365,10 @@ def _motion(
         )
     if clock.size < 3:
         raise CableError(f"a motion of {clock.size} samples; give 3 or more")
-    angles = np.array([motor, joint])
-    if not (np.isfinite(clock).all() and np.isfinite(angles).all()):
+    if not np.isfinite([clock, motor, joint]).all():
         raise CableError("time and angles of a motion must be finite")
     steps = np.diff(clock)
     mean = float(steps.mean())
     if not (mean > 0.0 and np.abs(steps - mean).max() <= Limit.step_tolerance * mean):
         raise CableError("the samples of a motion must be evenly spaced in time")
-    return clock, angles
+    return clock, np.array([motor, joint])

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -51,6 +51,7 @@ from cc_mujoco.diagnosis._checks.readings import (
 )
 from cc_mujoco.diagnosis._rig.records import compared_band
 from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray
 from cc_mujoco.report._html import list_words
 
 
@@ -189,12 +190,11 @@ def _load_each(
     parts, findings = {}, []
     for name, folder in folders.items():
         part, found = load(folder, None, bench, columns)
-        facts = [
-            replace(t.facts, occasion=t.facts.occasion or name) for t in part.trials
+        own = [
+            replace(t, facts=replace(t.facts, occasion=t.facts.occasion or name))
+            for t in part.trials
         ]
-        trials = zip(part.trials, facts, strict=True)
-        own = tuple(replace(trial, facts=fact) for trial, fact in trials)
-        parts[name] = replace(part, trials=own)
+        parts[name] = replace(part, trials=tuple(own))
         findings += found
     if errors(findings):
         return next(iter(parts.values())), findings
@@ -260,11 +260,12 @@ def _trial(recording: Recording, track: SampledTrack, facts: Facts) -> Trial:
     temperature = values.get(channels.TEMPERATURE)
     if temperature is None and facts.temperature is not None:
         temperature = np.full(len(track.time), facts.temperature)
-    columns = {
-        channels.further_column(channel): value
-        for channel, value in values.items()
-        if channels.is_further(channel)
-    }
+
+    def named(is_one: Callable[[str], bool]) -> dict[str, FloatArray]:
+        return {name: value for name, value in values.items() if is_one(name)}
+
+    further = named(channels.is_further).items()
+    columns = {channels.further_column(name): value for name, value in further}
     if temperature is not None:
         columns[channels.TEMPERATURE] = temperature
     return Trial(
@@ -276,14 +277,8 @@ def _trial(recording: Recording, track: SampledTrack, facts: Facts) -> Trial:
         joint_torque=values.get(channels.JOINT_TORQUE),
         segments=track.segments,
         step=track.step,
-        tensions={
-            name: value for name, value in values.items() if channels.is_tension(name)
-        },
-        others={
-            name: value
-            for name, value in values.items()
-            if channels.is_other_angle(name)
-        },
+        tensions=named(channels.is_tension),
+        others=named(channels.is_other_angle),
         temperature=temperature,
         motor_current=values.get(channels.MOTOR_CURRENT),
         facts=facts,

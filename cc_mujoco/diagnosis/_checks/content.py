@@ -161,12 +161,9 @@ def repeat_scatter(trials: Sequence[Trial], channels: Sequence[str]) -> Scatter:
         for original, trial in _repeat_pairs(trials)
         if (pair := _compare_trials(original, trial)) is not None
     ]
-    if not pairs:
-        pairs = [
-            ({trial.name}, pair)
-            for trial in trials
-            for pair in period_differences(trial)
-        ]
+    pairs = pairs or [
+        ({trial.name}, pair) for trial in trials for pair in period_differences(trial)
+    ]
     if not pairs:
         return Scatter(np.zeros(len(channels)), frozenset())
     squares = [
@@ -259,16 +256,13 @@ def find_period(angle: FloatArray) -> float | None:
     scale = np.sqrt(power[count - lags] * (power[count] - power[lags]))
     match = shifted[: len(lags)] / np.maximum(scale, 1e-300)
     fallen = np.flatnonzero(match < 0.5)
-    if not len(fallen):
-        return None
     peaks = (match[1:-1] >= match[:-2]) & (match[1:-1] > match[2:])
-    candidates = (
-        np.flatnonzero(peaks & (match[1:-1] > Limit.min_period_correlation)) + 1
-    )
-    candidates = candidates[candidates > fallen[0]]
-    if not len(candidates):
+    high = match[1:-1] > Limit.min_period_correlation
+    able = np.flatnonzero(peaks & high) + 1
+    able = able[able > fallen[0]] if len(fallen) else fallen
+    if not len(able):
         return None
-    best = int(candidates[0])
+    best = int(able[0])
     left, middle, right = match[best - 1 : best + 2]
     bend = left - 2.0 * middle + right
     return best + (0.5 * float((left - right) / bend) if bend < 0.0 else 0.0)
@@ -320,26 +314,38 @@ class Excitation(NamedTuple):
     def statements(self) -> tuple[str, ...]:
         """Coverage in sentences."""
         low, high = self.speed
+        torque, motor_torque = (
+            f"{ends[0]:.3g} to {ends[1]:.3g} N m" if ends else "not measured"
+            for ends in (self.torque, self.motor_torque)
+        )
+        rests = ", so dwell and break-away cannot be judged."
+        if self.dwell_count:
+            rests = f" of {self.dwells[0]:.2g} to {self.dwells[1]:.2g} s."
+        repeats = "No trial repeats another."
+        if self.repeats:
+            repeats = f"{_count_text(self.repeats, 'repeat')}."
+        known = self.pretensions
+        tension = (
+            "One pretension and no measured tension, so friction and pretension cannot "
+            "be distinguished."
+        )
+        if self.tensions:
+            ends = _count_text(self.tensions, "cable end")
+            tension = f"Tension is measured at {ends}."
+        elif len(known) > 1:
+            tension = f"{len(known)} pretensions, {known[0]:.3g} to {known[-1]:.3g} N."
         sentences = [
             f"{self.duration:.3g} s of valid data.",
             f"The motor moves at {low:.2g} to {high:.2g} rad/s "
             f"({self.speed_decades:.1f} decades) and has "
             f"{_count_text(self.reversals, 'reversal')}.",
-            f"{_count_text(self.dwell_count, 'rest')}"
-            + (
-                f" of {self.dwells[0]:.2g} to {self.dwells[1]:.2g} s."
-                if self.dwell_count
-                else ", so dwell and break-away cannot be judged."
-            ),
-            f"Joint torque {_torque_text(self.torque)}, motor torque "
-            f"{_torque_text(self.motor_torque)}.",
+            f"{_count_text(self.dwell_count, 'rest')}{rests}",
+            f"Joint torque {torque}, motor torque {motor_torque}.",
             f"The motor covers {self.turns:.2g} revolutions, the joint "
             f"{self.joint_turns:.2g}.",
             f"99 % of the motion lies below {self.bandwidth:.2g} Hz.",
-            f"{_count_text(self.repeats, 'repeat')}."
-            if self.repeats
-            else "No trial repeats another.",
-            _pretension_text(self.pretensions, self.tensions),
+            repeats,
+            tension,
         ]
         if self.temperature is not None:
             cold, warm = self.temperature
@@ -358,44 +364,40 @@ def excitation(dataset: Dataset) -> Excitation:
             f"{dataset.path} declares that the motor's angle is not measured, of which "
             "the excitation is; give trials with that angle"
         )
+    trials = dataset.trials
+    known = dataset.noise.get(channels.MOTOR_ANGLE)
     speeds, rests = [np.empty(0)], []
-    reversals = 0
-    for trial in dataset.trials:
+    for trial in trials:
         speed = np.abs(velocity(trial.motor_angle, trial.step, trial.segments))
-        known = dataset.noise.get(channels.MOTOR_ANGLE)
         floor = velocity_noise(known.deviation if known else 0.0, trial.step)
         with np.errstate(invalid="ignore"):
             speeds.append(speed[speed > max(3.0 * floor, 1e-9)])
         rests += [(part.stop - part.start) * trial.step for part in find_holds(trial)]
-        reversals += sum(
-            count_reversals(trial.motor_angle[part]) for part in trial.segments
-        )
-    warmth = [t.temperature for t in dataset.trials if t.temperature is not None]
+    warmth = [t.temperature for t in trials if t.temperature is not None]
     celsius = np.concatenate([np.empty(0), *warmth])
-    known_tensions = {
-        trial.facts.pretension
-        for trial in dataset.trials
-        if trial.facts.pretension is not None and not trial.facts.unhooked
-    }
-    names = {trial.name for trial in dataset.trials}
+    temperature = None
+    if celsius.size:
+        temperature = float(np.nanmin(celsius)), float(np.nanmax(celsius))
+    pretensions = {t.facts.pretension for t in trials if not t.facts.unhooked} - {None}
+    names = {trial.name for trial in trials}
     angles = [_valid_samples(dataset, channel) for channel in channels.ANGLES]
     turns = [float(np.ptp(a)) / math.tau if len(a) else 0.0 for a in angles]
     return Excitation(
-        duration=sum(trial.duration for trial in dataset.trials),
+        duration=sum(trial.duration for trial in trials),
         speed=_percentiles(np.concatenate(speeds), 2, 99),
-        reversals=reversals,
+        reversals=sum(
+            count_reversals(t.motor_angle[part]) for t in trials for part in t.segments
+        ),
         dwells=(min(rests), max(rests)) if rests else (0.0, 0.0),
         dwell_count=len(rests),
         torque=_torques(dataset, channels.JOINT_TORQUE),
         motor_torque=_torques(dataset, channels.MOTOR_TORQUE),
         turns=turns[0],
         joint_turns=turns[1],
-        bandwidth=max((_bandwidth(trial) for trial in dataset.trials), default=0.0),
-        repeats=sum(trial.facts.repeat_of in names for trial in dataset.trials),
-        pretensions=tuple(sorted(known_tensions)),
-        temperature=(float(np.nanmin(celsius)), float(np.nanmax(celsius)))
-        if celsius.size
-        else None,
+        bandwidth=max((_bandwidth(trial) for trial in trials), default=0.0),
+        repeats=sum(trial.facts.repeat_of in names for trial in trials),
+        pretensions=tuple(sorted(t for t in pretensions if t is not None)),
+        temperature=temperature,
         tensions=sum(channels.is_tension(name) for name in dataset.channels),
     )
 
@@ -438,24 +440,14 @@ def _bandwidth(trial: Trial) -> float:
 
 
 def _valid_samples(dataset: Dataset, channel: str) -> FloatArray:
-    return np.concatenate(
-        [np.zeros(0)]
-        + [
-            trial.channel(channel)[part]
-            for trial in dataset.trials
-            for part in trial.segments
-        ]
-    )
+    parts = [t.channel(channel)[part] for t in dataset.trials for part in t.segments]
+    return np.concatenate([np.zeros(0), *parts])
 
 
 def _torques(dataset: Dataset, channel: str) -> tuple[float, float] | None:
     if dataset.trials and channel not in dataset.channels:
         return None
     return _percentiles(_valid_samples(dataset, channel), 1, 99)
-
-
-def _torque_text(ends: tuple[float, float] | None) -> str:
-    return f"{ends[0]:.3g} to {ends[1]:.3g} N m" if ends else "not measured"
 
 
 def _percentiles(values: FloatArray, low: float, high: float) -> tuple[float, float]:
@@ -467,14 +459,3 @@ def _percentiles(values: FloatArray, low: float, high: float) -> tuple[float, fl
 
 def _count_text(number: int, word: str) -> str:
     return f"{number or 'no'} {word}{'' if number == 1 else 's'}"
-
-
-def _pretension_text(known: tuple[float, ...], tensions: int) -> str:
-    if tensions:
-        return f"Tension is measured at {_count_text(tensions, 'cable end')}."
-    if len(known) > 1:
-        return f"{len(known)} pretensions, {known[0]:.3g} to {known[-1]:.3g} N."
-    return (
-        "One pretension and no measured tension, so friction and pretension cannot be "
-        "distinguished."
-    )

@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -122,40 +122,28 @@ def check_bench(trials: Sequence[Trial], bench: Bench) -> list[DataFinding]:
     A cable that winds up moves the joint less than its pulleys would, so the trial that
     comes closest to the scene counts.
     """
-    ratio = bench.joint_radius / bench.motor_radius
+    checks = [_check_overload, _check_known_range]
+    findings: list[DataFinding] = []
     if bench.others:  # the ends do not turn by one ratio
-        return _findings_by_trial(trials, bench, _check_others_range)
-    hooked = [trial for trial in trials if not trial.facts.unhooked]
-    found = {trial.name: measure_mechanics(trial) for trial in hooked}
-    certain = [t for t in hooked if abs(found[t.name].follows) > 0.6]
-    closest = min(
-        certain,
-        key=lambda t: abs(math.log(abs(found[t.name].ratio * ratio))),
-        default=None,
-    )
-    several = len(certain) >= 3
-    findings = _check_inverse(certain, [found[t.name] for t in certain], ratio)
-    if closest and not findings:
-        findings = check_ratio(closest, ratio, several)
-    return findings + _findings_by_trial(trials, bench)
-
-
-def _findings_by_trial(
-    trials: Sequence[Trial],
-    bench: Bench,
-    *more: Callable[[Trial, Bench], Iterator[DataFinding]],
-) -> list[DataFinding]:
-    checks = (_check_overload, _check_known_range, *more)
-    return [
-        finding
-        for trial in trials
-        for check in checks
-        for finding in check(trial, bench)
-    ]
+        checks.append(_check_others_range)
+    else:
+        ratio = bench.joint_radius / bench.motor_radius
+        found = [(t, measure_mechanics(t)) for t in trials if not t.facts.unhooked]
+        certain = [(trial, m) for trial, m in found if abs(m.follows) > 0.6]
+        findings = _check_inverse(certain, ratio)
+        if certain and not findings:
+            closest, _ = min(
+                certain, key=lambda e: abs(math.log(abs(e[1].ratio * ratio)))
+            )
+            findings = check_ratio(closest, ratio, several=len(certain) >= 3)
+    for trial in trials:
+        for check in checks:
+            findings += check(trial, bench)
+    return findings
 
 
 def _check_inverse(
-    trials: Sequence[Trial], known: Sequence[Mechanics], ratio: float
+    trials: Sequence[tuple[Trial, Mechanics]], ratio: float
 ) -> list[DataFinding]:
     """Find trials in which the angles turn by the inverse ratio of a scene.
 
@@ -168,9 +156,7 @@ def _check_inverse(
     def inverse(found: float) -> bool:
         return found > 0.0 and abs(math.log(found / ratio)) < Limit.inverse
 
-    turned = [
-        (trial, m) for trial, m in zip(trials, known, strict=True) if inverse(m.ratio)
-    ]
+    turned = [(trial, m) for trial, m in trials if inverse(m.ratio)]
     certain = ratio > 1.0 or (len(turned) == len(trials) > 1)
     wrong = [(t, m) for t, m in turned if certain or inverse(m.torque_ratio)]
     if not wrong:
@@ -209,11 +195,11 @@ def check_load_cells(dataset: Dataset, bench: Bench) -> list[DataFinding]:
 
 def check_known_torques(dataset: Dataset) -> list[DataFinding]:
     """Find weights and exchanged sensors that no torque sensor shows."""
+    known = dataset.instruments
     able = {
-        "known_motor_torque": dataset.instruments.motor
-        in ("torque sensor", "motor current"),
-        "known_joint_torque": dataset.instruments.joint == "torque sensor",
-        "swapped": dataset.instruments == TORQUE_SENSORS,
+        "known_motor_torque": known.motor in ("torque sensor", "motor current"),
+        "known_joint_torque": known.joint == "torque sensor",
+        "swapped": known == TORQUE_SENSORS,
     }
     return [
         error(
@@ -346,19 +332,21 @@ def _check_degrees(recording: Recording, file: DatasetFile) -> Iterator[DataFind
         (channels.MOTOR_ANGLE, Limit.max_motor_turns),
     ):
         values = recording.values.get(channel, np.zeros(0))
-        turns = _robust_range(values) / (2.0 * math.pi)
+        turns = _robust_range(values) / math.tau
         if turns <= most:
             continue
-        message = f"{recording.column(channel)} covers {turns:.3g} turns"
         label = recording.labels.get(channel, channel)
-        if file.source(channel).unit or file.unit(channel, label) == "deg":
-            yield warning(f"{message}, as declared.", recording.name, channel)
-            continue
-        advice = (
-            f"declare [columns.{channel}] unit = 'deg' if it is in degrees, or 'rad'"
+        declared = file.source(channel).unit or file.unit(channel, label) == "deg"
+        how = (
+            f" if it is in radians; declare [columns.{channel}] unit = 'deg' if it is "
+            "in degrees, or 'rad'"
         )
-        message += f" if it is in radians; {advice}."
-        yield error(message, recording.name, channel)
+        message = (
+            f"{recording.column(channel)} covers {turns:.3g} turns"
+            f"{', as declared' if declared else how}."
+        )
+        finding = warning if declared else error
+        yield finding(message, recording.name, channel)
 
 
 def _check_turnovers(recording: Recording) -> Iterator[DataFinding]:

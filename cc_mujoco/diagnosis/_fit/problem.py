@@ -386,7 +386,7 @@ class Problem:
 
     @property
     def noise_over_floor(self) -> list[FloatArray]:
-        """The same over the floor."""
+        """Effect of sensor noise over the floor, (2, samples) per record."""
         return [n / f for n, f in zip(self.sensed, self.floor, strict=True)]
 
     @property

@@ -177,8 +177,7 @@ def test_misfit_is_over_noise_whatever_errors_are_divided_by(inflation: float) -
     errors[0][:, :50] = np.nan
     records = tuple(SimpleNamespace(dt=0.01) for _ in noise)
     problem: Any = SimpleNamespace(
-        sensed=noise,
-        floor=floor,
+        noise_over_floor=[n / f for n, f in zip(noise, floor, strict=True)],
         inflation=inflation,
         plant=SimpleNamespace(records=records),
     )

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -27,7 +26,7 @@ from cc_mujoco.design._protocol import (
     SineTorque,
     device_digests,
 )
-from cc_mujoco.design._scenarios import LEAST_SUFFIX, Case
+from cc_mujoco.design._scenarios import LEAST_SUFFIX
 from cc_mujoco.design._study_metrics import (
     CONTROLLER_METRIC,
     by_axis,
@@ -40,24 +39,16 @@ from cc_mujoco.design._study_metrics import (
     split_metric,
     wants_high,
 )
-from cc_mujoco.device import Axis, Description, Device, Plant
+from cc_mujoco.device import Device, Plant
 from cc_mujoco.device._axis_columns import axis_columns
 from cc_mujoco.device._model import joint_range
 from cc_mujoco.device._sensors import PERFECT_SENSING
 from cc_mujoco.device._variables import Value
-from cc_mujoco.device._wearer_scaling import (
-    WALKER,
-    body_of,
-    helped_axis,
-    pace_of,
-    profile_of,
-    trajectory_of,
-)
-from cc_mujoco.human import Spring, Task, Wearer, scale_task
+from cc_mujoco.device._wearer_scaling import body_of, pace_of, tasks_of, trajectory_of
+from cc_mujoco.human import Spring, Wearer
 from cc_mujoco.human import task as find_task
 from cc_mujoco.human._gait_joints import GaitJoint, gait_joints
-from cc_mujoco.human._profile import Profiles
-from cc_mujoco.metrics import ArrayLog, Metric, measure
+from cc_mujoco.metrics import ArrayLog, measure
 from cc_mujoco.metrics._clamped import SWING_PERIODS
 from cc_mujoco.metrics._metric import (
     DRIVEN,
@@ -70,7 +61,6 @@ from cc_mujoco.metrics._metric import (
 )
 from cc_mujoco.metrics._torque import first_unsafe_sample
 from cc_mujoco.simulation._rollout import Episode, Rollout, attended, play
-from cc_mujoco.simulation._worn_device import TaskChoice
 
 Design = dict[str, Value]
 
@@ -109,22 +99,30 @@ def evaluate(
     `tick` is called now and then with the share that is done; may raise to stop.
     """
     protocol.find_metrics()
-    builder = protocol.device
-    cases = protocol.across.cases
-    tried = [
-        _try_case(
-            protocol,
-            builder,
-            case,
-            designs,
-            _partial_tick(tick, n / len(cases), 1 / len(cases)),
-        )
-        for n, case in enumerate(cases)
-    ]
-    return [
-        _result(protocol, [case[index] for case in tried])
-        for index in range(len(designs))
-    ]
+    device, cases = protocol.device, protocol.across.cases
+    tried: list[list[_Tried]] = []
+    for case in cases:
+        before = len(tried)
+        plants = [Plant(device, {**design, **case}) for design in designs]
+        models = [attended(plant) for plant in plants]
+        tests = episodes(protocol, device, [plant.values for plant in plants])
+        whole = sum(episode.duration for _, _, episode in tests)
+        scores = _Scores(protocol, device, plants, models)
+        done = 0.0
+        for test, law, episode in tests:
+
+            def passed(
+                share: float,
+                before: int = before,
+                start: float = done / whole,
+                part: float = episode.duration / whole,
+            ) -> None:
+                tick((before + start + part * share) / len(cases))
+
+            scores.add(test, law, play(episode, models, tick=passed))
+            done += episode.duration
+        tried.append(scores.tried)
+    return [_result(protocol, each) for each in zip(*tried, strict=True)]
 
 
 class _Tried(NamedTuple):
@@ -134,52 +132,133 @@ class _Tried(NamedTuple):
     failed: dict[str, str]
 
 
-def _try_case(
-    protocol: EpisodeProtocol,
-    builder: Device,
-    case: Case,
-    designs: Sequence[Design],
-    tick: Tick,
-) -> list[_Tried]:
-    plants = [Plant(builder, {**design, **case}) for design in designs]
-    models = [attended(plant) for plant in plants]
-    tests = episodes(protocol, builder, plants[0].values)
-    laws = protocol.controllers
-    found: list[dict[str, dict[str, float]]] = [{n: {} for n in laws} for _ in designs]
-    failed: list[dict[str, str]] = [{} for _ in designs]
-    if any(metric_of(name).test == "parts" for name in protocol.metrics):
-        for each, plant, model in zip(found, plants, models, strict=True):
-            row = _measure_parts(plant, model, protocol)
+class _Scores:
+    """Metrics of plants in one case, from test to test."""
+
+    def __init__(
+        self,
+        protocol: EpisodeProtocol,
+        device: Device,
+        plants: Sequence[Plant],
+        models: Sequence[mujoco.MjModel],
+    ) -> None:
+        """Measure the parts of the plants, as far as that is asked for."""
+        self._protocol, self._axes = protocol, device.description.axes
+        laws, names = protocol.controllers, protocol.metrics
+        self.tried = [_Tried({law: {} for law in laws}, {}) for _ in plants]
+        strides: Mapping[str, GaitJoint] = {}
+        if any(map(is_stride_metric, names)):
+            strides = joints_of_gait(device)
+        self._facts = [_facts(protocol, plant, strides) for plant in plants]
+        self._cables = tuple(plants[0].cables)
+        if all(metric_of(name).test != "parts" for name in names):
+            return
+        for one, plant, model in zip(self.tried, plants, models, strict=True):
+            whole = parts_of(plant, dict(protocol.costs))
+            own = inertias_of(plant, model)
+            found = self._measured("parts", [ArrayLog({}, (), whole | x) for x in own])
             for law in laws:
-                each[law] |= row
-    strides: Mapping[str, GaitJoint] = {}
-    if any(is_stride_metric(name) for name in protocol.metrics):
-        strides = joints_of_gait(builder)
-    total = sum(episode.duration for _, _, episode in tests)
-    done = 0.0
-    for test, law, episode in tests:
-        start, part = done / total, episode.duration / total
-        if test == "episode":
-            task = tasks_of(
-                [plant.values for plant in plants],
-                episode.task,
-                builder.description,
-            )
-            episode = dataclasses.replace(episode, task=task)
-        played = play(episode, models, tick=_partial_tick(tick, start, part))
-        for index, why in enumerate(played.failed):
+                one.rows[law] |= found
+
+    def add(self, test: Test, law: str, played: Rollout) -> None:
+        """Measure a test of a controller; without a name it is of the hardware."""
+        laws = (law,) if law else self._protocol.controllers
+        where = "" if test == "episode" else f"{test} test: "
+        for row, one in enumerate(self.tried):
+            why = played.failed[row]
             if not why and test == "episode":
-                why = _unsafe_reason(played, index, builder.description.axes)
-            of = (law,) if law else laws
+                why = self._unsafe_reason(played, row)
             if why:
-                where = "" if test == "episode" else f"{test} test: "
-                failed[index] = dict.fromkeys(of, where + why) | failed[index]
+                failed = dict.fromkeys(laws, where + why)
+                one.failed.update(failed | one.failed)
                 continue
-            row = _measure(test, played, index, plants[index], protocol, strides)
-            for name in of:
-                found[index][name] |= row
-        done += episode.duration
-    return [_Tried(*pair) for pair in zip(found, failed, strict=True)]
+            logs = [
+                _log_of(played, row, n, self._cables, self._facts[row][n])
+                for n in range(len(self._axes))
+            ]
+            found = self._measured(test, logs)
+            for name in laws:
+                one.rows[name] |= found
+
+    def _measured(self, test: Test, logs: Sequence[ArrayLog]) -> dict[str, float]:
+        """Return the metrics of a test by column, from the log of each axis."""
+        protocol = self._protocol
+        chosen = [m for m in map(metric_of, protocol.metrics) if m.test == test]
+        if not protocol.axes:
+            return {m.name: value for m, value in measure(logs[0], chosen).items()}
+        whole = [metric for metric in chosen if not metric.of_axis]
+        found = {m.name: value for m, value in measure(logs[0], whole).items()}
+        owns = dict.fromkeys(split_metric(m.name)[1] for m in chosen if m.of_axis)
+        for axis, log in zip(protocol.axes, logs, strict=True):
+            # A stride is that of one joint, which the others do not have.
+            there = [n for n in owns if PACE in log.metadata or not is_stride_metric(n)]
+            values = measure(log, map(metric_of, there))
+            found |= {f"{axis}.{m.name}": value for m, value in values.items()}
+        return found | over_axes(protocol, found)
+
+    def _unsafe_reason(self, played: Rollout, row: int) -> str:
+        """Return why the torque of a design is a failure; empty where it is none."""
+        time = played.columns["time_s"][row]
+        for axis, prefix in zip(self._axes, played.prefixes, strict=True):
+            torque = played.columns[f"{prefix}joint_torque_nm"][row]
+            safe, period = axis.safe_torque, float(time[1] - time[0])
+            first = first_unsafe_sample(torque, safe, period)
+            if first is not None:
+                where = f" of axis {axis.name}" if prefix else ""
+                return (
+                    f"the joint torque{where} exceeds the safe {safe:g} N m at "
+                    f"{time[first]:.3f} s"
+                )
+        return ""
+
+
+def _facts(
+    protocol: EpisodeProtocol, plant: Plant, strides: Mapping[str, GaitJoint]
+) -> list[dict[str, Any]]:
+    """Return the constants of each axis of a plant that metrics need.
+
+    `strides` has parts in a walk by axis, empty where no stride is measured.
+    """
+    found = []
+    for axis in plant.description.axes:
+        task = protocol.task
+        if isinstance(task, Mapping):
+            task = task[axis.name]
+        facts = plant.facts(axis)
+        facts[SPRING] = isinstance(find_task(task, (axis.limb,)), Spring)
+        if axis.name in strides:
+            facts |= {
+                GAIT_JOINT: strides[axis.name],
+                PACE: pace_of(plant.values),
+                MOMENT_RATIO: body_of(plant.values).moment,
+            }
+        found.append(facts)
+    return found
+
+
+def _log_of(
+    played: Rollout,
+    row: int,
+    axis: int,
+    cables: tuple[str, ...],
+    facts: Mapping[str, Any],
+) -> ArrayLog:
+    """Return one axis of a design of a batch in the shape of an episode log.
+
+    The tension of nodes is that of the node with least (T, 1).
+    """
+    own = axis_columns(played.columns, played.prefixes[axis], played.prefixes)
+    columns = {name: values[row] for name, values in own.items()}
+    lost, ends, least = (
+        columns.pop(name) for name in ("dissipated_j", "tension_n", "least_tension_n")
+    )
+    for place, cable in enumerate(cables):
+        columns[f"dissipated_{cable}_j"] = lost[place]
+        columns[f"tension_{cable}_proximal_n"] = ends[2 * place]
+        columns[f"tension_{cable}_distal_n"] = ends[2 * place + 1]
+        columns[f"tension_{cable}_nodes_n"] = np.maximum(least[place], 0.0)[:, None]
+    known: dict[str, Any] = {RATIO: float(played.ratio[row, axis])}
+    return ArrayLog(columns, cables, known | {DRIVEN: played.driven[axis]} | facts)
 
 
 def _result(protocol: EpisodeProtocol, tried: Sequence[_Tried]) -> DesignResult:
@@ -220,15 +299,16 @@ def _result(protocol: EpisodeProtocol, tried: Sequence[_Tried]) -> DesignResult:
 
 def episodes(
     protocol: EpisodeProtocol,
-    builder: Device,
-    design: Mapping[str, Value] | None = None,
+    device: Device,
+    designs: Sequence[Mapping[str, Value]] = ({},),
 ) -> list[tuple[Test, str, Episode]]:
     """Return the episodes that the metrics of a protocol need.
 
     Args:
         protocol: how designs are tried.
-        builder: of the scene.
-        design: whose wearer walks; as fast as was measured by default.
+        device: of the scene.
+        designs: what is played; the wearer, of the first, walks as fast as was measured
+            by default.
 
     Returns:
         Test, name of the controller, episode; no name where the test is of the
@@ -237,33 +317,27 @@ def episodes(
     Raises:
         CableError: the trajectory or the task cannot be played.
     """
-    main = episode_of(design or {}, _main_episode(protocol, builder))
+    main = _main_episode(protocol, device, designs)
     needed = {metric_of(name).test for name in protocol.metrics}
-    found: list[tuple[Test, str, Episode]] = []
-    if "episode" in needed:
-        found += [
-            ("episode", law, dataclasses.replace(main, controller=law))
-            for law in protocol.controllers
-        ]
-    if "backdrive" in needed:
-        found.append(("backdrive", "", dataclasses.replace(main, task="transparent")))
+    held, swings, chirps = main, None, None
     if needed & {"backlash", "bandwidth"}:
-        held, swings, chirps = _held_episode(main, Plant(builder).model())
-        if "backlash" in needed:
-            slow = dataclasses.replace(
-                held,
-                task=swings,
-                duration=SWING_PERIODS * SWING_TIME,
-                controller="none",
-            )
-            found.append(("backlash", "", slow))
-        if "bandwidth" in needed:
-            fast = dataclasses.replace(held, task=chirps, duration=CHIRP_TIME)
-            found += [
-                ("bandwidth", law, dataclasses.replace(fast, controller=law))
-                for law in protocol.controllers
-            ]
-    return found
+        held, swings, chirps = _held_episode(main, Plant(device).model())
+    slow = SWING_PERIODS * SWING_TIME
+    tests: dict[Test, Episode] = {
+        "episode": main,
+        "backdrive": dataclasses.replace(main, task="transparent"),
+        "backlash": dataclasses.replace(
+            held, task=swings, duration=slow, controller="none"
+        ),
+        "bandwidth": dataclasses.replace(held, task=chirps, duration=CHIRP_TIME),
+    }
+    driven = ("episode", "bandwidth")
+    return [
+        (test, law, dataclasses.replace(one, controller=law) if law else one)
+        for test, one in tests.items()
+        if test in needed
+        for law in (protocol.controllers if test in driven else ("",))
+    ]
 
 
 def beyond_motor(protocol: EpisodeProtocol, design: Design) -> str:
@@ -271,25 +345,10 @@ def beyond_motor(protocol: EpisodeProtocol, design: Design) -> str:
 
     See `WornDevice.beyond`; it is empty otherwise.
     """
-    builder = protocol.device
-    values = {**design, **protocol.across.cases[0]}
-    plant = Plant(builder, values)
-    main = episode_of(values, _main_episode(protocol, builder))
-    task = tasks_of([plant.values], main.task, builder.description)
-    exo = dataclasses.replace(main, task=task).exo(plant.model())
+    device = protocol.device
+    plant = Plant(device, {**design, **protocol.across.cases[0]})
+    exo = _main_episode(protocol, device, [plant.values]).exo(plant.model())
     return exo.beyond(exo.author.write(np.random.default_rng(protocol.seed)))
-
-
-def rehearse(protocol: EpisodeProtocol, builder: Device) -> None:
-    """Make all that a protocol needs, and play nothing."""
-    model = Plant(builder).model()
-    played = [episode for _, _, episode in episodes(protocol, builder)]
-    for episode in played or [_main_episode(protocol, builder)]:
-        exo = episode.exo(model)
-        exo.author.write(np.random.default_rng(protocol.seed))
-    drives = [PERFECT_SENSING.equip(drive) for drive in exo.drives]
-    for law in protocol.controllers:
-        axes_controller(law, drives, exo.device.prefixes)
 
 
 @dataclass(frozen=True)
@@ -299,7 +358,16 @@ class DesignJob:
     protocol: EpisodeProtocol
 
     def rehearse(self) -> None:
-        rehearse(self.protocol, self.protocol.device)
+        """Make all that the protocol needs, and play nothing."""
+        protocol, device = self.protocol, self.protocol.device
+        model = Plant(device).model()
+        played = [episode for _, _, episode in episodes(protocol, device)]
+        for episode in played or [_main_episode(protocol, device)]:
+            exo = episode.exo(model)
+            exo.author.write(np.random.default_rng(protocol.seed))
+        drives = [PERFECT_SENSING.equip(drive) for drive in exo.drives]
+        for law in protocol.controllers:
+            axes_controller(law, drives, exo.device.prefixes)
 
     def made_by(self) -> dict[str, Any]:
         self.protocol.find_metrics()
@@ -314,47 +382,44 @@ class DesignJob:
         return evaluate(self.protocol, piece, tick)
 
 
-def _main_episode(protocol: EpisodeProtocol, builder: Device) -> Episode:
-    """Return the main episode of a study, without a controller."""
+def _main_episode(
+    protocol: EpisodeProtocol,
+    device: Device,
+    designs: Sequence[Mapping[str, Value]] = ({},),
+) -> Episode:
+    """Return the main episode of designs that are tried together, unpowered."""
     return Episode(
-        builder.description,
-        protocol.trajectory,
-        protocol.task,
+        device.description,
+        trajectory_of(designs[0], protocol.trajectory),
+        tasks_of(designs, protocol.task, device.description),
         protocol.duration,
-        builder.frame_skip,
+        device.frame_skip,
         protocol.seed,
         None,
     )
 
 
-def _least_inertia(model: mujoco.MjModel, joint: str) -> float:
-    """Return the inertia of a joint in the neutral pose [kg m^2].
-
-    The other joints are locked; where that makes it `LOCKED_SHARE` times as large as if
-    they are free, they are free.
-    """
-    dof = int(model.joint(joint).dofadr[0])
-    locked, yielding = float(model.dof_M0[dof]), 1.0 / float(model.dof_invweight0[dof])
-    return locked if locked < LOCKED_SHARE * yielding else yielding
-
-
 def _held_episode(
     main: Episode, model: mujoco.MjModel
-) -> tuple[Episode, dict[str, Task], dict[str, Task]]:
+) -> tuple[Episode, dict[str, SineTorque], dict[str, ChirpTorque]]:
     """Return the episode with the joints held at rest, and two torques of each axis.
 
     A slow swing and a chirp. They are shares of the largest of each motor at its joint
     without friction, in the direction in which it pulls, of the scene as it stands,
-    which `model` is.
+    which `model` is. The inertia of a held joint is that in the neutral pose with the
+    others locked or, where that makes it `LOCKED_SHARE` times as large, free.
     """
     device, step = main.device(model), float(model.opt.timestep)
     drives = device.drives(main.frame_skip * step)
-    swings: dict[str, Task] = {}
-    chirps: dict[str, Task] = {}
+    swings: dict[str, SineTorque] = {}
+    chirps: dict[str, ChirpTorque] = {}
     wearers, angles = {}, {}
     for axis, drive in zip(device.axes, drives, strict=True):
         name, limb = axis.axis.name, axis.axis.limb
-        wearers[limb] = Wearer.ideal(_least_inertia(model, limb), step)
+        dof = int(model.joint(limb).dofadr[0])
+        locked, free = float(model.dof_M0[dof]), 1.0 / float(model.dof_invweight0[dof])
+        inertia = locked if locked < LOCKED_SHARE * free else free
+        wearers[limb] = Wearer.ideal(inertia, step)
         angles[limb] = axis.axis.centre
         # A cable that only pulls swings between nothing and its most.
         share, bias = (0.5, 0.5) if drive.one_way else (1.0, 0.0)
@@ -366,186 +431,9 @@ def _held_episode(
     return held, swings, chirps
 
 
-def unheld_reason(builder: Device) -> str:
-    """Return why joints cannot be held for a test, as a part of a sentence, or ""."""
-    joints = [axis.limb for axis in builder.description.axes]
-    for joint in joints:
-        if joint not in builder.movers:
-            return f"joint {joint!r} has no wearer to hold it: write [wearer.{joint}]"
-        if joints.count(joint) > 1:
-            return f"two axes drive joint {joint!r}, whose torques are one"
-    return ""
-
-
-def _measure(
-    test: Test,
-    played: Rollout,
-    index: int,
-    plant: Plant,
-    protocol: EpisodeProtocol,
-    strides: Mapping[str, GaitJoint],
-) -> dict[str, float]:
-    """Return the metrics of one test of a design by column, also those of each axis.
-
-    The design has place `index` in the batch that was played. `strides` has parts in a
-    walk by axis, empty where no stride is measured.
-    """
-    logs = {}
-    for place, axis in enumerate(plant.description.axes):
-        facts = plant.facts(axis)
-        task = protocol.task
-        if isinstance(task, Mapping):
-            task = task[axis.name]
-        facts[SPRING] = isinstance(find_task(task, (axis.limb,)), Spring)
-        if axis.name in strides:
-            facts |= {
-                GAIT_JOINT: strides[axis.name],
-                PACE: pace_of(plant.values),
-                MOMENT_RATIO: body_of(plant.values).moment,
-            }
-        logs[axis.name] = _record_of(played, index, tuple(plant.cables), facts, place)
-    return _values(test, logs, protocol)
-
-
-def _measure_parts(
-    plant: Plant, model: mujoco.MjModel, protocol: EpisodeProtocol
-) -> dict[str, float]:
-    """Return the metrics of the parts of a design by column."""
-    whole, axes = parts_of(plant, dict(protocol.costs)), plant.description.axes
-    logs = {
-        axis.name: ArrayLog({}, metadata=whole | own)
-        for axis, own in zip(axes, inertias_of(plant, model), strict=True)
-    }
-    return _values("parts", logs, protocol)
-
-
-def _values(
-    test: Test, logs: Mapping[str, ArrayLog], protocol: EpisodeProtocol
-) -> dict[str, float]:
-    """Return the metrics of a test by column, from the log of each axis."""
-    first = next(iter(logs.values()))
-    chosen = [m for m in map(metric_of, protocol.metrics) if m.test == test]
-    if not protocol.axes:
-        return _by_name(first, chosen)
-    found = _by_name(first, [metric for metric in chosen if not metric.of_axis])
-    owns = dict.fromkeys(split_metric(m.name)[1] for m in chosen if m.of_axis)
-    for axis, log in logs.items():
-        # A stride is that of one joint, which the others do not have.
-        there = [n for n in owns if PACE in log.metadata or not is_stride_metric(n)]
-        values = _by_name(log, [metric_of(name) for name in there])
-        found |= {f"{axis}.{name}": value for name, value in values.items()}
-    return found | over_axes(protocol, found)
-
-
-def _by_name(log: ArrayLog, metrics: Sequence[Metric]) -> dict[str, float]:
-    return {metric.name: value for metric, value in measure(log, metrics).items()}
-
-
-def _unsafe_reason(played: Rollout, index: int, axes: Sequence[Axis]) -> str:
-    """Return why the torque of a design is a failure; empty where it is none."""
-    time = played.columns["time_s"][index]
-    for axis, prefix in zip(axes, played.prefixes, strict=True):
-        torque, safe = played.columns[f"{prefix}joint_torque_nm"], axis.safe_torque
-        first = first_unsafe_sample(torque[index], safe, float(time[1] - time[0]))
-        if first is not None:
-            where = f" of axis {axis.name}" if prefix else ""
-            return (
-                f"the joint torque{where} exceeds the safe {safe:g} N m at "
-                f"{time[first]:.3f} s"
-            )
-    return ""
-
-
-def _partial_tick(tick: Tick, start: float, part: float) -> Callable[[float], None]:
-    return lambda share: tick(start + part * share)
-
-
-def _record_of(
-    played: Rollout,
-    index: int,
-    cables: tuple[str, ...],
-    facts: Mapping[str, Any],
-    axis: int = 0,
-) -> ArrayLog:
-    """Return one axis of a design of a batch in the shape of an episode log.
-
-    The tension of nodes is that of the node with least (T, 1).
-    """
-    prefixes = played.prefixes
-    own = axis_columns(played.columns, prefixes[axis], prefixes)
-    columns = {name: values[index] for name, values in own.items()}
-    lost, ends, least = (
-        columns.pop(name) for name in ("dissipated_j", "tension_n", "least_tension_n")
-    )
-    for place, cable in enumerate(cables):
-        columns[f"dissipated_{cable}_j"] = lost[place]
-        columns[f"tension_{cable}_proximal_n"] = ends[2 * place]
-        columns[f"tension_{cable}_distal_n"] = ends[2 * place + 1]
-        nodes = np.maximum(least[place], 0.0)[:, None]
-        columns[f"tension_{cable}_nodes_n"] = nodes
-    ratio = float(played.ratio[index, axis])
-    driven = played.driven[axis]
-    return ArrayLog(columns, cables, {RATIO: ratio, DRIVEN: driven, **facts})
-
-
-def episode_of(design: Mapping[str, Value], episode: Episode) -> Episode:
-    """Return an episode with the gait and the task of the wearer of a design."""
-    return dataclasses.replace(
-        episode,
-        trajectory=trajectory_of(design, episode.trajectory),
-        task=_each_task(episode.task, lambda task: _task_of_wearer(task, design)),
-    )
-
-
-def tasks_of(
-    designs: Sequence[Mapping[str, Value]], task: TaskChoice, device: Description
-) -> TaskChoice:
-    """Return the task of designs simulated together: `task`, or their profiles."""
-    found = [profile_of(design) for design in designs]
-    profiles = [profile for profile in found if profile is not None]
-    return _with_profile(task, Profiles(profiles) if profiles else None, device)
-
-
-def task_of(
-    design: Mapping[str, Value], task: TaskChoice, device: Description
-) -> TaskChoice:
-    own = _each_task(task, lambda one: _task_of_wearer(one, design))
-    return _with_profile(own, profile_of(design), device)
-
-
-def _with_profile(
-    task: TaskChoice, profile: Task | None, device: Description
-) -> TaskChoice:
-    """Return a task with a profile, if there is one, at the axis that is helped."""
-    helped = helped_axis(device)
-    if profile is None or helped is None:
-        return task
-    return {**task, helped.name: profile} if isinstance(task, Mapping) else profile
-
-
-def _each_task(
-    task: TaskChoice, change: Callable[[str | Path | Task], str | Path | Task]
-) -> TaskChoice:
-    if isinstance(task, Mapping):
-        return {name: change(one) for name, one in task.items()}
-    return None if task is None else change(task)
-
-
-def _task_of_wearer(
-    task: str | Path | Task, design: Mapping[str, Value]
-) -> str | Path | Task:
-    """Return a task for the wearer of a design, who may walk differently.
-
-    Tasks that do not follow the gait are returned unchanged.
-    """
-    if not any(name in design for name in WALKER):
-        return task
-    return scale_task(find_task(task), pace_of(design), body_of(design).moment)
-
-
-def joints_of_gait(builder: Device) -> dict[str, GaitJoint]:
+def joints_of_gait(device: Device) -> dict[str, GaitJoint]:
     """Return the parts in a walk of the joints that a device drives, by axis."""
-    model, axes = Plant(builder).model(), builder.description.axes
+    model, axes = Plant(device).model(), device.description.axes
     found = gait_joints({axis.limb: joint_range(model, axis.limb) for axis in axes})
     walking = {joint.name: joint for joint in found}
     return {axis.name: walking[axis.limb] for axis in axes if axis.limb in walking}

@@ -40,9 +40,8 @@ from cc_mujoco.design._designs import (
 )
 from cc_mujoco.design._evaluation import (
     Design,
+    DesignJob,
     joints_of_gait,
-    rehearse,
-    unheld_reason,
 )
 from cc_mujoco.design._pareto import (
     MetricLimit,
@@ -373,7 +372,7 @@ def _make_protocol(
             tasks[axis.name] = find_task(given, (axis.limb,))
     variables_named = {split(name)[1] for name in (*named, *cases.names)}
     _require_played(home, variables_named, sources[0], texts)
-    unheld = unheld_reason(builder)
+    unheld = _unheld_reason(builder)
     for name in chosen:
         metric = metric_of(name)
         if is_stride_metric(name) and not (
@@ -432,9 +431,20 @@ def _make_protocol(
         axes,
         tuple(device_digests(builder).items()),
     )
-    rehearse(protocol, builder)
+    DesignJob(protocol).rehearse()
     _warn_of_pulleys(variables_named, builder)
     return protocol, builder
+
+
+def _unheld_reason(builder: Device) -> str:
+    """Return why joints cannot be held for a test, as a part of a sentence, or ""."""
+    joints = [axis.limb for axis in builder.description.axes]
+    for joint in joints:
+        if joint not in builder.movers:
+            return f"joint {joint!r} has no wearer to hold it: write [wearer.{joint}]"
+        if joints.count(joint) > 1:
+            return f"two axes drive joint {joint!r}, whose torques are one"
+    return ""
 
 
 def _warn_of_pulleys(named: Collection[str], builder: Device) -> None:

@@ -18,7 +18,7 @@ from cc_mujoco._utils.provenance import (
 )
 from cc_mujoco._utils.tables import is_table
 from cc_mujoco.control import axes_controller
-from cc_mujoco.design._evaluation import Design, task_of
+from cc_mujoco.design._evaluation import Design
 from cc_mujoco.design._phrases import column_title, format_cell
 from cc_mujoco.design._protocol import device_digests, split_axes, tasks_of_axes
 from cc_mujoco.design._results_store import (
@@ -30,7 +30,7 @@ from cc_mujoco.design._results_store import (
 from cc_mujoco.design._scenarios import WORST_CASE_SUFFIX, Across, Case
 from cc_mujoco.device import Plant, load_device
 from cc_mujoco.device._sensors import PERFECT_SENSING
-from cc_mujoco.device._wearer_scaling import trajectory_of
+from cc_mujoco.device._wearer_scaling import tasks_of, trajectory_of
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import TASKS, TRAJECTORIES
 from cc_mujoco.human._parsing import is_user_object
@@ -87,7 +87,7 @@ def show(
         device=device,
         model=model,
         trajectory=trajectory_of(plant.values, protocol["trajectory"]),
-        task=task_of(plant.values, task, device.description),
+        task=tasks_of([plant.values], task, device.description),
         duration=protocol["duration"],
         frame_skip=device.frame_skip,
     )

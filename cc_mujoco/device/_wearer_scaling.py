@@ -8,13 +8,16 @@ Values that say nothing of either leave the walk of the scene as it is, bit for 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
 
 from cc_mujoco.device._description import Axis, Description
 from cc_mujoco.device._variables import Value
 from cc_mujoco.errors import CableError
-from cc_mujoco.human import Body, Pace, Profile, Trajectory, Walk
+from cc_mujoco.human import Body, Pace, Profile, Task, Trajectory, Walk, scale_task
+from cc_mujoco.human import task as find_task
 from cc_mujoco.human._body import WEARER_LEG_LENGTH, WEARER_MASS
+from cc_mujoco.human._profile import Profiles
 
 SPEED = "gait_speed"
 BODY_MASS, LEG_LENGTH = "body_mass", "leg_length"
@@ -113,3 +116,32 @@ def trajectory_of(
     if SPEED in design or LEG_LENGTH in design:
         return Walk.at(speed_of(design), body_of(design))
     return trajectory
+
+
+def tasks_of(
+    designs: Sequence[Mapping[str, Value]],
+    given: str | Path | Task | Mapping[str, str | Path | Task] | None,
+    device: Description,
+) -> str | Path | Task | Mapping[str, str | Path | Task] | None:
+    """Return the task of designs that are simulated together.
+
+    A task that follows the gait goes with their wearer, who is one and the same. At the
+    axis that is helped it is the profile that a design sets, or those of all of them.
+    """
+    walker, helped = designs[0], helped_axis(device)
+
+    def scaled(task: str | Path | Task) -> str | Path | Task:
+        if not any(name in walker for name in WALKER):
+            return task
+        return scale_task(find_task(task), pace_of(walker), body_of(walker).moment)
+
+    found = given
+    if isinstance(given, Mapping):
+        found = {name: scaled(task) for name, task in given.items()}
+    elif given is not None:
+        found = scaled(given)
+    profiles = [one for one in map(profile_of, designs) if one is not None]
+    if not profiles or helped is None:
+        return found
+    profile = Profiles(profiles) if len(profiles) > 1 else profiles[0]
+    return {**found, helped.name: profile} if isinstance(found, Mapping) else profile

@@ -13,12 +13,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cc_mujoco.design import StudySpec, make_plan, optimise, study
-from cc_mujoco.design._evaluation import task_of
 from cc_mujoco.design._search import fit_profile
 from cc_mujoco.design._show import show
 from cc_mujoco.design._study_metrics import is_stride_metric
 from cc_mujoco.device import Plant, load_device
-from cc_mujoco.device._wearer_scaling import profile_of
+from cc_mujoco.device._wearer_scaling import profile_of, tasks_of
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Assist, Body, Pace, Paced, Profile, Walk
 from cc_mujoco.human._body import SEGMENT_MASS_SHARES, WEARER_LEG_LENGTH, WEARER_MASS
@@ -178,7 +177,7 @@ def test_a_peak_torque_that_is_not_said_goes_with_the_wearer() -> None:
         {"gait_speed": 0.8},
         {"gait_speed": 1.5, "body_mass": 60.0},
     ):
-        help_of = task_of(walker, "assist", load_device("ankle").description)
+        help_of = tasks_of([walker], "assist", load_device("ankle").description)
         assert isinstance(help_of, Paced)
         profile = profile_of({**walker, "onset": 30.0})
         assert profile is not None

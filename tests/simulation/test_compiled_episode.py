@@ -24,7 +24,6 @@ from cc_mujoco.control import (
 from cc_mujoco.control._controller import STEPS, step, stepped_law
 from cc_mujoco.design import StudySpec, episodes, make_plan
 from cc_mujoco.design._designs import Given
-from cc_mujoco.design._evaluation import tasks_of
 from cc_mujoco.device import Drive, Plant, load_device
 from cc_mujoco.human import TASKS, Spring, Tunnel, task
 from cc_mujoco.simulation import _rollout as rollout
@@ -59,12 +58,9 @@ def both_ways(
     device = load_device(scene, plan.protocol.timestep)
     models = [attended(Plant(device, design)) for design in plan.designs]
     pairs = []
-    for test, _, episode in episodes(plan.protocol, device, plan.designs[0]):
+    for test, _, episode in episodes(plan.protocol, device, plan.designs):
         if test not in tests:
             continue
-        if test == "episode":
-            task = tasks_of(plan.designs, episode.task, device.description)
-            episode = dataclasses.replace(episode, task=task)
         inside = play(episode, models)
         with monkeypatch.context() as patch:
             patch.setattr(rollout, "_compiled_laws", lambda *given: None)

@@ -75,7 +75,6 @@ def _observed(env: Any) -> tuple[Any, ...]:
 
 
 def _of_rsl_rl(runner: Any) -> tuple[Network, Any]:
-    """Return the network of a runner and what it observes."""
     from rsl_rl.modules import GaussianDistribution
 
     actor = runner.alg.get_policy()
@@ -94,7 +93,6 @@ def _of_rsl_rl(runner: Any) -> tuple[Network, Any]:
 
 
 def _of_stable_baselines(model: Any) -> tuple[Network, Any]:
-    """Return the network of an algorithm and what it observes."""
     from stable_baselines3.common.vec_env import (
         SubprocVecEnv,
         VecEnvWrapper,

@@ -290,7 +290,6 @@ class DeviceEnv(
 
 
 def _models_equal(one: mujoco.MjModel, other: mujoco.MjModel) -> bool:
-    """Return whether two models are the same, to the byte."""
     if (size := mujoco.mj_sizeModel(one)) != mujoco.mj_sizeModel(other):
         return False
     found = np.zeros((2, size), np.uint8)

@@ -270,7 +270,6 @@ class DeviceVectorEnv(
     def _final_info(
         self, observation: Singles, terms: Array, over: NDArray[np.bool_]
     ) -> dict[str, Any]:
-        """Return the `info` of episodes that ended, where the step begins the next."""
         last = np.full(self.num_envs, None, dtype=object)
         for row in np.flatnonzero(over):
             last[row] = observation[row].copy()
@@ -296,7 +295,6 @@ class DeviceVectorEnv(
         self._screen.close()
 
     def _begin(self, rows: NDArray[np.intp], options: Mapping[str, Any] | None) -> None:
-        """Start an episode in some environments."""
         random = []
         for row in rows.tolist():
             rng = self._random[row] or seeding.np_random()[0]

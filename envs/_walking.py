@@ -144,7 +144,6 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
         self._begin(0.25)
 
     def _begin(self, step: float) -> None:
-        """Start a walk in a part of a right step."""
         model, data = self.model, self.data
         self.body.start(model, data, self.policy, step)
         self._ropes.start(data)

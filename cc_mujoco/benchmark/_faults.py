@@ -134,7 +134,6 @@ class FaultySensors:
         return found
 
     def _hold(self, name: str, now: Array) -> Array:
-        """Return the value at the onset of every device."""
         held = self._held.setdefault(name, np.array(now))
         before = self._step <= self._onset
         held[before] = now[before]

@@ -156,7 +156,6 @@ def robustness(results: Results, scene: str) -> Figure:
 
 
 def _trace_prefixes(traces: Iterable[Mapping[str, Array]]) -> list[str]:
-    """Return the column prefix of each axis; one that is empty if there are none."""
     trace = next(iter(traces), {})
     angle = "joint_angle_rad"
     return [name.removesuffix(angle) for name in trace if name.endswith(angle)] or [""]
@@ -213,7 +212,6 @@ def _pareto_front(points: list[tuple[float, float]]) -> list[tuple[float, float]
 
 
 def _line_styles(laws: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """Return the line and marker of every controller; references are grey."""
     laws = list(laws)
     dashes, markers = (":", "--", "-.", (0, (5, 1))), ("v", "^", "D", "s")
     found: dict[str, dict[str, Any]] = {}

@@ -102,7 +102,6 @@ def device_motion(model: DeviceModel) -> tuple[Trajectory, tuple[Task, ...]]:
 def _other_motions(
     plain: Condition, model: DeviceModel, tasks: tuple[Task, ...]
 ) -> list[Condition]:
-    """Return the conditions with reversals at rest and with jolts."""
     description = model.description
     reversals = [
         trajectory("reversals", axis.reach, axis.centre) for axis in description.axes

@@ -158,7 +158,6 @@ def _figure(folder: Path, scene: str, stem: str) -> Html:
 
 
 def _folded_table(heading: str, cells: Cells) -> Html:
-    """Return a table folded below its heading."""
     title = inline_markdown(heading.rstrip(":"))
     return folded(title, table(*_marked(cells)))
 
@@ -170,7 +169,6 @@ def _marked(cells: Cells) -> tuple[list[Html], list[list[Html]]]:
 
 
 def _provenance() -> Html:
-    """State versions and machine, and the place of all rows."""
     listed = ", ".join(f"{name} {number}" for name, number in versions().items())
     machine = describe_machine()
     return paragraph(

@@ -125,7 +125,6 @@ def best_sentence(results: Results, baseline: str = DEFAULT_BASELINE) -> str:
 
 
 def _best_at(scene: str, rms: Mapping[str, Mapping[str, Array]], baseline: str) -> str:
-    """Name the best controller of a device, and those that may be as good."""
     best, *others = rank_entries(rms)
     known = {place.name: f"{place.score:.3g}" for place in others}
     equal = [f"`{n}` ({known[n]})" for n in known if n not in best.better_than]

@@ -298,7 +298,6 @@ def _files(cell: Cell) -> list[str]:
 
 
 def _cell_key(cell: Cell) -> dict[str, Any]:
-    """Return the key of a cell, whose controller was made before."""
     at = cell.condition
     text = repr(cell).replace(repr(at), at.text, 1)
     if cell.key:

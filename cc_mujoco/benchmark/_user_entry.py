@@ -206,7 +206,6 @@ def serve() -> None:
 
 
 def _answer(laws: list[Controller], what: str, key: int, about: Any) -> bytes:
-    """Return the answer to a question of the judge."""
     if what == "make":
         name, drives, prefixes = about
         laws.append(batched_controller(name, drives, prefixes))

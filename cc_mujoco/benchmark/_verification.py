@@ -104,7 +104,6 @@ def _entries_equal(one: Any, other: Any) -> bool:
 def _conditions(
     path: str | os.PathLike[str], about: dict[str, Any]
 ) -> dict[str, Condition]:
-    """Return the conditions of a file by name; those of another version are refused."""
     suite = look_up("suite", about["suite"], SUITES)
     found = {}
     for name, text in about["conditions"].items():
@@ -121,7 +120,6 @@ def _conditions(
 
 
 def _require_normalised(path: str | os.PathLike[str], table: pa.Table) -> None:
-    """Refuse a file whose normalised errors do not follow from its RMS errors."""
     errors, _ = read_results(path)
     scaled = {
         scene: normalise_errors(own, SCALE_CONTROLLER) for scene, own in errors.items()

@@ -81,7 +81,6 @@ class Calibrate:
 
 
 def _measured_angles(path: Path) -> tuple[FloatArray, FloatArray]:
-    """Return the angles of motor and joint in a file, in order of time [rad]."""
     from cc_mujoco._utils import tables
     from cc_mujoco._utils.units import ANGLE, CLOCK
 

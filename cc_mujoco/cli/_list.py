@@ -79,7 +79,6 @@ class Listing:
 
 
 def _groups() -> dict[str, Mapping[str, str]]:
-    """Return the meaning of every name but those of devices, by group."""
     from cc_mujoco.control import CONTROLLERS, POSITION_CONTROLLERS
     from cc_mujoco.control._registry import DECOUPLED
     from cc_mujoco.device import MATERIALS, MOTORS, VARIABLES
@@ -151,7 +150,6 @@ def _wrapped(first: str, text: str, later: str = "  ") -> str:
 
 
 def _plays(device: Device) -> str:
-    """Return what a device is and what is played on it."""
     from cc_mujoco._utils.user_code import without_mark
 
     about = device.description
@@ -164,7 +162,6 @@ def _plays(device: Device) -> str:
 
 
 def _parts(device: Device) -> dict[str, dict[str, str]]:
-    """Return the names of what a device has, with their meanings."""
     about = device.description
     return {
         f"axes of {device.name}": {
@@ -184,7 +181,6 @@ def _parts(device: Device) -> dict[str, dict[str, str]]:
 
 
 def _summaries(registry: Mapping[str, object]) -> dict[str, str]:
-    """Return the first line of every entry's documentation."""
     lines = {name: inspect.getdoc(entry) or "" for name, entry in registry.items()}
     return {name: text.partition("\n")[0] for name, text in lines.items()}
 

@@ -111,7 +111,6 @@ def _cost(
     pulleys: int,
     lengths: Sequence[float],
 ) -> dict[str, float]:
-    """Return the cost of all parts, empty if not requested."""
     if not costs:
         return {}
     per_metre = costs.get(str(design.get("material", "")), costs["rope"])

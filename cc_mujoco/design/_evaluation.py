@@ -126,8 +126,6 @@ def evaluate(
 
 
 class _Tried(NamedTuple):
-    """Results of a design in one case by controller: metrics, or why it failed."""
-
     rows: dict[str, dict[str, float]]
     failed: dict[str, str]
 
@@ -257,8 +255,8 @@ def _log_of(
         columns[f"tension_{cable}_proximal_n"] = ends[2 * place]
         columns[f"tension_{cable}_distal_n"] = ends[2 * place + 1]
         columns[f"tension_{cable}_nodes_n"] = np.maximum(least[place], 0.0)[:, None]
-    known: dict[str, Any] = {RATIO: float(played.ratio[row, axis])}
-    return ArrayLog(columns, cables, known | {DRIVEN: played.driven[axis]} | facts)
+    known = {RATIO: float(played.ratio[row, axis]), DRIVEN: played.driven[axis]}
+    return ArrayLog(columns, cables, {**known, **facts})
 
 
 def _result(protocol: EpisodeProtocol, tried: Sequence[_Tried]) -> DesignResult:

@@ -178,7 +178,6 @@ def wait_sentences(plan: Plan, threads: int) -> Iterator[str]:
 
 
 def _seconds_per_design(plan: Plan, law: str) -> float:
-    """Return the time that one design takes with a controller [s]."""
     protocol = dataclasses.replace(plan.protocol, controllers=(law,))
     designs = [plan.designs[row] for row in plan.batches[0][:SAMPLE_DESIGNS]]
     values = [{**design, **protocol.across.cases[0]} for design in designs]

@@ -16,6 +16,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -26,12 +27,11 @@ from cc_mujoco.design._evaluation import Design
 from cc_mujoco.design._pareto import (
     MetricLimit,
     Objective,
+    decisive_columns,
     objective_costs,
     rank_designs,
 )
 from cc_mujoco.design._plan import Plan, with_few_designs
-from cc_mujoco.design._scenarios import Across
-from cc_mujoco.device import Device
 from cc_mujoco.device._variables import Value
 from cc_mujoco.errors import CableError
 
@@ -123,13 +123,20 @@ def analyse_best_design(
     best = int(rank_designs(cost)[0])
     if np.isnan(cost[best]).any():
         return None
-    base = plan.designs[best]
-    device = plan.protocol.device
-    check = plan.protocol.across.check
+    base, protocol = plan.designs[best], plan.protocol
+    across, device = protocol.across, protocol.device
+
+    def possible(design: Mapping[str, Value]) -> Design | None:
+        try:
+            return across.check(device, design)
+        except CableError:  # promised by a range or by slopes alone
+            return None
+
     sides = {
-        name: _neighbour_designs(
-            plan.protocol.across, device, plan.ranges[name], base, name
-        )
+        name: [
+            None if value is None else possible({**base, name: value})
+            for value in _neighbours(plan.ranges[name], base[name])
+        ]
         for name in plan.varied
     }
     tried = [base, *(d for pair in sides.values() for d in pair if d is not None)]
@@ -137,38 +144,27 @@ def analyse_best_design(
         return None
     rows = iter(run(with_few_designs(plan, device, tried)).to_pylist())
     centre = next(rows)
-    names = _objective_columns(objectives, limits)
     slopes: list[Slope] = []
     for name, pair in sides.items():
         found = [None if design is None else next(rows) for design in pair]
         slopes += [
-            _metric_slope(m, name, plan.ranges[name], centre, found) for m in names
+            _metric_slope(metric, name, plan.ranges[name], centre, found)
+            for metric in decisive_columns(objectives, limits)
         ]
-    program = _Program(plan, base, centre, slopes, objectives, limits)
-    prices = program.prices()
-    proposed: list[tuple[Price, Design]] = []
-    for price in prices:
-        try:
-            proposed.append((price, check(device, price.design)))
-        except CableError:  # promised by slopes alone, and impossible
-            continue
-    there: list[Mapping[str, object]] = []
+    prices = _prices(plan, base, centre, slopes, objectives, limits)
+    proposed = {
+        place: design
+        for place, price in enumerate(prices)
+        if (design := possible(price.design)) is not None
+    }
     if proposed:
-        designs = [design for _, design in proposed]
-        there = run(with_few_designs(plan, device, designs)).to_pylist()
-    checked = {id(price): row for (price, _), row in zip(proposed, there, strict=True)}
-    return Around(
-        best,
-        tuple(slopes),
-        tuple(
-            _check_price(price, checked.get(id(price)), centre, objectives, limits)
-            for price in prices
-        ),
-    )
+        there = run(with_few_designs(plan, device, [*proposed.values()])).to_pylist()
+        for place, row in zip(proposed, there, strict=True):
+            prices[place] = _checked(prices[place], row, centre, objectives, limits)
+    return Around(best, tuple(slopes), tuple(prices))
 
 
 def _range_position(values: Range, value: Value) -> float:
-    """Return the position of a value in its range, 0 to 1."""
     assert values.ends is not None
     low, high = values.ends
     number = float(value)
@@ -182,145 +178,115 @@ def _shift_value(values: Range, value: Value, by: float) -> Value:
     return values.at(np.array([share]))[0]
 
 
-def _neighbour_designs(
-    across: Across, device: Device, values: Range, base: Design, name: str
-) -> tuple[Design | None, Design | None]:
-    """Return the best design with a variable lower and higher, None if impossible."""
-    here = base[name]
+def _neighbours(values: Range, here: Value) -> list[Value | None]:
+    """Return the next lower and higher value of a range; None where there is none."""
     if values.ends is not None:
-        less, more = (
-            _shift_value(values, here, by) for by in (-SLOPE_STEP, SLOPE_STEP)
-        )
+        sides = [_shift_value(values, here, by) for by in (-SLOPE_STEP, SLOPE_STEP)]
     elif isinstance(here, str):
-        return None, None
+        return [None, None]
     else:
         levels = sorted(values.levels, key=float)
         place = levels.index(here)
-        less = levels[max(place - 1, 0)]
-        more = levels[min(place + 1, len(levels) - 1)]
-    found: list[Design | None] = []
-    for value in (less, more):
-        try:
-            same = math.isclose(float(value), float(here), rel_tol=1e-9)
-            found.append(None if same else across.check(device, {**base, name: value}))
-        except CableError:
-            found.append(None)
-    return found[0], found[1]
+        sides = [levels[max(place - 1, 0)], levels[min(place + 1, len(levels) - 1)]]
+    return [
+        None if math.isclose(float(value), float(here), rel_tol=1e-9) else value
+        for value in sides
+    ]
 
 
 def _metric_slope(
     metric: str,
     name: str,
     values: Range,
-    centre: Mapping[str, object],
-    sides: Sequence[Mapping[str, object] | None],
+    centre: Mapping[str, Any],
+    sides: Sequence[Mapping[str, Any] | None],
 ) -> Slope:
-    here, value = centre[name], _number(centre[metric])
-    less, more = ((row or centre)[name] for row in sides)
     changes = []
     for row in sides:
         if row is None:
             continue
-        change = _number(row[metric]) - value
+        change = _number(row[metric]) - _number(centre[metric])
         if values.ends is not None:
-            run = _range_position(values, _value(row[name])) - _range_position(
-                values, _value(here)
-            )
-            changes.append(TRUST_REGION * change / run)
+            here, there = (_range_position(values, r[name]) for r in (centre, row))
+            changes.append(TRUST_REGION * change / (there - here))
         else:
             changes.append(-change if row is sides[0] else change)
     total = math.nan
     if changes:
         total = float(np.mean(changes) if values.ends is not None else np.sum(changes))
     error = 0.5 * abs(changes[1] - changes[0]) if len(changes) == 2 else math.nan
-    return Slope(metric, name, _value(less), _value(more), total, error)
+    low, high = ((row or centre)[name] for row in sides)
+    return Slope(metric, name, low, high, total, error)
 
 
-class _Program:
-    """Linear program around a design, with steps in units of `TRUST_REGION` x range."""
+def _prices(
+    plan: Plan,
+    base: Design,
+    centre: Mapping[str, object],
+    slopes: Sequence[Slope],
+    objectives: Sequence[Objective],
+    limits: Sequence[MetricLimit],
+) -> list[Price]:
+    """Price each objective, as things are and with each limit relaxed.
 
-    def __init__(
-        self,
-        plan: Plan,
-        base: Design,
-        centre: Mapping[str, object],
-        slopes: Sequence[Slope],
-        objectives: Sequence[Objective],
-        limits: Sequence[MetricLimit],
-    ) -> None:
-        self._base, self._centre, self._ranges = base, centre, plan.ranges
-        self._objectives, self._limits = objectives, limits
-        self._change = {(s.metric, s.variable): s.change for s in slopes}
-        names = {s.metric for s in slopes}
-        self.free = tuple(
-            variable
-            for variable in plan.varied
-            if plan.ranges[variable].ends is not None
-            and all(math.isfinite(self._change[m, variable]) for m in names)
-        )
-        shares = [
-            _range_position(plan.ranges[v], base[v]) / TRUST_REGION for v in self.free
-        ]
-        self._bounds = [
-            (max(-1.0, -s), min(1.0, 1.0 / TRUST_REGION - s)) for s in shares
-        ]
+    The linear program around the best design has steps in units of `TRUST_REGION`
+    times the range.
+    """
+    from scipy.optimize import linprog
 
-    def prices(self) -> list[Price]:
-        """Price each objective, as things are and with each limit relaxed."""
-        if not self.free:
-            return []
-        return [
-            self._price(goal, limit)
-            for goal in self._objectives
-            for limit in (None, *self._limits)
-        ]
+    change = {(s.metric, s.variable): s.change for s in slopes}
+    names, ranges = {s.metric for s in slopes}, plan.ranges
+    free = [
+        variable
+        for variable in plan.varied
+        if ranges[variable].ends is not None
+        and all(math.isfinite(change[metric, variable]) for metric in names)
+    ]
+    if not free:
+        return []
+    shares = [_range_position(ranges[v], base[v]) / TRUST_REGION for v in free]
+    room = [(max(-1.0, -s), min(1.0, 1.0 / TRUST_REGION - s)) for s in shares]
 
-    def _price(self, goal: Objective, relaxed: MetricLimit | None) -> Price:
-        from scipy.optimize import linprog
+    def slope_row(metric: str, high: bool) -> Array:
+        """Return the change of a metric, less of which is better."""
+        return (-1.0 if high else 1.0) * np.array([change[metric, v] for v in free])
 
+    def price(goal: Objective, relaxed: MetricLimit | None) -> Price:
         rows, bounds = [], []
-        for limit in self._limits:
+        for limit in limits:
             sign = -1.0 if limit.least else 1.0
             bound = relax_limit(limit).bound if limit is relaxed else limit.bound
-            rows.append(sign * self._row(limit.column))
-            left = sign * (bound - _number(self._centre[limit.column]))
-            bounds.append(max(left, 0.0))
-        for other in self._objectives:
-            if other is not goal:
-                rows.append((-1.0 if other.high else 1.0) * self._row(other.name))
-                bounds.append(0.0)
-        sign = -1.0 if goal.high else 1.0
+            rows.append(slope_row(limit.column, limit.least))
+            bounds.append(max(sign * (bound - _number(centre[limit.column])), 0.0))
+        others = [other for other in objectives if other is not goal]
+        rows += [slope_row(other.name, other.high) for other in others]
+        bounds += [0.0] * len(others)
         found = linprog(
-            sign * self._row(goal.name),
+            slope_row(goal.name, goal.high),
             np.array(rows) if rows else None,
             np.array(bounds) if rows else None,
-            bounds=self._bounds,
+            bounds=room,
             method="highs",
         )
-        now = _number(self._centre[goal.name])
-        price = math.nan
+        now, worth = _number(centre[goal.name]), math.nan
         if relaxed is not None:
-            price = abs(float(found.ineqlin.marginals[self._limits.index(relaxed)]))
+            worth = abs(float(found.ineqlin.marginals[limits.index(relaxed)]))
         moved = {
-            name: _shift_value(
-                self._ranges[name], self._base[name], TRUST_REGION * float(by)
-            )
-            for name, by in zip(self.free, found.x, strict=True)
+            name: _shift_value(ranges[name], base[name], TRUST_REGION * float(by))
+            for name, by in zip(free, found.x, strict=True)
         }
-        promised = now + sign * float(found.fun)
         return Price(
             goal.name,
             None if relaxed is None else relax_limit(relaxed),
-            price,
+            worth,
             now,
-            promised,
+            now + (-1.0 if goal.high else 1.0) * float(found.fun),
             math.nan,
             False,
-            {**self._base, **moved},
+            {**base, **moved},
         )
 
-    def _row(self, metric: str) -> Array:
-        return np.array([self._change[metric, name] for name in self.free])
+    return [price(goal, limit) for goal in objectives for limit in (None, *limits)]
 
 
 def relax_limit(limit: MetricLimit) -> MetricLimit:
@@ -330,42 +296,26 @@ def relax_limit(limit: MetricLimit) -> MetricLimit:
     )
 
 
-def _check_price(
+def _checked(
     price: Price,
-    row: Mapping[str, object] | None,
+    row: Mapping[str, object],
     centre: Mapping[str, object],
     objectives: Sequence[Objective],
     limits: Sequence[MetricLimit],
 ) -> Price:
     """Return a price with the simulated result of its design."""
-    if row is None:
-        return price
-    metrics = {n: _number(row[n]) for n in _objective_columns(objectives, limits)}
-    eased = [relax_limit(limit) == price.limit for limit in limits]
-    kept = all(
-        (relax_limit(limit) if easier else limit).beyond(metrics) <= 0.0
-        for limit, easier in zip(limits, eased, strict=True)
-    )
-    now = {goal.name: _number(centre[goal.name]) for goal in objectives}
-    kept &= all(
-        goal.cost(metrics) <= goal.cost(now) + OBJECTIVE_TOLERANCE * abs(goal.cost(now))
-        for goal in objectives
-        if goal.name != price.objective
-    )
+    names = decisive_columns(objectives, limits)
+    metrics, now = ({n: _number(one[n]) for n in names} for one in (row, centre))
+    kept = True
+    for limit in limits:
+        easier = relax_limit(limit)
+        kept &= (easier if easier == price.limit else limit).beyond(metrics) <= 0.0
+    for goal in objectives:
+        if goal.name != price.objective:
+            margin = OBJECTIVE_TOLERANCE * abs(goal.cost(now))
+            kept &= goal.cost(metrics) <= goal.cost(now) + margin
     return dataclasses.replace(price, found=metrics[price.objective], kept=kept)
-
-
-def _objective_columns(
-    objectives: Sequence[Objective], limits: Sequence[MetricLimit]
-) -> tuple[str, ...]:
-    names = [*(goal.name for goal in objectives), *(limit.column for limit in limits)]
-    return tuple(dict.fromkeys(names))
 
 
 def _number(value: object) -> float:
     return math.nan if value is None else float(str(value))
-
-
-def _value(value: object) -> Value:
-    assert isinstance(value, (str, int, float))
-    return value

@@ -161,6 +161,14 @@ def objective_costs(
     return found
 
 
+def decisive_columns(
+    objectives: Sequence[Objective], limits: Sequence[MetricLimit]
+) -> tuple[str, ...]:
+    """Return the columns that objectives and limits go by, each once."""
+    names = [*(goal.name for goal in objectives), *(limit.column for limit in limits)]
+    return tuple(dict.fromkeys(names))
+
+
 def within_limits(table: pa.Table, limits: Sequence[MetricLimit]) -> NDArray[np.bool_]:
     """Mark designs that keep all limits, (designs,); without a number none does."""
     kept = np.ones(len(table), dtype=np.bool_)

@@ -325,7 +325,6 @@ def require_optuna() -> Any:
 
 
 def _read_controllers(names: Sequence[str]) -> tuple[str, ...]:
-    """Return the controllers, checked to be unique."""
     found = require_list("controllers", names)
     if not found:
         raise CableError("a study needs a controller.")
@@ -448,7 +447,6 @@ def _unheld_reason(builder: Device) -> str:
 
 
 def _warn_of_pulleys(named: Collection[str], builder: Device) -> None:
-    """Warn where a radius is varied of a pulley whose inertia nobody knows."""
     pulleys = {
         "motor_radius": ("motor_pulley", lambda axis: axis.motor_pulley),
         "joint_radius": (
@@ -474,7 +472,6 @@ def _on_pulley(builder: Device, axis: Axis) -> bool:
 
 
 def _scene_of(given: str | Path) -> str:
-    """Return the name of a built-in device, or the absolute path of another."""
     if not isinstance(given, (str, Path)):
         raise CableError(
             "a study needs the name or the file of a device, as its workers load it "
@@ -515,7 +512,6 @@ def _source(kind: str, given: str | Path | Trajectory | Task) -> str:
 
 
 def _default_metrics_of(names: Collection[str], costs: bool) -> tuple[str, ...]:
-    """Return the default metrics of designs with these variables."""
     return tuple(
         name
         for name in (*DEFAULT_METRICS, COST_METRIC)

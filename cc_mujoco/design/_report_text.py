@@ -281,7 +281,6 @@ def cases_sentence(plan: Plan) -> str:
 
 
 def _least_violating(found: RankedStudy) -> list[Html]:
-    """Return the design that violates the limits least, if any can be compared."""
     beyond = {}
     for number, row in enumerate(found.rows):
         if found.limits and all(

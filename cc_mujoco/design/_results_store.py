@@ -298,7 +298,6 @@ def _require_same(folder: Path, about: Mapping[str, Any]) -> None:
 
 
 def _describe_difference(key: str, found: object, value: object) -> str:
-    """Describe the difference of an entry between two descriptions of studies."""
     if isinstance(value, dict) and isinstance(found, dict):
         inside = [k for k in {**found, **value} if found.get(k) != value.get(k)]
         if key == VALUES_KEY:

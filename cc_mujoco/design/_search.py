@@ -176,7 +176,6 @@ def _random_choice(values: Any, random: Any) -> Any:
 def _missing_objectives(
     goals: Sequence[Objective], results: Sequence[DesignResult]
 ) -> list[str]:
-    """Return a sentence for each objective that no design has a number of."""
     many = len(results)
     reasons = [result.failed for result in results if result.failed]
     first = f"; {len(reasons)} failed, the first: {reasons[0]}" if reasons else ""

@@ -197,7 +197,6 @@ def _main_effect(
 def _named_indices(
     names: Sequence[str], keys: Sequence[tuple[str, str]], found: Array
 ) -> Indices:
-    """Return the first orders, totals and pairs, by name."""
     count, values = len(names), found.tolist()
     return (
         dict(zip(names, values[:count], strict=True)),
@@ -215,7 +214,6 @@ def _scale_points(axes: Sequence[DesignAxis], unit: Array) -> Array:
 def _indices(
     surface: Surface, axes: Sequence[DesignAxis], power: int, seed: int
 ) -> Array:
-    """Return first-order, total and pairwise Sobol indices of a surface."""
     from scipy.stats import sobol_indices, uniform
 
     count, active = len(axes), surface.active

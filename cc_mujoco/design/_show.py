@@ -137,7 +137,6 @@ def show(
 def _require_text(
     folder: Path, kind: str, text: str, registry: Mapping[str, object]
 ) -> None:
-    """Refuse a trajectory or a task that was given as a Python object."""
     name = text.partition(":")[0]
     if not (name in registry or is_table(text) or is_user_object(text, registry)):
         raise CableError(

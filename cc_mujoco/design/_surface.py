@@ -141,7 +141,6 @@ def _active_columns(x: Array, y: Array) -> tuple[int, ...]:
 
 
 def _best_smoothing(x: Array, y: Array) -> tuple[float, Array]:
-    """Return the best smoothing and its squared errors at held-out designs."""
     errors = {
         smoothing: _left_out_errors(x, y, smoothing) for smoothing in SMOOTHING_FACTORS
     }

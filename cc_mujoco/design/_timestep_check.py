@@ -1,6 +1,6 @@
 """Check of a study's dependence on its time step: some designs at half of it.
 
-found = halved(plan, table, goals, limits, carry_out)
+found = check_timestep(plan, table, goals, limits, carry_out)
 
 A cable that the step resolves can still be driven into a limit cycle, by a controller
 that meets a stiffer cable than it is made for, and then a number says more of the step
@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +20,7 @@ import pyarrow as pa
 from cc_mujoco.design._pareto import (
     MetricLimit,
     Objective,
+    decisive_columns,
     objective_costs,
     rank_designs,
 )
@@ -36,37 +37,28 @@ MIN_RANGE_SHARE = 0.05
 
 @dataclass(frozen=True)
 class TimestepChange:
-    """Change of a number of a design.
-
-    Attributes:
-        metric: its name.
-        design: number of the design.
-        value: in the study.
-        at_half: at half the time step; NaN where there is no such number.
-        share: the difference, over the number or `MIN_RANGE_SHARE` of the range; inf
-            without one.
-    """
+    """Change of a number of a design."""
 
     metric: str
     design: int
     value: float
+    """In the study."""
     half_step_value: float
+    """At half the time step; NaN where there is no such number."""
     share: float
+    """Difference over the number or `MIN_RANGE_SHARE` of the range; inf without one."""
 
 
 @dataclass(frozen=True)
 class Halved:
-    """Designs at half the time step.
-
-    Attributes:
-        timestep: that half [s].
-        designs: numbers of the designs, the best first.
-        changes: the largest of every metric, the largest of all first.
-    """
+    """Designs at half the time step."""
 
     timestep: float
+    """That half [s]."""
     designs: tuple[int, ...]
+    """Numbers of the designs, the best first."""
     changes: tuple[TimestepChange, ...]
+    """The largest of every metric, the largest of all first."""
 
     @property
     def unsettled(self) -> tuple[TimestepChange, ...]:
@@ -87,23 +79,17 @@ def check_timestep(
     numbers of `goals` and `limits` are compared. Returns None where no design has all
     of them. `run` carries a plan out; see `carry_out`.
     """
-    cost = objective_costs(
-        table, goals, ()
-    )  # a number may break a limit by the step alone
+    # A number may break a limit by the step alone.
+    cost = objective_costs(table, goals)
     ranked = [int(i) for i in rank_designs(cost) if not np.isnan(cost[i]).any()]
     if not ranked:
         return None
-    count = min(
-        MAX_CHECKED_DESIGNS,
-        max(MIN_DESIGNS, math.ceil(len(ranked) / DESIGNS_PER_CHECK)),
-        len(ranked),
-    )
+    wanted = max(MIN_DESIGNS, math.ceil(len(ranked) / DESIGNS_PER_CHECK))
+    count = min(MAX_CHECKED_DESIGNS, wanted, len(ranked))
     places = np.linspace(0, len(ranked) - 1, count).round().astype(int)
     best = int(rank_designs(objective_costs(table, goals, limits))[0])
     tried = tuple(dict.fromkeys([best, *(ranked[place] for place in places)]))
-    columns = list(
-        dict.fromkeys([*(g.name for g in goals), *(x.column for x in limits)])
-    )
+    columns = decisive_columns(goals, limits)
     measured = {name.partition("@")[0] for name in columns}
     if len(plan.protocol.controllers) > 1:
         measured.add(CONTROLLER_METRIC)
@@ -118,34 +104,27 @@ def check_timestep(
         [plan.designs[i] for i in tried],
     )
     rows = run(again).to_pylist()
-    ranges = {name: _range(table, name) for name in columns}
-    changes = [
-        max(
-            (
-                _metric_change(name, i, table[name][i].as_py(), row, ranges[name])
-                for i, row in zip(tried, rows, strict=True)
-            ),
-            key=lambda one: one.share,
-        )
-        for name in columns
-    ]
+    changes = []
+    for name in columns:
+        every = table[name].to_pylist()
+        known = [value for value in every if value is not None]
+        least = MIN_RANGE_SHARE * float(np.ptp(known)) if known else 0.0
+        found = [
+            _change(name, i, every[i], row[name], least)
+            for i, row in zip(tried, rows, strict=True)
+        ]
+        changes.append(max(found, key=lambda one: one.share))
     changes.sort(key=lambda one: -one.share)
     return Halved(protocol.timestep, tried, tuple(changes))
 
 
-def _range(table: pa.Table, name: str) -> float:
-    values = np.array([v for v in table[name].to_pylist() if v is not None])
-    return float(np.ptp(values)) if values.size else 0.0
-
-
-def _metric_change(
-    name: str, design: int, value: object, row: Mapping[str, object], span: float
+def _change(
+    name: str, design: int, value: object, again: object, least: float
 ) -> TimestepChange:
     if not isinstance(value, float):  # a limit that is not a goal may have no number
         return TimestepChange(name, design, math.nan, math.nan, 0.0)
-    again = row[name]
     if not isinstance(again, float):
         return TimestepChange(name, design, value, math.nan, math.inf)
-    size = max(abs(value), MIN_RANGE_SHARE * span)
+    size = max(abs(value), least)
     share = abs(again - value) / size if again != value else 0.0
     return TimestepChange(name, design, value, again, share)

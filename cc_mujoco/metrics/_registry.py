@@ -138,7 +138,6 @@ def _constant(
 
 
 def _stride(name: str, unit: str, meaning: str, better: Better = "low") -> Metric:
-    """Define a metric of the strides of an assisted joint that walks."""
 
     def compute(log: LogLike) -> float:
         return float(getattr(stride_metrics(log), name))

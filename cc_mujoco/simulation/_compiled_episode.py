@@ -110,14 +110,12 @@ EpisodeRecord = Annotated[Any, ("EpisodeRecord", RECORD)]
 
 @reinterpret
 def _record(address: int) -> EpisodeRecord:
-    """Return the record at an address."""
     memory = (ctypes.c_byte * RECORD.itemsize).from_address(address)
     return np.frombuffer(memoryview(memory), RECORD).view(np.recarray)[0]
 
 
 @internal
 def _desired_torque(record: EpisodeRecord, step: int, angle: float) -> float:
-    """Return the task's desired torque at a control step [N m]."""
     if record.task == OF_PHASE:
         return load_real(record.desired + 8 * step)
     given = floats(record.task_parameters, 3)
@@ -126,7 +124,6 @@ def _desired_torque(record: EpisodeRecord, step: int, angle: float) -> float:
 
 @internal
 def _torque(record: EpisodeRecord) -> float:
-    """Return the torque of the motor [N m]."""
     if record.law == UNPOWERED:
         return 0.0
     return controller.step(
@@ -140,7 +137,6 @@ def _torque(record: EpisodeRecord) -> float:
 
 @internal
 def _observe(record: EpisodeRecord, data: int, step: int) -> None:
-    """Read and keep what is measured at a control step."""
     cables, rows = record.cables, record.steps + 1
     columns = floats(record.columns, (_FIXED + _PER_CABLE * cables) * rows)
     at, found = np.empty(_FIELD_COUNT, np.int64), np.empty(_DESIRED + 1)

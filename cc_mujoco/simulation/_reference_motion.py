@@ -207,7 +207,6 @@ class Author:
     def _first_angles(
         self, movers: Mapping[str, Mover], moved: Mapping[str, Motion]
     ) -> dict[str, float]:
-        """Return the first angle of each joint that the wearer moves [rad]."""
         angles = {  # a frame starts where its limb does
             axis.axis.joint: float(moved[axis.axis.limb].angle[0])
             if axis.axis.limb in movers
@@ -278,7 +277,6 @@ class Author:
 
 
 def _warn_of_end(recorded: object, duration: float) -> None:
-    """Warn of a recorded motion or torque that ends before the episode."""
     if not isinstance(recorded, (Recorded, TimeTorque)):
         return
     if recorded.end >= duration - 1e-9:
@@ -297,7 +295,6 @@ def _warn_of_end(recorded: object, duration: float) -> None:
 
 
 def _warn_of_limit(joint: str, mover: Mover, low: float, high: float) -> None:
-    """Warn of a motion beyond the range of the wearer's control."""
     aims = mover.scale * low + mover.offset, mover.scale * high + mover.offset
     if min(aims) < mover.low - 1e-6 or max(aims) > mover.high + 1e-6:
         warnings.warn(

@@ -38,7 +38,7 @@ from cc_mujoco.simulation._compiled_episode import (
     attend,
 )
 from cc_mujoco.simulation._loop import Columns, missing_torque_error
-from cc_mujoco.simulation._reference_motion import MARKS, Script
+from cc_mujoco.simulation._reference_motion import MARKS
 from cc_mujoco.simulation._wiring import OF_PHASE, TASKS, parameters_of
 from cc_mujoco.simulation._worn_device import TaskChoice, WornDevice
 
@@ -135,42 +135,45 @@ def play(
         laws = _compiled_laws(name, [own[0] for own in drives], devices, exo)
     batch = Batch([exo], [episode.seed], devices, threads=threads, name=called)
     if laws is not None:
-        columns = CompiledEpisodes(batch, laws).play(tick)
-        columns |= _scripted(batch.script, exo, len(devices))
-        tick(1.0)
-        return Rollout(columns, ratio, driven, prefixes, tuple(batch.failed))
-    law: Controller
-    if name is None:
-        law = Unpowered(drives[0][0], axes=len(prefixes))
+        columns = _play_inside(batch, laws, tick)
     else:
-        law = batched_controller(name, drives, prefixes)
-    measuring = exo.controller_sensors(PERFECT_SENSING, drives[0], episode.seed)
-    kept_names = [prefix + name for prefix in prefixes for name in KEPT]
+        law: Controller = Unpowered(drives[0][0], axes=len(prefixes))
+        if name is not None:
+            law = batched_controller(name, drives, prefixes)
+        columns = _play_outside(batch, law, drives[0], episode.seed, tick)
+    # These are the same for all designs.
+    shape = (len(devices), exo.steps + 1)
+    columns["time_s"] = np.broadcast_to(np.arange(exo.steps + 1) * exo.period, shape)
+    marks = {"reference_angle_rad": 0, "phase_sine": 2, "phase_cosine": 3}
+    for axis, prefix in enumerate(prefixes):
+        for column, place in marks.items():
+            mark = np.ascontiguousarray(batch.script.marks[:, MARKS * axis + place])
+            columns[prefix + column] = np.broadcast_to(mark, shape)
+    tick(1.0)
+    return Rollout(columns, ratio, driven, prefixes, tuple(batch.failed))
+
+
+def _play_outside(
+    batch: Batch,
+    law: Controller,
+    drives: Sequence[Drive],
+    seed: int,
+    tick: Callable[[float], object],
+) -> dict[str, Array]:
+    """Play the episodes step by step, with a controller that Python calls."""
+    exo = batch.exo
+    measuring = exo.controller_sensors(PERFECT_SENSING, drives, seed)
+    names = [prefix + name for prefix in batch.prefixes for name in KEPT]
 
     def report(step: int, _: Columns, __: object) -> None:
         if step % TICK_STEPS == 0:
             tick(step / exo.steps)
 
-    kept = batch.play(law, measuring.measure, (*kept_names, *CABLE_NAMES), report)
+    kept = batch.play(law, measuring.measure, (*names, *CABLE_NAMES), report)
     columns = {}
     while kept:  # what is turned is let go, so that memory holds it once
         name, values = kept.popitem()
         columns[name] = np.ascontiguousarray(np.moveaxis(values, 0, -1))
-    columns |= _scripted(batch.script, exo, len(devices))
-    tick(1.0)
-    return Rollout(columns, ratio, driven, prefixes, tuple(batch.failed))
-
-
-def _scripted(script: Script, exo: WornDevice, count: int) -> dict[str, Array]:
-    """Return the columns that are the same for all designs, (n, T)."""
-    shape = (count, exo.steps + 1)
-    time = np.arange(exo.steps + 1) * exo.period
-    columns = {"time_s": np.broadcast_to(time, shape)}
-    names = {"reference_angle_rad": 0, "phase_sine": 2, "phase_cosine": 3}
-    for axis, prefix in enumerate(exo.device.prefixes):
-        for name, place in names.items():
-            mark = np.ascontiguousarray(script.marks[:, MARKS * axis + place])
-            columns[prefix + name] = np.broadcast_to(mark, shape)
     return columns
 
 
@@ -208,139 +211,123 @@ def law_of(controller: Controller | None) -> int | None:
     return STEPS.index(law.step) if law is not None and is_exact else None
 
 
-class CompiledEpisodes:
-    """The records of the devices of a batch, and what they keep."""
+def _play_inside(
+    batch: Batch,
+    controllers: Sequence[Controller | None],
+    tick: Callable[[float], object],
+) -> dict[str, Array]:
+    """Play the episodes inside MuJoCo's steps.
 
-    def __init__(self, batch: Batch, controllers: Sequence[Controller | None]) -> None:
-        """Write them.
+    The batch is of devices of one axis and one script, whose task `task_of` knows, and
+    `law_of` the controllers, one for each. Columns are as in `Rollout`, NaN where a
+    device has failed.
+    """
+    exo, count = batch.exo, len(batch.devices)
+    simulations, failed, going = batch.simulations, batch.failed, batch.going
+    width = len(KEPT) + PER_CABLE * len(batch.cables)
+    kept = np.full((count, width, exo.steps + 1), np.nan)
+    records = np.zeros(count, RECORD)
+    common, desired = _shared_record(batch)
+    for row, law in enumerate(controllers):
+        found = common | _law_record(batch, law)
+        found["axis"] = batch.wiring.axis_address(row)
+        found["columns"] = kept[row].ctypes.data
+        if desired:
+            found["desired"] = desired[row % len(desired)]
+        for name, value in found.items():
+            records[row][name] = value
 
-        Args:
-            batch: Of devices of one axis and one script; `task_of` must know the task.
-            controllers: One for each; `law_of` must know them.
-        """
-        self._batch, devices, script = batch, batch.devices, batch.script
-        exo, self._hold = batch.exo, batch.wiring.hold
-        steps, task = exo.steps, exo.task
-        first, count = devices[0], len(devices)
-        names = batch.cables
-        width = len(KEPT) + PER_CABLE * len(names)
-        self.kept = np.full((count, width, steps + 1), np.nan)
-        """Kept columns, `KEPT` and then of each cable; NaN from a failure on."""
-        self._records = np.zeros(count, RECORD)
-        common = {
-            "skip": exo.frame_skip,
-            "steps": steps,
-            "scripted": len(first.script_controls),
-            "script_controls": self._hold(np.array(first.script_controls, np.int64)),
-            "commands": self._hold(np.ascontiguousarray(script.commands)),
-            "cables": len(names),
-            "readings": self._hold(_readings(first, names)),
-            "task": task_of(task),
-        }
-        desired: list[int] = []
-        if common["task"] == OF_PHASE:
-            phase = script.marks[:, 1:2]
-            nothing = np.zeros_like(phase)
-            torques = np.asarray(task.torque(nothing, nothing, phase), dtype=float)
-            torques = np.broadcast_to(torques, (steps + 1, max(torques.shape[1], 1)))
-            desired = [self._hold(np.ascontiguousarray(one)) for one in torques.T]
-        else:
-            common["task_parameters"] = self._hold(parameters_of(task))
-        for row, law in enumerate(controllers):
-            found = common | self._write_law_data(law)
-            found["axis"] = batch.wiring.axis_address(row)
-            found["columns"] = self.kept[row].ctypes.data
-            if desired:
-                found["desired"] = desired[row % len(desired)]
-            for name, value in found.items():
-                self._records[row][name] = value
-
-    def _begin(self, row: int, data: mujoco.MjData) -> None:
-        """Take a simulation at the start of its episode; its `ctrl` is written."""
-        address = self._records[row : row + 1].ctypes.data
+    def begin(row: int, data: mujoco.MjData) -> None:
+        address = records[row : row + 1].ctypes.data
         compiled.begin_episode()(data._address, address)
 
-    def _at(self, row: int, more: int = 0) -> int:
-        """Control step that a device is in, so many physics steps further."""
-        record = self._records[row]
-        return int((record["count"] + more) // record["skip"])
+    def step_of(row: int, more: int = 0) -> int:
+        return int((records[row]["count"] + more) // exo.frame_skip)
 
-    def _columns(self) -> dict[str, Array]:
-        found = {name: self.kept[:, place] for place, name in enumerate(KEPT)}
-        first, count = len(KEPT), len(self._batch.cables)
-        parts = {"tension_n": 2, "dissipated_j": 1, "least_tension_n": 1}
-        for name, each in parts.items():
-            found[name] = self.kept[:, first : first + each * count]
-            first += each * count
-        return found
+    def fail(row: int, why: str, first: int) -> None:
+        failed[row], going[row] = why, False
+        kept[row, :, first:] = np.nan
 
-    def _write_law_data(self, made: Controller | None) -> dict[str, Any]:
-        """Return what the law of a device uses."""
-        place = law_of(made)
-        if not isinstance(made, SteppedController):
-            return {"law": place}
-        law, tables, memory = made.stepped, made.law_tables(), made.fresh_memory()
-        shape = np.array(tables.shape, np.int64)
-        sources = np.array([READ_COLUMNS.index(name) for name in law.wound])
-        taps: list[int] = []
-        if isinstance(made, AdaptiveModel):
-            cables = self._batch.exo.device.driven[0]
-            for name, nodes in zip(cables, made.taps.nodes, strict=True):
-                first = Reader(self._batch.devices[0].model, name).nodes.start
-                taps += (first + nodes).tolist()
-        return {
-            "law": place,
-            "memory": self._hold(memory),
-            "memory_size": memory.size,
-            "shape": self._hold(shape),
-            "shape_size": shape.size,
-            "tables": self._hold(np.array(tables.numbers)),
-            "tables_size": len(tables.numbers),
-            "sources": self._hold(sources),
-            "source_count": len(sources),
-            "taps": self._hold(np.array(taps, np.int64)),
-            "tap_count": len(taps),
-            "is_round": law.is_round,
-            "seen": self._hold(np.zeros(len(sources) + len(taps))),
-        }
+    for row, device in enumerate(batch.devices):
+        simulations.start(row, device, batch.script, partial(begin, row))
+    attended = simulations.batch.bind("userdata")[:, 0]
+    for step in range(0, exo.steps, TICK_STEPS):
+        for row in np.flatnonzero(going & (records["refused"] != 0)).tolist():
+            now = step_of(row)
+            why = missing_torque_error(batch.name, now * exo.period)
+            fail(row, why, now + 1)
+        tick(step / exo.steps)
+        if not going.any():
+            break
+        last = min(step + TICK_STEPS, exo.steps)
+        with contextlib.suppress(SimulationError):
+            simulations.roll((last - step) * exo.frame_skip, going)
+        for row in np.flatnonzero(simulations.fell & going).tolist():
+            # What MuJoCo resets is attended no more; what raised is as it was.
+            over = last == exo.steps and step_of(row) == last
+            is_counted = simulations.batch.status[row] == 0 and (
+                over or attended[row] != 0.0
+            )
+            first = step_of(row, -1 if is_counted else 0) + 1
+            fail(row, simulations.why(row, first * exo.period), first)
+    columns = {name: kept[:, place] for place, name in enumerate(KEPT)}
+    first = len(KEPT)
+    for name, each in zip(CABLE_NAMES, (2, 1, 1), strict=True):
+        columns[name] = kept[:, first : first + each * len(batch.cables)]
+        first += each * len(batch.cables)
+    return columns
 
-    def play(self, tick: Callable[[float], object]) -> dict[str, Array]:
-        """Play the episodes inside MuJoCo's steps.
 
-        Args:
-            tick: Called now and then with the share that is done.
+def _shared_record(batch: Batch) -> tuple[dict[str, Any], list[int]]:
+    """Return what all records have, and addresses of the torques of a task of phase."""
+    exo, script, hold = batch.exo, batch.script, batch.wiring.hold
+    device, task = batch.devices[0], exo.task
+    common = {
+        "skip": exo.frame_skip,
+        "steps": exo.steps,
+        "scripted": len(device.script_controls),
+        "script_controls": hold(np.array(device.script_controls, np.int64)),
+        "commands": hold(np.ascontiguousarray(script.commands)),
+        "cables": len(batch.cables),
+        "readings": hold(_readings(device, batch.cables)),
+        "task": task_of(task),
+    }
+    if common["task"] != OF_PHASE:
+        return common | {"task_parameters": hold(parameters_of(task))}, []
+    phase = script.marks[:, 1:2]
+    nothing = np.zeros_like(phase)
+    torques = np.asarray(task.torque(nothing, nothing, phase), dtype=float)
+    torques = np.broadcast_to(torques, (exo.steps + 1, max(torques.shape[1], 1)))
+    return common, [hold(np.ascontiguousarray(one)) for one in torques.T]
 
-        Returns:
-            Columns as in `rollout.Rollout`, NaN where a device has failed.
-        """
-        batch, exo = self._batch, self._batch.exo
-        simulations, failed, going = batch.simulations, batch.failed, batch.going
-        for row, device in enumerate(batch.devices):
-            simulations.start(row, device, batch.script, partial(self._begin, row))
-        attended = simulations.batch.bind("userdata")[:, 0]
-        for step in range(0, exo.steps, TICK_STEPS):
-            for row in np.flatnonzero(going & (self._records["refused"] != 0)).tolist():
-                time = self._at(row) * exo.period
-                failed[row] = missing_torque_error(batch.name, time)
-                self.kept[row, :, self._at(row) + 1 :] = np.nan
-                going[row] = False
-            tick(step / exo.steps)
-            if not going.any():
-                break
-            last = min(step + TICK_STEPS, exo.steps)
-            with contextlib.suppress(SimulationError):
-                simulations.roll((last - step) * exo.frame_skip, going)
-            for row in np.flatnonzero(simulations.fell & going).tolist():
-                # What MuJoCo resets is attended no more; what raised is as it was.
-                over = last == exo.steps and self._at(row) == last
-                is_counted = simulations.batch.status[row] == 0 and (
-                    over or attended[row] != 0.0
-                )
-                first = self._at(row, -1 if is_counted else 0) + 1
-                failed[row] = simulations.why(row, first * exo.period)
-                self.kept[row, :, first:] = np.nan
-                going[row] = False
-        return self._columns()
+
+def _law_record(batch: Batch, made: Controller | None) -> dict[str, Any]:
+    place, hold = law_of(made), batch.wiring.hold
+    if not isinstance(made, SteppedController):
+        return {"law": place}
+    law, tables, memory = made.stepped, made.law_tables(), made.fresh_memory()
+    taps: list[int] = []
+    if isinstance(made, AdaptiveModel):
+        cables = batch.exo.device.driven[0]
+        for name, nodes in zip(cables, made.taps.nodes, strict=True):
+            first = Reader(batch.devices[0].model, name).nodes.start
+            taps += (first + nodes).tolist()
+    sources = [READ_COLUMNS.index(name) for name in law.wound]
+    return {
+        "law": place,
+        "memory": hold(memory),
+        "memory_size": memory.size,
+        "shape": hold(np.array(tables.shape, np.int64)),
+        "shape_size": len(tables.shape),
+        "tables": hold(np.array(tables.numbers)),
+        "tables_size": len(tables.numbers),
+        "sources": hold(np.array(sources)),
+        "source_count": len(sources),
+        "taps": hold(np.array(taps, np.int64)),
+        "tap_count": len(taps),
+        "is_round": law.is_round,
+        "seen": hold(np.zeros(len(sources) + len(taps))),
+    }
 
 
 def _readings(device: DeviceModel, names: Sequence[str]) -> NDArray[np.int64]:

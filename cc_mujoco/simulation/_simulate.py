@@ -203,7 +203,6 @@ def simulate(
 
 
 def _plants(given: Any) -> list[Plant]:
-    """Return the given plants, one for each name."""
     from cc_mujoco.device import Nominal, Plant
 
     single = (str, Path, Nominal)

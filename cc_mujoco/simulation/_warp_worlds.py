@@ -162,7 +162,6 @@ class WarpWorlds:
         self._notice(going)
 
     def _take_sample(self) -> None:
-        """Take the physics steps of a sample, as captured."""
         wp.capture_launch(self._graph)
 
     def _step_sample(self) -> None:
@@ -176,7 +175,6 @@ class WarpWorlds:
         return getattr(self.data, name).numpy()
 
     def _give_plants(self) -> None:
-        """Write cables and impedances of the new plants."""
         for name in self.cables.names:
             own = {row: plant.cables[name] for row, plant in self._plants.items()}
             self.cables.assign(name, own)
@@ -216,7 +214,6 @@ class WarpWorlds:
 
 
 def _refusal(device: Device, error: Exception) -> CableError:
-    """Return the error that a device has parts that mujoco_warp or its cables lack."""
     return CableError(
         f"device {device.name!r} cannot be simulated with backend='warp': "
         f"{str(error).rstrip('.')}."
@@ -229,7 +226,6 @@ def _cable_actuators(spec: mujoco.MjSpec) -> Mask:
 
 
 def _terms(exo: WornDevice) -> tuple[str, ...]:
-    """Return the terms of cables that an episode may switch on."""
     names = {split(name)[1] for name in exo.plants.varied}
     if "break_away" in names:
         names.add(BREAK_AWAY.name)

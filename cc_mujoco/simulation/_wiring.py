@@ -140,7 +140,6 @@ class Wiring:
         self._rows[row] = *addresses, number * length, (number + 1) * length
 
     def _turn(self, samples: NDArray[np.int64]) -> None:
-        """Take the parts of the scripts in which the samples are."""
         for row in np.flatnonzero(samples >= self._rows[:, 3]).tolist():
             self._take_part(row, int(samples[row]) // reference_motion.PART_STEPS)
 
@@ -214,7 +213,6 @@ def desired_torque(
 
 @internal
 def _in_parts(scripts: IntMatrix, samples: IntArray) -> bool:
-    """Return whether the samples of all rows are in the parts of their scripts."""
     for row in range(samples.size):
         if samples[row] >= scripts[row, 3]:
             return False

@@ -346,7 +346,6 @@ def axis_trajectories(
 
 
 def _tasks(description: Description, given: TaskChoice) -> list[str | Path | Task]:
-    """Return the task of every axis, as it is given."""
     if isinstance(given, str):
         given = split_by_axis(given, [axis.name for axis in description.axes])
     own = given if isinstance(given, Mapping) else {}

@@ -211,7 +211,6 @@ def _conduit(model: mujoco.MjModel, cable: str) -> int | _Straight | None:
 def _ropes(
     model: mujoco.MjModel, cable: str, conduit: int
 ) -> Iterator[tuple[str, int]]:
-    """Yield the tendons that are ropes at the ends of a cable, with their part."""
     ends = _actuators(model, cable)
     sites = (-1, -1) if conduit < 0 else _end_sites(model, conduit)
     for part, end, site in zip((MOTOR_END, JOINT_END), ends, sites, strict=True):

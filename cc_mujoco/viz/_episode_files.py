@@ -129,7 +129,6 @@ def write_episode(
 
 
 def _of_axis(metric: Metric, axis: str) -> Metric:
-    """Return a metric under the name of an axis; "" is the only one."""
     if not axis:
         return metric
     return dataclasses.replace(

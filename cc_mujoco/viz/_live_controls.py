@@ -216,7 +216,6 @@ class Sliders:
 
 
 def _free(name: str, taken: set[str]) -> str:
-    """Return a name that no actuator of the scene has."""
     return _free(f"{name} of cables", taken) if name in taken else name
 
 

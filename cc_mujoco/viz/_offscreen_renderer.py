@@ -203,7 +203,6 @@ class OffscreenRenderer:
         return drawing
 
     def _pose(self, qpos: Array, category: mujoco.mjtCatBit) -> None:
-        """Put the static or the moving parts into the scene."""
         self._data.qpos[:] = qpos
         mujoco.mj_fwdPosition(self._model, self._data)
         mujoco.mjv_updateScene(

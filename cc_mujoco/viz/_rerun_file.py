@@ -257,7 +257,6 @@ def _log_scene(
 
 
 def _log_nodes(rec: Branch, log: EpisodeLog, frames: NDArray[np.intp]) -> None:
-    """Log tension and slip along each cable as data: one list per frame."""
     time = log["time_s"][frames]
     for cable in log.cables:
         for kind, column in (

@@ -168,7 +168,6 @@ def own_color(model: mujoco.MjModel, rgba: Array, material: int) -> Array:
 
 
 def _mean_color(model: mujoco.MjModel, texture: int) -> Array:
-    """Return the average colour of a texture, which is not drawn."""
     channels = int(model.tex_nchannel[texture])
     size = int(model.tex_height[texture] * model.tex_width[texture]) * channels
     start = int(model.tex_adr[texture])

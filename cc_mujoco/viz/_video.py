@@ -135,7 +135,6 @@ def _draw_scale(figure: Figure, highest: float) -> None:
 
 
 def _draw_plots(figure: Figure, log: EpisodeLog, opacity: float) -> list[Axes]:
-    """Draw the plots one under the other, on one time axis."""
     height, width = FRAME_SIZE
     shown = torques(log) + tensions(log)
     if len(shown) > MOST_PLOTS:  # of several axes, what the wearers feel

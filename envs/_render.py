@@ -18,8 +18,6 @@ CAMERA = "overview"
 MAX_SURROUNDINGS = 3.0
 """Largest size of what stands around a device over that of its moving parts."""
 
-VIEW_MARGIN = 1.0
-"""Distance of the free camera over that from which the device fills the picture."""
 
 IMAGE_SIZE = (480, 854)
 """Height and width [pixels]."""
@@ -63,7 +61,7 @@ def free_view(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjvCamera:
     low, high = boxes[-1 if whole else 0]
     camera.lookat[:] = 0.5 * (low + high)
     half_view = np.radians(0.5 * model.vis.global_.fovy)
-    camera.distance = VIEW_MARGIN * 0.5 * spans[-1 if whole else 0] / np.sin(half_view)
+    camera.distance = 0.5 * spans[-1 if whole else 0] / np.sin(half_view)
     return camera
 
 

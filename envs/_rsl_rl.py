@@ -26,9 +26,6 @@ try:
 except ModuleNotFoundError:
     raise CableError("this needs rsl_rl: pip install rsl-rl-lib.") from None
 
-GROUP = "policy"
-"""Name of the only group of observations."""
-
 
 class RslRl(VecEnv):  # type: ignore[misc]
     """Vector environment of this package as rsl_rl's, on the CPU.
@@ -71,7 +68,8 @@ class RslRl(VecEnv):  # type: ignore[misc]
     def get_observations(self) -> TensorDict:
         """Return the observations, (num_envs, size) in the group `policy`."""
         seen = torch.from_numpy(self._seen.copy())
-        return TensorDict({GROUP: seen}, batch_size=[self.num_envs])
+        # Name of the only group of observations
+        return TensorDict({"policy": seen}, batch_size=[self.num_envs])
 
     def step(
         self, actions: torch.Tensor

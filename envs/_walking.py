@@ -33,9 +33,6 @@ from ._walking_ropes import TRANSMISSIONS, Ropes, walking_model
 
 Array = NDArray[np.float64]
 
-_LEAST_HELP = 0.5
-"""Desired torque below which a motor follows the ankle [N m]."""
-
 
 class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPickle):
     """A person who walks on the ground, with an ankle exoskeleton on each leg.
@@ -178,7 +175,8 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
         desired = np.array([task.torque(0.0, 0.0, phase) for phase in self.phase])
         torque = np.maximum(-desired, 0.0) * DRUM / self._ropes.arms(self.data)
         following = self._ropes.follow(self.data)
-        torque = np.where(-desired > _LEAST_HELP, torque, following)
+        # Desired torque below which a motor follows the ankle [N m]
+        torque = np.where(-desired > 0.5, torque, following)
         share = np.clip(torque / MOTOR_TORQUE, -1.0, 1.0)
         return np.asarray(share, np.float32)
 

@@ -22,12 +22,6 @@ TRANSMISSIONS = {
     "none": "not at all: the ropes are unhooked",
 }
 """Ways in which the motors pull at the heel levers."""
-_SLACK = 0.005
-"""Rope that hangs while a motor follows the ankle [m]."""
-_FOLLOWING = (8.0, 0.3)
-"""Stiffness [N m/rad] and damping [N m s/rad] of a motor that follows."""
-_PLACED = ("conduit", "route", "path", "mouth", "guides")
-"""Fields of a cable that follow from where it lies in the scene."""
 
 
 def walking_model(transmission: str, cable: Cable) -> mujoco.MjModel:
@@ -37,10 +31,11 @@ def walking_model(transmission: str, cable: Cable) -> mujoco.MjModel:
             "the cable of a walking person is guided and has fixed bends; leave `path` "
             "and `bend` as they are."
         )
+    # Fields of a cable that follow from where it lies in the scene
     numbers = {
         field.name: getattr(cable, field.name)
         for field in dataclasses.fields(cable)
-        if field.name not in _PLACED
+        if field.name not in ("conduit", "route", "path", "mouth", "guides")
     }
     spec = mujoco.MjSpec.from_file(str(SCENE))
     for side in WALKING_SIDES:
@@ -142,9 +137,11 @@ class Ropes:
         """Return torques of motors that follow with slack ropes (2,) [N m]."""
         if not self._cabled:
             return np.zeros(2)
-        stiffness, damping = _FOLLOWING
+        # Stiffness [N m/rad] and damping [N m s/rad] of a motor that follows
+        stiffness, damping = (8.0, 0.3)
         spread = data.qvel[self.dof] + data.ten_velocity[self._ropes] / DRUM
-        torque: Array = -stiffness * (self.wound(data) + _SLACK) / DRUM
+        # Rope that hangs while a motor follows the ankle [m]
+        torque: Array = -stiffness * (self.wound(data) + 0.005) / DRUM
         torque -= damping * spread
         return torque
 

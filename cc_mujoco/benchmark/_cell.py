@@ -71,8 +71,6 @@ AXIS_COLUMNS = (*TRACE_COLUMNS, *PHASE_COLUMNS, "motor_torque_nm")
 """Recorded columns of every axis."""
 CABLE_COLUMNS = ("least_tension_n", "tension_n")
 """Recorded columns of all cables."""
-TRACE_DECIMATION = 10
-"""Control steps between two samples of a trace."""
 
 
 @dataclass(frozen=True)
@@ -436,7 +434,8 @@ def _trace_columns(
     prefixes: Sequence[str],
 ) -> dict[str, Array]:
     count = len(cell.seeds)
-    thin = slice(None, None, TRACE_DECIMATION)
+    # Control steps between two samples of a trace
+    thin = slice(None, None, 10)
     found: dict[str, Array] = {}
     for prefix in prefixes:
         sine, cosine = (rows[prefix + name] for name in PHASE_COLUMNS)

@@ -25,18 +25,10 @@ Array = NDArray[np.float64]
 
 SAFETY = "safety-"
 """Prefix of the names of conditions with a fault."""
-DURATION = 3.0
-"""Length of an episode [s]."""
 STRAP = "strap-open"
 """Fault in which the wearer leaves the device: nothing holds the joint any more."""
-FIRST_ONSET, LAST_ONSET = 0.55, 1.55
-"""Range of the time at which a fault begins [s], sampled with the plant."""
 LATE = 0.05
 """Delay of `torque-late` [s]."""
-JUMP = 0.3
-"""Jump of an encoder at the joint [rad]; of the motor's, times the ratio."""
-MISSING = 2
-"""Consecutive samples that `torque-dropout` loses, ten times a second."""
 _TORQUE, _MOTOR = "joint_torque_nm", "motor_angle_rad"
 _JOINT = "joint_angle_rad", "winding_angle_rad"
 _VELOCITIES = "motor_velocity_rad_s", "joint_velocity_rad_s", "winding_velocity_rad_s"
@@ -62,7 +54,8 @@ def safety_conditions(scene: str) -> list[Condition]:
     device = find_device(scene)
     model = DeviceModel(device.description, Plant(device).model())
     plain, _ = plain_condition(scene, model)
-    plain = dataclasses.replace(plain, duration=DURATION)
+    # Length of an episode [s]
+    plain = dataclasses.replace(plain, duration=3.0)
     faults = FAULTS if device.wearers else FAULTS[:-1]
     return [named_condition(plain, SAFETY + name, structure=name) for name in faults]
 
@@ -73,7 +66,8 @@ def fault_onsets(seeds: Sequence[int], period: float) -> list[int]:
     For `seeds` see `Draw.seed`; `period` is that of the controller [s].
     """
     drawn = (np.random.default_rng([seed, 5]) for seed in seeds)
-    return [round(one.uniform(FIRST_ONSET, LAST_ONSET) / period) for one in drawn]
+    # Range of the time at which a fault begins [s], sampled with the plant
+    return [round(one.uniform(0.55, 1.55) / period) for one in drawn]
 
 
 class FaultySensors:
@@ -129,7 +123,8 @@ class FaultySensors:
             earlier = self._hold(name, now)
         found = np.asarray(TORQUE_FAULTS[self._fault](now, earlier), dtype=float)
         if self._fault == "torque-dropout":
-            lost = (self._step - self._onset) % self._interval < MISSING
+            # Consecutive samples that `torque-dropout` loses, ten times a second
+            lost = (self._step - self._onset) % self._interval < 2
             return np.where(lost, found, now)
         return found
 
@@ -148,7 +143,8 @@ class FaultySensors:
             names = (_MOTOR,) if side == "motor" else _JOINT
             for name in (prefix + each for each in names if prefix + each in columns):
                 now = np.asarray(columns[name], dtype=float)
-                jump = JUMP * (abs(ratio) if side == "motor" else 1.0)
+                # Jump of an encoder at the joint [rad]; of the motor's, times the ratio
+                jump = 0.3 * (abs(ratio) if side == "motor" else 1.0)
                 wrong = self._hold(name, now) if kind == "frozen" else now + jump
                 found[name] = np.where(failed, wrong, now)
             for name in (prefix + each for each in _VELOCITIES):

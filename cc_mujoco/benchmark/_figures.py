@@ -23,10 +23,6 @@ Array = NDArray[np.float64]
 
 CYCLE_BINS = 30
 """Bins of a cycle, or of the time after a reversal."""
-REVERSAL_WINDOW = 0.6
-"""Time after a reversal that is shown [s]."""
-STARTUP_TIME = 1.0
-"""Beginning of an episode that the cycle leaves out: motions grow in it [s]."""
 PHONE_WIDTH = 4.9
 """Width of a figure that is legible at 390 pixels [inch]."""
 HEAT_DECADES = 1.5
@@ -88,7 +84,8 @@ def cycle(results: Results, scene: str) -> Figure:
         for axes, prefix in zip(panels, prefixes, strict=True):
             for law, (cell, trace) in shown.items():
                 gait = is_walk(cell.condition.trajectory)
-                most = 1.0 if gait else REVERSAL_WINDOW
+                # Time after a reversal that is shown [s]
+                most = 1.0 if gait else 0.6
                 label = "phase of the gait" if gait else label
                 own = axis_columns(trace, prefix, prefixes)
                 place = own["phase"] if gait else _since_reversal(own)
@@ -175,7 +172,8 @@ def _since_reversal(trace: Mapping[str, Array]) -> Array:
 
 def _binned_rms(place: Array, trace: Mapping[str, Array]) -> Array:
     """Return the RMS error in bins from 0 to 1 (BINS,), NaN in empty ones."""
-    counted = (trace["time_s"] >= STARTUP_TIME) & (place < 1.0)
+    # Beginning of an episode that the cycle leaves out: motions grow in it [s]
+    counted = (trace["time_s"] >= 1.0) & (place < 1.0)
     bins = (place[counted] * CYCLE_BINS).astype(int)
     pair = "joint_torque_nm", "desired_torque_nm"
     if REFERENCE_COLUMN in trace:

@@ -40,9 +40,6 @@ MAX_JOLT = 0.1
 """Largest bump of `jolted` [rad]."""
 JOLT_SHARE = 0.25
 """Largest bump of `jolted`, as a share of the reach of a device."""
-MIN_JOLT = 1e-3
-"""Least room for a bump between a motion and the stops [rad]; with less there is no
-such condition."""
 SAMPLES = np.linspace(0.0, 1.0, 1001)
 """Phases at which the demand of a task is evaluated [-]."""
 
@@ -120,7 +117,9 @@ def _other_motions(
         _jolt(plain.trajectory, model, axis.limb, axis.reach)
         for axis in description.axes
     ]
-    if min(sizes) < MIN_JOLT:
+    # Least room for a bump between a motion and the stops [rad]; with less there is no
+    # such condition
+    if min(sizes) < 1e-3:
         return found
     jolted = [
         Perturbed(trajectory_of(plain.trajectory, axis.limb), axis.limb, size)

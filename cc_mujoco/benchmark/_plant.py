@@ -60,8 +60,6 @@ IMPEDANCE_SPREAD, CADENCE_SPREAD = 0.2, 0.03
 KEY_BYTES = 16
 """Length of the secret key of a run."""
 
-SENSORS_PER_CABLE = 3
-"""Tension sensors on a cable, see `Sensing.equip`."""
 LAG = 0.005
 """Time constant of a motor that lags [s], beside that of the scene."""
 LAG_RANGE = 0.001, 0.005
@@ -72,15 +70,8 @@ INERTIA_FACTORS = 0.6, 1.6
 """Inertia of a rotor over its assumed value; seeds take the levels in turn."""
 LATE_COMMANDS = 1, 3
 """Least and most delay of commands in control steps; seeds take the levels in turn."""
-MOTOR_FRICTION, COGGING = 0.1, 0.05
-"""Dry friction of a motor and amplitude of its cogging, as shares of the torque that
-counts as 1."""
-COGGING_ORDER = 12
-"""Waves of cogging in a turn of the motor's pulley."""
 TREMOR_SHARE = 0.05
 """Amplitude of a tremor, as a share of the reach of a device."""
-CUFF_SETTLING = 0.01
-"""Damping of a cuff over its stiffness [s]."""
 
 
 @dataclass(frozen=True)
@@ -290,9 +281,9 @@ def hidden_effect(
         }
         return Hidden(device, {**lags})
     if name == "motor-friction":
-        rubs = {
-            f"{n}.motor_friction": MOTOR_FRICTION * size for n, size in unit.items()
-        }
+        # Dry friction of a motor and amplitude of its cogging, as shares of the torque
+        # that counts as 1
+        rubs = {f"{n}.motor_friction": 0.1 * size for n, size in unit.items()}
         return Hidden(device, {**rubs})
     if name == "rotor-inertia":
         factor = INERTIA_FACTORS[seed % len(INERTIA_FACTORS)]
@@ -304,8 +295,9 @@ def hidden_effect(
         return Hidden(device, {**heavy})
     if name == "cogging":
         phase = random.uniform(-math.pi, math.pi)
-        size = tuple(COGGING * one for one in unit.values())
-        return Hidden(device, actuation=Actuation(0, size, COGGING_ORDER, phase))
+        size = tuple(0.05 * one for one in unit.values())
+        # Waves of cogging in a turn of the motor's pulley
+        return Hidden(device, actuation=Actuation(0, size, 12, phase))
     if name == "late-commands":
         low, high = LATE_COMMANDS
         return Hidden(device, actuation=Actuation(low + seed % (high - low + 1)))
@@ -318,7 +310,8 @@ def hidden_effect(
 def _cuffed(device: Device) -> Device:
     axis = device.description.axis()
     stiffness = 10.0 * axis.units["desired_torque_nm"] / axis.units["joint_angle_rad"]
-    cuff = {"stiffness": stiffness, "damping": CUFF_SETTLING * stiffness}
+    # Damping of a cuff over its stiffness [s]
+    cuff = {"stiffness": stiffness, "damping": 0.01 * stiffness}
     return Device(device.name, device.timestep, axis={"cuff": cuff})
 
 
@@ -414,9 +407,8 @@ def _sample_plant(condition: Condition, seed: int, device: Device, key: str) -> 
     # In turns: of few seeds each delay has its share, as so much depends on it.
     values["delay"] = low + (seed + place) % (high - low + 1)
     values["noise"] = condition.noise
-    sensors = [
-        1 + SENSORS_PER_CABLE * len(axis.cables) for axis in device.description.axes
-    ]
+    # Tension sensors on a cable, see `Sensing.equip`
+    sensors = [1 + 3 * len(axis.cables) for axis in device.description.axes]
     known = Plant(device, values)
     aside = np.random.default_rng([own, 4])
     hidden = hidden_effect(known, condition.structure, seed + place, aside)

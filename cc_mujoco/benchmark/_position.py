@@ -29,10 +29,6 @@ from cc_mujoco.device import DeviceModel, Drive, Plant, find_device
 from cc_mujoco.errors import CableError
 from cc_mujoco.simulation import calibration_trials
 
-TRIAL = 4.0
-"""Length of a trial on a plant [s]."""
-DURATION = 1.5
-"""Length of an episode [s]."""
 EFFECTS = (*POSITION_EFFECTS, "seals")
 """Effects in the plant that neither data sheet nor model has."""
 WITH_SENSOR = ("distal_feedback",)
@@ -61,8 +57,9 @@ def position_conditions(scene: str) -> list[Condition]:
             f"the suite 'position' plays devices of one axis whose task commands an "
             f"angle, and that of {scene} does not; `--suite generic` plays it."
         )
+    # Length of an episode [s]
     plain = PositionCondition(
-        scene, "", motion, tasks, OWN_LINER, "exact", duration=DURATION
+        scene, "", motion, tasks, OWN_LINER, "exact", duration=1.5
     )
     return [
         named_condition(
@@ -88,8 +85,9 @@ def fresh_fits(
     """Return the parameters from trials on the plants, one set for each seed."""
     nominal = nominal_drive(condition)
     plants = [drawn.plant for drawn in sample_plants(condition, seeds, key)]
+    # Length of a trial on a plant [s]
     return tuple(
-        fit_hysteresis(trial, nominal) for trial in calibration_trials(plants, TRIAL)
+        fit_hysteresis(trial, nominal) for trial in calibration_trials(plants, 4.0)
     )
 
 

@@ -34,8 +34,6 @@ DEFAULT_BASELINE = "pi"
 """Default controller that others are compared with."""
 MAX_DEVICES = 5
 """Devices in the sentence at the top."""
-MAX_EQUALS = 3
-"""Controllers of a device in that sentence besides the best one."""
 OVERVIEW_HEADING = (
     "Normalised error (`none` is 1, the smaller the better), mean over conditions and "
     "seeds with its 95 % interval, chatter [mN m] and motor peak [N m]; and failed "
@@ -132,7 +130,8 @@ def _best_at(scene: str, rms: Mapping[str, Mapping[str, Array]], baseline: str) 
     if others and not equal:
         text = f"`{best.name}` wins at {scene} with an error of {best.score:.3g}"
     elif equal and not math.isnan(best.low):
-        if len(equal) > MAX_EQUALS:
+        # Controllers of a device in that sentence besides the best one
+        if len(equal) > 3:
             equal = [f"{len(equal)} others"]
         return f"{text}, not significantly below {list_words(equal, 'or')}"
     return f"{text} (`{baseline}`: {known[baseline]})" if baseline in known else text

@@ -53,8 +53,6 @@ from cc_mujoco.device import find_device
 from cc_mujoco.device._description import device_label
 from cc_mujoco.errors import CableError, look_up
 
-TIMED_DURATION = 1.1
-"""Length of the episode that is timed [s]; compilation precedes it."""
 MAX_SEEDS = 1000
 """Most seeds: with more, even the names of the results are not listed quickly."""
 
@@ -362,7 +360,8 @@ class StepTimes(NamedTuple):
 
 def time_steps(cell: Cell) -> StepTimes:
     """Time the steps of a cell's controller, for the first seed of its condition."""
-    short = dataclasses.replace(cell.condition, duration=TIMED_DURATION)
+    # Length of the episode that is timed [s]; compilation precedes it
+    short = dataclasses.replace(cell.condition, duration=1.1)
     made = prepare_episodes(
         [dataclasses.replace(cell, condition=short, seeds=cell.seeds[:1])]
     )

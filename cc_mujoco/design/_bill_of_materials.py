@@ -27,8 +27,6 @@ from cc_mujoco.device._materials import WIRE_MODULUS, area
 from cc_mujoco.device._variables import Value
 from cc_mujoco.errors import CableError
 
-STEEL_DENSITY = 7850.0
-"""Density of steel [kg/m^3]."""
 COIL_DIAMETER_RATIOS = (1.75, 2.6)
 """Inner and outer diameter of the steel coil of a conduit per diameter of its rope, as
 about a bicycle's brake cable: 2.8 and 4.2 mm for 1.6 mm (assumed)."""
@@ -127,7 +125,8 @@ def _coil_mass_per_length(design: Mapping[str, Value], diameter: float) -> float
     if "conduit_linear_mass" in design:
         return float(design["conduit_linear_mass"])
     inner, outer = (area(share * diameter) for share in COIL_DIAMETER_RATIOS)
-    return STEEL_DENSITY * (outer - inner)
+    # Density of steel [kg/m^3]
+    return 7850.0 * (outer - inner)
 
 
 def read_costs(path: str | Path = EXAMPLE) -> dict[str, float]:

@@ -31,12 +31,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
-HEAT_MAP_CELLS = 41
-"""Cells along each side of the heat map of a surface."""
 PAGE_WIDTH = 4.8
 """Width of a figure whose text can be read where the page is 390 px wide [inch]."""
-LABEL_PLACE = -0.38
-"""Place of the labels of main effects, in widths of a panel from its left side."""
 
 
 def answer_plot(
@@ -133,7 +129,8 @@ def effects_plot(found: Sequence[Sensitivity], most: int | None = None) -> Figur
         metric = metric_of(one.metric)
         row[0].set_ylabel(_wrapped_label(metric.name, metric.unit), fontsize=8)
         # `align_ylabels` measures every label against all others: quadratic.
-        row[0].yaxis.set_label_coords(LABEL_PLACE if most is None else -0.5, 0.5)
+        # Place of the labels of main effects, in widths of a panel from its left side
+        row[0].yaxis.set_label_coords(-0.38 if most is None else -0.5, 0.5)
     for axes, name in zip(panels[-1], names, strict=True):
         axes.set_xlabel(_variable(name))
     for axes in panels[:-1].ravel():
@@ -203,7 +200,8 @@ def _surface_grid(
     assert one.surface is not None
     names = plan.varied
     axes = {name: DesignAxis(plan.ranges[name]) for name in names}
-    shares = {name: axes[name].shares(HEAT_MAP_CELLS) for name in (across, up)}
+    # Cells along each side of the heat map of a surface
+    shares = {name: axes[name].shares(41) for name in (across, up)}
     x, y = np.meshgrid(shares[across], shares[up])
     columns = []
     for name in names:

@@ -25,9 +25,6 @@ from cc_mujoco.errors import CableError
 if TYPE_CHECKING:
     from cc_mujoco.design._plan import Plan
 
-MAX_REASONS = 3
-"""Reasons of failures that are printed; the report lists all."""
-
 
 @dataclass(frozen=True)
 class WhatIf:
@@ -108,7 +105,8 @@ class WhatIf:
         failed = len(table) - table["failed"].null_count
         designs = "1 design" if len(table) == 1 else f"{len(table)} designs"
         print(f"{designs}, {failed} of which failed in simulation")
-        for sentence in failure_reasons(table.to_pylist())[:MAX_REASONS]:
+        # Reasons of failures that are printed; the report lists all
+        for sentence in failure_reasons(table.to_pylist())[:3]:
             print(f"          {sentence}")
         for sentence in controllers_out(plan, table.to_pylist()):
             print(sentence)

@@ -144,10 +144,6 @@ def carry_out(
 
 SAMPLE_TIME = 0.1
 """Simulated time of a sample [s]."""
-SAMPLE_DESIGNS = 8
-"""Most designs of a sample, which are played together as those of the study are."""
-LONG_WAIT = 20.0
-"""Estimated time from which on it is stated [s]."""
 
 
 def wait_sentences(plan: Plan, threads: int) -> Iterator[str]:
@@ -170,7 +166,8 @@ def wait_sentences(plan: Plan, threads: int) -> Iterator[str]:
     usual = _seconds_per_design(plan, fast)
     for law in slow:
         each = _seconds_per_design(plan, law)
-        if each * share > LONG_WAIT:
+        # Estimated time from which on it is stated [s]
+        if each * share > 20.0:
             yield (
                 f"{law} takes about {_rough(each * share)} for {len(plan.designs)} "
                 f"designs; {fast} is {each / usual:.0f} times faster."
@@ -179,7 +176,8 @@ def wait_sentences(plan: Plan, threads: int) -> Iterator[str]:
 
 def _seconds_per_design(plan: Plan, law: str) -> float:
     protocol = dataclasses.replace(plan.protocol, controllers=(law,))
-    designs = [plan.designs[row] for row in plan.batches[0][:SAMPLE_DESIGNS]]
+    # Most designs of a sample, which are played together as those of the study are
+    designs = [plan.designs[row] for row in plan.batches[0][:8]]
     values = [{**design, **protocol.across.cases[0]} for design in designs]
     models = [attended(Plant(protocol.device, own)) for own in values]
     played = [one for _, own, one in episodes(protocol, protocol.device) if own]

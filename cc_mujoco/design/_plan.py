@@ -92,14 +92,9 @@ from cc_mujoco.human import task as find_task
 from cc_mujoco.human._parsing import user_classes
 from cc_mujoco.metrics import Metric, find_metric, metric_key, user_metrics
 
-MAX_BATCH = 256
-"""Most designs that are simulated together: enough that Python's share is small."""
-
 MAX_BATCH_BYTES, BYTES_PER_STEP = 250e6, 150.0
 """Most that a batch may keep, and size of a design's control step [byte]."""
 
-_SMALL_BATCH = 8
-"""Designs per batch of a small study."""
 
 _LONGEST_TEXT = 200
 """Characters of a trajectory's `repr` that stand in a description as they are."""
@@ -565,7 +560,8 @@ def _batches(
     about = builder.description
     steps = longest / about.period * len(about.axes)
     capacity = int(MAX_BATCH_BYTES / BYTES_PER_STEP / steps)
-    size = max(1, min(MAX_BATCH, capacity, math.ceil(len(designs) / 8)))
+    # Most designs that are simulated together: enough that Python's share is small
+    size = max(1, min(256, capacity, math.ceil(len(designs) / 8)))
     layouts = {i: across.layout(builder, d) for i, d in enumerate(designs)}
     return batches_of(layouts, size)
 
@@ -588,11 +584,12 @@ def with_few_designs(plan: Plan, builder: Device, designs: Sequence[Design]) -> 
     """Return the study with a few other designs, in small batches."""
     across = plan.protocol.across
     layouts = {i: across.layout(builder, d) for i, d in enumerate(designs)}
+    # Designs per batch of a small study
     return replace(
         plan,
         designs=tuple(designs),
         full=False,
-        batches=batches_of(layouts, _SMALL_BATCH),
+        batches=batches_of(layouts, 8),
         search=None,
     )
 

@@ -70,8 +70,6 @@ REPORT_FILES = (
 """All files that may be written in addition to the table."""
 
 RANKED_DESIGNS = 20
-DRAWN_VARIABLES = 3
-"""Variables whose effects on the objectives are drawn unfolded."""
 
 
 def write_report(
@@ -119,7 +117,8 @@ def write_report(
         if found:
             goals = {goal.name for goal in finding.goals}
             if shown := [one for one in found if one.metric in goals]:
-                drawings[EFFECTS_FIGURE] = effects_plot(shown, DRAWN_VARIABLES)
+                # Variables whose effects on the objectives are drawn unfolded
+                drawings[EFFECTS_FIGURE] = effects_plot(shown, 3)
             drawings[ALL_EFFECTS_FIGURE] = effects_plot(found)
             if (maps := heat_maps(plan, table, found)) is not None:
                 drawings[HEAT_MAPS_FIGURE] = maps

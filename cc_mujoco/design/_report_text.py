@@ -71,16 +71,12 @@ from cc_mujoco.report._html import (
 Array = NDArray[np.float64]
 Row = Mapping[str, object]
 
-LISTED_DESIGNS = 10
-"""Designs in the table of the best."""
 NEAR_BEST_SHARE = 0.05
 """Part of an objective's range within which designs are as good as the best."""
 ALWAYS_LISTED = ("axial_stiffness", "pretension", "friction")
 """Parameters of a cable that are listed even if they have their default."""
 EDGE_SHARE = 0.02
 """Part of a range within which a value lies at its end."""
-LATE_SEARCH_SHARE = 0.8
-"""Part of a search after which a new best design means that it has not converged."""
 
 
 @dataclass(frozen=True)
@@ -311,7 +307,8 @@ def best_designs(found: RankedStudy) -> Html | None:
     goals = len(found.goals)
     columns = ["design", *names[:goals], *found.varied, *names[goals:]]
     rows = []
-    for place in found.order[:LISTED_DESIGNS]:
+    # Designs in the table of the best
+    for place in found.order[:10]:
         if np.isnan(found.cost[place]).any():
             break
         row = found.rows[int(place)]
@@ -356,11 +353,12 @@ def confidence(
         sentences.append(uncertain)
     if found.plan.search is not None:
         share = (first + 1) / len(found.rows)
+        # Part of a search after which a new best design means that it has not converged
         sentences.append(
             f"The search found it as design {first} of {len(found.rows)}"
             + (
                 "; so late, more designs may well find a better one."
-                if share > LATE_SEARCH_SHARE
+                if share > 0.8
                 else "; the rest of the search brought nothing better."
             )
         )

@@ -37,11 +37,6 @@ from cc_mujoco.device._wearer_scaling import PROFILE, SHORTEST, pace_of
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Profile
 
-MAX_REPEATED_TRIALS = 20
-"""Most times in a row that the sampler may ask for what was tried before."""
-_IMPOSSIBLE_EXCESS = 1e6
-"""Excess over its limits of a design that gives no numbers."""
-
 
 def search(
     plan: Plan,
@@ -105,7 +100,8 @@ def search(
             beyond = {limit.text: limit.beyond(result.metrics) for limit in limits}
             none = any(math.isnan(number) for number in (*costs, *beyond.values()))
             if none:
-                costs, beyond = list(worst), dict.fromkeys(beyond, _IMPOSSIBLE_EXCESS)
+                # Excess over its limits of a design that gives no numbers
+                costs, beyond = list(worst), dict.fromkeys(beyond, 1e6)
             worst = [max(pair) for pair in zip(worst, costs, strict=True)]
             for name, size in {**beyond, "numbers": float(none)}.items():
                 one.set_constraint(name, size)
@@ -148,7 +144,8 @@ def _new_trial(
     A sampler that has found the best of a few values asks for it again and again.
     """
     out = require_optuna().trial.TrialState.FAIL
-    for _ in range(MAX_REPEATED_TRIALS):
+    # Most times in a row that the sampler may ask for what was tried before
+    for _ in range(20):
         trial = study.ask(space)
         if (place := tuple(trial.params.values())) not in tried:
             tried.add(place)

@@ -31,10 +31,6 @@ Indices = tuple[dict[str, float], dict[str, float], dict[tuple[str, str], float]
 
 LOG2_POINTS = 11
 """The estimates use 2 to this many points, those of errors a quarter of them."""
-HALF_SURFACES = 6
-"""Surfaces through random halves of the designs, by which errors are found."""
-CURVE_POINTS = 9
-"""Points of a main effect of a fitted surface."""
 
 
 @dataclass(frozen=True)
@@ -142,9 +138,10 @@ def _surface_indices(
 
     names, count = plan.varied, len(plan.varied)
     estimate = _indices(surface, axes, LOG2_POINTS, 0)
+    # Surfaces through random halves of the designs, by which errors are found
     spread = [
         _indices(half, axes, LOG2_POINTS - 2, seed) - estimate
-        for seed, half in enumerate(surface.halves(HALF_SURFACES), 1)
+        for seed, half in enumerate(surface.halves(6), 1)
     ]
     moved = np.sqrt(np.mean(np.square(spread), axis=0)) if spread else 1.0
     # What the surface does not explain may belong to any variable.
@@ -159,7 +156,8 @@ def _surface_indices(
     effects, levels = {}, {}
     points_in = qmc.Sobol(count, rng=np.random.default_rng(1)).random_base2(9)
     for i, (name, axis) in enumerate(zip(names, axes, strict=True)):
-        shares = axis.shares(CURVE_POINTS)
+        # Points of a main effect of a fitted surface
+        shares = axis.shares(9)
         means = np.empty(shares.size)
         for k, share in enumerate(shares):
             points = points_in.copy()

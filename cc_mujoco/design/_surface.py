@@ -20,12 +20,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-MAX_FITTED_DESIGNS = 1000
-"""Designs that a surface is fitted to; more are only used to test it."""
 SELECTION_DESIGNS = 300
 """Designs by which its variables are chosen."""
-MIN_IMPROVEMENT_SIGMAS = 2.0
-"""Standard errors by which a variable must lessen the squared error to be one."""
 FOLDS = 5
 SMOOTHING_FACTORS = (0.0, 1e-4, 1e-2, 1.0)
 
@@ -107,7 +103,8 @@ def fit(x: Array, y: Array) -> Surface | None:
     scales.
     """
     rng = np.random.default_rng(0)
-    shuffled = rng.permutation(len(y))[:MAX_FITTED_DESIGNS]
+    # Designs that a surface is fitted to; more are only used to test it
+    shuffled = rng.permutation(len(y))[:1000]
     x, y = x[shuffled], y[shuffled]
     least = 3 * (x.shape[1] + 1)
     if len(y) < max(least, 10) or not np.ptp(y) > 0.0:
@@ -134,7 +131,8 @@ def _active_columns(x: Array, y: Array) -> tuple[int, ...]:
             deviation = float(np.std(gain)) / np.sqrt(len(y))
             help_of[column] = float(np.mean(gain)) / max(deviation, 1e-300)
         least = min(active, key=lambda column: help_of[column])
-        if help_of[least] > MIN_IMPROVEMENT_SIGMAS:
+        # Standard errors by which a variable must lessen the squared error to be one
+        if help_of[least] > 2.0:
             break
         active = tuple(other for other in active if other != least)
     return active

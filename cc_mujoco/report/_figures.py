@@ -35,8 +35,6 @@ TENSION_COLORS = "viridis"
 
 SOFTWARE_TAG = "cc_mujoco"
 """Origin that a figure of ours states."""
-POINTS_AT_ONCE = 10_000
-"""Points of a line that are drawn at once; a long one to and fro needs much memory."""
 
 _STYLE: dict[Any, Any] = {
     "axes.axisbelow": True,
@@ -90,7 +88,8 @@ def save(path: str | os.PathLike[str], drawing: Figure, *, dpi: float = 130.0) -
     # `savefig` draws all of it twice, once for the layout, with the same bits.
     canvas: Any = FigureCanvasAgg(drawing)
     drawing.set_dpi(dpi)
-    with matplotlib.rc_context({"agg.path.chunksize": POINTS_AT_ONCE}):
+    # Points of a line that are drawn at once; a long one to and fro needs much memory
+    with matplotlib.rc_context({"agg.path.chunksize": 10_000}):
         canvas.draw()
     about = {"Software": SOFTWARE_TAG}
     with replacing(path) as partial:

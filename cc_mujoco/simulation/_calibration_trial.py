@@ -22,12 +22,6 @@ from cc_mujoco.simulation._simulate import simulate
 
 DURATION = 12.0
 """Length of a trial [s]."""
-BEYOND_REACH = 1.15
-"""Largest swing over the reach of the device, as far as the stops leave room."""
-CALIBRATING = 30.0
-"""Integral gain of the feedback that leads the joint through the trial [1/s]."""
-STOP_SHARE = 0.95
-"""Largest share of the way to a stop."""
 
 
 def calibration_trials(
@@ -59,8 +53,10 @@ def calibration_trials(
         )
     model = DeviceModel(description, made[0].model())
     low, high = joint_range(model.model, axis.joint)
-    room = STOP_SHARE * min(high - axis.centre, axis.centre - low)
-    course = Loops(min(BEYOND_REACH * axis.reach, room), axis.centre)
+    # Largest share of the way to a stop
+    room = 0.95 * min(high - axis.centre, axis.centre - low)
+    # Largest swing over the reach of the device, as far as the stops leave room
+    course = Loops(min(1.15 * axis.reach, room), axis.centre)
     logs = simulate(
         made,
         _uncalibrated,
@@ -79,4 +75,5 @@ def calibration_trials(
 
 def _uncalibrated(drive: Drive) -> DistalFeedback:
     """Return a controller without parameters of an earlier trial."""
-    return DistalFeedback(dataclasses.replace(drive, hysteresis={}), gain=CALIBRATING)
+    # Integral gain of the feedback that leads the joint through the trial [1/s]
+    return DistalFeedback(dataclasses.replace(drive, hysteresis={}), gain=30.0)

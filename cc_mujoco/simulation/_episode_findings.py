@@ -28,10 +28,6 @@ STABLE_CONTROLLER = "pi_tuned"
 """Controller whose gains follow from the device."""
 FALL_SHARE = 0.3
 """Relative loss of height by which a free body counts as fallen."""
-OFF_SHARE = 0.5
-"""Deviation of a joint from its motion, as a share of the reach, that is a finding."""
-STOP_SHARE = 0.01
-"""Part of the range of a joint that counts as its stop."""
 MIN_TIME_SHARE = 0.02
 """Least part of an episode for which a state must last to be a finding."""
 
@@ -128,7 +124,8 @@ def _off_motion(own: LogLike, axis: Axis, at: str) -> Iterator[str]:
     gap = np.abs(own["joint_angle_rad"] - own["reference_angle_rad"])
     if not np.isfinite(gap).all():
         return
-    share = float(np.mean(gap > OFF_SHARE * axis.reach))
+    # Deviation of a joint from its motion, as a share of the reach, that is a finding
+    share = float(np.mean(gap > 0.5 * axis.reach))
     if share > MIN_TIME_SHARE:
         yield (
             f"the wearer is off the motion{at} {100.0 * share:.2g} % of the time, by "
@@ -143,7 +140,8 @@ def _at_stop(
     if not model.jnt_limited[joint.id]:
         return
     low, high = model.jnt_range[joint.id]
-    room = STOP_SHARE * (high - low)
+    # Part of the range of a joint that counts as its stop
+    room = 0.01 * (high - low)
     share = float(np.mean((angle < low + room) | (angle > high - room)))
     if share > MIN_TIME_SHARE:
         yield (

@@ -28,9 +28,6 @@ from cc_mujoco.simulation._worn_device import WornDevice
 from cc_mujoco.warp import attach, without_plugin
 from cc_mujoco.warp._kernels import write_rows
 
-_STARTED = ("qpos", "qvel", "act", "qacc_warmstart")
-"""Initial fields of an episode; others follow from them or are 0."""
-
 _ACTUATORS = ("actuator_gainprm", "actuator_biasprm")
 """Fields of a model that define how a wearer moves a joint."""
 
@@ -89,9 +86,10 @@ class WarpWorlds:
             *(np.zeros((count, *field.shape)) for field in self._neutral)
         )
         """Positions, velocities and the results of the last physics step, (n, ...)."""
+        # Initial fields of an episode; others follow from them or are 0
         self._begun = {
             name: np.zeros((count, *getattr(neutral, name).shape), np.float32)
-            for name in _STARTED
+            for name in ("qpos", "qvel", "act", "qacc_warmstart")
         }
         self._fresh = np.zeros(count, dtype=np.bool_)
         self._warned = np.zeros(count, dtype=np.bool_)

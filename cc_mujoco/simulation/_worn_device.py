@@ -36,9 +36,6 @@ from cc_mujoco.simulation._reference_motion import MARKS, Author, Script
 TaskChoice = str | Path | Task | Mapping[str, str | Path | Task] | None
 """Task of all axes, or by the name of an axis; None for that of the device."""
 
-BEYOND_SHARE = 0.02
-"""Share of the largest demand by which it may exceed what the motor gives."""
-
 
 def refuse_unknown(unknown: Mapping[str, Any], env: type) -> None:
     """Refuse arguments that an environment does not have, and list those it has."""
@@ -259,7 +256,8 @@ class WornDevice:
             deviation = 0.0 * reference if task.about_reference else reference
             demand = task_torque(task, deviation, velocity, phase)
             least, most = drive.reach
-            slack = BEYOND_SHARE * float(np.abs(demand).max())
+            # Share of the largest demand by which it may exceed what the motor gives
+            slack = 0.02 * float(np.abs(demand).max())
             if least - slack <= demand.min() and demand.max() <= most + slack:
                 peak = float(np.abs(demand).max())
                 if peak <= axis.safe_torque:

@@ -258,9 +258,6 @@ def _place(
     return np.array(data.xanchor[target])
 
 
-SHADE, EMISSION = 0.72, 0.25
-"""Material of coloured cables: lit, their colours come near those of the scale."""
-
 HIDDEN_TENDON_GROUP = mujoco.mjNGROUP - 1
 
 
@@ -304,7 +301,9 @@ class Capsules:
             if tensions is not None:
                 shown = line.tensions(tensions[line.cable])
             colors = tension_colors(shown, self.highest).astype(np.float32)
-            colors *= SHADE / 255.0
+            # Material of coloured cables: lit, their colours come near those of the
+            # scale
+            colors *= 0.72 / 255.0
             colors[:, 3] = 1.0
             # Colours need more room than the line of the scene.
             _add(scene, points, colors, 1.4 * line.radius)
@@ -318,5 +317,5 @@ def _add(
         geom = scene.geoms[scene.ngeom]
         mujoco.mjv_initGeom(geom, shape, none, none, np.zeros(9), color)
         mujoco.mjv_connector(geom, shape, radius, start, end)
-        geom.emission, geom.specular = EMISSION, 0.1
+        geom.emission, geom.specular = 0.25, 0.1
         scene.ngeom += 1

@@ -102,10 +102,6 @@ def common_limits(groups: Iterable[tuple[Array, list[Array]]]) -> tuple[float, f
     return low - margin, high + margin
 
 
-MAIN_LINES = ("joint", "desired")
-"""Lines of torque that one looks at first."""
-
-
 def _episode_root(episode: LabelledEpisode) -> str:
     # Rerun shows a space in a path with a backslash before.
     return rr.new_entity_path([episode.name.replace(" ", "_")])
@@ -136,13 +132,17 @@ def _blueprint(episodes: Sequence[LabelledEpisode]) -> rrb.Blueprint:
         )
         for episode in episodes
     ]
+    # Lines of torque that one looks at first
     together = rrb.Vertical(
         rrb.Horizontal(*scenes),
         *(
             plots(
                 f"joint torque{f', {axis}' if axis else ''} [N m]",
                 "torque",
-                [f"torque/{axis}/{n}" if axis else f"torque/{n}" for n in MAIN_LINES],
+                [
+                    f"torque/{axis}/{n}" if axis else f"torque/{n}"
+                    for n in ("joint", "desired")
+                ],
             )
             for axis, _ in episodes[0].log.each_axis()
         ),

@@ -45,8 +45,6 @@ class Exposure(NamedTuple):
 
 SUPERSAMPLING = 2
 """Pixels drawn per pixel of the picture along either side, as `_downsample` assumes."""
-SLICES, STACKS = 18, 5
-"""Faces around and along what is round and moves; more take longer to draw."""
 TILE_SIZE = 48
 """Side of the squares that are read where something moves [drawn pixels]."""
 EDGE_MARGIN = 4
@@ -146,7 +144,8 @@ class OffscreenRenderer:
             self._scene.flags[flag] = 0
         # The context holds the shapes, and the shadows' map, which has done its work.
         self._drawing.free()
-        model.vis.quality.numslices, model.vis.quality.numstacks = SLICES, STACKS
+        # Faces around and along what is round and moves; more take longer to draw
+        model.vis.quality.numslices, model.vis.quality.numstacks = 18, 5
         model.vis.quality.shadowsize = 0
         self._drawing = self._open()
 

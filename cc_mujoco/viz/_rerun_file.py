@@ -52,9 +52,6 @@ END_STATES = {
 }
 """States of an end of a cable, and the colour of each in the timeline."""
 SLACK_STATE, OSCILLATING_STATE = 3, 4
-BRIEF_TIME, MIN_OSCILLATIONS = 0.03, 4
-"""Duration [s] of states that are to and fro, and how many in a row: a motor shaking
-with its sensors' noise makes thousands, of which a lane would show none."""
 
 
 def log_lanes(rec: Branch, log: EpisodeLog) -> None:
@@ -92,12 +89,14 @@ def state_changes(
     """
     begun = np.flatnonzero(np.diff(state, prepend=-1))
     lasts = np.diff(time[begun], append=time[-1])
-    brief = np.concatenate([[False], lasts < BRIEF_TIME, [False]])
+    # Duration [s] of states that are to and fro, and how many in a row: a motor shaking
+    # with its sensors' noise makes thousands, of which a lane would show none
+    brief = np.concatenate([[False], lasts < 0.03, [False]])
     edges = np.flatnonzero(np.diff(brief)).reshape(-1, 2)
     found = state[begun]
     kept = np.ones(len(begun), dtype=bool)
     for first, last in edges.tolist():
-        if last - first >= MIN_OSCILLATIONS:
+        if last - first >= 4:
             found[first] = OSCILLATING_STATE
             kept[first + 1 : last] = False
     return begun[kept], found[kept]
@@ -110,8 +109,6 @@ FRAMES_PER_SECOND = 60.0
 WINDOWS = sys.platform == "win32"
 PIPE_BYTES = 1 << 20
 """Part of a recording that is moved to its file at once."""
-MAX_FRAMES = 18_000
-"""Most frames that are drawn in space: of a longer episode fewer in every second."""
 
 
 def write_recording(
@@ -218,7 +215,8 @@ def recording_id(log: EpisodeLog) -> str:
 
 
 def _rate(time: NDArray[np.float64]) -> float:
-    return frame_rate(time, FRAMES_PER_SECOND, MAX_FRAMES)
+    # Most frames that are drawn in space: of a longer episode fewer in every second
+    return frame_rate(time, FRAMES_PER_SECOND, 18_000)
 
 
 def _log_series(rec: Branch, log: EpisodeLog) -> None:

@@ -44,8 +44,6 @@ from cc_mujoco.viz._web_scene import encode_array, web_scene
 
 MAX_PLOT_SAMPLES = 10_000
 """Most samples of each line of a plot; of more, evenly chosen ones are shown."""
-MAX_FRAMES = 6_000
-"""Most frames of the scene; of a longer episode fewer in every second are shown."""
 DATA_ID = "episode"
 """Id of the element that holds the data."""
 WEB_FOLDER = Path(__file__).parent
@@ -66,7 +64,8 @@ def write_page(
     library = _plotly()
     highest, count = highest_tension(log), len(log)
     log = log.thinned(MAX_SAMPLES)
-    rate = frame_rate(log["time_s"], FRAME_RATE, MAX_FRAMES)
+    # Most frames of the scene; of a longer episode fewer in every second are shown
+    rate = frame_rate(log["time_s"], FRAME_RATE, 6_000)
     samples = frame_samples(log["time_s"], rate)
     panels = [*torques(log), *angles(log), *tensions(log)]
     every = math.ceil(len(log) / MAX_PLOT_SAMPLES)

@@ -24,8 +24,6 @@ from cc_mujoco.viz._scene3d import (
 Array = NDArray[np.float64]
 
 SHAPE = mujoco.mjtGeom
-ROUND_SIDES = (10, 24)
-"""Sides of a round shape: when it is small and when it is large."""
 
 
 class TriangleMesh(NamedTuple):
@@ -100,7 +98,8 @@ def _revolve(profiles: list[Array], size: float) -> TriangleMesh:
     They have radius and height of points (P, 2), the lowest first; `size` is the radius
     over the reach of what there is to see.
     """
-    sides = ROUND_SIDES[int(size > 0.025)]
+    # Sides of a round shape: when it is small and when it is large
+    sides = (10, 24)[int(size > 0.025)]
     turn = np.arange(sides) * (2.0 * np.pi / sides)
     circle = np.stack([np.cos(turn), np.sin(turn)], axis=1)
     here = np.arange(sides)
@@ -133,13 +132,6 @@ def _box(center: Array, half: Array) -> TriangleMesh:
                 )
             )
     return join_meshes(meshes)
-
-
-CABLE_WIDTH, ROPE_WIDTH, TENDON_WIDTH = 9, 5, 3
-"""Widths of a conduit and of a rope coloured by tension, and of any other tendon
-[pixels]."""
-VIEW_TANGENT = np.tan(np.radians(22.5))
-"""Half the height of what the page's camera sees over its distance."""
 
 
 def encode_array(values: NDArray[Any], kind: str = "f4") -> dict[str, Any]:
@@ -259,9 +251,11 @@ def _cables(
         conduit = line.part == CONDUIT
         if not conduit:  # one tension for all of a rope
             tension = tension[:, [0, 0] if line.part == MOTOR_END else [-1, -1]]
+        # Widths of a conduit and of a rope coloured by tension, and of any other tendon
+        # [pixels]
         about = {
             "name" if conduit else "rope": line.cable,
-            "width": CABLE_WIDTH if conduit else ROPE_WIDTH,
+            "width": 9 if conduit else 5,
             "tension": encode_array(tension),
             "nodes": encode_array(line.nodes(tension.shape[1])),
         }
@@ -280,9 +274,7 @@ def _tendons(
         paths = tendon_paths(model, tendon, qpos)
         points = np.stack([resample(path.astype(np.float64), shares) for path in paths])
         color = "#" + bytes(np.rint(255 * rgba[:3]).astype(np.uint8)).hex()
-        found.append(
-            (_without_repeats(points), {"width": TENDON_WIDTH, "color": color})
-        )
+        found.append((_without_repeats(points), {"width": 3, "color": color}))
     return found
 
 
@@ -308,7 +300,8 @@ def _camera(model: mujoco.MjModel, seen: Array, box: Array) -> dict[str, Any]:
     views = seen @ axes.T
     low, high = views.min(axis=0), views.max(axis=0)
     across, up, deep = (views - 0.5 * (low + high)).T
-    half = np.maximum(np.abs(across) / 1.2, np.abs(up)) / VIEW_TANGENT
+    # Half the height of what the page's camera sees over its distance
+    half = np.maximum(np.abs(across) / 1.2, np.abs(up)) / np.tan(np.radians(22.5))
     # With a margin around all that moves.
     distance = max(1.06 * float((half - deep).max()), 1e-3)
     middle = 0.5 * (low + high) @ axes

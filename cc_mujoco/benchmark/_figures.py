@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from cc_mujoco.benchmark._conditions import REFERENCES, SCALE_CONTROLLER, is_walk
 from cc_mujoco.benchmark._ranking import normalise_errors
 from cc_mujoco.benchmark._results import Results, rms_errors
+from cc_mujoco.benchmark._tables import mean_score
 from cc_mujoco.device._axis_columns import axis_columns
 from cc_mujoco.device._sensors import REFERENCE_COLUMN
 from cc_mujoco.report._figures import BLACK, COLORS, GREY, figure, style
@@ -40,7 +41,7 @@ def pareto(results: Results, scene: str) -> Figure:
         panels = drawing.subplots(2, 1)
         for axes, cost in zip(panels, ("rms_motor_torque", "chatter"), strict=True):
             points = {
-                law: (_mean_score(results, scene, law, cost), float(np.mean(values)))
+                law: (mean_score(results, scene, law, cost), float(np.mean(values)))
                 for law, values in errors.items()
                 if law not in PASSIVE_REFERENCES
             }
@@ -184,18 +185,6 @@ def _binned_rms(place: Array, trace: Mapping[str, Array]) -> Array:
             bins, minlength=CYCLE_BINS
         )
     return np.asarray(np.sqrt(square))
-
-
-def _mean_score(results: Results, scene: str, law: str, score: str) -> float:
-    """Return the mean of a score over conditions and seeds, NaN without an episode."""
-    values = [
-        played.scores[score]
-        for cell, played in results
-        if (cell.condition.label, cell.controller) == (scene, law)
-    ]
-    scores = np.concatenate(values)
-    scores = scores[np.isfinite(scores)]
-    return float(np.mean(scores)) if scores.size else math.nan
 
 
 def _pareto_front(points: list[tuple[float, float]]) -> list[tuple[float, float]]:

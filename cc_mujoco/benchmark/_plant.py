@@ -22,8 +22,9 @@ import re
 import secrets
 import zlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +39,7 @@ from cc_mujoco.benchmark._conditions import (
 )
 from cc_mujoco.cable import PATHS, Cable
 from cc_mujoco.cable._cable import BENDS
-from cc_mujoco.device import Axis, Device, DeviceModel, Plant, Value, find_device
+from cc_mujoco.device import Device, DeviceModel, Plant, Value, find_device
 from cc_mujoco.device._sensors import BIAS
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Disturbed, Trajectory, Walk
@@ -74,8 +75,7 @@ TREMOR_SHARE = 0.05
 """Amplitude of a tremor, as a share of the reach of a device."""
 
 
-@dataclass(frozen=True)
-class _Scale:
+class _Scale(NamedTuple):
     """Sizes of a cable that effects are scaled with."""
 
     tension: float
@@ -88,17 +88,6 @@ class _Scale:
     """Length of the cable [m]."""
     radius: float
     """Radius of the motor's pulley [m]."""
-
-    @classmethod
-    def of(cls, axis: Axis, cable: Cable, arm: float, radius: float) -> _Scale:
-        """Return the sizes of a cable of radius `arm` at the joint [m]."""
-        return cls(
-            axis.units["desired_torque_nm"] / arm,
-            axis.units["joint_velocity_rad_s"] * arm,
-            axis.reach * arm,
-            cable.length,
-            radius,
-        )
 
 
 def _concentrated(own: _Scale, cable: Cable) -> dict[str, Value]:
@@ -159,21 +148,13 @@ POSITION_EFFECTS: dict[str, Callable[[_Scale, Cable], dict[str, Value]]] = {
 }
 """Further effects in a cable by the name of their condition in `position`."""
 
-MOTOR_EFFECTS = (
-    "varied-lag",
-    "motor-friction",
-    "cogging",
-    "late-commands",
-    "rotor-inertia",
-)
-"""Effects in the motor by name."""
-WEARER_EFFECTS = "cuff", "tremor"
-"""Effects in a wearer by name."""
-
 GENERIC_STRUCTURES = (*tuple(EFFECTS)[:4], LAG_NAME)
 """Effects that the suite `generic` has."""
-STRUCTURES = (*EFFECTS, LAG_NAME, *MOTOR_EFFECTS, *WEARER_EFFECTS)
-"""Every effect by name."""
+STRUCTURES = (
+    *EFFECTS, LAG_NAME, "varied-lag", "motor-friction", "cogging", "late-commands",
+    "rotor-inertia", "cuff", "tremor",
+)  # fmt: skip
+"""Every effect by name: those in cables, in motors, and in the wearer."""
 
 
 @dataclass(frozen=True)
@@ -199,18 +180,6 @@ PLAIN = Actuation()
 """Actuation of a motor that applies the command of its controller."""
 
 
-@dataclass(frozen=True)
-class Hidden:
-    """Effect of one plant."""
-
-    device: Device
-    """The device, with a cuff where that is the effect."""
-    values: dict[str, Value] = field(default_factory=dict)
-    """Values of the plant."""
-    actuation: Actuation = PLAIN
-    """Effects between the controller and the motor."""
-
-
 @lru_cache(maxsize=64)
 def _scales(device: Device) -> dict[str, _Scale]:
     model = DeviceModel(device.description, Plant(device).model())
@@ -219,8 +188,14 @@ def _scales(device: Device) -> dict[str, _Scale]:
         device.description.axes, model.axes, model.drives(1.0), strict=True
     ):
         for name, one in zip(own.driven, drive.cables, strict=False):
-            arms = abs(one.distal), abs(one.proximal)
-            found[name] = _Scale.of(axis, device.cables[name], *arms)
+            arm = abs(one.distal)
+            found[name] = _Scale(
+                axis.units["desired_torque_nm"] / arm,
+                axis.units["joint_velocity_rad_s"] * arm,
+                axis.reach * arm,
+                device.cables[name].length,
+                abs(one.proximal),
+            )
     return found
 
 
@@ -246,10 +221,14 @@ def _cable_values(known: Plant, name: str) -> dict[str, Value]:
 
 def hidden_effect(
     known: Plant, name: str, seed: int, random: np.random.Generator
-) -> Hidden:
+) -> tuple[Device, dict[str, Value], Actuation]:
     """Return an effect of `STRUCTURES`, or of none if the name is empty, for a plant.
 
     Seeds take the levels of effects with few of them in turn; all else is random.
+
+    Returns:
+        The device, with a cuff where that is the effect; values of the plant; what is
+        between the controller and the motor.
     """
     device, axes = known.scene, known.description.axes
     values = _cable_values(known, name)
@@ -266,44 +245,35 @@ def hidden_effect(
                 # The leg of a wearer who walks bends a conduit that its route draws.
                 if "phase_sine" in axis.units and own.route and own.path == PATHS[0]:
                     values = {f"{cable}.bend": BENDS[1]}
-    if values:
-        return Hidden(device, values)
+    if values or name == "tremor":  # which is in the motion
+        return device, values, PLAIN
     drives = DeviceModel(known.description, known.model()).drives(1.0)
-    unit = {
-        axis.name: abs(axis.units["desired_torque_nm"] / drive.ratio)
+    unit = [
+        abs(axis.units["desired_torque_nm"] / drive.ratio)
         for axis, drive in zip(axes, drives, strict=True)
-    }
-    if name == LAG_NAME or name == "varied-lag":
-        more = LAG if name == LAG_NAME else random.uniform(*LAG_RANGE)
-        lags = {
-            f"{axis.name}.motor_lag": drive.motor_lag + more
-            for axis, drive in zip(axes, drives, strict=True)
-        }
-        return Hidden(device, {**lags})
-    if name == "motor-friction":
-        # Dry friction of a motor and amplitude of its cogging, as shares of the torque
-        # that counts as 1
-        rubs = {f"{n}.motor_friction": 0.1 * size for n, size in unit.items()}
-        return Hidden(device, {**rubs})
-    if name == "rotor-inertia":
-        factor = INERTIA_FACTORS[seed % len(INERTIA_FACTORS)]
-        heavy = {
-            f"{axis.name}.rotor_inertia": factor
-            * float(device.spec.joint(axis.drum).armature)
-            for axis in axes
-        }
-        return Hidden(device, {**heavy})
+    ]
     if name == "cogging":
+        # A share of the torque that counts as 1, in 12 waves in a turn of the pulley.
         phase = random.uniform(-math.pi, math.pi)
-        size = tuple(0.05 * one for one in unit.values())
-        # Waves of cogging in a turn of the motor's pulley
-        return Hidden(device, actuation=Actuation(0, size, 12, phase))
+        size = tuple(0.05 * one for one in unit)
+        return device, {}, Actuation(0, size, 12, phase)
     if name == "late-commands":
         low, high = LATE_COMMANDS
-        return Hidden(device, actuation=Actuation(low + seed % (high - low + 1)))
+        return device, {}, Actuation(low + seed % (high - low + 1))
     if name == "cuff":
-        return Hidden(_cuffed(device))
-    return Hidden(device)  # a tremor is in the motion
+        return _cuffed(device), {}, PLAIN
+    key, each = "", []
+    if name in (LAG_NAME, "varied-lag"):
+        more = LAG if name == LAG_NAME else random.uniform(*LAG_RANGE)
+        key, each = "motor_lag", [drive.motor_lag + more for drive in drives]
+    elif name == "motor-friction":  # dry, as a share of the torque that counts as 1
+        key, each = "motor_friction", [0.1 * size for size in unit]
+    elif name == "rotor-inertia":
+        factor = INERTIA_FACTORS[seed % len(INERTIA_FACTORS)]
+        inertias = [float(device.spec.joint(axis.drum).armature) for axis in axes]
+        key, each = "rotor_inertia", [factor * inertia for inertia in inertias]
+    found = zip(axes, each, strict=False)
+    return device, {f"{axis.name}.{key}": value for axis, value in found}, PLAIN
 
 
 @lru_cache(maxsize=8)
@@ -411,10 +381,12 @@ def _sample_plant(condition: Condition, seed: int, device: Device, key: str) -> 
     sensors = [1 + 3 * len(axis.cables) for axis in device.description.axes]
     known = Plant(device, values)
     aside = np.random.default_rng([own, 4])
-    hidden = hidden_effect(known, condition.structure, seed + place, aside)
+    changed, effect, actuation = hidden_effect(
+        known, condition.structure, seed + place, aside
+    )
     plant = known
-    if hidden.values or hidden.device is not device:
-        plant = Plant(hidden.device, _with_effect(values, hidden.values))
+    if effect or changed is not device:
+        plant = Plant(changed, _with_effect(values, effect))
     return Draw(
         plant=plant,
         known=plant if condition.known else known,
@@ -424,7 +396,7 @@ def _sample_plant(condition: Condition, seed: int, device: Device, key: str) -> 
             tuple(condition.noise * BIAS * clipped_normal(random) for _ in range(own))
             for own in sensors
         ),
-        actuation=hidden.actuation,
+        actuation=actuation,
     )
 
 

@@ -17,30 +17,20 @@ from cc_mujoco.metrics import METRICS
 SCORES = tuple(
     METRICS[name]
     for name in (
-        "rms_torque_error",
-        "peak_torque_error",
-        "torque_lag",
-        "spring_backlash",
-        "rms_motor_torque",
-        "peak_motor_torque",
-        "chatter",
-        "slack_under_load",
+        "rms_torque_error", "peak_torque_error", "torque_lag", "spring_backlash",
+        "rms_motor_torque", "peak_motor_torque", "chatter", "slack_under_load",
         "failed",
     )
-)
+)  # fmt: skip
 """All scores of an episode, in the order of tables; the nearer to 0, the better."""
 
 ANGLE_SCORES = tuple(
     METRICS[name]
     for name in (
-        "rms_angle_error",
-        "peak_angle_error",
-        "rms_motor_torque",
-        "peak_motor_torque",
-        "chatter",
-        "failed",
+        "rms_angle_error", "peak_angle_error", "rms_motor_torque",
+        "peak_motor_torque", "chatter", "failed",
     )
-)
+)  # fmt: skip
 """Scores of an episode whose task commands an angle."""
 
 SAFETY_SCORES = (METRICS["peak_over_safe"], *SCORES)

@@ -72,7 +72,7 @@ def overview_table(results: Results) -> Cells:
     laws = dict.fromkeys(cell.controller for cell, _ in results)
     head, rows = ["controller"], {law: [controller_label(law)] for law in laws}
     for scene, own in errors.items():
-        failed = {law: _mean_score(results, scene, law, "failed") for law in own}
+        failed = {law: mean_score(results, scene, law, "failed") for law in own}
         some = any(failed.values())
         head += [scene, f"{scene}, failed"] if some else [scene]
         places = {
@@ -220,7 +220,8 @@ def times_table(results: Results) -> Cells:
     return ["controller", *heads], rows
 
 
-def _mean_score(results: Results, scene: str, law: str, name: str) -> float:
+def mean_score(results: Results, scene: str, law: str, name: str) -> float:
+    """Return the mean of a score over conditions and seeds, NaN without an episode."""
     values = [
         played.scores[name]
         for cell, played in results
@@ -234,7 +235,7 @@ def _mean_score(results: Results, scene: str, law: str, name: str) -> float:
 def _with_price(results: Results, scene: str, place: Place) -> str:
     """Return an error with its price: chatter [mN m] and motor peak [N m]."""
     chatter, peak = (
-        _mean_score(results, scene, place.name, name)
+        mean_score(results, scene, place.name, name)
         for name in ("chatter", "peak_motor_torque")
     )
     error = _score_with_interval(place)

@@ -113,7 +113,7 @@ class WhatIf:
         if limits:
             kept = int(within_limits(table, limits).sum())
             print(f"{kept} keep the limits")
-        print(answer_sentence(RankedStudy.of(plan, table)))
+        print(answer_sentence(RankedStudy(plan, table)))
         print("sensors:  perfect here; those of `cc-mujoco play` are the device's")
         if half is not None and half.unsettled:
             print(f"WARNING: {timestep_sentence(half)}")

@@ -75,6 +75,13 @@ def format_quantity(name: str, value: object) -> str:
     )
 
 
+def index_text(share: float, error: float | None, form: str = ".3f") -> str:
+    """Return an index as text, with its error unless it is exact."""
+    if error is None:
+        return f"{share:{form}}"
+    return f"{share:{form}} ± {error:{form}}" if share else f"- ± {error:{form}}"
+
+
 def describe_controllers(controllers: Sequence[str]) -> str:
     if len(controllers) == 1:
         return f"controller {controllers[0]}"

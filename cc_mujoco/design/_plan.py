@@ -92,10 +92,6 @@ from cc_mujoco.human import task as find_task
 from cc_mujoco.human._parsing import user_classes
 from cc_mujoco.metrics import Metric, find_metric, metric_key, user_metrics
 
-MAX_BATCH_BYTES, BYTES_PER_STEP = 250e6, 150.0
-"""Most that a batch may keep, and size of a design's control step [byte]."""
-
-
 _LONGEST_TEXT = 200
 """Characters of a trajectory's `repr` that stand in a description as they are."""
 
@@ -240,7 +236,7 @@ def make_plan(spec: StudySpec) -> Plan:
         tuple(checked),
         ranges,
         spec.designs is None and spec.samples is None,
-        _batches(cases, builder, checked, max(spec.duration, CHIRP_TIME)),
+        _batches(protocol, builder, checked),
         objectives=read_objectives(spec.objectives, measured),
         limits=read_limits(spec.subject_to, measured, cases.several),
     )
@@ -319,16 +315,6 @@ def require_optuna() -> Any:
     return optuna
 
 
-def _read_controllers(names: Sequence[str]) -> tuple[str, ...]:
-    found = require_list("controllers", names)
-    if not found:
-        raise CableError("a study needs a controller.")
-    for name in found:
-        if found.count(name) > 1:
-            raise CableError(f"controller {name!r} is given twice.")
-    return found
-
-
 def _make_protocol(
     spec: StudySpec, goals: Sequence[Objective], named: Iterable[str]
 ) -> tuple[EpisodeProtocol, Device]:
@@ -345,7 +331,12 @@ def _make_protocol(
     decisive = [goal.name for goal in goals]
     decisive += [limit.name for limit in read_limits(spec.subject_to)]
     require_axes([*chosen, *decisive], axes)
-    laws = _read_controllers(spec.controllers)
+    laws = require_list("controllers", spec.controllers)
+    if not laws:
+        raise CableError("a study needs a controller.")
+    for name in laws:
+        if laws.count(name) > 1:
+            raise CableError(f"controller {name!r} is given twice.")
     require_number("duration", spec.duration, 0.05, MAX_DURATION, "s")
     if not (isinstance(spec.seed, int) and spec.seed >= 0):
         raise CableError(f"seed must be an integer >= 0, not {spec.seed!r}.")
@@ -392,10 +383,12 @@ def _make_protocol(
             )
     if chosen and len(laws) > 1 and CONTROLLER_METRIC not in chosen:
         chosen = (*chosen, CONTROLLER_METRIC)
+    usual = (*DEFAULT_METRICS, *((COST_METRIC,) if spec.costs is not None else ()))
     measured = chosen or tuple(
         name
-        for name in _default_metrics_of(variables_named, spec.costs is not None)
-        if not (unheld and metric_of(name).test in HELD_TESTS)
+        for name in usual
+        if not missing_variables(metric_of(name), variables_named)
+        and not (unheld and metric_of(name).test in HELD_TESTS)
     )
     # A number of one axis that decides is measured where that of all axes is.
     measured += tuple(
@@ -442,28 +435,24 @@ def _unheld_reason(builder: Device) -> str:
 
 
 def _warn_of_pulleys(named: Collection[str], builder: Device) -> None:
-    pulleys = {
-        "motor_radius": ("motor_pulley", lambda axis: axis.motor_pulley),
-        "joint_radius": (
-            "joint_pulley",
-            lambda axis: axis.joint_pulley or not _on_pulley(builder, axis),
-        ),
+    def on_pulley(axis: Axis) -> bool:  # a cable winds on the joint itself
+        distal = [builder.ends[cable][1] for cable in axis.cables]
+        return any(end.trntype == mujoco.mjtTrn.mjTRN_JOINT for end in distal)
+
+    axes = builder.description.axes
+    known = {
+        "motor": all(axis.motor_pulley for axis in axes),
+        "joint": all(axis.joint_pulley or not on_pulley(axis) for axis in axes),
     }
-    for name, (key, known) in pulleys.items():
-        if name in named and not all(map(known, builder.description.axes)):
+    for end, is_known in known.items():
+        if f"{end}_radius" in named and not is_known:
             warnings.warn(
-                f"variable {name!r} leaves the inertia of the pulley as it is, which "
-                f"nobody knows: write `{key}` in [axis] of the description of "
-                f"{builder.name}.",
+                f"variable '{end}_radius' leaves the inertia of the pulley as it is, "
+                f"which nobody knows: write `{end}_pulley` in [axis] of the "
+                f"description of {builder.name}.",
                 CableWarning,
                 stacklevel=2,
             )
-
-
-def _on_pulley(builder: Device, axis: Axis) -> bool:
-    """Return whether a cable of an axis winds on its joint itself."""
-    distal = [builder.ends[cable][1] for cable in axis.cables]
-    return any(end.trntype == mujoco.mjtTrn.mjTRN_JOINT for end in distal)
 
 
 def _scene_of(given: str | Path) -> str:
@@ -506,15 +495,6 @@ def _source(kind: str, given: str | Path | Trajectory | Task) -> str:
     return f"{type(given).__name__} {hashlib.sha256(content).hexdigest()}"
 
 
-def _default_metrics_of(names: Collection[str], costs: bool) -> tuple[str, ...]:
-    return tuple(
-        name
-        for name in (*DEFAULT_METRICS, COST_METRIC)
-        if not missing_variables(metric_of(name), names)
-        and (costs or name != COST_METRIC)
-    )
-
-
 def _check(
     across: Across, builder: Device, rows: Sequence[Mapping[str, object]]
 ) -> list[Design]:
@@ -551,28 +531,28 @@ def _require_distinct(designs: Sequence[Design]) -> None:
 
 
 def _batches(
-    across: Across, builder: Device, designs: Sequence[Design], longest: float
+    protocol: EpisodeProtocol, builder: Device, designs: Sequence[Design]
 ) -> tuple[tuple[int, ...], ...]:
     """Group designs of equal layout into at least eight batches for the threads.
 
     The batches do not depend on the machine, so that any other can resume the study.
     """
-    about = builder.description
+    about, longest = builder.description, max(protocol.duration, CHIRP_TIME)
     steps = longest / about.period * len(about.axes)
-    capacity = int(MAX_BATCH_BYTES / BYTES_PER_STEP / steps)
+    # Most that a batch may keep, over the size of a design's control step [byte]
+    capacity = int(250e6 / 150.0 / steps)
     # Most designs that are simulated together: enough that Python's share is small
     size = max(1, min(256, capacity, math.ceil(len(designs) / 8)))
-    layouts = {i: across.layout(builder, d) for i, d in enumerate(designs)}
-    return batches_of(layouts, size)
+    return batches_of(protocol.across, builder, dict(enumerate(designs)), size)
 
 
 def batches_of(
-    layout: Mapping[int, tuple[object, ...]], size: int
+    across: Across, builder: Device, designs: Mapping[int, Design], size: int
 ) -> tuple[tuple[int, ...], ...]:
-    """Return the designs of equal layout together, `size` of them at most."""
+    """Return numbers of designs of equal layout together, at most `size` of them."""
     layouts: dict[tuple[object, ...], list[int]] = {}
-    for index, one in layout.items():
-        layouts.setdefault(one, []).append(index)
+    for index, design in designs.items():
+        layouts.setdefault(across.layout(builder, design), []).append(index)
     return tuple(
         tuple(members[i : i + size])
         for members in layouts.values()
@@ -581,16 +561,10 @@ def batches_of(
 
 
 def with_few_designs(plan: Plan, builder: Device, designs: Sequence[Design]) -> Plan:
-    """Return the study with a few other designs, in small batches."""
-    across = plan.protocol.across
-    layouts = {i: across.layout(builder, d) for i, d in enumerate(designs)}
-    # Designs per batch of a small study
+    """Return the study with a few other designs, in batches of eight."""
+    batches = batches_of(plan.protocol.across, builder, dict(enumerate(designs)), 8)
     return replace(
-        plan,
-        designs=tuple(designs),
-        full=False,
-        batches=batches_of(layouts, 8),
-        search=None,
+        plan, designs=tuple(designs), full=False, batches=batches, search=None
     )
 
 

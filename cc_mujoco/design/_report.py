@@ -27,6 +27,7 @@ from cc_mujoco.design._phrases import (
     column_title,
     describe_controllers,
     format_cell,
+    index_text,
 )
 from cc_mujoco.design._plan import Plan
 from cc_mujoco.design._results_store import CONTROLLER_COLUMN
@@ -91,7 +92,7 @@ def write_report(
         for name in plan.protocol.metrics
         if (one := sensitivity(plan, table, name)) is not None
     ]
-    finding = report_text.RankedStudy.of(plan, table)
+    finding = report_text.RankedStudy(plan, table)
     (folder / MANIFEST).unlink(missing_ok=True)  # until all is written
     written = [folder / SOBOL_FILE, folder / EFFECTS_FILE]
     if nearby is not None:
@@ -399,8 +400,8 @@ def _sensitivity(one: Sensitivity) -> str:
         rows.append(
             (
                 name,
-                _index_text(one.first[name], one.errors[0].get(name)),
-                _index_text(one.total[name], one.errors[1].get(name)),
+                index_text(one.first[name], one.errors[0].get(name)),
+                index_text(one.total[name], one.errors[1].get(name)),
                 f"{means[low]:.4g} at {text[low]}",
                 f"{means[high]:.4g} at {text[high]}",
             )
@@ -411,20 +412,13 @@ def _sensitivity(one: Sensitivity) -> str:
     parts = [f"### {one.metric}", f"Sobol's indices: {one.how}.", table_of(head, rows)]
     large = sorted(one.pairs.items(), key=lambda item: -item[1])[:5]
     pairs = [
-        f"{a} with {b} {_index_text(share, one.errors[2].get((a, b)))}"
+        f"{a} with {b} {index_text(share, one.errors[2].get((a, b)))}"
         for (a, b), share in large
         if share >= 0.005
     ]
     if pairs:
         parts.append(f"Together only: {'; '.join(pairs)}.")
     return "\n\n".join(parts)
-
-
-def _index_text(share: float, error: float | None) -> str:
-    """Return an index as text, with its error unless it is exact."""
-    if error is None:
-        return f"{share:.3f}"
-    return f"{share:.3f} ± {error:.3f}" if share else f"- ± {error:.3f}"
 
 
 def _table(

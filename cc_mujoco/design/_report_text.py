@@ -7,7 +7,6 @@ import re
 import shlex
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
@@ -39,6 +38,7 @@ from cc_mujoco.design._phrases import (
     describe_controllers,
     format_cell,
     format_quantity,
+    index_text,
     plain_name,
     unit_of,
 )
@@ -79,53 +79,27 @@ EDGE_SHARE = 0.02
 """Part of a range within which a value lies at its end."""
 
 
-@dataclass(frozen=True)
 class RankedStudy:
-    """A finished study and what its designs are ranked by.
+    """A finished study and what its designs are ranked by."""
 
-    Attributes:
-        plan: the study.
-        rows: its table, a mapping per design.
-        goals: what makes a design good.
-        limits: that a good design keeps.
-        cost: see `objective_costs`.
-        kept: whether designs keep the limits.
-        order: designs from best to worst.
-        front: which are in the Pareto set.
-        chosen: whether objectives were given; otherwise they are usual ones.
-    """
-
-    plan: Plan
-    rows: tuple[Row, ...]
-    goals: tuple[Objective, ...]
-    limits: tuple[MetricLimit, ...]
-    cost: Array
-    kept: NDArray[np.bool_]
-    order: NDArray[np.intp]
-    front: NDArray[np.bool_]
-    chosen: bool
-
-    @classmethod
-    def of(cls, plan: Plan, found: pa.Table) -> RankedStudy:
-        goals, limits = goals_of(plan, found), plan.limits
-        cost = objective_costs(found, goals, limits)
-        return cls(
-            plan,
-            tuple(found.to_pylist()),
-            goals,
-            limits,
-            cost,
-            within_limits(found, limits),
-            rank_designs(cost),
-            pareto_rows(cost),
-            bool(plan.objectives),
-        )
-
-    @property
-    def best(self) -> Row | None:
-        """The first design; None where none has all numbers and keeps the limits."""
+    def __init__(self, plan: Plan, table: pa.Table) -> None:
+        self.plan, self.limits, self.varied = plan, plan.limits, plan.varied
+        self.rows: tuple[Row, ...] = tuple(table.to_pylist())
+        """Its table, a mapping per design."""
+        self.chosen = bool(plan.objectives)
+        """Whether objectives were given; otherwise they are usual ones."""
+        self.goals = goals_of(plan, table)
+        self.cost = objective_costs(table, self.goals, self.limits)
+        self.kept = within_limits(table, self.limits)
+        """Which designs keep the limits."""
+        self.order = rank_designs(self.cost)
+        """Designs from best to worst."""
+        self.front = pareto_rows(self.cost)
+        """Which designs are in the Pareto set."""
         first = int(self.order[0])
-        return None if np.isnan(self.cost[first]).any() else self.rows[first]
+        good = not np.isnan(self.cost[first]).any()
+        self.best = self.rows[first] if good else None
+        """The first design; None where none has all numbers and keeps the limits."""
 
     @property
     def marked(self) -> tuple[int, ...]:
@@ -133,15 +107,8 @@ class RankedStudy:
         members = np.flatnonzero(self.front)
         if not members.size:
             return (int(self.order[0]),)
-        ends = [
-            members[np.argmin(self.cost[members, k])] for k in range(len(self.goals))
-        ]
+        ends = members[np.argmin(self.cost[members], axis=0)]
         return tuple(dict.fromkeys(map(int, (self.order[0], *ends))))
-
-    @property
-    def varied(self) -> tuple[str, ...]:
-        """Variables that take several values."""
-        return self.plan.varied
 
 
 def goals_of(plan: Plan, table: pa.Table) -> tuple[Objective, ...]:
@@ -521,7 +488,7 @@ def deciding_variables(
             if means[low] == means[high]:  # the surface does without it
                 ends = ["-", "-"]
             share = one.total[name]
-            share_text = _share(share, one.errors[1].get(name))
+            share_text = index_text(share, one.errors[1].get(name), ".0%")
             rows.append(
                 [plain_name(name), join_pieces([share_text, share_bar(share)]), *ends]
             )
@@ -538,35 +505,23 @@ def deciding_variables(
     return join_pieces([paragraph(words), *parts])
 
 
-def _share(share: float, error: float | None) -> str:
-    if error is None:
-        return f"{share:.0%}"
-    return f"{share:.0%} ± {error:.0%}" if share else f"- ± {error:.0%}"
-
-
 def limit_slack(found: RankedStudy) -> Html | None:
     """State the slack of the limits, and which of them are active."""
     if not found.limits:
         return None
+    keeps = np.array(
+        [[_keeps(row, limit) for limit in found.limits] for row in found.rows]
+    )
     row = found.best
     rows = []
-    for limit in found.limits:
-        alone = [_limit_margin(other, limit) for other in found.rows]
-        rest = [
-            all(
-                _limit_margin(other, each) for each in found.limits if each is not limit
-            )
-            for other in found.rows
-        ]
-        only = sum(r and not a for r, a in zip(rest, alone, strict=True))
-        cells = [limit.text, f"{sum(alone)} of {len(alone)}", str(only)]
+    for place, limit in enumerate(found.limits):
+        rest = np.delete(keeps, place, axis=1).all(axis=1)
+        only, alone = rest & ~keeps[:, place], keeps[:, place]
+        cells = [limit.text, f"{alone.sum()} of {alone.size}", str(only.sum())]
         if row is not None:
             value = float(str(row[limit.column]))
             left = value - limit.bound if limit.least else limit.bound - value
-            cells += [
-                format_quantity(limit.name, value),
-                format_quantity(limit.name, left),
-            ]
+            cells += [format_quantity(limit.name, each) for each in (value, left)]
         rows.append(cells)
     head = ["limit", "designs that keep it", "that only this one excludes"]
     if row is not None:
@@ -768,12 +723,11 @@ def _setting_text(found: RankedStudy, row: Row) -> str:
     )
 
 
-def _limit_margin(row: Row, limit: MetricLimit) -> bool:
+def _keeps(row: Row, limit: MetricLimit) -> bool:
     value = row[limit.column]
     if value is None:
         return False
-    number = float(str(value))
-    return number >= limit.bound if limit.least else number <= limit.bound
+    return limit.beyond({limit.column: float(str(value))}) <= 0.0
 
 
 def _range_end(values: Range, value: object) -> str:

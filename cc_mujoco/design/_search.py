@@ -223,10 +223,9 @@ def _with_designs(
         except CableError as error:
             checked.append(design)
             refused[first + place] = f"impossible: {str(error).rstrip('.')}"
-    possible = [i for i in range(first, first + len(designs)) if i not in refused]
-    across = plan.protocol.across
-    layouts = {i: across.layout(builder, checked[i - first]) for i in possible}
-    batches = [*batches_of(layouts, PIECE), *((index,) for index in refused)]
+    possible = {i: d for i, d in enumerate(checked, first) if i not in refused}
+    together = batches_of(plan.protocol.across, builder, possible, PIECE)
+    batches = [*together, *((index,) for index in refused)]
     none = dict.fromkeys(number_columns(plan.protocol), math.nan)
     return (
         dataclasses.replace(

@@ -60,7 +60,7 @@ def finding(
             "failed": pa.array(failed or [None] * len(errors), pa.string()),
         }
     )
-    return RankedStudy.of(plan, table), table
+    return RankedStudy(plan, table), table
 
 
 def said(page: str | None) -> str:
@@ -222,7 +222,7 @@ def test_of_several_controllers_the_page_says_whose_ranks_are_alike() -> None:
             "failed": pa.array([None] * 4, pa.string()),
         }
     )
-    found = RankedStudy.of(plan, table)
+    found = RankedStudy(plan, table)
     text = " ".join(said(controllers(found)).split())
     assert "none 1 of 4 4 -0.11" in text
     assert "pi 3 of 4 1 1.00" in text

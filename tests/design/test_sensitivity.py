@@ -158,7 +158,7 @@ def _reported(plan: Plan, metric: pa.Table, found: Sensitivity) -> str:
     columns: dict[str, Any] = {"design": range(count), "failed": pa.nulls(count)}
     columns |= {name: [d[name] for d in plan.designs] for name in plan.varied}
     table = pa.table({**columns, "efficiency": metric["efficiency"]})
-    return markdown(RankedStudy.of(plan, table), [found])
+    return markdown(RankedStudy(plan, table), [found])
 
 
 def test_an_index_is_written_with_its_error_or_as_none() -> None:

@@ -87,15 +87,15 @@ class RankedStudy:
         self.rows: tuple[Row, ...] = tuple(table.to_pylist())
         """Its table, a mapping per design."""
         self.chosen = bool(plan.objectives)
-        """Whether objectives were given; otherwise they are usual ones."""
+        """True if objectives were given; otherwise they are usual ones."""
         self.goals = goals_of(plan, table)
         self.cost = objective_costs(table, self.goals, self.limits)
         self.kept = within_limits(table, self.limits)
-        """Which designs keep the limits."""
+        """Mask of the designs that keep the limits."""
         self.order = rank_designs(self.cost)
         """Designs from best to worst."""
         self.front = pareto_rows(self.cost)
-        """Which designs are in the Pareto set."""
+        """Mask of the Pareto set."""
         first = int(self.order[0])
         good = not np.isnan(self.cost[first]).any()
         self.best = self.rows[first] if good else None

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from cc_mujoco.report._figures import figure, style
 from cc_mujoco.simulation._episode_log import EpisodeLog
 from cc_mujoco.viz._axis import axis_limits, plot
-from cc_mujoco.viz._panels import highest_tension, tensions
+from cc_mujoco.viz._panels import draw_lines, highest_tension, tensions
 from cc_mujoco.viz._rerun_blueprint import line_values, scene_view
 from cc_mujoco.viz._rerun_file import log_episode, recording, recording_id
 from cc_mujoco.viz._scene3d import TIMELINE, Branch
@@ -56,8 +56,7 @@ def draw_side_by_side(episodes: Sequence[LabelledEpisode]) -> Figure:
         for row, panels in zip(grid[1:], zip(*drawn, strict=True), strict=True):
             for axes, episode, panel in zip(row, episodes, panels, strict=True):
                 time = episode.log["time_s"]
-                for line in panel.lines:
-                    axes.plot(time, line.values, color=line.color, label=line.label)
+                draw_lines(axes, time, panel.lines)
                 axes.set(title=panel.title, xlim=(time[0], time[-1]))
             row[0].set_ylabel(f"tension [{panels[0].unit}]")
             row[0].set_ylim(

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import NamedTuple
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.metrics._metric import RATIO
-from cc_mujoco.report._figures import BLUE, GREEN, ORANGE, SKY
+from cc_mujoco.report._figures import BLUE, DASH_PATTERN, GREEN, ORANGE, SKY
 from cc_mujoco.simulation._episode_log import AxisLog, EpisodeLog
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 FRAME_RATE = 30
 """Frames per simulated second [1/s]."""
@@ -56,6 +59,14 @@ class PlotLine(NamedTuple):
     dashed: bool = False
 
 
+def draw_lines(axes: Axes, time: Array, lines: Iterable[PlotLine], **look: Any) -> None:
+    """Draw lines over time (T,) [s] with further options of Matplotlib's `plot`."""
+    for line in lines:
+        dashes = (0, DASH_PATTERN) if line.dashed else "-"
+        own: dict[str, Any] = {"color": line.color, "linestyle": dashes}
+        axes.plot(time, line.values, label=line.label, **own, **look)
+
+
 class Panel(NamedTuple):
     title: str
     unit: str
@@ -93,15 +104,11 @@ def axis_angles(log: EpisodeLog | AxisLog) -> tuple[PlotLine, ...]:
     ratio = log.metadata.get(RATIO)
     motor = np.degrees(log["motor_angle_rad"]) * (1.0 if ratio is None else ratio)
     label = "motor" if ratio is None else "motor, referred to the joint"
+    joint, aim = (np.degrees(log[f"{x}_angle_rad"]) for x in ("joint", "reference"))
     return (
         PlotLine(label, motor, GREEN),
-        PlotLine("joint", np.degrees(log["joint_angle_rad"]), BLUE),
-        PlotLine(
-            "wearer aims for",
-            np.degrees(log["reference_angle_rad"]),
-            ORANGE,
-            dashed=True,
-        ),
+        PlotLine("joint", joint, BLUE),
+        PlotLine("wearer aims for", aim, ORANGE, dashed=True),
     )
 
 

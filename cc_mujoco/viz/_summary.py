@@ -12,7 +12,6 @@ from cc_mujoco.cable import Cable
 from cc_mujoco.cable._conduit import node_places
 from cc_mujoco.report._figures import (
     BLUE,
-    DASH_PATTERN,
     GREEN,
     GREY,
     ORANGE,
@@ -22,7 +21,7 @@ from cc_mujoco.report._figures import (
     style,
 )
 from cc_mujoco.simulation._episode_log import AxisLog, EpisodeLog
-from cc_mujoco.viz._panels import MAX_SAMPLES, axis_angles
+from cc_mujoco.viz._panels import MAX_SAMPLES, PlotLine, axis_angles, draw_lines
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -76,17 +75,10 @@ def episode_title(log: EpisodeLog) -> str:
 def _draw_torque(axes: Axes, log: EpisodeLog | AxisLog, axis: str) -> None:
     time = log["time_s"]
     axes.axhline(0, color=GREY, linewidth=0.6)
-    axes.plot(
-        time, log["motor_torque_nm"], color=GREEN, label="motor pulley", linewidth=0.9
-    )
-    axes.plot(time, log["joint_torque_nm"], color=BLUE, label="joint")
-    axes.plot(
-        time,
-        log["desired_torque_nm"],
-        color=ORANGE,
-        label="desired",
-        dashes=DASH_PATTERN,
-    )
+    motor = PlotLine("motor pulley", log["motor_torque_nm"], GREEN)
+    draw_lines(axes, time, [motor], linewidth=0.9)
+    desired = PlotLine("desired", log["desired_torque_nm"], ORANGE, dashed=True)
+    draw_lines(axes, time, [PlotLine("joint", log["joint_torque_nm"], BLUE), desired])
     axes.set(title=f"Torque, {axis}" if axis else "Torque", ylabel="torque [N m]")
     axes.tick_params(labelbottom=False)
     axes.legend(ncols=3, loc="lower right", bbox_to_anchor=(1, 0.98))
@@ -95,15 +87,8 @@ def _draw_torque(axes: Axes, log: EpisodeLog | AxisLog, axis: str) -> None:
 def _draw_angle(axes: Axes, log: EpisodeLog | AxisLog) -> None:
     time = log["time_s"]
     axes.axhline(0, color=GREY, linewidth=0.6)
-    for label, values, color, dashed in axis_angles(log):
-        axes.plot(
-            time,
-            values,
-            color=color,
-            label=label,
-            linewidth=0.9 if color == GREEN else None,
-            linestyle=(0, DASH_PATTERN) if dashed else "-",
-        )
+    for line in axis_angles(log):
+        draw_lines(axes, time, [line], linewidth=0.9 if line.color == GREEN else None)
     axes.set(title="Angle", xlabel="time [s]", ylabel="angle [deg]")
     axes.set_xlim(time[0], time[-1])
     axes.legend(ncols=3, loc="lower right", bbox_to_anchor=(1, 0.98))

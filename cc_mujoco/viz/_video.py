@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from cc_mujoco._utils.atomic_io import replacing
 from cc_mujoco.errors import CableError
-from cc_mujoco.report._figures import DASH_PATTERN, GREY, TENSION_COLORS, style
+from cc_mujoco.report._figures import GREY, TENSION_COLORS, style
 from cc_mujoco.simulation._episode_log import EpisodeLog
 from cc_mujoco.viz._axis import axis_limits
 from cc_mujoco.viz._offscreen_renderer import (
@@ -31,6 +31,7 @@ from cc_mujoco.viz._offscreen_renderer import (
 from cc_mujoco.viz._panels import (
     FRAME_RATE,
     MAX_SAMPLES,
+    draw_lines,
     frame_samples,
     highest_tension,
     tensions,
@@ -144,25 +145,10 @@ def _draw_plots(figure: Figure, log: EpisodeLog, opacity: float) -> list[Axes]:
     time, plots = log["time_s"], []
     for number, (name, unit, lines) in enumerate(shown):
         low = height - top - each - number * (each + between)
-        place = (PLOT_SPAN[0], low, PLOT_SPAN[1] - PLOT_SPAN[0], each)
-        axes = figure.add_axes(
-            (
-                place[0] / width,
-                place[1] / height,
-                place[2] / width,
-                place[3] / height,
-            )
-        )
+        left, right = (column / width for column in PLOT_SPAN)
+        axes = figure.add_axes((left, low / height, right - left, each / height))
         axes.axhline(0.0, color=GREY, linewidth=0.6)
-        for label, values, color, dashed in lines:
-            axes.plot(
-                time,
-                values,
-                color=color,
-                label=label,
-                alpha=opacity,
-                linestyle=(0, DASH_PATTERN) if dashed else "-",
-            )
+        draw_lines(axes, time, lines, alpha=opacity)
         axes.set(
             title=f"{name} [{unit}]", xlim=(time[0], max(time[-1], time[0] + 1e-9))
         )

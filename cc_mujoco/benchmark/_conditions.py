@@ -200,6 +200,20 @@ def crossed_conditions(plain: Condition) -> list[Condition]:
     ]
 
 
+def varied_conditions(plain: Condition, has_wearer: bool = True) -> list[Condition]:
+    """Return the conditions with other delays and noise, and another wearer if any."""
+    changes: dict[str, dict[str, object]] = {
+        "delay-none": {"delay": (0, 0)},
+        "delay-long": {"delay": (3, 5)},
+        "noise-none": {"noise": 0.0},
+        "noise-loud": {"noise": 5.0},
+    }
+    if has_wearer:
+        changes |= {"wearer-soft": {"impedance": 0.3}}
+        changes |= {"wearer-stiff": {"impedance": 3.0}}
+    return [named_condition(plain, name, **own) for name, own in changes.items()]
+
+
 def named_condition(plain: Condition, name: str, **changes: object) -> Condition:
     return dataclasses.replace(plain, name=name, **changes)  # type: ignore[arg-type]
 

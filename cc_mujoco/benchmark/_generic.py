@@ -20,6 +20,7 @@ from cc_mujoco.benchmark._conditions import (
     crossed_conditions,
     is_walk,
     named_condition,
+    varied_conditions,
 )
 from cc_mujoco.benchmark._plant import GENERIC_STRUCTURES, has_effect
 from cc_mujoco.device import Description, DeviceModel, Plant, find_device
@@ -52,18 +53,9 @@ def generic_conditions(scene: str) -> list[Condition]:
     device = find_device(scene)
     model = DeviceModel(device.description, Plant(device).model())
     plain, tasks = plain_condition(scene, model)
-    found = [
-        named_condition(plain, "delay-none", delay=(0, 0)),
-        named_condition(plain, "delay-long", delay=(3, 5)),
-        named_condition(plain, "noise-none", noise=0.0),
-        named_condition(plain, "noise-loud", noise=5.0),
-    ]
+    found = varied_conditions(plain, bool(device.wearers))
     if device.wearers:
-        found += [
-            named_condition(plain, "wearer-soft", impedance=0.3),
-            named_condition(plain, "wearer-stiff", impedance=3.0),
-            *_other_motions(plain, model, tasks),
-        ]
+        found += _other_motions(plain, model, tasks)
     silent = (TASKS["transparent"],) * len(tasks)
     if tasks != silent:
         found.append(named_condition(plain, "zero-torque", task=silent))

@@ -19,6 +19,7 @@ from cc_mujoco.benchmark._conditions import (
     Condition,
     crossed_conditions,
     named_condition,
+    varied_conditions,
 )
 from cc_mujoco.benchmark._faults import safety_conditions
 from cc_mujoco.benchmark._generic import (
@@ -115,12 +116,7 @@ def _axis(scene: str) -> Axis:
 def _single_changes(plain: Condition) -> list[Condition]:
     joint = _axis(plain.scene).joint
     return [
-        named_condition(plain, "delay-none", delay=(0, 0)),
-        named_condition(plain, "delay-long", delay=(3, 5)),
-        named_condition(plain, "noise-none", noise=0.0),
-        named_condition(plain, "noise-loud", noise=5.0),
-        named_condition(plain, "wearer-soft", impedance=0.3),
-        named_condition(plain, "wearer-stiff", impedance=3.0),
+        *varied_conditions(plain),
         named_condition(plain, "reversals", trajectory=TRAJECTORIES["reversals"]),
         named_condition(plain, "jolted", trajectory=Perturbed(plain.trajectory, joint)),
         named_condition(plain, "zero-torque", task=TASKS["transparent"]),

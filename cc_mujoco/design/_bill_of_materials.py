@@ -21,7 +21,7 @@ import mujoco
 
 from cc_mujoco._utils.csv_files import read_sheet
 from cc_mujoco.cable._cable import PATHS
-from cc_mujoco.design._study_metrics import COST_METRIC
+from cc_mujoco.design._protocol import COST_METRIC
 from cc_mujoco.device import MATERIALS, MOTORS, DeviceModel, Plant
 from cc_mujoco.device._materials import WIRE_MODULUS, area
 from cc_mujoco.device._variables import Value

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from cc_mujoco.design._pareto import Objective, column
 from cc_mujoco.design._plan import Plan
+from cc_mujoco.design._protocol import known_metric, metric_of
 from cc_mujoco.design._sensitivity import Sensitivity
-from cc_mujoco.design._study_metrics import known_metric, metric_of
 from cc_mujoco.design._surface import DesignAxis
 from cc_mujoco.device._variables import describe
 from cc_mujoco.report._figures import (

@@ -1,4 +1,12 @@
-"""Rows of the table from designs: build, play what the metrics need, measure."""
+"""Rows of the table from designs: build, play what the metrics need, measure.
+
+Where a metric needs them, there are tests besides the episode of the protocol:
+
+- `backdrive`: the wearer moves along the same trajectory and the motor gives no torque;
+- `backlash`: the joint is held, and the motor's torque swings slowly to and fro, as in
+  Experiment 1 of the thesis;
+- `bandwidth`: the joint is held, and the desired torque is a chirp.
+"""
 
 from __future__ import annotations
 
@@ -7,31 +15,23 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from cc_mujoco._utils.provenance import code_provenance
 from cc_mujoco._workers import Tick
 from cc_mujoco.control import axes_controller
 from cc_mujoco.design._bill_of_materials import inertias_of, parts_of
 from cc_mujoco.design._protocol import (
-    CHIRP_SHARE,
-    CHIRP_TIME,
-    SWING_TIME,
-    ChirpTorque,
-    EpisodeProtocol,
-    NoMotion,
-    SineTorque,
-    device_digests,
-)
-from cc_mujoco.design._scenarios import LEAST_SUFFIX
-from cc_mujoco.design._study_metrics import (
     CONTROLLER_METRIC,
+    EpisodeProtocol,
     by_axis,
     by_case,
     by_controller,
+    device_digests,
     is_stride_metric,
     metric_of,
     number_columns,
@@ -39,17 +39,19 @@ from cc_mujoco.design._study_metrics import (
     split_metric,
     wants_high,
 )
+from cc_mujoco.design._scenarios import LEAST_SUFFIX
 from cc_mujoco.device import Device, Plant
 from cc_mujoco.device._axis_columns import axis_columns
 from cc_mujoco.device._model import joint_range
 from cc_mujoco.device._sensors import PERFECT_SENSING
 from cc_mujoco.device._variables import Value
 from cc_mujoco.device._wearer_scaling import body_of, pace_of, tasks_of, trajectory_of
-from cc_mujoco.human import Spring, Wearer
+from cc_mujoco.human import Spring, Task, Trajectory, Wearer
 from cc_mujoco.human import task as find_task
 from cc_mujoco.human._gait_joints import GaitJoint, gait_joints
+from cc_mujoco.human._motion import Motion, episode_fraction
 from cc_mujoco.metrics import ArrayLog, measure
-from cc_mujoco.metrics._clamped import SWING_PERIODS
+from cc_mujoco.metrics._clamped import CHIRP_HIGH, CHIRP_LOW, SWING_PERIODS
 from cc_mujoco.metrics._metric import (
     DRIVEN,
     GAIT_JOINT,
@@ -62,11 +64,72 @@ from cc_mujoco.metrics._metric import (
 from cc_mujoco.metrics._torque import first_unsafe_sample
 from cc_mujoco.simulation._rollout import Episode, Rollout, attended, play
 
+Array = NDArray[np.float64]
+Real = TypeVar("Real", float, Array)
 Design = dict[str, Value]
+
+SWING_TIME = 2.0
+"""Length of a swing of the backlash test [s]. Swings go as far as the scene's own motor
+would if nothing rubbed."""
+
+CHIRP_TIME = 6.0
+CHIRP_SHARE = 0.2
+"""Duration [s] and amplitude of the chirp that the bandwidth is measured
+with, as a part of the largest torque of the scene's own motor at the joint."""
+
 
 LOCKED_SHARE = 1.5
 """Inertia of a joint with all others locked over that with none, above which the
 latter counts: twice the inertia of an ideal wearer is at the edge of stability."""
+
+
+@dataclass(frozen=True)
+class NoMotion(Trajectory):
+    """No motion: joints stay where they are. Phase: fraction of the episode."""
+
+    angles: tuple[tuple[str, float], ...] = ()
+    """Joints and their angles [rad]; those of others are 0."""
+
+    def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
+        still, phase = np.zeros_like(time), episode_fraction(time, duration)
+        held = {
+            joint: Motion(time, still + angle, still, still, phase)
+            for joint, angle in self.angles
+        }
+        return Motion(time, still, still, still, phase, held)
+
+
+@dataclass(frozen=True)
+class _HeldTorque(Task):
+    of_phase = True
+    amplitude: float
+    """Signed [N m]."""
+    bias: float
+    """Constant part [N m]; a cable that only pulls needs one."""
+
+
+@dataclass(frozen=True)
+class SineTorque(_HeldTorque):
+    """A desired torque that swings as a sine, `SWING_PERIODS` times."""
+
+    def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
+        wave = self.bias + self.amplitude * np.sin(
+            2.0 * math.pi * SWING_PERIODS * phase
+        )
+        torque: Real = 0.0 * angle + wave
+        return torque
+
+
+@dataclass(frozen=True)
+class ChirpTorque(_HeldTorque):
+    """A desired torque whose frequency grows exponentially with the phase."""
+
+    def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
+        octaves = math.log(CHIRP_HIGH / CHIRP_LOW)
+        cycles = CHIRP_LOW * CHIRP_TIME * np.expm1(octaves * phase) / octaves
+        wave = self.bias + self.amplitude * np.sin(2.0 * math.pi * cycles)
+        torque: Real = 0.0 * angle + wave
+        return torque
 
 
 class DesignResult(NamedTuple):

@@ -11,8 +11,8 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from cc_mujoco._validation import require_list
+from cc_mujoco.design._protocol import metric_of_designs
 from cc_mujoco.design._scenarios import LEAST_SUFFIX, MOST_SUFFIX
-from cc_mujoco.design._study_metrics import metric_of_designs
 from cc_mujoco.errors import CableError
 from cc_mujoco.metrics import METRICS
 

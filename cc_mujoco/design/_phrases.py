@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from cc_mujoco.design._protocol import known_metric
 from cc_mujoco.design._scenarios import WORST_CASE_SUFFIX
-from cc_mujoco.design._study_metrics import known_metric
 from cc_mujoco.device._variables import VALUES, split
 
 UNKNOWN_REASON = (

@@ -39,6 +39,7 @@ from cc_mujoco.design._designs import (
     require_count,
 )
 from cc_mujoco.design._evaluation import (
+    CHIRP_TIME,
     Design,
     DesignJob,
     joints_of_gait,
@@ -50,18 +51,12 @@ from cc_mujoco.design._pareto import (
     read_objectives,
 )
 from cc_mujoco.design._protocol import (
-    CHIRP_TIME,
-    EpisodeProtocol,
-    device_digests,
-    task_text,
-    tasks_of_axes,
-)
-from cc_mujoco.design._scenarios import Across, format_short, read_across
-from cc_mujoco.design._study_metrics import (
     CONTROLLER_METRIC,
     COST_METRIC,
     DEFAULT_METRICS,
     HELD_TESTS,
+    EpisodeProtocol,
+    device_digests,
     is_stride_metric,
     metric_of,
     metric_of_designs,
@@ -69,7 +64,10 @@ from cc_mujoco.design._study_metrics import (
     missing_variables,
     require_axes,
     split_metric,
+    task_text,
+    tasks_of_axes,
 )
+from cc_mujoco.design._scenarios import Across, format_short, read_across
 from cc_mujoco.design._whatif_options import Assignments, Given, StudySpec
 from cc_mujoco.device import Axis, Description, Device, Value, load_device
 from cc_mujoco.device._device_files import is_device_file

@@ -1,47 +1,69 @@
-"""Protocol of every design, and the cue cards of a run: tests and their parts.
+"""Protocol of every design, and the metrics of a study with their columns.
 
 A protocol is the episode that a study asks for and, where a metric needs them, two
-tests that say more of the hardware alone:
+tests that say more of the hardware alone; see `_evaluation`.
 
-- `backdrive`: the wearer moves along the same trajectory and the motor gives no torque;
-- `backlash`: the joint is held, and the motor's torque swings slowly to and fro, as in
-  Experiment 1 of the thesis;
-- `bandwidth`: the joint is held, and the desired torque is a chirp.
+Of a device with several axes, `NAME` is a metric of the worst axis: its largest number
+over the axes, or its least where more is better. `AXIS.NAME` is that of one axis. A
+design that has no number at one of them has none.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeVar
-
-import numpy as np
-from numpy.typing import NDArray
 
 from cc_mujoco._utils.provenance import file_digests
-from cc_mujoco.design._scenarios import Across
+from cc_mujoco.design._scenarios import LEAST_SUFFIX, MOST_SUFFIX, Across
 from cc_mujoco.device import Description, Device, load_device
 from cc_mujoco.device._axis_columns import split_by_axis
+from cc_mujoco.device._variables import VARIABLES, WEARER
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Task, Trajectory
-from cc_mujoco.human._motion import Motion, episode_fraction
 from cc_mujoco.human._parsing import user_classes
-from cc_mujoco.metrics import Metric, find_metric
-from cc_mujoco.metrics._clamped import CHIRP_HIGH, CHIRP_LOW, SWING_PERIODS
+from cc_mujoco.metrics import METRICS, Metric, find_metric
+from cc_mujoco.metrics._metric import (
+    CONTINUOUS_TORQUE,
+    PACE,
+    STRENGTH,
+    TORQUE_CONSTANT,
+    WINDING_RESISTANCE,
+)
 
-Array = NDArray[np.float64]
-Real = TypeVar("Real", float, Array)
-
-SWING_TIME = 2.0
-"""Length of a swing of the backlash test [s]. Swings go as far as the scene's own motor
-would if nothing rubbed."""
-
-CHIRP_TIME = 6.0
-CHIRP_SHARE = 0.2
-"""Duration [s] and amplitude of the chirp that the bandwidth is measured
-with, as a part of the largest torque of the scene's own motor at the joint."""
+DEFAULT_METRICS = (
+    "efficiency", "held_backlash", "rms_torque_error", "peak_wearer_torque",
+    "wearer_power", "peak_torque_rate", "peak_motor_torque", "peak_motor_power",
+    "rms_motor_torque", "thermal_load", "motor_heat", "electrical_power",
+    "slack_margin", "slack_share", "peak_tension", "strength_used", "reflected_torque",
+    "bandwidth", "response", "reflected_inertia", "cable_mass", "mass", "bend_ratio",
+    "bending_stress",
+)  # fmt: skip
+"""Metrics that are measured where none is chosen, of designs that have them."""
+DEFAULT_OBJECTIVES = ("rms_torque_error", "reflected_torque", "rms_motor_torque")
+"""Metrics that rank designs where no objective is given, of those that were measured:
+how well the task is done, how the device feels without power, how large its motor is.
+"""
+HELD_TESTS = ("backlash", "bandwidth")
+ROPE_METRICS = ("cable_mass", "mass", "bend_ratio", "bending_stress")
+"""Metrics that the diameter of the rope decides."""
+COST_METRIC = "cost"
+"""Metric that a table of costs is for."""
+CONTROLLER_METRIC = "rms_torque_error"
+"""Metric that is least with the best of several controllers."""
+REQUIRED_VARIABLES = {
+    "material": ("material",),
+    "rope_density": ("material", "rope_density"),
+    "motor_mass": ("motor", "motor_mass"),
+    **{
+        k: ("motor", k)
+        for k in (CONTINUOUS_TORQUE, WINDING_RESISTANCE, TORQUE_CONSTANT)
+    },
+}
+"""Variables of which a design must have one for a metric that needs this constant,
+since no scene has it."""
+_RESERVED_COLUMNS = {"design", "failed", "controller", WEARER.name, *VARIABLES}
 
 
 @dataclass(frozen=True)
@@ -127,55 +149,6 @@ class EpisodeProtocol:
         return self.device.frame_skip
 
 
-@dataclass(frozen=True)
-class NoMotion(Trajectory):
-    """No motion: joints stay where they are. Phase: fraction of the episode."""
-
-    angles: tuple[tuple[str, float], ...] = ()
-    """Joints and their angles [rad]; those of others are 0."""
-
-    def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
-        still, phase = np.zeros_like(time), episode_fraction(time, duration)
-        held = {
-            joint: Motion(time, still + angle, still, still, phase)
-            for joint, angle in self.angles
-        }
-        return Motion(time, still, still, still, phase, held)
-
-
-@dataclass(frozen=True)
-class _HeldTorque(Task):
-    of_phase = True
-    amplitude: float
-    """Signed [N m]."""
-    bias: float
-    """Constant part [N m]; a cable that only pulls needs one."""
-
-
-@dataclass(frozen=True)
-class SineTorque(_HeldTorque):
-    """A desired torque that swings as a sine, `SWING_PERIODS` times."""
-
-    def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
-        wave = self.bias + self.amplitude * np.sin(
-            2.0 * math.pi * SWING_PERIODS * phase
-        )
-        torque: Real = 0.0 * angle + wave
-        return torque
-
-
-@dataclass(frozen=True)
-class ChirpTorque(_HeldTorque):
-    """A desired torque whose frequency grows exponentially with the phase."""
-
-    def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
-        octaves = math.log(CHIRP_HIGH / CHIRP_LOW)
-        cycles = CHIRP_LOW * CHIRP_TIME * np.expm1(octaves * phase) / octaves
-        wave = self.bias + self.amplitude * np.sin(2.0 * math.pi * cycles)
-        torque: Real = 0.0 * angle + wave
-        return torque
-
-
 def device_digests(device: Device) -> dict[str, str]:
     """Return digests of the user's files that define a device, by name."""
     folder = device.files[0].parent if device.files else Path()
@@ -212,3 +185,157 @@ def split_axes(texts: Iterable[str], axes: Iterable[str]) -> tuple[str, ...]:
         parts = split_by_axis(text, names)
         found += parts.values() if isinstance(parts, dict) else [parts]
     return tuple(found)
+
+
+def split_metric(name: str) -> tuple[str, str]:
+    """Return axis and metric of a name; the axis is "" where it is of them all."""
+    axis, _, own = name.rpartition(".")
+    return axis, own
+
+
+def known_metric(name: str) -> Metric | None:
+    """Return the metric of a column, `NAME` or `AXIS.NAME`; None where it is none."""
+    axis, own = split_metric(name)
+    found = METRICS.get(own)
+    if found is None or not axis:
+        return found
+    return replace(found, name=name, meaning=f"{axis}: {found.meaning}")
+
+
+def metric_of(name: str) -> Metric:
+    """Return the metric of a name that was found before, `NAME` or `AXIS.NAME`."""
+    found = known_metric(name)
+    if found is None:
+        raise KeyError(name)
+    return found
+
+
+def metric_of_designs(given: str | Metric) -> Metric:
+    axis = ""
+    if isinstance(given, str) and ":" not in given:
+        axis, given = split_metric(given)
+    metric = find_metric(given)
+    if metric.name in _RESERVED_COLUMNS:
+        raise CableError(
+            f"metric {metric.name!r} cannot be measured in a what-if, whose table "
+            "has another column of that name."
+        )
+    if metric.per_cable:
+        raise CableError(
+            f"metric {metric.name!r} is of each cable; a what-if needs one that is of "
+            "the design."
+        )
+    if axis and not metric.of_axis:
+        raise CableError(
+            f"metric {metric.name!r} is of the device as a whole; write "
+            f"{metric.name!r}, not '{axis}.{metric.name}'."
+        )
+    return metric_of(f"{axis}.{metric.name}") if axis else metric
+
+
+def require_axes(names: Sequence[str], axes: Sequence[str]) -> None:
+    for name in names:
+        axis, own = split_metric(name)
+        if axis and not axes:
+            raise CableError(
+                f"metric {name!r} names an axis, but the device has only one; write "
+                f"{own!r}."
+            )
+        if axis and axis not in axes:
+            raise CableError.unknown("axis", axis, axes)
+
+
+def missing_variables(metric: Metric, names: Collection[str]) -> tuple[str, ...]:
+    """Return variables of which designs with these names lack one; () if none."""
+    for key in metric.needs:
+        ways = REQUIRED_VARIABLES.get(key, ())
+        if ways and not any(name in names for name in ways):
+            return ways
+    return ()
+
+
+def missing_fact(
+    metric: Metric, names: Collection[str], device: Description
+) -> str | None:
+    """Return what would have to be written for a metric of designs with these names.
+
+    Key and table of the description, as a part of a sentence; None where nothing of the
+    device is missing.
+    """
+    rope = math.isnan(device.diameter) and "diameter" not in names
+    own = metric.name.rpartition(".")[2]
+    if own in ROPE_METRICS and rope:
+        return "the diameter of the rope: write `diameter` in [rope]"
+    if STRENGTH in metric.needs and math.isnan(device.strength):
+        if not {"strength", "material"} & set(names):
+            return "the breaking load of the rope: write `strength` in [rope]"
+    if own == "mass" and not all(axis.motor_pulley for axis in device.axes):
+        return "the inertia of the drum: write `motor_pulley` in [axis]"
+    return None
+
+
+def is_stride_metric(name: str) -> bool:
+    """Return whether a metric is of the strides of a joint that walks."""
+    return PACE in metric_of(name).needs
+
+
+def by_axis(protocol: EpisodeProtocol) -> dict[str, str]:
+    """Return the metric of each column of the axes, `AXIS.METRIC`; {} for one axis."""
+    return {
+        f"{axis}.{name}": name
+        for name in protocol.metrics
+        if "." not in name and METRICS[name].of_axis
+        for axis in protocol.axes
+        if f"{axis}.{name}" not in protocol.metrics
+    }
+
+
+def over_axes(
+    protocol: EpisodeProtocol, found: Mapping[str, float]
+) -> dict[str, float]:
+    """Return the metrics of the worst axis, from those of every axis.
+
+    `found` is by `AXIS.METRIC`; an axis may lack one that it cannot have.
+    """
+    worst = {}
+    for name in protocol.metrics:
+        each = [found[n] for a in protocol.axes if (n := f"{a}.{name}") in found]
+        if each:
+            end = min if wants_high(protocol, name) else max
+            worst[name] = math.nan if any(map(math.isnan, each)) else end(each)
+    return worst
+
+
+def by_controller(protocol: EpisodeProtocol) -> dict[str, tuple[str, str]]:
+    """Return metric and controller of each column `METRIC@CONTROLLER`; {} for one."""
+    if len(protocol.controllers) == 1:
+        return {}
+    return {
+        f"{name}@{law}": (name, law)
+        for law in protocol.controllers
+        for name in protocol.metrics
+        if metric_of(name).driven
+    }
+
+
+def by_case(protocol: EpisodeProtocol) -> dict[str, str]:
+    """Return the metric of each column of least or greatest number over the cases."""
+    if not protocol.across.several:
+        return {}
+    ends = (LEAST_SUFFIX, MOST_SUFFIX)
+    return {f"{name}@{end}": name for name in protocol.metrics for end in ends}
+
+
+def number_columns(protocol: EpisodeProtocol) -> tuple[str, ...]:
+    return (
+        *protocol.metrics,
+        *by_axis(protocol),
+        *by_controller(protocol),
+        *by_case(protocol),
+    )
+
+
+def wants_high(protocol: EpisodeProtocol, name: str) -> bool:
+    own = name.rpartition(".")[2]
+    turned = not {name, own}.isdisjoint(protocol.across.turned)
+    return METRICS[own].high != turned

@@ -30,10 +30,10 @@ from cc_mujoco.design._phrases import (
     index_text,
 )
 from cc_mujoco.design._plan import Plan
+from cc_mujoco.design._protocol import metric_of
 from cc_mujoco.design._results_store import CONTROLLER_COLUMN
 from cc_mujoco.design._scenarios import WORST_CASE_SUFFIX
 from cc_mujoco.design._sensitivity import Sensitivity, sensitivity
-from cc_mujoco.design._study_metrics import metric_of
 from cc_mujoco.design._timestep_check import Halved
 from cc_mujoco.report._figures import save, style
 from cc_mujoco.report._html import (

@@ -43,14 +43,14 @@ from cc_mujoco.design._phrases import (
     unit_of,
 )
 from cc_mujoco.design._plan import Plan
-from cc_mujoco.design._results_store import CONTROLLER_COLUMN, failure_columns
-from cc_mujoco.design._scenarios import WORST_CASE_SUFFIX
-from cc_mujoco.design._sensitivity import Sensitivity
-from cc_mujoco.design._study_metrics import (
+from cc_mujoco.design._protocol import (
     DEFAULT_OBJECTIVES,
     known_metric,
     metric_of,
 )
+from cc_mujoco.design._results_store import CONTROLLER_COLUMN, failure_columns
+from cc_mujoco.design._scenarios import WORST_CASE_SUFFIX
+from cc_mujoco.design._sensitivity import Sensitivity
 from cc_mujoco.design._timestep_check import Halved
 from cc_mujoco.device import Device
 from cc_mujoco.device._materials import ENDS

@@ -30,18 +30,18 @@ from cc_mujoco._utils.provenance import (
 from cc_mujoco._utils.user_code import named_in_file
 from cc_mujoco.design._evaluation import DesignResult
 from cc_mujoco.design._plan import VALUES_KEY, Plan
-from cc_mujoco.design._protocol import EpisodeProtocol
+from cc_mujoco.design._protocol import (
+    EpisodeProtocol,
+    by_controller,
+    known_metric,
+    metric_of,
+    number_columns,
+)
 from cc_mujoco.design._scenarios import (
     LEAST_SUFFIX,
     MOST_SUFFIX,
     RANK_NAMES,
     WORST_CASE_SUFFIX,
-)
-from cc_mujoco.design._study_metrics import (
-    by_controller,
-    known_metric,
-    metric_of,
-    number_columns,
 )
 from cc_mujoco.device._variables import describe
 from cc_mujoco.errors import CableError

@@ -29,8 +29,8 @@ from cc_mujoco.design._designs import Range
 from cc_mujoco.design._evaluation import Design, DesignJob, DesignResult
 from cc_mujoco.design._pareto import Objective
 from cc_mujoco.design._plan import GENERATION, PIECE, Plan, batches_of, require_optuna
+from cc_mujoco.design._protocol import number_columns
 from cc_mujoco.design._results_store import Store
-from cc_mujoco.design._study_metrics import number_columns
 from cc_mujoco.design._whatif_options import HERE, Execution
 from cc_mujoco.device import Device, Value
 from cc_mujoco.device._wearer_scaling import PROFILE, SHORTEST, pace_of

@@ -77,9 +77,9 @@ class WhatIfShow:
         print(f"\nopen with:  rerun {out / RECORDING}\nsee also:   {out}")
 
     def _show(self) -> None:
+        from cc_mujoco.design._protocol import metric_of
         from cc_mujoco.design._results_store import read_study
         from cc_mujoco.design._show import case_of, read_row, show
-        from cc_mujoco.design._study_metrics import metric_of
         from cc_mujoco.device._variables import describe
         from cc_mujoco.viz import write_episode
         from cc_mujoco.viz._episode_files import require_ours

@@ -25,7 +25,7 @@ from cc_mujoco.design._pareto import (
     rank_designs,
 )
 from cc_mujoco.design._plan import Plan, with_few_designs
-from cc_mujoco.design._study_metrics import CONTROLLER_METRIC
+from cc_mujoco.design._protocol import CONTROLLER_METRIC
 
 MIN_DESIGNS, MAX_CHECKED_DESIGNS, DESIGNS_PER_CHECK = 3, 6, 4
 """Designs that are tried at least and at most, and of how many one is."""

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from cc_mujoco.design import study
-from cc_mujoco.design._protocol import CHIRP_TIME, SWING_TIME, ChirpTorque
-from cc_mujoco.design._study_metrics import DEFAULT_METRICS
+from cc_mujoco.design._evaluation import CHIRP_TIME, SWING_TIME, ChirpTorque
+from cc_mujoco.design._protocol import DEFAULT_METRICS
 from cc_mujoco.metrics import METRICS, ArrayLog
 from cc_mujoco.metrics._clamped import (
     CHIRP_HIGH,

@@ -13,7 +13,7 @@ import pytest
 from cc_mujoco import cli
 from cc_mujoco.design import StudySpec, make_plan, optimise, study
 from cc_mujoco.design._bill_of_materials import EXAMPLE, read_costs
-from cc_mujoco.design._study_metrics import DEFAULT_METRICS
+from cc_mujoco.design._protocol import DEFAULT_METRICS
 from cc_mujoco.device import MATERIALS, MOTORS, Plant, load_device
 from cc_mujoco.errors import CableError
 from cc_mujoco.metrics import METRICS, ArrayLog

@@ -14,6 +14,7 @@ import pytest
 
 from cc_mujoco.design import StudySpec, make_plan, read_limits
 from cc_mujoco.design._local_sensitivity import Around, Price
+from cc_mujoco.design._protocol import DEFAULT_OBJECTIVES
 from cc_mujoco.design._report import write_report
 from cc_mujoco.design._report_text import (
     RankedStudy,
@@ -25,7 +26,6 @@ from cc_mujoco.design._report_text import (
     header,
     limit_slack,
 )
-from cc_mujoco.design._study_metrics import DEFAULT_OBJECTIVES
 from cc_mujoco.report._html import Html
 
 GOALS = ("rms_torque_error", "peak_tension")

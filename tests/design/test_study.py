@@ -22,10 +22,10 @@ from cc_mujoco.control._registry import batched_controller
 from cc_mujoco.design import Execution, StudySpec, carry_out, make_plan, study
 from cc_mujoco.design._evaluation import evaluate
 from cc_mujoco.design._execution import wait_sentences
+from cc_mujoco.design._protocol import DEFAULT_METRICS, missing_variables
 from cc_mujoco.design._report_text import controllers_out
 from cc_mujoco.design._results_store import read_study, read_table
 from cc_mujoco.design._show import show
-from cc_mujoco.design._study_metrics import DEFAULT_METRICS, missing_variables
 from cc_mujoco.device import VARIABLES, Drive
 from cc_mujoco.device._sensors import MEASURED_COLUMNS
 from cc_mujoco.errors import CableError

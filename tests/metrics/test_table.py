@@ -14,9 +14,9 @@ import pytest
 from cc_mujoco import cli
 from cc_mujoco.benchmark import SCORES
 from cc_mujoco.design import optimise, study
+from cc_mujoco.design._protocol import DEFAULT_METRICS, metric_of_designs
 from cc_mujoco.design._results_store import read_study
 from cc_mujoco.design._show import show
-from cc_mujoco.design._study_metrics import DEFAULT_METRICS, metric_of_designs
 from cc_mujoco.errors import CableError
 from cc_mujoco.metrics import METRICS, ArrayLog, Metric, find_metric, measure
 from cc_mujoco.metrics import _registry as registry

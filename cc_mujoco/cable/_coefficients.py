@@ -259,10 +259,15 @@ def commit(
         tension = at.tensions(state, n)
     # At mean tensions, so that work of the ends is what is stored more, and heat.
     low = nodes.mean_tension(prm, n, 0, tension[0], node[0])
-    for j in range(n):
+    is_plain = not (is_curved or lengthens or has_bristles)
+    for j in range(n if is_plain else 0):  # in few instructions: most cables are
         high = 0.5 * (tension[j + 1] + node[j + 1])
-        if is_curved or not (tension[j + 1] >= 0.0 and node[j + 1] >= 0.0):
+        if not (tension[j + 1] >= 0.0 and node[j + 1] >= 0.0):
             high = nodes.mean_tension(prm, n, j + 1, tension[j + 1], node[j + 1])
+        lost += (high - low) * shift[j]
+        low = high
+    for j in range(0 if is_plain else n):
+        high = nodes.mean_tension(prm, n, j + 1, tension[j + 1], node[j + 1])
         ratio = moving_path.surface_ratio(prm, low, high) if lengthens else 1.0
         lost += (high - low) * shift[j] * ratio
         if lengthens:

@@ -482,6 +482,7 @@ def compute(model: int, data: int, instance: CInt, capability: CInt) -> None:
         implicit_ends.begin_evaluation(lead)
         undo_early(model, data, instance)
     usable = evaluating.update_parameters(block, model, instance)
+    store_word(block + blocks.EVALUATED_MODEL, model if usable else 0)
     if load_word(block + blocks.OTHER_KIND) != 0:
         cannot_act(model, data, instance)
         return
@@ -570,9 +571,15 @@ def compute(model: int, data: int, instance: CInt, capability: CInt) -> None:
 
 @callback
 def advance(model: int, data: int, instance: CInt) -> None:
-    block = blocks.acting_block(model, data, instance)
-    if block == 0 or not evaluating.update_parameters(block, model, instance):
+    block = blocks.own_block(model, data, instance)
+    if block == 0:
         return
+    known = load_word(block + blocks.EVALUATED_MODEL) == model
+    store_word(block + blocks.EVALUATED_MODEL, 0)
+    if not known:
+        block = blocks.acting_block(model, data, instance)
+        if block == 0 or not evaluating.update_parameters(block, model, instance):
+            return
     state = mj_struct.state(model, data, instance)
     n = load_word(block + blocks.SEGMENTS)
     u_proximal, _ = blocks.proximal_winding(

@@ -78,7 +78,9 @@ LEAD = MOCAPS + 8
 PATH_KIND = LEAD + 8
 OTHER_KIND = PATH_KIND + 8  # whether the configuration has another, or other segments
 ROUTE_DIGEST = OTHER_KIND + 8  # of the places of `ROUTE` when it was packed
-HEADER_SIZE = ROUTE_DIGEST + 8
+# Model that the forces of its actuators were evaluated with since the last step, or 0.
+EVALUATED_MODEL = ROUTE_DIGEST + 8
+HEADER_SIZE = EVALUATED_MODEL + 8
 TEXT_CAPACITY = 4096
 EARLY_KEPT, EARLY_REPLACED = 1, 2
 """Early pull that the evaluation of the actuators keeps, or that it replaces."""

@@ -199,6 +199,16 @@ def save_ends(
 
 
 @internal
+def _is_between_joints(model: int, block: int) -> bool:
+    """Return whether joints hold both ends of a cable: these move by their velocity."""
+    for end in range(2):
+        actuator = load_word(block + blocks.END_ACTUATORS + 8 * end)
+        if attachments.holding_tendon(model, actuator) >= 0:
+            return False
+    return True
+
+
+@internal
 def warn_jump(
     model: int,
     data: int,
@@ -218,8 +228,10 @@ def warn_jump(
     ):  # which joints that are led by hand need
         return
     n, route = load_word(block + blocks.SEGMENTS), load_word(block + blocks.ROUTE)
-    lead = mj_struct.block(data, mj_struct.first_cable(model, instance))
     by_hand = load_word(block + blocks.POSITION_CHANGED) != 0
+    if route < 0 and not by_hand and _is_between_joints(model, block):
+        return
+    lead = mj_struct.block(data, mj_struct.first_cable(model, instance))
     prm = floats(blocks.parameters_at(block), kernel.parameter_size(n))
     node = layout.tensions(floats(state, kernel.state_size(n)), n)
     most = prm[_PRETENSION]

@@ -148,13 +148,17 @@ def quick_compiler(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave figures empty: drawing them is most of the work of a short command."""
+    """Leave figures and recordings empty, most of the work of a short command."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    from cc_mujoco.viz import _episode_files
+    from cc_mujoco.viz import _episode_files, _rerun_file
 
     monkeypatch.setattr(FigureCanvasAgg, "draw", FigureCanvasAgg.get_renderer)
-    monkeypatch.setattr(_episode_files, "write_summary", lambda path, _: path.touch())
+    for module, name in (
+        (_episode_files, "write_summary"),
+        (_rerun_file, "write_recording"),
+    ):
+        monkeypatch.setattr(module, name, lambda path, *_: path.touch())
 
 
 @pytest.fixture

@@ -83,8 +83,12 @@ def test_play_leaves_four_files_and_says_how_to_open_them(
 @pytest.mark.parametrize(
     ("scene", "law"),
     [
-        *((scene, "fused") for scene in ("wrist", "ankle", "finger")),
+        ("wrist", "fused"),
         ("wrist", "adaptive"),
+        *(
+            pytest.param(scene, "fused", marks=pytest.mark.study)
+            for scene in ("ankle", "finger")
+        ),
     ],
 )
 def test_play_has_the_sensors_that_its_controllers_need(
@@ -820,7 +824,6 @@ def test_an_exported_controller_has_the_parameters_of_a_variant(
         assert f"[CC_{cable}_STATIC_FRICTION] = 0.63," in parameters
 
 
-@pytest.mark.usefixtures("undrawn")
 def test_a_file_that_cannot_grow_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -234,6 +234,9 @@ def runnable(place: str, study: bool) -> list[Block]:
 STUDIED = {
     "cc_mujoco/control/README.md",
     "cc_mujoco/design/README.md",
+    "cc_mujoco/diagnosis/reference.md",
+    "cc_mujoco/human/README.md",
+    "cc_mujoco/metrics/README.md",
     "scripts/examples/README.md",  # `test_own_device_page.py` plays it
 }
 """Pages of commands that other tests give as well."""

@@ -141,11 +141,16 @@ def test_a_cell_is_the_episode_of_the_environment_on_its_plant() -> None:
     assert np.sqrt(np.mean(np.square(errors[500:]))) == pytest.approx(found[0])
 
 
-def test_references_give_the_scores_a_scale() -> None:
+@pytest.fixture(scope="module")
+def usual() -> dict[str, Any]:
+    """Return one usual episode of each reference, and of `none`, by name."""
     names = (*REFERENCES, "none")
+    return {name: play(Cell(USUAL, name, (0,))) for name in names}
+
+
+def test_references_give_the_scores_a_scale(usual: dict[str, Any]) -> None:
     error, effort = {}, {}
-    for name in names:
-        played = play(Cell(USUAL, name, (0,)))
+    for name, played in usual.items():
         assert played.scores["failed"][0] == 0.0
         error[name] = played.scores["rms_torque_error"][0]
         effort[name] = played.scores["rms_motor_torque"][0]
@@ -160,7 +165,7 @@ def test_references_give_the_scores_a_scale() -> None:
                 assert played.plants[f"believed_{key}"] == played.plants[f"plant_{key}"]
     assert effort["unplugged"] == effort["motor-off"] == 0.0 < effort["none"]
     assert error["ideal-transmission"] < 0.1 * error["none"]
-    assert len({*error.values()}) == len(names)
+    assert len({*error.values()}) == len(usual)
 
 
 @pytest.mark.parametrize(
@@ -268,13 +273,12 @@ def test_a_controller_that_gives_no_number_fails_and_a_wrong_shape_is_refused() 
 
 
 @pytest.mark.filterwarnings("error")
-def test_a_report_says_which_controller_gave_no_number() -> None:
-    laws = (*REFERENCES, "none", WRONG)
-    cells = [Cell(USUAL, law, (0, 1)) for law in laws]
-    results = [(cell, play(cell)) for cell in cells]
-    told = all_tables(results, "none")
-    assert "no number, in 2 of 2 episodes" in told
-    assert "nan" not in told
+def test_a_report_says_which_controller_gave_no_number(usual: dict[str, Any]) -> None:
+    results = [(Cell(USUAL, name, (0,)), played) for name, played in usual.items()]
+    results.append((cell := Cell(USUAL, WRONG, (0,)), play(cell)))
+    tables = all_tables(results, "none")
+    assert "no number, in 1 of 1 episodes" in tables
+    assert "nan" not in tables
     pareto(results, USUAL.scene)
 
 

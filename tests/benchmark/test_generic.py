@@ -162,6 +162,7 @@ def test_all_effects_reach_both_axes() -> None:
     assert {name.partition(".")[0] for name in sealed} == {"heel"}
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_file_is_benchmarked_and_verified_until_it_changes(
     knee: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -41,7 +41,7 @@ def stretch_along(cable: Continuum, stiffness: float, points: int = 20_001) -> f
 @pytest.mark.parametrize(
     ("cable", "name"),
     study_but(
-        2, [("wrist", "random_reversals"), *(("three_bends", name) for name in MOTIONS)]
+        4, [("wrist", "random_reversals"), *(("three_bends", name) for name in MOTIONS)]
     ),
 )
 def test_agrees_with_recorded_solutions(cable: str, name: str) -> None:

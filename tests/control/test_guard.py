@@ -324,10 +324,10 @@ def fault_peaks(scene: str, name: str, fault: str, seeds: int = 3) -> float:
     [
         # Without the guard's checks 5.9, 5.3, 5.8 and 3.8.
         ("pi_tuned", "torque-dead"),
-        ("lqg", "motor-frozen"),
         *(
             pytest.param(*case, marks=pytest.mark.study)
             for case in (
+                ("lqg", "motor-frozen"),
                 ("pi_tuned", "torque-frozen"),
                 ("pi", "motor-frozen"),
                 ("pi", "torque-missing"),
@@ -375,8 +375,6 @@ def test_a_device_of_assumed_safe_torque_is_safe_after_a_fault(
         ("bench", "noise-none", 2),
         # Other motors turn its joints, too: the sensors know more than one cable.
         ("hand", "noise-none", 0),
-        # A slow torque is hardly another from sample to sample.
-        ("bilateral", "noise-none", 0),
         *(
             pytest.param(scene, condition, seed, marks=pytest.mark.study)
             for scene in ("bench", "hand", "bilateral")

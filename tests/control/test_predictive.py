@@ -139,6 +139,7 @@ def test_a_crossing_that_went_too_far_is_not_crossed_again_and_again() -> None:
     assert max(found["rms_torque_error"]) < 0.05
 
 
+@pytest.mark.study
 def test_a_delay_leaves_adaptive_far_better_than_no_model() -> None:
     late = WRIST["delay-long"]
     found, usual = (scores(name, late, 1.3) for name in ("adaptive", "pi"))
@@ -338,6 +339,7 @@ def test_what_it_needs_to_know_is_asked_for() -> None:
         AdaptiveModel(dataclasses.replace(known, sensors=unlike))
 
 
+@pytest.mark.study
 def test_a_cable_that_is_believed_not_to_rub_is_learned_too() -> None:
     """A factor of nothing is no number: the torque was none from there on."""
     found = scores_of_belief(friction=0.0, duration=1.3)

@@ -219,6 +219,7 @@ def no_package(tmp_path: Path) -> Path:
     return home
 
 
+@pytest.mark.study
 def test_a_worker_without_the_package_is_refused(
     cluster: Cluster, refusal: Asked, no_package: Path
 ) -> None:
@@ -227,6 +228,7 @@ def test_a_worker_without_the_package_is_refused(
     assert why in refusal(cluster.address)
 
 
+@pytest.mark.study
 def test_a_worker_of_other_code_is_refused_that_joins_later_or_is_there(
     tmp_path: Path, cluster: Cluster, other_code: Path, refusal: Asked
 ) -> None:

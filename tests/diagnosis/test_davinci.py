@@ -18,8 +18,8 @@ FITTED, HELD_OUT = ("freq4_load0", "freq4_load8"), ("freq4_load2", "freq2_load6"
 SUSPECTS = ("end_compliance", "load_independent_friction", "viscous_friction")
 
 
-ROWS = 3000
-"""Fifteen seconds."""
+ROWS = 2000
+"""Ten seconds."""
 
 
 @pytest.mark.slow

@@ -20,6 +20,7 @@ from cc_mujoco.diagnosis._propose.planning import PLAN_PAGE, TrialPlan, planned
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.errors import CableError
 from hardware.devices import ARM, KNEE, written
+from study_marks import study_but
 
 REACH, SPEED = 0.8, 3.0
 ANKLE_RANGE = 'name="ankle" type="hinge" axis="0 -1 0" range="-0.9 0.6"'
@@ -192,7 +193,12 @@ def test_instruments_are_expected_by_what_is_declared(
     [
         (NO_JOINT, {"joint_gravity", "joint_stiffness"}, "joint's torque not at all"),
         (CELLS, set(), "motor's torque from load cells, 0.00707 N m of noise"),
-        (f"[rig]\nload_stiffness = 4.0\n{NO_JOINT}", set(), "from known load"),
+        pytest.param(
+            f"[rig]\nload_stiffness = 4.0\n{NO_JOINT}",
+            set(),
+            "from known load",
+            marks=pytest.mark.study,
+        ),
     ],
 )
 def test_a_plan_says_what_other_instruments_cannot_show(
@@ -287,7 +293,7 @@ def test_the_noise_of_a_plan_is_declared_or_described(tmp_path: Path) -> None:
     assert declared.noise["joint_torque_nm"] == 0.2
 
 
-@pytest.mark.parametrize("text", [KNEE, ARM])
+@pytest.mark.parametrize("text", study_but(2, [ARM, KNEE]))
 def test_a_plan_stays_within_the_joints_own_motions(tmp_path: Path, text: str) -> None:
     scene = written(tmp_path, text)
     axis = "elbow" if text is ARM else None

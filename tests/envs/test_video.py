@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from cc_mujoco.envs import IDS, RecordVideo
+from study_marks import study_but
 
 WRIST, SECONDS = "cc_mujoco/WristHandle-v1", 0.3
 
@@ -37,15 +38,18 @@ def fakes(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize(
     ("name", "wrapper", "frame_skip", "hold"),
-    [
-        (WRIST, gymnasium.wrappers.RecordVideo, 2, 1),
-        (WRIST, gymnasium.wrappers.RecordVideo, 100, 1),
-        (WRIST, gymnasium.wrappers.RecordVideo, 2, 5),
-        *((name, RecordVideo, 2, 1) for name in IDS),
-        (WRIST, RecordVideo, 100, 1),
-        (WRIST, RecordVideo, 2, 5),
-        (WRIST, RecordVideo, 4, 50),
-    ],
+    study_but(
+        2,
+        [
+            (WRIST, gymnasium.wrappers.RecordVideo, 2, 1),
+            (WRIST, gymnasium.wrappers.RecordVideo, 100, 1),
+            (WRIST, gymnasium.wrappers.RecordVideo, 2, 5),
+            *((name, RecordVideo, 2, 1) for name in IDS),
+            (WRIST, RecordVideo, 100, 1),
+            (WRIST, RecordVideo, 2, 5),
+            (WRIST, RecordVideo, 4, 50),
+        ],
+    ),
 )
 def test_a_video_lasts_as_long_as_the_episode(
     name: str,

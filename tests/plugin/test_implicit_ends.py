@@ -116,7 +116,7 @@ CASES: dict[str, tuple[dict[str, Any], float]] = {
 }
 
 
-@pytest.mark.parametrize("case", study_but(2, CASES))
+@pytest.mark.parametrize("case", study_but(3, CASES))
 def test_tensions_at_a_long_step_are_those_at_a_short_one(case: str) -> None:
     given, push = CASES[case]
     given = {"step": 0.005} | given
@@ -222,9 +222,9 @@ def test_ends_are_no_less_right_than_explicit_ones_where_those_are_stable(
     }
     limit = min(step_limits(leg(**given))["cable"][:2])
     step = share * limit * (np.sqrt(2.0) if integrator == "RK4" else 1.0)
-    fine = pulled(leg(step / FINER, **given), 0.25)
+    fine = pulled(leg(step / FINER, **given), 0.12)
     own, explicit = (
-        off_by(pulled(leg(step, ends=ends, **given), 0.25), fine)
+        off_by(pulled(leg(step, ends=ends, **given), 0.12), fine)
         for ends in ("auto", "explicit")
     )
     assert own <= 1.05 * explicit + 1e-3
@@ -274,7 +274,7 @@ def at_joint(
     [
         ("half_cheetah", "bfoot", 2e-3, 0.0, 0.03),
         ("ant", "ankle_1", 2e-4, 0.0, 0.06),
-        ("ant", "ankle_1", 2e-3, 0.0, 0.08),
+        pytest.param("ant", "ankle_1", 2e-3, 0.0, 0.08, marks=pytest.mark.study),
         ("ant", "ankle_1", 2e-2, 0.0, 0.1),
         ("ant", "ankle_1", 5e-3, 0.87, 0.03),
     ],

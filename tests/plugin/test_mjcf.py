@@ -73,7 +73,7 @@ def any_cable(draw: st.DrawFn) -> Cable:
     )
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(any_cable())
 def test_any_cable_survives_specification_text_and_compilation(cable: Cable) -> None:
     spec = mujoco.MjSpec.from_string(pull_pull())

@@ -41,7 +41,7 @@ class Experiments:
 
 
 @pytest.fixture
-def experiments(monkeypatch: pytest.MonkeyPatch) -> Experiments:
+def experiments(monkeypatch: pytest.MonkeyPatch, undrawn: None) -> Experiments:
     standing_in = Experiments()
     for name in ("loops", "pretension"):
         path = f"thesis._experiments.{name}"

@@ -250,6 +250,7 @@ def test_a_missing_package_is_named(monkeypatch):
         __import__("cc_mujoco.warp")
 
 
+@pytest.mark.study
 def test_cables_attached_by_name_need_no_plugin():
     # mjlab needs MuJoCo 3.11, on which the plugin does not load.
     program = """

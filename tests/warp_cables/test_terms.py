@@ -42,6 +42,7 @@ def test_double_precision_has_the_bits_of_c(runs, right):
     assert set(runs.terms) == set(CABLES)
 
 
+@pytest.mark.study
 def test_single_precision_is_right_to_a_thousandth(runs, right):
     found = errors(by_warp(runs, wp.float32, GUIDED_TERMS), right)
     check_single_precision(runs, found, {})

@@ -263,6 +263,7 @@ def test_noise_of_a_load_is_that_of_its_angle() -> None:
     assert 0.9 * np.std(shaken) < told < 1.5 * np.std(shaken)
 
 
+@pytest.mark.study
 def test_a_cable_on_a_lever_is_what_mujoco_plays() -> None:
     lever = ANKLE.lever
     assert lever is not None and lever.sign == -1.0
@@ -346,7 +347,8 @@ def test_a_weight_at_a_joint_acts_by_its_angle_not_by_its_encoder(
     assert apart < 2e-2 * size
 
 
-@pytest.mark.parametrize("name", study_but(2, ["joint_gravity", "joint_stiffness"]))
+@pytest.mark.study
+@pytest.mark.parametrize("name", ["joint_gravity", "joint_stiffness"])
 def test_a_scene_with_pulleys_has_weights_where_the_encoder_saw_them(
     tmp_path: Path, name: str
 ) -> None:

@@ -27,6 +27,7 @@ from cc_mujoco.diagnosis._search.search import search
 from cc_mujoco.diagnosis._thresholds import Limit
 from diagnosis import recorded
 from diagnosis.recorded import BENCH, DT, dataset
+from study_marks import study_but
 
 SPRINGY = ("joint_stiffness", "joint_gravity", "viscous_friction")
 SOFT = ("end_compliance", "presliding", "load_independent_friction", "cable_stiffening")
@@ -126,7 +127,7 @@ def test_a_spring_is_named_wherever_it_rests(rest: float) -> None:
     assert moment == pytest.approx(-0.9 * rest, abs=0.02)
 
 
-@pytest.mark.parametrize("play", [0.02, 0.07])
+@pytest.mark.parametrize("play", study_but(2, [0.07, 0.02]))
 def test_play_is_found_whatever_its_size(
     play: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -18,13 +18,13 @@ OPTIONS = ["--trials", "ramps", "--seed", "4"]
 
 @pytest.fixture(autouse=True, scope="module")
 def two_trials(shortened: Callable[[Trial, float], Trial]) -> Iterator[None]:
-    """Two trials of 4 s instead of eight of 8 s, which is quicker."""
+    """Two trials of 2.5 s instead of eight of 8 s, which is quicker."""
     strength.forget()
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(
             SETS,
             "ramps",
-            lambda rng: [shortened(each, 4.0) for each in ramps(rng)[1:3]],
+            lambda rng: [shortened(each, 2.5) for each in ramps(rng)[1:3]],
         )
         patch.setitem(strength.LOOKED_AT, "ramps", (0,))
         yield
@@ -63,7 +63,7 @@ def test_data_betray_nothing_but_their_numbers(nothing: Path, two: Path) -> None
             (folder / name).read_text().splitlines() for folder in (plain, hidden)
         )
         assert one[0] == other[0]
-        assert len(one) == len(other) == 2001
+        assert len(one) == len(other) == 1251
         for left, right in zip(one[1:50], other[1:50], strict=True):
             shape = [len(text.split(".")[-1]) for text in left.split(",")]
             assert shape == [len(text.split(".")[-1]) for text in right.split(",")]

@@ -93,8 +93,8 @@ def block(claims: Mapping[str, Sequence[Claim]]) -> str:
     """Return the counts of the verdicts in a sentence."""
     order = ("agrees", "better", "in part", "disagrees", "misprint", "cannot")
     whole = Counter(claim.verdict for found in claims.values() for claim in found)
-    told = ", ".join(f"{whole[verdict]} {verdict}" for verdict in order)
-    return f"{whole.total()} claims: {told}."
+    counts = ", ".join(f"{whole[verdict]} {verdict}" for verdict in order)
+    return f"{whole.total()} claims: {counts}."
 
 
 def claim_rows(claims: Mapping[str, Sequence[Claim]]) -> list[list[str]]:

@@ -2,7 +2,7 @@
 
 Most of a short command are imports and drawings. Two small scripts, `python` and
 `cc-mujoco`, hand their words to a process of the environment that has imported what is
-needed and leaves drawings empty.
+needed and leaves drawings and recordings empty.
 """
 
 from __future__ import annotations
@@ -63,6 +63,7 @@ if __name__ == "__main__":
     import cc_mujoco.viz._episode_files, cc_mujoco.viz._rerun_file
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     FigureCanvasAgg.draw = FigureCanvasAgg.get_renderer
+    cc_mujoco.viz._rerun_file.write_recording = lambda path, *_: path.touch()
     with socket.socket(socket.AF_UNIX) as listening:
         listening.bind(sys.argv[1])
         listening.listen()

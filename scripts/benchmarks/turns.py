@@ -18,12 +18,12 @@ Name = TypeVar("Name")
 def by_turns(
     contestants: Mapping[Name, Callable[[], float]], rounds: int, first: int = 0
 ) -> dict[Name, Array]:
-    """Return what each says of its turns (rounds,), after `first` rounds more."""
+    """Return the cost of each one's turns (rounds,), after `first` rounds more."""
     found: dict[Name, list[float]] = {name: [] for name in contestants}
     for _ in range(first + rounds):
         for name, turn in contestants.items():
             found[name].append(turn())
-    return {name: np.array(told[first:]) for name, told in found.items()}
+    return {name: np.array(costs[first:]) for name, costs in found.items()}
 
 
 def spread(ratios: Array) -> str:

@@ -22,11 +22,11 @@ if __name__ == "__main__":
     log = cc_mujoco.simulate(
         "wrist", "predictive", trajectory="sine:0.3", task=Detents(), duration=4.0
     )
-    angle, felt = log["joint_angle_rad"], log["joint_torque_nm"]
+    angle, delivered = log["joint_angle_rad"], log["joint_torque_nm"]
     desired = log["desired_torque_nm"]
-    error = np.sqrt(np.mean((felt - desired) ** 2))
+    error = np.sqrt(np.mean((delivered - desired) ** 2))
     print(f"the wrist has the desired torque to {error:.3f} N m RMS")
-    plt.plot(angle, felt, label="delivered")
+    plt.plot(angle, delivered, label="delivered")
     plt.plot(angle, desired, label="desired")
     plt.xlabel("angle [rad]")
     plt.ylabel("torque at the wrist [N m]")

@@ -40,8 +40,8 @@ class SimulatedRig:
         self.speed += PERIOD * push / 0.01
         self.angle += PERIOD * self.speed
         joint = self.angle / self.ratio, self.speed / self.ratio
-        felt = 3.0 * self.ratio * self.angle + self.noise(0.0, 1e-3)
-        return hardware.Readings(self.time, self.angle, self.speed, *joint, felt)
+        torque = 3.0 * self.ratio * self.angle + self.noise(0.0, 1e-3)
+        return hardware.Readings(self.time, self.angle, self.speed, *joint, torque)
 
     def write(self, torque):
         """Take a command."""

@@ -140,8 +140,8 @@ def drawn(takes: dict[str, Take], highest: float) -> tuple[Figure, list[Any]]:
         one, place = take.course, (left / width, low / height)
         middle = 1.0 - 0.5 * TOP / height
         error = relative_error(one.time, one.desired, one.reached)
-        said = f"{law}: error {error:.0%}"
-        drawing.text(place[0], middle, said, fontsize=11, weight="bold", va="center")
+        title = f"{law}: error {error:.0%}"
+        drawing.text(place[0], middle, title, fontsize=11, weight="bold", va="center")
         axes = drawing.add_axes(
             (*place, SCENE[1] / width, tall / height), sharex=first, sharey=first
         )

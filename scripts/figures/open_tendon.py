@@ -93,8 +93,8 @@ def swing(model: mujoco.MjModel) -> Swing:
         bare.qpos[:], bare.qvel[:] = data.qpos, data.qvel
         mujoco.mj_fwdPosition(model, bare)
         mujoco.mj_fwdVelocity(model, bare)
-        felt = data.qfrc_actuator + data.qfrc_passive - bare.qfrc_passive
-        torque[k] = felt[dofs]
+        total = data.qfrc_actuator + data.qfrc_passive - bare.qfrc_passive
+        torque[k] = total[dofs]
         arms = np.zeros(model.nv)
         distal = model.actuator("cord_distal").id
         start, count = data.moment_rowadr[distal], data.moment_rownnz[distal]

@@ -145,11 +145,11 @@ def pretension(studied: Study, out: Path) -> str:
         for n, row in zip(least, reflected, strict=True)
     ]
     drawing = figure(11.5, 4.0)
-    feel, slack, both = drawing.subplots(1, 3)
+    unpowered, slack, both = drawing.subplots(1, 3)
     for k, color in enumerate(COLORS[: len(FRICTION)]):
         looks = {"color": color, "markersize": 3}
         label = f"friction {FRICTION[k]:g}"
-        feel.loglog(PRETENSION, reflected[k], "o-", label=label, **looks)
+        unpowered.loglog(PRETENSION, reflected[k], "o-", label=label, **looks)
         slack.semilogx(PRETENSION, margin[k], "o-", **looks)
         both.semilogx(reflected[k], margin[k], "o-", **looks)
         both.plot(price[k], RESERVE, "s", color=color)
@@ -160,13 +160,13 @@ def pretension(studied: Study, out: Path) -> str:
         axes.set_yticks([0, 0.1, 1, 10], ["slack", "0.1", "1", "10"])
         axes.set_ylabel("least tension anywhere [N]")
     torque = "reflected torque, RMS [N m]"
-    feel.set(title="Unpowered, it resists", xlabel="pretension [N]", ylabel=torque)
-    feel.legend()
+    unpowered.set(title="Unpowered, it resists", xlabel="pretension [N]", ylabel=torque)
+    unpowered.legend()
     slack.set(title="Powered, it goes slack", xlabel="pretension [N]")
     both.set(title=f"The price of a reserve of {RESERVE:g} N", xlabel=torque)
-    for axis in (feel.yaxis, both.xaxis):
+    for axis in (unpowered.yaxis, both.xaxis):
         set_ticks(axis, (0.03, 0.1, 0.3, 1, 3))
-    for axis in (feel.xaxis, slack.xaxis):
+    for axis in (unpowered.xaxis, slack.xaxis):
         set_ticks(axis, (1, 2, 5, 10, 20, 50))
     save(out, drawing)
     slopes = [
@@ -342,8 +342,8 @@ def main() -> None:
                 progress=lambda done: bar.update(done - bar.n),
             )
 
-        said = CHARTS[given.chart](studied, out)
-    print(said)
+        numbers = CHARTS[given.chart](studied, out)
+    print(numbers)
 
 
 if __name__ == "__main__":

@@ -137,8 +137,8 @@ def _joint_torque(records: Array, chain: Chain) -> Array:
     if chain.offset:
         out = out + chain.offset * (1 - 0.15 * np.exp(-np.maximum(time, 0) / 2))
     if chain.reflex:
-        felt = _shifted(column(records, "joint_speed"), chain.reflex_latency)
-        beyond = np.sign(felt) * np.maximum(np.abs(felt) - 0.4, 0)
+        speed = _shifted(column(records, "joint_speed"), chain.reflex_latency)
+        beyond = np.sign(speed) * np.maximum(np.abs(speed) - 0.4, 0)
         out = out + chain.reflex * _lagged(beyond, 0.03)
     if chain.temperature:
         slow = np.sin(2 * np.pi * time / 5.3 + chain.temperature_phase)

@@ -130,8 +130,8 @@ def bias(cable: Cable, condition: str, samples: int, noise: float) -> Bias:
     shared = np.mean(gain * found.reading, axis=1) - found.moment.tension[-1]
     agrees = np.all(found.own.pattern == pattern[:, None, :], axis=2)
     some = np.any(agrees, axis=1)
-    said = np.where(agrees, found.own.tension[..., -1], 0.0)[some]
-    agreeing = np.sum(said, axis=1) / np.sum(agrees[some], axis=1)
+    theirs = np.where(agrees, found.own.tension[..., -1], 0.0)[some]
+    agreeing = np.sum(theirs, axis=1) / np.sum(agrees[some], axis=1)
     agreeing = agreeing - found.moment.tension[-1]
     return Bias(
         float(np.mean(agreeing)),

@@ -145,8 +145,8 @@ def run(progress: Progress) -> ExperimentOutcome:
     counts = np.array([changes_of_motion(level) for level in levels])
     progress(0.6)
     eight = float(np.interp(8.0, counts, levels))
-    right, said = filter_error()
-    wrong, said_wrong = filter_error("(3.4)")
+    right, believed = filter_error()
+    wrong, believed_wrong = filter_error("(3.4)")
     _, diverged = filter_error("(3.7)")
     angle, scale = segment_constants()
     short = -scale * np.expm1(-angle)
@@ -178,10 +178,10 @@ def run(progress: Progress) -> ExperimentOutcome:
         Claim(
             "(3.4)",
             "P = F P F^-1 + Q",
-            f"error variance {wrong:.2f}, believed {said_wrong:.2f}; with F^T "
-            f"{right:.2f} and {said:.2f}",
+            f"error variance {wrong:.2f}, believed {believed_wrong:.2f}; with F^T "
+            f"{right:.2f} and {believed:.2f}",
             "misprint"
-            if abs(said_wrong - wrong) > 5.0 * abs(said - right)
+            if abs(believed_wrong - wrong) > 5.0 * abs(believed - right)
             else "agrees",
             "a scalar filter with F = 0.2; F^T belongs there",
         ),

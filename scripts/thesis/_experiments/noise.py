@@ -126,16 +126,17 @@ def drift(seconds: float = SECONDS, seed: int = 41) -> Drift:
     output = {name: np.empty(time.size) for name in names}
     learnt = np.empty_like(deviation)
     spent = 0.0
-    for row, (told, direction) in enumerate(zip(reading, true.direction, strict=True)):
+    samples = zip(reading, true.direction, strict=True)
+    for row, (measured, direction) in enumerate(samples):
         started = clock.perf_counter()
-        noise.update(told, direction)
+        noise.update(measured, direction)
         if row % 20 == 0:
             fusion["learnt noise"].noise = noise.deviation
         spent += clock.perf_counter() - started
         learnt[row] = fusion["learnt noise"].noise
         fusion["true noise"].noise = deviation[row]
         for name, each in fusion.items():
-            output[name][row] = each.update(told, direction)[-1]
+            output[name][row] = each.update(measured, direction)[-1]
     moving = (true.direction[:, -1] != 0) & (time > 10.0)
     error = {name: (output[name] - true.tension[:, -1])[moving] for name in names}
     rms = {name: float(np.sqrt(np.mean(e**2))) for name, e in error.items()}
@@ -161,8 +162,8 @@ def motion_error(seconds: float = 80.0, seed: int = 43) -> tuple[float, float]:
     at_nodes = true.tension[:, NODES]
     reading = at_nodes + 0.8 * random.normal(size=at_nodes.shape)
     noise = SensorNoise(CABLE, Sensors(NODES, (0.8,) * len(NODES)), memory=1e6)
-    for told, direction in zip(reading, true.direction, strict=True):
-        noise.update(told, direction)
+    for measured, direction in zip(reading, true.direction, strict=True):
+        noise.update(measured, direction)
     whole = np.all(true.direction == true.direction[:, :1], axis=1)
     slip_direction = np.where(whole, true.direction[:, 0], 0)
     bounds = np.flatnonzero(np.diff(slip_direction, prepend=0, append=0))

@@ -73,13 +73,13 @@ def run(progress: Progress) -> ExperimentOutcome:
 def _claim_slopes(found: MassMotion) -> Claim:
     ratio = found.ratio
     grows = bool(np.all(np.diff(ratio) > 0.0)) and ratio[0] < 0.9 and ratio[-1] > 1.1
-    told = ", ".join(
+    carried = ", ".join(
         f"{r:.2f} (x{m:g})" for r, m in zip(ratio, MODEL_FRICTIONS, strict=True)
     )
     return Claim(
         "Fig. 3.9",
         "as mu of the model leaves the truth, its slopes leave that of a linear fit",
-        f"T_1 - T_N of the model over the fit's: {told}",
+        f"T_1 - T_N of the model over the fit's: {carried}",
         "agrees" if grows else "disagrees",
         "one instant, 11 sensors with 1 N; even at the right mu the line differs: "
         f"without noise it has {found.exact:.1%} of the true T_1 - T_N",
@@ -153,8 +153,8 @@ def _slopes(instant: MassMotion, printed: PrintedLaws) -> list[Panel]:
     """Return Fig. 3.9, and the laws that use it."""
     nodes = np.arange(1, instant.reading.size + 1)
     models: dict[str, Curve] = {
-        f"mean of models with {model:g} mu": (nodes, told.mean(axis=0))
-        for model, told in zip(MODEL_FRICTIONS, instant.models, strict=True)
+        f"mean of models with {model:g} mu": (nodes, carried.mean(axis=0))
+        for model, carried in zip(MODEL_FRICTIONS, instant.models, strict=True)
     }
     models["line fitted"] = (nodes, instant.line)
     models["sensors"] = (nodes, instant.reading, "o")

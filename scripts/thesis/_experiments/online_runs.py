@@ -192,11 +192,11 @@ def slopes(seed: int = 39) -> MassMotion:
         models.append(
             tension_gains(wrong, truth.direction[row], nodes) * reading[:, None]
         )
-    told = np.array(models)
-    apart = np.mean(told[:, :, 0] - told[:, :, -1], axis=1)
+    carried = np.array(models)
+    drop = np.mean(carried[:, :, 0] - carried[:, :, -1], axis=1)
     straight = -10.0 * float(np.polyfit(nodes, clean, 1)[0])
     return MassMotion(
-        reading, line, told, apart / (line[0] - line[-1]),
+        reading, line, carried, drop / (line[0] - line[-1]),
         straight / float(clean[0] - clean[-1]),
     )  # fmt: skip
 

@@ -197,8 +197,10 @@ def _claim_kaneko(judged: _Judged) -> Claim:
     return Claim(
         "1.5",
         "Kaneko: no partial motion, fixed bends, spring environments, one pretension",
-        f"{judged.findings['partial motion'].told}; "
-        f"{judged.findings['slack'].told}; {judged.findings['creates no energy'].told}",
+        "; ".join(
+            judged.findings[name].result
+            for name in ("partial motion", "slack", "creates no energy")
+        ),
         "agrees" if lacks else "disagrees",
         "linear between reversals, where its stiffness jumps under load",
     )
@@ -215,7 +217,7 @@ def _claim_palli(dahl: _Judged, lugre: _Judged) -> Claim:
         "1.5, (1.2)",
         "Palli and Melchiorri: Dahl friction instead of Coulomb's",
         f"partial motion appears; output {dahl.moving:.1g} N off in motion (LuGre "
-        f"{lugre.moving:.1g} N); slack: {dahl.findings['slack'].told}",
+        f"{lugre.moving:.1g} N); slack: {dahl.findings['slack'].result}",
         "agrees" if shows and lacks else "in part",
         "with bristles of 20 um it is nearly ours while the cable is taut; at rest "
         "they hold even where bends open",
@@ -239,7 +241,7 @@ def _claim_do(judged: _Judged) -> Claim:
 
 
 def _claim_cost(found: dict[type[PublishedModel], _Judged]) -> Claim:
-    told = ", ".join(
+    result = ", ".join(
         f"{kind.name.partition(',')[0]} {judged.cost:.2g}"
         for kind, judged in found.items()
         if kind not in (Distributed, LuGreChain)
@@ -248,7 +250,7 @@ def _claim_cost(found: dict[type[PublishedModel], _Judged]) -> Claim:
     return Claim(
         "1.5",
         "the distributed model before was expensive to solve",
-        f"time of a step, ours is 1: {told}",
+        f"time of a step, ours is 1: {result}",
         "agrees" if dear > 1.5 else "disagrees",
         f"all compiled, {CABLE.segments} segments, spring at the output, one run",
         timed=True,

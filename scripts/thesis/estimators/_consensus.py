@@ -165,8 +165,8 @@ class SensorConsensus:
         voters = (self._nodes >= known) & self._tell(reading)
         if not np.any(voters):
             return distal
-        nodes, told = self._nodes[voters], reading[voters]
-        ways = np.sign(told - self.tension[nodes])  # more tension: pulled outwards
+        nodes, measured = self._nodes[voters], reading[voters]
+        ways = np.sign(measured - self.tension[nodes])  # more tension: pulled outwards
         slip_direction = float(np.sign(np.sum(ways))) or self._slip_direction[1]
         if slip_direction == 0.0:
             return distal
@@ -175,7 +175,7 @@ class SensorConsensus:
             self._reach(node, value, slip_direction, least, n + 1 - proximal)
             if own == slip_direction
             else 0
-            for node, value, own in zip(nodes, told, ways, strict=True)
+            for node, value, own in zip(nodes, measured, ways, strict=True)
         ]
         distal = median_last_moving(votes)
         self._slip_direction[1] = slip_direction

@@ -19,7 +19,7 @@ How reliable such a solution is at other nodes (Fig. 3.8):
     moment = Moment.of(mesh, CONDITIONS["towards distal"](10), tension=50, motion=5e-4)
     error = own_errors(mesh, moment, sensors, samples=1000, seed=0)
     excess = excess_moment(mesh, moment, sensors, error)          # of the model
-    fuse_correlated(told, excess[-1] + np.diag(noise_at_output))  # and of the sensors
+    fuse_correlated(estimates, excess[-1] + np.diag(noise_at_output))  # and sensors
 
 A sensor that does not know the directions of slip carries its reading to another node
 by directions that its own noise has bent. The error of that comes on top of the carried
@@ -259,13 +259,13 @@ def excess_moment(
 
 
 def fuse_correlated(
-    told: ArrayLike, covariance: ArrayLike
+    estimates: ArrayLike, covariance: ArrayLike
 ) -> tuple[FloatArray, FloatArray]:
     """Fuse estimates (..., m) of one tension by generalised least squares.
 
     Returns the tension (...,) [N] and the weights (m,), which add up to 1.
     """
-    told, covariance = np.asarray(told, dtype=float), np.asarray(covariance, float)
-    weight = np.linalg.solve(covariance, np.ones(told.shape[-1]))
+    values, covariance = np.asarray(estimates, float), np.asarray(covariance, float)
+    weight = np.linalg.solve(covariance, np.ones(values.shape[-1]))
     weight /= np.sum(weight)
-    return told @ weight, weight
+    return values @ weight, weight

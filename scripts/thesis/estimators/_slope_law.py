@@ -54,20 +54,20 @@ class SlopeLaw:
 
     def discrepancy(self, reading: ArrayLike, slip_direction: float) -> float:
         """Return the difference between the ends, by the model less by the line [N]."""
-        told = np.asarray(reading, dtype=float)
+        measured = np.asarray(reading, dtype=float)
         sign = slip_direction * self.friction
         ends = np.exp(-sign * self._before) - np.exp(sign * self._after)
-        return float(np.mean(told * ends)) + float(self._slope @ told)
+        return float(np.mean(measured * ends)) + float(self._slope @ measured)
 
     def update(self, reading: ArrayLike, direction: ArrayLike) -> float:
         """Update as `FrictionEstimator.update` does."""
-        told, sign = checked_sample(
+        measured, sign = checked_sample(
             reading, direction, self._nodes.size, self._segments
         )
         slip_direction = float(sign[0])
         if slip_direction != 0.0 and np.all(sign == slip_direction):
             base = self.friction if self._integrated else self._start
             turn = slip_direction if self._signed else 1.0
-            step = turn * self._gain * self.discrepancy(told, slip_direction)
+            step = turn * self._gain * self.discrepancy(measured, slip_direction)
             self.friction = min(max(base + step, _BOUNDS.low), _BOUNDS.high)
         return self.friction

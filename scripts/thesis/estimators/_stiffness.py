@@ -120,7 +120,9 @@ class StiffnessEstimator:
         Returns:
             The estimate [N].
         """
-        told, sign = checked_sample(reading, direction, self._sensors, self._segments)
+        measured, sign = checked_sample(
+            reading, direction, self._sensors, self._segments
+        )
         front = int(np.count_nonzero(sign))
         partial = front < sign.size and bool(np.all(sign[:front] * sign[0] > 0.0))
         if not partial or front > self._reach[1]:
@@ -131,7 +133,7 @@ class StiffnessEstimator:
         if 0 < front < self._reach[0]:
             return self.stiffness
         pulled = -float(u_proximal)
-        moment = float(self._share @ told[self._used])
+        moment = float(self._share @ measured[self._used])
         if front > 0 and self._count > 0:
             self._learn(pulled - self._mean_pull, moment - self._moment)
         self._count += 1
@@ -150,8 +152,8 @@ class StiffnessEstimator:
     ) -> EstimateTrack:
         """Run over a recording: (samples,) [m], (samples, m) [N], (samples, n)."""
         found = [
-            (self.update(float(u), told, sign), self.deviation)
-            for u, told, sign in rows(
+            (self.update(float(u), measured, sign), self.deviation)
+            for u, measured, sign in rows(
                 u_proximal=u_proximal, reading=reading, direction=direction
             )
         ]

@@ -1,7 +1,7 @@
 """Capabilities of a cable model, found by tests of it.
 
     found = find_capabilities(BristleChain(CABLE))
-    found["slack"].able, found["slack"].told
+    found["slack"].able, found["slack"].result
 
 Every question is a motion whose right answer is known without any model here: from the
 capstan law, from the length of the cable, or from the balance of energy. A model that
@@ -41,7 +41,7 @@ class Capability(NamedTuple):
     """Answer to one question."""
 
     able: bool  # whether the model gave the right answer
-    told: str  # the result in a few words
+    result: str  # the result in a few words
 
 
 def front_pull(cable: Cable, tension: float) -> float:
@@ -82,8 +82,10 @@ def partial_motion(model: PublishedModel) -> Capability:
     answer = model.replay(DT, ramp(-0.5 * reach, -2.0 * reach), SPRING)
     distal = answer.tension_distal - model.cable.pretension
     early = distal[400] / distal[-1]
-    told = f"a quarter of a pull moves the output by {early:.0%}, right is 0%"
-    return Capability(bool(abs(early) < MAX_RELATIVE_ERROR and distal[-1] > 0.1), told)
+    result = f"a quarter of a pull moves the output by {early:.0%}, right is 0%"
+    return Capability(
+        bool(abs(early) < MAX_RELATIVE_ERROR and distal[-1] > 0.1), result
+    )
 
 
 def both_ends(model: PublishedModel) -> Capability:
@@ -107,8 +109,8 @@ def _compare(answer: Answer, right: list[float], cable: Cable) -> Capability:
     got = [float(answer.tension_proximal[-1]), float(answer.tension_distal[-1])]
     scale = max(right) - cable.pretension
     wrong = max(abs(g - r) for g, r in zip(got, right, strict=True)) / scale
-    told = "{:.1f} and {:.1f} N at the ends, right is {:.1f} and {:.1f} N"
-    return Capability(wrong < MAX_RELATIVE_ERROR, told.format(*got, *right))
+    result = "{:.1f} and {:.1f} N at the ends, right is {:.1f} and {:.1f} N"
+    return Capability(wrong < MAX_RELATIVE_ERROR, result.format(*got, *right))
 
 
 def slack(model: PublishedModel) -> Capability:
@@ -136,9 +138,9 @@ def uneven_pretension(model: PublishedModel) -> Capability:
     start = answer.tension_proximal[0], answer.tension_distal[0]
     ratio = answer.tension_proximal[-1] / answer.tension_distal[-1]
     right = np.allclose(start, profile[[0, -1]], rtol=MAX_RELATIVE_ERROR)
-    told = f"ratio of the tensions {ratio:.2f} in the next pull, right is {{:.2f}}"
+    result = f"ratio of the tensions {ratio:.2f} in the next pull, right is {{:.2f}}"
     able = right and abs(ratio / math.exp(angle) - 1.0) < MAX_RELATIVE_ERROR
-    return Capability(bool(able), told.format(math.exp(angle)))
+    return Capability(bool(able), result.format(math.exp(angle)))
 
 
 def changing_bends(model: PublishedModel) -> Capability:
@@ -149,12 +151,12 @@ def changing_bends(model: PublishedModel) -> Capability:
     answer = model.replay(DT, pull, SPRING, wrap_scale=scale)
     ratio = answer.tension_proximal[-1] / answer.tension_distal[-1]
     most = math.exp(0.2 * cable.friction * cable.wrap)
-    told = f"ratio of the tensions {ratio:.2f}, friction holds {most:.2f}"
+    result = f"ratio of the tensions {ratio:.2f}, friction holds {most:.2f}"
     return Capability(
         bool(
             1.0 / (1.0 + MAX_RELATIVE_ERROR) < ratio < most * (1.0 + MAX_RELATIVE_ERROR)
         ),
-        told,
+        result,
     )
 
 
@@ -173,10 +175,10 @@ def no_energy(model: PublishedModel) -> Capability:
             pull = ramp(level, *(_CYCLES * cycle), steps=_HALF_CYCLE_SAMPLES)
             answer = model.replay(DT, pull, SPRING)
             worst = min(worst, _relative_loss(answer, pull, 2 * _HALF_CYCLE_SAMPLES))
-    told = f"keeps {worst:.1%} of the work of the motor at least"
+    result = f"keeps {worst:.1%} of the work of the motor at least"
     if worst < -_ROUNDING:
-        told = f"gives back up to {-worst:.0%} more than it got"
-    return Capability(worst > -_ROUNDING, told)
+        result = f"gives back up to {-worst:.0%} more than it got"
+    return Capability(worst > -_ROUNDING, result)
 
 
 def _relative_loss(answer: Answer, proximal: FloatArray, period: int) -> float:

@@ -61,7 +61,7 @@ def made(kind):
 def test_each_model_shows_what_its_equations_can(kind):
     found = find_capabilities(made(kind))
     assert {name for name, finding in found.items() if finding.able} == ABLE[kind]
-    assert all(finding.told for finding in found.values())
+    assert all(finding.result for finding in found.values())
 
 
 def test_front_formula_is_its_own_inverse_and_ends_at_the_onset():

@@ -441,6 +441,8 @@ def _check_frozen(
         elif i == TORQUE:
             given = memory[_GIVEN]
             is_far = _beyond(limits, spring, given, torque, spring[FRICTION]) != 0.0
+            # The torque of a slack cable stays the same, and so does its stretch.
+            is_far &= abs(expected) > _EQUAL_SHARE * limits.safe_torque
             is_far &= limits.shared == 0.0
         else:  # one of both stands still: no other radius explains the torque
             low, high = expected / _STRETCH_FACTOR, expected * _STRETCH_FACTOR

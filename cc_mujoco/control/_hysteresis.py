@@ -1,6 +1,6 @@
-"""Definition of a model of hysteresis from motor angle to joint angle.
+r"""Models of hysteresis from motor angle to joint angle, and their inverses.
 
-    model = SmoothBacklash.fit(trial)
+    model = MODELS["backlash_inverse"].fit(trial)
     state = model.rest(1)
     motor = model.invert(state, np.array([0.1]))      # rad, for a joint at 0.1 rad
 
@@ -20,14 +20,20 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cc_mujoco._validation import require_parameter
 from cc_mujoco.errors import CableError
 
 Array = NDArray[np.float64]
 
 LEAST_SAMPLES = 50
 """Fewest samples of a trial."""
-_LEAD = 0.05
-"""Area by which the joint may lead the motor, over that of both ranges."""
+PLAYS, PIECES = 12, 8
+"""Numbers of plays, and of straight pieces of the curve, of a fit."""
+LEAST_SLOPE = 0.1
+"""Least slope of the curve, and least weight of the play of no width, relative to the
+mean."""
+SUBSTEPS = 4
+"""Steps of the feed-forward from one angle to the next."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +92,7 @@ class HysteresisTrial:
             )
         wound = motor / ratio
         loops = np.sum(wound[:-1] * joint[1:] - wound[1:] * joint[:-1])
-        if loops < -_LEAD * np.ptp(wound) * np.ptp(joint):
+        if loops < -0.05 * np.ptp(wound) * np.ptp(joint):  # more than noise
             raise CableError(
                 "the joint leads the motor in this trial; are the two angles swapped, "
                 "or the rows in another order than that of time?"
@@ -103,8 +109,7 @@ class HysteresisTrial:
         moved = np.abs(np.diff(self.joint_angle, prepend=self.joint_angle[0]))
         turned = np.abs(np.diff(self.motor_angle, prepend=self.motor_angle[0]))
         scale = np.ptp(self.motor_angle) / np.ptp(self.joint_angle)
-        weights: Array = np.minimum(scale * moved / np.maximum(turned, 1e-12), 1.0)
-        return weights
+        return np.minimum(scale * moved / np.maximum(turned, 1e-12), 1.0)
 
 
 @dataclass(frozen=True)
@@ -160,3 +165,349 @@ class HysteresisModel(ABC):
                 raise CableError(f"{name!r}, {key} must be finite, not {value!r}.")
             values[key] = tuple(map(float, value)) if listed else float(value)
         return cls(**values)
+
+
+@dataclass(frozen=True)
+class Line(HysteresisModel):
+    """Straight line: mean stretch, without hysteresis."""
+
+    slope: float
+    """Motor angle per joint angle [-]."""
+    offset: float
+    """Motor angle at joint angle 0 [rad]."""
+
+    @classmethod
+    def fit(cls, trial: HysteresisTrial) -> Line:
+        weights = trial.weights
+        slope, offset = np.polyfit(trial.joint_angle, trial.motor_angle, 1, w=weights)
+        return cls(float(slope), float(offset))
+
+    def rest(self, count: int) -> Array:
+        return np.zeros((count, 0))
+
+    def invert(self, state: Array, joint: Array) -> Array:
+        return self.slope * joint + self.offset
+
+
+@dataclass(frozen=True)
+class SmoothBacklash(HysteresisModel):
+    r"""Backlash with a smooth transition, and its inverse in closed form.
+
+    G. Tao, P. V. Kokotović, "Adaptive control of systems with backlash", Automatica 29,
+    1993: a joint that is moved up lies on one line, moved down on another, and stays
+    while the motor goes from one to the other. The inverse jumps between the lines.
+    Here it changes over within a distance \(\delta\) of the joint, as the friction of
+    P. Dahl, "A solid friction model", Aerospace Corporation TOR-158, 1968, does:
+
+    \[ \theta = \tfrac{1 + z}{2} (a_+ q + c_+) + \tfrac{1 - z}{2} (a_- q + c_-), \qquad
+       \frac{dz}{dq} = \frac{\operatorname{sign}(\dot q) - z}{\delta}
+       \operatorname{sign}(\dot q) \]
+    """
+
+    slope_up: float
+    """Motor angle per joint angle while the joint moves up, a+ [-]."""
+    slope_down: float
+    """Motor angle per joint angle while the joint moves down, a- [-]."""
+    offset_up: float
+    """Motor angle at joint angle 0 on the way up, c+ [rad]."""
+    offset_down: float
+    """Motor angle at joint angle 0 on the way down, c- [rad]."""
+    transition: float
+    """Distance of the joint over which one line changes into the other [rad]."""
+
+    def __post_init__(self) -> None:
+        require_parameter(self, "transition", 1e-6, 100.0, "rad")
+        require_parameter(self, "slope_up", 1e-6, 1e6, "")
+        require_parameter(self, "slope_down", 1e-6, 1e6, "")
+
+    @classmethod
+    def fit(cls, trial: HysteresisTrial) -> SmoothBacklash:
+        joint, weights = trial.joint_angle, trial.weights
+        fits: list[tuple[float, list[float]]] = []
+        for share in np.geomspace(0.003, 0.5, 24):
+            transition = float(np.ptp(joint) * share)
+            z = _blend(joint, transition)
+            up, down = 0.5 * (1.0 + z), 0.5 * (1.0 - z)
+            columns = np.stack([up * joint, down * joint, up, down], axis=1)
+            found = np.linalg.lstsq(
+                columns * weights[:, None], trial.motor_angle * weights, rcond=None
+            )[0]
+            errors = weights * (columns @ found - trial.motor_angle)
+            if min(found[:2]) > 1e-6:
+                fits.append((float(np.sum(errors**2)), [*found.tolist(), transition]))
+        if not fits:
+            raise CableError(
+                "no backlash fits this trial: the joint does not follow the motor in "
+                "both directions."
+            )
+        return cls(*min(fits, key=lambda each: each[0])[1])
+
+    def rest(self, count: int) -> Array:
+        return np.zeros((count, 2))
+
+    def invert(self, state: Array, joint: Array) -> Array:
+        moved = joint - state[:, 0]
+        way = np.sign(moved)
+        z = way + (state[:, 1] - way) * np.exp(-np.abs(moved) / self.transition)
+        state[:, 0], state[:, 1] = joint, z
+        up = self.slope_up * joint + self.offset_up
+        down = self.slope_down * joint + self.offset_down
+        return np.asarray(0.5 * ((1.0 + z) * up + (1.0 - z) * down))
+
+
+def _blend(joint: Array, transition: float) -> Array:
+    """Return the blend z along a course of the joint (samples,)."""
+    moved = np.diff(joint, prepend=joint[0])
+    kept = np.exp(-np.abs(moved) / transition).tolist()
+    ways, z, found = np.sign(moved).tolist(), 0.0, np.empty(joint.size)
+    for place, (way, share) in enumerate(zip(ways, kept, strict=True)):
+        z = way + (z - way) * share if way else z
+        found[place] = z
+    return found
+
+
+@dataclass(frozen=True)
+class PrandtlIshlinskii(HysteresisModel):
+    r"""Modified Prandtl-Ishlinskii operator and its inverse in closed form.
+
+    K. Kuhnen, "Modeling, identification and compensation of complex hysteretic
+    nonlinearities: a modified Prandtl-Ishlinskii approach", European J. Control 9,
+    2003: a sum of plays \(H\) of the motor angle, then a curve \(S\) without memory.
+    The inverse of \(H\) is a sum of plays, too. Of \(S\) only its inverse \(S'\) is
+    needed, a curve of straight pieces, so weights and curve are one linear least
+    squares with bounds: \(H[\theta] = S'(q)\).
+    """
+
+    thresholds: tuple[float, ...]
+    """Half widths of the plays of the motor angle; 0 first, increasing [rad]."""
+    weights: tuple[float, ...]
+    """Weight of each play [-]; the first above 0, no other below."""
+    knots: tuple[float, ...]
+    """Joint angles at which pieces of the curve S' meet, increasing [rad]."""
+    values: tuple[float, ...]
+    """Curve S' at these [rad]; the end pieces extend beyond."""
+
+    def __post_init__(self) -> None:
+        r, w = np.array(self.thresholds), np.array(self.weights)
+        if not (r.size and r.size == w.size and r[0] == 0.0 and np.all(np.diff(r) > 0)):
+            raise CableError(
+                "PrandtlIshlinskii.thresholds must begin with 0 and increase, with a "
+                "weight for each."
+            )
+        if not (w[0] > 0.0 and np.all(w >= 0.0)):
+            raise CableError(
+                "PrandtlIshlinskii.weights must be at least 0, and the first above 0."
+            )
+        knots, values = np.array(self.knots), np.array(self.values)
+        if not (
+            knots.size >= 2
+            and knots.size == values.size
+            and np.all(np.diff(knots) > 0)
+            and np.all(np.diff(values) > 0)
+        ):
+            raise CableError(
+                "PrandtlIshlinskii.knots and values must be at least two and increase."
+            )
+
+    @classmethod
+    def fit(cls, trial: HysteresisTrial) -> PrandtlIshlinskii:
+        from scipy.optimize import lsq_linear
+
+        motor, joint = trial.motor_angle, trial.joint_angle
+        reach = 0.5 * np.ptp(motor)
+        thresholds = reach * np.arange(PLAYS) / PLAYS
+        plays, state = np.empty((motor.size, PLAYS)), np.zeros(PLAYS)
+        for place, angle in enumerate(motor):
+            state = np.maximum(
+                angle - thresholds, np.minimum(angle + thresholds, state)
+            )
+            plays[place] = state
+        knots = np.linspace(joint.min(), joint.max(), PIECES + 1)
+        width = knots[1] - knots[0]
+        pieces = np.clip(joint[:, None] - knots[:-1], 0.0, width)
+        # The scale of both sides is free: the curve has slope 1 in the mean.
+        columns = np.hstack([plays, -pieces, -np.ones((joint.size, 1))])
+        fixed = np.zeros(columns.shape[1])
+        fixed[PLAYS:-1] = 1.0 / PIECES
+        heavy = 1e3 * np.sqrt(joint.size) * width
+        slope = np.ptp(joint) / np.ptp(motor)
+        low = np.zeros(columns.shape[1])
+        low[0], low[PLAYS:-1], low[-1] = LEAST_SLOPE * slope, LEAST_SLOPE, -np.inf
+        found = lsq_linear(
+            np.vstack([columns, heavy * fixed]),
+            np.append(np.zeros(joint.size), heavy),
+            bounds=(low, np.full(low.size, np.inf)),
+            tol=1e-12,
+        ).x
+        weights = found[:PLAYS]
+        values = found[-1] + width * np.concatenate([[0.0], np.cumsum(found[PLAYS:-1])])
+        return cls(
+            tuple(thresholds.tolist()),
+            tuple(np.maximum(weights, 0.0).tolist()),
+            tuple(knots.tolist()),
+            tuple(values.tolist()),
+        )
+
+    def rest(self, count: int) -> Array:
+        return np.zeros((count, len(self.thresholds)))
+
+    def invert(self, state: Array, joint: Array) -> Array:
+        thresholds, weights = inverse_plays(
+            np.array(self.thresholds), np.array(self.weights)
+        )
+        # The curve is extrapolated by its end pieces.
+        knots, values = np.array(self.knots), np.array(self.values)
+        piece = np.clip(np.searchsorted(knots, joint) - 1, 0, knots.size - 2)
+        slope = np.diff(values) / np.diff(knots)
+        at = (values[piece] + slope[piece] * (joint - knots[piece]))[:, None]
+        state[:] = np.maximum(at - thresholds, np.minimum(at + thresholds, state))
+        # A product of matrices would have other bits for other numbers of rows.
+        return np.asarray(np.sum(state * weights, axis=1))
+
+
+def inverse_plays(thresholds: Array, weights: Array) -> tuple[Array, Array]:
+    """Return thresholds and weights of the inverse of a sum of plays.
+
+    Kuhnen 2003; the memories at rest are those of the operator at rest, zero.
+    """
+    total = np.cumsum(weights)
+    inverse = np.concatenate(
+        [[1.0 / weights[0]], -weights[1:] / (total[1:] * total[:-1])]
+    )
+    lower = np.cumsum(weights * thresholds)
+    return total * thresholds - lower, inverse
+
+
+@dataclass(frozen=True)
+class BoucWen(HysteresisModel):
+    r"""Bouc-Wen model of a tendon in a sheath, and its feed-forward.
+
+    T. N. Do, T. Tjahjowidodo, M. W. S. Lau, T. Yamamoto, S. J. Phee, "Hysteresis
+    modeling and position control of tendon-sheath mechanism in flexible endoscopic
+    systems", Mechatronics 24, 2014, and T. N. Do, T. Tjahjowidodo, M. W. S. Lau, S. J.
+    Phee, "Nonlinear friction modelling and compensation control of hysteresis phenomena
+    for a pair of tendon-sheath actuated surgical robots", Mechanical Systems and Signal
+    Processing 60-61, 2015:
+
+    \[ q = a \theta - b z + c, \qquad
+       \frac{dz}{d\theta} = 1 - |z| \bigl( \beta \operatorname{sign}(z \dot\theta)
+       + \gamma \bigr) \]
+
+    with the exponent 1 of their model and z scaled to slope 1. The feed-forward turns
+    the motor by the angle that \(dq\) needs at the present z: \(d\theta = dq / (a - b\,
+    dz/d\theta)\).
+    """
+
+    gain: float
+    """Joint angle per motor angle while z is constant, a [-]."""
+    hysteresis: float
+    """Joint angle per z, b [-]; at least 0: the joint lags."""
+    offset: float
+    """Joint angle at motor angle 0 and z = 0, c [rad]."""
+    beta: float
+    """Symmetric saturation of z [1/rad]."""
+    gamma: float
+    """Asymmetric saturation of z [1/rad]; between -beta and beta."""
+
+    def __post_init__(self) -> None:
+        require_parameter(self, "gain", 1e-6, 1e6, "")
+        require_parameter(self, "hysteresis", 0.0, 1e6, "")
+        require_parameter(self, "beta", 1e-6, 1e9, "1/rad")
+        if not abs(self.gamma) <= self.beta:
+            raise CableError(
+                f"BoucWen.gamma must be in [-{self.beta:g}, {self.beta:g}] 1/rad, not "
+                f"{self.gamma!r}."
+            )
+
+    @classmethod
+    def fit(cls, trial: HysteresisTrial) -> BoucWen:
+        from scipy.optimize import least_squares
+
+        motor, joint = trial.motor_angle, trial.joint_angle
+        reach = float(np.ptp(motor))
+
+        def linear(rates: Array) -> tuple[Array, Array]:
+            beta = float(np.exp(rates[0])) / reach
+            z = _hysteretic(motor, beta, beta * float(np.tanh(rates[1])))
+            columns = np.stack([motor, -z, np.ones(motor.size)], axis=1)
+            found: Array = np.linalg.lstsq(columns, joint, rcond=None)[0]
+            if found[1] < 0.0:
+                gain, offset = np.polyfit(motor, joint, 1)
+                found = np.array([gain, 0.0, offset])
+            return found, np.asarray(columns @ found - joint, dtype=float)
+
+        starts = [np.array([np.log(rate), 0.0]) for rate in (3.0, 10.0, 30.0)]
+        start = min(starts, key=lambda one: float(np.sum(linear(one)[1] ** 2)))
+        rates = least_squares(lambda one: linear(one)[1], start, diff_step=1e-3).x
+        gain, hysteresis, offset = linear(rates)[0].tolist()
+        beta = float(np.exp(rates[0])) / reach
+        return cls(gain, hysteresis, offset, beta, beta * float(np.tanh(rates[1])))
+
+    def rest(self, count: int) -> Array:
+        state = np.zeros((count, 3))
+        state[:, 0] = self.offset
+        return state
+
+    def invert(self, state: Array, joint: Array) -> Array:
+        step = (joint - state[:, 0]) / SUBSTEPS
+        way = np.sign(step)
+        z = state[:, 2]
+        for _ in range(SUBSTEPS):
+            half = z + 0.5 * self._change(z, way, step)
+            z = z + self._change(half, way, step)
+        # By z alone, so that no error adds up.
+        motor: Array = (joint - self.offset + self.hysteresis * z) / self.gain
+        state[:, 0], state[:, 1], state[:, 2] = joint, motor, z
+        return motor
+
+    def _change(self, z: Array, way: Array, step: Array) -> Array:
+        """Return the change of z for a step of the joint."""
+        slope = 1.0 - np.abs(z) * (self.beta * np.sign(z) * way + self.gamma)
+        # The joint moves by at least 2 % of a per turn of the motor.
+        moved = np.maximum(self.gain - self.hysteresis * slope, 0.02 * self.gain)
+        return np.asarray(step / moved * slope)
+
+
+def _hysteretic(motor: Array, beta: float, gamma: float) -> Array:
+    """Return z along a course of the motor (samples,), in closed form between samples.
+
+    While the signs of z and of the motion stay, z relaxes exponentially; where z
+    crosses 0, the step is divided there.
+    """
+    moved = np.diff(motor, prepend=motor[0]).tolist()
+    found, z = np.empty(motor.size), 0.0
+    for place, turn in enumerate(moved):
+        left, way = abs(turn), 1.0 if turn > 0.0 else -1.0
+        if left > 0.0 and z * way < 0.0:
+            # z in the sense of the motion rises to 0: dy/ds = 1 + (beta - gamma) |y|.
+            rate, size = beta - gamma, abs(z)
+            to_zero = np.log1p(rate * size) / rate if rate > 1e-9 else size
+            if left < to_zero:
+                grown = np.exp(-rate * left) if rate > 1e-9 else 1.0
+                size = (
+                    (size + 1.0 / rate) * grown - 1.0 / rate
+                    if rate > 1e-9
+                    else size - left
+                )
+                z, left = -way * size, 0.0
+            else:
+                z, left = 0.0, left - to_zero
+        if left > 0.0:
+            rate, size = beta + gamma, abs(z)
+            size = (
+                1.0 / rate + (size - 1.0 / rate) * np.exp(-rate * left)
+                if rate > 1e-9
+                else size + left
+            )
+            z = way * size
+        found[place] = z
+    return found
+
+
+MODELS: dict[str, type[HysteresisModel]] = {
+    "linear": Line,
+    "backlash_inverse": SmoothBacklash,
+    "prandtl_ishlinskii": PrandtlIshlinskii,
+    "bouc_wen": BoucWen,
+}
+"""Models by the name of the controller that inverts them."""

@@ -25,8 +25,14 @@ from cc_mujoco._utils.exclusive import exclusive
 from cc_mujoco._validation import require_number, require_parameter
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.control._cable_model import joint_stiffness, stepper_cables
-from cc_mujoco.control._hysteresis import Array, HysteresisModel, HysteresisTrial
-from cc_mujoco.control._hysteresis_models import MODELS, Line, SmoothBacklash
+from cc_mujoco.control._hysteresis import (
+    MODELS,
+    Array,
+    HysteresisModel,
+    HysteresisTrial,
+    Line,
+    SmoothBacklash,
+)
 from cc_mujoco.control._position import BANDWIDTH, PositionController
 from cc_mujoco.control._rollout import joint_torque
 from cc_mujoco.device._drive import CableDrive, Drive
@@ -39,16 +45,10 @@ FITTED = (*MODELS, CABLE_INVERSE)
 """Controllers with parameters of a trial."""
 
 
-AHEAD = "backlash_inverse"
-"""Parameters that are fed forward if the device has them."""
 STEP = 0.01
 """Time of a step of the course [s], for terms of friction that depend on speed."""
 TOLERANCE = 1e-7
 """Tolerance of the motor angle [rad]."""
-MAX_LEAP = 20.0
-"""Largest turn of the motor in one step, in angles of the joint [rad]."""
-FIT_SAMPLES = 500
-"""Samples of a trial that a fit uses."""
 
 
 def fit_hysteresis(
@@ -209,7 +209,7 @@ class CableCourse:
         low, high = 0.0, self._reach
         if lack(low) > 0.0:
             while lack(high) > 0.0:
-                if high > MAX_LEAP * abs(self._ratio):
+                if high > 20.0 * abs(self._ratio):  # rad of the joint
                     raise CableError(
                         f"no motor angle bends the joint to {joint:.4g} rad in the "
                         "model of the cables; its stiffness or friction is wrong."
@@ -239,7 +239,7 @@ def fit_cable(trial: HysteresisTrial, drive: Drive) -> CableParameters:
     from scipy.optimize import least_squares
 
     require_cables(drive)
-    every = max(1, trial.joint_angle.size // FIT_SAMPLES)
+    every = max(1, trial.joint_angle.size // 500)
     motor, joint = trial.motor_angle[::every], trial.joint_angle[::every]
     weights = HysteresisTrial(motor, joint).weights
     cables = joint_stiffness(drive.cables)
@@ -339,8 +339,9 @@ class DistalFeedback(PositionController):
         require_number("gain", gain, 0.0, 1e3, "1/s")
         self.gain = gain
         self._model: HysteresisModel = Line(1.0, 0.0)
-        if AHEAD in drive.hysteresis:
-            self._model = SmoothBacklash.from_dict(AHEAD, drive.hysteresis[AHEAD])
+        name = "backlash_inverse"
+        if name in drive.hysteresis:
+            self._model = SmoothBacklash.from_dict(name, drive.hysteresis[name])
         self._state, self._correction = self._model.rest(0), np.zeros(0)
 
     def begin(self, rows: NDArray[np.intp], count: int) -> None:
@@ -353,5 +354,4 @@ class DistalFeedback(PositionController):
         error = joint + self.joint_start - observation["joint_angle_rad"]
         self._correction = self._correction + self.gain * self.drive.period * error
         ahead = self._model.invert(self._state, joint)
-        found: Array = self.drive.ratio * (ahead + error + self._correction)
-        return found
+        return np.asarray(self.drive.ratio * (ahead + error + self._correction))

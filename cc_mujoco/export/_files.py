@@ -1,176 +1,466 @@
-"""The folder of an exported controller, written whole or not at all."""
+"""The folder of an exported controller in C, written whole or not at all."""
 
 from __future__ import annotations
 
 import itertools
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from cc_mujoco._utils import atomic_io
+from cc_mujoco.cable._layout import STATE_HEADER
+from cc_mujoco.control import _guard as guard
 from cc_mujoco.control import _law_steps as law_steps
-from cc_mujoco.export import _c_source as c_source
-from cc_mujoco.export._controllers import ExportPlan
+from cc_mujoco.export._controllers import AxisPlan, ExportPlan
 from cc_mujoco.export._joint_torques import own_readings
 from cc_mujoco.export._ros2_control import CMAKE_BLOCK, ROS2_FILES, ros2_texts
 from cc_mujoco.native import _library as native_library
 from cc_mujoco.native._c99 import CLibrary, literal
 from cc_mujoco.native._kinds import python_function
 
+HEADER_FILE = "cc_controller.h"
+SOURCE_FILES = ("cc_controller.c", "cc_parameters.c")
+"""Files that are compiled into a user's program."""
+TEXT_FILES = ("cc_native.h", "cc_example.c", "CMakeLists.txt", "README.md")
+EXPORT_FILES = (HEADER_FILE, *SOURCE_FILES, *TEXT_FILES, atomic_io.MANIFEST)
+"""Files that a folder holds; the manifest is the last."""
+
+
+HEADER_MARK = "/* Written by cc-mujoco export: "
+"""First words of the header."""
+
+_READING_MEANINGS = {
+    "motor_angle_rad": "angle of the motor; of a round pulley only its changes matter",
+    "joint_angle_rad": "angle of the joint, from its encoder; likewise",
+    "motor_velocity_rad_s": "its velocity",
+    "joint_velocity_rad_s": "velocity of the joint, from its encoder",
+    "winding_angle_rad": "angle at which a pulley of the arm in the neutral pose would "
+    "wind the cables; likewise",
+    "winding_velocity_rad_s": "velocity at which a pulley of the neutral arm would "
+    "wind the cables",
+    "leverage_ratio": "arm of the cables at the joint over that of the neutral pose",
+    "joint_torque_nm": "measured torque of the cables on the joint",
+    "desired_torque_nm": "torque that the cables shall put into the joint",
+}
+
+
+_POLICY_MEANINGS = {
+    "motor_angle_rad": "angle of the motor, 0 where it is in the scene",
+    "joint_angle_rad": "angle of the joint, 0 where it is in the scene",
+    "phase_sine": "sine of the phase of the gait",
+    "phase_cosine": "its cosine",
+    "reference_angle_rad": "angle that the task commands",
+}
+"""Meanings of the readings of a policy, where they differ."""
+
+
+def readme(plan: ExportPlan, what: str, notes: Sequence[str]) -> str:
+    """Return the page of the folder; arguments as of `header`."""
+    listed = "\n".join(f"- {note}" for note in notes)
+    return f"""# {what}
+
+`cc_controller_step` every {plan.period:g} s gives the torque of every motor. See
+`cc_controller.h` for readings and parameters, and `cc_example.c` for a program.
+
+- memory: {8 * plan.memory_size} bytes
+{listed}
+
+```sh
+cmake -S . -B build && cmake --build build
+```
+"""
+
+
+def header(plan: ExportPlan, what: str, notes: Sequence[str] = ()) -> str:
+    given = ", ".join(
+        # Two places of the last torque in the memory, -1 where none is kept.
+        "{{{}, {}}}".format(*[*(start + k for k in axis.tables.given), -1, -1][:2])
+        for start, axis in zip(plan.starts, plan.axes, strict=False)
+    )
+    comments = "".join(f"/* {note}. */\n" for note in notes)
+    readings = "\n".join(
+        f"    double {name}; /* {meaning} */"
+        for axis in plan.axes
+        for name, meaning in zip(axis.seen, _meanings(axis), strict=True)
+    )
+    indices = ""
+    for field in plan.fields:
+        unit = "-" if field.unit == "1" else field.unit
+        meaning = f"{field.meaning} [{unit}]".replace("*/", "* /")
+        least = "above 0" if 0.0 < field.low < 1e-300 else f"{field.low:g}"
+        indices += f"    CC_{field.name.upper()}, /* {meaning}, {least} to "
+        indices += f"{field.high:g} */\n"
+    axes = "".join(
+        f"CC_AXIS_{name.upper()} = {place}, "
+        for place, name in enumerate(plan.names)
+        if name
+    )
+    return f"""{HEADER_MARK}{what}. */
+{comments}#ifndef CC_CONTROLLER_H
+#define CC_CONTROLLER_H
+
+#include <stddef.h>
+
+#ifdef __cplusplus
+extern "C" {{
+#endif
+
+#define CC_CONTROLLER_DOUBLES {plan.memory_size}
+#define CC_CONTROLLER_PARAMETERS {len(plan.fields)}
+
+/* All that a controller keeps. It is yours: static, on the stack or on the heap, with
+ * the alignment of a double. Nothing is allocated, locked, printed or thrown; there is
+ * no global state, so that threads may step controllers of their own. It holds no
+ * pointers and may be copied. */
+typedef struct {{
+    double number[CC_CONTROLLER_DOUBLES];
+}} cc_controller;
+
+/* Axes, each with a motor. */
+enum {{ {axes}CC_AXES = {len(plan.axes)} }};
+
+/* What is measured once a period, in SI units and with the signs of the scene. */
+typedef struct {{
+{readings}
+}} cc_readings;
+
+/* Places of the parameters: meaning [unit], range. */
+enum {{
+{indices}}};
+
+/* The parameters of the scene; pass a copy with other numbers in it if you like. */
+extern const double cc_controller_parameters[CC_CONTROLLER_PARAMETERS];
+
+/* sizeof(cc_controller), of the library that is linked. */
+size_t cc_controller_size(void);
+
+/* Begin. Returns 0, or 1 + the place of the first parameter that is out of its range
+ * or contradicts another; then nothing is written. */
+int cc_controller_init(cc_controller *controller, const double *parameters);
+
+/* Take other parameters from the next step on, and go on from the present state.
+ * Returns as cc_controller_init; of parameters that cannot be none is taken. Call it
+ * between two steps, from the thread that takes them. */
+int cc_controller_set_parameters(cc_controller *controller, const double *parameters);
+
+/* Forget the past: the next step begins an episode, at rest in the pretension. */
+void cc_controller_reset(cc_controller *controller);
+
+/* Torques of the motors (CC_AXES) [N m] until the next reading, within their limits.
+ * The guard rides through a reading that is no number, infinite or beyond
+ * {guard.MAX_READING:g} of its unit, for {1e3 * guard.RIDE_TIME:g} ms; then it stops.
+ * Returns 0, or 1 + the place of such a reading at which no guard looks: then all
+ * torques are 0 and the state stays as it was. */
+int cc_controller_step(cc_controller *controller, const cc_readings *readings,
+                       double *torques);
+
+/* Tell, after a step, what the motors got (CC_AXES) instead of these torques, where a
+ * limit of yours (of rate, a soft start) allowed no more. What is no number, or beyond
+ * {guard.MAX_READING:g} N m, is not heard. */
+static inline void cc_controller_given(cc_controller *controller, const double *torques)
+{{
+    static const int place[CC_AXES][2] = {{{given}}};
+    for (int i = 0; i < CC_AXES; i++)
+        for (int k = 0; k < 2; k++)
+            if (place[i][k] >= 0 && torques[i] <= {guard.MAX_READING:.1f} &&
+                torques[i] >= {-guard.MAX_READING:.1f})
+                controller->number[place[i][k]] = torques[i];
+}}
+{_observer_functions(plan)}
+#ifdef __cplusplus
+}}
+#endif
+#endif
+"""
+
+
+def _meanings(axis: AxisPlan) -> Iterator[str]:
+    known = _READING_MEANINGS
+    if axis.law.is_policy:
+        known = known | _POLICY_MEANINGS
+    for name in axis.columns:
+        yield known[name]
+    for _, cable, node in axis.tension_readings:
+        yield f"tension of {cable} at node {node}, from its sensor [N]"
+    for name in axis.other_columns:
+        yield known.get(name, "torque at that joint per torque of this motor")
+
+
+def _observer_functions(plan: ExportPlan) -> str:
+    cables = [cable for axis in plan.axes for cable in axis.cables]
+    if not cables:
+        return ""
+    first: list[int] = []
+    joints: list[int] = []
+    for start, axis in zip(plan.starts, plan.axes, strict=False):
+        joints.append(start + law_steps.JOINT_ANGLE if axis.cables else -1)
+        if not axis.cables:
+            continue
+        _, _, state, new, _, _ = axis.tables.places
+        width = (new - state) // len(axis.cables)
+        places = range(start + state + STATE_HEADER, start + new, width)
+        first += places[: len(axis.cables)]
+    names = ", ".join(f"CC_CABLE_{name.upper()} = {k}" for k, name in enumerate(cables))
+    nodes = _number_lines(
+        1 + segments
+        for axis in plan.axes
+        for segments in axis.tables.shape[1 : 1 + len(axis.cables)]
+    )
+    return f"""
+/* What the observer finds after a step. */
+enum {{ {names}, CC_CABLES = {len(cables)} }};
+
+/* Nodes of a cable, from the motor to the joint. */
+static inline int cc_controller_nodes(int cable)
+{{
+    static const int nodes[CC_CABLES] = {{{nodes}}};
+    return nodes[cable];
+}}
+
+/* Their tensions [N]; a negative one is slack: the cable carries nothing there. */
+static inline const double *cc_controller_tensions(const cc_controller *controller,
+                                                   int cable)
+{{
+    static const int first[CC_CABLES] = {{{_number_lines(first)}}};
+    return controller->number + first[cable];
+}}
+
+/* Angle of the joint of an axis since the first step [rad]; 0 without a model. */
+static inline double cc_controller_joint_angle(const cc_controller *controller,
+                                               int axis)
+{{
+    static const int place[CC_AXES] = {{{_number_lines(joints)}}};
+    return place[axis] < 0 ? 0.0 : controller->number[place[axis]];
+}}
+"""
+
+
+def _number_lines(numbers: Iterable[int]) -> str:
+    return ", ".join(map(str, numbers))
+
+
+def parameters(plan: ExportPlan) -> str:
+    rows = ""
+    for field in plan.fields:
+        value = repr(float(field.value)).replace("inf", "INFINITY")
+        unit = "-" if field.unit == "1" else field.unit
+        rows += f"    [CC_{field.name.upper()}] = {value}, /* {unit} */\n"
+    return f"""#include <math.h>
+
+#include "cc_controller.h"
+
+const double cc_controller_parameters[CC_CONTROLLER_PARAMETERS] = {{
+{rows}}};
+"""
+
+
+def example(plan: ExportPlan) -> str:
+    """Return a program that reads measurements and writes torques."""
+    seen = plan.seen
+    names = ",".join(seen)
+    numbers = ",".join("%lf" for _ in seen)
+    arguments = ", ".join(f"&r.{name}" for name in seen)
+    motors = [f"{name}_" if name else "" for name in plan.names]
+    torques = ",".join(f"{motor}motor_torque_nm" for motor in motors)
+    return f"""/* Torques of recorded readings: cc_example < readings.csv
+ *
+ * One line per period: {names}
+ * In a real-time loop the call of cc_controller_step stands between reading the sensors
+ * and setting the currents of the motors; nothing else of this file does. */
+#include <stdio.h>
+#include <string.h>
+
+#include "cc_controller.h"
+
+static cc_controller controller;
+
+int main(void)
+{{
+    char line[{max(512, 40 * len(seen))}];
+    int end = 0;
+    cc_readings r;
+    double torques[CC_AXES];
+    int wrong = cc_controller_init(&controller, cc_controller_parameters);
+    if (wrong) {{
+        fprintf(stderr, "parameter %d cannot be %.17g\\n", wrong - 1,
+                cc_controller_parameters[wrong - 1]);
+        return 2;
+    }}
+    if (!fgets(line, sizeof line, stdin)) {{
+        fprintf(stderr, "no header on standard input\\n");
+        return 2;
+    }}
+    line[strcspn(line, "\\r\\n")] = 0;
+    if (strcmp(line, "{names}")) {{
+        fprintf(stderr, "the header must be {names}\\n");
+        return 2;
+    }}
+    puts("{torques}");
+    for (long row = 2; fgets(line, sizeof line, stdin); row++) {{
+        int count = sscanf(line, "{numbers} %n", {arguments}, &end);
+        if (count != {len(seen)} || line[end]) {{
+            fprintf(stderr, "line %ld has not just {len(seen)} numbers\\n", row);
+            return 2;
+        }}
+        if (cc_controller_step(&controller, &r, torques))
+            fprintf(stderr, "line %ld has a reading that cannot be\\n", row);
+        for (int i = 0; i < CC_AXES; i++)
+            printf("%.17g%c", torques[i], i + 1 < CC_AXES ? ',' : '\\n');
+    }}
+    return 0;
+}}
+"""
+
+
+CMAKE_TEXT = """cmake_minimum_required(VERSION 3.13)
+project(cc_controller C)
+
+add_library(cc_controller STATIC cc_controller.c cc_parameters.c)
+target_include_directories(cc_controller PUBLIC ${CMAKE_CURRENT_SOURCE_DIR})
+if(NOT MSVC)
+  # No contraction of a product and a sum: every machine gives the same bits.
+  target_compile_options(cc_controller PRIVATE -O2 -ffp-contract=off)
+endif()
+set_target_properties(cc_controller PROPERTIES C_STANDARD 99
+                      POSITION_INDEPENDENT_CODE ON)
+if(NOT WIN32)
+  target_link_libraries(cc_controller PUBLIC m)
+endif()
+
+add_executable(cc_example cc_example.c)
+set_target_properties(cc_example PROPERTIES C_STANDARD 99)
+target_link_libraries(cc_example PRIVATE cc_controller)
+"""
+
 
 def controller_source(plan: ExportPlan, what: str) -> str:
-    """Return the controller as C99, without what it includes."""
-    library = CLibrary({}, native_library.PACKAGE.parent)
-    writer = _Interface(plan, library)
-    text = "\n".join(writer.lines())
-    functions = library.text()
-    return (
-        f'/* {what}. */\n#include "cc_controller.h"\n\n#include "cc_native.h"\n\n'
-        f"{functions}\n{text}\n"
-    )
+    """Return the controller as C99, without what it includes.
 
-
-class _Interface:
-    """Writer of the C functions of the header, which call those of each axis in turn.
-
-    Memory, parameters and readings of the axes lie one behind the other, and those that
-    `own_readings` needs are behind the memory of the last.
+    The functions of the header call those of each axis in turn. Memory, parameters and
+    readings of the axes lie one behind the other, and those that `own_readings` needs
+    are behind the memory of the last.
     """
+    library = CLibrary({}, native_library.PACKAGE.parent)
 
-    def __init__(self, plan: ExportPlan, library: CLibrary) -> None:
-        self._plan, self._library = plan, library
-
-    def lines(self) -> Iterator[str]:
-        """Return the lines of the constants and of the functions of the header."""
-        yield from self._constants()
-        yield "size_t cc_controller_size(void) { return sizeof(cc_controller); }\n"
-        yield from self._set_parameters()
-        yield from self._reset()
-        yield "int cc_controller_init(cc_controller *controller, const double *given)"
-        yield "{"
-        yield "    const int wrong = cc_controller_set_parameters(controller, given);"
-        yield "    if (wrong == 0) {"
-        yield "        cc_controller_reset(controller);"
-        yield "    }"
-        yield "    return wrong;"
-        yield "}\n"
-        yield from self._step()
-
-    def _name(self, function: Callable[..., Any]) -> str:
+    def called(function: Callable[..., Any], *arguments: str, depth: int = 8) -> str:
         plain = python_function(function)
         assert plain is not None
-        return self._library.require(plain).name
+        listed = (",\n" + " " * depth).join(arguments)
+        return f"{library.require(plain).name}(\n{' ' * depth}{listed});"
 
-    def _constants(self) -> Iterator[str]:
-        plan = self._plan
-        yield _table("double", "least", [field.low for field in plan.fields])
-        yield _table("double", "most", [field.high for field in plan.fields])
-        yield _table("int64_t", "guarded", plan.guarded)
-        if plan.torques.changes:
-            yield _table("int64_t", "shape", plan.torques.shape)
-            yield _table("double", "tables", plan.torques.tables)
-        for k, axis in enumerate(plan.axes):
-            yield _table("int64_t", f"shape{k}", axis.tables.shape)
-            yield _table("double", f"tables{k}", axis.tables.numbers)
-        yield ""
+    lines = [
+        _table("double", "least", [field.low for field in plan.fields]),
+        _table("double", "most", [field.high for field in plan.fields]),
+        _table("int64_t", "guarded", plan.guarded),
+    ]
+    if plan.torques.changes:
+        lines.append(_table("int64_t", "shape", plan.torques.shape))
+        lines.append(_table("double", "tables", plan.torques.tables))
+    for k, axis in enumerate(plan.axes):
+        lines.append(_table("int64_t", f"shape{k}", axis.tables.shape))
+        lines.append(_table("double", f"tables{k}", axis.tables.numbers))
+    memories = [
+        _view("Reals", f"memory + {first}", end - first)
+        for first, end in itertools.pairwise(plan.starts)
+    ]
+    shapes = [
+        _view("Ints", f"shape{k}", len(axis.tables.shape))
+        for k, axis in enumerate(plan.axes)
+    ]
+    lines.append("""
+size_t cc_controller_size(void) { return sizeof(cc_controller); }
 
-    def _set_parameters(self) -> Iterator[str]:
-        """Refuse what is wrong in any axis before parameters of one are taken."""
-        plan = self._plan
-        yield "int cc_controller_set_parameters("
-        yield "    cc_controller *controller, const double *given)"
-        yield "{"
-        yield "    double *memory = controller->number;"
-        yield "    int64_t wrong = 0;"
-        starts = _starts([len(axis.fields) for axis in plan.axes])
-        for k, first in enumerate(starts):
-            axis = plan.axes[k]
-            count = len(axis.fields)
-            arguments = [
-                _view("Ints", f"shape{k}", len(axis.tables.shape)),
-                *(
-                    _view("Reals", f"{name} + {first}", count)
-                    for name in ("given", "least", "most")
-                ),
-            ]
-            yield f"    wrong = {self._name(law_steps.wrong_parameters)}("
-            yield f"        {_joined([*arguments, str(len(axis.law.gains))])});"
-            yield "    if (wrong != 0) {"
-            yield f"        return (int)(wrong + {first});"
-            yield "    }"
-        for k, first in enumerate(starts):
-            axis = plan.axes[k]
-            yield f"    {self._name(axis.law.store_parameters)}("
-            arguments = [
-                self._memory(k),
-                _view("Ints", f"shape{k}", len(axis.tables.shape)),
-                _view("Reals", f"given + {first}", len(axis.fields)),
-            ]
-            yield f"        {_joined(arguments)});"
-        yield "    return 0;"
-        yield "}\n"
+int cc_controller_set_parameters(
+    cc_controller *controller, const double *given)
+{
+    double *memory = controller->number;
+    int64_t wrong = 0;""")
+    counts = [len(axis.fields) for axis in plan.axes]
+    starts = list(itertools.accumulate(counts, initial=0))
+    # All are looked at before those of one axis are taken.
+    for axis, first, count, shape in zip(
+        plan.axes, starts, counts, shapes, strict=False
+    ):
+        own = [
+            _view("Reals", f"{name} + {first}", count)
+            for name in ("given", "least", "most")
+        ]
+        gains = str(len(axis.law.gains))
+        checked = called(law_steps.wrong_parameters, shape, *own, gains)
+        lines.append(f"    wrong = {checked}")
+        lines.append(
+            f"    if (wrong != 0) {{\n        return (int)(wrong + {first});\n    }}"
+        )
+    for axis, first, count, shape, memory in zip(
+        plan.axes, starts, counts, shapes, memories, strict=False
+    ):
+        own = [memory, shape, _view("Reals", f"given + {first}", count)]
+        lines.append(f"    {called(axis.law.store_parameters, *own)}")
+    restarts = "".join(
+        f"    controller->number[{start + law_steps.FIRST_STEP}] = 1.0;\n"
+        for start in plan.starts[:-1]
+    )
+    lines.append(f"""    return 0;
+}}
 
-    def _memory(self, axis: int) -> str:
-        plan = self._plan
-        end = [*plan.starts, plan.memory_size][axis + 1]
-        return _view("Reals", f"memory + {plan.starts[axis]}", end - plan.starts[axis])
+void cc_controller_reset(cc_controller *controller)
+{{
+{restarts}}}
 
-    def _reset(self) -> Iterator[str]:
-        yield "void cc_controller_reset(cc_controller *controller)"
-        yield "{"
-        for k in range(len(self._plan.axes)):
-            place = self._plan.starts[k] + law_steps.FIRST_STEP
-            yield f"    controller->number[{place}] = 1.0;"
-        yield "}\n"
+int cc_controller_init(cc_controller *controller, const double *given)
+{{
+    const int wrong = cc_controller_set_parameters(controller, given);
+    if (wrong == 0) {{
+        cc_controller_reset(controller);
+    }}
+    return wrong;
+}}
 
-    def _step(self) -> Iterator[str]:
-        """Refuse an impossible reading of any axis before a state changes."""
-        plan = self._plan
-        count = len(plan.seen)
-        impossible = self._name(law_steps.impossible)
-        guarded = _view("Ints", "guarded", len(plan.guarded))
-        yield "int cc_controller_step(cc_controller *controller,"
-        yield "                       const cc_readings *readings, double *torques)"
-        yield "{"
-        yield "    double *memory = controller->number;"
-        yield "    double seen[sizeof(cc_readings) / sizeof(double)];"
-        yield "    memcpy(seen, readings, sizeof seen);"
-        check = f"{impossible}({_view('Reals', 'seen', count)}, {count}, {guarded})"
-        yield f"    int64_t wrong = {check};"
-        if plan.torques.changes:
-            start = plan.starts[-1]
-            own = _view("Reals", f"memory + {start}", plan.memory_size - start)
-            arguments = [
-                own,
-                _view("Ints", "shape", len(plan.torques.shape)),
-                _view("Reals", "tables", len(plan.torques.tables)),
-                _view("Reals", "seen", count),
-            ]
-            yield "    if (wrong == 0) {"
-            yield f"        {self._name(own_readings)}("
-            yield f"            {_joined(arguments, 12)});"
-            yield f"        memcpy(seen, memory + {start}, sizeof seen);"
-            yield "        /* It may be over an arm of 0. */"
-            yield f"        wrong = {check};"
-            yield "    }"
-        yield "    if (wrong != 0) {"
-        for k in range(len(plan.axes)):
-            yield f"        torques[{k}] = 0.0;"
-        yield "        return (int)wrong;"
-        yield "    }"
-        for k, first in enumerate(_starts([len(axis.seen) for axis in plan.axes])):
-            axis = plan.axes[k]
-            arguments = [
-                self._memory(k),
-                _view("Ints", f"shape{k}", len(axis.tables.shape)),
-                _view("Reals", f"tables{k}", len(axis.tables.numbers)),
-                _view("Reals", f"seen + {first}", len(axis.seen)),
-            ]
-            yield f"    torques[{k}] = {self._name(axis.law.step)}("
-            yield f"        {_joined(arguments)});"
-        yield "    return 0;"
-        yield "}"
+int cc_controller_step(cc_controller *controller,
+                       const cc_readings *readings, double *torques)
+{{
+    double *memory = controller->number;
+    double seen[sizeof(cc_readings) / sizeof(double)];
+    memcpy(seen, readings, sizeof seen);""")
+    # An impossible reading of any axis is refused before a state changes.
+    count, start = len(plan.seen), plan.starts[-1]
+    given, guarded = _view("Reals", "seen", count), _view("Ints", "guarded", count)
+    check = called(law_steps.impossible, given, str(count), guarded)
+    lines.append(f"    int64_t wrong = {check}")
+    if plan.torques.changes:
+        own = [
+            _view("Reals", f"memory + {start}", plan.memory_size - start),
+            _view("Ints", "shape", len(plan.torques.shape)),
+            _view("Reals", "tables", len(plan.torques.tables)),
+            given,
+        ]
+        lines.append(f"""    if (wrong == 0) {{
+        {called(own_readings, *own, depth=12)}
+        memcpy(seen, memory + {start}, sizeof seen);
+        /* It may be over an arm of 0. */
+        wrong = {check}
+    }}""")
+    none = "".join(f"        torques[{k}] = 0.0;\n" for k in range(len(plan.axes)))
+    lines.append(f"    if (wrong != 0) {{\n{none}        return (int)wrong;\n    }}")
+    counts = [len(axis.seen) for axis in plan.axes]
+    starts = list(itertools.accumulate(counts, initial=0))
+    for k, (axis, first, count) in enumerate(
+        zip(plan.axes, starts, counts, strict=False)
+    ):
+        numbers = _view("Reals", f"tables{k}", len(axis.tables.numbers))
+        own = [
+            memories[k],
+            shapes[k],
+            numbers,
+            _view("Reals", f"seen + {first}", count),
+        ]
+        lines.append(f"    torques[{k}] = {called(axis.law.step, *own)}")
+    lines.append("    return 0;\n}")
+    return (
+        f'/* {what}. */\n#include "cc_controller.h"\n\n#include "cc_native.h"\n\n'
+        f"{library.text()}\n" + "\n".join(lines) + "\n"
+    )
 
 
 def _view(kind: str, place: str, count: int) -> str:
@@ -182,15 +472,6 @@ def _view(kind: str, place: str, count: int) -> str:
     return f"({kind}){{({element} *){place}, {count}}}"
 
 
-def _joined(arguments: Sequence[str], depth: int = 8) -> str:
-    return (",\n" + " " * depth).join(arguments)
-
-
-def _starts(sizes: Sequence[int]) -> list[int]:
-    """Return where each of several parts begins."""
-    return list(itertools.accumulate(sizes, initial=0))[:-1]
-
-
 def _table(kind: str, name: str, numbers: Sequence[float]) -> str:
     """Return a constant array, of the same bits; of one zero where it is empty."""
     cells = [
@@ -200,28 +481,15 @@ def _table(kind: str, name: str, numbers: Sequence[float]) -> str:
     return f"static const {kind} {name}[] = {{\n    " + ",\n    ".join(rows) + "\n};"
 
 
-HEADER_FILE = "cc_controller.h"
-SOURCE_FILES = ("cc_controller.c", "cc_parameters.c")
-"""Files that are compiled into a user's program."""
-TEXT_FILES = ("cc_native.h", "cc_example.c", "CMakeLists.txt", "README.md")
-EXPORT_FILES = (HEADER_FILE, *SOURCE_FILES, *TEXT_FILES, atomic_io.MANIFEST)
-"""Files that a folder holds; the manifest is the last."""
-
-
 def require_ours(folder: str | os.PathLike[str]) -> None:
     """Find out, before long work, whether a controller may be written to a folder."""
     names = (*ROS2_FILES, *EXPORT_FILES)
-    header = _existing_header(Path(folder) / HEADER_FILE)
-    atomic_io.require_ours(folder, lambda _: header.startswith(c_source.HEADER_MARK))
-    atomic_io.require_unmodified(folder, names[:-1])
-
-
-def _existing_header(path: Path) -> str:
-    """Return the header of an earlier export; empty without one."""
     try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError):
-        return ""
+        text = Path(folder, HEADER_FILE).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):  # there is no earlier one
+        text = ""
+    atomic_io.require_ours(folder, lambda _: text.startswith(HEADER_MARK))
+    atomic_io.require_unmodified(folder, names[:-1])
 
 
 def write(
@@ -247,13 +515,13 @@ def write(
     """
     require_ours(folder)
     texts = {
-        HEADER_FILE: c_source.header(plan, what, notes),
+        HEADER_FILE: header(plan, what, notes),
         "cc_controller.c": controller_source(plan, what),
         "cc_native.h": (native_library.PACKAGE / "native/native.h").read_text(),
-        "cc_parameters.c": c_source.parameters(plan),
-        "cc_example.c": c_source.example(plan),
-        "CMakeLists.txt": c_source.CMAKE_TEXT,
-        "README.md": c_source.readme(plan, what, notes),
+        "cc_parameters.c": parameters(plan),
+        "cc_example.c": example(plan),
+        "CMakeLists.txt": CMAKE_TEXT,
+        "README.md": readme(plan, what, notes),
     }
     if ros2_control:
         texts |= ros2_texts(plan)

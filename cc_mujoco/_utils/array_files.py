@@ -25,7 +25,6 @@ ENDINGS = (MATLAB_ENDING, ".h5", ".hdf5")
 """Endings of files that can be read, in any case."""
 
 _NUMERIC_KINDS = "biuf"  # kinds of NumPy
-_NUMERIC_CLASSES = ("double", "single", "int", "uint", "logical")  # of MATLAB, in HDF5
 
 
 class _Array(NamedTuple):
@@ -158,7 +157,7 @@ def _hdf5_arrays(file: Any, matlab: bool) -> dict[str, _Array]:
         if (
             hasattr(item, "dtype")
             and item.dtype.kind in _NUMERIC_KINDS
-            and word.startswith(_NUMERIC_CLASSES)
+            and word.startswith(("double", "single", "int", "uint", "logical"))
             and not name.startswith("#")  # where MATLAB keeps what it refers to
         ):
             found[name.replace("/", ".") if matlab else name] = _Array(item, matlab)

@@ -24,7 +24,6 @@ from cc_mujoco.errors import CableError
 HEAD_BYTES = 1 << 16
 """Bytes of a file from which `layout` is found."""
 
-_SEPARATOR_LINE = re.compile(r"sep=(.)\s*", re.IGNORECASE)
 _DECIMAL_COMMA = re.compile(r"\s*[-+]?\d*,\d+(?:[eE][-+]?\d+)?\s*|\s*[-+]?\d+,\s*")
 
 
@@ -120,7 +119,7 @@ def layout(path: Path, head: bytes) -> Layout:
     top, separator = 0, ""
     while top < len(lines):
         line = lines[top]
-        if (given := _SEPARATOR_LINE.fullmatch(line)) is not None and top == 0:
+        if (given := re.fullmatch(r"(?i)sep=(.)\s*", line)) is not None and top == 0:
             separator = given[1]
         elif line.strip() and not line.startswith("#"):
             break

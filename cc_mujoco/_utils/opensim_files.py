@@ -23,8 +23,6 @@ ENDINGS = (".mot", ".sto")
 """Endings of files that can be read, in any case."""
 
 _END = "endheader"
-_IN_DEGREES = re.compile(r"\s*indegrees\s*=\s*(yes|no)\s*", re.IGNORECASE)
-_VALUE = re.compile(r"/.*/([^/]+)/value")
 _UNITS = {
     re.compile(r"(/.*)"): r"\1",
     re.compile(r"time", re.IGNORECASE): "time_s",
@@ -44,7 +42,7 @@ def _header(path: Path) -> tuple[list[str], int]:
             if ended and text:
                 names = []
                 for column in line.split():
-                    name = _VALUE.sub(r"\1", column)
+                    name = re.sub(r"/.*/([^/]+)/value", r"\1", column)
                     named = (
                         pattern.sub(unit, name)
                         for pattern, unit in _UNITS.items()
@@ -54,8 +52,8 @@ def _header(path: Path) -> tuple[list[str], int]:
                 return names, count
             if text.lower() == _END:
                 ended = True
-            elif (found := _IN_DEGREES.fullmatch(text)) is not None:
-                suffix = degrees[found[1].lower()]
+            elif found := re.fullmatch(r"indegrees\s*=\s*(yes|no)", text.lower()):
+                suffix = degrees[found[1]]
     raise CableError(
         f"{path} is no OpenSim file; a line {_END!r} and then one that names "
         "the columns must stand above the data."

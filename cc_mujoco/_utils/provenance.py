@@ -41,16 +41,14 @@ from cc_mujoco.errors import CableError
 POLICY_ENDING = ".safetensors"
 """Ending of a policy's file."""
 
-VERSIONED_PACKAGES = ("cc_mujoco", "mujoco", "gymnasium", "numpy", "scipy")
-"""Packages that decide the numbers."""
-
 DECLARED = "CC_MUJOCO_FILES"
 """Name in a user's module of the files that it reads, a tuple of paths."""
 
 
 def versions() -> dict[str, str]:
     """Return the versions of the packages that decide the numbers."""
-    return {n: importlib.import_module(n).__version__ for n in VERSIONED_PACKAGES}
+    packages = ("cc_mujoco", "mujoco", "gymnasium", "numpy", "scipy")
+    return {name: importlib.import_module(name).__version__ for name in packages}
 
 
 def source_files() -> dict[str, Path]:

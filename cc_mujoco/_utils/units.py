@@ -57,7 +57,6 @@ _UNIT_WORDS = {
     "\N{MICRO SIGN}s": "us",
 }
 """Other words for a unit."""
-_WORD_SEPARATORS = re.compile(r"[\s_.,:;|(){}\[\]-]+")
 _UNITS = {
     unit.lower() for kind in (CLOCK, ANGLE, TORQUE, FORCE) for unit in kind.factors
 } | {"m", "mm"}
@@ -65,7 +64,8 @@ _UNITS = {
 
 def words(column: str) -> list[str]:
     """Return the words of a column's name in lower case, the unit as it is spelled."""
-    found = [word for word in _WORD_SEPARATORS.split(column.lower()) if word]
+    parts = re.split(r"[\s_.,:;|(){}\[\]-]+", column.lower())
+    found = [word for word in parts if word]
     return [*found[:-1], *(_UNIT_WORDS.get(word, word) for word in found[-1:])]
 
 

@@ -32,8 +32,6 @@ _MAX_BANDWIDTH = 200.0
 """Most of that bandwidth [rad/s]."""
 _INTEGRAL_SHARE = 1.2
 """Bandwidth of the integral over that of the position."""
-_ENCODER_STEP = 5e-4
-"""Motion of the joint that is none [rad]."""
 
 
 class BacklashInverse(SteppedController):
@@ -77,7 +75,8 @@ class BacklashInverse(SteppedController):
             2.0 * drive.inertia * bandwidth,
             _INTEGRAL_SHARE * bandwidth,
             stiffness,
-            max(noise, _ENCODER_STEP),
+            # Motion of the joint that is none [rad].
+            max(noise, 5e-4),
             loop_gains(drive).settling * stiffness / drive.ratio**2,
         )
         cables, spring = cable_table(drive.cables), joint_spring(drive.cables)

@@ -40,18 +40,6 @@ from cc_mujoco.native import (
 
 Array = NDArray[np.float64]
 
-LEAST_SHARE = 1e-6
-"""Weight of the motor torques in the distribution, over that of the errors."""
-WORST_CONDITION = 100.0
-"""Largest condition number of the ratios, each motor scaled to 1, that is inverted."""
-SINGULAR_SHARE = 1e-10
-"""Weight of the motor torques in the inverse of the ratios."""
-RELEASE_SHARE = 0.5
-"""Share of the way from the desired to the safe torque of a joint beyond which the
-cables that add to it are released, as in `_guard`."""
-PIVOTS = 200
-"""Most steps of the distribution; a few are usual, and it is finite."""
-
 
 class CouplingTables(NamedTuple):
     """Constants of a coupling; a device has `joints` joints and `axes` motors."""
@@ -163,7 +151,8 @@ def _motor_torques(
         for k in range(count):
             rival = i != k and own[i] == own[k]
             columns[i, k] = 0.0 if rival else ratios[own[i], k]
-    _least_squares(count, measured, SINGULAR_SHARE, work)
+    # Weight of the motor torques in the inverse of the ratios.
+    _least_squares(count, measured, 1e-10, work)
     _solve_positive(work, found)
     for i in range(count):
         found[i] /= work.vectors[_UNIT, i]
@@ -200,11 +189,13 @@ def distribute(
                 left[joint] -= ratios[joint, i] * least[i]
             columns[joint, i] = ratios[joint, i] / scales[joint]
         left[joint] /= scales[joint]
-    _least_squares(joints, left, LEAST_SHARE, work)
+    # Weight of the motor torques in the distribution, over that of the errors.
+    _least_squares(joints, left, 1e-6, work)
     edge = 0.0
     for i in range(count):
         edge = max(edge, 1e-12 * abs(wanted[i]))
-    for _ in range(PIVOTS):
+    # Most steps of the distribution; a few are usual, and it is finite.
+    for _ in range(200):
         _solve_positive(work, found)
         wrong = -1
         for i in range(count):
@@ -259,7 +250,9 @@ def own_torques(
             if safe == math.inf:
                 continue
             along = min(max(aim[joint] * np.sign(felt), 0.0), safe)
-            unsafe = abs(felt) > along + RELEASE_SHARE * (safe - along)
+            # Share of the way from the desired to the safe torque of a joint beyond
+            # which the cables that add to it are released, as in `_guard`.
+            unsafe = abs(felt) > along + 0.5 * (safe - along)
             if unsafe and ratios[joint, i] * np.sign(felt) > 0.0:
                 torque = 0.0
         own = ratios[tables.own[i], i]
@@ -310,7 +303,9 @@ class Coupling:
         rival = np.equal.outer(self._own, self._own) & ~np.eye(len(names), dtype=bool)
         mixing = np.where(rival, 0.0, neutral[self._own])
         scaled = mixing / np.abs(neutral).max(axis=0)
-        if not np.linalg.cond(scaled) < WORST_CONDITION:
+        # Largest condition number of the ratios, each motor scaled to 1, that is
+        # inverted.
+        if not np.linalg.cond(scaled) < 100.0:
             raise CableError(
                 f"the cables of {', '.join(p.rstrip('.') for p in prefixes)} turn "
                 "their joints in nearly the same proportions, so torques at the joints "

@@ -38,12 +38,8 @@ from cc_mujoco.device._sensors import WINDING_COLUMNS
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
 
-_TORQUE_COLUMNS = LAW_INPUTS[compiled_laws.TORQUE :]
-"""Columns that the law reads, without those of its guard."""
-_DAMPING_RATIO = 0.7
 _DELAY_SHARE = 0.35
 """Share of what a delay allows that damping and proportional gain take."""
-_MAX_PROPORTIONAL = 2.0
 _DEAD_SIGMAS = 6.0
 """Error at no desired torque that a single cable does not answer, in standard
 deviations of the torque sensor: three times those of its bias in the benchmark."""
@@ -156,7 +152,7 @@ class ProportionalIntegral(SteppedController):
             return super().measured(observation)
         # Without a safe torque there is no guard, which alone reads angles.
         is_guarded = self.drive.safe_torque < math.inf
-        names = LAW_INPUTS if is_guarded else _TORQUE_COLUMNS
+        names = LAW_INPUTS if is_guarded else LAW_INPUTS[compiled_laws.TORQUE :]
         if WINDING_COLUMNS[1] in observation:
             # Levers, and cables that other joints wind.
             angle, velocity = (observation[name] for name in WINDING_COLUMNS[:2])
@@ -246,9 +242,9 @@ def loop_gains(drive: Drive, integral_share: float = 0.0) -> LoopGains:
     require_known_motor(drive)
     inertia, late = drive.inertia, total_delay(drive)
     stiffness = joint_stiffness(drive.cables) / drive.ratio**2
-    damping = 2.0 * _DAMPING_RATIO * math.sqrt(stiffness * inertia)
+    damping = 2.0 * 0.7 * math.sqrt(stiffness * inertia)
     damping = min(damping, _DELAY_SHARE * inertia / late)
-    proportional = min(_DELAY_SHARE * damping / (stiffness * late), _MAX_PROPORTIONAL)
+    proportional = min(_DELAY_SHARE * damping / (stiffness * late), 2.0)
     bandwidth = min(1.0 / late, stiffness / damping, damping / inertia)
     integral = integral_share * (1.0 + proportional) * bandwidth
     limits, spring = motor_limits(drive), joint_spring(drive.cables)

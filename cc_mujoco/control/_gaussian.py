@@ -34,13 +34,8 @@ from cc_mujoco.control._feedback import loop_gains, require_known_motor
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.estimation._least_squares import single_threaded_blas
 
-_ENCODER_NOISE = 3e-4
-"""Standard deviation of an angle [rad]."""
 _LOAD_WALK, _LACK_WALK = 0.2, 0.5
 """Random walks of both, in a second, over the greatest torque."""
-_SLIP_SIGMAS = 8.0
-"""Change of the innovation of the stretch in a step, in its standard deviations, beyond
-what the motor can do, from which an encoder has slipped."""
 _EFFORT, _SINGLE_EFFORT = 1.0, 0.4
 """Weights of motor torque to torque error at the joint, both over the greatest: of a
 pair of cables, and of a single one, with which the ankle is passive."""
@@ -117,7 +112,8 @@ def _design(drive: Drive, rigidity: float) -> tuple[Design, float]:
     seen[1, STRETCH], seen[1, LACK] = rigidity / ratio, 1.0
     noise = np.diag(
         [
-            (_ENCODER_NOISE * (1.0 + abs(ratio))) ** 2,
+            # Standard deviation of an angle [rad].
+            (3e-4 * (1.0 + abs(ratio))) ** 2,
             max(drive.torque_noise, 1e-4 * most) ** 2,
         ]
     )
@@ -129,7 +125,9 @@ def _design(drive: Drive, rigidity: float) -> tuple[Design, float]:
     gain = spread @ seen.T @ np.linalg.inv(seen @ spread @ seen.T + noise)
     deviation = math.sqrt((seen @ spread @ seen.T + noise)[0, 0])
     push = max(map(abs, (drive.low, drive.high))) / inertia * period**2
-    slip = _SLIP_SIGMAS * deviation + push
+    # Change of the innovation of the stretch in a step, in its standard deviations,
+    # beyond what the motor can do, from which an encoder has slipped.
+    slip = 8.0 * deviation + push
     cost = np.diag([(rigidity / ratio / most) ** 2, 0.0])
     weight = _SINGLE_EFFORT if drive.one_way else _EFFORT
     effort = np.array([[(weight * ratio / most) ** 2]])

@@ -430,7 +430,7 @@ class BoucWen(HysteresisModel):
             beta = float(np.exp(rates[0])) / reach
             z = _hysteretic(motor, beta, beta * float(np.tanh(rates[1])))
             columns = np.stack([motor, -z, np.ones(motor.size)], axis=1)
-            found: Array = np.linalg.lstsq(columns, joint, rcond=None)[0]
+            found = np.asarray(np.linalg.lstsq(columns, joint, rcond=None)[0], float)
             if found[1] < 0.0:
                 gain, offset = np.polyfit(motor, joint, 1)
                 found = np.array([gain, 0.0, offset])

@@ -43,7 +43,6 @@ LAST_COMMAND = OWN_MEMORY + compiled_laws.GUARD + guard.COMMAND
 GAIN_COUNT = len(compiled_laws.GAINS)
 GAINS = OWN_MEMORY + compiled_laws.MEMORY_SIZE
 CABLES = GAINS + GAIN_COUNT
-_CABLE_ROWS = 5  # proximal and distal arm, arm now, direction of slip, gain
 
 MODEL, STICTION, DISTURBANCE = range(3)
 """Kinds of laws with a model."""
@@ -93,7 +92,8 @@ def places(cables: int, most: int) -> tuple[int, int, int, int, int, int]:
     First numbers of what the laws need to compute with, of the packed parameters, the
     states, the states after a step, the scratch; and how many numbers there are.
     """
-    scratch = CABLES + _CABLE_ROWS * cables
+    # proximal and distal arm, arm now, direction of slip, gain
+    scratch = CABLES + 5 * cables
     packed = scratch + SCRATCH_ROWS * cables
     state = packed + cables * kernel.parameter_size(most)
     new = state + cables * kernel.state_size(most)

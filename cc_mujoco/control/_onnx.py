@@ -22,8 +22,6 @@ from cc_mujoco.control._network import Network
 from cc_mujoco.control._policy import POLICY_METADATA_KEY, read_policy
 from cc_mujoco.errors import CableError
 
-OPSET, IR_VERSION = 13, 8
-"""Versions of the operators and of the format; old ones, which every runtime reads."""
 _OPERATORS = {"tanh": "Tanh", "relu": "Relu"}
 """Operators of `ACTIVATIONS`; the identity has none, and `elu` none in double."""
 
@@ -45,11 +43,12 @@ def write_onnx(policy: str | os.PathLike[str], path: str | os.PathLike[str]) -> 
         raise CableError(
             "a policy as ONNX needs the package onnx: pip install 'cc_mujoco[onnx]'."
         ) from None
+    # Old versions of the format and of the operators, which every runtime reads.
     model = onnx.helper.make_model(
         _graph(onnx, network),
         producer_name="cc_mujoco",
-        ir_version=IR_VERSION,
-        opset_imports=[onnx.helper.make_opsetid("", OPSET)],
+        ir_version=8,
+        opset_imports=[onnx.helper.make_opsetid("", 13)],
     )
     about = {"observed": [own.to_dict() for own in observed]}
     onnx.helper.set_model_props(model, {POLICY_METADATA_KEY: json.dumps(about)})

@@ -35,25 +35,9 @@ _FRICTION_FACTOR_BOUNDS = 0.2, 3.0
 """Bounds of the factor of friction."""
 _MAX_FRICTION_ERROR = 0.3
 """Relative error of friction up to which a bias may be estimated."""
-_MAX_BIAS_RATIO = 2.0
-"""Greatest bias of the torque sensor, over its significant torque."""
-_TORQUE_SMOOTHING = 0.25
-"""Share of a low-pass that distinguishes taut from slack, per step."""
-_OBSERVER_SWITCH_RATIO = 0.7
-"""Mean squared error of an observer, over that of the observer in use, below which it
-replaces that one."""
-_ENTER_RATIO, _LEAVE_RATIO = 0.1, 1.0
-"""Product of the mean squared errors at joint and rotor of the model with bristles,
-over that of the other, below which a plan begins to use it, and above which it stops.
-"""
-_MODEL_ERROR_FLOOR = 0.01
-"""Least significant mean squared error, over the squared torque that is significant."""
 _MODEL_MEMORY = 0.3
 """Time over which the errors of both models are compared [s]."""
 _BRISTLE, _COULOMB = law.INDEX["bristle_length"], law.INDEX["friction"]
-_ROUNDING_ERROR = (2e-4) ** 2
-"""Least significant mean squared error of an angle [rad^2]: an encoder of 14 bits
-rounds by half of that."""
 
 
 @internal
@@ -156,9 +140,8 @@ def observe(
     turned = memory[at.JOINT] - before
     memory[at.ENERGY] += (torque - memory[at.DESIRED_TORQUE]) * memory[at.JOINT + 1]
     memory[at.ENERGY] -= tune[at.LEAK] * memory[at.ENERGY]
-    memory[at.FILTERED_TORQUE] += _TORQUE_SMOOTHING * (
-        torque - memory[at.FILTERED_TORQUE]
-    )
+    # Share of a low-pass that distinguishes taut from slack, per step.
+    memory[at.FILTERED_TORQUE] += 0.25 * (torque - memory[at.FILTERED_TORQUE])
     has_second = tune[at.BRISTLES] > 0.0 and not _has_bristles(cables)
     if has_second:
         set_bristles(cables, tune[at.BRISTLES])
@@ -249,16 +232,17 @@ def _choose_model(memory: FloatArray, tune: FloatArray) -> bool:
     model falls with the product of both mean squares. A model is replaced only by a
     margin, and by more than noise.
     """
-    floor = _MODEL_ERROR_FLOOR * tune[at.NOISE] * tune[at.NOISE]
+    # Least significant mean squared error, over the squared torque that is significant.
+    floor = 0.01 * tune[at.NOISE] * tune[at.NOISE]
     at_rotor = floor / (tune[at.RATIO] * tune[at.RATIO])
     plain = (memory[at.MODEL_ERROR] + floor) * (memory[at.ROTOR_ERROR] + at_rotor)
     other = (memory[at.MODEL_ERROR + 1] + floor) * (
         memory[at.ROTOR_ERROR + 1] + at_rotor
     )
     if memory[at.BRISTLED] != 0.0:
-        bristled = other <= _LEAVE_RATIO * plain
+        bristled = other <= plain
     else:
-        bristled = other < _ENTER_RATIO * plain
+        bristled = other < 0.1 * plain
     memory[at.BRISTLED] = 1.0 if bristled else 0.0
     return bool(bristled)
 
@@ -333,9 +317,13 @@ def _observe_rotor(
         )
         if rotors[d, at.OBSERVER_ERROR] < rotors[best, at.OBSERVER_ERROR]:
             best = d
+    # Mean squared error of an observer, over that of the observer in use, below which
+    # it replaces that one.
+    # Least significant mean squared error of an angle [rad^2]: an encoder of 14 bits
+    # rounds by half of that.
     if (
-        rotors[best, at.OBSERVER_ERROR] + _ROUNDING_ERROR
-        < _OBSERVER_SWITCH_RATIO * rotors[believed, at.OBSERVER_ERROR]
+        rotors[best, at.OBSERVER_ERROR] + 2e-4**2
+        < 0.7 * rotors[believed, at.OBSERVER_ERROR]
     ):
         believed = best
     memory[at.BELIEVED_DELAY] = believed
@@ -431,7 +419,8 @@ def learn(
         biased + (_MAX_FRICTION_ERROR * _MAX_FRICTION_ERROR) * sensitivity
     )
     step = tune[at.ZEROING] * tune[at.PERIOD] * share * unexplained * tune[at.RATIO]
-    most = _MAX_BIAS_RATIO * tune[at.NOISE]
+    # Greatest bias of the torque sensor, over its significant torque.
+    most = 2.0 * tune[at.NOISE]
     memory[at.BIAS] = min(max(memory[at.BIAS] + step, -most), most)
     rate = (
         tune[at.LEARNING]

@@ -40,8 +40,6 @@ from cc_mujoco.native import (
 _RATE_TERMS = tuple(
     place for place, term, _ in law.DRAG_TERMS if "rate" in term.depends_on
 )
-_MAX_KNOT_STEP = 2.0
-"""Largest turn of the motor between two knots of a plan [rad]."""
 _NEWTON_STEPS, _HALVINGS, _LINEARIZATIONS = 12, 6, 2
 """Most Newton steps of a plan of commands, halvings of a step, and linearisations of
 the load."""
@@ -401,7 +399,8 @@ def _plan(
             where - last,
             desired,
             rise,
-            _MAX_KNOT_STEP,
+            # Largest turn of the motor between two knots of a plan [rad].
+            2.0,
             tune[at.TOLERANCE],
             slack,
             span,

@@ -29,14 +29,6 @@ Array = NDArray[np.float64]
 
 BANDWIDTH = 150.0
 """Bandwidth of the servo without delay [rad/s]."""
-PHASE_PER_DELAY = 0.4
-"""Largest bandwidth of the servo times the delay of the loop [rad]."""
-INTEGRAL_SHARE = 0.2
-"""Rate of the servo's integral over its bandwidth."""
-ACCELERATION_SHARE = 0.25
-"""Share of the motor's torque that is used to follow a change of rate."""
-LEAST_INERTIA = 1e-9
-"""Inertia below which a servo cannot be tuned [kg m^2]."""
 
 
 class PositionController(Controller):
@@ -65,15 +57,18 @@ class PositionController(Controller):
         """
         super().__init__(drive)
         require_number("bandwidth", bandwidth, 1.0, 1e4, "rad/s")
-        if not drive.inertia > LEAST_INERTIA:
+        # Inertia below which a servo cannot be tuned [kg m^2].
+        if not drive.inertia > 1e-9:
             raise CableError(
                 "a position controller needs the inertia of the motor; Drive.inertia "
                 f"is {drive.inertia:g} kg m^2."
             )
         late = (1.5 + drive.delay) * drive.period + drive.motor_lag
-        self.bandwidth = min(bandwidth, PHASE_PER_DELAY / late)
+        # Largest bandwidth of the servo times the delay of the loop [rad].
+        self.bandwidth = min(bandwidth, 0.4 / late)
         most = min(abs(drive.low) or math.inf, abs(drive.high) or math.inf)
-        self._acceleration = ACCELERATION_SHARE * most / drive.inertia
+        # Share of the motor's torque that is used to follow a change of rate.
+        self._acceleration = 0.25 * most / drive.inertia
         self._rows = 0
         self.reset()
 
@@ -138,7 +133,8 @@ class PositionController(Controller):
         )
         speeding = omega * omega * left + 2.0 * omega * leaving
         error, missing = wanted - left - angle, rate - leaving - velocity
-        slow = total + INTEGRAL_SHARE * omega * period * error
+        # Rate of the servo's integral over its bandwidth.
+        slow = total + 0.2 * omega * period * error
         demanded = omega * omega * (error + slow) + 2.0 * omega * missing + speeding
         demanded = inertia * demanded + self.drive.damping * (rate - leaving)
         given = np.clip(demanded, self.drive.low, self.drive.high)

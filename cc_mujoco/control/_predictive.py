@@ -32,28 +32,6 @@ _FIXED_TUNING = frozenset(
     "period span rotor_0 rotor_1 motion_0 motion_1 motion_2 forgetting leak "
     "late lag creep".split()
 )
-_MIN_NOISE = 1e-5
-"""Least noise, as a share of the greatest torque: a sensor without noise is no reason
-to reverse for nothing."""
-
-
-PLAN_PER_DELAY, ROTOR_PER_DELAY = 1.5, 2.5
-"""Largest bandwidths of plan and of the rotor's observer, times the delay. Without the
-second bound an inertia 30 % below its assumed value oscillates at 10 ms."""
-TORQUE_SIGMAS = 6.0
-"""Standard deviations of the torque sensor that make a torque significant, whatever its
-bias."""
-FORGETTING_TIME = 0.1
-"""Time over which the errors of the observers of the rotor are compared [s]."""
-CREEP_TIME = 0.03
-"""Time constant with which the motor completes a crossing that stopped short [s]."""
-DRAG_SLACK = 2.0
-"""Pull of a cable at the motor that paying out keeps where drag leaves more at the
-joint than desired, in standard deviations of the torque sensor: slack there costs
-nothing, and a sensor with a bias would leave a pull."""
-ENERGY_MEMORY, ENERGY_SPEND_TIME, SLOW_JOINT_SPEED = 10.0, 0.02, 0.1
-"""Time for which energy is remembered, in which it is to be spent [s], and velocity of
-the joint below which that takes longer [rad/s]."""
 
 
 class PredictiveCompensation(SteppedController):
@@ -249,18 +227,17 @@ class PredictiveCompensation(SteppedController):
         period = drive.period
         delays = np.arange(max(drive.delay, math.ceil(latest / period)) + 1)
         late = np.maximum(delays, 1) * period
-        bandwidths = np.minimum(bandwidth, PLAN_PER_DELAY / late)
+        bandwidths = np.minimum(bandwidth, 1.5 / late)
         gains = np.array(
             [optimal_plan(knots, horizon / knots, slowed) for slowed in bandwidths]
         )
-        unexplained = np.array(
-            [
-                filter_gains(slowed * period)[2]
-                for slowed in np.minimum(rotor, ROTOR_PER_DELAY / late)
-            ]
-        )
+        # Else an inertia 30 % below its assumed value oscillates at 10 ms.
+        rotors = np.minimum(rotor, 2.5 / late)
+        unexplained = np.array([filter_gains(slowed * period)[2] for slowed in rotors])
         greatest = max(abs(end) for end in drive.reach)
-        noise = max(drive.torque_noise, _MIN_NOISE * greatest)
+        # Least noise, as a share of the greatest torque: a sensor without noise is no
+        # reason to reverse for nothing.
+        noise = max(drive.torque_noise, 1e-5 * greatest)
         spring = joint_spring(drive.cables)
         rotor_0, rotor_1, _ = filter_gains(rotor * period)
         motion_0, motion_1, motion_2 = filter_gains(motion * period)
@@ -270,21 +247,24 @@ class PredictiveCompensation(SteppedController):
             span=horizon / knots,
             tolerance=tolerance * noise,
             turning=(turning * noise) ** 2,
-            noise=TORQUE_SIGMAS * noise,
+            # Standard deviations of the torque sensor that make a torque significant,
+            # whatever its bias.
+            noise=6.0 * noise,
             belief=belief,
             learning=learning,
             zeroing=zeroing,
             least=0.05 * max(abs(drive.low), abs(drive.high)),
-            spend=ENERGY_SPEND_TIME,
-            slow=SLOW_JOINT_SPEED,
+            spend=0.02,
+            slow=0.1,
             damper=damper * float(spring[guard.STIFFNESS]),
             rotor_0=rotor_0,
             rotor_1=rotor_1,
             motion_0=motion_0,
             motion_1=motion_1,
             motion_2=motion_2,
-            forgetting=period / FORGETTING_TIME,
-            leak=period / ENERGY_MEMORY,
+            # Time over which the errors of the observers of the rotor are compared [s].
+            forgetting=period / 0.1,
+            leak=period / 10.0,
             yielding=yielding / known if (known := drive.joint_inertia) else 0.0,
             late=drive.delay,
             lag=drive.motor_lag,
@@ -292,8 +272,13 @@ class PredictiveCompensation(SteppedController):
             bristles=bristles,
             caution=caution,
             iterations=iterations,
-            slack=DRAG_SLACK * noise,
-            creep=min(period / CREEP_TIME, 1.0),
+            # Pull of a cable at the motor that paying out keeps where drag leaves more
+            # at the joint than desired, in standard deviations of the torque sensor:
+            # slack there costs nothing, and a sensor with a bias would leave a pull.
+            slack=2.0 * noise,
+            # Time constant with which the motor completes a crossing that stopped short
+            # [s].
+            creep=min(period / 0.03, 1.0),
         )
         self.tables = planner_memory.Tables(
             gains, unexplained, bandwidths**-4.0, self.tuning.packed(spring)

@@ -10,11 +10,6 @@ from cc_mujoco.cable._layout import node_stiffness, tensions
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 
 _MAX_EVALUATIONS = 12
-_SLOW_MOVE_TIME = 0.5
-"""Time of a motor to the point where friction at speed is evaluated [s]."""
-_MIN_STEP = 0.2
-"""Least step, as a share of that of a cable that stretches as a whole: its end alone is
-stiffer."""
 
 
 @compiled
@@ -47,7 +42,9 @@ def find_joint_angle(
         if root.encloses(bracket):
             at = root.between(bracket)
         else:
-            reach = max(2.0 * reach, _MIN_STEP * abs(over) / stiffness)
+            # Least step, as a share of that of a cable that stretches as a whole: its
+            # end alone is stiffer.
+            reach = max(2.0 * reach, 0.2 * abs(over) / stiffness)
             at += reach if over > 0.0 else -reach
     return start + at
 
@@ -172,7 +169,8 @@ def find_motor_angle(
         if drags:
             stepper.move(
                 cables, state, start + way * at - along, joint - turned,
-                _SLOW_MOVE_TIME, leapt, work,
+                # Time of a motor to the point where friction at speed is evaluated [s].
+                0.5, leapt, work,
             )  # fmt: skip
         stepper.move(cables, before, start + way * at, joint, dt, new, work)
         lack = toward * _torque_deficit(cables, new, start, torque, slack)

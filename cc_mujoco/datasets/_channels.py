@@ -30,11 +30,8 @@ REQUIRED_CHANNELS = (TIME, *MAIN_CHANNELS)
 NON_TENSION_CHANNELS = (*MAIN_CHANNELS, MOTOR_CURRENT, TEMPERATURE)
 """Channels of a trial other than tensions and time."""
 
-_OTHER_ANGLE_PATTERN = re.compile(r".+_angle_rad")
-
 TENSION_TEMPLATE = "tension_<cable>_<proximal|distal>_n"
 _TENSION_PATTERN = re.compile(r"tension_(?:(.+)_)?(proximal|distal)_n")
-_TENSION_UNIT_PATTERN = re.compile(r"(tension_(?:.+_)?(?:proximal|distal)_)([a-z]+)")
 
 
 CURRENT = Kind("current", "A", {"A": 1.0, "mA": 1e-3})
@@ -103,7 +100,7 @@ def other_angle(joint: str) -> str:
 
 def is_other_angle(channel: str) -> bool:
     """Return whether a channel is the angle of a joint that is not the driven one."""
-    return channel not in ANGLES and _OTHER_ANGLE_PATTERN.fullmatch(channel) is not None
+    return channel not in ANGLES and bool(re.fullmatch(r".+_angle_rad", channel))
 
 
 def cable_end(tension: str) -> tuple[str, str]:
@@ -143,8 +140,8 @@ def spellings(channel: str) -> dict[str, str]:
 
 def tension_channel(column: str) -> str:
     """Return the tension channel of a column in any unit of force, or ""."""
-    found = _TENSION_UNIT_PATTERN.fullmatch(column)
-    if found is None:
+    name = r"(tension_(?:.+_)?(?:proximal|distal)_)[a-z]+"
+    if (found := re.fullmatch(name, column)) is None:
         return ""
     if unit_of(column, FORCE):
         return f"{found[1]}n"

@@ -24,16 +24,15 @@ _SIDE_WORDS = {
     ),
 }
 """Words in names of columns that speak of either end of a cable."""
-_STAMP_PATTERN = re.compile(r"(.*stamp[._/])(secs?)")
-_NANOSECOND_NAMES = {"sec": ("nanosec", "nsec"), "secs": ("nsecs",)}
 
 
 def stamp_columns(names: Sequence[str]) -> dict[str, tuple[str, str]]:
     """Return the columns of seconds and nanoseconds of message stamps, by stem."""
     found = {}
+    nanoseconds = {"sec": ("nanosec", "nsec"), "secs": ("nsecs",)}
     for name in names:
-        if (stamp := _STAMP_PATTERN.fullmatch(name)) is not None:
-            for nano in _NANOSECOND_NAMES[stamp[2]]:
+        if (stamp := re.fullmatch(r"(.*stamp[._/])(secs?)", name)) is not None:
+            for nano in nanoseconds[stamp[2]]:
                 if stamp[1] + nano in names:
                     found[stamp[1][:-1]] = (name, stamp[1] + nano)
     return found

@@ -289,7 +289,6 @@ def pulling_torque(
 
 _MAX_ASIDE, _ASIDE_STEP = 0.5, 0.02
 """Range and step of the driven joint's deviations from its recorded angle [rad]."""
-_BY_ROW = ("wrap", "contact", "gained", "distal", "length", "gain", "arm")
 
 
 def _joined(parts: Sequence[tuple[NDArray[np.intp], CoupledPath]]) -> CoupledPath:
@@ -297,7 +296,8 @@ def _joined(parts: Sequence[tuple[NDArray[np.intp], CoupledPath]]) -> CoupledPat
     first = parts[0][1]
     if len(parts) == 1:
         return first
-    made = {name: getattr(first, name).copy() for name in _BY_ROW}
+    by_row = ("wrap", "contact", "gained", "distal", "length", "gain", "arm")
+    made = {name: getattr(first, name).copy() for name in by_row}
     for rows, course in parts[1:]:
         for name, values in made.items():
             if len(values):  # the lengths of a conduit are those of its sections

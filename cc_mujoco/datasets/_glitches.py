@@ -18,8 +18,6 @@ from cc_mujoco.datasets._reading import Recording
 from cc_mujoco.datasets._trials import FloatArray
 
 _LOADS = channels.TORQUE, channels.FORCE, channels.CURRENT
-_COMPARED = (channels.ANGLE, *_LOADS)
-"""Kinds of readings that a model is compared with; others lose a column by a gap."""
 _CHANGE_QUANTILE, _CHANGE_RATIO = 0.98, 8.0
 """A glitch leaves the line through its neighbours by so many usual large changes from
 one reading to the next. White noise does so once in 10^100 readings."""
@@ -37,7 +35,8 @@ def drop_glitches(recording: Recording) -> tuple[Recording, list[DataFinding]]:
     values, findings = dict(recording.values), []
     for channel, readings in recording.values.items():
         kind = channels.kind_of(channel)
-        if kind not in _COMPARED:
+        # A model is compared with these; others would lose a column by a gap.
+        if kind not in (channels.ANGLE, *_LOADS):
             continue
         time = recording.clocks.get(channel, recording.values[channels.TIME])
         lone, frozen = _lone(readings), []

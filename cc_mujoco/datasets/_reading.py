@@ -147,10 +147,6 @@ def _rate_sentence(where: str, leader: str, drive: Mapping[str, Stream]) -> str:
     )
 
 
-MAX_CHANNEL_VALUE, MAX_TIME = 1e6, 1e11
-"""Readings and times [s] beyond these are taken for missing."""
-
-
 @dataclass
 class Recording:
     """Contents of a file, before it is checked and cut.
@@ -340,13 +336,14 @@ class _Table:
         raw = self._read([*used, *clocks.values()])
         # The clocks first: conversion may happen in place.
         times = {channel: raw[clock] * self.second for channel, clock in clocks.items()}
-        self.stamps = _scale(raw[self.time], self.offset, self.second, MAX_TIME)
+        # What is farther than these limits is taken for missing.
+        self.stamps = _scale(raw[self.time], self.offset, self.second, 1e11)
         values = {
             channel: _scale(
                 raw[column],
                 source.offset,
                 source.sign * file.factor(channel, column),
-                MAX_CHANNEL_VALUE,
+                1e6,
             )
             for channel, column in self.channels.items()
             for source in [file.source(channel)]

@@ -59,8 +59,6 @@ UNTUNED_CONSTANTS = (
     "load_hanging_angle", "gain_uncertainty",
 )  # fmt: skip
 """Those that a diagnosis does not tune."""
-MAY_BE_ZERO = ("friction", *RIG_ANGLES, "load_damping")
-"""Those that may be 0."""
 
 
 def read_rig(table: Table) -> dict[str, Constant]:
@@ -87,7 +85,7 @@ def read_rig(table: Table) -> dict[str, Constant]:
         value = inner.number("value", -math.inf if name in RIG_ANGLES else 0.0)
         if value is None:
             raise CableError(f"{inner.where} needs a `value`.")
-        if value == 0.0 and name not in MAY_BE_ZERO:
+        if value == 0.0 and name not in ("friction", *RIG_ANGLES, "load_damping"):
             raise inner.wrong("value", "more than 0")
         factor = units[inner.choice("unit", units) or next(iter(units))]
         doubt = inner.number("uncertainty", 0.0) or 0.0

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,6 +22,7 @@ from cc_mujoco.cable import PATHS, Cable
 from cc_mujoco.device._derived_wearers import add_cuff, derive_movers
 from cc_mujoco.device._description import (
     ASSUMED,
+    FREE_ROOTS,
     GIVEN,
     PERIOD,
     SCENE,
@@ -34,18 +35,11 @@ from cc_mujoco.device._description import (
 from cc_mujoco.device._device_files import hysteresis_of
 from cc_mujoco.device._moment_arm import Arms, moments
 from cc_mujoco.device._mover import MotorLimits
-from cc_mujoco.device._scene_checks import (
-    compile_scene,
-    hold_root,
-    name_parts,
-    names_of,
-    require_targets,
-    warn_of_degrees,
-)
 from cc_mujoco.device._sensors import Sensing
 from cc_mujoco.errors import CableError, CableWarning
 from cc_mujoco.plugin._engine import PLUGIN
 from cc_mujoco.plugin._mjcf import instances
+from cc_mujoco.plugin._spec import error_sentence
 
 TORQUE_SHARE = 0.2
 """Share of the largest torque at the joint that the default task demands."""
@@ -104,11 +98,16 @@ def describe(spec: mujoco.MjSpec, scene: str, table: Table) -> Description:
     """
     table.only(*KEYS)
     read = DescriptionReader()
-    hold_root(spec, table, read)
-    name_parts(spec)
-    require_targets(spec, scene)
-    model = compile_scene(spec, scene)
-    warn_of_degrees(model, scene)
+    _hold_root(spec, table, read)
+    _name_parts(spec)
+    _require_targets(spec, scene)
+    try:
+        # A copy, as elements of what was compiled cannot all be taken out later.
+        model = spec.copy().compile()
+    except ValueError as error:
+        reason = error_sentence(error)
+        raise CableError(f"scene {scene} does not compile: {reason}") from None
+    _warn_of_degrees(model, scene)
     cables = plugin.from_mjcf(spec)
     if not cables:
         raise CableError(
@@ -149,6 +148,91 @@ def describe(spec: mujoco.MjSpec, scene: str, table: Table) -> Description:
         sources=read.sources,
         hysteresis=hysteresis,
     )
+
+
+def _names_of(elements: Iterable[Any]) -> list[str]:
+    """Return the names of elements, as far as they have one."""
+    return [element.name for element in elements if element.name]
+
+
+def _hold_root(spec: mujoco.MjSpec, table: Table, read: DescriptionReader) -> None:
+    """Take the free joints out, unless the description lets them be free."""
+    choice = table.choice("root", FREE_ROOTS)
+    free = [j for j in spec.joints if j.type == mujoco.mjtJoint.mjJNT_FREE]
+    if not free:
+        return
+    read.note("root", ASSUMED if choice is None else GIVEN)
+    if choice == "free":
+        return
+    if choice is None:
+        warnings.warn(
+            f"device {table.where}: the body on free joint {free[0].name!r} is held "
+            'where it is; root = "free" or "held" in the description says which.',
+            CableWarning,
+            stacklevel=2,
+        )
+    # Episodes begin in the neutral pose; keyframes count the coordinates of the root.
+    for element in [*spec.keys, *free]:
+        spec.delete(element)
+
+
+def _require_targets(spec: mujoco.MjSpec, scene: str) -> None:
+    """Refuse an end of a cable on a joint or a tendon that is not there."""
+    kinds = {
+        mujoco.mjtTrn.mjTRN_JOINT: ("joint", spec.joints),
+        mujoco.mjtTrn.mjTRN_TENDON: ("tendon", spec.tendons),
+    }
+    for actuator in spec.actuators:
+        if actuator.plugin.plugin_name != PLUGIN or actuator.trntype not in kinds:
+            continue
+        kind, elements = kinds[actuator.trntype]
+        names = _names_of(elements)
+        if actuator.target not in names:
+            where = f"{kind} of cable {actuator.plugin.name!r} in scene {scene}"
+            raise CableError.unknown(where, str(actuator.target), names)
+
+
+def _warn_of_degrees(model: mujoco.MjModel, scene: str) -> None:
+    """Warn of the range of a hinge that looks like degrees."""
+    hinges = (model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE) & (model.jnt_limited != 0)
+    for joint in np.flatnonzero(hinges).tolist():
+        low, high = model.jnt_range[joint].tolist()
+        # So wide a range looks like degrees.
+        if high - low > 6.0 * math.pi and not _is_drum(model, joint):
+            warnings.warn(
+                f"scene {scene}: joint {model.joint(joint).name!r} has a range of "
+                f"{low:g} to {high:g} rad; if these are degrees, `angle` in <compiler> "
+                "must be degree.",
+                CableWarning,
+                stacklevel=2,
+            )
+
+
+def _is_drum(model: mujoco.MjModel, joint: int) -> bool:
+    """Return whether a motor other than a cable and a spring turns a joint."""
+    on = (model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT) & (
+        model.actuator_trnid[:, 0] == joint
+    )
+    free = (model.actuator_plugin < 0) & (
+        model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE
+    )
+    return bool((on & free).any())
+
+
+def _name_parts(spec: mujoco.MjSpec) -> None:
+    """Name what a device has to find again: actuators and joints without a name."""
+    taken = {*_names_of(spec.actuators)}
+    for place, joint in enumerate(spec.joints):
+        if not joint.name:
+            joint.name = f"joint_{place}"
+    for actuator in spec.actuators:
+        if not actuator.name:
+            base = actuator.plugin.name or "actuator"
+            name = f"{base}_{actuator.target}"
+            while name in taken:
+                name += "_"
+            actuator.name = name
+            taken.add(name)
 
 
 def _period(
@@ -610,7 +694,7 @@ def _lever(
         for site in listed:
             if not isinstance(site, str) or spec.site(site) is None:
                 raise CableError.unknown(
-                    f"site in {table.where}, lever", str(site), names_of(spec.sites)
+                    f"site in {table.where}, lever", str(site), _names_of(spec.sites)
                 )
         read.note("axis.lever", GIVEN)
         return tuple(listed)

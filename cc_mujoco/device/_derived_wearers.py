@@ -24,8 +24,6 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.human import Wearer
 from cc_mujoco.plugin._spec import add_element
 
-WEARER_FREQUENCY, WEARER_DAMPING = 25.0, 0.7
-"""Natural frequency [rad/s] and damping ratio of an assumed wearer at the joint."""
 EVERY = "*"
 """Name in `[wearer]` that stands for every joint that nothing else moves."""
 WEARER_KEYS = ("actuator", "stiffness", "damping", "none")
@@ -91,10 +89,11 @@ def derive_movers(
         stiffness, damping = one.number("stiffness", 1e-6), one.number("damping", 0)
         if not name:
             inertia = float(model.dof_M0[model.joint(joint).dofadr[0]])
+            # Assumed: 25 rad/s, and a damping ratio of 0.7.
             if stiffness is None:
-                stiffness = rounded(inertia * WEARER_FREQUENCY**2)
+                stiffness = rounded(inertia * 25.0**2)
             if damping is None:
-                damping = rounded(2.0 * WEARER_DAMPING * math.sqrt(inertia * stiffness))
+                damping = rounded(2.0 * 0.7 * math.sqrt(inertia * stiffness))
             name = f"wearer_{joint}"
             added = add_element(
                 spec,

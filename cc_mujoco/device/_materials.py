@@ -134,9 +134,7 @@ _STEEL_STRENGTH = Figure(
     _per_area(480.0, 0.0625),
     ("schooner", "api", "steel_cable"),
 )
-_WIRES = 15  # three strands of 7x19 side by side, of five wires each
 _NYLON_HOTTEST = Figure(99.0, 99.0, 99.0, ("quadrant",))
-_PTFE_HOTTEST = Figure(260.0, 260.0, 260.0, ("medh",))
 
 
 def _steel(
@@ -155,7 +153,8 @@ def _steel(
         _STEEL_DENSITY,
         _STEEL_STRENGTH,
         hottest,
-        _WIRES,
+        # three strands of 7x19 side by side, of five wires each
+        15,
     )
 
 
@@ -166,7 +165,7 @@ MATERIALS: dict[str, Material] = {
             "steel_ptfe",
             "steel rope in a conduit lined with PTFE, dry",
             Figure(0.05, 0.06, 0.10, ("ptfe", "housing")),
-            _PTFE_HOTTEST,
+            Figure(260.0, 260.0, 260.0, ("medh",)),
         ),
         _steel(
             "nylon_steel_ptfe",

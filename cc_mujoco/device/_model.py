@@ -417,7 +417,7 @@ class DeviceModel:
         """
         columns: dict[str, Any] = {"qpos": qpos}
         for reader in self._readers:
-            columns |= _cable_columns(reader.name, reader.read(plugin_state))
+            columns |= cable_columns(reader.name, reader.read(plugin_state))
         return columns
 
 
@@ -504,7 +504,7 @@ def _ends(model: mujoco.MjModel, name: str) -> tuple[int, int]:
     return proximal, distal
 
 
-def _cable_columns(name: str, reading: plugin.CableReading) -> dict[str, Any]:
+def cable_columns(name: str, reading: plugin.CableReading) -> dict[str, Any]:
     return {
         f"tension_{name}_proximal_n": reading.tension_proximal,
         f"tension_{name}_distal_n": reading.tension_distal,

@@ -73,9 +73,6 @@ FRICTION = "material_friction"
 UNPLUGGED: dict[str, Value] = {"axial_stiffness": 1e-6, "pretension": 0.0}
 """Values of a cable that does nothing."""
 
-_TIGHT = ("pretension", "strength", "diameter", "material")
-"""Variables of which a cable's pretension may break it."""
-
 
 class Plant:
     """A device with some of its values changed.
@@ -116,7 +113,8 @@ class Plant:
         self.cables: Mapping[str, Cable] = cables
         if self.values:
             self.cables = {name: self._cable(name) for name in cables}
-        if any(split(name)[1] in _TIGHT for name in self.values):
+        tight = ("pretension", "strength", "diameter", "material")
+        if any(split(name)[1] in tight for name in self.values):
             self._require_strength()
 
     def __eq__(self, other: object) -> bool:

@@ -218,9 +218,8 @@ SETS: dict[str, tuple[str, ...]] = {
 }
 """Parameters that a variable sets when it names a row of a table."""
 
-_BENDS = ("conduit", "loops", "wrap", "bend_radius")
 CONFLICTS: tuple[tuple[str, ...], ...] = (
-    _BENDS,
+    ("conduit", "loops", "wrap", "bend_radius"),
     ("conduit", "length"),
     ("diameter", "axial_stiffness"),
     ("diameter", "strength"),

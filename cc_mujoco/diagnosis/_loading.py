@@ -40,8 +40,7 @@ from cc_mujoco.datasets._folders import (
 from cc_mujoco.datasets._glitches import drop_glitches
 from cc_mujoco.datasets._reading import Recording, read
 from cc_mujoco.datasets._run_log import is_log, other_scene, truncation_reason
-from cc_mujoco.datasets._shared_joints import OtherAxes
-from cc_mujoco.datasets._torques import add_derived_torques, derived_noise
+from cc_mujoco.datasets._torques import OtherAxes, add_derived_torques, derived_noise
 from cc_mujoco.datasets._trials import Dataset, Facts, Trial
 from cc_mujoco.diagnosis._checks.content import noise_of, wrong_repeats
 from cc_mujoco.diagnosis._checks.readings import (

@@ -61,9 +61,6 @@ _START_SPREAD = math.log(3.0)
 _POOR_MISFIT = 3.0
 """Misfit above which the model or its start is wrong, so that no interval holds."""
 
-_UNDETERMINED_DEVIATION = 0.5
-"""Standard deviation above which a combination of logarithms is undetermined."""
-
 
 @dataclass(frozen=True)
 class Measurement:
@@ -308,7 +305,9 @@ class _Model:
             spread / np.outer(sigma, sigma),
             tuple(
                 self.sentence(shares)
-                for shares in undetermined_directions(spread, _UNDETERMINED_DEVIATION)
+                # Standard deviation above which a combination of logarithms is
+                # undetermined.
+                for shares in undetermined_directions(spread, 0.5)
             ),
             {
                 k: float(np.sqrt(np.mean(np.concatenate(v) ** 2)))

@@ -50,9 +50,6 @@ AtRest = Literal["average", "hold"]
 UNKNOWN_DEVIATION = 1e6
 """Standard deviation of a tension of which nothing is known [N]."""
 
-MAX_REST_SIGMAS = 4.0
-"""Standard deviations by which a reading at rest may differ from the estimate."""
-
 
 class Fused(NamedTuple):
     """Tension of every node and the standard deviation of its error.
@@ -318,7 +315,9 @@ class TensionFusion:
         for sensor, node in enumerate(self._nodes):
             lack = reading[..., sensor] - self.tension[..., node]
             total = self._covariance[..., node, node] + self.noise[sensor] ** 2
-            moved = rests[..., sensor] & (lack**2 > MAX_REST_SIGMAS**2 * total)
+            # Standard deviations by which a reading at rest may differ from the
+            # estimate.
+            moved = rests[..., sensor] & (lack**2 > 4.0**2 * total)
             self._covariance[..., node, :] *= ~moved[..., None]
             self._covariance[..., :, node] *= ~moved[..., None]
             self._covariance[..., node, node] += UNKNOWN_DEVIATION**2 * moved

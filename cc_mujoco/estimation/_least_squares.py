@@ -32,22 +32,12 @@ from cc_mujoco.native import FloatArray
 THREADS = max(1, min(os.cpu_count() or 1, 8))
 FACTOR_STEP = 3e-3
 """Step of a parameter's logarithm over which simulations are differenced."""
-_MIN_EIGENVALUE_RATIO = 1e-12
-_DAMPING = 1e-4
-"""Damping of a fit's first step, relative to the diagonal of the normal equations."""
-_FLAT = 4.0
-"""Promise, over the one that ends a fit, of a step whose failure ends it as well: by as
-much the cost jumps with friction."""
-_MAX_FAILURES = 4
-"""Shorter steps from one place of a fit, none of which lowers the cost, that end it."""
 _MAX_LOG_STEP = math.log(2.0)
 """Most by which a step changes a logarithm: beyond, derivatives say nothing."""
 MAX_FREEDOM = 1e9
 """Degrees of freedom from which on the variance counts as known (t, F)."""
 _Item = TypeVar("_Item")
 _Found = TypeVar("_Found")
-_MAX_HALF_WIDTH = 50.0
-"""Largest half width of an interval of a logarithm: beyond, numbers overflow."""
 
 
 class Tuned(NamedTuple):
@@ -151,7 +141,8 @@ def fit(
     factors = np.array([p.scale if p.factor else 0.0 for p in free])
     x: FloatArray = np.clip(start, low, high)
     error = residual(x)
-    cost, damping, left = _half_square(error), _DAMPING, evaluations - 1
+    # Damping of a fit's first step, relative to the diagonal of the normal equations.
+    cost, damping, left = _half_square(error), 1e-4, evaluations - 1
     while left > 0:
         slopes = jacobian(x)
         square, slope = slopes.T @ slopes, slopes.T @ error
@@ -168,8 +159,12 @@ def fit(
             shorter = taken <= 0.0
             if shorter:
                 failures += 1
-                flat = promised <= _FLAT * tolerance * cost
-                if flat or failures == _MAX_FAILURES:
+                # Promise, over the one that ends a fit, of a step whose failure ends it
+                # as well: by as much the cost jumps with friction.
+                flat = promised <= 4.0 * tolerance * cost
+                # Shorter steps from one place of a fit, none of which lowers the cost,
+                # that end it.
+                if flat or failures == 4:
                     return Fit(x, cost)
                 damping = max(30.0 * damping, 0.01)
                 continue
@@ -290,7 +285,7 @@ def covariance(
     variance 1.
     """
     values, vectors = np.linalg.eigh(jacobian.T @ jacobian)
-    values = np.maximum(values, _MIN_EIGENVALUE_RATIO * max(float(values[-1]), 1e-100))
+    values = np.maximum(values, 1e-12 * max(float(values[-1]), 1e-100))
     bread = vectors / values
     if not residuals:
         found: FloatArray = bread @ vectors.T
@@ -344,7 +339,8 @@ def estimate(
     """
     from scipy.special import stdtrit
 
-    most = _MAX_HALF_WIDTH / parameter.scale if parameter.factor else math.inf
+    # Largest half width of an interval of a logarithm: beyond, numbers overflow.
+    most = 50.0 / parameter.scale if parameter.factor else math.inf
     wide = float(stdtrit(min(freedom, MAX_FREEDOM), 0.975))
     reach = min(wide * deviation, most)
     low, high = sorted(parameter.value(place + side) for side in (-reach, reach))

@@ -30,10 +30,6 @@ from cc_mujoco._utils.arguments import MAX_FORCE, numbers
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray, compiled
 
-_MIN_INFORMATION_SHARE = 1e-9
-"""Share of the largest information below which a direction counts as silent."""
-
-
 ESTIMATE, VARIANCE, INFORMATION, DRIFT_COVARIANCE = range(4)
 """Numbers of one parameter: the estimate, the variance of its error, the information of
 the data, and the covariance of the error with the rate of drift."""
@@ -145,7 +141,8 @@ class RecursiveLeastSquares:
             self._update_one(float(information[0, 0]), float(target[0]))
             return
         size, axes = np.linalg.eigh(information)
-        informed = axes[:, size > _MIN_INFORMATION_SHARE * max(float(size[-1]), 0.0)]
+        # Share of the largest information below which a direction counts as silent.
+        informed = axes[:, size > 1e-9 * max(float(size[-1]), 0.0)]
         if informed.shape[1] == 0 or not size[-1] > 0.0:
             return
         seen = self._information_matrix @ informed

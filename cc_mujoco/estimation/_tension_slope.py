@@ -45,12 +45,6 @@ from cc_mujoco.estimation._tracks import (
 )
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled
 
-MIN_TENSION_SIGMAS = 4.0
-"""Tension, in standard deviations of its sensor, below which a reading says nothing."""
-
-_MIN_READING_SHARE = 0.05
-"""Share of the fitted tension below which a reading is left out (no logarithm)."""
-
 
 @compiled
 def next_run(sign: FloatArray, at: int) -> tuple[int, int, int]:
@@ -168,10 +162,11 @@ def _part_equations(
     for j in range(nodes.size):
         if first <= nodes[j] <= last:
             size = level * clear[j]  # T over its noise
-            if (
-                size >= MIN_TENSION_SIGMAS
-                and reading[j] > _MIN_READING_SHARE * size * noise[j]
-            ):
+            # Tension, in standard deviations of its sensor, below which a reading says
+            # nothing.
+            # Share of the fitted tension below which a reading is left out (no
+            # logarithm).
+            if size >= 4.0 and reading[j] > 0.05 * size * noise[j]:
                 clear[left] = size
                 right[left] = np.log(reading[j]) + 0.5 / size**2
                 for k in range(value.size):

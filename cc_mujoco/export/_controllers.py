@@ -6,13 +6,12 @@ plan.fields[0].name, plan.values()[0]      # "ratio", 5.2
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import itertools
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,7 +20,6 @@ import numpy as np
 from cc_mujoco._utils.provenance import POLICY_ENDING, is_user_controller
 from cc_mujoco.cable import PARAMETERS
 from cc_mujoco.cable._cable import TERMS
-from cc_mujoco.cable._parameter import Parameter
 from cc_mujoco.control import (
     CONTROLLERS,
     Controller,
@@ -45,9 +43,6 @@ from cc_mujoco.estimation._tension_slope import has_slope
 from cc_mujoco.export import _policy_step as policy_step
 from cc_mujoco.export._joint_torques import JointTorques
 from cc_mujoco.native import FloatArray
-
-_COUPLED_GAINS = frozenset({"ratio", "high", "safe_torque"})
-"""Fixed where axes are decoupled, which rests on them."""
 
 EXPORTED = tuple(name for name, kind in CONTROLLERS.items() if stepped_law(kind))
 """Their names."""
@@ -102,8 +97,17 @@ class AxisPlan:
         known = made.drive.cables if law.has_model else ()
         rows = tuple(zip(map(_identifier, cables), known, strict=False))
         values = iter(made.parameters())
-        gains = [_gain_parameter(gain, next(values), law) for gain in law.gains]
-        fields = _motor_fields(gains, prefix, decoupled)
+        fields: list[Field] = []
+        for gain in law.gains:
+            value, meaning, (low, high) = next(values), gain.meaning, _bounds(gain)
+            if gain.name in law.unread:
+                meaning += "; this controller does not read it"
+            # The decoupling of axes rests on these.
+            rests = decoupled and gain.name in ("ratio", "high", "safe_torque")
+            if rests or gain.name in law.fixed:
+                low, high, meaning = value, value, f"{meaning}; fixed by the export"
+            name = prefix + gain.name
+            fields.append(Field(name, gain.unit, low, high, value, meaning))
         for cable, own in rows:
             fields += _cable_parameters(cable, own, values, law)
         names, taps = tuple(cable for cable, _ in rows), getattr(made, "taps", None)
@@ -343,29 +347,6 @@ def _bounds(parameter: Any) -> tuple[float, float]:
     return (
         math.nextafter(low, math.inf) if parameter.low_open else low
     ), parameter.high
-
-
-def _motor_fields(fields: Iterable[Field], prefix: str, decoupled: bool) -> list[Field]:
-    """Return the parameters of motor and feedback under the names of their axis."""
-    found = []
-    for field in fields:
-        if decoupled and field.name in _COUPLED_GAINS:
-            field = _fixed(field)
-        found.append(dataclasses.replace(field, name=prefix + field.name))
-    return found
-
-
-def _fixed(field: Field) -> Field:
-    value, meaning = field.value, f"{field.meaning}; fixed by the export"
-    return dataclasses.replace(field, low=value, high=value, meaning=meaning)
-
-
-def _gain_parameter(gain: Parameter, value: float, law: SteppedLaw) -> Field:
-    meaning, (low, high) = gain.meaning, _bounds(gain)
-    if gain.name in law.unread:
-        meaning += "; this controller does not read it"
-    found = Field(gain.name, gain.unit, low, high, value, meaning)
-    return _fixed(found) if gain.name in law.fixed else found
 
 
 def _sensor_parameters(

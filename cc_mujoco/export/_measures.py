@@ -25,7 +25,6 @@ from cc_mujoco.native import FloatArray
 from cc_mujoco.native import _library as native_library
 
 FLAGS = "-std=c99", "-O2", "-ffp-contract=off"
-_ENTRIES = "init", "set_parameters", "step"
 _STEPS = 1500
 _PROGRAM = """#include <stdio.h>
 #include "cc_controller.h"
@@ -126,7 +125,8 @@ def stack_bound(folder: Path, compiler: Sequence[str]) -> int | None:
         return sizes.get(name, 0) + max(below, default=0)
 
     try:
-        return max(deepest(f"cc_controller_{entry}") for entry in _ENTRIES)
+        entries = "init", "set_parameters", "step"
+        return max(deepest(f"cc_controller_{entry}") for entry in entries)
     except RecursionError:
         return None
 

@@ -71,15 +71,11 @@ finger, 2 kg at a foot 0.9 m from the hip (assumed).
 LIMB_FREQUENCIES = 2.0, 60.0
 """Natural frequencies of the softest and the stiffest limb of any other device, with
 the inertia of the joint [rad/s]: of a knee a few N m/rad to more than a thousand."""
-LIMB_LOAD = 3.0
-"""Inertia that is added at most, over that of the joint, of any other device [-]."""
 
 DAMPING_RATIO_RANGE = 0.1, 1.0
 """Damping, over what is critical for that stiffness with the limb's own inertia [-].
 With it the stiffnesses of ankle and hip have about the dampings that were measured."""
 
-MIN_INERTIA_SHARE = 0.01
-"""Least inertia that is added, over the greatest [-]."""
 
 PORT_COLUMNS = (
     "joint_torque_nm",
@@ -234,9 +230,12 @@ def wearer_bounds(device: str | Path | Device, axis: str | None = None) -> Array
     else:
         inertia = inertia_of(found, axis)
         soft, stiff = (inertia * frequency**2 for frequency in LIMB_FREQUENCIES)
-        heavy = LIMB_LOAD * inertia
+        # Inertia that is added at most, over that of the joint, of any other device
+        # [-].
+        heavy = 3.0 * inertia
     return np.log(
-        [(soft, stiff), DAMPING_RATIO_RANGE, (MIN_INERTIA_SHARE * heavy, heavy)]
+        # Least inertia that is added, over the greatest [-].
+        [(soft, stiff), DAMPING_RATIO_RANGE, (0.01 * heavy, heavy)]
     )
 
 

@@ -12,18 +12,15 @@ import difflib
 import importlib.util
 import logging
 import re
-import time
-from abc import ABC, abstractmethod
 from collections import Counter, deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, ClassVar, NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware._address import MAX_SHORT_ID, CanAddress, CanPlace
-from cc_mujoco.hardware._drive_rig import Enabling, Now
 from cc_mujoco.hardware._rig import MAX_PENDING, PacketRig, pending
 
 if TYPE_CHECKING:
@@ -32,7 +29,6 @@ if TYPE_CHECKING:
 MAX_FAILURES = 5
 """So many in a row are no accident: the bus is gone."""
 NETWORK_FOLDER = Path("/sys/class/net")
-_NULL_HANDLER = logging.NullHandler()
 
 
 @dataclass
@@ -168,7 +164,8 @@ def _python_can() -> ModuleType:
         raise CableError(
             "a rig on CAN needs python-can: pip install 'cc_mujoco[can]'."
         ) from None
-    logging.getLogger("can").addHandler(_NULL_HANDLER)
+    if not (log := logging.getLogger("can")).handlers:
+        log.addHandler(logging.NullHandler())
     return can
 
 
@@ -252,42 +249,6 @@ def _classical_can_error(where: str) -> CableError:
 def _error_text(error: Exception) -> str:
     message = getattr(error, "strerror", None) or str(error) or type(error).__name__
     return " ".join(str(message).split()).rstrip(".")
-
-
-class CanDrive(ABC):
-    """Connection to a drive on a CAN bus; a subclass makes it a `MotorDrive`."""
-
-    title: ClassVar[str]
-    """Name of the kind of drive in sentences."""
-    fd: ClassVar[bool]
-    """True if its frames are those of CAN FD."""
-
-    def __init__(
-        self,
-        place: CanPlace,
-        node: int,
-        buses: CanBuses | None = None,
-        now: Now = time.perf_counter,
-    ) -> None:
-        """Open the bus, unless it is open already; nothing is sent yet.
-
-        `node` is the number of the drive on it, see `DRIVE_NODES`; for `buses` see
-        `CanPort`, `now` is the clock of the host [s].
-        """
-        heard = self.identifiers(node)
-        self._port = CanPort(place, heard, fd=self.fd, buses=buses)
-        self.ignored = self._port.ignored
-        self.where = f"{self.title} {node} on {self._port.where}"
-        self._node, self._now = node, now
-        self._enabling = Enabling(now)
-        self._heard = False
-
-    @staticmethod
-    @abstractmethod
-    def identifiers(node: int) -> list[int]: ...
-
-    def close(self) -> None:
-        self._port.close()
 
 
 class CanLink:

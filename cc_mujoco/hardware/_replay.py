@@ -19,10 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco._utils.atomic_io import is_marked, replacing_folder, require_own_file
+from cc_mujoco.cable._reading import CableReading
 from cc_mujoco.control._cable_model import CableModel
 from cc_mujoco.datasets._run_log import beside, other_scene
 from cc_mujoco.device import Drive, find_device
-from cc_mujoco.device._model import DeviceModel
+from cc_mujoco.device._model import DeviceModel, cable_columns
 from cc_mujoco.device._sensors import WINDING_COLUMNS
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware._drive_model import Windings
@@ -181,8 +182,8 @@ def as_episode(
     columns[POSE_COLUMN.name] = qpos
     for name, cable in device.cables.items():
         nodes = np.full((count, cable.segments + 1), np.nan)  # unless it was driven
-        slip = np.zeros((count, cable.segments))
-        columns |= _cable_columns(name, nodes, slip, nothing, nothing)
+        slip = np.zeros((count, cable.segments), np.int8)
+        columns |= cable_columns(name, _reading(nodes, slip, nothing, nothing))
     facts: dict[str, dict[str, float]] = {}
     for own in driven:
         own_rows = found[own.axis.name]
@@ -268,29 +269,17 @@ def _observed(
         )
     columns: dict[str, NDArray[Any]] = {}
     for k, cable in enumerate(names):
-        columns |= _cable_columns(
-            cable,
-            np.array([state[k][0] for state in states]),
-            np.array([state[k][1] for state in states]),
-            slack=np.array([state[k][3] for state in states]),
-            dissipated=np.array([state[k][2] for state in states]),
+        nodes, slip, dissipated, slack = (
+            np.array(each) for each in zip(*(state[k] for state in states), strict=True)
         )
+        columns |= cable_columns(cable, _reading(nodes, slip, slack, dissipated))
     return columns
 
 
-def _cable_columns(
-    cable: str,
-    nodes: Array,
-    slip: NDArray[Any],
-    slack: Array,
-    dissipated: Array,
-) -> dict[str, NDArray[Any]]:
-    return {
-        f"tension_{cable}_proximal_n": nodes[:, 0],
-        f"tension_{cable}_distal_n": nodes[:, -1],
-        f"moving_{cable}_fraction": np.mean(slip != 0, axis=1),
-        f"slack_{cable}_m": slack,
-        f"dissipated_{cable}_j": dissipated,
-        f"tension_{cable}_nodes_n": nodes,
-        f"slip_{cable}_direction": slip,
-    }
+def _reading(
+    nodes: Array, slip: NDArray[np.int8], slack: Array, dissipated: Array
+) -> CableReading:
+    moving = np.mean(slip != 0, axis=1)
+    return CableReading(
+        nodes, slip, nodes[:, 0], nodes[:, -1], moving, slack, dissipated
+    )

@@ -32,8 +32,6 @@ from cc_mujoco.hardware._references import Array, read_columns
 
 APPROACH_TIME = 1.0
 """Time in which the motor goes from where it is to where its course begins [s]."""
-_DAMPING_GAIN, _FOLLOW_PERIODS, _INTEGRAL_PERIODS = 0.25, 6.0, 25.0
-"""Damping over inertia per period; periods in which it follows, and the integral."""
 
 
 @dataclass(frozen=True)
@@ -69,9 +67,9 @@ class Stiffness:
                 "it none."
             )
         late = drive.period + drive.motor_lag
-        damping = _DAMPING_GAIN * drive.inertia / late
-        stiffness = damping / (_FOLLOW_PERIODS * late)
-        return cls(stiffness, damping, stiffness / (_INTEGRAL_PERIODS * late))
+        damping = 0.25 * drive.inertia / late
+        stiffness = damping / (6.0 * late)
+        return cls(stiffness, damping, stiffness / (25.0 * late))
 
 
 class Servo:

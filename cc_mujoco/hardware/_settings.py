@@ -90,12 +90,11 @@ from cc_mujoco.hardware._address import (
     address_of,
 )
 from cc_mujoco.hardware._can_bus import CanBuses, CanRig
+from cc_mujoco.hardware._can_drives import Moteus, Odrive
 from cc_mujoco.hardware._drive_model import device_of, drive_of
 from cc_mujoco.hardware._drive_rig import DriveRig, MotorDrive
 from cc_mujoco.hardware._dynamixel import Dynamixel
 from cc_mujoco.hardware._limits import MAX_PERIOD, MIN_PERIOD, Limits
-from cc_mujoco.hardware._moteus import Moteus
-from cc_mujoco.hardware._odrive import Odrive
 from cc_mujoco.hardware._references import (
     Desired,
     Virtual,

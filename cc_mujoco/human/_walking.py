@@ -23,9 +23,7 @@ from cc_mujoco.human._motion import (
 )
 from cc_mujoco.human._pace import MEASURED_SPEED, Pace
 
-_PHASE_GRID = np.linspace(0.0, 1.0, 10_001)
-ANKLE_PEAK = float(np.abs(gait.GAIT_ANGLES["ankle"](_PHASE_GRID)).max())
-"""Largest absolute ankle angle of the measured walk [rad]."""
+_ANKLE = gait.GAIT_ANGLES["ankle"](np.linspace(0.0, 1.0, 10_001))
 
 
 @dataclass(frozen=True)
@@ -39,7 +37,7 @@ class Walk(Scripted):
     the ground earlier or later, see `Pace`; `Walk.at` has its stride time, too.
     """
 
-    amplitude: float = math.ceil(1e3 * ANKLE_PEAK) / 1e3
+    amplitude: float = math.ceil(1e3 * float(np.abs(_ANKLE).max())) / 1e3
     period: float = bounded(gait.GAIT_PERIOD, 0.2, 20.0, "s")
     """Duration of a gait cycle at full cadence [s]."""
     start: float = bounded(1.0, 0.01, 1e4, "s")

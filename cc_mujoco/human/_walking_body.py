@@ -134,10 +134,6 @@ class WalkingBody:
         return float(data.qpos[self._forward])
 
 
-POSITIVE_EFFICIENCY, NEGATIVE_EFFICIENCY = 0.25, 1.2
-"""Work of muscles over the energy that they take [-]."""
-
-
 def metabolic_energy(positive: Any, negative: Any) -> Any:
     """Return the energy that work takes [J], or power for power [W], elementwise.
 
@@ -147,4 +143,4 @@ def metabolic_energy(positive: Any, negative: Any) -> Any:
     muscles of one joint do against each other, and the cost of holding a force, are not
     in it.
     """
-    return positive / POSITIVE_EFFICIENCY - negative / NEGATIVE_EFFICIENCY
+    return positive / 0.25 - negative / 1.2

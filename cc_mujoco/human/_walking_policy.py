@@ -36,8 +36,6 @@ WALKING_SIDES = ("right", "left")
 WALKING_JOINTS = ("hip", "knee", "ankle")
 MUSCLE_PERIOD = 0.004
 """Time between two commands to the muscles [s]."""
-_THIGH, _SHANK = 0.429, 0.431
-"""Lengths of thigh and shank [m], as in the scene."""
 _ROWS = 512
 """Rows of the table of a gait cycle."""
 _BINS = 50
@@ -221,7 +219,8 @@ class WalkingController:
         )
         thigh = senses.angles[:, :, 0] - senses.pitch[:, None]
         shank = thigh + senses.angles[:, :, 1]
-        behind = _THIGH * arrays.sin(thigh) + _SHANK * arrays.sin(shank)
+        # Lengths of thigh and shank as in the scene [m].
+        behind = 0.429 * arrays.sin(thigh) + 0.431 * arrays.sin(shank)
         ahead = -arrays.sum(leads * behind, 1)
         missing = policy["speed"] - senses.speed
         place = policy["foot_gain"] * ahead * self.step - policy["speed_gain"] * missing

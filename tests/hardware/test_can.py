@@ -27,8 +27,7 @@ from cc_mujoco.hardware import _can_bus as can_bus
 from cc_mujoco.hardware import _packet as packet
 from cc_mujoco.hardware._address import CanPlace
 from cc_mujoco.hardware._can_bus import MAX_FAILURES
-from cc_mujoco.hardware._moteus import Moteus
-from cc_mujoco.hardware._odrive import Odrive
+from cc_mujoco.hardware._can_drives import Moteus, Odrive
 from cc_mujoco.hardware._references import constant_course
 from cc_mujoco.hardware._rig import MAX_PENDING, PacketRig
 from hardware.ends import GROUP, CanEnd

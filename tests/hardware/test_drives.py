@@ -26,9 +26,8 @@ from cc_mujoco.hardware import (
     read_axes,
     read_settings,
 )
+from cc_mujoco.hardware import _can_drives as can_drives
 from cc_mujoco.hardware import _dynamixel as dynamixel
-from cc_mujoco.hardware import _moteus as moteus
-from cc_mujoco.hardware import _odrive as odrive
 from cc_mujoco.hardware._address import CanPlace
 from cc_mujoco.hardware._drive_rig import MotorDrive
 from cc_mujoco.hardware._references import constant_course
@@ -92,8 +91,8 @@ class Bench:
         bus = can.Bus(place.channel, "virtual", protocol=kind)
         closing.callback(bus.shutdown)
         if fd:
-            return moteus.Moteus(place, 9, None, now), MoteusController(bus, 9)
-        return odrive.Odrive(place, 3, None, now), OdriveAxis(bus, 3)
+            return can_drives.Moteus(place, 9, None, now), MoteusController(bus, 9)
+        return can_drives.Odrive(place, 3, None, now), OdriveAxis(bus, 3)
 
     def cycle(self, torque: float, steps: int = 1) -> Readings | None:
         seen = None
@@ -136,21 +135,21 @@ def is_on(peer: Peer) -> bool:
 
 def test_identifiers_of_an_odrive_are_those_of_its_document() -> None:
     # "an Axis ID of 0x01 with a command of 0x0C": 0x2C
-    assert odrive.identifier(1, 0x0C) == 0x2C
-    assert odrive.identifier(0x3E, 0x1F) == 0x7DF
+    assert can_drives.identifier(1, 0x0C) == 0x2C
+    assert can_drives.identifier(0x3E, 0x1F) == 0x7DF
 
 
 def test_frames_of_a_moteus_are_those_of_its_document() -> None:
     # The reply in "CAN Protocol", example: 5 values of int16, 3 of int8.
-    found = moteus.registers(bytes.fromhex("2404000a005000000170ff230d181400"))
+    found = can_drives.registers(bytes.fromhex("2404000a005000000170ff230d181400"))
     assert found == {0: 10, 1: 80, 2: 256, 3: -144, 13: 24, 14: 20, 15: 0}
     # The command there begins with mode 10, and int8 registers are read by 0x11..0x13.
-    assert moteus.torque_command(0.5)[:3] == bytes.fromhex("01000a")
-    assert moteus.query() == bytes.fromhex("1f0111001 10f".replace(" ", ""))
-    assert moteus.stop_command() == bytes.fromhex("0100001f011100110f50 5050")
+    assert can_drives.torque_command(0.5)[:3] == bytes.fromhex("01000a")
+    assert can_drives.query() == bytes.fromhex("1f0111001 10f".replace(" ", ""))
+    assert can_drives.stop_command() == bytes.fromhex("0100001f011100110f50 5050")
     # An error about register 0x02b (0x2b, error 1) hides no value; a cut reply does.
-    assert moteus.registers(bytes.fromhex("302b0121000a50")) == {0: 10}
-    assert moteus.registers(bytes.fromhex("2f0100000000")) is None
+    assert can_drives.registers(bytes.fromhex("302b0121000a50")) == {0: 10}
+    assert can_drives.registers(bytes.fromhex("2f0100000000")) is None
 
 
 @pytest.mark.parametrize(
@@ -419,10 +418,10 @@ joint = { address = "127.0.0.1:5002" }
 def test_a_bus_carries_one_kind_of_can(closing: ExitStack) -> None:
     place = CanPlace(next(_channels), "virtual")
     buses: dict[Any, Any] = {}
-    one = odrive.Odrive(place, 1, buses)
+    one = can_drives.Odrive(place, 1, buses)
     closing.callback(one.close)
     with pytest.raises(CableError, match="CAN FD for one axis and classical CAN"):
-        moteus.Moteus(place, 1, buses)
+        can_drives.Moteus(place, 1, buses)
 
 
 def test_drives_on_one_bus_hear_their_own_frames(closing: ExitStack) -> None:
@@ -433,7 +432,7 @@ def test_drives_on_one_bus_hear_their_own_frames(closing: ExitStack) -> None:
         kind = can.CanProtocol.CAN_FD
         bus = can.Bus(place.channel, "virtual", protocol=kind)
         closing.callback(bus.shutdown)
-        one = moteus.Moteus(place, node, buses)
+        one = can_drives.Moteus(place, node, buses)
         closing.callback(one.close)
         made.append((one, MoteusController(bus, node)))
     for _ in range(20):

@@ -1,4 +1,5 @@
-from ._backlash_inverse import BacklashInverse as BacklashInverse
+from ._baselines import BacklashInverse as BacklashInverse
+from ._baselines import LinearQuadraticGaussian as LinearQuadraticGaussian
 from ._cable_model import CableModel as CableModel
 from ._controller import Controller as Controller
 from ._controller import as_round_pulley as as_round_pulley
@@ -7,7 +8,6 @@ from ._feedback import FeedForward as FeedForward
 from ._feedback import FrictionFeedForward as FrictionFeedForward
 from ._feedback import ProportionalIntegral as ProportionalIntegral
 from ._feedback import TunedFeedback as TunedFeedback
-from ._gaussian import LinearQuadraticGaussian as LinearQuadraticGaussian
 from ._hysteresis import HysteresisTrial as HysteresisTrial
 from ._hysteresis_inverse import FITTED as FITTED
 from ._hysteresis_inverse import DistalFeedback as DistalFeedback

@@ -18,6 +18,7 @@ controller sees all columns and returns the torques of all motors.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import inspect
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -30,7 +31,7 @@ from numpy.typing import NDArray
 
 from cc_mujoco._utils import user_code
 from cc_mujoco._utils.provenance import POLICY_ENDING, is_user_controller
-from cc_mujoco.control._backlash_inverse import BacklashInverse
+from cc_mujoco.control._baselines import BacklashInverse, LinearQuadraticGaussian
 from cc_mujoco.control._controller import Controller, limit_torques
 from cc_mujoco.control._decoupling import Coupling
 from cc_mujoco.control._feedback import (
@@ -40,7 +41,6 @@ from cc_mujoco.control._feedback import (
     ProportionalIntegral,
     TunedFeedback,
 )
-from cc_mujoco.control._gaussian import LinearQuadraticGaussian
 from cc_mujoco.control._hysteresis_inverse import (
     BoucWenFeedForward,
     CableInverse,
@@ -125,17 +125,29 @@ class External(Controller):
     """
 
     def __init__(
-        self, drive: Drive, make: Callable[[Drive], Any], name: str = "function"
+        self,
+        drive: Drive | tuple[Drive, ...],
+        make: Callable[[Any], Any],
+        name: str = "function",
     ) -> None:
-        """Prepare; `make` of the drive returns a function of the observation."""
-        super().__init__(drive)
-        self._make_controller = make
+        """Prepare; `make` of the drive returns a function of the observation.
+
+        Of the drives of all axes it returns one of the measurements of all.
+        """
+        self._drives = (drive,) if isinstance(drive, Drive) else drive
+        super().__init__(self._drives[0])
+        self._make_law: Callable[[], Any] = functools.partial(make, drive)
         self.name = name
         self._law = make(drive)
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
         if where is None:
-            self._law = self._make_controller(self.drive)
+            self._law = self._make_law()
+
+    def limited(self, torque: Any) -> Any:
+        if len(self._drives) == 1:
+            return super().limited(torque)
+        return limit_torques(torque, self._drives)
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
         """Return the torque of the motor [N m]; see `Controller.torque`.
@@ -212,19 +224,6 @@ class DecoupledController(AxesController):
             changed = dict(zip(OWN_COLUMNS, values, strict=True))
             torques.append(law.torque({**own, **changed}))
         return np.stack(np.broadcast_arrays(*torques), axis=-1)
-
-
-class _ExternalOfAll(External):
-    """User function of the measurements of all axes, with the motors' limits."""
-
-    def __init__(
-        self, drives: tuple[Drive, ...], make: Callable[..., Any], name: str
-    ) -> None:
-        super().__init__(drives[0], lambda _: make(drives), name)
-        self._drives = drives
-
-    def limited(self, torque: Any) -> Any:
-        return limit_torques(torque, self._drives)
 
 
 class Unpowered(Controller):
@@ -456,7 +455,7 @@ def axes_controller(
             made = make(tuple(drives))
         if isinstance(made, Controller):
             return made
-        return _ExternalOfAll(tuple(drives), make, name)
+        return External(tuple(drives), make, name)
     laws, coupling = by_axis(given, prefixes), None
     if is_decoupled(given):
         drives, coupling = decoupled_drives(drives, prefixes)

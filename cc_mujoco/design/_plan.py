@@ -87,7 +87,7 @@ from cc_mujoco.device._wearer_scaling import (
 from cc_mujoco.errors import CableError, CableWarning, look_up
 from cc_mujoco.human import Task, Trajectory, Walk, trajectory
 from cc_mujoco.human import task as find_task
-from cc_mujoco.human._parsing import user_classes
+from cc_mujoco.human._by_text import user_classes
 from cc_mujoco.metrics import Metric, find_metric, metric_key, user_metrics
 
 _LONGEST_TEXT = 200

@@ -22,7 +22,7 @@ from cc_mujoco.device._axis_columns import split_by_axis
 from cc_mujoco.device._variables import VARIABLES, WEARER
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Task, Trajectory
-from cc_mujoco.human._parsing import user_classes
+from cc_mujoco.human._by_text import user_classes
 from cc_mujoco.metrics import METRICS, Metric, find_metric
 from cc_mujoco.metrics._metric import (
     CONTINUOUS_TORQUE,

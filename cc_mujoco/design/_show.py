@@ -33,7 +33,7 @@ from cc_mujoco.device._sensors import PERFECT_SENSING
 from cc_mujoco.device._wearer_scaling import tasks_of, trajectory_of
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import TASKS, TRAJECTORIES
-from cc_mujoco.human._parsing import is_user_object
+from cc_mujoco.human._by_text import is_user_object
 from cc_mujoco.metrics import find_metric
 from cc_mujoco.report import _figures as figures
 from cc_mujoco.report import _markdown as markdown

@@ -162,30 +162,6 @@ class Watchdog:
         require_bounds(self)
 
 
-def tension_model(drive: Drive, limit: float, unmeasured: Sequence[str]) -> CableModel:
-    """Return the model that predicts tensions, compiled before the first cycle.
-
-    `limit` is that of the tension [N]. Joints that wind the cables and that the rig
-    does not measure are refused.
-    """
-    most = max(each.cable.pretension for each in drive.cables)
-    if limit <= most:
-        raise CableError(
-            f"[limits] tension must be above the scene's pretension of {most:g} N, not "
-            f"{limit:g}."
-        )
-    if unmeasured:
-        raise CableError(
-            "[limits] tension needs to know how joint "
-            f"{', '.join(unmeasured)} winds the cable too, which the rig does not "
-            "measure; leave it out."
-        )
-    model = CableModel(drive)
-    model.follow([0.0], [0.0])
-    model.reset()
-    return model
-
-
 class Watch:
     """Watchdog of every cycle; it returns the reason to stop, in one sentence."""
 
@@ -212,10 +188,22 @@ class Watch:
         self._limits, self._watchdog, self._drive = limits, watchdog, drive
         if unmeasured is None:
             unmeasured = drive.crossed
-        limited = math.isfinite(limits.tension)
-        self._cables = (
-            tension_model(drive, limits.tension, unmeasured) if limited else None
-        )
+        self._cables: CableModel | None = None
+        if math.isfinite(limits.tension):
+            most = max(each.cable.pretension for each in drive.cables)
+            if limits.tension <= most:
+                raise CableError(
+                    "[limits] tension must be above the scene's pretension of "
+                    f"{most:g} N, not {limits.tension:g}."
+                )
+            if unmeasured:
+                raise CableError(
+                    f"[limits] tension needs to know how joint {', '.join(unmeasured)} "
+                    "winds the cable too, which the rig does not measure; leave it out."
+                )
+            self._cables = CableModel(drive)
+            self._cables.follow([0.0], [0.0])  # compiled before the first cycle
+            self._cables.reset()
         self._twist: float | None = None
         self._late = 0
         self._without = 0

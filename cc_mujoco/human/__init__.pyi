@@ -1,4 +1,10 @@
 from ._body import Body as Body
+from ._by_text import TRAJECTORIES as TRAJECTORIES
+from ._by_text import PhaseTorque as PhaseTorque
+from ._by_text import TimeTorque as TimeTorque
+from ._by_text import read_torque as read_torque
+from ._by_text import task as task
+from ._by_text import trajectory as trajectory
 from ._gait import GAIT_ANGLES as GAIT_ANGLES
 from ._gait import GAIT_PERIOD as GAIT_PERIOD
 from ._gait import assistance as assistance
@@ -32,12 +38,6 @@ from ._tasks import Task as Task
 from ._tasks import Transparent as Transparent
 from ._tasks import Tunnel as Tunnel
 from ._tasks import scale_task as scale_task
-from ._torque_table import PhaseTorque as PhaseTorque
-from ._torque_table import TimeTorque as TimeTorque
-from ._torque_table import read_torque as read_torque
-from ._torque_table import task as task
-from ._trajectories import TRAJECTORIES as TRAJECTORIES
-from ._trajectories import trajectory as trajectory
 from ._walking import Walk as Walk
 from ._walking_policy import WalkingController as WalkingController
 from ._walking_policy import WalkingPolicy as WalkingPolicy

@@ -58,7 +58,8 @@ def gait_joints(joints: Mapping[str, tuple[float, float]]) -> tuple[GaitJoint, .
     found = []
     lead = ""
     for name, ends in joints.items():
-        words = _words(name)
+        spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name)  # `LeftKnee`
+        words = [word for word in re.split(r"[^a-z]+", spaced.lower()) if word]
         part = next((one for one in GAIT_ANGLES if one in name.lower()), "")
         if not part or _OTHER_AXES.intersection(words):
             continue
@@ -68,12 +69,6 @@ def gait_joints(joints: Mapping[str, tuple[float, float]]) -> tuple[GaitJoint, .
             GaitJoint(name, part, bool(side and side != lead), *_fit(part, ends))
         )
     return tuple(found)
-
-
-def _words(name: str) -> list[str]:
-    """Return the words of a joint's name in lower case, `LeftKnee` for example."""
-    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name)
-    return [word for word in re.split(r"[^a-z]+", spaced.lower()) if word]
 
 
 def _fit(part: str, ends: tuple[float, float]) -> tuple[bool, float]:

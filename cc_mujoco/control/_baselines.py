@@ -1,6 +1,6 @@
-r"""Linear quadratic Gaussian control of the joint torque with disturbance observers.
+r"""Controllers of the joint torque by the stiffness of the cables and a known motor.
 
-law = LinearQuadraticGaussian(env.unwrapped.drive)
+law = BacklashInverse(env.unwrapped.drive)
 """
 
 from __future__ import annotations
@@ -11,11 +11,15 @@ import numpy as np
 
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control import _law_steps as law_steps
-from cc_mujoco.control._cable_model import joint_spring, joint_stiffness
+from cc_mujoco.control._cable_model import cable_table, joint_spring, joint_stiffness
 from cc_mujoco.control._compiled_laws import (
+    BAND_SIGMAS,
     GAUSSIAN_GAINS,
     GAUSSIAN_GUARD,
     HEADER,
+    INVERSE_GAINS,
+    INVERSE_GUARD,
+    INVERSE_SIZE,
     LACK,
     LOAD,
     SPEED,
@@ -23,6 +27,7 @@ from cc_mujoco.control._compiled_laws import (
     STRETCH,
     Design,
     GaussianGains,
+    InverseGains,
 )
 from cc_mujoco.control._controller import (
     LawTables,
@@ -34,14 +39,65 @@ from cc_mujoco.control._feedback import loop_gains, require_known_motor
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.estimation._least_squares import single_threaded_blas
 
-_LOAD_WALK, _LACK_WALK = 0.2, 0.5
-"""Random walks of both, in a second, over the greatest torque."""
-_EFFORT, _SINGLE_EFFORT = 1.0, 0.4
-"""Weights of motor torque to torque error at the joint, both over the greatest: of a
-pair of cables, and of a single one, with which the ankle is passive."""
+_FIXED = frozenset({"ratio", "period", "one_way", "inertia"})
 
 
-class LinearQuadraticGaussian(SteppedController):
+class _KnownMotor(SteppedController):
+    def __init__(self, drive: Drive) -> None:
+        """Prepare for the first episode.
+
+        Args:
+            drive: The device; its `cables` and the motor's inertia must be known.
+
+        Raises:
+            CableError: They are not known.
+        """
+        super().__init__(drive)
+        require_known_motor(drive)
+
+
+class BacklashInverse(_KnownMotor):
+    r"""The motor's angle from the inverse of the backlash, with integral feedback.
+
+    Cables that slip as a whole make the desired torque at one angle of the motor for
+    either sense of motion (`full_slip_balance`). The sense is that of the wanted angle
+    without friction, \(\rho (\theta_j + \tau_d / k)\), and turns when it reverses by
+    more than noise; then the wanted angle jumps across the backlash, and the motor
+    follows by a position loop with the balance of the cables fed forward. An integral
+    of the torque error shifts the angle. As the inverse of a cable transmission after
+    T. Do et al., "Hysteresis modeling and position control of tendon-sheath mechanism",
+    Mechatronics 24, 2014, for a torque.
+    """
+
+    stepped = SteppedLaw(law_steps.step_inverse, fixed=_FIXED)
+
+    def law_tables(self) -> LawTables:
+        drive = self.drive
+        stiffness, late = joint_stiffness(drive.cables), total_delay(drive)
+        # Bandwidth of the motor's position [rad/s]; of the integral 1.2 times that.
+        bandwidth = min(0.2 / late, 200.0)
+        noise = BAND_SIGMAS * drive.torque_noise / stiffness
+        gains = InverseGains(
+            late,
+            drive.inertia * bandwidth**2,
+            2.0 * drive.inertia * bandwidth,
+            1.2 * bandwidth,
+            stiffness,
+            # Motion of the joint that is none [rad].
+            max(noise, 5e-4),
+            loop_gains(drive).settling * stiffness / drive.ratio**2,
+        )
+        cables, spring = cable_table(drive.cables), joint_spring(drive.cables)
+        first = law_steps.OWN_MEMORY + INVERSE_GAINS
+        return LawTables(
+            cables.shape,
+            tuple(np.concatenate([gains, spring, cables.ravel()]).tolist()),
+            (first + INVERSE_SIZE,),
+            (first + INVERSE_GUARD + guard.COMMAND,),
+        )
+
+
+class LinearQuadraticGaussian(_KnownMotor):
     r"""LQG of the joint torque with observers of both disturbances; no friction known.
 
     The model is linear, a rotor on a spring: with the stretch
@@ -58,22 +114,10 @@ class LinearQuadraticGaussian(SteppedController):
     IEEE/ASME Trans. Mechatronics 1, 1996.
     """
 
-    stepped = SteppedLaw(
-        law_steps.step_gaussian,
-        fixed=frozenset({"ratio", "period", "one_way", "inertia"}),
-    )
+    stepped = SteppedLaw(law_steps.step_gaussian, fixed=_FIXED)
 
     def __init__(self, drive: Drive) -> None:
-        """Prepare for the first episode.
-
-        Args:
-            drive: The device; its `cables` and the motor's inertia must be known.
-
-        Raises:
-            CableError: They are not known.
-        """
         super().__init__(drive)
-        require_known_motor(drive)
         rigidity = joint_stiffness(drive.cables)
         with single_threaded_blas():  # its threads take 30 times as long
             self.design, slip = _design(drive, rigidity)
@@ -118,8 +162,9 @@ def _design(drive: Drive, rigidity: float) -> tuple[Design, float]:
         ]
     )
     walk = np.zeros(STATES)
-    walk[LOAD] = (_LOAD_WALK * most / ratio) ** 2 * period
-    walk[LACK] = (_LACK_WALK * most) ** 2 * period
+    # Random walks in a second, over the greatest torque.
+    walk[LOAD] = (0.2 * most / ratio) ** 2 * period
+    walk[LACK] = (0.5 * most) ** 2 * period
     walk[SPEED] = 1e-9 * (most / ratio / inertia) ** 2 * period
     spread = solve_discrete_are(a.T, seen.T, np.diag(walk), noise)
     gain = spread @ seen.T @ np.linalg.inv(seen @ spread @ seen.T + noise)
@@ -129,7 +174,9 @@ def _design(drive: Drive, rigidity: float) -> tuple[Design, float]:
     # beyond what the motor can do, from which an encoder has slipped.
     slip = 8.0 * deviation + push
     cost = np.diag([(rigidity / ratio / most) ** 2, 0.0])
-    weight = _SINGLE_EFFORT if drive.one_way else _EFFORT
+    # Of motor torque to torque error at the joint, both over the greatest: with less of
+    # a single cable the ankle is passive.
+    weight = 0.4 if drive.one_way else 1.0
     effort = np.array([[(weight * ratio / most) ** 2]])
     value = solve_discrete_are(a[:2, :2], b[:2], cost, effort)
     own = b[:2].T @ value

@@ -1,0 +1,461 @@
+"""Trajectories and tasks by text: names, numbers, tables and objects of the user.
+
+    >>> from cc_mujoco.human import task, trajectory
+    >>> trajectory("sweep")
+    Sweep(amplitude=0.4, move=1.0, hold=0.5)
+    >>> trajectory("sweep", limit=0.3).amplitude       # made to fit an ankle
+    0.3
+    >>> trajectory("sine:0.2,frequency=2").frequency
+    2.0
+    >>> task("hold:-12")
+    Hold(pull=-12.0)
+    >>> task("tunnel:half_width=0.1,limit=0.5").limit
+    0.5
+
+The first number may have no name: it is the first parameter of the motion or task.
+Defaults suit a wrist, except those of `walk`, which is an ankle's. Parameters are
+changed with `dataclasses.replace`; `Trajectory` says what all have in common. Torques
+from a table are against the phase of the gait, or against time:
+
+read_torque("torque.csv")               # phase or time_s, torque_nm
+read_torque("torque.csv", ("knee",))    # or knee_torque_nm, knee_angle_moment_nm
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from cc_mujoco._utils import tables
+from cc_mujoco._utils.tables import is_table
+from cc_mujoco._utils.units import CLOCK, PHASE, TORQUE, quantity_words
+from cc_mujoco._utils.user_code import named_object, user_errors, without_mark
+from cc_mujoco._validation import require_number
+from cc_mujoco.errors import CableError, look_up, naming
+from cc_mujoco.human._motion import Array, Motion, Scripted, Trajectory
+from cc_mujoco.human._pace import Real
+from cc_mujoco.human._perturbed import Disturbed
+from cc_mujoco.human._recorded import Recorded, match_joints, read_trajectory
+from cc_mujoco.human._scripted import (
+    Chirp,
+    Multisine,
+    Ramp,
+    Reach,
+    Reversals,
+    Sine,
+    Sweep,
+)
+from cc_mujoco.human._tasks import TASKS, Task
+from cc_mujoco.human._walking import Walk
+
+Entry = TypeVar("Entry")
+
+TRAJECTORIES: dict[str, Scripted] = {
+    "sweep": Sweep(),
+    "ramp": Ramp(),
+    "sine": Sine(),
+    "chirp": Chirp(),
+    "multisine": Multisine(),
+    "reach": Reach(),
+    "reversals": Reversals(),
+    "walk": Walk(),
+}
+"""Every scripted trajectory with its default parameters."""
+
+
+@dataclass(frozen=True)
+class Centred(Trajectory):
+    """A scripted trajectory about another angle than 0, where it starts at rest."""
+
+    base: Trajectory
+    """Trajectory about 0."""
+    centre: float
+    """Angle that is added [rad]."""
+
+    @property
+    def is_pointwise(self) -> bool:
+        """Return whether the trajectory about 0 is."""
+        return self.base.is_pointwise
+
+    def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
+        motion = self.base._motion(time, duration, rng)
+        return replace(motion, angle=motion.angle + self.centre)
+
+
+@dataclass(frozen=True)
+class UserTrajectory(Trajectory):
+    """A trajectory of the user's own class, whose errors are reported in a sentence."""
+
+    name: str
+    """`MODULE:NAME`."""
+    own: Trajectory
+
+    def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
+        with user_errors(f"trajectory {self.name!r}"):
+            motion = self.own._motion(time, duration, rng)
+        if not isinstance(motion, Motion):
+            raise CableError(
+                f"trajectory {self.name!r} gave {motion!r}; it must be a Motion."
+            )
+        for each in ("angle", "velocity", "acceleration", "phase"):
+            values = np.asarray(getattr(motion, each))
+            if values.shape != time.shape or not np.isfinite(values).all():
+                raise CableError(
+                    f"trajectory {self.name!r}: `{each}` must be {time.size} finite "
+                    f"numbers, one for each time, not an array {values.shape}."
+                )
+        return motion
+
+
+def trajectory(
+    given: str | Path | Trajectory,
+    limit: float | None = None,
+    centre: float = 0.0,
+    joints: Mapping[str, tuple[float, float]] | None = None,
+) -> Trajectory:
+    """Return the trajectory that is meant, made to fit a device.
+
+    A named one moves about `centre`, where it starts at rest, and its default amplitude
+    is reduced to `limit`; an amplitude that is given is not. With `centre` 0 it is the
+    entry of `TRAJECTORIES`, bit for bit. `walk` has the angles of the gait on the
+    joints that take part in it and is not moved to `centre`, see `Walk.on_joints`; a
+    recorded motion, and one of the user, stays what it is.
+
+    Args:
+        given: A key of `TRAJECTORIES`, also with numbers (`sine:0.3`,
+            `chirp:0.2,high=5`); a table (a `Path`, or a text that ends as one, see
+            `read_trajectory`); `MODULE:NAME` of a `Trajectory` or a function that
+            returns one; or a trajectory.
+        limit: Largest excursion of named trajectories from `centre` [rad]; none by
+            default.
+        centre: Angle about which named trajectories move [rad].
+        joints: Range [rad] by name of the joints that the wearer moves, the driven one
+            first; by default joints are not checked.
+
+    Raises:
+        CableError: If there is no such trajectory, it cannot be read or made, or it
+            does not move the driven joint.
+    """
+    require_number("centre", centre, -1e3, 1e3, "rad")
+    if isinstance(given, Trajectory):
+        return _on_joints(given, joints)
+    if isinstance(given, Path) or (isinstance(given, str) and is_table(given)):
+        return read_trajectory(given, tuple(joints or ()))
+    if not isinstance(given, str):
+        raise CableError(
+            "trajectory must be a name, the path of a table or a Trajectory, not "
+            f"{given!r}."
+        )
+    name, colon, _ = given.partition(":")
+    if colon and name not in TRAJECTORIES:
+        made = user_object(
+            "trajectory", given, TRAJECTORIES, Trajectory, UserTrajectory
+        )
+        return _on_joints(made, joints)
+    found = with_numbers("trajectory", given, TRAJECTORIES)
+    chosen = {"", "amplitude"}.intersection(given_fields(given))
+    if not chosen and limit is not None and found.amplitude > limit:
+        found = replace(found, amplitude=limit)
+    if centre and not isinstance(found, Walk):
+        return Centred(found, float(centre))
+    return _on_joints(found, joints)
+
+
+def _on_joints(
+    found: Trajectory, joints: Mapping[str, tuple[float, float]] | None
+) -> Trajectory:
+    """Return a trajectory with the names of a device's joints."""
+    if not joints:
+        return found
+    if isinstance(found, Disturbed):
+        return replace(found, base=_on_joints(found.base, joints))
+    if isinstance(found, Walk):
+        return found.on_joints(joints)
+    if isinstance(found, Recorded):
+        return found.on_joints(tuple(joints))
+    return found
+
+
+@dataclass(frozen=True)
+class PhaseTorque(Task):
+    """A torque over the phase, linear between its samples and periodic."""
+
+    of_phase = True
+    phases: tuple[float, ...]
+    """Phases of the samples [-], increasing within [0, 1]."""
+    torques: tuple[float, ...]
+    """Torques [N m]."""
+    source: str = field(default="", compare=False, repr=False)
+    """Path of the file, for messages."""
+
+    def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
+        found = np.interp(phase, self.phases, self.torques, period=1.0)
+        return found if isinstance(phase, np.ndarray) else float(found)
+
+
+@dataclass(frozen=True)
+class TimeTorque(Task):
+    """A torque over the time of the episode, linear between its samples.
+
+    Before the first sample and after the last it keeps their torques.
+    """
+
+    of_phase = True
+    of_time = True
+    times: tuple[float, ...]
+    """Times of the samples from the start of the episode [s], increasing."""
+    torques: tuple[float, ...]
+    """Torques [N m]."""
+    source: str = field(default="", compare=False, repr=False)
+    """Path of the file, for messages."""
+
+    @property
+    def end(self) -> float:
+        """Time of the last sample [s]."""
+        return self.times[-1]
+
+    def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
+        found = np.interp(phase, self.times, self.torques)
+        return found if isinstance(phase, np.ndarray) else float(found)
+
+
+def read_torque(
+    path: str | Path, joints: Sequence[str] = ()
+) -> PhaseTorque | TimeTorque:
+    """Read a profile from a table with a column of torque over phase or time.
+
+    `phase` holds fractions of the cycle up to 1; `phase_percent` (or `phase [%]`) per
+    cent. Without either, `time_s`, `time_ms`, `time_us` or `time_ns` is the time since
+    the start of the episode. Torque is `torque_nm`, or in another unit of torque, with
+    the name of a joint before it, if any.
+
+    Args:
+        path: The file.
+        joints: Name of the joint that the torque acts on, first of several; by default
+            the file must have one column of torque.
+
+    Raises:
+        CableError: If the file cannot be read or used; names file, column and row.
+    """
+    path = Path(path)
+    names = tables.column_names(path)
+    torque = _torque_column(path, names, joints)
+    phases = [name for name in names if quantity_words(name, PHASE)[0] == ()]
+    phases = [name for name in phases if PHASE.name in name.lower()]
+    if len(phases) > 1:
+        raise CableError(f"{path}: {' and '.join(phases)} are both phase; keep one.")
+    if not phases:
+        over = tables.quantity_column(path, names, "time_s", CLOCK)
+        times, torques = tables.read_course(path, [over._replace(limit=1e6), torque])
+        _require_samples(path, times)
+        return TimeTorque(tuple(times.tolist()), tuple(torques.tolist()), str(path))
+    unit = quantity_words(phases[0], PHASE)[1]
+    factor = PHASE.factors[unit] if unit else 1.0
+    over = tables.Column(phases[0], factor)
+    phase, torques = tables.read_course(path, [over, torque])
+    _require_samples(path, phase)
+    if phase[0] < 0.0 or phase[-1] > 1.0:
+        ends = f"{phase[0] / factor:g} to {phase[-1] / factor:g}"
+        advice = "" if unit else "; name it phase_percent if it is in per cent"
+        raise CableError(
+            f"{path}, column {phases[0]} goes from {ends}; it must be in "
+            f"[0, {1.0 / factor:g}]{advice}."
+        )
+    gap = float(max(np.diff(phase).max(), 1.0 + phase[0] - phase[-1]))
+    if gap > 0.5:
+        raise CableError(
+            f"{path}, column {phases[0]} leaves {gap:.0%} of the cycle without a "
+            f"sample; it must leave at most 50%."
+        )
+    return PhaseTorque(tuple(phase.tolist()), tuple(torques.tolist()), str(path))
+
+
+def _torque_column(
+    path: Path, names: Sequence[str], joints: Sequence[str]
+) -> tables.Column:
+    found: dict[tuple[str, ...], list[str]] = {}
+    for name in names:
+        key, unit = quantity_words(name, TORQUE)
+        if unit is not None:
+            own = tuple(word for word in key if word not in ("moment", "angle"))
+            found.setdefault(own, []).append(name)
+    matched = match_joints(found, joints)
+    every = [name for columns in found.values() for name in columns]
+    columns = matched.get(joints[0], []) if joints else every
+    if not columns:
+        name = f"{joints[0]}_torque_nm or torque_nm" if joints else "torque_nm"
+        raise CableError(
+            f"{path} has no column of the torque"
+            + f" on joint {joints[0]!r}" * bool(joints)
+            + f", only {', '.join(names[:12])}{', ...' if len(names) > 12 else ''}; "
+            f"name it {name}."
+        )
+    if len(columns) > 1:
+        raise CableError(
+            f"{path} has several columns of torque, {' and '.join(columns)}; keep one "
+            "of them."
+        )
+    unit = quantity_words(columns[0], TORQUE)[1]
+    assert unit is not None
+    return tables.Column(columns[0], TORQUE.factors[unit], 1e6)
+
+
+def _require_samples(path: Path, over: np.ndarray[Any, Any]) -> None:
+    if over.size < 2:
+        raise CableError(
+            f"{path} has {over.size} rows of data; a torque profile needs at least 2."
+        )
+
+
+@dataclass(frozen=True)
+class UserTask(Task):
+    """A task of the user's own class, whose errors are reported in one sentence."""
+
+    name: str
+    """`MODULE:NAME`."""
+    own: Task
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for trait in ("of_phase", "of_time", "about_reference", "commands_angle"):
+            object.__setattr__(self, trait, getattr(self.own, trait))
+
+    def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
+        with user_errors(f"task {self.name!r}"):
+            return self.own.torque(angle, velocity, phase)
+
+
+def task(given: str | Path | Task, joints: Sequence[str] = ()) -> Task:
+    """Return the task that is meant.
+
+    Args:
+        given: A key of `TASKS`, also with numbers (`hold:-12`, `spring:2.5`,
+            `tunnel:half_width=0.1,limit=0.5`); a torque profile over phase or time in a
+            table (a `Path`, or a text that ends as one, see `read_torque`);
+            `MODULE:NAME` of a `Task` or a function that returns one; or a task.
+        joints: Name of the joint that the torque acts on, for a table.
+
+    Raises:
+        CableError: If there is no such task, or it cannot be read or made.
+    """
+    if isinstance(given, Task):
+        return given
+    if isinstance(given, Path) or (isinstance(given, str) and is_table(given)):
+        return read_torque(given, joints)
+    if not isinstance(given, str):
+        raise CableError(
+            f"task must be a name, the path of a table or a Task, not {given!r}."
+        )
+    name, colon, _ = given.partition(":")
+    if colon and name not in TASKS:
+        made: Task = user_object("task", given, TASKS, Task, UserTask)
+        return made
+    return with_numbers("task", given, TASKS)
+
+
+def is_user_object(text: object, registry: Mapping[str, Any]) -> bool:
+    """Return whether a text is `MODULE:NAME` and not a name with numbers."""
+    if not isinstance(text, str) or is_table(text):
+        return False
+    place, colon, name = text.partition(":")
+    return bool(colon) and place not in registry and name.isidentifier()
+
+
+def given_fields(text: str) -> tuple[str, ...]:
+    """Return the names of the parameters in a text; the first may be empty."""
+    rest = text.partition(":")[2]
+    pieces = rest.split(",") if rest else []
+    return tuple(p.partition("=")[0].strip() if "=" in p else "" for p in pieces)
+
+
+def with_numbers(kind: str, text: str, registry: Mapping[str, Entry]) -> Entry:
+    """Return the entry of a name, with the parameters that are given behind it.
+
+    The text is `NAME`, `NAME:NUMBER` or `NAME:FIELD=NUMBER,FIELD=NUMBER`; entries are
+    frozen dataclasses. `kind` is what an error calls them.
+    """
+    name, colon, rest = text.partition(":")
+    found: Any = look_up(kind, name, registry)
+    if not colon:
+        return registry[name]
+    kinds = {
+        own.name: int if isinstance(getattr(found, own.name), int) else float
+        for own in dataclasses.fields(found)
+        if isinstance(getattr(found, own.name), (int, float))
+    }
+    if not kinds:
+        raise CableError(f"{kind} {text!r}: {name!r} takes no numbers; write {name!r}.")
+    numbers: dict[str, float] = {}
+    for place, piece in enumerate(rest.split(",")):
+        key, equals, number = piece.rpartition("=")
+        key = key.strip() if equals or place else next(iter(kinds))
+        if key not in kinds:
+            raise CableError(
+                f"{kind} {text!r}: {piece!r} must be FIELD=NUMBER with FIELD one of "
+                f"{', '.join(kinds)}."
+            )
+        if key in numbers:
+            raise CableError(f"{kind} {text!r} gives {key!r} twice; give it once.")
+        try:
+            numbers[key] = kinds[key](number)
+        except ValueError:
+            whole = "whole " if kinds[key] is int else ""
+            raise CableError(
+                f"{kind} {text!r}: {number!r} must be a {whole}number, the {key} of "
+                f"{name!r}."
+            ) from None
+    with naming(f"{kind} {text!r}"):
+        replaced: Entry = replace(found, **numbers)
+        return replaced
+
+
+def user_object(
+    kind: str,
+    text: str,
+    registry: Mapping[str, Any],
+    base: type[Any],
+    wrap: Callable[[str, Any], Any],
+) -> Any:
+    """Return the object `MODULE:NAME`, or what it returns where it is a function.
+
+    It must be of the class `base`. `wrap` is called with the text and an object of a
+    class of the user; what it returns reports errors of the user's code by file and
+    line. `kind` and `registry` are for the error of an unknown name.
+    """
+    place, _, name = text.partition(":")
+    if not name.isidentifier() and text == without_mark(text):
+        raise CableError.unknown(kind, place, registry)
+    found = named_object(kind, text, "object")
+    if not isinstance(found, base):
+        made = found
+        if callable(found):
+            with user_errors(f"{kind} {text!r}"):
+                made = found()
+        if not isinstance(made, base):
+            raise CableError(
+                f"{kind} {text!r} must be a {base.__name__}, or a function without "
+                f"arguments that returns one, not {made!r}."
+            )
+        found = made
+    return found if is_package_object(found) else wrap(text, found)
+
+
+def is_package_object(given: object) -> bool:
+    return type(given).__module__.partition(".")[0] == __name__.partition(".")[0]
+
+
+def user_classes(given: object) -> tuple[str, ...]:
+    """Return the user's classes of an object and of its fields, as `MODULE:NAME`."""
+    kind = type(given)
+    found = [] if is_package_object(given) else [f"{kind.__module__}:{kind.__name__}"]
+    if dataclasses.is_dataclass(given):
+        for own in dataclasses.fields(given):
+            value = getattr(given, own.name)
+            if type(value).__module__ != "builtins":
+                found += user_classes(value)
+    return tuple(found)

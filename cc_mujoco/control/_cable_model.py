@@ -116,10 +116,7 @@ class CableModel:
     def tension(self, cable: int) -> FloatArray:
         """Return the tension of every node of a cable (rows, segments + 1) [N]."""
         first, n = kernel.STATE_HEADER, self.cables.n[cable]
-        tension: FloatArray = np.maximum(
-            self.state[:, cable, first : first + n + 1], 0.0
-        )
-        return tension
+        return np.asarray(np.maximum(self.state[:, cable, first : first + n + 1], 0.0))
 
     def slip(self, cable: int) -> NDArray[np.int8]:
         """Return the slip directions of the last step (rows, segments)."""

@@ -360,8 +360,7 @@ class SteppedController(Controller):
         if not (len(self._memory) and self._tables.given):
             return np.zeros(len(self._memory))
         place = self._tables.given[-1] - guard.COMMAND
-        found: FloatArray = self._memory[:, place + guard.STATE]
-        return found
+        return np.asarray(self._memory[:, place + guard.STATE])
 
     def memory(self, rows: int) -> FloatArray:
         """Return the numbers of every environment (rows, numbers)."""

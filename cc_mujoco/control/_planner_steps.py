@@ -310,13 +310,6 @@ def memory_size(cables: int, most: int, sensors: int) -> int:
 
 
 @internal
-def _deviations_place(shape: IntArray) -> int:
-    """Return the place of the first deviation among the parameters."""
-    _, sections = longest_cable(shape)
-    return int(TUNING_SIZE + shape[0] * (2 + SCALARS) + 2 * sections)
-
-
-@internal
 def _sensor_count(shape: IntArray) -> int:
     return int(shape[3 + 2 * shape[0]])
 
@@ -324,7 +317,9 @@ def _sensor_count(shape: IntArray) -> int:
 @compiled
 def store_sensed(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> None:
     """Take the tuning, the cables and the deviations of the sensors."""
-    first, count = _deviations_place(shape), shape[0] * _sensor_count(shape)
+    _, sections = longest_cable(shape)
+    first = TUNING_SIZE + shape[0] * (2 + SCALARS) + 2 * sections
+    count = shape[0] * _sensor_count(shape)
     store_plan(memory, shape, parameters)
     own = memory_places(shape)[5] + 1
     for i in range(count):

@@ -305,8 +305,7 @@ class PredictiveCompensation(SteppedController):
         if not len(self._memory):
             return np.zeros(0)
         place = planner_steps.law_place(self._shape) + planner_memory.RELEASED
-        found: FloatArray = self._memory[:, place]
-        return found
+        return np.asarray(self._memory[:, place])
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
         super().reset(where)

@@ -44,6 +44,7 @@ from cc_mujoco.datasets._trials import Constant
 from cc_mujoco.device import Axis, load_device
 from cc_mujoco.device._derivation import excursion, known_torque_noise
 from cc_mujoco.device._device_files import locate
+from cc_mujoco.device._model import joint_range
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
 from cc_mujoco.plugin import from_mjcf
@@ -180,8 +181,7 @@ class Bench:
         """
         if path is not None:
             course = path.along(joint, self.min_cable_segments)[0]
-            found: FloatArray = -course.reach[2 * path.ramp :] / self.drawn_radius
-            return found
+            return np.asarray(-course.reach[2 * path.ramp :] / self.drawn_radius)
         if self.arm:
             return wound_angle(self.arm, joint)
         return joint if self.lever is None else self.lever.turned(joint)
@@ -189,15 +189,13 @@ class Bench:
     def along_lead_in(self, path: RecordedPath) -> FloatArray:
         """Return `turned` in the first part of a path's lead-in (ramp + 1,)."""
         course = path.along(path.joint, self.min_cable_segments)[0]
-        found: FloatArray = -course.reach[: path.ramp + 1] / self.drawn_radius
-        return found
+        return np.asarray(-course.reach[: path.ramp + 1] / self.drawn_radius)
 
     def share(self, joint: FloatArray, path: RecordedPath | None = None) -> FloatArray:
         """Return the arm at the joint over that at 0 (samples,); see `turned`."""
         if path is not None:
             course = path.along(joint, self.min_cable_segments)[0]
-            found: FloatArray = -course.slope[2 * path.ramp :] / self.drawn_radius
-            return found
+            return np.asarray(-course.slope[2 * path.ramp :] / self.drawn_radius)
         if self.arm:
             return arm_share(self.arm, joint)
         return np.ones(1) if self.lever is None else self.lever.share(joint)
@@ -207,8 +205,7 @@ class Bench:
     ) -> FloatArray:
         """Return the motor angle at which the cables keep their length (samples,)."""
         ratio = self.joint_radius / self.motor_radius
-        found: FloatArray = ratio * self.turned(joint, path)
-        return found
+        return np.asarray(ratio * self.turned(joint, path))
 
     def carried(self, motor: FloatArray) -> FloatArray:
         """Return the joint angle at which the cables keep their length (samples,).
@@ -216,8 +213,7 @@ class Bench:
         At the ends of what the scene is known for it stays.
         """
         if self.lever is None and not self.arm:
-            found: FloatArray = self.motor_radius / self.joint_radius * motor
-            return found
+            return np.asarray(self.motor_radius / self.joint_radius * motor)
         known = np.linspace(-2.0, 2.0, 401) if self.lever is None else self.lever.joint
         if self.arm:
             known = known[arm_share(self.arm, known) > 0.0]
@@ -439,7 +435,7 @@ class Bench:
             led=led,
             others=tuple(moved),
             pulled_by=tuple(pulling_cables(model, joint, strangers, f"scene {path}")),
-            stops=tuple(_stops(model, other) for other in moved),
+            stops=tuple(joint_range(model, other) for other in moved),
             strangers=tuple(strangers),
             angle_columns=columns,
             span=(float(known[0]), float(known[-1])),
@@ -449,15 +445,6 @@ class Bench:
             centre=centre,
             reach=reach,
         )
-
-
-def _stops(model: mujoco.MjModel, joint: str) -> tuple[float, float]:
-    """Return the range of a joint [rad]."""
-    index = model.joint(joint).id
-    if not model.jnt_limited[index]:
-        return -math.inf, math.inf
-    low, high = model.jnt_range[index].tolist()
-    return low, high
 
 
 def _require_axis(source: str | Path) -> None:

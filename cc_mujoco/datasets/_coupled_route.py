@@ -180,8 +180,7 @@ class RecordedPath:
     def with_lead_in(self, signal: FloatArray) -> FloatArray:
         """Return a signal of the samples with the rows that lead in from 0 (rows,)."""
         start = np.full(2 * self.ramp, signal[0])
-        found: FloatArray = self._share * np.concatenate([start, signal])
-        return found
+        return np.asarray(self._share * np.concatenate([start, signal]))
 
     def along(self, joint: FloatArray, segments: int) -> tuple[CoupledPath, ...]:
         """Return the paths of cables, by row, for a motion near the recorded one."""
@@ -317,16 +316,14 @@ def _between(
     assert here.arm is not None and there.arm is not None
 
     def linear(a: FloatArray, b: FloatArray) -> FloatArray:
-        found: FloatArray = a + _as_rows(share, a) * (b - a)
-        return found
+        return np.asarray(a + _as_rows(share, a) * (b - a))
 
     def hermite(
         a: FloatArray, b: FloatArray, slope: FloatArray, end: FloatArray
     ) -> FloatArray:
         part, angle, rise = _as_rows(share, a), _as_rows(turn, a), b - a
         bend = (1.0 - part) * (angle * slope - rise) - part * (angle * end - rise)
-        found: FloatArray = a + part * rise + part * (1.0 - part) * bend
-        return found
+        return np.asarray(a + part * rise + part * (1.0 - part) * bend)
 
     return replace(
         here,

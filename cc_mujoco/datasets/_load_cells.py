@@ -65,7 +65,8 @@ def has_declared_cells(file: DatasetFile, end: str, bench: Bench) -> bool:
             every = [one for names in wanted for one in names]
             raise CableError.unknown("load cell", name, every)
     lacking = [names[0] for names in wanted if not set(names) & set(given)]
-    if len(given) == 1 and lacking and file.source(_torque_at(end)).measured:
+    torque = next(torque for torque, own in END_OF_TORQUE.items() if own == end)
+    if len(given) == 1 and lacking and file.source(torque).measured:
         return False  # one cell beside a torque sensor, see `Facts.load_cell`
     if given and lacking:
         raise CableError(
@@ -77,10 +78,6 @@ def has_declared_cells(file: DatasetFile, end: str, bench: Bench) -> bool:
 
 def is_cell_at_end(name: str, end: str) -> bool:
     return channels.is_tension(name) and channels.cable_end(name)[1] == end
-
-
-def _torque_at(end: str) -> str:
-    return next(torque for torque, own in END_OF_TORQUE.items() if own == end)
 
 
 class SingleCell(NamedTuple):
@@ -119,8 +116,7 @@ class SingleCell(NamedTuple):
 
     def torque(self, tension: FloatArray) -> FloatArray:
         """Return what the cable adds to the torque at rest (samples,) [N m]."""
-        found: FloatArray = self.factor * (tension - self.rest)
-        return found
+        return np.asarray(self.factor * (tension - self.rest))
 
 
 def torque_radius(torque: str, bench: Bench) -> float:

@@ -40,13 +40,11 @@ class Lever:
 
     def turned(self, joint: FloatArray) -> FloatArray:
         """Return the angle of the pulley (samples,) [rad]."""
-        found: FloatArray = np.interp(joint, self.joint, self.pulley)
-        return found
+        return np.asarray(np.interp(joint, self.joint, self.pulley))
 
     def share(self, joint: FloatArray) -> FloatArray:
         """Return the arm of the lever over that at 0 (samples,)."""
-        found: FloatArray = np.interp(joint, self.joint, self.arm)
-        return found
+        return np.asarray(np.interp(joint, self.joint, self.arm))
 
 
 def lever_of(

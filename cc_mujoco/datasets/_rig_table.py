@@ -177,11 +177,9 @@ def known_arm(constants: Mapping[str, Constant]) -> tuple[float, ...]:
 
 def wound_angle(arm: Sequence[float], joint: FloatArray) -> FloatArray:
     """Return a pulley's angle that takes as much cable as the joint (samples,)."""
-    found: FloatArray = Polynomial((1.0, *arm)).integ()(joint)
-    return found
+    return np.asarray(Polynomial((1.0, *arm)).integ()(joint))
 
 
 def arm_share(arm: Sequence[float], joint: FloatArray) -> FloatArray:
     """Return the arm over that at 0 (samples,)."""
-    found: FloatArray = Polynomial((1.0, *arm))(joint)
-    return found
+    return np.asarray(Polynomial((1.0, *arm))(joint))

@@ -92,18 +92,14 @@ class Winding(NamedTuple):
 
         `motor` is the displacement of the proximal end per motor angle, signed [m/rad].
         """
-        places = dict(zip(self.others(model), self.other_places, strict=True))
+        others = self.places[: self.own] + self.places[self.own + 1 :]
+        places = dict(zip(self.others(model), others, strict=True))
         shared = tuple(
             (RATIO_COLUMN.format(joint=joint), place, 1.0 / motor)
             for joint, place in places.items()
             if joint in joints
         )
         return self._replace(shared=shared)
-
-    @property
-    def other_places(self) -> tuple[int, ...]:
-        """Places in `places` of the arms at other joints than the driven one."""
-        return self.places[: self.own] + self.places[self.own + 1 :]
 
     def others(self, model: mujoco.MjModel) -> tuple[str, ...]:
         """Return the names of the other joints that wind the cable."""
@@ -286,8 +282,7 @@ class Arms:
 
 def neutral_moments(model: mujoco.MjModel) -> Array:
     """Return the moment arms of all actuators in the pose `qpos0`, (outputs, nv)."""
-    found: Array = moments(model, [model.qpos0])[0]
-    return found
+    return np.asarray(moments(model, [model.qpos0])[0])
 
 
 def moments(model: mujoco.MjModel, poses: Sequence[Array]) -> Array:

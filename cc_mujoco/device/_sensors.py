@@ -337,7 +337,10 @@ class Measuring:
             names = (*names, *self._ratios)
         else:
             names = tuple(name for name in names if name not in JOINT_COLUMNS)
-        seen = {name: _copy_array(columns[name]) for name in names}
+        seen = {
+            name: value.copy() if isinstance(value, np.ndarray) else value
+            for name, value in ((name, columns[name]) for name in names)
+        }
         if self._errors is not None and sensing.joint_sensor:
             errors = self._errors[min(self._step, len(self._errors) - 1)]
             seen["joint_torque_nm"] = seen["joint_torque_nm"] + errors[..., 0]
@@ -402,10 +405,6 @@ class AxesMeasuring:
             seen = axis.measure(axis_columns(columns, prefix, self._prefixes))
             found |= {prefix + name: value for name, value in seen.items()}
         return found
-
-
-def _copy_array(value: Any) -> Any:
-    return value.copy() if isinstance(value, np.ndarray) else value
 
 
 def _node_index(nodes: Sequence[int]) -> Any:

@@ -233,8 +233,7 @@ class TensionFusion:
     def deviation(self) -> FloatArray:
         """Standard deviation of the error of `tension` (..., n + 1) [N]."""
         variance = np.diagonal(self._covariance, axis1=-2, axis2=-1)
-        spread: FloatArray = np.sqrt(np.maximum(variance, 0.0))
-        return spread
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
     def update(self, reading: ArrayLike, direction: ArrayLike) -> FloatArray:
         """Take the readings of the next instant.

@@ -288,8 +288,7 @@ def covariance(
     values = np.maximum(values, 1e-12 * max(float(values[-1]), 1e-100))
     bread = vectors / values
     if not residuals:
-        found: FloatArray = bread @ vectors.T
-        return found
+        return np.asarray(bread @ vectors.T)
     # In the eigenvectors: a direction without effect must not spoil the others.
     scores = jacobian @ vectors
     meat = np.zeros_like(vectors)
@@ -301,8 +300,7 @@ def covariance(
     # White noise of the stated size is the least that there can be.
     excess, axes = np.linalg.eigh(meat - np.diag(values))
     meat = np.diag(values) + (axes * np.maximum(excess, 0.0)) @ axes.T
-    found = bread @ meat @ bread.T
-    return found
+    return np.asarray(bread @ meat @ bread.T)
 
 
 def _long_run_covariance(score: FloatArray, lags: int) -> FloatArray:
@@ -325,8 +323,7 @@ def autocorrelation(values: FloatArray) -> FloatArray:
     """Return the autocorrelation sums of the samples, by lag (samples,)."""
     size = 1 << (2 * values.size).bit_length()
     power = np.abs(np.fft.rfft(values, size)) ** 2
-    found: FloatArray = np.fft.irfft(power)[: values.size]
-    return found
+    return np.asarray(np.fft.irfft(power)[: values.size], dtype=np.float64)
 
 
 def estimate(
@@ -353,5 +350,4 @@ def undetermined_directions(covariance: FloatArray, limit: float) -> FloatArray:
     Their shares (combinations, parameters) have unit length, the least certain first.
     """
     values, vectors = np.linalg.eigh(covariance)
-    found: FloatArray = vectors.T[::-1][values[::-1] >= limit**2]
-    return found
+    return np.asarray(vectors.T[::-1][values[::-1] >= limit**2])

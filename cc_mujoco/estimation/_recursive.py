@@ -127,8 +127,7 @@ class RecursiveLeastSquares:
     @property
     def deviation(self) -> FloatArray:
         """Standard deviation of the error of `value` (p,)."""
-        spread: FloatArray = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
-        return spread
+        return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
 
     def update(self, information: FloatArray, target: FloatArray) -> None:
         r"""Take the equations :math:`\Phi\theta = y` of a sample, noise of variance 1.

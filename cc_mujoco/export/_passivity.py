@@ -278,8 +278,7 @@ def spring_stiffness(axis: Axis) -> float:
 def first_wearers(device: str | Path | Device, axis: str | None = None) -> Array:
     """Return places in the box: its corners, and a Latin hypercube (24, 3)."""
     low, high = wearer_bounds(device, axis).T
-    places: Array = low + first_places(3) * (high - low)
-    return places
+    return np.asarray(low + first_places(3) * (high - low))
 
 
 def first_places(width: int, crowd: int = 24, seed: int = 0) -> Array:

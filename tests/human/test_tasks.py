@@ -113,12 +113,11 @@ def test_registry_and_errors() -> None:
 @pytest.mark.parametrize(
     "name",
     [
+        "by_text",
         "gait",
         "gait_joints",
         "motion",
         "tasks",
-        "torque_table",
-        "trajectories",
         "wearer",
     ],
 )

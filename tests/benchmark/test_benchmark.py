@@ -171,12 +171,12 @@ def test_references_give_the_scores_a_scale(usual: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     ("scene", "law"),
     study_but(
-        3,
+        4,
         [
+            ("ankle", "predictive"),  # whose damper follows from the stiffness
             ("wrist", "pi_tuned"),
             ("wrist", "inverse"),
             ("wrist", "lqg"),
-            ("ankle", "predictive"),  # whose damper follows from the stiffness
         ],
     ),
 )

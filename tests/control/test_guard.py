@@ -623,7 +623,7 @@ SEALS = {"seal_proximal": 20.0, "seal_distal": 20.0}
     [
         # Its motor winds up slack at 100 rad/s, and the cable stops it.
         ("ankle", "pi", SEALS, 1.0, 1.2),
-        ("ankle", "disturbance", SEALS, 3.0, 1.2),
+        pytest.param("ankle", "disturbance", SEALS, 3.0, 1.2, marks=pytest.mark.study),
     ],
 )
 def test_a_joint_stays_safe_that_is_unsafe_without_the_guard(

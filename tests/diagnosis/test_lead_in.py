@@ -76,6 +76,7 @@ def test_friction_at_a_tension_is_the_same_in_trials_of_any_pretension() -> None
     assert usual.friction == BENCH.cables[0].friction
 
 
+@pytest.mark.study
 def test_the_repaired_scene_plays_what_the_replay_plays(tmp_path: Path) -> None:
     result = run_inference(
         dataset({"joint_gravity": {"gravity_sine": 0.4, "gravity_cosine": 0.1}}, 2.5),

@@ -231,7 +231,12 @@ def test_rare_effects_are_not_among_the_usual_ones() -> None:
             )
             for form, number in (("Gaussian", 1.0), ("Lorentzian", 2.0))
         ),
-        ("backlash", "soft", {"backlash": 0.02, "backlash_form": 1.0}),
+        pytest.param(
+            "backlash",
+            "soft",
+            {"backlash": 0.02, "backlash_form": 1.0},
+            marks=pytest.mark.study,
+        ),
         pytest.param("backlash", "hard", {"backlash": 0.02}, marks=pytest.mark.study),
     ],
 )

@@ -155,7 +155,7 @@ def test_it_equals_sync_under_a_time_limit() -> None:
     assert march(a, b, 30) == 3 * COUNT
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_it_equals_async_in_spawned_processes() -> None:
     a = gymnasium.make_vec(WRIST, 1, trajectory="reach", duration=0.02)
     b = gymnasium.make_vec(

@@ -681,7 +681,7 @@ NEWLIB_ERROR = 1e-9
 WITHOUT_FUSED = "GLIBC_TUNABLES=glibc.cpu.hwcaps=-FMA,-FMA4,-AVX2"
 
 
-@pytest.mark.parametrize("target", MACHINES)
+@pytest.mark.parametrize("target", study_unless("cortex-m7".__ne__, MACHINES))
 @pytest.mark.parametrize(
     ("scene", "name"),
     study_unless(BRIEFLY.__contains__, itertools.product(DEVICES, EXPORTED)),

@@ -68,7 +68,7 @@ def written(
 @pytest.mark.parametrize(
     ("scene", "activation", "squashed", "past"),
     [
-        ("wrist", "tanh", True, {"hold": 3}),
+        pytest.param("wrist", "tanh", True, {"hold": 3}, marks=pytest.mark.study),
         # As `scripts/imitate.py` writes it; a lever, and the phase of the gait.
         ("ankle", "tanh", False, {"hold": 2, "history": 10, "memory": True}),
     ],

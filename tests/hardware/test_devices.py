@@ -143,9 +143,9 @@ def test_the_log_of_an_axis_has_its_name_and_can_be_shown(
     about = {"rig": settings.path.read_text()}
     axes = RigAxes([settings])
     log = RunLog(tmp_path / "run", about, 50, axes=axes.log_names)
-    driven = axes.driven([device.rig("elbow")], axes.desired(1.0))
+    driven = axes.driven([device.rig("elbow")], axes.desired(0.5))
     loop = Loop(driven, axes.controller("pi"), clock=device, log=log)
-    log.close(loop.run(1.0).to_json())
+    log.close(loop.run(0.5).to_json())
     rows = tmp_path / "run" / "log.csv"
     header = rows.read_text().partition("\n")[0].split(",")
     assert header[:2] == ["time_s", "elbow.motor_angle_rad"]

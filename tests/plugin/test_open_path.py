@@ -19,6 +19,7 @@ from cc_mujoco.plugin import (
 )
 from plugin.open_scenes import TIED, atwood, belt, instance, scene, tackle, winch
 from plugin.tendon_chain import Chain
+from study_marks import study_but
 
 GRAVITY = 9.81
 
@@ -124,7 +125,7 @@ def chain(m: mujoco.MjModel, sites: list[str], friction: float) -> Chain:
     return Chain(m, d, sites, stiffness=3000.0, pretension=5.0, friction=friction)
 
 
-@pytest.mark.parametrize("friction", [0.1, 0.3])
+@pytest.mark.parametrize("friction", study_but(2, [0.3, 0.1]))
 def test_every_joint_of_a_finger_feels_the_pieces_that_pass_it(friction: float) -> None:
     """Through a motion of drum and joints, against a chain that knows no kernel."""
     m, sites = finger(friction)

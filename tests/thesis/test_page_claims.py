@@ -16,7 +16,7 @@ from thesis._outcome import Claim
 from thesis.reproduce import EXPERIMENTS, run
 
 FOLDER = Path(__file__).parents[2] / "scripts" / "thesis"
-FAST = ("pretension", "loops", "follower", "kalman")
+FAST = ("pretension", "follower", "loops", "kalman")
 NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e-?\d+)?")
 
 

@@ -12,6 +12,7 @@ from cc_mujoco.diagnosis._phrases import VERDICT_MEANINGS, tried_sentence
 from cc_mujoco.diagnosis._report.sections import next_steps
 from diagnosis.inference.test_trial_trends import day
 from diagnosis.recorded import BENCH, dataset
+from study_marks import study_but
 
 IDS = ("motor_inertia",)
 
@@ -30,7 +31,9 @@ def rippled(side: str, by_torque: bool) -> Diagnosis:
     ).diagnosis
 
 
-@pytest.mark.parametrize(("side", "by_torque"), [("motor", True), ("joint", False)])
+@pytest.mark.parametrize(
+    ("side", "by_torque"), study_but(2, [("motor", True), ("joint", False)])
+)
 def test_the_first_sentence_names_torque_period_and_amplitude(
     side: str, by_torque: bool
 ) -> None:

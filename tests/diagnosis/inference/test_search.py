@@ -108,7 +108,7 @@ def test_a_trial_with_the_rig_turned_tells_a_weight_from_a_spring_that_softens(
 
 
 @pytest.mark.parametrize(
-    "rest", [0.8, *(pytest.param(r, marks=pytest.mark.study) for r in (0.0, -0.35))]
+    "rest", [pytest.param(r, marks=pytest.mark.study) for r in (0.8, 0.0, -0.35)]
 )
 def test_a_spring_is_named_wherever_it_rests(rest: float) -> None:
     data = dataset(duration=3.0, seed=2)

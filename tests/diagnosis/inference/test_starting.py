@@ -108,7 +108,7 @@ def test_every_start_ends_at_the_same_rig(
 @pytest.mark.parametrize(
     "values",
     [
-        {"friction": 2.0},
+        pytest.param({"friction": 2.0}, marks=pytest.mark.study),
         pytest.param({"pretension": 0.0}, marks=pytest.mark.study),
         pytest.param({"pretension": 246.0}, marks=pytest.mark.study),
     ],

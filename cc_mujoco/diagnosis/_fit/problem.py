@@ -81,7 +81,7 @@ class TorqueDerivatives:
     """Derivatives of a model's torques, by record."""
 
     def __init__(self, narrower: TorqueDerivatives | None = None) -> None:
-        self._narrower_slopes = narrower
+        self._narrower = narrower
         self._kept: dict[Record, _Tangent] = {}
         self._inner: list[bool] = []
 
@@ -103,6 +103,7 @@ class TorqueDerivatives:
             steps.append(-step if place + step > tuned.high else step)
         inner = self._inner = self._inner or _need_replays(problem, x, steps)
         records = [problem.plant.records[k] for k in seen]
+        pairs = list(zip(records, torques, strict=True))
 
         def take(first: int, places: Sequence[int], again: bool) -> None:
             """Take differences from a parameter on, by replays or by all else."""
@@ -110,12 +111,9 @@ class TorqueDerivatives:
             if not wanted:
                 return
             used = problem.coarse if again else problem
-            chosen = [seen[p] for p in places]
-            here = (
-                [torques[p] for p in places]
-                if used is problem
-                else used.torques(x, chosen)
-            )
+            chosen, here = [seen[p] for p in places], [torques[p] for p in places]
+            if used is not problem:
+                here = used.torques(x, chosen)
             columns = differences(
                 lambda there: used.torques(there, chosen), x, wanted, here
             )
@@ -124,37 +122,31 @@ class TorqueDerivatives:
                     self._kept[records[p]].slopes[k] = slope
 
         new: dict[int, list[int]] = {}
-        for p, (record, torque) in enumerate(zip(records, torques, strict=True)):
+        for p, (record, torque) in enumerate(pairs):
             if record not in self._kept:
-                known = self._begin(record, x, torque)
-                new.setdefault(known, []).append(p)
+                new.setdefault(self._begin(record, x, torque), []).append(p)
         take(0, range(len(seen)), False)
         for known, places in new.items():
             take(known, places, True)
-        reach = np.array(
-            [
-                min(Limit.valid_log_change / p.scale, 3.0)
-                if p.factor
-                else Limit.valid_change
-                for p in problem.tuned
-            ]
-        )
-        reach[~np.array(inner)] = np.inf
-        gone = [
-            p
-            for p, (record, torque) in enumerate(zip(records, torques, strict=True))
-            if not self._kept[record].follow(x, torque, reach)
-        ]
-        for p in gone:
-            tangent = self._kept[records[p]]
-            tangent.taken = tangent.place = x.copy()
-            tangent.torque = torques[p]
+        reach = np.full(x.size, np.inf)
+        for k, tuned in enumerate(problem.tuned):
+            if inner[k]:
+                reach[k] = Limit.valid_change
+                if tuned.factor:
+                    reach[k] = min(Limit.valid_log_change / tuned.scale, 3.0)
+        gone = []
+        for p, (record, torque) in enumerate(pairs):
+            tangent = self._kept[record]
+            if not tangent.follow(x, torque, reach):
+                gone.append(p)
+                tangent.taken = tangent.place = x.copy()
+                tangent.torque = torque
         if gone:
             take(0, gone, True)
         return [self._kept[record].slopes for record in records]
 
     def forget(self) -> None:
-        self._narrower_slopes = None
+        self._narrower = None
         self._kept.clear()
 
     def _begin(self, record: Record, x: FloatArray, torque: FloatArray) -> int:
@@ -162,7 +154,7 @@ class TorqueDerivatives:
         slopes = np.zeros((x.size, *torque.shape))
         tangent = _Tangent(x.copy(), x.copy(), torque, slopes)
         self._kept[record] = tangent
-        before = self._narrower_slopes and self._narrower_slopes._kept.get(record)
+        before = self._narrower and self._narrower._kept.get(record)
         if not before:
             return 0
         known = len(before.slopes)
@@ -197,8 +189,7 @@ def residual_slopes(
     them no error counts as large, so that no sample loses weight.
     """
     seen = [k for k, mask in enumerate(masks) if mask.any()]
-    delta = Limit.huber_delta
-    found = []
+    delta, found = Limit.huber_delta, []
     for place, k in enumerate(seen):
         slope: FloatArray | float = 1.0
         if torques is not None:
@@ -219,37 +210,29 @@ def residual_changes(
     `steep` is from `residual_slopes`; `changes` of the torques are (k, 2, samples) of
     the same records [N m].
     """
-    return np.concatenate(
-        [
-            (change[:, :, mask] * each).reshape(len(change), -1)
-            for (each, mask), change in zip(steep, changes, strict=True)
-        ],
-        axis=1,
-    )
+    parts = [
+        (change[:, :, mask] * each).reshape(len(change), -1)
+        for (each, mask), change in zip(steep, changes, strict=True)
+    ]
+    return np.concatenate(parts, axis=1)
 
 
 def _need_replays(
     problem: Problem, x: FloatArray, steps: Sequence[float]
 ) -> list[bool]:
     """Return whether a change of each parameter takes a replay, or only its readout."""
-    plant = problem.plant
-    seen = {
-        (plant.conditions_of(record, problem.effects), record.occasion)
-        for record in plant.records
-    }
+    plant, effects = problem.plant, problem.effects
+    seen = {(plant.conditions_of(r, effects), r.occasion) for r in plant.records}
 
     def settings(place: FloatArray) -> list[Setting]:
         values = problem.values(place)
         return [
-            plant.setting(values_on(values, day), problem.effects, None, own)
+            plant.setting(values_on(values, day), effects, None, own)
             for own, day in seen
         ]
 
-    here = settings(x)
-    return [
-        here != settings(x + step * (np.arange(x.size) == k))
-        for k, step in enumerate(steps)
-    ]
+    here, one = settings(x), np.eye(x.size)
+    return [here != settings(x + step * one[k]) for k, step in enumerate(steps)]
 
 
 Masks = Sequence[NDArray[np.bool_]]
@@ -265,30 +248,24 @@ def tuned_effect_parameter(
     direction open, say an offset of both torques against that of an angle, it stays
     small.
     """
-    described = parameter.parameter
+    described, size = parameter.parameter, parameter.typical
     low, high = described.low, described.high
-    size = parameter.typical
     if parameter.shape:
         bounds = (low - start) / size, (high - start) / size
-        return _inset_bounds(Tuned(described, start, size, *bounds))
-    if not parameter.linear:
+        found = Tuned(described, start, size, *bounds)
+    elif not parameter.linear:
         bounds = math.log(low / start), math.log(high / start)
-        return _inset_bounds(Tuned(described, start, 1.0, *bounds))
-    prior = 0.5 * plausible_range(parameter, plant)[1] / size
-    return _inset_bounds(Tuned(described, 0.0, size, low / size, high / size, prior))
-
-
-def _inset_bounds(tuned: Tuned) -> Tuned:
-    """Return a parameter with bounds at which no rounding leaves its own.
-
-    The valid range of a cable parameter ends there, and a fit may end at its bounds.
-    """
-    low, high = tuned.parameter.low, tuned.parameter.high
-    while tuned.value(tuned.low) < low:
-        tuned = tuned._replace(low=math.nextafter(tuned.low, math.inf))
-    while tuned.value(tuned.high) > high:
-        tuned = tuned._replace(high=math.nextafter(tuned.high, -math.inf))
-    return tuned
+        found = Tuned(described, start, 1.0, *bounds)
+    else:
+        prior = 0.5 * plausible_range(parameter, plant)[1] / size
+        found = Tuned(described, 0.0, size, low / size, high / size, prior)
+    # The valid range of a cable parameter ends at its bounds, and so may a fit: no
+    # rounding may leave them.
+    while found.value(found.low) < low:
+        found = found._replace(low=math.nextafter(found.low, math.inf))
+    while found.value(found.high) > high:
+        found = found._replace(high=math.nextafter(found.high, -math.inf))
+    return found
 
 
 @dataclass(frozen=True)
@@ -397,31 +374,22 @@ class Problem:
     def values(self, x: FloatArray) -> dict[str, float]:
         """Return the parameters at a place of the fit, even just beyond a bound."""
         fitted = {
-            parameter.name: parameter.value(
-                min(max(float(place), parameter.low), parameter.high)
-            )
-            for parameter, place in zip(self.tuned, x, strict=True)
+            p.name: p.value(min(max(float(place), p.low), p.high))
+            for p, place in zip(self.tuned, x, strict=True)
         }
         return {**self.forms, **fitted}
 
     def place(self, values: Mapping[str, float]) -> FloatArray:
         """Return the place of the fit of these values, the start for all others."""
-        return np.array(
-            [
-                parameter.place(values.get(parameter.name, parameter.start))
-                for parameter in self.tuned
-            ]
-        )
+        return np.array([p.place(values.get(p.name, p.start)) for p in self.tuned])
 
-    def with_effect(self, name: str, start: dict[str, float]) -> Problem:
+    def with_effect(self, name: str, start: Mapping[str, float]) -> Problem:
         """Return the problem with one more effect, its shape and form from `start`."""
         key = form_key(name)
-        more = tuple(
-            tuned_effect_parameter(
-                parameter, start.get(parameter.name, parameter.typical), self.plant
-            )
-            for parameter in self.plant.library.effects[name].parameters
-        )
+        more = [
+            tuned_effect_parameter(p, start.get(p.name, p.typical), self.plant)
+            for p in self.plant.library.effects[name].parameters
+        ]
         return replace(
             self,
             tuned=(*self.tuned, *more),
@@ -433,10 +401,8 @@ class Problem:
     def placed(self, x: FloatArray, start: Mapping[str, float]) -> FloatArray:
         """Return the start of a fit that adds an effect's `start` to another."""
         new = [
-            (start[parameter.name] - parameter.start) / parameter.scale
-            if not parameter.factor
-            else 0.0
-            for parameter in self.tuned[x.size :]
+            0.0 if p.factor else (start[p.name] - p.start) / p.scale
+            for p in self.tuned[x.size :]
         ]
         return np.concatenate([x, new])
 
@@ -575,26 +541,26 @@ def fit(
             tolerance=tolerance,
             evaluations=evaluations,
         )
+
+    def cost_at(x: FloatArray) -> float:
+        error = problem.residual(x, masks)
+        return 0.5 * float(error @ error)
+
     low, high = (
-        np.array([getattr(p, side) for p in problem.tuned]) for side in ("low", "high")
+        np.array([getattr(p, k) for p in problem.tuned]) for k in ("low", "high")
     )
     x: FloatArray = np.clip(start, low, high)
     seen = [k for k, mask in enumerate(masks) if mask.any()]
-    cost = _cost(problem, x, masks)
+    cost = cost_at(x)
     for _ in range(Limit.max_corrections):
         rough = problem.corrected(x, seen)
         there = fit(rough, x, masks, evaluations, tolerance).x
-        gain = cost - _cost(problem, there, masks)
+        gain = cost - cost_at(there)
         if gain > 0.0:
             x, cost = there, cost - gain
         if gain <= tolerance * cost:
             break
     return Fit(x, cost)
-
-
-def _cost(problem: Problem, x: FloatArray, masks: Masks) -> float:
-    error = problem.residual(x, masks)
-    return 0.5 * float(error @ error)
 
 
 def fit_until_settled(problem: Problem, start: FloatArray, masks: Masks) -> Fit:
@@ -604,10 +570,8 @@ def fit_until_settled(problem: Problem, start: FloatArray, masks: Masks) -> Fit:
     thousandth of the cost is standard deviations away from the least.
     """
     found = fit(problem, start, masks)
-    tolerance = min(
-        Limit.relative_tolerance,
-        Limit.cost_tolerance / max(found.cost, Limit.cost_tolerance),
-    )
+    least = Limit.cost_tolerance
+    tolerance = min(Limit.relative_tolerance, least / max(found.cost, least))
     return fit(problem, found.x, masks, tolerance=tolerance)
 
 
@@ -653,12 +617,10 @@ def trial_folds(records: Sequence[Record]) -> tuple[Fold, ...]:
     trials than parts: `interleaved_folds`.
     """
     if any(record.split == "test" for record in records):
-        return (
-            Fold(
-                tuple(record.free for record in records),
-                tuple(record.reserved for record in records),
-            ),
+        free, reserved = (
+            [getattr(r, k) for r in records] for k in ("free", "reserved")
         )
+        return (Fold(tuple(free), tuple(reserved)),)
     kinds = trial_kinds(records)
     if len(kinds) < Limit.trial_folds:
         return interleaved_folds(records)
@@ -666,17 +628,15 @@ def trial_folds(records: Sequence[Record]) -> tuple[Fold, ...]:
     shared = [group for group in kinds if known.count(kinds[group]) > 1]
     groups = sorted(shared or kinds)
     groups.sort(key=lambda group: known.index(kinds[group]))
-    found = []
     parts = min(Limit.trial_folds, len(groups))
-    for part in range(parts):
-        out = set(groups[part::parts])
-        found.append(
-            Fold(
-                tuple(r.counts & (r.group not in out) for r in records),
-                tuple(r.counts & (r.group in out) for r in records),
-            )
+    outs = [set(groups[part::parts]) for part in range(parts)]
+    return tuple(
+        Fold(
+            tuple(r.counts & (r.group not in out) for r in records),
+            tuple(r.counts & (r.group in out) for r in records),
         )
-    return tuple(found)
+        for out in outs
+    )
 
 
 def trial_kinds(records: Sequence[Record]) -> dict[str, tuple[object, ...]]:
@@ -686,25 +646,21 @@ def trial_kinds(records: Sequence[Record]) -> dict[str, tuple[object, ...]]:
     exchanged sensors, load cell and occasion.
     """
     used = [record for record in records if record.counts.any()]
-    angles = [(record.motor_angle, record.joint_angle) for record in used]
-    spans = np.array([[np.ptp(angle) for angle in pair] for pair in angles])
+    spans = np.array([[np.ptp(r.motor_angle), np.ptp(r.joint_angle)] for r in used])
     moved = spans > Limit.held_share * spans.max(axis=0, initial=0.0)
     kinds: dict[str, tuple[object, ...]] = {}
-    for record, (motor, joint) in zip(used, moved.tolist(), strict=True):
+    for record, sides in zip(used, moved.tolist(), strict=True):
         tension = record.pretension
-        kinds.setdefault(
-            record.group,
-            (
-                motor,
-                joint,
-                round(math.log(tension) / 0.2) if tension else tension,
-                round(record.tilt, 1),
-                record.known_torques,
-                record.swapped,
-                record.load_cell,
-                record.occasion,
-            ),
+        kind = (
+            *sides,
+            round(math.log(tension) / 0.2) if tension else tension,
+            round(record.tilt, 1),
+            record.known_torques,
+            record.swapped,
+            record.load_cell,
+            record.occasion,
         )
+        kinds.setdefault(record.group, kind)
     return kinds
 
 
@@ -714,14 +670,10 @@ def never_held_out(
     """Return the trials that are in every training part, none if some are reserved."""
     if any(record.split == "test" for record in records):
         return ()
-    held = {
-        record.trial
-        for fold in division
-        for record, test in zip(records, fold.test, strict=True)
-        if test.any()
-    }
-    used = (record.trial for record in records if record.counts.any())
-    return tuple(name for name in dict.fromkeys(used) if name not in held)
+    tests = [zip(records, fold.test, strict=True) for fold in division]
+    held = {r.trial for pairs in tests for r, test in pairs if test.any()}
+    used = dict.fromkeys(record.trial for record in records if record.counts.any())
+    return tuple(name for name in used if name not in held)
 
 
 class CrossValidation(NamedTuple):

@@ -234,17 +234,18 @@ class _Additions:
                 # effect; one torque alone does not contradict an effect that fits it a
                 # little better.
                 both = len(now.problem.plant.instruments.rows) > 1
-                floor = Limit.floor_misfit if both else Limit.max_misfit
-                hopeful = now.misfit > floor
+                hopeful = now.misfit > (
+                    Limit.floor_misfit if both else Limit.max_misfit
+                )
                 if first and not hopeful:
                     break
                 done, part = count / Limit.max_effects, 1.0 / Limit.max_effects
+                progress = part_of(self.progress, done, part)
                 self.progress(done, f"screening {len(left)} effects")
-                signatures = _screen_folds(now, self.division, left, changes)
+                signatures = self._screened(now, left, changes)
                 first = first or tuple(signatures)
                 same = [k for k, step in enumerate(past) if step.before is now][:1]
                 refitted = {c.id: c for k in same for c in past[k].candidates}
-                progress = part_of(self.progress, done, part)
                 candidates = self._candidates(
                     now, signatures if hopeful else [], refitted, progress
                 )
@@ -252,7 +253,7 @@ class _Additions:
                     least = Limit.min_rival_share * signatures[0].explained
                     more = [
                         sign
-                        for sign in _screen_folds(now, self.division, names, changes)
+                        for sign in self._screened(now, names, changes)
                         if max(sign.explained, sign.foreseen) >= least
                         and not _is_redundant(sign.id, candidates)
                     ]
@@ -260,10 +261,11 @@ class _Additions:
                     signatures = [*signatures, *more]
                 step = decide(now, candidates, signatures)
                 rounds.append(step)
-                for candidate in candidates:  # derivatives take more room than the data
-                    if candidate.id not in step.rivals and candidate.crossed is not now:
+                new = [c for c in candidates if c.crossed is not now]
+                for candidate in new:  # derivatives take more room than the data
+                    if candidate.id not in step.rivals:
                         candidate.crossed.problem.slopes.forget()
-                known += [c.crossed for c in candidates if c.crossed is not now]
+                known += [candidate.crossed for candidate in new]
                 if step.added is None:
                     break
                 following = past[same[0] + 1 :] if same else ()
@@ -279,6 +281,13 @@ class _Additions:
         return Search(
             baseline, now, tuple(rounds), first, {}, changes, tuple(known), interrupted
         )
+
+    def _screened(
+        self, now: CrossValidation, ids: Sequence[str], changes: Changes
+    ) -> list[Signature]:
+        """Return the signatures on the divided data, at the mean of the folds' fits."""
+        masks = divided_samples(self.division)
+        return screen(now.problem, now.x, masks, ids, self.division, changes)
 
     def _candidates(
         self,
@@ -319,11 +328,16 @@ class _Additions:
         they are several: far from the truth a size by first order may lead to another
         minimum.
         """
-        best = self._screened(now, signature)
+
+        def refitted(start: dict[str, float]) -> Candidate:
+            wider = now.problem.with_effect(signature.id, start)
+            return self._refit(now, wider, [wider.placed(f.x, start) for f in now.fits])
+
+        key, given = form_key(signature.id), signature.start
+        best = refitted(given)
         if best.reason:
             return best
         effect = now.problem.plant.library.effects[signature.id]
-        key, given = form_key(signature.id), signature.start
         others = [
             {**given, key: float(form)}
             for form in range(len(effect.forms))
@@ -333,19 +347,13 @@ class _Additions:
             sizes = [each.name for each in effect.parameters if each.linear]
             own = {tuple(start[name] for name in sizes) for start in effect.starts}
             if len(own) > 1:
-                others += [
-                    given | dict(zip(sizes, each, strict=True)) for each in sorted(own)
-                ]
+                each = (dict(zip(sizes, values, strict=True)) for values in sorted(own))
+                others += [given | start for start in each]
         for start in others:
-            candidate = self._screened(now, signature._replace(start=start))
+            candidate = refitted(start)
             if not candidate.reason and candidate.reduction > best.reduction:
                 best = candidate
         return best
-
-    def _screened(self, now: CrossValidation, signature: Signature) -> Candidate:
-        wider = now.problem.with_effect(signature.id, signature.start)
-        starts = [wider.placed(fit.x, signature.start) for fit in now.fits]
-        return self._refit(now, wider, starts)
 
     def _like(self, now: CrossValidation, name: str) -> Candidate | None:
         """Return the effect refitted from its place in a model of all data, if any."""
@@ -476,14 +484,6 @@ def _split_rivals(rounds: Sequence[Round]) -> tuple[Round, ...]:
     return tuple(found)
 
 
-def _screen_folds(
-    now: CrossValidation, division: Sequence[Fold], ids: Sequence[str], changes: Changes
-) -> list[Signature]:
-    """Return the signatures on the divided data, at the mean of the folds' fits."""
-    masks = divided_samples(division)
-    return screen(now.problem, now.x, masks, ids, division, changes)
-
-
 def _is_redundant(name: str, candidates: Sequence[Candidate]) -> bool:
     return any(
         c.id in EFFECTS[name].generalises
@@ -564,8 +564,7 @@ def search_effects(fitted: BaselineFit, progress: Progress) -> Found:
     agreed = Agreement({}, {})
     if not (found.interrupted or several):
         agreed = check_agreement(fitted, found, part_of(progress, 0.7, 0.12))
-    if agreed.interrupted:
-        found = found._replace(interrupted=True)
+        found = found._replace(interrupted=agreed.interrupted)
     progress(0.82, "fitting the result to all data")
     problem, x, spread, held = _drop_doubtful(fitted, found, progress)
     estimated = estimates(problem, x, spread)
@@ -759,9 +758,8 @@ def count_votes(
             votes.update(set().union(*(with_it or groups), *matching) - set(effects))
             if not with_it:  # even where the whole has both, this part has that one
                 instead |= confused & set().union(*matching)
-        often = {
-            r for r, count in votes.items() if count >= Limit.tie_share * len(named)
-        }
+        least = Limit.tie_share * len(named)
+        often = {rival for rival, count in votes.items() if count >= least}
         rivals[name] = tuple(sorted(often | instead))
         either = {name, *own.get(name, ()), *rivals[name]}
         agreed = [groups for groups in named if either & set().union(*groups)]

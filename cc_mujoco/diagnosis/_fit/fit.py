@@ -62,7 +62,7 @@ from cc_mujoco.diagnosis._rig.simulation import (
     baseline_parameters,
 )
 from cc_mujoco.diagnosis._thresholds import Limit
-from cc_mujoco.diagnosis._verdict import Diagnosis, Gap, TrialTrace
+from cc_mujoco.diagnosis._verdict import Diagnosis, Gap, TrialTrace, Verdict
 from cc_mujoco.diagnosis.effects import EFFECTS, Effect, EffectError
 from cc_mujoco.estimation._least_squares import Fit
 from cc_mujoco.native import FloatArray
@@ -479,11 +479,9 @@ def predicted(
 
     Samples that no fold holds out are predicted by the last fit.
     """
-    records = problem.plant.records
-    found = [np.zeros(record.measured.shape) for record in records]
+    found = [np.zeros(record.measured.shape) for record in problem.plant.records]
     for fold in division:
-        x = fit(problem, start, fold.train, 6).x
-        played = problem.torques(x)
+        played = problem.torques(fit(problem, start, fold.train, 6).x)
         for kept, torque, train in zip(found, played, fold.train, strict=True):
             kept[:, ~train] = torque[:, ~train]
             empty = np.all(kept == 0.0, axis=0)
@@ -565,16 +563,16 @@ def floor_ratios(found: Mapping[str, Gap]) -> tuple[float, float]:
 def traces(
     problem: Problem, before: Sequence[FloatArray], after: Sequence[FloatArray]
 ) -> tuple[TrialTrace, ...]:
-    channels = problem.plant.instruments.channels
+    names = problem.plant.instruments.channels
     return tuple(
         TrialTrace(
             record.trial,
             record.time,
             record.motor_angle,
             record.joint_angle,
-            dict(zip(channels, record.measured, strict=True)),
-            dict(zip(channels, old, strict=True)),
-            dict(zip(channels, new, strict=True)),
+            dict(zip(names, record.measured, strict=True)),
+            dict(zip(names, old, strict=True)),
+            dict(zip(names, new, strict=True)),
             record.counts.astype(float),
         )
         for record, old, new in zip(problem.plant.records, before, after, strict=True)
@@ -633,42 +631,42 @@ def fit_scene(
 
     `bench` is the rig as the scene has it, with what is known of it.
     """
+
+    def refused(statement: str, verdict: Verdict = "fix-data") -> Diagnosis:
+        return Diagnosis(verdict, statement, problems=(statement,))
+
     start, records, filtering = prepare_start(dataset, bench)
     if useless := _excitation_problem(records):
-        return _refused(useless)
+        return refused(useless)
     plant = plant_of(dataset, start.bench, records, start.given)
     # Without a pretension a scene predicts nothing.
     given = bench if bench.cables[0].pretension > 0.0 else start.bench
     if wrong := unit_or_sign_error(replace(plant, bench=given), plant, start.values):
-        return _refused(wrong)
+        return refused(wrong)
     progress(0.01, "checking the effects")
     notes = check_effects(plant, start.values, settings.requested)
     progress(0.02, "fitting the baseline")
     found = fit_baseline(dataset, plant, filtering, settings.seed)
     plant = found.problem.plant
     if found.change > Limit.max_numerical_error:
-        statement = (
+        return refused(
             f"A simulation with {2 * plant.segments} segments or {2 * plant.substeps} "
             "steps per sample "
             f"differs by {format_number(found.change)} times the noise floor, more "
             f"than {Limit.max_numerical_error:g}: what would be named could be the "
             "numerics. "
             f"Record faster than {1.0 / plant.records[0].dt:.0f} Hz, or reduce the "
-            "wrap."
+            "wrap.",
+            "fix-numerics",
         )
-        return Diagnosis("fix-numerics", statement, problems=(statement,))
     if wrong := exchanged_torques(found.problem, found.whole.x):
-        return _refused(wrong)
+        return refused(wrong)
     temperatures = {
         trial.name: float(np.nanmean(trial.temperature))
         for trial in dataset.trials
         if trial.temperature is not None and np.any(np.isfinite(trial.temperature))
     }
     return replace(found, settings=settings, notes=notes, temperatures=temperatures)
-
-
-def _refused(statement: str) -> Diagnosis:
-    return Diagnosis("fix-data", statement, problems=(statement,))
 
 
 def _excitation_problem(records: Sequence[Record]) -> str:

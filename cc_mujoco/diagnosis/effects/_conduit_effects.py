@@ -17,8 +17,6 @@ from cc_mujoco.diagnosis.effects._effect import (
 )
 from cc_mujoco.diagnosis.effects._effect_class import Shape, Size
 
-_ASYMMETRY_BOUNDS = (-0.5, 0.5)
-"""Difference of friction between two directions, over its mean."""
 _STRIBECK_FORMS = {
     "exponential": (1.0, 0.0),
     "Gaussian": (2.0, 0.0),
@@ -159,7 +157,7 @@ FRICTION_EFFECTS = (
         equation="mu (1 + s a)",
         parameters=tuple(
             of_cable(
-                "friction_asymmetry", -0.9, 0.9, 0.1, name, plausible=_ASYMMETRY_BOUNDS,
+                "friction_asymmetry", -0.9, 0.9, 0.1, name, plausible=(-0.5, 0.5),
             )
             for name in ("friction_asymmetry", "asymmetry_antagonist")
         ),
@@ -217,10 +215,6 @@ FRICTION_EFFECTS = (
 
 _LOOSE_END_SHARE = 0.03
 """Largest share of a cable that is straight at either end, where nothing holds it."""
-_END_COMPLIANCE_BOUNDS = (0.0, 10.0)
-"""Compliance of an end over that of the cable; a larger one is a spring's."""
-_MIN_LINEAR_SHARE = 0.1
-"""Least share of the compliance at rest that is not bedding."""
 _FITTING_COMPLIANCES = (
     "end_compliance",
     "end_compliance_antagonist",
@@ -249,14 +243,13 @@ def _stiffening(given: Cables, values: Values, _: RigGeometry) -> Cables:
     found = []
     for cable, strain in zip(given, each, strict=False):
         soft = cable.axial_stiffness * strain * half / (usual + half) ** 2
+        # A tenth of the compliance at rest, or more, is not bedding.
+        stiff = cable.axial_stiffness / max(1.0 - soft, 0.1)
         found.append(
             cable.replace(
                 bedding_strain=strain,
                 bedding_tension=half,
-                axial_stiffness=clamp_to_bounds(
-                    "axial_stiffness",
-                    cable.axial_stiffness / max(1.0 - soft, _MIN_LINEAR_SHARE),
-                ),
+                axial_stiffness=clamp_to_bounds("axial_stiffness", stiff),
             )
         )
     return tuple(found)
@@ -264,11 +257,10 @@ def _stiffening(given: Cables, values: Values, _: RigGeometry) -> Cables:
 
 def _set_end_compliances(given: Cables, values: Values, _: RigGeometry) -> Cables:
     # Ends are fastened one by one.
-    each = zip(_FITTING_COMPLIANCES[0::2], _FITTING_COMPLIANCES[1::2], strict=True)
-    distal, proximal = ([values.get(name, 0.0) for name in names] for names in each)
+    sizes = [values.get(name, 0.0) for name in _FITTING_COMPLIANCES]
     return tuple(
         cable.replace(end_compliance=far, proximal_compliance=near)
-        for cable, far, near in zip(given, distal, proximal, strict=False)
+        for cable, far, near in zip(given, sizes[:2], sizes[2:], strict=False)
     )
 
 
@@ -330,7 +322,7 @@ CABLE_EFFECTS = (
         parameters=tuple(
             of_cable(
                 name.removesuffix(f"_{ANTAGONIST}"), 0.0, 0.01, 1e-5, name,
-                plausible=_END_COMPLIANCE_BOUNDS, of="cable",
+                plausible=(0.0, 10.0), of="cable",  # beyond, it is a spring's
                 ordinary=2.0 * _LOOSE_END_SHARE, ordinary_of="cable",
             )
             for name in _FITTING_COMPLIANCES
@@ -381,12 +373,8 @@ class ClampCreep:
         )
 
 
-_MAX_FRICTION_FACTOR = 10.0
-"""Largest factor of friction between trials of different conditions."""
-
-
 def _with_friction(cables: Cables, change: float) -> Cables:
-    factor = min(max(1.0 + change, 0.0), _MAX_FRICTION_FACTOR)
+    factor = min(max(1.0 + change, 0.0), 10.0)  # between trials of other conditions
     return tuple(
         cable.replace(friction=clamp_to_bounds("friction", factor * cable.friction))
         for cable in cables
@@ -429,12 +417,8 @@ class FrictionByTemperature:
         if change:
             cables = _with_friction(cables, change)
         if rate := share * rig.conditions.warming / max(1.0 + change, 0.1):
-            cables = tuple(
-                cable.replace(
-                    friction_drift=clamp_to_bounds(
-                        "friction_drift", cable.friction_drift + rate
-                    )
-                )
-                for cable in cables
-            )
+            name = "friction_drift"
+            drifts = [clamp_to_bounds(name, c.friction_drift + rate) for c in cables]
+            pairs = zip(cables, drifts, strict=True)
+            cables = tuple(c.replace(friction_drift=drift) for c, drift in pairs)
         return cables

@@ -25,15 +25,12 @@ from cc_mujoco.native import FloatArray
 
 BACKLASH_BOUNDS = (0.0, 0.15)
 """Backlash over the joint's range of motion."""
-_ROUNDNESS_BOUNDS = (-0.25, 0.25)
-"""Largest plausible eccentricity and ovality of a pulley over its radius."""
 _AT_MOST_MEASURED = (-1.0, 1.0)
 """Share of the largest torque at the joint; more would show in the readings."""
 MAX_REST_ANGLE = 2.0 * math.pi
 """Largest angle between a joint's 0 and the rest of a spring on it [rad]."""
 EXIT_FORMS = ("cables leaving as the scene has them", "cables leaving half a turn off")
 """Forms of an eccentric pulley: the exit angle, and half a turn more."""
-_POSITIVE = (0.0, math.inf)
 
 
 def _eccentric(given: Cables, values: Values, rig: RigGeometry) -> Cables:
@@ -142,7 +139,7 @@ DRIVE_EFFECTS = (
             sized(
                 f"{name}_{wave}", "m",
                 f"{name} of the motor pulley, {wave} of {angle}", -0.05, 0.05, typical,
-                _ROUNDNESS_BOUNDS, "motor_radius",
+                (-0.25, 0.25), "motor_radius",
             )
             for name, angle, typical in (
                 ("eccentricity", "its angle", 5e-4),
@@ -243,7 +240,7 @@ DRIVE_EFFECTS = (
             sized(
                 "joint_inertia", "kg m^2",
                 "inertia between transmission and joint sensor", -10.0, 10.0, 1e-3,
-                _POSITIVE,
+                (0.0, math.inf),
             ),
         ),
         required_excitation="accelerations over a decade",
@@ -262,7 +259,7 @@ DRIVE_EFFECTS = (
         parameters=(
             sized(
                 "motor_inertia", "kg m^2", "inertia between motor sensor and pulley",
-                -1.0, 1.0, 1e-4, _POSITIVE,
+                -1.0, 1.0, 1e-4, (0.0, math.inf),
             ),
         ),
         required_excitation="accelerations over a decade",

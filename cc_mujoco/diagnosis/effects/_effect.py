@@ -260,9 +260,8 @@ class Effect:
 
     def form(self, values: Values) -> str:
         """Return the form that values select, "" of an effect with only one."""
-        return (
-            self.forms[round(values.get(form_key(self.id), 0.0))] if self.forms else ""
-        )
+        forms = self.forms or ("",)
+        return forms[round(values.get(form_key(self.id), 0.0))]
 
     def confused(self, other: Effect) -> bool:
         """Return whether either is easily confused with the other."""

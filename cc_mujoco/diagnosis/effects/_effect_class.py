@@ -252,23 +252,19 @@ def _parameters(made: Any) -> tuple[tuple[EffectParameter, ...], tuple[Values, .
         raise CableError(
             f"`parameters` returned {listed!r}; it must be a list of Size and Shape"
         )
-    for each in listed:
-        if not isinstance(each, Size | Shape):
-            raise CableError(
-                f"`parameters` lists {each!r}; entries must be Size or Shape"
-            )
+    if others := [each for each in listed if not isinstance(each, Size | Shape)]:
+        raise CableError(
+            f"`parameters` lists {others[0]!r}; entries must be Size or Shape"
+        )
     if not any(isinstance(each, Size) for each in listed):
         raise CableError("`parameters` lists no Size, so nothing says where it is off")
     names = [each.name for each in listed]
     if twice := [name for name in names if names.count(name) > 1]:
         raise CableError(f"`parameters` lists {twice[0]!r} twice")
     described = tuple(each.described() for each in listed)
-    choices = [
-        (each.typical,) if isinstance(each, Size) else each.values for each in listed
-    ]
-    combined = [
-        dict(zip(names, values, strict=True)) for values in itertools.product(*choices)
-    ]
+    choices = [e.values if isinstance(e, Shape) else (e.typical,) for e in listed]
+    every = itertools.product(*choices)
+    combined = [dict(zip(names, values, strict=True)) for values in every]
     if len(combined) > _MAX_STARTS:
         raise CableError(
             f"its shapes have {len(combined)} combinations of starts; at most "

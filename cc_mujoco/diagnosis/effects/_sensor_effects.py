@@ -12,10 +12,6 @@ from cc_mujoco.native import FloatArray
 
 GAIN_BOUNDS = (-0.3, 0.3)
 """Error of a torque sensor's gain that calibration leaves; beyond, it is declared."""
-_OFFSET_BOUNDS = (-0.3, 0.3)
-"""Offset of a torque sensor over the largest torque; a larger one would be noticed."""
-_DELAY_BOUNDS = (-0.1, 0.1)
-"""Delay of a signal chain; a larger one would be noticed [s]."""
 JOINT_DELAY = "joint_delay"
 """Effect that delays the joint's angle and torque together [s]."""
 
@@ -70,7 +66,7 @@ SENSOR_EFFECTS = (
             *(
                 sized(
                     f"{side}_torque_bias", "N m", f"offset of the {side} torque sensor",
-                    -1e3, 1e3, 0.1, _OFFSET_BOUNDS, f"{side}_torque",
+                    -1e3, 1e3, 0.1, (-0.3, 0.3), f"{side}_torque",
                 )
                 for side in ("motor", "joint")
             ),
@@ -102,8 +98,7 @@ SENSOR_EFFECTS = (
         where="sensor",
         parameters=tuple(
             sized(
-                name, "s", f"delay of the {what} sensor", -0.2, 0.2, 0.005,
-                _DELAY_BOUNDS,
+                name, "s", f"delay of the {what} sensor", -0.2, 0.2, 0.005, (-0.1, 0.1),
             )
             for name, what in (
                 (JOINT_DELAY, "joint angle"), ("motor_torque_delay", "motor torque"),

@@ -566,9 +566,8 @@ def judge(found: Found) -> Diagnosis:
 def _runner_ups(step: Round) -> tuple[RunnerUp, ...]:
     found = []
     for c in step.candidates:
-        problem = c.crossed.problem
-        values = problem.values(c.crossed.fits[0].x)
-        own = problem.plant.library.effects[c.id].parameters
+        values = c.crossed.problem.values(c.crossed.fits[0].x)
+        own = c.crossed.problem.plant.library.effects[c.id].parameters
         sizes = {p.name: values.get(p.name, 0.0) for p in own}
         found.append(RunnerUp(c.id, c.reduction, c.z, not c.reason, c.reason, sizes))
     return tuple(found)
@@ -704,31 +703,30 @@ def _model_statement(found: Found, stretch: Stretch | None) -> str:
 def _no_effect_verdict(
     model: CrossValidation, found: Found, stretch: Stretch | None
 ) -> tuple[Verdict, str]:
-    misfit = model.misfit
+    """Return the verdict on a model without missing effects, and why."""
     if stretch is not None and stretch.rest <= Limit.max_misfit:
         return "unknown", (
             f"The data disagree with the simulation in one stretch: {stretch.statement}"
         )
     if found.by_trial:
         return "unknown", found.by_trial
+    misfit = format_number(model.misfit)
     scene = "tuned scene" if model is found.search.before else "model"
-    off = f"on held-out data the error of the {scene} is {format_number(misfit)} times "
-    off += "the noise floor"
+    off = f"on held-out data the error of the {scene} is {misfit} times the noise floor"
     usual = f"rigs without any hidden effect reach up to {Limit.max_misfit:g} times"
-    beyond = stretch is not None
-    most = f" The largest error: {stretch.statement}" if stretch else ""
-    if misfit <= Limit.max_misfit and not beyond:
+    if stretch is None and model.misfit <= Limit.max_misfit:
         return "none", f"Nothing is missing: {off}; {usual}."
-    if excess(model) < Limit.min_z and not beyond:
+    if stretch is None and excess(model) < Limit.min_z:
         return "none", (
             f"Nothing is missing that these data could show: {off}. "
             f"{capitalise(usual)}, but here a few moments make that error, which is "
             "no evidence."
         )
+    caveat = _HINT_CAVEAT if model.misfit < Limit.hint_error else ""
+    most = f" The largest error: {stretch.statement}" if stretch else ""
     return "unknown", (
-        f"Something is missing (error {format_number(misfit)} times the noise floor). "
-        f"{closest_sentence(found.search)} See where the error lies."
-        f"{_HINT_CAVEAT if misfit < Limit.hint_error else ''}" + most
+        f"Something is missing (error {misfit} times the noise floor). "
+        f"{closest_sentence(found.search)} See where the error lies.{caveat}{most}"
     )
 
 
@@ -742,16 +740,16 @@ def closest_sentence(found: Search) -> str:
     ]
     if not tried:
         return "To first order no effect of the library takes enough of it."
-    candidate, before = max(tried, key=lambda each: each[0].reduction)
-    left = candidate.crossed.misfit_by(before.problem.inflation)
+    closest, before = max(tried, key=lambda each: each[0].reduction)
+    left = closest.crossed.misfit_by(before.problem.inflation)
     share = 1.0 - (left - 1.0) / max(before.misfit - 1.0, 1e-9)
     if share < 0.01:
         return "No effect of the library that was refitted takes 1 % of it."
     return (
-        f"What comes closest is {effect_name(candidate.id)}: it takes "
+        f"What comes closest is {effect_name(closest.id)}: it takes "
         f"{format_share(share)} of the RMS error above the noise and leaves "
         f"{format_number(left)} times the noise floor, but is refused: "
-        f"{candidate.reason}."
+        f"{closest.reason}."
     )
 
 
@@ -821,12 +819,19 @@ def belief_in_verdict(
             f"rigs left at most {most:g} times.",
             (),
         )
-    if kind == "none":
-        return _rate(kind, reliable, [Alternative("small", 1.0 - reliable)])
-    if kind == "unknown":
-        rest = 1.0 - reliable
-        others = [Alternative(name, rest / len(missing)) for name in missing]
-        return _rate(kind, reliable, others)
+    if kind in ("none", "unknown"):  # a rate: no models are compared
+        names, meaning = ["small"], "nothing was missing"
+        if kind == "unknown":
+            names, meaning = (
+                [*missing],
+                "something acted that the library does not have",
+            )
+        share, rest = format_share(reliable), 1.0 - reliable
+        return VerdictOdds(
+            reliable,
+            f"On study rigs {share} of such verdicts were right: {meaning}.",
+            tuple(Alternative(name, rest / len(names)) for name in names),
+        )
     if left > Limit.max_explained_error:
         reliable = (Limit.far_off_right + 1) / (Limit.far_off_names + 2)
     groups = {group[0]: set(group) for group in ties}
@@ -847,37 +852,23 @@ def _alternatives(
 ) -> dict[str, float]:
     """Return z of an effect against all that may stand in its place, by id."""
     beside = {*found.after.problem.effects, *group}
-    models: dict[str, CrossValidation] = {
-        c.id: c.crossed for c in step.candidates if c.crossed is not step.before
+    errors = {
+        c.id: blocks(c.crossed) for c in step.candidates if c.crossed is not step.before
     }
-    best = blocks(models[leader])
-    start = blocks(step.before)
+    best, start = errors[leader], blocks(step.before)
     before = float(start.sum())
     found_z = {"nothing": comparison_z(best, start, before)}
     for c in step.candidates:
-        if c.id in beside or c.id not in models:
+        if c.id in beside or c.id not in errors:
             continue
         if c.reason.startswith(IMPLAUSIBLE_PREFIX):
             continue
         if group.intersection(EFFECTS[c.id].generalises):  # it contains the finding
             continue
         meet = EFFECTS[leader].forms_meet(EFFECTS[c.id])
-        errors = blocks(models[c.id])
         share = Limit.meeting_form_share if meet else None
-        found_z[c.id] = comparison_z(best, errors, before, share)
+        found_z[c.id] = comparison_z(best, errors[c.id], before, share)
     return found_z
-
-
-def _rate(
-    kind: Verdict, probability: float, others: Sequence[Alternative]
-) -> VerdictOdds:
-    """Return the belief in a verdict that compares no models: a rate."""
-    meaning = "nothing was missing"
-    if kind == "unknown":
-        meaning = "something acted that the library does not have"
-    share = format_share(probability)
-    statement = f"On study rigs {share} of such verdicts were right: {meaning}."
-    return VerdictOdds(probability, statement, tuple(others))
 
 
 def _worded(

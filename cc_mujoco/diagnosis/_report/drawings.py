@@ -138,18 +138,20 @@ def draw_isolability(isolability: Isolability, width: float) -> Figure | None:
         return None
     order = _cluster_order(isolability.cosines)
     cosines = isolability.cosines[np.ix_(order, order)]
-    labels = [
-        effect_name(isolability.ids[index]).replace("$", r"\$") for index in order
-    ]
+    names = [effect_name(isolability.ids[k]).replace("$", r"\$") for k in order]
     drawing = figure(width, 1.5 + 0.24 * count)
     heat, bars = drawing.subplots(1, 2, sharey=True, width_ratios=[3.2, 1])
     shades = LinearSegmentedColormap.from_list("likeness", ["white", BLUE])
     picture = heat.imshow(cosines, cmap=shades, vmin=0.0, vmax=1.0, aspect="auto")
-    _write_numbers(heat, cosines)
-    places = range(count)
-    heat.set_xticks(places, [str(place + 1) for place in places])
+    for row, column in np.argwhere(np.nan_to_num(cosines) >= 0.7):
+        if row != column:  # cells off the diagonal that matter
+            text = f"{cosines[row, column]:.2f}".lstrip("0")
+            heat.text(
+                column, row, text, ha="center", va="center", fontsize=6, color="w"
+            )
+    heat.set_xticks(range(count), [str(place + 1) for place in range(count)])
     heat.tick_params(axis="x", labelsize=7)
-    heat.set_yticks(places, [f"{name}  {row + 1}" for row, name in enumerate(labels)])
+    heat.set_yticks(range(count), [f"{n}  {k + 1}" for k, n in enumerate(names)])
     heat.grid(False)
     heat.set(title="Likeness of two effects")
     drawing.colorbar(
@@ -170,21 +172,6 @@ def _cluster_order(cosines: NDArray[np.float64]) -> NDArray[np.intp]:
     np.fill_diagonal(distance, 0.0)
     tree = linkage(squareform(distance), "average", optimal_ordering=True)
     return np.asarray(leaves_list(tree), dtype=np.intp)
-
-
-def _write_numbers(axes: Axes, cosines: NDArray[np.float64]) -> None:
-    """Write the cosine into cells off the diagonal that matter."""
-    for row, column in np.argwhere(np.nan_to_num(cosines) >= 0.7):
-        if row != column:
-            axes.text(
-                column,
-                row,
-                f"{cosines[row, column]:.2f}".lstrip("0"),
-                ha="center",
-                va="center",
-                fontsize=6,
-                color="white",
-            )
 
 
 def _draw_bars(axes: Axes, visible: NDArray[np.float64]) -> None:

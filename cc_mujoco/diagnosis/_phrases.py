@@ -83,25 +83,25 @@ def format_odds(probability: float) -> str:
 
 def headline(diagnosis: Diagnosis) -> str:
     """Return the verdict as one line."""
-    tied = {name for group in diagnosis.ties for name in group}
-    named = [found.id for found in diagnosis.missing if found.id not in tied]
-    remains = ""
-    if math.isfinite(diagnosis.remaining):
-        remains = (
-            f"; the remaining error is {diagnosis.remaining:.1f} times the noise floor"
-        )
-    if diagnosis.verdict == "named":
-        return f"Missing: {effect_names(named)}{remains}"
-    if diagnosis.verdict == "tie":
-        rivals = [f"either {effect_names(group, 'or')}" for group in diagnosis.ties]
-        return f"Missing: {list_words([*map(effect_name, named), *rivals])}{remains}"
-    if diagnosis.verdict == "unknown" and diagnosis.interrupted:
-        return "Something is missing, but the search was stopped before all was tried"
-    if diagnosis.verdict == "unknown" and diagnosis.question:
-        return "Something is missing, or one trial was recorded differently"
-    if diagnosis.verdict == "unknown" and diagnosis.effects:
-        return "Something is missing that the known effects explain only in part"
-    if diagnosis.verdict == "none" and diagnosis.deviating:
+    kind, tied = diagnosis.verdict, {name for tie in diagnosis.ties for name in tie}
+    named = [effect_name(e.id) for e in diagnosis.missing if e.id not in tied]
+    if kind in ("named", "tie"):
+        if kind == "tie":
+            named += [f"either {effect_names(tie, 'or')}" for tie in diagnosis.ties]
+        remains = ""
+        if math.isfinite(left := diagnosis.remaining):
+            remains = f"; the remaining error is {left:.1f} times the noise floor"
+        return f"Missing: {list_words(named)}{remains}"
+    if kind == "unknown":
+        if diagnosis.interrupted:
+            return (
+                "Something is missing, but the search was stopped before all was tried"
+            )
+        if diagnosis.question:
+            return "Something is missing, or one trial was recorded differently"
+        if diagnosis.effects:
+            return "Something is missing that the known effects explain only in part"
+    if kind == "none" and diagnosis.deviating:
         off = list_words([plain_name(each.parameter) for each in diagnosis.deviating])
         return f"Nothing else is missing, but {off} is not what the scene says"
     return {
@@ -109,7 +109,7 @@ def headline(diagnosis: Diagnosis) -> str:
         "unknown": "Something is missing, and no known effect takes it to the noise",
         "fix-data": DATA_PREFIX,
         "fix-numerics": "The numerics of the simulation must be put right first",
-    }[diagnosis.verdict]
+    }[kind]
 
 
 def tried_sentence(diagnosis: Diagnosis) -> str:
@@ -119,18 +119,13 @@ def tried_sentence(diagnosis: Diagnosis) -> str:
     """
     if not diagnosis.runner_ups:
         return ""
-    refitted = {each.id for step in diagnosis.runner_ups for each in step}
-    start = "All effects that these data can show were compared with the error; "
-    if not refitted:
-        return (
-            f"{start}none was refitted, since to first order none takes enough of it."
-        )
-    count = len(refitted)
-    return (
-        f"{start}the {count} most promising were refitted."
-        if count > 1
-        else (f"{start}the most promising one was refitted.")
-    )
+    count = len({each.id for step in diagnosis.runner_ups for each in step})
+    done = f"the {count} most promising were refitted"
+    if count < 2:
+        done = "the most promising one was refitted"
+    if not count:
+        done = "none was refitted, since to first order none takes enough of it"
+    return f"All effects that these data can show were compared with the error; {done}."
 
 
 def format_share(value: float) -> str:
@@ -158,11 +153,8 @@ def format_number(value: float, spread: float = math.nan) -> str:
     size = max(abs(value), spread if known else 0.0)
     if size and not 1e-4 <= size < 1e6:
         power = math.floor(math.log10(size))
-        digits = max(0, places + power)
-        return (
-            f"{_with_true_minus(f'{value / 10.0**power:.{digits}f}')}"
-            f"·10{str(power).translate(_SUPERSCRIPTS)}"
-        )
+        shown = f"{value / 10.0**power:.{max(0, places + power)}f}"
+        return f"{_with_true_minus(shown)}·10{str(power).translate(_SUPERSCRIPTS)}"
     return _with_true_minus(f"{value:.{max(0, places)}f}")
 
 
@@ -187,29 +179,27 @@ def format_fitted(value: Estimate) -> str:
 
 def gap_sentence(name: str, gap: Gap) -> str:
     """Describe the change of the held-out error of one channel."""
+    sizes = gap.rmse_before, gap.rmse_after, gap.noise_floor
     before, after, floor = (
-        format_number(value, gap.noise_floor)
-        for value in (gap.rmse_before, gap.rmse_after, gap.noise_floor)
+        f"{format_number(value, gap.noise_floor)} {TORQUE_UNIT}" for value in sizes
     )
-    if not math.isfinite(gap.rmse_before) or not math.isfinite(gap.rmse_after):
-        return f"{capitalise(channel_name(name))}: the error could not be determined."
-    start = f"{capitalise(channel_name(name))}: the weighted RMS error"
-    ground = f"the noise floor is {floor} {TORQUE_UNIT}"
+    title = capitalise(channel_name(name))
+    if not (math.isfinite(gap.rmse_before) and math.isfinite(gap.rmse_after)):
+        return f"{title}: the error could not be determined."
+    start = f"{title}: the weighted RMS error"
+    ground = f"the noise floor is {floor}"
     if gap.rmse_after == gap.rmse_before:
-        return f"{start} is {before} {TORQUE_UNIT}; {ground}."
+        return f"{start} is {before}; {ground}."
     change = "falls" if gap.rmse_after < gap.rmse_before else "rises"
-    text = f"{start} {change} from {before} {TORQUE_UNIT} to {after} {TORQUE_UNIT}; "
+    text = f"{start} {change} from {before} to {after}; {ground}"
     if not math.isfinite(gap.gap_closed):
-        return f"{text}{ground}; there is no gap above it to close."
+        return f"{text}; there is no gap above it to close."
     # Below the floor, which is an estimate, there is no more to close.
     closed, low, high = (min(value, 1.0) for value in (gap.gap_closed, *gap.ci95))
     within = ""
     if math.isfinite(low) and math.isfinite(high):
         within = f" (95 % interval {format_share(low)} to {format_share(high)})"
-    return (
-        f"{text}{ground}; {format_share(closed)} of the RMS error above it is gone"
-        f"{within}."
-    )
+    return f"{text}; {format_share(closed)} of the RMS error above it is gone{within}."
 
 
 def _decimal_places(value: float, digits: int) -> int:

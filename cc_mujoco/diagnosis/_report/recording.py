@@ -32,7 +32,7 @@ from cc_mujoco.diagnosis._report.drawings import (
     worst_excerpt,
 )
 from cc_mujoco.diagnosis._thresholds import Limit
-from cc_mujoco.diagnosis._verdict import Evidence, Map, TrialTrace
+from cc_mujoco.diagnosis._verdict import MODELS, Evidence, Map, TrialTrace
 from cc_mujoco.native import FloatArray
 from cc_mujoco.report import _markdown as markdown
 from cc_mujoco.report._figures import BLUE, GREEN, GREY, ORANGE, PINK
@@ -107,19 +107,13 @@ def _log_trace(rec: rr.RecordingStream, trace: TrialTrace, both: bool) -> None:
 
 def _log_map(rec: rr.RecordingStream, each: Map, both: bool) -> None:
     """Log mean errors as bars, without the bins that have no data."""
-    kinds = {"before": each.before}
-    if both:
-        kinds["after"] = each.after
+    kinds = {"before": each.before, **({"after": each.after} if both else {})}
     for kind, values in kinds.items():
         there = np.isfinite(values)
-        if not there.any():
-            continue
-        bars = rr.BarChart(
-            values[there],
-            abscissa=each.centre[there],
-            color=_rgba(LINE_STYLES[kind][0]),
-        )
-        rec.log(_map_path(each, kind), bars, static=True)
+        if there.any():
+            at, color = each.centre[there], _rgba(LINE_STYLES[kind][0])
+            bars = rr.BarChart(values[there], abscissa=at, color=color)
+            rec.log(_map_path(each, kind), bars, static=True)
 
 
 def _about(evidence: Evidence) -> rr.TextDocument:
@@ -130,7 +124,7 @@ def _about(evidence: Evidence) -> rr.TextDocument:
             share_of(each.share),
             share_of(each.chance),
         )
-        for each in sorted(evidence.maps, key=lambda each: -np.nan_to_num(each.share))
+        for each in _ranked(evidence)
     ]
     pairs = [
         (effect_name(one), effect_name(other), f"{cosine:.2f}")
@@ -155,8 +149,8 @@ def _blueprint(evidence: Evidence) -> rrb.Blueprint:
     about = rrb.TextDocumentView(origin="/about", name="About")
     tabs: list[rrb.Container | rrb.View] = [_trial_tab(t) for t in evidence.traces]
     if evidence.maps:
-        ranked = sorted(evidence.maps, key=lambda each: -np.nan_to_num(each.share))
-        tabs.append(rrb.Grid(*map(_map_view, ranked), name="Maps of the error"))
+        views = map(_map_view, _ranked(evidence))
+        tabs.append(rrb.Grid(*views, name="Maps of the error"))
     most = worst_excerpt(evidence)
     trials = [trace.trial for trace in evidence.traces]
     first = trials.index(most.trace.trial) if most is not None else 0
@@ -167,6 +161,10 @@ def _blueprint(evidence: Evidence) -> rrb.Blueprint:
     )
 
 
+def _ranked(evidence: Evidence) -> list[Map]:
+    return sorted(evidence.maps, key=lambda each: -np.nan_to_num(each.share))
+
+
 def _trial_tab(trace: TrialTrace) -> rrb.Vertical:
     def view(part: str, name: str, *lines: FloatArray) -> rrb.TimeSeriesView:
         origin = rr.new_entity_path(["trials", trace.trial, part])
@@ -175,12 +173,11 @@ def _trial_tab(trace: TrialTrace) -> rrb.Vertical:
     views = []
     for name, measured in trace.measured.items():
         title = capitalise(channel_name(name))
-        played = (trace.before[name], trace.after[name])
-        errors = (trace.error(name, "before"), trace.error(name, "after"))
-        views.append(view(name, f"{title} [{TORQUE_UNIT}]", measured, *played))
+        lines = measured, trace.before[name], trace.after[name]
+        errors = (trace.error(name, model) for model in MODELS)
+        views.append(view(name, f"{title} [{TORQUE_UNIT}]", *lines))
         views.append(view(f"{name}_error", f"{title}, error [{TORQUE_UNIT}]", *errors))
-    angles = (trace.motor_angle, trace.joint_angle)
-    views.append(view("motion", "Angles [rad]", *angles))
+    views.append(view("motion", "Angles [rad]", trace.motor_angle, trace.joint_angle))
     return rrb.Vertical(*views, name=trace.trial)
 
 

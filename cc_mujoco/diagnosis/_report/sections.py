@@ -38,7 +38,6 @@ from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis._verdict import (
     Diagnosis,
     Evidence,
-    Map,
     RunnerUp,
     next_folder,
 )
@@ -332,12 +331,11 @@ def occasions(diagnosis: Diagnosis) -> Html | None:
     found = diagnosis.occasions
     if found is None:
         return None
-    parts: list[Html] = [paragraph(found.statement)]
     rows = [
         (f"{each.since} to {each.until}", capitalise(each.statement))
         for each in found.changes
     ]
-    parts.append(table(("between", "change"), rows))
+    parts = [paragraph(found.statement), table(("between", "change"), rows)]
     for each in found.sizes:
         verb = "agrees" if each.agree else "does not agree"
         if not each.sizes:
@@ -418,33 +416,31 @@ def maps(evidence: Evidence) -> Html | None:
     """Describe the maps that are drawn and those that are not."""
     if not evidence.maps:
         return None
-    drawn = shown_maps(evidence)
-    chance = [each for each in evidence.maps if not each.share > each.chance]
-    if len(chance) == len(evidence.maps):
+    real = [each for each in evidence.maps if each.share > each.chance]
+    if not real:
         return paragraph("No map shows more than chance would; the largest are drawn.")
     text = (
         f"{SIGN_NOTE} Titles give the share of the variance of the baseline's error "
         "that a quantity explains. Chance keeps the mean error within the grey band in "
         "95 % of cases."
     )
-
-    def in_words(each: Map) -> str:
-        along = f"{channel_name(each.channel)} over {plain_name(each.axis)}"
-        return f"{along} ({format_share(each.share)})"
-
-    hidden = [e for e in evidence.maps if not any(e is d for d in drawn)]
-    weaker = [each for each in hidden if each.share > each.chance]
-    more = [
-        f"{words}: {list_words(map(in_words, group))}."
-        for words, group in (
-            ("Beyond chance, but weaker than those drawn", weaker),
-            ("No more than chance", chance),
+    drawn = {id(each) for each in shown_maps(evidence)}
+    groups = {
+        "Beyond chance, but weaker than those drawn": [
+            each for each in real if id(each) not in drawn
+        ],
+        "No more than chance": [e for e in evidence.maps if not e.share > e.chance],
+    }
+    parts = [paragraph(text)]
+    for words, group in groups.items():
+        listed = list_words(
+            f"{channel_name(each.channel)} over {plain_name(each.axis)} "
+            f"({format_share(each.share)})"
+            for each in group
         )
-        if group
-    ]
-    return join_pieces(
-        [paragraph(text), *(paragraph(each, kind="small") for each in more)]
-    )
+        if group:
+            parts.append(paragraph(f"{words}: {listed}.", kind="small"))
+    return join_pieces(parts)
 
 
 def excerpt_caption(excerpt: Excerpt, worst: bool) -> str:
@@ -486,11 +482,10 @@ def effect_similarity(evidence: Evidence) -> Html | None:
         f"{effect_name(one)} and {effect_name(other)} ({cosine:.2f})"
         for one, other, cosine in confounded_pairs(evidence.isolability)
     ]
-    weak = invisible_effects(evidence.isolability)
     lines = ["These data distinguish all effects."]
     if pairs:
         lines = [f"These data can hardly distinguish {list_words(pairs, 'or')}."]
-    if weak:
+    if weak := invisible_effects(evidence.isolability):
         lines.append(f"Smaller than the noise, if present: {effect_names(weak)}.")
     return bullet_list(lines)
 

@@ -17,7 +17,6 @@ from cc_mujoco.diagnosis._judge import (
     RELIABILITY,
     STUDIED_ERROR,
     Stretch,
-    _rate,
     _worded,
     belief_in_verdict,
     one_time,
@@ -134,5 +133,7 @@ def test_a_name_that_leaves_more_is_never_all_of_it(kind: Verdict) -> None:
 
 @pytest.mark.parametrize("kind", ["none", "unknown"])
 def test_what_compares_no_models_has_a_rate_and_no_odds(kind: Verdict) -> None:
-    said = _rate(kind, 0.91, []).statement
-    assert "91 % of such verdicts were right" in said and "dds" not in said
+    nothing: Any = SimpleNamespace(rounds=())
+    said = belief_in_verdict(nothing, kind, [], [], 1.0).statement
+    rate = f"{100.0 * RELIABILITY[kind]:.0f} %"
+    assert f"{rate} of such verdicts were right" in said and "dds" not in said

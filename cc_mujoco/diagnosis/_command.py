@@ -125,13 +125,9 @@ class Diagnose:
         if found.gap:
             print("  The noise floor is the error that the sensors' noise alone makes.")
         unknown = found.verdict == "unknown"
-        for remark in (
-            found.occasions.statement if found.occasions else "",
-            found.instruments,
-            found.belief.statement if found.belief else "",
-            found.question,
-            *(place.statement for place in found.where[:1] if unknown),
-        ):
+        stated = (found.occasions, found.belief, *found.where[: int(unknown)])
+        occasions, belief, *where = (each.statement if each else "" for each in stated)
+        for remark in (occasions, found.instruments, belief, found.question, *where):
             if remark:
                 print(f"  {remark}")
         for problem in found.problems:

@@ -75,12 +75,11 @@ def trial_errors(
     model for every record [N m]; `final` is that model and its parameters, for the
     shares of slack.
     """
-    found = []
+    found, records = [], problem.plant.records
     for name, places in _record_indices(problem).items():
-        measured = [problem.plant.records[k].measured for k in places]
         off, left = (
-            [m - torque[k] for k, m in zip(places, measured, strict=True)]
-            for torque in (before, after)
+            [records[k].measured - torques[k] for k in places]
+            for torques in (before, after)
         )
         slack = 0.0
         if final is not None:
@@ -89,17 +88,10 @@ def trial_errors(
             shares = [plant.slack_share(values, model.effects, k) for k in places]
             sizes = [plant.records[k].time.size for k in places]
             slack = float(np.average(shares, weights=sizes))
-        found.append(
-            TrialError(
-                name,
-                _rms(problem, places, off),
-                _rms(problem, places, left),
-                _rms(problem, places, [problem.noise[k] for k in places]),
-                _misfit(problem, places, off),
-                _misfit(problem, places, left),
-                slack,
-            )
-        )
+        noise = [problem.noise[k] for k in places]
+        rmse = [_rms(problem, places, errors) for errors in (off, left, noise)]
+        misfits = _misfit(problem, places, off), _misfit(problem, places, left)
+        found.append(TrialError(name, rmse[0], rmse[1], rmse[2], *misfits, slack))
     return tuple(found)
 
 
@@ -352,12 +344,8 @@ def _record_indices(problem: Problem) -> dict[str, list[int]]:
 
 def _errors(problem: Problem, x: FloatArray) -> list[FloatArray]:
     """Return the errors, measured minus simulated (2, samples) of each record [N m]."""
-    return [
-        record.measured - torque
-        for torque, record in zip(
-            problem.torques(x), problem.plant.records, strict=True
-        )
-    ]
+    pairs = zip(problem.plant.records, problem.torques(x), strict=True)
+    return [record.measured - torque for record, torque in pairs]
 
 
 def _rms(
@@ -366,12 +354,11 @@ def _rms(
     """Return each channel's RMS error, weighted by 1 / floor^2 [N m]."""
     records = problem.plant.records
     weights = [records[k].counts / np.square(problem.floor[k]) for k in places]
-    squares = [
-        (w * error**2).sum(axis=1) for w, error in zip(weights, errors, strict=True)
-    ]
+    pairs = zip(weights, errors, strict=True)
+    squares = np.sum([(w * error**2).sum(axis=1) for w, error in pairs], axis=0)
     total = np.sum([w.sum(axis=1) for w in weights], axis=0)
-    found = np.sqrt(np.sum(squares, axis=0) / total)
-    return dict(zip(problem.plant.instruments.channels, found.tolist(), strict=True))
+    found = np.sqrt(squares / total).tolist()
+    return dict(zip(problem.plant.instruments.channels, found, strict=True))
 
 
 def _misfit(
@@ -470,9 +457,9 @@ def trial_trends(
     tried = []
     for name, values in ordinates.items():
         good = np.isfinite(values) & np.isfinite(found.change)
-        if good.sum() < Limit.min_trend_trials or np.ptp(values[good]) == 0.0:
-            continue
-        tried.append(_trend(name, values[good], found.change[good], found.error[good]))
+        if good.sum() >= Limit.min_trend_trials and np.ptp(values[good]) != 0.0:
+            known = values[good], found.change[good], found.error[good]
+            tried.append(_trend(name, *known))
     return tuple(sorted(tried, key=lambda each: each.chance))
 
 
@@ -496,11 +483,10 @@ def _trend(name: str, at: FloatArray, change: FloatArray, error: FloatArray) -> 
     lost = np.trace(inverse @ (design.T @ (design * sure[:, None] ** 2)))
     scatter = max(0.0, (beyond - freedom) / max(float(sure.sum() - lost), 1e-300))
     size, inverse, beyond = regress(1.0 / (1.0 / sure + scatter))
-    spread = math.sqrt(max(beyond / freedom, 1e-300) * inverse[1, 1])
-    t = float(size[1] / spread)
-    return Trend(
-        name, float(size[1]), t, freedom, float(2.0 * student.sf(abs(t), freedom))
-    )
+    slope = float(size[1])
+    t = slope / math.sqrt(max(beyond / freedom, 1e-300) * inverse[1, 1])
+    chance = float(2.0 * student.sf(abs(t), freedom))
+    return Trend(name, slope, float(t), freedom, chance)
 
 
 class _ByTrial:

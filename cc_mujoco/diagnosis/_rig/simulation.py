@@ -171,19 +171,6 @@ _SENSOR_INSTRUMENTS: dict[str, tuple[Instrument, ...]] = {
     "joint": ("torque sensor", "load cells"),
 }
 """Instruments to which sensor errors of the torque apply, by side."""
-_EXCLUDING_FACTS = {"joint_gravity": "balanced", "joint_stiffness": "joint_spring"}
-"""Statements of `[rig]` by which a rig does not have an effect."""
-_SEAL_PARAMETERS = ("seal_proximal", "seal_distal")
-"""Parameters that only a conduit has."""
-_TURNING_EFFECTS = (
-    "pulley_eccentricity",
-    "configuration_dependent_wrap",
-    "drum_winding",
-    "lever_geometry",
-)
-"""Effects of an angle at an end, which held ends do not have."""
-_LOAD_EFFECTS = ("joint_stiffness", "joint_inertia")
-"""Effects that may also be negative beside a declared load."""
 
 
 class Library(NamedTuple):
@@ -217,20 +204,30 @@ def available_effects(
         for side, known in sides.items():
             if parameter.name.startswith(f"{side}_torque_"):
                 return known in _SENSOR_INSTRUMENTS[side]
-        if led == "open" and parameter.name in _SEAL_PARAMETERS:
-            return False
+        if led == "open" and parameter.name in ("seal_proximal", "seal_distal"):
+            return False  # which only a conduit has
         return cables > 1 or ANTAGONIST not in parameter.name
 
-    effects, hidden = {}, {}
+    effects: dict[str, Effect] = {}
+    hidden: dict[str, str] = {}
     declared: dict[str, str] = {}
+    # Statements by which a rig does not have an effect
+    excluding = {"joint_gravity": "balanced", "joint_stiffness": "joint_spring"}
+    turning = (  # effects of an angle at an end, which held ends do not have
+        *("pulley_eccentricity", "configuration_dependent_wrap"),
+        *("drum_winding", "lever_geometry"),
+    )
     for name, effect in EFFECTS.items():
         side = effect.where if effect.torques and not effect.sensor else ""
         shown = _MECHANICAL_INSTRUMENTS.get(side, ())
         kept = tuple(filter(acts, effect.parameters))
-        if name in _LOAD_EFFECTS and sides["joint"] == "known load":
-            either = (-math.inf, math.inf)
-            kept = tuple(parameter._replace(plausible=either) for parameter in kept)
-        if (fact := _EXCLUDING_FACTS.get(name, "")) in constants:
+        bounds: tuple[float, float] | None = None
+        if sides["joint"] == "known load" and name in (
+            "joint_stiffness",
+            "joint_inertia",
+        ):
+            bounds = -math.inf, math.inf  # beside a declared load
+        if (fact := excluding.get(name, "")) in constants:
             declared[name] = f"{fact} = {str(bool(constants[fact].value)).lower()}"
             continue
         if name == "torque_sensor_offset" and "zeroed" in constants:
@@ -239,21 +236,21 @@ def available_effects(
         if name == "torque_sensor_gain" and "gain_uncertainty" in constants:
             known = constants["gain_uncertainty"].value
             most = Limit.gain_sigmas * known
-            kept = tuple(each._replace(plausible=(-most, most)) for each in kept)
+            bounds = -most, most
             declared[name] = f"gain_uncertainty = {known:g} leaves at most {most:.2g}"
+        if bounds:
+            kept = tuple(each._replace(plausible=bounds) for each in kept)
         absent = [column for column in effect.columns if column not in columns]
         if reason := _path_exclusion(effect, led, tied):
             hidden[name] = reason
-        elif ends_held and name in _TURNING_EFFECTS:
+        elif ends_held and name in turning:
             hidden[name] = "both ends are held, so no pulley turns"
         elif absent:
             hidden[name] = f"it takes the column {absent[0]}, which not all trials have"
         elif shown and sides[side] not in shown:
-            reason = f"the {side}'s torque is not measured"
-            if sides[side] is not None:
-                reason = (
-                    f"load cells on the cable do not see what happens at the {side}"
-                )
+            reason = f"load cells on the cable do not see what happens at the {side}"
+            if sides[side] is None:
+                reason = f"the {side}'s torque is not measured"
             hidden[name] = f"{reason}; it takes a {list_words(shown, 'or')} there"
         elif not kept:
             hidden[name] = "no sensor of a torque is there that could be off"
@@ -610,22 +607,20 @@ class SimulatedRig:
         if pretension is not None and start > 0.0:
             tension *= pretension / start
         balance = values.get("friction_balance", 0.0)
-        made = tuple(
-            cable.replace(
-                friction=max(
-                    values.get("friction", cable.friction) * (1.0 + side), 0.0
-                ),
+        made: tuple[Cable, ...] = ()
+        for cable, side in zip(self.bench.cables, (balance, -balance), strict=False):
+            friction = values.get("friction", cable.friction) * (1.0 + side)
+            own = cable.replace(
+                friction=max(friction, 0.0),
                 axial_stiffness=values.get("axial_stiffness", cable.axial_stiffness),
                 pretension=max(tension, 0.0),
                 segments=max(self.segments, self.bench.min_cable_segments),
                 static_friction=0.0,
             )
-            for cable, side in zip(self.bench.cables, (balance, -balance), strict=False)
-        )
+            made = (*made, own)
         rig = RigGeometry(*self.radii(values), self.bench.exit_angle, conditions)
         values = {**self._absent, **values}
-        for name in effects:
-            change = EFFECTS[name].cables
+        for change in (EFFECTS[name].cables for name in effects):
             if change is not None:
                 made = change(made, values, rig)
         return made
@@ -733,9 +728,8 @@ class SimulatedRig:
         That suffices for differences of two simulations: most of the numerical error is
         in both.
         """
-        segments = max(
-            self.segments // Limit.coarsening, min(self.segments, Limit.min_segments)
-        )
+        least = min(self.segments, Limit.min_segments)
+        segments = max(self.segments // Limit.coarsening, least)
         substeps = max(self.substeps // Limit.coarsening, 1)
         if (segments, substeps) == (self.segments, self.substeps):
             return self

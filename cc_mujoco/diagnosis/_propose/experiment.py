@@ -398,47 +398,44 @@ def best_trial(rivals: Rivals) -> Proposal | None:
     """
     fitted = rivals.fitted
     problem = fitted[0][0]
+    records, bench = problem.plant.records, problem.plant.bench
     noise = _row_medians(problem.noise)
     floor = _row_medians(rivals.before.problem.floor)  # of held-out errors
     known = [
         jacobian(other, x, [r.free for r in other.plant.records]) for other, x in fitted
     ]
+    weight = min(other.weight for other, _ in fitted)
     best: tuple[tuple[bool, bool, float], Proposal] | None = None
-    trial = next_trial_name(problem.plant.records)
+    trial = next_trial_name(records)
     better, worse = np.argsort([model.held_out_mse for model in rivals.models])
     every = catalogue(problem)
-    done = recorded(every, problem.plant.bench, problem.plant.records)
+    done = recorded(every, bench, records)
     for motion in every:
         if motion.description in done:
             continue
         record = as_record(problem, motion)
-        shown = [
-            replace(other, plant=other.plant.limited([record])).torques(x)[0]
-            for other, x in fitted
-        ]
+        shown, without = [], []
+        for (other, x), name in zip(fitted, rivals.ids, strict=True):
+            plant = other.plant.limited([record])
+            shown += replace(other, plant=plant).torques(x)
+            rest = [each for each in other.effects if each != name]
+            without += plant.simulate(other.values(x), rest)
         difference = (shown[0] - shown[1]) / noise
-        without = [
-            other.plant.limited([record]).simulate(
-                other.values(x), [each for each in other.effects if each != name]
-            )[0]
-            for (other, x), name in zip(fitted, rivals.ids, strict=True)
-        ]
-        unsure = form_error(shown, without, noise)
         lefts = [
             refit_difference(
                 other, x, replace(record, measured=torque), noise, old, difference
             )
             for (other, x), torque, old in zip(fitted, shown, known, strict=True)
         ]
-        share = noise / floor
-        made = [(s - w) / floor for s, w in zip(shown, without, strict=True)]
         left = min(lefts, key=np.linalg.norm)
-        weight = min(other.weight for other, _ in fitted)
-        score = weight * float(np.linalg.norm(left / np.hypot(1.0, unsure)))
+        unsure = np.hypot(1.0, form_error(shown, without, noise))
+        score = weight * float(np.linalg.norm(left / unsure))
         if score < Limit.decisive_sigmas:
             continue
         # If one is true, the remaining difference is that of the other one, fitted
         # again.
+        share = noise / floor
+        made = [(s - w) / floor for s, w in zip(shown, without, strict=True)]
         settles = [
             separates_rivals(rivals, record, true, made[true], share * lefts[1 - true])
             for true in (0, 1)
@@ -453,12 +450,9 @@ def best_trial(rivals: Rivals) -> Proposal | None:
                     f"and need not if it is {names[1]}"
                 )
             tension = record.pretension or 0.0
+            facts = tuple(trial_table(trial, motion, tension, record.occasion))
             experiment = NextExperiment(
-                motion.description,
-                rivals.ids,
-                description,
-                trial,
-                tuple(trial_table(trial, motion, tension, record.occasion)),
+                motion.description, rivals.ids, description, trial, facts
             )
             best = rank, Proposal(experiment, motion)
     return best[1] if best else None
@@ -505,23 +499,24 @@ def recorded(
     """
     known = [r.pretension for r in records if r.pretension]
     usual = float(np.median(known)) if known else 1.0
-
-    def lag(motor: FloatArray, joint: FloatArray) -> float:
-        return float(np.ptp(bench.carried(motor) - joint))
-
+    lags = {
+        motion.description: float(np.ptp(bench.carried(motion.motor) - motion.joint))
+        for motion in every
+    }
     found = set()
     for record in records:
-        if any(record.notes == motion.description for motion in every):
+        if record.notes in lags:
             found.add(record.notes)  # as proposed or planned, however well followed
             continue
         tension = usual if record.pretension is None else record.pretension
-        own = lag(record.motor_angle, record.joint_angle)
+        own = float(np.ptp(bench.carried(record.motor_angle) - record.joint_angle))
         matching = [
-            m for m in every if _matches_motion(m, bench, record, tension / usual)
+            motion.description
+            for motion in every
+            if _matches_motion(motion, bench, record, tension / usual)
         ]
         if matching:
-            nearest = min(matching, key=lambda m: abs(lag(m.motor, m.joint) - own))
-            found.add(nearest.description)
+            found.add(min(matching, key=lambda each: abs(lags[each] - own)))
     return found
 
 
@@ -651,26 +646,19 @@ def motion_record(
 
 def as_record(problem: Problem, motion: CataloguedTrial) -> Record:
     """Return a motion as a record of the last occasion of the data."""
-    records = problem.plant.records
+    records, bench = problem.plant.records, problem.plant.bench
     last = occasions_of(records)[-1]  # on which it is recorded
     records = tuple(each for each in records if each.occasion == last)
     base = next((each for each in records if not each.unhooked), records[0])
-    bench, tension = problem.plant.bench, base.pretension
+    tension = base.pretension
     if tension is None:
         tension = bench.cables[0].pretension
     kept = ("step", "band", "split", "group", "occasion", "conditions")
-    found = motion_record(
-        motion,
-        bench,
-        len(base.measured),
-        tension,
-        trial="next",
-        **{name: getattr(base, name) for name in kept},
-    )
-    columns = {
-        name: np.full(found.time.size, np.mean(values))
-        for name, values in base.columns.items()
-    }
+    known = {name: getattr(base, name) for name in kept}
+    rows = len(base.measured)
+    found = motion_record(motion, bench, rows, tension, trial="next", **known)
+    size = found.time.size
+    columns = {name: np.full(size, np.mean(own)) for name, own in base.columns.items()}
     return replace(found, columns=columns)
 
 
@@ -703,15 +691,14 @@ def refit_difference(
     slopes = jacobian(new, x, every)[: difference.size]
     wanted = np.concatenate([problem.weight * difference.ravel(), np.zeros(len(known))])
     low, high = (
-        np.array([getattr(parameter, side) for parameter in problem.tuned])
-        for side in ("low", "high")
+        np.array([getattr(p, k) for p in problem.tuned]) for k in ("low", "high")
     )
     moves = np.flatnonzero(high > low)
     table = np.concatenate([slopes, known])[:, moves]
     size = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
     axes, short = np.linalg.qr(table / size)
-    margins = np.minimum(low - x, 0.0)[moves], np.maximum(high - x, 0.0)[moves]
-    bounds = tuple(side * size for side in (margins[0] - 1e-9, margins[1] + 1e-9))
+    least, most = np.minimum(low - x, 0.0)[moves], np.maximum(high - x, 0.0)[moves]
+    bounds = (least - 1e-9) * size, (most + 1e-9) * size
     change = np.zeros(x.size)
     change[moves] = lsq_linear(short, axes.T @ wanted, bounds).x / size
     return difference - (slopes @ change).reshape(difference.shape) / problem.weight

@@ -302,11 +302,6 @@ def _page(diagnosis: Diagnosis, evidence: Evidence, figures: Path) -> str:
 SCENE_FILE = "scene.xml"
 OPTIONAL_FILES = (SCENE_FILE, "evidence.rrd", *(f"{stem}.png" for stem in FIGURE_STEMS))
 """Files that only some verdicts have."""
-_DRAWING_MODULES = (
-    "matplotlib.backends.backend_agg",
-    "cc_mujoco.diagnosis._report.recording",
-    "scipy.cluster.hierarchy",
-)
 
 
 def require_ours(out: Path, scene: Path, data: Sequence[Path]) -> None:
@@ -316,7 +311,7 @@ def require_ours(out: Path, scene: Path, data: Sequence[Path]) -> None:
     the data, or a repaired scene that was changed since; see also
     `_utils.atomic_io.require_ours`.
     """
-    names = (VERDICT_FILE, "report.html", *OPTIONAL_FILES)
+    names = (VERDICT_FILE, REPORT_PAGE, *OPTIONAL_FILES)
     if scene.resolve() in {(out / name).resolve() for name in names}:
         raise CableError(
             f"the scene {scene} lies where the diagnosis writes its own; name another "
@@ -347,7 +342,11 @@ def preload_drawing() -> None:
     """Load the drawing modules of `write` in a thread parallel to the computation."""
 
     def load() -> None:
-        for name in _DRAWING_MODULES:
+        for name in (
+            "matplotlib.backends.backend_agg",
+            "cc_mujoco.diagnosis._report.recording",
+            "scipy.cluster.hierarchy",
+        ):
             with suppress(Exception):  # reported where it is used
                 import_module(name)
 
@@ -368,38 +367,30 @@ def write(
     """
     from cc_mujoco.diagnosis._report.recording import write_recording
 
-    diagnosis = replace(
-        result.diagnosis,
-        provenance=provenance(result, dataset, out, command, seed, effects),
-    )
-    scene_before = {"written": (_provenance(out) or {}).get("written", "")}
-    known = {**diagnosis.provenance, **scene_before}
+    known = provenance(result, dataset, out, command, seed, effects)
+    diagnosis = replace(result.diagnosis, provenance=known)
+    before = {"written": (_provenance(out) or {}).get("written", "")}
     with replacing_folder(out) as place:
-        replace(diagnosis, provenance=known).write(place / VERDICT_FILE)
+        replace(diagnosis, provenance=known | before).write(place / VERDICT_FILE)
     with _keep_verdict(out / VERDICT_FILE), replacing_folder(out) as place:
         if result.problem is not None:
             try:
                 problems = write_and_compare_scene(result, place / SCENE_FILE)
-                as_written = atomic_io.checksum_line(place / SCENE_FILE)
-                known = {**diagnosis.provenance, "written": as_written}
-                diagnosis = replace(diagnosis, provenance=known)
+                written = {"written": atomic_io.checksum_line(place / SCENE_FILE)}
+                diagnosis = replace(diagnosis, provenance=known | written)
             except CableError as error:  # the verdict stands without it
                 problems = [f"{NO_SCENE_PREFIX}: {error}."]
             diagnosis = replace(diagnosis, problems=(*diagnosis.problems, *problems))
             write_recording(place / "evidence.rrd", result.evidence)
         write_report(place, diagnosis, result.evidence)
         diagnosis.write(place / VERDICT_FILE)
-        written = {file.name for file in place.iterdir()}
-    if result.motion is not None and diagnosis.next_experiment is not None:
-        write_proposed(
-            out / next_folder(diagnosis.next_experiment),
-            diagnosis.next_experiment,
-            result.motion,
-            dataset.path,
-        )
-    for name in OPTIONAL_FILES:
-        if name not in written:  # of an earlier diagnosis with another verdict
-            (out / name).unlink(missing_ok=True)
+        there = {file.name for file in place.iterdir()}
+    planned = diagnosis.next_experiment
+    if result.motion is not None and planned is not None:
+        folder = out / next_folder(planned)
+        write_proposed(folder, planned, result.motion, dataset.path)
+    for name in set(OPTIONAL_FILES) - there:  # of a diagnosis with another verdict
+        (out / name).unlink(missing_ok=True)
     return diagnosis
 
 
@@ -435,7 +426,7 @@ def provenance(
     command: str,
     seed: int,
     effects: Sequence[str] = (),
-) -> Mapping[str, Any]:
+) -> dict[str, Any]:
     """Return the provenance; relative paths are from `folder`, seen from `out`."""
     bench, trials = result.bench, dataset.trials
     occasions = result.diagnosis.occasions

@@ -54,7 +54,7 @@ def noise_of(dataset: Dataset, file: DatasetFile) -> dict[str, Noise]:
     over four samples is not noise. It is at least that of quantisation, and a millionth
     of the channel's range.
     """
-    still = [(trial, find_holds(trial)) for trial in dataset.trials]
+    still = {trial.name: find_holds(trial) for trial in dataset.trials}
     found: dict[str, Noise] = {}
     cells = sorted({trial.facts.load_cell for trial in dataset.trials} - {""})
     for channel in dict.fromkeys([*dataset.channels, *cells]):
@@ -62,32 +62,29 @@ def noise_of(dataset: Dataset, file: DatasetFile) -> dict[str, Noise]:
         if not trials:
             continue
         source = file.source(channel)
-        column = trials[0].labels.get(channel, channel)
-        factor = file.factor(channel, column)
+        factor = file.factor(channel, trials[0].labels.get(channel, channel))
         if source.resolution is not None:
             step = source.resolution * factor
         else:
             # A joint that is locked in a trial shows no digit there.
             steps = [digit_of(trial, channel) for trial in trials]
             step = float(np.median([each for each in steps if each > 0.0] or [0.0]))
+        if source.noise is not None:
+            found[channel] = Noise(source.noise * factor, step, "declared")
+            continue
         spans = [
             float(np.ptp(trial.channel(channel)[part]))
             for trial in trials
             for part in trial.segments
         ]
         least = max(step / math.sqrt(12.0), (1e-6) * max(spans, default=0.0))
-        if source.noise is not None:
-            found[channel] = Noise(source.noise * factor, step, "declared")
-            continue
         held = [
             scatter
-            for trial, parts in still
-            if channel in trial.channels
-            for part in parts
+            for trial in trials
+            for part in still[trial.name]
             for scatter in _line_scatter(trial.channel(channel)[part], trial.step)
         ]
-        rough = [_roughness(trial, channel) for trial in trials]
-        seen = float(np.median(held or rough))
+        seen = float(np.median(held or [_roughness(t, channel) for t in trials]))
         how: Literal["holds", "differences"] = "holds" if held else "differences"
         found[channel] = Noise(max(least, seen), step, how)
     return found
@@ -123,31 +120,24 @@ class Scatter(NamedTuple):
 
 def wrong_repeats(trials: Sequence[Trial]) -> list[DataFinding]:
     """Return declared repeats that differ in motor motion or set-up."""
-    found = [
-        error(
-            f"{trial.path} is declared a repeat of {original.name}, but its motor "
-            "moves otherwise; correct repeat_of.",
-            trial.name,
-        )
-        for original, trial in _repeat_pairs(trials)
-        if _compare_trials(original, trial) is None
-    ]
-    return found + [
-        error(
-            f"{trial.path} is declared a repeat of {original.name}, but with another "
-            f"{what}; correct repeat_of or the {what}.",
-            trial.name,
-        )
-        for original, trial in _repeat_pairs(trials)
+    moved, changed = [], []
+    for original, trial in _repeat_pairs(trials):
+        start = f"{trial.path} is declared a repeat of {original.name}, but"
+        if _compare_trials(original, trial) is None:
+            text = f"{start} its motor moves otherwise; correct repeat_of."
+            moved.append(error(text, trial.name))
+        before, now = original.facts, trial.facts
         for what, one, other in (
-            ("pretension", original.facts.pretension, trial.facts.pretension),
-            ("tilt", original.facts.tilt or 0.0, trial.facts.tilt or 0.0),
-            ("state of the cables", original.facts.unhooked, trial.facts.unhooked),
-            ("place of the sensors", original.facts.swapped, trial.facts.swapped),
-            ("load cell", original.facts.load_cell, trial.facts.load_cell),
-        )
-        if one is not None and other is not None and one != other
-    ]
+            ("pretension", before.pretension, now.pretension),
+            ("tilt", before.tilt or 0.0, now.tilt or 0.0),
+            ("state of the cables", before.unhooked, now.unhooked),
+            ("place of the sensors", before.swapped, now.swapped),
+            ("load cell", before.load_cell, now.load_cell),
+        ):
+            if one is not None and other is not None and one != other:
+                text = f"{start} with another {what}; correct repeat_of or the {what}."
+                changed.append(error(text, trial.name))
+    return moved + changed
 
 
 def repeat_scatter(trials: Sequence[Trial], channels: Sequence[str]) -> Scatter:

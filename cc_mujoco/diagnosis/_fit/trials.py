@@ -809,10 +809,10 @@ def compare_occasions(
     own = [e for e in changes if e.since == names[-2] and e.parameter in reported]
     changed = [e.statement for e in own if not e.change.holds(0.0)]
     same = [e.statement for e in own if e.change.holds(0.0)]
-    told = list_words(changed + same)
+    words = list_words(changed + same)
     if not changed:
-        told = f"nothing that these data show; {told}"
-    statement = f"Since {names[-2]}: {told}."
+        words = f"nothing that these data show; {words}"
+    statement = f"Since {names[-2]}: {words}."
     return Occasions(names, tuple(changes), tuple(sizes), statement)
 
 

@@ -284,10 +284,6 @@ def _experiment_step(diagnosis: Diagnosis) -> Html:
     )
 
 
-def _step(title: str, text: str) -> Html:
-    return join_pieces([element("strong", title), f" {text}"])
-
-
 def _step_item(title: str, text: str) -> Html:
     return join_pieces([element("strong", f"{title}: "), text])
 
@@ -409,7 +405,10 @@ def unknown(diagnosis: Diagnosis) -> Html | None:
     """Answer four questions on an effect that has no name."""
     if diagnosis.verdict != "unknown":
         return None
-    return bullet_list(_step(*each) for each in four_answers(diagnosis))
+    return bullet_list(
+        join_pieces([element("strong", question), f" {answer}"])
+        for question, answer in four_answers(diagnosis)
+    )
 
 
 def maps(evidence: Evidence) -> Html | None:

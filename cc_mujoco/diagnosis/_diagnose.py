@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from cc_mujoco.datasets._bench import Bench
-from cc_mujoco.datasets._data_findings import DataFinding, errors
+from cc_mujoco.datasets._data_findings import errors
 from cc_mujoco.datasets._trials import Dataset
 from cc_mujoco.diagnosis._checks.mechanics import check_lead
 from cc_mujoco.diagnosis._checks.readings import (
@@ -159,7 +159,15 @@ def infer(
             settings = Options(seed=seed, requested=requested)
             with single_threaded_blas():
                 result = run_inference(dataset, bench, settings, progress)
-        return _noted(result, findings), dataset
+        found = result.diagnosis
+        doubts = [each.statement for each in findings if each.severity == "doubt"]
+        notes = tuple(each.statement for each in findings)
+        diagnosis = replace(
+            found,
+            question=" ".join([*doubts, found.question]).strip(),
+            problems=(*found.problems, *notes),
+        )
+        return replace(result, diagnosis=diagnosis), dataset
 
 
 def run_inference(
@@ -225,13 +233,3 @@ def _paths(
             )
         paths.append(Path(path))
     return paths
-
-
-def _noted(result: DiagnosisResult, findings: Sequence[DataFinding]) -> DiagnosisResult:
-    """Return the result with the findings on the data added."""
-    doubts = [found.statement for found in findings if found.severity == "doubt"]
-    question = " ".join([*doubts, result.diagnosis.question]).strip()
-    notes = (finding.statement for finding in findings)
-    problems = (*result.diagnosis.problems, *notes)
-    diagnosis = replace(result.diagnosis, question=question, problems=problems)
-    return replace(result, diagnosis=diagnosis)

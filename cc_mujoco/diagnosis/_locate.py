@@ -574,18 +574,15 @@ def error_samples(
             continue
         block = ((kept - kept[0]) * record.dt / BOOTSTRAP_BLOCK).astype(np.intp) + first
         first = int(block[-1]) + 1
-        played = trace.before if model == "before" else trace.after
-        parts.append(
-            (
-                trace.error(name, model)[kept],
-                1.0 / floor[row, kept] ** 2,
-                trace.motor_angle[kept],
-                trace.joint_angle[kept],
-                played[name][kept],
-                np.gradient(trace.motor_angle, record.dt)[kept],
-                block,
-            )
+        signals = (
+            trace.error(name, model),
+            1.0 / floor[row] ** 2,
+            trace.motor_angle,
+            trace.joint_angle,
+            (trace.before if model == "before" else trace.after)[name],
+            np.gradient(trace.motor_angle, record.dt),
         )
+        parts.append([*(signal[kept] for signal in signals), block])
     error, weight, motor, joint, torque, speed, block = (
         np.concatenate(each) for each in zip(*parts, strict=True)
     )
@@ -650,28 +647,24 @@ def _describe_period(
     line: PeriodicError, name: str, which: str = ""
 ) -> tuple[str, Where]:
     exactly = format_number(line.order, 2.0 * line.order_error)
-    order = f"{round(line.order) if line.whole_order else exactly} per turn"
-    if line.by_torque is None:
-        size = "constant or proportional to the torque, which these data do not show"
-    elif line.by_torque:
-        size = (
-            "proportional to the torque "
-            f"({format_number(100.0 * line.amplitude)} % of it)"
-        )
-    else:
+    order = str(round(line.order)) if line.whole_order else exactly
+    size = "constant or proportional to the torque, which these data do not show"
+    if line.by_torque is not None:
         size = f"the same at every torque ({format_number(line.amplitude)} N m)"
-    short = (
-        f"it is periodic in the {line.angle}, {order}, with an amplitude that is {size}"
-    )
-    full = (
+    if line.by_torque:
+        percent = format_number(100.0 * line.amplitude)
+        size = f"proportional to the torque ({percent} % of it)"
+    periodic, wide = f"is periodic in the {line.angle}", "with an amplitude that is"
+    text = (
         f"{format_share(line.share)} of the squared {channel_name(name)} error{which} "
-        f"is periodic in the {line.angle}, {exactly} per turn (standard error "
-        f"{format_number(line.order_error)}), with an amplitude that is {size}. This "
+        f"{periodic}, {exactly} per turn (standard error "
+        f"{format_number(line.order_error)}), {wide} {size}. This "
         f"period takes {format_number(line.statistic)} times what the periods beside "
         f"it take; random errors reach {format_number(line.threshold)} in one of "
         f"{round(1 / Limit.false_alarm_rate)} data sets."
     )
-    return short, Where(name, line.angle, line.share, full)
+    short = f"it {periodic}, {order} per turn, {wide} {size}"
+    return short, Where(name, line.angle, line.share, text)
 
 
 def _describe_constants(seen: Mapping[str, Samples]) -> list[tuple[str, Where]]:

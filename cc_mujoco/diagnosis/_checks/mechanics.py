@@ -290,26 +290,17 @@ def _labels(trial: Trial) -> dict[str, str]:
     return {channel: trial.labels.get(channel, channel) for channel in MAIN_CHANNELS}
 
 
-_ANGLE_CHANNELS, _TORQUE_CHANNELS = (
-    (MOTOR_ANGLE, JOINT_ANGLE),
-    (MOTOR_TORQUE, JOINT_TORQUE),
-)
-_UNIT_CANDIDATES = {
-    _ANGLE_CHANNELS: ("deg", "radians", ANGLE),
-    _TORQUE_CHANNELS: ("mNm", "Nm", TORQUE),
-}
-"""Small unit that a channel may have, or its name alone; the plain unit."""
-
-
 def wrong_unit(trial: Trial, channel: str) -> str:
     """Name the likely unit of a channel that is off by 57, or of a torque by 1000."""
-    pair = _ANGLE_CHANNELS if channel in _ANGLE_CHANNELS else _TORQUE_CHANNELS
-    small, plain, kind = _UNIT_CANDIDATES[pair]
+    angle = channel in (MOTOR_ANGLE, JOINT_ANGLE)
+    pair = (MOTOR_ANGLE, JOINT_ANGLE) if angle else (MOTOR_TORQUE, JOINT_TORQUE)
+    # Small unit that a channel may have, and the plain one
+    small, plain, kind = ("deg", "radians", ANGLE) if angle else ("mNm", "Nm", TORQUE)
     other = pair[channel == pair[0]]
     label = trial.labels.get(other, other)
     if unit_of(label, kind) == small:
         return f"{label} is in {plain}, whatever its name says"
-    unit_name = "degrees" if small == "deg" else small
+    unit_name = "degrees" if angle else small
     return f"{trial.labels.get(channel, channel)} is in {unit_name}"
 
 
@@ -612,11 +603,8 @@ def check_lead(trials: Sequence[Trial], bench: Bench) -> list[DataFinding]:
         late = _late_channel(hooked, bench, JOINT_ANGLE, MOTOR_ANGLE)
     leads = [(trial, _lead_correlation(trial, bench)) for trial in hooked]
     sure = [each for each in leads if abs(each[1]) > Limit.min_lead_correlation]
-    torques = [
-        found
-        for channel in (MOTOR_TORQUE, JOINT_TORQUE)
-        for found in _late_channel(hooked, bench, channel)
-    ]
+    torques = _late_channel(hooked, bench, MOTOR_TORQUE)
+    torques += _late_channel(hooked, bench, JOINT_TORQUE)
     # A torque that is late in all trials opposes the lead in some.
     mixed = any(lead > 0.0 for _, lead in sure)
     in_all = [found for found in torques if mixed and not found.trial]
@@ -653,23 +641,21 @@ def _late_channel(
     ]
     if not known:
         return []
-    steps = {round(trial.step, 9) for trial, _ in known}
-    found = []
-    if len(steps) == 1:
+    found, own = [], []
+    if len({round(trial.step, 9) for trial, _ in known}) == 1:
         mean = np.mean([fits for _, fits in known], axis=0)
         samples, gain = _peak(mean, Limit.min_late_fit)
         lag = samples * known[0][0].step
         if gain > Limit.min_late_gain and abs(lag) > Limit.max_plausible_delay:
             found.append(("", lag))
-    own = []
     for trial, fits in known:
         samples, gain = _peak(fits, Limit.min_own_fit)
-        if gain > Limit.min_own_gain and abs(samples * trial.step) > Limit.min_own_lag:
-            own.append((trial.name, samples * trial.step))
+        lag = samples * trial.step
+        if gain > Limit.min_own_gain and abs(lag) > Limit.min_own_lag:
+            own.append((trial.name, lag))
     lags = [lag for _, lag in own]
     if len(own) > 0.5 * len(known) and np.ptp(lags) > Limit.max_plausible_delay:
         return []  # play and friction, whose phase is another time in every motion
-    found = found or own
     label = trials[0].labels.get(channel, channel)
     beside = trials[0].labels.get(reference, reference) or "the angles"
     paths = {trial.name: trial.path for trial, _ in known}
@@ -682,7 +668,7 @@ def _late_channel(
             name,
             channel,
         )
-        for name, lag in found
+        for name, lag in found or own
     ]
 
 

@@ -242,7 +242,7 @@ class _Additions:
                 done, part = count / Limit.max_effects, 1.0 / Limit.max_effects
                 progress = part_of(self.progress, done, part)
                 self.progress(done, f"screening {len(left)} effects")
-                signatures = self._screened(now, left, changes)
+                signatures = self.screened(now, left, changes)
                 first = first or tuple(signatures)
                 same = [k for k, step in enumerate(past) if step.before is now][:1]
                 refitted = {c.id: c for k in same for c in past[k].candidates}
@@ -253,7 +253,7 @@ class _Additions:
                     least = Limit.min_rival_share * signatures[0].explained
                     more = [
                         sign
-                        for sign in self._screened(now, names, changes)
+                        for sign in self.screened(now, names, changes)
                         if max(sign.explained, sign.foreseen) >= least
                         and not _is_redundant(sign.id, candidates)
                     ]
@@ -282,7 +282,7 @@ class _Additions:
             baseline, now, tuple(rounds), first, {}, changes, tuple(known), interrupted
         )
 
-    def _screened(
+    def screened(
         self, now: CrossValidation, ids: Sequence[str], changes: Changes
     ) -> list[Signature]:
         """Return the signatures on the divided data, at the mean of the folds' fits."""

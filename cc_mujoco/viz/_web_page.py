@@ -12,7 +12,9 @@ import json
 import math
 import os
 from collections.abc import Mapping
+from html import escape
 from pathlib import Path
+from string import Template
 from types import MappingProxyType
 from typing import Any
 
@@ -131,6 +133,31 @@ def _shares(log: EpisodeLog, count: int, every: int, rate: float) -> str:
     return text
 
 
+_BODY = Template(
+    '<h1>$title</h1><p id="wrong">This page needs JavaScript and WebGL.</p>'
+    '<div class="play"><div class="stage"><div id="scene"></div><p class="key">'
+    'Tension: 0 <span class="scale" style="background:$gradient"></span> $highest N  '
+    '<span class="scale slack" style="background:$slack"></span> slack</p>'
+    '<div class="controls">'
+    '<button id="play" type="button" aria-label="play">▶</button>'
+    '<input id="moment" type="range" min="0" max="1" step="any" value="0" '
+    'aria-label="time"></input><output id="clock">0.00 s</output>'
+    '<select id="speed" aria-label="speed"><option value="1">1x</option>'
+    '<option value="0.5">0.5x</option><option value="0.2">0.2x</option>'
+    '<option value="0.05">0.05x</option></select></div></div>'
+    '<div class="plots">$plots</div></div><p class="small">Drag the scene to turn it; '
+    "click into a plot to go there. $shares</p>"
+)
+_KEY = Template(
+    '<span><i class="$look" style="color:$color"></i> $label <b></b></span>'
+)
+_FIGURE = Template(
+    '<section><div class="key"><h3>$title [$unit]</h3>$keys</div>'
+    '<div class="frame"><div class="plot"></div><div class="cursor"></div></div>'
+    "</section>"
+)
+
+
 def _body(
     log: EpisodeLog,
     panels: list[Panel],
@@ -138,47 +165,30 @@ def _body(
     highest: float,
     shares: str,
 ) -> html.Html:
-    e = html.element
-    gradient = f"linear-gradient(90deg,{','.join(c for _, c in _colors()[2:])})"
-    scale = e(
-        "p",
-        "Tension: 0 ",
-        e(
-            "span",
-            class_="scale",
-            style=f"background:{gradient}",
-        ),
-        f" {highest:.3g} N  ",
-        e("span", class_="scale slack", style=f"background:{_rgb(SLACK_COLOR)}"),
-        " slack",
-        class_="key",
+    figures = []
+    for panel in panels:
+        keys = [
+            _KEY.substitute(
+                look="dashed" if line.dashed else "line",
+                color=line.color,
+                label=escape(line.label),
+            )
+            for line in panel.lines
+        ]
+        title = escape(panel.title)
+        figures.append(
+            _FIGURE.substitute(title=title, unit=panel.unit, keys="".join(keys))
+        )
+    body = _BODY.substitute(
+        title=escape(episode_title(log)),
+        gradient=f"linear-gradient(90deg,{','.join(c for _, c in _colors()[2:])})",
+        highest=f"{highest:.3g}",
+        slack=_rgb(SLACK_COLOR),
+        plots="".join(figures),
+        shares=escape(shares),
     )
-    controls = e(
-        "div",
-        e("button", "▶", id="play", type="button", aria_label="play"),
-        e(
-            "input",
-            id="moment",
-            type="range",
-            min="0",
-            max="1",
-            step="any",
-            value="0",
-            aria_label="time",
-        ),
-        e("output", "0.00 s", id="clock"),
-        e(
-            "select",
-            *(
-                e("option", f"{speed}x", value=speed)
-                for speed in ("1", "0.5", "0.2", "0.05")
-            ),
-            id="speed",
-            aria_label="speed",
-        ),
-        class_="controls",
-    )
-    plots = [_figure(panel) for panel in panels]
+    if not metrics:
+        return html.Html(body)
     rows = [
         (
             metric.name.replace("_", " "),
@@ -188,51 +198,8 @@ def _body(
         )
         for metric, value in metrics.items()
     ]
-    parts = [
-        e("h1", episode_title(log)),
-        e("p", "This page needs JavaScript and WebGL.", id="wrong"),
-        e(
-            "div",
-            e("div", e("div", id="scene"), scale, controls, class_="stage"),
-            e("div", *plots, class_="plots"),
-            class_="play",
-        ),
-        e(
-            "p",
-            "Drag the scene to turn it; click into a plot to go there.",
-            f" {shares}",
-            class_="small",
-        ),
-    ]
-    if rows:
-        parts += [
-            e("h2", "Results"),
-            html.table(("", "", "unit", "meaning"), rows),
-        ]
-    return html.join_pieces(parts)
-
-
-def _figure(panel: Panel) -> html.Html:
-    e = html.element
-    looks = {True: "dashed", False: "line"}
-    keys = [
-        e(
-            "span",
-            e(
-                "i",
-                class_=looks[line.dashed],
-                style=f"color:{line.color}",
-            ),
-            f" {line.label} ",
-            e("b", ""),
-        )
-        for line in panel.lines
-    ]
-    return e(
-        "section",
-        e("div", e("h3", f"{panel.title} [{panel.unit}]"), *keys, class_="key"),
-        e("div", e("div", class_="plot"), e("div", class_="cursor"), class_="frame"),
-    )
+    results = html.table(("", "", "unit", "meaning"), rows)
+    return html.join_pieces([html.Html(body), html.element("h2", "Results"), results])
 
 
 def _plotly() -> str:

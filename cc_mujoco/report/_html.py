@@ -179,89 +179,11 @@ def _attributes(attributes: dict[str, str]) -> str:
     )
 
 
-_PAGE = Template("""<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta http-equiv="Content-Security-Policy"
- content="default-src 'none';$scripting img-src data:; style-src 'unsafe-inline'">
-<title>$title</title>
-<style>
-$style
-</style>
-</head>
-<body class="$kind">
-$body
-</body>
-</html>
-""")
+def _template(name: str) -> Template:
+    return Template(Path(__file__).with_name(name).read_text(encoding="utf-8"))
 
-_STYLE = Template("""
-body { margin: 0; background: #fff; color: #1a1a1a;
-  font: 16px/1.5 system-ui, "Segoe UI", Roboto, "DejaVu Sans", sans-serif; }
-main { max-width: 46rem; margin: 0 auto; padding: 1rem 1rem 4rem;
-  overflow-wrap: break-word; }
-header { border-left: .4rem solid $grey; padding: .2rem 0 .2rem 1rem; }
-.named header { border-color: $blue; }
-.none header { border-color: $green; }
-.tie header, .unknown header { border-color: $pink; }
-.fix-data header, .fix-numerics header { border-color: $orange; }
-h1 { font-size: 1.7rem; line-height: 1.25; margin: .2rem 0 .6rem; }
-h2 { font-size: 1.2rem; margin: 2.4rem 0 .6rem; padding-top: .6rem;
-  border-top: 1px solid #ddd; }
-h3 { font-size: 1rem; margin: 1.4rem 0 .3rem; }
-p { margin: .5rem 0; }
-.lead { font-size: 1.15rem; margin: 0; }
-.lead + .lead { margin-top: .6rem; }
-.small, figcaption { font-size: .88rem; color: #555; }
-nav { font-size: .88rem; margin: 1rem 0; }
-nav a { margin-right: .9rem; white-space: nowrap; color: $blue; }
-li { margin: .3rem 0; }
-figure { margin: 1rem 0; }
-img { max-width: 100%; height: auto; display: block; }
-.wide { overflow-x: auto; margin: .6rem 0; }
-table { border-collapse: collapse; font-size: .9rem; width: 100%; }
-th, td { text-align: left; vertical-align: top; padding: .3rem .8rem .3rem 0;
-  border-bottom: 1px solid #e4e4e4; font-variant-numeric: tabular-nums; }
-th { font-weight: 600; border-bottom-color: #999; }
-code { font: .82rem/1.4 ui-monospace, "DejaVu Sans Mono", monospace;
-  overflow-wrap: anywhere; }
-/* A table scrolls rather than break words. */
-th code, td code { overflow-wrap: break-word; }
-.whole img { max-width: none; width: 42rem; }
-details { margin: .6rem 0; }
-summary { cursor: pointer; font-size: .88rem; color: $blue; }
-.bar { display: block; width: 6rem; height: .5rem; margin-top: .2rem;
-  background: #eee; print-color-adjust: exact; -webkit-print-color-adjust: exact; }
-.bar span { display: block; height: 100%; background: $blue; }
-@media (max-width: 30rem) {
-  table { font-size: .8rem; }
-  th, td { padding-right: .4rem; }
-  .bar { width: 100%; min-width: 2rem; }
-}
-@media (prefers-color-scheme: dark) {
-  body { background: #16181c; color: #e6e6e6; }
-  h2 { border-color: #3a3d44; }
-  .small, figcaption { color: #a8adb5; }
-  nav a, summary { color: $sky; }
-  img { background: #fff; border-radius: .2rem; padding: .3rem;
-    box-sizing: border-box; }
-  th, td { border-color: #32353c; }
-  .bar { background: #32353c; }
-}
-@media print {
-  body { background: #fff; color: #1a1a1a; }
-  body { font-size: 10.5pt; }
-  main { max-width: none; padding: 0; }
-  nav { display: none; }
-  details::details-content { content-visibility: visible; display: block; }
-  .whole img { max-width: 100%; width: auto; }
-  h2, h3 { break-after: avoid; }
-  figure, tr, li { break-inside: avoid; }
-  /* What is taller than a sheet would be cut in two. */
-  figure img { width: auto; max-height: 21cm; }
-  header figure img { max-height: 15cm; }
-  .wide { overflow: visible; }
-}
-""").substitute(blue=BLUE, green=GREEN, grey=GREY, orange=ORANGE, pink=PINK, sky=SKY)
+
+_PAGE = _template("page.html")
+_STYLE = _template("page.css").substitute(
+    blue=BLUE, green=GREEN, grey=GREY, orange=ORANGE, pink=PINK, sky=SKY
+)

@@ -27,14 +27,12 @@ DURATION = 12.0
 def calibration_trials(
     plants: Sequence[str | Path | Device | Plant],
     duration: float = DURATION,
-    threads: int = 0,
 ) -> list[HysteresisTrial]:
     """Play a slow course of the joint in loops of many sizes.
 
     Args:
         plants: Of one device with one axis, see `simulate`.
         duration: Length of the trial [s].
-        threads: Threads that simulate; 0 means one per processor.
 
     Returns:
         The trial of each plant.
@@ -64,7 +62,6 @@ def calibration_trials(
         task=Position(),
         duration=duration,
         sensing=dataclasses.replace(description.sensing, joint_sensor=True),
-        threads=threads,
     )
     ratio = model.axes[0].ratio
     return [

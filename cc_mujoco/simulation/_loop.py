@@ -13,8 +13,6 @@ observers.
 
 from __future__ import annotations
 
-import math
-import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
@@ -61,7 +59,6 @@ def run(
     *observers: Observer,
     measure: Callable[[Columns], Columns] = lambda columns: columns,
     name: str = "",
-    clock: ComputingTime | None = None,
 ) -> None:
     """Play an episode.
 
@@ -72,7 +69,6 @@ def run(
         measure: Measurements of the controller by columns; all columns by default.
         name: Of the controller, for error messages; its own, or that of its class, by
             default.
-        clock: Takes the computing time of the controller.
 
     Raises:
         CableError: If the controller raises, gives torques of a wrong shape or, of one
@@ -90,11 +86,8 @@ def run(
     shapes = ((), shape) if axes == 1 else ((*shape, axes),)
     for step in range(plant.steps + 1):
         seen = measure(columns)
-        begun = time.thread_time()
         with controller_errors(called()):
             torque = np.asarray(controller.torque(seen), dtype=float)
-        if clock is not None:
-            clock.spent.append(time.thread_time() - begun)
         if torque.shape not in shapes:
             each = f", or one for each of {shape[0]} environments" if shape else ""
             right = f"one number{each}" if axes == 1 else f"of shape {shapes[0]}"
@@ -120,31 +113,6 @@ def unstable(why: str) -> CableError:
     return CableError(
         f"{why}; a softer cable, a softer wearer or a smaller time step is stable."
     )
-
-
-class ComputingTime:
-    """Computing time of a controller, per control step.
-
-    It is time of the processor in this thread, so that other work does not count. The
-    first steps may have waited for a compiler; `WARMING` of them are left out.
-    """
-
-    WARMING = 10
-
-    def __init__(self) -> None:
-        self.spent: list[float] = []
-        """Computing time of every control step, all devices together [s]."""
-
-    @property
-    def median(self) -> float:
-        """[s]; NaN before there are more than `WARMING` steps."""
-        spent = self.spent[self.WARMING :]
-        return float(np.median(spent)) if spent else math.nan
-
-    @property
-    def worst(self) -> float:
-        """[s]; NaN before there are more than `WARMING` steps."""
-        return max(self.spent[self.WARMING :], default=math.nan)
 
 
 class Single:

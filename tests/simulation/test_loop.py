@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -13,7 +12,6 @@ from cc_mujoco.control import Controller
 from cc_mujoco.device import Drive
 from cc_mujoco.errors import CableError
 from cc_mujoco.simulation import Trace, run
-from cc_mujoco.simulation._loop import ComputingTime
 
 DRIVE = Drive(1.0, -1.0, 1.0, 0.001)
 
@@ -67,19 +65,6 @@ def test_every_answer_but_the_last_is_acted_on_and_all_are_observed() -> None:
     truth = [1.0, 1.25, 1.5, 1.75, 2.0]
     assert observed == [(k, angle, 0.25) for k, angle in enumerate(truth)]
     assert seen == [-angle for angle in truth]
-
-
-def test_a_clock_counts_what_a_controller_computes_and_not_how_long_it_waits() -> None:
-    def busy(_: Any) -> float:
-        time.sleep(0.002)
-        return float(np.sum(np.arange(20_000.0)) * 0.0)
-
-    clock, plant = ComputingTime(), Counter(0.0)
-    plant.steps = ComputingTime.WARMING + 4
-    run(plant, Law(busy), clock=clock)
-    assert len(clock.spent) == plant.steps + 1
-    assert 0.0 < clock.median <= clock.worst < 0.002
-    assert np.isnan(ComputingTime().worst)
 
 
 def test_a_trace_keeps_columns_and_leaves_out_what_has_failed() -> None:

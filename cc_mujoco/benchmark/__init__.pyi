@@ -23,7 +23,5 @@ from ._runner import run as run
 from ._scores import SCORES as SCORES
 from ._suites import SUITES as SUITES
 from ._suites import Suite as Suite
-from ._tables import Interval as Interval
-from ._tables import format_mean_interval as format_mean_interval
 from ._tables import overview_table as overview_table
 from ._tables import ranks_table as ranks_table

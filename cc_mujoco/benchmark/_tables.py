@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,44 +25,6 @@ from cc_mujoco.benchmark._scores import EVERY_SCORE, ranked_score
 Array = NDArray[np.float64]
 Cells = tuple[list[str], list[list[str]]]
 """Titles of the columns of a table, and its rows."""
-
-
-class Interval(NamedTuple):
-    """Mean and half the width of its confidence interval; NaN where there is none."""
-
-    mean: float
-    half: float
-    known: int = 0
-    """Number of finite values."""
-    all: int = 0
-    """Number of all values."""
-
-    def __str__(self) -> str:
-        """Return mean and half width to significant digits; counts if values lack."""
-        if math.isnan(self.mean):
-            return "-"
-        if math.isnan(self.half) or self.half < 1e-9:
-            text = f"{self.mean:.3g}"
-        else:
-            digits = max(0, 1 - math.floor(math.log10(self.half)))
-            text = f"{self.mean:.{digits}f} ± {self.half:.{digits}f}"
-        return f"{text} ({self.known} of {self.all})" if self.known < self.all else text
-
-
-def format_mean_interval(values: Array) -> Interval:
-    """Return the mean with its 95 % interval (Student), without NaN."""
-    from scipy.stats import t as student
-
-    count, values = values.size, values[np.isfinite(values)]
-    if values.size == 0:
-        return Interval(math.nan, math.nan, 0, count)
-    mean = float(np.mean(values))
-    if values.size == 1:
-        return Interval(mean, math.nan, 1, count)
-    spread = float(np.std(values, ddof=1)) / math.sqrt(values.size)
-    return Interval(
-        mean, float(student.ppf(0.975, values.size - 1)) * spread, values.size, count
-    )
 
 
 def overview_table(results: Results) -> Cells:

@@ -1,4 +1,3 @@
-from ._conduit3d import conduit_points as conduit_points
 from ._conduit3d import conduit_shares as conduit_shares
 from ._conduit3d import tension_colors as tension_colors
 from ._episode_files import EPISODE_FILES as EPISODE_FILES

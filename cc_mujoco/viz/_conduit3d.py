@@ -13,7 +13,7 @@ from cc_mujoco import plugin
 from cc_mujoco.cable._cable import PATHS
 from cc_mujoco.cable._conduit import node_places
 from cc_mujoco.viz._panels import frame_slices
-from cc_mujoco.viz._scene3d import TIMELINE, WORLD, Branch, set_pose
+from cc_mujoco.viz._scene3d import TIMELINE, WORLD, Branch
 
 Array = NDArray[np.float64]
 
@@ -67,28 +67,6 @@ def part_tensions(shares: Array, fine: Array, tension: Array) -> Array:
     low = np.clip(np.searchsorted(nodes, middle) - 1, 0, nodes.size - 2)
     share = np.clip((middle - nodes[low]) / (nodes[low + 1] - nodes[low]), 0.0, 1.0)
     return np.asarray((1.0 - share) * tension[..., low] + share * tension[..., low + 1])
-
-
-def conduit_points(
-    model: mujoco.MjModel, cable: str, qpos: Array, shares: Array
-) -> Array:
-    """Return points of the line of a cable in space.
-
-    Args:
-        model: Compiled model.
-        cable: Name of a cable that has a route.
-        qpos: Generalized coordinates of the frames (T, nq).
-        shares: Of the length of the route (P,), where points shall be.
-
-    Returns:
-        Points (T, P, 3) in metres, from the motor end to the joint end.
-    """
-    points = np.empty((len(qpos), len(shares), 3))
-    data = mujoco.MjData(model)
-    for frame, coordinates in enumerate(qpos):
-        set_pose(model, data, coordinates)
-        points[frame] = resample(plugin.route(model, data, cable), shares)
-    return points
 
 
 def resample(polyline: Array, shares: Array) -> Array:

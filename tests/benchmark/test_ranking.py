@@ -19,7 +19,6 @@ from cc_mujoco.benchmark import (
     Cell,
     CellResult,
     all_tables,
-    format_mean_interval,
     normalise_errors,
     rank_controllers,
 )
@@ -226,12 +225,3 @@ def test_results_of_other_conditions_are_not_compared(tmp_path: Path) -> None:
     (tmp_path / "x.parquet").write_text("mine")
     with pytest.raises(CableError, match="no Parquet file"):
         read_results(tmp_path / "x.parquet")
-
-
-def test_interval_is_that_of_student() -> None:
-    found = format_mean_interval(np.array([1.0, 2.0, 3.0, math.nan]))
-    assert found.mean == 2.0
-    assert found.half == pytest.approx(4.302652729911275 / math.sqrt(3.0))
-    assert str(found) == "2.0 ± 2.5 (3 of 4)"
-    assert str(format_mean_interval(np.array([1.0, 2.0, 3.0]))) == "2.0 ± 2.5"
-    assert str(format_mean_interval(np.array([math.nan]))) == "-"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import gymnasium
@@ -12,9 +13,16 @@ import pytest
 from cc_mujoco import assets, plugin
 from cc_mujoco.control import controller
 from cc_mujoco.simulation import play
-from cc_mujoco.viz import EPISODE_FILES, conduit_points, conduit_shares, write_episode
+from cc_mujoco.viz import EPISODE_FILES, conduit_shares, write_episode
+from cc_mujoco.viz._cable_lines import CONDUIT, CableLine, cable_lines
 
 CABLE = "plantarflexor"
+
+
+def conduit_line(model: mujoco.MjModel, cable: str) -> CableLine:
+    """Return the line of the conduit of a cable."""
+    (line,) = (one for one in cable_lines(model, [cable]) if one.part == CONDUIT)
+    return line
 
 
 @pytest.fixture
@@ -46,7 +54,7 @@ def test_an_episode_with_a_moving_route_is_recorded(
     assert np.isfinite(tension).all()
     shares = conduit_shares(model, CABLE)
     assert shares.size == tension.shape[1]
-    points = conduit_points(model, CABLE, log["qpos"][[0, -1]], shares)
+    points = conduit_line(model, CABLE).all_points(model, log["qpos"][[0, -1]])
     assert np.linalg.norm(points[1] - points[0], axis=1).max() > 1e-3
 
 
@@ -56,7 +64,8 @@ def test_the_line_of_an_open_cable_is_divided_at_its_bends() -> None:
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     shares = conduit_shares(model, "extensor")
-    points = conduit_points(model, "extensor", data.qpos[None], shares)[0]
+    line = replace(conduit_line(model, "extensor"), fine=shares)
+    points = line.all_points(model, data.qpos[None])[0]
     guide = data.site("guide").xpos
     assert np.linalg.norm(points - guide, axis=1).min() < 1e-3
     straight = np.linalg.norm(np.diff(points, axis=0), axis=1)

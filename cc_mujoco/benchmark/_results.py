@@ -219,16 +219,13 @@ def join_results(
             )
         own = found.setdefault(scene, {})
         for name in dict.fromkeys((*a, *b)):
-            both = name in a and name in b
-            if not both or _errors_equal(a[name], b[name]):
-                own[name] = a.get(name, b.get(name, {}))
+            mine, theirs = a.get(name, {}), b.get(name, {})
+            pairs = ((values, theirs[at]) for at, values in mine.items() if theirs)
+            if all(np.array_equal(*pair, equal_nan=True) for pair in pairs):
+                own[name] = mine or theirs
             else:
                 own[f"{name} (a)"], own[f"{name} (b)"] = a[name], b[name]
         own.setdefault(SCALE_CONTROLLER, a[SCALE_CONTROLLER])
         for name in (*REFERENCES, f"{SCALE_CONTROLLER} (a)", f"{SCALE_CONTROLLER} (b)"):
             own.pop(name, None)
     return found, provenance_differences(about["made_by"], of_other["made_by"])
-
-
-def _errors_equal(one: Mapping[str, Array], other: Mapping[str, Array]) -> bool:
-    return all(np.array_equal(v, other[c], equal_nan=True) for c, v in one.items())

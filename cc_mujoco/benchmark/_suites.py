@@ -106,7 +106,11 @@ def _ankle() -> list[Condition]:
 
 def _finger() -> list[Condition]:
     reach = trajectory("reach", _axis("finger").reach)
-    return _liner_conditions(Condition("finger", "", reach, TASKS["hold"]))
+    plain = Condition("finger", "", reach, TASKS["hold"])
+    return [
+        named_condition(plain, f"{liner}-{DEFAULT_CONDITION[1]}", transmission=liner)
+        for liner in TRANSMISSIONS
+    ]
 
 
 def _axis(scene: str) -> Axis:
@@ -120,13 +124,6 @@ def _single_changes(plain: Condition) -> list[Condition]:
         named_condition(plain, "reversals", trajectory=TRAJECTORIES["reversals"]),
         named_condition(plain, "jolted", trajectory=Perturbed(plain.trajectory, joint)),
         named_condition(plain, "zero-torque", task=TASKS["transparent"]),
-    ]
-
-
-def _liner_conditions(plain: Condition) -> list[Condition]:
-    return [
-        named_condition(plain, f"{liner}-{DEFAULT_CONDITION[1]}", transmission=liner)
-        for liner in TRANSMISSIONS
     ]
 
 

@@ -127,7 +127,8 @@ def effects_plot(found: Sequence[Sensitivity], most: int | None = None) -> Figur
             if name in one.levels:
                 axes.set_xticks(x, one.levels[name], fontsize=6)
         metric = metric_of(one.metric)
-        row[0].set_ylabel(_wrapped_label(metric.name, metric.unit), fontsize=8)
+        name = metric.name.replace("_", "\n")
+        row[0].set_ylabel(f"{name}\n[{metric.unit}]", fontsize=8)
         # `align_ylabels` measures every label against all others: quadratic.
         # Place of the labels of main effects, in widths of a panel from its left side
         row[0].yaxis.set_label_coords(-0.38 if most is None else -0.5, 0.5)
@@ -172,7 +173,11 @@ def _heat_map(axes: Axes, plan: Plan, table: pa.Table, one: Sensitivity) -> None
     for axis, name in ((axes.xaxis, across), (axes.yaxis, up)):
         count = len(ticks[name])
         shown = np.unique(np.linspace(0, count - 1, min(count, 5)).round().astype(int))
-        axis.set_ticks(list(shown), [_format_short(ticks[name][i]) for i in shown])
+        texts = (ticks[name][i] for i in shown)
+        axis.set_ticks(
+            list(shown),
+            [f"{t:.3g}" if isinstance(t, float) else str(t) for t in texts],
+        )
     axes.set(xlabel=_variable(across), ylabel=_variable(up))
     metric = metric_of(one.metric)
     axes.set_title(metric.name.replace("_", " "), y=1.0)
@@ -238,18 +243,10 @@ def _label(name: str, high: bool) -> str:
     return f"{name.replace('_', ' ')} [{metric_of(name).unit}], {better}"
 
 
-def _wrapped_label(name: str, unit: str) -> str:
-    return name.replace("_", "\n") + f"\n[{unit}]"
-
-
 def _variable(name: str) -> str:
     unit = describe(name).unit
     plain = name.replace("_", " ")
     return plain if unit == "1" else f"{plain} [{unit}]"
-
-
-def _format_short(value: object) -> str:
-    return f"{value:.3g}" if isinstance(value, float) else str(value)
 
 
 def _log_where_wide(axes: Axes, x: Array, y: Array) -> None:

@@ -166,10 +166,6 @@ SECTION_TITLES = {
 """Sections of the page in their order."""
 
 
-def _sorts_later(key: str) -> bool:
-    return key not in ("limits", "failures")
-
-
 def _page(
     finding: report_text.RankedStudy,
     found: Sequence[Sensitivity],
@@ -229,7 +225,8 @@ def _page(
     }
     there = {key: part for key, part in parts.items() if part is not None}
     if finding.best is None:  # what stands in the way comes first
-        there = {key: there[key] for key in sorted(there, key=_sorts_later)}
+        first = ("limits", "failures")
+        there = {key: there[key] for key in sorted(there, key=lambda k: k not in first)}
     return page(
         f"What if: {finding.plan.protocol.scene}",
         "named" if finding.best is not None else "fix-data",

@@ -146,7 +146,11 @@ def read_across(
                 f"a rank, {rank!r}, needs cases to rank over, --across NAME=VALUES."
             )
         return Across()
-    ranges = {name: _read_case(name, values, device) for name, values in given.items()}
+    variables = VARIABLES | {WEARER.name: WEARER}
+    ranges = {
+        name: read_range(name, values, device, variables, "case")
+        for name, values in given.items()
+    }
     for name, values in ranges.items():
         if not values.levels:
             raise CableError(
@@ -164,11 +168,6 @@ def read_across(
                 )
     levels = tuple((name, values.levels) for name, values in ranges.items())
     return Across(levels, rank or "worst", tuple(turned))
-
-
-def _read_case(name: str, values: Given, device: Nominal) -> Range:
-    variables = VARIABLES | {WEARER.name: WEARER}
-    return read_range(name, values, device, variables, "case")
 
 
 def _set_same_parameter(name: str, other: str) -> bool:

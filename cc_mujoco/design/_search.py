@@ -60,9 +60,10 @@ def search(
                 min(store.kept, evaluations), evaluations, "designs"
             )
         )
-    if (all_of_them := _design_count(plan)) < evaluations:
-        say(f"The ranges have {all_of_them} designs, so all of them are tried.")
-        evaluations = int(all_of_them)
+    levels = [len(values.levels) for values in plan.ranges.values()]
+    if all(levels) and math.prod(levels) < evaluations:
+        evaluations = math.prod(levels)
+        say(f"The ranges have {evaluations} designs, so all of them are tried.")
     builder = plan.protocol.device
     optuna = require_optuna()
     study = optuna.create_study(
@@ -89,7 +90,10 @@ def search(
             store.keep(number, [result])
         missing = store.missing()
         left = sum(len(plan.batches[n]) for n in missing)
-        tell = _offset_progress(progress, done + count - left)
+
+        def tell(more: float, before: float = done + count - left) -> None:
+            progress(before + more)
+
         run_batches(store, missing, execution, tell)
         results = store.results(done)
         if not done:
@@ -129,11 +133,6 @@ def run_batches(
     with contextlib.closing(found):
         for number, results in found:
             store.keep(number, results)
-
-
-def _design_count(plan: Plan) -> float:
-    levels = [values.levels for values in plan.ranges.values()]
-    return math.prod(len(each) for each in levels) if all(levels) else math.inf
 
 
 def _new_trial(
@@ -238,10 +237,6 @@ def _with_designs(
             for place, why in enumerate(refused.values())
         },
     )
-
-
-def _offset_progress(progress: Progress, before: int) -> Progress:
-    return lambda done: progress(before + done)
 
 
 def fit_profile(

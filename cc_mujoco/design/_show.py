@@ -18,7 +18,6 @@ from cc_mujoco._utils.provenance import (
 )
 from cc_mujoco._utils.tables import is_table
 from cc_mujoco.control import axes_controller
-from cc_mujoco.design._evaluation import Design
 from cc_mujoco.design._phrases import column_title, format_cell
 from cc_mujoco.design._protocol import device_digests, split_axes, tasks_of_axes
 from cc_mujoco.design._results_store import (
@@ -67,7 +66,8 @@ def show(
     """
     user_code.allow(allow)
     folder = Path(folder)
-    design = _design(folder, row, read_study(folder)["variables"])
+    found = read_row(folder, row)
+    design = {name: found[name] for name in read_study(folder)["variables"]}
     protocol = read_protocol(folder)
     device = load_device(protocol["scene"], protocol["timestep"])
     axes = [axis.name for axis in device.description.axes]
@@ -97,7 +97,7 @@ def show(
         name: axes_controller(name, drives, exo.device.prefixes)
         for name in protocol["controllers"]
     }
-    chosen = read_row(folder, row).get(CONTROLLER_COLUMN) or protocol["controllers"][0]
+    chosen = found.get(CONTROLLER_COLUMN) or protocol["controllers"][0]
     law = laws[chosen]
     names = {key: protocol[key] for key in ("trajectory", "task")}
     made = split_axes([*laws, *names.values()], axes)
@@ -175,11 +175,6 @@ def case_of(folder: str | Path, row: int, case: int | None = None) -> Case:
             f"the study in {folder} has cases 0 to {len(across.cases) - 1}, not {case}."
         )
     return across.cases[case]
-
-
-def _design(folder: Path, row: int, names: list[str]) -> Design:
-    found = read_row(folder, row)
-    return {name: found[name] for name in names}
 
 
 def read_row(folder: str | Path, row: int) -> dict[str, Any]:

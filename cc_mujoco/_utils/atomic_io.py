@@ -71,23 +71,6 @@ def checksum_line(path: Path) -> str:
     return f"{path.name} as written: {digest.hexdigest()}"
 
 
-def require_untouched(folder: Path, names: Iterable[str], record: str) -> None:
-    """Require that no file of an earlier run was changed by the user.
-
-    `record` is the text of that run with the lines of `checksum_line`; of `names` a
-    file that it does not mention is not checked.
-    """
-    for name in names:
-        path = folder / name
-        if f"{name} as written: " not in record or not path.is_file():
-            continue
-        if checksum_line(path) not in record:
-            raise CableError(
-                f"{path} was changed since it was written, and would be replaced; "
-                "name another folder to write to."
-            )
-
-
 def write_manifest(folder: Path, names: Iterable[str]) -> None:
     """Keep the checksums of the files that were written to a folder."""
     there = [folder / name for name in names if (folder / name).is_file()]
@@ -96,19 +79,23 @@ def write_manifest(folder: Path, names: Iterable[str]) -> None:
         partial.write_text(manifest, encoding="utf-8")
 
 
-def require_unmodified(folder: str | os.PathLike[str], names: Iterable[str]) -> None:
+def require_unmodified(
+    folder: str | os.PathLike[str], names: Iterable[str], record: str | None = None
+) -> None:
     """Require that no file is replaced or deleted that was changed after writing.
 
-    An earlier run may have left `MANIFEST` in the folder; one that was interrupted has
-    left none, and then nothing is looked at.
+    `record` is a text of an earlier run with the lines of `checksum_line`, that of its
+    `MANIFEST` unless given. A run that was interrupted has left none, and then nothing
+    is looked at.
     """
-    try:
-        manifest = Path(folder, MANIFEST).read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError):
-        return
+    if record is None:
+        try:
+            record = Path(folder, MANIFEST).read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError):
+            return
     for name in names:
         path = Path(folder, name)
-        if path.is_file() and checksum_line(path) not in manifest:
+        if record and path.is_file() and checksum_line(path) not in record:
             raise CableError(
                 f"{path} is not as an earlier run wrote it, and would be replaced or "
                 "deleted; name another folder to write to."

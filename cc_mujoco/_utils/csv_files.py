@@ -104,7 +104,10 @@ def read_sheet(
         names.pop()
     rows = []
     for line, cells in found:
-        cells = [_with_decimal_point(cell.strip(), form.separator) for cell in cells]
+        cells = [cell.strip() for cell in cells]
+        if form.separator != ",":
+            point = _DECIMAL_COMMA.fullmatch
+            cells = [c.replace(",", ".") if point(c) else c for c in cells]
         while len(cells) > len(names) and not cells[-1]:
             cells.pop()
         if any(cells):
@@ -114,7 +117,14 @@ def read_sheet(
 
 def layout(path: Path, head: bytes) -> Layout:
     """Find out the form of a CSV file by its first bytes, see `HEAD_BYTES`."""
-    encoding = _encoding(head)
+    encoding = "utf-8"
+    if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        encoding = "utf-16"
+    else:
+        try:
+            codecs.getincrementaldecoder("utf-8")().decode(head)
+        except UnicodeDecodeError:
+            encoding = "latin-1"
     lines = head.decode(encoding, errors="ignore").removeprefix("\ufeff").splitlines()
     top, separator = 0, ""
     while top < len(lines):
@@ -150,19 +160,3 @@ def is_number(cell: str, decimal: str = ".") -> bool:
     except ValueError:
         return False
     return True
-
-
-def _with_decimal_point(cell: str, separator: str) -> str:
-    if separator != "," and _DECIMAL_COMMA.fullmatch(cell):
-        return cell.replace(",", ".")
-    return cell
-
-
-def _encoding(head: bytes) -> str:
-    if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        return "utf-16"
-    try:
-        codecs.getincrementaldecoder("utf-8")().decode(head)
-    except UnicodeDecodeError:
-        return "latin-1"
-    return "utf-8"

@@ -369,27 +369,22 @@ def _files(table: Table, trial: str) -> dict[str, PartFile]:
 def _facts(table: Table) -> dict[str, Any]:
     """Return one table of `[trials]`: the facts that it gives."""
     table.only(*Facts.__dataclass_fields__)
-    known = {
+    known: dict[str, Any] = {
         "split": table.choice("split", get_args(Split)),
-        "repeat_of": table.text("repeat_of"),
-        "pretension": table.number("pretension"),
-        "unhooked": table.flag("unhooked"),
-        "known_motor_torque": table.number("known_motor_torque"),
-        "known_joint_torque": table.number("known_joint_torque"),
-        "swapped": table.flag("swapped"),
-        "load_cell": table.text("load_cell"),
-        "temperature": table.number("temperature"),
         "locked": table.choice("locked", get_args(Locked)),
-        "tilt": table.number("tilt"),
-        "occasion": table.text("occasion"),
         "valid": _time_stretches(table),
-        "notes": table.text("notes"),
     }
-    tilt = known["tilt"]
-    if isinstance(tilt, float) and abs(tilt) > 2.0 * math.pi:
+    numbers = "pretension", "temperature", "tilt"
+    for name in (*numbers, "known_motor_torque", "known_joint_torque"):
+        known[name] = table.number(name)
+    for name in ("repeat_of", "load_cell", "occasion", "notes"):
+        known[name] = table.text(name)
+    for name in ("unhooked", "swapped"):
+        known[name] = table.flag(name)
+    if abs(known["tilt"] or 0.0) > 2.0 * math.pi:
         raise table.wrong("tilt", "an angle in radians, at most a turn either way")
     tension = known["pretension"]
-    if isinstance(tension, float) and tension <= 0.0:
+    if tension is not None and tension <= 0.0:
         raise table.wrong(
             "pretension", "more than 0 (`unhooked = true`: the cables were off)"
         )
@@ -399,7 +394,7 @@ def _facts(table: Table) -> dict[str, Any]:
             "`pretension`; leave one of them out."
         )
     cell = known["load_cell"]
-    if isinstance(cell, str) and not channels.is_tension(cell):
+    if cell is not None and not channels.is_tension(cell):
         raise table.wrong("load_cell", "a channel such as tension_agonist_distal_n")
     if known["unhooked"] and cell:
         raise CableError(

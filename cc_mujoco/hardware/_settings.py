@@ -205,10 +205,9 @@ class Settings:
             CableError: The motor's inertia is not known and `[servo]` does not say all.
         """
         given = _numbers(self.servo, Stiffness)
-        if len(given) == len(dataclasses.fields(Stiffness)):
-            return _construct(Stiffness, self.servo, given)
-        usual = dataclasses.asdict(Stiffness.of(drive))
-        return _construct(Stiffness, self.servo, {**usual, **given})
+        if len(given) < len(dataclasses.fields(Stiffness)):
+            given = {**dataclasses.asdict(Stiffness.of(drive)), **given}
+        return _construct(Stiffness, self.servo, given)
 
     def desired(self, duration: float) -> Desired:
         """Make the desired torque that `[task]` names.
@@ -272,18 +271,7 @@ def read_axes(
     user_code.allow(allow)
     path = Path(path)
     top = read_toml(path)
-    top.only(
-        "scene",
-        "axis",
-        "period",
-        "motor_lag",
-        "rig",
-        "limits",
-        "watchdog",
-        "task",
-        "servo",
-        "axes",
-    )
+    top.only("scene", "axis", "period", "motor_lag", *_AXIS_TABLES, "axes")
     scene = _require_value(top, "scene", top.text("scene"))
     period = _require_value(top, "period", top.number("period"))
     if not MIN_PERIOD * (1 - 1e-9) <= period <= MAX_PERIOD * (1 + 1e-9):
@@ -300,11 +288,7 @@ def read_axes(
     tables = top.tables("axes")
     for table in tables.values():
         table.only(*_AXIS_TABLES, "motor_lag", "driven")
-    driven = {
-        name: table
-        for name, table in tables.items()
-        if table.flag("driven") is not False
-    }
+    driven = {n: t for n, t in tables.items() if t.flag("driven") is not False}
     if not driven:
         raise CableError(
             f"{path}, [axes] has no axis that is driven; it needs a table [axes.NAME]."
@@ -335,7 +319,8 @@ def _axis(
     limits = _limits(table)
     with naming(table.where):
         limits.stop_steps(period)
-    dog = top.table("watchdog")
+    dog, servo = top.table("watchdog"), top.table("servo")
+    _numbers(servo, Stiffness)  # refuses what it cannot have
     return Settings(
         path,
         scene,
@@ -344,7 +329,7 @@ def _axis(
         limits,
         _construct(Watchdog, dog, _numbers(dog, Watchdog)),
         _task(top.table("task")),
-        _servo(top.table("servo")),
+        servo,
         lag,
         name,
     )
@@ -352,8 +337,8 @@ def _axis(
 
 def _merged(path: Path, top: Table, name: str, own: Table) -> Table:
     """Return the tables of an axis: its own, and what they lack of those at the top."""
-    content = {key: top.content[key] for key in ("motor_lag",) if key in top.content}
-    content |= {key: own.content[key] for key in ("motor_lag",) if key in own.content}
+    lag = own.content.get("motor_lag", top.content.get("motor_lag"))
+    content: dict[str, Any] = {} if lag is None else {"motor_lag": lag}
     for key in _AXIS_TABLES:
         usual, given = top.table(key).content, own.table(key).content
         content[key] = given if key == "task" and given else {**usual, **given}
@@ -378,11 +363,6 @@ def _rig(table: Table) -> Table:
         raise CableError(f"{table.where} needs either `address` or `class`.")
     if address is not None:
         address_of(table)
-    return table
-
-
-def _servo(table: Table) -> Table:
-    _numbers(table, Stiffness)
     return table
 
 
@@ -495,11 +475,8 @@ def _require_distinct(pair: str, mine: Address, theirs: Address) -> None:
                 "each axis the `node` of its drive."
             )
     if isinstance(mine, CanAddress) and isinstance(theirs, CanAddress):
-        same = {mine.command_id, mine.reading_id} & {
-            theirs.command_id,
-            theirs.reading_id,
-        }
-        if same:
+        own, others = ({a.command_id, a.reading_id} for a in (mine, theirs))
+        if same := own & others:
             raise CableError(
                 f"{pair} both use the identifier {min(same):#x} on {mine.channel!r}; "
                 "give each axis a command_id and a reading_id of its own."

@@ -243,7 +243,7 @@ def test_a_repaired_scene_that_was_changed_is_not_replaced(
     (out / "verdict.json").write_text(kept)
     scene.write_text("<mujoco><!-- mine --></mujoco>")
     assert diagnose(data, out) == 2
-    assert "scene.xml was changed since it was written" in capsys.readouterr().err
+    assert "scene.xml is not as an earlier run wrote it" in capsys.readouterr().err
     assert files(out) == ["scene.xml", "verdict.json"]
     scene.write_text("<mujoco/>")  # as a diagnosis left it
     assert diagnose(data, out) == 2

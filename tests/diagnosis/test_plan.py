@@ -149,7 +149,7 @@ def test_what_was_corrected_in_a_plan_is_not_replaced(
     facts = tmp_path / "dataset.toml"
     mine = facts.read_text(encoding="utf-8") + "# It slipped in trial 2.\n"
     facts.write_text(mine, encoding="utf-8")
-    with pytest.raises(CableError, match="was changed since it was written"):
+    with pytest.raises(CableError, match="is not as an earlier run wrote it"):
         plan(scene_path("bench"), tmp_path, reach=0.8, ids=IDS[:2])
     assert facts.read_text(encoding="utf-8") == mine
 

@@ -22,7 +22,7 @@ from cc_mujoco._utils.atomic_io import (
     checksum_line,
     replacing_folder,
     require_ours,
-    require_untouched,
+    require_unmodified,
 )
 from cc_mujoco._utils.parsing import parse_toml
 from cc_mujoco.datasets import _channels as channels
@@ -351,7 +351,7 @@ def plan(
     names = tuple(MOTION_FILE.format(f"{k:02d}") for k in range(1, 20))
     page_now = _text(Path(out) / PLAN_PAGE)
     require_ours(Path(out), lambda _: page_now.startswith(_TITLE))
-    require_untouched(Path(out), [DATASET_FILE], page_now)
+    require_unmodified(out, [DATASET_FILE], page_now)
     file = (
         DatasetFile() if dataset_toml is None else read_dataset_file(Path(dataset_toml))
     )

@@ -319,7 +319,7 @@ def require_ours(out: Path, scene: Path, data: Sequence[Path]) -> None:
         )
     atomic_io.require_ours(out, lambda folder: _provenance(folder) is not None)
     earlier = _provenance(out) or {}
-    atomic_io.require_untouched(out, [SCENE_FILE], str(earlier.get("written", "")))
+    atomic_io.require_unmodified(out, [SCENE_FILE], str(earlier.get("written", "")))
     base = os.path.join(os.path.realpath(out), str(earlier.get("folder", "")))
     before = [Path(base, path).resolve() for path in earlier.get("data", ())]
     now = {path.resolve() for path in data}

@@ -259,16 +259,18 @@ REMEDIES = {
         for name, what in (("wind_up", "wind-up"), ("damping", "drag"))
     },
     "clock_offset": "record all channels by one clock, or declare the delay of each",
+    **{
+        f"{side}_{name}": text.format(side)
+        for side in ("motor", "joint")
+        for name, text in {
+            "radius": "measure the {0}'s pulley and declare it ([rig] {0}_radius)",
+            "torque_offset": "read the {0}'s torque sensor without any load and "
+            "declare the offset of its column",
+            "torque_late": "declare the delay of the {0}'s torque sensor",
+        }.items()
+    },
 }
 """Advice to distinguish a baseline parameter from the effects it can stand for."""
-for _side in ("motor", "joint"):
-    REMEDIES |= {
-        f"{_side}_radius": f"measure the {_side}'s pulley and declare it "
-        f"([rig] {_side}_radius)",
-        f"{_side}_torque_offset": f"read the {_side}'s torque sensor without any load "
-        "and declare the offset of its column",
-        f"{_side}_torque_late": f"declare the delay of the {_side}'s torque sensor",
-    }
 
 
 class EffectChange(NamedTuple):

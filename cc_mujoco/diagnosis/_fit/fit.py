@@ -73,9 +73,9 @@ class Start(NamedTuple):
     """Starting point of the fit of the baseline."""
 
     bench: Bench  # with estimates in place of values that the data contradict
-    given: Mapping[str, float] = {}  # those values of the scene, by name
+    given: Values = MappingProxyType({})  # those values of the scene, by name
     # That the estimates come with; empty where the scene is the start
-    values: Mapping[str, float] = {}
+    values: Values = MappingProxyType({})
 
 
 def prepare_start(

@@ -180,13 +180,17 @@ class _Law(NamedTuple):
     def solve(self, weights: FloatArray) -> FloatArray:
         """Return coefficients (draws, 6) for weights of the blocks (draws, blocks).
 
-        Coefficients of unfitted columns are 0, or NaN for the first four.
+        Coefficients of unfitted columns are 0, or NaN for the first four; those that a
+        draw does not determine, say without a load that drives the motor, are NaN.
         """
         squares = np.tensordot(weights, self.squares, 1)
-        products = weights @ self.products
+        products = (weights @ self.products)[..., None]
         found = np.full((len(weights), 6), np.nan)
         found[:, [DRAG, INERTIA]] = 0.0
-        found[:, self.active] = np.linalg.solve(squares, products[..., None])[..., 0]
+        found[:, self.active] = np.nan
+        sure = np.linalg.matrix_rank(squares) == self.active.size
+        solved = np.linalg.solve(squares[sure], products[sure])[..., 0]
+        found[np.ix_(sure, self.active)] = solved
         return found
 
     def best(self) -> FloatArray:

@@ -10,8 +10,11 @@ import pytest
 
 from cc_mujoco.datasets._smoothing import velocity_noise
 from cc_mujoco.diagnosis._partial.loss import (
+    DRIVEN,
     LossFit,
     SceneLaw,
+    _blocks,
+    _Law,
     fit_loss,
     strokes_of,
 )
@@ -42,6 +45,15 @@ def fitted(rig: Dynamometer, seed: int = 1, **motion: bool | float) -> LossFit:
 def test_a_joint_that_rests_makes_no_stroke() -> None:
     still = np.zeros(500)
     assert strokes_of(0, still, still, still, STEP, 0.0) == []
+
+
+def test_a_draw_without_a_load_that_drives_the_motor_is_no_number() -> None:
+    signals = low_pass(np.array(Dynamometer().record(1)), BAND, 1.0 / STEP)
+    blocks = _blocks(strokes_of(0, *signals, STEP, 0.01), 0.3)
+    law = _Law.of(blocks, 0.0)
+    back = np.array([np.any(block.columns[:, DRIVEN]) for block in blocks])
+    every, without = law.solve(np.array([np.ones(back.size), ~back]))[:, law.active]
+    assert np.isfinite(every).all() and np.isnan(without).all()
 
 
 def test_exponent_and_loss_are_found_whatever_gain_and_zero_are() -> None:

@@ -113,12 +113,7 @@ class WornDevice:
         """Control steps in an episode."""
         self.samples = hold * self.steps
         sources = axis_trajectories(self.device, trajectory)
-        self.tasks = tuple(
-            _task_of(one, source, axis.limb)
-            for one, source, axis in zip(
-                _tasks(description, task), sources, description.axes, strict=True
-            )
-        )
+        self.tasks = _axis_tasks(description, task, sources)
         """Task of every axis."""
         self.description = _with_safe_torques(description, self.tasks)
         frames = tuple(
@@ -343,23 +338,24 @@ def axis_trajectories(
     return tuple(found)
 
 
-def _tasks(description: Description, given: TaskChoice) -> list[str | Path | Task]:
+def _axis_tasks(
+    description: Description, given: TaskChoice, sources: Sequence[Trajectory]
+) -> tuple[Task, ...]:
+    """Return the task of every axis, one by name at the pace of the walk it goes with.
+
+    `sources` are the trajectories of the axes.
+    """
     if isinstance(given, str):
         given = split_by_axis(given, [axis.name for axis in description.axes])
     own = given if isinstance(given, Mapping) else {}
     for name in own:
         description.axis(name)
-    found: list[str | Path | Task] = []
-    for axis in description.axes:
+    tasks = []
+    for axis, source in zip(description.axes, map(unperturbed, sources), strict=True):
         task = own.get(axis.name) if isinstance(given, Mapping) else given
-        found.append(axis.task if task is None else task)
-    return found
-
-
-def _task_of(task: str | Path | Task, source: Trajectory, joint: str) -> Task:
-    """Return a task itself, or one by name at the pace of the walk that is played."""
-    found = find_task(task, (joint,))
-    source = unperturbed(source)
-    if isinstance(task, str) and isinstance(source, Walk):
-        return scale_task(found, source.pace)
-    return found
+        task = axis.task if task is None else task
+        found = find_task(task, (axis.limb,))
+        if isinstance(task, str) and isinstance(source, Walk):
+            found = scale_task(found, source.pace)
+        tasks.append(found)
+    return tuple(tasks)

@@ -24,8 +24,6 @@ CONNECT_TIMEOUT = 5.0
 """Time that a scheduler has to answer [s]."""
 WORKER_TIMEOUT = 60.0
 """Time without any worker after which a study gives up [s]."""
-POLL_INTERVAL = 1.0
-"""Time between two looks at whether there are workers [s]."""
 
 Answer = tuple[Any, str]
 """Answer of a worker: a result, and why it has none."""
@@ -74,9 +72,9 @@ def run_on_cluster(
         with distributed.Client(
             scheduler, timeout=CONNECT_TIMEOUT, set_as_default=False
         ) as client:
-            watch = _Watch(client, scheduler, worker_timeout)
+            look = _watchdog(client, scheduler, worker_timeout)
             while not client.nthreads():
-                watch.look()
+                look()
             found = client.run(ask, makers, pickled_job, None, on_error="return")
             for worker, answer in found.items():
                 if not isinstance(answer, OSError):  # it has left
@@ -91,7 +89,7 @@ def run_on_cluster(
             completed = distributed.as_completed(list(numbers), loop=client.loop)
             while numbers:
                 if not completed.has_ready():
-                    watch.look()
+                    look()
                     continue
                 for future in completed.next_batch(block=False):
                     result, number = _result_of(future.result()), numbers.pop(future)
@@ -168,31 +166,26 @@ def _result_of(answer: Any, worker: str = "") -> Any:
     return result
 
 
-class _Watch:
-    """Watchdog that gives up if there have been no workers for too long."""
+def _watchdog(client: Any, scheduler: str, patience: float) -> Callable[[], None]:
+    """Return what rests a little, and gives up after too long without any worker."""
+    seen = next_poll = time.monotonic()
 
-    def __init__(self, client: Any, scheduler: str, patience: float) -> None:
-        self._client, self._scheduler, self._worker_timeout = (
-            client,
-            scheduler,
-            patience,
-        )
-        self._seen = self._next_poll = time.monotonic()
-
-    def look(self) -> None:
-        """Rest a little; now and then see whether there are workers."""
+    def look() -> None:
+        nonlocal seen, next_poll
         time.sleep(0.05)
-        if time.monotonic() < self._next_poll:
+        if (now := time.monotonic()) < next_poll:
             return
-        self._next_poll = time.monotonic() + POLL_INTERVAL
-        if self._client.nthreads():
-            self._seen = time.monotonic()
-        elif time.monotonic() - self._seen > self._worker_timeout:
+        next_poll = now + 1.0  # between two looks at whether there are workers [s]
+        if client.nthreads():
+            seen = time.monotonic()
+        elif time.monotonic() - seen > patience:
             raise CableError(
-                f"the cluster at {self._scheduler} has had no worker for "
-                f"{self._worker_timeout:g} s; start one with `dask worker "
-                f"{self._scheduler}`, or give --worker-timeout more seconds."
+                f"the cluster at {scheduler} has had no worker for {patience:g} s; "
+                f"start one with `dask worker {scheduler}`, or give --worker-timeout "
+                "more seconds."
             )
+
+    return look
 
 
 def _require_scheduler(distributed: Any, address: str) -> None:

@@ -28,16 +28,17 @@ def plot(
     """Show lines over the whole of their time, with the legend before them.
 
     `time` (T,) rises [s]; `lines` are (T,). `contents` are paths of what is shown, all
-    below the `origin` unless given. For `reach` see `axis`, for `room` `LEGEND_SHARE`;
-    it is less where the plot is as wide as the window.
+    below the `origin` unless given. `reach` are the ends of the axis, those of
+    `axis_limits` unless given. For `room` see `LEGEND_SHARE`; it is less where the plot
+    is as wide as the window.
     """
-    fixed = reach and rrb.ScalarAxis(range=reach, zoom_lock=False)
+    found = reach or axis_limits(time, lines)
     return rrb.TimeSeriesView(
         origin=origin,
         contents=list(contents) or "$origin/**",
         name=name,
         axis_x=time_axis(time, room),
-        axis_y=fixed or axis(time, lines),
+        axis_y=found and rrb.ScalarAxis(range=found, zoom_lock=False),
         plot_legend=rrb.Corner2D.LeftTop,
     )
 
@@ -51,12 +52,6 @@ def time_axis(time: Array, room: float = LEGEND_SHARE) -> rrb.TimeAxis | None:
     begin, finish = start - room * (end - start), end + 0.02 * (end - start)
     ends = (rr.TimeRangeBoundary.absolute(seconds=each) for each in (begin, finish))
     return rrb.TimeAxis(view_range=rr.TimeRange(*ends))
-
-
-def axis(time: Array, lines: Iterable[Array]) -> rrb.ScalarAxis | None:
-    """Return an axis with `axis_limits`, or None for Rerun's own choice."""
-    found = axis_limits(time, lines)
-    return None if found is None else rrb.ScalarAxis(range=found, zoom_lock=False)
 
 
 def axis_limits(time: Array, lines: Iterable[Array]) -> tuple[float, float] | None:

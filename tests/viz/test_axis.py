@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from rerun.blueprint import Corner2D, ScalarAxis
+from rerun.blueprint import Corner2D
 
-from cc_mujoco.viz._axis import axis, plot, time_axis
+from cc_mujoco.viz._axis import axis_limits, plot, time_axis
 
 TIME = np.linspace(5.0, 8.0, 3001)
 
@@ -15,19 +15,19 @@ TIME = np.linspace(5.0, 8.0, 3001)
 def test_a_start_that_dwarfs_the_rest_is_out_of_sight(peak: float) -> None:
     calm = np.sin(TIME)
     start = calm + np.where(TIME < 5.1, peak, 0.0)
-    found = axis(TIME, [calm, start])
-    assert isinstance(found, ScalarAxis)
-    low, high = np.ravel(found.range.as_arrow_array().to_pylist())
+    view = plot("/torque", "Torque", TIME, [calm, start])
+    reach = view.properties["ScalarAxis"].range.as_arrow_array().to_pylist()
+    low, high = np.ravel(reach)
     assert -1.3 < low < calm.min() and calm.max() < high < 1.3
 
 
 def test_all_else_is_left_to_the_viewer() -> None:
     calm = np.sin(TIME)
-    assert axis(TIME, [calm]) is None
-    assert axis(TIME, [np.where(TIME > 6.0, 50.0, calm)]) is None
-    assert axis(TIME, [np.where(TIME < 5.1, 50.0, 0.0)]) is None  # nothing else
-    assert axis(TIME, [np.full_like(TIME, np.nan)]) is None
-    assert axis(TIME[:50], [calm[:50]]) is None
+    assert axis_limits(TIME, [calm]) is None
+    assert axis_limits(TIME, [np.where(TIME > 6.0, 50.0, calm)]) is None
+    assert axis_limits(TIME, [np.where(TIME < 5.1, 50.0, 0.0)]) is None  # nothing else
+    assert axis_limits(TIME, [np.full_like(TIME, np.nan)]) is None
+    assert axis_limits(TIME[:50], [calm[:50]]) is None
 
 
 def test_a_legend_stands_before_all_curves_that_are_seen_to_their_end() -> None:

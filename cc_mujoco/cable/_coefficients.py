@@ -267,7 +267,9 @@ def commit(
         lost += (high - low) * shift[j]
         low = high
     for j in range(0 if is_plain else n):
-        high = nodes.mean_tension(prm, n, j + 1, tension[j + 1], node[j + 1])
+        high = 0.5 * (tension[j + 1] + node[j + 1])
+        if is_curved or not (tension[j + 1] >= 0.0 and node[j + 1] >= 0.0):
+            high = nodes.mean_tension(prm, n, j + 1, tension[j + 1], node[j + 1])
         ratio = moving_path.surface_ratio(prm, low, high) if lengthens else 1.0
         lost += (high - low) * shift[j] * ratio
         if lengthens:

@@ -48,8 +48,13 @@ def driven(motor: FloatArray, gap: float) -> FloatArray:
     return found
 
 
-def diagnosed(folder: Path, gap: float | None, lag: float = 0.0) -> Diagnosis:
-    """Return the diagnosis of two trials of a rig, of a rigid one without a gap."""
+def diagnosed(
+    folder: Path, gap: float | None, lag: float = 0.0, last: int = -1
+) -> Diagnosis:
+    """Return the diagnosis of two trials of a rig, of a rigid one without a gap.
+
+    `last` is the number of samples of the second trial, all unless given.
+    """
     time = np.arange(0.0, SECONDS, STEP)
 
     def motions(t: FloatArray) -> FloatArray:
@@ -61,6 +66,7 @@ def diagnosed(folder: Path, gap: float | None, lag: float = 0.0) -> Diagnosis:
     for place, (motor, angle) in enumerate(zip(motions(time), joint, strict=True)):
         table = np.array([time, *(np.array([motor, angle]))])
         table[1:] += NOISE * random.standard_normal(table[1:].shape)
+        table = table[:, : last if place else -1]
         np.savetxt(
             folder / f"trial_{place}.csv",
             table.T,
@@ -71,6 +77,13 @@ def diagnosed(folder: Path, gap: float | None, lag: float = 0.0) -> Diagnosis:
     (folder / "dataset.toml").write_text(DECLARED, encoding="utf-8")
     result, _ = infer(Bench.of(scene_path("bench")), [folder])
     return result.diagnosis
+
+
+def test_a_trial_too_short_to_count_changes_nothing(tmp_path: Path) -> None:
+    found = diagnosed(tmp_path, 0.04, last=60)
+    assert found.ties == (("backlash", "end_compliance"),)
+    zone = found.baseline.parameters["dead_zone"]
+    assert zone.value == pytest.approx(0.041, rel=0.01)
 
 
 def test_a_gap_is_measured_and_ties_with_stretch(tmp_path: Path) -> None:

@@ -187,7 +187,7 @@ def diagnose_motion(dataset: Dataset, bench: Bench) -> Diagnosis:
 
     def residuals(x: FloatArray) -> list[FloatArray]:
         values = [p.value(place) for p, place in zip(free, x, strict=True)]
-        return [each / noise for each in _errors(stretches, values)]
+        return [each / noise for each in _errors(stretches, values) if each.size]
 
     def residual(x: FloatArray) -> FloatArray:
         return np.concatenate(residuals(x))

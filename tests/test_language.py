@@ -76,7 +76,7 @@ class Names:
         stem = path.parent.name if path.stem == "__init__" else path.stem
         owned = self.members.setdefault(stem.lstrip("_"), set())
         tree = ast.parse(path.read_text(encoding="utf-8"))
-        for node in ast.walk(tree):
+        for node in tree.body:
             if isinstance(node, ast.ClassDef):
                 own = self.members.setdefault(node.name, set())
                 own |= {name for each in node.body for name in _defined(each)}

@@ -106,7 +106,10 @@ def test_a_belief_is_wrong_by_its_error_and_without_one_right() -> None:
 
 def test_cells_played_together_give_what_each_gives_alone() -> None:
     names = ("delay-long", "noise-loud", "wearer-soft")
-    cells = [Cell(WRIST[name], "stiction", (0, 1)) for name in names]
+    cells = [
+        Cell(dataclasses.replace(WRIST[name], duration=1.1), "stiction", (0, 1))
+        for name in names
+    ]
     assert [len(group) for group in batch_groups(cells)] == [3]
     group = play_group(cells)
     alone = play(dataclasses.replace(cells[1], seeds=(1,)))

@@ -61,7 +61,7 @@ def test_angle_pairs_stand_in_for_the_geometry_of_a_lever() -> None:
     pairs = fit_angle_pairs(np.array([motor, joint]).T.tolist(), "pairs")
     lever = BENCH.known(pairs)
     random = np.random.default_rng(2)
-    recorded = dataset({}, 4.0)
+    recorded = dataset({}, 2.4)
     trials = []
     for trial, (wound, turned) in zip(
         recorded.trials, motions(4.0, 0)[:3], strict=True

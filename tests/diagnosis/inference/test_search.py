@@ -140,7 +140,7 @@ def test_play_is_found_whatever_its_size(
         return [(m, m - 0.5 * play * np.tanh(m / 0.05)) for m in motors]
 
     monkeypatch.setattr(recorded, "motions", hanging)
-    data = dataset({"backlash": {"backlash": play}}, 5.0, 1)
+    data = dataset({"backlash": {"backlash": play}}, 3.2, 1)
     start = fit_scene(data, BENCH, Options(), no_progress)
     assert isinstance(start, BaselineFit)
     division = interleaved_folds(start.problem.plant.records)

@@ -169,7 +169,7 @@ def test_a_cable_that_comes_off_is_a_stretch_with_its_time() -> None:
 
 @pytest.mark.study
 def test_a_stretch_of_a_torque_by_current_is_beyond_the_friction_of_the_motor() -> None:
-    plain = dataset({}, 2.4, 3, USUAL)
+    plain = dataset({}, 4.0, 3, USUAL)
     data = told_by("current", {}, duration=4.0, changes=USUAL)
     few = Options(ids=("viscous_friction",))
     found = run_inference(data, BENCH, few).diagnosis

@@ -140,7 +140,8 @@ class Plan:
         protocol = {
             field.name: getattr(self.protocol, field.name)
             for field in dataclasses.fields(self.protocol)
-            if field.name not in ("axes", "files")  # the scene has them
+            # The scene has axes and files.
+            if field.name not in ("axes", "files", "sources")
         }
         protocol |= {
             "trajectory": self.protocol.sources[0],
@@ -151,12 +152,10 @@ class Plan:
             "rank": self.protocol.across.rank,
             "turned": list(self.protocol.across.turned),
         }
-        del protocol["sources"]
         own = self.protocol.own
         protocol["own"] = {find_metric(one).name: metric_key(one) for one in own}
-        if self.protocol.costs:
-            protocol["costs"] = dict(self.protocol.costs)
-        else:
+        protocol["costs"] = dict(self.protocol.costs)
+        if not self.protocol.costs:
             del protocol["costs"]
         about: dict[str, Any] = {
             "protocol": protocol,

@@ -365,16 +365,17 @@ def _worst_cases(protocol: EpisodeProtocol) -> list[str]:
 
 def _field(column: str, kind: pa.DataType, protocol: EpisodeProtocol) -> pa.Field:
     name, _, law = column.partition("@")
+    unit = "1"
     if name == "design":
-        metadata = {"unit": "1", "meaning": "number of the design"}
+        meaning = "number of the design"
     elif name == CONTROLLER_COLUMN:
-        metadata = {"unit": "1", "meaning": "controller that the metrics are of"}
+        meaning = "controller that the metrics are of"
     elif name == FAILED_COLUMN:
         by = f" with controller {law}" if law else ""
-        metadata = {"unit": "1", "meaning": f"why the simulation failed{by}, if it did"}
+        meaning = f"why the simulation failed{by}, if it did"
     elif law == WORST_CASE_SUFFIX:
         meaning = "case in which it is worst, or the first in which it has no number: "
-        metadata = {"unit": "1", "meaning": meaning + metric_of(name).meaning}
+        meaning += metric_of(name).meaning
     else:
         metric = known_metric(name)
         thing = metric or describe(name)
@@ -383,8 +384,8 @@ def _field(column: str, kind: pa.DataType, protocol: EpisodeProtocol) -> pa.Fiel
             of = f"{'least' if law == LEAST_SUFFIX else 'greatest'} over the cases: "
         elif metric is None or not protocol.across.several:
             of = ""
-        by = f"with controller {law}: " if law in protocol.controllers else ""
         if metric is not None and protocol.axes and metric.of_axis and "." not in name:
             of += "worst axis: "
-        metadata = {"unit": thing.unit, "meaning": of + by + thing.meaning}
-    return pa.field(column, kind, metadata=metadata)
+        by = f"with controller {law}: " if law in protocol.controllers else ""
+        unit, meaning = thing.unit, of + by + thing.meaning
+    return pa.field(column, kind, metadata={"unit": unit, "meaning": meaning})

@@ -35,28 +35,23 @@ LOG2_POINTS = 11
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Dependence of one metric on the variables.
-
-    Attributes:
-        metric: its name.
-        how: where the numbers come from, for a reader.
-        first: part of the variance that each variable makes alone.
-        total: the same with all its interactions.
-        pairs: what two variables make only together.
-        effects: values of each variable and mean of the metric there.
-        levels: texts of the values of variables that are no numbers.
-        surface: what the numbers are of, where they are not exact.
-    """
+    """Dependence of one metric on the variables."""
 
     metric: str
     how: str
+    """Origin of the numbers, for a reader."""
     first: dict[str, float]
+    """Part of the variance that each variable makes alone."""
     total: dict[str, float]
+    """The same with all its interactions."""
     pairs: dict[tuple[str, str], float]
+    """Part that two variables make only together."""
     effects: dict[str, tuple[Array, Array]]
+    """Values of each variable and mean of the metric there."""
     levels: dict[str, tuple[str, ...]]
-    """Texts of the values where they are no numbers."""
+    """Texts of the values of variables that are no numbers."""
     surface: Surface | None = None
+    """Surface that the numbers are of, where they are not exact."""
     errors: Indices = ({}, {}, {})
     """Errors of `first`, `total` and `pairs`, where they are not exact."""
 

@@ -14,7 +14,7 @@ example, meant to be replaced. A line for a motor of `MOTORS` or a material of
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 import mujoco
@@ -61,63 +61,37 @@ def parts_of(plant: Plant, costs: Mapping[str, float]) -> dict[str, float]:
     cables, values = plant.cables, plant.values
     if any(cable.path != PATHS[0] for cable in cables.values()):
         return {}
-    diameters, material = plant.diameters, plant.material
-    density = float(values.get("rope_density", math.nan))
+    diameters, pulleys, discs = plant.diameters, plant.pulleys, plant.discs
+    material, density = plant.material, float(values.get("rope_density", math.nan))
     if material is not None:
         density = material.density.typical
-    ropes = sum(
-        cable.length
-        * (
-            density * area(diameters[name])
-            + _coil_mass_per_length(values, diameters[name])
-        )
-        for name, cable in cables.items()
-    )
-    pulleys = plant.pulleys
-    bends = {
-        name: 2.0
-        * min(
-            *(section.radius for section in cable.conduit),
-            *pulleys[name],
-            math.inf,
-        )
-        / diameters[name]
-        for name, cable in cables.items()
-    }
-    ratio = min(bends.values())
+    ropes, ratios = 0.0, []
+    for name, cable in cables.items():
+        diameter = diameters[name]
+        coil = _coil_mass_per_length(values, diameter)
+        ropes += cable.length * (density * area(diameter) + coil)
+        bends = (section.radius for section in cable.conduit)
+        tightest = min(*bends, *pulleys[name], math.inf)
+        ratios.append(2.0 * tightest / diameter)
+    ratio = min(ratios)
     wires = 0 if material is None else material.wires
     motors = [plant.motor(axis) for axis in plant.description.axes]
-    discs = plant.discs
-    return {
+    found = {
         "cable_mass": ropes,
         "mass": ropes + sum(motor.mass for motor in motors) + sum(discs),
         "bend_ratio": ratio,
         "bending_stress": WIRE_MODULUS / (wires * ratio) if wires else math.nan,
-    } | _cost(
-        costs,
-        values,
-        [motor.name for motor in motors],
-        len(discs),
-        [c.length for c in cables.values()],
-    )
-
-
-def _cost(
-    costs: Mapping[str, float],
-    design: Mapping[str, Value],
-    motors: Sequence[str],
-    pulleys: int,
-    lengths: Sequence[float],
-) -> dict[str, float]:
-    if not costs:
-        return {}
-    per_metre = costs.get(str(design.get("material", "")), costs["rope"])
-    return {
-        COST_METRIC: sum(costs.get(motor, costs["motor"]) for motor in motors)
-        + pulleys * costs["pulley"]
-        + sum(lengths) * (per_metre + costs["conduit"])
-        + len(lengths) * costs["fittings"]
     }
+    if costs:
+        per_metre = costs.get(str(values.get("material", "")), costs["rope"])
+        lengths = [cable.length for cable in cables.values()]
+        found[COST_METRIC] = (
+            sum(costs.get(motor.name, costs["motor"]) for motor in motors)
+            + len(discs) * costs["pulley"]
+            + sum(lengths) * (per_metre + costs["conduit"])
+            + len(lengths) * costs["fittings"]
+        )
+    return found
 
 
 def _coil_mass_per_length(design: Mapping[str, Value], diameter: float) -> float:

@@ -48,8 +48,11 @@ _ELSEWHERE = "assets", "envs"
 """Folders of an installed package that lie elsewhere in a checkout."""
 _BUILD = "building-"
 """First letters of the names of folders in which a library is compiled."""
-_STALE = 3600.0
-"""Age at which what an interrupted build has left is removed [s]."""
+_STALE, _UNUSED = 3600.0, 60.0 * 86400.0
+"""Age at which what an interrupted build has left is removed, and time after its last
+use at which a kept file is [s]."""
+_KEPT = re.compile(r"(lib\w+|unit)-[0-9a-f]{20}.*\.\w+|\w+-[0-9a-f]{32}\.json")
+"""Names of kept files, in a folder that may hold others."""
 _lock = threading.RLock()
 _does_without = False
 
@@ -139,8 +142,15 @@ def _kept(name: str, suffix: str = SUFFIX) -> Path | None:
     """Return a file in the folder of this user, if it is there and whole."""
     for path in folder().glob(f"{name}-*{suffix}"):
         if path.stem.endswith(f"-{path.stat().st_size}"):
+            _use(path)
             return path
     return None
+
+
+def _use(path: Path) -> None:
+    """Note that a kept file is used, where the folder can be written."""
+    with suppress(OSError):
+        os.utime(path)
 
 
 def _kept_name() -> str:
@@ -173,7 +183,7 @@ def workplace() -> Iterator[Path]:
     compiler()
     try:
         folder().mkdir(parents=True, exist_ok=True)
-        _remove_stale_builds()
+        _remove_old_files()
         with tempfile.TemporaryDirectory(dir=folder(), prefix=_BUILD) as place:
             yield Path(place)
     except OSError as error:
@@ -183,12 +193,15 @@ def workplace() -> Iterator[Path]:
         ) from None
 
 
-def _remove_stale_builds() -> None:
-    """Remove what processes that were killed have left behind."""
-    for left in folder().glob(f"{_BUILD}*"):
-        with suppress(FileNotFoundError):  # another process has removed it
-            if time.time() - left.stat().st_mtime > _STALE:
-                shutil.rmtree(left, ignore_errors=True)
+def _remove_old_files() -> None:
+    """Remove unused libraries, and what processes that were killed have left behind."""
+    for path in folder().iterdir():
+        with suppress(OSError):  # another process has removed it, or has it open
+            age = time.time() - path.stat().st_mtime
+            if path.name.startswith(_BUILD) and age > _STALE:
+                shutil.rmtree(path, ignore_errors=True)
+            elif age > _UNUSED and _KEPT.fullmatch(path.name):
+                path.unlink()
 
 
 def does_without() -> bool:
@@ -237,7 +250,9 @@ def kept(kind: str, follows: Iterable[str], make: Callable[[], Any]) -> Any:
     whole = hashlib.sha256("\0".join([sources_digest(), *follows]).encode())
     path = folder() / f"{kind}-{whole.hexdigest()[:32]}.json"
     with suppress(OSError, ValueError):
-        return json.loads(path.read_text())
+        found = json.loads(path.read_text())
+        _use(path)
+        return found
     found = make()
     with suppress(OSError):  # it is made anew another time
         path.parent.mkdir(parents=True, exist_ok=True)

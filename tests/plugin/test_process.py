@@ -174,11 +174,20 @@ def test_machine_without_a_compiler_is_told_what_to_install(
 def test_two_processes_and_their_threads_compile_one_library(
     quick_compiler: str, tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
-    """Nobody sees half a file of another, and of the killed nothing is left."""
+    """Nobody sees half a file of another, and of the killed nothing is left.
+
+    What was not used for long is removed, but for files of others.
+    """
     old, young = tmp_path / "building-old", tmp_path / "building-young"
     for left in (old, young):
         (left / "part").mkdir(parents=True)
-    os.utime(old, (0, 0))
+    digits = "0123456789abcdef0123"
+    unused = tmp_path / f"libcc_mujoco-{digits}-x86_64-7.so"
+    kept, other = tmp_path / f"unit-{digits}-1-7.o", tmp_path / "liblab-2.1.so"
+    for file in (unused, kept, other):
+        file.write_bytes(b"library")
+    for path in (old, unused, other):
+        os.utime(path, (0, 0))
     meeting = tmp_path_factory.mktemp("meeting")
     code = f"""
 import os, pathlib, time
@@ -198,6 +207,9 @@ with ThreadPoolExecutor(4) as pool:
     both = [start(code, tmp_path, CC=quick_compiler) for _ in range(2)]
     assert [said(one) for one in both] == [[NOTICE], [NOTICE]]
     assert [one.returncode for one in both] == [0, 0]
+    assert not unused.exists()
+    kept.unlink()
+    other.unlink()
     left = sorted(path.name for path in tmp_path.iterdir())
     library_name, *units = left[1], *left[3:]
     assert left[:3] == [young.name, library_name, TREES]

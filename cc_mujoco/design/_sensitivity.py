@@ -43,7 +43,7 @@ class Sensitivity:
     first: dict[str, float]
     """Part of the variance that each variable makes alone."""
     total: dict[str, float]
-    """The same with all its interactions."""
+    """Part that each variable makes with all its interactions."""
     pairs: dict[tuple[str, str], float]
     """Part that two variables make only together."""
     effects: dict[str, tuple[Array, Array]]

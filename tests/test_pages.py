@@ -7,6 +7,7 @@ import dataclasses
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import mujoco
@@ -249,6 +250,36 @@ def test_mjcf_loads_and_pulls() -> None:
     assert reading.dissipated < 1e-3
     limits = cc_mujoco.plugin.step_limits(model)["flexor"]
     assert model.opt.timestep < 0.5 * min(limits)
+
+
+CONTRIBUTING = PAGES[".github/CONTRIBUTING.md"]
+
+
+def test_files_that_contributors_are_sent_to_exist() -> None:
+    table = CONTRIBUTING.partition("## Where to add what")[2].partition("\n## ")[0]
+    names = re.findall(r"`([\w/]*/\w*(?:\.\w+)?)`", table)
+    assert len(names) > 20
+    for name in names:
+        places = ROOT / "cc_mujoco" / name, ROOT / name
+        assert any(place.exists() for place in places), name
+    for name, place in re.findall(r"`(\w+)` (?:in|of) `([\w/]+\.py)`", table):
+        places = ROOT / "cc_mujoco" / place, ROOT / place
+        (source,) = (path.read_text("utf-8") for path in places if path.exists())
+        assert re.search(rf"^(class |def )?{name}\b", source, re.M), (name, place)
+
+
+def test_layers_that_contributors_read_are_those_of_the_import_contract() -> None:
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
+    contract = settings["tool"]["importlinter"]["contracts"][0]["layers"]
+    enforced = [set(layer.split(" | ")) for layer in contract]
+    table = CONTRIBUTING.partition("| layer |")[2].partition("\n\n")[0]
+    rows = [row.split("|")[2] for row in table.splitlines()[2:]]
+    written = [name for row in rows for name in re.findall(r"`(\w+)`", row)]
+    written.remove("envs")
+    for layer in enforced:
+        assert set(written[: len(layer)]) == layer
+        del written[: len(layer)]
+    assert not written
 
 
 @pytest.mark.parametrize("place", PAGES)

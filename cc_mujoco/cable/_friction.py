@@ -1,5 +1,7 @@
 """Friction terms of a cable in its conduit: the force that opposes a slip.
 
+A term and its parameters are declared as fields of `Cable`; here they take effect.
+
 Every law is reduced, for the step at hand, to per-segment coefficients. Along a segment
 that slips at speed v, tension grows in the direction of motion from T_behind to
 
@@ -8,7 +10,7 @@ that slips at speed v, tension grows in the direction of motion from T_behind to
 E = exp(mu a) with the segment's wrap angle a (thesis 2.10), B the drag that needs no
 tension, C that of viscosity. A segment that does not slip holds as long as neither of
 its tensions exceeds `H` times the other plus B. The solvers see only E, H, B and C, so
-a new term is a field of `Cable` and its share in the functions below.
+a new term needs only its share in the functions below.
 """
 
 from __future__ import annotations
@@ -21,13 +23,13 @@ from cc_mujoco.cable._parameter import Term
 from cc_mujoco.native import FloatArray, compiled, internal
 
 INDEX = {parameter.name: i for i, parameter in enumerate(PARAMETERS)}
+"""Position of each scalar parameter in the packed vector."""
 DRAG_TERMS = tuple(
     (i, each.term, each.unit)
     for i, each in enumerate(PARAMETERS)
     if each.term is not None and each.term.acts_on == "drag"
 )
 """Parameters of friction that needs no tension: place, term and unit."""
-"""Position of each scalar parameter in the packed vector."""
 
 _FRICTION = INDEX["friction"]
 _STATIC = INDEX["static_friction"]

@@ -1,5 +1,4 @@
 from ._body import Body as Body
-from ._by_text import TRAJECTORIES as TRAJECTORIES
 from ._by_text import PhaseTorque as PhaseTorque
 from ._by_text import TimeTorque as TimeTorque
 from ._by_text import read_torque as read_torque
@@ -18,6 +17,7 @@ from ._perturbed import Tremor as Tremor
 from ._profile import Profile as Profile
 from ._recorded import Recorded as Recorded
 from ._recorded import read_trajectory as read_trajectory
+from ._scripted import TRAJECTORIES as TRAJECTORIES
 from ._scripted import Chirp as Chirp
 from ._scripted import Loops as Loops
 from ._scripted import Multisine as Multisine

@@ -37,35 +37,15 @@ from cc_mujoco._utils.units import CLOCK, PHASE, TORQUE, quantity_words
 from cc_mujoco._utils.user_code import named_object, user_errors, without_mark
 from cc_mujoco._validation import require_number
 from cc_mujoco.errors import CableError, look_up, naming
-from cc_mujoco.human._motion import Array, Motion, Scripted, Trajectory
+from cc_mujoco.human._motion import Array, Motion, Trajectory
 from cc_mujoco.human._pace import Real
 from cc_mujoco.human._perturbed import Disturbed
 from cc_mujoco.human._recorded import Recorded, match_joints, read_trajectory
-from cc_mujoco.human._scripted import (
-    Chirp,
-    Multisine,
-    Ramp,
-    Reach,
-    Reversals,
-    Sine,
-    Sweep,
-)
+from cc_mujoco.human._scripted import TRAJECTORIES
 from cc_mujoco.human._tasks import TASKS, Task
 from cc_mujoco.human._walking import Walk
 
 Entry = TypeVar("Entry")
-
-TRAJECTORIES: dict[str, Scripted] = {
-    "sweep": Sweep(),
-    "ramp": Ramp(),
-    "sine": Sine(),
-    "chirp": Chirp(),
-    "multisine": Multisine(),
-    "reach": Reach(),
-    "reversals": Reversals(),
-    "walk": Walk(),
-}
-"""Every scripted trajectory with its default parameters."""
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,7 @@ from cc_mujoco.human._motion import (
     minimum_jerk,
     pointwise,
 )
+from cc_mujoco.human._walking import Walk
 
 
 @dataclass(frozen=True)
@@ -423,3 +424,16 @@ def _join_moves(
         extent * step.curvature / span**2,
         episode_fraction(time, duration),
     )
+
+
+TRAJECTORIES: dict[str, Scripted] = {
+    "sweep": Sweep(),
+    "ramp": Ramp(),
+    "sine": Sine(),
+    "chirp": Chirp(),
+    "multisine": Multisine(),
+    "reach": Reach(),
+    "reversals": Reversals(),
+    "walk": Walk(),
+}
+"""Every scripted trajectory with its default parameters."""

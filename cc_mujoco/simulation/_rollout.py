@@ -39,7 +39,7 @@ from cc_mujoco.simulation._compiled_episode import (
 )
 from cc_mujoco.simulation._loop import Columns, missing_torque_error
 from cc_mujoco.simulation._reference_motion import MARKS
-from cc_mujoco.simulation._wiring import OF_PHASE, TASKS, parameters_of
+from cc_mujoco.simulation._wiring import OF_PHASE, TASK_CODES, parameters_of
 from cc_mujoco.simulation._worn_device import TaskChoice, WornDevice
 
 Array = NDArray[np.float64]
@@ -195,7 +195,7 @@ def _compiled_laws(
 
 def task_of(task: Task) -> int | None:
     """Return a task as the record has it; None where Python alone knows it."""
-    return TASKS.get(type(task), OF_PHASE if task.of_phase else None)
+    return TASK_CODES.get(type(task), OF_PHASE if task.of_phase else None)
 
 
 def law_of(controller: Controller | None) -> int | None:

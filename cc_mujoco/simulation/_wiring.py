@@ -55,7 +55,7 @@ OF_PHASE, TUNNEL, SPRING, OTHER = range(4)
 """Tasks: `scripted`, whose torques are known in advance; `Tunnel`; `Spring`; those that
 Python alone knows."""
 
-TASKS: dict[type[Task], int] = {Tunnel: TUNNEL, Spring: SPRING}
+TASK_CODES: dict[type[Task], int] = {Tunnel: TUNNEL, Spring: SPRING}
 
 _REFERENCE, _CLOCK, _SINE, _COSINE, _DEMAND = range(MARKS)
 _DESIRED = READINGS
@@ -84,7 +84,7 @@ class Wiring:
         self._address = int(self._records.ctypes.data)
         self._devices, self._axes = len(devices), len(first.axes)
         codes = [
-            TASKS.get(type(task), OF_PHASE if scripted(task) else OTHER)
+            TASK_CODES.get(type(task), OF_PHASE if scripted(task) else OTHER)
             for task in exo.tasks
         ]
         self._codes = np.array(codes, np.int64)
@@ -193,7 +193,7 @@ class Wiring:
 def parameters_of(task: Task) -> NDArray[np.float64]:
     """Return the parameters of a task that compiled code knows, (3,); else 0."""
     given = np.zeros(3)
-    if type(task) in TASKS:
+    if type(task) in TASK_CODES:
         own = dataclasses.astuple(task)  # type: ignore[call-overload]
         given[: len(own)] = own
     return given

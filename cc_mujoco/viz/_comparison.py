@@ -17,8 +17,8 @@ from cc_mujoco.report._figures import figure, style
 from cc_mujoco.simulation._episode_log import EpisodeLog
 from cc_mujoco.viz._axis import axis_limits, plot
 from cc_mujoco.viz._panels import draw_lines, highest_tension, tensions
-from cc_mujoco.viz._rerun_blueprint import line_values, scene_view
 from cc_mujoco.viz._rerun_file import log_episode, recording, recording_id
+from cc_mujoco.viz._rerun_plots import line_values, scene_view
 from cc_mujoco.viz._scene3d import TIMELINE, Branch
 from cc_mujoco.viz._summary import draw_loop
 

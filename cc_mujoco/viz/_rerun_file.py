@@ -34,7 +34,7 @@ from cc_mujoco.simulation._log_columns import MODEL_XML
 from cc_mujoco.viz._cable_lines import CONDUIT, CableLine, cable_lines
 from cc_mujoco.viz._conduit3d import log_conduit
 from cc_mujoco.viz._panels import MAX_SAMPLES, frame_rate, frame_slices, highest_tension
-from cc_mujoco.viz._rerun_blueprint import (
+from cc_mujoco.viz._rerun_plots import (
     ORANGE,
     PURPLE,
     SKY,

@@ -10,8 +10,16 @@ import pytest
 
 import cc_mujoco.simulation._reference_motion as reference_motion
 from cc_mujoco import Plant, simulate
-from cc_mujoco.human import Motion, Perturbed, Recorded, Sine, Trajectory, Walk
-from cc_mujoco.human._by_text import TRAJECTORIES, Centred
+from cc_mujoco.human import (
+    TRAJECTORIES,
+    Motion,
+    Perturbed,
+    Recorded,
+    Sine,
+    Trajectory,
+    Walk,
+)
+from cc_mujoco.human._by_text import Centred
 from cc_mujoco.human._motion import SampledMotion
 from cc_mujoco.simulation._worn_device import WornDevice
 

@@ -21,7 +21,6 @@ from cc_mujoco.metrics._metric import RATIO
 from cc_mujoco.simulation import EpisodeLog
 from cc_mujoco.viz import tension_colors
 from cc_mujoco.viz._conduit3d import MIN_PIECES, resample
-from cc_mujoco.viz._rerun_blueprint import plotted_series
 from cc_mujoco.viz._rerun_file import (
     END_STATES,
     recording,
@@ -29,6 +28,7 @@ from cc_mujoco.viz._rerun_file import (
     state_changes,
     write_recording,
 )
+from cc_mujoco.viz._rerun_plots import plotted_series
 from cc_mujoco.viz._scene3d import Branch
 
 SCENE = """

@@ -1,6 +1,7 @@
 """Text of each section of the report, without its figures.
 
-A section is None where the diagnosis has nothing for it.
+A section is None where the diagnosis has nothing for it. `_report.output` sets titles
+and order.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from cc_mujoco._utils.user_code import named_object
-from cc_mujoco.diagnosis.effects._conduit_effects import (
+from cc_mujoco.diagnosis.effects._cable_effects import (
     CABLE_EFFECTS,
     FRICTION_EFFECTS,
     ClampCreep,

@@ -176,17 +176,18 @@ def check_load_cells(dataset: Dataset, bench: Bench) -> list[DataFinding]:
     findings, rows = [], dataset.instruments.rows
     for trial in dataset.trials:
         channel, problem = trial.facts.load_cell, ""
-        if channel and channel not in trial.tensions:
-            problem = (
-                f"{trial.path} has no such column; record it there, or name its own "
-                "file in [files]"
-            )
-        elif channel:
-            try:
-                if SingleCell.of(channel, bench, None).row not in rows:
-                    problem = "the torque at that end is not compared; leave it out"
-            except CableError as wrong:
-                problem = str(wrong).rstrip(".")
+        if not channel:
+            continue
+        try:
+            if channel not in trial.tensions:
+                problem = (
+                    f"{trial.path} has no such column; record it there, or name its "
+                    "own file in [files]"
+                )
+            elif SingleCell.of(channel, bench, None).row not in rows:
+                problem = "the torque at that end is not compared; leave it out"
+        except CableError as wrong:
+            problem = str(wrong).rstrip(".")
         if problem:
             where = f"[trials.{trial.name!r}] load_cell = {channel!r}"
             findings.append(error(f"{where}: {problem}.", trial.name, channel))
@@ -219,16 +220,15 @@ def _check_known_range(trial: Trial, bench: Bench) -> Iterator[DataFinding]:
         return
     low, high = bench.span
     least, most = np.nanmin(trial.joint_angle), np.nanmax(trial.joint_angle)
-    if low <= least and most <= high:
-        return
-    message = (
-        f"{trial.column(channels.JOINT_ANGLE)} goes from {least:.3g} to {most:.3g} "
-        f"rad, but the {'lever' if bench.lever else 'path'} of the scene is known from "
-        f"{low:.3g} to {high:.3g} "
-        "rad, 0 being the scene's 0 and positive where the cable pulls; declare offset "
-        f"and sign of [columns.{channels.JOINT_ANGLE}]."
-    )
-    yield error(message, trial.name, channels.JOINT_ANGLE)
+    if not (low <= least and most <= high):
+        part = "lever" if bench.lever else "path"
+        message = (
+            f"{trial.column(channels.JOINT_ANGLE)} goes from {least:.3g} to {most:.3g} "
+            f"rad, but the {part} of the scene is known from {low:.3g} to {high:.3g} "
+            "rad, 0 being the scene's 0 and positive where the cable pulls; declare "
+            f"offset and sign of [columns.{channels.JOINT_ANGLE}]."
+        )
+        yield error(message, trial.name, channels.JOINT_ANGLE)
 
 
 def _check_others_range(trial: Trial, bench: Bench) -> Iterator[DataFinding]:
@@ -279,18 +279,21 @@ def _check_locked(recording: Recording, facts: Facts) -> Iterator[DataFinding]:
 
 
 def _check_constants(recording: Recording, facts: Facts) -> Iterator[DataFinding]:
+    sides = {channel: side for side, channel in _ANGLES.items()}
     known = (channels.TIME, channels.VALID, channels.TEMPERATURE)
-    held = _ANGLES.get(facts.locked or "")
     for channel, values in recording.values.items():
-        if channel in (*known, held) or channels.is_further(channel):
+        side = sides.get(channel, "")
+        if channel in known or channels.is_further(channel):
             continue
-        if recording.rows < 2 or not np.nanmax(values) == np.nanmin(values):
+        if recording.rows < 2 or (side and side == facts.locked):
             continue
-        where = f"{recording.column(channel)} is {np.nanmax(values):.6g} in every row"
+        highest = np.nanmax(values)
+        if not highest == np.nanmin(values):
+            continue
         advice = "check the sensor"
-        if channel in _ANGLES.values():
-            side = "motor" if channel == channels.MOTOR_ANGLE else "joint"
+        if side:
             advice += f", or declare locked = {side!r} if it was held fast"
+        where = f"{recording.column(channel)} is {highest:.6g} in every row"
         yield error(f"{where}; {advice}.", recording.name, channel)
 
 
@@ -307,22 +310,21 @@ def _check_clipping(recording: Recording) -> Iterator[DataFinding]:
         usual = float(same[elsewhere].mean()) if elsewhere.any() else 1.0
         if usual > 0.1:
             continue  # coarse readings repeat everywhere
+        mend = "use a sensor of wider range"
+        if channel == channels.MOTOR_TORQUE:
+            mend = f"ask less of the motor if this is its limit, else {mend},"
         for extreme, side in ((highest, "above"), (lowest, "below")):
             there = values == extreme
             edges = np.flatnonzero(np.diff(there, prepend=False, append=False))
             lengths = edges[1::2] - edges[::2]
             flat = lengths[lengths >= Limit.min_clip_length]
-            if not len(flat) or (len(flat) < 2 and flat[0] < 4 * Limit.min_clip_length):
-                continue
-            mend = "use a sensor of wider range"
-            if channel == channels.MOTOR_TORQUE:
-                mend = f"ask less of the motor if this is its limit, else {mend},"
-            message = (
-                f"{recording.column(channel)} stays at {extreme:.6g} in "
-                f"{flat.sum()} rows, as if cut off {side}; {mend} or mark these rows "
-                "invalid."
-            )
-            yield error(message, recording.name, channel)
+            if len(flat) > 1 or (len(flat) and flat[0] >= 4 * Limit.min_clip_length):
+                message = (
+                    f"{recording.column(channel)} stays at {extreme:.6g} in "
+                    f"{flat.sum()} rows, as if cut off {side}; {mend} or mark these "
+                    "rows invalid."
+                )
+                yield error(message, recording.name, channel)
 
 
 def _check_degrees(recording: Recording, file: DatasetFile) -> Iterator[DataFinding]:

@@ -8,7 +8,7 @@ with style():
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,11 +61,8 @@ def ordinary_excerpt(evidence: Evidence) -> Excerpt | None:
 
 def model_changed(evidence: Evidence) -> bool:
     """Return whether the models of `after` and `before` differ."""
-    return any(
-        not np.array_equal(trace.before[channel], trace.after[channel], equal_nan=True)
-        for trace in evidence.traces
-        for channel in trace.measured
-    )
+    pairs = [(t.before[c], t.after[c]) for t in evidence.traces for c in t.measured]
+    return not all(np.array_equal(*pair, equal_nan=True) for pair in pairs)
 
 
 def _windows(evidence: Evidence) -> list[Excerpt]:
@@ -297,15 +294,8 @@ def draw_excerpt(excerpt: Excerpt, both: bool) -> Figure:
 
 
 def _draw_map(axes: Axes, each: Map, both: bool) -> None:
-    axes.fill_between(
-        each.centre,
-        -each.band,
-        each.band,
-        color=GREY,
-        alpha=0.25,
-        linewidth=0,
-        label="chance (95 %)",
-    )
+    look: Any = {"color": GREY, "alpha": 0.25, "linewidth": 0, "label": "chance (95 %)"}
+    axes.fill_between(each.centre, -each.band, each.band, **look)
     lines = [("before" if both else "simulation", each.before, ORANGE, "o")]
     if both:
         lines.append(("after", each.after, BLUE, "s"))
@@ -315,11 +305,11 @@ def _draw_map(axes: Axes, each: Map, both: bool) -> None:
         )
     if _has_equal_ratios(each.centre):
         axes.set_xscale("log")
-    dollar = r"\$"
+    axis = plain_name(each.axis).replace("$", r"\$")
+    channel, share = capitalise(channel_name(each.channel)), format_share(each.share)
     axes.set(
-        title=f"{capitalise(channel_name(each.channel))}: "
-        f"{format_share(each.share)} of its error",
-        xlabel=f"{plain_name(each.axis).replace('$', dollar)} [{each.unit or '1'}]",
+        title=f"{channel}: {share} of its error",
+        xlabel=f"{axis} [{each.unit or '1'}]",
         ylabel=f"mean error [{TORQUE_UNIT}]",
     )
 

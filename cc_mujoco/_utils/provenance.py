@@ -180,8 +180,10 @@ def _user_file_digests(controller: str) -> dict[str, str]:
     else:
         name = controller.partition(":")[0]
         first = _source_path(sys.modules.get(name)) or ""
-        up = name.count(".") + first.endswith("__init__.py")
-        base = str([*Path(first).parents, Path.cwd()][up]) if first else os.getcwd()
+        base = os.getcwd()
+        if first:  # the folder that holds the outermost package of the module
+            levels = name.count(".") + int(first.endswith("__init__.py"))
+            base = str([*Path(first).parents, Path.cwd()][levels])
     found = [first] if first else []
     for path in found:  # which grows
         if path.endswith(".py"):

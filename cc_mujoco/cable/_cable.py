@@ -99,11 +99,11 @@ class Cable:
     length stays that of the sections, which also bend it wherever there is no MuJoCo.
 
     `path` defines what guides the cable in MuJoCo, see `PATHS`, and `mouth` the site of
-    its route at which the conduit of a `"mixed"` one ends. `guides` has the sites of an
-    open path that are guides of a certain radius, over whose arc there is drag per
-    length, and the sites and geoms that are rollers without friction. Without MuJoCo, a
-    conduit of the sections stands for an `"open"` path, and for a `"mixed"` one up to
-    there.
+    its route at which the conduit of a `"mixed"` one ends. `guides` names sites of an
+    open path that are guides of a given radius, with drag per length of their arc, and
+    sites and geoms that are rollers without friction. Outside MuJoCo an `"open"` path
+    is replaced by a conduit of `conduit`'s sections, and a `"mixed"` path by that
+    conduit up to the mouth.
 
     Raises:
         CableError: a value is outside its range.
@@ -317,7 +317,7 @@ class Cable:
         meaning="h: of the heat W that friction left in the conduit; 0 is off",
         term=Term(
             equation="mu *= 1 + h W, dW/dt = friction power - W/t_c",
-            source=("a liner that warms up by its own friction, one thermal mass"),
+            source="a liner that warms up by its own friction, one thermal mass",
             acts_on="coefficient", depends_on=("time",),
         ),
     )  # fmt: skip
@@ -601,8 +601,8 @@ class Cable:
         """
         for key in config:
             if key not in KEYS:
-                proximal = difflib.get_close_matches(key, KEYS, n=1)
-                hint = f"; did you mean `{proximal[0]}`?" if proximal else ""
+                matches = difflib.get_close_matches(key, KEYS, n=1)
+                hint = f"; did you mean `{matches[0]}`?" if matches else ""
                 raise CableError(
                     f"{where}: unknown key `{key}`{hint} (keys: {', '.join(KEYS)})"
                 )

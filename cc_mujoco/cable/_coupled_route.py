@@ -36,19 +36,19 @@ class CoupledPath:
     """The path of one cable at every angle of the joint that moves it.
 
     Attributes:
-        joint: (angles,) of the joint, increasing by equal steps [rad].
+        joint: (angles,) angle of the joint, increasing by equal steps [rad].
         wrap: (angles, n) wrap angle of the segments [rad].
         contact: (angles, n) length over which the segments rub [m].
-        gained: (angles, n + 1) by how much longer the path is at every node than at 0
-            [m]; 0 inside a conduit.
+        gained: (angles, n + 1) growth of the path at every node since angle 0 [m]; 0
+            inside a conduit.
         distal: (angles,) displacement of the distal end from where it is at 0 [m]; 0
             where it is tied to the end of the path.
-        length: (angles, n + 1) of path that every node stands for [m]; empty where
-            the sections of the cable say so.
+        length: (angles, n + 1) length of path that every node stands for [m]; empty
+            where the sections of the cable give it.
         guided: number of segments inside a conduit.
         gain: (angles, n + 1) change of `gained` per angle of the joint [m/rad]; None
             where that is its slope in the table.
-        arm: (angles,) the same of `distal`.
+        arm: (angles,) change of `distal` per angle of the joint [m/rad], or None.
     """
 
     joint: FloatArray

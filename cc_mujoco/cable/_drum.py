@@ -36,9 +36,9 @@ which left beyond what the layers gave [m], and the first layer, stretched and
 unstretched length [m]. Empty layers are the last."""
 _TOP = _BOTTOM + 2 * (at.DRUM_LAYERS - 1)
 _ROUNDING = 1e-12
-"""Length of a layer that is rounding [m]."""
+"""Largest length of a layer that counts as rounding [m]."""
 _NO_FLOW = 1e-30
-"""Length that no drum turns by [m]."""
+"""Smallest length that counts as motion of a drum [m]."""
 
 
 @internal

@@ -20,7 +20,16 @@ from cc_mujoco.native import internal
 def wound_length(
     length: float, gear: float, e: float, phase: float, ovality: float, second: float
 ) -> float:
-    """Return the cable's displacement on a pulley of ovality phase `second` [m]."""
+    """Return the length of cable wound up on the proximal pulley [m].
+
+    Args:
+        length: what a round pulley would wind up [m].
+        gear: signed mean radius [m].
+        e: eccentricity [m].
+        phase: angle of the eccentricity [rad].
+        ovality: amplitude of the radius, twice a turn [m].
+        second: angle of the ovality [rad].
+    """
     if e == 0.0 and ovality == 0.0:
         return length
     q = length / gear
@@ -34,7 +43,7 @@ def wound_length(
 def lever_ratio(
     length: float, gear: float, e: float, phase: float, ovality: float, second: float
 ) -> float:
-    """Return the radius over mean radius, with which a tension acts on the pulley."""
+    """Return the lever arm of a tension over the mean radius, see `wound_length`."""
     if e == 0.0 and ovality == 0.0:
         return 1.0
     q = length / gear

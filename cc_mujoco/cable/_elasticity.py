@@ -24,13 +24,13 @@ _MAX_ROUNDS = 60
 
 
 class Piece(NamedTuple):
-    """Elastic element that stretches by `taut` T and by two amounts that end.
+    """Elastic element: a linear stretch (`taut` T) plus two terms that saturate.
 
     Attributes:
         taut: compliance at large tensions, that of the spring included [m/N].
-        bedding: stretch that bedding takes in the end [m].
+        bedding: final stretch of bedding [m].
         half: tension that takes half of it [N].
-        clearance: stretch that clearance in bends takes in the end [m].
+        clearance: final stretch of clearance in bends [m].
         seating: tension that takes half of it [N].
     """
 
@@ -127,7 +127,10 @@ def energy_at(piece: Piece, tension: float) -> float:
 
 @internal
 def _stored(x: float) -> float:
-    """Return the energy of an amount that ends, by it times the tension of its half."""
+    """Return the dimensionless energy of a stretch that saturates.
+
+    It is energy / (final stretch x half tension), at x = tension / half tension.
+    """
     if x < 1e-3:
         # Series of ln(1 + x) - x / (1 + x), which loses its digits here.
         return x * x * (0.5 - x * (2.0 / 3.0 - x * (0.75 - x * 0.8)))

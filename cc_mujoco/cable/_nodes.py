@@ -110,9 +110,9 @@ def stretch_between(
 
 @internal
 def mean_tension(prm: FloatArray, n: int, i: int, before: float, after: float) -> float:
-    """Return the energy of node i between two tensions by its stretch between them [N].
+    """Return the mean tension of node i between two tensions [N].
 
-    A node that is slack on a part of the way has none there.
+    It is stored energy difference over stretch difference; a slack node stores none.
     """
     low, high = min(before, after), max(before, after)
     if high <= 0.0:

@@ -1,9 +1,9 @@
-"""The step of a cable whose strands bed in, by straight lines through its solution.
+"""Step of a cable with nonlinear (bedding) elasticity: iterate with secant stiffness.
 
-Both solvers of a step take springs for linear. Here each is one between the tension
-before the step and the one after it, found in rounds: in those of the march by the
-compliance between two tensions, a closed form; in those of the graph, which also goes
-through slack, by the stretch found. Compiled, without allocation.
+Both solvers of a step take springs for linear. Here the stiffness of each is the secant
+between the tensions before and after the step, iterated: in the march from the
+compliance between two tensions, a closed form; in the graph, which also goes through
+slack, from the stretch found. Compiled, without allocation.
 """
 
 from __future__ import annotations
@@ -98,9 +98,22 @@ def relinearize(
     node: FloatArray,
     stiffness: FloatArray,
 ) -> bool:
-    """Linearise at a solution, for another round; return if that changes nothing.
+    """Recompute the secant stiffness of each node from the last solution, in place.
 
-    `proximal_held`, `distal_held`: whether tension is prescribed there.
+    Args:
+        prm: packed parameters of the cable.
+        n: number of segments.
+        tension: (n + 1,) before the step [N].
+        proximal_held: whether tension is prescribed at the proximal end.
+        proximal_moved: displacement of the proximal end in this step [m].
+        distal_held: the same of the distal end.
+        distal_moved: the same of the distal end [m].
+        shift: (n,) slip of the segments in this step [m].
+        node: (n + 1,) tension that the solution found [N].
+        stiffness: (n + 1,) of the nodes [N/m]; replaced.
+
+    Returns:
+        Whether the iteration has converged.
     """
     largest = 0.0
     for i in range(n + 1):
@@ -124,6 +137,7 @@ def relinearize(
                 and abs(node[i] - tension[i]) > LINEARIZATION_TOLERANCE * largest
             ):
                 steady = (node[i] - tension[i]) / found
+                # 0.3: share of the overshooting line, in the logarithm.
                 line = steady * (line / steady) ** 0.3
             stiffness[i] = line
     return settled

@@ -70,7 +70,9 @@ def parse(program: str, arguments: Sequence[str]) -> CommandOptions:
     _require_own_options(arguments)
     for word in arguments:
         require_new_name(word.partition("=")[0])
-    words = list(arguments)[about is None :]
+    words = list(arguments)
+    if about is None:  # the first word is the command
+        words = words[1:]
     captured = io.StringIO()
     try:
         with contextlib.redirect_stderr(captured):

@@ -74,8 +74,7 @@ class BacklashInverse(_KnownMotor):
     def law_tables(self) -> LawTables:
         drive = self.drive
         stiffness, late = joint_stiffness(drive.cables), total_delay(drive)
-        # Bandwidth of the motor's position [rad/s]; of the integral 1.2 times that.
-        bandwidth = min(0.2 / late, 200.0)
+        bandwidth = min(0.2 / late, 200.0)  # of the motor's position [rad/s]
         noise = BAND_SIGMAS * drive.torque_noise / stiffness
         gains = InverseGains(
             late,
@@ -83,8 +82,7 @@ class BacklashInverse(_KnownMotor):
             2.0 * drive.inertia * bandwidth,
             1.2 * bandwidth,
             stiffness,
-            # Motion of the joint that is none [rad].
-            max(noise, 5e-4),
+            max(noise, 5e-4),  # motion of the joint below which it is still [rad]
             loop_gains(drive).settling * stiffness / drive.ratio**2,
         )
         cables, spring = cable_table(drive.cables), joint_spring(drive.cables)

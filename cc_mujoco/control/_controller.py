@@ -238,7 +238,7 @@ def _step_all(
 ) -> None:
     """Write the motor torques of every environment (rows,) [N m].
 
-    A reading that no sensor can mean, at which no guard looks, gives none.
+    A reading outside any sensor's range, at which no guard looks, gives none.
     """
     for row in range(found.size):
         found[row] = 0.0

@@ -242,8 +242,9 @@ def loop_gains(drive: Drive, integral_share: float = 0.0) -> LoopGains:
     require_known_motor(drive)
     inertia, late = drive.inertia, total_delay(drive)
     stiffness = joint_stiffness(drive.cables) / drive.ratio**2
-    damping = 2.0 * 0.7 * math.sqrt(stiffness * inertia)
+    damping = 2.0 * 0.7 * math.sqrt(stiffness * inertia)  # damping ratio 0.7
     damping = min(damping, _DELAY_SHARE * inertia / late)
+    # At most 2: with little delay the share alone would allow any gain.
     proportional = min(_DELAY_SHARE * damping / (stiffness * late), 2.0)
     bandwidth = min(1.0 / late, stiffness / damping, damping / inertia)
     integral = integral_share * (1.0 + proportional) * bandwidth

@@ -63,7 +63,7 @@ go, and down to which it stays so; likewise of the safe speed and power, from 1.
 _SWING_SHARE = 0.7
 """Such a share up to which a motor may swing on its cables before an answer."""
 _PREDICTED_FACTOR = 2.0
-"""Such shares of a torque that would only come, over those of a measured one."""
+"""Factor on the release share for predicted torque, relative to measured torque."""
 _COMMAND_MARGIN = 1.25
 """Largest command over that which holds the safe torque against believed friction."""
 _JUMP_SHARE = 0.25
@@ -144,28 +144,25 @@ MOTOR, MOTOR_SPEED, JOINT, JOINT_SPEED, TORQUE, DESIRED = range(6)
 READINGS = 6
 """Order of readings, and their number."""
 
-(
-    STATE, STARTED, _GOOD, _MISSING, _QUIET, COMMAND, _REFERENCE, _PREDICTED,
-    _GAIN, _MISFIT, _MEAN, _MEAN_PREDICTED, _GAP, _RUSH, _SLACK, _PUSH,
-) = (0, 1, 2, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20)  # fmt: skip
-_JUMPED, _EQUAL, _AT, _AT_PREDICTED = 21, 27, 33, 39
-_GIVEN, _POWER, _BOTH, _SENSED, _AGREED, _MOST = 45, 46, 47, 48, 49, 50
-_TAKEN, _TAKEN_PREDICTED, _LEARNT, _UNSAFE, _RELEASES, SEEN = 51, 52, 53, 54, 55, 56
+STATE, STARTED = 0, 1
+_GOOD = 2  # readings of the last step, as they were used
+_MISSING, _QUIET = 8, 9  # samples: without all readings; until velocities are read
+COMMAND = 10  # last command [N m]
+_REFERENCE, _PREDICTED = 11, 12  # stretch at rest [rad]; torque of the stretch [N m]
+_GAIN, _MISFIT = 13, 14  # gain from sensor to stretch torque; misfit with that gain
+_MEAN, _MEAN_PREDICTED, _GAP = 15, 16, 17  # means of both; time of a gap between [s]
+_RUSH = 18  # low-passed rate of the measured torque [N m/s]
+_SLACK, _PUSH = 19, 20  # times [s]: no sign of a pull; motor pushed but at rest
+_JUMPED, _EQUAL = 21, 27  # by reading: last one a spike; number of equal ones
+_AT, _AT_PREDICTED = 33, 39  # by reading: both torques when it last changed [N m]
+_GIVEN = 45  # low-passed motor torque at the joint without friction [N m]
+_POWER, _BOTH, _SENSED = 46, 47, 48  # powers about the means: stretch, both, sensor
+_AGREED, _MOST = 49, 50  # time the motor explained the torque [s]; its recent peak
+_TAKEN, _TAKEN_PREDICTED = 51, 52  # sensor and stretch torque, low-passed as `_GIVEN`
+_LEARNT, _UNSAFE = 53, 54  # times [s]: stretch learned; torque unsafe lately
+_RELEASES, SEEN = 55, 56  # releases without the sensor; scratch for readings
 MEMORY_SIZE = SEEN + READINGS
-"""Places in the memory, and its size: state; readings of the last step, as they were
-used; samples without all readings and until velocities are read again; last command;
-stretch at which the cables are at rest; torque of the stretch; gain of the sensor to
-it, and misfit with that gain; low-passed torques of both; time of a gap between them;
-low-passed rate of the measured torque; time for which nothing says that a cable pulls,
-and for which the motor is pushed and stands still; of every reading whether the last
-one was a spike, how often it was the same, and both torques when it last changed;
-low-passed torque of the motor at the joint without friction; powers of the torque of
-the stretch, of both, and of the sensor's, each about its mean; time for which the
-motor has explained the torque, and size of its greatest torque lately; torques of
-sensor and stretch, low-passed as that of the motor; time over which the stretch has
-been learned; time for which the torque was unsafe lately, and how often the joint was
-let go without its sensor; room for readings of a caller whose own must not change.
-"""
+"""Size of the memory; the comments above say what lies at each place."""
 _UNKNOWN = -1.0
 """Misfit that is not known yet."""
 
@@ -221,7 +218,7 @@ def limited(gains: FloatArray, torque: float) -> float:
 
 @internal
 def _exceeds(torque: float, planned: float, safe: float, share: float) -> bool:
-    """Return whether a torque is beyond a share of the way to the safe one."""
+    """Return whether a torque is past `share` of the way from planned to safe."""
     aim = min(max(planned * np.sign(torque), 0.0), safe)
     return bool(abs(torque) > aim + share * (safe - aim))
 
@@ -462,7 +459,10 @@ def _check_frozen(
 
 @internal
 def _watch_motor(limits: DriveLimits, memory: FloatArray, seen: FloatArray) -> None:
-    """Filter the torque of the motor that its inertia does not take."""
+    """Low-pass the motor torque that is left after accelerating its own inertia.
+
+    It is referred to the joint.
+    """
     rate = (seen[MOTOR_SPEED] - memory[_GOOD + MOTOR_SPEED]) / limits.period
     given = limits.ratio * (memory[COMMAND] - limits.inertia * rate)
     share = min(limits.period / _MOTOR_TIME, 1.0)
@@ -511,7 +511,9 @@ def _beyond(
     torque: float,
     friction: float,
 ) -> float:
-    """Return by how much a motor torque is beyond what friction makes of another [N m].
+    """Return how far a motor torque lies outside the band of friction [N m].
+
+    The band is what friction allows around the joint torque; 0 inside.
 
     Args:
         limits: see `admit`.
@@ -714,7 +716,7 @@ def state(
 
 @internal
 def _turn_of_answer(limits: DriveLimits, spring: FloatArray) -> float:
-    """Return by how much a motor on its cables swings on before an answer [rad].
+    """Return the phase by which rotor and cables oscillate in the response time [rad].
 
     It is 0 where stiffness, inertia or the time of an answer are not known.
     """
@@ -819,7 +821,7 @@ def _swing_bounds(
 def _swing_limited(
     limits: DriveLimits, spring: FloatArray, memory: FloatArray, torque: float
 ) -> float:
-    """Return a command of which the joint gets no unsafe torque before an answer."""
+    """Return a command that keeps the joint torque safe until the motor can answer."""
     is_quick = damper_share(limits, spring) < 1.0  # else it is let go in time
     is_known = limits.safe_torque < NO_TORQUE_LIMIT
     if not (is_quick and is_known) or memory[STATE] != FREE:

@@ -101,10 +101,10 @@ class HysteresisTrial:
 
     @property
     def weights(self) -> Array:
-        """Weight of each sample in a fit of motor angles (samples,).
+        """Weight (samples,) of each sample when motor angles are fitted, 0 to 1.
 
-        It is the motion of the joint per motion of the motor: while the motor crosses
-        the backlash its error does not matter to the joint.
+        It is normalised joint speed over motor speed, so that samples inside the
+        backlash count little.
         """
         moved = np.abs(np.diff(self.joint_angle, prepend=self.joint_angle[0]))
         turned = np.abs(np.diff(self.motor_angle, prepend=self.motor_angle[0]))

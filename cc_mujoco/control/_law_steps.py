@@ -208,7 +208,7 @@ def store_model(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> 
 
 @internal
 def impossible(readings: FloatArray, count: int, guarded: IntArray) -> int:
-    """Return 1 + the place of a reading that no sensor can mean, 0 if there is none.
+    """Return 1 + the place of a reading outside any sensor's range, 0 if there is none.
 
     `guarded` is 1 for every reading of all axes where the guard of its axis looks at
     it.

@@ -242,7 +242,7 @@ def _choose_model(memory: FloatArray, tune: FloatArray) -> bool:
     if memory[at.BRISTLED] != 0.0:
         bristled = other <= plain
     else:
-        bristled = other < 0.1 * plain
+        bristled = other < 0.1 * plain  # a more complex model needs a clear lead
     memory[at.BRISTLED] = 1.0 if bristled else 0.0
     return bool(bristled)
 
@@ -283,7 +283,8 @@ def _follow(
             made = 0.0  # noise may push, a cable cannot
         to = rollout.find_joint_angle(
             cables, state, motor, joint, made, tune[at.STIFFNESS],
-            0.02 * tune[at.NOISE], tune[at.PERIOD], new, scratch.work,
+            0.02 * tune[at.NOISE],  # tolerance, far inside the noise [N m]
+            tune[at.PERIOD], new, scratch.work,
         )  # fmt: skip
         if cables.n.size == 1:
             side = np.sign(cables.distal[0])
@@ -317,10 +318,8 @@ def _observe_rotor(
         )
         if rotors[d, at.OBSERVER_ERROR] < rotors[best, at.OBSERVER_ERROR]:
             best = d
-    # Mean squared error of an observer, over that of the observer in use, below which
-    # it replaces that one.
-    # Least significant mean squared error of an angle [rad^2]: an encoder of 14 bits
-    # rounds by half of that.
+    # The best replaces the observer in use below 0.7 of its mean squared error, and by
+    # more than (2e-4 rad)^2: an encoder of 14 bits rounds by half of that angle.
     if (
         rotors[best, at.OBSERVER_ERROR] + 2e-4**2
         < 0.7 * rotors[believed, at.OBSERVER_ERROR]

@@ -227,6 +227,7 @@ class PredictiveCompensation(SteppedController):
         period = drive.period
         delays = np.arange(max(drive.delay, math.ceil(latest / period)) + 1)
         late = np.maximum(delays, 1) * period
+        # Bandwidths of plan and observer [rad/s], limited by the delay [s].
         bandwidths = np.minimum(bandwidth, 1.5 / late)
         gains = np.array(
             [optimal_plan(knots, horizon / knots, slowed) for slowed in bandwidths]
@@ -247,9 +248,7 @@ class PredictiveCompensation(SteppedController):
             span=horizon / knots,
             tolerance=tolerance * noise,
             turning=(turning * noise) ** 2,
-            # Standard deviations of the torque sensor that make a torque significant,
-            # whatever its bias.
-            noise=6.0 * noise,
+            noise=6.0 * noise,  # torque that is significant whatever the bias [N m]
             belief=belief,
             learning=learning,
             zeroing=zeroing,

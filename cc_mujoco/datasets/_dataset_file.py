@@ -274,7 +274,12 @@ class DatasetFile:
 
 
 def read_dataset_file(path: str | Path) -> DatasetFile:
-    """Read a `dataset.toml`."""
+    """Read and check a `dataset.toml`; return its columns, rig and trial facts.
+
+    Raises:
+        CableError: The file cannot be read, or has an unknown key or a value that is
+            not allowed.
+    """
     path = Path(path)
     top = read_toml(path)
     top.only("name", "notes", "columns", "files", "rig", "trials")

@@ -660,11 +660,12 @@ def _units(
 ) -> dict[str, float]:
     """Return the sizes that count as 1, by column."""
     table.only(*UNITS, "phase")
+    # Usual sizes of a motion within `reach`: observations of a policy are about 1.
     defaults = {
         "twist": rounded(0.2 * reach),
-        "motor_velocity": 2.0,
+        "motor_velocity": 2.0,  # rad/s
         "joint_angle": rounded(0.5 * reach),
-        "joint_velocity": 2.0,
+        "joint_velocity": 2.0,  # rad/s
         "torque_error": rounded(0.05 * largest),
         "desired_torque": rounded(TORQUE_SHARE * largest),
     }

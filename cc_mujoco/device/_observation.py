@@ -209,7 +209,7 @@ class ObservationHistory:
             _follow(self.past, self._all[rows])
 
     def take(self, other: ObservationHistory) -> None:
-        """Have the past of another history of the same."""
+        """Copy the past of another history of the same observation."""
         for own, its in zip(self.past[1:], other.past[1:], strict=True):
             own[...] = its
 

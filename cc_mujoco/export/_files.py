@@ -73,11 +73,11 @@ cmake -S . -B build && cmake --build build
 
 
 def header(plan: ExportPlan, what: str, notes: Sequence[str] = ()) -> str:
-    given = ", ".join(
-        # Two places of the last torque in the memory, -1 where none is kept.
-        "{{{}, {}}}".format(*[*(start + k for k in axis.tables.given), -1, -1][:2])
-        for start, axis in zip(plan.starts, plan.axes, strict=False)
-    )
+    places = []  # two of the last torque in the memory, -1 where none is kept
+    for start, axis in zip(plan.starts, plan.axes, strict=False):
+        first, second = [*(start + k for k in axis.tables.given), -1, -1][:2]
+        places.append(f"{{{first}, {second}}}")
+    given = ", ".join(places)
     comments = "".join(f"/* {note}. */\n" for note in notes)
     readings = "\n".join(
         f"    double {name}; /* {meaning} */"

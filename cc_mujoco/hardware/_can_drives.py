@@ -143,8 +143,8 @@ def registers(data: bytes) -> dict[int, float] | None:
             if count == 0:
                 count, place = _varuint(data, place)
             start, place = _varuint(data, place)
-            # Bits 2 and 3 of the first byte are the type.
-            layout = struct.Struct(f"<{count}{'bhif'[first >> 2 & 3]}")
+            kind = "bhif"[first >> 2 & 3]  # int8, int16, int32 or float
+            layout = struct.Struct(f"<{count}{kind}")
             values = layout.unpack_from(data, place)
             found |= zip(range(start, start + count), map(float, values), strict=True)
             place += layout.size

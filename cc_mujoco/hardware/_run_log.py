@@ -161,7 +161,14 @@ class RunLog:
     def row(
         self, axes: Sequence[AxisRow], late: float, work: float, cycle: int
     ) -> None:
-        """Add a row: readings of axes, lateness and work [s], and cycle number."""
+        """Append one row to the log.
+
+        Args:
+            axes: One `AxisRow` per axis.
+            late: Delay of the cycle's start [s].
+            work: Time from there until the command was sent [s].
+            cycle: Number of the cycle.
+        """
         if not self._starts:
             self._starts = [axis.seen.time for axis in axes]
         times = [

@@ -55,8 +55,8 @@ class Stiffness:
         """Return the firmest hold of a motor of this inertia at this period.
 
         What is measured is a period old, a torque lasts for another, and a motor may
-        lag. So the damping stays well below inertia over that time, and the stiffness
-        below the damping.
+        lag. So the damping stays at a quarter of inertia over that time; stiffness and
+        integral act in 6 and in 25 of those times.
 
         Raises:
             CableError: The inertia is not known.

@@ -85,14 +85,16 @@ class Walk(Scripted):
 
     def describe(self) -> str:
         """Return a sentence that says which joints of the device walk."""
-        each = [
-            f"{joint.name} (as {joint.part}"
-            + ", half a cycle later" * joint.other_leg
-            + ", turned" * joint.turned
-            + f", shifted by {joint.shift:g} rad" * bool(joint.shift)
-            + ")"
-            for joint in self.joints
-        ]
+        each = []
+        for joint in self.joints:
+            words = [f"as {joint.part}"]
+            if joint.other_leg:
+                words.append("half a cycle later")
+            if joint.turned:
+                words.append("turned")
+            if joint.shift:
+                words.append(f"shifted by {joint.shift:g} rad")
+            each.append(f"{joint.name} ({', '.join(words)})")
         return f"the walk moves {', '.join(each or gait.GAIT_ANGLES)}"
 
     @property

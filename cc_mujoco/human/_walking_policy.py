@@ -272,10 +272,14 @@ class ExpectedHelp:
         news = (self._count > 0.0) & ended[:, :, None]
         moved = self._expected + LEARNING_RATE * (mean - self._expected)
         self._expected = arrays.where(news, moved, self._expected)
-        going = 1.0 - 1.0 * ended[:, :, None]
+        going = 1.0 - 1.0 * ended[:, :, None]  # 0 where a stride ended
         self._felt, self._count = self._felt * going, self._count * going
 
     def forget(self, worlds: Any) -> None:
-        """Expect nothing any more in some worlds, an index."""
+        """Reset the learned assistance of these worlds to zero.
+
+        Args:
+            worlds: Index array or mask.
+        """
         for table in (self._expected, self._felt, self._count):
             table[worlds] = 0.0

@@ -193,7 +193,17 @@ def name_actuator(
 
 @internal
 def explain(message: Bytes, used: int, model: int, instance: int) -> int:
-    """Add why the ends of an instance cannot be used; nothing where they can."""
+    """Append to `message` why the ends of `instance` cannot be used.
+
+    Args:
+        message: bytes of the message.
+        used: number of its bytes that are written.
+        model: address of the `MjModel`.
+        instance: plugin instance of the cable.
+
+    Returns:
+        The new number of written bytes; `used` where the ends can be used.
+    """
     count, first, second = find_actuators(model, instance)
     if count != 2:
         used = append(message, used, _USED_BY)

@@ -164,4 +164,6 @@ def _engine_call(function: ffi.Engine) -> KnownCall:
     given = ", ".join(_FIELDS.get(kind, _ADDRESS) for kind in function.arguments)
     text = f"engine.{function.name}({given})"
     kinds = (REAL if k is ctypes.c_double else INT for k in function.arguments)
-    return "(int64_t)(intptr_t)" * (result == INT) + text, tuple(kinds), result
+    if result == INT:
+        text = f"(int64_t)(intptr_t){text}"
+    return text, tuple(kinds), result

@@ -378,7 +378,7 @@ class Batch:
         return self._read(self.simulations.physics)
 
     def _read(self, now: Physics) -> Columns:
-        """Return what can be measured now, and what is kept of it beside."""
+        """Return the columns that can be measured now, and keep them."""
         self._columns = columns = self._measurable(now)
         if self._alone:
             return {name: value[0] for name, value in columns.items()}

@@ -203,7 +203,10 @@ def _play(data: int, record: EpisodeRecord) -> None:
 
 @cache
 def begin_episode() -> Any:
-    """Return what begins an episode from addresses of a simulation and its record."""
+    """Return the C function that starts an episode.
+
+    It takes the addresses of the `MjData` and of the record.
+    """
     kind = ctypes.CFUNCTYPE(None, *(2 * (ctypes.c_ssize_t,)))
     return kind(("cc_mujoco_episode_begin", native_library.library()))
 
@@ -241,7 +244,7 @@ def episode_nstate(model: int, instance: CInt) -> CInt:
 
 @callback
 def episode_advance(model: int, data: int, instance: CInt) -> None:
-    """Go on with an episode when a step ends."""
+    """Advance the episode after a physics step."""
     if not mj_struct.has_userdata(model):
         return
     # An address is below 2^53, so a number holds it.

@@ -114,7 +114,7 @@ class Wiring:
         ]
 
     def hold(self, array: NDArray[Any]) -> int:
-        """Keep an array as long as this, and return its address."""
+        """Keep a reference to the array; return its address, valid as long as this."""
         self._held.append(array)
         return int(array.ctypes.data)
 
@@ -123,7 +123,7 @@ class Wiring:
         return self._address + AXIS_SIZE * self._axes * row
 
     def seat(self, row: int, script: Script) -> None:
-        """Let a row follow a script, from its start."""
+        """Assign a script to a row and rewind it."""
         self.scripts[row] = script
         self._take_part(row, 0)
 

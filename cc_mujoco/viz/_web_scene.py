@@ -98,8 +98,7 @@ def _revolve(profiles: list[Array], size: float) -> TriangleMesh:
     They have radius and height of points (P, 2), the lowest first; `size` is the radius
     over the reach of what there is to see.
     """
-    # Sides of a round shape: when it is small and when it is large
-    sides = (10, 24)[int(size > 0.025)]
+    sides = 24 if size > 0.025 else 10
     turn = np.arange(sides) * (2.0 * np.pi / sides)
     circle = np.stack([np.cos(turn), np.sin(turn)], axis=1)
     here = np.arange(sides)

@@ -221,14 +221,16 @@ class TendonSummary:
 
     def _head(self) -> str:
         count = len(self.piece_lengths)
-        pieces = f"{count} piece{'s' * (count != 1)}"
+        pieces = "1 piece" if count == 1 else f"{count} pieces"
         joints = ", ".join(self.joints) or "no joint"
         if len(self.joints) > _MAX_JOINTS:
             first, last = self.joints[0], self.joints[-1]
             joints = f"{len(self.joints)} joints, {first} to {last}"
         cable = ""
         if self.cable is not None:
-            cable = f"; cable {self.cable!r}" + " in a conduit" * self.in_conduit
+            cable = (
+                f"; cable {self.cable!r}{' in a conduit' if self.in_conduit else ''}"
+            )
         return (
             f"tendon {self.name!r}: {1e3 * self.length:.1f} mm in {pieces}, "
             f"{1e3 * self.min_piece_length:.1f} mm or more each; friction "

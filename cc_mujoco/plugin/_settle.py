@@ -121,7 +121,7 @@ def step_limits(
         require_data_of,
         route_tendon,
     )
-    from cc_mujoco.plugin._tendon_survey import survey_poses
+    from cc_mujoco.plugin._tendon_survey import sweep
 
     everywhere = data is None
     if data is None:
@@ -134,7 +134,7 @@ def step_limits(
     }
     for name, limits in found.items():
         if everywhere and math.isfinite(limits.pieces):
-            poses = survey_poses(model, model.qpos0, route_tendon(model, name))
+            poses = sweep(model, model.qpos0, route_tendon(model, name))
             pieces = shortest_piece_step(model, data, name, poses)
             found[name] = limits._replace(pieces=pieces)
     return found

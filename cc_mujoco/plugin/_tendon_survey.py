@@ -8,7 +8,6 @@ model gives the same poses each time.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -39,41 +38,23 @@ SWEEP_POSES = 21
 _SITE = int(mujoco.mjtWrap.mjWRAP_SITE)
 
 
-class PathSurvey(NamedTuple):
-    """Path of a tendon of p places between its ends, in k poses.
-
-    Attributes:
-        joints: those that move a part of it against the rest, by index.
-        poses: values of `qpos` over the ranges of these (k, nq), see `sweep`.
-        turn: turning angle at every place (k, p) [rad].
-        contact: length along every geom (k, p) [m], 0 at sites.
-        length: length of every piece (k, p + 1) [m], half of the arcs beside it.
-    """
-
-    joints: list[int]
-    poses: FloatArray
-    turn: FloatArray
-    contact: FloatArray
-    length: FloatArray
-
-
 def survey(
-    model: mujoco.MjModel, data: mujoco.MjData, tendon: int, rest: FloatArray
-) -> PathSurvey:
-    """Measure the path of a spatial tendon without pulleys, in `rest` (nq,) first.
+    model: mujoco.MjModel, data: mujoco.MjData, tendon: int, poses: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Measure the path of a spatial tendon without pulleys in some poses (k, nq).
 
     The `qpos` of `data` is left at the last pose.
+
+    Returns:
+        Of p places between its ends the turning angles (k, p) [rad] and the lengths
+        along geoms (k, p) [m], 0 at sites; the lengths of its pieces (k, p + 1) [m],
+        with half of the arcs beside them.
     """
-    places, poses = int(model.tendon_num[tendon]) - 2, survey_poses(model, rest, tendon)
-    found = PathSurvey(
-        spanned_joints(model, tendon),
-        poses,
-        np.zeros((len(poses), places)),
-        np.zeros((len(poses), places)),
-        np.zeros((len(poses), places + 1)),
-    )
-    _measure(model._address, data._address, tendon, *found[1:])
-    return found
+    places = int(model.tendon_num[tendon]) - 2
+    turn, contact = np.zeros((2, len(poses), places))
+    length = np.zeros((len(poses), places + 1))
+    _measure(model._address, data._address, tendon, poses, turn, contact, length)
+    return turn, contact, length
 
 
 @compiled
@@ -206,25 +187,18 @@ def _ancestors(model: mujoco.MjModel, body: int) -> set[int]:
     return found
 
 
-def survey_poses(model: mujoco.MjModel, rest: FloatArray, tendon: int) -> FloatArray:
-    """Return the poses in which a spatial tendon is surveyed (k, nq), see `sweep`."""
-    reach = float(model.tendon_length0[tendon])
-    return sweep(model, rest, spanned_joints(model, tendon), reach)
-
-
-def sweep(
-    model: mujoco.MjModel, rest: FloatArray, joints: list[int], reach: float
-) -> FloatArray:
-    """Return poses that cover the ranges of some joints (k, nq), `rest` first.
+def sweep(model: mujoco.MjModel, rest: FloatArray, tendon: int) -> FloatArray:
+    """Return poses over the ranges of the joints of a tendon (k, nq), `rest` first.
 
     Equalities between joints are ignored, so some poses may be out of reach. A slide
-    without a range goes `reach` to either side [m], a hinge half a turn.
+    without a range goes by the length of the tendon to either side, a hinge half a
+    turn.
     """
     low, high = np.zeros((2, model.nv))
     dofs: list[int] = []
-    for joint in joints:
+    for joint in spanned_joints(model, tendon):
         first = int(model.jnt_dofadr[joint])
-        below, above = _range(model, rest, joint, reach)
+        below, above = _range(model, rest, joint, float(model.tendon_length0[tendon]))
         own = slice(first, first + len(below))
         low[own], high[own] = below, above
         dofs += range(first, first + len(below))
@@ -249,7 +223,10 @@ def sweep(
 def _range(
     model: mujoco.MjModel, rest: FloatArray, joint: int, reach: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return how far a joint goes from `rest` in each of its degrees of freedom."""
+    """Return how far a joint goes from `rest` in each of its degrees of freedom.
+
+    Without a range a slide goes by `reach` [m].
+    """
     kind, limited = model.jnt_type[joint], bool(model.jnt_limited[joint])
     if kind == mujoco.mjtJoint.mjJNT_FREE:
         far = np.array(3 * [reach] + 3 * [math.pi])

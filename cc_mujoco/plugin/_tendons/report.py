@@ -25,16 +25,17 @@ from cc_mujoco.cable._open_path import MIN_NODE_LENGTH
 from cc_mujoco.errors import CableError
 from cc_mujoco.plugin._config import ROLLING
 from cc_mujoco.plugin._guides import RANDOM_POSES
-from cc_mujoco.plugin._mjcf import cable_of, instances
+from cc_mujoco.plugin._mjcf import cable_of, from_mjcf, instances
 from cc_mujoco.plugin._readings import require_data_of, route_tendon
 from cc_mujoco.plugin._settle import shortest_piece_step
 from cc_mujoco.plugin._spec import compile_spec
 from cc_mujoco.plugin._tendon_survey import (
     SWEEP_POSES,
-    PathSurvey,
     path_guides,
     piece_timesteps,
+    spanned_joints,
     survey,
+    sweep,
 )
 
 if TYPE_CHECKING:
@@ -42,18 +43,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-ASSUMED_FRICTION = 0.1
-"""Coefficient of friction of a tendon that has none of its own."""
-LARGE_LOSS = 0.3
-"""Part of its tension of which a tendon without load should not lose more."""
-MIN_ZIGZAG = 0.7
-"""Part of the turning that the next site takes back, above which sites zig-zag."""
-_MAX_JOINTS = 4
-"""Most joints that a line lists."""
-_TENDON = mujoco.mjtTrn.mjTRN_TENDON
 _SITE = mujoco.mjtWrap.mjWRAP_SITE
-_PULLEY = mujoco.mjtWrap.mjWRAP_PULLEY
-_GEOMS = (mujoco.mjtWrap.mjWRAP_SPHERE, mujoco.mjtWrap.mjWRAP_CYLINDER)
 
 
 class TendonPlace(NamedTuple):
@@ -142,11 +132,6 @@ class TendonSummary:
         return _loss(self.friction, self.turn)
 
     @property
-    def min_loss(self) -> float:
-        """Smallest loss over the ranges of the joints."""
-        return _loss(self.friction, self.min_turn)
-
-    @property
     def max_loss(self) -> float:
         """Largest loss over the ranges of the joints."""
         return _loss(self.friction, self.max_turn)
@@ -160,13 +145,13 @@ class TendonSummary:
 
     @property
     def zigzags(self) -> bool:
-        """True if most of its turning is that of sites to and fro."""
-        return self.zigzag > MIN_ZIGZAG
+        """True if the next site takes back more than 0.7 of its turning."""
+        return self.zigzag > 0.7
 
     @property
     def warning(self) -> str:
-        """One sentence if it loses much in the present pose, else empty."""
-        if self.in_conduit or self.loss <= LARGE_LOSS:
+        """One sentence if it loses more than 0.3 in the present pose, else empty."""
+        if self.in_conduit or self.loss <= 0.3:
             return ""
         cause = ""
         if self.zigzags:
@@ -223,7 +208,7 @@ class TendonSummary:
         count = len(self.piece_lengths)
         pieces = "1 piece" if count == 1 else f"{count} pieces"
         joints = ", ".join(self.joints) or "no joint"
-        if len(self.joints) > _MAX_JOINTS:
+        if len(self.joints) > 4:  # too many for a line
             first, last = self.joints[0], self.joints[-1]
             joints = f"{len(self.joints)} joints, {first} to {last}"
         cable = ""
@@ -319,23 +304,19 @@ class TendonReport:
         """Return a table of pyarrow with a row for every place of every tendon."""
         import pyarrow as pa  # takes long to load
 
-        rows = [(tendon, place) for tendon in self.tendons for place in tendon.places]
-        names = {
-            "turn_rad": "turn", "min_turn_rad": "min_turn", "max_turn_rad": "max_turn",
-            "contact_m": "contact", "loss": "loss", "total_loss": "total_loss",
-            "max_total_loss": "max_total_loss",
+        text, number = pa.string(), pa.float64()
+        columns = {
+            "tendon": text, "kind": text, "name": text,
+            "turn_rad": number, "min_turn_rad": number, "max_turn_rad": number,
+            "contact_m": number, "loss": number, "total_loss": number,
+            "max_total_loss": number, "touched": pa.bool_(), "friction": number,
         }  # fmt: skip
-        columns: dict[str, pa.Array] = {
-            "tendon": pa.array([t.name for t, _ in rows], pa.string()),
-            "kind": pa.array([p.kind for _, p in rows], pa.string()),
-            "name": pa.array([p.name for _, p in rows], pa.string()),
-        }
-        for column, field in names.items():
-            values = [float(getattr(place, field)) for _, place in rows]
-            columns[column] = pa.array(values, pa.float64())
-        columns["touched"] = pa.array([p.touched for _, p in rows], pa.bool_())
-        columns["friction"] = pa.array([t.friction for t, _ in rows], pa.float64())
-        return pa.table(columns)
+        rows = [
+            dict(zip(columns, (t.name, *place[:-1], t.friction), strict=True))
+            for t in self.tendons
+            for place in t.places  # but for their guides
+        ]
+        return pa.Table.from_pylist(rows, pa.schema(columns))
 
     def _foot(self) -> str:
         lines = [f"tendon {name!r} {why}" for name, why in self.skipped.items()]
@@ -393,35 +374,32 @@ def tendon_report(
         raise CableError(
             f"tendon_report needs an MjModel or MjSpec, not {type(source).__name__}."
         )
-    given = Cable(friction=ASSUMED_FRICTION)
-    if friction is not None:
-        given = given.replace(friction=friction)
+    given = Cable(friction=0.1 if friction is None else friction)
     if axial_stiffness is not None:
         given = given.replace(axial_stiffness=axial_stiffness)
     known = {_label(model, "tendon", i): i for i in range(model.ntendon)}
     if isinstance(tendons, mujoco.MjData):
         raise CableError("tendon_report takes a simulation by name, `data=`.")
-    wanted = [tendons] if isinstance(tendons, str | int) else tendons
-    labels = list(known)
-    chosen = (
-        labels
-        if wanted is None
-        else [
+    labels = chosen = list(known)
+    if tendons is not None:
+        wanted = [tendons] if isinstance(tendons, str | int) else tendons
+        chosen = [
             labels[x] if isinstance(x, int) and 0 <= x < len(labels) else str(x)
             for x in dict.fromkeys(wanted)
         ]
-    )
-    on = {route_tendon(model, n): n for n in instances(model) if _has_route(model, n)}
+    led = [name for name, cable in from_mjcf(model).items() if cable.route]
+    on = {route_tendon(model, cable): cable for cable in led}
     skipped: dict[str, str] = {}
     for name in chosen:
         if name not in known:
             raise CableError.unknown("tendon", name, known)
         why = _obstacle(model, known[name])
-        if why and wanted is not None:
+        if tendons is None:
+            why = why or _role(model, known[name], on)
+            if why:
+                skipped[name] = why
+        elif why:
             raise CableError(f"tendon {name!r} {why}; it has no turns to report.")
-        why = why or _role(model, known[name], on.get(known[name]))
-        if why and wanted is None:
-            skipped[name] = why
     if data is None:
         data = mujoco.MjData(model)
     else:
@@ -432,55 +410,51 @@ def tendon_report(
     for name in chosen:
         if name in skipped:
             continue
-        index = known[name]
-        cable = on.get(index)
-        own = None if cable is None else _cable(model, cable)
-        open_path = own is not None and own.path == PATHS[1]
-        material = own if own is not None and open_path else given
-        origin = "cable" if own is not None else "assumed"
-        mu = given.friction if own is None else own.friction
-        if friction is not None:
-            mu, origin = given.friction, "given"
-        surveyed = survey(model, data, index, rest)
-        stiffness, poses = material.axial_stiffness, surveyed.poses
-        if cable is not None and open_path:
-            limit = shortest_piece_step(model, data, cable, poses)
-        else:
-            limit = float(piece_timesteps(model, data, index, stiffness, poses).min())
-        found.append(
-            _summarize(
-                model, data, surveyed, index, mu, origin, stiffness, limit,
-                cable, own is not None and not open_path,
-                _guides(model, index, cable, own),
-            )
-        )  # fmt: skip
+        cable = on.get(known[name])
+        found.append(_summarize(model, data, rest, known[name], cable, given, friction))
     return TendonReport(tuple(found), skipped)
 
 
 def _summarize(
     model: mujoco.MjModel,
     data: mujoco.MjData,
-    found: PathSurvey,
+    rest: Floats,
     tendon: int,
-    friction: float,
-    friction_source: str,
-    axial_stiffness: float,
-    step_limit: float,
     cable: str | None,
-    in_conduit: bool,
-    guides: Floats,
+    given: Cable,
+    friction: float | None,
 ) -> TendonSummary:
-    joints = found.joints
-    turn, rubbing = found.turn, np.where(guides == ROLLING, 0.0, found.turn)
-    contact = found.contact + np.maximum(guides, 0.0) * turn
+    """Summarize a tendon from the pose `rest` (nq,), with `friction` of any cable.
+
+    Where there is no cable, or it is in a conduit, the material is that of `given`.
+    """
+    joints, poses = spanned_joints(model, tendon), sweep(model, rest, tendon)
+    turn, touching, length = survey(model, data, tendon, poses)
+    own, mu, source, in_conduit = given, given.friction, "assumed", False
+    guides = np.zeros(turn.shape[1])
+    if cable is not None:
+        instance = instances(model)[cable]
+        own = cable_of(model, instance, cable)
+        mu, source, in_conduit = own.friction, "cable", own.path != PATHS[1]
+        if own.guides:
+            guides = path_guides(model, instance, tendon, own.mouth)
+    if friction is not None:
+        mu, source = given.friction, "given"
+    if cable is None or in_conduit:
+        stiffness = given.axial_stiffness
+        limit = float(piece_timesteps(model, data, tendon, stiffness, poses).min())
+    else:
+        stiffness = own.axial_stiffness
+        limit = shortest_piece_step(model, data, cable, poses)
+    rubbing = np.where(guides == ROLLING, 0.0, turn)
+    contact = touching + np.maximum(guides, 0.0) * turn
     contact[:, guides == ROLLING] = 0.0
     total = np.cumsum(rubbing, axis=1)
-    touched = found.contact.max(axis=0) + turn.max(axis=0) > 0.0
+    touched = touching.max(axis=0) + turn.max(axis=0) > 0.0
     start = int(model.tendon_adr[tendon]) + 1
     places = []
-    for k in range(turn.shape[1]):
-        site = model.wrap_type[start + k] == _SITE
-        kind = "site" if site else "geom"
+    for k, guide in enumerate(guides.tolist()):
+        kind = "site" if model.wrap_type[start + k] == _SITE else "geom"
         places.append(
             TendonPlace(
                 kind,
@@ -489,14 +463,14 @@ def _summarize(
                 float(turn[:, k].min()),
                 float(turn[:, k].max()),
                 float(contact[0, k]),
-                _loss(friction, rubbing[0, k]),
-                _loss(friction, total[0, k]),
-                _loss(friction, total[:, k].max()),
-                bool(site or touched[k]),
-                ROLLER if guides[k] == ROLLING else float(guides[k]) or None,
+                _loss(mu, rubbing[0, k]),
+                _loss(mu, total[0, k]),
+                _loss(mu, total[:, k].max()),
+                kind == "site" or bool(touched[k]),
+                ROLLER if guide == ROLLING else guide or None,
             )
         )
-    data.qpos[:] = found.poses[0]
+    data.qpos[:] = rest
     mujoco.mj_fwdPosition(model, data)
     sums = rubbing.sum(axis=1)
     return TendonSummary(
@@ -505,16 +479,16 @@ def _summarize(
         len(joints) - int(np.count_nonzero(model.jnt_limited[joints])),
         tuple(places),
         float(data.ten_length[tendon]),
-        tuple((found.length[0] - MIN_NODE_LENGTH).tolist()),
-        float(found.length.min() - MIN_NODE_LENGTH),
+        tuple((length[0] - MIN_NODE_LENGTH).tolist()),
+        float(length.min() - MIN_NODE_LENGTH),
         float(sums[0]),
         float(sums.min()),
         float(sums.max()),
         _zigzag(model, data, tendon, rubbing[0]),
-        friction,
-        friction_source,
-        axial_stiffness,
-        step_limit,
+        mu,
+        source,
+        stiffness,
+        limit,
         float(model.opt.timestep),
         cable,
         in_conduit,
@@ -565,41 +539,29 @@ def _label(model: mujoco.MjModel, kind: str, index: int) -> str:
 
 
 def _obstacle(model: mujoco.MjModel, tendon: int) -> str:
-    """Return why a tendon cannot be reported on, or nothing."""
+    """Return why a tendon cannot be reported on, as the end of a sentence, or ""."""
     start = int(model.tendon_adr[tendon])
     kinds = model.wrap_type[start : start + int(model.tendon_num[tendon])]
-    if _PULLEY in kinds:
+    if mujoco.mjtWrap.mjWRAP_PULLEY in kinds:
         return "has a <pulley>"
-    return "" if np.isin(kinds, (_SITE, *_GEOMS)).all() else "is fixed"
+    return "is fixed" if mujoco.mjtWrap.mjWRAP_JOINT in kinds else ""
 
 
-def _role(model: mujoco.MjModel, tendon: int, cable: str | None) -> str:
-    """Return why a tendon is left out, as the end of a sentence; "" if it is not."""
-    if cable is not None:
-        guided = _cable(model, cable).path == PATHS[0]
-        return f"draws the conduit of cable {cable!r}" if guided else ""
-    for name, instance in instances(model).items():
-        held = (model.actuator_plugin == instance) & (model.actuator_trntype == _TENDON)
+def _role(model: mujoco.MjModel, tendon: int, on: dict[int, str]) -> str:
+    """Return why a tendon is left out, as the end of a sentence, or "".
+
+    `on` has the cables that have a tendon as their route.
+    """
+    cables = instances(model)
+    if tendon in on:
+        guided = cable_of(model, cables[on[tendon]], on[tendon]).path == PATHS[0]
+        return f"draws the conduit of cable {on[tendon]!r}" if guided else ""
+    on_tendon = model.actuator_trntype == mujoco.mjtTrn.mjTRN_TENDON
+    for name, instance in cables.items():
+        held = (model.actuator_plugin == instance) & on_tendon
         if tendon in model.actuator_trnid[held, 0]:
             return f"is the lever at an end of cable {name!r}"
     return ""
-
-
-def _guides(
-    model: mujoco.MjModel, tendon: int, name: str | None, cable: Cable | None
-) -> Floats:
-    """Return the guides of every place of a tendon, see `path_guides`."""
-    if name is None or cable is None or not cable.guides:
-        return np.zeros(int(model.tendon_num[tendon]) - 2)
-    return path_guides(model, instances(model)[name], tendon, cable.mouth)
-
-
-def _cable(model: mujoco.MjModel, name: str) -> Cable:
-    return cable_of(model, instances(model)[name], name)
-
-
-def _has_route(model: mujoco.MjModel, name: str) -> bool:
-    return bool(_cable(model, name).route)
 
 
 def _percent(share: float, digits: int = 1) -> str:

@@ -116,10 +116,8 @@ _MEAN_TIME, _LEARN_TIME = 0.5, 5.0
 _KNOWN_SHARE, _KNOWN_TIME = 0.1, 0.1
 """Change of a torque, as a share of the safe one, and its time, from which it is known
 whether the stretch explains the torque [s]."""
-_GAIN_RANGE, _GAIN_FALL = (0.7, 2.0), 0.3
-"""Least and greatest gain with which the torque of the stretch is used, and most by
-which it falls in the time for which it was learned already: a sensor may have failed.
-"""
+_GAIN_RANGE = 0.7, 2.0
+"""Least and greatest gain with which the torque of the stretch is used."""
 _MAX_MISFIT, _MAX_DOUBT = 0.2, 0.1
 """Greatest power of the difference between both torques, over the sum of their powers,
 with which the stretch explains the torque, and with which its word alone is a stop."""
@@ -557,8 +555,7 @@ def _learn(limits: DriveLimits, memory: FloatArray) -> None:
     memory[_SENSED] = kept * memory[_SENSED] + limits.period * off * off
     known = (_KNOWN_SHARE * limits.safe_torque) ** 2 * _KNOWN_TIME
     gain = (memory[_BOTH] + known) / (memory[_POWER] + known)
-    least = memory[_GAIN] - limits.period * _GAIN_FALL / memory[_LEARNT]
-    gain = min(max(gain, _GAIN_RANGE[0], least), _GAIN_RANGE[1])
+    gain = min(max(gain, _GAIN_RANGE[0]), _GAIN_RANGE[1])
     memory[_GAIN] = gain
     both = memory[_SENSED] + gain * gain * memory[_POWER]
     memory[_MISFIT] = _UNKNOWN

@@ -206,6 +206,7 @@ def _line_styles(laws: Iterable[str]) -> dict[str, dict[str, Any]]:
         look = {"linestyle": dashes[place % 4], "marker": markers[place % 4]}
         found[law] = look | {"color": GREY}
     for place, law in enumerate(name for name in laws if name not in REFERENCES):
-        color, marker = COLORS[place % 7], "os"[place // 7 % 2]
+        # Seven colours; the next seven have squares in place of circles.
+        color, marker = COLORS[place % 7], "s" if place // 7 % 2 else "o"
         found[law] = {"linestyle": "-", "marker": marker, "color": color}
     return found

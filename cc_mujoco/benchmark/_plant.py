@@ -159,7 +159,7 @@ STRUCTURES = (
 
 @dataclass(frozen=True)
 class Actuation:
-    """Late commands and a torque that changes with the angle of the motor."""
+    """Imperfections of the motor: a command delay and a cogging torque by its angle."""
 
     delay: int = 0
     """Control steps by which a command is late."""

@@ -165,7 +165,13 @@ class Playing:
     plan: BenchmarkPlan
 
     def rehearse(self) -> None:
-        """Check before long work that every name can be used."""
+        """Build every condition and controller once without playing.
+
+        A bad name fails here, before the long run.
+
+        Raises:
+            CableError: A condition or a controller cannot be built.
+        """
         shortest = {
             c.scene: dataclasses.replace(c, duration=1.1) for c in self.plan.played()
         }

@@ -53,7 +53,9 @@ _processes: dict[str, _Process] = {}
 
 
 def controller_provenance(*names: str) -> dict[str, Any]:
-    """Return the `code_provenance` of controllers, with the files of user entries.
+    """Return package versions, source digests and user-file digests of controllers.
+
+    Entries that run in a process of their own contribute the files they loaded there.
 
     Args:
         names: controllers that were made in this process.
@@ -221,7 +223,7 @@ def _answer(laws: list[Controller], what: str, key: int, about: Any) -> bytes:
         with np.errstate(all="ignore"):  # what diverged is not a number
             torque = np.asarray(law.torque(about), dtype=np.float64)
         spent = time.thread_time() - begun
-    shape = (*torque.shape, 1, 1)[:2]
+    shape = (*torque.shape, 1, 1)[:2]  # padded to two dimensions
     header = _ANSWER_HEADER.pack(key, torque.ndim, *shape, spent)
     return header + np.ascontiguousarray(torque).tobytes()
 

@@ -12,6 +12,8 @@ import numpy as np
 
 from cc_mujoco.datasets._trials import FloatArray
 
+SIGMAS_PER_MEDIAN = 1.4826
+"""Standard deviation of normal noise over the median of its size."""
 VELOCITY_WINDOW = 0.05
 """Stretch of time over which a speed is estimated [s]."""
 _POLYNOMIAL_ORDER = 2

@@ -21,7 +21,7 @@ from cc_mujoco.datasets._coupled_route import PullingCable, pulling_torque
 from cc_mujoco.datasets._data_findings import DataFinding, error, errors, warning
 from cc_mujoco.datasets._dataset_file import DatasetFile
 from cc_mujoco.datasets._reading import Recording
-from cc_mujoco.datasets._smoothing import velocity
+from cc_mujoco.datasets._smoothing import SIGMAS_PER_MEDIAN, velocity
 from cc_mujoco.datasets._trials import (
     Constant,
     FloatArray,
@@ -275,7 +275,7 @@ class OtherAxes:
         values[channels.JOINT_TORQUE] = values[channels.JOINT_TORQUE] - taken
         self.doubts.append(float(np.nanmean(doubt**2)))
         rough = np.nanmedian(np.abs(np.diff(taken, 3)))
-        self.scatter.append(float(1.4826**2 * rough**2 / 20.0))
+        self.scatter.append(float(SIGMAS_PER_MEDIAN**2 * rough**2 / 20.0))
         size = float(np.sqrt(np.nanmean(taken**2)))
         message = (
             f"{recording.path}: {what}; its torque there by {list_words(there)}, "

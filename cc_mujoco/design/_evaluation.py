@@ -133,6 +133,8 @@ class ChirpTorque(_HeldTorque):
 
 
 class DesignResult(NamedTuple):
+    """Result of simulating one design: metrics, failure, controller they belong to."""
+
     metrics: dict[str, float]
     """All `number_columns`; NaN where one cannot be had."""
     failed: str

@@ -284,7 +284,7 @@ class EffectChange(NamedTuple):
 
 
 class Testability(NamedTuple):
-    """Evidence in the data for effects that the accepted model has not."""
+    """Evidence in the data for effects that the accepted model lacks."""
 
     problem: Problem  # model with the noise of the sensors as its floor
     x: FloatArray  # fitted parameters
@@ -893,7 +893,7 @@ def _worded(
     complete = not left > Limit.max_explained_error
     subject = "one of the tied effects acts"
     if kind == "named":
-        subject = f"this {'and nothing else ' * complete}is missing"
+        subject = "this and nothing else is missing" if complete else "this is missing"
     statement = f"The odds are {format_odds(probability)} that {subject}"
     if rest:
         statement += f"; otherwise {list_words(rest, 'or')}"

@@ -148,7 +148,9 @@ class _Prepared:
         self._samples = samples
         self._root = root = np.sqrt(samples.weight)
         plain = samples.error * root
-        usual = Limit.clip_sigmas * float(np.median(np.abs(plain))) / 0.6745
+        usual = (
+            Limit.clip_sigmas * float(np.median(np.abs(plain))) / Limit.normal_median
+        )
         if usual > 0.0:
             plain = np.clip(plain, -usual, usual)
         smooth = np.concatenate(
@@ -172,7 +174,7 @@ class _Prepared:
         if span == 0.0:
             return np.zeros(0)
         speed = np.abs(self._samples.speed)
-        moving = speed[speed > 0.05 * speed.max()]
+        moving = speed[speed > 0.05 * speed.max()]  # rests and turns left out
         fastest = math.tau * self._samples.band / max(float(np.median(moving)), 1e-9)
         step = math.tau / span / Limit.order_oversampling
         first, last = 0.5 * math.tau / span, min(Limit.max_order, fastest)
@@ -266,7 +268,7 @@ def _smooth_functions(samples: Samples, angle: FloatArray) -> FloatArray:
     span = float(np.ptp(angle)) or 1.0
     u = 2.0 * (angle - np.mean(angle)) / span
     speed = samples.speed / max(float(np.quantile(np.abs(samples.speed), 0.95)), 1e-9)
-    way = np.tanh(20.0 * speed)
+    way = np.tanh(20.0 * speed)  # a sign, smooth within 5 % of the usual top speed
     size = float(np.max(np.abs(samples.torque))) or 1.0
     torque = samples.torque / size
     one = np.ones(u.size)
@@ -321,6 +323,7 @@ def _acceleration(angle: FloatArray, time: FloatArray) -> FloatArray:
 def _travel(trace: TrialTrace) -> FloatArray:
     """Return the signed distance since the last reversal, small ones left out."""
     speed = _speed(trace)
+    # Below 2 % of the top speed a motor rests, by noise to and fro.
     slow = 0.02 * float(np.max(np.abs(speed)) or 1.0)
     way = np.where(np.abs(speed) > slow, np.sign(speed), 0.0)
     out = np.zeros(way.size)
@@ -412,7 +415,7 @@ def _map(
         centre,
         before=_means(own, count),
         after=_means(rest, count),
-        band=1.96 * np.std(np.nan_to_num(np.array(means)), axis=0),
+        band=Limit.sigmas * np.std(np.nan_to_num(np.array(means)), axis=0),
         share=max(_share(own, count, square), 0.0),
         chance=max(float(np.quantile(shares, 0.95)), 0.0),
     )

@@ -160,6 +160,7 @@ class Limit:
     absent = 1e-6  # Place of a fit below which a size is 0
     max_relative_width = 2.0  # Widest interval of a relative change that says something
     sigmas = 1.96  # Half width of a normal 95 % interval, in deviations
+    normal_median = 0.6745  # Median size of normal noise, in deviations
     nonzero_confidence = 0.95  # with which the sizes of a named effect are not all zero
     # Pretension [N], radius of pulleys [m], length [m] and stiffness [N] of the bench
     tension = 80.0

@@ -18,7 +18,7 @@ from cc_mujoco.datasets._channels import MOTOR_ANGLE
 from cc_mujoco.datasets._data_findings import DataFinding, error
 from cc_mujoco.datasets._dataset_file import DatasetFile
 from cc_mujoco.datasets._quantization import digit_of
-from cc_mujoco.datasets._smoothing import velocity, velocity_noise
+from cc_mujoco.datasets._smoothing import SIGMAS_PER_MEDIAN, velocity, velocity_noise
 from cc_mujoco.datasets._trials import Dataset, FloatArray, Noise, Trial
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.errors import CableError
@@ -104,7 +104,7 @@ def _roughness(trial: Trial, channel: str) -> float:
     """Return the standard deviation of white noise with the same third differences."""
     values = trial.channel(channel)
     third = [np.abs(np.diff(values[part], 3)) for part in trial.segments]
-    return 1.4826 * float(np.median(np.concatenate(third))) / math.sqrt(20.0)
+    return SIGMAS_PER_MEDIAN * float(np.median(np.concatenate(third))) / math.sqrt(20.0)
 
 
 Pair = dict[str, FloatArray]

@@ -62,7 +62,7 @@ def check_recording(
 
 
 def check_trials(trials: Sequence[Trial], alone: bool = False) -> list[DataFinding]:
-    """Run the checks of trials of one rig, of which one cable may be all that pulls.
+    """Run all checks of one rig's trials; `alone`: it has a single cable.
 
     Where the cables were taken off, nothing relates one side to the other.
     """
@@ -474,7 +474,8 @@ def _check_motion(trial: Trial) -> Iterator[DataFinding]:
     """Find trials in which nothing happens."""
     speed = np.abs(velocity(trial.motor_angle, trial.step, trial.segments))
     turn = np.abs(velocity(trial.joint_angle, trial.step, trial.segments))
-    if np.nanmax(speed) * trial.duration < 1e-3 > np.nanmax(turn) * trial.duration:
+    travel = np.nanmax(speed) * trial.duration, np.nanmax(turn) * trial.duration
+    if travel[0] < 1e-3 and travel[1] < 1e-3:  # [rad]
         message = f"{trial.path}: neither side moves by more than a milliradian."
         yield warning(message, trial.name)
     elif not trial.ends_held and _is_copy(trial.motor_angle, trial.joint_angle):
@@ -490,7 +491,7 @@ def _is_copy(one: FloatArray, other: FloatArray) -> bool:
     """Return whether a moving signal is a scaled and shifted copy of another."""
     there = np.isfinite(one) & np.isfinite(other)
     one, other = one[there], other[there]
-    if one.size < 3 or not np.ptp(one) > 0.0 < np.ptp(other):
+    if one.size < 3 or not min(np.ptp(one), np.ptp(other)) > 0.0:
         return False
     gain, offset = np.polyfit(one, other, 1)
     left = float(np.max(np.abs(other - gain * one - offset)))

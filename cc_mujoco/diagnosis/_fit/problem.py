@@ -106,7 +106,11 @@ class TorqueDerivatives:
         pairs = list(zip(records, torques, strict=True))
 
         def take(first: int, places: Sequence[int], again: bool) -> None:
-            """Take differences from a parameter on, by replays or by all else."""
+            """Compute finite differences for parameters `first` onward.
+
+            Either for those that need a replay (`again`), or for those that change only
+            the readout.
+            """
             wanted = {k: steps[k] for k in range(first, x.size) if inner[k] is again}
             if not wanted:
                 return
@@ -305,7 +309,7 @@ class Problem:
         only.
         """
         kept = np.abs(kept_samples(self.plainly(x), masks))
-        usual = self.inflation * float(np.median(kept)) / 0.6745
+        usual = self.inflation * float(np.median(kept)) / Limit.normal_median
         factor = max(1.0, usual / Limit.huber_delta)
         change = factor / self.inflation
         return replace(

@@ -96,7 +96,7 @@ def trial_errors(
 
 
 class Odd(NamedTuple):
-    """Trial that the rest does not predict, or all that are declared turned."""
+    """Trial that the others do not predict, or all trials that are declared tilted."""
 
     trials: tuple[str, ...]  # names
     misfit: float  # RMS error over the noise floor, by parameters fitted to the others
@@ -108,16 +108,16 @@ class Odd(NamedTuple):
 
     @property
     def least(self) -> float:
-        """Misfit from which on it stands out."""
+        """Misfit above which the trial counts as an outlier."""
         return max(Limit.outlier_floor_ratio, Limit.outlier_ratio * self.rest)
 
     @property
     def question(self) -> str:
         """Question to whoever recorded it."""
-        few = len(self.trials) == 1
+        single = len(self.trials) == 1
         off = (
-            f"Trial{'s'[few:]} {list_words(self.trials)} {('are', 'is')[few]} "
-            f"off by {format_number(self.misfit)} times "
+            f"{'Trial' if single else 'Trials'} {list_words(self.trials)} "
+            f"{'is' if single else 'are'} off by {format_number(self.misfit)} times "
             "the noise floor, the others, fitted without, by "
             f"{format_number(self.rest)}: "
         )
@@ -170,11 +170,12 @@ def exchanged_torques(problem: Problem, x: FloatArray) -> str:
     names = suspicious(there, suspect.least, Limit.max_exchanged_share)
     if not names:
         return ""
-    one = len(names) == 1
+    single = len(names) == 1
     return (
-        f"The torque columns of trial{'s'[one:]} {list_words(names)} are swapped: "
-        f"{('they are', 'it is')[one]} {format_number(suspect.misfit)} times the noise "
-        f"floor off by what the other trials determine, and fit{'s' * one} once "
+        f"The torque columns of {'trial' if single else 'trials'} {list_words(names)} "
+        f"are swapped: {'it is' if single else 'they are'} "
+        f"{format_number(suspect.misfit)} times the noise floor off by what the other "
+        f"trials determine, and {'fits' if single else 'fit'} once "
         "motor_torque_nm and joint_torque_nm are exchanged; exchange them, or declare "
         "`swapped = true` if the sensors were."
     )
@@ -246,7 +247,10 @@ def _extreme_condition(problem: Problem, names: Sequence[str]) -> str:
 
 
 def misfits(problem: Problem, x: FloatArray) -> dict[str, float]:
-    """Return the RMS error of every trial over the noise floor, by name."""
+    """Return the misfit of every trial, by name: 1 is as good as noise.
+
+    It is the Huber-weighted RMS error over the RMS of noise alone.
+    """
     errors = _errors(problem, x)
     return {
         name: _misfit(problem, own, [errors[k] for k in own])
@@ -745,7 +749,7 @@ def describe_trial_constants(
     takes = (
         f"A {name} of its own for every trial takes {format_share(best.share)} of the "
         f"squared error beyond the noise ({', '.join(table)}; "
-        f"{unit}){'; ' * bool(rivals)}{list_words(rivals)}."
+        f"{unit}){'; ' if rivals else ''}{list_words(rivals)}."
     )
     tried = trial_trends(best, ordinates)
     level = Limit.trend_false_alarm_rate / max(len(constants) * len(tried), 1)

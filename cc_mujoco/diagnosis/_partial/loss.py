@@ -679,7 +679,7 @@ def _friction(found: LossFit, bench: Bench) -> tuple[Deviating, ...]:
         f"friction is {_with_interval(tuned)} with the wrap of the scene, where "
         f"{format_number(given)} is given; correct one of them."
     )
-    deviations = off / max(0.5 * (high - low) / 1.96, 1e-12)
+    deviations = off / max(0.5 * (high - low) / Limit.sigmas, 1e-12)
     return (Deviating("friction", given, tuned, deviations, statement),)
 
 

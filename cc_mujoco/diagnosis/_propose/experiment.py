@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import itertools
+import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -66,7 +67,7 @@ class CataloguedTrial:
 
     @property
     def toml(self) -> tuple[str, ...]:
-        """Lines of its table in `dataset.toml`, but for pretension and notes."""
+        """Lines of its table in `dataset.toml`, without `pretension` and `notes`."""
         motor, joint = self.known_torques
         lines = {
             "unhooked = true": self.pretension == 0.0,
@@ -118,8 +119,10 @@ def motions(
         found: FloatArray = gaussian_filter1d(wave, width, mode="nearest")
         return found
 
-    steps = np.repeat((0.02, 0.06, 0.2, 0.5, 1.0), -(-time.size // 5))[: time.size]
+    shares = 0.02, 0.06, 0.2, 0.5, 1.0  # of the greatest speed, one after another
+    steps = np.repeat(shares, math.ceil(time.size / len(shares)))[: time.size]
     ladder = triangle(swing, rate * steps)
+    # From 0.1 Hz on by 0.08 Hz/s, to 3.3 Hz after 40 s, where its speed is `rate`
     loudness = min(0.3 * swing, rate / (2.0 * np.pi * 3.3))
     chirp = loudness * np.sin(2.0 * np.pi * (0.1 * time + 0.04 * time**2))
     cable = bench.cables[0]
@@ -523,6 +526,7 @@ def recorded(
 def _matches_motion(
     motion: CataloguedTrial, bench: Bench, record: Record, pretension: float
 ) -> bool:
+    # Pretension within 10 %, tilt within 0.1 rad, spans within a fifth
     if abs(pretension - motion.pretension) > 0.1 * motion.pretension:
         return False
     if abs(record.tilt - motion.tilt) > 0.1 or record.swapped != motion.swapped:

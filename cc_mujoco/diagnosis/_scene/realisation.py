@@ -354,7 +354,11 @@ def rim_stiffness(bench: Bench, radius: float) -> float:
 
 
 def backlash(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
-    """Separate joint and pulley into two hinges, coupled by a tendon with limits."""
+    """Add play [rad] between joint and pulley to `spec`, in place.
+
+    The pulley gets a second hinge, coupled to the joint by a tendon limited to
+    +-play/2.
+    """
     play = values["backlash"]
     if play < 0.0:
         raise CableError(f"backlash is {play!r} rad; it must be 0 or more")

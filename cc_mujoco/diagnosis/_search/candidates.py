@@ -95,9 +95,9 @@ class Changes:
 
 
 class _Place:
-    """Model at the place of its fit, which effects join.
+    """Fitted model to which effects can be added.
 
-    If `explained`, it is as if the model explained the data.
+    With `explained`, residuals are treated as zero.
     """
 
     def __init__(
@@ -461,7 +461,11 @@ def rejection_reason(
 def decide(
     now: CrossValidation, candidates: list[Candidate], signatures: Sequence[Signature]
 ) -> Round:
-    """Return the round that adds the best of the candidates, if any may be named."""
+    """Return the next round of the search.
+
+    It names the best acceptable candidate (`added` is None if none is acceptable) and
+    every rival that the data cannot distinguish from it. Sorts `candidates` in place.
+    """
     candidates.sort(key=lambda candidate: -candidate.reduction)
     able = [candidate for candidate in candidates if not candidate.reason]
     if not able:

@@ -73,7 +73,7 @@ class Entry(Controller):
     def __init__(
         self, name: str, drives: Sequence[Sequence[Drive]], prefixes: Sequence[str]
     ) -> None:
-        """Make it, in its process, which is started if there is none yet.
+        """Make the controller in its process, which is started if none runs yet.
 
         Args:
             name: `module:function`, or such a name by axis.
@@ -132,7 +132,7 @@ class _Process:
 
     @property
     def is_alive(self) -> bool:
-        """Return whether it has not ended."""
+        """Return whether the process is running."""
         return self._process.poll() is None
 
     def make(self, drives: Sequence[Sequence[Drive]], prefixes: Sequence[str]) -> int:

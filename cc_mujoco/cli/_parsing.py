@@ -36,7 +36,7 @@ class CommandOptions(Protocol):
     """State after an interruption, as in "nothing was written"."""
 
     def run(self) -> int | None:
-        """Do it; returns the exit code, None for 0."""
+        """Run the command; return its exit code, None for 0."""
 
 
 def commands() -> dict[str, EntryPoint]:

@@ -842,7 +842,7 @@ def _swing_limited(
 def bounded(
     limits: DriveLimits, spring: FloatArray, memory: FloatArray, torque: float
 ) -> float:
-    """Return a command that makes no unsafe torque, and keep it [N m]."""
+    """Store and return a command that makes no unsafe torque [N m]."""
     most = command_limit(limits, spring)
     torque = _swing_limited(limits, spring, memory, torque)
     if abs(torque) > most:

@@ -475,7 +475,7 @@ def _sample_count(track: SampledTrack) -> int:
 
 
 def _average_neighbours(track: SampledTrack, block: int) -> SampledTrack:
-    """Return the means of so many neighbours, never across the end of a segment."""
+    """Return moving means over neighbours, never across the end of a segment."""
     counts = [(part.stop - part.start) // block for part in track.segments]
 
     def means(values: FloatArray) -> FloatArray:

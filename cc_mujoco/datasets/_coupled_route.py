@@ -173,7 +173,7 @@ class RecordedPath:
         self._known: dict[tuple[int, int], tuple[CoupledPath, ...]] = {}
 
     def thinned(self, every: int) -> RecordedPath:
-        """Return the same with one in so many samples."""
+        """Return the path with one in `every` samples."""
         joint, angles = self.joint[::every].copy(), self.angles[:, ::every].copy()
         return RecordedPath(self.scene, self.others, joint, angles, self.ramp)
 
@@ -205,7 +205,7 @@ class RecordedPath:
         )
 
     def _tabulated(self, segments: int, step: int) -> tuple[CoupledPath, ...]:
-        """Return the paths with the driven joint so many steps aside."""
+        """Return the paths with the driven joint shifted by `step` steps."""
         key = segments, step
         if key not in self._known:
             scene = self.scene

@@ -295,7 +295,7 @@ def best_designs(found: RankedStudy) -> Html | None:
 def confidence(
     found: RankedStudy, nearby: Around | None = None, half: Halved | None = None
 ) -> Html | None:
-    """State how sure it is that the best is the best."""
+    """State the confidence that the best design is the best."""
     row = found.best
     if row is None:
         return None

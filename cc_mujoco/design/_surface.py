@@ -63,6 +63,16 @@ class DesignAxis:
 
 @dataclass(frozen=True)
 class Surface:
+    """Smooth fit of a metric over the design variables.
+
+    Attributes:
+        x: (n, variables) places of the designs on the scales of the variables.
+        y: (n,) metric of the designs.
+        active: columns of `x` that the fit uses.
+        smoothing: of the spline; 0 interpolates.
+        r_squared: share of the variance explained in cross-validation.
+    """
+
     x: Array
     y: Array
     active: tuple[int, ...]

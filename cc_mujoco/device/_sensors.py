@@ -394,6 +394,8 @@ class Measuring:
 
 
 class AxesMeasuring:
+    """Sensors of all axes of a device, each with its own noise and delay."""
+
     def __init__(self, prefixes: Sequence[str], axes: Sequence[Measuring]) -> None:
         self._prefixes, self._axes = tuple(prefixes), tuple(axes)
 

@@ -112,7 +112,7 @@ class Stretch(NamedTuple):
 
     @property
     def question(self) -> str:
-        """Question to whoever recorded it."""
+        """Question to the person who recorded the stretch."""
         what = "came off" if self.idle else "came off, slipped or was changed"
         return (
             f"{self.statement} Is there a cable or a clamp that {what}, or a sensor "

@@ -671,7 +671,7 @@ def _describe_period(
 
 
 def _describe_constants(seen: Mapping[str, Samples]) -> list[tuple[str, Where]]:
-    """Describe errors that are the same in all stretches."""
+    """Describe errors that are constant over all stretches."""
     sizes, found = {}, []
     for name, each in seen.items():
         weights = np.bincount(each.block, each.weight)

@@ -69,7 +69,7 @@ class Tuned(NamedTuple):
 
     @property
     def factor(self) -> bool:
-        """Return whether it is fitted as a logarithm."""
+        """Return whether the parameter is fitted as a logarithm."""
         return self.parameter.scale == "log"
 
     def value(self, x: float) -> float:

@@ -62,6 +62,8 @@ class Field:
 
 @dataclass(frozen=True)
 class AxisPlan:
+    """Controller of one axis as it is exported: its law, numbers and readings."""
+
     law: SteppedLaw
     tables: LawTables
     fields: tuple[Field, ...]

@@ -45,7 +45,7 @@ class RunRig:
     """Code that files may name, once each; code that only a file names is refused."""
 
     def run(self) -> int:
-        """Run; print why it ended and how punctual it was.
+        """Run the rig; print why the run ended and how punctual it was.
 
         Returns an exit code other than 0 if the run ended before its time.
         """

@@ -34,6 +34,8 @@ class MotorState(NamedTuple):
 
 
 class MotorDrive(Connection, Protocol):
+    """Connection to one motor: it reads the motor's state and commands its torque."""
+
     def read(self) -> MotorState | None:
         """Return the newest reading, or None if none came since the last call."""
 

@@ -43,7 +43,7 @@ class Clock(Protocol):
         """Return the time [s], never going back; only differences matter."""
 
     def wait(self, deadline: float) -> None:
-        """Return at that time [s], at once if it is past."""
+        """Return at the time `deadline` [s], at once if it is past."""
 
 
 class SystemClock:

@@ -101,7 +101,7 @@ class Virtual:
 
 
 def constant_course(torque: float) -> TorqueTable:
-    """Return a course of the same torque [N m] all the time."""
+    """Return a course of constant torque [N m]."""
     return TorqueTable(np.zeros(1), np.array([torque]))
 
 

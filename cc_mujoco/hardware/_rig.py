@@ -54,7 +54,7 @@ class Connection(Protocol):
     """The address of the other end."""
 
     def close(self) -> None:
-        """Leave it; a second time does nothing."""
+        """Disconnect from the rig; a second call does nothing."""
 
 
 class Link(Connection, Protocol):
@@ -198,7 +198,7 @@ class _UdpLink:
 
 
 class UdpRig(PacketRig):
-    """A rig behind UDP; it answers the sender of its last command."""
+    """Rig behind UDP that answers the sender of its last command."""
 
     def __init__(self, host: str, port: int) -> None:
         """Open a socket; nothing is sent yet.

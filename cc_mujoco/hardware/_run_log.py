@@ -110,7 +110,7 @@ def _is_empty(folder: Path, name: str) -> bool:
 
 
 class RunLog:
-    """The rows of a run, and what it was."""
+    """Log of a run: its rows, and a record of its settings and outcome."""
 
     def __init__(
         self,

@@ -120,6 +120,8 @@ class Servo:
 
 @dataclass(frozen=True)
 class Planned:
+    """Motion to be played on a rig: where its log goes, and both angles over time."""
+
     path: Path
     name: str
     """Name that its log gets, and that `dataset.toml` knows."""
@@ -138,7 +140,7 @@ class Planned:
         return APPROACH_TIME + float(self.times[-1])
 
     def servo(self, drive: Drive, firm: Stiffness | None = None) -> Servo:
-        """Return the servo that plays it; see `Servo`."""
+        """Return the servo that plays the motion; see `Servo`."""
         return Servo(drive, self.times, self.motor, firm)
 
     def require_within(self, limits: Limits, drive: Drive) -> None:

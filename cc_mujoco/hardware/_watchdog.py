@@ -230,14 +230,14 @@ class Watch:
         self._twists = not (unmeasured or drive.one_way)
 
     def deadline(self, missed: int) -> str | None:
-        """Look at the time, after so many skipped cycles."""
+        """Check the time after a number of skipped cycles."""
         self._late = self._late + missed if missed else 0
         if self._late < self._watchdog.missed_deadlines:
             return None
         return f"the host was late: {self._late} cycles in a row were missed."
 
     def reading(self, found: Readings | None, torque: float, now: float) -> str | None:
-        """Look at the sensors after a motor torque [N m], at `now` [s]."""
+        """Check the sensors after a motor torque [N m], at `now` [s]."""
         if found is None:
             self._without += 1
             if self._without < self._watchdog.missed_readings:

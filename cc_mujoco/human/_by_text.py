@@ -269,10 +269,10 @@ def _torque_column(
     columns = matched.get(joints[0], []) if joints else every
     if not columns:
         name = f"{joints[0]}_torque_nm or torque_nm" if joints else "torque_nm"
+        where = f" on joint {joints[0]!r}" if joints else ""
         raise CableError(
-            f"{path} has no column of the torque"
-            + f" on joint {joints[0]!r}" * bool(joints)
-            + f", only {', '.join(names[:12])}{', ...' if len(names) > 12 else ''}; "
+            f"{path} has no column of the torque{where}, only "
+            f"{', '.join(names[:12])}{', ...' if len(names) > 12 else ''}; "
             f"name it {name}."
         )
     if len(columns) > 1:

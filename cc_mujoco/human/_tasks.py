@@ -249,13 +249,13 @@ TASKS: dict[str, Task] = {
 def tunnel_torque(
     angle: Real, half_width: float, stiffness: float, limit: float
 ) -> Real:
-    """Return the torque of `Tunnel` at a joint angle [rad]; see there."""
+    """Return the torque [N m] of `Tunnel` at a joint angle [rad]."""
     wall = stiffness * (clamp(angle, -half_width, half_width) - angle)
     return clamp(wall, -limit, limit)
 
 
 def spring_torque(angle: Real, stiffness: float) -> Real:
-    """Return the torque of `Spring` at a joint angle [rad]; see there."""
+    """Return the torque [N m] of `Spring` at a joint angle [rad]."""
     return -stiffness * angle
 
 

@@ -110,12 +110,12 @@ class Metric:
 
     @property
     def driven(self) -> bool:
-        """Return whether the controller influences it."""
+        """Return whether the controller influences the metric."""
         return self.test in ("episode", "bandwidth")
 
     @property
     def per_cable(self) -> bool:
-        """Return whether every cable has one."""
+        """Return whether every cable has its own value."""
         return "{cable}" in self.name
 
     @property

@@ -74,7 +74,7 @@ class _Library:
         self._names: dict[str, str] = {}
 
     def text(self) -> WarpSource:
-        """Return what has been translated so far."""
+        """Return the source of all functions translated so far."""
         literals = [
             f"{name} = wp.constant(Real({value}))"
             for value, name in self._literals.items()

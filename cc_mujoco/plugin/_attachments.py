@@ -183,7 +183,7 @@ def is_spatial(model: int, tendon: int) -> bool:
 def name_actuator(
     message: Bytes, used: int, model: int, actuator: int, whose: Bytes
 ) -> int:
-    """Add which actuator it is: its name, or its place in the model if it has none."""
+    """Append the name of an actuator, or its place in the model if it has none."""
     used = append(message, used, whose)
     name = mj_struct.actuator_name(model, actuator)
     if name.size == 0:
@@ -544,7 +544,7 @@ def in_disabled_group(model: int, instance: int) -> bool:
 def explain_tied(
     message: Bytes, used: int, model: int, instance: int, tendon: int
 ) -> int:
-    """Add which end is tied by a gear that would scale its tension; else nothing."""
+    """Append which end has a gear that would scale its tension, if one has."""
     _, first, second = find_actuators(model, instance)
     for actuator, wanted in ((first, -1.0), (second, 1.0)):
         own = pulley_radius(model, output_index(model, actuator))
@@ -608,7 +608,7 @@ def _keep_tree_awake(model: int, body: int) -> int:
 
 @internal
 def explain_sleep(message: Bytes, used: int, model: int, body: int) -> int:
-    """Add that a body of `keep_awake` must not be allowed to sleep; nothing for -1."""
+    """Append that a body of `keep_awake` must not sleep; nothing for -1."""
     if body < 0:
         return used
     used = append(message, used, _BODY_PREFIX)

@@ -211,5 +211,5 @@ def explain(message: Bytes, used: int, what: int) -> int:
 
 @internal
 def append_distance(message: Bytes, used: int, moved: float) -> int:
-    """Add how far it jumped [m]."""
+    """Append the distance of the jump [m]."""
     return append_millimetres(message, used, abs(moved))

@@ -182,7 +182,7 @@ class Simulation:
     """A simulation of one device, whose model and data others may look at."""
 
     def __init__(self, device: DeviceModel) -> None:
-        """Make it; `start` it before it is advanced."""
+        """Make the simulation; call `start` before it is advanced."""
         self.data = mujoco.MjData(device.model)
         self.physics = Physics(*(field[None] for field in physics_of(self.data)))
         """Positions, velocities and the results of the last physics step, (1, ...)."""
@@ -203,7 +203,7 @@ class Simulation:
         """Take a plant, which the model has already; see `Worlds`."""
 
     def start(self, row: int, device: DeviceModel, script: Script) -> None:
-        """Bring it to the start of an episode; see `Worlds`."""
+        """Reset the simulation to the start of an episode; see `Worlds`."""
         device.start(self.data, script.angles, script.part(0).commands[0])
 
     def advance(self, control: Array, going: Mask) -> None:

@@ -253,7 +253,7 @@ class Author:
         moved: Mapping[str, Motion],
         motions: Sequence[Motion],
     ) -> ScriptPart:
-        """Return the part of a script of such motions; see `_motions`."""
+        """Return the part of a script that has these motions; see `_motions`."""
         commands = np.zeros((motions[0].time.size, len(movers)))
         for place, (joint, mover) in enumerate(movers.items()):
             if joint in moved:

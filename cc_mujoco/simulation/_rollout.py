@@ -194,12 +194,12 @@ def _compiled_laws(
 
 
 def task_of(task: Task) -> int | None:
-    """Return a task as the record has it; None where Python alone knows it."""
+    """Return the code of a task in the record; None if only Python can compute it."""
     return TASK_CODES.get(type(task), OF_PHASE if task.of_phase else None)
 
 
 def law_of(controller: Controller | None) -> int | None:
-    """Return a law as the record has it; None where Python alone knows it.
+    """Return the code of a law in the record; None if only Python can compute it.
 
     Args:
         controller: None for a motor that gives no torque.

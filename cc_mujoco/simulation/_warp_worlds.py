@@ -45,7 +45,7 @@ class WarpWorlds:
     """
 
     def __init__(self, exo: WornDevice, count: int, device: Device) -> None:
-        """Make n worlds; `start` every one before it is advanced.
+        """Make `count` worlds; call `start` for each before it is advanced.
 
         A scene with parts that mujoco_warp or its cables lack is refused.
         """

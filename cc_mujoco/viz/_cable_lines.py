@@ -52,7 +52,7 @@ class _Straight:
     """True where a tendon that holds an end is met at its first point."""
 
     def path(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-        """Return its ends (2, 3) [m]."""
+        """Return the ends of the line (2, 3) [m]."""
         places = [
             _place(model, data, end, first)
             for end, first in zip(self.ends, self.first, strict=True)
@@ -87,13 +87,13 @@ class CableLine:
     """Places of its points, as shares of its length (P,)."""
 
     def points(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-        """Return its points (P, 3) [m] in a pose up to date as by `mj_tendon`."""
+        """Return the points (P, 3) [m] in a pose for which `mj_tendon` was called."""
         if isinstance(self.source, _Straight):
             return resample(self.source.path(model, data), self.fine)
         return resample(tendon_points(data, self.source), self.fine)
 
     def all_points(self, model: mujoco.MjModel, qpos: Array) -> Array:
-        """Return its points in some poses (T, nq): (T, P, 3) [m]."""
+        """Return the points (T, P, 3) [m] in the poses `qpos` (T, nq)."""
         points = np.empty((len(qpos), len(self.fine), 3))
         data = mujoco.MjData(model)
         for frame, coordinates in enumerate(qpos):
@@ -290,7 +290,7 @@ class Capsules:
         data: mujoco.MjData,
         tensions: Mapping[str, Array] | None = None,
     ) -> None:
-        """Add them to a scene that has room for all of them.
+        """Add the lines to a scene that has room for all of them.
 
         The pose is up to date as by `mj_fwdPosition`. `tensions` are those at the nodes
         of each cable (n,) [N]; grey without.

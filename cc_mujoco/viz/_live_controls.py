@@ -118,7 +118,7 @@ class Knobs:
         )
 
     def slide(self, which: int, value: float) -> None:
-        """Take a slider's place; beyond its ends it stays there."""
+        """Set slider `which` to a value, clipped to its ends."""
         _, low, high = self.sliders[which]
         value = min(max(value, low), high)
         if which == 0:
@@ -175,7 +175,7 @@ class Sliders:
     """
 
     def __init__(self, knobs: Knobs, spec: mujoco.MjSpec, own: bool = False) -> None:
-        """Add them to a scene with a joint; `own` keeps those of its actuators."""
+        """Add the controls to a scene; `own` keeps those of its own actuators."""
         self.controls: NDArray[np.float64] | None = None
         """Positions of the sliders of the scene's own actuators, once seen."""
         self._knobs = knobs

@@ -157,7 +157,7 @@ def lines(
 
 
 def line_values(log: EpisodeLog, origin: str, paths: Sequence[str] = ()) -> list[Array]:
-    """Return the values of such lines, each (T,); see `lines`."""
+    """Return the values (T,) of each line at these paths; see `lines`."""
     return [
         line.values
         for line in plotted_series(log)

@@ -123,7 +123,7 @@ def _nearest_nodes(log: EpisodeLog, cable: str, nodes: int) -> NDArray[np.intp]:
 def _tension_means(
     log: EpisodeLog, cable: str, every: int
 ) -> tuple[NDArray[np.float64], float]:
-    """Return mean tensions of so many samples each, (columns, nodes), and the highest.
+    """Return means of `every` tensions (columns, nodes), and the highest tension [N].
 
     The tensions of all samples together would be the largest array of a long episode.
     """

@@ -101,7 +101,7 @@ MOST_PLOTS = 7
 def _draw_surroundings(
     log: EpisodeLog, highest: float, opacity: float
 ) -> tuple[Picture, list[tuple[int, int]]]:
-    """Draw it with lines of some opacity; with the rows that each plot takes."""
+    """Draw all but the scene; return the picture and the rows of each plot."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

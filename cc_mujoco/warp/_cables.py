@@ -256,7 +256,7 @@ class AttachedCables:
         return used | {"commit": own.commit}
 
     def _evaluate_in_parts(self, m: mjw.Model, d: mjw.Data) -> None:
-        """Do the same part by part, each a kernel that needs fewer registers."""
+        """Compute the step in parts, as kernels that need fewer registers."""
         given: dict[str, Any] = {"dim": self._shape, "device": d.time.device}
         step = [self._rows, m.opt.timestep]
         for attempt in range(ATTEMPTS if self._implicit else 1):

@@ -113,7 +113,7 @@ class Odd(NamedTuple):
 
     @property
     def question(self) -> str:
-        """Question to whoever recorded it."""
+        """Question to the person who recorded the trial."""
         single = len(self.trials) == 1
         off = (
             f"{'Trial' if single else 'Trials'} {list_words(self.trials)} "

@@ -96,7 +96,7 @@ class Burden:
 
     @property
     def is_band(self) -> bool:
-        """Return whether it is an elastic band that is taut in the pose `qpos0`."""
+        """Return whether the tendon is an elastic band, taut in the pose `qpos0`."""
         others = self.actuators or self.equalities or self.sensors or self.has_pulleys
         return (
             not others
@@ -210,7 +210,7 @@ def write_branches(spec: mujoco.MjSpec, burden: Burden) -> None:
 
 
 def slacken(spec: mujoco.MjSpec, tendon: str) -> None:
-    """Take from a tendon all that acts on it as a whole."""
+    """Remove from a tendon all forces that act on it as a whole."""
     own, plain = spec.tendon(tendon), pristine_fields("tendon")
     for field in CARRIED:
         setattr(own, field, plain[field])

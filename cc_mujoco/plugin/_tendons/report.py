@@ -150,7 +150,7 @@ class TendonSummary:
 
     @property
     def warning(self) -> str:
-        """One sentence if it loses more than 0.3 in the present pose, else empty."""
+        """Sentence on a tendon that loses more than 0.3 in this pose, else empty."""
         if self.in_conduit or self.loss <= 0.3:
             return ""
         cause = ""
@@ -167,7 +167,7 @@ class TendonSummary:
         )
 
     def __str__(self) -> str:
-        """Return its table, with a line on what it is and on the time step."""
+        """Return the table of the tendon, with its description and time step."""
         rows: list[tuple[str, ...]] = [
             ("", "turn", "[rad]", "", "contact", "loss", "up to", "here"),
             ("", "now", "min", "max", "[mm]", "here", "now", "at most"),

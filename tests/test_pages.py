@@ -21,7 +21,7 @@ from cc_mujoco.cli._parsing import parse
 from cc_mujoco.datasets import _dataset_file
 from cc_mujoco.datasets._dataset_file import Source
 from cc_mujoco.datasets._rig_table import RIG_CONSTANTS
-from cc_mujoco.datasets._trials import Facts
+from cc_mujoco.datasets._trials import TrialFacts
 from cc_mujoco.plugin import CableReading
 from page_blocks import PAGES, ROOT, found
 
@@ -155,7 +155,11 @@ def test_a_table_beside_a_page_is_that_of_the_package(name: str) -> None:
 
 def test_every_key_of_a_dataset_is_in_its_example() -> None:
     example = _dataset_file.__doc__ or ""
-    for key in (*Source.__dataclass_fields__, *RIG_CONSTANTS, *Facts.__annotations__):
+    for key in (
+        *Source.__dataclass_fields__,
+        *RIG_CONSTANTS,
+        *TrialFacts.__annotations__,
+    ):
         assert (
             re.search(rf"^ *#? *{key} =", example, re.M) or f" {key} = " in example
         ), key

@@ -36,7 +36,7 @@ from cc_mujoco.benchmark._faults import (
     StrapOpening,
     fault_onsets,
 )
-from cc_mujoco.benchmark._plant import Draw, Hindrance, sample_plants
+from cc_mujoco.benchmark._plant import ActuationFaults, Draw, sample_plants
 from cc_mujoco.benchmark._position import (
     WITH_SENSOR,
     PositionCondition,
@@ -224,7 +224,7 @@ def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
     if at.structure == STRAP:
         batch.actuate = StrapOpening(batch, onsets)
     elif not (all(h.is_plain for h in hindered) or (reference and reference.ideal)):
-        batch.actuate = Hindrance(hindered, prefixes)
+        batch.actuate = ActuationFaults(hindered, prefixes)
     sensing, known = one.sensing or description.sensing, exo.drives
     name = reference.controller if reference else one.controller
     fitted: list[Drive] = []

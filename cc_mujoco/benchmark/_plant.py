@@ -428,7 +428,7 @@ def _with_period_factor(source: Trajectory, factor: float) -> Trajectory:
     return source
 
 
-class Hindrance:
+class ActuationFaults:
     """Motors that do not apply their controllers' commands; see `Batch.actuate`."""
 
     def __init__(

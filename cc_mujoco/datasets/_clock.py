@@ -25,7 +25,7 @@ from cc_mujoco.datasets._data_findings import DataFinding, doubt, error, warning
 from cc_mujoco.datasets._dataset_file import DatasetFile
 from cc_mujoco.datasets._quantization import interpolate_readings, resolution
 from cc_mujoco.datasets._reading import Recording
-from cc_mujoco.datasets._trials import Facts, FloatArray
+from cc_mujoco.datasets._trials import FloatArray, TrialFacts
 
 MAX_MISSING_SHARE = 0.3
 _MIN_RUN = 20  # rows in order that are a recording of their own
@@ -169,7 +169,7 @@ class SampledTrack:
 
 
 def find_segments(
-    recording: Recording, facts: Facts, file: DatasetFile
+    recording: Recording, facts: TrialFacts, file: DatasetFile
 ) -> tuple[SampledTrack | None, list[DataFinding]]:
     """Find the stretches of a recording that can be used, None if there are none.
 
@@ -304,7 +304,7 @@ def _counted_samples(
     recording: Recording,
     time: FloatArray,
     values: dict[str, FloatArray],
-    facts: Facts,
+    facts: TrialFacts,
 ) -> tuple[NDArray[np.bool_], list[DataFinding]]:
     """Return which samples count: none missing or masked, in declared stretches."""
     name = recording.name
@@ -475,7 +475,7 @@ def _sample_count(track: SampledTrack) -> int:
 
 
 def _average_neighbours(track: SampledTrack, block: int) -> SampledTrack:
-    """Return moving means over neighbours, never across the end of a segment."""
+    """Return means over blocks of samples, never across the end of a segment."""
     counts = [(part.stop - part.start) // block for part in track.segments]
 
     def means(values: FloatArray) -> FloatArray:

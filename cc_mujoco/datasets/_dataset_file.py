@@ -98,7 +98,7 @@ from cc_mujoco._utils.toml_table import Table, finite, read_toml
 from cc_mujoco.datasets import _channels as channels
 from cc_mujoco.datasets._data_findings import DataFinding, warning
 from cc_mujoco.datasets._rig_table import LOAD_CONSTANTS, read_rig
-from cc_mujoco.datasets._trials import Constant, Facts, Locked, Split
+from cc_mujoco.datasets._trials import Constant, Locked, Split, TrialFacts
 from cc_mujoco.errors import CableError, naming
 from cc_mujoco.report._html import list_words
 
@@ -204,13 +204,15 @@ class DatasetFile:
         """Return whether `[rig]` declares the load that the joint turns."""
         return any(name in self.rig for name in LOAD_CONSTANTS)
 
-    def facts_of(self, path: Path, names: Mapping[Path, str] | None = None) -> Facts:
+    def facts_of(
+        self, path: Path, names: Mapping[Path, str] | None = None
+    ) -> TrialFacts:
         """Return the facts of the trial in this file; the last matching table wins.
 
         `names` are of all trials, by file; None if files are called by their own.
         """
         names = names or {path: path.stem}
-        facts = Facts()
+        facts = TrialFacts()
         for pattern, known in self.facts.items():
             if _matches(path, names[path], pattern):
                 facts = replace(facts, **known)
@@ -373,7 +375,7 @@ def _files(table: Table, trial: str) -> dict[str, PartFile]:
 
 def _facts(table: Table) -> dict[str, Any]:
     """Return one table of `[trials]`: the facts that it gives."""
-    table.only(*Facts.__dataclass_fields__)
+    table.only(*TrialFacts.__dataclass_fields__)
     known: dict[str, Any] = {
         "split": table.choice("split", get_args(Split)),
         "locked": table.choice("locked", get_args(Locked)),

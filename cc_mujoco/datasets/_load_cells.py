@@ -67,7 +67,7 @@ def has_declared_cells(file: DatasetFile, end: str, bench: Bench) -> bool:
     lacking = [names[0] for names in wanted if not set(names) & set(given)]
     torque = next(torque for torque, own in END_OF_TORQUE.items() if own == end)
     if len(given) == 1 and lacking and file.source(torque).measured:
-        return False  # one cell beside a torque sensor, see `Facts.load_cell`
+        return False  # one cell beside a torque sensor, see `TrialFacts.load_cell`
     if given and lacking:
         raise CableError(
             f"of the load cells at the {end} ends only {', '.join(given)} is declared; "

@@ -78,7 +78,7 @@ class Noise(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Facts:
+class TrialFacts:
     """Declarations of `dataset.toml` for one trial.
 
     Attributes:
@@ -160,7 +160,7 @@ class Trial:
     tensions: Mapping[str, FloatArray] = field(default_factory=dict)
     others: Mapping[str, FloatArray] = field(default_factory=dict)
     temperature: FloatArray | None = None
-    facts: Facts = field(default_factory=Facts)
+    facts: TrialFacts = field(default_factory=TrialFacts)
     path: str = ""
     sha256: str = ""
     labels: Mapping[str, str] = field(default_factory=dict)

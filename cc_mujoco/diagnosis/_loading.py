@@ -41,7 +41,7 @@ from cc_mujoco.datasets._glitches import drop_glitches
 from cc_mujoco.datasets._reading import Recording, read
 from cc_mujoco.datasets._run_log import is_log, other_scene, truncation_reason
 from cc_mujoco.datasets._torques import OtherAxes, add_derived_torques, derived_noise
-from cc_mujoco.datasets._trials import Dataset, Facts, Trial
+from cc_mujoco.datasets._trials import Dataset, Trial, TrialFacts
 from cc_mujoco.diagnosis._checks.content import noise_of, wrong_repeats
 from cc_mujoco.diagnosis._checks.readings import (
     check_motions,
@@ -254,7 +254,7 @@ def _trials_by_file(
     return {path: names[path] for path in files if path in names}, parts
 
 
-def _trial(recording: Recording, track: SampledTrack, facts: Facts) -> Trial:
+def _trial(recording: Recording, track: SampledTrack, facts: TrialFacts) -> Trial:
     values = track.values
     temperature = values.get(channels.TEMPERATURE)
     if temperature is None and facts.temperature is not None:

@@ -24,7 +24,7 @@ from kept_cases import findings, kept, words
 from numpy.typing import NDArray
 
 from cc_mujoco.assets import scene_path
-from cc_mujoco.datasets import Bench, Dataset, Facts, Noise, Trial
+from cc_mujoco.datasets import Bench, Dataset, Noise, Trial, TrialFacts
 from cc_mujoco.diagnosis import repair_scene, rollout, run_inference
 from cc_mujoco.report import _markdown as markdown
 from rig.posts import Tendon, played
@@ -128,7 +128,7 @@ def recorded(
             for torque, size in zip(torques, TORQUE.values(), strict=True)
         ]
         digits = [DIGIT * np.round(angle / DIGIT) for angle in (motor, joint)]
-        facts = Facts(
+        facts = TrialFacts(
             pretension=bench.cables[0].pretension * tension,
             split="test" if notes == "test" else None,
         )

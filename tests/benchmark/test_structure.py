@@ -14,7 +14,7 @@ from cc_mujoco.benchmark._plant import (
     INERTIA_FACTORS,
     STRUCTURES,
     Actuation,
-    Hindrance,
+    ActuationFaults,
     sample_plants,
 )
 from cc_mujoco.errors import CableError
@@ -91,7 +91,7 @@ def test_late_commands_and_cogging_reach_the_motor() -> None:
     made = prepare_episodes([Cell(still, "none", (0, 1))])
     batch = made.batch
     actuations = [Actuation(delay=2), Actuation(cogging=(0.1,), order=3)]
-    batch.actuate = Hindrance(actuations, batch.prefixes)
+    batch.actuate = ActuationFaults(actuations, batch.prefixes)
     begun = batch.start()["motor_angle_rad"].copy()
     got = [
         batch.advance(np.array([0.05 * step, 0.0]))["motor_torque_nm"].copy()

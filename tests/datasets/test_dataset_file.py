@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cc_mujoco.datasets import Facts
+from cc_mujoco.datasets import TrialFacts
 from cc_mujoco.datasets import _dataset_file as dataset_file
 from cc_mujoco.datasets._dataset_file import DatasetFile, read_dataset_file
 from cc_mujoco.datasets._trials import Constant
@@ -46,7 +46,7 @@ def test_the_example_of_the_documentation(tmp_path: Path) -> None:
     assert (angle.noise, angle.resolution) == (1.5, 1.0)
     assert file.rig["motor_radius"] == pytest.approx(Constant(0.02, 1e-4))
     assert file.rig["joint_radius"] == Constant(0.104, 0.0)
-    assert file.facts_of(Path("x/run_7.csv")) == Facts(
+    assert file.facts_of(Path("x/run_7.csv")) == TrialFacts(
         split="test",
         repeat_of="run_3",
         pretension=12.0,
@@ -61,11 +61,11 @@ def test_the_example_of_the_documentation(tmp_path: Path) -> None:
         swapped=True,
         notes="operator sneezed at the end",
     )
-    assert file.facts_of(Path("run_8.parquet")) == Facts(
+    assert file.facts_of(Path("run_8.parquet")) == TrialFacts(
         pretension=12.0, load_cell="tension_agonist_distal_n"
     )
-    assert file.facts_of(Path("run_9.parquet")) == Facts(pretension=12.0)
-    assert file.facts_of(Path("walk.csv")) == Facts()
+    assert file.facts_of(Path("run_9.parquet")) == TrialFacts(pretension=12.0)
+    assert file.facts_of(Path("walk.csv")) == TrialFacts()
     assert file.name == "wrist rig, March" and len(file.sha256) == 64
 
 
@@ -168,10 +168,10 @@ def test_trials_of_the_folder_that_were_not_given_need_not_be_there(
     toml = tmp_path / "dataset.toml"
     toml.write_text(FOLDER, encoding="utf-8")
     dataset, _ = load(tmp_path / "run_2.csv")
-    assert dataset.trials[0].facts == Facts(pretension=12.0, repeat_of="run_1")
+    assert dataset.trials[0].facts == TrialFacts(pretension=12.0, repeat_of="run_1")
     # What is said of a trial does not hang on which others are given, either.
     dataset, _ = load(tmp_path / "more" / "walk.csv", toml)
-    assert dataset.trials[0].facts == Facts(temperature=20.0)
+    assert dataset.trials[0].facts == TrialFacts(temperature=20.0)
     toml.write_text("[trials.run_7]", encoding="utf-8")
     with pytest.raises(CableError, match=r"\[trials\] 'run_7': did you mean 'run_"):
         load(tmp_path / "run_2.csv")

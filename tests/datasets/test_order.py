@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cc_mujoco.datasets import Facts
+from cc_mujoco.datasets import TrialFacts
 from cc_mujoco.datasets._channels import MAIN_CHANNELS, TIME
 from cc_mujoco.datasets._clock import SampledTrack, find_segments, sort_rows
 from cc_mujoco.datasets._data_findings import DataFinding, errors
@@ -39,7 +39,7 @@ def read_out(recording: Recording) -> tuple[SampledTrack | None, list[DataFindin
     ordered, findings = sort_rows(recording)
     if ordered is None:
         return None, findings
-    track, found = find_segments(ordered, Facts(), DatasetFile())
+    track, found = find_segments(ordered, TrialFacts(), DatasetFile())
     return track, findings + found
 
 

@@ -9,7 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from cc_mujoco.datasets import Facts
+from cc_mujoco.datasets import TrialFacts
 from cc_mujoco.datasets._clock import SampledTrack, find_segments, sort_rows
 from cc_mujoco.datasets._dataset_file import DatasetFile, read_dataset_file
 from cc_mujoco.datasets._reading import Recording, read
@@ -37,7 +37,7 @@ def sampled(names: tuple[str, ...], time: FloatArray) -> Table:
 def laid(recorded: Recording, file: DatasetFile) -> SampledTrack:
     ordered, _ = sort_rows(recorded)
     assert ordered is not None
-    track, findings = find_segments(ordered, Facts(), file)
+    track, findings = find_segments(ordered, TrialFacts(), file)
     assert track is not None and not [f for f in findings if f.severity == "error"]
     return track
 

@@ -22,7 +22,13 @@ from cc_mujoco.datasets._glitches import leaps
 from cc_mujoco.datasets._load_cells import SingleCell
 from cc_mujoco.datasets._reading import Recording
 from cc_mujoco.datasets._smoothing import velocity
-from cc_mujoco.datasets._trials import TORQUE_SENSORS, Dataset, Facts, FloatArray, Trial
+from cc_mujoco.datasets._trials import (
+    TORQUE_SENSORS,
+    Dataset,
+    FloatArray,
+    Trial,
+    TrialFacts,
+)
 from cc_mujoco.diagnosis._checks.mechanics import (
     Mechanics,
     check_alignment,
@@ -45,7 +51,7 @@ _CLOCK_PATTERN = re.compile(r"time|clock|stamp", re.I)
 
 
 def check_recording(
-    recording: Recording, facts: Facts, file: DatasetFile
+    recording: Recording, facts: TrialFacts, file: DatasetFile
 ) -> list[DataFinding]:
     """Return the findings of all checks of rows as they were recorded."""
     return [
@@ -266,7 +272,7 @@ def _check_overload(trial: Trial, bench: Bench) -> Iterator[DataFinding]:
             yield error(message, trial.name, channel)
 
 
-def _check_locked(recording: Recording, facts: Facts) -> Iterator[DataFinding]:
+def _check_locked(recording: Recording, facts: TrialFacts) -> Iterator[DataFinding]:
     """Find an angle that moves, but is declared as locked."""
     channel = _ANGLES.get(facts.locked or "", "")
     values = recording.values.get(channel, np.zeros(0))
@@ -278,7 +284,7 @@ def _check_locked(recording: Recording, facts: Facts) -> Iterator[DataFinding]:
         yield error(message, recording.name, channel)
 
 
-def _check_constants(recording: Recording, facts: Facts) -> Iterator[DataFinding]:
+def _check_constants(recording: Recording, facts: TrialFacts) -> Iterator[DataFinding]:
     sides = {channel: side for side, channel in _ANGLES.items()}
     known = (channels.TIME, channels.VALID, channels.TEMPERATURE)
     for channel, values in recording.values.items():

@@ -32,7 +32,7 @@ from cc_mujoco.datasets._channels import (
     MOTOR_TORQUE,
 )
 from cc_mujoco.datasets._quantization import reconstruct_angle
-from cc_mujoco.datasets._trials import Dataset, Facts, Noise, Trial
+from cc_mujoco.datasets._trials import Dataset, Noise, Trial, TrialFacts
 from cc_mujoco.diagnosis._checks.content import repeat_scatter as scatter_of
 from cc_mujoco.diagnosis._rig.records import Filtering, Record, low_pass, play_filter
 from cc_mujoco.diagnosis._rig.simulation import SimulatedRig, Values
@@ -181,7 +181,7 @@ def _residual_trial(
         torques.get(JOINT_TORQUE),
         tuple(slice(a, b) for a, b in pairwise(ends)),
         first.dt,
-        facts=Facts(repeat_of=None if first.group == first.trial else first.group),
+        facts=TrialFacts(repeat_of=None if first.group == first.trial else first.group),
     )
 
 

@@ -48,10 +48,10 @@ class CataloguedTrial:
     joint: FloatArray  # angle of the joint (samples,) [rad]
     pretension: float = 1.0  # relative to that of the data; 0 with the cables taken off
     tilt: float = 0.0  # angle by which the rig is turned about the joint's axis [rad]
-    # Of known weights in place of the cables, at motor and joint; see `Facts` [N m]
+    # Of known weights in place of cables, at motor and joint; see `TrialFacts` [N m]
     known_torques: tuple[float, float] = (0.0, 0.0)
     swapped: bool = False  # whether the torque sensors change places
-    load_cell: str = ""  # channel of a load cell in one cable, or ""; see `Facts`
+    load_cell: str = ""  # channel of a load cell in one cable, or ""; see `TrialFacts`
     # Whether it is proposed only where no other trial settles the tie
     hard: bool = False
     usual: bool = True  # whether a plan considers it; others are proposed for a tie

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import savgol_filter
 
-from cc_mujoco.datasets import Dataset, Facts, Noise, Trial, velocity
+from cc_mujoco.datasets import Dataset, Noise, Trial, TrialFacts, velocity
 from cc_mujoco.datasets._smoothing import velocity_noise
 from cc_mujoco.diagnosis import excitation
 from cc_mujoco.diagnosis._checks.content import count_reversals
@@ -89,8 +89,8 @@ def test_rests_are_found_with_their_durations() -> None:
 def test_repeats_pretensions_tensions_and_temperature() -> None:
     angle = np.sin(TIME)
     tensions = {"tension_a_distal_n": np.full(len(TIME), 9.0)}
-    first = trial(angle, facts=Facts(pretension=10.0))
-    again = trial(angle, name="b", facts=Facts(pretension=30.0, repeat_of="run"))
+    first = trial(angle, facts=TrialFacts(pretension=10.0))
+    again = trial(angle, name="b", facts=TrialFacts(pretension=30.0, repeat_of="run"))
     card = excitation(dataset(first, again))
     assert card.repeats == 1 and card.pretensions == (10.0, 30.0)
     assert "2 pretensions, 10 to 30 N." in card.statements

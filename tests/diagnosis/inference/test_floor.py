@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cc_mujoco.cable import Transmission
-from cc_mujoco.datasets import Dataset, Facts, Noise, Trial
+from cc_mujoco.datasets import Dataset, Noise, Trial, TrialFacts
 from cc_mujoco.diagnosis import CrossValidation, Problem, Record, prepare
 from cc_mujoco.diagnosis._fit.noise_floor import likely, noise_floor, resample_angles
 from cc_mujoco.diagnosis._fit.problem import excess
@@ -215,7 +215,7 @@ def test_repetitions_differ_by_no_more_than_their_readings_do(apart: float) -> N
         path="two.csv",
         joint_angle=one.joint_angle + 2e-3 * np.sin(3.0 * TIME),
         joint_torque=one.joint_torque + apart * np.sin(3.0 * TIME),
-        facts=Facts(repeat_of="one"),
+        facts=TrialFacts(repeat_of="one"),
     )
     data = replace(data, trials=(one, again))
     records, filtering = prepare(data, BENCH)
@@ -227,7 +227,7 @@ def test_repetitions_differ_by_no_more_than_their_readings_do(apart: float) -> N
 def test_repetitions_that_do_not_count_say_nothing_of_noise() -> None:
     data = dataset(*rests())
     (one,) = data.trials
-    again = replace(one, name="two", path="two.csv", facts=Facts(repeat_of="one"))
+    again = replace(one, name="two", path="two.csv", facts=TrialFacts(repeat_of="one"))
     records, filtering = prepare(replace(data, trials=(one, again)), BENCH)
     idle = [replace(r, counts=np.zeros(r.counts.size, dtype=bool)) for r in records]
     floor = noise_floor(data, SimulatedRig(BENCH, tuple(idle), SEGMENTS), filtering, {})

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cc_mujoco.datasets import Dataset, Facts
+from cc_mujoco.datasets import Dataset, TrialFacts
 from cc_mujoco.datasets._dataset_file import DatasetFile
 from cc_mujoco.datasets._torques import add_derived_torques, expected_instruments
 from cc_mujoco.diagnosis import plant_of, prepare
@@ -23,7 +23,7 @@ GAIN = {"motor_torque_gain": 0.1, "joint_torque_gain": 0.1}
 
 def declared(channel: str, data: Dataset) -> Dataset:
     first, cell = data.trials
-    facts = Facts(load_cell=channel, pretension=BENCH.cables[0].pretension)
+    facts = TrialFacts(load_cell=channel, pretension=BENCH.cables[0].pretension)
     return replace(data, trials=(first, replace(cell, facts=facts)))
 
 

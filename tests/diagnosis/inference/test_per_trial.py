@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cc_mujoco.datasets import Dataset, Facts
+from cc_mujoco.datasets import Dataset, TrialFacts
 from cc_mujoco.diagnosis import (
     BaselineFit,
     Options,
@@ -93,7 +93,7 @@ def test_a_turn_the_wrong_way_is_asked_about_for_all_that_are_turned() -> None:
         replace(
             trial,
             joint_torque=trial.joint_torque - 0.8 * np.sin(trial.joint_angle + tilt),
-            facts=Facts(tilt=-tilt),
+            facts=TrialFacts(tilt=-tilt),
         )
         for trial, tilt in zip(data.trials, (0.0, 0.0, 1.5, 1.5), strict=True)
         if trial.joint_torque is not None
@@ -114,7 +114,7 @@ def test_a_turn_the_wrong_way_is_asked_about_for_all_that_are_turned() -> None:
 def test_one_of_several_turned_trials_is_asked_about_its_pretension() -> None:
     data = recorded(2, {"pretension": 40.0})
     turned = tuple(
-        replace(trial, facts=Facts(tilt=1.5)) if k >= 2 else trial
+        replace(trial, facts=TrialFacts(tilt=1.5)) if k >= 2 else trial
         for k, trial in enumerate(data.trials)
     )
     found = baseline_fit(replace(data, trials=turned))
@@ -244,7 +244,7 @@ def test_a_trial_at_the_extreme_of_a_condition_is_not_to_be_left_out(
 ) -> None:
     data = recorded(2, {"pretension": 40.0})
     trials = [
-        replace(t, facts=Facts(pretension=pretension if k == 2 else 82.0))
+        replace(t, facts=TrialFacts(pretension=pretension if k == 2 else 82.0))
         for k, t in enumerate(data.trials)
     ]
     found = baseline_fit(replace(data, trials=tuple(trials)))

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import cc_mujoco.diagnosis._fit.fit as module
-from cc_mujoco.datasets import Facts
+from cc_mujoco.datasets import TrialFacts
 from cc_mujoco.diagnosis import Options, prepare, run_inference
 from cc_mujoco.diagnosis import trial_folds as held_out
 from cc_mujoco.diagnosis._verdict import SCHEMA_VERSION, Gap
@@ -131,7 +131,7 @@ def test_what_is_reserved_has_to_move_and_to_leave_something(
     trials = [
         replace(
             trial,
-            facts=Facts(split="test" if k in reserved else None),
+            facts=TrialFacts(split="test" if k in reserved else None),
             motor_angle=(0.01 if k in still else 1.0) * trial.motor_angle,
         )
         for k, trial in enumerate(data.trials)

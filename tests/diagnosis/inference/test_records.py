@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cc_mujoco.cable import Transmission
-from cc_mujoco.datasets import Dataset, Facts, Noise, Trial
+from cc_mujoco.datasets import Dataset, Noise, Trial, TrialFacts
 from cc_mujoco.diagnosis import Problem, fit, prepare
 from cc_mujoco.diagnosis._checks.content import repeat_scatter
 from cc_mujoco.diagnosis._fit.noise_floor import noise_floor
@@ -159,7 +159,7 @@ def test_a_servo_that_repeats_badly_raises_no_floor() -> None:
     """Torque differences explained by a different motion do not count as scatter."""
     first, second = (recorded((17, 17), size=size) for size in (1.0, 1.08))
     again = replace(
-        second.trials[0], name="again", facts=Facts(repeat_of=first.trials[0].name)
+        second.trials[0], name="again", facts=TrialFacts(repeat_of=first.trials[0].name)
     )
     floors = {}
     for trials in (first.trials, (*first.trials, again)):
@@ -188,7 +188,7 @@ def test_only_what_noise_does_not_explain_raises_the_floor() -> None:
             later,
             name="again",
             joint_torque=later.joint_torque + more,
-            facts=Facts(repeat_of=repeat_of),
+            facts=TrialFacts(repeat_of=repeat_of),
         )
         trials = (moves, replace(moves, name="too"), rests, again)
         records, filtering = prepare(replace(data, trials=trials), BENCH)

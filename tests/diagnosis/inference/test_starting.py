@@ -11,7 +11,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from cc_mujoco.datasets import Bench, Dataset, Facts
+from cc_mujoco.datasets import Bench, Dataset, TrialFacts
 from cc_mujoco.datasets._trials import Constant
 from cc_mujoco.diagnosis import Options, fit_baseline, plant_of, run_inference
 from cc_mujoco.diagnosis._fit.fit import prepare_start, unit_or_sign_error
@@ -139,7 +139,7 @@ def test_what_is_declared_is_not_replaced() -> None:
 
 
 def test_pretensions_of_the_trials_stand_for_a_scene_without_one() -> None:
-    trials = tuple(replace(t, facts=Facts(pretension=81.0)) for t in DATA.trials)
+    trials = tuple(replace(t, facts=TrialFacts(pretension=81.0)) for t in DATA.trials)
     data = replace(DATA, trials=trials)
     start, records, _ = prepare_start(data, scene(pretension=0.0))
     assert start.bench == scene(pretension=81.0) and not start.given
@@ -151,7 +151,7 @@ def test_pretensions_of_the_trials_stand_for_a_scene_without_one() -> None:
 def test_pretensions_of_the_trials_stand_for_one_that_is_far_from_them() -> None:
     def declared(*pretensions: float | None) -> Dataset:
         trials = tuple(
-            replace(trial, facts=Facts(pretension=each))
+            replace(trial, facts=TrialFacts(pretension=each))
             for trial, each in zip(DATA.trials, pretensions, strict=True)
         )
         return replace(DATA, trials=trials)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cc_mujoco.datasets import Dataset, Facts, Trial
+from cc_mujoco.datasets import Dataset, Trial, TrialFacts
 from cc_mujoco.diagnosis import excitation, fit_baseline, plant_of, prepare
 from cc_mujoco.diagnosis._checks.mechanics import check_lead
 from cc_mujoco.diagnosis._checks.readings import check_bench, check_trials
@@ -36,7 +36,7 @@ def unhooked(duration: float = 3.0) -> Trial:
         noise[3] - GRAVITY * np.sin(joint),
         (slice(0, time.size),),
         DT,
-        facts=Facts(unhooked=True),
+        facts=TrialFacts(unhooked=True),
         path="off.csv",
     )
 
@@ -75,7 +75,7 @@ def test_cables_that_were_taken_off_pull_nothing(data: Dataset) -> None:
 
 def test_no_check_expects_cables_that_were_taken_off(data: Dataset) -> None:
     off = data.trials[-1]
-    hooked = replace(off, facts=Facts())
+    hooked = replace(off, facts=TrialFacts())
     assert check_trials([hooked]) + check_bench([hooked], BENCH)
     assert (
         not check_trials([off]) + check_bench([off], BENCH) + check_lead([off], BENCH)
@@ -103,7 +103,7 @@ def test_known_weights_and_exchanged_sensors_show_whose_gain_is_wrong(
 ) -> None:
     """Both torques by hand, on a trial without cables."""
     off = unhooked()
-    facts = Facts(unhooked=True, known_motor_torque=1.5, known_joint_torque=-2.0)
+    facts = TrialFacts(unhooked=True, known_motor_torque=1.5, known_joint_torque=-2.0)
     plain = replace(off, name="weights", facts=facts)
     swapped = replace(off, name="swapped", facts=replace(facts, swapped=True))
     records, _ = prepare(replace(data, trials=(plain, swapped)), BENCH)

@@ -47,8 +47,10 @@ def summary_line(original: mujoco.MjModel, burden: Burden, report: AddedCables) 
     """Return the line of a tendon among several: its cables, what is on its winch."""
     moved = [actuator_label(original, i) for i in burden.actuators]
     moved += burden.fields
-    for kind, places in (("equality", burden.equalities), ("sensor", burden.sensors)):
-        moved += [kind] * bool(places)
+    if burden.equalities:
+        moved.append("equality")
+    if burden.sensors:
+        moved.append("sensor")
     text = report.lines[0]
     if report.winch:
         text += f"; winch {report.winch!r}: {', '.join(moved) or 'its pulleys'}"
@@ -58,10 +60,11 @@ def summary_line(original: mujoco.MjModel, burden: Burden, report: AddedCables) 
 
 
 def describe_winch(
-    original: mujoco.MjModel, spec: mujoco.MjSpec, burden: Burden, winch: Winch
+    original: mujoco.MjModel, spec: mujoco.MjSpec, winch: Winch
 ) -> list[str]:
     """Return a line for everything that moved to a winch."""
-    place = f"winch {burden.winch!r}"
+    burden = winch.burden
+    index, place = original.tendon(burden.tendon).id, f"winch {burden.winch!r}"
     lines = []
     if burden.has_pulleys:
         parts = ", ".join(f"{b.name!r} (1/{b.divisor:g})" for b in burden.branches)
@@ -81,9 +84,8 @@ def describe_winch(
             f"pushing: a cable cannot; the actuators of {place} give no force that "
             "would lengthen it"
         )
-    index = original.tendon(burden.tendon).id
-    low, high = burden.rest
     if "stiffness" in burden.fields:
+        low, high = burden.rest
         text = (
             f"stiffness {burden.spring[0]:g} N/m: a spring at the first site, on "
             f"{place}, without force up to {high:.4g} m"
@@ -100,11 +102,13 @@ def describe_winch(
     if "damping" in burden.fields:
         lines.append(f"damping: acts on {place}, on what moves past the first site")
     if "frictionloss" in burden.fields:
-        value = original.tendon_frictionloss[index]
-        lines.append(f"frictionloss {value:g} N: acts on {place}")
+        lines.append(
+            f"frictionloss {original.tendon_frictionloss[index]:g} N: acts on {place}"
+        )
     if "armature" in burden.fields:
-        value = original.tendon_armature[index]
-        lines.append(f"armature {value:g} kg: turns with {place}")
+        lines.append(
+            f"armature {original.tendon_armature[index]:g} kg: turns with {place}"
+        )
     if "range" in burden.fields:
         least, most = original.tendon_range[index]
         text = f"range: {place} pays out no more than {most:.4g} m"

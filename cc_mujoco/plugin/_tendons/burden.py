@@ -45,12 +45,13 @@ class TendonBranch:
     Attributes:
         name: tendon that has the path of the branch alone, and its cable.
         divisor: number by which MuJoCo divides its length and its force.
-        path: sites, and geoms with their side sites, by name.
+        path: sites and geoms by name, each with its side site: "" for a geom without
+            one, None for a site.
     """
 
     name: str
     divisor: float
-    path: tuple[tuple[str, str], ...]
+    path: tuple[tuple[str, str | None], ...]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -105,6 +106,10 @@ class Burden:
             and 0.0 < self.rest[1] <= self.length
         )
 
+    @property
+    def needs_winch(self) -> bool:
+        return not self.is_none and not self.is_band
+
 
 def find_burden(spec: mujoco.MjSpec, model: mujoco.MjModel, tendon: str) -> Burden:
     """Return what acts on a spatial tendon as a whole.
@@ -112,9 +117,8 @@ def find_burden(spec: mujoco.MjSpec, model: mujoco.MjModel, tendon: str) -> Burd
     Refuse a tendon that belongs to a cable already, or that an equality couples to
     itself.
     """
-    own = spec.tendon(tendon)
+    own, index = spec.tendon(tendon), model.tendon(tendon).id
     _refuse_second_cable(spec, tendon)
-    index = model.tendon(tendon).id
     features = {
         "stiffness": bool(np.any(own.stiffness)),
         "springyield": _YIELDS and np.any(own.stiffness) and own.springyield != 0.0,
@@ -124,12 +128,6 @@ def find_burden(spec: mujoco.MjSpec, model: mujoco.MjModel, tendon: str) -> Burd
         "armature": own.armature != 0.0,
         "actuatorfrcrange": bool(model.tendon_actfrclimited[index]),
     }
-    equalities = tuple(
-        i
-        for i, equality in enumerate(spec.equalities)
-        if equality.type == mujoco.mjtEq.mjEQ_TENDON
-        and tendon in (equality.name1, equality.name2)
-    )
     return Burden(
         tendon,
         tuple(
@@ -137,17 +135,19 @@ def find_burden(spec: mujoco.MjSpec, model: mujoco.MjModel, tendon: str) -> Burd
             for i, actuator in enumerate(spec.actuators)
             if actuator.trntype == _TENDON and actuator.target == tendon
         ),
-        equalities,
+        tuple(
+            i
+            for i, equality in enumerate(spec.equalities)
+            if equality.type == mujoco.mjtEq.mjEQ_TENDON
+            and tendon in (equality.name1, equality.name2)
+        ),
         tuple(
             i
             for i, sensor in enumerate(spec.sensors)
             if sensor.type in MOVED_SENSORS and sensor.objname == tendon
         ),
         tuple(float(x) for x in own.stiffness),
-        (
-            float(model.tendon_lengthspring[index, 0]),
-            float(model.tendon_lengthspring[index, 1]),
-        ),
+        tuple(model.tendon_lengthspring[index].tolist()),
         _branches(own),
         float(model.tendon_length0[index]),
         tuple(name for name, present in features.items() if present),
@@ -172,22 +172,21 @@ def _refuse_second_cable(spec: mujoco.MjSpec, tendon: str) -> None:
 
 
 def _branches(tendon: Any) -> tuple[TendonBranch, ...]:
-    parts: list[tuple[float, list[tuple[str, str]]]] = [(1.0, [])]
-    pulleys = 0
+    parts: list[tuple[float, list[tuple[str, str | None]]]] = [(1.0, [])]
     for wrap in tendon.path:
         if wrap.type == mujoco.mjtWrap.mjWRAP_PULLEY:
-            pulleys += 1
             parts.append((float(wrap.divisor), []))
+        elif wrap.type == mujoco.mjtWrap.mjWRAP_SITE:
+            parts[-1][1].append((wrap.target.name, None))
         else:
-            kind = "site" if wrap.type == mujoco.mjtWrap.mjWRAP_SITE else "geom"
-            side = "" if kind == "site" or wrap.sidesite is None else wrap.sidesite.name
-            parts[-1][1].append((wrap.target.name, f"{kind} {side}"))
-    found = [(divisor, tuple(path)) for divisor, path in parts if path]
-    if not pulleys:
-        return (TendonBranch(tendon.name, 1.0, found[0][1]),)
+            side = "" if wrap.sidesite is None else wrap.sidesite.name
+            parts[-1][1].append((wrap.target.name, side))
+    if len(parts) == 1:
+        return (TendonBranch(tendon.name, 1.0, tuple(parts[0][1])),)
+    full = [(divisor, tuple(path)) for divisor, path in parts if path]
     return tuple(
         TendonBranch(f"{tendon.name}_{i}", divisor, path)
-        for i, (divisor, path) in enumerate(found, start=1)
+        for i, (divisor, path) in enumerate(full, start=1)
     )
 
 
@@ -201,9 +200,8 @@ def write_branches(spec: mujoco.MjSpec, burden: Burden) -> None:
             spec, "tendon", name=branch.name, width=own.width, rgba=own.rgba,
             group=own.group, material=own.material,
         )  # fmt: skip
-        for target, how in branch.path:
-            kind, side = how.split(" ", 1)
-            if kind == "site":
+        for target, side in branch.path:
+            if side is None:
                 part.wrap_site(target)
             else:
                 part.wrap_geom(target, side)
@@ -266,63 +264,36 @@ def keep_constraints(
     limits and dry friction therefore stop a winch within a step, as a spring and a
     dashpot do.
     """
-    before, after = _inverse_weights(original), _inverse_weights(model)
     tendon_of = {burden.winch: burden.tendon for burden in burdens}
-    movable = [b for b in burdens if before[b.tendon] > 0.0 and after[b.winch] > 0.0]
-    for burden in movable:
-        _keep_stops(spec, original, burden, before[burden.tendon], after[burden.winch])
-    for place in {place for burden in movable for place in burden.equalities}:
+    step, equalities = original.opt.timestep, set[int]()
+    for burden in burdens:
+        before = _inverse_weight(original, burden.tendon)
+        after = _inverse_weight(model, burden.winch)
+        if not (before > 0.0 and after > 0.0):
+            continue
+        equalities.update(burden.equalities)
+        winch, index = spec.tendon(burden.winch), original.tendon(burden.tendon).id
+        limit = original.tendon_solimp_lim[index], original.tendon_solref_lim[index]
+        stiffness, _ = _as_spring(*limit, before, step)
+        # A stop that the elastic cable does not bounce from.
+        drag = max(2.0 * math.sqrt(stiffness / before), 2.0 * stiffness * step)
+        winch.solimp_limit, winch.solref_limit = _as_constraint(
+            stiffness, drag, after, step
+        )
+        dry = original.tendon_solimp_fri[index], original.tendon_solref_fri[index]
+        winch.solimp_friction, winch.solref_friction = _as_constraint(
+            *_as_spring(*dry, before, step), after, step
+        )
+    for place in equalities:
         equality = spec.equalities[place]
         pair = [name for name in (equality.name1, equality.name2) if name]
-        old = sum(before[tendon_of.get(name, name)] for name in pair)
-        new = sum(after[name] for name in pair)
-        _rescale(equality, "solimp", "solref", old / max(new, mujoco.mjMINVAL))
+        old = sum(_inverse_weight(original, tendon_of.get(name, name)) for name in pair)
+        new = sum(_inverse_weight(model, name) for name in pair)
+        _rescale(equality, old / max(new, mujoco.mjMINVAL))
 
 
-def _keep_stops(
-    spec: mujoco.MjSpec,
-    original: mujoco.MjModel,
-    burden: Burden,
-    inverse: float,
-    winch_inverse: float,
-) -> None:
-    """Keep limit and dry friction of a winch, by inverse inertias before and after."""
-    own, index = spec.tendon(burden.winch), original.tendon(burden.tendon).id
-    step = original.opt.timestep
-    stop = _as_spring(
-        original.tendon_solimp_lim[index],
-        original.tendon_solref_lim[index],
-        inverse,
-        step,
-    )
-    # A stop that the elastic cable does not bounce from.
-    drag = max(2.0 * math.sqrt(stop.stiffness / inverse), 2.0 * stop.stiffness * step)
-    stop = dataclasses.replace(stop, damping=drag)
-    own.solimp_limit, own.solref_limit = stop.on(winch_inverse, step)
-    dry = _as_spring(
-        original.tendon_solimp_fri[index],
-        original.tendon_solref_fri[index],
-        inverse,
-        step,
-    )
-    own.solimp_friction, own.solref_friction = dry.on(winch_inverse, step)
-
-
-@dataclasses.dataclass(frozen=True)
-class _Stop:
-    """A constraint as a spring and a dashpot: stiffness [N/m], damping [N s/m]."""
-
-    stiffness: float
-    damping: float
-
-    def on(self, inverse: float, step: float) -> tuple[list[float], list[float]]:
-        """Return `solimp` and `solref` for an inverse inertia [1/kg] at a step [s]."""
-        weight = self.damping * step
-        impedance = min(weight * inverse / (1.0 + weight * inverse), mujoco.mjMAXIMP)
-        weight = impedance / ((1.0 - impedance) * inverse)
-        rate = min(self.stiffness / weight, 0.5 / step**2)
-        solimp = [impedance, impedance, 1e-3, 0.5, 2.0]
-        return solimp, [-rate * impedance, -impedance / step]
+def _inverse_weight(model: mujoco.MjModel, tendon: str) -> float:
+    return float(model.tendon_invweight0[model.tendon(tendon).id])
 
 
 def _as_spring(
@@ -330,36 +301,46 @@ def _as_spring(
     solref: NDArray[np.float64],
     inverse: float,
     step: float,
-) -> _Stop:
-    """Return the stiffness and the damping of a constraint, see MuJoCo's `solref`."""
+) -> tuple[float, float]:
+    """Return the stiffness [N/m] and the damping [N s/m] of a constraint.
+
+    See MuJoCo's `solref`; `inverse` is an inverse inertia [1/kg], `step` in seconds.
+    """
     most = float(np.clip(solimp[1], mujoco.mjMINIMP, mujoco.mjMAXIMP))
     weight = most / ((1.0 - most) * inverse)
     if solref[0] > 0.0:
         time = max(float(solref[0]), 2.0 * step)
         rate = 1.0 / (most * time * float(solref[1])) ** 2
-        return _Stop(weight * rate * most, weight * 2.0 / (most * time))
-    return _Stop(-weight * float(solref[0]) / most, -weight * float(solref[1]) / most)
+        return weight * rate * most, weight * 2.0 / (most * time)
+    return -weight * float(solref[0]) / most, -weight * float(solref[1]) / most
 
 
-def _inverse_weights(model: mujoco.MjModel) -> dict[str, float]:
-    weights = model.tendon_invweight0
-    return {model.tendon(i).name: float(weights[i]) for i in range(model.ntendon)}
+def _as_constraint(
+    stiffness: float, damping: float, inverse: float, step: float
+) -> tuple[list[float], list[float]]:
+    """Return the `solimp` and `solref` that make these, as `_as_spring` has them."""
+    weight = damping * step
+    impedance = min(weight * inverse / (1.0 + weight * inverse), mujoco.mjMAXIMP)
+    weight = impedance / ((1.0 - impedance) * inverse)
+    rate = min(stiffness / weight, 0.5 / step**2)
+    solimp = [impedance, impedance, 1e-3, 0.5, 2.0]
+    return solimp, [-rate * impedance, -impedance / step]
 
 
-def _rescale(owner: Any, impedance: str, reference: str, ratio: float) -> None:
+def _rescale(equality: Any, ratio: float) -> None:
     """Change an impedance so that it leaves the regularisation as it was."""
     if not ratio > 0.0:
         return
-    solimp = np.array(getattr(owner, impedance))
+    solimp = np.array(equality.solimp)
     limits = (mujoco.mjMINIMP, mujoco.mjMAXIMP)
     old = np.clip(solimp[:2], *limits)
     solimp[:2] = np.clip(1.0 / (1.0 + (1.0 / old - 1.0) * ratio), *limits)
-    setattr(owner, impedance, solimp)
-    solref = np.array(getattr(owner, reference))
+    equality.solimp = solimp
+    solref = np.array(equality.solref)
     if solref[0] > 0.0:
         # Its time constant is in units of the impedance.
         solref[0] *= old[1] / solimp[1]
-        setattr(owner, reference, solref)
+        equality.solref = solref
 
 
 def held_tension(original: mujoco.MjModel, burden: Burden) -> float:

@@ -57,19 +57,16 @@ from cc_mujoco.plugin._tendons.account import (
 )
 from cc_mujoco.plugin._tendons.burden import (
     Burden,
-    TendonBranch,
     find_burden,
     held_tension,
-    keep_constraints,
     slacken,
     write_branches,
 )
 from cc_mujoco.plugin._tendons.report import TendonSummary, tendon_report
 from cc_mujoco.plugin._tendons.winch import (
-    Taken,
+    Winch,
     largest_pull,
     plan_winches,
-    pose_keyframes,
     sample_poses,
     write_winches,
 )
@@ -80,15 +77,11 @@ _ALLOWED_KEYS = [
 _HINGE = mujoco.mjtJoint.mjJNT_HINGE
 MAX_STIFFNESS = 50e3
 """Axial stiffness of a tendon taken over, where its time step bears it [N]."""
-_STEP_MARGIN = 3.0
-"""Ratio of the step that the pieces of such a tendon bear to the model's."""
 _MAX_STRAIN = 0.2
 """Strain under load up to which such a tendon stays stable and settles.
 
 A piece of it gets stiffer with its strain, and a pull that sets in at once overshoots.
 """
-_SOFT = 100.0
-"""Axial stiffness at which a tendon stretches by 1 % per newton [N]."""
 T = TypeVar("T")
 Each: TypeAlias = T | Mapping[str | int, T]
 """A value for all tendons, or a dict of values by tendon."""
@@ -185,110 +178,99 @@ def add_friction(
         raise CableError("add_friction needs a tendon, by its name or its index.")
     ends = {"motor": motor, "joint": joint, "winch": winch}
     cable = {"friction": friction, "segments": segments, **parameters}
-    requests = []
+    requests: dict[str, dict[str, Any]] = {}
     for which, name in named.items():
         own = {key: _value_of(key, x, which, named) for key, x in ends.items()}
         _require_ends(start, **own)
-        values = {
-            key: _value_of(key, value, which, named) for key, value in cable.items()
-        }
+        values = {key: _value_of(key, x, which, named) for key, x in cable.items()}
         if values["friction"] is None:
             raise CableError(
                 "add_friction needs friction=, the coefficient of friction wherever "
                 "the tendon bends, e.g. friction=0.1."
             )
-        values = {key: value for key, value in values.items() if value is not None}
-        requests.append(_Request(name, **own, values=values))
+        given = {key: value for key, value in values.items() if value is not None}
+        requests[name] = {
+            "motor": own["motor"], "joint": own["joint"], "drum": own["winch"],
+            "given": given,
+        }  # fmt: skip
     with muted_warnings():
-        original = _compile_with(start, list(named.values()))
-        plan = _plan(start, original, requests, {} if guides is None else guides)
+        original = compile_spec(start.copy())
+        for name in requests:
+            _refuse_fixed(original, name)
+        takeovers = [
+            _Takeover(find_burden(start, original, name), **request)
+            for name, request in requests.items()
+        ]
+        moved, model = _plan(
+            start, original, takeovers, {} if guides is None else guides
+        )
         for which, name in named.items():
             if isinstance(which, int):
                 spec.tendons[which].name = name
-        _write(spec, original, plan)
-        turns = tendon_report(plan.model, [end.branch.name for end, _ in plan.laid])
-    concerns = plan.concerns
+        if spec.keys:
+            compile_spec(spec)  # from now on its keyframes follow what is added
+        _write_branches(spec, takeovers)
+        if winches := [x.winch for x in takeovers if x.winch is not None]:
+            write_winches(spec, original, winches, moved)
+        _write_cables(spec, takeovers)
+        laid = [cable.route for takeover in takeovers for cable in takeover.cables]
+        turns = tendon_report(model, laid)
+    concerns = [x for own in takeovers for x in range_lines(own.burden, original)]
+    concerns += [
+        _soft_warning(x) for x in takeovers if x.stiffens and x.stiffness < 100
+    ]
     if report:
         print(turns)
     else:
         concerns += [s.warning for s in turns.tendons if s.warning and s.zigzags]
     for concern in concerns:
         warnings.warn(concern, CableWarning, stacklevel=2)
-    steps = {s.name: _step_lines(s) for s in turns.tendons}
-    parts = tuple(
-        dataclasses.replace(
-            part, lines=sum((steps[cable] for cable in part.cables), part.lines)
-        )
-        for part in plan.parts
-    )
+    summaries = {summary.name: summary for summary in turns.tendons}
+    parts = tuple(_account(original, spec, model, x, summaries) for x in takeovers)
     if not several:
         return parts[0]
-    pairs = zip(plan.burdens, parts, strict=True)
+    pairs = zip(takeovers, parts, strict=True)
     return AddedCables(
-        tuple(cable for part in parts for cable in part.cables),
+        tuple(laid),
         "",
-        tuple(summary_line(original, burden, part) for burden, part in pairs),
+        tuple(summary_line(original, own.burden, part) for own, part in pairs),
         parts,
     )
 
 
-def _step_lines(summary: TendonSummary) -> tuple[str, ...]:
-    """Return a line where pieces become too short for the time step in motion."""
-    if summary.step_limit > summary.timestep:
-        return ()
-    return (
-        f"timestep: in the worst pose over the ranges of its joints pieces of "
-        f"{summary.name!r} become so short that {summary.axial_stiffness:g} N is "
-        f"stable only below {1e3 * summary.step_limit:.3g} ms, and it is "
-        f"{1e3 * summary.timestep:.3g} ms",
-    )
-
-
-@dataclasses.dataclass(frozen=True)
-class _Request:
-    """A tendon that becomes a cable, and what was given for it."""
-
-    tendon: str
-    motor: tuple[Any, float] | None
-    joint: tuple[Any, float] | None
-    winch: tuple[float, float] | None
-    values: dict[str, Any]
-
-
-@dataclasses.dataclass(frozen=True)
-class _Ends:
-    """A branch of a tendon, drums at its ends, if any, and values for its cable."""
-
-    branch: TendonBranch
-    motor: tuple[Any, float] | None
-    joint: tuple[Any, float] | None
-    values: dict[str, Any]
-
-
-_Laid = list[tuple[_Ends, Cable]]
-
-
-@dataclasses.dataclass(frozen=True)
-class _Plan:
-    """All that is to be written into a specification, and what it becomes.
+@dataclasses.dataclass
+class _Takeover:
+    """A tendon that becomes cables.
 
     Attributes:
-        burdens: what acts on the tendons, in their order.
-        taken: what winches take over of it.
-        moved: the specification with winches, but without cables, compiled.
-        laid: the cables of all branches.
-        model: the specification with winches and cables, compiled.
-        parts: the account of each tendon.
-        concerns: warnings.
+        burden: what acts on it.
+        motor: drum at its proximal end, if any.
+        joint: drum at its distal end, if any.
+        drum: radius [m] and inertia [kg m^2] of the drum of its winch, if given.
+        given: parameters of its cables, by name.
+        winch: what takes its burden over, if that is needed.
+        cables: of its branches, each with the name of its branch as `route`.
+        bearable: axial stiffness that the time step bears [N].
     """
 
-    burdens: list[Burden]
-    taken: Taken
-    moved: mujoco.MjModel
-    laid: _Laid
-    model: mujoco.MjModel
-    parts: tuple[AddedCables, ...]
-    concerns: list[str]
+    burden: Burden
+    motor: tuple[Any, float] | None
+    joint: tuple[Any, float] | None
+    drum: tuple[float, float] | None
+    given: dict[str, Any]
+    winch: Winch | None = None
+    cables: list[Cable] = dataclasses.field(default_factory=list)
+    bearable: float = math.inf
+
+    @property
+    def stiffness(self) -> float:
+        """Axial stiffness of its cables [N]."""
+        return self.cables[0].axial_stiffness
+
+    @property
+    def stiffens(self) -> bool:
+        """True if its cables are as stiff as the time step bears."""
+        return self.winch is not None and "axial_stiffness" not in self.given
 
 
 def _name_of(spec: mujoco.MjSpec, which: Any) -> str:
@@ -312,131 +294,80 @@ def _value_of(key: str, value: Any, which: Any, named: dict[Any, str]) -> Any:
     return value.get(which, value.get(named[which]))
 
 
-def _compile_with(spec: mujoco.MjSpec, tendons: list[str]) -> mujoco.MjModel:
-    """Compile a copy of a specification; refuse a fixed one of some tendons."""
-    model = compile_spec(spec.copy())
-    for tendon in tendons:
-        first = model.tendon_adr[model.tendon(tendon).id]
-        if model.wrap_type[first] == mujoco.mjtWrap.mjWRAP_JOINT:
-            raise CableError(
-                f"tendon {tendon!r} is fixed: it has no path that could bend; friction "
-                "is for a spatial tendon of sites and geoms."
-            )
-    return model
+def _refuse_fixed(model: mujoco.MjModel, tendon: str) -> None:
+    first = model.tendon_adr[model.tendon(tendon).id]
+    if model.wrap_type[first] == mujoco.mjtWrap.mjWRAP_JOINT:
+        raise CableError(
+            f"tendon {tendon!r} is fixed: it has no path that could bend; friction "
+            "is for a spatial tendon of sites and geoms."
+        )
 
 
 def _plan(
     start: mujoco.MjSpec,
     original: mujoco.MjModel,
-    requests: list[_Request],
+    takeovers: list[_Takeover],
     guides: Any,
-) -> _Plan:
-    """Plan the winches and cables of tendons."""
-    burdens = [find_burden(start, original, request.tendon) for request in requests]
-    at_guides, tried = _checked_guides(guides, burdens), start.copy()
-    lines: list[list[str]] = []
-    loaded: dict[Burden, tuple[float, float] | None] = {}
-    for burden, request in zip(burdens, requests, strict=True):
-        plain = burden.is_none or burden.is_band
+) -> tuple[mujoco.MjModel, mujoco.MjModel]:
+    """Choose the winches and cables of tendons; `start` is not changed.
+
+    Return models with the winches, and with the cables too.
+    """
+    at_guides = _checked_guides(guides, [takeover.burden for takeover in takeovers])
+    for takeover in takeovers:
+        burden = takeover.burden
         if not burden.is_none:
-            _refuse_drums(burden, request.motor, request.joint)
-        if plain and request.winch is not None:
+            _refuse_drums(burden, takeover.motor, takeover.joint)
+        if takeover.drum is not None and not burden.needs_winch:
             raise CableError(
                 "winch= is the drum of the actuators of a tendon, and "
                 f"{burden.tendon!r} has none; give motor=, the joint of a drum and its "
                 "radius, instead."
             )
-        if not plain:
-            loaded[burden] = request.winch
-            write_branches(tried, burden)
-        elif burden.is_band:
-            slacken(tried, burden.tendon)
-    taken, moved = [], original
+    tried, moved = start.copy(), original
+    _write_branches(tried, takeovers)
+    loaded = [takeover for takeover in takeovers if takeover.burden.needs_winch]
     if loaded:
-        taken = plan_winches(tried, original, loaded)
-        moved = _write_taken(tried, original, taken)
-    winches = {burden.tendon: winch for burden, winch in taken}
-    ends, held = [], {}
-    for burden, request in zip(burdens, requests, strict=True):
-        values = {"path": "open", "guides": at_guides, **request.values}
-        own: list[str] = []
-        winch = winches.get(burden.tendon)
-        if winch is None:
-            if burden.is_band:
-                own = _stretch_as(burden, values, request.values)
-            ends.append(_Ends(burden.branches[0], request.motor, request.joint, values))
-        else:
-            # Without it what friction holds would fall into the cable, and shake it.
-            held[burden] = float(f"{held_tension(original, burden):.3g}")
-            values = {
-                "pretension": held[burden], "axial_stiffness": MAX_STIFFNESS, **values
-            }  # fmt: skip
-            own = describe_winch(original, tried, burden, winch)
-            if held[burden] > 0.0 and values["pretension"] == held[burden]:
-                own.append(
-                    f"pretension {held[burden]:g} N: what the dry friction holds in "
-                    "qpos0"
-                )
-            for branch, name in zip(burden.branches, winch.names, strict=True):
-                ends.append(_Ends(branch, (name, -winch.lever), None, values))
-        lines.append(own)
-    laid, model = _lay(tried, moved, ends)
-    bearable = _bearable_stiffness(model, laid) if taken else {}
-    concerns = [x for burden in burdens for x in range_lines(burden, original)]
-    for burden, request, own in zip(burdens, requests, lines, strict=True):
-        if burden.tendon not in winches:
-            continue
-        names = [branch.name for branch in burden.branches]
-        most = min(bearable[name] for name in names)
-        if "axial_stiffness" not in request.values:
-            stiffness = min(most, MAX_STIFFNESS)
-            pull = largest_pull(original, burden)
-            _refuse_soft(burden, stiffness, pull, original.opt.timestep)
-            if stiffness < _SOFT:
-                concerns.append(_soft_warning(burden, stiffness))
-            for i, (end, cable) in enumerate(laid):
-                if end.branch.name in names:
-                    laid[i] = end, cable.replace(axial_stiffness=stiffness)
-        cables = [cable for end, cable in laid if end.branch.name in names]
-        own.append(_stretch_line(cables, most, original.opt.timestep))
-    _write_cables(tried, laid)
-    model = compile_spec(tried)
-    parts = []
-    for burden, own in zip(burdens, lines, strict=True):
-        names = [branch.name for branch in burden.branches]
-        own.append(order_line(model, names, original.nu))
-        cables = [cable for end, cable in laid if end.branch.name in names]
-        winch_name = burden.winch if burden.tendon in winches else ""
-        first = _first_line(burden.tendon, cables)
-        parts.append(AddedCables(tuple(names), winch_name, (first, *own)))
-    return _Plan(burdens, taken, moved, laid, model, tuple(parts), concerns)
+        winches = plan_winches(tried, original, {x.burden: x.drum for x in loaded})
+        for takeover, winch in zip(loaded, winches, strict=True):
+            takeover.winch = winch
+        moved = write_winches(tried, original, winches)
+    for takeover in takeovers:
+        _lay(moved, original, takeover, at_guides)
+    bent = tried.copy()
+    _write_cables(bent, takeovers)
+    model = compile_spec(bent)
+    data = mujoco.MjData(model)
+    # Only the path is needed: a step would warn of a model that is not finished yet.
+    mujoco.mj_fwdPosition(model, data)
+    for takeover in takeovers:
+        for i, cable in enumerate(takeover.cables):
+            # Where there is no MuJoCo the cable bends by as much, evenly.
+            wrap = route_wrap(model, data, cable.route)
+            if wrap > 0.0:
+                conduit = (Section(cable.length, cable.length / wrap),)
+                takeover.cables[i] = cable.replace(conduit=conduit)
+    if loaded:
+        _find_bearable(model, loaded)
+    for takeover in loaded:
+        if takeover.stiffens:
+            stiffness = min(takeover.bearable, MAX_STIFFNESS)
+            pull = largest_pull(original, takeover.burden)
+            _refuse_soft(takeover.burden, stiffness, pull, original.opt.timestep)
+            takeover.cables = [
+                cable.replace(axial_stiffness=stiffness) for cable in takeover.cables
+            ]
+    _write_cables(tried, takeovers)
+    return moved, compile_spec(tried)
 
 
-def _write(spec: mujoco.MjSpec, original: mujoco.MjModel, plan: _Plan) -> None:
-    if spec.keys:
-        compile_spec(spec)  # from now on its keyframes follow what is added
-    for burden in plan.burdens:
-        if burden.is_band:
-            slacken(spec, burden.tendon)
-    for burden, _ in plan.taken:
-        write_branches(spec, burden)
-    if plan.taken:
-        _write_taken(spec, original, plan.taken, plan.moved)
-    _write_cables(spec, plan.laid)
-
-
-def _write_taken(
-    spec: mujoco.MjSpec,
-    original: mujoco.MjModel,
-    taken: Taken,
-    model: mujoco.MjModel | None = None,
-) -> mujoco.MjModel:
-    """Write winches with all that they take over; return that compiled, as `model`."""
-    write_winches(spec, original, taken)
-    model = compile_spec(spec.copy()) if model is None else model
-    keep_constraints(spec, model, original, [burden for burden, _ in taken])
-    pose_keyframes(spec, original, taken)
-    return model
+def _write_branches(spec: mujoco.MjSpec, takeovers: list[_Takeover]) -> None:
+    """Write what the winches or cables of tendons need before them."""
+    for takeover in takeovers:
+        if takeover.burden.needs_winch:
+            write_branches(spec, takeover.burden)
+        elif takeover.burden.is_band:
+            slacken(spec, takeover.burden.tendon)
 
 
 def _require_ends(spec: mujoco.MjSpec, motor: Any, joint: Any, winch: Any) -> None:
@@ -478,58 +409,43 @@ def _refuse_drums(burden: Burden, motor: Any, joint: Any) -> None:
             )
 
 
-def _stretch_as(
-    burden: Burden, given: dict[str, Any], parameters: dict[str, Any]
-) -> list[str]:
-    """Give a cable the stiffness of a band; return the lines about it."""
-    for key in ("axial_stiffness", "pretension"):
-        if key in parameters:
-            raise CableError(
-                f"tendon {burden.tendon!r} has a `stiffness`, which makes its {key}; "
-                f"leave {key}= out, or take the stiffness away."
-            )
-    rate, rest = burden.spring[0], burden.rest[1]
-    given["axial_stiffness"] = rate * rest
-    given["pretension"] = rate * (burden.length - rest)
-    return describe_band(burden, given["axial_stiffness"], given["pretension"])
-
-
 def _lay(
-    spec: mujoco.MjSpec, model: mujoco.MjModel, ends: list[_Ends]
-) -> tuple[_Laid, mujoco.MjModel]:
-    """Return the cables of branches, as long and as bent as their paths in `qpos0`.
+    model: mujoco.MjModel,
+    original: mujoco.MjModel,
+    takeover: _Takeover,
+    guides: tuple[tuple[str, Any], ...],
+) -> None:
+    """Give a takeover straight cables as long as the paths of its branches in `qpos0`.
 
-    Also the model with them; `spec` is not changed.
+    `model` has its winch.
     """
-    laid = []
-    for end in ends:
-        name = end.branch.name
-        length = float(model.tendon_length0[model.tendon(name).id])
-        sites = sum(how.startswith("site") for _, how in end.branch.path)
-        geoms = len(end.branch.path) - sites
-        places = len(end.branch.path) - 2 + (ARC_SEGMENTS - 1) * geoms
+    burden, values = takeover.burden, {"path": "open", **takeover.given}
+    if takeover.winch is not None:
+        # Without it what friction holds would fall into the cable, and shake it.
+        held = float(f"{held_tension(original, burden):.3g}")
+        values = {"pretension": held, "axial_stiffness": MAX_STIFFNESS, **values}
+    elif burden.is_band:
+        for key in ("axial_stiffness", "pretension"):
+            if key in takeover.given:
+                raise CableError(
+                    f"tendon {burden.tendon!r} has a `stiffness`, which makes its "
+                    f"{key}; leave {key}= out, or take the stiffness away."
+                )
+        rate, rest = burden.spring[0], burden.rest[1]
+        values["axial_stiffness"] = rate * rest
+        values["pretension"] = rate * (burden.length - rest)
+    for branch in burden.branches:
+        length = float(model.tendon_length0[model.tendon(branch.name).id])
+        geoms = sum(side is not None for _, side in branch.path)
+        places = len(branch.path) - 2 + (ARC_SEGMENTS - 1) * geoms
+        inner = {target for target, _ in branch.path[1:-1]}
         own: dict[str, Any] = {
             "segments": min(max(places, 1), MAX_SEGMENTS),
             "conduit": (Section(length, math.inf),),
-            "route": name,
+            "route": branch.name,
+            "guides": tuple(guide for guide in guides if guide[0] in inner),
         }
-        own |= end.values
-        inner = {target for target, _ in end.branch.path[1:-1]}
-        own["guides"] = tuple(g for g in own["guides"] if g[0] in inner)
-        laid.append((end, Cable(**own)))
-    tried = spec.copy()
-    _write_cables(tried, laid)
-    model = compile_spec(tried)
-    data = mujoco.MjData(model)
-    # Only the path is needed: a step would warn of a model that is not finished yet.
-    mujoco.mj_fwdPosition(model, data)
-    for i, (end, cable) in enumerate(laid):
-        # Where there is no MuJoCo the cable bends by as much, evenly.
-        wrap = route_wrap(model, data, end.branch.name)
-        if wrap > 0.0:
-            bent = (Section(cable.length, cable.length / wrap),)
-            laid[i] = end, dataclasses.replace(cable, conduit=bent)
-    return laid, model
+        takeover.cables.append(Cable(**(own | values)))
 
 
 def _checked_guides(
@@ -541,17 +457,17 @@ def _checked_guides(
             f"{ROLLER!r}}}."
         )
     inner = {
-        target: how
+        target: side
         for burden in burdens
         for branch in burden.branches
-        for target, how in branch.path[1:-1]
+        for target, side in branch.path[1:-1]
     }
     tendons = ", ".join(repr(burden.tendon) for burden in burdens)
     for name, value in given.items():
         kind = f"guide of tendon {tendons} between its ends"
         look_up(kind, name, inner)
         radius = float(value) if isinstance(value, Real) else math.nan
-        if value != ROLLER and not inner[name].startswith("site"):
+        if value != ROLLER and inner[name] is not None:
             raise CableError(
                 f"guide {name!r} is {value!r}; a geom has its own radius, so it must "
                 f"be {ROLLER!r} or left out."
@@ -564,16 +480,20 @@ def _checked_guides(
     return tuple(given.items())
 
 
-def _write_cables(spec: mujoco.MjSpec, laid: _Laid) -> None:
-    for end, cable in laid:
-        own = spec.tendon(end.branch.name)
-        # Cable wound up moves to proximal at the motor's end, to distal at the other.
-        proximal, distal = (own, -1.0), (own, 1.0)
-        if end.motor is not None:
-            proximal = _joint(spec, end.motor[0]), -end.motor[1]
-        if end.joint is not None:
-            distal = _joint(spec, end.joint[0]), end.joint[1]
-        to_mjcf(spec, end.branch.name, cable, proximal, distal)
+def _write_cables(spec: mujoco.MjSpec, takeovers: list[_Takeover]) -> None:
+    for takeover in takeovers:
+        for i, cable in enumerate(takeover.cables):
+            own, winch, motor = spec.tendon(cable.route), takeover.winch, takeover.motor
+            if winch is not None:
+                motor = winch.names[i], -winch.lever
+            # Cable wound up moves to proximal at the motor's end, to distal at the
+            # other.
+            proximal, distal = (own, -1.0), (own, 1.0)
+            if motor is not None:
+                proximal = _joint(spec, motor[0]), -motor[1]
+            if takeover.joint is not None:
+                distal = _joint(spec, takeover.joint[0]), takeover.joint[1]
+            to_mjcf(spec, cable.route, cable, proximal, distal)
 
 
 def _joint(spec: mujoco.MjSpec, joint: Any) -> Any:
@@ -595,42 +515,78 @@ def _refuse_soft(burden: Burden, stiffness: float, pull: float, step: float) -> 
         )
 
 
-def _bearable_stiffness(model: mujoco.MjModel, laid: _Laid) -> dict[str, float]:
-    """Return the axial stiffness that the time step bears, by cable [N].
+def _find_bearable(model: mujoco.MjModel, takeovers: list[_Takeover]) -> None:
+    """Set the axial stiffness that the time step bears.
 
-    Their pieces do in the pose `qpos0`, in keyframes and over the ranges of the joints.
-    `model` has the cables with the stiffness in `laid`.
+    The pieces of cables do in the pose `qpos0`, in keyframes and over the ranges of the
+    joints. `model` has the cables of `takeovers`.
     """
     data = mujoco.MjData(model)
-    shortest = {end.branch.name: math.inf for end, _ in laid}
+    names = [cable.route for takeover in takeovers for cable in takeover.cables]
+    shortest = dict.fromkeys(names, math.inf)
     for pose in sample_poses(model):
         data.qpos[:] = pose
         limits = step_limits(model, data)
         for name, least in shortest.items():
             shortest[name] = min(least, limits[name].pieces)
-    step = _STEP_MARGIN * model.opt.timestep
-    ratios = {name: least / step for name, least in shortest.items()}
-    return {
-        end.branch.name: float(
-            f"{cable.axial_stiffness * ratios[end.branch.name] ** 2:.2g}"
+    step = 3.0 * model.opt.timestep  # with a margin
+    for takeover in takeovers:
+        takeover.bearable = min(
+            float(f"{cable.axial_stiffness * (shortest[cable.route] / step) ** 2:.2g}")
+            for cable in takeover.cables
         )
-        for end, cable in laid
-    }
 
 
-def _soft_warning(burden: Burden, stiffness: float) -> str:
+def _soft_warning(takeover: _Takeover) -> str:
     """Return the warning of a tendon that a time step keeps soft."""
+    stiffness = takeover.stiffness
     return (
-        f"tendon {burden.tendon!r} stretches by {100 / stiffness:.2g} % of its length "
-        f"per newton, and a pull above {_MAX_STRAIN * stiffness:.2g} N may make it "
-        "unstable, because what it pulls bears no stiffer one at this time step; "
-        "shorten the timestep, or give its joints more `armature`."
+        f"tendon {takeover.burden.tendon!r} stretches by {100 / stiffness:.2g} % of "
+        f"its length per newton, and a pull above {_MAX_STRAIN * stiffness:.2g} N may "
+        "make it unstable, because what it pulls bears no stiffer one at this time "
+        "step; shorten the timestep, or give its joints more `armature`."
     )
 
 
-def _stretch_line(cables: list[Cable], bearable: float, step: float) -> str:
-    stiffness = cables[0].axial_stiffness
-    length = max(cable.length for cable in cables)
+def _account(
+    original: mujoco.MjModel,
+    spec: mujoco.MjSpec,
+    model: mujoco.MjModel,
+    takeover: _Takeover,
+    summaries: dict[str, TendonSummary],
+) -> AddedCables:
+    """Return the account of a tendon that became cables in `spec`, compiled `model`."""
+    burden, winch, cables = takeover.burden, takeover.winch, takeover.cables
+    names = tuple(cable.route for cable in cables)
+    count = sum(cable.segments for cable in cables)
+    lines = [
+        f"tendon {burden.tendon!r}: "
+        f"{'a cable' if len(cables) == 1 else f'{len(cables)} cables'} with friction "
+        f"{cables[0].friction:g}, of {count} segment{'s' if count > 1 else ''}"
+    ]
+    held = cables[0].pretension
+    if burden.is_band:
+        lines += describe_band(burden, takeover.stiffness, held)
+    if winch is not None:
+        lines += describe_winch(original, spec, winch)
+        if held > 0.0 and "pretension" not in takeover.given:
+            lines.append(f"pretension {held:g} N: what the dry friction holds in qpos0")
+        lines.append(_stretch_line(takeover, original.opt.timestep))
+    lines.append(order_line(model, names, original.nu))
+    for summary in (summaries[name] for name in names):
+        if summary.step_limit <= summary.timestep:
+            lines.append(
+                "timestep: in the worst pose over the ranges of its joints pieces of "
+                f"{summary.name!r} become so short that {summary.axial_stiffness:g} N "
+                f"is stable only below {1e3 * summary.step_limit:.3g} ms, and it is "
+                f"{1e3 * summary.timestep:.3g} ms"
+            )
+    return AddedCables(names, "" if winch is None else burden.winch, tuple(lines))
+
+
+def _stretch_line(takeover: _Takeover, step: float) -> str:
+    stiffness, bearable = takeover.stiffness, takeover.bearable
+    length = max(cable.length for cable in takeover.cables)
     text = (
         f"axial_stiffness {stiffness:g} N: it stretches by "
         f"{1e3 * length / stiffness:.2g} mm per newton"
@@ -646,12 +602,3 @@ def _stretch_line(cables: list[Cable], bearable: float, step: float) -> str:
             "sampled poses"
         )
     return text
-
-
-def _first_line(tendon: str, cables: list[Cable]) -> str:
-    count = sum(cable.segments for cable in cables)
-    return (
-        f"tendon {tendon!r}: "
-        f"{'a cable' if len(cables) == 1 else f'{len(cables)} cables'} with friction "
-        f"{cables[0].friction:g}, of {count} segment{'s' if count > 1 else ''}"
-    )

@@ -20,11 +20,12 @@ needs no winch: the cable itself has this stiffness, EA = k times the rest lengt
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import itertools
 import math
 from collections.abc import Iterable
-from typing import Any, TypeAlias
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -36,27 +37,13 @@ from cc_mujoco.plugin._tendons.burden import (
     CARRIED,
     Burden,
     can_push,
+    keep_constraints,
     kind_of,
     slacken,
 )
 
-_TENDON = mujoco.mjtTrn.mjTRN_TENDON
 _HINGE, _SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
 _GAIN, _BIAS = mujoco.mjtGain, mujoco.mjtBias
-_MASS_SHARE, _HELD_MASS_SHARE, _DRY_MASS_SHARE = 5e-3, 5e-2, 0.1
-"""Inertia of a winch, as a share of what its tendon moves; where limits or equalities
-hold it, or dry friction does, more, because a cable feels a change of theirs a step
-late, and a light winch would tremble."""
-_SLOWING_RATE = 0.05
-"""Rate at which the damping of a winch slows down what its tendon moves [1/s].
-
-It stops a winch that nothing pulls: without it the winch would pay out for ever what a
-falling load once drew.
-"""
-_DRAG_MARGIN, _MUSCLE_MARGIN = 1.0, 0.6
-"""Inertia of a winch that bears an explicit drag c at a step h, as a share of c h."""
-_ANY_FORCE = 1e12
-_POSES = 12
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,6 +51,7 @@ class Winch:
     """Joints that hold the proximal ends of the branches of a tendon.
 
     Attributes:
+        burden: what acted on the tendon, which they take over.
         names: of the joints, one for every branch.
         radius: of the drum [m]; 0 for a slide.
         lengths: of the branches in the pose `qpos0` [m].
@@ -71,6 +59,7 @@ class Winch:
         damping: of the joints, at the tendon [N s/m].
     """
 
+    burden: Burden
     names: tuple[str, ...]
     radius: float
     lengths: tuple[float, ...]
@@ -83,27 +72,21 @@ class Winch:
         return self.radius or 1.0
 
 
-@dataclasses.dataclass(frozen=True)
-class Stance:
-    """A pose in which a tendon was measured: length [m], inertia that it moves [kg]."""
-
-    length: float
-    inertia: float
-
-
-def measure(model: mujoco.MjModel, tendons: Iterable[str]) -> dict[str, list[Stance]]:
+def _measure(
+    model: mujoco.MjModel, tendons: Iterable[str]
+) -> dict[str, NDArray[np.float64]]:
     """Measure tendons in the pose `qpos0`, in keyframes and over the joints' ranges.
 
-    The stances are by tendon, that of `qpos0` first; without inertia where nothing
-    moves it.
+    Return the lengths [m] and the inertias that they move [kg] (2, poses) by tendon, of
+    `qpos0` first; the inertias are infinite where nothing moves.
     """
-    data = mujoco.MjData(model)
-    found: dict[str, list[Stance]] = {tendon: [] for tendon in tendons}
+    data, poses = mujoco.MjData(model), sample_poses(model)
+    found = {tendon: np.empty((2, len(poses))) for tendon in tendons}
     row, solved = np.zeros(model.nv), np.zeros((1, model.nv))
-    for pose in sample_poses(model):
+    for k, pose in enumerate(poses):
         data.qpos[:] = pose
         mujoco.mj_fwdPosition(model, data)
-        for tendon, stances in found.items():
+        for tendon, measured in found.items():
             index = model.tendon(tendon).id
             row[:] = 0.0
             start = model.ten_J_rowadr[index]
@@ -114,7 +97,7 @@ def measure(model: mujoco.MjModel, tendons: Iterable[str]) -> dict[str, list[Sta
                 mujoco.mj_solveM(model, data, solved, row[None, :])
                 mobility = float(row @ solved[0])
             inertia = 1.0 / mobility if mobility > mujoco.mjMINVAL else math.inf
-            stances.append(Stance(float(data.ten_length[index]), inertia))
+            measured[:, k] = data.ten_length[index], inertia
     return found
 
 
@@ -125,7 +108,7 @@ def sample_poses(model: mujoco.MjModel) -> list[NDArray[np.float64]]:
     limited = [i for i in range(model.njnt) if model.jnt_limited[i]]
     single = [i for i in limited if model.jnt_type[i] in (_HINGE, _SLIDE)]
     shares = [np.zeros(len(single)), np.ones(len(single))]
-    shares += list(random.uniform(size=(_POSES, len(single))))
+    shares += list(random.uniform(size=(12, len(single))))
     for share in shares if single else []:
         pose = model.qpos0.copy()
         low, high = model.jnt_range[single].T
@@ -134,62 +117,69 @@ def sample_poses(model: mujoco.MjModel) -> list[NDArray[np.float64]]:
     return poses
 
 
-Taken: TypeAlias = list[tuple[Burden, Winch]]
-"""Burdens of tendons, with the winches that take them over."""
-
-
 def plan_winches(
     spec: mujoco.MjSpec,
     original: mujoco.MjModel,
-    burdens: dict[Burden, tuple[float, float] | None],
-) -> Taken:
+    drums: dict[Burden, tuple[float, float] | None],
+) -> list[Winch]:
     """Choose the winches of tendons, light but stable at the time step of the model.
 
     In `spec`, which is not changed, the branches have tendons already; `original` is
-    the model before. `burdens` have radius [m] and inertia [kg m^2] of each drum, None
-    for a light slide.
+    the model before. `drums` have a radius [m] and an inertia [kg m^2], None for a
+    light slide.
     """
-    branched = any(burden.has_pulleys for burden in burdens)
+    branched = any(burden.has_pulleys for burden in drums)
     model = compile_spec(spec.copy()) if branched else original
-    branches = [branch.name for burden in burdens for branch in burden.branches]
-    stances = measure(model, branches)
-    trials: Taken = []
-    for burden, given in burdens.items():
-        count, radius = len(burden.branches), given[0] if given else 0.0
+    measured = _measure(model, (x.name for burden in drums for x in burden.branches))
+    trials, ways = list[Winch](), list[NDArray[np.float64]]()
+    for burden, drum in drums.items():
+        count = len(burden.branches)
         names: tuple[str, ...] = (burden.winch,)
         if count > 1:
             names = tuple(f"{burden.winch}_{i + 1}" for i in range(count))
-        own = [stances[branch.name] for branch in burden.branches]
-        moved = [min(stance.inertia for stance in branch) for branch in own]
-        moved = [mass if math.isfinite(mass) else 1.0 for mass in moved]
-        lengths = tuple(branch[0].length for branch in own)
-        trial = Winch(names, radius, lengths, tuple(moved), (0.0,) * count)
-        trials.append((burden, trial))
+        own = np.array([measured[branch.name] for branch in burden.branches])
+        moved = own[:, 1].min(axis=1)
+        moved[np.isinf(moved)] = 1.0
+        trials.append(
+            Winch(
+                burden,
+                names,
+                drum[0] if drum else 0.0,
+                tuple(own[:, 0, 0].tolist()),
+                tuple(moved.tolist()),
+                (0.0,) * count,
+            )
+        )
+        ways.append(own[:, 0])
     probe = spec.copy()
-    write_winches(probe, original, trials, probing=True)
+    for trial in trials:
+        _write_winch(probe, original, trial, probing=True)
+    for kind in ("equalities", "sensors"):
+        places = {i for burden in drums for i in getattr(burden, kind)}
+        for element in [getattr(probe, kind)[i] for i in places]:
+            probe.delete(element)
     probed = compile_spec(probe)
-    planned: Taken = []
-    for burden, trial in trials:
-        ways = [[s.length for s in stances[b.name]] for b in burden.branches]
-        slopes = _drive_slopes(probed, burden, trial, ways)
-        winch = _stable_winch(original, burden, trial, burdens[burden], *slopes)
-        planned.append((burden, winch))
-    return planned
+    return [
+        _stable_winch(
+            original, trial, drums[trial.burden], *_drive_slopes(probed, trial, lengths)
+        )
+        for trial, lengths in zip(trials, ways, strict=True)
+    ]
 
 
 def _stable_winch(
     original: mujoco.MjModel,
-    burden: Burden,
     trial: Winch,
-    given: tuple[float, float] | None,
+    drum: tuple[float, float] | None,
     stiffness: float,
     drag: float,
 ) -> Winch:
     """Return a winch with inertia and damping that bear what acts on it.
 
-    `trial` has the inertia that each of its branches moves, `given` are as in
-    `plan_winches`, `stiffness` [N/m] and `drag` [N s/m] those of what acts on it.
+    `trial` has the inertia that each of its branches moves, `drum` is as in
+    `plan_winches`, `stiffness` [N/m] and `drag` [N s/m] are those of what acts on it.
     """
+    burden = trial.burden
     step, integrator = original.opt.timestep, original.opt.integrator
     explicit = (mujoco.mjtIntegrator.mjINT_EULER, mujoco.mjtIntegrator.mjINT_RK4)
     if integrator not in explicit:
@@ -197,24 +187,31 @@ def _stable_winch(
         index = original.tendon(burden.tendon).id
         drag = max(drag - float(original.tendon_damping[index]), 0.0)
     sprung = "stiffness" in burden.fields  # which ends its drift
-    held = burden.equalities or "range" in burden.fields
-    mass_share = _HELD_MASS_SHARE if held else _MASS_SHARE
+    # The inertia of a winch as a share of what its tendon moves. It is more where
+    # limits, equalities or dry friction hold it: a cable feels a change of theirs a
+    # step late, and a light winch would tremble.
+    mass_share = 5e-3
+    if burden.equalities or "range" in burden.fields:
+        mass_share = 5e-2
     if "frictionloss" in burden.fields:
-        mass_share = _DRY_MASS_SHARE
+        mass_share = 0.1
+    # Inertia that bears an explicit drag c at a step h, as a share of c h.
     muscles = any(kind_of(original, i) == "muscle" for i in burden.actuators)
-    margin = _MUSCLE_MARGIN if muscles else _DRAG_MARGIN
+    margin = 0.6 if muscles else 1.0
     inertias, damping = [], []
     for branch, mass in zip(burden.branches, trial.inertias, strict=True):
         # What acts on the sum of the branches acts on each by its share.
         share = 1.0 / branch.divisor**2
         k, c = stiffness * share, drag * share
-        own = given[1] / given[0] ** 2 if given else mass_share * mass
-        brake = 0.0 if given or sprung else _SLOWING_RATE * mass
+        own = drum[1] / drum[0] ** 2 if drum else mass_share * mass
+        # Without a brake, by a rate [1/s], a winch that nothing pulls would pay out for
+        # ever what a falling load once drew.
+        brake = 0.0 if drum or sprung else 0.05 * mass
         if _damps_implicitly(original):
             brake = max(brake, k * step if own < k * step**2 else 0.0)
-        elif not given:
+        elif not drum:
             own = max(own, k * step**2)
-        inertias.append(own if given else max(own, margin * c * step))
+        inertias.append(own if drum else max(own, margin * c * step))
         damping.append(brake)
     return dataclasses.replace(trial, inertias=tuple(inertias), damping=tuple(damping))
 
@@ -244,8 +241,7 @@ def largest_pull(original: mujoco.MjModel, burden: Burden) -> float:
             else:
                 continue
             pulls[k] = max(pulls[k], float(-gear * force))
-    index = original.tendon(burden.tendon).id
-    pull = sum(pulls)
+    index, pull = original.tendon(burden.tendon).id, sum(pulls)
     if original.tendon_actfrclimited[index]:
         pull = min(pull, -float(original.tendon_actfrcrange[index, 0]))
     return pull / min(branch.divisor for branch in burden.branches)
@@ -262,22 +258,23 @@ def _damps_implicitly(model: mujoco.MjModel) -> bool:
 
 
 def _drive_slopes(
-    model: mujoco.MjModel, burden: Burden, winch: Winch, lengths: list[list[float]]
+    model: mujoco.MjModel, winch: Winch, lengths: NDArray[np.float64]
 ) -> tuple[float, float]:
     """Return the stiffness [N/m] and damping [N s/m] of what acts on a winch.
 
-    The largest over commands and over the lengths that its branches had.
+    The largest over commands and over the lengths of its branches (branches, poses).
     """
     data = mujoco.MjData(model)
     joints = [model.joint(name) for name in winch.names]
-    index = model.tendon(burden.winch).id
+    index = model.tendon(winch.burden.winch).id
     pulling = [
         i
         for i in range(model.nactuator)
-        if model.actuator_trntype[i] == _TENDON and model.actuator_trnid[i, 0] == index
+        if model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_TENDON
+        and model.actuator_trnid[i, 0] == index
     ]
-    gears = model.actuator_gear[model.actuator_outadr[pulling], 0]
     outputs = model.actuator_outadr[pulling]
+    gears = model.actuator_gear[outputs, 0]
     controls = np.where(
         model.actuator_ctrllimited[:, None] != 0,
         model.actuator_ctrlrange,
@@ -286,8 +283,8 @@ def _drive_slopes(
 
     def force(length: float, speed: float, share: float, row: int) -> float:
         mujoco.mj_resetData(model, data)
-        for joint, branch in zip(joints, lengths, strict=True):
-            data.qpos[joint.qposadr[0]] = branch[row] / winch.lever
+        for joint, own in zip(joints, lengths[:, row], strict=True):
+            data.qpos[joint.qposadr[0]] = own / winch.lever
         data.qpos[joints[0].qposadr[0]] += length / winch.lever
         data.qvel[joints[0].dofadr[0]] = speed / winch.lever
         data.ctrl[:] = controls[:, 0] + share * (controls[:, 1] - controls[:, 0])
@@ -298,12 +295,11 @@ def _drive_slopes(
         spring = data.qfrc_spring + data.qfrc_damper
         return total + float(spring[joints[0].dofadr[0]]) / winch.lever * first
 
-    first = burden.branches[0].divisor
+    first = winch.burden.branches[0].divisor
     stiffness = drag = 0.0
     totals = np.sum(lengths, axis=0)
     for row in {0, int(np.argmin(totals)), int(np.argmax(totals))}:
-        scale = sum(branch[row] for branch in lengths)
-        tiny = 1e-4 * max(scale, 1e-3)
+        tiny = 1e-4 * max(float(totals[row]), 1e-3)
         for share in (0.0, 0.5, 1.0):
             at = force(0.0, 0.0, share, row)
             stiffness = max(stiffness, abs(force(tiny, 0.0, share, row) - at) / tiny)
@@ -314,32 +310,33 @@ def _drive_slopes(
 def write_winches(
     spec: mujoco.MjSpec,
     original: mujoco.MjModel,
-    taken: Taken,
-    *,
-    probing: bool = False,
-) -> None:
-    """Write the winches of tendons and move to them what acts on the tendons.
+    winches: list[Winch],
+    model: mujoco.MjModel | None = None,
+) -> mujoco.MjModel:
+    """Write winches and move to them what acts on their tendons.
 
-    In `spec` the branches have tendons already; `original` is the model before. With
-    `probing` without limits, dry friction, equalities and sensors.
+    In `spec` the branches have tendons already; `original` is the model before. Return
+    `spec` with the winches compiled, which is `model` where that is known.
     """
-    for burden, winch in taken:
-        _write_winch(spec, original, burden, winch, probing)
-    if probing:
-        for kind in ("equalities", "sensors"):
-            places = {i for burden, _ in taken for i in getattr(burden, kind)}
-            for element in [getattr(spec, kind)[i] for i in places]:
-                spec.delete(element)
+    for winch in winches:
+        _write_winch(spec, original, winch)
+    model = compile_spec(spec.copy()) if model is None else model
+    keep_constraints(spec, model, original, [winch.burden for winch in winches])
+    _pose_keyframes(spec, original, winches)
+    return model
 
 
 def _write_winch(
     spec: mujoco.MjSpec,
     original: mujoco.MjModel,
-    burden: Burden,
     winch: Winch,
-    probing: bool,
+    probing: bool = False,
 ) -> None:
-    """Write a winch as `write_winches` does; where probing without what it removes."""
+    """Write a winch and move to it what acts on its tendon.
+
+    With `probing` without limits, dry friction, equalities and sensors.
+    """
+    burden = winch.burden
     for name, length, inertia, damping in zip(
         winch.names, winch.lengths, winch.inertias, winch.damping, strict=True
     ):
@@ -360,7 +357,7 @@ def _write_winch(
             damping=[damping * lever**2, 0.0, 0.0],
         )
     own = spec.tendon(burden.tendon)
-    taken = {field: _copied(getattr(own, field)) for field in CARRIED}
+    taken = {field: copy.copy(getattr(own, field)) for field in CARRIED}
     taken["springlength"] = burden.rest
     clamp = None if probing else _pull_range(original, burden)
     if clamp is not None:
@@ -375,17 +372,15 @@ def _write_winch(
     slacken(spec, burden.tendon)
     for place in burden.actuators:
         _move_actuator(spec.actuators[place], original, place, burden.winch)
-    for place in () if probing else burden.equalities:
+    if probing:
+        return
+    for place in burden.equalities:
         equality = spec.equalities[place]
         for end in ("name1", "name2"):
             if getattr(equality, end) == burden.tendon:
                 setattr(equality, end, burden.winch)
-    for place in () if probing else burden.sensors:
+    for place in burden.sensors:
         spec.sensors[place].objname = burden.winch
-
-
-def _copied(value: Any) -> Any:
-    return value.copy() if isinstance(value, np.ndarray) else value
 
 
 def _move_actuator(
@@ -419,7 +414,8 @@ def _pull_range(original: mujoco.MjModel, burden: Burden) -> tuple[float, float]
             "cannot be pushed, and MuJoCo can only keep forces of one sign from doing "
             "so: write the negative gears as positive ones with the opposite gain."
         )
-    low, high = (-_ANY_FORCE, 0.0) if np.all(gears > 0.0) else (0.0, _ANY_FORCE)
+    any_force = 1e12
+    low, high = (-any_force, 0.0) if np.all(gears > 0.0) else (0.0, any_force)
     index = original.tendon(burden.tendon).id
     if original.tendon_actfrclimited[index]:
         low = max(low, float(original.tendon_actfrcrange[index, 0]))
@@ -432,7 +428,9 @@ def _pull_range(original: mujoco.MjModel, burden: Burden) -> tuple[float, float]
     return low, high
 
 
-def pose_keyframes(spec: mujoco.MjSpec, original: mujoco.MjModel, taken: Taken) -> None:
+def _pose_keyframes(
+    spec: mujoco.MjSpec, original: mujoco.MjModel, winches: list[Winch]
+) -> None:
     """Pay out in every keyframe what its pose takes; move what springs have yielded."""
     if not spec.keys:
         return
@@ -442,26 +440,26 @@ def pose_keyframes(spec: mujoco.MjSpec, original: mujoco.MjModel, taken: Taken) 
         pose = model.key_qpos[i].copy()
         data.qpos[:] = pose
         mujoco.mj_fwdPosition(model, data)
-        for burden, winch in taken:
-            for name, branch in zip(winch.names, burden.branches, strict=True):
+        for winch in winches:
+            for name, branch in zip(winch.names, winch.burden.branches, strict=True):
                 length = data.ten_length[model.tendon(branch.name).id]
                 pose[model.joint(name).qposadr[0]] = length / winch.lever
         key.qpos = pose
         if getattr(original, "nplastic", 0):  # from MuJoCo 4.0
-            key.plastic = _moved_plastic(original, model, taken, i)
+            key.plastic = _moved_plastic(original, model, winches, i)
 
 
 def _moved_plastic(
-    original: mujoco.MjModel, model: mujoco.MjModel, taken: Taken, key: int
+    original: mujoco.MjModel, model: mujoco.MjModel, winches: list[Winch], key: int
 ) -> NDArray[np.float64]:
     """Return the plastic state of a keyframe, which MuJoCo keeps by its place alone.
 
     `original` is the model before its tendons were taken over, `model` the one after.
     """
     before, after = _plastic_parts(original), _plastic_parts(model)
-    for burden, _ in taken:
-        source = "tendon", original.tendon(burden.tendon).id
-        target = "tendon", model.tendon(burden.winch).id
+    for winch in winches:
+        source = "tendon", original.tendon(winch.burden.tendon).id
+        target = "tendon", model.tendon(winch.burden.winch).id
         if source in before:
             before[target] = before.pop(source)
     found = np.empty(model.nplastic)

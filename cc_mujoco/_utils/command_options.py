@@ -75,7 +75,7 @@ def progress_bar(total: float, name: str = "") -> Iterator[Callable[[float], obj
 
 @contextmanager
 def progress_word(text: str) -> Iterator[None]:
-    """Show what takes its time, and for how long it has."""
+    """Show a word for a long task and its elapsed time."""
     from tqdm import tqdm
 
     layout = {"bar_format": "{desc}  {elapsed}", "leave": False}

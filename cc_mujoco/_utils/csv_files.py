@@ -58,7 +58,7 @@ class Row(NamedTuple):
 
 
 class Sheet(NamedTuple):
-    """A CSV file as it was read.
+    """Contents of a CSV file.
 
     Attributes:
         path: of the file.

@@ -16,7 +16,7 @@ from cc_mujoco.errors import CableError
 
 @dataclass(frozen=True)
 class Table:
-    """A table of the file, and how to call it in a sentence."""
+    """Table of a TOML file, with its name for error messages."""
 
     where: str
     content: dict[str, Any]

@@ -232,7 +232,7 @@ class Belief:
         require_parameter(self, "bias", -0.9, 5.0, "")
 
     def of(self, cable: Cable, random: np.random.Generator) -> Cable:
-        """Return a cable as the controller assumes it; its route is known."""
+        """Return the controller's assumed cable, with the true route."""
         friction, stiffness, pretension = (
             self.error * clipped_normal(random) for _ in range(3)
         )

@@ -149,7 +149,7 @@ class Suite:
 
     @property
     def controllers(self) -> tuple[str, ...]:
-        """Names of all built-in controllers that it can play."""
+        """Names of all built-in controllers that the suite can play."""
         return tuple(POSITION_CONTROLLERS if self.commands_angle else CONTROLLERS)
 
     def conditions(self, scene: str) -> list[Condition]:

@@ -68,7 +68,7 @@ def controller_provenance(*names: str) -> dict[str, Any]:
 
 
 class Entry(Controller):
-    """A controller from outside, as the process that judges sees it."""
+    """Proxy, in the judging process, of a controller in its own process."""
 
     def __init__(
         self, name: str, drives: Sequence[Sequence[Drive]], prefixes: Sequence[str]

@@ -169,7 +169,7 @@ def carried_path(prm: FloatArray, n: int) -> FloatArray:
 
 @compiled
 def carried_cable(prm: FloatArray, n: int) -> FloatArray:
-    """Return the unstretched length of cable that goes along with it (n,) [m]."""
+    """Return the unstretched length of cable that each segment carries (n,) [m]."""
     return prm[_ROWS_START + 11 * n + 4 : _ROWS_START + 12 * n + 4]
 
 

@@ -68,7 +68,7 @@ def expect_yielding(prm: FloatArray, proximal: float, distal: float) -> None:
 
 @compiled
 def expect_change(prm: FloatArray) -> None:
-    """Make every step of a packed cable allow a change of its bends before it.
+    """Allow the bends of a packed cable to change before every step.
 
     Tensions may then lie beyond what friction holds, so slip may begin anywhere.
     """

@@ -37,7 +37,7 @@ def seats_anew(prm: FloatArray) -> bool:
 
 @internal
 def seat_anew(prm: FloatArray, n: int, state: FloatArray, tension: FloatArray) -> None:
-    """Keep the stretch of a cable whose clearance gives another part of it than before.
+    """Keep the stretch of a cable after its clearance in bends has changed.
 
     The way of the cable is right; where along the cable it is taken up is not known any
     more, so all nodes take it up as they would without friction.

@@ -90,7 +90,7 @@ def make_cables(
     distal: Sequence[float],
     gear: Sequence[float] | None = None,
 ) -> Cables:
-    """Pack cables and their arms; the motor's pulley turns with it unless geared."""
+    """Pack cables and their arms; the pulley turns with the motor unless geared."""
     n = np.array([cable.segments for cable in cables])
     prm = np.zeros((n.size, kernel.parameter_size(int(n.max()))))
     for row, cable in zip(prm, cables, strict=True):

@@ -28,7 +28,7 @@ _DRAG_TERMS = tuple(place for place, _, _ in law.DRAG_TERMS)
 
 
 class Model(NamedTuple):
-    """Cables of one device, as a model follows them.
+    """Model that follows the cables of one device.
 
     Attributes:
         cables: parameters, segments and arms.

@@ -641,7 +641,7 @@ def admit(
 
 @internal
 def _credible(limits: DriveLimits, spring: FloatArray, memory: FloatArray) -> float:
-    """Return the torque of the stretch as far as it is to be believed [N m]."""
+    """Return the part of the stretch torque that is credible [N m]."""
     predicted = max(memory[_GAIN], 1.0) * memory[_PREDICTED]
     if _explains(memory, _MAX_MISFIT):
         # A gain below 1 may be that of the sensor, once the motor can be unsafe.

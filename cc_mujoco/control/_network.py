@@ -26,7 +26,7 @@ _TANH, _RELU, _, _ELU = range(len(ACTIVATIONS))
 
 
 class PackedNetwork(NamedTuple):
-    """Numbers of a network, as compiled code reads them."""
+    """Numbers of a network in the layout of the compiled code."""
 
     sizes: IntArray
     """Place of the activation in `ACTIVATIONS`; 1 where the outputs are squashed, else
@@ -124,7 +124,7 @@ class Network:
 
     @property
     def motors(self) -> int:
-        """Number of motors that it drives."""
+        """Number of motors that the network drives."""
         return int(self.weights[-1].shape[0])
 
     @cached_property

@@ -138,7 +138,7 @@ def _pack(memory: FloatArray, shape: IntArray, cable: int, factor: float) -> Non
 
 @internal
 def _bends_place(shape: IntArray) -> int:
-    """Return the place of 1 where there is another path, and its angles."""
+    """Return the index in memory of the flag of another path, and its angles."""
     cables = shape[0]
     most, _ = longest_cable(shape)
     place = memory_places(shape)[5]

@@ -149,7 +149,7 @@ def _is_lone(readings: FloatArray, row: int, least: float) -> bool:
 def _impacts(
     recording: Recording, channel: str, rows: NDArray[np.intp]
 ) -> NDArray[np.bool_]:
-    """Return which rows of a load are a real impact: another load feels it, too."""
+    """Return the rows of a load that are a real impact, seen by another load, too."""
     felt = np.zeros(rows.size, dtype=bool)
     if channel in recording.clocks or not rows.size:
         return felt

@@ -149,7 +149,7 @@ def _rate_sentence(where: str, leader: str, drive: Mapping[str, Stream]) -> str:
 
 @dataclass
 class Recording:
-    """Contents of a file, before it is checked and cut.
+    """Contents of a data file before checks and segmentation.
 
     Attributes:
         name: of the trial.
@@ -289,7 +289,7 @@ def read(
 
 @dataclass
 class _Table:
-    """One file while it is read.
+    """File that is being read.
 
     Attributes:
         part: the file.

@@ -101,7 +101,7 @@ def derived_noise(
     constants: Mapping[str, Constant],
     bench: Bench | None,
 ) -> dict[str, Noise]:
-    """Return the noise of torques by that of the channels that they are made of."""
+    """Return the noise of torques from the noise of their source channels."""
     found: dict[str, Noise] = {}
     for torque, instrument in zip(channels.TORQUES, instruments, strict=True):
         if instrument == "load cells" and bench is not None:
@@ -291,7 +291,7 @@ class OtherAxes:
         return warning(f"{message}.", recording.name, channels.JOINT_TORQUE)
 
     def noise(self, known: Noise, passed: float) -> Noise:
-        """Return the noise of the joint's torque with what the others add to it.
+        """Return the noise of the joint torque, contributions of others included.
 
         What friction leaves open is slow, and passes a low-pass whole; `passed` is the
         share of the variance of white noise that it leaves.

@@ -85,7 +85,7 @@ latter counts: twice the inertia of an ideal wearer is at the edge of stability.
 
 @dataclass(frozen=True)
 class NoMotion(Trajectory):
-    """No motion: joints stay where they are. Phase: fraction of the episode."""
+    """Motion at rest: joints keep their angle. Phase: fraction of the episode."""
 
     angles: tuple[tuple[str, float], ...] = ()
     """Joints and their angles [rad]; those of others are 0."""
@@ -205,7 +205,7 @@ class _Scores:
         plants: Sequence[Plant],
         models: Sequence[mujoco.MjModel],
     ) -> None:
-        """Measure the parts of the plants, as far as that is asked for."""
+        """Measure the parts of the plants if a metric needs them."""
         self._protocol, self._axes = protocol, device.description.axes
         laws, names = protocol.controllers, protocol.metrics
         self.tried = [_Tried({law: {} for law in laws}, {}) for _ in plants]

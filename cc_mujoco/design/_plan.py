@@ -546,7 +546,7 @@ def _batches(
 def batches_of(
     across: Across, builder: Device, designs: Mapping[int, Design], size: int
 ) -> tuple[tuple[int, ...], ...]:
-    """Return numbers of designs of equal layout together, at most `size` of them."""
+    """Return batches of at most `size` design numbers of equal layout."""
     layouts: dict[tuple[object, ...], list[int]] = {}
     for index, design in designs.items():
         layouts.setdefault(across.layout(builder, design), []).append(index)

@@ -188,7 +188,7 @@ def split_axes(texts: Iterable[str], axes: Iterable[str]) -> tuple[str, ...]:
 
 
 def split_metric(name: str) -> tuple[str, str]:
-    """Return axis and metric of a name; the axis is "" where it is of them all."""
+    """Return axis and metric of a name; the axis is "" for all axes."""
     axis, _, own = name.rpartition(".")
     return axis, own
 

@@ -94,7 +94,7 @@ class Across:
         return f"the {RANK_NAMES[self.rank]} over {many} ({values})"
 
     def check(self, device: Device, design: Mapping[str, object]) -> dict[str, Value]:
-        """Return the design as it is used; see `Plant.check`."""
+        """Return the design after the checks of `Plant.check`."""
         for name in design:  # a plant has more that may change
             find(name, device.cables, device.axis_cables)
         for case in self.cases:

@@ -198,7 +198,7 @@ class Pair(NamedTuple):
 
     @property
     def difference(self) -> float | None:
-        """The one less the other; None where they are no numbers."""
+        """Difference of two values; None unless both are numbers."""
         both = self.one, self.other
         if not all(isinstance(v, int | float) and type(v) is not bool for v in both):
             return None

@@ -92,7 +92,7 @@ class Physics(NamedTuple):
         )
 
     def take(self, other: Physics, row: Any = slice(None)) -> None:
-        """Write the results of another, for all simulations or one of them."""
+        """Copy the results of another record, for all simulations or one."""
         for name in _RESULT_FIELDS:
             getattr(self, name)[row] = getattr(other, name)
 

@@ -91,7 +91,7 @@ class _End(NamedTuple):
 
 
 def describe(spec: mujoco.MjSpec, scene: str, table: Table) -> Description:
-    """Return the description of a scene; gives it a wearer where it has none.
+    """Return the description of a scene, with a wearer added where it has none.
 
     Bodies of `spec` that are to be held, names and wearers are changed. `table` is the
     file of the description, empty where there is none.
@@ -151,12 +151,12 @@ def describe(spec: mujoco.MjSpec, scene: str, table: Table) -> Description:
 
 
 def _names_of(elements: Iterable[Any]) -> list[str]:
-    """Return the names of elements, as far as they have one."""
+    """Return the names of the elements that have one."""
     return [element.name for element in elements if element.name]
 
 
 def _hold_root(spec: mujoco.MjSpec, table: Table, read: DescriptionReader) -> None:
-    """Take the free joints out, unless the description lets them be free."""
+    """Remove free joints, unless the description keeps them."""
     choice = table.choice("root", FREE_ROOTS)
     free = [j for j in spec.joints if j.type == mujoco.mjtJoint.mjJNT_FREE]
     if not free:

@@ -45,7 +45,7 @@ SAFE_DEMANDS = 2.0
 
 @dataclass(frozen=True)
 class Slip:
-    """Friction of the cables of an axis, as an assumed safe torque goes by it."""
+    """Friction of an axis' cables, from which a safe torque is assumed."""
 
     friction: float = 0.0
     """Friction coefficient times wrap."""

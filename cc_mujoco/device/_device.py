@@ -322,7 +322,7 @@ def _files_of(scene: Path) -> list[Path]:
 
 
 def _merged(content: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a table with other values, and the tables inside it likewise."""
+    """Return a table with values replaced, also in the tables inside it."""
     found = dict(content)
     for key, value in given.items():
         inner = found.get(key)

@@ -16,7 +16,7 @@ from cc_mujoco.errors import CableError
 
 @dataclass(frozen=True)
 class CableDrive:
-    """One cable between the motor's pulley and the joint's, as its data sheet has it.
+    """Cable between the pulleys of motor and joint, with data-sheet values.
 
     A cable's displacement is positive from the motor to the joint, so a cable that
     winding the motor draws in has a negative `proximal`.

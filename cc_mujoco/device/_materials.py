@@ -64,7 +64,7 @@ SOURCES: dict[str, str] = {
 
 @dataclass(frozen=True)
 class Figure:
-    """A number as its sources have it."""
+    """Number with its sources and, where they differ, its range."""
 
     low: float
     typical: float

@@ -185,7 +185,7 @@ def open_winding(
 def _open_length(
     model: mujoco.MjModel, data: mujoco.MjData, tendon: int, mouth: int
 ) -> float:
-    """Return the length of a tendon from a site of it to its end [m]."""
+    """Return the length of a tendon from one of its sites to its end [m]."""
     start = int(data.ten_wrapadr[tendon])
     points = data.wrap_xpos.reshape(-1, 3)[start : start + data.ten_wrapnum[tendon]]
     at = np.linalg.norm(points - data.site_xpos[mouth], axis=1).argmin()

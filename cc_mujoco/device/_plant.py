@@ -158,7 +158,7 @@ class Plant:
 
     @property
     def material(self) -> Material | None:
-        """The pair of materials that the values name; None where they name none."""
+        """Pair of materials that the values name, or None."""
         name = self.values.get("material")
         return None if name is None else MATERIALS[str(name)]
 
@@ -184,7 +184,7 @@ class Plant:
         }
 
     def motor(self, axis: Axis) -> Motor:
-        """Return the motor of an axis as far as the values say what it is."""
+        """Return the motor of an axis, with what the values determine."""
         values = self._of_axis(axis)
         if "motor" in values:
             return MOTORS[str(values["motor"])]
@@ -196,7 +196,7 @@ class Plant:
         )
 
     def gearing(self, axis: Axis) -> float:
-        """Return the turns of a rotor per turn of its pulley; NaN where nobody says."""
+        """Return rotor turns per turn of the pulley; NaN where unknown."""
         scene = math.nan if axis.gearing is None else axis.gearing
         return float(self._of_axis(axis).get("gearing", scene))
 
@@ -315,7 +315,7 @@ class Plant:
                 )
 
     def model(self, whole: bool = False) -> mujoco.MjModel:
-        """Compile the model, bare (see `strip`) unless it is to be whole.
+        """Compile the model, without visuals (see `strip`) unless `whole`.
 
         Raises:
             CableError: the plant cannot be compiled.

@@ -79,7 +79,7 @@ class Ranges:
 
     @property
     def varied(self) -> tuple[str, ...]:
-        """Names of what is drawn, `CABLE.NAME` where it is of a cable."""
+        """Names of the drawn variables, `CABLE.NAME` for one of a cable."""
         return tuple(self._ranges)
 
     def draw(self, rng: np.random.Generator, given: Mapping[str, Any] | None) -> Plant:
@@ -110,7 +110,7 @@ class Ranges:
         return Plant(self.nominal.device, values) if values else self.nominal
 
     def _each(self, name: str) -> tuple[str, ...]:
-        """Return the names of a variation, that of each cable where it is of all."""
+        """Return the names of a variation; one of all cables gives a name per cable."""
         if "." in name or name not in OF_CABLES:
             return (name,)
         return tuple(f"{cable}.{name}" for cable in self.nominal.cables)

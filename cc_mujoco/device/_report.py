@@ -26,7 +26,7 @@ ORIGINS = {GIVEN: "given", SCENE: "from the scene", ASSUMED: "assumed"}
 
 
 class Property(NamedTuple):
-    """One property of a device, as a file holds it."""
+    """Property of a device, as it is written to a file."""
 
     table: str
     """Table of the file; empty for the top."""

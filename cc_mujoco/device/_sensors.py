@@ -326,7 +326,7 @@ class Measuring:
         return late
 
     def _read(self, columns: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the readings of this step, before they are late."""
+        """Return the readings of this step, without delay."""
         sensing, errors = self._sensing, None
         names: tuple[str, ...] = MEASURED_COLUMNS
         if WINDING_COLUMNS[0] in columns:
@@ -362,7 +362,7 @@ class Measuring:
         return seen
 
     def _encode(self, side: str, steps: float, seen: dict[str, Any]) -> None:
-        """Round an angle to steps of an encoder, and take the velocity from it."""
+        """Round an angle to encoder steps, and derive the velocity from it."""
         if not steps and self._share == 1.0:
             return
         angle, rate = f"{side}_angle_rad", f"{side}_velocity_rad_s"
@@ -376,7 +376,7 @@ class Measuring:
             seen[rate] = before + self._share * (seen[rate] - before)
 
     def _before(self, name: str, now: Any) -> Any:
-        """Return the reading of the step before; at the start it is this one."""
+        """Return the reading of the previous step; `now` in the first step."""
         return self._last.get(name, now)
 
     def _delayed(self, seen: Mapping[str, Any]) -> dict[str, Any]:

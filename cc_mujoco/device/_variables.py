@@ -255,7 +255,7 @@ def find(
     among: Mapping[str, Parameter] = VARIABLES,
     kind: str = "variable",
 ) -> Parameter:
-    """Look a variable up, with or without the name of a cable or axis before it.
+    """Look a variable up by `NAME`, `CABLE.NAME` or `AXIS.NAME`.
 
     `AXIS.NAME` means all cables of the axis for a variable of cables. `axes` have the
     names of their cables; `kind` is what an error calls a variable.

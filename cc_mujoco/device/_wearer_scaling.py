@@ -44,12 +44,12 @@ def pace_of(design: Mapping[str, Value]) -> Pace:
 
 
 def speed_of(design: Mapping[str, Value]) -> float | None:
-    """Return the speed that a design sets [m/s]; None where it sets none."""
+    """Return the walking speed that a design sets [m/s], or None."""
     return float(design[SPEED]) if SPEED in design else None
 
 
 def profile_of(design: Mapping[str, Value]) -> Profile | None:
-    """Return the assistance that a design sets; None where it sets nothing of it.
+    """Return the assistance profile that a design sets, or None.
 
     A peak torque that is not said goes with the size and the pace of the wearer.
     """

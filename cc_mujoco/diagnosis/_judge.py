@@ -399,7 +399,7 @@ def deviating_parameters(
     estimated: Mapping[str, Estimate],
     hidden: Sequence[Confounded],
 ) -> tuple[Deviating, ...]:
-    """Return the parameters tuned further from the scene than is known of it."""
+    """Return the parameters tuned further from the scene than its uncertainty."""
     found = []
     for parameter, place in zip(problem.tuned, x.tolist(), strict=True):
         name, known, home = parameter.name, parameter.prior, 0.0  # place of the given
@@ -610,7 +610,7 @@ def verdict_of(
 def _verdict(
     found: Found, stretch: Stretch | None, unhooked: float
 ) -> tuple[Verdict, str]:
-    """Return the verdict on a model with effects, and what is said of it."""
+    """Return the verdict on a model with effects, and its statements."""
     search, gap, missing = found.search, found.held.gap, found.missing
     misfit, left = search.before.misfit, search.after.misfit
     model = _model_statement(found, stretch)
@@ -756,7 +756,7 @@ def closest_sentence(found: Search) -> str:
 
 
 def _describe_implausible(found: Search) -> str:
-    """Name the effects that would explain the error if they could be so large."""
+    """Name the effects that explain the error only at an implausible size."""
     statements = [
         f"{effect_name(candidate.id)} {candidate.reason}"
         for step in found.rounds[-1:]

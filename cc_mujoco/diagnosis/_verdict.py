@@ -148,7 +148,7 @@ class Confounded:
 
 @dataclass(frozen=True)
 class Deviating:
-    """A parameter that was tuned further from the scene than is known of it."""
+    """Parameter tuned further from the scene than the scene's uncertainty."""
 
     parameter: str  # of the baseline
     given: float  # value of the scene or of `dataset.toml`
@@ -216,7 +216,7 @@ class OccasionChange:
 
 @dataclass(frozen=True)
 class OccasionSize:
-    """Size of an effect on every occasion, while all else of it is shared."""
+    """Size of an effect on every occasion; its other parameters are shared."""
 
     effect: str  # id
     parameter: str  # size of the effect
@@ -255,7 +255,7 @@ class TrialError:
 
 @dataclass(frozen=True)
 class Baseline:
-    """The model without any effect, as well as it can be tuned."""
+    """Model without any effect, tuned as well as possible."""
 
     parameters: Mapping[str, Estimate]  # fitted values by name
     # One sentence for each combination that the data leave open

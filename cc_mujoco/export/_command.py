@@ -50,7 +50,7 @@ class Export:
     """Code that files may name, once each; code that only a file names is refused."""
 
     def run(self) -> None:
-        """Write; print what was written and how to build it.
+        """Write the controller; print the files and how to build them.
 
         A controller that puts energy into a passive wearer in simulation is refused.
         """

@@ -50,7 +50,7 @@ EXPORTED = tuple(name for name, kind in CONTROLLERS.items() if stepped_law(kind)
 
 @dataclass(frozen=True)
 class Field:
-    """One parameter, and where it comes from."""
+    """Parameter of the exported controller, and its source."""
 
     name: str
     unit: str

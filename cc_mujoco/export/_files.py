@@ -335,7 +335,7 @@ target_link_libraries(cc_example PRIVATE cc_controller)
 
 
 def controller_source(plan: ExportPlan, what: str) -> str:
-    """Return the controller as C99, without what it includes.
+    """Return the C99 source of the controller, without included files.
 
     The functions of the header call those of each axis in turn. Memory, parameters and
     readings of the axes lie one behind the other, and those that `own_readings` needs
@@ -473,7 +473,7 @@ def _view(kind: str, place: str, count: int) -> str:
 
 
 def _table(kind: str, name: str, numbers: Sequence[float]) -> str:
-    """Return a constant array, of the same bits; of one zero where it is empty."""
+    """Return C text of a constant array, bit for bit; one zero if it is empty."""
     cells = [
         str(n) if kind == "int64_t" else literal(float(n)).text for n in numbers
     ] or ["0"]

@@ -77,7 +77,7 @@ class JointTorques:
 def own_readings(
     memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
 ) -> None:
-    """Write the readings as the law of each axis has them to the memory."""
+    """Write to the memory the readings in the order of each axis' law."""
     count, axes, joints = shape[0], shape[1], shape[2]
     rows = whole_rows_of(shape, _COUNTS, _ROWS, axes)
     for i in range(count):

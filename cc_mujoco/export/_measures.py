@@ -52,7 +52,7 @@ int main(void)
 
 
 class Measures(NamedTuple):
-    """Stack and work of a controller; None where they are not known."""
+    """Stack and work of a controller; None where unknown."""
 
     stack: int | None
     """[bytes], without that of the C library's functions."""

@@ -40,7 +40,7 @@ class MotorDrive(Connection, Protocol):
         """Return the newest reading, or None if none came since the last call."""
 
     def write(self, torque: float) -> None:
-        """Command a torque of its shaft [N m]; enable it once it was read."""
+        """Command a shaft torque [N m]; enable the motor after its first reading."""
 
     def stop(self) -> None:
         """Command zero torque and disable the motor; sent several times."""

@@ -156,7 +156,7 @@ class RunOutcome:
 
 @dataclass(frozen=True)
 class DrivenAxis:
-    """Axis of a run: its rig, and what it is to do within which limits."""
+    """Axis of a run: its rig, drive, desired torque and limits."""
 
     rig: Rig
     drive: Drive
@@ -532,7 +532,7 @@ class Stops:
 
 @contextlib.contextmanager
 def watch_for_stop() -> Iterator[Stops]:
-    """Take signals, and the return key where there is a terminal to press it on."""
+    """Watch for signals and, in a terminal, for the return key."""
     # Windows selects sockets only.
     keyboard = sys.platform != "win32" and sys.stdin is not None and sys.stdin.isatty()
     stops = Stops(keyboard)

@@ -142,7 +142,7 @@ def read_rows(path: Path) -> dict[str, Array]:
 def as_episode(
     rows: dict[str, Array], scene: str, path: Path
 ) -> tuple[mujoco.MjModel, EpisodeLog]:
-    """Return the scene, and a run as an episode in it.
+    """Return the scene's model and the log of a run replayed in it.
 
     The ratio of the device must be that of the angles, and the run must have measured
     the joints that wind its cables.

@@ -213,7 +213,7 @@ class RunLog:
             self._write(data)
 
     def _write(self, data: bytes) -> None:
-        """Write whole lines; where a disk is full, those that it takes."""
+        """Write whole lines, as many as fit on a full disk."""
         done = 0
         try:
             while done < len(data):

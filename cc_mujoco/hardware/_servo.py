@@ -144,7 +144,7 @@ class Planned:
         return Servo(drive, self.times, self.motor, firm)
 
     def require_within(self, limits: Limits, drive: Drive) -> None:
-        """Find out, before a rig is touched, whether it would stop for its limits.
+        """Refuse a motion that would exceed the rig's limits, before connecting.
 
         In a plan the joint is positive where the cable pulls, at the rig as the scene
         has it.

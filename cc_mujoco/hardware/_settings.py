@@ -336,7 +336,7 @@ def _axis(
 
 
 def _merged(path: Path, top: Table, name: str, own: Table) -> Table:
-    """Return the tables of an axis: its own, and what they lack of those at the top."""
+    """Return the tables of an axis, completed by those at the top."""
     lag = own.content.get("motor_lag", top.content.get("motor_lag"))
     content: dict[str, Any] = {} if lag is None else {"motor_lag": lag}
     for key in _AXIS_TABLES:
@@ -407,7 +407,7 @@ def _construct(kind: type[Kind], table: Table, given: dict[str, Any]) -> Kind:
 
 
 def rig_address(table: Table) -> Address | None:
-    """Return the address in a table, None where it has a class."""
+    """Return the address in a table, or None if it names a class."""
     return address_of(table) if "address" in table.content else None
 
 
@@ -489,7 +489,7 @@ def _bus(address: Address) -> CanPlace | None:
 
 
 def _machine(address: UdpAddress) -> str:
-    """Return the number of a machine; its name where nobody knows it."""
+    """Return the address of a machine; its name where it is unknown."""
     try:
         return str(socket.getaddrinfo(address.host, address.port)[0][4][0])
     except OSError:

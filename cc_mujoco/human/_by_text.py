@@ -50,7 +50,7 @@ Entry = TypeVar("Entry")
 
 @dataclass(frozen=True)
 class Centred(Trajectory):
-    """A scripted trajectory about another angle than 0, where it starts at rest."""
+    """Scripted trajectory about an angle other than 0, starting there at rest."""
 
     base: Trajectory
     """Trajectory about 0."""
@@ -354,7 +354,7 @@ def given_fields(text: str) -> tuple[str, ...]:
 
 
 def with_numbers(kind: str, text: str, registry: Mapping[str, Entry]) -> Entry:
-    """Return the entry of a name, with the parameters that are given behind it.
+    """Return the entry of a name, with the parameters after its colon.
 
     The text is `NAME`, `NAME:NUMBER` or `NAME:FIELD=NUMBER,FIELD=NUMBER`; entries are
     frozen dataclasses. `kind` is what an error calls them.

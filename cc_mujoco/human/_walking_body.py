@@ -112,7 +112,7 @@ class WalkingBody:
         data.qpos[self._height] -= lowest
 
     def senses(self, each: Sequence[mujoco.MjData]) -> Senses:
-        """Return what the persons in some data feel."""
+        """Return the sensory signals of the persons in some data."""
         qpos = np.array([data.qpos for data in each])
         qvel = np.array([data.qvel for data in each])
         loads = np.array([data.sensordata[self._loads] for data in each])

@@ -266,7 +266,7 @@ class ExpectedHelp:
         self._count[bins] += 1.0
 
     def learn(self, ended: Any) -> None:
-        """Learn from strides that ended, True for such legs (worlds, legs)."""
+        """Learn from completed strides; `ended` (worlds, legs) marks their legs."""
         arrays = self._arrays
         mean = self._felt / arrays.clip(self._count, 1.0, None)
         news = (self._count > 0.0) & ended[:, :, None]

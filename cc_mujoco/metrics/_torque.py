@@ -52,7 +52,7 @@ class Efficiency:
 
 
 def efficiency(log: LogLike) -> Efficiency:
-    r"""Return how much of the work put into the cables arrives where it should.
+    r"""Return the share of the work put into the cables that arrives where it is meant.
 
     The task says where: with the power \(\tau_d \omega_j\) that it asks for, work is
     meant for the joint while that is positive, for the motor while it is negative (a
@@ -203,7 +203,7 @@ def motor_heat(log: LogLike) -> Array:
 
 
 def thermal_load(log: LogLike) -> float:
-    """Return the RMS torque of the rotor per torque that it can give for ever."""
+    """Return the RMS torque of the rotor over its continuous torque."""
     rated = metadata_constant(log, GEARING) * metadata_constant(log, CONTINUOUS_TORQUE)
     return rms(log["motor_torque_nm"]) / rated
 

@@ -43,7 +43,7 @@ RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 
 @callback
 def pack(block: int, model: int, instance: int) -> int:
-    """Pack the parameters of the instance; return whether they can be used."""
+    """Pack the parameters of the instance; return whether they are valid."""
     attributes = mj_struct.attributes(model, instance)
     n = load_word(block + blocks.SEGMENTS)
     values = np.empty(config.SCALARS)

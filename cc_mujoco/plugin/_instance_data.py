@@ -113,7 +113,7 @@ def save_sizes(block: int, model: int, instance: int) -> None:
 
 @internal
 def fits(block: int, model: int, instance: int) -> bool:
-    """Return whether a block was made for an instance as this model has it.
+    """Return whether a block was made for this model's instance.
 
     With a model of other sizes, or in another order, a cable would write beyond its
     block or its state.

@@ -52,7 +52,7 @@ def pristine_fields(kind: str) -> dict[str, Any]:
 
 
 def delete_actuator(spec: mujoco.MjSpec, model: mujoco.MjModel, index: int) -> None:
-    """Delete an actuator, and what keyframes have of it.
+    """Delete an actuator and its values in keyframes.
 
     MuJoCo 3 would leave its controls and activations to the actuators behind it.
     """

@@ -137,7 +137,7 @@ _PER_LENGTH, _NO_BEND, _NO_TRAVEL, _NO_PULLEY, _NO_WRAP = 0, 1, 2, 3, 4
 
 @internal
 def begin_message(message: Bytes, model: int, instance: int) -> int:
-    """Begin a message with the instance that it is about; return its length."""
+    """Begin a message with the name of its instance; return its length."""
     used = append(message, 0, _MESSAGE_START)
     used = quote(message, used, mj_struct.plugin_name(model, instance))
     return append(message, used, _MESSAGE_START_END)

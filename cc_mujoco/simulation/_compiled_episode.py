@@ -212,7 +212,7 @@ def begin_episode() -> Any:
 
 
 def attend(spec: mujoco.MjSpec) -> None:
-    """Have a scene's simulations attended by the plugin, which knows none of them yet.
+    """Add to a scene the plugin instance that advances compiled episodes.
 
     Its instance has neither state nor force, so that nothing else becomes of them.
     """

@@ -81,7 +81,7 @@ class Episodes:
     def __init__(
         self, exo: WornDevice, worlds: Worlds, count: int, is_vector: bool = True
     ) -> None:
-        """Prepare n rows; `begin` every one before it is stepped.
+        """Prepare n rows; call `begin` for each before it is stepped.
 
         Actions of a vector are (n, axes), of a single environment (axes,).
         """

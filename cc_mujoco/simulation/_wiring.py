@@ -230,7 +230,7 @@ def _drive(
     script_controls: IntArray,
     control: FloatCube,
 ) -> bool:
-    """Write the controls from a sample to the next, and count it.
+    """Write the controls up to the next sample, and count the sample.
 
     Where a row is beyond its part of the script, do nothing and return False.
     """

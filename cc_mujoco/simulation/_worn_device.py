@@ -275,7 +275,7 @@ class WornDevice:
 
 
 class DrivenEnvironment:
-    """An environment, as it speaks of its device."""
+    """Environment that gives access to its device."""
 
     exo: WornDevice
 

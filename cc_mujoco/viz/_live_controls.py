@@ -64,7 +64,7 @@ class Knobs:
         controller: str = "",
         names: Iterable[str] = CONTROLLERS,
     ) -> None:
-        """Begin with the scene as it is; without a name no controller drives."""
+        """Begin with the unchanged scene; without a name no controller drives it."""
         self._cables = cables
         known = tuple(names)
         own = () if controller in known else (controller,)
@@ -303,7 +303,7 @@ class RealTimePacer:
         now: Callable[[], float] = wall.perf_counter,
         sleep: Callable[[float], object] = wall.sleep,
     ) -> None:
-        """Prepare; `now` never goes back and `sleep` lets it go on by so much [s]."""
+        """Prepare with a monotonic clock `now` [s] and its `sleep`."""
         self._now, self._sleep = now, sleep
         self.factor = math.nan
         """Ratio of simulated to real time of late; NaN before there is any."""

@@ -25,7 +25,7 @@ FRAMES_AT_ONCE = 1800
 
 
 def frame_slices(count: int) -> Iterator[slice]:
-    """Yield slices of `FRAMES_AT_ONCE` that together are all of so many frames."""
+    """Yield slices of at most `FRAMES_AT_ONCE` that cover all frames."""
     for start in range(0, count, FRAMES_AT_ONCE):
         yield slice(start, start + FRAMES_AT_ONCE)
 

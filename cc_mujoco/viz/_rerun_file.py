@@ -89,8 +89,8 @@ def state_changes(
     """
     begun = np.flatnonzero(np.diff(state, prepend=-1))
     lasts = np.diff(time[begun], append=time[-1])
-    # Duration [s] of states that are to and fro, and how many in a row: a motor shaking
-    # with its sensors' noise makes thousands, of which a lane would show none
+    # A motor shaking with sensor noise makes thousands of states, of which a lane would
+    # show none: four or more in a row, each shorter than 0.03 s, become one.
     brief = np.concatenate([[False], lasts < 0.03, [False]])
     edges = np.flatnonzero(np.diff(brief)).reshape(-1, 2)
     found = state[begun]

@@ -179,7 +179,7 @@ FRAMES_AT_ONCE = 600
 
 
 def require_video() -> None:
-    """Find out, before an episode is played, whether a video can be made of it."""
+    """Refuse an episode of which no video can be made, before it is played."""
     _av()
     require_opengl()
 

@@ -52,7 +52,7 @@ WEB_FOLDER = Path(__file__).parent
 
 
 def require_page() -> None:
-    """Find out, before an episode is played, whether a page can be made of it."""
+    """Refuse an episode of which no page can be made, before it is played."""
     _plotly()
 
 

@@ -27,7 +27,7 @@ SHAPE = mujoco.mjtGeom
 
 
 class TriangleMesh(NamedTuple):
-    """Triangles in the frame of what they belong to."""
+    """Triangles of a geom or cable, in its own frame."""
 
     vertices: Array
     """Points (V, 3) [m]."""

@@ -444,7 +444,7 @@ class AttachedCables:
         )
 
     def plugin_state(self) -> Floats:
-        """Return the states as the plugin has them, a copy (worlds, npluginstate).
+        """Return a copy of the states in the plugin's layout (worlds, npluginstate).
 
         Raises:
             CableError: cables were attached by name, to a model without the plugin.

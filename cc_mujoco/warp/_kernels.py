@@ -179,7 +179,7 @@ def kernels(
 
     @wp.func
     def try_fronts(rows: CableRows, row: int, n: int, h: float, attempt: int):
-        """Take the first part of the step, the ends where this attempt has them."""
+        """Compute the first part of the step, with the ends of this attempt."""
         if attempt == 0:
             for i in range(4):
                 rows.trial[row, i] = rows.aim[row, i]
@@ -298,7 +298,7 @@ def kernels(
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def graph(rows: CableRows, timestep: wp.array(dtype=float)):
-        """Take the second part in the worlds where the fronts did not apply."""
+        """Compute the second part, in the worlds where the fronts did not apply."""
         cable, world = wp.tid()
         row = cable * rows.worlds + world
         solve_rest(rows, row, rows.segments[cable], timestep[world % timestep.shape[0]])
@@ -336,7 +336,7 @@ def kernels(
         values: wp.array3d(dtype=float),
         prm: wp.array2d(dtype=float),
     ):
-        """Pack the parameters of all worlds anew, on the meshes that they have."""
+        """Repack the parameters of all worlds on their present meshes."""
         cable, world = wp.tid()
         pack_mesh(
             values[cable, world], segments[cable], prm[cable * values.shape[1] + world]

@@ -430,7 +430,7 @@ def plant_of(
 def fit_baseline(
     dataset: Dataset, plant: SimulatedRig, filtering: Filtering, seed: int
 ) -> BaselineFit:
-    """Fit the baseline, simulated as finely as it needs to be."""
+    """Fit the baseline on the coarsest simulation that is accurate enough."""
     records = plant.records
     free = baseline_parameters(
         plant.bench, records, dataset.constants, dataset.instruments, plant.given
@@ -694,7 +694,7 @@ def _excitation_problem(records: Sequence[Record]) -> str:
 def check_effects(
     plant: SimulatedRig, values: Mapping[str, float], ids: Sequence[str]
 ) -> tuple[str, ...]:
-    """Check effects on the data, and return a sentence for each that they cannot show.
+    """Return a sentence for each effect that the data cannot show.
 
     An effect is refused if it is not off where its sizes are 0, if its torques are not
     finite, or if they have no derivative with respect to a size at 0.

@@ -665,7 +665,7 @@ def _ties(found: LossFit) -> tuple[tuple[str, ...], ...]:
 
 
 def _friction(found: LossFit, bench: Bench) -> tuple[Deviating, ...]:
-    """Return the friction of a single cable, if it is not that of the scene."""
+    """Return the friction of a single cable if it differs from the scene's."""
     exponent, cable = found.values.get("friction_exponent"), bench.cables[0]
     given = cable.friction
     if exponent is None or cable.wrap == 0.0 or given == 0.0:

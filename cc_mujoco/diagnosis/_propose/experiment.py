@@ -269,7 +269,7 @@ def motions(
 
 
 def middle_angle(bench: Bench, swing: float) -> float:
-    """Return the motor angle about which it can go to and fro by a swing [rad].
+    """Return the motor angle about which the motor can swing to both sides [rad].
 
     There the joint is in the middle of its named trajectories, or as near to it as the
     scene knows the joint.

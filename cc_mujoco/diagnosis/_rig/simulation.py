@@ -550,7 +550,7 @@ class SimulatedRig:
 
     @staticmethod
     def conditions_of(record: Record, effects: Sequence[str]) -> TrialConditions:
-        """Return the conditions of a record's trial that matter to these effects."""
+        """Return the conditions of a trial; usual ones if no effect uses them."""
         by_trial = any(EFFECTS[name].by_trial for name in effects)
         return record.conditions if by_trial else USUAL_CONDITIONS
 

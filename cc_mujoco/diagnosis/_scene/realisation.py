@@ -100,7 +100,7 @@ def has_instruments(spec: mujoco.MjSpec) -> bool:
 
 
 def add_instruments(spec: mujoco.MjSpec, bench: Bench) -> None:
-    """Add the four channels to a scene, except those that it has.
+    """Add sensors of the four channels to a scene, except existing ones.
 
     The radii of the bench are the weights of the cables' tensions.
     """
@@ -651,7 +651,7 @@ def is_realisable(bench: Bench, name: str) -> bool:
 
 
 def unrealisable_reason(bench: Bench, name: str) -> str:
-    """Return why a scene cannot have an effect; empty where it can."""
+    """Return why a scene cannot realise an effect; empty if it can."""
     realisation, effect = realisations().get(name), EFFECTS.get(name)
     if realisation is not None:
         if bench.lever is not None and realisation.pulley:

@@ -400,7 +400,7 @@ def resembling(
 
 
 def _forget_derivatives(known: Sequence[CrossValidation]) -> None:
-    """Drop the derivatives of models: an interruption may have left them half taken."""
+    """Drop the derivatives of models, which an interruption may leave incomplete."""
     for crossed in known:
         crossed.problem.slopes.forget()
 

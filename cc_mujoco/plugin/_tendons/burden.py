@@ -40,7 +40,7 @@ CARRIED = (
 
 @dataclasses.dataclass(frozen=True)
 class TendonBranch:
-    """Part of a tendon between two of its pulleys, or all of it.
+    """Part of a tendon between two pulleys, or a whole tendon without pulleys.
 
     Attributes:
         name: tendon that has the path of the branch alone, and its cable.

@@ -54,7 +54,6 @@ def safety_conditions(scene: str) -> list[Condition]:
     device = find_device(scene)
     model = DeviceModel(device.description, Plant(device).model())
     plain, _ = plain_condition(scene, model)
-    # Length of an episode [s]
     plain = dataclasses.replace(plain, duration=3.0)
     faults = FAULTS if device.wearers else FAULTS[:-1]
     return [named_condition(plain, SAFETY + name, structure=name) for name in faults]
@@ -66,7 +65,7 @@ def fault_onsets(seeds: Sequence[int], period: float) -> list[int]:
     For `seeds` see `Draw.seed`; `period` is that of the controller [s].
     """
     drawn = (np.random.default_rng([seed, 5]) for seed in seeds)
-    # Range of the time at which a fault begins [s], sampled with the plant
+    # A fault begins after 0.55 to 1.55 s, sampled with the plant.
     return [round(one.uniform(0.55, 1.55) / period) for one in drawn]
 
 
@@ -143,7 +142,7 @@ class FaultySensors:
             names = (_MOTOR,) if side == "motor" else _JOINT
             for name in (prefix + each for each in names if prefix + each in columns):
                 now = np.asarray(columns[name], dtype=float)
-                # Jump of an encoder at the joint [rad]; of the motor's, times the ratio
+                # An encoder at the joint jumps by 0.3 rad, the motor's by the same.
                 jump = 0.3 * (abs(ratio) if side == "motor" else 1.0)
                 wrong = self._hold(name, now) if kind == "frozen" else now + jump
                 found[name] = np.where(failed, wrong, now)

@@ -85,8 +85,7 @@ def cycle(results: Results, scene: str) -> Figure:
         for axes, prefix in zip(panels, prefixes, strict=True):
             for law, (cell, trace) in shown.items():
                 gait = is_walk(cell.condition.trajectory)
-                # Time after a reversal that is shown [s]
-                most = 1.0 if gait else 0.6
+                most = 1.0 if gait else 0.6  # a cycle, or [s] after a reversal
                 label = "phase of the gait" if gait else label
                 own = axis_columns(trace, prefix, prefixes)
                 place = own["phase"] if gait else _since_reversal(own)
@@ -173,7 +172,7 @@ def _since_reversal(trace: Mapping[str, Array]) -> Array:
 
 def _binned_rms(place: Array, trace: Mapping[str, Array]) -> Array:
     """Return the RMS error in bins from 0 to 1 (BINS,), NaN in empty ones."""
-    # Beginning of an episode that the cycle leaves out: motions grow in it [s]
+    # Motions grow in the first second.
     counted = (trace["time_s"] >= 1.0) & (place < 1.0)
     bins = (place[counted] * CYCLE_BINS).astype(int)
     pair = "joint_torque_nm", "desired_torque_nm"

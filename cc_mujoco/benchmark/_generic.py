@@ -109,9 +109,8 @@ def _other_motions(
         _jolt(plain.trajectory, model, axis.limb, axis.reach)
         for axis in description.axes
     ]
-    # Least room for a bump between a motion and the stops [rad]; with less there is no
-    # such condition
-    if min(sizes) < 1e-3:
+    # A bump needs room between the motion and the stops.
+    if min(sizes) < 1e-3:  # [rad]
         return found
     jolted = [
         Perturbed(trajectory_of(plain.trajectory, axis.limb), axis.limb, size)

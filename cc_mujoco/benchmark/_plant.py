@@ -280,8 +280,7 @@ def hidden_effect(
 def _cuffed(device: Device) -> Device:
     axis = device.description.axis()
     stiffness = 10.0 * axis.units["desired_torque_nm"] / axis.units["joint_angle_rad"]
-    # Damping of a cuff over its stiffness [s]
-    cuff = {"stiffness": stiffness, "damping": 0.01 * stiffness}
+    cuff = {"stiffness": stiffness, "damping": 0.01 * stiffness}  # 0.01 s
     return Device(device.name, device.timestep, axis={"cuff": cuff})
 
 

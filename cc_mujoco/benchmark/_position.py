@@ -57,7 +57,6 @@ def position_conditions(scene: str) -> list[Condition]:
             f"the suite 'position' plays devices of one axis whose task commands an "
             f"angle, and that of {scene} does not; `--suite generic` plays it."
         )
-    # Length of an episode [s]
     plain = PositionCondition(
         scene, "", motion, tasks, OWN_LINER, "exact", duration=1.5
     )
@@ -85,10 +84,8 @@ def fresh_fits(
     """Return the parameters from trials on the plants, one set for each seed."""
     nominal = nominal_drive(condition)
     plants = [drawn.plant for drawn in sample_plants(condition, seeds, key)]
-    # Length of a trial on a plant [s]
-    return tuple(
-        fit_hysteresis(trial, nominal) for trial in calibration_trials(plants, 4.0)
-    )
+    trials = calibration_trials(plants, 4.0)  # [s]
+    return tuple(fit_hysteresis(trial, nominal) for trial in trials)
 
 
 def position_drive(condition: Condition, drive: Drive) -> Drive:

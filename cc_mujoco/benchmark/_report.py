@@ -130,8 +130,7 @@ def _best_at(scene: str, rms: Mapping[str, Mapping[str, Array]], baseline: str) 
     if others and not equal:
         text = f"`{best.name}` wins at {scene} with an error of {best.score:.3g}"
     elif equal and not math.isnan(best.low):
-        # Controllers of a device in that sentence besides the best one
-        if len(equal) > 3:
+        if len(equal) > 3:  # too many names for a sentence
             equal = [f"{len(equal)} others"]
         return f"{text}, not significantly below {list_words(equal, 'or')}"
     return f"{text} (`{baseline}`: {known[baseline]})" if baseline in known else text

@@ -366,7 +366,7 @@ class StepTimes(NamedTuple):
 
 def time_steps(cell: Cell) -> StepTimes:
     """Time the steps of a cell's controller, for the first seed of its condition."""
-    # Length of the episode that is timed [s]; compilation precedes it
+    # 1.1 s are timed, after compilation.
     short = dataclasses.replace(cell.condition, duration=1.1)
     made = prepare_episodes(
         [dataclasses.replace(cell, condition=short, seeds=cell.seeds[:1])]

@@ -154,8 +154,7 @@ def _design(drive: Drive, rigidity: float) -> tuple[Design, float]:
     seen[1, STRETCH], seen[1, LACK] = rigidity / ratio, 1.0
     noise = np.diag(
         [
-            # Standard deviation of an angle [rad].
-            (3e-4 * (1.0 + abs(ratio))) ** 2,
+            (3e-4 * (1.0 + abs(ratio))) ** 2,  # 3e-4 rad: deviation of an angle
             max(drive.torque_noise, 1e-4 * most) ** 2,
         ]
     )
@@ -168,8 +167,8 @@ def _design(drive: Drive, rigidity: float) -> tuple[Design, float]:
     gain = spread @ seen.T @ np.linalg.inv(seen @ spread @ seen.T + noise)
     deviation = math.sqrt((seen @ spread @ seen.T + noise)[0, 0])
     push = max(map(abs, (drive.low, drive.high))) / inertia * period**2
-    # Change of the innovation of the stretch in a step, in its standard deviations,
-    # beyond what the motor can do, from which an encoder has slipped.
+    # An encoder has slipped where the innovation of the stretch changes in a step by 8
+    # standard deviations more than the motor can cause.
     slip = 8.0 * deviation + push
     cost = np.diag([(rigidity / ratio / most) ** 2, 0.0])
     # Of motor torque to torque error at the joint, both over the greatest: with less of

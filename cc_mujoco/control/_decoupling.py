@@ -194,8 +194,7 @@ def distribute(
     edge = 0.0
     for i in range(count):
         edge = max(edge, 1e-12 * abs(wanted[i]))
-    # Most steps of the distribution; a few are usual, and it is finite.
-    for _ in range(200):
+    for _ in range(200):  # a few steps are usual, and their number is finite
         _solve_positive(work, found)
         wrong = -1
         for i in range(count):
@@ -250,8 +249,8 @@ def own_torques(
             if safe == math.inf:
                 continue
             along = min(max(aim[joint] * np.sign(felt), 0.0), safe)
-            # Share of the way from the desired to the safe torque of a joint beyond
-            # which the cables that add to it are released, as in `_guard`.
+            # Half-way from the desired to the safe torque of a joint, the cables that
+            # add to it are released, as in `_guard`.
             unsafe = abs(felt) > along + 0.5 * (safe - along)
             if unsafe and ratios[joint, i] * np.sign(felt) > 0.0:
                 torque = 0.0
@@ -303,8 +302,7 @@ class Coupling:
         rival = np.equal.outer(self._own, self._own) & ~np.eye(len(names), dtype=bool)
         mixing = np.where(rival, 0.0, neutral[self._own])
         scaled = mixing / np.abs(neutral).max(axis=0)
-        # Largest condition number of the ratios, each motor scaled to 1, that is
-        # inverted.
+        # Ratios, each motor scaled to 1, are inverted up to this condition number.
         if not np.linalg.cond(scaled) < 100.0:
             raise CableError(
                 f"the cables of {', '.join(p.rstrip('.') for p in prefixes)} turn "

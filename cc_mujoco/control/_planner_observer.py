@@ -140,7 +140,7 @@ def observe(
     turned = memory[at.JOINT] - before
     memory[at.ENERGY] += (torque - memory[at.DESIRED_TORQUE]) * memory[at.JOINT + 1]
     memory[at.ENERGY] -= tune[at.LEAK] * memory[at.ENERGY]
-    # Share of a low-pass that distinguishes taut from slack, per step.
+    # Low-passed by a quarter per step, to distinguish taut from slack.
     memory[at.FILTERED_TORQUE] += 0.25 * (torque - memory[at.FILTERED_TORQUE])
     has_second = tune[at.BRISTLES] > 0.0 and not _has_bristles(cables)
     if has_second:
@@ -232,7 +232,7 @@ def _choose_model(memory: FloatArray, tune: FloatArray) -> bool:
     model falls with the product of both mean squares. A model is replaced only by a
     margin, and by more than noise.
     """
-    # Least significant mean squared error, over the squared torque that is significant.
+    # Mean squared errors below 1 % of the squared significant torque do not count.
     floor = 0.01 * tune[at.NOISE] * tune[at.NOISE]
     at_rotor = floor / (tune[at.RATIO] * tune[at.RATIO])
     plain = (memory[at.MODEL_ERROR] + floor) * (memory[at.ROTOR_ERROR] + at_rotor)
@@ -418,7 +418,7 @@ def learn(
         biased + (_MAX_FRICTION_ERROR * _MAX_FRICTION_ERROR) * sensitivity
     )
     step = tune[at.ZEROING] * tune[at.PERIOD] * share * unexplained * tune[at.RATIO]
-    # Greatest bias of the torque sensor, over its significant torque.
+    # The torque sensor's bias is at most twice its significant torque.
     most = 2.0 * tune[at.NOISE]
     memory[at.BIAS] = min(max(memory[at.BIAS] + step, -most), most)
     rate = (

@@ -399,8 +399,7 @@ def _plan(
             where - last,
             desired,
             rise,
-            # Largest turn of the motor between two knots of a plan [rad].
-            2.0,
+            2.0,  # largest turn of the motor between two knots of a plan [rad]
             tune[at.TOLERANCE],
             slack,
             span,

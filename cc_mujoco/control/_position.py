@@ -64,10 +64,10 @@ class PositionController(Controller):
                 f"is {drive.inertia:g} kg m^2."
             )
         late = (1.5 + drive.delay) * drive.period + drive.motor_lag
-        # Largest bandwidth of the servo times the delay of the loop [rad].
+        # The servo's bandwidth times the delay of the loop is at most 0.4 rad.
         self.bandwidth = min(bandwidth, 0.4 / late)
         most = min(abs(drive.low) or math.inf, abs(drive.high) or math.inf)
-        # Share of the motor's torque that is used to follow a change of rate.
+        # A quarter of the motor's torque is used to follow a change of rate.
         self._acceleration = 0.25 * most / drive.inertia
         self._rows = 0
         self.reset()

@@ -261,8 +261,7 @@ class PredictiveCompensation(SteppedController):
             motion_0=motion_0,
             motion_1=motion_1,
             motion_2=motion_2,
-            # Time over which the errors of the observers of the rotor are compared [s].
-            forgetting=period / 0.1,
+            forgetting=period / 0.1,  # errors of observers are compared over 0.1 s
             leak=period / 10.0,
             yielding=yielding / known if (known := drive.joint_inertia) else 0.0,
             late=drive.delay,
@@ -275,8 +274,7 @@ class PredictiveCompensation(SteppedController):
             # at the joint than desired, in standard deviations of the torque sensor:
             # slack there costs nothing, and a sensor with a bias would leave a pull.
             slack=2.0 * noise,
-            # Time constant with which the motor completes a crossing that stopped short
-            # [s].
+            # A crossing that stopped short is completed with a time constant of 0.03 s.
             creep=min(period / 0.03, 1.0),
         )
         self.tables = planner_memory.Tables(

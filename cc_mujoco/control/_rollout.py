@@ -42,8 +42,8 @@ def find_joint_angle(
         if root.encloses(bracket):
             at = root.between(bracket)
         else:
-            # Least step, as a share of that of a cable that stretches as a whole: its
-            # end alone is stiffer.
+            # At least a fifth of the step of a cable that stretches as a whole: its end
+            # alone is stiffer.
             reach = max(2.0 * reach, 0.2 * abs(over) / stiffness)
             at += reach if over > 0.0 else -reach
     return start + at

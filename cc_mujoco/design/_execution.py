@@ -176,7 +176,7 @@ def wait_sentences(plan: Plan, threads: int) -> Iterator[str]:
 
 def _seconds_per_design(plan: Plan, law: str) -> float:
     protocol = dataclasses.replace(plan.protocol, controllers=(law,))
-    # Most designs of a sample, which are played together as those of the study are
+    # A sample of at most eight, played together as the designs of the study are
     designs = [plan.designs[row] for row in plan.batches[0][:8]]
     values = [{**design, **protocol.across.cases[0]} for design in designs]
     models = [attended(Plant(protocol.device, own)) for own in values]

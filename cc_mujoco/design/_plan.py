@@ -536,9 +536,9 @@ def _batches(
     """
     about, longest = builder.description, max(protocol.duration, CHIRP_TIME)
     steps = longest / about.period * len(about.axes)
-    # Most that a batch may keep, over the size of a design's control step [byte]
+    # A batch may keep 250 MB, and a design keeps 150 bytes per control step.
     capacity = int(250e6 / 150.0 / steps)
-    # Most designs that are simulated together: enough that Python's share is small
+    # Of 256 designs together Python's share is small; eight batches keep workers busy.
     size = max(1, min(256, capacity, math.ceil(len(designs) / 8)))
     return batches_of(protocol.across, builder, dict(enumerate(designs)), size)
 

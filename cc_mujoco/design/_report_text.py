@@ -274,8 +274,7 @@ def best_designs(found: RankedStudy) -> Html | None:
     goals = len(found.goals)
     columns = ["design", *names[:goals], *found.varied, *names[goals:]]
     rows = []
-    # Designs in the table of the best
-    for place in found.order[:10]:
+    for place in found.order[:10]:  # the ten best
         if np.isnan(found.cost[place]).any():
             break
         row = found.rows[int(place)]

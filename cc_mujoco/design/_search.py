@@ -143,8 +143,7 @@ def _new_trial(
     A sampler that has found the best of a few values asks for it again and again.
     """
     out = require_optuna().trial.TrialState.FAIL
-    # Most times in a row that the sampler may ask for what was tried before
-    for _ in range(20):
+    for _ in range(20):  # the sampler may repeat what was tried before
         trial = study.ask(space)
         if (place := tuple(trial.params.values())) not in tried:
             tried.add(place)

@@ -113,7 +113,7 @@ def fit(x: Array, y: Array) -> Surface | None:
     scales.
     """
     rng = np.random.default_rng(0)
-    # Designs that a surface is fitted to; more are only used to test it
+    # At most 1000 designs are fitted.
     shuffled = rng.permutation(len(y))[:1000]
     x, y = x[shuffled], y[shuffled]
     least = 3 * (x.shape[1] + 1)
@@ -141,7 +141,7 @@ def _active_columns(x: Array, y: Array) -> tuple[int, ...]:
             deviation = float(np.std(gain)) / np.sqrt(len(y))
             help_of[column] = float(np.mean(gain)) / max(deviation, 1e-300)
         least = min(active, key=lambda column: help_of[column])
-        # Standard errors by which a variable must lessen the squared error to be one
+        # A variable stays if it lowers the squared error by two standard errors.
         if help_of[least] > 2.0:
             break
         active = tuple(other for other in active if other != least)

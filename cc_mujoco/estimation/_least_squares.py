@@ -141,7 +141,7 @@ def fit(
     factors = np.array([p.scale if p.factor else 0.0 for p in free])
     x: FloatArray = np.clip(start, low, high)
     error = residual(x)
-    # Damping of a fit's first step, relative to the diagonal of the normal equations.
+    # The damping is relative to the diagonal of the normal equations.
     cost, damping, left = _half_square(error), 1e-4, evaluations - 1
     while left > 0:
         slopes = jacobian(x)

@@ -140,7 +140,7 @@ class RecursiveLeastSquares:
             self._update_one(float(information[0, 0]), float(target[0]))
             return
         size, axes = np.linalg.eigh(information)
-        # Share of the largest information below which a direction counts as silent.
+        # A direction is silent below 1e-9 of the largest information.
         informed = axes[:, size > 1e-9 * max(float(size[-1]), 0.0)]
         if informed.shape[1] == 0 or not size[-1] > 0.0:
             return

@@ -164,8 +164,8 @@ def _part_equations(
             size = level * clear[j]  # T over its noise
             # Tension, in standard deviations of its sensor, below which a reading says
             # nothing.
-            # Share of the fitted tension below which a reading is left out (no
-            # logarithm).
+            # A reading below 5 % of the fitted tension is left out: its logarithm means
+            # nothing.
             if size >= 4.0 and reading[j] > 0.05 * size * noise[j]:
                 clear[left] = size
                 right[left] = np.log(reading[j]) + 0.5 / size**2

@@ -230,11 +230,10 @@ def wearer_bounds(device: str | Path | Device, axis: str | None = None) -> Array
     else:
         inertia = inertia_of(found, axis)
         soft, stiff = (inertia * frequency**2 for frequency in LIMB_FREQUENCIES)
-        # Inertia that is added at most, over that of the joint, of any other device
-        # [-].
+        # To any other device at most three times the joint's inertia is added.
         heavy = 3.0 * inertia
     return np.log(
-        # Least inertia that is added, over the greatest [-].
+        # At least a hundredth of the greatest inertia is added.
         [(soft, stiff), DAMPING_RATIO_RANGE, (0.01 * heavy, heavy)]
     )
 

@@ -139,7 +139,7 @@ def torque_error(log: LogLike) -> Array:
 
 def torque_lag(log: LogLike) -> float:
     """Return the lag of the joint torque behind the desired torque [s]."""
-    # Steps of 5 ms, beyond which `signal_lag` refines.
+    # Steps of 5 ms suffice: `signal_lag` interpolates between them.
     thin = slice(None, None, max(1, round(5e-3 / _period(log))))
     names = ("time_s", "desired_torque_nm", "joint_torque_nm")
     return signal_lag(*(log[name][thin] for name in names), signed=True)

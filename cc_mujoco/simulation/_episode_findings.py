@@ -124,7 +124,7 @@ def _off_motion(own: LogLike, axis: Axis, at: str) -> Iterator[str]:
     gap = np.abs(own["joint_angle_rad"] - own["reference_angle_rad"])
     if not np.isfinite(gap).all():
         return
-    # Deviation of a joint from its motion, as a share of the reach, that is a finding
+    # A joint that deviates from its motion by half of the reach does not follow it.
     share = float(np.mean(gap > 0.5 * axis.reach))
     if share > MIN_TIME_SHARE:
         yield (
@@ -140,7 +140,7 @@ def _at_stop(
     if not model.jnt_limited[joint.id]:
         return
     low, high = model.jnt_range[joint.id]
-    # Part of the range of a joint that counts as its stop
+    # A hundredth of a joint's range at either end counts as its stop.
     room = 0.01 * (high - low)
     share = float(np.mean((angle < low + room) | (angle > high - room)))
     if share > MIN_TIME_SHARE:

@@ -251,7 +251,7 @@ class WornDevice:
             deviation = 0.0 * reference if task.about_reference else reference
             demand = task_torque(task, deviation, velocity, phase)
             least, most = drive.reach
-            # Share of the largest demand by which it may exceed what the motor gives
+            # The demand may exceed what the motor gives by 2 % of the largest.
             slack = 0.02 * float(np.abs(demand).max())
             if least - slack <= demand.min() and demand.max() <= most + slack:
                 peak = float(np.abs(demand).max())

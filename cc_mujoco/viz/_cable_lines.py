@@ -301,8 +301,7 @@ class Capsules:
             if tensions is not None:
                 shown = line.tensions(tensions[line.cable])
             colors = tension_colors(shown, self.highest).astype(np.float32)
-            # Material of coloured cables: lit, their colours come near those of the
-            # scale
+            # Lit, the dimmed colours come near those of the scale.
             colors *= 0.72 / 255.0
             colors[:, 3] = 1.0
             # Colours need more room than the line of the scene.

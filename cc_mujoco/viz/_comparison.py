@@ -131,7 +131,7 @@ def _blueprint(episodes: Sequence[LabelledEpisode]) -> rrb.Blueprint:
         )
         for episode in episodes
     ]
-    # Lines of torque that one looks at first
+    # Torques are looked at first.
     together = rrb.Vertical(
         rrb.Horizontal(*scenes),
         *(

@@ -250,8 +250,7 @@ def _cables(
         conduit = line.part == CONDUIT
         if not conduit:  # one tension for all of a rope
             tension = tension[:, [0, 0] if line.part == MOTOR_END else [-1, -1]]
-        # Widths of a conduit and of a rope coloured by tension, and of any other tendon
-        # [pixels]
+        # In pixels: a conduit, a rope coloured by tension, any other tendon
         about = {
             "name" if conduit else "rope": line.cable,
             "width": 9 if conduit else 5,

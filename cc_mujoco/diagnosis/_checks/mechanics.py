@@ -329,6 +329,7 @@ def _fewest_inversions(
 def check_units(group: Group) -> list[DataFinding]:
     """Find units that contradict each other, by virtual work."""
     trials, m = group
+    # The ratio of two torques means a unit only where both are nearly proportional.
     if not (
         abs(m.follows) > Limit.min_angle_correlation and abs(m.torque_correlation) > 0.9
     ):

@@ -60,17 +60,9 @@ ROTOR_DAMPING = 1e-2
 """Damping of a new motor [N m s/rad]."""
 MOTOR_MASS = 0.5
 """Mass of a new motor [kg]."""
-RADIUS_LIMIT = 1.0
-"""Radius from which a drum or pulley was meant in millimetres [m]."""
 
 _ALLOWED_KEYS = [k for k in KEYS if k not in ("route", "path", "mouth", "conduit")]
 _HINGE, _SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
-_STRAIGHT = 1e-9
-"""Largest turn of a route that counts as none [rad]."""
-_DRAWN = {"route": (0.003, 0.1), "rope": (0.0015, 0.7)}
-"""Radius [m] and shade of grey of the conduit and of the rope."""
-_POSES = 7
-"""Poses of a joint in which a lever is tried."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -192,14 +184,15 @@ def add_cable(
         _site(spec, place, f"route point {i}", f"{name}_route_{i}")
         for i, place in enumerate(route, start=1)
     )
+    driven = _driven_joint(spec, joint, on_pulley=pulley is not None)
     drive = _Drive(
         name,
-        joint=_driven_joint(spec, joint, on_pulley=pulley is not None),
+        joint=driven,
         drum=_radius("drum", drum),
         pulley=None if pulley is None else _radius("pulley", pulley),
         lever=None if lever is None else _site(spec, lever, "lever", f"{name}_lever"),
         route=points,
-        replace=_replaced(spec, replace, joint),
+        replace=_replaced(spec, replace, driven),
         **_motor(spec, motor, points, winch),
     )
     if (pulley is None) == (lever is None):
@@ -267,10 +260,9 @@ def _report(
 def _driving(model: mujoco.MjModel, joint: str, cable: str) -> Iterator[int]:
     """Yield the actuators that move a joint in some pose, but for ends of a cable."""
     data, own = mujoco.MjData(model), model.joint(joint)
-    low, high = own.range if model.jnt_limited[own.id] else (-0.5, 0.5)
     arms = np.zeros(model.nu)
     dense = np.zeros((model.nu, model.nv))
-    for value in (model.qpos0[own.qposadr[0]], *np.linspace(low, high, _POSES)):
+    for value in (model.qpos0[own.qposadr[0]], *_trial_angles(model, joint)):
         data.qpos[own.qposadr[0]] = value
         mujoco.mj_fwdPosition(model, data)
         mujoco.mju_sparse2dense(
@@ -282,6 +274,13 @@ def _driving(model: mujoco.MjModel, joint: str, cable: str) -> Iterator[int]:
     for i in range(model.nactuator):
         if i not in ends and arms[model.actuator_outadr[i]] > mujoco.mjMINVAL:
             yield i
+
+
+def _trial_angles(model: mujoco.MjModel, joint: str) -> NDArray[np.float64]:
+    """Return angles or positions of a joint at which it is tried."""
+    index = model.joint(joint).id
+    low, high = model.jnt_range[index] if model.jnt_limited[index] else (-0.5, 0.5)
+    return np.linspace(low, high, 7)
 
 
 def _cable(
@@ -334,7 +333,7 @@ def _drawn_sections(points: NDArray[np.float64], cable: str) -> tuple[Section, .
     )
     sections = [Section(float(lengths[0]) / 2.0, math.inf)]
     for turn, length in zip(turns, (lengths[:-1] + lengths[1:]) / 2.0, strict=True):
-        radius = float(length / turn) if turn > _STRAIGHT else math.inf
+        radius = float(length / turn) if turn > 1e-9 else math.inf
         sections.append(Section(float(length), radius))
     return (*sections, Section(float(lengths[-1]) / 2.0, math.inf))
 
@@ -348,10 +347,8 @@ def _same_place(cable: str, index: int) -> CableError:
 
 def _require_arm(model: mujoco.MjModel, data: mujoco.MjData, drive: _Drive) -> None:
     """Refuse a lever of which the joint does not change the length of the rope."""
-    joint = model.joint(drive.joint)
-    low, high = joint.range if model.jnt_limited[joint.id] else (-0.5, 0.5)
-    arms = []
-    for value in np.linspace(low, high, _POSES):
+    joint, arms = model.joint(drive.joint), []
+    for value in _trial_angles(model, drive.joint):
         data.qpos[joint.qposadr[0]] = value
         data.qvel[joint.dofadr[0]] = 1.0
         mujoco.mj_fwdPosition(model, data)
@@ -377,7 +374,7 @@ def _write(
     motor = drive.motor
     if drive.mount is not None:
         motor = f"{drive.name}_winch"
-        _write_winch(spec, drive, motor)
+        _write_winch(spec, drive, drive.mount, motor)
     # Cable that the motor winds up moves to proximal. So does what a pulley pays out as
     # it turns the way it is pulled.
     winding = (spec.joint(motor), -drive.drum)
@@ -403,20 +400,20 @@ def _write_path(spec: mujoco.MjSpec, drive: _Drive) -> None:
     if drive.lever is not None:
         paths["rope"] = (drive.route[-1], drive.lever)
     for kind, sites in paths.items():
-        name, (width, shade) = f"{drive.name}_{kind}", _DRAWN[kind]
-        rgba = [shade, shade, shade, 1.0]
-        tendon = add_element(spec, "tendon", name=name, width=width, rgba=rgba)
+        width, shade = (0.003, 0.1) if kind == "route" else (0.0015, 0.7)  # m, of grey
+        tendon = add_element(
+            spec, "tendon", name=f"{drive.name}_{kind}", width=width,
+            rgba=[shade, shade, shade, 1.0],
+        )  # fmt: skip
         for site in sites:
             tendon.wrap_site(site.name)
 
 
-def _write_winch(spec: mujoco.MjSpec, drive: _Drive, name: str) -> None:
+def _write_winch(spec: mujoco.MjSpec, drive: _Drive, mount: _Site, name: str) -> None:
     """Write a motor with its drum, a cylinder about the y axis of its body."""
-    assert drive.mount is not None
     radius, width, mass = abs(drive.drum), 0.02, drive.motor_mass
     about, across = 0.5 * mass * radius**2, mass * (radius**2 / 4.0 + width**2 / 12.0)
-    mount = spec.body(drive.mount.body)
-    body = mount.add_body(name=name, pos=drive.mount.position)
+    body = spec.body(mount.body).add_body(name=name, pos=mount.position)
     body.explicitinertial = True
     body.mass, body.ipos, body.inertia = mass, [0.0] * 3, [across, about, across]
     add_element(
@@ -552,22 +549,21 @@ def _driven_joint(spec: mujoco.MjSpec, joint: Any, on_pulley: bool) -> str:
 
 def _radius(what: str, radius: Any) -> float:
     number = isinstance(radius, Real) and math.isfinite(radius)
-    if not number or not 0.0 < abs(radius) < RADIUS_LIMIT:
+    if not number or not 0.0 < abs(radius) < 1.0:  # larger ones are in millimetres
         raise CableError(
-            f"{what} must be a radius in metres below {RADIUS_LIMIT:g}, and not 0, "
-            f"e.g. {what}=0.03, not {radius!r}."
+            f"{what} must be a radius in metres below 1, and not 0, e.g. {what}=0.03, "
+            f"not {radius!r}."
         )
     return float(radius)
 
 
-def _replaced(spec: mujoco.MjSpec, actuator: Any, joint: Any) -> int | None:
+def _replaced(spec: mujoco.MjSpec, actuator: Any, driven: str) -> int | None:
     """Return the index of the actuator to delete, which must drive the joint alone."""
     if actuator is None:
         return None
     if isinstance(actuator, mujoco.MjsActuator):
         actuator = actuator.name or actuator.id
     found = find_element("actuator", actuator, spec.actuators)
-    driven = _name("joint", joint, spec.joints)
     on_joint = found.trntype in (
         mujoco.mjtTrn.mjTRN_JOINT,
         mujoco.mjtTrn.mjTRN_JOINTINPARENT,

@@ -33,12 +33,8 @@ from cc_mujoco.plugin._spec import add_element, plain_errors, read_spec
 
 End = tuple[Any, float]
 """An end of a cable: joint or spatial tendon, or its name; signed pulley radius [m]."""
-
-
 SPARE_BYTES = 1000
 """Bytes in a model for longer configurations of a cable than that of the scene."""
-_NUMBERS = {*(parameter.name for parameter in PARAMETERS), "conduit"}
-"""Keys whose text has numbers and no names."""
 
 
 def from_mjcf(source: mujoco.MjSpec | mujoco.MjModel | str | Path) -> dict[str, Cable]:
@@ -114,8 +110,8 @@ def to_mjcf(
             "actuators; it must be used by two before it can be written anew"
         )
     if not found:
-        for end, given in ends.items():
-            if given is None:
+        for end in ends:
+            if end not in targets:
                 raise CableError(
                     f"cable {name!r} is new and has no {end} end; give the joint or "
                     "tendon and the signed pulley radius"
@@ -147,7 +143,14 @@ def instances(model: mujoco.MjModel) -> dict[str, int]:
 
 
 def cable_of(model: mujoco.MjModel, instance: int, name: str) -> Cable:
-    return _parse(tuple(_config(model, instance).items()), name)
+    start = model.plugin_attradr[instance]
+    texts = bytes(model.plugin_attr[start:]).split(b"\0", len(KEYS))
+    config = tuple(
+        (key, text.decode(errors="replace"))
+        for key, text in zip(KEYS, texts, strict=False)
+        if text
+    )
+    return _parse(config, name)
 
 
 def make_room(spec: mujoco.MjSpec) -> None:
@@ -202,24 +205,15 @@ def write_cable(model: mujoco.MjModel, name: str, cable: Cable) -> None:
 def _shortest_texts(cable: Cable) -> Iterator[str]:
     """Yield the shortest text of every key, empty where that means its value."""
     config, defaults = cable.to_config(), Cable().to_config()
+    numbers = {*(parameter.name for parameter in PARAMETERS), "conduit"}
     for key in KEYS:
         text = config.get(key, "")
         if key not in REQUIRED and text == defaults.get(key):
             text = ""
-        elif key in _NUMBERS:
+        elif key in numbers:
             text = re.sub(r"\.0(?!\d)", "", text)  # 10.0
             text = re.sub(r"(?<![\d.])0(?=\.\d)", "", text)  # 0.5
         yield text
-
-
-def _config(model: mujoco.MjModel, instance: int) -> dict[str, str]:
-    start = model.plugin_attradr[instance]
-    texts = bytes(model.plugin_attr[start:]).split(b"\0", len(KEYS))
-    return {
-        key: text.decode(errors="replace")
-        for key, text in zip(KEYS, texts, strict=False)
-        if text
-    }
 
 
 @lru_cache(maxsize=256)

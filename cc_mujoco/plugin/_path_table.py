@@ -10,6 +10,8 @@ other joints move as well, `compute_recorded_path` has a row for every pose.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 
@@ -18,7 +20,7 @@ from cc_mujoco.cable import _layout as layout
 from cc_mujoco.cable._cable import BENDS, PATHS, Cable
 from cc_mujoco.cable._coupled_route import CoupledPath
 from cc_mujoco.cable._route import Route
-from cc_mujoco.errors import CableError
+from cc_mujoco.errors import look_up
 from cc_mujoco.native import FloatArray, compiled
 from cc_mujoco.plugin import _instance_data as blocks
 from cc_mujoco.plugin import _mj_struct as mj_struct
@@ -26,13 +28,6 @@ from cc_mujoco.plugin import _open_path as open_path
 from cc_mujoco.plugin._ffi import assign, fill, floats, load_word
 from cc_mujoco.plugin._mjcf import cable_of, instances
 from cc_mujoco.plugin._routing import follow
-
-_TRIAL_TURN = 1e-3
-"""Turn by which a joint is tried [rad]."""
-_SLOPE_TURN = 1e-4
-"""Turn either way by which a slope is found [rad]."""
-_ROUNDING_RATE = 1e-6
-"""Change by rounding of a path that a joint does not move, per radian."""
 
 
 def compute_path_table(
@@ -44,27 +39,14 @@ def compute_path_table(
     equal steps from 0 or below up [rad].
     """
     walk = _Walk(model, cable)
+    course = walk.make_course(np.array(angles))
     place = int(model.joint(joint).qposadr[0])
-    n, count = walk.wrap.size, angles.size
-    wrap, contact = np.empty((2, count, n))
-    gained, length = np.empty((2, count, n + 1))
-    distal = np.empty(count)
+    first, poses = model.qpos0.copy(), np.tile(model.qpos0, (angles.size, 1))
+    first[place], poses[:, place] = 0.0, angles
     start = int(np.searchsorted(angles, 0.0))
-    pose = model.qpos0.copy()
-    for rows in (range(start, count), range(start - 1, -1, -1)):
-        pose[place] = 0.0
-        rest = walk.lay(pose)
-        total = np.zeros(n + 1)
-        for k in rows:
-            pose[place] = angles[k]
-            distal[k] = walk.lay(pose) - rest
-            total += walk.longer
-            wrap[k], contact[k], gained[k] = walk.wrap, walk.contact, total
-            length[k] = walk.length
-    guided = walk.guided()
-    if guided == n:
-        length = np.empty((0, n + 1))
-    return CoupledPath(np.array(angles), wrap, contact, gained, distal, length, guided)
+    for rows in (range(start, angles.size), range(start - 1, -1, -1)):
+        walk.follow(course, rows, first, poses)
+    return course
 
 
 def compute_recorded_path(
@@ -75,33 +57,10 @@ def compute_recorded_path(
     The slopes are by the angle of `joint`, a hinge. `poses` (poses, nq) go from near
     `qpos0` on by small steps.
     """
-    walk = _Walk(model, cable)
-    place = int(model.joint(joint).qposadr[0])
-    n, count = walk.wrap.size, len(poses)
-    wrap, contact = np.empty((2, count, n))
-    gained, length, gain = np.empty((3, count, n + 1))
-    distal, arm = np.empty((2, count))
-    rest = walk.lay(model.qpos0)
-    total = np.zeros(n + 1)
-    for k, pose in enumerate(poses):
-        distal[k] = walk.lay(pose) - rest
-        total += walk.longer
-        wrap[k], contact[k], gained[k] = walk.wrap, walk.contact, total
-        length[k] = walk.length
-        aside = pose.copy()
-        aside[place] += _SLOPE_TURN
-        ahead = walk.lay(aside, stay=True)
-        gain[k] = walk.longer
-        aside[place] -= 2.0 * _SLOPE_TURN
-        arm[k] = (ahead - walk.lay(aside, stay=True)) / (2.0 * _SLOPE_TURN)
-        gain[k] = (gain[k] - walk.longer) / (2.0 * _SLOPE_TURN)
-    guided = walk.guided()
-    if guided == n:
-        length = np.empty((0, n + 1))
-    rows = np.arange(count, dtype=np.float64)
-    return CoupledPath(
-        rows, wrap, contact, gained, distal, length, guided, gain=gain, arm=arm
-    )
+    walk, place = _Walk(model, cable), int(model.joint(joint).qposadr[0])
+    course = walk.make_course(np.arange(len(poses), dtype=np.float64), slopes=True)
+    walk.follow(course, range(len(poses)), model.qpos0, poses, place)
+    return course
 
 
 def moving_joints(
@@ -119,17 +78,15 @@ def moving_joints(
         mujoco.mj_integratePos(model, pose, random.uniform(-0.5, 0.5, model.nv), 1.0)
         for dof in range(model.nv):
             turn, moved = np.zeros(model.nv), pose.copy()
-            turn[dof] = _TRIAL_TURN
+            turn[dof] = 1e-3  # rad
             mujoco.mj_integratePos(model, moved, turn, 1.0)
             before, wrap = walk.lay(pose), walk.wrap.copy()
             after = walk.lay(moved)
             parts = [walk.longer, np.array([after - before])]
             if not pulled:
                 parts.append(walk.wrap - wrap)
-            if (
-                max(float(np.abs(part).max()) for part in parts)
-                > _ROUNDING_RATE * _TRIAL_TURN
-            ):
+            # By rounding a path that a joint does not move changes by 1e-6 per radian.
+            if max(float(np.abs(part).max()) for part in parts) > 1e-6 * turn[dof]:
                 found[str(model.joint(int(model.dof_jntid[dof])).name)] = None
     return list(found)
 
@@ -145,11 +102,8 @@ class _Walk:
     """
 
     def __init__(self, model: mujoco.MjModel, cable: str) -> None:
-        known = instances(model)
-        if cable not in known:
-            raise CableError.unknown("cable", cable, known)
         self._model, self._data = model, mujoco.MjData(model)
-        self._instance = known[cable]
+        self._instance = look_up("cable", cable, instances(model))
         n = cable_of(model, self._instance, cable).segments
         self.wrap, self.contact = np.empty((2, n))
         self.longer, self.length = np.empty((2, n + 1))
@@ -175,9 +129,51 @@ class _Walk:
             )
         )
 
-    def guided(self) -> int:
-        """Return the number of segments in a conduit."""
-        return int(_guided_segments(self._data._address, self._instance))
+    def make_course(self, joint: FloatArray, slopes: bool = False) -> CoupledPath:
+        """Make a course without values, at angles or numbers of poses."""
+        n, count = self.wrap.size, joint.size
+        guided = int(_guided_segments(self._data._address, self._instance))
+        wrap, contact = np.empty((2, count, n))
+        gained, length, gain = np.empty((3, count, n + 1))
+        distal, arm = np.empty((2, count))
+        if guided == n:
+            length = length[:0]
+        course = CoupledPath(joint, wrap, contact, gained, distal, length, guided)
+        return replace(course, gain=gain, arm=arm) if slopes else course
+
+    def follow(
+        self,
+        course: CoupledPath,
+        rows: range,
+        first: FloatArray,
+        poses: FloatArray,
+        turned: int | None = None,
+    ) -> None:
+        """Fill rows of a course, from the pose `first` (nq,) on along `poses`.
+
+        With its slopes by the angle that is `turned` in `qpos`, if that is given.
+        """
+        rest, total = self.lay(first), np.zeros(self.longer.size)
+        turn = 1e-4  # either way, by which a slope is found [rad]
+        for k in rows:
+            course.distal[k] = self.lay(poses[k]) - rest
+            total += self.longer
+            course.wrap[k], course.contact[k] = self.wrap, self.contact
+            course.gained[k] = total
+            if course.open:
+                course.length[k] = self.length
+            if (
+                turned is not None
+                and course.gain is not None
+                and course.arm is not None
+            ):
+                aside = poses[k].copy()
+                aside[turned] += turn
+                ahead = self.lay(aside, stay=True)
+                course.gain[k] = self.longer
+                aside[turned] -= 2.0 * turn
+                course.arm[k] = (ahead - self.lay(aside, stay=True)) / (2.0 * turn)
+                course.gain[k] = (course.gain[k] - self.longer) / (2.0 * turn)
 
 
 @compiled
@@ -191,10 +187,8 @@ def _lay_path(
     length: FloatArray,
     stay: bool,
 ) -> float:
-    block, state = (
-        mj_struct.block(data, instance),
-        mj_struct.state(model, data, instance),
-    )
+    block = mj_struct.block(data, instance)
+    state = mj_struct.state(model, data, instance)
     n = load_word(block + blocks.SEGMENTS)
     follow(block, model, data, state)
     prm = floats(blocks.parameters_at(block), kernel.parameter_size(n))

@@ -48,15 +48,8 @@ def read(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> CableReading:
     """
     held_instance(model, data, name)
     reading = Reader(model, name).read(data.plugin_state)
-    return CableReading(
-        reading.tension,
-        reading.slip,
-        float(reading.tension_proximal),
-        float(reading.tension_distal),
-        float(reading.moving_fraction),
-        float(reading.slack),
-        float(reading.dissipated),
-    )
+    parts = (getattr(reading, field.name) for field in fields(reading))
+    return CableReading(*(part if part.ndim else part.item() for part in parts))
 
 
 def read_state(model: mujoco.MjModel, name: str, plugin_state: Floats) -> CableReading:
@@ -186,17 +179,11 @@ def stored_energy(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> floa
     """
     index = held_instance(model, data, name)
     segments = cable_of(model, index, name).segments
-    return float(_node_compliance(model, data, index, segments)[-1])
-
-
-def _node_compliance(
-    model: mujoco.MjModel, data: mujoco.MjData, instance: int, segments: int
-) -> Floats:
-    """Return the compliance of the nodes [m/N], then the elastic energy [J]."""
     call = plugin_function("compliance")
+    # The compliance of the nodes [m/N], then the energy.
     out = np.full(segments + 2, np.nan)
-    call(model._address, data._address, instance, out.ctypes.data)
-    return out
+    call(model._address, data._address, index, out.ctypes.data)
+    return float(out[-1])
 
 
 def route_tendon(model: mujoco.MjModel, name: str) -> int:

@@ -165,7 +165,7 @@ def range_lines(burden: Burden, original: mujoco.MjModel) -> list[str]:
     ]
 
 
-def describe_band(burden: Burden, stiffness: float, pretension: float) -> list[str]:
+def describe_band(burden: Burden, stiffness: float, pretension: float) -> str:
     """Return the line on a tendon whose spring is a cable of `stiffness` EA [N]."""
     low, high = burden.rest
     text = (
@@ -174,7 +174,7 @@ def describe_band(burden: Burden, stiffness: float, pretension: float) -> list[s
     )
     if low > 0.0:
         text += f"; below {low:.4g} m, where the tendon pushed, it is slack"
-    return [text]
+    return text
 
 
 def order_line(model: mujoco.MjModel, cables: Sequence[str], before: int) -> str:

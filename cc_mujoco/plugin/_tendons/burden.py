@@ -114,10 +114,14 @@ class Burden:
 def find_burden(spec: mujoco.MjSpec, model: mujoco.MjModel, tendon: str) -> Burden:
     """Return what acts on a spatial tendon as a whole.
 
-    Refuse a tendon that belongs to a cable already, or that an equality couples to
-    itself.
+    Refuse one that is fixed, or that belongs to a cable already.
     """
     own, index = spec.tendon(tendon), model.tendon(tendon).id
+    if model.wrap_type[model.tendon_adr[index]] == mujoco.mjtWrap.mjWRAP_JOINT:
+        raise CableError(
+            f"tendon {tendon!r} is fixed: it has no path that could bend; friction "
+            "is for a spatial tendon of sites and geoms."
+        )
     _refuse_second_cable(spec, tendon)
     features = {
         "stiffness": bool(np.any(own.stiffness)),

@@ -176,30 +176,27 @@ def add_friction(
             named[which] = name
     if not named:
         raise CableError("add_friction needs a tendon, by its name or its index.")
-    ends = {"motor": motor, "joint": joint, "winch": winch}
-    cable = {"friction": friction, "segments": segments, **parameters}
-    requests: dict[str, dict[str, Any]] = {}
+    arguments = {
+        "motor": motor, "joint": joint, "winch": winch, "friction": friction,
+        "segments": segments, **parameters,
+    }  # fmt: skip
+    requests = []
     for which, name in named.items():
-        own = {key: _value_of(key, x, which, named) for key, x in ends.items()}
-        _require_ends(start, **own)
-        values = {key: _value_of(key, x, which, named) for key, x in cable.items()}
-        if values["friction"] is None:
+        own = {k: _value_of(k, value, which, named) for k, value in arguments.items()}
+        ends = own.pop("motor"), own.pop("joint"), own.pop("winch")
+        _require_ends(start, *ends)
+        if own["friction"] is None:
             raise CableError(
                 "add_friction needs friction=, the coefficient of friction wherever "
                 "the tendon bends, e.g. friction=0.1."
             )
-        given = {key: value for key, value in values.items() if value is not None}
-        requests[name] = {
-            "motor": own["motor"], "joint": own["joint"], "drum": own["winch"],
-            "given": given,
-        }  # fmt: skip
+        given = {key: value for key, value in own.items() if value is not None}
+        requests.append((name, *ends, given))
     with muted_warnings():
         original = compile_spec(start.copy())
-        for name in requests:
-            _refuse_fixed(original, name)
         takeovers = [
-            _Takeover(find_burden(start, original, name), **request)
-            for name, request in requests.items()
+            _Takeover(find_burden(start, original, name), *request)
+            for name, *request in requests
         ]
         moved, model = _plan(
             start, original, takeovers, {} if guides is None else guides
@@ -292,15 +289,6 @@ def _value_of(key: str, value: Any, which: Any, named: dict[Any, str]) -> Any:
         if other not in named and other not in named.values():
             raise CableError.unknown(f"tendon in {key}=", other, named.values())
     return value.get(which, value.get(named[which]))
-
-
-def _refuse_fixed(model: mujoco.MjModel, tendon: str) -> None:
-    first = model.tendon_adr[model.tendon(tendon).id]
-    if model.wrap_type[first] == mujoco.mjtWrap.mjWRAP_JOINT:
-        raise CableError(
-            f"tendon {tendon!r} is fixed: it has no path that could bend; friction "
-            "is for a spatial tendon of sites and geoms."
-        )
 
 
 def _plan(
@@ -566,7 +554,7 @@ def _account(
     ]
     held = cables[0].pretension
     if burden.is_band:
-        lines += describe_band(burden, takeover.stiffness, held)
+        lines.append(describe_band(burden, takeover.stiffness, held))
     if winch is not None:
         lines += describe_winch(original, spec, winch)
         if held > 0.0 and "pretension" not in takeover.given:

@@ -180,9 +180,13 @@ def _stable_winch(
     `plan_winches`, `stiffness` [N/m] and `drag` [N s/m] are those of what acts on it.
     """
     burden = trial.burden
-    step, integrator = original.opt.timestep, original.opt.integrator
-    explicit = (mujoco.mjtIntegrator.mjINT_EULER, mujoco.mjtIntegrator.mjINT_RK4)
-    if integrator not in explicit:
+    step, off = original.opt.timestep, original.opt.disableflags
+    euler = original.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER
+    rk4 = original.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
+    undamped = off & mujoco.mjtDisableBit.mjDSBL_DAMPER or (
+        euler and off & mujoco.mjtDisableBit.mjDSBL_EULERDAMP
+    )
+    if not (euler or rk4):
         # The damping of actuators is implicit only while they pull.
         index = original.tendon(burden.tendon).id
         drag = max(drag - float(original.tendon_damping[index]), 0.0)
@@ -207,7 +211,7 @@ def _stable_winch(
         # Without a brake, by a rate [1/s], a winch that nothing pulls would pay out for
         # ever what a falling load once drew.
         brake = 0.0 if drum or sprung else 0.05 * mass
-        if _damps_implicitly(original):
+        if not (rk4 or undamped):  # which makes damping of joints implicit
             brake = max(brake, k * step if own < k * step**2 else 0.0)
         elif not drum:
             own = max(own, k * step**2)
@@ -245,16 +249,6 @@ def largest_pull(original: mujoco.MjModel, burden: Burden) -> float:
     if original.tendon_actfrclimited[index]:
         pull = min(pull, -float(original.tendon_actfrcrange[index, 0]))
     return pull / min(branch.divisor for branch in burden.branches)
-
-
-def _damps_implicitly(model: mujoco.MjModel) -> bool:
-    integrator, off = model.opt.integrator, model.opt.disableflags
-    if integrator == mujoco.mjtIntegrator.mjINT_RK4 or (
-        off & mujoco.mjtDisableBit.mjDSBL_DAMPER
-    ):
-        return False
-    euler = integrator == mujoco.mjtIntegrator.mjINT_EULER
-    return not (euler and off & mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
 
 
 def _drive_slopes(

@@ -146,8 +146,12 @@ def route_wrap(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> float:
             another model.
     """
     held_instance(model, data, name)
-    call = plugin_function("turn")
-    return float(call(model._address, data._address, route_tendon(model, name)))
+    return tendon_turn(model, data, route_tendon(model, name))
+
+
+def tendon_turn(model: mujoco.MjModel, data: mujoco.MjData, tendon: int) -> float:
+    """Return the total turning angle of a spatial tendon, by its index [rad]."""
+    return float(plugin_function("turn")(model._address, data._address, tendon))
 
 
 def segment_wrap(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> Floats:

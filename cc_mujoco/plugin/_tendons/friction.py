@@ -39,7 +39,7 @@ from cc_mujoco.cable._cable import (
 from cc_mujoco.errors import CableError, CableWarning, look_up
 from cc_mujoco.plugin._mjcf import to_mjcf
 from cc_mujoco.plugin._open_path import ARC_SEGMENTS
-from cc_mujoco.plugin._readings import route_wrap
+from cc_mujoco.plugin._readings import tendon_turn
 from cc_mujoco.plugin._settle import step_limits
 from cc_mujoco.plugin._spec import (
     compile_spec,
@@ -320,23 +320,12 @@ def _plan(
         for takeover, winch in zip(loaded, winches, strict=True):
             takeover.winch = winch
         moved = write_winches(tried, original, winches)
+    data = mujoco.MjData(moved)
+    mujoco.mj_fwdPosition(moved, data)
     for takeover in takeovers:
-        _lay(moved, original, takeover, at_guides)
-    bent = tried.copy()
-    _write_cables(bent, takeovers)
-    model = compile_spec(bent)
-    data = mujoco.MjData(model)
-    # Only the path is needed: a step would warn of a model that is not finished yet.
-    mujoco.mj_fwdPosition(model, data)
-    for takeover in takeovers:
-        for i, cable in enumerate(takeover.cables):
-            # Where there is no MuJoCo the cable bends by as much, evenly.
-            wrap = route_wrap(model, data, cable.route)
-            if wrap > 0.0:
-                conduit = (Section(cable.length, cable.length / wrap),)
-                takeover.cables[i] = cable.replace(conduit=conduit)
+        _lay(moved, data, original, takeover, at_guides)
     if loaded:
-        _find_bearable(model, loaded)
+        _find_bearable(tried, takeovers)
     for takeover in loaded:
         if takeover.stiffens:
             stiffness = min(takeover.bearable, MAX_STIFFNESS)
@@ -399,13 +388,14 @@ def _refuse_drums(burden: Burden, motor: Any, joint: Any) -> None:
 
 def _lay(
     model: mujoco.MjModel,
+    data: mujoco.MjData,
     original: mujoco.MjModel,
     takeover: _Takeover,
     guides: tuple[tuple[str, Any], ...],
 ) -> None:
-    """Give a takeover straight cables as long as the paths of its branches in `qpos0`.
+    """Give a takeover cables as long and as bent as the paths of its branches.
 
-    `model` has its winch.
+    `model` has its winch, `data` is at `qpos0`.
     """
     burden, values = takeover.burden, {"path": "open", **takeover.given}
     if takeover.winch is not None:
@@ -423,7 +413,8 @@ def _lay(
         values["axial_stiffness"] = rate * rest
         values["pretension"] = rate * (burden.length - rest)
     for branch in burden.branches:
-        length = float(model.tendon_length0[model.tendon(branch.name).id])
+        index = model.tendon(branch.name).id
+        length = float(model.tendon_length0[index])
         geoms = sum(side is not None for _, side in branch.path)
         places = len(branch.path) - 2 + (ARC_SEGMENTS - 1) * geoms
         inner = {target for target, _ in branch.path[1:-1]}
@@ -433,7 +424,12 @@ def _lay(
             "route": branch.name,
             "guides": tuple(guide for guide in guides if guide[0] in inner),
         }
-        takeover.cables.append(Cable(**(own | values)))
+        cable, wrap = Cable(**(own | values)), tendon_turn(model, data, index)
+        if wrap > 0.0:
+            # Where there is no MuJoCo the cable bends by as much, evenly.
+            conduit = (Section(cable.length, cable.length / wrap),)
+            cable = cable.replace(conduit=conduit)
+        takeover.cables.append(cable)
 
 
 def _checked_guides(
@@ -503,12 +499,15 @@ def _refuse_soft(burden: Burden, stiffness: float, pull: float, step: float) -> 
         )
 
 
-def _find_bearable(model: mujoco.MjModel, takeovers: list[_Takeover]) -> None:
+def _find_bearable(spec: mujoco.MjSpec, takeovers: list[_Takeover]) -> None:
     """Set the axial stiffness that the time step bears.
 
     The pieces of cables do in the pose `qpos0`, in keyframes and over the ranges of the
-    joints. `model` has the cables of `takeovers`.
+    joints. `spec`, which is not changed, has the winches.
     """
+    tried = spec.copy()
+    _write_cables(tried, takeovers)
+    model = compile_spec(tried)
     data = mujoco.MjData(model)
     names = [cable.route for takeover in takeovers for cable in takeover.cables]
     shortest = dict.fromkeys(names, math.inf)

@@ -434,8 +434,7 @@ def _trace_columns(
     prefixes: Sequence[str],
 ) -> dict[str, Array]:
     count = len(cell.seeds)
-    # Control steps between two samples of a trace
-    thin = slice(None, None, 10)
+    thin = slice(None, None, 10)  # every tenth control step
     found: dict[str, Array] = {}
     for prefix in prefixes:
         sine, cosine = (rows[prefix + name] for name in PHASE_COLUMNS)

@@ -122,7 +122,7 @@ class FaultySensors:
             earlier = self._hold(name, now)
         found = np.asarray(TORQUE_FAULTS[self._fault](now, earlier), dtype=float)
         if self._fault == "torque-dropout":
-            # Consecutive samples that `torque-dropout` loses, ten times a second
+            # Two consecutive samples are lost, ten times a second.
             lost = (self._step - self._onset) % self._interval < 2
             return np.where(lost, found, now)
         return found

@@ -135,7 +135,7 @@ def _covers_time_twice(time: FloatArray, back: NDArray[np.intp]) -> bool:
             for run in (before, after)
         )
         capacity = (stop - start) / step + 1.0
-        # rows over those that a clock has time for
+        # At least half again as many rows as one clock has time for
         if there > 1.5 * capacity and there - capacity >= 2.0:
             return True
     return False

@@ -92,7 +92,7 @@ def read_rig(table: Table) -> dict[str, Constant]:
         if doubt > value > 0.0 and name not in RIG_ANGLES:
             right = "one standard deviation in the unit of the value, and no larger"
             raise inner.wrong("uncertainty", right)
-        if doubt > 0.0 == value and name in LOAD_CONSTANTS:
+        if value == 0.0 and doubt > 0.0 and name in LOAD_CONSTANTS:
             raise inner.wrong("value", "more than 0 where it has an uncertainty")
         if doubt > 0.0 and name in UNTUNED_CONSTANTS:
             raise CableError(

@@ -99,8 +99,7 @@ def _coil_mass_per_length(design: Mapping[str, Value], diameter: float) -> float
     if "conduit_linear_mass" in design:
         return float(design["conduit_linear_mass"])
     inner, outer = (area(share * diameter) for share in COIL_DIAMETER_RATIOS)
-    # Density of steel [kg/m^3]
-    return 7850.0 * (outer - inner)
+    return 7850.0 * (outer - inner)  # density of steel [kg/m^3]
 
 
 def read_costs(path: str | Path = EXAMPLE) -> dict[str, float]:

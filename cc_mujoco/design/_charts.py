@@ -130,7 +130,7 @@ def effects_plot(found: Sequence[Sensitivity], most: int | None = None) -> Figur
         name = metric.name.replace("_", "\n")
         row[0].set_ylabel(f"{name}\n[{metric.unit}]", fontsize=8)
         # `align_ylabels` measures every label against all others: quadratic.
-        # Place of the labels of main effects, in widths of a panel from its left side
+        # So labels get a place, in panel widths from the left side.
         row[0].yaxis.set_label_coords(-0.38 if most is None else -0.5, 0.5)
     for axes, name in zip(panels[-1], names, strict=True):
         axes.set_xlabel(_variable(name))

@@ -166,8 +166,7 @@ def wait_sentences(plan: Plan, threads: int) -> Iterator[str]:
     usual = _seconds_per_design(plan, fast)
     for law in slow:
         each = _seconds_per_design(plan, law)
-        # Estimated time from which on it is stated [s]
-        if each * share > 20.0:
+        if each * share > 20.0:  # [s]
             yield (
                 f"{law} takes about {_rough(each * share)} for {len(plan.designs)} "
                 f"designs; {fast} is {each / usual:.0f} times faster."

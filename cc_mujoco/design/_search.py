@@ -104,7 +104,7 @@ def search(
             beyond = {limit.text: limit.beyond(result.metrics) for limit in limits}
             none = any(math.isnan(number) for number in (*costs, *beyond.values()))
             if none:
-                # Excess over its limits of a design that gives no numbers
+                # A design that gives no numbers counts as far beyond all limits.
                 costs, beyond = list(worst), dict.fromkeys(beyond, 1e6)
             worst = [max(pair) for pair in zip(worst, costs, strict=True)]
             for name, size in {**beyond, "numbers": float(none)}.items():

@@ -151,8 +151,7 @@ def _surface_indices(
     effects, levels = {}, {}
     points_in = qmc.Sobol(count, rng=np.random.default_rng(1)).random_base2(9)
     for i, (name, axis) in enumerate(zip(names, axes, strict=True)):
-        # Points of a main effect of a fitted surface
-        shares = axis.shares(9)
+        shares = axis.shares(9)  # points of a main effect
         means = np.empty(shares.size)
         for k, share in enumerate(shares):
             points = points_in.copy()

@@ -88,7 +88,7 @@ def save(path: str | os.PathLike[str], drawing: Figure, *, dpi: float = 130.0) -
     # `savefig` draws all of it twice, once for the layout, with the same bits.
     canvas: Any = FigureCanvasAgg(drawing)
     drawing.set_dpi(dpi)
-    # Points of a line that are drawn at once; a long one to and fro needs much memory
+    # Lines are drawn in pieces: a long one to and fro needs much memory.
     with matplotlib.rc_context({"agg.path.chunksize": 10_000}):
         canvas.draw()
     about = {"Software": SOFTWARE_TAG}

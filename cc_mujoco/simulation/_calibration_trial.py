@@ -51,9 +51,8 @@ def calibration_trials(
         )
     model = DeviceModel(description, made[0].model())
     low, high = joint_range(model.model, axis.joint)
-    # Largest share of the way to a stop
+    # The swing is 15 % beyond the reach of the device, and 5 % short of the stops.
     room = 0.95 * min(high - axis.centre, axis.centre - low)
-    # Largest swing over the reach of the device, as far as the stops leave room
     course = Loops(min(1.15 * axis.reach, room), axis.centre)
     logs = simulate(
         made,

@@ -215,7 +215,7 @@ def recording_id(log: EpisodeLog) -> str:
 
 
 def _rate(time: NDArray[np.float64]) -> float:
-    # Most frames that are drawn in space: of a longer episode fewer in every second
+    # At most 18 000 frames in space: a longer episode shows fewer per second.
     return frame_rate(time, FRAMES_PER_SECOND, 18_000)
 
 

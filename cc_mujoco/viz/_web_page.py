@@ -66,7 +66,7 @@ def write_page(
     library = _plotly()
     highest, count = highest_tension(log), len(log)
     log = log.thinned(MAX_SAMPLES)
-    # Most frames of the scene; of a longer episode fewer in every second are shown
+    # At most 6000 frames: a longer episode shows fewer per second.
     rate = frame_rate(log["time_s"], FRAME_RATE, 6_000)
     samples = frame_samples(log["time_s"], rate)
     panels = [*torques(log), *angles(log), *tensions(log)]

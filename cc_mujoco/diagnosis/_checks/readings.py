@@ -163,7 +163,7 @@ def _check_inverse(
         return found > 0.0 and abs(math.log(found / ratio)) < Limit.inverse
 
     turned = [(trial, m) for trial, m in trials if inverse(m.ratio)]
-    certain = ratio > 1.0 or (len(turned) == len(trials) > 1)
+    certain = ratio > 1.0 or (len(trials) > 1 and len(turned) == len(trials))
     wrong = [(t, m) for t, m in turned if certain or inverse(m.torque_ratio)]
     if not wrong:
         return []

@@ -111,7 +111,7 @@ def _estimate_start(dataset: Dataset, bench: Bench, records: Sequence[Record]) -
     declared = [t.facts.pretension for t in hooked if t.facts.pretension is not None]
     scene = bench.cables[0]
     # Trials have their own pretension, of which that of the scene is the unit.
-    if 0 < len(declared) == len(hooked) or (declared and scene.pretension == 0.0):
+    if declared and (len(declared) == len(hooked) or scene.pretension == 0.0):
         # A pretension of the scene that is about that of some trial is kept.
         factors = [_factor_between(e, scene.pretension) for e in declared]
         if min(factors) >= Limit.pretension_off_factor:

@@ -141,7 +141,7 @@ class SceneRenderer:
         """Begin, with no picture drawn.
 
         Args:
-            model: Of all devices.
+            model: Model of all devices.
             mode: A `render_mode`.
             period: Control step [s].
             count: Number of devices.

@@ -41,7 +41,7 @@ class RslRl(VecEnv):  # type: ignore[misc]
 
         Args:
             env: Made with `autoreset_mode="Disabled"`.
-            seed: Of the first reset; see `DeviceVectorEnv.reset`.
+            seed: Seed of the first reset; see `DeviceVectorEnv.reset`.
 
         Raises:
             CableError: If it is none, or resets itself.

@@ -33,11 +33,12 @@ def save_policy(model: Any, path: str | os.PathLike[str]) -> None:
     """Write the policy that an algorithm has learnt to a file.
 
     Args:
-        model: Of Stable-Baselines3 PPO, A2C, SAC, TD3 or DDPG with an `MlpPolicy`,
-            trained on an environment of `gymnasium.make` or on `StableBaselines`,
-            inside of `VecNormalize` or not; or rsl_rl's `OnPolicyRunner` with an
-            `MLPModel` on any wrapper of an environment of this package.
-        path: Of the file, `*.safetensors`; see `cc_mujoco.control.write_policy`.
+        model: Model of Stable-Baselines3 PPO, A2C, SAC, TD3 or DDPG with an
+            `MlpPolicy`, trained on an environment of `gymnasium.make` or on
+            `StableBaselines`, inside of `VecNormalize` or not; or rsl_rl's
+            `OnPolicyRunner` with an `MLPModel` on any wrapper of an environment of this
+            package.
+        path: Path of the file, `*.safetensors`; see `cc_mujoco.control.write_policy`.
 
     Raises:
         CableError: If it is another algorithm, network or environment, or a wrapper

@@ -229,7 +229,7 @@ class DeviceEnv(
         """Start an episode.
 
         Args:
-            seed: Of all that is random from now on.
+            seed: Seed of all that is random from now on.
             options: What the plant is, by name; see the class.
 
         Raises:

@@ -53,7 +53,7 @@ class StrideMeter:
     """Sum up work from strike to strike.
 
     Attributes:
-        strides: that are complete.
+        strides: strides that are complete.
     """
 
     def __init__(self) -> None:
@@ -72,9 +72,9 @@ class StrideMeter:
         """Add power of a time step.
 
         Args:
-            person: of the person's joints (legs, joints) [W].
-            ropes: of the ropes on the ankles (legs,) [W].
-            motors: of the motors (legs,) [W].
+            person: power of the person's joints (legs, joints) [W].
+            ropes: power of the ropes on the ankles (legs,) [W].
+            motors: power of the motors (legs,) [W].
             period: duration of the time step [s].
         """
         self._work[0] += period * np.maximum(person, 0.0)
@@ -87,7 +87,7 @@ class StrideMeter:
 
         Args:
             leg: 0 for the right one.
-            time: of the strike [s].
+            time: time of the strike [s].
             heels: positions of the heels along the way (legs,) [m].
         """
         self._steps[:, leg] = (

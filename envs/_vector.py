@@ -180,7 +180,8 @@ class DeviceVectorEnv(
         """Start an episode in every environment, or in those of a mask.
 
         Args:
-            seed: Of the first environment; the others count up from it. Or one each.
+            seed: Seed of the first environment; the others count up from it. Or one
+                each.
             options: As in the single environment, for all that start. May hold a
                 `reset_mask` (num_envs,) of bool; `info` then describes these
                 environments only.

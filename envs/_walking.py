@@ -186,7 +186,7 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
         """Start an episode.
 
         Args:
-            seed: of the part of the step in which the person starts.
+            seed: seed of the part of the step in which the person starts.
             options: none.
 
         Raises:

@@ -31,11 +31,11 @@ class Layout(NamedTuple):
     """Form of a CSV file.
 
     Attributes:
-        encoding: of the text.
+        encoding: encoding of the text.
         top: lines before the first line of data.
         separator: between cells.
         decimal: point or comma.
-        names: of the columns.
+        names: names of the columns.
     """
 
     encoding: str
@@ -61,9 +61,9 @@ class Sheet(NamedTuple):
     """Contents of a CSV file.
 
     Attributes:
-        path: of the file.
+        path: path of the file.
         top: number of the line that names the columns, from 1.
-        names: of the columns.
+        names: names of the columns.
         rows: lines of data that are not blank.
     """
 

@@ -129,7 +129,7 @@ class Column(NamedTuple):
 
     Attributes:
         name: in the file.
-        factor: that its numbers are multiplied by.
+        factor: factor that its numbers are multiplied by.
         limit: largest absolute number, converted.
     """
 

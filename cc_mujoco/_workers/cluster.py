@@ -42,7 +42,7 @@ def run_on_cluster(
 
     Args:
         job: what to do with them.
-        pieces: by number.
+        pieces: pieces by number.
         scheduler: address of the scheduler, `tcp://HOST:PORT`.
         progress: called with what is done.
         worker_timeout: time without any worker after which to give up [s].

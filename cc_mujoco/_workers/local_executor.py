@@ -41,7 +41,7 @@ def run_here(
 
     Args:
         job: what to do with them.
-        pieces: by number.
+        pieces: pieces by number.
         progress: called with what is done, from any thread, one at a time.
         count: threads or processes; 0 means one per processor.
         processes: whether Python does most of the work, so that threads would wait for

@@ -106,7 +106,7 @@ class CellResult:
     """Result of a cell.
 
     Attributes:
-        scores: by name, (seeds,); see `_scores`.
+        scores: scores by name, (seeds,); see `_scores`.
         plants: drawn and assumed parameters, for every seed, of the cables that the
             motors wind, lists in the order of `DeviceModel.driven`.
         trace: where the condition is the ordinary one, columns (samples * seeds,);

@@ -88,8 +88,8 @@ class FaultySensors:
             onsets: Control step of every device at which it fails.
             sensors: Those of all axes without the fault.
             prefixes: Beginnings of the columns of each axis.
-            ratios: Of every axis, see `Drive.ratio`.
-            period: Of the controller [s].
+            ratios: Ratios of every axis, see `Drive.ratio`.
+            period: Period of the controller [s].
         """
         self._fault, self._sensors = fault, sensors
         self._onset = np.array(onsets)

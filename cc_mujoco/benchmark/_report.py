@@ -61,7 +61,7 @@ def all_tables(
     """Return all tables as Markdown.
 
     Args:
-        results: Of a run.
+        results: Results of a run.
         baseline: Controller that the others are compared with.
         left_out: Devices that the suite no longer has, and the reason.
     """

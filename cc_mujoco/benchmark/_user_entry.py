@@ -77,7 +77,7 @@ class Entry(Controller):
 
         Args:
             name: `module:function`, or such a name by axis.
-            drives: Of every axis of each plant.
+            drives: Drives of every axis of each plant.
             prefixes: Beginnings of the columns of each axis.
 
         Raises:

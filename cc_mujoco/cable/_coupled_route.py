@@ -87,7 +87,7 @@ class CoupledCables:
     Attributes:
         cables: agonist first.
         courses: of each; of as many segments.
-        motor_radius: of the motor's pulley [m].
+        motor_radius: radius of the motor's pulley [m].
         distal_share: of the distal ends' displacements, where their pulley or lever is
             another than that of the courses.
     """

@@ -200,13 +200,13 @@ def measure(
     """Measure the open part of a path.
 
     Args:
-        places: of the path, see `_path_geometry.py`.
+        places: places of the path, see `_path_geometry.py`.
         number: how many they are; the first and the last are sites.
         mouth: the one, a site, at which the conduit ends; 0: none.
         guided: number of segments in the conduit.
         n: number of segments in all.
-        guides: of every place behind the mouth: 0 where nothing is given, `ROLLING`, or
-            the radius of a site [m].
+        guides: guides of every place behind the mouth: 0 where nothing is given,
+            `ROLLING`, or the radius of a site [m].
         shape: out, `shape_size(n)`; that of the segments and nodes behind the conduit.
 
     Returns:

@@ -69,7 +69,7 @@ class Load(NamedTuple):
 
     Attributes:
         torque: wanted of the cables (joint) or of the motor at angle 0 [N m].
-        stiffness: by which it grows with the angle [N m/rad].
+        stiffness: stiffness by which it grows with the angle [N m/rad].
         low: angle of a stop that holds the side [rad].
         high: of the other.
     """

@@ -61,7 +61,7 @@ class CableModel:
         slip_direction: direction in which a cable last slipped as a whole, (rows,
             cables): 1 towards the joint, -1 towards the motor, 0 never.
         gain: proximal per distal tension at that moment (rows, cables); 1 before.
-        arm: of every cable at the present motor angle (rows, cables) [m/rad].
+        arm: arm of every cable at the present motor angle (rows, cables) [m/rad].
     """
 
     def __init__(self, drive: Drive) -> None:
@@ -94,7 +94,7 @@ class CableModel:
 
         Args:
             motor_angle: [rad]; of a round pulley only its changes matter.
-            joint_torque: of the cables on the joint [N m].
+            joint_torque: torque of the cables on the joint [N m].
         """
         angle = np.ascontiguousarray(motor_angle, dtype=float)
         torque = np.ascontiguousarray(joint_torque, dtype=float)

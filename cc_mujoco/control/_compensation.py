@@ -37,7 +37,7 @@ class Model(NamedTuple):
         direction: in which a cable last slipped as a whole (cables,): 1 towards the
             joint, -1 towards the motor, 0 never.
         gain: proximal per distal tension at that moment (cables,); 1 before.
-        scratch: of the compensation (`SCRATCH_ROWS`, cables).
+        scratch: workspace of the compensation (`SCRATCH_ROWS`, cables).
         new: scratch like `state`.
         work: of `cable._layout.work_size`.
     """

@@ -139,7 +139,7 @@ class Law(NamedTuple):
     """Numbers of a law with feedback, of one device.
 
     Attributes:
-        gains: in the order of `GAINS`, or of another law's own.
+        gains: gains in the order of `GAINS`, or of another law's own.
         spring: all cables at the joint, see `guard.STIFFNESS`.
         memory: state from one step to the next, 0 at the start.
         seen: measurements in the order of `LAW_INPUTS`, which a law may change.
@@ -432,7 +432,7 @@ class Design(NamedTuple):
         model: state after a step, from state and torque (4, 5).
         read: stretch and torque of the joint, from the state (2, 4).
         kalman: gains of the observer (4, 2).
-        regulator: of stretch and its rate (2,).
+        regulator: gains of stretch and its rate (2,).
     """
 
     model: FloatMatrix

@@ -252,7 +252,7 @@ class LawTables(NamedTuple):
     Attributes:
         shape: whole numbers, see `_law_steps`.
         numbers: those that no parameter changes.
-        places: of numbers in the memory; the last is how many there are.
+        places: places of numbers in the memory; the last is how many there are.
         given: places of the last torque in the memory.
     """
 

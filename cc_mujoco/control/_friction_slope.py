@@ -60,7 +60,7 @@ class SlopeWorkspace(NamedTuple):
     Attributes:
         sign: (segments of the longest cable,).
         design: (sensors, 1).
-        equations: of one parameter.
+        equations: equations of one parameter.
     """
 
     sign: FloatArray

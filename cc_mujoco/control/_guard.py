@@ -252,9 +252,9 @@ def impact_torque(
 
     Args:
         ahead: velocity of the motor relative to the joint [rad/s].
-        ratio: of the drive, see `Drive`.
-        stiffness: of all cables at the joint [N m/rad].
-        inertia: of the motor [kg m^2].
+        ratio: ratio of the drive, see `Drive`.
+        stiffness: stiffness of all cables at the joint [N m/rad].
+        inertia: inertia of the motor [kg m^2].
     """
     return float(np.sign(ratio) * ahead * np.sqrt(stiffness * inertia))
 
@@ -603,10 +603,10 @@ def admit(
     """Check the readings of a step, and replace those that are missing or spikes.
 
     Args:
-        limits: of the drive.
+        limits: limits of the drive.
         spring: see `STIFFNESS`; a stiffness of 0 is not known.
         memory: (`MEMORY_SIZE`,), 0 at the start.
-        seen: in the order of `READINGS`; changed.
+        seen: readings in the order of `READINGS`; changed.
     """
     if memory[STARTED] == 0.0 and not _start(limits, spring, memory, seen):
         return
@@ -756,7 +756,7 @@ def let_go_torque(
         limits: see `admit`.
         spring: see `admit`.
         memory: see `admit`.
-        damping: of a motor that is let go [N m s/rad].
+        damping: damping of a motor that is let go [N m s/rad].
         ahead: velocity of the motor relative to the joint [rad/s].
     """
     if memory[STATE] == LIMP:
@@ -865,8 +865,8 @@ def passed(
         gains: `DriveLimits` first.
         spring: see `admit`.
         memory: see `admit`.
-        damping: of a motor that is let go [N m s/rad].
-        torque: of the law [N m].
+        damping: damping of a motor that is let go [N m s/rad].
+        torque: torque of the law [N m].
     """
     limits, seen = limits_of(gains), memory[_GOOD : _GOOD + READINGS]
     ahead = seen[MOTOR_SPEED] - limits.ratio * seen[JOINT_SPEED]

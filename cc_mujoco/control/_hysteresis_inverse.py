@@ -59,7 +59,7 @@ def fit_hysteresis(
     Args:
         trial: Slow course of motor and joint.
         drive: The device; `cable_inverse` needs its cables.
-        names: Of the controllers, see `FITTED`.
+        names: Names of the controllers, see `FITTED`.
 
     Returns:
         Parameters by the name of the controller, for `Drive.hysteresis`.
@@ -97,7 +97,7 @@ class HysteresisInverse(PositionController):
 
         Args:
             drive: The device to be driven; its `hysteresis` has the parameters.
-            bandwidth: Of the servo, see `PositionController` [rad/s].
+            bandwidth: Bandwidth of the servo, see `PositionController` [rad/s].
 
         Raises:
             CableError: The device has no parameters of this model.
@@ -277,7 +277,7 @@ class CableInverse(PositionController):
         Args:
             drive: The device to be driven; its cables must be known, and `hysteresis`
                 has the parameters.
-            bandwidth: Of the servo, see `PositionController` [rad/s].
+            bandwidth: Bandwidth of the servo, see `PositionController` [rad/s].
 
         Raises:
             CableError: Cables or parameters are not known.
@@ -323,7 +323,7 @@ class DistalFeedback(PositionController):
 
         Args:
             drive: The device to be driven, with a sensor at the joint.
-            bandwidth: Of the servo, see `PositionController` [rad/s].
+            bandwidth: Bandwidth of the servo, see `PositionController` [rad/s].
             gain: Integral gain of the joint angle's error [1/s].
 
         Raises:

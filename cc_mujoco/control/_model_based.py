@@ -234,7 +234,7 @@ class DisturbanceObserver(ModelBased):
             integral: Ki [1/s].
             mismatch: See `ModelBased`.
             settling: See `ModelBased`.
-            cutoff: Of the low-pass [Hz].
+            cutoff: Cutoff frequency of the low-pass [Hz].
 
         Raises:
             CableError: As `ModelBased`, or a cut-off that is not positive.

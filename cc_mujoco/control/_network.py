@@ -44,8 +44,9 @@ class Network:
     """A multilayer perceptron from an observation (size,) to shares of the torques.
 
     Attributes:
-        weights: of each layer, (out, in); the last has an output for each motor.
-        biases: of each layer, (out,).
+        weights: weights of each layer, (out, in); the last has an output for each
+            motor.
+        biases: biases of each layer, (out,).
         activation: key of `ACTIVATIONS`, after every layer but the last.
         squashed: whether the hyperbolic tangents of the last outputs are the action.
         mean: what is subtracted from the observation, (size,).
@@ -100,7 +101,7 @@ class Network:
 
         Args:
             layers: `Linear`, with one kind of activation between them.
-            mean: Of the observations, as of the class.
+            mean: Mean of the observations, as of the class.
             deviation: See there.
             squashed: See there.
             far: See there.

@@ -198,8 +198,8 @@ class Tables(NamedTuple):
         gains: accelerations of a plan per angle, velocity and wanted angles of the
             motor, for every delay (delays, knots, 2 + knots).
         unexplained: gain of the unexplained torque, for every delay (delays,).
-        weight: of a squared acceleration to a squared angle in the cost of a plan, for
-            every delay (delays,) [s^4].
+        weight: weight of a squared acceleration to a squared angle in the cost of a
+            plan, for every delay (delays,) [s^4].
         tune: see `Tuning.packed`.
     """
 
@@ -224,8 +224,8 @@ class PlannerWorkspace(NamedTuple):
         path: angles of the motor at the knots to which a plan leads (knots,).
         load: torques of the cables at the motor there (knots,).
         holding: torques of the cables at the motor on the wanted path (knots,).
-        matrix: of a plan of commands (knots, knots).
-        vectors: of a plan of commands (`WORK_ROWS`, knots).
+        matrix: matrix of a plan of commands (knots, knots).
+        vectors: vectors of a plan of commands (`WORK_ROWS`, knots).
         work: `cable._layout.work_size`.
         spent: steps of the cables' model for the plans so far (1,).
     """

@@ -234,9 +234,9 @@ def admit_measured(
     """Have the guard check what is measured, and replace it where needed.
 
     Args:
-        limits: of the drive.
+        limits: limits of the drive.
         spring: see `guard.STIFFNESS`.
-        memory: of the guard.
+        memory: memory of the guard.
         measured: what the policy observes, `guard.READINGS` first; changed.
         winding: `device.WINDING_COLUMNS`, or nothing where the joint is a round pulley.
     """

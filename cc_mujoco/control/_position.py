@@ -50,7 +50,7 @@ class PositionController(Controller):
 
         Args:
             drive: The device to be driven; its inertia must be known.
-            bandwidth: Of the servo, without delay [rad/s].
+            bandwidth: Bandwidth of the servo, without delay [rad/s].
 
         Raises:
             CableError: The bandwidth is out of range, or the inertia is not known.

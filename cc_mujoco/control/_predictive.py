@@ -136,8 +136,8 @@ class PredictiveCompensation(SteppedController):
             bandwidth: omega_c of the plan [rad/s]; where measurements are late never
                 more than 1.5 / delay. By default 300 for a pair of cables and 200 for a
                 single one, whose motor would spend more on it than it gains.
-            horizon: Of the plan [s].
-            knots: Of the plan.
+            horizon: Horizon of the plan [s].
+            knots: Number of knots of the plan.
             rotor: Bandwidth of the observer of the rotor [rad/s]; by default 900 for a
                 pair of cables and 600 for a single one.
             motion: That of the filters of joint and desired torque [rad/s]. An encoder
@@ -162,10 +162,10 @@ class PredictiveCompensation(SteppedController):
                 inertia once it is there [s]; 0 is a joint whose motion is prescribed.
                 A few times as much makes the loop unstable where a hand holds the
                 joint loosely.
-            tolerance: Of the torque that a knot of the plan makes, in standard
-                deviations of the torque sensor. By default 0.5 for a pair of cables
-                and 2 for a single one, which else turns back for less than its motor
-                spends on the turn.
+            tolerance: Tolerance of the torque that a knot of the plan makes, in
+                standard deviations of the torque sensor. By default 0.5 for a pair of
+                cables and 2 for a single one, which else turns back for less than its
+                motor spends on the turn.
             bristles: Motion of the joint over which friction builds up in a second
                 model [rad], with which is planned where it explains joint and rotor
                 better; 0 is no such model. A model that has bristles itself has no

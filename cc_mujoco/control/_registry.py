@@ -434,7 +434,7 @@ def axes_controller(
     Args:
         given: For all axes, or by the name of an axis: a mapping, or a text such as
             `hip=predictive,ankle=pi`.
-        drives: Of every axis.
+        drives: Drives of every axis.
         prefixes: Beginnings of the columns of each axis.
 
     Returns:
@@ -478,7 +478,7 @@ def batched_controller(
 
     Args:
         given: As of `control.axes_controller`.
-        drives: Of every axis of each device.
+        drives: Drives of every axis of each device.
         prefixes: Beginnings of the columns of each axis.
         outside: Makes one with code of its own, from the same three, in its place.
 

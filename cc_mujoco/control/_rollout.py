@@ -141,7 +141,7 @@ def find_motor_angle(
     drawn at that speed, not that of a jump.
 
     Args:
-        cables: of the transmission.
+        cables: cables of the transmission.
         state: before the step (cables, numbers).
         start: angle of the motor before [rad].
         way: direction in which it may turn, 1 or -1.
@@ -150,7 +150,7 @@ def find_motor_angle(
         torque: to be made [N m].
         rise: torque per angle of the motor while the whole cable stretches [N m/rad].
         most: farthest that the motor turns [rad].
-        tolerance: of the torque [N m].
+        tolerance: tolerance of the torque [N m].
         slack: see `_torque_deficit` [N m].
         dt: time step [s].
         drags: whether friction depends on speed.

@@ -57,15 +57,16 @@ class Bench:
     """One or two cables between a motor's joint and an output joint.
 
     Attributes:
-        path: of the scene.
-        sha256: of its text.
-        names: of the plugin instances; the one that pulls the joint positive first.
+        path: path of the scene.
+        sha256: SHA-256 of its text.
+        names: names of the plugin instances; the one that pulls the joint positive
+            first.
         cables: as configured, in the same order.
         motor: name of the motor's joint.
         joint: name of the output joint.
-        motor_radius: of the motor's pulley [m].
-        joint_radius: of the joint's pulley, or arm of its lever at 0 [m].
-        lever: that the cable pulls in place of a pulley, or None.
+        motor_radius: radius of the motor's pulley [m].
+        joint_radius: radius of the joint's pulley, or arm of its lever at 0 [m].
+        lever: lever that the cable pulls in place of a pulley, or None.
         led: what the joint moves of the cables besides their ends.
         others: names of other joints that move the cables, whose angles are recorded.
         pulled_by: other axes' cables that pull at the joint, too.
@@ -265,7 +266,7 @@ class Bench:
         """Return the bench with constants of the rig's file in place of the scene's.
 
         Args:
-            constants: of `[rig]`, see `RIG_CONSTANTS`.
+            constants: constants of `[rig]`, see `RIG_CONSTANTS`.
 
         Raises:
             CableError: a radius of the joint, where the scene's path has the arm.

@@ -95,7 +95,7 @@ class PullingCable(NamedTuple):
     """Cable of another axis that pulls at the joint of an axis.
 
     Attributes:
-        name: of the cable.
+        name: name of the cable.
         others: joints that move its path besides that joint.
         friction: coefficient of friction.
     """

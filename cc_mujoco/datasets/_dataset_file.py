@@ -112,7 +112,7 @@ class Source:
 
     Attributes:
         name: column of the files; None is the channel's own name.
-        unit: of the scaled readings; None is what the name says.
+        unit: unit of the scaled readings; None is what the name says.
         sign: 1 or -1.
         scale: units per count, 1 if the readings are in that unit already.
         offset: reading at true zero.
@@ -142,7 +142,7 @@ class PartFile:
     Attributes:
         file: its name, `*` standing for what it shares with the trial's.
         time: column of its times; None is that of `[columns.time_s]`.
-        unit: of these times; None is what the name says.
+        unit: unit of these times; None is what the name says.
         offset: reading at the trial's zero of time, in that unit; None is not known.
     """
 

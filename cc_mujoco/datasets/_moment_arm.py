@@ -30,7 +30,7 @@ class Lever:
         joint: (angles,) of the joint, increasing [rad].
         pulley: (angles,) of a pulley of the lever's arm at 0, increasing [rad].
         arm: (angles,) of the lever over that at 0.
-        sign: of the scene's angle where the cable pulls.
+        sign: sign of the scene's angle where the cable pulls.
     """
 
     joint: FloatArray

@@ -57,7 +57,7 @@ class Joined(NamedTuple):
     Attributes:
         leader: the channel whose times are those of the trial.
         time: (rows,) [s], its times within what all of the drive share.
-        values: by channel; (rows,) those of the leader's rows, else as recorded.
+        values: values by channel; (rows,) those of the leader's rows, else as recorded.
         clocks: [s], times of the channels that are not in the leader's rows.
         remarks: a sentence each on what was done.
     """
@@ -152,9 +152,9 @@ class Recording:
     """Contents of a data file before checks and segmentation.
 
     Attributes:
-        name: of the trial.
+        name: name of the trial.
         path: the file, or the first of several.
-        sha256: of its bytes.
+        sha256: SHA-256 of its bytes.
         values: (rows,) by channel in SI units, with signs and offsets applied; of a
             channel with a clock of its own perhaps another number of rows.
         clocks: [s], times of the channels that have a clock of their own.
@@ -197,7 +197,7 @@ def read(
     Args:
         trial: its file, or several.
         file: what their columns mean.
-        name: of the trial; None is the file's name without ending.
+        name: name of the trial; None is the file's name without ending.
         axis: with whose name columns may begin, as in logs of several axes.
         others: joints whose angles are needed besides that of the driven one, with
             their columns in such logs.
@@ -293,7 +293,7 @@ class _Table:
 
     Attributes:
         part: the file.
-        names: of its columns, and of the stamps that two columns make up.
+        names: names of its columns, and of the stamps that two columns make up.
         time: the column of its times.
         second: factor of that column's unit.
         offset: reading at zero of the trial's time.

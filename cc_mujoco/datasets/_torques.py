@@ -206,7 +206,7 @@ class OtherAxes:
     """Torques of other axes' cables at the joint of a bench, trial by trial.
 
     Attributes:
-        bench: of the axis that is diagnosed.
+        bench: bench of the axis that is diagnosed.
         doubts: variances by trial of what friction leaves open in the torques that were
             taken off [N^2 m^2].
         scatter: the same of the noise of their tensions.

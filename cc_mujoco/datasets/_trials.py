@@ -84,7 +84,7 @@ class TrialFacts:
     Attributes:
         split: what the trial may be used for; None leaves it to the program.
         repeat_of: name of the trial that this one repeats.
-        pretension: of the cables at rest [N].
+        pretension: pretension of the cables at rest [N].
         unhooked: True if the cables were taken off, so that they connect nothing.
         known_motor_torque: torque that the motor puts into its pulley to hold a known
             weight there [N m].
@@ -93,7 +93,7 @@ class TrialFacts:
         swapped: True if the two torque sensors had changed places.
         load_cell: channel of a load cell in one cable (`tension_<cable>_proximal_n`),
             which is compared in place of the torque at that end; "" without one.
-        temperature: of the rig [degC].
+        temperature: temperature of the rig [degC].
         locked: the side that was held fast, so that its angle is constant.
         tilt: angle by which the rig was turned about the joint's axis, positive as the
             joint is [rad].
@@ -140,7 +140,7 @@ class Trial:
         motor_current: (samples,) [A], or None.
         facts: what `dataset.toml` says.
         path: the file.
-        sha256: of the file's bytes, hexadecimal.
+        sha256: SHA-256 of the file's bytes, hexadecimal.
         labels: name in the file of every channel.
         paths: files of the channels that are in another than `path`.
         digits: quantisation step by channel, as recorded; 0 where there is none to be
@@ -245,14 +245,15 @@ class Dataset:
     """Trials of one rig.
 
     Attributes:
-        trials: in the order of their files; those that could not be read are missing.
+        trials: trials in the order of their files; those that could not be read are
+            missing.
         constants: what is known of the rig by name (see `RIG_CONSTANTS`), SI.
         noise: sensor noise by channel.
         name: what the data are.
         notes: for a human reader.
         instruments: sources of both torques, the same in all trials.
         path: the `dataset.toml`, empty if there is none.
-        sha256: of its bytes.
+        sha256: SHA-256 of its bytes.
     """
 
     trials: tuple[Trial, ...]

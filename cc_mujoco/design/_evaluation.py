@@ -369,7 +369,7 @@ def episodes(
 
     Args:
         protocol: how designs are tried.
-        device: of the scene.
+        device: device of the scene.
         designs: what is played; the wearer, of the first, walks as fast as was measured
             by default.
 

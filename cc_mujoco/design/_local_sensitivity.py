@@ -56,8 +56,8 @@ class Slope:
         variable: its name.
         low: value of the variable to one side; that of the best where there is none.
         high: the same to the other side.
-        change: of the metric for `TRUST_REGION` of the range more, or from `low` to
-            `high` where only some values are allowed; NaN where it cannot be had.
+        change: change of the metric for `TRUST_REGION` of the range more, or from `low`
+            to `high` where only some values are allowed; NaN where it cannot be had.
         error: half the difference between the slopes to either side, in the same
             measure; NaN where there is one side.
     """

@@ -69,7 +69,7 @@ class Surface:
         x: (n, variables) places of the designs on the scales of the variables.
         y: (n,) metric of the designs.
         active: columns of `x` that the fit uses.
-        smoothing: of the spline; 0 interpolates.
+        smoothing: smoothing of the spline; 0 interpolates.
         r_squared: share of the variance explained in cross-validation.
     """
 

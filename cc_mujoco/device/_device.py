@@ -114,7 +114,7 @@ class Device(Nominal):
         """Read a scene with its description, see `Device`.
 
         Args:
-            path: Of the MJCF file.
+            path: Path of the MJCF file.
             given: Keys of a description, as of `Device`.
 
         Raises:

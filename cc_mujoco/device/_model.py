@@ -394,8 +394,8 @@ class DeviceModel:
 
         Args:
             data: The simulation; nothing of its past remains.
-            angles: Of joints by name [rad]; others stay neutral.
-            commands: Of what follows the script.
+            angles: Angles of joints by name [rad]; others stay neutral.
+            commands: Commands of what follows the script.
         """
         model = self.model
         mujoco.mj_resetData(model, data)

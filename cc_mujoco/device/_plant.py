@@ -95,7 +95,8 @@ class Plant:
 
         Args:
             device: a `Device`, or what one is made of: name or file.
-            values: by `NAME` or, for one cable alone, `CABLE.NAME`; see `VALUES`.
+            values: values by `NAME` or, for one cable alone, `CABLE.NAME`; see
+                `VALUES`.
 
         Raises:
             CableError: names, values or their combination are impossible.

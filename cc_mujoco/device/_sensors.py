@@ -105,8 +105,8 @@ class Sensors:
 
         Args:
             cable: the cable.
-            positions: of the sensors along the conduit [m].
-            deviation: of each (m,), or one for all [N].
+            positions: positions of the sensors along the conduit [m].
+            deviation: standard deviation of each (m,), or one for all [N].
 
         Raises:
             CableError: a place off the cable.

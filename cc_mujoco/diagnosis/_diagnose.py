@@ -70,7 +70,7 @@ def diagnose(
         axis: the axis that was recorded, of a device with several.
         dataset_toml: what the columns mean and what is known, see `dataset_file`.
         command: how it was called, for the report.
-        seed: of bootstraps and noise draws.
+        seed: seed of bootstraps and noise draws.
         effects: effects to consider besides the usual ones: classes of your own,
             `FILE.py:CLASS`, `MODULE:CLASS`, or ids of rare effects of the library.
         progress: called with the share done and the present step.

@@ -67,7 +67,7 @@ def load(
             is kept, folders are sorted by name. Several folders are occasions.
         dataset_toml: what the columns mean; without it, the `dataset.toml` in the
             folder of the data, if there is one.
-        bench: of the scene, by which load cells become torques.
+        bench: bench of the scene, by which load cells become torques.
         columns: further columns that effects take, where the files have them.
 
     Returns:

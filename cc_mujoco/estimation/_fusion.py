@@ -75,7 +75,7 @@ def tension_gains(
     Args:
         mesh: segments of the cable.
         direction: slip of every segment, -1, 0 or 1, (..., n).
-        nodes: of the sensors (m,).
+        nodes: nodes of the sensors (m,).
         through_rest: take a segment of direction 0 for one in mass motion that happens
             not to move (3.2.2), across which the tension is constant.
 
@@ -102,9 +102,9 @@ def fuse(
     """Fuse readings of one instant, or of many at once.
 
     Args:
-        reading: of every sensor (..., m) [N].
-        gain: of `tension_gains`, (..., m, n + 1).
-        deviation: of the sensors (m,) or (..., m) [N].
+        reading: reading of every sensor (..., m) [N].
+        gain: gain of `tension_gains`, (..., m, n + 1).
+        deviation: standard deviation of the sensors (m,) or (..., m) [N].
         weights: `"variance"` for the unbiased estimate of least variance, `"mean"` for
             the thesis's.
 
@@ -148,7 +148,7 @@ class TensionFusion:
     which `reset` declares.
 
     Attributes:
-        tension: of every node (..., n + 1) [N].
+        tension: tension of every node (..., n + 1) [N].
     """
 
     def __init__(
@@ -193,8 +193,8 @@ class TensionFusion:
         """Reset the state.
 
         Args:
-            tension: of the nodes at the start, a number or (..., n + 1) [N]; default
-                the pretension.
+            tension: tension of the nodes at the start, a number or (..., n + 1) [N];
+                default the pretension.
             deviation: standard deviation of its errors [N], independent of each other.
             shape: leading axes of readings to come.
 
@@ -239,7 +239,7 @@ class TensionFusion:
         """Take the readings of the next instant.
 
         Args:
-            reading: of every sensor (..., m) [N].
+            reading: reading of every sensor (..., m) [N].
             direction: slip of every segment, -1, 0 or 1, (..., n).
 
         Returns:

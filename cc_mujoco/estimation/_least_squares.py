@@ -46,7 +46,7 @@ class Tuned(NamedTuple):
     Attributes:
         parameter: its descriptor; fitted as a logarithm where its scale is.
         start: value where the place is 0.
-        scale: of one unit of the place; relative where `factor`.
+        scale: size of one unit of the place; relative where `factor`.
         low: lower bound of the place.
         high: upper bound of the place.
         prior: standard deviation of the place; infinite where only data count.

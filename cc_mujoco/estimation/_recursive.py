@@ -68,7 +68,7 @@ class RecursiveLeastSquares:
 
     Attributes:
         value: the estimate (p,).
-        covariance: of its error (p, p).
+        covariance: covariance of its error (p, p).
     """
 
     def __init__(

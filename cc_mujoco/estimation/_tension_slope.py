@@ -288,7 +288,7 @@ class SlopeFit:
         """Take the readings of the next instant.
 
         Args:
-            reading: of every sensor (m,) [N].
+            reading: reading of every sensor (m,) [N].
             direction: slip of every segment, -1, 0 or 1, (n,).
 
         Raises:
@@ -393,7 +393,7 @@ class FrictionEstimator(SlopeEstimator):
         """Take other wrap angles from now on: the path changed, and was measured.
 
         Args:
-            angles: of every segment (n,) [rad].
+            angles: angles of every segment (n,) [rad].
 
         Raises:
             CableError: another shape, or an angle that is negative or not finite.
@@ -409,7 +409,7 @@ class FrictionEstimator(SlopeEstimator):
         """Take the readings of the next instant.
 
         Args:
-            reading: of every sensor (m,) [N].
+            reading: reading of every sensor (m,) [N].
             direction: slip of every segment, -1, 0 or 1, (n,).
 
         Returns:

@@ -183,7 +183,7 @@ class ExportPlan:
 
         Args:
             given: Name of the controller, as of `control.axes_controller`.
-            drives: Of every axis.
+            drives: Drives of every axis.
             cables: Names of the cables of every axis.
             prefixes: Beginnings of the columns of each axis.
             iterations: See `PredictiveCompensation`.

@@ -179,11 +179,11 @@ def extracted_energy(
     for a line, and nothing over a closed path.
 
     Args:
-        torque: Of the device at the joint, (samples, ...) [N m].
-        desired: Of the virtual spring at these angles [N m].
-        angle: Of the joint [rad].
-        velocity: Of the joint [rad/s].
-        step: From sample to sample [s].
+        torque: Torque of the device at the joint, (samples, ...) [N m].
+        desired: Torque of the virtual spring at these angles [N m].
+        angle: Angle of the joint [rad].
+        velocity: Velocity of the joint [rad/s].
+        step: Time from sample to sample [s].
         skip: Physics steps from sample to sample.
 
     Returns:
@@ -244,7 +244,7 @@ def limb_of(place: Array, inertia: float) -> Limb:
     Args:
         place: logarithms of stiffness [N m/rad], damping over critical, and added
             inertia [kg m^2], (3,).
-        inertia: of the joint [kg m^2].
+        inertia: inertia of the joint [kg m^2].
     """
     stiffness, ratio, added = (float(x) for x in np.exp(place))
     return Limb(stiffness, 2.0 * ratio * math.sqrt(stiffness * inertia), added)
@@ -304,10 +304,10 @@ def play(
     Args:
         device: Name, file or the device.
         law: Name of a controller, or of `PASSIVITY_REFERENCES`.
-        task: Of `PASSIVITY_TASKS`.
+        task: One of `PASSIVITY_TASKS`.
         limbs: The wearers.
         believed: Friction that the controller believes, over that of the cables.
-        seed: Of the noise, the same for all.
+        seed: Seed of the noise, the same for all.
         axis: Name of the axis; the only one by default. Others are transparent, and
             their joints rest.
         progress: Called with the simulated time [s] after every control step.

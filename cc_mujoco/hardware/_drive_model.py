@@ -49,8 +49,8 @@ def drive_of(
 
     Args:
         scene: Name of a built-in scene, a file, or a device; see `device_of`.
-        folder: That a file is relative to.
-        period: Of the loop [s].
+        folder: Folder that a file is relative to.
+        period: Period of the loop [s].
         torque: Limit of the motor's, either way [N m].
         axis: Name of the axis; the only one by default.
         joint_torque: Limit of the joint's; that which is safe for the device is one

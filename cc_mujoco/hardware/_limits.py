@@ -87,7 +87,7 @@ class Limiter:
         """Begin at zero torque.
 
         Args:
-            limits: That are kept.
+            limits: Limits that are kept.
             period: Between two torques [s].
 
         Raises:

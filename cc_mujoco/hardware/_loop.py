@@ -224,7 +224,7 @@ class Loop:
             law: The controller, with the period of the loop. Of several axes it sees
                 columns that begin with the name of the axis, as that of
                 `control.axes_controller`, and returns the torque of every motor.
-            clock: That the cycles follow.
+            clock: Clock that the cycles follow.
             log: Takes the rows.
             stop: Called twice a cycle; returns whether to end, and why.
             windings: How far the joints wind cables that pull no round pulley.

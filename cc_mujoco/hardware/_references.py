@@ -43,8 +43,8 @@ class TorqueTable:
         """Find out, before a rig is touched, whether the motor can give these torques.
 
         Args:
-            drive: Of the rig, with the torques that the motor may give.
-            limits: That are kept.
+            drive: Drive of the rig, with the torques that the motor may give.
+            limits: Limits that are kept.
 
         Raises:
             CableError: It cannot, were there no friction, or the run would be stopped.

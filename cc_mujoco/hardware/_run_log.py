@@ -75,7 +75,7 @@ def require_free(folder: str | os.PathLike[str], name: str = DEFAULT_LOG_NAME) -
 
     Args:
         folder: Where.
-        name: Of the run's files.
+        name: Name of the run's files.
 
     Raises:
         CableError: It cannot be written, holds anything else but for a plan's trial, or
@@ -125,8 +125,8 @@ class RunLog:
         Args:
             folder: Where; made if need be.
             about: The settings of the run, as JSON.
-            rows: Of a block.
-            name: Of the files.
+            rows: Number of rows of a block.
+            name: Name of the files.
             axes: Names of the axes that are driven; an empty one of a device with one.
 
         Raises:

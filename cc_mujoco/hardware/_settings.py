@@ -199,7 +199,7 @@ class Settings:
         """Return the stiffness with which the motor is held on the course of a trial.
 
         Args:
-            drive: Of the rig.
+            drive: Drive of the rig.
 
         Raises:
             CableError: The motor's inertia is not known and `[servo]` does not say all.
@@ -213,7 +213,7 @@ class Settings:
         """Make the desired torque that `[task]` names.
 
         Args:
-            duration: Of the run [s].
+            duration: Duration of the run [s].
 
         Raises:
             CableError: It cannot be made.
@@ -236,7 +236,7 @@ def read_settings(path: str | Path, allow: str | Iterable[str] = ()) -> Settings
     """Read a `rig.toml` that drives one axis.
 
     Args:
-        path: Of the file.
+        path: Path of the file.
         allow: As of `read_axes`.
 
     Raises:
@@ -258,7 +258,7 @@ def read_axes(
     """Read a `rig.toml`.
 
     Args:
-        path: Of the file.
+        path: Path of the file.
         allow: `MODULE:NAME` of code that it may name.
 
     Returns:

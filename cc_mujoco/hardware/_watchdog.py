@@ -175,9 +175,9 @@ class Watch:
         """Begin with the first cycle.
 
         Args:
-            limits: Of what is measured.
+            limits: Limits of what is measured.
             watchdog: How long something may be amiss.
-            drive: Of the rig.
+            drive: Drive of the rig.
             unmeasured: Joints that wind its cables and that the rig does not measure;
                 all but the driven one by default.
 

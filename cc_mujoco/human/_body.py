@@ -80,7 +80,8 @@ class Body:
         Its times are to be multiplied by `time`, its moments by `moment`.
 
         Args:
-            speed: Of this wearer [m/s]; by default that similar to the measured walk.
+            speed: Speed of this wearer [m/s]; by default that similar to the measured
+                walk.
 
         Raises:
             CableError: If no data cover a similar gait.

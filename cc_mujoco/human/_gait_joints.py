@@ -31,11 +31,11 @@ class GaitJoint(NamedTuple):
     """A joint of a device, and what moves it.
 
     Attributes:
-        name: of the joint.
-        part: of the measured leg, `ankle`, `knee` or `hip`.
+        name: name of the joint.
+        part: part of the measured leg, `ankle`, `knee` or `hip`.
         other_leg: True if it is half a cycle behind the first leg.
         turned: True if its positive direction is opposite to that of the data.
-        shift: that is added to its angle, so that it stays in the range [rad].
+        shift: angle that is added to its angle, so that it stays in the range [rad].
     """
 
     name: str

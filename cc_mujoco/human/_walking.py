@@ -52,7 +52,7 @@ class Walk(Scripted):
         """Return the walk at a speed, with the stride time that goes with it.
 
         Args:
-            speed: Of the wearer [m/s]; see `Body.pace`.
+            speed: Speed of the wearer [m/s]; see `Body.pace`.
             body: Who walks. Of another size than the wearer of the scenes, `speed` of
                 the walk is that at which the latter walks similarly.
 

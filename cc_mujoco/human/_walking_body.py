@@ -57,7 +57,7 @@ class WalkingBody:
         dof: addresses of their velocities (legs, joints).
         muscles: their actuators (legs, joints).
         heels: geoms of the heels (legs,).
-        weight: of the whole body [N].
+        weight: weight of the whole body [N].
     """
 
     MAX_PITCH = 0.7

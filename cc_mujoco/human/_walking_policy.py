@@ -196,7 +196,7 @@ class WalkingController:
         Muscles give the control less K angle + D rate.
 
         Args:
-            senses: of the present.
+            senses: sensory signals of the present.
             period: time since the last call [s].
         """
         arrays, policy = self._arrays, self._policy

@@ -392,7 +392,7 @@ def measure_axes(
     only one, and for metrics of a cable or of the device as a whole.
 
     Args:
-        log: Of an episode; one of several axes is an `EpisodeLog`.
+        log: Log of an episode; one of several axes is an `EpisodeLog`.
         metrics: What to measure, those of cables as `expand_cable_metrics` gives them.
 
     Raises:

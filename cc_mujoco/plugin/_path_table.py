@@ -95,10 +95,10 @@ class _Walk:
     """A simulation whose cable is led along its path, pose by pose.
 
     Attributes:
-        wrap: of the segments in the last pose (n,) [rad].
+        wrap: wrap of the segments in the last pose (n,) [rad].
         contact: length over which they rub (n,) [m].
         longer: what the path gained at every node since the pose before (n + 1,) [m].
-        length: of an open path at every node (n + 1,) [m].
+        length: length of an open path at every node (n + 1,) [m].
     """
 
     def __init__(self, model: mujoco.MjModel, cable: str) -> None:

@@ -255,7 +255,7 @@ class Batch:
             seeds: Seed of what each of their wearers does.
             devices: Variants of the only `worn` that play its script in its place.
             threads: Threads that simulate; 0 means one per processor.
-            name: Of the controller, for the reasons of failures.
+            name: Name of the controller, for the reasons of failures.
             whole: Whether the columns are those of an episode log, (n, ...), rather
                 than what sensors measure and `least_tension_n`, `tension_n` and
                 `dissipated_j`.
@@ -311,7 +311,7 @@ class Batch:
         Args:
             law: Controller of all devices.
             measure: Returns what the controller reads of the columns.
-            names: Of the columns to keep.
+            names: Names of the columns to keep.
             observers: As of `run`.
 
         Returns:

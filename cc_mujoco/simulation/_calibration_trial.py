@@ -31,7 +31,7 @@ def calibration_trials(
     """Play a slow course of the joint in loops of many sizes.
 
     Args:
-        plants: Of one device with one axis, see `simulate`.
+        plants: Plants of one device with one axis, see `simulate`.
         duration: Length of the trial [s].
 
     Returns:

@@ -67,8 +67,8 @@ def run(
         controller: Controller that drives it; reset before.
         observers: Called at every control step, from the start to the end.
         measure: Measurements of the controller by columns; all columns by default.
-        name: Of the controller, for error messages; its own, or that of its class, by
-            default.
+        name: Name of the controller, for error messages; its own, or that of its class,
+            by default.
 
     Raises:
         CableError: If the controller raises, gives torques of a wrong shape or, of one
@@ -125,8 +125,8 @@ class Single:
 
         Args:
             env: One of this package's environments, wrapped or not.
-            seed: Of the reset.
-            options: Of the reset: values of the plant, by name.
+            seed: Seed of the reset.
+            options: Options of the reset: values of the plant, by name.
         """
         self._env, self._inner, self._seed = env, env.unwrapped, seed
         self._options = None if options is None else dict(options)
@@ -158,7 +158,7 @@ class Trace:
         """Prepare for one episode.
 
         Args:
-            names: Of the columns.
+            names: Names of the columns.
             steps: Control steps of the episode.
             going: Mask of the devices to keep at each step, of many.
         """

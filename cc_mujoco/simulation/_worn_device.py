@@ -191,7 +191,7 @@ class WornDevice:
         """Return the action, (..., axes), that makes the motors give torques [N m].
 
         Args:
-            torque: Of the only motor (...), or of each motor (..., axes).
+            torque: Torque of the only motor (...), or of each motor (..., axes).
         """
         given = np.asarray(torque)
         if len(self.drives) == 1:
@@ -212,9 +212,9 @@ class WornDevice:
 
         Args:
             sensing: Their quality.
-            drives: Of every axis; say where tension sensors are.
+            drives: Drives of every axis; say where tension sensors are.
             seeds: One, or one for each of several devices.
-            biases: Of every axis, as of `Measuring`; none by default.
+            biases: Biases of every axis, as of `Measuring`; none by default.
             errors: `delay` and `noise` as of `Measuring`.
         """
         biases = biases or [0.0] * len(drives)

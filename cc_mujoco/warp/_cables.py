@@ -59,7 +59,7 @@ class AttachedCables:
     """Cables of all worlds, see `attach`.
 
     Attributes:
-        names: of the cables, in the order of the model.
+        names: names of the cables, in the order of the model.
         terms: parameters of `Cable` whose terms are in the kernels.
         tensions: `wp.array` (worlds, cables, 2), tension at the proximal and the distal
             end at the last evaluation [N].
@@ -352,7 +352,7 @@ class AttachedCables:
 
         Args:
             name: the cable.
-            cables: by world; of as many segments and as attached.
+            cables: cables by world; of as many segments and as attached.
 
         Raises:
             CableError: an unknown cable, a term that is off in the kernel, another

@@ -37,7 +37,7 @@ class PathRows:
         guides: see `cable._open_path.measure` (cables, places).
         kinds: of the places of all tendons, as `_path_geometry.SPHERE`.
         objects: site or geom of these places.
-        bodies: that they belong to.
+        bodies: bodies that they belong to.
         last_dofs: last degree of freedom that moves a body, -1: none (bodies,).
         parents: degree of freedom that moves the body before, -1: none (nv,).
         roots: root body (bodies,).
@@ -45,8 +45,8 @@ class PathRows:
         memory: path, committed and pending.
         shape: path now.
         near: bodies of the path, see `_place_kernels.locate`.
-        places: of the path from there, see `cable/_path_geometry.py`.
-        forces: of the pieces, see `cable._open_path.pull_forces`.
+        places: places of the path from there, see `cable/_path_geometry.py`.
+        forces: forces of the pieces, see `cable._open_path.pull_forces`.
         gained: scratch, by node.
         pulls: out, force of the pieces on the degrees of freedom (rows, nv).
     """

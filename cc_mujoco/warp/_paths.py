@@ -99,7 +99,7 @@ class LedCables:
         rows: their arrays.
         reference: path in the pose `qpos0`, a row for each cable and world.
         memory: path of the committed and the pending state, a row for each.
-        kernels: by name.
+        kernels: kernels by name.
     """
 
     def __init__(

@@ -32,7 +32,7 @@ class Links:
         starts: first link of each tendon (tendons,).
         numbers: links of each tendon, parents before children (tendons,).
         carriers: body that carries the whole path (tendons,).
-        bodies: of all links.
+        bodies: bodies of all links.
         above: link that carries a link, counted from the first of its tendon; -1: the
             body that carries the whole path.
         places: link of every place of all tendons, likewise.

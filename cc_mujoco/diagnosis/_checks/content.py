@@ -265,11 +265,13 @@ class Excitation(NamedTuple):
         duration: time in valid stretches [s].
         speed: slowest and fastest speed of the motor that stands out of the noise
             [rad/s], 2nd and 99th percentile.
-        reversals: of the motor.
+        reversals: reversals of the motor.
         dwells: durations of the rests between motions, shortest and longest [s].
         dwell_count: number of rests.
-        torque: of the joint, 1st and 99th percentile [N m]; None if it is not known.
-        motor_torque: of the motor, 1st and 99th percentile [N m]; None if unknown.
+        torque: torque of the joint, 1st and 99th percentile [N m]; None if it is not
+            known.
+        motor_torque: torque of the motor, 1st and 99th percentile [N m]; None if
+            unknown.
         turns: range of the motor's angle in revolutions.
         joint_turns: range of the joint's angle in revolutions.
         bandwidth: below it lies 99 % of the power of the motor's speed [Hz].

@@ -65,10 +65,10 @@ class Resolved(NamedTuple):
     """Information that a set of trials gives about one effect.
 
     Attributes:
-        id: of the effect.
+        id: id of the effect.
         plausible: size of its first amplitude that is plausible on the rig, in its
             unit.
-        clarity: of plausible sizes, in standard deviations once all is tuned.
+        clarity: clarity of plausible sizes, in standard deviations once all is tuned.
         likest: effect that is most similar, "nothing" without others.
         separation: clarity of a plausible size where that effect is fitted as well.
     """
@@ -90,8 +90,9 @@ class TrialPlan:
     """Trials to record and the effects that they would resolve.
 
     Attributes:
-        trials: in the order of their contribution.
-        resolved: by the trials together, the least certain effect first.
+        trials: trials in the order of their contribution.
+        resolved: effects resolved by the trials together, the least certain effect
+            first.
         noise: assumed standard deviation, by the torque that is compared [N m].
         hidden: effects that these instruments cannot show, and why.
         declared: facts that remove an effect or bound it.

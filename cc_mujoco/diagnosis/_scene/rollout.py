@@ -64,8 +64,9 @@ def rollout(
         lead_in: turns of the motor per turn of the joint (of a lever, per turn of the
             pulley that it is at 0), to come from rest in the pose 0 to the first
             sample, see `records.with_lead_in`; None begins there at rest.
-        tilt: by which the rig was turned about the joint's axis, positive as the joint
-            is, for gravity that a diagnosis found [rad]; of a lever nothing shows it.
+        tilt: angle by which the rig was turned about the joint's axis, positive as the
+            joint is, for gravity that a diagnosis found [rad]; of a lever nothing shows
+            it.
         cables: names of the cables that are played, of a scene with others besides,
             which are left out.
         driven: joint that these drive, where several move them.
@@ -122,7 +123,7 @@ class _Sensors:
     Attributes:
         joints: indices of the motor's and the joint's hinge, and of others that are
             moved.
-        sign: of the joint's angle in the scene over that in the data.
+        sign: sign of the joint's angle in the scene over that in the data.
         late: delay of the shown angles [s].
     """
 

@@ -299,8 +299,8 @@ def screen(
         problem: the model so far.
         x: where it was fitted.
         masks: samples that count.
-        ids: of the effects to try.
-        division: of these samples into folds; without any nothing is foreseen.
+        ids: ids of the effects to try.
+        division: division of these samples into folds; without any nothing is foreseen.
         changes: cache of earlier rounds.
         starts: most starts of every effect; default all.
     """

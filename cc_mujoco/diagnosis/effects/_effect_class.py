@@ -60,7 +60,7 @@ class Size:
     """Size of an effect, which is off where all its sizes are 0.
 
     Attributes:
-        name: of the parameter.
+        name: name of the parameter.
         unit: SI unit.
         typical: size that is plausible on a rig, not 0; the scale of fits.
         meaning: for the report.
@@ -101,7 +101,7 @@ class Shape:
     """Parameter that shapes an effect, and is fitted from one or several values.
 
     Attributes:
-        name: of the parameter.
+        name: name of the parameter.
         unit: SI unit.
         starts: values from which it is fitted.
         low: least value of fits; where it is positive, the logarithm is fitted.

@@ -66,7 +66,7 @@ class Burden:
         spring: stiffness [N/m], with its coefficients of higher order.
         rest: lengths between which the spring has no force [m].
         branches: parts of its path.
-        length: of the tendon in the pose `qpos0` [m].
+        length: length of the tendon in the pose `qpos0` [m].
         fields: names of its own features, as in MJCF.
     """
 

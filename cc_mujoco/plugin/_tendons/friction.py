@@ -135,9 +135,10 @@ def add_friction(
         friction: coefficient mu of Coulomb friction at every site and geom; must be
             given, since a tendon has none of its own.
         segments: friction elements; by default one for a site and four for a geom.
-        guides: by the name of a site or geom, `"roller"` where the tendon runs over a
-            roller that takes nothing, or the radius of the guide at a site [m], over
-            whose arc there is drag per length; Coulomb friction is the same for any.
+        guides: guides by the name of a site or geom, `"roller"` where the tendon runs
+            over a roller that takes nothing, or the radius of the guide at a site [m],
+            over whose arc there is drag per length; Coulomb friction is the same for
+            any.
         report: print the turns and losses of the tendons, see `tendon_report`.
         parameters: other parameters of the cable, by name, see `Cable`; unless given
             they are those of `Cable()`. A tendon with a winch has by default the
@@ -246,7 +247,7 @@ class _Takeover:
         drum: radius [m] and inertia [kg m^2] of the drum of its winch, if given.
         given: parameters of its cables, by name.
         winch: what takes its burden over, if that is needed.
-        cables: of its branches, each with the name of its branch as `route`.
+        cables: cables of its branches, each with the name of its branch as `route`.
         bearable: axial stiffness that the time step bears [N].
     """
 

@@ -52,11 +52,11 @@ class Winch:
 
     Attributes:
         burden: what acted on the tendon, which they take over.
-        names: of the joints, one for every branch.
-        radius: of the drum [m]; 0 for a slide.
-        lengths: of the branches in the pose `qpos0` [m].
-        inertias: of the joints, at the tendon [kg].
-        damping: of the joints, at the tendon [N s/m].
+        names: names of the joints, one for every branch.
+        radius: radius of the drum [m]; 0 for a slide.
+        lengths: lengths of the branches in the pose `qpos0` [m].
+        inertias: inertias of the joints, at the tendon [kg].
+        damping: damping of the joints, at the tendon [N s/m].
     """
 
     burden: Burden

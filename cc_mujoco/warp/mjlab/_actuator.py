@@ -93,7 +93,7 @@ class CableActuator(Actuator):
 
     Attributes:
         cables: the cables in all worlds, once mjlab has initialised the actuator.
-        names: of the cables, in the order of `tension`.
+        names: names of the cables, in the order of `tension`.
     """
 
     cfg: CableActuatorCfg

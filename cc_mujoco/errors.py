@@ -44,7 +44,7 @@ class CableError(ValueError):
         """Build the error for a name that is not in a registry.
 
         Args:
-            kind: What the name should have been, for example `"trajectory"`.
+            kind: Kind that the name should have, for example `"trajectory"`.
             name: The name that was given.
             allowed: The names that exist.
             where: The place that it was read from, if any.

@@ -230,7 +230,7 @@ class DeviceEnv(
 
         Args:
             seed: Seed of all that is random from now on.
-            options: What the plant is, by name; see the class.
+            options: Values of the plant, by name; see the class.
 
         Raises:
             CableError: If an option is unknown or impossible, or the time step of the

@@ -33,7 +33,7 @@ class Layout(NamedTuple):
     Attributes:
         encoding: encoding of the text.
         top: lines before the first line of data.
-        separator: between cells.
+        separator: separator of cells.
         decimal: point or comma.
         names: names of the columns.
     """

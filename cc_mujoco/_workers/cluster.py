@@ -41,7 +41,7 @@ def run_on_cluster(
     What a worker that dies was doing, Dask gives to another.
 
     Args:
-        job: what to do with them.
+        job: job to do on each piece.
         pieces: pieces by number.
         scheduler: address of the scheduler, `tcp://HOST:PORT`.
         progress: called with what is done.

@@ -40,7 +40,7 @@ def run_here(
     """Run pieces on this machine.
 
     Args:
-        job: what to do with them.
+        job: job to do on each piece.
         pieces: pieces by number.
         progress: called with what is done, from any thread, one at a time.
         count: threads or processes; 0 means one per processor.

@@ -109,7 +109,7 @@ class CellResult:
         scores: scores by name, (seeds,); see `_scores`.
         plants: drawn and assumed parameters, for every seed, of the cables that the
             motors wind, lists in the order of `DeviceModel.driven`.
-        trace: where the condition is the ordinary one, columns (samples * seeds,);
+        trace: columns (samples * seeds,) of the ordinary condition, else empty;
             those of an axis begin with its name where there are several.
     """
 

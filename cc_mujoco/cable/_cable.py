@@ -574,7 +574,7 @@ class Cable:
 
         Args:
             holds: whether the law holds for a term.
-            why: what law, as the end of a sentence.
+            why: law that does not hold, as the end of a sentence.
 
         Raises:
             CableError: a term is on for which it does not.
@@ -594,7 +594,7 @@ class Cable:
 
         Args:
             config: key to text; missing keys take their default.
-            where: what to name in an error, for instance the plugin instance.
+            where: place to name in an error, for instance the plugin instance.
 
         Raises:
             CableError: an unknown key, or a value that is not allowed.

@@ -23,7 +23,7 @@ def wound_length(
     """Return the length of cable wound up on the proximal pulley [m].
 
     Args:
-        length: what a round pulley would wind up [m].
+        length: length that a round pulley would wind up [m].
         gear: signed mean radius [m].
         e: eccentricity [m].
         phase: angle of the eccentricity [rad].

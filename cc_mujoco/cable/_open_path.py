@@ -201,7 +201,7 @@ def measure(
 
     Args:
         places: places of the path, see `_path_geometry.py`.
-        number: how many they are; the first and the last are sites.
+        number: number of places; the first and the last are sites.
         mouth: the one, a site, at which the conduit ends; 0: none.
         guided: number of segments in the conduit.
         n: number of segments in all.

@@ -40,8 +40,8 @@ class Term(NamedTuple):
     Attributes:
         equation: the law.
         source: publication, or what it stands for.
-        acts_on: what it changes.
-        depends_on: what that changes with; empty if it is constant.
+        acts_on: part of the cable's law that the term changes.
+        depends_on: quantities that the change depends on; empty if constant.
         constant_without: the parameter without which, too, it is constant.
     """
 
@@ -112,7 +112,7 @@ class Parameter:
         """Refuse a value that is not admitted.
 
         Args:
-            value: what should be a number.
+            value: candidate value.
             label: subject of the error; by default the name.
 
         Raises:

@@ -478,7 +478,7 @@ def _behind_friction(
     Args:
         limits: see `admit`.
         spring: see `admit`.
-        torque: at the one end, of springs between both [N m].
+        torque: torque at one end of springs between both [N m].
         friction: friction coefficient times wrap, negative where the torque at the
             other end is the smaller.
     """
@@ -517,7 +517,7 @@ def _beyond(
         limits: see `admit`.
         spring: see `admit`.
         given: torque of the motor at the joint without friction [N m].
-        torque: at the joint [N m].
+        torque: torque at the joint [N m].
         friction: most friction coefficient times wrap between them.
     """
     least = _MOTOR_SHARE * limits.safe_torque
@@ -802,7 +802,7 @@ def _swing_bounds(
     Args:
         limits: see `admit`.
         spring: see `admit`.
-        torque: at the joint [N m].
+        torque: torque at the joint [N m].
         rushing: torque that stopping the rotor would add, see `impact_torque` [N m].
         most: greatest torque [N m].
     """

@@ -49,9 +49,9 @@ class Network:
         biases: biases of each layer, (out,).
         activation: key of `ACTIVATIONS`, after every layer but the last.
         squashed: whether the hyperbolic tangents of the last outputs are the action.
-        mean: what is subtracted from the observation, (size,).
-        deviation: what it is divided by then, (size,).
-        far: where what results is cut.
+        mean: offset subtracted from the observation, (size,).
+        deviation: divisor of the difference, (size,).
+        far: bound at which the quotient is clipped.
 
     Raises:
         CableError: If the layers do not fit each other.
@@ -101,7 +101,7 @@ class Network:
 
         Args:
             layers: `Linear`, with one kind of activation between them.
-            mean: Mean of the observations, as of the class.
+            mean: Mean of the observations; see the class.
             deviation: See there.
             squashed: See there.
             far: See there.

@@ -31,7 +31,7 @@ def write_onnx(policy: str | os.PathLike[str], path: str | os.PathLike[str]) -> 
 
     Args:
         policy: Its file, see `write_policy`.
-        path: Where to write; ends in `.onnx`.
+        path: Path of the file; ends in `.onnx`.
 
     Raises:
         CableError: The policy cannot be read, or the package `onnx` is not installed.

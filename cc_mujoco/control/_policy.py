@@ -237,7 +237,7 @@ def admit_measured(
         limits: limits of the drive.
         spring: see `guard.STIFFNESS`.
         memory: memory of the guard.
-        measured: what the policy observes, `guard.READINGS` first; changed.
+        measured: readings of the policy, `guard.READINGS` first; changed.
         winding: `device.WINDING_COLUMNS`, or nothing where the joint is a round pulley.
     """
     seen = memory[guard.SEEN : guard.SEEN + guard.READINGS]
@@ -335,9 +335,9 @@ def write_policy(
     """Write a policy's file.
 
     Args:
-        path: Where; ends in `.safetensors`.
+        path: Path of the file; ends in `.safetensors`.
         network: The policy.
-        observed: What it observes of the only axis, or of every axis:
+        observed: Observations of the only axis, or of every axis:
             `WornDevice.observed` of its environment.
 
     Raises:

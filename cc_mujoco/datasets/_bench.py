@@ -67,7 +67,7 @@ class Bench:
         motor_radius: radius of the motor's pulley [m].
         joint_radius: radius of the joint's pulley, or arm of its lever at 0 [m].
         lever: lever that the cable pulls in place of a pulley, or None.
-        led: what the joint moves of the cables besides their ends.
+        led: parts of the cables that the joint moves besides their ends.
         others: names of other joints that move the cables, whose angles are recorded.
         pulled_by: other axes' cables that pull at the joint, too.
         stops: smallest and largest angle of each of `others`, infinite without [rad].

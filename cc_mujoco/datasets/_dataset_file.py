@@ -460,9 +460,9 @@ class TrialFile:
     """One of the files of a trial.
 
     Attributes:
-        key: what `dataset.toml` calls it; empty if the trial is this file.
+        key: name in `dataset.toml`; empty if the trial is this file.
         path: the file.
-        times: where its times stand.
+        times: source of its times.
     """
 
     key: str

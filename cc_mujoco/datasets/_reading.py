@@ -161,7 +161,7 @@ class Recording:
         labels: name in the file of every channel.
         names: all columns of the file.
         paths: files of the channels that are in another than `path`.
-        remarks: what was done to bring channels to one clock, a sentence each.
+        remarks: sentences on how channels were brought to one clock.
     """
 
     name: str
@@ -196,9 +196,9 @@ def read(
 
     Args:
         trial: its file, or several.
-        file: what their columns mean.
+        file: meaning of the columns.
         name: name of the trial; None is the file's name without ending.
-        axis: with whose name columns may begin, as in logs of several axes.
+        axis: name that may precede those of columns, as in logs of several axes.
         others: joints whose angles are needed besides that of the driven one, with
             their columns in such logs.
         further: columns to read besides, where the file has them.

@@ -68,7 +68,7 @@ class Noise(NamedTuple):
     Attributes:
         deviation: standard deviation of the sensor noise, quantisation included.
         resolution: quantisation step, 0 if there is none to be seen.
-        source: how the deviation is known: `declared`, from `holds` (stretches without
+        source: source of the deviation: `declared`, from `holds` (stretches without
             motion) or from `differences` of neighbouring samples.
     """
 
@@ -82,7 +82,7 @@ class TrialFacts:
     """Declarations of `dataset.toml` for one trial.
 
     Attributes:
-        split: what the trial may be used for; None leaves it to the program.
+        split: permitted use of the trial; None leaves it to the program.
         repeat_of: name of the trial that this one repeats.
         pretension: pretension of the cables at rest [N].
         unhooked: True if the cables were taken off, so that they connect nothing.
@@ -100,7 +100,7 @@ class TrialFacts:
         occasion: name of the day or session; trials of one occasion share friction,
             pretension, offsets and clocks. "" where there is one occasion.
         valid: stretches of time that count (from, to) [s]; None is all.
-        notes: for a human reader.
+        notes: remarks for a human reader.
     """
 
     split: Split | None = None
@@ -138,7 +138,7 @@ class Trial:
             (`<joint>_angle_rad`).
         temperature: (samples,) [degC], or None.
         motor_current: (samples,) [A], or None.
-        facts: what `dataset.toml` says.
+        facts: facts stated in `dataset.toml`.
         path: the file.
         sha256: SHA-256 of the file's bytes, hexadecimal.
         labels: name in the file of every channel.
@@ -247,10 +247,10 @@ class Dataset:
     Attributes:
         trials: trials in the order of their files; those that could not be read are
             missing.
-        constants: what is known of the rig by name (see `RIG_CONSTANTS`), SI.
+        constants: known constants of the rig by name (see `RIG_CONSTANTS`), SI.
         noise: sensor noise by channel.
-        name: what the data are.
-        notes: for a human reader.
+        name: name of the data.
+        notes: remarks for a human reader.
         instruments: sources of both torques, the same in all trials.
         path: the `dataset.toml`, empty if there is none.
         sha256: SHA-256 of its bytes.

@@ -368,9 +368,9 @@ def episodes(
     """Return the episodes that the metrics of a protocol need.
 
     Args:
-        protocol: how designs are tried.
+        protocol: protocol by which designs are tried.
         device: device of the scene.
-        designs: what is played; the wearer, of the first, walks as fast as was measured
+        designs: designs to play; the wearer of the first walks as fast as was measured
             by default.
 
     Returns:

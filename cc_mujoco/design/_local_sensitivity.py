@@ -83,7 +83,7 @@ class Price:
         found: the same simulated at the design that it proposes; NaN where it failed.
         kept: whether that design keeps the limits, the relaxed one among them, and is
             no worse in the other objectives.
-        design: that design.
+        design: the changed design.
     """
 
     objective: str

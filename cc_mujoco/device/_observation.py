@@ -171,7 +171,7 @@ class ObservationHistory:
         """Prepare; `begin` before anything else.
 
         Args:
-            observed: What is observed.
+            observed: Observed quantities.
             count: Number of environments, n.
         """
         self.observed, self.size = observed, observed.space.shape[0]
@@ -192,7 +192,7 @@ class ObservationHistory:
 
         Args:
             measured: (rows, k).
-            rows: Which.
+            rows: Indices of the rows.
         """
         self.past.measured[rows] = measured
         _begin(self.past, self._all[rows])
@@ -299,7 +299,7 @@ def write_observation(past: Past, whole: FloatMatrix, first: int) -> None:
     """Write the observations of all rows into columns of a matrix, as single precision.
 
     Args:
-        past: What is observed.
+        past: History of the observed quantities.
         whole: (n, columns), written.
         first: Column of the first number.
     """

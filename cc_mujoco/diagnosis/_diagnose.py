@@ -68,8 +68,8 @@ def diagnose(
         out: folder for the results; `verdict.json` is written first, and the rest
             whole or not at all.
         axis: the axis that was recorded, of a device with several.
-        dataset_toml: what the columns mean and what is known, see `dataset_file`.
-        command: how it was called, for the report.
+        dataset_toml: meaning of the columns and known facts, see `dataset_file`.
+        command: command line, for the report.
         seed: seed of bootstraps and noise draws.
         effects: effects to consider besides the usual ones: classes of your own,
             `FILE.py:CLASS`, `MODULE:CLASS`, or ids of rare effects of the library.

@@ -65,7 +65,7 @@ def load(
     Args:
         paths: files (see `_utils.tables.ENDINGS`) or folders; their order
             is kept, folders are sorted by name. Several folders are occasions.
-        dataset_toml: what the columns mean; without it, the `dataset.toml` in the
+        dataset_toml: meaning of the columns; without it, the `dataset.toml` in the
             folder of the data, if there is one.
         bench: bench of the scene, by which load cells become torques.
         columns: further columns that effects take, where the files have them.

@@ -356,7 +356,7 @@ class FrictionEstimator(SlopeEstimator):
         Args:
             cable: the cable; only its wrap angles count. No term may be on for which
                 the law does not hold, see `estimation._tension_slope.require_slope`.
-            sensors: at least two.
+            sensors: two sensors or more.
             start: the guess; default the cable's friction.
             spread: standard deviation of the guess.
             memory: moving samples after which one has faded to 1/e. Noise goes down

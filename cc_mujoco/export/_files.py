@@ -503,11 +503,11 @@ def write(
     """Write a controller as C99, with all that a C compiler needs.
 
     Args:
-        folder: Where; what an earlier export left there is replaced unless a user
+        folder: Folder to write to; an earlier export is replaced unless a user
             changed it.
         plan: The controller.
-        what: Of which controller, for what scene; stands in the header.
-        notes: What is known of it, a line each; likewise.
+        what: Controller and scene in words, for the header.
+        notes: Further lines of the header.
         ros2_control: Whether to write a package of ROS 2 around it.
 
     Raises:

@@ -37,7 +37,7 @@ def write_plugin(folder: str | os.PathLike[str]) -> Path:
     """Write the engine plugin as a shared library for MuJoCo 3.17 and newer.
 
     Args:
-        folder: Where; no file of that name may be there.
+        folder: Folder to write to; it must have no file of that name.
 
     Returns:
         The path of the library.
@@ -59,7 +59,7 @@ def write_plugin_source(folder: str | os.PathLike[str]) -> Path:
     """Write the engine plugin as C99 with a CMake file.
 
     Args:
-        folder: Where; no files of these names may be there.
+        folder: Folder to write to; it must have no files of these names.
 
     Returns:
         The path of the source.

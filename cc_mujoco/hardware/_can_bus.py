@@ -258,7 +258,7 @@ class CanLink:
         """Open the bus, unless it is open already; nothing is sent yet.
 
         Args:
-            address: On the bus.
+            address: Address on the bus.
             buses: Those that are open, see `CanPort`.
 
         Raises:

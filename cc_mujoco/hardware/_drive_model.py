@@ -51,11 +51,11 @@ def drive_of(
         scene: Name of a built-in scene, a file, or a device; see `device_of`.
         folder: Folder that a file is relative to.
         period: Period of the loop [s].
-        torque: Limit of the motor's, either way [N m].
+        torque: Limit of the motor's torque, either way [N m].
         axis: Name of the axis; the only one by default.
-        joint_torque: Limit of the joint's; that which is safe for the device is one
-            too.
-        torque_rate: Limit of its rate [N m/s].
+        joint_torque: Limit of the joint's torque [N m], besides the safe one of the
+            device.
+        torque_rate: Limit of the motor torque's rate [N m/s].
         motor_lag: Time constant of the motor's torque [s]; that of the scene's motor by
             default.
 

@@ -87,8 +87,8 @@ class Limiter:
         """Begin at zero torque.
 
         Args:
-            limits: Limits that are kept.
-            period: Between two torques [s].
+            limits: Limits that are enforced.
+            period: Time between two torques [s].
 
         Raises:
             CableError: A stop cannot be as fast as requested.

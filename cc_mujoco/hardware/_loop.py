@@ -220,14 +220,14 @@ class Loop:
         """Prepare; nothing is sent yet.
 
         Args:
-            axes: What is driven, at least one; of several each has a name.
+            axes: Driven axes, at least one; of several each has a name.
             law: The controller, with the period of the loop. Of several axes it sees
                 columns that begin with the name of the axis, as that of
                 `control.axes_controller`, and returns the torque of every motor.
             clock: Clock that the cycles follow.
             log: Takes the rows.
             stop: Called twice a cycle; returns whether to end, and why.
-            windings: How far the joints wind cables that pull no round pulley.
+            windings: Winding of cables by joints without a round pulley.
 
         Raises:
             CableError: A stop cannot be as fast as requested.

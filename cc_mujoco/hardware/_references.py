@@ -44,7 +44,7 @@ class TorqueTable:
 
         Args:
             drive: Drive of the rig, with the torques that the motor may give.
-            limits: Limits that are kept.
+            limits: Limits that are enforced.
 
         Raises:
             CableError: It cannot, were there no friction, or the run would be stopped.

@@ -74,7 +74,7 @@ def require_free(folder: str | os.PathLike[str], name: str = DEFAULT_LOG_NAME) -
     """Find out, before a rig is touched, whether a run may be written to a folder.
 
     Args:
-        folder: Where.
+        folder: Folder of the run.
         name: Name of the run's files.
 
     Raises:
@@ -123,7 +123,7 @@ class RunLog:
         """Begin both files.
 
         Args:
-            folder: Where; made if need be.
+            folder: Folder of the run; made if needed.
             about: The settings of the run, as JSON.
             rows: Number of rows of a block.
             name: Name of the files.
@@ -190,7 +190,7 @@ class RunLog:
         """End both files.
 
         Args:
-            outcome: How it went, as JSON.
+            outcome: Outcome of the run, as JSON.
 
         Raises:
             CableError: The rows left over, or the page, cannot be written.

@@ -176,7 +176,7 @@ class Watch:
 
         Args:
             limits: Limits of what is measured.
-            watchdog: How long something may be amiss.
+            watchdog: Longest times of every fault.
             drive: Drive of the rig.
             unmeasured: Joints that wind its cables and that the rig does not measure;
                 all but the driven one by default.

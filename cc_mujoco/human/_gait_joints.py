@@ -28,7 +28,7 @@ _PHASE_GRID = np.linspace(0.0, 1.0, 2001)
 
 
 class GaitJoint(NamedTuple):
-    """A joint of a device, and what moves it.
+    """Joint of a device, and the measured joint that moves it.
 
     Attributes:
         name: name of the joint.

@@ -294,7 +294,7 @@ def scale_task(task: Task, pace: Pace, size: float = 1.0) -> Task:
 
     Args:
         task: As the wearer of the scenes has it at the measured speed.
-        pace: How the wearer walks.
+        pace: Pace of the wearer's walk.
         size: Moments over those of the scenes' wearer [-], see `Body.moment`.
     """
     if pace == Pace() and size == 1.0:

@@ -53,8 +53,8 @@ class Walk(Scripted):
 
         Args:
             speed: Speed of the wearer [m/s]; see `Body.pace`.
-            body: Who walks. Of another size than the wearer of the scenes, `speed` of
-                the walk is that at which the latter walks similarly.
+            body: Body that walks. If its size is not that of the wearer of the scenes,
+                the `speed` of the walk is that at which the latter walks similarly.
 
         Raises:
             CableError: If no data cover walking at that speed.

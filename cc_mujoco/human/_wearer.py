@@ -113,9 +113,9 @@ class Wearer:
         """Return the torque that the wearer puts into the joint [N m], elementwise.
 
         Args:
-            reference_angle: Where the wearer wants the joint [rad].
+            reference_angle: Angle that the wearer wants [rad].
             reference_velocity: Its time derivative [rad/s].
-            angle: Where the joint is [rad].
+            angle: Angle of the joint [rad].
             velocity: Its time derivative [rad/s].
 
         Returns:

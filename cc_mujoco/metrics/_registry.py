@@ -393,7 +393,7 @@ def measure_axes(
 
     Args:
         log: Log of an episode; one of several axes is an `EpisodeLog`.
-        metrics: What to measure, those of cables as `expand_cable_metrics` gives them.
+        metrics: Metrics, those of cables as `expand_cable_metrics` gives them.
 
     Raises:
         CableError: See `measure`.

@@ -110,7 +110,7 @@ class Value:
     Attributes:
         text: its text.
         kind: its type.
-        rank: how tightly its outermost operator binds.
+        rank: precedence of its outermost operator.
         number: the number that it spells, None of another.
         name: that of a constant.
         table: name of the constant array that it is a view of.

@@ -76,7 +76,7 @@ class NativeFunction:
 
     Attributes:
         py_func: the function as Python runs it.
-        key: what the library calls it.
+        key: name in the library.
         symbol: name of a callback in the library, empty for other functions.
         is_entry: whether Python calls it in the library.
     """

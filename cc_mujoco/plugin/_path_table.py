@@ -97,7 +97,7 @@ class _Walk:
     Attributes:
         wrap: wrap of the segments in the last pose (n,) [rad].
         contact: length over which they rub (n,) [m].
-        longer: what the path gained at every node since the pose before (n + 1,) [m].
+        longer: growth of the path at every node since the last pose (n + 1,) [m].
         length: length of an open path at every node (n + 1,) [m].
     """
 

@@ -71,7 +71,7 @@ def write_episode(
     removed with its log.
 
     Args:
-        folder: Where `EPISODE_FILES` shall lie; made if need be.
+        folder: Folder of the `EPISODE_FILES`; made if needed.
         log: The episode, or a function that plays it: it is called with the file to
             which it writes the log while the episode runs, and returns the log.
         model: The model that the episode was played on.

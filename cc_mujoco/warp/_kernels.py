@@ -50,14 +50,14 @@ class CableRows:
         worlds: number of worlds.
         segments: segments of each cable (cables,).
         looks: not 0 where the ends of a cable look ahead (cables,).
-        actuators: at the ends (cables, 2).
+        actuators: actuators at the ends (cables, 2).
         tied: not 0 where an end is tied to the cable's own path (cables, 2).
         aim: where the ends are, how they yield, lever, and where the step leads, see
             `look_ahead` (rows, 9).
         trial: displacements and yielding of both ends in the attempt at hand, which
             of them may become taut (1) or slack (-1), and which do (rows, 8).
         status: status of the attempt (rows,).
-        now: which of the two states is committed (rows,).
+        now: index of the committed one of two states (rows,).
         prm: packed parameters.
         state: committed and pending.
         work: scratch.

@@ -297,7 +297,7 @@ def screen(
 
     Args:
         problem: the model so far.
-        x: where it was fitted.
+        x: fitted parameters.
         masks: samples that count.
         ids: ids of the effects to try.
         division: division of these samples into folds; without any nothing is foreseen.

@@ -63,7 +63,7 @@ class Size:
         name: name of the parameter.
         unit: SI unit.
         typical: size that is plausible on a rig, not 0; the scale of fits.
-        meaning: for the report.
+        meaning: meaning, for the report.
         low: least value of fits.
         high: largest value of fits.
         plausible: range of the effect; one that fits only beyond is not named.
@@ -106,7 +106,7 @@ class Shape:
         starts: values from which it is fitted.
         low: least value of fits; where it is positive, the logarithm is fitted.
         high: largest value of fits.
-        meaning: for the report.
+        meaning: meaning, for the report.
         within: largest value to either side, over the joint's range of motion; what
             fits beyond is not named.
     """

@@ -21,10 +21,10 @@ class AddedCables:
 
     Attributes:
         cables: names of the cables; of a tendon with pulleys one for every branch.
-        winch: what drives the proximal ends, where it is new: the fixed tendon that
+        winch: new drive of the proximal ends: the fixed tendon that
             carries what acted on a tendon as a whole, or the joint of a motor; empty
             where there is none, or where `parts` have winches of their own.
-        lines: what became of everything that was there, or one line for each of
+        lines: report on everything that was there, or one line for each of
             `parts`.
         parts: the accounts of several tendons, in their order.
     """

@@ -241,12 +241,12 @@ class _Takeover:
     """A tendon that becomes cables.
 
     Attributes:
-        burden: what acts on it.
+        burden: loads on the tendon.
         motor: drum at its proximal end, if any.
         joint: drum at its distal end, if any.
         drum: radius [m] and inertia [kg m^2] of the drum of its winch, if given.
         given: parameters of its cables, by name.
-        winch: what takes its burden over, if that is needed.
+        winch: winch that takes over its burden, if needed.
         cables: cables of its branches, each with the name of its branch as `route`.
         bearable: axial stiffness that the time step bears [N].
     """

@@ -86,7 +86,7 @@ class TendonSummary:
     Attributes:
         name: its name, or its index in the model where it has none.
         joints: the joints that move one part of it against another.
-        unlimited_joints: how many of these have no range.
+        unlimited_joints: number of these without a range.
         places: its sites and geoms from the first site to the last, without these two.
         length: its length in the present pose [m].
         piece_lengths: lengths of its pieces in the present pose, with half of the arcs
@@ -97,7 +97,7 @@ class TendonSummary:
         max_turn: the largest [rad].
         zigzag: part of the turning in the present pose that the next site takes back.
         friction: coefficient of friction.
-        friction_source: where that is from: `"given"`, `"cable"` or `"assumed"`.
+        friction_source: source of the friction: `"given"`, `"cable"` or `"assumed"`.
         axial_stiffness: EA for which `step_limit` holds [N].
         step_limit: time step below which its pieces are stable in the present pose and
             over the ranges of the joints [s]; infinite where nothing moves.

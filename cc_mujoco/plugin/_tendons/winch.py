@@ -51,7 +51,7 @@ class Winch:
     """Joints that hold the proximal ends of the branches of a tendon.
 
     Attributes:
-        burden: what acted on the tendon, which they take over.
+        burden: loads on the tendon, which the winches take over.
         names: names of the joints, one for every branch.
         radius: radius of the drum [m]; 0 for a slide.
         lengths: lengths of the branches in the pose `qpos0` [m].

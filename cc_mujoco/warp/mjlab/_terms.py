@@ -32,7 +32,7 @@ def cable_tension(
     Args:
         env: environment.
         entity: name of the entity in the scene.
-        end: where the load cells are.
+        end: end of the cables with load cells.
         scale: factor; 1 gives newtons.
     """
     side = ("proximal", "distal").index(end)

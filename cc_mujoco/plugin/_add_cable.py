@@ -23,7 +23,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from numbers import Real
 from typing import Any, TypeAlias
 
@@ -220,6 +220,8 @@ def add_cable(
         _write(tried, model, drive, cable)
     with muted_warnings():
         after = compile_spec(tried)
+    if drive.lever is not None:
+        _require_arm(after, drive, drive.lever.name)
     _write(spec, model, drive, cable)
     return _report(model, after, drive, cable)
 
@@ -242,7 +244,7 @@ def _report(
         )
     else:
         lines.append(f"motor: joint {drive.motor!r}")
-        if not any(True for _ in _driving(after, drive.motor, name)):
+        if not _driving(after, drive.motor, name):
             lines.append(f"nothing but the cable turns joint {drive.motor!r} yet")
     if gone is not None:
         lines.append(f"{actuator_label(before, gone)}: deleted")
@@ -257,12 +259,20 @@ def _report(
     return AddedCables((name,), winch, tuple(lines))
 
 
-def _driving(model: mujoco.MjModel, joint: str, cable: str) -> Iterator[int]:
-    """Yield the actuators that move a joint in some pose, but for ends of a cable."""
+def _driving(model: mujoco.MjModel, joint: str, cable: str) -> list[int]:
+    """Return the actuators that move a joint in some pose, but for ends of a cable."""
+    ends = [model.actuator(f"{cable}_{end}").id for end in ENDS]
+    moving = np.flatnonzero(_arms(model, joint) > mujoco.mjMINVAL)
+    return [int(i) for i in moving if i not in ends]
+
+
+def _arms(model: mujoco.MjModel, joint: str) -> NDArray[np.float64]:
+    """Return the largest moment arms of the actuators at a joint in some poses."""
     data, own = mujoco.MjData(model), model.joint(joint)
+    low, high = own.range if model.jnt_limited[own.id] else (-0.5, 0.5)
     arms = np.zeros(model.nu)
     dense = np.zeros((model.nu, model.nv))
-    for value in (model.qpos0[own.qposadr[0]], *_trial_angles(model, joint)):
+    for value in (model.qpos0[own.qposadr[0]], *np.linspace(low, high, 7)):
         data.qpos[own.qposadr[0]] = value
         mujoco.mj_fwdPosition(model, data)
         mujoco.mju_sparse2dense(
@@ -270,17 +280,7 @@ def _driving(model: mujoco.MjModel, joint: str, cable: str) -> Iterator[int]:
             data.moment_rowadr, data.moment_colind.ravel(),
         )  # fmt: skip
         arms = np.maximum(arms, np.abs(dense[:, own.dofadr[0]]))
-    ends = [model.actuator(f"{cable}_{end}").id for end in ENDS]
-    for i in range(model.nactuator):
-        if i not in ends and arms[model.actuator_outadr[i]] > mujoco.mjMINVAL:
-            yield i
-
-
-def _trial_angles(model: mujoco.MjModel, joint: str) -> NDArray[np.float64]:
-    """Return angles or positions of a joint at which it is tried."""
-    index = model.joint(joint).id
-    low, high = model.jnt_range[index] if model.jnt_limited[index] else (-0.5, 0.5)
-    return np.linspace(low, high, 7)
+    return np.take(arms, model.actuator_outadr)
 
 
 def _cable(
@@ -299,20 +299,15 @@ def _cable(
     elif conduit is not None:
         given["conduit"] = tuple(conduit)
     else:
-        given.setdefault("bend", "route")
-    drawn = spec.copy()
-    with plain_errors():
-        _write_path(drawn, drive)
-    model = compile_spec(drawn)
-    data = mujoco.MjData(model)
-    if drive.lever is not None:
-        _require_arm(model, data, drive)
-    mujoco.mj_resetData(model, data)
-    mujoco.mj_kinematics(model, data)
-    if conduit is None:
+        drawn = spec.copy()
+        with plain_errors():
+            _write_path(drawn, drive)
+        model = compile_spec(drawn)
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
         points = np.array([data.site(site.name).xpos for site in drive.route])
         sections = _drawn_sections(points, drive.name)
-        if given["bend"] == "route":
+        if given.setdefault("bend", "route") == "route":
             length = sum(section.length for section in sections)
             wrap = sum(section.length / section.radius for section in sections)
             sections = (Section(length, length / wrap if wrap else math.inf),)
@@ -345,19 +340,12 @@ def _same_place(cable: str, index: int) -> CableError:
     )
 
 
-def _require_arm(model: mujoco.MjModel, data: mujoco.MjData, drive: _Drive) -> None:
+def _require_arm(model: mujoco.MjModel, drive: _Drive, lever: str) -> None:
     """Refuse a lever of which the joint does not change the length of the rope."""
-    joint, arms = model.joint(drive.joint), []
-    for value in _trial_angles(model, drive.joint):
-        data.qpos[joint.qposadr[0]] = value
-        data.qvel[joint.dofadr[0]] = 1.0
-        mujoco.mj_fwdPosition(model, data)
-        mujoco.mj_fwdVelocity(model, data)
-        arms.append(abs(float(data.tendon(f"{drive.name}_rope").velocity[0])))
-    if max(arms) < mujoco.mjMINVAL:
-        assert drive.lever is not None
-        ends = [drive.route[-1].name, drive.lever.name]
-        bodies = [model.body(model.site(end).bodyid[0]).name for end in ends]
+    distal = model.actuator(f"{drive.name}_distal").id
+    if _arms(model, drive.joint)[distal] < mujoco.mjMINVAL:
+        sites = drive.route[-1].name, lever
+        bodies = [model.body(model.site(site).bodyid[0]).name for site in sites]
         raise CableError(
             f"joint {drive.joint!r} does not move the rope of cable {drive.name!r}, "
             f"from body {bodies[0]!r} to body {bodies[1]!r}; the joint must lie "

@@ -19,7 +19,7 @@ class Kind(NamedTuple):
     Attributes:
         name: the word for it.
         unit: the unit it has inside the program.
-        factors: that unit in every unit that a file may use.
+        factors: size of that unit in every unit that a file may use.
     """
 
     name: str

@@ -86,7 +86,7 @@ class FaultySensors:
         Args:
             fault: One of `FAULTS`.
             onsets: Control step of every device at which it fails.
-            sensors: Those of all axes without the fault.
+            sensors: Sensors of all axes without the fault.
             prefixes: Beginnings of the columns of each axis.
             ratios: Ratios of every axis, see `Drive.ratio`.
             period: Period of the controller [s].

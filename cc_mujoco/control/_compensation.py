@@ -34,12 +34,12 @@ class Model(NamedTuple):
         cables: parameters, segments and arms.
         state: (cables, numbers).
         arm: arms at the present motor angle (cables,) [m/rad].
-        direction: in which a cable last slipped as a whole (cables,): 1 towards the
-            joint, -1 towards the motor, 0 never.
+        direction: sense in which a cable last slipped as a whole (cables,): 1 towards
+            the joint, -1 towards the motor, 0 never.
         gain: proximal per distal tension at that moment (cables,); 1 before.
         scratch: workspace of the compensation (`SCRATCH_ROWS`, cables).
         new: scratch like `state`.
-        work: of `cable._layout.work_size`.
+        work: workspace of `cable._layout.work_size` numbers.
     """
 
     cables: Cables

@@ -251,7 +251,7 @@ class LawTables(NamedTuple):
 
     Attributes:
         shape: whole numbers, see `_law_steps`.
-        numbers: those that no parameter changes.
+        numbers: real numbers that no parameter changes.
         places: places of numbers in the memory; the last is how many there are.
         given: places of the last torque in the memory.
     """

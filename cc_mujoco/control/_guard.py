@@ -46,7 +46,7 @@ NO_TORQUE_LIMIT = 1e9
 NO_SPEED_LIMIT, NO_POWER_LIMIT = 1e9, 1e12
 """Safe speed [rad/s] and power [W] of a joint of which none is known."""
 MAX_ANSWER_TIME = 1.0
-"""Longest time from a reading to the answer of the motor that is told apart [s]."""
+"""Longest time from a reading to the answer of the motor that is distinguished [s]."""
 MAX_READING = 1e6
 """Largest reading that is taken for one [rad, rad/s, N m, N]: what is learnt from a
 larger one is never unlearnt."""
@@ -228,11 +228,11 @@ def release_state(
     """Return 1.0 while the motor is to follow the joint, else 0.0.
 
     Args:
-        before: the same, a step earlier.
+        before: result of the previous step.
         measured: torque at the joint [N m].
         rushing: torque that stopping the rotor would add, see `impact_torque` [N m].
         planned: torque desired there [N m].
-        safe: most that the cables may put into the joint [N m].
+        safe: largest torque that the cables may put into the joint [N m].
     """
     share = _RELEASE_SHARE if before == 0.0 else _RECOVERY_SHARE
     if _exceeds(measured, planned, safe, share):

@@ -132,7 +132,7 @@ class HysteresisModel(ABC):
         The course between two calls is monotone.
 
         Args:
-            state: As of `rest`; changed.
+            state: State as `rest` returns it; changed.
             joint: Desired joint angles (n,) [rad].
 
         Returns:

@@ -102,9 +102,9 @@ class Network:
         Args:
             layers: `Linear`, with one kind of activation between them.
             mean: Mean of the observations; see the class.
-            deviation: See there.
-            squashed: See there.
-            far: See there.
+            deviation: Divisor of the difference; see the class.
+            squashed: See the class.
+            far: Bound of the quotient; see the class.
 
         Raises:
             CableError: If activations differ or are not in `ACTIVATIONS`.

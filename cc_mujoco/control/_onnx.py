@@ -30,7 +30,7 @@ def write_onnx(policy: str | os.PathLike[str], path: str | os.PathLike[str]) -> 
     """Write a policy as an ONNX file.
 
     Args:
-        policy: Its file, see `write_policy`.
+        policy: File of the policy, see `write_policy`.
         path: Path of the file; ends in `.onnx`.
 
     Raises:

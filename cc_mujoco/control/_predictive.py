@@ -140,9 +140,9 @@ class PredictiveCompensation(SteppedController):
             knots: Number of knots of the plan.
             rotor: Bandwidth of the observer of the rotor [rad/s]; by default 900 for a
                 pair of cables and 600 for a single one.
-            motion: That of the filters of joint and desired torque [rad/s]. An encoder
-                of less than 14 bits at the joint wants less, 200 or so, or the motor
-                chatters with its last bit.
+            motion: Bandwidth of the filters of joint and desired torque [rad/s]. An
+                encoder of less than 14 bits at the joint needs less, about 200, or the
+                motor chatters with its last bit.
             belief: Share of the torque sensor's deviation from the model that is
                 adopted in a control step, above 0, to 1.
             turning: RMS error of the torque over the horizon that turning the motor

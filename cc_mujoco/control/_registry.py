@@ -477,10 +477,10 @@ def batched_controller(
     a controller that takes arrays; code from outside may know numbers only.
 
     Args:
-        given: As of `control.axes_controller`.
+        given: See `control.axes_controller`.
         drives: Drives of every axis of each device.
         prefixes: Beginnings of the columns of each axis.
-        outside: Makes one with code of its own, from the same three, in its place.
+        outside: Function of the first three that makes a controller with its own code.
 
     Raises:
         CableError: As `control.axes_controller`.

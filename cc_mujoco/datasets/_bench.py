@@ -61,7 +61,7 @@ class Bench:
         sha256: SHA-256 of its text.
         names: names of the plugin instances; the one that pulls the joint positive
             first.
-        cables: as configured, in the same order.
+        cables: configured cables, in the order of `names`.
         motor: name of the motor's joint.
         joint: name of the output joint.
         motor_radius: radius of the motor's pulley [m].

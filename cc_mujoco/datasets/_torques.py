@@ -209,7 +209,7 @@ class OtherAxes:
         bench: bench of the axis that is diagnosed.
         doubts: variances by trial of what friction leaves open in the torques that were
             taken off [N^2 m^2].
-        scatter: the same of the noise of their tensions.
+        scatter: variances by trial of the noise of their tensions [N^2 m^2].
     """
 
     bench: Bench

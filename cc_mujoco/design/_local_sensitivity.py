@@ -54,8 +54,8 @@ class Slope:
     Attributes:
         metric: its name.
         variable: its name.
-        low: value of the variable to one side; that of the best where there is none.
-        high: the same to the other side.
+        low: value of the variable below the best one; the best where there is none.
+        high: value above the best one, likewise.
         change: change of the metric for `TRUST_REGION` of the range more, or from `low`
             to `high` where only some values are allowed; NaN where it cannot be had.
         error: half the difference between the slopes to either side, in the same
@@ -76,11 +76,11 @@ class Price:
 
     Attributes:
         objective: name of the metric.
-        limit: as it would be; None where all are as they are.
+        limit: the relaxed limit; None if all stay as they are.
         price: shadow price, objective per unit of the limit, NaN without a limit.
         now: the objective at the best design.
-        promised: the same by the linear program.
-        found: the same simulated at the design that it proposes; NaN where it failed.
+        promised: objective by the linear program.
+        found: objective simulated at the proposed design; NaN where it failed.
         kept: whether that design keeps the limits, the relaxed one among them, and is
             no worse in the other objectives.
         design: the changed design.

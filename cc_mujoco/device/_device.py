@@ -265,8 +265,8 @@ def load_device(
     """Return a device, that of the call before where no file has changed since.
 
     Args:
-        source: As of `Device`.
-        timestep: As of `Device`.
+        source: See `Device`.
+        timestep: See `Device`.
         allow: `MODULE:NAME` of code that the file of the device may name.
 
     Raises:

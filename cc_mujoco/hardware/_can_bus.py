@@ -259,7 +259,7 @@ class CanLink:
 
         Args:
             address: Address on the bus.
-            buses: Those that are open, see `CanPort`.
+            buses: Open buses, see `CanPort`.
 
         Raises:
             CableError: As `CanPort`.

@@ -237,7 +237,7 @@ def read_settings(path: str | Path, allow: str | Iterable[str] = ()) -> Settings
 
     Args:
         path: Path of the file.
-        allow: As of `read_axes`.
+        allow: See `read_axes`.
 
     Raises:
         CableError: As `read_axes`, or it drives several.

@@ -293,7 +293,7 @@ def scale_task(task: Task, pace: Pace, size: float = 1.0) -> Task:
     that do not follow the gait, and profiles, stay what they are.
 
     Args:
-        task: As the wearer of the scenes has it at the measured speed.
+        task: Task of the scenes' wearer at the measured speed.
         pace: Pace of the wearer's walk.
         size: Moments over those of the scenes' wearer [-], see `Body.moment`.
     """

@@ -112,7 +112,7 @@ class Value:
         kind: its type.
         rank: precedence of its outermost operator.
         number: the number that it spells, None of another.
-        name: that of a constant.
+        name: name of a constant, empty of all else.
         table: name of the constant array that it is a view of.
     """
 

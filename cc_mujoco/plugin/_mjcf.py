@@ -89,7 +89,7 @@ def to_mjcf(
         cable: its new configuration.
         proximal: joint or spatial tendon of the motor's end, and the signed pulley
             radius [m]; an existing instance keeps its own unless given.
-        distal: the same of the joint's end.
+        distal: joint or tendon of the joint's end, and radius, likewise.
 
     Raises:
         CableError: an end is missing or names no joint or tendon.

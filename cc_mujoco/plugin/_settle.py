@@ -32,9 +32,9 @@ class StepLimits(NamedTuple):
     """Time steps below which a cable is stable [s].
 
     Attributes:
-        proximal: of its proximal end, while that is explicit.
-        distal: of its distal end, while that is explicit.
-        pieces: of the pieces of its open path.
+        proximal: limit by the proximal end, while that is explicit.
+        distal: limit by the distal end, while that is explicit.
+        pieces: limit by the pieces of an open path.
     """
 
     proximal: float

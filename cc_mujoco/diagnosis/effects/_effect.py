@@ -127,7 +127,7 @@ class Signals:
         tilt: angle by which the rig was turned about the joint's axis.
         tension_proximal: simulated tensions at the motor (cables, samples), agonist
             first.
-        tension_distal: the same at the joint.
+        tension_distal: simulated tensions at the joint, likewise.
         motor_radius: radius of the motor's pulley.
         joint_radius: radius of the joint's pulley.
         conditions: conditions of the trial.

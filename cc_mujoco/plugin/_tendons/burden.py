@@ -60,9 +60,9 @@ class Burden:
 
     Attributes:
         tendon: name of the tendon.
-        actuators: places in the specification of those that pull it.
-        equalities: the same of the equalities of its length.
-        sensors: the same of the sensors of its limit and of its actuators' force.
+        actuators: indices in the specification of the actuators that pull it.
+        equalities: indices of the equalities of its length.
+        sensors: indices of the sensors of its limit and of its actuators' force.
         spring: stiffness [N/m], with its coefficients of higher order.
         rest: lengths between which the spring has no force [m].
         branches: parts of its path.

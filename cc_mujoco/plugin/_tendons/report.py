@@ -57,8 +57,8 @@ class TendonPlace(NamedTuple):
         max_turn: the largest [rad].
         contact: length over which the tendon touches a geom in the present pose [m].
         loss: part of the tension that friction takes there in the present pose.
-        total_loss: the same from the first site of the tendon up to this place.
-        max_total_loss: the largest of that over the ranges of the joints.
+        total_loss: loss from the first site of the tendon up to this place.
+        max_total_loss: largest `total_loss` over the ranges of the joints.
         touched: True unless it is a geom that the path never touches.
         guide: radius of the guide at a site [m], `"roller"` for a site or geom without
             friction, None where nothing is given.

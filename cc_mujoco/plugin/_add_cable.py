@@ -270,7 +270,7 @@ def _arms(model: mujoco.MjModel, joint: str) -> NDArray[np.float64]:
     """Return the largest moment arms of the actuators at a joint in some poses."""
     data, own = mujoco.MjData(model), model.joint(joint)
     low, high = own.range if model.jnt_limited[own.id] else (-0.5, 0.5)
-    arms = np.zeros(model.nu)
+    arms = np.zeros(model.nactuator)
     dense = np.zeros((model.nu, model.nv))
     for value in (model.qpos0[own.qposadr[0]], *np.linspace(low, high, 7)):
         data.qpos[own.qposadr[0]] = value
@@ -279,8 +279,9 @@ def _arms(model: mujoco.MjModel, joint: str) -> NDArray[np.float64]:
             dense, data.actuator_moment.ravel(), data.moment_rownnz,
             data.moment_rowadr, data.moment_colind.ravel(),
         )  # fmt: skip
-        arms = np.maximum(arms, np.abs(dense[:, own.dofadr[0]]))
-    return np.take(arms, model.actuator_outadr)
+        moments = dense[model.actuator_outadr, own.dofadr[0]]
+        arms = np.maximum(arms, np.abs(moments))
+    return arms
 
 
 def _cable(

@@ -13,7 +13,7 @@ Progress = Callable[[float], None]
 
 
 class Job(Protocol):
-    """Work of which the pieces differ; all is plain data that can be pickled."""
+    """Work in pieces; all of it is plain data that can be pickled."""
 
     def rehearse(self) -> None:
         """Make all that the pieces need, and do nothing."""

@@ -25,7 +25,7 @@ from cc_mujoco.errors import CableError
 MAX_SEGMENTS = 1000
 MAX_SECTIONS = 64
 MAX_LENGTH = 50.0
-"""Longest section [m]: what is longer was meant in millimetres."""
+"""Longest section [m]: a longer one was meant in millimetres."""
 MAX_WRAP = 100.0
 """Most wrap of a section [rad], sixteen turns: a tighter bend was meant otherwise."""
 SEGMENTS_ALLOWED = f"a whole number in [1, {MAX_SEGMENTS}]"

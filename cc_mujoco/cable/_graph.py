@@ -64,7 +64,7 @@ def solve_marked(
     lines: FloatArray,
     work: FloatArray,
 ) -> None:
-    """Solve a step whose slip and slack nodes are known, and lay what is slack."""
+    """Solve a step whose slip and slack nodes are known, and lay the slack cable."""
     lies = False
     for s in range(n - 1, -1, -1):
         if slack[s + 1] != 0.0 and drag[s] == 0.0 and viscosity[s] == 0.0:

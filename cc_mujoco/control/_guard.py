@@ -42,14 +42,14 @@ import numpy as np
 from cc_mujoco.native import FloatArray, compiled, internal
 
 NO_TORQUE_LIMIT = 1e9
-"""Safe torque of a joint of which none is known [N m]."""
+"""Safe torque of a joint without a known one [N m]."""
 NO_SPEED_LIMIT, NO_POWER_LIMIT = 1e9, 1e12
-"""Safe speed [rad/s] and power [W] of a joint of which none is known."""
+"""Safe speed [rad/s] and power [W] of a joint without known ones."""
 MAX_ANSWER_TIME = 1.0
 """Longest time from a reading to the answer of the motor that is distinguished [s]."""
 MAX_READING = 1e6
-"""Largest reading that is taken for one [rad, rad/s, N m, N]: what is learnt from a
-larger one is never unlearnt."""
+"""Largest plausible reading [rad, rad/s, N m, N]: a larger one would be learned and
+never forgotten."""
 RELEASE_TIME = 0.03
 """Time in which a motor that is let go takes the speed of the joint [s]."""
 MAX_DAMPING_SHARE = 0.8

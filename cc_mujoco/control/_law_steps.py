@@ -280,7 +280,7 @@ def _end_of_model(shape: IntArray) -> int:
 
 @compiled
 def follow_model(memory: FloatArray, shape: IntArray, readings: FloatArray) -> None:
-    """Have the guard check what is measured, and the model of the cables follow it."""
+    """Have the guard check the measurements, and the cables' model follow them."""
     seen, own = _admitted(memory, readings).seen, model_memory(memory, shape)
     if memory[FIRST_STEP] != 0.0:
         stepper.set_rest(own.cables, seen[compiled_laws.ANGLE], 0.0, own.state)
@@ -383,7 +383,7 @@ def begun(
     first: int,
     readings: FloatArray,
 ) -> compiled_laws.Law:
-    """Return a law with a copy of what is measured; begin where that is due.
+    """Return a law with a copy of the measurements; begin an episode where due.
 
     `tables` begin with the `gains` behind `DriveLimits` and the spring of the cables.
     In the memory the `size` numbers of the law are behind the gains, `first` of them

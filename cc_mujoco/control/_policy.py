@@ -203,7 +203,7 @@ class Policy(Controller):
     def _decide(
         self, measured: Sequence[Array], rows: NDArray[np.intp], started: Any
     ) -> None:
-        """Compute the actions that are due from what is measured, by axis (n, k)."""
+        """Compute the actions that are due from the measurements, by axis (n, k)."""
         begins = self._fresh & started
         for history, own in zip(self._histories, measured, strict=True):
             history.add(own[rows], rows)
@@ -231,7 +231,7 @@ def admit_measured(
     measured: FloatArray,
     winding: FloatArray,
 ) -> None:
-    """Have the guard check what is measured, and replace it where needed.
+    """Have the guard check the measurements, and replace them where needed.
 
     Args:
         limits: limits of the drive.
@@ -299,7 +299,7 @@ def _axes_text(count: int) -> str:
 
 
 def _same_device(name: str, observed: Observed, drive: Drive) -> Observed:
-    """Return what is observed of the drive; refuse another device, or other samples."""
+    """Return the observations of the drive; refuse another device or sampling."""
     own = drive.observed
     if own is None:
         raise CableError(

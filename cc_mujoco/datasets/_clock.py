@@ -142,11 +142,11 @@ def _covers_time_twice(time: FloatArray, back: NDArray[np.intp]) -> bool:
 
 
 GAP_FACTOR = 3.0
-"""An interval of more than so many usual ones is a gap."""
+"""An interval longer than this multiple of the usual one is a gap."""
 MIN_RATE, LOW_RATE = 25.0, 100.0
 """Rates below which data are of no use, and of limited use [Hz]."""
 MIN_SEGMENT_TIME, MIN_SEGMENT_SAMPLES = 0.2, 20
-"""A stretch is at least so long [s], and has so many samples."""
+"""Shortest stretch [s], and its least number of samples."""
 
 
 @dataclass

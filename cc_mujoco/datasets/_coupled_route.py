@@ -349,7 +349,7 @@ def _negate_slopes(course: CoupledPath) -> CoupledPath:
 
 @lru_cache(maxsize=16)
 def _model_of(scene: CoupledScene, segments: int) -> mujoco.MjModel:
-    """Return the model of a scene whose cables have so many segments each.
+    """Return the model of a scene with `segments` segments per cable.
 
     With 0 they have as many as in its file.
     """

@@ -248,7 +248,7 @@ def _prices(
     room = [(max(-1.0, -s), min(1.0, 1.0 / TRUST_REGION - s)) for s in shares]
 
     def slope_row(metric: str, high: bool) -> Array:
-        """Return the change of a metric, less of which is better."""
+        """Return the change of a metric, with the sign by which less is better."""
         return (-1.0 if high else 1.0) * np.array([change[metric, v] for v in free])
 
     def price(goal: Objective, relaxed: MetricLimit | None) -> Price:

@@ -45,7 +45,7 @@ class Across:
     rank: str = "worst"
     """Key of `RANK_NAMES`."""
     turned: tuple[str, ...] = ()
-    """Metrics of which an objective asks for the other way than is usual."""
+    """Metrics whose objective reverses their better direction."""
 
     @property
     def several(self) -> bool:

@@ -119,11 +119,11 @@ class Axis:
     units: Mapping[str, float]
     """Observed columns by name, and the size that counts as 1; see `Observed`."""
     task: str
-    """Default task: what the wearer should feel."""
+    """Default task: the feel of the device for the wearer."""
     safe_torque: float = math.inf
     """Most that the cables may put into the joint of a wearer [N m]."""
     safe_is_assumed: bool = False
-    """True if nobody gives that torque, so that it follows from the motor and the task.
+    """True if that torque is not given, so that it follows from motor and task.
     """
     slip: Slip = Slip()
     """Friction of the cables, where it follows."""
@@ -163,9 +163,9 @@ class Description:
     trajectory: str
     """Default motion of the wearer."""
     strength: float = math.nan
-    """Breaking load of a cable [N]; NaN where nobody knows."""
+    """Breaking load of a cable [N]; NaN where unknown."""
     diameter: float = math.nan
-    """Diameter of a cable [m]; NaN where nobody knows."""
+    """Diameter of a cable [m]; NaN where unknown."""
     period: float = PERIOD
     """Time between two calls of a controller [s]."""
     sources: Mapping[str, str] = field(default_factory=dict, compare=False)

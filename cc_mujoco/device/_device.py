@@ -210,7 +210,7 @@ class Device(Nominal):
         return frame_skip(self.description, float(self.spec.option.timestep))
 
     def stripped(self, kept: tuple[str, ...]) -> mujoco.MjSpec:
-        """Return the scene without what is only seen, but for `kept` tendons."""
+        """Return the scene without visuals, except `kept` tendons."""
         with _ONE:  # two threads would make two, and what one stands on would go
             if kept not in self._bare:
                 self._bare[kept] = strip(self.spec, kept)
@@ -369,7 +369,7 @@ def _resolved(table: Table, folder: Path) -> Table:
 
 
 def bare_model(device: Device) -> mujoco.MjSpec:
-    """Return the scene of a device without what is only seen, with its own cables."""
+    """Return the scene of a device without visuals, with its own cables."""
     spec = device.stripped(route_tendons(device.cables.values())).copy()
     for name, cable in device.cables.items():
         plugin.to_mjcf(spec, name, remaining_cable(spec, cable))

@@ -65,7 +65,7 @@ class Drive:
     joint_inertia: float = 0.0
     """Inertia of the joint with its limb in the neutral pose [kg m^2]; 0: unknown."""
     delay: int = 0
-    """Control steps by which what is measured comes late."""
+    """Delay of the measurements in control steps."""
     torque_noise: float = 0.0
     """Standard deviation of the joint torque sensor [N m]."""
     motor_lag: float = 0.0

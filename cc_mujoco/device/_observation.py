@@ -47,7 +47,7 @@ PLAY_HALF_WIDTHS = (0.1, 0.3, 1.0)
     JOINT_TORQUE,
     DESIRED_TORQUE,
 ) = range(6)
-"""Places of what is measured: angle and velocity of the motor, of the joint; torques.
+"""Places of the measurements: angle and velocity of motor and joint; torques.
 """
 
 
@@ -245,7 +245,7 @@ def _play_angle(past: Past, row: int, play: int) -> float:
 
 @internal
 def begin_past(past: Past, row: int) -> None:
-    """Give a row a past at rest at what is measured."""
+    """Give a row a past at rest at the present measurements."""
     for play in range(past.reach.size):
         past.plays[row, play] = _play_angle(past, row, play)
     width = past.units.size
@@ -270,7 +270,7 @@ def act_past(past: Past, row: int, share: float) -> None:
 
 @internal
 def follow_past(past: Past, row: int) -> None:
-    """Let the plays of a row follow what is measured."""
+    """Let the plays of a row follow the measurements."""
     for play in range(past.reach.size):
         angle, reach = _play_angle(past, row, play), past.reach[play]
         near = max(past.plays[row, play], angle - reach)

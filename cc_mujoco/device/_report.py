@@ -1,4 +1,4 @@
-"""Account of a device: what its scene tells, what was assumed, what nobody knows.
+"""Account of a device: what its scene states, what was assumed, what is unknown.
 
 print(account(device))
 write_description(device, "knee.device.toml")
@@ -32,7 +32,7 @@ class Property(NamedTuple):
     """Table of the file; empty for the top."""
     key: str
     value: object
-    """None or NaN where nobody knows it."""
+    """None or NaN where unknown."""
     unit: str
     meaning: str
     origin: str

@@ -136,7 +136,7 @@ def _state_length_ranges(spec: mujoco.MjSpec, whole: mujoco.MjSpec) -> None:
 
 
 def _state_inertias(spec: mujoco.MjSpec, needed: Names, collides: bool) -> None:
-    """Write the inertia of moving bodies of which geoms are going to be deleted."""
+    """Write the inertia of moving bodies that are about to lose geoms."""
     if spec.compiler.inertiafromgeom == _ALWAYS_INFERRED:
         spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
         for body in spec.bodies[1:]:

@@ -26,7 +26,7 @@ WALKER = (SPEED, BODY_MASS, LEG_LENGTH)
 PROFILE = ("onset", "peak_time", "peak_torque", "fall")
 """Fields of `human.Profile`, and variables."""
 SHORTEST = 0.1
-"""Shortest rise and fall of a profile, see there [% of the stride]."""
+"""Shortest rise and fall of a profile [% of the stride]."""
 WALK, ASSIST = "walk", "assist"
 """Trajectory whose speed is varied, and task whose profile is."""
 

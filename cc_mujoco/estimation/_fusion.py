@@ -48,7 +48,7 @@ AtRest = Literal["average", "hold"]
 """Treatment of nodes at rest: go on averaging, or hold as the thesis does."""
 
 UNKNOWN_DEVIATION = 1e6
-"""Standard deviation of a tension of which nothing is known [N]."""
+"""Standard deviation of an unknown tension [N]."""
 
 
 class Fused(NamedTuple):

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import can
 
 MAX_FAILURES = 5
-"""So many in a row are no accident: the bus is gone."""
+"""Number of errors in a row from which the bus counts as gone."""
 NETWORK_FOLDER = Path("/sys/class/net")
 
 

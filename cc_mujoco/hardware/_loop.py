@@ -406,7 +406,7 @@ class Loop:
             self._check(one.watch.deadline(missed))
 
     def _amiss(self, now: float) -> str | None:
-        """Return what is amiss in the new readings, in a sentence, or None."""
+        """Return a sentence on a fault in the new readings, or None."""
         for one in self._axes:
             why = one.watch.reading(one.fresh, one.limiter.torque, now)
             if why is not None:

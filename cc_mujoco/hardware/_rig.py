@@ -184,7 +184,7 @@ class _UdpLink:
             ) from None
 
     def receive(self) -> bytes | None:
-        """See `Link`; fails if the system reports that nobody listens there."""
+        """See `Link`; fails if the system reports that the address does not listen."""
         try:
             return self._socket.recv(1024)
         except (BlockingIOError, InterruptedError):

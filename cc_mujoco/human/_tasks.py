@@ -1,4 +1,4 @@
-"""Feel that a device should give its wearer: virtual environments by name.
+"""Tasks: virtual environments that a device should render, by name.
 
     >>> from cc_mujoco.human import TASKS
     >>> TASKS["tunnel"].torque(angle=0.25, velocity=0.0, phase=0.0)

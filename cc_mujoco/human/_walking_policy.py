@@ -69,7 +69,7 @@ class WalkingPolicy:
     speed_gain: float
     """Angle by which the swinging hip flexes more per speed too much [rad s/m]."""
     foot_gain: float
-    """Angle likewise per position of the hip ahead of the standing ankle [rad/m]."""
+    """Angle per position of the hip ahead of the standing ankle [rad/m]."""
     push_gain: float
     """Growth of the trailing ankle's feed-forward per speed that lacks [s/m]."""
 

@@ -128,7 +128,7 @@ SWING_WINDOW, SWING_SHARE, SWING_SCALE = 0.1, 0.25, 0.05
 """Window of the moving mean that a swinging torque deviates from [s], and deviations
 above which it swings, see `is_unstable`."""
 MAX_UNSAFE_TIME = 0.01
-"""Time for which a torque beyond what is safe is a failure [s]."""
+"""Time from which a torque beyond the safe one is a failure [s]."""
 
 
 def torque_error(log: LogLike) -> Array:

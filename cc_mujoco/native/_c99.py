@@ -193,7 +193,7 @@ class CLibrary:
         return known
 
     def translate(self) -> list[Function]:
-        """Return what is required and all that it calls, each after what it calls."""
+        """Return required functions and their callees, each after its callees."""
         errors = []
         while self._waiting:
             function = self._waiting.pop()

@@ -310,7 +310,7 @@ class _Index:
         return self._used[of_bytes]
 
     def keep(self) -> None:
-        """Write what is new, where that can be."""
+        """Write the new entries, if the folder can be written."""
         if self._used.keys() <= self._known.keys():
             return
         with suppress(OSError):  # it is known again after another second of parsing

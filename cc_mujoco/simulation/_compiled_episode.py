@@ -175,7 +175,7 @@ def _observe(record: EpisodeRecord, data: int, step: int) -> None:
 
 @internal
 def _play(data: int, record: EpisodeRecord) -> None:
-    """Do what is due after `count` physics steps."""
+    """Run the control and recording that are due after `count` physics steps."""
     count, skip = record.count, record.skip
     control = load_word(data + mj_struct.CTRL)
     if count % skip == 0:

@@ -130,7 +130,7 @@ class Episodes:
         random: Sequence[np.random.Generator],
         options: Mapping[str, Any] | None,
     ) -> None:
-        """Begin an episode in some rows, each with a source of what is random.
+        """Begin an episode in some rows, each with its own random generator.
 
         `options` are what their plants are, by name.
 
@@ -252,7 +252,7 @@ class Episodes:
             first += history.size
 
     def observation(self) -> NDArray[np.float32]:
-        """Return what is observed now (n, size)."""
+        """Return the present observations (n, size)."""
         return self._observed.astype(np.float32)
 
     def snapshot(self) -> tuple[NDArray[Any], ...]:
@@ -266,7 +266,7 @@ class Episodes:
         return self.wiring.columns(table) | self.exo.device.read_cables(qpos, state)
 
     def take(self, other: Episodes) -> None:
-        """Go on with the episodes of another, of which `worlds` have the state."""
+        """Continue the episodes of another, whose state `worlds` have."""
         self.plants, self._current_plant = list(other.plants), other._current_plant
         self.samples[:], self._actions[:] = other.samples, other._actions
         self._observed[:] = other._observed

@@ -325,7 +325,7 @@ def _axis_seeds(seeds: int | Sequence[int], axis: int) -> Any:
 def axis_trajectories(
     device: DeviceModel, given: str | Path | Trajectory | None
 ) -> tuple[Trajectory, ...]:
-    """Return the trajectory of every axis; what is the same is one motion."""
+    """Return the trajectory of every axis; equal ones are one motion."""
     description = device.description
     chosen = description.trajectory if given is None else given
     # The phase of a walk is that of the first axis.

@@ -105,7 +105,7 @@ def state_changes(
 Array = NDArray[np.float64]
 
 FRAMES_PER_SECOND = 60.0
-"""Rate of what is drawn in space; the time series keep every sample."""
+"""Frame rate of the drawing in space; time series keep every sample."""
 WINDOWS = sys.platform == "win32"
 PIPE_BYTES = 1 << 20
 """Part of a recording that is moved to its file at once."""
@@ -161,7 +161,7 @@ def recording(
 
 @contextmanager
 def _saved(rec: rr.RecordingStream, path: Path) -> Iterator[None]:
-    """Save what is logged in the block; raise what prevents it, such as a full disk."""
+    """Save the data logged in the block; raise an error such as a full disk."""
     failures: list[OSError] = []
 
     def move_on(pipe: int) -> None:

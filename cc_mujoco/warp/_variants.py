@@ -1,4 +1,4 @@
-"""Compiled functions that kernels call, and what is known before they run."""
+"""Compiled functions that kernels call, and constants known before they run."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ GUIDED = Paths()
 
 
 def paths_of(segments: Iterable[int], routes: Iterable[Route | None]) -> Paths:
-    """Return what is known of cables with these segments and routes."""
+    """Return the path constants of cables with these segments and routes."""
     given = list(zip(segments, routes, strict=True))
     bends = {0.0 if route is None else 1.0 for _, route in given}
     lengthens = {
@@ -76,7 +76,7 @@ def paths_of(segments: Iterable[int], routes: Iterable[Route | None]) -> Paths:
 def known_values(
     terms: frozenset[str], yields: bool, single: bool, paths: Paths = GUIDED
 ) -> Known:
-    """Return what is known of cables before any step."""
+    """Return the constants of cables that are known before any step."""
     packed = {law.INDEX[name]: 0.0 for name in TERMS if name not in terms}
     values = [packed.get(place, 1.0) for place, _ in enumerate(PARAMETERS)]
     if paths.bends is not None:

@@ -153,7 +153,7 @@ def _factor_between(one: float, other: float) -> float:
 
 
 def _thin_record(record: Record) -> Record:
-    """Return a record with fewer samples, of which all but the first part count."""
+    """Return a record with fewer samples; all but the first part count."""
     every = max(1, round(Limit.thinned_step / record.dt))
     moved = np.abs(np.diff(record.motor_angle)) + np.abs(np.diff(record.joint_angle))
     travel = np.concatenate([[0.0], np.cumsum(moved)])

@@ -489,7 +489,7 @@ def huber_residual(error: FloatArray) -> FloatArray:
 
 
 def plain_error(residual: FloatArray) -> FloatArray:
-    """Return the errors of which `huber_residual` makes these residuals."""
+    """Return the errors that `huber_residual` turns into these residuals."""
     size = np.abs(residual)
     large = (size**2 + Limit.huber_delta**2) / (2.0 * Limit.huber_delta)
     return np.where(size <= Limit.huber_delta, residual, np.sign(residual) * large)

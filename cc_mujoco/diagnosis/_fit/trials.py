@@ -69,7 +69,7 @@ def trial_errors(
     after: Sequence[FloatArray],
     final: tuple[Problem, FloatArray] | None = None,
 ) -> tuple[TrialError, ...]:
-    """Return the errors of every trial of which samples count, in order.
+    """Return the errors of every trial that has counted samples, in order.
 
     `before` and `after` are (2, samples) torques of the baseline and of the extended
     model for every record [N m]; `final` is that model and its parameters, for the

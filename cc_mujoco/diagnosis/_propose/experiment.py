@@ -492,7 +492,7 @@ def _describe_difference(
 def recorded(
     every: Sequence[CataloguedTrial], bench: Bench, records: Sequence[Record]
 ) -> set[str]:
-    """Return the descriptions of motions of which the data have a trial.
+    """Return the descriptions of the motions that the data contain.
 
     The notes of such a trial name the motion, or it has the same pretension, tilt,
     weights and sensors, its motor and joint move as far, and its motor follows the

@@ -72,7 +72,7 @@ class CableActuatorCfg(ActuatorCfg):
     else in the pose `qpos0`, and the world starts with what that pose makes of it."""
 
     def __post_init__(self) -> None:
-        """Refuse what is no drive."""
+        """Refuse an object that is no drive."""
         super().__post_init__()
         if self.transmission_type != TransmissionType.JOINT:
             raise CableError("the targets of CableActuatorCfg are joints of motors")

@@ -17,9 +17,8 @@ from cc_mujoco.plugin import _attachments as attachments
 from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin import _open_path as open_path
 from cc_mujoco.plugin import _stability_limits as stability_limits
-from cc_mujoco.plugin._config import ROUTE, key_text
+from cc_mujoco.plugin._config import MOUTH, ROUTE, key_text
 from cc_mujoco.plugin._ffi import (
-    Bytes,
     assign,
     borrow_floats,
     borrow_rows,
@@ -135,28 +134,21 @@ def _timestep(model: int, data: int, tendon: int, axial_stiffness: float) -> flo
     return shortest
 
 
-def path_guides(
-    model: mujoco.MjModel, instance: int, tendon: int, mouth: str
-) -> FloatArray:
-    """Return the guides of a cable on an open path, see `attachments.read_guides`.
+def path_guides(model: mujoco.MjModel, instance: int, tendon: int) -> FloatArray:
+    """Return the guides of a cable by its route tendon, see `attachments.read_guides`.
 
-    For every place of the tendon between its ends (p,); 0 before its mouth, the site of
-    that name.
+    For every place of the tendon between its ends (p,); 0 before the cable's mouth.
     """
     found = np.zeros(int(model.tendon_num[tendon]) - 2)
-    _read_guides(
-        model._address, instance, tendon, np.frombuffer(mouth.encode(), np.uint8), found
-    )
+    _read_guides(model._address, instance, tendon, found)
     return found
 
 
 @compiled
-def _read_guides(
-    model: int, instance: int, tendon: int, mouth: Bytes, out: FloatArray
-) -> None:
-    place = 0
+def _read_guides(model: int, instance: int, tendon: int, out: FloatArray) -> None:
+    attributes, place = mj_struct.attributes(model, instance), 0
+    mouth = key_text(attributes, MOUTH)
     if mouth.size > 0:
-        attributes = mj_struct.attributes(model, instance)
         route = key_text(attributes, ROUTE)
         place = attachments.find_mouth(model, instance, tendon, route, mouth)
     first = max(place - 1, 0)

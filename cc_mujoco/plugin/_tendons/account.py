@@ -99,16 +99,13 @@ def describe_winch(
             f"springyield {value:g} m: the spring on {place} yields for good beyond "
             "that stretch"
         )
-    if "damping" in burden.fields:
-        lines.append(f"damping: acts on {place}, on what moves past the first site")
-    if "frictionloss" in burden.fields:
-        lines.append(
-            f"frictionloss {original.tendon_frictionloss[index]:g} N: acts on {place}"
-        )
-    if "armature" in burden.fields:
-        lines.append(
-            f"armature {original.tendon_armature[index]:g} kg: turns with {place}"
-        )
+    dry, mass = original.tendon_frictionloss[index], original.tendon_armature[index]
+    texts = {
+        "damping": f"damping: acts on {place}, on what moves past the first site",
+        "frictionloss": f"frictionloss {dry:g} N: acts on {place}",
+        "armature": f"armature {mass:g} kg: turns with {place}",
+    }
+    lines += [text for field, text in texts.items() if field in burden.fields]
     if "range" in burden.fields:
         least, most = original.tendon_range[index]
         text = f"range: {place} pays out no more than {most:.4g} m"

@@ -436,8 +436,7 @@ def _summarize(
         instance = instances(model)[cable]
         own = cable_of(model, instance, cable)
         mu, source, in_conduit = own.friction, "cable", own.path != PATHS[1]
-        if own.guides:
-            guides = path_guides(model, instance, tendon, own.mouth)
+        guides = path_guides(model, instance, tendon)
     if friction is not None:
         mu, source = given.friction, "given"
     if cable is None or in_conduit:

@@ -94,16 +94,20 @@ def run_here(
     queue: dict[Future[Any], int] = {}
     try:
         while waiting or queue:
-            while waiting and len(queue) < count:
-                number = next(iter(waiting))
-                piece = waiting.pop(number)
-                if processes:
-                    with _interrupts_held():  # a process starts with what is held
-                        future = pool.submit(job.do, piece, _ignore_tick)
-                else:
-                    future = pool.submit(work, number)
-                queue[future] = number
-            for future in wait(queue, return_when=FIRST_COMPLETED).done:
+            with _late_interrupts() as interrupts:
+                while waiting and len(queue) < count:
+                    number = next(iter(waiting))
+                    piece = waiting.pop(number)
+                    if processes:
+                        with _interrupts_held():  # a process starts with what is held
+                            future = pool.submit(job.do, piece, _ignore_tick)
+                    else:
+                        future = pool.submit(work, number)
+                    queue[future] = number
+                finished: set[Future[Any]] = set()
+                while not (finished or interrupts):
+                    finished = wait(queue, 0.2, FIRST_COMPLETED).done
+            for future in finished:
                 number = queue.pop(future)
                 result = future.result()
                 if processes:
@@ -122,6 +126,27 @@ def run_here(
 
 def _ignore_tick(share: float) -> None:
     """Ignore a tick."""
+
+
+@contextlib.contextmanager
+def _late_interrupts() -> Iterator[list[int]]:
+    """Give a list of the interrupts that come; raise KeyboardInterrupt at the end.
+
+    Raised amid the executor, it would leave a lock taken, on which a thread waits for
+    ever.
+    """
+    interrupts: list[int] = []
+    is_main = threading.current_thread() is threading.main_thread()
+    if not is_main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield interrupts
+        return
+    signal.signal(signal.SIGINT, lambda number, frame: interrupts.append(number))
+    try:
+        yield interrupts
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    if interrupts:
+        raise KeyboardInterrupt
 
 
 @contextlib.contextmanager

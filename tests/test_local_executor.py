@@ -38,10 +38,13 @@ def test_processes_end_with_the_run_that_wants_them() -> None:
 
 
 PROGRAM = """
+import signal
 from cc_mujoco._workers import run_here
 from jobs import Sleeping
 
 if __name__ == "__main__":
+    # A shell starts what runs in its background with the signal ignored.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     for number, _ in run_here(Sleeping(), {0: 0.0, 1: 600.0}, count=2, processes=True):
         print("begun", flush=True)
 """

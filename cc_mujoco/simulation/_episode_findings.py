@@ -33,11 +33,12 @@ MIN_TIME_SHARE = 0.02
 
 
 LET_GO = {
-    guard.RELEASED: "let joint {0!r} go, as its torque came too close to the safe "
-    "{1:g} N m",
+    guard.RELEASED: "let joint {0!r} go, as its torque, or that with which the cables "
+    "would stop its motor, came too close to the safe {1:g} N m",
     guard.BRAKED: "braked joint {0!r}, as it was too fast or its sensors were silent",
     guard.STOPPED: "stopped the motor of joint {0!r}, which then follows the joint, as "
-    "the torque measured there is not credible or was unsafe again and again",
+    "it was unsafe or let go again and again, or as motor and cables contradict the "
+    "torque measured there",
     guard.LIMP: "left joint {0!r} without torque, as an angle measured there is not "
     "credible",
 }

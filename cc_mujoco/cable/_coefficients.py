@@ -260,7 +260,7 @@ def commit(
     # At mean tensions, so that work of the ends is what is stored more, and heat.
     low = nodes.mean_tension(prm, n, 0, tension[0], node[0])
     is_plain = not (is_curved or lengthens or has_bristles)
-    for j in range(n if is_plain else 0):  # in few instructions: most cables are
+    for j in range(n if is_plain else 0):  # the usual case, in few instructions
         high = 0.5 * (tension[j + 1] + node[j + 1])
         if not (tension[j + 1] >= 0.0 and node[j + 1] >= 0.0):
             high = nodes.mean_tension(prm, n, j + 1, tension[j + 1], node[j + 1])

@@ -464,9 +464,10 @@ def reset(model: int, state: int, block: int, instance: CInt) -> None:
 
 @callback
 def compute(model: int, data: int, instance: CInt, capability: CInt) -> None:
-    if capability == _PASSIVE:
-        block = blocks.own_block(model, data, instance)
-        if block != 0 and not blocks.is_open(block):
+    own = blocks.own_block(model, data, instance)
+    if own != 0:
+        store_word(own + blocks.EVALUATED_MODEL, 0)
+        if capability == _PASSIVE and not blocks.is_open(own):
             return  # all that it does are the forces of its actuators
     block = blocks.acting_block(model, data, instance)
     if block == 0:
@@ -575,6 +576,8 @@ def advance(model: int, data: int, instance: CInt) -> None:
     if block == 0:
         return
     known = load_word(block + blocks.EVALUATED_MODEL) == model
+    # Without actuation that is of an evaluation before this step.
+    known = known and not mj_struct.disabled(model, _NO_ACTUATION)
     store_word(block + blocks.EVALUATED_MODEL, 0)
     if not known:
         block = blocks.acting_block(model, data, instance)

@@ -255,6 +255,24 @@ def test_actuation_can_be_disabled(integrator: str) -> None:
     assert np.isfinite(reading.tension).all()
 
 
+def test_without_actuation_a_step_takes_the_configuration_of_its_model() -> None:
+    """Not that of an evaluation before, whatever the cable kept of it."""
+    states = []
+    for is_evaluated in (False, True):
+        m, d = build(pull_pull())
+        if is_evaluated:
+            mujoco.mj_forward(m, d)
+        stiffer = mujoco.MjModel.from_xml_string(
+            pull_pull(CONFIG | {"axial_stiffness": "8000"})
+        )
+        m.plugin_attr[:] = stiffer.plugin_attr
+        m.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ACTUATION
+        d.qpos[0] += 0.01
+        mujoco.mj_step(m, d)
+        states.append(d.plugin_state.copy())
+    assert np.array_equal(*states)
+
+
 def test_batch_may_give_each_simulation_its_own_model() -> None:
     """Parameters follow the model that a step is made with."""
     models = [

@@ -23,77 +23,6 @@ settings.register_profile(
 settings.load_profile("repeatable")
 
 ROOT = Path(__file__).parents[1]
-LONG = (
-    "test_wheel.py",
-    "test_export.py",
-    "test_cli.py",
-    "test_cluster.py",
-    "test_axes.py",
-    "test_study.py",
-    "test_search.py",
-    "test_guard.py",
-    "test_benchmark.py",
-    "test_what_runs_code.py",
-    "test_plan.py",
-    "test_per_trial.py",
-    "test_environments.py",
-    "test_command.py",
-    "test_trust.py",
-    "test_plugin_library.py",
-    "test_predictive.py",
-    "test_implicit_ends.py",
-    "test_gait.py",
-    "test_effects.py",
-    "test_examples.py",
-    "test_instruments.py",
-    "test_devices.py",
-    "test_compiled_episode.py",
-    "test_rare_effects.py",
-    "test_demo.py",
-    "test_vector.py",
-    "test_user_effects.py",
-    "test_any_device.py",
-    "test_generic.py",
-    "test_process.py",
-    "test_bad_input.py",
-    "test_takeover.py",
-    "test_report.py",
-    "test_video.py",
-    "test_kernel_physics.py",
-    "test_learning.py",
-    "test_registration.py",
-    "test_open_energy.py",
-    "test_testable.py",
-    "test_reason.py",
-    "test_survival.py",
-    "test_model_based.py",
-    "test_signs.py",
-    "test_vector_env.py",
-    "test_continuum.py",
-    "test_unit_check.py",
-    "test_page_in_browser.py",
-    "test_play_rig.py",
-    "test_moving_route.py",
-    "test_davinci.py",
-    "test_noise.py",
-    "test_policy.py",
-    "test_led_scenes.py",
-    "test_location.py",
-    "test_guides.py",
-    "test_across.py",
-    "test_records.py",
-    "test_replay.py",
-    "test_requirements.py",
-    "test_open_path.py",
-    "test_promises.py",
-    "test_starting.py",
-    "test_agreement.py",
-    "test_generate.py",
-    "test_sensitivity.py",
-    "test_random_cables.py",
-    "test_drag.py",
-)
-"""Files that take two seconds or longer, the longest first."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -114,21 +43,11 @@ def pytest_collection() -> Generator[None, object, object]:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Skip tests that need the folder beside the checkout, and start the longest first.
-
-    A long file that starts last would leave the other workers idle.
-    """
+    """Skip tests that need the folder beside the checkout."""
     if not SHARED.is_dir():
         for item in items:
             if item.get_closest_marker("shared"):
                 item.add_marker(pytest.mark.skip(reason=ABSENT))
-    place = {name: number for number, name in enumerate(LONG)}
-    items.sort(
-        key=lambda item: (
-            place.get(item.path.name, len(LONG)),
-            item.get_closest_marker("slow") is None,
-        )
-    )
 
 
 @pytest.fixture(scope="session")

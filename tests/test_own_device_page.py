@@ -146,7 +146,6 @@ CHECKS: dict[str, Callable[[Path, str], None]] = {
 LONG = ("Compare and design", "Diagnose it")
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("unmeasured")
 @pytest.mark.parametrize(
     "section",

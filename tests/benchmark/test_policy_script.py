@@ -16,7 +16,6 @@ from cc_mujoco.benchmark import SUITES, Cell, play
 SCRIPT = Path(__file__).parents[2] / "scripts" / "train_policy.py"
 
 
-@pytest.mark.slow
 def test_script_trains_a_policy_that_the_benchmark_takes(tmp_path: Path) -> None:
     pytest.importorskip("stable_baselines3")
     words = [sys.executable, "-P", str(SCRIPT), "--out", str(tmp_path)]

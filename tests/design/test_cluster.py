@@ -27,7 +27,6 @@ from cc_mujoco.design import Execution, Plan, StudySpec, carry_out, make_plan
 
 pytestmark = [
     pytest.mark.skipif(find_spec("distributed") is None, reason="Dask is not here"),
-    pytest.mark.slow,
     pytest.mark.filterwarnings("ignore"),  # of Dask and Tornado, none of ours
 ]
 

@@ -22,7 +22,6 @@ ROWS = 2000
 """Ten seconds."""
 
 
-@pytest.mark.slow
 @pytest.mark.shared
 def test_compliance_and_friction_without_load_close_the_gap_on_other_loads(
     tmp_path: Path,

@@ -75,7 +75,6 @@ def test_the_command_takes_the_scene_first_and_asks_for_the_axis(
 
 
 @pytest.mark.study
-@pytest.mark.slow
 def test_an_axis_is_diagnosed_by_the_log_of_a_run_of_both(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -419,7 +419,16 @@ def _axis(
     largest = torque * abs(distal / proximal)
     one_way = len({arm < 0.0 for arm in drums.values()}) == 1
     # Two cables that turn the joint the same way hold each other taut.
-    one_sense = len({joints[n] / drums[n] > 0.0 for n in own}) == 1
+    against = [n for n in own if joints[n] * drums[n] * distal * proximal < 0.0]
+    one_sense = not against
+    if against:
+        warnings.warn(
+            f"motor {name!r} turns joint {moved!r} one way by cable {own[0]!r} and the "
+            f"other way by cable {against[0]!r}, so that they only pull against each "
+            "other; one of their gears has the wrong sign.",
+            CableWarning,
+            stacklevel=2,
+        )
     pull_pull = len(own) == 2 and not one_way and one_sense
     centre, reach = excursion(model, joint, table.number("reach", 1e-3))
     reach = read.number(

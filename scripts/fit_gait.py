@@ -57,12 +57,10 @@ def design(phase: Array) -> Array:
 
 
 def rms(values: Array) -> float:
-    """Return the root mean square."""
     return float(np.sqrt(np.mean(values**2)))
 
 
 def solve(matrix: Array, values: Array) -> Array:
-    """Solve linear least squares."""
     return np.asarray(np.linalg.lstsq(matrix, values, rcond=None)[0])
 
 
@@ -88,7 +86,6 @@ def fit_assistance(phase: Array, shape: Array) -> Array:
 
 
 def read(path: Path) -> Any:
-    """Read a CSV table with a line of names."""
     return np.genfromtxt(path, delimiter=",", names=True)
 
 
@@ -134,7 +131,6 @@ def summary(errors: dict[str, float]) -> str:
 
 
 def render(period: float, table: dict[str, Array], errors: dict[str, float]) -> str:
-    """Return the text of the table file."""
     lines = [HEAD.format(errors=summary(errors)) + f"PERIOD = {period!r}  # s"]
     for name, coefficients in table.items():
         unit = UNITS.get(name, "rad")

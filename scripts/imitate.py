@@ -298,7 +298,6 @@ class Student:
         return losses / steps
 
     def network(self) -> Network:
-        """Return the network as a policy's file has it."""
         found = Network.of_layers(
             self._layers, self._mean.astype(float), self._deviation.astype(float)
         )
@@ -309,7 +308,6 @@ class Student:
 
 
 def train(options: argparse.Namespace) -> None:
-    """Train one policy and save it."""
     device = train_policy.device_of(options.scene)
     liner = BENCH_LINER if options.scene == train_policy.BENCH else LINER
     ranges = {**RANGES, **liner, **structure(device)}

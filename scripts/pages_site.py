@@ -36,7 +36,6 @@ def topics(front: str) -> dict[str, tuple[list[str], list[tuple[str, str]]]]:
 
 
 def pages() -> list[Path]:
-    """Return all pages of the project."""
     return [
         path
         for path in sorted(ROOT.rglob("*.md"))
@@ -77,7 +76,6 @@ def rendered(path: Path) -> str:
 
 
 def headings(body: str) -> Iterator[tuple[str, str]]:
-    """Yield text and identifier of every heading."""
     for identifier, text in re.findall(r'<h[1-4] id="([^"]*)">(.*?)</h', body, re.S):
         yield html.unescape(re.sub(r"<[^>]+>", "", text)), identifier
 
@@ -130,7 +128,6 @@ def _menu(
     examples: list[Path],
     up: str,
 ) -> str:
-    """Return the navigation of a page."""
     parts = [
         f'<nav><a href="{up}index.html"><b>cc_mujoco</b></a>'
         '<input type="search" placeholder="Search pages and names" aria-label="Search">'

@@ -163,7 +163,6 @@ class Worn:
         return float(self._info[prefix + name])
 
     def close(self) -> None:
-        """End the episode."""
         self._env.close()
 
 
@@ -223,7 +222,6 @@ def serve(ends: Sequence[End], played: Played) -> None:
 
 
 def ends_of(axes: Sequence[Settings]) -> list[End]:
-    """Return this end of the link of every axis."""
     buses: CanBuses = {}
     found: list[End] = []
     for each in axes:

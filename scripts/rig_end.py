@@ -17,8 +17,6 @@ Sender = tuple[str, int]
 
 
 class UdpEnd:
-    """A port of this machine."""
-
     def __init__(self, host: str, port: int) -> None:
         self.name = f"{host}:{port}"
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)

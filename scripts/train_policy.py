@@ -67,7 +67,6 @@ def bench() -> Device:
 
 
 def device_of(scene: str) -> Device:
-    """Return the device of a name or file."""
     return bench() if scene == BENCH else find_device(scene)
 
 
@@ -226,7 +225,6 @@ def make(
 
 
 def train(seed: int, options: argparse.Namespace) -> None:
-    """Train one policy, save it, write its curve."""
     import stable_baselines3
     import torch
     from stable_baselines3.common.callbacks import BaseCallback
@@ -240,8 +238,6 @@ def train(seed: int, options: argparse.Namespace) -> None:
     env = VecNormalize(VecMonitor(StableBaselines(*envs)), gamma=0.95)
 
     class Curve(BaseCallback):  # type: ignore[misc]
-        """Writes a row whenever ten thousand steps are done."""
-
         def _on_training_start(self) -> None:
             self.start, self.due, self.returns = time.process_time(), 0, []
             self.file = (options.out / f"{seed}.csv").open("w", newline="")

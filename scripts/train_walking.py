@@ -107,7 +107,6 @@ def policy_at(point: Array) -> WalkingPolicy:
 
 
 def dimensions() -> int:
-    """Return how many numbers the search changes."""
     single = [np.asarray(getattr(STARTING, name)) for name in FACTORS]
     factors = sum(len(own) if own.ndim else 1 for own in single)
     return factors + len(TERMS) + len(SERIES) * 3 * (2 * HARMONICS + 1)
@@ -117,7 +116,6 @@ class Search:
     """CMA-ES: a normal distribution that moves to where candidates are better."""
 
     def __init__(self, size: int, spread: float, rng: np.random.Generator) -> None:
-        """Begin at the origin."""
         parents = POPULATION // 2
         weights = np.log(parents + 0.5) - np.log(np.arange(1, parents + 1))
         self.weights = weights / weights.sum()
@@ -128,7 +126,6 @@ class Search:
         self.generation = 0
 
     def state(self) -> dict[str, Any]:
-        """Return what a search goes on from."""
         return {name: getattr(self, name) for name in _STATE}
 
     def restore(self, state: Mapping[str, Array]) -> None:
@@ -148,7 +145,6 @@ class Search:
         return self.mean + self.spread * self._moves
 
     def tell(self, rewards: Array) -> None:
-        """Move to the better half."""
         n, mass = self.mean.size, self.mass
         decay = (4 + mass / n) / (n + 4 + 2 * mass / n)
         step_decay = (mass + 2) / (n + mass + 5)

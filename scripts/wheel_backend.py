@@ -66,7 +66,6 @@ class SourceDistribution(sdist):
     """Source distribution that carries this file, which builds its wheel."""
 
     def make_release_tree(self, base_dir: str, files: list[str]) -> None:
-        """Copy the files of setuptools and this one."""
         super().make_release_tree(base_dir, [*files, "scripts/wheel_backend.py"])
 
 
@@ -118,7 +117,6 @@ def build_wheel(
 
 
 def _choices(config_settings: Settings) -> tuple[str | None, str]:
-    """Return the settings `library` and `target`."""
     settings = config_settings or {}
     target = settings.get("target", "")
     if target and target not in TARGETS:

@@ -59,7 +59,6 @@ def data_of(case: str, out: Path, davinci: Path | None) -> Path:
 
 
 def run(case: str, data: Path, toml: Path | None, into: Path) -> None:
-    """Diagnose one case and print times and verdict."""
     begin = time.perf_counter()
     from cc_mujoco.assets import scene_path
     from cc_mujoco.diagnosis import diagnose

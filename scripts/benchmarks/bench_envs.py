@@ -103,7 +103,6 @@ def compare(name: str, count: int, seconds: float, steps: int) -> tuple[float, .
 
 
 def play(env: VectorEnv, steps: int) -> None:
-    """Take control steps with random actions."""
     given = actions(env)
     for step in range(steps):
         env.step(given[step % len(given)])
@@ -135,14 +134,12 @@ def physics(env: VectorEnv, steps: int) -> Callable[[], None]:
 
 
 def taken(turn: Callable[[], None]) -> float:
-    """Return the time that a turn takes by the clock [s]."""
     start = time.perf_counter()
     turn()
     return time.perf_counter() - start
 
 
 def actions(env: Any) -> Array:
-    """Return random actions, (64, *shape)."""
     shape = env.action_space.shape or ()
     drawn = np.random.default_rng(0).uniform(-1, 1, (64, *shape))
     return drawn.astype(np.float32)

@@ -79,7 +79,6 @@ def worst_step(cable: Cable) -> tuple[float, float]:
 
 
 def main(segments: int = 50) -> None:
-    """Run and print."""
     n = segments
     worst, median = worst_step(CABLE.replace(segments=n))
     print(

@@ -46,8 +46,6 @@ SECONDS, SETTLED = 6.0, 2.0
 
 
 class Off(Controller):
-    """Gives no torque."""
-
     def reset(self, where: Any = None) -> None:
         """See `Controller.reset`."""
 
@@ -56,7 +54,6 @@ class Off(Controller):
 
 
 def law_of(name: str, drive: Drive) -> Controller:
-    """Return a controller by its name."""
     return Off(drive) if name == NOTHING else controller(name, drive)
 
 

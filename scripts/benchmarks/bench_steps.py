@@ -28,7 +28,6 @@ Command = Callable[[mujoco.MjData], None]
 
 
 def with_cable(scene: str, name: str, **changes: object) -> mujoco.MjModel:
-    """Return a scene one of whose cables is changed."""
     spec = mujoco.MjSpec.from_file(str(scene_path(scene)))
     cable = plugin.from_mjcf(spec)[name]
     plugin.to_mjcf(spec, name, cable.replace(**changes))
@@ -36,7 +35,6 @@ def with_cable(scene: str, name: str, **changes: object) -> mujoco.MjModel:
 
 
 def ideal_wrist() -> mujoco.MjModel:
-    """Return the wrist scene with an ideal gear in place of its cables."""
     spec = mujoco.MjSpec.from_file(str(scene_path("wrist")))
     gears = {a.name: a.gear[0] for a in spec.actuators}
     for sensor in spec.sensors:
@@ -55,7 +53,6 @@ def ideal_wrist() -> mujoco.MjModel:
 
 
 def ideal_finger() -> mujoco.MjModel:
-    """Return the finger, whose tendon is pulled directly and without friction."""
     spec = mujoco.MjSpec.from_file(str(scene_path("finger")))
     for element in [*spec.sensors, *spec.actuators]:
         spec.delete(element)

@@ -51,7 +51,6 @@ def generated(seeds: int) -> Iterator[tuple[str, Any, Any, Any]]:
 
 
 def segments(reference: Path | None = None, seeds: int = 3) -> None:
-    """Print the error by number of segments."""
     cases = accuracy.references(reference) if reference else generated(seeds)
     worst: dict[str, list[float]] = {}
     for name, cable, ends, tensions in cases:
@@ -70,7 +69,6 @@ FIRST_SEED = 1000
 
 
 def random_cases(count: int) -> Iterator[bends.Case]:
-    """Yield random cables and motions, without cables that are always slack."""
     for seed in range(FIRST_SEED, FIRST_SEED + count):
         try:
             case = bends.random_case(seed)

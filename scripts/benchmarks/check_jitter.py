@@ -61,7 +61,6 @@ def under(priority: int, words: list[str]) -> list[str]:
 
 
 def free_port() -> int:
-    """Return a free port of this machine."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as found:
         found.bind(("127.0.0.1", 0))
         return int(found.getsockname()[1])
@@ -92,7 +91,6 @@ def played(name: str, duration: float, period: float, priority: int) -> dict[str
 
 
 def row(name: str, duration: float, period: float, priority: int) -> tuple[str, ...]:
-    """Return a row of the table."""
     before = os.getloadavg()[0]
     found = played(name, duration, period, priority)
     late, work = found["late"], found["work"]

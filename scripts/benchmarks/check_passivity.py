@@ -97,7 +97,6 @@ def search(
 
 
 def searched(piece: Piece, generations: int, crowd: int) -> list[dict[str, Any]]:
-    """Search the worst wearer, and tell of all that were tried."""
     name, task, law = piece
     scene, _, own = name.partition(".")
     axis = own or None
@@ -152,7 +151,6 @@ def row(tried: Sequence[dict[str, Any]]) -> tuple[str, ...]:
 
 
 def _figure(energy: float) -> str:
-    """Write an energy [mJ]."""
     return f"{float(f'{energy:.2g}'):g}" if energy >= LEAST else f"< {LEAST:g}"
 
 

@@ -52,7 +52,6 @@ CASES = (
 
 
 def with_cables(case: Case, ends: str, armature: float, held: bool) -> Any:
-    """Return the model with a motor and a cable at each joint."""
     spec = mujoco.MjSpec.from_file(str(case.model))
     if held:
         for body in spec.worldbody.bodies:

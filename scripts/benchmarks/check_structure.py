@@ -43,7 +43,6 @@ def played(
 
 
 def print_row(name: str, found: dict[str, list[float]]) -> None:
-    """Print the row of a condition."""
     cells = [
         f"{scores[0]:.3g}" + (f" ({scores[-1]} failed)" if scores[-1] else "")
         for scores in found.values()
@@ -52,13 +51,11 @@ def print_row(name: str, found: dict[str, list[float]]) -> None:
 
 
 def of_the_best(found: dict[str, list[float]]) -> float:
-    """Return the error of the first controller over the best of the others."""
     first, *others = (scores[0] for scores in found.values())
     return first / min(others)
 
 
 def keep(path: Path, rows: list[tuple[str | float, ...]]) -> None:
-    """Write one row per device, condition and controller."""
     with path.open("w", newline="", encoding="utf-8") as file:
         to = csv.writer(file, lineterminator="\n")
         to.writerow(["scene", "condition", "controller", *SCORES, "failed"])

@@ -60,7 +60,6 @@ NUMBERS = {
 
 
 def conditions(scene: str) -> list[Condition]:
-    """Return the conditions of a device that count."""
     found = [
         *SUITES["v2"].conditions(scene),
         *(c for c in SUITES["generic"].conditions(scene) if c.name == "noise-loud"),
@@ -82,7 +81,6 @@ def scores(law: str, wanted: list[Condition]) -> FloatArray:
 
 
 def place(number: str) -> tuple[Any, str]:
-    """Return the object that has a number, and its name there."""
     module, *inner, name = number.split(".")
     owner = importlib.import_module(f"cc_mujoco.control._{module}")
     return reduce(getattr, inner, owner), name

@@ -27,6 +27,5 @@ def by_turns(
 
 
 def spread(ratios: Array) -> str:
-    """Return median and middle half as a text."""
     low, middle, high = np.quantile(ratios, (0.25, 0.5, 0.75))
     return f"{middle:.2f} ({low:.2f} to {high:.2f})"

@@ -56,7 +56,6 @@ class Device(NamedTuple):
 
     @classmethod
     def of(cls, scene: str) -> Device:
-        """Read a built-in device."""
         found = load_device(scene).description
         benches = {axis.name: Bench.of(scene, axis.name) for axis in found.axes}
         joints = {}
@@ -203,7 +202,6 @@ def cable_torques(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
 def record(
     folder: Path, device: Device, axis: str, hidden: str, seconds: float, seed: int = 1
 ) -> None:
-    """Write the logs of all trials, and their `dataset.toml`."""
     random = np.random.default_rng(seed)
     bench = device.benches[axis]
     values = hidden_values(bench, hidden)
@@ -241,7 +239,6 @@ def record(
 def diagnosed(
     out: Path, scene: str, axis: str, hidden: str, seconds: float
 ) -> dict[str, Any]:
-    """Return the diagnosis of one case."""
     device = Device.of(scene)
     record(out / "data", device, axis, hidden, seconds)
     began = time.process_time()

@@ -58,8 +58,6 @@ class Elbow:
 
 
 class BendingBench(Bench):
-    """The bench, and its elbow."""
-
     def __init__(
         self,
         rig: Rig,
@@ -108,8 +106,6 @@ STRAIN = Quality(1.0, 0.02, 1.0)  # errors of a tension [N]
 
 
 class _Kind:
-    """All sensors of a kind."""
-
     def __init__(
         self, random: np.random.Generator, quality: Quality, shape: tuple[int, int],
         period: float,
@@ -126,8 +122,6 @@ class _Kind:
 
 
 class Taps:
-    """Sensors of bend and of tension along both cables."""
-
     def __init__(
         self, seed: int, period: float, bend: Quality = BEND, strain: Quality = STRAIN
     ) -> None:

@@ -211,7 +211,6 @@ def run(
 
 
 def summary(records: list[Mapping[str, Any]]) -> str:
-    """Return the cases as a Markdown table."""
     rows = []
     for r in records:
         for law, before in r["before"].items():

@@ -39,7 +39,6 @@ def toml_of(held_out: str, names: list[str]) -> str:
 
 
 def diagnosed(occasion: str, folder: Path, work: Path) -> tuple[Diagnosis, float]:
-    """Return the diagnosis of an occasion, and seconds of processor time."""
     pattern, held_out = OCCASIONS[occasion]
     files = sorted(f for f in folder.iterdir() if re.fullmatch(pattern, f.name))
     if not files:
@@ -57,7 +56,6 @@ def main(
     out: Path = Path("runs/davinci.json"),
     only: tuple[Literal[tuple(OCCASIONS)], ...] = tuple(OCCASIONS),
 ) -> None:
-    """Diagnose occasions, and write and print what was found."""
     kept: dict[str, Any] = {}
     for occasion in only:
         found, seconds = diagnosed(occasion, folder, out.parent)

@@ -138,7 +138,6 @@ def truth_of(rig: Rig) -> dict[str, float]:
 
 
 def judgement(diagnosis: Diagnosis) -> dict[str, Any]:
-    """Return the judged parts of a diagnosis."""
     return {
         "verdict": diagnosis.verdict,
         "named": [effect.id for effect in diagnosis.missing],

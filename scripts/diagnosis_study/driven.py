@@ -68,7 +68,6 @@ class Instruments:
         return float(channel.resolution * round(noisy / channel.resolution))
 
     def readings(self, state: Array, torque: float, status: Status) -> Readings:
-        """Return the readings of the instruments."""
         angles = [
             self._read("motor_angle", state[0]),
             self._read("joint_angle", state[2]),

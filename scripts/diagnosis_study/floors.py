@@ -55,7 +55,6 @@ def written(data: list[dict[str, Array]], trials: str, seed: int) -> Dataset:
 
 
 def fitted(dataset: Dataset) -> BaselineFit:
-    """Return the baseline of a data set on the bench."""
     bench = Bench.of(scene_path("bench")).known(dataset.constants)
     records, filtering = prepare(dataset, bench)
     return fit_baseline(dataset, plant_of(dataset, bench, records), filtering, 0)

@@ -41,12 +41,10 @@ turn before friction slides [rad]."""
 
 
 def sensors(columns: Columns) -> Columns:
-    """Return the torque sensors at both ends."""
     return {n: v for n, v in columns.items() if not n.startswith("tension")}
 
 
 def cells(columns: Columns) -> Columns:
-    """Load cells at both ends of both cables."""
     return {
         name.replace("_a_", "_agonist_").replace("_b_", "_antagonist_"): v
         for name, v in columns.items()
@@ -55,7 +53,6 @@ def cells(columns: Columns) -> Columns:
 
 
 def current(columns: Columns) -> Columns:
-    """Return the motor's current, and a torque sensor at the joint."""
     made = sensors(columns)
     angle = made["motor_angle_rad"]
     speed = velocity(angle, 0.002)
@@ -69,8 +66,6 @@ def current(columns: Columns) -> Columns:
 
 
 def without(torque: str) -> Callable[[Columns], Columns]:
-    """Return the torque sensors without this one."""
-
     def made(columns: Columns) -> Columns:
         return {n: v for n, v in sensors(columns).items() if n != torque}
 
@@ -103,7 +98,6 @@ KINDS: dict[str, tuple[Callable[[Columns], Columns], str, tuple[str, ...]]] = {
 
 
 def diagnosed(name: str, kind: str) -> dict[str, Any]:
-    """Write what a rig records and diagnose it."""
     change, head, loads = KINDS[kind]
     data, trials = recorded(name), make_trials("rich", SEED)
     chosen = [k for k, trial in enumerate(trials) if not loads or trial.load in loads]
@@ -135,7 +129,6 @@ def recorded(name: str) -> list[Columns]:
 
 
 def main(out: Path) -> None:
-    """Diagnose the cases that are not done, and print the table."""
     rows = []
     for name in HIDDEN:
         for kind in KINDS:

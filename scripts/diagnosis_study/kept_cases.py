@@ -40,7 +40,6 @@ class Lines:
         return {tuple(record[key] for key in keys) for record in self.records}
 
     def add(self, record: Record) -> None:
-        """Keep one more."""
         self.records.append(record)
         with self._path.open("a", encoding="utf-8") as file:
             file.write(json.dumps(record) + "\n")

@@ -92,7 +92,6 @@ def played(name: str, effect: str, seed: int) -> dict[str, Any]:
 
 
 def rms(values: Array) -> float:
-    """Return the root of the mean square."""
     return float(np.sqrt(np.mean(np.square(values))))
 
 
@@ -137,7 +136,6 @@ def main(
     seeds: tuple[int, ...] = (1, 2),
     out: Path = Path("runs", "learned"),
 ) -> None:
-    """Play the tasks that are not done, and print the table."""
     try:
         for name in controllers:
             law_of(name)

@@ -74,7 +74,6 @@ class Case(NamedTuple):
 
     @property
     def kind(self) -> str:
-        """Kinds of what is hidden: none, unknown, named or pair."""
         if self.hidden == "none":
             return "none"
         if "+" in self.hidden:
@@ -83,7 +82,6 @@ class Case(NamedTuple):
 
     @property
     def effects(self) -> tuple[str, ...]:
-        """Ids of the hidden effects."""
         return () if self.hidden == "none" else tuple(self.hidden.split("+"))
 
 
@@ -179,7 +177,6 @@ def trial_of(planned: Planned, known: Mapping[str, Any]) -> Trial:
 
 
 def run(case: Case, proposals: int, amounts: Mapping[str, float]) -> Record:
-    """Return the record of a rig."""
     rig = make_rig(case.seed, make=case.make)
     trials = MAKES[rig.make].trials(rig)
     recorded = f"{trials}_standard" if case.protocol == "standard" else trials

@@ -145,7 +145,6 @@ def _cam(rig: Rig, amount: float) -> Session:
 
 
 def _clean(rig: Rig, amount: float) -> Session:
-    """Return a session without effects, with every column that effects take."""
     random = np.random.default_rng(rig.seed)
     session = _neighbour(rig, 0.0)
     for columns in session:
@@ -181,7 +180,6 @@ def _write(folder: Path, session: Session, seed: int) -> None:
 
 
 def row(out: Path, name: str, make: str, seed: int) -> list[str]:
-    """Return a row of the table: what is hidden, and what a diagnosis says of it."""
     session, amount, parameter = HIDDEN[name]
     place = out / f"{name}_{make}_{seed}"
     if not (place / "data").exists():

@@ -140,7 +140,6 @@ def along(bends: Array, segments: int) -> Array:
 
 
 def equipped(name: str, drive: Drive, bench: BendingBench, seed: int) -> Equipped:
-    """Return a controller of this name."""
     bend, strain = (BEND, STRAIN) if "perfect" not in name else (PERFECT, PERFECT)
     row = drive.cables
     sensors = tuple(
@@ -232,7 +231,6 @@ def compared(
 
 
 def summary(records: list[Mapping[str, Any]]) -> str:
-    """Return the cases as a Markdown table."""
     rows = []
     for world in WORLDS:
         for name, meaning in VARIANTS.items():
@@ -274,7 +272,6 @@ def main(
     variants: tuple[Literal[tuple(VARIANTS)], ...] = tuple(VARIANTS),
     out: Path = Path("runs", "self_tuning"),
 ) -> None:
-    """Play the tasks that are not done; print the table and draw it."""
     cases = [(n, world, seed) for seed in seeds for world in WORLDS for n in variants]
     records = complete(out, ("variant", "world", "seed"), cases, played, summary)
     draw(records, out / FIGURE)

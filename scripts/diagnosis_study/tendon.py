@@ -117,7 +117,6 @@ def rollout_of(
 def recorded(
     rig: str, hidden: Mapping[str, float], seed: int, seconds: float = 8.0
 ) -> Dataset:
-    """Return the recordings of the motions on a rig that hides something."""
     bench = Bench.of(scene_path("finger"))
     random = np.random.default_rng(seed)
     trials = []
@@ -153,7 +152,6 @@ def recorded(
 
 
 def diagnosed(rig: str, name: str, seed: int) -> dict[str, Any]:
-    """Return the diagnosis of one case."""
     data = recorded(rig, HIDDEN[name], seed)
     bench = Bench.of(scene_path("finger"))
     began = time.process_time()
@@ -168,7 +166,6 @@ def diagnosed(rig: str, name: str, seed: int) -> dict[str, Any]:
 
 
 def main(out: Path, seed: int = 1) -> None:
-    """Diagnose the cases that are not done, and print the table."""
     rows = []
     for name in HIDDEN:
         for rig in ("closed forms", "MuJoCo"):

@@ -26,7 +26,6 @@ class SimulatedRig:
         self.noise = np.random.default_rng(0).normal
 
     def now(self):
-        """Return the time [s]."""
         return self.time
 
     def wait(self, deadline):

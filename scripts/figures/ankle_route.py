@@ -75,7 +75,6 @@ def lever(model: mujoco.MjModel) -> float:
 
 
 def walk(model: mujoco.MjModel) -> Cycle:
-    """Simulate a walk, and record the last cycle."""
     data = mujoco.MjData(model)
     cable = plugin.from_mjcf(model)[CABLE]
     proximal = model.actuator(f"{CABLE}_proximal")
@@ -118,7 +117,6 @@ def walk(model: mujoco.MjModel) -> Cycle:
 
 
 def draw(path: Path, fixed: Cycle, moving: Cycle) -> None:
-    """Draw both cycles."""
     with style():
         drawing = figure(7.2, 7.0)
         axes = drawing.subplots(3, 1, sharex=True)

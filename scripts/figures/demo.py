@@ -87,7 +87,6 @@ def episode(law: str, duration: float) -> tuple[EpisodeLog, mujoco.MjModel]:
 
 
 def judged(log: EpisodeLog) -> Played:
-    """Return the result of the controller."""
     lost = [log[f"dissipated_{name}_j"] for name in log.cables]
     return Played(
         log["time_s"], log["desired_torque_nm"], log["joint_torque_nm"],
@@ -98,7 +97,6 @@ def judged(log: EpisodeLog) -> Played:
 
 
 def words(found: dict[str, Played]) -> list[str]:
-    """Return six sentences."""
     none, rival, best = found.values()
     moment = int(np.argmax(best.proximal))
     kept = best.distal[moment] / best.proximal[moment]
@@ -127,7 +125,6 @@ def words(found: dict[str, Played]) -> list[str]:
 
 
 def draw(found: dict[str, Played], out: Path) -> None:
-    """Draw torques above and tensions below, a column per controller."""
     with style():
         drawing = figure(11.5, 5.2)
         axes = drawing.subplots(2, len(found), sharex=True, sharey="row")

@@ -85,8 +85,6 @@ class Course(NamedTuple):
 
 
 class Take(NamedTuple):
-    """The motion with one controller."""
-
     log: EpisodeLog
     model: mujoco.MjModel
     course: Course
@@ -170,7 +168,6 @@ def drawn(takes: dict[str, Take], highest: float) -> tuple[Figure, list[Any]]:
 
 
 def advance(lines: Any, course: Course, sample: int) -> None:
-    """Draw what is reached up to this sample, and mark it."""
     reached, moment = lines
     reached.set_data(course.time[: sample + 1], course.reached[: sample + 1])
     moment.set_xdata([course.time[sample]] * 2)
@@ -196,7 +193,6 @@ def save(path: Path, film: list[Picture]) -> None:
 
 
 def is_ours(path: Path) -> bool:
-    """Return whether `save` wrote this file."""
     try:
         with Image.open(path) as image:
             return image.getexif().get(Base.Software) == SOFTWARE_TAG

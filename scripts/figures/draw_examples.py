@@ -40,7 +40,6 @@ NAMES = (
 
 
 def drawn(name: str) -> Figure:
-    """Run an example in an empty folder and return the figure that it leaves."""
     pyplot.close("all")
     before = Path.cwd()
     with rc_context(STYLE), tempfile.TemporaryDirectory() as folder:

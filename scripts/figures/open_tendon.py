@@ -41,15 +41,12 @@ SECONDS = 2.0
 
 @dataclass(frozen=True)
 class Swing:
-    """The motion; one row per time step."""
-
     time: Array  # [s]
     torque: Array  # of the cord on each joint [N m], (steps, 2)
     single: Array  # the same with one tension along all of the cord
 
 
 def arm() -> mujoco.MjModel:
-    """Return the arm with a winch and a cord."""
     assets = Path(gymnasium.__file__).parent / "envs" / "mujoco" / "assets"
     spec = mujoco.MjSpec.from_file(str(assets / "reacher.xml"))
     spec.option.timestep = 1e-4
@@ -106,7 +103,6 @@ def swing(model: mujoco.MjModel) -> Swing:
 
 
 def draw(path: Path, seen: Swing) -> None:
-    """Draw both joints, one above the other."""
     with style():
         drawing = figure(7.0, 4.6)
         axes = drawing.subplots(2, 1, sharex=True)

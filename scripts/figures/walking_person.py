@@ -45,7 +45,6 @@ ROWS = (
 
 
 def walked(**arguments: object) -> Stride:
-    """Return the mean stride of a walk with the default assistance."""
     env = gymnasium.make(
         "cc_mujoco/Walking-v0", duration=DURATION, disable_env_checker=True, **arguments
     ).unwrapped
@@ -59,7 +58,6 @@ def walked(**arguments: object) -> Stride:
 
 
 def picture(count: int = 6) -> NDArray[np.uint8]:
-    """Return poses of a stride side by side."""
     env = gymnasium.make(
         "cc_mujoco/Walking-v0", render_mode="rgb_array", disable_env_checker=True
     ).unwrapped

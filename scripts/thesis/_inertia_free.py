@@ -68,7 +68,6 @@ class InertiaFree:
         return float(found)
 
     def tension(self, cable: int) -> FloatArray:
-        """Return the tension of every node of a cable [N]."""
         node = tensions(self._state[cable], int(self.cables.n[cable]))
         return np.maximum(node, 0.0)
 
@@ -123,13 +122,11 @@ class _Motion:
         self._at = 0
 
     def start(self) -> Columns:
-        """Rest; see `DrivenDevice.start`."""
         self._at = 0
         self._device.reset(float(self._angle[0]))
         return self._columns(self._device.motor_angle)
 
     def advance(self, torque: FloatArray) -> Columns:
-        """Go to the next sample; see `DrivenDevice.advance`."""
         before = self._device.motor_angle
         self._at += 1
         self._device.step(float(torque), float(self._angle[self._at]))

@@ -305,7 +305,6 @@ class ThesisCable:
                 self._slip_direction[side] = slip_direction
 
     def _all_nodes_move(self) -> bool:
-        """Return whether no node stands still."""
         return sum(self.last_moving) >= self.mesh.segments + 1
 
     def _solution(self, ends: Sequence[Constraint]) -> Solution:

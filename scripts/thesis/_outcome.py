@@ -60,14 +60,11 @@ class Panel:
 
 @dataclass(frozen=True)
 class ExperimentOutcome:
-    """Outcome of one experiment."""
-
     claims: tuple[Claim, ...]  # lines of the summary table
     figures: Mapping[str, Sequence[Panel]]  # file stem to diagrams
 
 
 def rms(values: ArrayLike) -> float:
-    """Return the root of the mean square."""
     return float(np.sqrt(np.mean(np.asarray(values) ** 2)))
 
 
@@ -82,7 +79,6 @@ def round_down_ratio(ratio: float) -> str:
 
 
 def drawn(panels: Sequence[Panel]) -> Figure:
-    """Return a figure of these diagrams, two in a row."""
     columns = min(len(panels), 2)
     rows = math.ceil(len(panels) / columns)
     drawing = figure(5.5 * columns, 3.9 * rows)

@@ -133,14 +133,12 @@ def reproduce(
 
 
 def run(name: str, progress: Progress = lambda share: None) -> ExperimentOutcome:
-    """Run one experiment and return its outcome; nothing is written."""
     module = importlib.import_module(f"thesis._experiments.{name}")
     outcome: ExperimentOutcome = module.run(progress)
     return outcome
 
 
 def table(claims: Iterable[Claim]) -> str:
-    """Return the claims as a Markdown table."""
     return markdown.table(
         ("where", "printed", "ours", "verdict", "why"),
         [(c.where, c.printed, c.ours, c.verdict, c.why) for c in claims],
@@ -158,7 +156,6 @@ def _write(folder: Path, outcome: ExperimentOutcome) -> None:
 
 
 def _provenance() -> dict[str, Any]:
-    """Return the provenance of numbers from this process: the package and this code."""
     own = file_digests(sorted(FOLDER.rglob("*.py")), FOLDER.parent)
     return code_provenance(files=own)
 
@@ -173,7 +170,6 @@ def _is_ours(folder: Path) -> bool:
 
 
 def _read(folder: Path) -> tuple[object, tuple[Claim, ...]] | None:
-    """Return the provenance and the claims of a finished experiment, or None."""
     try:
         found = parse_json((folder / RESULT_FILE).read_text(encoding="utf-8"))
         return found["made_by"], tuple(Claim(**claim) for claim in found["claims"])
@@ -236,7 +232,6 @@ def main(words: Sequence[str] | None = None) -> int:
 
 
 def _show(record: FinishedExperiment) -> None:
-    """Print a finished experiment, above the progress bar."""
     tqdm.write(f"{record.name}{'' if record.fresh else '  (done before)'}")
     for claim in record.claims:
         tqdm.write(f"  {claim.verdict:9}  {claim.where}: {claim.ours}")

@@ -20,12 +20,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.random import Generator
-from numpy.typing import NDArray
 
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 from rig import engine
-from rig.effects import TURN, Effect, Truth, chain, plant, softer
+from rig.effects import TURN, Effect, chain, plant, softer
 from rig.engine import HUB, HUB_SPEED, JOINT, JOINT_SPEED, MOTOR, MOTOR_SPEED, SLIP
 from rig.nominal import Rig
 
@@ -64,7 +62,7 @@ class Plant(NamedTuple):
     asymmetry: float = 0.0
     """Excess of friction while the joint turns positive, relative."""
     load_free: float = 0.0  # friction of the end seals of one cable [N]
-    tension_power: float = 0.0  # friction coefficient grows with tension to this power
+    tension_power: float = 0.0  # friction coefficient falls with tension to this power
     ageing: float = 0.0
     """Growth of static friction per e-fold of contact time, relative."""
     ageing_time: float = 0.05
@@ -132,22 +130,6 @@ def plant_of(rig: Rig, nodes: int = 12) -> Plant:
     return Plant(nodes, **{name: getattr(rig, name) for name in bench})
 
 
-def _tension_power(truth: Truth, amount: float, _random: Generator) -> Truth:
-    return truth._replace(plant=truth.plant._replace(tension_power=-amount))
-
-
-def _poles(random: Generator) -> float:
-    return float(random.choice([10, 12, 14, 16, 18, 22]))
-
-
-def _teeth(random: Generator) -> float:
-    return float(random.integers(19, 40))
-
-
-def _places(random: Generator) -> NDArray[np.float64]:
-    return random.uniform(-0.045, 0.045, (2, BUMPS))
-
-
 _AROUND = (0.0, 2.0 * math.pi)
 NAMED: dict[str, Effect] = {
     "viscous_friction": Effect("force per speed of one cable", "N s/m", 14.0, 600.0,
@@ -161,7 +143,7 @@ NAMED: dict[str, Effect] = {
     "asymmetric_friction": Effect("excess while the joint turns positive", "1", 0.035,
         0.6, plant("asymmetry", signed=True)),
     "tension_dependent_friction": Effect("one minus the exponent of load", "1", 0.14,
-        0.6, _tension_power),
+        0.6, plant("tension_power")),
     "dwell_dependent_stiction": Effect("static friction gained per e-fold of rest", "1",
         0.06, 0.4, plant("ageing")),
     "configuration_dependent_wrap": Effect("wrap gained per joint angle", "rad/rad",
@@ -174,7 +156,8 @@ NAMED: dict[str, Effect] = {
     "pulley_eccentricity": Effect("first harmonic", "1", 0.013, 0.15,
         plant("eccentricity", eccentric_phase=TURN, eccentric_phase_2=TURN)),
     "motor_cogging": Effect("amplitude", "N m", 0.07, 1.5, plant("cogging",
-        cogging_order=_poles, cogging_phase=TURN)),
+        cogging_order=lambda random: float(random.choice([10, 12, 14, 16, 18, 22])),
+        cogging_phase=TURN)),
     "cable_stiffening": Effect("change of stiffness, slack to taut", "1", 0.19, 0.85,
         plant("stiffening")),
     "end_compliance": Effect("compliance at the ends of one cable", "m/N", 1.1e-05,
@@ -198,9 +181,10 @@ NAMED: dict[str, Effect] = {
 
 UNKNOWN: dict[str, Effect] = {
     "unknown_liner_bumps": Effect("excess of friction", "1", 0.065, 6.0, plant("bumps",
-        bump_places=_places)),
+        bump_places=lambda random: random.uniform(-0.045, 0.045, (2, BUMPS)))),
     "unknown_gear_mesh": Effect("ripple torque at the joint", "N m", 0.073, 1.5,
-        plant("mesh", mesh_order=_teeth, mesh_phase=TURN)),
+        plant("mesh",
+        mesh_order=lambda random: float(random.integers(19, 40)), mesh_phase=TURN)),
     "unknown_end_stop": Effect("stiffness of the bumper", "N m/rad", 0.4, 60.0,
         plant("stop_stiffness", stop_angle=(0.35, 0.55))),
     "unknown_grip_slip": Effect("slip speed per excess torque", "rad/(N m s)", 0.0005,
@@ -217,8 +201,6 @@ UNKNOWN: dict[str, Effect] = {
         second_axis_rate=(0.6, 1.6), second_axis_phase=_AROUND)),
 }  # fmt: skip
 """Effects that no library is expected to know."""
-
-EFFECTS: dict[str, Effect] = NAMED | UNKNOWN
 
 
 class Cables(NamedTuple):
@@ -276,16 +258,7 @@ def fill_tables(p: Plant, cables: Cables) -> None:
 
 
 @internal
-def _varies(p: Plant) -> bool:
-    """Return whether friction depends on anything but load."""
-    sliding = p.stribeck != 0.0 or p.asymmetry != 0.0 or p.tension_power != 0.0
-    resting = p.ageing != 0.0 or p.heating != 0.0
-    return sliding or resting or p.wrap_slope != 0.0 or p.bumps != 0.0
-
-
-@internal
 def _wrap(p: Plant, i: int, joint_angle: float) -> float:
-    """Return the wrap angle at node i; a limb bends the last third of the conduit."""
     wrap = p.wrap / p.nodes
     third = p.nodes // 3
     if i >= p.nodes - third:
@@ -303,7 +276,7 @@ def _excess(p: Plant, cables: Cables, c: int, i: int) -> float:
     factor *= 1.0 + p.heating * (1.0 - math.exp(-cables.warmth[c]))
     if p.tension_power != 0.0:
         ratio = max(cables.load[c, i], 2.0) / p.reference_tension
-        factor *= ratio**p.tension_power
+        factor *= ratio**-p.tension_power
     if p.bumps != 0.0:
         for k in range(p.bump_places.shape[1]):
             away = (cables.place[c, i] - p.bump_places[c, k]) / p.bump_width
@@ -328,8 +301,10 @@ def _look_up(p: Plant, cables: Cables, joint_angle: float) -> None:
 @internal
 def update(p: Plant, cables: Cables, joint_angle: float, tick: float) -> None:
     """Update the variables of friction other than load, after `tick` seconds."""
-    if not _varies(p):
-        return
+    sliding = p.stribeck != 0.0 or p.asymmetry != 0.0 or p.tension_power != 0.0
+    resting = p.ageing != 0.0 or p.heating != 0.0
+    if not (sliding or resting or p.wrap_slope != 0.0 or p.bumps != 0.0):
+        return  # friction depends on nothing but load
     mix = tick / (p.stribeck_lag + tick)
     for c in range(2):
         fresh = cables.work[c, 0] - cables.warmed[c]
@@ -520,7 +495,7 @@ def _turn_motor(
 @compiled
 def _run(p: Plant, cables: Cables, run: engine.Run) -> bool:
     shafts, now, out = run.shafts, run.now, run.records
-    dt = run.pace.dt
+    dt = run.dt
     hub = p.hub_inertia if p.backlash != 0.0 else 0.0
     fill_tables(p, cables)
     work_in = work_out = 0.0
@@ -529,7 +504,7 @@ def _run(p: Plant, cables: Cables, run: engine.Run) -> bool:
     done = 0
     for record in range(out.shape[0]):
         row = out[record]
-        for _tick in range(run.pace.steps // STEPS):
+        for _tick in range(run.steps // STEPS):
             update(p, cables, shafts[JOINT], STEPS * dt)
             if p.pretension_loss != 0.0:
                 fade = math.exp(-done * dt / p.loss_time)
@@ -573,7 +548,7 @@ def _run(p: Plant, cables: Cables, run: engine.Run) -> bool:
                 engine.add(row, now, 1.0)
         rubbed = cables.work[0, 0] + cables.work[1, 0]
         damped = cables.work[0, 1] + cables.work[1, 1]
-        engine.close(row, run.pace.steps, (work_in, work_out, rubbed, damped))
+        engine.close(row, run.steps, (work_in, work_out, rubbed, damped))
         gripped = shafts[MOTOR] - shafts[SLIP]
         near = arc(p, gripped, 1.0)[0], -arc(p, gripped, -1.0)[0]
         far = p.joint_radius * shafts[HUB]
@@ -581,9 +556,7 @@ def _run(p: Plant, cables: Cables, run: engine.Run) -> bool:
     return True
 
 
-def _steps(p: Plant) -> int:
-    """Return the steps per record: more for impacts or falling friction."""
-    return 4 * STEPS if p.backlash or p.stribeck else 2 * STEPS
-
-
-LAW = engine.Law(arc, start, _run, _steps)
+# Impacts and falling friction take more steps per record.
+LAW = engine.Law(
+    arc, start, _run, lambda p: 4 * STEPS if p.backlash or p.stribeck else 2 * STEPS
+)

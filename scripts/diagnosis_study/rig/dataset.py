@@ -23,7 +23,6 @@ Array = NDArray[np.float64]
 
 
 def make_trials(trials: str, seed: int) -> list[Trial]:
-    """Return the trials of a set, with motions sampled from `seed`."""
     return SETS[trials](np.random.default_rng([seed, 0x3A1]))
 
 

@@ -158,7 +158,6 @@ def plant_of(rig: Rig, elements: int = ELEMENTS) -> Plant:
 
 
 def _swaying(border: Array, random: Generator) -> Array:
-    """Return each inner node's share of the bend, for a curvature with random waves."""
     phase = random.uniform(-math.pi, math.pi)
     size = SWAY * random.uniform(0.3, 1.0)
     turn = 3.0 * math.pi
@@ -171,7 +170,6 @@ def _swaying(border: Array, random: Generator) -> Array:
 
 
 def _lived_with(random: Generator) -> dict[str, float]:
-    """Sample unavoidable imperfections: each is present with probability one half."""
     has_shaft, has_gear, has_limit = random.random(3) < 0.5
     stiff, teeth, limit = random.uniform([1.2e4, 1e-5, 7.0], [4e4, 4e-5, 12.0])
     phase = random.uniform(-math.pi, math.pi)
@@ -254,9 +252,6 @@ UNKNOWN: dict[str, Effect] = {
 }  # fmt: skip
 """Effects that no library is expected to know."""
 
-EFFECTS: dict[str, Effect] = NAMED | UNKNOWN
-
-
 ELASTIC = 0.6
 _ENOUGH = 1e-7
 _ITERATIONS = 60
@@ -298,19 +293,12 @@ class Cables(NamedTuple):
 def start(p: Plant, pretension: float, arcs: tuple[float, float]) -> Cables:
     """Return both cables at rest at pretension, displaced by `arcs` [m]."""
     inner = p.mass.shape[1]
-    zero = np.zeros((2, inner))
     return Cables(
-        np.repeat(np.array(arcs)[:, None], inner, axis=1),
-        zero.copy(),
-        zero.copy(),
-        zero.copy(),
-        zero.copy(),
-        np.full((2, inner + 1), pretension),
-        np.full((2, inner + 1), pretension),
-        np.array([pretension * p.ferrule, 0.0]),
-        np.zeros((2, 2)),
+        np.repeat(np.array(arcs)[:, None], inner, axis=1), *np.zeros((4, 2, inner)),
+        *np.full((2, 2, inner + 1), pretension),
+        np.array([pretension * p.ferrule, 0.0]), np.zeros((2, 2)),
         np.zeros((10, inner + 1)),
-    )
+    )  # fmt: skip
 
 
 @compiled
@@ -391,21 +379,19 @@ def _balance(
     p: Plant,
     cables: Cables,
     c: int,
-    before: tuple[float, float],
-    ends: tuple[float, float, float],
+    tight: float,
+    ends: tuple[float, float, float, float],
     dt: float,
 ) -> float:
     """Fill the row for the places and return the largest residual force [N].
 
-    `before` are the displacements of both ends a step ago, `ends` the tension at rest
-    and the displacements of both ends now.
+    `tight` is the tension at rest, `ends` as in `_advanced`.
     """
     place, row = cables.place[c], _row(cables.room)
     inner = place.size
     tension = cables.tension[c]
     old, held, dry = row.old, row.held, row.dry
-    old_near, old_far = before
-    tight, near, far = ends
+    old_near, near, old_far, far = ends
     soft = p.ferrule if c == 0 else 0.0
     for e in range(inner + 1):
         ahead = near if e == 0 else place[e - 1]
@@ -533,12 +519,11 @@ def _advanced(
     place, row = cables.place[c], _row(cables.room)
     inner, old = place.size, row.old
     copy(place, old)
-    before, after = (ends[0], ends[2]), (tight, ends[1], ends[3])
     _coefficients(p, cables, c, joint, time)
     for i in range(inner):
         place[i] += dt * cables.speed[c, i]
     enough = _ENOUGH * p.reference_tension
-    worst = _balance(p, cables, c, before, after, dt)
+    worst = _balance(p, cables, c, tight, ends, dt)
     part, turn = 1.0, 0
     while not worst <= enough:
         turn += 1
@@ -548,7 +533,7 @@ def _advanced(
         _solved(row.low, row.mid, row.high, row.left)
         for i in range(inner):
             place[i] += part * row.left[i]
-        now = _balance(p, cables, c, before, after, dt)
+        now = _balance(p, cables, c, tight, ends, dt)
         # Shorter steps where contacts go over from one side to the other for ever.
         if turn > 6:
             part = 0.5 if now > 0.7 * worst else min(1.0, 1.5 * part)
@@ -576,6 +561,7 @@ def _advanced(
 
 @internal
 def _row(room: FloatMatrix) -> _Row:
+    # A tuple of its own for each would be more than `_run` may take from Python.
     n = room.shape[1] - 1
     return _Row(
         room[0], room[1, :n], room[2, :n], room[3, :n], room[4, :n], room[5, :n],
@@ -640,7 +626,7 @@ def _carried(p: Plant, angle: float, follower: float, lagging: float) -> float:
 @compiled
 def _run(p: Plant, cables: Cables, run: engine.Run) -> bool:
     shafts, now, out = run.shafts, run.now, run.records
-    steps, dt = run.pace.steps, run.pace.dt
+    steps, dt = run.steps, run.dt
     hub = p.hub_inertia if p.play != 0.0 else 0.0
     inner = p.mass.shape[1]
     near_a = near_b = far_a = far_b = run.pretension
@@ -726,8 +712,5 @@ def _run(p: Plant, cables: Cables, run: engine.Run) -> bool:
     return True
 
 
-def _steps(p: Plant) -> int:
-    return 8 if p.striction else 4 if p.play else 2
-
-
-LAW = engine.Law(arc, start, _run, _steps)
+# Falling friction and impacts take more steps per record.
+LAW = engine.Law(arc, start, _run, lambda p: 8 if p.striction else 4 if p.play else 2)

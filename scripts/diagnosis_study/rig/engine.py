@@ -33,10 +33,6 @@ damping; the energy is that of strain and motion of both cables."""
 MEANS = 9  # so many columns are means; the others hold at the end of the record
 
 
-HALVED = 3
-"""Times that the steps of a trial are halved in which the cables are not found."""
-
-
 class Asked(NamedTuple):
     """Motions asked of motor and environment, and the ties to them."""
 
@@ -48,14 +44,6 @@ class Asked(NamedTuple):
     target: FloatMatrix  # (m + 1, 2) the same of the environment
 
 
-class Pace(NamedTuple):
-    """Steps per record and per row of `Asked`, and their duration [s]."""
-
-    steps: int
-    per_command: int
-    dt: float
-
-
 class Run(NamedTuple):
     """One trial as a law steps it."""
 
@@ -63,7 +51,9 @@ class Run(NamedTuple):
     now: FloatArray  # means of a step (`MEANS`,), work space
     pretension: float  # tension of both cables at rest [N]
     asked: Asked
-    pace: Pace
+    steps: int  # per record
+    per_command: int  # steps per row of `asked`
+    dt: float  # duration of a step [s]
     records: FloatMatrix  # out, see `COLUMNS`
 
 
@@ -97,16 +87,15 @@ def integrate(
     arcs = law.arc(p, angle, 1.0)[0], -law.arc(p, angle, -1.0)[0]
     count = (asked.command.shape[0] - 1) * round(COMMAND_TIME / RECORD_TIME)
     steps = law.steps(p) * refine
-    for _ in range(HALVED + 1):
+    for _ in range(4):  # halved where the cables are not found
         dt = RECORD_TIME / steps
-        pace = Pace(steps, round(COMMAND_TIME / dt), dt)
-        shafts, now = np.zeros(7), np.zeros(MEANS)
-        shafts[[MOTOR, HUB, JOINT]] = angle
-        records = np.zeros((count, len(COLUMNS)))
-        cables = law.start(p, pretension, arcs)
-        trial = Run(shafts, now, pretension, asked, pace, records)
-        if law.run(p, cables, trial):
-            return records
+        trial = Run(
+            np.zeros(7), np.zeros(MEANS), pretension, asked, steps,
+            round(COMMAND_TIME / dt), dt, np.zeros((count, len(COLUMNS))),
+        )  # fmt: skip
+        trial.shafts[[MOTOR, HUB, JOINT]] = angle
+        if law.run(p, law.start(p, pretension, arcs), trial):
+            return trial.records
         steps *= 2
     raise ValueError("the nodes of a cable are not found; shorten the step")
 
@@ -114,7 +103,7 @@ def integrate(
 @internal
 def torques(run: Run, step: int) -> tuple[float, float]:
     """Return the torques of servo and environment at the beginning of a step [N m]."""
-    asked, shafts, per_command = run.asked, run.shafts, run.pace.per_command
+    asked, shafts, per_command = run.asked, run.shafts, run.per_command
     at = step // per_command
     part = (step - at * per_command) / per_command
     motor, motor_speed = shafts[MOTOR], shafts[MOTOR_SPEED]
@@ -231,7 +220,6 @@ def close(
 
 @internal
 def total(values: FloatArray) -> float:
-    """Return the sum of an array."""
     whole = 0.0
     for i in range(values.size):
         whole += values[i]
@@ -240,6 +228,5 @@ def total(values: FloatArray) -> float:
 
 @internal
 def copy(source: FloatArray, target: FloatArray) -> None:
-    """Copy an array into another."""
     for i in range(source.size):
         target[i] = source[i]

@@ -43,7 +43,6 @@ def _format(column: str) -> str:
 
 
 def write_data(folder: Path, data: list[dict[str, Array]], facts: str) -> None:
-    """Write what the experimenter has."""
     folder.mkdir(parents=True)
     for k, columns in enumerate(data):
         np.savetxt(

@@ -195,9 +195,6 @@ UNKNOWN: dict[str, Effect] = {
 }  # fmt: skip
 """Effects that no library is expected to know."""
 
-EFFECTS: dict[str, Effect] = NAMED | UNKNOWN
-
-
 SHARES = np.array([0.5, 0.3, 0.2])  # share of each contact in the friction of a guide
 SOFT = np.array([0.5, 1.0, 2.0])
 """Travel of each contact up to sliding, over `Plant.yield_travel`."""
@@ -495,7 +492,6 @@ def arc(p: Plant, angle: float, side: float) -> tuple[float, float]:
 
 @internal
 def _wave(phase: float) -> float:
-    """Return a wave of alternating parabolas of height 1."""
     part = (phase / math.pi) % 2.0
     return (
         4.0 * part * (1.0 - part) if part < 1.0 else -4.0 * (part - 1.0) * (2.0 - part)
@@ -516,14 +512,14 @@ def _taken(p: Plant, angle: float, speed: float) -> float:
 @compiled
 def _run(p: Plant, cables: Cables, run: engine.Run) -> bool:
     shafts, now, out = run.shafts, run.now, run.records
-    dt = run.pace.dt
+    dt = run.dt
     hub = p.hub_inertia if p.play != 0.0 else 0.0
     near_a = near_b = far_a = far_b = run.pretension
     work_in = work_out = 0.0
     step = 0
     for record in range(out.shape[0]):
         row = out[record]
-        for _ in range(run.pace.steps):
+        for _ in range(run.steps):
             drive, hold = engine.torques(run, step)
             step += 1
             motor = shafts[MOTOR]
@@ -567,18 +563,14 @@ def _run(p: Plant, cables: Cables, run: engine.Run) -> bool:
             )
             engine.add(row, now, 1.0)
         rubbed = cables.work[0] + cables.work[1]
-        engine.close(row, run.pace.steps, (work_in, work_out, rubbed, 0.0))
+        engine.close(row, run.steps, (work_in, work_out, rubbed, 0.0))
         for c in range(2):
             for i in range(cables.tension.shape[1]):
                 row[13] += 0.5 * cables.tension[c, i] ** 2 / p.piece[c, i]
     return True
 
 
-def _steps(_p: Plant) -> int:
-    return 1
-
-
-LAW = engine.Law(arc, start, _run, _steps)
+LAW = engine.Law(arc, start, _run, lambda _p: 1)
 
 
 @compiled

@@ -53,7 +53,6 @@ class Chain(NamedTuple):
     """Spurious torque of the joint's sensor per mean tension of both cables [m]."""
 
     def channels(self) -> Mapping[str, Channel]:
-        """Return the channels of the logger."""
         if not self.coarse:
             return CHANNELS
         return CHANNELS | {
@@ -72,7 +71,6 @@ class Chain(NamedTuple):
         return np.asarray(np.round((even + apart) / _SAMPLE_CLOCK) * _SAMPLE_CLOCK)
 
     def shown(self, records: Array, name: str) -> Array:
-        """Return a channel as its sensor reports it to the logger."""
         signal = column(records, name)
         if name == "motor_angle" and self.motor_offcentre:
             signal = signal + self.motor_offcentre * np.sin(signal - self.motor_phase)
@@ -90,7 +88,6 @@ class Chain(NamedTuple):
 
 
 def chain_of(rig: Rig) -> Chain:
-    """Return the sensors of a rig without a hidden effect."""
     random = np.random.default_rng([rig.seed, 0x105])
     has = random.random(4) < 0.5
     size = random.uniform([2e-5, 5e-5, 3e-4, 2e-5], [8e-5, 2e-4, 8e-4, 1.5e-4])

@@ -13,8 +13,6 @@ from rig.nominal import Rig
 
 
 class Make(NamedTuple):
-    """One of them."""
-
     plant_of: Callable[[Rig], Any]  # the plant of a rig in which nothing is hidden
     law: Law  # motion of its cables
     effects: Mapping[str, Effect]  # what can be hidden, by id
@@ -24,30 +22,16 @@ class Make(NamedTuple):
     trials: Callable[[Rig], str]  # the set of trials that a study of this rig records
 
 
-def _usual(_rig: Rig) -> sensors.Chain:
-    return sensors.Chain()
-
-
-def _rich(_rig: Rig) -> str:
-    return "rich"
-
-
-def _slow_where_coarse(rig: Rig) -> str:
-    """Return, where encoders are coarse, trials with what is hard for them."""
-    return "restful" if instruments.chain_of(rig).coarse else "rich"
-
-
-def _make(
-    of: ModuleType,
-    chain_of: Callable[[Rig], Any] = _usual,
-    trials: Callable[[Rig], str] = _rich,
-) -> Make:
-    known = tuple(of.NAMED), tuple(of.UNKNOWN)
-    return Make(of.plant_of, of.LAW, of.EFFECTS, *known, chain_of, trials)
+def _make(of: ModuleType, chain_of: Callable[[Rig], Any]) -> Make:
+    # Rests and creep are what is hard for coarse encoders.
+    return Make(
+        of.plant_of, of.LAW, of.NAMED | of.UNKNOWN, tuple(of.NAMED), tuple(of.UNKNOWN),
+        chain_of, lambda rig: "restful" if chain_of(rig).coarse else "rich",
+    )  # fmt: skip
 
 
 MAKES = {
-    "bristles": _make(bristles),
-    "guides": _make(guides),
-    "elements": _make(elements, instruments.chain_of, _slow_where_coarse),
+    "bristles": _make(bristles, lambda _rig: sensors.Chain()),
+    "guides": _make(guides, lambda _rig: sensors.Chain()),
+    "elements": _make(elements, instruments.chain_of),
 }

@@ -73,8 +73,9 @@ class Chain(NamedTuple):
     second_axis_rate: float = 0.9
     second_axis_phase: float = 0.0
 
+    coarse = False  # encoders are fine
+
     def channels(self) -> Mapping[str, Channel]:
-        """Return the channels of the logger."""
         return CHANNELS
 
     def moments(self, count: int) -> Array:
@@ -82,7 +83,6 @@ class Chain(NamedTuple):
         return np.arange(count) / SAMPLE_RATE
 
     def shown(self, records: Array, name: str) -> Array:
-        """Return a channel as its sensor reports it to the logger."""
         signal = column(records, name)
         if name == "joint_torque":
             signal = _joint_torque(records, self)
@@ -92,12 +92,10 @@ class Chain(NamedTuple):
 
 
 def column(records: Array, name: str) -> Array:
-    """Return a column of the records of a trial."""
     return records[:, COLUMNS.index(name)]
 
 
 def _shifted(signal: Array, seconds: float | Array) -> Array:
-    """Return the signal delayed by `seconds`."""
     at = np.arange(signal.size) - seconds / RECORD_TIME
     return np.asarray(np.interp(at, np.arange(signal.size), signal))
 

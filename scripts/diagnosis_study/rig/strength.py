@@ -139,8 +139,6 @@ def _left_over(rig: Rig, change: Array, trials: str, seed: int) -> Array:
 
 
 class Strength(NamedTuple):
-    """Strength R of a change, raw and after the refit."""
-
     raw: float
     refit: float
 

@@ -30,8 +30,6 @@ WEIGHTS = (2.0, 2.0)  # torques of the known weights at motor and joint [N m]
 
 @dataclass(frozen=True)
 class Trial:
-    """One trial, lead-in included."""
-
     motion: str  # description of the motor's motion; public
     load: str  # `human`, `spring`, `free` or `locked`; public
     command: Array  # (m, 2) angle [rad] and speed [rad/s] of the motor at 1 kHz

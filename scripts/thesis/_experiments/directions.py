@@ -58,15 +58,12 @@ LAST_MOVING = (6, 7, 9, 7, 0, 0, 0)  # values of footnote 4
 
 
 class _Votes(NamedTuple):
-    """Many noisy instants of one movement condition."""
-
     moment: Moment  # the truth
     reading: FloatArray  # (samples, m) [N]
     own: OwnSolutions  # what each sensor makes of it
 
     @property
     def rms(self) -> FloatArray:
-        """RMS error of the sensors (rows) at the nodes (columns), (m, n + 1) [N]."""
         error = self.own.tension - self.moment.tension
         return np.sqrt(np.mean(error**2, axis=0))
 
@@ -155,12 +152,10 @@ class _Run(NamedTuple):
     right: dict[str, float]
 
     def rms(self, name: str) -> float:
-        """Return the RMS error of the output tension [N]."""
         return rms(self.output[name] - self.truth)
 
 
 def observer_name(agility: float) -> str:
-    """Name of the run of an observer."""
     return f"kernel as observer, {agility:g} N per s"
 
 
@@ -335,7 +330,6 @@ def _worst_solutions(name: str, votes: _Votes) -> Panel:
 
 
 def _error_matrix(name: str, votes: _Votes) -> Panel:
-    """Return Fig. 3.8: the error of the solution of each sensor at each node."""
     return Panel(
         f"Own solutions, {NOISE:g} N noise, cable {_direction_text(name)}",
         "node at which tension is estimated", "RMS error [N]",

@@ -84,7 +84,6 @@ def follow(cable: Cable, angle: FloatArray) -> FloatArray:
 
 
 def run(progress: Progress) -> ExperimentOutcome:
-    """Play the ideal and the real follower."""
     angle = handle_angle()
     ratio = drive(CABLE).ratio
     ideal = share_efforts(CABLE, ratio * angle, angle)

@@ -127,7 +127,6 @@ def filter_error(printed: str = "", steps: int = 20_000) -> tuple[float, float]:
 
 
 def run(progress: Progress) -> ExperimentOutcome:
-    """Compute both Jacobians, the toy of Fig. 3.1 and the printed filter."""
     matrix = transition_matrix()
     velocity = np.linspace(-0.05, 0.05, 20_001)
     curves = {

@@ -23,7 +23,6 @@ def _cable(loops: float) -> Cable:
 
 
 def run(progress: Progress) -> ExperimentOutcome:
-    """Play one to three loops at constant pretension."""
     found: dict[int, Blocked] = {}
     for number in LOOPS:
         found[number] = blocked_output_test(_cable(number))

@@ -226,7 +226,6 @@ def weighted_errors(samples: int = 2000, seed: int = 42) -> dict[str, FloatArray
 
 
 def run(progress: Progress) -> ExperimentOutcome:
-    """Test the statistics, drifting sensors and weights."""
     found = statistics()
     progress(0.4)
     drifting = drift()

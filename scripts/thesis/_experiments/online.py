@@ -37,7 +37,6 @@ from thesis._outcome import Claim, Curve, ExperimentOutcome, Panel, Progress
 
 
 def run(progress: Progress) -> ExperimentOutcome:
-    """Reproduce Fig. 3.9 and the estimators of 3.2.3."""
     instant = slopes()
     printed = laws()
     progress(0.3)
@@ -179,7 +178,6 @@ def _tracking(
     friction: FloatArray,
     tracks: dict[str, tuple[FloatArray, FloatArray]],
 ) -> list[Panel]:
-    """Return growing friction and its estimates, with their errors."""
     values: dict[str, Curve] = {"truth": (time, friction)}
     errors: dict[str, Curve] = {}
     for name, (value, deviation) in tracks.items():

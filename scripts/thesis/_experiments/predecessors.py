@@ -107,7 +107,6 @@ def cost(model: PublishedModel, proximal: FloatArray) -> float:
 
 
 def run(progress: Progress) -> ExperimentOutcome:
-    """Test every model."""
     proximal = motion()
     truth = Distributed(CABLE.replace(segments=REFERENCE_SEGMENTS)).replay(
         DT, proximal, SPRING
@@ -279,7 +278,6 @@ def _capabilities(found: list[_Judged]) -> list[Panel]:
 
 
 def _motion(found: list[_Judged], truth: Answer) -> list[Panel]:
-    """Return one motion through every model."""
     reference = f"our model with {REFERENCE_SEGMENTS} segments"
     return [
         Panel(

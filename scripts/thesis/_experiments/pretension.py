@@ -23,7 +23,6 @@ PRETENSIONS = (5.0, 10.0, 15.0, 20.0)  # pretensions [N]
 
 
 def run(progress: Progress) -> ExperimentOutcome:
-    """Play the four pretensions."""
     found: dict[float, Blocked] = {}
     for place, tension in enumerate(PRETENSIONS):
         found[tension] = blocked_output_test(

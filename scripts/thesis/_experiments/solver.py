@@ -85,7 +85,6 @@ def costs(segments: int, steps: int = 60, general_steps: int = 6) -> Costs:
 
 
 def run(progress: Progress) -> ExperimentOutcome:
-    """Time the solvers over the number of segments."""
     costs(2, steps=5, general_steps=2)  # compiles and warms up
     rows = []
     for place, n in enumerate(SEGMENTS):

@@ -41,7 +41,6 @@ def drive() -> Drive:
 
 
 def motion() -> tuple[FloatArray, FloatArray]:
-    """Return the time [s] and angle of the joint [rad]."""
     time = np.arange(0.0, 2.0 * DEFLECTION_TIME, PERIOD)
     return time, np.interp(
         time, [0.0, DEFLECTION_TIME, 2.0 * DEFLECTION_TIME], [0.0, DEFLECTION, 0.0]
@@ -61,7 +60,6 @@ class _Rendered(NamedTuple):
 
 
 def render(device: Drive, law: Controller) -> _Rendered:
-    """Play the simulation with one controller."""
     time, angle = motion()
     wanted = -STIFFNESS * angle
     torque = InertiaFree(device).run(law, angle, wanted)["joint_torque_nm"]
@@ -81,7 +79,6 @@ def render(device: Drive, law: Controller) -> _Rendered:
 
 
 def run(progress: Progress) -> ExperimentOutcome:
-    """Play the four controllers."""
     device = drive()
     laws: dict[str, Controller] = {
         "feedback": Feedback(device),

@@ -58,8 +58,6 @@ def drive(growth: float) -> Drive:
 
 
 def schemes(device: Drive) -> dict[str, Controller]:
-    """Return the six schemes of Fig. 4.4."""
-
     def cosine(time: FloatArray) -> FloatArray:
         return FRICTION_ERROR * np.cos(2.0 * math.pi * time / ERROR_PERIOD)
 
@@ -111,7 +109,6 @@ def track(device: Drive, law: Controller) -> _Tracked:
 
 
 def run(progress: Progress) -> ExperimentOutcome:
-    """Play all schemes, with the friction implied and with that of Table 2.2."""
     found: dict[str, dict[str, _Tracked]] = {}
     growths = {
         "implied": TENSION_RATIO,

@@ -142,11 +142,9 @@ class History:
             self._origin = sample[1] - sample[0]
 
     def measured(self, count: int) -> FloatArray:
-        """Return the last `count` tensions of each end, concatenated."""
         return np.array(self._rows[-count:])[:, 2:].T.ravel()
 
     def replay(self, cable: Cable) -> Replay:
-        """Replay the motion of this cable from the anchor on."""
         proximal, distal = np.array(self._rows)[:, :2].T
         profile = np.exp(self._slip_direction * cable.friction * self._angle)
         strain = cable.pretension * cable.length / cable.axial_stiffness

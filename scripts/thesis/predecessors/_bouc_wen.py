@@ -107,7 +107,6 @@ class ModifiedBoucWen(PublishedModel):
         )
 
     def answer(self, motion: ReplayedMotion) -> Answer:
-        """See `PublishedModel.answer`; friction is added to the spring's force."""
         proximal, has = motion.proximal, self.hysteresis
         position, state, speed = _parts(
             -proximal, motion.dt, has.rho, has.sigma, has.lead, has.exponent

@@ -38,8 +38,6 @@ _REPEAT_TOLERANCE = 1e-5
 
 
 class Capability(NamedTuple):
-    """Answer to one question."""
-
     able: bool  # whether the model gave the right answer
     result: str  # the result in a few words
 

@@ -93,7 +93,6 @@ def _play(
 
 @compiled
 def _dot(a: FloatArray, b: FloatArray) -> float:
-    """Return the scalar product."""
     total = 0.0
     for i in range(a.size):
         total += a[i] * b[i]

@@ -10,13 +10,16 @@ import pytest
 from numpy.typing import NDArray
 
 from rig import strength
-from rig.bristles import EFFECTS, NAMED, UNKNOWN
+from rig.bristles import NAMED, UNKNOWN
 from rig.dataset import run, truth_of
 from rig.effects import Truth
+from rig.makes import MAKES
 from rig.nominal import Rig, make_rig
 from rig.sensors import BASIC, CHANNELS, Chain, logged, sampled
 from rig.trials import Trial
 from study_marks import study_but
+
+EFFECTS = MAKES["bristles"].effects
 
 FLOORS = np.array([CHANNELS[name].floor for name in BASIC])
 ISSUED = """

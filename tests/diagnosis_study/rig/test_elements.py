@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from rig import dataset
 from rig.dataset import clean_dataset, make_dataset, make_trials, run, truth_of
-from rig.elements import EFFECTS, Cables, Plant, deflected, plant_of, start, step
+from rig.elements import Cables, Plant, deflected, plant_of, start, step
 from rig.engine import COLUMNS
 from rig.instruments import chain_of
 from rig.makes import MAKES
@@ -24,6 +24,7 @@ from rig.nominal import Rig, make_rig
 from rig.sensors import BASIC, CHANNELS, logged, sampled
 from rig.trials import SETS, Trial
 
+EFFECTS = MAKES["elements"].effects
 FLOORS = np.array([CHANNELS[name].floor for name in BASIC])
 simulates = pytest.mark.study
 

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from rig import dataset, generate, strength
-from rig.bristles import EFFECTS
+from rig.makes import MAKES
 from rig.trials import SETS, Trial, ramps
+
+EFFECTS = MAKES["bristles"].effects
 
 OPTIONS = ["--trials", "ramps", "--seed", "4"]
 

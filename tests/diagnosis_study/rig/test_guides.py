@@ -10,12 +10,14 @@ import pytest
 
 from rig.dataset import clean_dataset, make_trials, run, truth_of
 from rig.engine import COLUMNS
-from rig.guides import EFFECTS, GUIDES, plant_of, settle, start
+from rig.guides import GUIDES, plant_of, settle, start
 from rig.makes import MAKES
 from rig.nominal import Rig, make_rig
 from rig.sensors import BASIC, CHANNELS
 from rig.trials import Trial
 from study_marks import study_but
+
+EFFECTS = MAKES["guides"].effects
 
 
 @pytest.fixture(scope="module")

@@ -11,11 +11,13 @@ from cc_mujoco.assets import scene_path
 from cc_mujoco.datasets import Bench
 from cc_mujoco.datasets._data_findings import errors
 from cc_mujoco.diagnosis import Options, load, run_inference
-from rig.bristles import EFFECTS
 from rig.dataset import make_dataset
 from rig.generate import facts_of, write_data
+from rig.makes import MAKES
 from rig.nominal import make_rig
 from rig.trials import SETS, Trial
+
+EFFECTS = MAKES["bristles"].effects
 
 BOTH = {"viscous_friction", "stribeck_friction"}
 SUSPECTS = (*sorted(BOTH), "presliding")

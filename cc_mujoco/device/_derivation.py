@@ -10,6 +10,7 @@ import dataclasses
 import math
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,18 +24,17 @@ from cc_mujoco.device._derived_wearers import add_cuff, derive_movers
 from cc_mujoco.device._description import (
     ASSUMED,
     FREE_ROOTS,
-    GIVEN,
     PERIOD,
     SCENE,
     Axis,
     Description,
-    DescriptionReader,
+    Keys,
     Slip,
     rounded,
 )
 from cc_mujoco.device._device_files import hysteresis_of
 from cc_mujoco.device._moment_arm import Arms, moments
-from cc_mujoco.device._mover import MotorLimits
+from cc_mujoco.device._mover import FILTERS, MotorLimits, joint_actuators
 from cc_mujoco.device._sensors import Sensing
 from cc_mujoco.errors import CableError, CableWarning
 from cc_mujoco.plugin._engine import PLUGIN
@@ -71,23 +71,38 @@ KEYS = (
 )  # fmt: skip
 
 
-class _Found(NamedTuple):
-    """An axis, its table in the file, and what sets the scale of its sensors."""
-
-    axis: Axis
-    table: Table
-    largest: float
-    """Largest torque at the joint without friction [N m]."""
-    arm: float
-    """Arm of the cable at the joint in the neutral pose [m/rad]."""
-
-
 class _End(NamedTuple):
     """One end of a cable in a compiled model."""
 
     actuator: int
     out: int
     joints: tuple[int, ...]
+
+
+class _Scene(NamedTuple):
+    """A scene that is described."""
+
+    name: str
+    spec: mujoco.MjSpec
+    arms: Arms
+    cables: Mapping[str, Cable]
+    ends: Mapping[str, tuple[_End, _End]]
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """The compiled scene."""
+        return self.arms.model
+
+
+class _Found(NamedTuple):
+    """An axis, its table in the file, and what sets the scale of its sensors."""
+
+    axis: Axis
+    keys: Keys
+    largest: float
+    """Largest torque at the joint without friction [N m]."""
+    arm: float
+    """Arm of the cable at the joint in the neutral pose [m/rad]."""
 
 
 def describe(spec: mujoco.MjSpec, scene: str, table: Table) -> Description:
@@ -97,8 +112,8 @@ def describe(spec: mujoco.MjSpec, scene: str, table: Table) -> Description:
     file of the description, empty where there is none.
     """
     table.only(*KEYS)
-    read = DescriptionReader()
-    _hold_root(spec, table, read)
+    keys = Keys(table, {})
+    _hold_root(spec, keys)
     _name_parts(spec)
     _require_targets(spec, scene)
     try:
@@ -115,39 +130,44 @@ def describe(spec: mujoco.MjSpec, scene: str, table: Table) -> Description:
             "one with `add_cable` or `add_friction`."
         )
     arms = Arms(model)
-    found = _axes(spec, arms, scene, cables, table, read)
-    axes = [one.axis for one in found]
-    movers = derive_movers(spec, arms, axes, table, read)
+    whole = _Scene(scene, spec, arms, cables, _ends(arms, cables))
+    found = _axes(whole, table)
+    names = [one.axis.name for one in found]
+    for one in found:
+        label = f"{one.axis.name}." if len(found) > 1 else ""
+        keys.sources.update((label + k, v) for k, v in one.keys.sources.items())
+    movers = derive_movers(spec, arms, [one.axis for one in found], keys)
     axes = [
-        add_cuff(spec, model, one.axis, one.table.table("cuff"))
-        if "cuff" in one.table.content
+        add_cuff(spec, model, one.axis, one.keys.table.table("cuff"))
+        if "cuff" in one.keys.table.content
         else one.axis
         for one in found
     ]
-    rope = table.table("rope")
-    rope.only("strength", "diameter")
+    rope = Keys(table.table("rope"), keys.sources)
+    rope.table.only("strength", "diameter")
     hysteresis = hysteresis_of(table.table("hysteresis"))
-    names = [axis.name for axis in axes]
     for name in hysteresis:
         if name not in names:
             raise CableError.unknown(
                 "axis in the hysteresis of the device", name, names
             )
-    for key in ("meaning", "trajectory"):
-        read.note(key, GIVEN if key in table.content else ASSUMED)
     return Description(
         scene=scene,
-        meaning=table.text("meaning") or f"device of {Path(scene).name}",
+        meaning=keys.text("meaning", "") or f"device of {Path(scene).name}",
         axes=tuple(axes),
         movers=movers,
-        sensing=_sensing(table.table("sensors"), found, read),
-        trajectory=table.text("trajectory") or "sine",
-        strength=read.number(rope, "strength", math.nan, ASSUMED),
-        diameter=read.number(rope, "diameter", math.nan, ASSUMED, low=1e-6, high=0.1),
-        period=_period(table, float(spec.option.timestep), scene, read),
-        sources=read.sources,
+        sensing=_sensing(table.table("sensors"), found, keys),
+        trajectory=keys.text("trajectory", "") or "sine",
+        strength=rope.number("strength", math.nan),
+        diameter=rope.number("diameter", math.nan, low=1e-6, high=0.1),
+        period=_period(keys, float(spec.option.timestep), scene),
+        sources=keys.sources,
         hysteresis=hysteresis,
     )
+
+
+def _warn(sentence: str) -> None:
+    warnings.warn(sentence, CableWarning, stacklevel=3)
 
 
 def _names_of(elements: Iterable[Any]) -> list[str]:
@@ -155,21 +175,16 @@ def _names_of(elements: Iterable[Any]) -> list[str]:
     return [element.name for element in elements if element.name]
 
 
-def _hold_root(spec: mujoco.MjSpec, table: Table, read: DescriptionReader) -> None:
+def _hold_root(spec: mujoco.MjSpec, keys: Keys) -> None:
     """Remove free joints, unless the description keeps them."""
-    choice = table.choice("root", FREE_ROOTS)
+    choice = keys.table.choice("root", FREE_ROOTS)
     free = [j for j in spec.joints if j.type == mujoco.mjtJoint.mjJNT_FREE]
-    if not free:
-        return
-    read.note("root", ASSUMED if choice is None else GIVEN)
-    if choice == "free":
+    if not free or keys.given("root", choice, "held") == "free":
         return
     if choice is None:
-        warnings.warn(
-            f"device {table.where}: the body on free joint {free[0].name!r} is held "
-            'where it is; root = "free" or "held" in the description says which.',
-            CableWarning,
-            stacklevel=2,
+        _warn(
+            f"device {keys.table.where}: the body on free joint {free[0].name!r} is "
+            'held where it is; root = "free" or "held" in the description says which.'
         )
     # Episodes begin in the neutral pose; keyframes count the coordinates of the root.
     for element in [*spec.keys, *free]:
@@ -195,62 +210,45 @@ def _require_targets(spec: mujoco.MjSpec, scene: str) -> None:
 def _warn_of_degrees(model: mujoco.MjModel, scene: str) -> None:
     """Warn of the range of a hinge that looks like degrees."""
     hinges = (model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE) & (model.jnt_limited != 0)
+    plain = model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE
     for joint in np.flatnonzero(hinges).tolist():
         low, high = model.jnt_range[joint].tolist()
-        # So wide a range looks like degrees.
-        if high - low > 6.0 * math.pi and not _is_drum(model, joint):
-            warnings.warn(
+        # A motor that is neither cable nor spring turns a drum, which may go far.
+        is_drum = (joint_actuators(model, joint) & plain).any()
+        if high - low > 6.0 * math.pi and not is_drum:
+            _warn(
                 f"scene {scene}: joint {model.joint(joint).name!r} has a range of "
                 f"{low:g} to {high:g} rad; if these are degrees, `angle` in <compiler> "
-                "must be degree.",
-                CableWarning,
-                stacklevel=2,
+                "must be degree."
             )
-
-
-def _is_drum(model: mujoco.MjModel, joint: int) -> bool:
-    """Return whether a motor other than a cable and a spring turns a joint."""
-    on = (model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT) & (
-        model.actuator_trnid[:, 0] == joint
-    )
-    free = (model.actuator_plugin < 0) & (
-        model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE
-    )
-    return bool((on & free).any())
 
 
 def _name_parts(spec: mujoco.MjSpec) -> None:
     """Name what a device has to find again: actuators and joints without a name."""
     taken = {*_names_of(spec.actuators)}
     for place, joint in enumerate(spec.joints):
-        if not joint.name:
-            joint.name = f"joint_{place}"
+        joint.name = joint.name or f"joint_{place}"
     for actuator in spec.actuators:
         if not actuator.name:
-            base = actuator.plugin.name or "actuator"
-            name = f"{base}_{actuator.target}"
+            name = f"{actuator.plugin.name or 'actuator'}_{actuator.target}"
             while name in taken:
                 name += "_"
             actuator.name = name
             taken.add(name)
 
 
-def _period(
-    table: Table, timestep: float, scene: str, read: DescriptionReader
-) -> float:
+def _period(keys: Keys, timestep: float, scene: str) -> float:
     """Return the control period [s]; warns where it cannot be 1 ms."""
     steps = max(round(PERIOD / timestep), 1)
     fits = abs(steps * timestep - PERIOD) < 1e-9
     default = PERIOD if fits else steps * timestep
-    if not fits and "period" not in table.content:
-        warnings.warn(
+    if not fits and "period" not in keys.table.content:
+        _warn(
             f"device {scene}: a time step of {1e3 * timestep:g} ms makes a control "
             f"period of {1e3 * default:g} ms instead of 1 ms; `timestep` in <option> "
-            "or `period` in the description sets it.",
-            CableWarning,
-            stacklevel=2,
+            "or `period` in the description sets it."
         )
-    return read.number(table, "period", default, ASSUMED, low=1e-6)
+    return keys.number("period", default, low=1e-6)
 
 
 def _ends(arms: Arms, cables: Mapping[str, Cable]) -> dict[str, tuple[_End, _End]]:
@@ -273,83 +271,64 @@ def _ends(arms: Arms, cables: Mapping[str, Cable]) -> dict[str, tuple[_End, _End
     return {name: found[name] for name in cables}
 
 
-def _axis_tables(table: Table) -> list[Table]:
-    given = table.content.get("axis", [])
+def _axis_tables(table: Table, motors: Iterable[str]) -> dict[str, Table]:
+    """Return the tables of axes by the motors that they are of."""
+    given, names = table.content.get("axis", []), list(motors)
     several = isinstance(given, list)
-    listed = given if several else [given]
-    tables = []
-    for place, content in enumerate(listed):
+    tables: dict[str, Table] = {}
+    for place, content in enumerate(given if several else [given]):
         where = f"[[axis]] {place + 1}" if several else "[axis]"
         if not isinstance(content, dict):
             raise table.wrong("axis", "a table, written as [axis] or [[axis]]")
         own = Table(f"{table.where}, {where}", content)
         own.only(*AXIS_KEYS)
-        tables.append(own)
+        motor = own.text("motor")
+        if motor is None and len(names) > 1:
+            raise CableError(f"{own.where} needs `motor`, one of {', '.join(names)}.")
+        motor = names[0] if motor is None else motor
+        if motor not in names:
+            raise CableError.unknown("motor", motor, names, own.where)
+        if motor in tables:
+            raise CableError(
+                f"{own.where} describes motor {motor!r} a second time; an axis "
+                "has one table."
+            )
+        tables[motor] = own
     return tables
 
 
-def _axes(
-    spec: mujoco.MjSpec,
-    arms: Arms,
-    scene: str,
-    cables: Mapping[str, Cable],
-    file: Table,
-    read: DescriptionReader,
-) -> list[_Found]:
+def _axes(scene: _Scene, file: Table) -> list[_Found]:
     """Return the axes: one for each motor that winds cables."""
-    model, ends = arms.model, _ends(arms, cables)
-    wound: dict[int, list[str]] = {}
-    for name, (proximal, _) in ends.items():
-        motor = _motor_of(model, proximal)
-        if motor is not None:
-            wound.setdefault(motor, []).append(name)
+    model = scene.model
+    wound: dict[str, list[str]] = {}
+    for name, (proximal, _) in scene.ends.items():
+        motors = np.flatnonzero(joint_actuators(model, proximal.joints)).tolist()
+        if motors:
+            wound.setdefault(model.actuator(motors[0]).name, []).append(name)
     if not wound:
-        first = next(iter(ends))
-        held = [model.joint(joint).name for joint in ends[first][0].joints]
+        first, (proximal, _) = next(iter(scene.ends.items()))
+        held = [model.joint(joint).name for joint in proximal.joints]
         where = f"joint {held[0]!r}" if held else "a joint"
         raise CableError(
-            f"no motor winds a cable of scene {scene}: give {where}, which moves the "
-            f"proximal end of cable {first!r}, an actuator <motor> with a `ctrlrange`."
+            f"no motor winds a cable of scene {scene.name}: give {where}, which moves "
+            f"the proximal end of cable {first!r}, an actuator <motor> with a "
+            "`ctrlrange`."
         )
-    motors = {model.actuator(motor).name: motor for motor in wound}
-    given: dict[str, Table] = {}
-    for table in _axis_tables(file):
-        motor_name = table.text("motor")
-        if motor_name is None:
-            if len(motors) > 1:
-                raise CableError(
-                    f"{table.where} needs `motor`, one of {', '.join(motors)}."
-                )
-            (motor_name,) = motors
-        if motor_name not in motors:
-            raise CableError.unknown("motor", motor_name, motors, table.where)
-        if motor_name in given:
-            raise CableError(
-                f"{table.where} describes motor {motor_name!r} a second time; an axis "
-                "has one table."
-            )
-        given[motor_name] = table
+    given = _axis_tables(file, wound)
     # The order of the file, then that of the scene.
-    order = [*given, *(name for name in motors if name not in given)]
-    found: list[_Found] = []
-    sources = []
-    for name in order:
-        table = given.get(name, Table(f"scene {scene}, motor {name!r}", {}))
-        pulled = {cable: cables[cable] for cable in wound[motors[name]]}
-        one = _axis(spec, arms, motors[name], pulled, ends, table, read)
-        origins = [key for key in read.sources if key.startswith("axis.")]
-        sources.append({key: read.sources.pop(key) for key in origins})
-        found.append(one)
-    found = _separated(found, cables)
-    for one, own in zip(found, sources, strict=True):
-        label = f"{one.axis.name}." if len(found) > 1 else ""
-        read.sources |= {label + key: origin for key, origin in own.items()}
+    tables = given | {
+        name: Table(f"scene {scene.name}, motor {name!r}", {})
+        for name in wound
+        if name not in given
+    }
+    found = [_axis(scene, name, wound[name], own) for name, own in tables.items()]
+    found = _separated(found, scene.cables)
     names = [one.axis.name for one in found]
     for twice in names:
         if names.count(twice) > 1:
             raise CableError(
-                f"scene {scene} has two axes of the name {twice!r}; give each a `name` "
-                "in [[axis]]."
+                f"scene {scene.name} has two axes of the name {twice!r}; give each a "
+                "`name` in [[axis]]."
             )
     return found
 
@@ -369,45 +348,25 @@ def _separated(found: list[_Found], cables: Mapping[str, Cable]) -> list[_Found]
                         f"{cables[name].path!r}: what each motor contributes is known "
                         "of guided cables only; lead that cable in a conduit."
                     )
-            if one.table.text("name") is None:
+            if one.keys.table.text("name") is None:
                 axis = dataclasses.replace(axis, name=axis.motor)
         named.append(one._replace(axis=axis))
     return named
 
 
-def _motor_of(model: mujoco.MjModel, end: _End) -> int | None:
-    """Return the actuator that turns what a proximal end is wound on."""
-    for actuator in range(model.nu):
-        joint = int(model.actuator_trnid[actuator, 0])
-        if (
-            model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT
-            and joint in end.joints
-            and model.actuator_plugin[actuator] < 0
-        ):
-            return actuator
-    return None
-
-
-def _axis(
-    spec: mujoco.MjSpec,
-    arms: Arms,
-    motor: int,
-    cables: Mapping[str, Cable],
-    ends: Mapping[str, tuple[_End, _End]],
-    table: Table,
-    read: DescriptionReader,
-) -> _Found:
-    model = arms.model
-    name = model.actuator(motor).name
+def _axis(scene: _Scene, name: str, wound: Sequence[str], table: Table) -> _Found:
+    """Return the axis of a motor and the cables that it winds."""
+    model, ends, keys = scene.model, scene.ends, Keys(table, {}, "axis.")
+    motor = int(model.actuator(name).id)
     drum = int(model.actuator_trnid[motor, 0])
     _require_hinge(model, drum, f"motor {name!r} turns")
-    torque = _torque_limit(spec, model, motor, table, read)
-    joint = _driven_joint(arms, list(cables), ends, drum, table, read)
+    torque = _torque_limit(scene, motor, keys)
+    joint = _driven_joint(scene, wound, drum, keys)
     moved = model.joint(joint).name
     _require_hinge(model, joint, f"motor {name!r} drives")
-    own = [n for n in cables if joint in ends[n][1].joints]
+    own = [n for n in wound if joint in ends[n][1].joints]
     drums, joints = (
-        {n: arms.neutral(ends[n][side].out, at) for n in own}
+        {n: scene.arms.neutral(ends[n][side].out, at) for n in own}
         for side, at in enumerate((drum, joint))
     )
     proximal, distal = drums[own[0]], joints[own[0]]
@@ -431,63 +390,51 @@ def _axis(
         )
     pull_pull = len(own) == 2 and not one_way and one_sense
     centre, reach = excursion(model, joint, table.number("reach", 1e-3))
-    reach = read.number(
-        table, "reach", reach, SCENE, low=1e-3, high=2.0 * math.pi, label="axis."
-    )
-    centre = read.number(table, "centre", centre, SCENE, low=-math.inf, label="axis.")
-    _warn_of_dead_centre(model, ends[own[0]][1].out, joint, own[0], centre, reach)
+    reach = keys.number("reach", reach, SCENE, low=1e-3, high=2.0 * math.pi)
+    centre = keys.number("centre", centre, SCENE, low=-math.inf)
+    _warn_of_dead_centre(scene, own[0], joint, centre, reach)
     # A cable pulls its joint against its own arm.
     way = -math.copysign(1.0, distal) if one_way else 1.0
     demanded = rounded(TORQUE_SHARE * largest)
+    cables = scene.cables
     slip = Slip(
         max(cables[n].friction * cables[n].wrap for n in own),
         sum(abs(joints[n]) * cables[n].pretension for n in own) if pull_pull else 0.0,
     )
-    task = table.text("task")
-    read.note("axis.task", ASSUMED if task is None else GIVEN)
-    gearing = table.number("gearing", 1e-9)
-    read.note("axis.gearing", ASSUMED if gearing is None else GIVEN)
-    units = _units(table.table("observation"), reach, largest, read)
-
-    def assumed(key: str, default: float, low: float = 0.0) -> float:
-        return read.number(table, key, default, ASSUMED, low=low, label="axis.")
-
+    observation = Keys(table.table("observation"), keys.sources, "axis.observation.")
+    units = _units(observation, reach, largest)
     axis = Axis(
         name=table.text("name") or moved,
         motor=name,
         drum=model.joint(drum).name,
         joint=moved,
         limb=moved,
-        cables=tuple(cables),
+        cables=tuple(wound),
         pull_pull=pull_pull,
         torque=torque,
         reach=reach,
         centre=centre,
         torque_scale=units["joint_torque_nm"],
         units=units,
-        task=task or f"hold:{way * demanded:g}",
-        safe_torque=assumed("safe_torque", slip.safe_torque(demanded), 1e-9),
+        task=keys.text("task", "") or f"hold:{way * demanded:g}",
+        safe_torque=keys.number("safe_torque", slip.safe_torque(demanded), low=1e-9),
         safe_is_assumed=table.number("safe_torque", 1e-9) is None,
         slip=slip,
-        safe_speed=assumed("safe_speed", math.inf, 1e-9),
-        safe_power=assumed("safe_power", math.inf, 1e-9),
-        motor_pulley=assumed("motor_pulley", 0.0),
-        gearing=gearing,
-        joint_pulley=assumed("joint_pulley", 0.0),
-        lever=_lever(spec, model, ends[own[0]][1], joint, table, read),
+        safe_speed=keys.number("safe_speed", math.inf, low=1e-9),
+        safe_power=keys.number("safe_power", math.inf, low=1e-9),
+        motor_pulley=keys.number("motor_pulley", 0.0),
+        gearing=keys.given("gearing", table.number("gearing", 1e-9), None),
+        joint_pulley=keys.number("joint_pulley", 0.0),
+        lever=_lever(scene, ends[own[0]][1], joint, keys),
     )
-    return _Found(axis, table, largest, abs(distal))
+    return _Found(axis, keys, largest, abs(distal))
 
 
 def _warn_of_dead_centre(
-    model: mujoco.MjModel,
-    out: int,
-    joint: int,
-    cable: str,
-    centre: float,
-    reach: float,
+    scene: _Scene, cable: str, joint: int, centre: float, reach: float
 ) -> None:
     """Warn of angles of named trajectories at which a cable hardly turns its joint."""
+    model, out = scene.model, scene.ends[cable][1].out
     angles = np.linspace(centre - reach, centre + reach, 9)
     poses = np.repeat(model.qpos0[None], len(angles), axis=0)
     poses[:, model.jnt_qposadr[joint]] = angles
@@ -495,13 +442,11 @@ def _warn_of_dead_centre(
     arms = arms * math.copysign(1.0, float(arms.sum()))
     least, most = int(arms.argmin()), float(np.abs(arms).max())
     if arms[least] < 0.15 * most:
-        warnings.warn(
+        _warn(
             f"cable {cable!r} hardly turns joint {model.joint(joint).name!r} at "
             f"{angles[least]:.3g} rad, where its arm is {1e3 * arms[least]:.2g} mm of "
             f"{1e3 * most:.2g} mm at most; `reach` and `centre` in [axis] set where "
-            "named trajectories go.",
-            CableWarning,
-            stacklevel=2,
+            "named trajectories go."
         )
 
 
@@ -512,76 +457,52 @@ def _require_hinge(model: mujoco.MjModel, joint: int, what: str) -> None:
         )
 
 
-def _torque_limit(
-    spec: mujoco.MjSpec,
-    model: mujoco.MjModel,
-    motor: int,
-    table: Table,
-    read: DescriptionReader,
-) -> float:
+def _torque_limit(scene: _Scene, motor: int, keys: Keys) -> float:
     """Return the largest torque of a motor [N m]; writes a given one into the scene.
 
     A `<dcmotor>` becomes a `<motor>`, as its amplifier controls the current.
     """
-    name = model.actuator(motor).name
-    if model.actuator_gear[motor, 0] == 0.0:
+    model = scene.model
+    name, gain = model.actuator(motor).name, float(model.actuator_gainprm[motor, 0])
+    gear = float(model.actuator_gear[motor, 0])
+    if gear == 0.0:
         raise CableError(f"motor {name!r} has `gear` 0, by which it turns nothing.")
+    given = keys.table.number("torque", 1e-9)
     if model.actuator_gaintype[motor] == mujoco.mjtGain.mjGAIN_DCMOTOR:
-        return _stall_torque(spec, model, motor, table, read)
-    gain, gear = (
-        float(model.actuator_gainprm[motor, 0]),
-        float(model.actuator_gear[motor, 0]),
-    )
-    dynamic = (
-        mujoco.mjtDyn.mjDYN_NONE,
-        mujoco.mjtDyn.mjDYN_FILTER,
-        mujoco.mjtDyn.mjDYN_FILTEREXACT,
-    )
+        torque = keys.given("torque", given, math.nan, SCENE)
+        return _make_motor(scene, motor, None if given is None else torque)
+    has_bias = model.actuator_biastype[motor] != mujoco.mjtBias.mjBIAS_NONE
     if (
         model.actuator_gaintype[motor] != mujoco.mjtGain.mjGAIN_FIXED
-        or int(model.actuator_dyntype[motor]) not in map(int, dynamic)
-        or (
-            model.actuator_biastype[motor] != mujoco.mjtBias.mjBIAS_NONE
-            and np.any(model.actuator_biasprm[motor])
-        )
+        or int(model.actuator_dyntype[motor])
+        not in (mujoco.mjtDyn.mjDYN_NONE.value, *FILTERS)
+        or (has_bias and np.any(model.actuator_biasprm[motor]))
     ):
         raise CableError(
             f"actuator {name!r} is no source of torque: controllers command the torque "
             "of a motor; make it a <motor> with `ctrlrange` or `forcerange`."
         )
-    given = table.number("torque", 1e-9)
+    torque = keys.given("torque", given, MotorLimits.of(model, motor).torque, SCENE)
     if given is not None:
         limit = given / abs(gain * gear)
-        spec.actuator(name).ctrlrange = [-limit, limit]
-        read.note("axis.torque", GIVEN)
-        return given
-    torque = MotorLimits.of(model, motor).torque
+        scene.spec.actuator(name).ctrlrange = [-limit, limit]
     if not math.isfinite(torque):
         raise CableError(
             f"motor {name!r} has no limit: give it a `ctrlrange`, or write its largest "
             "torque as `torque` in [axis]."
         )
-    read.note("axis.torque", SCENE)
     return torque
 
 
-def _stall_torque(
-    spec: mujoco.MjSpec,
-    model: mujoco.MjModel,
-    motor: int,
-    table: Table,
-    read: DescriptionReader,
-) -> float:
+def _make_motor(scene: _Scene, motor: int, torque: float | None) -> float:
     """Make a `<dcmotor>` a `<motor>` in the scene; return its largest torque [N m].
 
     By default that is the torque at rest under the voltage that its `ctrlrange` has
     both ways.
     """
+    model = scene.model
     name = model.actuator(motor).name
-    resistance, constant = model.actuator_gainprm[motor, :2].tolist()
     gear = abs(float(model.actuator_gear[motor, 0]))
-    torque = table.number("torque", 1e-9)
-    read.note("axis.torque", SCENE if torque is None else GIVEN)
     if torque is None:
         if not model.actuator_ctrllimited[motor]:
             raise CableError(
@@ -594,52 +515,42 @@ def _stall_torque(
                 f"the `ctrlrange` of dcmotor {name!r} goes from {low:g} to {high:g} V; "
                 "it must go from below 0 to above 0."
             )
+        resistance, constant = model.actuator_gainprm[motor, :2].tolist()
         torque = min(-low, high) * constant / resistance * gear
-    warnings.warn(
+    _warn(
         f"dcmotor {name!r} becomes a motor of {torque:.3g} N m at every speed: its "
         "amplifier is taken to control the current, and its voltage, cogging and "
-        "friction are left out.",
-        CableWarning,
-        stacklevel=2,
+        "friction are left out."
     )
-    actuator = spec.actuator(name)
+    actuator = scene.spec.actuator(name)
     actuator.set_to_motor()
     actuator.ctrllimited = True
     actuator.ctrlrange = [-torque / gear, torque / gear]
     return torque
 
 
-def _driven_joint(
-    arms: Arms,
-    wound: list[str],
-    ends: Mapping[str, tuple[_End, _End]],
-    drum: int,
-    table: Table,
-    read: DescriptionReader,
-) -> int:
-    model = arms.model
-    candidates = [
-        joint for name in wound for joint in ends[name][1].joints if joint != drum
-    ]
-    names = [model.joint(joint).name for joint in dict.fromkeys(candidates)]
-    if not names:
+def _driven_joint(scene: _Scene, wound: Sequence[str], drum: int, keys: Keys) -> int:
+    model = scene.model
+    ends = [scene.ends[name][1] for name in wound]
+    joints = {
+        model.joint(joint).name: joint
+        for end in ends
+        for joint in end.joints
+        if joint != drum
+    }
+    if not joints:
         raise CableError(
             f"cable {wound[0]!r} moves no joint: attach its distal end to a joint, or "
             "to a tendon that crosses one."
         )
-    given = table.text("joint")
-    if given is not None:
-        if given not in names:
-            raise CableError.unknown("joint", given, names, table.where)
-        read.note("axis.joint", GIVEN)
-        return int(model.joint(given).id)
-    read.note("axis.joint", SCENE if len(names) == 1 else ASSUMED)
-    if len(names) == 1:
-        return int(model.joint(names[0]).id)
+    given = keys.table.text("joint")
+    if given is not None and given not in joints:
+        raise CableError.unknown("joint", given, joints, keys.table.where)
     # Of several, the one with the longest arm.
-    row = arms.mean[ends[wound[0]][1].out]
-    joints = [int(model.joint(name).id) for name in names]
-    return max(joints, key=lambda joint: float(row[model.jnt_dofadr[joint]]))
+    row = scene.arms.mean[ends[0].out]
+    longest = max(joints, key=lambda name: float(row[model.jnt_dofadr[joints[name]]]))
+    origin = SCENE if len(joints) == 1 else ASSUMED
+    return joints[keys.given("joint", given, longest, origin)]
 
 
 def excursion(
@@ -664,11 +575,9 @@ def excursion(
     return rounded(neutral, 6), rounded(min(reach, 1.0), 3)
 
 
-def _units(
-    table: Table, reach: float, largest: float, read: DescriptionReader
-) -> dict[str, float]:
+def _units(keys: Keys, reach: float, largest: float) -> dict[str, float]:
     """Return the sizes that count as 1, by column."""
-    table.only(*UNITS, "phase")
+    keys.table.only(*UNITS, "phase")
     # Usual sizes of a motion within `reach`: observations of a policy are about 1.
     defaults = {
         "twist": rounded(0.2 * reach),
@@ -679,36 +588,23 @@ def _units(
         "desired_torque": rounded(TORQUE_SHARE * largest),
     }
     units = {
-        UNITS[key]: read.number(
-            table, key, value, ASSUMED, low=1e-9, label="axis.observation."
-        )
-        for key, value in defaults.items()
+        UNITS[key]: keys.number(key, value, low=1e-9) for key, value in defaults.items()
     }
-    phase = table.flag("phase")
-    read.note("axis.observation.phase", GIVEN if "phase" in table.content else ASSUMED)
+    phase = keys.given("phase", keys.table.flag("phase"), False)
     return units | dict.fromkeys(PHASE, 1.0) if phase else units
 
 
-def _lever(
-    spec: mujoco.MjSpec,
-    model: mujoco.MjModel,
-    end: _End,
-    joint: int,
-    table: Table,
-    read: DescriptionReader,
-) -> tuple[str, ...]:
+def _lever(scene: _Scene, end: _End, joint: int, keys: Keys) -> tuple[str, ...]:
     """Return the sites that move with a lever; none for a pulley or an open path."""
-    given = table.content.get("lever")
+    spec, model = scene.spec, scene.model
+    given = keys.given("lever", keys.table.content.get("lever"), None, SCENE)
     if given is not None:
         listed = given if isinstance(given, list) else [given]
         for site in listed:
             if not isinstance(site, str) or spec.site(site) is None:
-                raise CableError.unknown(
-                    f"site in {table.where}, lever", str(site), _names_of(spec.sites)
-                )
-        read.note("axis.lever", GIVEN)
+                where = f"site in {keys.table.where}, lever"
+                raise CableError.unknown(where, str(site), _names_of(spec.sites))
         return tuple(listed)
-    read.note("axis.lever", SCENE)
     if model.actuator_trntype[end.actuator] != mujoco.mjtTrn.mjTRN_TENDON:
         return ()
     held = model.tendon(int(model.actuator_trnid[end.actuator, 0])).name
@@ -721,24 +617,20 @@ def _lever(
     return tuple(own[-1:])
 
 
-def _sensing(table: Table, found: Sequence[_Found], read: DescriptionReader) -> Sensing:
+def _sensing(table: Table, found: Sequence[_Found], file: Keys) -> Sensing:
     """Return the sensors; noise that is not given goes with the largest torque."""
     names = [field.name for field in dataclasses.fields(Sensing)]
     table.only(*names)
+    keys = Keys(table, file.sources, "sensors.")
     values: dict[str, Any] = {
         "torque_noise": rounded(NOISE_SHARE * min(one.largest for one in found)),
         "tension_noise": rounded(
             NOISE_SHARE * min(one.largest / one.arm for one in found)
         ),
     }
-    if "joint_sensor" in table.content:
-        values["joint_sensor"] = table.flag("joint_sensor")
-    read.note("sensors.joint_sensor", GIVEN if "joint_sensor" in values else ASSUMED)
     for name in names:
-        if name == "joint_sensor":
-            continue
-        given = table.number(name, 0.0)
-        read.note(f"sensors.{name}", ASSUMED if given is None else GIVEN)
+        read = table.flag if name == "joint_sensor" else partial(table.number, low=0.0)
+        given: Any = keys.given(name, read(name), None)
         if given is not None:
             values[name] = given
     if "delay" in table.content:

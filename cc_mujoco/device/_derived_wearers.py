@@ -7,19 +7,18 @@ import math
 from collections.abc import Sequence
 
 import mujoco
+import numpy as np
 
 from cc_mujoco._utils.toml_table import Table
 from cc_mujoco.device._description import (
-    ASSUMED,
-    GIVEN,
     SCENE,
     Axis,
     Cuff,
-    DescriptionReader,
+    Keys,
     rounded,
 )
 from cc_mujoco.device._moment_arm import Arms
-from cc_mujoco.device._mover import Mover
+from cc_mujoco.device._mover import Mover, joint_actuators
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Wearer
 from cc_mujoco.plugin._spec import add_element
@@ -30,46 +29,37 @@ WEARER_KEYS = ("actuator", "stiffness", "damping", "none")
 
 
 def derive_movers(
-    spec: mujoco.MjSpec,
-    arms: Arms,
-    axes: Sequence[Axis],
-    table: Table,
-    read: DescriptionReader,
+    spec: mujoco.MjSpec, arms: Arms, axes: Sequence[Axis], keys: Keys
 ) -> dict[str, str]:
     """Return the actuators by which the wearer moves joints; adds those that lack."""
     model = arms.model
-    drums = {axis.drum for axis in axes}
     driven = [axis.joint for axis in axes]
-    others = [
-        model.joint(j).name
-        for j in range(model.njnt)
-        if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE
-        and model.joint(j).name not in (*drums, *driven)
-    ]
-    wearers = table.tables("wearer")
+    hinges = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE).tolist()
+    names = [*driven, *(model.joint(hinge).name for hinge in hinges)]
+    drums = {axis.drum for axis in axes} - {*driven}
+    joints = [name for name in dict.fromkeys(names) if name not in drums]
+    wearers = keys.table.tables("wearer")
     for joint, own in wearers.items():
         own.only(*WEARER_KEYS)
-        if joint != EVERY and joint not in (*driven, *others):
-            raise CableError.unknown(
-                f"joint of the body in {own.where}", joint, (*driven, *others)
-            )
+        if joint not in (EVERY, *joints):
+            raise CableError.unknown(f"joint of the body in {own.where}", joint, joints)
     every = wearers.get(EVERY)
     found: dict[str, str] = {}
-    for joint in dict.fromkeys((*driven, *others)):
+    for joint in joints:
         one = wearers.get(joint)
         label = f"wearer.{joint}"
         existing = _springs(model, joint)
         if one is None and not existing and (joint in driven or every is not None):
-            if joint in driven and _is_moved(arms, joint, axes):
-                read.note(label, SCENE)
+            if joint in driven and _is_moved(arms, joint):
+                keys.sources[label] = SCENE
                 continue  # muscles or other actuators move the body by themselves
             one = every or Table(label, {})
         if one is None:
             if existing:
                 found[joint] = existing[0]
-                read.note(label, SCENE)
+                keys.sources[label] = SCENE
             continue
-        read.note(label, GIVEN if one.content else ASSUMED)
+        keys.given(label, one.content or None, None)
         if one.content.get("none", False):
             if len(one.content) > 1:
                 raise CableError(
@@ -84,8 +74,7 @@ def derive_movers(
                 name,
                 existing,
             )
-        if name is None:
-            name = existing[0] if existing else ""
+        name = name or next(iter(existing), "")
         stiffness, damping = one.number("stiffness", 1e-6), one.number("damping", 0)
         if not name:
             inertia = float(model.dof_M0[model.joint(joint).dofadr[0]])
@@ -108,46 +97,35 @@ def derive_movers(
             added.biasprm[:3] = (0.0, -stiffness, -damping)
         elif stiffness is not None or damping is not None:
             mover = Mover.of(model, int(model.actuator(name).id))
-            mover.impose(
-                spec.actuator(name),
-                Wearer(
-                    mover.wearer.stiffness if stiffness is None else stiffness,
-                    mover.wearer.damping if damping is None else damping,
-                ),
+            own_stiffness, own_damping = dataclasses.astuple(mover.wearer)
+            wearer = Wearer(
+                own_stiffness if stiffness is None else stiffness,
+                own_damping if damping is None else damping,
             )
+            mover.impose(spec.actuator(name), wearer)
         found[joint] = name
     return found
 
 
 def _springs(model: mujoco.MjModel, joint: str) -> list[str]:
     """Return the actuators that pull a joint to where their control says."""
-    place = model.joint(joint).id
-    return [
-        model.actuator(a).name
-        for a in range(model.nu)
-        if model.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_JOINT
-        and model.actuator_trnid[a, 0] == place
-        and model.actuator_plugin[a] < 0
-        and model.actuator_gaintype[a] == mujoco.mjtGain.mjGAIN_FIXED
-        and model.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_AFFINE
-        and model.actuator_biasprm[a, 1] < 0.0
-        and model.actuator_gainprm[a, 0] != 0.0
-        and model.actuator_dyntype[a] == mujoco.mjtDyn.mjDYN_NONE
-    ]
+    springs = (
+        joint_actuators(model, model.joint(joint).id)
+        & (model.actuator_gaintype == mujoco.mjtGain.mjGAIN_FIXED)
+        & (model.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE)
+        & (model.actuator_biasprm[:, 1] < 0.0)
+        & (model.actuator_gainprm[:, 0] != 0.0)
+        & (model.actuator_dyntype == mujoco.mjtDyn.mjDYN_NONE)
+    )
+    return [model.actuator(place).name for place in np.flatnonzero(springs).tolist()]
 
 
-def _is_moved(arms: Arms, joint: str, axes: Sequence[Axis]) -> bool:
+def _is_moved(arms: Arms, joint: str) -> bool:
     """Return whether actuators other than cables move a joint, such as muscles."""
     model = arms.model
-    dof = int(model.joint(joint).dofadr[0])
-    motors = {axis.motor for axis in axes}
-    return any(
-        model.actuator_plugin[a] < 0
-        and model.actuator(a).name not in motors
-        and model.actuator_trntype[a] != mujoco.mjtTrn.mjTRN_JOINT
-        and arms.most[int(model.actuator_outadr[a]), dof] > 1e-9
-        for a in range(model.nu)
-    )
+    others = model.actuator_trntype != mujoco.mjtTrn.mjTRN_JOINT
+    reach = arms.most[model.actuator_outadr, model.joint(joint).dofadr[0]]
+    return bool((others & (model.actuator_plugin < 0) & (reach > 1e-9)).any())
 
 
 def add_cuff(

@@ -22,7 +22,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from cc_mujoco._utils.toml_table import Table
 from cc_mujoco.device._axis_columns import column_prefixes
@@ -220,31 +220,35 @@ GIVEN, SCENE, ASSUMED = "given", "scene", "assumed"
 """Origins of a property."""
 
 
-class DescriptionReader:
-    """Values of a file, or defaults, whose origins are recorded."""
+class Keys(NamedTuple):
+    """Keys of a table, whose values or defaults are noted with their origin."""
 
-    def __init__(self) -> None:
-        self.sources: dict[str, str] = {}
+    table: Table
+    sources: dict[str, str]
+    """Origins by key, written."""
+    label: str = ""
+    """Beginning of the keys in `sources`."""
 
-    def note(self, key: str, origin: str) -> None:
-        self.sources[key] = origin
+    def given(self, key: str, value: Any, default: Any, origin: str = ASSUMED) -> Any:
+        """Return a value of the file or, where it is None, a default of an origin."""
+        self.sources[self.label + key] = origin if value is None else GIVEN
+        return default if value is None else value
+
+    def text(self, key: str, default: str) -> str:
+        return str(self.given(key, self.table.text(key), default))
 
     def number(
         self,
-        table: Table,
         key: str,
         default: float,
-        origin: str,
-        *,
+        origin: str = ASSUMED,
         low: float = 0.0,
         high: float = math.inf,
-        label: str = "",
     ) -> float:
-        given = table.number(key, low)
-        if given is not None and given > high:
-            raise table.wrong(key, f"at most {high:.4g}, in SI units and radians")
-        self.note(label + key, origin if given is None else GIVEN)
-        return default if given is None else given
+        value = self.table.number(key, low)
+        if value is not None and value > high:
+            raise self.table.wrong(key, f"at most {high:.4g}, in SI units and radians")
+        return float(self.given(key, value, default, origin))
 
 
 def rounded(value: float, digits: int = 2) -> float:

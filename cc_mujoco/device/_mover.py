@@ -7,8 +7,22 @@ from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from cc_mujoco.human import Wearer
+
+FILTERS = (
+    mujoco.mjtDyn.mjDYN_FILTER.value,
+    mujoco.mjtDyn.mjDYN_FILTEREXACT.value,
+)
+"""Types of the dynamics of a motor whose torque lags behind its control."""
+
+
+def joint_actuators(model: mujoco.MjModel, joints: Any) -> NDArray[np.bool_]:
+    """Return the mask of the actuators other than cables on a joint, or on several."""
+    on_joint = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
+    own = model.actuator_plugin < 0
+    return np.asarray(on_joint & own & np.isin(model.actuator_trnid[:, 0], joints))
 
 
 class Mover(NamedTuple):

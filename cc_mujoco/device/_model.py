@@ -29,7 +29,7 @@ from cc_mujoco.device._moment_arm import (
     open_winding,
     winding_of,
 )
-from cc_mujoco.device._mover import MotorLimits, Mover
+from cc_mujoco.device._mover import FILTERS, MotorLimits, Mover
 from cc_mujoco.device._observation import Observed
 from cc_mujoco.device._sensors import WINDING_COLUMNS
 from cc_mujoco.errors import CableError
@@ -66,18 +66,17 @@ class AxisModel:
 
     def __init__(
         self,
+        description: Description,
         axis: Axis,
         model: mujoco.MjModel,
         ends: Mapping[str, tuple[int, int]],
         mover: Mover | None,
-        rivals: Collection[str] = (),
-        joints: Collection[str] = (),
     ) -> None:
         self.axis, self.model = axis, model
         motor = model.actuator(axis.motor)
         self._motor = int(motor.id)
         self.motor_control = int(model.actuator_ctrladr[motor.id])
-        self._ends = {name: ends[name] for name in axis.cables}
+        own_ends = {name: ends[name] for name in axis.cables}
         turning, joint = model.joint(axis.drum), model.joint(axis.joint)
         self.places = Places(
             motor_q=int(turning.qposadr[0]),
@@ -88,14 +87,10 @@ class AxisModel:
             wearer_out=-1 if mover is None else mover.out,
         )
         arms = neutral_moments(model)
-        self._proximal = {
-            name: float(arms[proximal, self.places.motor_v])
-            for name, (proximal, _) in self._ends.items()
-        }
-        self._distal = {
-            name: float(arms[distal, self.places.joint_v])
-            for name, (_, distal) in self._ends.items()
-        }
+        self._proximal, self._distal = (
+            {name: float(arms[pair[side], dof]) for name, pair in own_ends.items()}
+            for side, dof in enumerate((self.places.motor_v, self.places.joint_v))
+        )
         winds = all(arm > 0.0 for arm in self._proximal.values())
         self.sense = -1.0 if winds else 1.0
         """Sign of the motor's angle in the columns: positive winds a cable that only
@@ -107,22 +102,32 @@ class AxisModel:
         """Torque of the motor at an action of 1 [N m]."""
         self.motor_scale = self.sense * limits.control
         """Control of the motor at an action of 1."""
-        self._torques = sorted(self.sense * end for end in limits.torques)
+        low, high = sorted(self.sense * end for end in limits.torques)
+        self._torques = low, high
         self.driven = tuple(name for name in axis.cables if self._distal[name])
         """Names of the cables from the motor to the joint."""
         name = self.driven[0]
-        self.first = self._ends[name]
+        self.first = own_ends[name]
         """Both ends of the first cable of the joint, in `actuator_force`."""
         self.proximal_arm = self._proximal[name]
         """Displacement of its proximal end per motor angle of the model [m/rad]."""
+        cable = plugin.from_mjcf(model)[name]
         self.winding: Winding | TabledWinding | None
-        """Winding of the first cable's distal end; None on a round pulley."""
+        """Winding of the first cable's distal end, of one that leaves its conduit of
+        its open part; None on a round pulley."""
+        # No controller knows a cable of which other joints wind an open part.
         self._unknown = False
-        self._find_winding(self.first[1])
+        if cable.path == MIXED:
+            tendon, mouth = model.tendon(cable.route).id, model.site(cable.mouth).id
+            self.winding = open_winding(model, int(tendon), int(mouth), axis.joint)
+            self._unknown = self.winding is None
+        else:
+            self.winding = winding_of(model, self.first[1], axis.joint)
         self.shared_ratios: dict[str, float] = {}
         """Ratio at every joint of another axis that the cable turns [-]."""
         if isinstance(self.winding, Winding):
             motor_arm = self.sense * self.proximal_arm
+            joints = {other.joint for other in description.axes}
             self.winding = self.winding.sharing(model, joints, motor_arm)
             self.shared_ratios = {
                 joint: float(arms[self.first[1], model.joint(joint).dofadr[0]])
@@ -130,12 +135,11 @@ class AxisModel:
                 for joint in self.winding.others(model)
                 if joint in joints
             }
-        self.ratio = self._distal[name] / (self.sense * self._proximal[name])
+        self.ratio = self._distal[name] / (self.sense * self.proximal_arm)
         """Joint torque per motor torque without friction in the neutral pose [-]."""
         self._mover = mover
-        self._others = _other_torques(
-            model, self.places, mover, [ends[name][1] for name in rivals]
-        )
+        rivals = [ends[name][1] for name in description.rivals(axis)]
+        self._others = _other_torques(model, self.places, mover, rivals)
         self._weightless = bool(
             np.any(model.body_gravcomp) or model.opt.density or model.opt.viscosity
         )
@@ -147,19 +151,6 @@ class AxisModel:
             return float(wound) * self._distal[self.driven[0]]
         distal = self.first[1]
         return float(data.actuator_length[distal] - self.model.actuator_length0[distal])
-
-    def _find_winding(self, end: int) -> None:
-        """Find what the first cable winds by; of a moving conduit, its open part."""
-        name = self.driven[0]
-        cable = plugin.from_mjcf(self.model)[name]
-        if cable.path != MIXED:
-            self.winding = winding_of(self.model, end, self.axis.joint)
-            return
-        tendon = int(self.model.tendon(cable.route).id)
-        mouth = int(self.model.site(cable.mouth).id)
-        self.winding = open_winding(self.model, tendon, mouth, self.axis.joint)
-        # No controller knows a cable of which other joints wind a part.
-        self._unknown = self.winding is None
 
     def describe_pull(self, cable: str) -> str:
         """Return how the motor winds a driven cable, and where that turns the joint."""
@@ -174,25 +165,18 @@ class AxisModel:
     def plain(self) -> bool:
         """True if nothing but cables and a wearer of gear 1 acts on the joint."""
         direct = self._mover is not None and self._mover.gear == 1.0
-        direct = direct and self.axis.cuff is None
-        direct = direct and not isinstance(self.winding, TabledWinding)
-        return direct and self.sense == 1.0 and not (self._others or self._weightless)
+        open_path = isinstance(self.winding, TabledWinding)
+        more = self.axis.cuff or open_path or self._others or self._weightless
+        return direct and self.sense == 1.0 and not more
 
     def observed(self, device: str, period: float) -> Observed:
         """Return the observation of an axis that is measured once a period [s]."""
-        units = self.axis.units
-        return Observed(
-            device,
-            tuple(units),
-            tuple(units.values()),
-            self.ratio,
-            period,
-            self.torque_limit,
-        )
+        columns, units = tuple(self.axis.units), tuple(self.axis.units.values())
+        return Observed(device, columns, units, self.ratio, period, self.torque_limit)
 
     def drive(self, cables: Mapping[str, Any], device: str, period: float) -> Drive:
         """Return the prior knowledge of a controller, without sensors."""
-        low, high = self._torques
+        model, places = self.model, self.places
         known = tuple(
             CableDrive(
                 cables[name], self.sense * self._proximal[name], self._distal[name]
@@ -201,17 +185,17 @@ class AxisModel:
             if not self._unknown
         )
         pulls = all(self.sense * self._proximal[n] < 0.0 for n in self.driven)
+        lags = int(model.actuator_dyntype[self._motor]) in FILTERS
         return Drive(
             self.ratio,
-            low,
-            high,
+            *self._torques,
             period,
             pulls,
             known,
-            inertia=float(self.model.dof_M0[self.places.motor_v]),
-            damping=float(self.model.dof_damping[self.places.motor_v]),
-            joint_inertia=float(self.model.dof_M0[self.places.joint_v]),
-            motor_lag=motor_lag(self.model, self._motor),
+            inertia=float(model.dof_M0[places.motor_v]),
+            damping=float(model.dof_damping[places.motor_v]),
+            joint_inertia=float(model.dof_M0[places.joint_v]),
+            motor_lag=float(model.actuator_dynprm[self._motor, 0]) if lags else 0.0,
             lever=self.winding is not None,
             safe_torque=self.axis.safe_torque,
             safe_speed=self.axis.safe_speed,
@@ -219,7 +203,7 @@ class AxisModel:
             crossed=self.crossed,
             joint=self.axis.joint,
             shared_ratios=self.shared_ratios,
-            joint_neutral=float(self.model.qpos0[self.places.joint_q]),
+            joint_neutral=float(model.qpos0[places.joint_q]),
             observed=self.observed(device, period),
         )
 
@@ -237,8 +221,7 @@ class AxisModel:
     def record(self, hold: Callable[[NDArray[Any]], int]) -> NDArray[Any]:
         """Return the record by which compiled code reads the axis, see `AXIS`, (1,).
 
-        Args:
-            hold: Keeps an array as long as the record, and returns its address.
+        `hold` keeps an array as long as the record, and returns its address.
         """
         mover, places = self._mover, self.places
         outs = [out for out, _, _ in self._others]
@@ -308,16 +291,8 @@ class DeviceModel:
             self._write_wearer(joint, impedance)
         self._readers = [plugin.Reader(model, name) for name in plugin.cables(model)]
         ends = {reader.name: _ends(model, reader.name) for reader in self._readers}
-        joints = {axis.joint for axis in description.axes}
         self.axes = tuple(
-            AxisModel(
-                axis,
-                model,
-                ends,
-                self.movers.get(axis.limb),
-                description.rivals(axis),
-                joints,
-            )
+            AxisModel(description, axis, model, ends, self.movers.get(axis.limb))
             for axis in description.axes
         )
         """The axes, in the order of the description."""
@@ -374,11 +349,10 @@ class DeviceModel:
         Raises:
             CableError: If the model has no room for the configuration of a cable.
         """
-        model = self.model
         for joint, wearer in plant.wearers.items():
             self._write_wearer(joint, wearer)
         for name, cable in plant.cables.items():
-            write_cable(model, name, cable)
+            write_cable(self.model, name, cable)
 
     def _write_wearer(self, joint: str, wearer: Wearer) -> None:
         actuator = self.model.actuator(self.description.movers[joint])
@@ -434,17 +408,6 @@ def load(device: Device, drawn: bool = True) -> mujoco.MjModel:
 def physics_of(data: mujoco.MjData) -> Physics:
     """Return views on the arrays of a simulation."""
     return Physics(*(getattr(data, name) for name in Physics._fields))
-
-
-def motor_lag(model: mujoco.MjModel, actuator: int) -> float:
-    """Return the time constant of a motor's torque behind its control [s].
-
-    An actuator of `dyntype` filter or filterexact lags.
-    """
-    filters = mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT
-    if int(model.actuator_dyntype[actuator]) not in map(int, filters):
-        return 0.0
-    return float(model.actuator_dynprm[actuator, 0])
 
 
 def _require_parts(description: Description, model: mujoco.MjModel) -> None:

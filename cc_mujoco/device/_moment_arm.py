@@ -159,9 +159,14 @@ def open_winding(
     data = mujoco.MjData(model)
 
     def length(qpos: Array) -> float:
+        """Return the length of the tendon from the mouth to its end [m]."""
         data.qpos[:] = qpos
         mujoco.mj_fwdPosition(model, data)
-        return _open_length(model, data, tendon, mouth)
+        start = int(data.ten_wrapadr[tendon])
+        points = data.wrap_xpos.reshape(-1, 3)[start : start + data.ten_wrapnum[tendon]]
+        at = np.linalg.norm(points - data.site_xpos[mouth], axis=1).argmin()
+        guided = np.linalg.norm(np.diff(points[: at + 1], axis=0), axis=1).sum()
+        return float(data.ten_length[tendon] - guided)
 
     first = length(model.qpos0)
     for qpos in _poses(model):
@@ -180,17 +185,6 @@ def open_winding(
     if not arm:
         return None
     return TabledWinding(place, dof, angles, (lengths - first) / arm, slope / arm)
-
-
-def _open_length(
-    model: mujoco.MjModel, data: mujoco.MjData, tendon: int, mouth: int
-) -> float:
-    """Return the length of a tendon from one of its sites to its end [m]."""
-    start = int(data.ten_wrapadr[tendon])
-    points = data.wrap_xpos.reshape(-1, 3)[start : start + data.ten_wrapnum[tendon]]
-    at = np.linalg.norm(points - data.site_xpos[mouth], axis=1).argmin()
-    guided = np.linalg.norm(np.diff(points[: at + 1], axis=0), axis=1).sum()
-    return float(data.ten_length[tendon] - guided)
 
 
 class MeasuredWinding:
@@ -244,21 +238,13 @@ def winding_of(model: mujoco.MjModel, end: int, joint: str) -> Winding | None:
         data.qpos[:] = qpos
         mujoco.mj_fwdPosition(model, data)
         row[:] = data.actuator_moment[start : start + count]
-    moves = np.abs(arms).max(axis=0) > ARM_TOLERANCE * abs(arm)
-    if not np.delete(moves, own).any() and np.ptp(arms[:, own]) < ARM_TOLERANCE * abs(
-        arm
-    ):
+    least = ARM_TOLERANCE * abs(arm)
+    moves = np.abs(arms).max(axis=0) > least
+    if not np.delete(moves, own).any() and np.ptp(arms[:, own]) < least:
         return None
-    places = start + np.flatnonzero(moves)
-    return Winding(
-        end,
-        float(model.opt.timestep),
-        tuple(places.tolist()),
-        tuple(dofs[moves].tolist()),
-        int(moves[:own].sum()),
-        length,
-        arm,
-    )
+    places = tuple((start + np.flatnonzero(moves)).tolist())
+    moved, place = tuple(dofs[moves].tolist()), int(moves[:own].sum())
+    return Winding(end, float(model.opt.timestep), places, moved, place, length, arm)
 
 
 class Arms:

@@ -204,13 +204,10 @@ def _read_winding(axis: AxisRecord, at: IntArray, found: FloatArray) -> None:
 
 @internal
 def read_axis(axis: AxisRecord, at: IntArray, found: FloatArray) -> None:
-    """Read angles, velocities and torques of motor, joint and wearer.
+    """Write `READING_COLUMNS` by the addresses of arrays in the order of `Physics`.
 
-    Args:
-        axis: Where they lie.
-        at: Addresses of the arrays of the simulation, in the order of `Physics`.
-        found: `READING_COLUMNS`, written. Angles and velocities are those after the
-            last physics step, torques those that acted in it.
+    Angles and velocities are those after the last physics step, torques those that
+    acted in it.
     """
     joint = axis.joint_v
     # Cables on open paths pull by passive forces, added to those of the joints.

@@ -469,8 +469,7 @@ def _torque_limit(scene: _Scene, motor: int, keys: Keys) -> float:
         raise CableError(f"motor {name!r} has `gear` 0, by which it turns nothing.")
     given = keys.table.number("torque", 1e-9)
     if model.actuator_gaintype[motor] == mujoco.mjtGain.mjGAIN_DCMOTOR:
-        torque = keys.given("torque", given, math.nan, SCENE)
-        return _make_motor(scene, motor, None if given is None else torque)
+        return _make_motor(scene, motor, keys.given("torque", given, None, SCENE))
     has_bias = model.actuator_biastype[motor] != mujoco.mjtBias.mjBIAS_NONE
     if (
         model.actuator_gaintype[motor] != mujoco.mjtGain.mjGAIN_FIXED
@@ -482,7 +481,8 @@ def _torque_limit(scene: _Scene, motor: int, keys: Keys) -> float:
             f"actuator {name!r} is no source of torque: controllers command the torque "
             "of a motor; make it a <motor> with `ctrlrange` or `forcerange`."
         )
-    torque = keys.given("torque", given, MotorLimits.of(model, motor).torque, SCENE)
+    assumed = MotorLimits.of(model, motor).torque
+    torque = float(keys.given("torque", given, assumed, SCENE))
     if given is not None:
         limit = given / abs(gain * gear)
         scene.spec.actuator(name).ctrlrange = [-limit, limit]

@@ -96,7 +96,7 @@ def derive_movers(
             added.gainprm[0] = stiffness
             added.biasprm[:3] = (0.0, -stiffness, -damping)
         elif stiffness is not None or damping is not None:
-            mover = Mover.of(model, int(model.actuator(name).id))
+            mover = Mover.of(model, name)
             own_stiffness, own_damping = dataclasses.astuple(mover.wearer)
             wearer = Wearer(
                 own_stiffness if stiffness is None else stiffness,

@@ -98,11 +98,8 @@ class Device(Nominal):
         if measured is not None:
             known = read_toml(measured)
             table = Table(table.where, {"hysteresis": known.content, **table.content})
-        self.files: tuple[Path, ...] = ()
+        self.files = _user_files(name, scene, table_path, measured)
         """Files of the user that define it: scene, description, what these include."""
-        if name not in SCENES:
-            beside = (one for one in (table_path, measured) if one is not None)
-            self.files = (*_files_of(scene), *beside)
         self._original: mujoco.MjSpec | None = None
         """Specification that it was made of, which its copies point into."""
         self.path: Path | None = scene
@@ -111,15 +108,7 @@ class Device(Nominal):
 
     @classmethod
     def from_mjcf(cls, path: str | Path, **given: Any) -> Device:
-        """Read a scene with its description, see `Device`.
-
-        Args:
-            path: Path of the MJCF file.
-            given: Keys of a description, as of `Device`.
-
-        Raises:
-            CableError: It cannot be read, or is no device.
-        """
+        """Read an MJCF file with its description; `given` and errors as of `Device`."""
         return cls(Path(path), **given)
 
     @classmethod
@@ -177,8 +166,7 @@ class Device(Nominal):
         self.name, self.timestep, self.spec = name, timestep, spec
         model = spec.copy().compile()
         self.movers = {
-            joint: Mover.of(model, int(model.actuator(actuator).id))
-            for joint, actuator in description.movers.items()
+            joint: Mover.of(model, name) for joint, name in description.movers.items()
         }
         """Wearer at every joint that it moves."""
         wearers = {joint: mover.wearer for joint, mover in self.movers.items()}
@@ -274,10 +262,7 @@ def load_device(
     """
     user_code.allow(allow)
     name, scene, table = locate(source)
-    files: Iterable[Path] = ()
-    if name not in SCENES:
-        beside = (one for one in (table, hysteresis_path(scene)) if one is not None)
-        files = [*_files_of(scene), *beside]
+    files = _user_files(name, scene, table, hysteresis_path(scene))
     stamps = tuple((str(f), f.stat().st_mtime_ns, f.stat().st_size) for f in files)
     return _load(name, timestep, (stamps, user_code.allowed()))
 
@@ -299,6 +284,13 @@ def hysteresis_path(scene: Path) -> Path | None:
     """Return the file of hysteresis parameters beside a scene, None without one."""
     beside = scene.with_suffix(HYSTERESIS_ENDING)
     return beside if beside.is_file() else None
+
+
+def _user_files(name: str, scene: Path, *beside: Path | None) -> tuple[Path, ...]:
+    """Return the files that define a device of the user, none of a built-in one."""
+    if name in SCENES:
+        return ()
+    return (*_files_of(scene), *(one for one in beside if one is not None))
 
 
 def _files_of(scene: Path) -> list[Path]:
@@ -350,21 +342,17 @@ def _resolved(table: Table, folder: Path) -> Table:
             given, table.where, key, free=free, deferred=True
         )
 
-    content = dict(table.content)
-    if "trajectory" in content:
-        content["trajectory"] = beside(
-            content["trajectory"], "trajectory", TRAJECTORIES
-        )
-    axes = content.get("axis")
-    listed = axes if isinstance(axes, list) else [axes]
-    changed = [
-        {**axis, "task": beside(axis["task"], "task", TASKS)}
-        if isinstance(axis, dict) and "task" in axis
-        else axis
-        for axis in listed
-    ]
-    if "axis" in content:
-        content["axis"] = changed if isinstance(axes, list) else changed[0]
+    def resolved(content: Any, key: str, free: Container[str]) -> Any:
+        if not isinstance(content, dict) or key not in content:
+            return content
+        return {**content, key: beside(content[key], key, free)}
+
+    content = resolved(table.content, "trajectory", TRAJECTORIES)
+    if isinstance(axes := content.get("axis"), list):
+        listed = [resolved(axis, "task", TASKS) for axis in axes]
+        return Table(table.where, {**content, "axis": listed})
+    if axes is not None:
+        content = {**content, "axis": resolved(axes, "task", TASKS)}
     return Table(table.where, content)
 
 

@@ -72,6 +72,10 @@ class Figure:
     sources: tuple[str, ...]
     """Keys of `SOURCES`."""
 
+    @classmethod
+    def one(cls, value: float, source: str) -> Figure:
+        return cls(value, value, value, (source,))
+
     def at(self, end: str) -> float:
         """Return the number at one of `ENDS`."""
         return float(getattr(self, end))
@@ -118,6 +122,11 @@ def _per_area(pounds: float, inches: float) -> float:
     return pounds * _POUND / area(0.0254 * inches)
 
 
+def _turned(share: float) -> float:
+    """Return the friction at which a share of a pull is left after half a turn."""
+    return math.log(1.0 / share) / math.pi
+
+
 _STEEL_MODULUS = Figure(
     # E over the metal times its share of the circle; 1 % per G pounds per square inch.
     111.824e9 * 365.279 / 804.248,
@@ -134,7 +143,7 @@ _STEEL_STRENGTH = Figure(
     _per_area(480.0, 0.0625),
     ("schooner", "api", "steel_cable"),
 )
-_NYLON_HOTTEST = Figure(99.0, 99.0, 99.0, ("quadrant",))
+_NYLON_HOTTEST = Figure.one(99.0, "quadrant")
 
 
 def _steel(
@@ -144,18 +153,9 @@ def _steel(
     hottest: Figure | None,
     lubricated: bool = False,
 ) -> Material:
-    return Material(
-        name,
-        meaning,
-        lubricated,
-        friction,
-        _STEEL_MODULUS,
-        _STEEL_DENSITY,
-        _STEEL_STRENGTH,
-        hottest,
-        # three strands of 7x19 side by side, of five wires each
-        15,
-    )
+    rope = _STEEL_MODULUS, _STEEL_DENSITY, _STEEL_STRENGTH
+    # 15 wires across: three strands of 7x19 side by side, of five wires each
+    return Material(name, meaning, lubricated, friction, *rope, hottest, 15)
 
 
 MATERIALS: dict[str, Material] = {
@@ -165,7 +165,7 @@ MATERIALS: dict[str, Material] = {
             "steel_ptfe",
             "steel rope in a conduit lined with PTFE, dry",
             Figure(0.05, 0.06, 0.10, ("ptfe", "housing")),
-            Figure(260.0, 260.0, 260.0, ("medh",)),
+            Figure.one(260.0, "medh"),
         ),
         _steel(
             "nylon_steel_ptfe",
@@ -198,31 +198,21 @@ MATERIALS: dict[str, Material] = {
             "braided UHMWPE rope (Dyneema) in a bare steel coil, dry; its stiffness is "
             "that of rope that was bedded in",
             False,
-            Figure(
-                math.log(1.0 / 0.60) / math.pi,
-                math.log(1.0 / 0.60) / math.pi,
-                math.log(1.0 / 0.48) / math.pi,
-                ("carabiner",),
-            ),
+            Figure(_turned(0.60), _turned(0.60), _turned(0.48), ("carabiner",)),
             Figure(
                 _STEEL_MODULUS.typical,
                 _STEEL_MODULUS.typical,
                 1000.0 * _POUND / 0.00078 / area(0.009),
                 ("dsm", "dux"),
             ),
-            Figure(
-                0.15 * _STEEL_DENSITY.typical,
-                0.15 * _STEEL_DENSITY.typical,
-                0.15 * _STEEL_DENSITY.typical,
-                ("dsm",),
-            ),
+            Figure.one(0.15 * _STEEL_DENSITY.typical, "dsm"),
             Figure(
                 _per_area(8000.0, 0.25),
                 _per_area(5400.0, 0.1875),
                 _per_area(12000.0, 0.25),
                 ("schooner", "samson"),
             ),
-            Figure(70.0, 70.0, 70.0, ("dsm",)),
+            Figure.one(70.0, "dsm"),
         ),
     )
 }
@@ -231,15 +221,8 @@ MATERIALS: dict[str, Material] = {
 
 def table_rows(materials: Iterable[Material]) -> list[list[str]]:
     """Return pairs as rows of text below the heads of the columns."""
-    head = [
-        "material",
-        "rope and conduit",
-        "friction",
-        "modulus [GPa]",
-        "density [kg/m^3]",
-        "strength [GPa]",
-        "hottest [degC]",
-    ]
+    head = ["material", "rope and conduit", "friction", "modulus [GPa]"]
+    head += ["density [kg/m^3]", "strength [GPa]", "hottest [degC]"]
     rows = [
         [
             one.name,
@@ -257,15 +240,12 @@ def table_rows(materials: Iterable[Material]) -> list[list[str]]:
 
 def source_rows(materials: Iterable[Material]) -> list[list[str]]:
     """Return the sources of the figures of pairs, below the heads of the columns."""
-    used = {
-        key for one in materials for figure in _figures(one) for key in figure.sources
-    }
+    used: set[str] = set()
+    for one in materials:
+        for figure in vars(one).values():
+            if isinstance(figure, Figure):
+                used.update(figure.sources)
     return [["source", "what it is"], *([key, SOURCES[key]] for key in sorted(used))]
-
-
-def _figures(material: Material) -> tuple[Figure, ...]:
-    found = (material.friction, material.modulus, material.density, material.strength)
-    return found if material.hottest is None else (*found, material.hottest)
 
 
 def _interval_text(figure: Figure, scale: float = 1.0) -> str:

@@ -276,8 +276,7 @@ class DeviceModel:
         self.frame_skip = frame_skip(description, float(model.opt.timestep))
         """Physics steps between two calls of a controller."""
         self.movers = {
-            joint: Mover.of(model, int(model.actuator(name).id))
-            for joint, name in description.movers.items()
+            joint: Mover.of(model, name) for joint, name in description.movers.items()
         }
         """Wearer at every joint that it moves."""
         if isinstance(wearer, Wearer):

@@ -25,6 +25,14 @@ def joint_actuators(model: mujoco.MjModel, joints: Any) -> NDArray[np.bool_]:
     return np.asarray(on_joint & own & np.isin(model.actuator_trnid[:, 0], joints))
 
 
+def _control_range(model: mujoco.MjModel, actuator: int) -> tuple[float, float]:
+    """Return least and largest control, infinite where there is no limit."""
+    if not model.actuator_ctrllimited[actuator]:
+        return -math.inf, math.inf
+    low, high = model.actuator_ctrlrange[actuator].tolist()
+    return low, high
+
+
 class Mover(NamedTuple):
     """An actuator by which the wearer moves a joint, as a spring and a damper."""
 
@@ -45,15 +53,13 @@ class Mover(NamedTuple):
     high: float
 
     @classmethod
-    def of(cls, model: mujoco.MjModel, actuator: int) -> Mover:
+    def of(cls, model: mujoco.MjModel, name: str) -> Mover:
         """Read an actuator with affine bias at a joint."""
+        actuator = int(model.actuator(name).id)
         gear = float(model.actuator_gear[actuator, 0])
         gain = float(model.actuator_gainprm[actuator, 0])
         bias = model.actuator_biasprm[actuator]
         stiffness = gear * gear * -float(bias[1])
-        low, high = -math.inf, math.inf
-        if model.actuator_ctrllimited[actuator]:
-            low, high = model.actuator_ctrlrange[actuator].tolist()
         return cls(
             Wearer(stiffness, gear * gear * -float(bias[2])),
             int(model.actuator_ctrladr[actuator]),
@@ -61,8 +67,7 @@ class Mover(NamedTuple):
             gear,
             stiffness / (gear * gain),
             0.0 - float(bias[0]) / gain,
-            low,
-            high,
+            *_control_range(model, actuator),
         )
 
     def command(self, angle: Any, velocity: Any) -> Any:
@@ -99,9 +104,7 @@ class MotorLimits(NamedTuple):
         """Read the limits of control, of force and of the joint."""
         gain = float(model.actuator_gainprm[actuator, 0])
         gear = float(model.actuator_gear[actuator, 0])
-        low, high = -math.inf, math.inf
-        if model.actuator_ctrllimited[actuator]:
-            low, high = model.actuator_ctrlrange[actuator].tolist()
+        low, high = _control_range(model, actuator)
         limits = []
         if model.actuator_forcelimited[actuator]:
             limits.append(model.actuator_forcerange[actuator] / gain)

@@ -39,16 +39,9 @@ OBSERVATION_LIMIT = 10.0
 PLAY_HALF_WIDTHS = (0.1, 0.3, 1.0)
 """Half widths of the plays of `Observed.memory`, in units of the twist."""
 
-(
-    MOTOR_ANGLE,
-    MOTOR_VELOCITY,
-    JOINT_ANGLE,
-    JOINT_VELOCITY,
-    JOINT_TORQUE,
-    DESIRED_TORQUE,
-) = range(6)
-"""Places of the measurements: angle and velocity of motor and joint; torques.
-"""
+MOTOR_ANGLE, MOTOR_VELOCITY, JOINT_ANGLE, JOINT_VELOCITY = range(4)
+JOINT_TORQUE, DESIRED_TORQUE = range(4, 6)
+"""Places of the measurements: angle and velocity of motor and joint; torques."""
 
 
 @dataclass(frozen=True)
@@ -168,12 +161,7 @@ class ObservationHistory:
     """Observation of n environments, with its past."""
 
     def __init__(self, observed: Observed, count: int) -> None:
-        """Prepare; `begin` before anything else.
-
-        Args:
-            observed: Observed quantities.
-            count: Number of environments, n.
-        """
+        """Prepare for `count` environments; `begin` before anything else."""
         self.observed, self.size = observed, observed.space.shape[0]
         width, self._all = observed.frame, np.arange(count)
         reach = np.tile(np.array(PLAY_HALF_WIDTHS) * observed.units[0], 2)
@@ -188,12 +176,7 @@ class ObservationHistory:
         )
 
     def begin(self, measured: Array, rows: Any = slice(None)) -> None:
-        """Start an episode, in all environments or some, with a past at rest.
-
-        Args:
-            measured: (rows, k).
-            rows: Indices of the rows.
-        """
+        """Start an episode in some rows with measurements (rows, k), at rest before."""
         self.past.measured[rows] = measured
         _begin(self.past, self._all[rows])
 
@@ -296,13 +279,7 @@ def write_row(past: Past, row: int, whole: FloatMatrix, first: int) -> None:
 
 @compiled
 def write_observation(past: Past, whole: FloatMatrix, first: int) -> None:
-    """Write the observations of all rows into columns of a matrix, as single precision.
-
-    Args:
-        past: History of the observed quantities.
-        whole: (n, columns), written.
-        first: Column of the first number.
-    """
+    """Write all observations, in single precision, from a column of `whole` on."""
     for row in range(whole.shape[0]):
         write_row(past, row, whole, first)
 

@@ -138,13 +138,10 @@ class Plant:
     def wearers(self) -> dict[str, Wearer]:
         """Wearer at the joints that the cables drive, by joint."""
         factor, nominal = float(self.values.get(WEARER.name, 1.0)), self.device.wearers
+        limbs = [axis.limb for axis in self.description.axes if axis.limb in nominal]
         return {
-            axis.limb: Wearer(
-                factor * nominal[axis.limb].stiffness,
-                factor * nominal[axis.limb].damping,
-            )
-            for axis in self.description.axes
-            if axis.limb in nominal
+            n: Wearer(factor * nominal[n].stiffness, factor * nominal[n].damping)
+            for n in limbs
         }
 
     @property
@@ -210,24 +207,20 @@ class Plant:
             TORQUE_CONSTANT: motor.torque_constant,
             CONTINUOUS_TORQUE: motor.continuous_torque,
         }
-        return {
-            **facts_of(axis, self.strength),
-            **{key: value for key, value in found.items() if not math.isnan(value)},
-        }
+        known = {key: value for key, value in found.items() if not math.isnan(value)}
+        return facts_of(axis, self.strength) | known
 
     @property
     def pulleys(self) -> dict[str, tuple[float, ...]]:
         """Radii of the pulleys that each cable winds on [m]; a lever is none."""
-        scene = self.scene
+        scene, on_joint = self.scene, mujoco.mjtTrn.mjTRN_JOINT
         return {
             name: tuple(
-                float(self._own(name).get(key, radius))
-                for key, radius, end in zip(
-                    RADII, nominal, scene.ends[name], strict=True
-                )
-                if end.trntype == mujoco.mjtTrn.mjTRN_JOINT
+                float(self._own(name).get(key, abs(float(end.gear[0]))))
+                for key, end in zip(RADII, ends, strict=True)
+                if end.trntype == on_joint
             )
-            for name, nominal in scene.radii.items()
+            for name, ends in scene.ends.items()
         }
 
     @property
@@ -248,12 +241,9 @@ class Plant:
     @property
     def layout(self) -> tuple[object, ...]:
         """Equal for plants that can be in one batch: their models, and their walk."""
-        cables = self.cables.values()
+        cables, axes = self.cables.values(), self.description.axes
         walks = (self.values.get(name) for name in wearer_scaling.WALKER)
-        lags = (
-            bool(self._of_axis(axis).get("motor_lag", 0.0))
-            for axis in self.description.axes
-        )
+        lags = (bool(self._of_axis(axis).get("motor_lag", 0.0)) for axis in axes)
         segments = (cable.segments for cable in cables)
         return (*segments, *route_tendons(cables), *walks, *lags)
 
@@ -273,6 +263,7 @@ class Plant:
                 "`bend` as it is."
             )
         for axis in self.description.axes:
+            # Variables of the motor before its gear
             geared = [name for name in GEARED if name in self._of_axis(axis)]
             if geared and math.isnan(self.gearing(axis)):
                 raise CableError(
@@ -280,7 +271,6 @@ class Plant:
                     f"{self.description.scene!r} does not say how its motor is geared; "
                     "vary it, or write it in [axis] of the description."
                 )
-        for axis in self.description.axes:
             worn = [n for n in CUFFED if n in self._of_axis(axis)]
             if worn and axis.cuff is None:
                 raise CableError(
@@ -289,8 +279,7 @@ class Plant:
                 )
         for name, (_, distal) in scene.ends.items():
             joint = distal.trntype == mujoco.mjtTrn.mjTRN_JOINT
-            lever = self._lever(name)
-            if RADII[1] in self._own(name) and not (joint or lever):
+            if RADII[1] in self._own(name) and not (joint or self._lever(name)):
                 raise CableError(
                     f"variable {RADII[1]!r} cannot be varied for cable {name!r}, whose "
                     "tendon has no lever that moves; the scene draws its path."
@@ -362,10 +351,8 @@ class Plant:
         return of_owner(self.values, axis.name)
 
     def _lever(self, cable: str) -> tuple[str, ...]:
-        for axis in self.description.axes:
-            if cable in axis.cables:
-                return axis.lever
-        return ()
+        axes = self.description.axes
+        return next((axis.lever for axis in axes if cable in axis.cables), ())
 
     def _own(self, cable: str) -> dict[str, Value]:
         axes = owner_axes(cable, self.device.axis_cables)
@@ -381,8 +368,8 @@ class Plant:
         if "conduit" in own:
             config = {"conduit": str(own["conduit"])}
             changes["conduit"] = Cable.from_config(config, where).conduit
-        diameter = float(own.get("diameter", self.description.diameter))
         nominal = self.description.diameter
+        diameter = float(own.get("diameter", nominal))
         stiffness = cable.axial_stiffness
         # Of a material the diameter says all, else it scales the rope that is there.
         varied = "material" if self.material is not None else "diameter"
@@ -429,30 +416,21 @@ class Plant:
 
         The radii are that of the scene and that of the plant, for each cable on it.
         """
-        scene = self.scene
-        discs = [
-            disc
-            for axis in self.description.axes
-            for disc in (
-                (0, axis.drum, axis.motor_pulley),
-                (1, axis.joint, axis.joint_pulley),
-            )
-        ]
-        return [
-            (
-                joint,
-                disc,
-                [
-                    (
-                        nominal[place],
-                        float(self._own(n).get(RADII[place], nominal[place])),
-                    )
-                    for n, nominal in scene.radii.items()
-                    if scene.ends[n][place].target == joint
-                ],
-            )
-            for place, joint, disc in discs
-        ]
+        scene, found = self.scene, []
+        for axis in self.description.axes:
+            discs = (axis.drum, axis.motor_pulley), (axis.joint, axis.joint_pulley)
+            for place, (joint, disc) in enumerate(discs):
+                nominal = {
+                    name: radii[place]
+                    for name, radii in scene.radii.items()
+                    if scene.ends[name][place].target == joint
+                }
+                radii = [
+                    (radius, float(self._own(name).get(RADII[place], radius)))
+                    for name, radius in nominal.items()
+                ]
+                found.append((joint, disc, radii))
+        return found
 
     def _apply(self, spec: mujoco.MjSpec, whole: bool) -> None:
         for name, cable in self.cables.items():
@@ -483,9 +461,8 @@ class Plant:
         values = self._of_axis(axis)
         motor, drum = spec.actuator(axis.motor), spec.joint(axis.drum)
         if "motor_torque" in values:
-            limit = float(values["motor_torque"]) / abs(
-                motor.gainprm[0] * motor.gear[0]
-            )
+            torque, ratio = values["motor_torque"], motor.gainprm[0] * motor.gear[0]
+            limit = float(torque) / abs(ratio)
             motor.ctrlrange = [-limit, limit]
             motor.forcerange = [0.0, 0.0]
         if "rotor_inertia" in values:
@@ -540,10 +517,8 @@ class Plant:
     def _set_radius(
         self, spec: mujoco.MjSpec, cable: str, end: Any, radius: float
     ) -> None:
-        actuator: mujoco.MjsActuator = end
-        if actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT:
-            gear = math.copysign(radius, actuator.gear[0])
-            actuator.gear = [gear, 0, 0, 0, 0, 0]
+        if end.trntype == mujoco.mjtTrn.mjTRN_JOINT:
+            end.gear = [math.copysign(radius, end.gear[0]), 0, 0, 0, 0, 0]
             return
         lever = self._lever(cable)
         place = _lever_direction(spec, lever)
@@ -568,13 +543,11 @@ def facts_of(axis: Axis, strength: Mapping[str, float]) -> dict[str, Any]:
 def _lever_direction(spec: mujoco.MjSpec, lever: tuple[str, ...]) -> int:
     """Return the coordinate of its body in which a lever is farthest from the joint."""
     site = spec.site(lever[-1])
-    joint = next(
-        (j for j in site.parent.joints if j.type == mujoco.mjtJoint.mjJNT_HINGE), None
-    )
     offset = np.array(site.pos)
-    if joint is not None:
-        offset = offset - joint.pos
-        offset -= (offset @ joint.axis) * np.array(joint.axis)
+    hinges = [j for j in site.parent.joints if j.type == mujoco.mjtJoint.mjJNT_HINGE]
+    for hinge in hinges[:1]:
+        offset = offset - hinge.pos
+        offset -= (offset @ hinge.axis) * np.array(hinge.axis)
     return int(np.abs(offset).argmax())
 
 
@@ -606,18 +579,14 @@ def _conduit(cable: Cable, own: Mapping[str, Value]) -> Cable:
     if "loops" in own:
         turned = 2.0 * math.pi * float(own["loops"])
         sections = (Section(total, total / turned if turned else math.inf),)
-    elif "wrap" in own:
+    radii = [s.radius for s in sections]
+    if "wrap" in own:
         if not cable.wrap:
             raise CableError("`wrap` cannot be varied, as its conduit has no bends")
         tighter = float(own["wrap"]) / cable.wrap
-        sections = tuple(
-            Section(s.length, s.radius / tighter if tighter else math.inf)
-            for s in sections
-        )
+        radii = [radius / tighter if tighter else math.inf for radius in radii]
     elif "bend_radius" in own:
-        radius = float(own["bend_radius"])
-        sections = tuple(
-            Section(s.length, radius if s.radius < math.inf else s.radius)
-            for s in sections
-        )
-    return cable.replace(conduit=sections)
+        bent = float(own["bend_radius"])
+        radii = [bent if radius < math.inf else radius for radius in radii]
+    lengths = (s.length for s in sections)
+    return cable.replace(conduit=tuple(map(Section, lengths, radii)))

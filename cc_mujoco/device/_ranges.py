@@ -100,11 +100,9 @@ class Ranges:
             else:
                 values[name] = float(rng.uniform(low, high))
         # A value for one cable takes precedence over one for all.
-        said = sorted(
-            require_dictionary("options", given).items(),
-            key=lambda item: "." in item[0],
-        )
-        for name, value in said:
+        said = require_dictionary("options", given)
+        for name in sorted(said, key=lambda name: "." in name):
+            value = said[name]
             self._check("options", name, value)
             values |= dict.fromkeys(self._each(name), value)
         return Plant(self.nominal.device, values) if values else self.nominal

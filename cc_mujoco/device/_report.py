@@ -23,6 +23,7 @@ from cc_mujoco.device._model import DeviceModel
 from cc_mujoco.errors import CableError
 
 ORIGINS = {GIVEN: "given", SCENE: "from the scene", ASSUMED: "assumed"}
+IMPEDANCE = (("stiffness", "N m/rad"), ("damping", "N m s/rad"))
 
 
 class Property(NamedTuple):
@@ -40,10 +41,12 @@ class Property(NamedTuple):
 
     @property
     def known(self) -> bool:
-        value = self.value
-        return not (
-            value is None or (isinstance(value, float) and not math.isfinite(value))
-        )
+        value = math.nan if self.value is None else self.value
+        return not isinstance(value, float) or math.isfinite(value)
+
+    @property
+    def place(self) -> str:
+        return f"{self.table}.{self.key}" if self.table else self.key
 
 
 def properties(device: Device) -> Iterator[Property]:
@@ -51,8 +54,10 @@ def properties(device: Device) -> Iterator[Property]:
     found = device.description
     origin = found.sources.get
 
-    def top(key: str, value: object, unit: str, meaning: str) -> Property:
-        return Property("", key, value, unit, meaning, origin(key, SCENE))
+    def top(
+        key: str, value: object, unit: str, meaning: str, table: str = ""
+    ) -> Property:
+        return Property(table, key, value, unit, meaning, origin(key, SCENE))
 
     motion = without_mark(found.trajectory)
     yield top("meaning", found.meaning, "", "the device in a line")
@@ -62,12 +67,8 @@ def properties(device: Device) -> Iterator[Property]:
         roots = (joint.type for joint in device.spec.joints)
         held = "free" if mujoco.mjtJoint.mjJNT_FREE in roots else "held"
         yield top("root", held, "", "body on a free joint: held or free")
-    for key, value, unit, meaning in (
-        ("strength", found.strength, "N", "breaking load of a cable"),
-        ("diameter", found.diameter, "m", "of a cable"),
-    ):
-        yield Property("rope", key, value, unit, meaning, origin(key, ASSUMED))
-    sensing = found.sensing
+    yield top("strength", found.strength, "N", "breaking load of a cable", "rope")
+    yield top("diameter", found.diameter, "m", "of a cable", "rope")
     for key, unit, meaning in (
         ("torque_noise", "N m", "standard deviation of the joint torque sensor"),
         ("tension_noise", "N", "standard deviation of every tension sensor"),
@@ -76,28 +77,22 @@ def properties(device: Device) -> Iterator[Property]:
         ("cutoff", "Hz", "of the low-pass of both velocities"),
         ("delay", "", "control steps by which measurements are late"),
     ):
-        value = getattr(sensing, key)
-        yield Property(
-            "sensors", key, value, unit, meaning, origin(f"sensors.{key}", ASSUMED)
-        )
+        value, where = getattr(found.sensing, key), origin(f"sensors.{key}", ASSUMED)
+        yield Property("sensors", key, value, unit, meaning, where)
     several = len(found.axes) > 1
     for axis in found.axes:
         yield from _axis_properties(device, axis, several)
     for joint in dict.fromkeys((*found.movers, *(a.limb for a in found.axes))):
-        name = found.movers.get(joint)
-        where = origin(f"wearer.{joint}", SCENE)
-        table = f"wearer.{joint}"
+        name, table = found.movers.get(joint), f"wearer.{joint}"
+        where = origin(table, SCENE)
         if name is None:
             yield Property(table, "none", True, "", "moved by other actuators", where)
             continue
-        wearer = device.wearers[joint]
         if where != ASSUMED:
             yield Property(table, "actuator", name, "", "of the wearer", where)
-        for key, amount, unit in (
-            ("stiffness", wearer.stiffness, "N m/rad"),
-            ("damping", wearer.damping, "N m s/rad"),
-        ):
-            yield Property(table, key, amount, unit, "of the wearer", where)
+        for key, unit in IMPEDANCE:
+            value = getattr(device.wearers[joint], key)
+            yield Property(table, key, value, unit, "of the wearer", where)
 
 
 def _axis_properties(device: Device, axis: Axis, several: bool) -> Iterator[Property]:
@@ -119,22 +114,18 @@ def _axis_properties(device: Device, axis: Axis, several: bool) -> Iterator[Prop
     yield own("task", task, "", "what the wearer should feel by default", ASSUMED)
     yield own("reach", axis.reach, "rad", "largest excursion of named trajectories")
     yield own("centre", axis.centre, "rad", "angle about which they move")
-    yield own(
-        "safe_torque",
-        axis.safe_torque,
-        "N m",
-        "most that is safe at the joint, which a guard keeps",
-    )
+    meaning = "most that is safe at the joint, which a guard keeps"
+    yield own("safe_torque", axis.safe_torque, "N m", meaning)
     for key, unit in (("safe_speed", "rad/s"), ("safe_power", "W")):
-        meaning = "beyond which the guard brakes the motor"
-        yield own(key, getattr(axis, key), unit, f"{key[5:]} of the joint {meaning}")
+        meaning = f"{key[5:]} of the joint beyond which the guard brakes the motor"
+        yield own(key, getattr(axis, key), unit, meaning)
     for part, disc in (("motor", axis.motor_pulley), ("joint", axis.joint_pulley)):
         meaning = f"inertia of the {part}'s pulley"
         yield own(f"{part}_pulley", disc or None, "kg m^2", meaning)
     yield own("gearing", axis.gearing, "", "turns of the rotor per turn of its pulley")
     yield own("lever", list(axis.lever) or None, "", "sites that move with the lever")
     if axis.cuff is not None:
-        for key, unit in (("stiffness", "N m/rad"), ("damping", "N m s/rad")):
+        for key, unit in IMPEDANCE:
             value = getattr(axis.cuff, key)
             yield Property("axis.cuff", key, value, unit, "of the cuff", GIVEN)
         inertia = axis.cuff.inertia
@@ -182,21 +173,15 @@ def account(device: Device) -> str:
     ):
         rows = [p for p in everything if p.origin == kind and p.known]
         if rows:
-            lines += ["", heading, *(_line(row) for row in rows)]
+            lines += ["", heading]
+        for row in rows:
+            value = f"{_toml(row.value)} {row.unit}".rstrip()
+            lines.append(f"  {row.place:32} {value:24} {row.meaning}")
     missing = [p for p in everything if not p.known]
     if missing:
         lines += ["", "missing; what needs them shows - or says so"]
-        lines += [f"  {_place(row):32} {row.meaning}" for row in missing]
+        lines += [f"  {row.place:32} {row.meaning}" for row in missing]
     return "\n".join(lines)
-
-
-def _place(row: Property) -> str:
-    return f"{row.table}.{row.key}" if row.table else row.key
-
-
-def _line(row: Property) -> str:
-    value = f"{_toml(row.value)} {row.unit}".rstrip()
-    return f"  {_place(row):32} {value:24} {row.meaning}"
 
 
 def description_text(device: Device) -> str:

@@ -11,6 +11,7 @@ is measured, the desired torque too, comes late by whole control steps.
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
@@ -206,22 +207,17 @@ class Sensing:
         the measurements and the noise of the torque sensor; without a joint sensor the
         delay alone.
         """
-        if not self.joint_sensor:
-            return dataclasses.replace(
-                drive, sensors=(), delay=self.delay, joint_sensor=False
+        changed: dict[str, Any] = {"delay": self.delay, "sensors": ()}
+        if self.joint_sensor:
+            deviation = max(self.tension_noise, 1e-6)
+            changed["sensors"] = tuple(
+                Sensors(
+                    (0, _middle_node(one.cable), one.cable.segments), (deviation,) * 3
+                )
+                for one in drive.cables
             )
-        deviation = max(self.tension_noise, 1e-6)
-        sensors = tuple(
-            Sensors((0, _middle_node(cable), cable.segments), (deviation,) * 3)
-            for cable in (cable_drive.cable for cable_drive in drive.cables)
-        )
-        return dataclasses.replace(
-            drive,
-            sensors=sensors,
-            delay=self.delay,
-            torque_noise=self.torque_noise,
-            joint_sensor=True,
-        )
+            changed["torque_noise"] = self.torque_noise
+        return dataclasses.replace(drive, joint_sensor=self.joint_sensor, **changed)
 
     def to_json(self) -> dict[str, float | None]:
         """Return the fields as plain JSON; an infinite `cutoff` is null."""
@@ -337,10 +333,7 @@ class Measuring:
             names = (*names, *self._ratios)
         else:
             names = tuple(name for name in names if name not in JOINT_COLUMNS)
-        seen = {
-            name: value.copy() if isinstance(value, np.ndarray) else value
-            for name, value in ((name, columns[name]) for name in names)
-        }
+        seen = {name: copy.copy(columns[name]) for name in names}
         if self._errors is not None and sensing.joint_sensor:
             errors = self._errors[min(self._step, len(self._errors) - 1)]
             seen["joint_torque_nm"] = seen["joint_torque_nm"] + errors[..., 0]
@@ -369,15 +362,11 @@ class Measuring:
         if steps:
             unit = 2.0 * math.pi / steps
             seen[angle] = unit * np.round(seen[angle] / unit)
-            before = self._before(angle, seen[angle])
+            before = self._last.get(angle, seen[angle])
             seen[rate] = (seen[angle] - before) / self._period
         if self._share < 1.0:
-            before = self._before(rate, seen[rate])
+            before = self._last.get(rate, seen[rate])
             seen[rate] = before + self._share * (seen[rate] - before)
-
-    def _before(self, name: str, now: Any) -> Any:
-        """Return the reading of the previous step; `now` in the first step."""
-        return self._last.get(name, now)
 
     def _delayed(self, seen: Mapping[str, Any]) -> dict[str, Any]:
         """Return the readings that arrive now, and store those of this step."""

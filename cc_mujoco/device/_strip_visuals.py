@@ -23,10 +23,6 @@ ARENA_BYTES = 1 << 16
 allocator would be left with holes as large whenever a batch of simulations ends, and a
 study would grow with its designs."""
 
-_NO_COLLISIONS = int(
-    mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
-)
-
 _ALWAYS_INFERRED = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
 
 _WRAPPED = {
@@ -49,7 +45,9 @@ def strip(whole: mujoco.MjSpec, kept: Collection[str] = ()) -> mujoco.MjSpec:
     """
     spec = whole.copy()
     _state_length_ranges(spec, whole)
-    collides = not int(spec.option.disableflags) & _NO_COLLISIONS
+    disabled = mujoco.mjtDisableBit
+    none = disabled.mjDSBL_CONTACT.value | disabled.mjDSBL_CONSTRAINT.value
+    collides = not int(spec.option.disableflags) & none
     if not collides:
         for pair in [*spec.pairs, *spec.excludes]:
             spec.delete(pair)
@@ -58,33 +56,30 @@ def strip(whole: mujoco.MjSpec, kept: Collection[str] = ()) -> mujoco.MjSpec:
             spec.delete(sensor)
     configured = _configured_names(spec)
     for tendon in list(spec.tendons):
-        if tendon.name in configured or tendon.name in kept or _pulls(spec, tendon):
-            tendon.material = ""
-        else:
+        if tendon.name not in {*configured, *kept} and not _pulls(spec, tendon):
             spec.delete(tendon)
     needed = _needed_names(spec)
     for names in needed.values():
         names |= configured
     _state_inertias(spec, needed, collides)
     for geom in list(spec.geoms):
-        if _needs(spec, geom, needed, collides):
-            geom.material = ""
-        else:
+        if not _needs(spec, geom, needed, collides):
             spec.delete(geom)
-    for site in list(spec.sites):
-        if site.name and site.name in needed[mujoco.mjtObj.mjOBJ_SITE]:
-            site.material = ""
-        else:
-            spec.delete(site)
-    for camera in list(spec.cameras):
-        if camera.name not in needed[mujoco.mjtObj.mjOBJ_CAMERA]:
-            spec.delete(camera)
-    for flex in spec.flexes:
-        flex.material = ""
+    for kind, elements in (
+        (mujoco.mjtObj.mjOBJ_SITE, spec.sites),
+        (mujoco.mjtObj.mjOBJ_CAMERA, spec.cameras),
+    ):
+        for element in list(elements):
+            if element.name not in needed[kind]:
+                spec.delete(element)
+    for drawn in [*spec.tendons, *spec.geoms, *spec.sites, *spec.flexes]:
+        drawn.material = ""
     _delete_assets(spec)
     for body in reversed(spec.bodies[1:]):  # children before their parents
         parts = [body.joints, body.bodies, body.geoms, body.sites, body.cameras]
-        if not any(parts) and not _has_weight(body) and not _is_named(body, needed):
+        weighs = body.explicitinertial and (body.mass > 0.0 or not _moves(body))
+        named = body.name in needed[mujoco.mjtObj.mjOBJ_BODY]
+        if not (any(parts) or weighs or named or body.mocap or body.plugin.active):
             spec.delete(body)
     if not (collides and spec.geoms) and not spec.equalities and not spec.flexes:
         spec.memory = _arena_bytes(spec)
@@ -140,8 +135,12 @@ def _state_inertias(spec: mujoco.MjSpec, needed: Names, collides: bool) -> None:
     if spec.compiler.inertiafromgeom == _ALWAYS_INFERRED:
         spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
         for body in spec.bodies[1:]:
-            if body.geoms and not _infers_always(body):
-                _forget_inertia(body)
+            if body.geoms and not _infers_always(body):  # forget what is stated
+                body.explicitinertial = False
+                body.mass, body.inertia = 0.0, [0.0] * 3
+                body.ipos, body.iquat = [math.nan, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]
+                body.fullinertia = [math.nan] + [0.0] * 5
+                body.ialt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
     for body in spec.bodies[1:]:
         if not body.explicitinertial and _moves(body):
             if not all(_needs(spec, geom, needed, collides) for geom in body.geoms):
@@ -157,14 +156,6 @@ def _infers_always(body: Any) -> bool:
     return bool(body.compiler.inertiafromgeom == _ALWAYS_INFERRED)
 
 
-def _forget_inertia(body: Any) -> None:
-    body.explicitinertial = False
-    body.mass, body.inertia = 0.0, [0.0] * 3
-    body.ipos, body.iquat = [math.nan, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]
-    body.fullinertia = [math.nan] + [0.0] * 5
-    body.ialt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
-
-
 def _moves(body: Any) -> bool:
     """Return whether a joint moves a body or one that carries it."""
     while body is not None:
@@ -174,16 +165,6 @@ def _moves(body: Any) -> bool:
     return False
 
 
-def _has_weight(body: Any) -> bool:
-    return body.explicitinertial and (body.mass > 0.0 or not _moves(body))
-
-
-def _is_named(body: Any, needed: Names) -> bool:
-    """Return whether something else needs an empty body."""
-    named = body.name and body.name in needed[mujoco.mjtObj.mjOBJ_BODY]
-    return bool(body.mocap or body.plugin.active or named)
-
-
 def _needs(spec: mujoco.MjSpec, geom: Any, needed: Names, collides: bool) -> bool:
     """Return whether the physics needs a geom beyond the inertia of its body."""
     body = geom.parent
@@ -191,7 +172,7 @@ def _needs(spec: mujoco.MjSpec, geom: Any, needed: Names, collides: bool) -> boo
         return True
     touches = collides and (geom.contype != 0 or geom.conaffinity != 0)
     medium = spec.option.density > 0.0 or spec.option.viscosity > 0.0
-    named = geom.name and geom.name in needed[mujoco.mjtObj.mjOBJ_GEOM]
+    named = geom.name in needed[mujoco.mjtObj.mjOBJ_GEOM]
     return bool(touches or (medium and geom.fluid_ellipsoid) or named)
 
 
@@ -202,20 +183,15 @@ def _pulls(spec: mujoco.MjSpec, tendon: Any) -> bool:
         and tendon.range[0] < tendon.range[1]
     )
     own = [*tendon.stiffness, *tendon.damping, tendon.frictionloss, tendon.armature]
-    return (
-        limited
-        or any(own)
-        or any(
-            actuator.trntype == mujoco.mjtTrn.mjTRN_TENDON
-            and actuator.target == tendon.name
-            for actuator in spec.actuators
-        )
-        or any(
-            equality.type == mujoco.mjtEq.mjEQ_TENDON
-            and tendon.name in (equality.name1, equality.name2)
-            for equality in spec.equalities
-        )
-    )
+    users = [
+        actuator.target
+        for actuator in spec.actuators
+        if actuator.trntype == mujoco.mjtTrn.mjTRN_TENDON
+    ]
+    for equality in spec.equalities:
+        if equality.type == mujoco.mjtEq.mjEQ_TENDON:
+            users += [equality.name1, equality.name2]
+    return limited or any(own) or tendon.name in users
 
 
 def _configured_names(spec: mujoco.MjSpec) -> set[str]:

@@ -176,13 +176,9 @@ VARIABLES: dict[str, Parameter] = OF_CABLES | {
 """Every variable of a design by name."""
 
 WEARER = Parameter(
-    "wearer",
-    "1",
-    "stiffness and damping of the wearer, times those of the scene; a joint that is "
-    "held stays held",
-    low=1e-3,
-    high=1e3,
-)
+    "wearer", "1", "stiffness and damping of the wearer, times those of the scene; a "
+    "joint that is held stays held", 1e-3, 1e3,
+)  # fmt: skip
 """Variable that cases and episodes may have beside those of designs."""
 
 DELAY = Parameter(
@@ -191,16 +187,8 @@ DELAY = Parameter(
 NOISE = Parameter("noise", "1", "of the sensors, times that of the device", 0, 1e3)
 
 IN_EPISODES: dict[str, Parameter] = {
-    variable.name: variable
-    for variable in (
-        WEARER,
-        DELAY,
-        NOISE,
-        *PARAMETERS,
-        OF_CABLES["break_away"],
-        OF_CABLES["wrap"],
-    )
-}
+    variable.name: variable for variable in (WEARER, DELAY, NOISE, *PARAMETERS)
+} | {name: OF_CABLES[name] for name in ("break_away", "wrap")}
 """Variables that may change from episode to episode of one compiled model."""
 
 VALUES: dict[str, Parameter] = VARIABLES | IN_EPISODES
@@ -209,13 +197,10 @@ VALUES: dict[str, Parameter] = VARIABLES | IN_EPISODES
 SETS: dict[str, tuple[str, ...]] = {
     "material": ("friction", "axial_stiffness", "strength", "rope_density"),
     "motor": (
-        "rotor_inertia",
-        "winding_resistance",
-        "torque_constant",
-        "continuous_torque",
+        "rotor_inertia", "winding_resistance", "torque_constant", "continuous_torque",
         "motor_mass",
     ),
-}
+}  # fmt: skip
 """Parameters that a variable sets when it names a row of a table."""
 
 CONFLICTS: tuple[tuple[str, ...], ...] = (
@@ -314,9 +299,6 @@ def of_owner(values: Mapping[str, Value], *owners: str) -> dict[str, Value]:
     own = {name: value for name, value in values.items() if "." not in name}
     for owner in owners:
         start = f"{owner}."
-        own |= {
-            name[len(start) :]: value
-            for name, value in values.items()
-            if name.startswith(start)
-        }
+        named = {name: v for name, v in values.items() if name.startswith(start)}
+        own |= {name.removeprefix(start): value for name, value in named.items()}
     return own

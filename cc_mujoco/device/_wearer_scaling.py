@@ -84,10 +84,8 @@ def require_possible(device: Description, design: Mapping[str, Value]) -> None:
 
 def helped_axis(device: Description) -> Axis | None:
     """Return the axis that helps the push-off of an ankle; None if there is none."""
-    for axis in device.axes:
-        if axis.task.partition(":")[0] == ASSIST:
-            return axis
-    return None
+    helped = (axis for axis in device.axes if axis.task.partition(":")[0] == ASSIST)
+    return next(helped, None)
 
 
 def require_scene(device: Description, names: Collection[str]) -> None:

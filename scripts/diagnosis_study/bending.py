@@ -67,7 +67,6 @@ class BendingBench(Bench):
         *,
         hand: tuple[float, float] = HAND,
     ) -> None:
-        """Begin at rest with the elbow straight; see `Bench`."""
         super().__init__(rig, effects, period, hand=hand)
         self._straight = self.plant.bend.copy()
         self._elbow, self._time = elbow, 0.0

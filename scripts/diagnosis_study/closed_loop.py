@@ -24,8 +24,8 @@ from typing import Any, Literal
 
 import numpy as np
 import tyro
-from driven import Array, Bench, Lockstep, Swing, errors, play
-from kept_cases import complete
+from driven import Array, Bench, Lockstep, Swing, errors, play, rms
+from kept_cases import complete, findings
 
 from cc_mujoco.assets import scene_path
 from cc_mujoco.control import controller
@@ -59,8 +59,6 @@ LIMITS = Limits(
     soft_start=0.5,
 )
 TURN = 2.0  # change of the motor's torque where it turns [N m]: about its friction
-TRIAL_LIMITS = dataclasses.replace(LIMITS, torque=20.0)
-"""Limits in trials: a hand that pushes against the motor demands more."""
 FRICTION = "friction"
 """No effect of the library: friction coefficients other than the scene's."""
 EFFECTS = (
@@ -83,21 +81,21 @@ def task() -> tuple[TorqueTable, Swing]:
     return TorqueTable(times, torques), swing
 
 
+def rougher(rig: Rig, factor: float) -> Rig:
+    """Return a rig with this much more friction in both cables."""
+    both = {n: factor * getattr(rig, n) for n in ("friction_a", "friction_b")}
+    return dataclasses.replace(rig, **both)
+
+
 class Case:
     """A rig that hides something, and a folder."""
 
     def __init__(self, name: str, seed: int, strength: float, folder: Path) -> None:
-        """Build the rig."""
-        self.name, self.seed, self.folder = name, seed, folder
+        self.seed, self.folder = seed, folder
         self.rig: Rig = make_rig(seed, make="guides")
         self.hidden: dict[str, float] = {}
         if name == FRICTION:
-            more = 1.0 + 0.1 * strength
-            self.rig = dataclasses.replace(
-                self.rig,
-                friction_a=more * self.rig.friction_a,
-                friction_b=more * self.rig.friction_b,
-            )
+            self.rig = rougher(self.rig, 1.0 + 0.1 * strength)
         elif name != "none":
             self.hidden[name] = calibrate(self.rig, name, strength, "rich", seed)
 
@@ -111,19 +109,17 @@ class Case:
         made = controller(law, drive)
         outcome = play(lockstep, made, desired, LIMITS, SECONDS, log)
         log.close(outcome.to_json())
-        off = errors(lockstep, desired, SECONDS, SETTLED)
-        rms = float(np.sqrt(np.mean(off**2)))
-        whole = outcome.code == 0
-        return {
-            "rms": rms if whole else math.nan,
-            "between": between(self.folder / run / "log.csv") if whole else math.nan,
-            "outcome": outcome.sentence,
-        }
+        found = {"rms": math.nan, "between": math.nan, "outcome": outcome.sentence}
+        if outcome.code == 0:
+            found["rms"] = rms(errors(lockstep, desired, SECONDS, SETTLED))
+            found["between"] = between(self.folder / run / "log.csv")
+        return found
 
     def identify(self) -> None:
         """Play trials, one log each, with the known facts about them."""
         data = self.folder / "data"
-        limits = TRIAL_LIMITS
+        # A hand that pushes against the motor demands more.
+        limits = dataclasses.replace(LIMITS, torque=20.0)
         drive = drive_of("bench", self.folder, TRIAL_PERIOD, limits.torque)
         for number, trial in enumerate(make_trials("rich", self.seed)):
             bench = Bench(
@@ -165,7 +161,7 @@ def between(log: Path) -> float:
     turns = np.abs(command - np.roll(command, 2 * width)) > TURN
     near = np.convolve(turns, np.ones(20 * width), "same") > 0.0
     counts = ~near & (rows["time_s"] > SETTLED)
-    return float(np.sqrt(np.mean(smooth[counts] ** 2)))
+    return rms(smooth[counts])
 
 
 def led(times: Array, trial: Trial) -> Swing:
@@ -192,41 +188,32 @@ def run(
     found = diagnose(scene_path("bench"), [folder / "data"], folder / "diagnosis")
     seconds = time.process_time() - began
     mended = folder / "diagnosis" / "scene.xml"
-    record: dict[str, Any] = {
+    scene = str(mended.resolve()) if mended.exists() else "bench"
+    return {
         "effect": name,
         "seed": seed,
         "strength": strength,
         "hidden": case.hidden,
-        "verdict": found.verdict,
-        "named": [effect.id for effect in found.missing],
-        "ties": [list(tie) for tie in found.ties],
-        "said": found.statement,
+        **findings(found),
         "seconds": seconds,
         "before": before,
+        "mended": mended.exists(),
+        "after": {law: case.error(law, scene, f"{law}_after") for law in laws},
     }
-    scene = str(mended.resolve()) if mended.exists() else "bench"
-    record["mended"] = mended.exists()
-    record["after"] = {law: case.error(law, scene, f"{law}_after") for law in laws}
-    return record
 
 
 def summary(records: list[Mapping[str, Any]]) -> str:
     rows = []
     for r in records:
+        size = "-" if r["effect"] == "none" else f"{r['strength']:g}"
+        if r["effect"] == FRICTION:
+            size = f"+{10 * r['strength']:.0f} %"
+        said = f"{r['verdict']}: {', '.join(r['named']) or '-'}"
         for law, before in r["before"].items():
-            after = r["after"][law]
-            named = ", ".join(r["named"]) or "-"
-            rows.append(
-                (
-                    r["effect"],
-                    _size(r),
-                    str(r["seed"]),
-                    f"{r['verdict']}: {named}",
-                    law,
-                    _fall(before["rms"], after["rms"]),
-                    _fall(before["between"], after["between"]),
-                )
+            falls = (
+                _fall(before[key], r["after"][law][key]) for key in ("rms", "between")
             )
+            rows.append((r["effect"], size, str(r["seed"]), said, law, *falls))
     head = (
         "hidden", "R", "seed", "verdict", "controller", "error [mN m] (better by)",
         "error between turns",
@@ -238,13 +225,6 @@ def _fall(old: float, new: float) -> str:
     """Return two errors [N m] in mN m, and how often the second goes into the first."""
     better = f" ({old / new:.1f})" if new else ""
     return f"{1e3 * old:.0f} to {1e3 * new:.0f}{better}"
-
-
-def _size(record: Mapping[str, Any]) -> str:
-    """Return the strength of an effect, as the table shows it."""
-    if record["effect"] == FRICTION:
-        return f"+{10 * record['strength']:.0f} %"
-    return "-" if record["effect"] == "none" else f"{record['strength']:g}"
 
 
 def main(

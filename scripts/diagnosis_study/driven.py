@@ -52,14 +52,10 @@ class Instruments:
     """Encoders in steps, velocities from their differences, a noisy torque sensor."""
 
     def __init__(self, seed: int, period: float) -> None:
-        """Begin.
-
-        Args:
-            period: Between two readings [s].
-        """
+        """Begin, with this time between two readings [s]."""
         self._random = np.random.default_rng(seed)
         self._period = period
-        self._last: list[float] = []
+        self._last: tuple[float, float] | None = None
         self._speeds = [0.0, 0.0]
 
     def _read(self, name: str, value: float) -> float:
@@ -68,19 +64,16 @@ class Instruments:
         return float(channel.resolution * round(noisy / channel.resolution))
 
     def readings(self, state: Array, torque: float, status: Status) -> Readings:
-        angles = [
-            self._read("motor_angle", state[0]),
-            self._read("joint_angle", state[2]),
-        ]
+        motor = self._read("motor_angle", state[0])
+        joint = self._read("joint_angle", state[2])
+        last = self._last or (motor, joint)
         share = -math.expm1(-2.0 * math.pi * 50.0 * self._period)  # a low-pass of 50 Hz
-        for k, (now, before) in enumerate(
-            zip(angles, self._last or angles, strict=True)
-        ):
-            self._speeds[k] += share * ((now - before) / self._period - self._speeds[k])
-        self._last = angles
-        motor, joint = self._speeds
+        for k, moved in enumerate((motor - last[0], joint - last[1])):
+            self._speeds[k] += share * (moved / self._period - self._speeds[k])
+        self._last = motor, joint
         shown = self._read("joint_torque", torque)
-        return Readings(0.0, angles[0], motor, angles[1], joint, shown, status)
+        speed, joint_speed = self._speeds
+        return Readings(0.0, motor, speed, joint, joint_speed, shown, status)
 
 
 class Bench:
@@ -160,7 +153,6 @@ class Lockstep:
     """Clock and rig at once: while the loop waits, the bench goes on."""
 
     def __init__(self, bench: Bench, seed: int, swing: Swing) -> None:
-        """Begin at time 0."""
         self.bench = bench
         self.torques: list[float] = []
         """True torques of the joint, one number a period from the first on [N m]."""
@@ -195,11 +187,9 @@ class Commands:
     """Log of a run that keeps the torques commanded to the motor [N m]."""
 
     def __init__(self) -> None:
-        """Begin with nothing."""
         self.torques: list[float] = []
 
     def row(self, axes: Sequence[AxisRow], *_: float) -> None:
-        """See `RunLog.row`."""
         self.torques.append(axes[0].command)
 
 
@@ -232,3 +222,7 @@ def errors(
     now = rig.bench.period * np.arange(true.size)
     off = true - np.interp(now, desired.times, desired.torques)
     return np.asarray(off[now > settled])
+
+
+def rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))

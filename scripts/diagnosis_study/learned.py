@@ -24,8 +24,8 @@ from typing import Any, Literal
 
 import numpy as np
 import tyro
-from closed_loop import FRICTION, LIMITS, PERIOD, SECONDS, SETTLED, task
-from driven import Array, Bench, Commands, Lockstep, errors, play
+from closed_loop import FRICTION, LIMITS, PERIOD, SECONDS, SETTLED, rougher, task
+from driven import Array, Bench, Commands, Lockstep, errors, play, rms
 from kept_cases import complete
 
 from cc_mujoco.control import Controller, controller, read_policy
@@ -48,8 +48,7 @@ def built(effect: str, seed: int) -> tuple[Rig, dict[str, float]]:
     """Return a rig, and what it hides."""
     rig = make_rig(seed, make="guides")
     if effect == FRICTION:
-        both = {n: MORE * getattr(rig, n) for n in ("friction_a", "friction_b")}
-        return dataclasses.replace(rig, **both), {}
+        return rougher(rig, MORE), {}
     if effect == "none":
         return rig, {}
     return rig, {effect: MAKES[rig.make].effects[effect].typical}
@@ -89,10 +88,6 @@ def played(name: str, effect: str, seed: int) -> dict[str, Any]:
         "peak": float(np.max(np.abs(rows.torques))) if whole else math.nan,
         "outcome": outcome.sentence,
     }
-
-
-def rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def chatter(torques: Array, period: float) -> float:

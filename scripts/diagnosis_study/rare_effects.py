@@ -20,12 +20,13 @@ from typing import Literal
 
 import numpy as np
 import tyro
+from numpy.random import Generator, default_rng
 from numpy.typing import NDArray
 
 from cc_mujoco.diagnosis import EFFECTS, diagnose
 from cc_mujoco.report import _markdown as markdown
 from rig.dataset import make_dataset, make_trials, run, truth_of
-from rig.generate import facts_of
+from rig.generate import facts_of, write_data
 from rig.makes import MAKES
 from rig.nominal import Rig, make_rig
 from rig.sensors import BASIC, logged, sampled
@@ -58,14 +59,6 @@ def _rubbing(rig: Rig, factor: float) -> Rig:
     )
 
 
-def _changed(rig: Rig, change: Callable[[dict[str, Array], int], None]) -> Session:
-    """Return a session of a rig without effects, with its signals changed in place."""
-    session = make_dataset(rig, {}, TRIALS, rig.seed)
-    for k, columns in enumerate(session):
-        change(columns, k)
-    return session
-
-
 def _drum(rig: Rig, amount: float) -> Session:
     return _simulated(rig, lambda k: (rig, {"drum_growth": amount}))
 
@@ -82,7 +75,7 @@ def _order(rig: Rig, amount: float) -> Session:
 
 def _temperature(rig: Rig, amount: float) -> Session:
     count = len(make_trials(TRIALS, rig.seed))
-    celsius = 22.0 + np.random.default_rng(rig.seed).uniform(-5.0, 5.0, count)
+    celsius = 22.0 + default_rng(rig.seed).uniform(-5.0, 5.0, count)
     factors = 1.0 + amount * (celsius - celsius.mean())
     session = _simulated(rig, lambda k: (_rubbing(rig, float(factors[k])), {}))
     for columns, value in zip(session, celsius, strict=True):
@@ -90,62 +83,62 @@ def _temperature(rig: Rig, amount: float) -> Session:
     return session
 
 
-def _stop(side: float) -> Callable[[Rig, float], Session]:
-    def session(rig: Rig, amount: float) -> Session:
-        def change(columns: dict[str, Array], _: int) -> None:
-            beyond = np.maximum(side * columns["joint_angle_rad"] - 0.3, 0.0)
-            columns["joint_torque_nm"] -= side * amount * beyond
+def _changed(
+    change: Callable[[dict[str, Array], float, Generator], None],
+) -> Callable[[Rig, float], Session]:
+    """Make the session of a rig without effects, its signals changed in place."""
 
-        return _changed(rig, change)
+    def session(rig: Rig, amount: float) -> Session:
+        found, random = make_dataset(rig, {}, TRIALS, rig.seed), default_rng(rig.seed)
+        for columns in found:
+            change(columns, amount, random)
+        return found
 
     return session
 
 
-def _ripple(rig: Rig, amount: float) -> Session:
-    def change(columns: dict[str, Array], _: int) -> None:
-        wave = amount * np.cos(9.0 * columns["motor_angle_rad"] + 1.0)
-        columns["motor_torque_nm"] *= 1.0 + wave
+def _stop(side: float) -> Callable[[Rig, float], Session]:
+    def change(columns: dict[str, Array], amount: float, _: Generator) -> None:
+        beyond = np.maximum(side * columns["joint_angle_rad"] - 0.3, 0.0)
+        columns["joint_torque_nm"] -= side * amount * beyond
 
-    return _changed(rig, change)
-
-
-def _cross_talk(rig: Rig, amount: float) -> Session:
-    def change(columns: dict[str, Array], _: int) -> None:
-        motor, joint = (columns[f"{side}_torque_nm"] for side in ("motor", "joint"))
-        columns["motor_torque_nm"] = motor + amount * joint
-        columns["joint_torque_nm"] = joint - 0.6 * amount * motor
-
-    return _changed(rig, change)
+    return _changed(change)
 
 
-def _neighbour(rig: Rig, amount: float) -> Session:
-    random = np.random.default_rng(rig.seed)
-
-    def change(columns: dict[str, Array], _: int) -> None:
-        time = columns["time_s"]
-        phase = random.uniform(0.3, 1.5, 2)[:, None] * 2.0 * np.pi * time
-        waves = np.sin(phase + random.uniform(0.0, 6.0, 2)[:, None])
-        torque = 2.0 * waves[0] + waves[1]
-        columns["neighbour_torque_nm"] = torque + random.normal(0.0, 0.01, time.size)
-        columns["joint_torque_nm"] = columns["joint_torque_nm"] + amount * torque
-
-    return _changed(rig, change)
+@_changed
+def _ripple(columns: dict[str, Array], amount: float, _: Generator) -> None:
+    wave = amount * np.cos(9.0 * columns["motor_angle_rad"] + 1.0)
+    columns["motor_torque_nm"] *= 1.0 + wave
 
 
-def _cam(rig: Rig, amount: float) -> Session:
+@_changed
+def _cross_talk(columns: dict[str, Array], amount: float, _: Generator) -> None:
+    motor, joint = (columns[f"{side}_torque_nm"] for side in ("motor", "joint"))
+    columns["motor_torque_nm"] = motor + amount * joint
+    columns["joint_torque_nm"] = joint - 0.6 * amount * motor
+
+
+@_changed
+def _neighbour(columns: dict[str, Array], amount: float, random: Generator) -> None:
+    time = columns["time_s"]
+    phase = random.uniform(0.3, 1.5, 2)[:, None] * 2.0 * np.pi * time
+    waves = np.sin(phase + random.uniform(0.0, 6.0, 2)[:, None])
+    torque = 2.0 * waves[0] + waves[1]
+    columns["neighbour_torque_nm"] = torque + random.normal(0.0, 0.01, time.size)
+    columns["joint_torque_nm"] = columns["joint_torque_nm"] + amount * torque
+
+
+@_changed
+def _cam(columns: dict[str, Array], amount: float, _: Generator) -> None:
     """Put the joint on a cam: the pulley turns by q + amount q^2 / 2."""
-
-    def change(columns: dict[str, Array], _: int) -> None:
-        pulley = columns["joint_angle_rad"]
-        joint = (np.sqrt(1.0 + 2.0 * amount * pulley) - 1.0) / amount
-        columns["joint_angle_rad"] = joint
-        columns["joint_torque_nm"] = columns["joint_torque_nm"] * (1.0 + amount * joint)
-
-    return _changed(rig, change)
+    pulley = columns["joint_angle_rad"]
+    joint = (np.sqrt(1.0 + 2.0 * amount * pulley) - 1.0) / amount
+    columns["joint_angle_rad"] = joint
+    columns["joint_torque_nm"] = columns["joint_torque_nm"] * (1.0 + amount * joint)
 
 
 def _clean(rig: Rig, amount: float) -> Session:
-    random = np.random.default_rng(rig.seed)
+    random = default_rng(rig.seed)
     session = _neighbour(rig, 0.0)
     for columns in session:
         warming = 0.01 * columns["time_s"]
@@ -169,21 +162,12 @@ HIDDEN: dict[str, tuple[Callable[[Rig, float], Session], float, str]] = {
 """Session, amount and parameter that is printed, by hidden effect."""
 
 
-def _write(folder: Path, session: Session, seed: int) -> None:
-    folder.mkdir(parents=True)
-    for k, columns in enumerate(session):
-        np.savetxt(
-            folder / f"trial_{k:02d}.csv", np.stack(list(columns.values()), axis=1),
-            fmt="%.7g", delimiter=",", header=",".join(columns), comments="",
-        )  # fmt: skip
-    (folder / "dataset.toml").write_text(facts_of(TRIALS, seed), encoding="utf-8")
-
-
 def row(out: Path, name: str, make: str, seed: int) -> list[str]:
     session, amount, parameter = HIDDEN[name]
     place = out / f"{name}_{make}_{seed}"
     if not (place / "data").exists():
-        _write(place / "data", session(make_rig(seed, make=make), amount), seed)
+        data = session(make_rig(seed, make=make), amount)
+        write_data(place / "data", data, facts_of(TRIALS, seed), "%.7g")
     if not (place / "out" / "verdict.json").exists():
         diagnose("bench", place / "data", place / "out", effects=RARE)
     found = json.loads((place / "out" / "verdict.json").read_text(encoding="utf-8"))

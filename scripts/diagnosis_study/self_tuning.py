@@ -24,7 +24,7 @@ from typing import Any, Literal
 import numpy as np
 import tyro
 from bending import BEND, PLACES, STRAIN, BendingBench, Elbow, Quality, Taps
-from driven import Array, Lockstep, Swing, errors, play
+from driven import Array, Lockstep, Swing, errors, play, rms
 from kept_cases import complete
 
 from cc_mujoco.control import (
@@ -83,12 +83,7 @@ class Equipped(Controller):
         self, law: Controller, bench: BendingBench, taps: Taps, *, senses_bend: bool,
         knows_truth: bool = False,
     ) -> None:  # fmt: skip
-        """Prepare.
-
-        Args:
-            senses_bend: Whether it takes the path from them.
-            knows_truth: Whether path and friction are given to it as they are.
-        """
+        """Prepare; path from the sensors, or path and friction as they are."""
         super().__init__(law.drive)
         self._law, self._bench, self._taps = law, bench, taps
         self._senses_bend, self._knows_truth = senses_bend, knows_truth
@@ -105,31 +100,23 @@ class Equipped(Controller):
         self._bends += share * (bends - self._bends)
         if self._calls % EVERY == 0 and isinstance(self._law, PredictiveCompensation):
             cables = self.drive.cables
-            if self._senses_bend:
+            scales = np.ones(2)
+            if self._knows_truth:
+                # The true product of friction and bend, by other bends of the model.
+                plant, rig = self._bench.plant, self._bench.cables
+                ran = 1.0 - np.exp(-rig.travel / plant.running_travel)
+                scales = plant.friction * (1.0 + plant.running_in * ran)
+                scales /= [own.cable.friction for own in cables]
+            if self._senses_bend or self._knows_truth:
+                bends = self._bends if self._senses_bend else self._bench.plant.bend
                 self._law.rebend(
                     [
-                        along(own, cable.cable.segments)
-                        for own, cable in zip(self._bends, cables, strict=True)
+                        scale * along(bend, own.cable.segments)
+                        for scale, bend, own in zip(scales, bends, cables, strict=True)
                     ]
                 )
-            elif self._knows_truth:
-                self._give_truth(self._law)
         self._calls += 1
         return self._law.torque({**observation, TENSION_COLUMN: tensions})
-
-    def _give_truth(self, law: PredictiveCompensation) -> None:
-        """Give the true product of friction and bend, by other bends of the model."""
-        plant, cables = self._bench.plant, self._bench.cables
-        ran = 1.0 - np.exp(-cables.travel / plant.running_travel)
-        friction = plant.friction * (1.0 + plant.running_in * ran)
-        law.rebend(
-            [
-                mu / cable.cable.friction * along(bend, cable.cable.segments)
-                for mu, bend, cable in zip(
-                    friction, plant.bend, self.drive.cables, strict=True
-                )
-            ]
-        )
 
 
 def along(bends: Array, segments: int) -> Array:
@@ -141,17 +128,14 @@ def along(bends: Array, segments: int) -> Array:
 
 def equipped(name: str, drive: Drive, bench: BendingBench, seed: int) -> Equipped:
     bend, strain = (BEND, STRAIN) if "perfect" not in name else (PERFECT, PERFECT)
-    row = drive.cables
-    sensors = tuple(
-        Sensors.at(
-            own.cable, [part * own.cable.length for part in PLACES], STRAIN.noise
-        )
-        for own in row
-    )
     law: Controller
     if name == "pi":
         law = controller("pi", drive)
     elif "strain" in name:
+        sensors = tuple(
+            Sensors.at(cable, [part * cable.length for part in PLACES], STRAIN.noise)
+            for cable in (own.cable for own in drive.cables)
+        )
         law = AdaptiveModel(dataclasses.replace(drive, sensors=sensors), **SETTINGS)
     else:
         learning = 5.0 if "motor" in name else 0.0
@@ -196,7 +180,7 @@ def played(name: str, world: str, seed: int) -> dict[str, Any]:
         "variant": name,
         "world": world,
         "seed": seed,
-        "rms": float(np.sqrt(np.mean(off**2))) if whole else math.nan,
+        "rms": rms(off) if whole else math.nan,
         "median": float(np.median(np.abs(off))) if whole else math.nan,
         "outcome": outcome.sentence,
     }

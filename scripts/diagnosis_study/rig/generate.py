@@ -38,16 +38,17 @@ Array = NDArray[np.float64]
 FORMATS = {"time_s": "%.5f", "rad": "%.6f", "nm": "%.3f", "n": "%.1f", "a": "%.4f"}
 
 
-def _format(column: str) -> str:
-    return FORMATS.get(column) or FORMATS[column.rsplit("_", 1)[-1]]
-
-
-def write_data(folder: Path, data: list[dict[str, Array]], facts: str) -> None:
+def write_data(
+    folder: Path, data: list[dict[str, Array]], facts: str, form: str = ""
+) -> None:
+    """Write what the experimenter has; numbers in a form, or as columns need them."""
     folder.mkdir(parents=True)
     for k, columns in enumerate(data):
+        ends = ((name, name.rsplit("_", 1)[-1]) for name in columns)
+        forms = [form or FORMATS.get(name) or FORMATS[end] for name, end in ends]
         np.savetxt(
             folder / f"trial_{k:02d}.csv", np.stack(list(columns.values()), axis=1),
-            fmt=[_format(name) for name in columns], delimiter=",",
+            fmt=forms, delimiter=",",
             header=",".join(columns), comments="",
         )  # fmt: skip
     (folder / "dataset.toml").write_text(facts, encoding="utf-8")
@@ -75,16 +76,12 @@ def facts_of(trials: str, seed: int) -> str:
     return "\n".join(lines)
 
 
-def _plain(value: Any) -> Any:
-    return value.tolist() if isinstance(value, np.ndarray) else value
-
-
 def _differences(truth: Truth, plain: Truth) -> dict[str, Any]:
     """Return the fields of the truth that are not those of a rig that hides nothing."""
     usual = plain.plant._asdict() | plain.chain._asdict()
     fields = truth.plant._asdict() | truth.chain._asdict()
     return {
-        name: _plain(value)
+        name: np.asarray(value).tolist()
         for name, value in fields.items()
         if not np.array_equal(value, usual[name])
     }
@@ -94,21 +91,18 @@ def label_of(
     rig: Rig, amounts: dict[str, float], asked: float, trials: str, seed: int
 ) -> dict[str, Any]:
     """Return what is hidden, how much of it, and in which rig."""
-    hidden = []
-    for name, amount in amounts.items():
-        effect = MAKES[rig.make].effects[name]
-        hidden.append(
-            {
-                "id": name,
-                "parameter": effect.parameter,
-                "amount": amount,
-                "unit": effect.unit,
-                "strength": measure(rig, {name: amount}, trials, seed)._asdict(),
-                "details": _differences(
-                    truth_of(rig, {name: amount}, seed), truth_of(rig, {}, seed)
-                ),
-            }
-        )
+    effects, plain = MAKES[rig.make].effects, truth_of(rig, {}, seed)
+    hidden = [
+        {
+            "id": name,
+            "parameter": effects[name].parameter,
+            "amount": amount,
+            "unit": effects[name].unit,
+            "strength": measure(rig, {name: amount}, trials, seed)._asdict(),
+            "details": _differences(truth_of(rig, {name: amount}, seed), plain),
+        }
+        for name, amount in amounts.items()
+    ]
     return {
         "schema": 1,
         "effects": hidden,

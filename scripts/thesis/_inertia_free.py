@@ -32,20 +32,10 @@ class InertiaFree:
     """Cables between a torque and a position, stepped by a controller."""
 
     def __init__(self, drive: Drive) -> None:
-        """Prepare.
-
-        Args:
-            drive: Its cables are those of the device.
-        """
+        """Prepare a device with the cables of a drive."""
         self.drive = drive
-        cable_drives = drive.cables
-        proximal, distal = (
-            [s.proximal for s in cable_drives],
-            [s.distal for s in cable_drives],
-        )
-        self.cables = stepper.make_cables(
-            [s.cable for s in cable_drives], proximal, distal
-        )
+        cables = [(s.cable, s.proximal, s.distal) for s in drive.cables]
+        self.cables = stepper.make_cables(*zip(*cables, strict=True))
         self._work = stepper.scratch(self.cables)
         self.reset(0.0)
 

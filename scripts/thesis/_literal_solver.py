@@ -270,9 +270,7 @@ class ThesisCable:
             found = self._solution(ends)
             if found.contradiction and self._all_nodes_move() and may_end:
                 may_end = False
-                self.last_moving = [
-                    int(slip_direction != 0.0) for slip_direction in asked
-                ]
+                self.last_moving = [int(way != 0.0) for way in asked]
             elif not self._advance(found) or not self._resolve:
                 break
         self.contradicted += found.contradiction > 0.0
@@ -310,10 +308,7 @@ class ThesisCable:
     def _solution(self, ends: Sequence[Constraint]) -> Solution:
         """Return all nodes, for the present last-moving ones."""
         if self._all_nodes_move():
-            n = self.mesh.segments
-            return self._count(
-                solve(self.mesh, self.displacement, ends, self._signs(n))
-            )
+            return self._solved(self.mesh, self.displacement, ends)
         tension, displacement = self._tension.copy(), self.displacement.copy()  # 2.15
         proximal, distal = self.last_moving
         contradiction = 0.0
@@ -321,10 +316,8 @@ class ThesisCable:
             part = self._partial_motion(
                 self.mesh, tension, displacement, ends[0], proximal
             )
-            tension[:proximal], displacement[:proximal] = (
-                part.tension,
-                part.displacement,
-            )
+            tension[:proximal] = part.tension
+            displacement[:proximal] = part.displacement
             contradiction += part.contradiction
         if distal:  # the proximal subcable of the mirrored cable
             kind, _, value = ends[1]
@@ -349,11 +342,21 @@ class ThesisCable:
         standing = Standing(
             tension[moving], displacement[moving], mesh.length[moving - 1]
         )
-        found = solve(
-            mesh.part(0, moving - 1), displacement[:moving], [end],
-            self._signs(moving - 1), standing,
-        )  # fmt: skip
-        return self._count(found)
+        part = mesh.part(0, moving - 1)
+        return self._solved(part, displacement[:moving], [end], standing)
+
+    def _solved(
+        self,
+        mesh: Mesh,
+        before: FloatArray,
+        constraints: Sequence[Constraint],
+        standing: Standing | None = None,
+    ) -> Solution:
+        n = mesh.segments
+        patterns = self._patterns.setdefault(n, sign_patterns(n))
+        found = solve(mesh, before, constraints, patterns, standing)
+        self.tried += found.tried
+        return found
 
     def _advance(self, found: Solution) -> bool:
         """Let the next node of each end join by (2.17); return whether one did."""
@@ -369,15 +372,6 @@ class ThesisCable:
         self.last_moving = [proximal + joins[0], distal + joins[1]]
         return any(joins)
 
-    def _signs(self, n: int) -> list[FloatArray]:
-        if n not in self._patterns:
-            self._patterns[n] = sign_patterns(n)
-        return self._patterns[n]
-
-    def _count(self, found: Solution) -> Solution:
-        self.tried += found.tried
-        return found
-
 
 class ThesisReplay(NamedTuple):
     """A motion played through `ThesisCable`; arrays have one row per sample."""
@@ -391,34 +385,23 @@ class ThesisReplay(NamedTuple):
 
 
 def play(
-    cable: Cable,
-    *,
-    u_proximal: ArrayLike | None = None,
-    tension_proximal: ArrayLike | None = None,
-    u_distal: ArrayLike | None = None,
-    tension_distal: ArrayLike | None = None,
-    resolve: bool = True,
+    cable: Cable, *, resolve: bool = True, **given: ArrayLike | None
 ) -> ThesisReplay:
-    """Play a motion of both ends, (samples,) each; arguments as in `ThesisCable`."""
-    given = {
-        "u_proximal": u_proximal,
-        "tension_proximal": tension_proximal,
-        "u_distal": u_distal,
-        "tension_distal": tension_distal,
-    }
+    """Play a motion of both ends, (samples,) each.
+
+    Args:
+        resolve: as in `ThesisCable`.
+        given: what is prescribed, by the names of `ThesisCable.step`.
+    """
     names = [name for name, values in given.items() if values is not None]
     rows = np.column_stack([np.asarray(given[name], dtype=float) for name in names])
     solver = ThesisCable(cable, resolve=resolve)
-    tension, displacement, last = [], [], []
+    states = []
     for row in rows.tolist():
         solver.step(**dict(zip(names, row, strict=True)))
-        tension.append(solver.tension)
-        displacement.append(solver.displacement)
-        last.append(list(solver.last_moving))
-    counts = solver.tried, solver.contradicted
-    return ThesisReplay(
-        np.array(tension), np.array(displacement), np.array(last), *counts
-    )
+        states.append((solver.tension, solver.displacement, list(solver.last_moving)))
+    arrays = (np.array(each) for each in zip(*states, strict=True))
+    return ThesisReplay(*arrays, solver.tried, solver.contradicted)
 
 
 def _opposed_signs(n: int, first: int, second: int) -> FloatArray:

@@ -16,10 +16,9 @@ import json
 import os
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from tqdm import tqdm
 
@@ -68,13 +67,10 @@ RESULT_FILE = "result.json"
 SUMMARY_FILE = "summary.md"
 
 
-@dataclass(frozen=True)
-class FinishedExperiment:
-    """A finished experiment: its name, its claims and whether it was run just now."""
-
+class FinishedExperiment(NamedTuple):
     name: str
     claims: tuple[Claim, ...]
-    fresh: bool
+    fresh: bool  # whether it was run just now
 
 
 def reproduce(

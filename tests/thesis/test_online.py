@@ -7,8 +7,7 @@ import pytest
 
 from cc_mujoco.cable import replay
 from cc_mujoco.estimation import EstimateTrack
-from thesis._experiments import online_runs as runs
-from thesis._experiments.online import claim_law, claim_stiffness
+from thesis._experiments import online as runs
 
 MU = runs.CABLE.friction
 
@@ -84,7 +83,10 @@ def test_verdict_on_the_law_follows_the_numbers(
     printed: float, summed: float, verdict: str
 ) -> None:
     left = dict(zip([*runs.LAWS, "ours"], [printed, 0.7, summed, 0.0], strict=True))
-    assert claim_law(runs.PrintedLaws(np.zeros(1), {}, left, -0.02)).verdict == verdict
+    assert (
+        runs.claim_law(runs.PrintedLaws(np.zeros(1), {}, left, -0.02)).verdict
+        == verdict
+    )
 
 
 def test_friction_that_grows_is_followed(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -108,9 +110,9 @@ def test_stiffness_is_found_in_partial_motion_and_refused_in_mass_motion() -> No
     assert found.refused == pytest.approx(1.0, abs=1e-12)
     assert abs(found.fooled - 1.0) > 0.2
     kept = EstimateTrack(found.truth, 0.01 * found.truth)
-    assert claim_stiffness(found._replace(found=kept)).verdict == "agrees"
+    assert runs.claim_stiffness(found._replace(found=kept)).verdict == "agrees"
     fooled = found._replace(found=kept, refused=0.5)
-    assert claim_stiffness(fooled).verdict == "in part"
+    assert runs.claim_stiffness(fooled).verdict == "in part"
 
 
 def test_bend_is_found_from_a_uniform_start() -> None:

@@ -34,16 +34,16 @@ from thesis._outcome import (
     rms,
 )
 from thesis._rig import PRINTED_CABLE
-from thesis.estimators._consensus import SensorConsensus
 from thesis.estimators._directions import (
     CONDITIONS,
+    CableObserver,
     Moment,
     OwnSolutions,
+    SensorConsensus,
     majority_directions,
     median_last_moving,
     own_solutions,
 )
-from thesis.estimators._observer import CableObserver
 
 SEGMENTS = 10
 CABLE = PRINTED_CABLE.replace(static_friction=0.0, segments=SEGMENTS)
@@ -83,15 +83,11 @@ def sensor_votes(
     reading = moment.tension + noise * random.normal(size=(samples, nodes.size))
     parts = [
         own_solutions(
-            mesh,
-            moment.before,
-            np.full(len(part), moment.displacement[0]),
-            part,
-            nodes,
-            first=moment.pattern,
+            mesh, moment.before, np.full(len(part), moment.displacement[0]), part,
+            nodes, first=moment.pattern,
         )
         for part in np.array_split(reading, -(-samples // CHUNK_SIZE))
-    ]
+    ]  # fmt: skip
     own = OwnSolutions(*(np.concatenate(values) for values in zip(*parts, strict=True)))
     return _Votes(moment, reading, own)
 
@@ -130,15 +126,11 @@ def bias(cable: Cable, condition: str, samples: int, noise: float) -> Bias:
     theirs = np.where(agrees, found.own.tension[..., -1], 0.0)[some]
     agreeing = np.sum(theirs, axis=1) / np.sum(agrees[some], axis=1)
     agreeing = agreeing - found.moment.tension[-1]
-    return Bias(
-        float(np.mean(agreeing)),
-        float(np.mean(shared)),
-        (
-            float(np.std(agreeing) / np.sqrt(agreeing.size)),
-            float(np.std(shared) / np.sqrt(samples)),
-        ),
-        float(np.mean(pattern != found.moment.pattern)),
+    uncertain = tuple(
+        float(np.std(each) / np.sqrt(each.size)) for each in (agreeing, shared)
     )
+    wrong = float(np.mean(pattern != found.moment.pattern))
+    return Bias(float(np.mean(agreeing)), float(np.mean(shared)), uncertain, wrong)
 
 
 class _Run(NamedTuple):
@@ -180,18 +172,12 @@ def simulate_run(seconds: float = 6.0) -> _Run:
         "all readings at once": consensus(choice="likeliest"),
     } | {observer_name(agility): observer(agility=agility) for agility in AGILITIES}
     for name, each in estimators.items():
-        rows = [
-            (np.array(each.update(u, row)), np.array(each.direction))
-            for u, row in zip(proximal.tolist(), reading, strict=True)
-        ]
-        found = np.array([row[0] for row in rows])
-        output[name] = found[:, -1]
-        everywhere[name] = rms(found - true.tension)
-        right[name] = float(np.mean([row[1] for row in rows] == true.direction))
-    found = known.over(reading, true.direction).tension
-    output["directions known"] = found[:, -1]
-    everywhere["directions known"] = rms(found - true.tension)
-    right["directions known"] = 1.0
+        found, way = np.empty_like(reading), np.empty_like(true.direction)
+        for k, (u, row) in enumerate(zip(proximal.tolist(), reading, strict=True)):
+            found[k], way[k] = each.update(u, row), each.direction
+        output[name], everywhere[name] = found[:, -1], rms(found - true.tension)
+        right[name] = float(np.mean(way == true.direction))
+    output["directions known"] = known.over(reading, true.direction).tension[:, -1]
     return _Run(time, true.tension[:, -1], output, everywhere, right)
 
 
@@ -201,16 +187,19 @@ def run(progress: Progress) -> ExperimentOutcome:
     progress(0.2)
     wrong = {k: side_means(np.mean(v.wrong, axis=0)) for k, v in found.items()}
     ratio = {k: _excess_error(v) for k, v in found.items()}
-    slope = [
-        _wrong_after(sensor_votes(CABLE.replace(friction=mu), "towards distal", 2000))
+    steeper = [
+        sensor_votes(CABLE.replace(friction=mu), "towards distal", 2000)
         for mu in SLOPES
     ]
+    slope = [side_means(np.mean(v.wrong, axis=0))[1] for v in steeper]
     progress(0.5)
     biased = bias(CABLE, "towards distal", 3000, NOISE)
     progress(0.7)
     series = simulate_run()
     several = max(float(np.mean(v.own.fitting > 1)) for v in found.values())
-    low = _reading_low(found["towards distal"])
+    distal = found["towards distal"]
+    mistaken = np.any(distal.wrong, axis=2)
+    low = float(np.mean((distal.reading < distal.moment.tension)[mistaken]))
     before = max(value[0] for value in wrong.values())
     after = [value[1] for value in wrong.values()]
     inner, outer = zip(*ratio.values(), strict=True)
@@ -221,6 +210,10 @@ def run(progress: Progress) -> ExperimentOutcome:
     ours = [rms[observer_name(agility)] for agility in AGILITIES]
     inside = [series.everywhere[observer_name(agility)] for agility in AGILITIES]
     middle = median_last_moving(LAST_MOVING)
+    # A consensus should be worth more than one sensor at the output.
+    verdict: Verdict = "in part" if mended < RUN_NOISE else "disagrees"
+    if printed < RUN_NOISE:
+        verdict = "agrees"
     claims = (
         Claim(
             "Fig. 3.7",
@@ -272,7 +265,7 @@ def run(progress: Progress) -> ExperimentOutcome:
             f"output RMS: vote {printed:.1f} N, all readings at once {mended:.2f} N, "
             f"kernel as observer {min(ours):.2f} to {max(ours):.2f} N; known "
             f"{rms['directions known']:.2f} N; one sensor {RUN_NOISE:g} N",
-            _consensus_verdict(printed, mended),
+            verdict,
             "the vote, as we read it, believes its past errors; all nodes: at once "
             f"{series.everywhere['all readings at once']:.2f} N, observer "
             f"{min(inside):.2f} to {max(inside):.2f} N",
@@ -289,13 +282,6 @@ def run(progress: Progress) -> ExperimentOutcome:
     return ExperimentOutcome(claims, figures)
 
 
-def _consensus_verdict(vote: float, at_once: float) -> Verdict:
-    """Return whether a consensus is worth more than one sensor at the output."""
-    if vote < RUN_NOISE:
-        return "agrees"
-    return "in part" if at_once < RUN_NOISE else "disagrees"
-
-
 def _excess_error(found: _Votes) -> tuple[float, float]:
     """Return the RMS error relative to noise that is carried correctly."""
     nodes = np.arange(SEGMENTS + 1)
@@ -303,16 +289,6 @@ def _excess_error(found: _Votes) -> tuple[float, float]:
     truly = side_means((NOISE * gain) ** 2)
     have = side_means(found.rms**2)
     return float(np.sqrt(have[0] / truly[0])), float(np.sqrt(have[1] / truly[1]))
-
-
-def _wrong_after(found: _Votes) -> float:
-    return side_means(np.mean(found.wrong, axis=0))[1]
-
-
-def _reading_low(found: _Votes) -> float:
-    """Return the share of sensors with a wrong direction that read below the truth."""
-    mistaken = np.any(found.wrong, axis=2)
-    return float(np.mean((found.reading < found.moment.tension)[mistaken]))
 
 
 NODES = np.arange(1, SEGMENTS + 2)

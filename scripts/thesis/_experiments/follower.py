@@ -49,12 +49,8 @@ def share_efforts(cable: Cable, motor_angle: FloatArray, angle: FloatArray) -> _
     found = transmission.replay(DT, motor_angle=motor_angle, joint_angle=angle)
     motor, handle = transmission.ratio * found.motor_torque, -found.joint_torque
     efforts = np.sum(np.abs(motor)), np.sum(np.abs(handle))
-    return _Shared(
-        motor,
-        handle,
-        float(efforts[0] / sum(efforts)),
-        float(np.sqrt(np.mean((motor - handle) ** 2) / np.mean(handle**2))),
-    )
+    apart = float(np.sqrt(np.mean((motor - handle) ** 2) / np.mean(handle**2)))
+    return _Shared(motor, handle, float(efforts[0] / sum(efforts)), apart)
 
 
 def follow(cable: Cable, angle: FloatArray) -> FloatArray:

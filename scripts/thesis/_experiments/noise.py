@@ -27,6 +27,7 @@ from thesis._outcome import (
     ExperimentOutcome,
     Panel,
     Progress,
+    rms,
     round_down_ratio,
 )
 from thesis._rig import PRINTED_CABLE
@@ -87,13 +88,10 @@ def statistics(
         for row, length in enumerate(lengths):
             part = innovation[:length]
             for place, bounded in enumerate((False, True)):
-                variance = autocovariance_least_squares(
-                    part, model, nonnegative=bounded
-                )
-                found[place, row, run_] = variance.sensor
-            found[2, row, run_] = difference_variance(
-                reading[SETTLING_SAMPLES:][:length]
-            )
+                fit = autocovariance_least_squares(part, model, nonnegative=bounded)
+                found[place, row, run_] = fit.sensor
+            settled = reading[SETTLING_SAMPLES:][:length]
+            found[2, row, run_] = difference_variance(settled)
     return Statistics(*found)
 
 
@@ -138,9 +136,8 @@ def drift(seconds: float = SECONDS, seed: int = 41) -> Drift:
         for name, each in fusion.items():
             output[name][row] = each.update(measured, direction)[-1]
     moving = (true.direction[:, -1] != 0) & (time > 10.0)
-    error = {name: (output[name] - true.tension[:, -1])[moving] for name in names}
-    rms = {name: float(np.sqrt(np.mean(e**2))) for name, e in error.items()}
-    return Drift(time, deviation, learnt, rms, 1e6 * spent / time.size)
+    errors = {n: rms((output[n] - true.tension[:, -1])[moving]) for n in names}
+    return Drift(time, deviation, learnt, errors, 1e6 * spent / time.size)
 
 
 def simulate_motion(time: FloatArray) -> Replay:
@@ -203,9 +200,8 @@ def weighted_errors(samples: int = 2000, seed: int = 42) -> dict[str, FloatArray
         moment = Moment.of(mesh, directions(SEGMENTS), TENSION, MOTION)
         simulated = own_errors(mesh, moment, equal, samples, seed + 10 + place)
         excess = excess_moment(mesh, moment, equal, simulated)[-1]
-        gain = tension_gains(mesh, moment.pattern, np.array(NODES), through_rest=True)[
-            :, -1
-        ]
+        gains = tension_gains(mesh, moment.pattern, np.array(NODES), through_rest=True)
+        gain = gains[:, -1]
         noise = np.diag((gain * learnt) ** 2)
         sensors = Sensors(NODES, tuple(unequal.tolist()))
         error = own_errors(mesh, moment, sensors, samples, seed + 20 + place)[..., -1]
@@ -221,7 +217,7 @@ def weighted_errors(samples: int = 2000, seed: int = 42) -> dict[str, FloatArray
         }
         for name in WEIGHTS:
             fused, _ = fuse_correlated(error, covariance[name])
-            rows[name].append(float(np.sqrt(np.mean(fused**2))))
+            rows[name].append(rms(fused))
     return {name: np.array(values) for name, values in rows.items()}
 
 
@@ -240,11 +236,9 @@ def run(progress: Progress) -> ExperimentOutcome:
     slope = float(np.polyfit(np.log(LENGTHS), np.log(np.mean(typical, axis=1)), 1)[0])
     pushed = float(np.mean(found.bounded[0, :, -1]))
     high = found.differenced[-1].mean(axis=0) - variance
-    rms = drifting.rms
+    off = drifting.rms
     seen = drifting.time > 10.0
-    followed = float(
-        np.sqrt(np.mean(np.log(drifting.learnt / drifting.true)[seen] ** 2))
-    )
+    followed = rms(np.log(drifting.learnt / drifting.true)[seen])
     span = float(np.max(drifting.true) / np.min(drifting.true))
     plain, both, ours = (weighted[WEIGHTS[i]] for i in (0, 3, 4))
     others = np.min([weighted[name] for name in WEIGHTS[:3]], axis=0)
@@ -282,9 +276,9 @@ def run(progress: Progress) -> ExperimentOutcome:
             "3.2.2",
             "sensors have varying noise that drifts; estimate it on-line as weights",
             f"noise followed within {followed:.0%}, {span:.0f}-fold drift; output RMS "
-            f"{rms['plain mean']:.2f} N plain mean, {rms['learnt noise']:.2f} N learnt "
-            f"weights, {rms['true noise']:.2f} N true ones",
-            "agrees" if rms["learnt noise"] < 0.9 * rms["plain mean"] else "disagrees",
+            f"{off['plain mean']:.2f} N plain mean, {off['learnt noise']:.2f} N learnt "
+            f"weights, {off['true noise']:.2f} N true ones",
+            "agrees" if off["learnt noise"] < 0.9 * off["plain mean"] else "disagrees",
             "5 sensors, a full cycle of drift a minute; directions known",
         ),
         Claim(
@@ -316,7 +310,7 @@ def run(progress: Progress) -> ExperimentOutcome:
         ),
         Panel(
             "Output error with drifting sensors, directions known", "weights",
-            "RMS error [N]", {"all samples in motion": (list(rms), list(rms.values()))},
+            "RMS error [N]", {"all samples in motion": (list(off), list(off.values()))},
             "bar",
         ),
         Panel(
@@ -338,11 +332,8 @@ def _listed(values: FloatArray) -> str:
 
 def _factors(slip_direction: float) -> FloatArray:
     """Return the tension at each sensor per output tension."""
-    nodes = np.array(NODES)
-    return (
-        1.0
-        / tension_gains(Mesh.of(CABLE), np.full(SEGMENTS, slip_direction), nodes)[:, -1]
-    )
+    directions = np.full(SEGMENTS, slip_direction)
+    return 1.0 / tension_gains(Mesh.of(CABLE), directions, np.array(NODES))[:, -1]
 
 
 def _learn(deviation: FloatArray, seed: int) -> FloatArray:
@@ -353,7 +344,6 @@ def _learn(deviation: FloatArray, seed: int) -> FloatArray:
     tension = 20.0 + 5.0 * np.sin(2.0 * np.pi * time / 8.0)
     noise = deviation * random.normal(size=(time.size, deviation.size))
     model = trend_model(factor)
-    innovation = innovations(model, tension[:, None] * factor + noise)[
-        SETTLING_SAMPLES:
-    ]
-    return np.sqrt(autocovariance_least_squares(innovation, model).sensor)
+    innovation = innovations(model, tension[:, None] * factor + noise)
+    settled = innovation[SETTLING_SAMPLES:]
+    return np.sqrt(autocovariance_least_squares(settled, model).sensor)

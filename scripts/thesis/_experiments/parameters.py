@@ -59,17 +59,14 @@ def by_slope(trial: Measurement) -> float:
     return slope / (2.0 * MOTOR_RADIUS**2)
 
 
-def coverage(repeats: int = REPEATS) -> tuple[float, float, int]:
-    """Return the coverage of 95 % intervals of friction and stiffness, and repeats."""
-    hits = np.zeros(2)
-    for seed in range(repeats):
+def coverage() -> list[float]:
+    """Return the coverage of 95 % intervals of friction and stiffness."""
+    hits, names = np.zeros(2), ("friction", "axial_stiffness")
+    for seed in range(REPEATS):
         trial = blocked_trial(CABLE, 1000 + seed)
-        found = calibrate(
-            [trial], drive(CABLE), ("friction", "axial_stiffness"), starts=0
-        )
-        for place, name in enumerate(("friction", "axial_stiffness")):
-            hits[place] += found[name].holds(getattr(CABLE, name))
-    return float(hits[0] / repeats), float(hits[1] / repeats), repeats
+        found = calibrate([trial], drive(CABLE), names, starts=0)
+        hits += [found[name].holds(getattr(CABLE, name)) for name in names]
+    return (hits / REPEATS).tolist()
 
 
 def valley(
@@ -103,9 +100,10 @@ def run(progress: Progress) -> ExperimentOutcome:
     slack_trial = blocked_trial(CABLE, 2, peak=0.6)
     slack = calibrate([trial, slack_trial], drive(INITIAL_GUESS), names)
     progress(0.6)
-    friction_held, stiffness_held, repeats = coverage()
+    friction_held, stiffness_held = coverage()
     progress(0.9)
     static = [_static_fit(n) for n in (10, 40)]
+    unknown = both.undetermined[0] if both.undetermined else "all determined"
     stiffness, friction = fit["axial_stiffness"], fit["friction"]
     low, high = stiffness.ci95
     traded = taut.correlation[0, 2]
@@ -126,12 +124,12 @@ def run(progress: Progress) -> ExperimentOutcome:
             f"start of {INITIAL_GUESS.friction:g}, true {CABLE.friction:g}",
             "better" if friction.holds(CABLE.friction) else "disagrees",
             f"95 % intervals held the truth in {friction_held:.0%} (mu_d) and "
-            f"{stiffness_held:.0%} (K) of {repeats} repeats",
+            f"{stiffness_held:.0%} (K) of {REPEATS} repeats",
         ),
         Claim(
             "2.4.2, (2.10)",
             "8 free parameters; length, curvature and radii measured, the rest fitted",
-            f"curvature free as well: {_undetermined_text(both)}; product "
+            f"curvature free as well: {unknown}; product "
             f"{both['friction'].value * both['wrap'].value:.4f}, true "
             f"{CABLE.friction:g}",
             "in part" if both.undetermined else "agrees",
@@ -197,7 +195,3 @@ def _static_fit(segments: int) -> float:
 def _width(found: Calibration, name: str) -> float:
     """Return the factor by which the interval of a parameter spreads either way."""
     return found[name].ci95[1] / found[name].value
-
-
-def _undetermined_text(found: Calibration) -> str:
-    return found.undetermined[0] if found.undetermined else "all determined"

@@ -68,14 +68,9 @@ def null_point_error(
         ours = replay(cable, DT, u_proximal=proximal, u_distal=distal)
         ends = np.column_stack([ours.tension_proximal, ours.tension_distal])
         work = friction_work(theirs.tension, theirs.displacement)
-        rows.append(
-            (
-                _percent(theirs.tension[:, [0, -1]], exact),
-                _percent(ends, exact),
-                theirs.contradicted / samples,
-                -np.sum(work[work < 0.0]) / np.sum(np.abs(work)),
-            )
-        )
+        fed = -np.sum(work[work < 0.0]) / np.sum(np.abs(work))
+        errors = _percent(theirs.tension[:, [0, -1]], exact), _percent(ends, exact)
+        rows.append((*errors, theirs.contradicted / samples, fed))
     return _Opposed(*np.array(rows).T)
 
 

@@ -17,7 +17,7 @@ from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.device._sensors import Sensors
 from cc_mujoco.estimation._fusion import TensionFusion, Weights, fuse, tension_gains
 from cc_mujoco.native import FloatArray
-from thesis._outcome import Claim, Curve, ExperimentOutcome, Panel, Progress
+from thesis._outcome import Claim, Curve, ExperimentOutcome, Panel, Progress, rms
 from thesis._rig import PRINTED_CABLE, RECONCILED_CABLE
 
 SEGMENTS = 10
@@ -116,14 +116,9 @@ def ramps(seed: int = 36) -> _Run:
     mean = thesis.over(reading, true.direction)
     moving = true.direction[:, -1] != 0
     error = mean.tension[:, -1] - true.tension[:, -1]
-    return _Run(
-        time,
-        true.tension[:, -1],
-        mean.tension[:, -1],
-        ours.over(reading, true.direction).tension[:, -1],
-        moving,
-        error[moving] / mean.deviation[moving, -1],
-    )
+    best = ours.over(reading, true.direction).tension[:, -1]
+    scaled = error[moving] / mean.deviation[moving, -1]
+    return _Run(time, true.tension[:, -1], mean.tension[:, -1], best, moving, scaled)
 
 
 def ljung_box(series: FloatArray, lags: int = LAGS) -> float:
@@ -152,7 +147,8 @@ def run(progress: Progress) -> ExperimentOutcome:
     grid = error_grid()
     progress(0.6)
     series = ramps()
-    excess, mild = excess_of_mean(CABLE), excess_of_mean(_same_mesh(RECONCILED_CABLE))
+    excess = excess_of_mean(CABLE)
+    mild = excess_of_mean(RECONCILED_CABLE.replace(segments=SEGMENTS))
     angle = CABLE.friction * CABLE.wrap
     limit = float(np.sinh(angle) / angle)
     level = NOISE_LEVELS.index(0.1)
@@ -166,7 +162,10 @@ def run(progress: Progress) -> ExperimentOutcome:
     size = float(np.std(series.scaled))
     whole = white > 0.01 and abs(offset) < 3.0
     drift = rest_drift(series)
-    held, averaged = (_rms_at_rest(series, e) for e in (series.mean, series.best))
+    still = ~series.moving & (series.time > series.time[np.argmax(series.moving)])
+    held, averaged = (
+        rms((each - series.truth)[still]) for each in (series.mean, series.best)
+    )
     claims = (
         Claim(
             "3.2.1",
@@ -226,15 +225,6 @@ def run(progress: Progress) -> ExperimentOutcome:
         ),
     ]  # fmt: skip
     return ExperimentOutcome(claims, {"sensors": panels})
-
-
-def _same_mesh(cable: Cable) -> Cable:
-    return cable.replace(segments=SEGMENTS)
-
-
-def _rms_at_rest(run: _Run, estimate: FloatArray) -> float:
-    still = ~run.moving & (run.time > run.time[np.argmax(run.moving)])
-    return float(np.sqrt(np.mean((estimate - run.truth)[still] ** 2)))
 
 
 def _instant() -> Panel:

@@ -24,7 +24,7 @@ from cc_mujoco.device._drive import CableDrive, Drive
 from cc_mujoco.native import FloatArray
 from thesis._experiments.tracking import PERIOD, TENSION_RATIO, cable
 from thesis._inertia_free import InertiaFree
-from thesis._outcome import Claim, Curve, ExperimentOutcome, Panel, Progress
+from thesis._outcome import Claim, Curve, ExperimentOutcome, Panel, Progress, rms
 
 RADIUS = 0.1  # radius of both pulleys [m]
 STIFFNESS = 1.0  # stiffness of the virtual spring [N m/rad]
@@ -71,7 +71,7 @@ def render(device: Drive, law: Controller) -> _Rendered:
     rate = STIFFNESS * DEFLECTION / DEFLECTION_TIME * PERIOD
     return _Rendered(
         torque,
-        float(np.sqrt(np.mean(error[moving] ** 2))),
+        rms(error[moving]),
         float(np.max(np.abs(back))),
         lasting * DEFLECTION / DEFLECTION_TIME,
         float(np.mean((error * -np.gradient(wanted))[moving])) * PERIOD / rate**2,

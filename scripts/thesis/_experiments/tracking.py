@@ -25,7 +25,15 @@ from cc_mujoco.device._drive import CableDrive, Drive
 from cc_mujoco.metrics._signals import signal_lag
 from cc_mujoco.native import FloatArray
 from thesis._inertia_free import InertiaFree
-from thesis._outcome import Claim, Curve, ExperimentOutcome, Panel, Progress, Verdict
+from thesis._outcome import (
+    Claim,
+    Curve,
+    ExperimentOutcome,
+    Panel,
+    Progress,
+    Verdict,
+    rms,
+)
 from thesis._rig import PRINTED_CABLE
 
 PERIOD, DURATION = 1e-3, 30.0  # control period and duration of a run [s]
@@ -101,9 +109,9 @@ def track(device: Drive, law: Controller) -> _Tracked:
 
     return _Tracked(
         tension,
-        float(np.sqrt(np.mean(share[begun] ** 2))),
+        rms(share[begun]),
         float(np.max(np.abs(share[begun]))),
-        float(np.sqrt(np.mean(share[late] ** 2))),
+        rms(share[late]),
         signal_lag(time[late], swing(wanted), swing(tension)),
     )
 

@@ -10,12 +10,12 @@ from thesis.predecessors._bouc_wen import ModifiedBoucWen as ModifiedBoucWen
 from thesis.predecessors._bristle import Bristle as Bristle
 from thesis.predecessors._bristle import BristleChain as BristleChain
 from thesis.predecessors._bristle import LuGreChain as LuGreChain
-from thesis.predecessors._capstan import StaticCapstan as StaticCapstan
-from thesis.predecessors._distributed import Distributed as Distributed
-from thesis.predecessors._lumped import LumpedMasses as LumpedMasses
 from thesis.predecessors._model import Answer as Answer
+from thesis.predecessors._model import Distributed as Distributed
 from thesis.predecessors._model import EndSpring as EndSpring
 from thesis.predecessors._model import Locked as Locked
+from thesis.predecessors._model import LumpedMasses as LumpedMasses
 from thesis.predecessors._model import Moved as Moved
+from thesis.predecessors._model import PassiveDistributed as PassiveDistributed
 from thesis.predecessors._model import PublishedModel as PublishedModel
-from thesis.predecessors._passive import PassiveDistributed as PassiveDistributed
+from thesis.predecessors._model import StaticCapstan as StaticCapstan

@@ -11,7 +11,6 @@ as printed, with rho in front of all terms.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -20,13 +19,7 @@ from scipy.optimize import least_squares
 
 from cc_mujoco.cable import Cable
 from cc_mujoco.native import FloatArray, compiled
-from thesis.predecessors._model import (
-    Answer,
-    Asked,
-    EndSpring,
-    PublishedModel,
-    ReplayedMotion,
-)
+from thesis.predecessors._model import Answer, EndSpring, PublishedModel, ReplayedMotion
 
 _MAX_STATE_CHANGE = 0.05
 """Most that the hysteresis state changes in one step of integration."""
@@ -48,8 +41,8 @@ class Hysteresis(NamedTuple):
 class ModifiedBoucWen(PublishedModel):
     """One hysteresis curve between motor and output tension."""
 
-    name: ClassVar[str] = "Do, modified Bouc-Wen"
-    refuses: ClassVar[Mapping[Asked, str]] = {
+    name = "Do, modified Bouc-Wen"
+    refuses: ClassVar = {
         "a locked output": "output and motor move alike in it",
         "a moved output": "output and motor move alike in it",
         "a tension profile": "it has no inside",
@@ -57,7 +50,6 @@ class ModifiedBoucWen(PublishedModel):
     }
 
     def __init__(self, cable: Cable, hysteresis: Hysteresis) -> None:
-        """Take the pretension of a cable and the parameters."""
         super().__init__(cable)
         self.hysteresis = hysteresis
 
@@ -86,9 +78,7 @@ class ModifiedBoucWen(PublishedModel):
             return np.column_stack([*parts, np.ones(x.size)])
 
         def gains(shape: FloatArray) -> FloatArray:
-            return np.asarray(
-                np.linalg.lstsq(columns(shape), friction, rcond=None)[0], np.float64
-            )
+            return np.linalg.lstsq(columns(shape), friction, rcond=None)[0]
 
         span = float(np.ptp(x))
         speed = float(np.max(np.abs(np.gradient(x, dt))))

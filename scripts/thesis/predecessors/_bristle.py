@@ -15,7 +15,7 @@ a few milliseconds.
 
 from __future__ import annotations
 
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -40,10 +40,6 @@ class Bristle(NamedTuple):
     damping: float = 0.0  # of the bristles, sigma_1 over sigma_0 [s] (LuGre)
 
 
-DAHL = Bristle()
-LUGRE = Bristle(excess=0.2, damping=1e-3)
-
-
 class _Chain(NamedTuple):
     """Friction at the middle of every segment (n,), and springs between (n + 1,)."""
 
@@ -60,16 +56,15 @@ class _Chain(NamedTuple):
 
 
 class BristleChain(PublishedModel):
-    """Chain of springs with Dahl or LuGre friction at its nodes."""
+    """Chain of springs with Dahl or LuGre friction at its nodes; knows no slack."""
 
-    name: ClassVar[str] = "Palli and Melchiorri, Dahl"
+    name = "Palli and Melchiorri, Dahl"
 
-    def __init__(self, cable: Cable, bristle: Bristle = DAHL) -> None:
+    def __init__(self, cable: Cable, bristle: Bristle | None = None) -> None:
         super().__init__(cable)
-        self.bristle = bristle
+        self.bristle = bristle or Bristle()
 
     def answer(self, motion: ReplayedMotion) -> Answer:
-        """See `PublishedModel.answer`; does not know slack."""
         cable, load, start = self.cable, motion.stiffness, motion.start
         n = cable.segments
         spring = cable.axial_stiffness / node_lengths(cable)
@@ -88,10 +83,10 @@ class BristleChain(PublishedModel):
 class LuGreChain(BristleChain):
     """The chain with LuGre friction."""
 
-    name: ClassVar[str] = "Palli and Melchiorri, LuGre"
+    name = "Palli and Melchiorri, LuGre"
 
     def __init__(self, cable: Cable) -> None:
-        super().__init__(cable, LUGRE)
+        super().__init__(cable, Bristle(excess=0.2, damping=1e-3))
 
 
 @compiled

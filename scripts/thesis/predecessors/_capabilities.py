@@ -81,9 +81,8 @@ def partial_motion(model: PublishedModel) -> Capability:
     distal = answer.tension_distal - model.cable.pretension
     early = distal[400] / distal[-1]
     result = f"a quarter of a pull moves the output by {early:.0%}, right is 0%"
-    return Capability(
-        bool(abs(early) < MAX_RELATIVE_ERROR and distal[-1] > 0.1), result
-    )
+    able = abs(early) < MAX_RELATIVE_ERROR and distal[-1] > 0.1
+    return Capability(bool(able), result)
 
 
 def both_ends(model: PublishedModel) -> Capability:
@@ -115,14 +114,12 @@ def slack(model: PublishedModel) -> Capability:
     """Check that a cable pushed in beyond all stretch has no tension, and no less."""
     cable = model.cable
     give = cable.pretension * cable.length / cable.axial_stiffness
-    answer = model.replay(
-        DT, ramp(1.3 * (give + cable.pretension / SPRING.stiffness)), SPRING
-    )
+    push = 1.3 * (give + cable.pretension / SPRING.stiffness)
+    answer = model.replay(DT, ramp(push), SPRING)
     least = min(answer.tension_proximal.min(), answer.tension_distal.min())
     last = max(abs(answer.tension_proximal[-1]), abs(answer.tension_distal[-1]))
-    return Capability(
-        bool(least > -1e-9 and last < 1e-6), f"least tension {least:.1f} N"
-    )
+    able = least > -1e-9 and last < 1e-6
+    return Capability(bool(able), f"least tension {least:.1f} N")
 
 
 def uneven_pretension(model: PublishedModel) -> Capability:
@@ -150,12 +147,8 @@ def changing_bends(model: PublishedModel) -> Capability:
     ratio = answer.tension_proximal[-1] / answer.tension_distal[-1]
     most = math.exp(0.2 * cable.friction * cable.wrap)
     result = f"ratio of the tensions {ratio:.2f}, friction holds {most:.2f}"
-    return Capability(
-        bool(
-            1.0 / (1.0 + MAX_RELATIVE_ERROR) < ratio < most * (1.0 + MAX_RELATIVE_ERROR)
-        ),
-        result,
-    )
+    slack = 1.0 + MAX_RELATIVE_ERROR
+    return Capability(bool(1.0 / slack < ratio < most * slack), result)
 
 
 def no_energy(model: PublishedModel) -> Capability:
@@ -186,14 +179,11 @@ def _relative_loss(answer: Answer, proximal: FloatArray, period: int) -> float:
         if abs(tension[-1] - tension[-period - 1]) > _REPEAT_TOLERANCE:
             return math.inf
     pulled, drawn = -np.diff(proximal[last]), np.diff(answer.u_distal[last])
-    by_motor = _midpoints(answer.tension_proximal[last]) * pulled
-    by_spring = _midpoints(answer.tension_distal[last]) * drawn
+    near, far = answer.tension_proximal[last], answer.tension_distal[last]
+    by_motor = 0.5 * (near[1:] + near[:-1]) * pulled
+    by_spring = 0.5 * (far[1:] + far[:-1]) * drawn
     total = float(np.sum(by_motor) + np.sum(by_spring))
     return total / float(np.sum(np.abs(by_motor)))
-
-
-def _midpoints(values: FloatArray) -> FloatArray:
-    return 0.5 * (values[1:] + values[:-1])
 
 
 CAPABILITY_TESTS: dict[str, Callable[[PublishedModel], Capability]] = {

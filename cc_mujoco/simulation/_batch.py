@@ -134,23 +134,21 @@ class Simulations:
             self.physics = self._was_reset
         self.physics.take(physics_of(data), row)
 
-    @exclusive
     def advance(self, control: Array, going: Mask) -> None:
         """Advance by a sample; see `Worlds`, and `roll` for what it raises."""
-        # `all` and `any` of NumPy take several times as long for small arrays.
-        ids = going if b"\0" in going.tobytes() else None
-        self._roll(control.shape[1], ids, control if ids is None else control[ids])
+        self.roll(control.shape[1], going, control)
 
     @exclusive
-    def roll(self, steps: int, going: Mask) -> None:
-        """Advance some by physics steps, with the controls in their states.
+    def roll(self, steps: int, going: Mask, control: Array | None = None) -> None:
+        """Advance some by physics steps, by default with the controls in their states.
 
         Raises:
             mujoco.batch.SimulationError: If MuJoCo raised; see `why`.
         """
-        self._roll(steps, None if going.all() else going, None)
-
-    def _roll(self, steps: int, ids: Mask | None, control: Array | None) -> None:
+        # `all` and `any` of NumPy take several times as long for small arrays.
+        ids = going if b"\0" in going.tobytes() else None
+        if control is not None and ids is not None:
+            control = control[ids]
         self.physics = self._bound
         with untimed():
             self.batch.rollout(steps, control, record=(), ids=ids)
@@ -221,16 +219,6 @@ class Simulation:
                 break
 
 
-Actuate = Callable[[int, Columns, Array], Array]
-"""Returns the torque of the motors of a control step, its columns and the torque that
-the controller commands [N m]."""
-
-
-def as_commanded(step: int, columns: Columns, torque: Array) -> Array:
-    """Return the torque of the motors, which is what the controller commands [N m]."""
-    return torque
-
-
 class Batch:
     """Episodes of n devices of one layout, prepared together and played once.
 
@@ -267,7 +255,9 @@ class Batch:
             one.author.write(seeding.np_random(seed)[0])
             for one, seed in zip(worn, seeds, strict=True)
         ]
-        self.actuate: Actuate = as_commanded
+        self.actuate: Callable[[int, Columns, Array], Array] | None = None
+        """Returns the torque of the motors of a control step, its columns and the
+        torque that the controller commands, which it is by default [N m]."""
         models = [device.model for device in devices]
         count = len(devices)
         self.steps, self.cables = exo.steps, cables(models[0])
@@ -349,7 +339,8 @@ class Batch:
         """Go a control step; see `DrivenDevice.advance`."""
         if self._alone:
             torque = np.reshape(torque, (1, -1))
-        torque = self.actuate(self._step, self._columns, torque)
+        if self.actuate is not None:
+            torque = self.actuate(self._step, self._columns, torque)
         if torque.shape in ((), self.going.shape):  # of one motor, or for all of them
             torque = np.full(self.going.size, torque)[:, None]
         finite: Mask = np.all(np.isfinite(torque), axis=1)

@@ -20,6 +20,7 @@ from __future__ import annotations
 import difflib
 import json
 import os
+from abc import abstractmethod
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -65,41 +66,39 @@ class EpisodeLog:
                 metadata cannot be written as JSON.
         """
         columns = require_dictionary("columns", columns)
-        self.cables = cables_in(columns)
-        self.prefixes = prefixes_in(columns) or ("",)
-        """Beginnings of the columns of each axis; empty where there is only one."""
-        self.schema = columns_for(self.cables, self.prefixes)
+        self._take_names(columns)
         names = [column.name for column in self.schema]
         for name in columns:
             if name not in names:
                 raise CableError.unknown("log column", name, names)
-        self._columns: Mapping[str, NDArray[Any]] = {
+        arrays = {
             column.name: _frozen_array(
                 column, _require_column(columns, column.name, "log")
             )
             for column in self.schema
         }
-        rows = {name: len(array) for name, array in self._columns.items()}
+        rows = {name: len(array) for name, array in arrays.items()}
         if len(set(rows.values())) > 1:
             raise CableError(f"log columns must have equal lengths, not {rows}.")
-        self._rows = rows["time_s"]
+        self._columns: _Columns = _Arrays(arrays, rows["time_s"])
         self.metadata: dict[str, Any] = json.loads(_to_json(metadata))
 
+    def _take_names(self, names: Iterable[str]) -> None:
+        self.cables = cables_in(names)
+        self.prefixes = prefixes_in(names) or ("",)
+        """Beginnings of the columns of each axis; empty where there is only one."""
+        self.schema = columns_for(self.cables, self.prefixes)
+
     @classmethod
-    def _over(
-        cls, columns: Mapping[str, NDArray[Any]], rows: int, metadata: Mapping[str, Any]
-    ) -> EpisodeLog:
+    def _over(cls, columns: _Columns, metadata: Mapping[str, Any]) -> EpisodeLog:
         """Return a log over columns that are checked already."""
         log = cls.__new__(cls)
-        log.cables = cables_in(columns)
-        log.prefixes = prefixes_in(columns) or ("",)
-        log.schema = columns_for(log.cables, log.prefixes)
-        log._columns, log._rows = columns, rows
-        log.metadata = dict(metadata)
+        log._take_names(columns)
+        log._columns, log.metadata = columns, dict(metadata)
         return log
 
     def __len__(self) -> int:
-        return self._rows
+        return self._columns.count
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         """Return one column.
@@ -107,9 +106,7 @@ class EpisodeLog:
         Raises:
             CableError: If there is no such column; names the nearest match.
         """
-        if name not in self._columns:
-            raise CableError.unknown("log column", name, self._columns)
-        return self._columns[name]
+        return self._columns.known(name)[name]
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, EpisodeLog):
@@ -164,15 +161,7 @@ class EpisodeLog:
         Raises:
             CableError: If there is no such column.
         """
-        if (
-            isinstance(self._columns, _FileColumns | _KeptRows)
-            and name in self._columns
-        ):
-            yield from self._columns.pieces(name)
-            return
-        column = self[name]
-        for start in range(0, max(len(column), 1), PIECE_ROWS):
-            yield column[start : start + PIECE_ROWS]
+        yield from self._columns.known(name).pieces(name)
 
     def rows(self, name: str, samples: NDArray[np.integer]) -> NDArray[Any]:
         """Return some rows of a column, without all of it in memory.
@@ -187,12 +176,7 @@ class EpisodeLog:
         Raises:
             CableError: If there is no such column.
         """
-        if (
-            isinstance(self._columns, _FileColumns | _KeptRows)
-            and name in self._columns
-        ):
-            return self._columns.rows(name, samples)
-        return np.asarray(self[name][samples])
+        return self._columns.known(name).rows(name, samples)
 
     def thinned(self, most: int) -> EpisodeLog:
         """Return every k-th sample, with the least k that leaves at most `most`.
@@ -202,8 +186,8 @@ class EpisodeLog:
         every = -(-len(self) // most)
         if every <= 1:
             return self
-        kept = np.arange(0, len(self), every)
-        return EpisodeLog._over(_KeptRows(self, kept), len(kept), self.metadata)
+        kept = _KeptRows(self._columns, np.arange(0, len(self), every))
+        return EpisodeLog._over(kept, self.metadata)
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write a Parquet file; an older file at `path` stays until this is whole.
@@ -238,10 +222,59 @@ class EpisodeLog:
             FileNotFoundError: If there is no such file.
         """
         columns = _FileColumns(path)
-        return cls._over(columns, columns.count, columns.metadata)
+        return cls._over(columns, columns.metadata)
 
 
-class _FileColumns(Mapping[str, NDArray[Any]]):
+class _Columns(Mapping[str, NDArray[Any]]):
+    """Columns by name, of which some rows can be read without the others."""
+
+    def __init__(self, names: Iterable[str], count: int) -> None:
+        self.names, self.count = tuple(names), count
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.names)
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.names
+
+    def known(self, name: str) -> _Columns:
+        """Return the columns, which have one of that name or are refused."""
+        if name not in self.names:
+            raise CableError.unknown("log column", name, self.names)
+        return self
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        whole = self.rows(name, np.arange(self.count))
+        whole.setflags(write=False)
+        return whole
+
+    @abstractmethod
+    def rows(self, name: str, samples: NDArray[np.integer]) -> NDArray[Any]: ...
+
+    def pieces(self, name: str) -> Iterator[NDArray[Any]]:
+        for start in range(0, max(self.count, 1), PIECE_ROWS):
+            end = min(start + PIECE_ROWS, self.count)
+            yield self.rows(name, np.arange(start, end))
+
+
+class _Arrays(_Columns):
+    """Columns in memory."""
+
+    def __init__(self, arrays: Mapping[str, NDArray[Any]], count: int) -> None:
+        super().__init__(arrays, count)
+        self._arrays = arrays
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        return self._arrays[name]
+
+    def rows(self, name: str, samples: NDArray[np.integer]) -> NDArray[Any]:
+        return self._arrays[name][samples]
+
+
+class _FileColumns(_Columns):
     """Columns of a file, each read when it is accessed."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -254,6 +287,7 @@ class _FileColumns(Mapping[str, NDArray[Any]]):
                 self._footer, self._schema = file.metadata, file.schema_arrow
         except pa.ArrowInvalid as error:
             raise CableError(f"{path} is not a Parquet file: {error}.") from error
+        super().__init__(self._schema.names, self._footer.num_rows)
         metadata = (self._schema.metadata or {}).get(METADATA_KEY)
         if metadata is None:
             raise CableError(f"{path} is a Parquet file, but not an episode log.")
@@ -261,40 +295,11 @@ class _FileColumns(Mapping[str, NDArray[Any]]):
             self.metadata: dict[str, Any] = parse_json(metadata)
         except ValueError as error:
             raise CableError(f"{path}: its metadata cannot be read: {error}.") from None
-        self.count: int = self._footer.num_rows
         groups = range(self._footer.num_row_groups)
         sizes = [self._footer.row_group(group).num_rows for group in groups]
         self._starts = np.concatenate([[0], np.cumsum(sizes)]).astype(np.intp)
 
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._schema.names)
-
-    def __len__(self) -> int:
-        return len(self._schema.names)
-
-    def __contains__(self, name: object) -> bool:
-        return name in self._schema.names
-
-    def __getitem__(self, name: str) -> NDArray[Any]:
-        whole = self._read(name, np.arange(len(self._starts) - 1), None)
-        whole.setflags(write=False)
-        return whole
-
     def rows(self, name: str, samples: NDArray[np.integer]) -> NDArray[Any]:
-        groups = np.searchsorted(self._starts, samples, side="right") - 1
-        return self._read(name, np.unique(groups), samples)
-
-    def pieces(self, name: str) -> Iterator[NDArray[Any]]:
-        for group in range(len(self._starts) - 1):
-            yield self._read(name, np.array([group]), None)
-
-    def _read(
-        self,
-        name: str,
-        groups: NDArray[np.integer],
-        samples: NDArray[np.integer] | None,
-    ) -> NDArray[Any]:
-        """Return some rows of some row groups, by default all of them."""
         import pyarrow as pa
         import pyarrow.parquet as pq
 
@@ -302,57 +307,37 @@ class _FileColumns(Mapping[str, NDArray[Any]]):
         listed = pa.types.is_fixed_size_list(field.type)
         shape = (field.type.list_size,) if listed else ()
         kind = field.type.value_type if listed else field.type
-        sizes = np.diff(self._starts)[groups]
-        count = int(sizes.sum()) if samples is None else len(samples)
-        found = np.empty((count, *shape), dtype=kind.to_pandas_dtype())
-        filled = 0
+        found = np.empty((len(samples), *shape), dtype=kind.to_pandas_dtype())
+        groups = np.searchsorted(self._starts, samples, side="right") - 1
         with pq.ParquetFile(self._path, metadata=self._footer) as file:
-            for group in groups.tolist():
+            for group in np.unique(groups).tolist():
                 chunk = file.read_row_group(group, columns=[name]).column(0)
                 chunk = chunk.combine_chunks()
                 values = (chunk.flatten() if listed else chunk).to_numpy()
-                values = values.reshape(-1, *shape)
-                if samples is not None:
-                    start, end = self._starts[group], self._starts[group + 1]
-                    low, high = np.searchsorted(samples, [start, end])
-                    values = values[samples[low:high] - start]
-                found[filled : filled + len(values)] = values
-                filled += len(values)
+                own = groups == group
+                row = samples[own] - self._starts[group]
+                found[own] = values.reshape(-1, *shape)[row]
         return found
 
 
-class _KeptRows(Mapping[str, NDArray[Any]]):
-    """Some rows of the columns of another log; scalar columns are remembered."""
+class _KeptRows(_Columns):
+    """Some rows of other columns; scalar columns are remembered."""
 
-    def __init__(self, log: EpisodeLog, kept: NDArray[np.integer]) -> None:
-        self._log, self._kept = log, kept
-        self._names = [column.name for column in log.schema]
+    def __init__(self, whole: _Columns, kept: NDArray[np.integer]) -> None:
+        super().__init__(whole.names, len(kept))
+        self._whole, self._kept = whole, kept
         self._remembered: dict[str, NDArray[Any]] = {}
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._names)
-
-    def __len__(self) -> int:
-        return len(self._names)
-
-    def __contains__(self, name: object) -> bool:
-        return name in self._names
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         if name in self._remembered:
             return self._remembered[name]
-        found = self._log.rows(name, self._kept)
-        found.setflags(write=False)
+        found = super().__getitem__(name)
         if found.ndim == 1:
             self._remembered[name] = found
         return found
 
     def rows(self, name: str, samples: NDArray[np.integer]) -> NDArray[Any]:
-        return self._log.rows(name, self._kept[samples])
-
-    def pieces(self, name: str) -> Iterator[NDArray[Any]]:
-        for start in range(0, len(self._kept), PIECE_ROWS):
-            yield self._log.rows(name, self._kept[start : start + PIECE_ROWS])
+        return self._whole.rows(name, self._kept[samples])
 
 
 class LogFile:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -82,12 +83,12 @@ class Script:
     @cached_property
     def commands(self) -> Array:
         """Return the commands of all parts, (m + 1, k)."""
-        return _joined([part.commands for part in self._parts()])
+        return np.concatenate([part.commands for part in self._parts()])
 
     @cached_property
     def marks(self) -> Array:
         """Return the marks of all parts, (n + 1, `MARKS` axes)."""
-        return _joined([part.marks for part in self._parts()])
+        return np.concatenate([part.marks for part in self._parts()])
 
     def mark(self, place: int) -> Array:
         """Return one column of the marks, (n + 1,), without the others in memory."""
@@ -95,10 +96,6 @@ class Script:
 
     def _parts(self) -> Iterator[ScriptPart]:
         return map(self.part, range(self.count))
-
-
-def _joined(arrays: Sequence[Array]) -> Array:
-    return arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
 
 
 class Author:
@@ -191,13 +188,11 @@ class Author:
                 reach[joint] = low, max(high, float(part.angle.max()))
             if kept:
                 parts.append(self._part(movers, moved, own))
-        commanded = {
-            axis.axis.limb
-            for axis, own in zip(self._device.axes, self._commanded, strict=True)
-            if own
-        }
+        limbs = [axis.axis.limb for axis in device.axes]
+        commanded = itertools.compress(limbs, self._commanded)
+        followed = {*movers, *commanded}
         for joint, ends in reach.items():
-            if joint in movers or joint in commanded:
+            if joint in followed:
                 _require_range(device.model, joint, *ends)
         for joint, mover in movers.items():
             if joint in reach:
@@ -207,19 +202,18 @@ class Author:
     def _first_angles(
         self, movers: Mapping[str, Mover], moved: Mapping[str, Motion]
     ) -> dict[str, float]:
-        angles = {  # a frame starts where its limb does
-            axis.axis.joint: float(moved[axis.axis.limb].angle[0])
-            if axis.axis.limb in movers
-            else self._device.neutral(axis.axis.limb)
-            for axis in self._device.axes
+        first = {
+            joint: float(moved[joint].angle[0])
+            if joint in moved
+            else self._device.neutral(joint)
+            for joint in movers
         }
-        for joint in movers:
-            angles[joint] = (
-                float(moved[joint].angle[0])
-                if joint in moved
-                else self._device.neutral(joint)
-            )
-        return angles
+        # A frame starts where its limb does.
+        limbs = {one.axis.joint: one.axis.limb for one in self._device.axes}
+        return {
+            joint: first.get(limb, self._device.neutral(limb))
+            for joint, limb in limbs.items()
+        } | first
 
     def _motions(
         self, sampled: Mapping[int, Motion]
@@ -256,18 +250,18 @@ class Author:
         """Return the part of a script that has these motions; see `_motions`."""
         commands = np.zeros((motions[0].time.size, len(movers)))
         for place, (joint, mover) in enumerate(movers.items()):
+            angle, velocity = self._device.neutral(joint), 0.0
             if joint in moved:
-                part = moved[joint]
-                commands[:, place] = mover.command(part.angle, part.velocity)
-            else:
-                still = self._device.neutral(joint)
-                commands[:, place] = mover.command(still, 0.0)
+                angle, velocity = moved[joint].angle, moved[joint].velocity
+            commands[:, place] = mover.command(angle, velocity)
         marks = []
         for motion, (task, is_scripted) in zip(motions, self._tasks, strict=True):
-            phase = motion.phase[:: self.frame_skip]
+            time, angle, phase = (
+                each[:: self.frame_skip]
+                for each in (motion.time, motion.angle, motion.phase)
+            )
             turn = 2 * np.pi * phase
-            angle = motion.angle[:: self.frame_skip]
-            clock = motion.time[:: self.frame_skip] if task.of_time else phase
+            clock = time if task.of_time else phase
             demand = nothing = np.zeros_like(phase)
             if is_scripted:
                 found = task_torque(task, nothing, nothing, clock)
@@ -277,15 +271,14 @@ class Author:
 
 
 def _warn_of_end(recorded: object, duration: float) -> None:
-    if not isinstance(recorded, (Recorded, TimeTorque)):
+    if isinstance(recorded, TimeTorque):
+        held = "torque keeps its last value"
+    elif isinstance(recorded, Recorded):
+        held = "joint is held where it is then"
+    else:
         return
     if recorded.end >= duration - 1e-9:
         return
-    held = (
-        "torque keeps its last value"
-        if isinstance(recorded, TimeTorque)
-        else "joint is held where it is then"
-    )
     warnings.warn(
         f"{recorded.source or 'the recorded motion'} ends after {recorded.end:g} s; "
         f"the {held} for the rest of the {duration:g} s.",

@@ -67,20 +67,6 @@ class Episode:
     wearer: Wearer | Mapping[str, Wearer] | None = None
     """At the only driven joint, or by joint; that of the models by default."""
 
-    def device(self, model: mujoco.MjModel) -> DeviceModel:
-        return DeviceModel(self.description, model, self.wearer)
-
-    def exo(self, model: mujoco.MjModel) -> WornDevice:
-        return WornDevice(
-            self.description,
-            model,
-            self.trajectory,
-            self.task,
-            self.duration,
-            self.frame_skip,
-            self.wearer,
-        )
-
 
 @dataclass(frozen=True, eq=False)
 class Rollout:
@@ -121,11 +107,13 @@ def play(
 
     `tick` is called now and then with the share that is done.
     """
-    exo = episode.exo(models[0])
-    devices = [exo.device, *(episode.device(model) for model in models[1:])]
+    device, wearer = episode.description, episode.wearer
+    motion = episode.trajectory, episode.task, episode.duration
+    exo = WornDevice(device, models[0], *motion, episode.frame_skip, wearer)
+    devices = [exo.device, *(DeviceModel(device, one, wearer) for one in models[1:])]
     drives = [
-        [PERFECT_SENSING.equip(drive) for drive in exo.drives_of(device)]
-        for device in devices
+        [PERFECT_SENSING.equip(drive) for drive in exo.drives_of(one)]
+        for one in devices
     ]
     name, driven, prefixes = episode.controller, exo.device.driven, exo.device.prefixes
     ratio = np.array([[1.0 / drive.ratio for drive in own] for own in drives])
@@ -170,11 +158,9 @@ def _play_outside(
             tick(step / exo.steps)
 
     kept = batch.play(law, measuring.measure, (*names, *CABLE_NAMES), report)
-    columns = {}
-    while kept:  # what is turned is let go, so that memory holds it once
-        name, values = kept.popitem()
-        columns[name] = np.ascontiguousarray(np.moveaxis(values, 0, -1))
-    return columns
+    for name, values in kept.items():
+        kept[name] = np.ascontiguousarray(np.moveaxis(values, 0, -1))
+    return kept
 
 
 def _compiled_laws(
@@ -199,11 +185,7 @@ def task_of(task: Task) -> int | None:
 
 
 def law_of(controller: Controller | None) -> int | None:
-    """Return the code of a law in the record; None if only Python can compute it.
-
-    Args:
-        controller: None for a motor that gives no torque.
-    """
+    """Return the code of a law, None of no torque, in the record; None if Python's."""
     if controller is None:
         return compiled.UNPOWERED
     law = stepped_law(type(controller))

@@ -21,11 +21,7 @@ from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._model import DeviceModel, joint_range
 from cc_mujoco.device._observation import OBSERVATION_LIMIT
 from cc_mujoco.device._ranges import Ranges
-from cc_mujoco.device._sensors import (
-    AxesMeasuring,
-    Measuring,
-    Sensing,
-)
+from cc_mujoco.device._sensors import AxesMeasuring, Measuring, Sensing
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Task, Trajectory, Walk, Wearer, scale_task, trajectory
 from cc_mujoco.human import task as find_task
@@ -100,9 +96,8 @@ class WornDevice:
         whole = isinstance(frame_skip, (int, np.integer)) and frame_skip is not True
         if not (whole and frame_skip >= 1):
             raise CableError(f"frame_skip must be an integer >= 1, not {frame_skip!r}.")
-        frame_skip = int(frame_skip)
-        self.frame_skip = frame_skip
-        self.sampling = frame_skip * float(self.device.model.opt.timestep)
+        self.frame_skip = int(frame_skip)
+        self.sampling = self.frame_skip * float(self.device.model.opt.timestep)
         """Time between samples of the sensors [s]."""
         require_number("hold", hold, 1, 1000, "samples")
         self.hold = hold
@@ -116,41 +111,37 @@ class WornDevice:
         self.tasks = _axis_tasks(description, task, sources)
         """Task of every axis."""
         self.description = _with_safe_torques(description, self.tasks)
-        frames = tuple(
-            dataclasses.replace(
-                axis.observed(description.scene, self.sampling),
-                hold=hold,
-                history=history,
-                memory=memory,
-            )
-            for axis in self.device.axes
+        own = {"hold": hold, "history": history, "memory": memory}
+        frames = (
+            axis.observed(description.scene, self.sampling) for axis in self.device.axes
         )
         self.observed = tuple(
-            frame.with_reference() if one.commands_angle else frame
+            dataclasses.replace(
+                frame.with_reference() if one.commands_angle else frame, **own
+            )
             for frame, one in zip(frames, self.tasks, strict=True)
         )
         """Observation of every axis."""
-        self.author = Author(self.device, sources, self.tasks, self.samples, frame_skip)
+        self.author = Author(
+            self.device, sources, self.tasks, self.samples, self.frame_skip
+        )
         self.drives = self.drives_of(self.device)
         """Knowledge that a controller may have of each axis as its scene has it."""
         nominal = Nominal(description, self.device.cables, self.device.wearers)
         self.plants = Ranges(randomise, nominal)
-        spaces = [observed.space for observed in self.observed]
-        size = sum(space.shape[0] for space in spaces)
+        size = sum(observed.space.shape[0] for observed in self.observed)
         limit = OBSERVATION_LIMIT
         self.observation_space = Box(-limit, limit, (size,), dtype=np.float32)
         self.action_space = Box(-1.0, 1.0, (len(self.drives),), dtype=np.float32)
 
     def drives_of(self, device: DeviceModel) -> tuple[Drive, ...]:
         """Return what controllers may know of each axis of this device or a variant."""
-        axes = self.description.axes
+        drives, axes = device.drives(self.period), self.description.axes
         return tuple(
             dataclasses.replace(
                 drive, commands_angle=task.commands_angle, safe_torque=axis.safe_torque
             )
-            for drive, task, axis in zip(
-                device.drives(self.period), self.tasks, axes, strict=True
-            )
+            for drive, task, axis in zip(drives, self.tasks, axes, strict=True)
         )
 
     @property
@@ -190,8 +181,7 @@ class WornDevice:
     def action(self, torque: Any) -> NDArray[np.float32]:
         """Return the action, (..., axes), that makes the motors give torques [N m].
 
-        Args:
-            torque: Torque of the only motor (...), or of each motor (..., axes).
+        The torque is that of the only motor (...), or of each motor (..., axes).
         """
         given = np.asarray(torque)
         if len(self.drives) == 1:
@@ -217,24 +207,13 @@ class WornDevice:
             biases: Biases of every axis, as of `Measuring`; none by default.
             errors: `delay` and `noise` as of `Measuring`.
         """
-        biases = biases or [0.0] * len(drives)
-        return AxesMeasuring(
-            self.device.prefixes,
-            [
-                Measuring(
-                    sensing,
-                    drive,
-                    driven,
-                    _axis_seeds(seeds, n),
-                    self.steps,
-                    bias=bias,
-                    **errors,
-                )
-                for n, (drive, driven, bias) in enumerate(
-                    zip(drives, self.device.driven, biases, strict=True)
-                )
-            ],
-        )
+        cables, biases = self.device.driven, biases or [0.0] * len(drives)
+        axes = []
+        for n, each in enumerate(zip(drives, cables, biases, strict=True)):
+            drive, driven, errors["bias"] = each
+            own = _axis_seeds(seeds, n)
+            axes.append(Measuring(sensing, drive, driven, own, self.steps, **errors))
+        return AxesMeasuring(self.device.prefixes, axes)
 
     def axis_columns(self, columns: Mapping[str, Any], axis: int) -> Mapping[str, Any]:
         """Return the columns of an axis under plain names."""
@@ -251,10 +230,10 @@ class WornDevice:
             deviation = 0.0 * reference if task.about_reference else reference
             demand = task_torque(task, deviation, velocity, phase)
             least, most = drive.reach
+            peak = float(np.abs(demand).max())
             # The demand may exceed what the motor gives by 2 % of the largest.
-            slack = 0.02 * float(np.abs(demand).max())
+            slack = 0.02 * peak
             if least - slack <= demand.min() and demand.max() <= most + slack:
-                peak = float(np.abs(demand).max())
                 if peak <= axis.safe_torque:
                     continue
                 return (

@@ -169,13 +169,13 @@ def test_an_axis_reads_no_column_but_its_own(
     read: list[str] = []
     columns = log._columns
     assert isinstance(columns, _FileColumns)
-    whole = columns._read
+    whole = columns.rows
 
     def noted(name: str, *rest: Any) -> Any:
         read.append(name)
         return whole(name, *rest)
 
-    monkeypatch.setattr(columns, "_read", noted)
+    monkeypatch.setattr(columns, "rows", noted)
     axis = log.axis("ankle")
     cable = axis.cables[0]
     pieces = [*axis.pieces(f"tension_{cable}_nodes_n")]

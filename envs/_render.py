@@ -69,7 +69,6 @@ class Camera:
     """Camera for pictures of poses, by OpenGL (`MUJOCO_GL=egl` without a display)."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
-        """Open a renderer."""
         self._model = model
         # Its own data, so that looking does not touch the simulation.
         self._data = mujoco.MjData(model)
@@ -98,7 +97,6 @@ class Camera:
         return picture.copy()
 
     def close(self) -> None:
-        """Free the renderer."""
         self._renderer.close()
 
 
@@ -111,7 +109,6 @@ class Film:
     """
 
     def __init__(self, period: float) -> None:
-        """Begin, with control steps of a period [s]."""
         self._stride = frame_interval(period)
         self._step = 0
         self._picture: NDArray[np.uint8] | None = None
@@ -167,7 +164,6 @@ class SceneRenderer:
         return tuple(film.picture(camera, pose, int(k)) for film, pose, k in shots)
 
     def close(self) -> None:
-        """Free the renderer."""
         if self._camera is not None:
             self._camera.close()
             self._camera = None

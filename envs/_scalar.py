@@ -267,7 +267,6 @@ class DeviceEnv(
         )
 
     def _info(self, terms: list[float]) -> LazyInfo:
-        """Return an `info` of floats and of arrays of its own."""
         return LazyInfo(self._columns, self._episodes.snapshot(), terms)
 
     def _columns(self, snapshot: Any, terms: list[float]) -> dict[str, Any]:

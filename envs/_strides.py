@@ -57,7 +57,6 @@ class StrideMeter:
     """
 
     def __init__(self) -> None:
-        """Begin before the first strike."""
         self.strides: list[Stride] = []
         self._begun: tuple[float, float] | None = None
         self._struck = np.full(2, np.nan)

@@ -212,7 +212,6 @@ class DeviceVectorEnv(
         return self._episodes.observation(), self._info(terms, masked.copy())
 
     def _mask(self, given: Any) -> NDArray[np.bool_]:
-        """Return the environments that a reset is to begin."""
         if given is None:
             return np.ones(self.num_envs, dtype=np.bool_)
         mask = np.asarray(given)

@@ -74,7 +74,6 @@ class Ropes:
     """
 
     def __init__(self, model: mujoco.MjModel, transmission: str) -> None:
-        """Look the names up."""
         self._cabled = transmission == "cable"
         self._hooked = transmission != "none"
         self._ropes = np.array([model.tendon(f"{s}_rope").id for s in WALKING_SIDES])

@@ -127,7 +127,6 @@ READINGS = len(READING_COLUMNS)
 
 @reinterpret
 def axis_at(address: int) -> AxisRecord:
-    """Return the record of an axis at an address."""
     memory = (ctypes.c_byte * AXIS_SIZE).from_address(address)
     return np.frombuffer(memoryview(memory), AXIS).view(np.recarray)[0]
 
@@ -150,7 +149,6 @@ def fields_of(data: int, at: IntArray) -> None:
 
 @internal
 def real(array: int, index: int) -> float:
-    """Return an element of an array of floats at an address."""
     return load_real(array + 8 * index)
 
 

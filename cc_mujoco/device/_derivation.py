@@ -72,8 +72,6 @@ KEYS = (
 
 
 class _End(NamedTuple):
-    """One end of a cable in a compiled model."""
-
     actuator: int
     out: int
     joints: tuple[int, ...]
@@ -90,7 +88,6 @@ class _Scene(NamedTuple):
 
     @property
     def model(self) -> mujoco.MjModel:
-        """The compiled scene."""
         return self.arms.model
 
 
@@ -171,7 +168,6 @@ def _warn(sentence: str) -> None:
 
 
 def _names_of(elements: Iterable[Any]) -> list[str]:
-    """Return the names of the elements that have one."""
     return [element.name for element in elements if element.name]
 
 
@@ -192,7 +188,6 @@ def _hold_root(spec: mujoco.MjSpec, keys: Keys) -> None:
 
 
 def _require_targets(spec: mujoco.MjSpec, scene: str) -> None:
-    """Refuse an end of a cable on a joint or a tendon that is not there."""
     kinds = {
         mujoco.mjtTrn.mjTRN_JOINT: ("joint", spec.joints),
         mujoco.mjtTrn.mjTRN_TENDON: ("tendon", spec.tendons),
@@ -298,7 +293,6 @@ def _axis_tables(table: Table, motors: Iterable[str]) -> dict[str, Table]:
 
 
 def _axes(scene: _Scene, file: Table) -> list[_Found]:
-    """Return the axes: one for each motor that winds cables."""
     model = scene.model
     wound: dict[str, list[str]] = {}
     for name, (proximal, _) in scene.ends.items():
@@ -355,7 +349,6 @@ def _separated(found: list[_Found], cables: Mapping[str, Cable]) -> list[_Found]
 
 
 def _axis(scene: _Scene, name: str, wound: Sequence[str], table: Table) -> _Found:
-    """Return the axis of a motor and the cables that it winds."""
     model, ends, keys = scene.model, scene.ends, Keys(table, {}, "axis.")
     motor = int(model.actuator(name).id)
     drum = int(model.actuator_trnid[motor, 0])

@@ -252,5 +252,4 @@ class Keys(NamedTuple):
 
 
 def rounded(value: float, digits: int = 2) -> float:
-    """Return a number with few digits."""
     return float(f"{value:.{digits}g}")

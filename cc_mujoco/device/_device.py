@@ -220,7 +220,6 @@ def _load_spec(scene: Path) -> mujoco.MjSpec:
 
 
 def frame_skip(description: Description, timestep: float) -> int:
-    """Return the physics steps between two calls of a controller."""
     steps = round(description.period / timestep)
     if steps < 1 or abs(steps * timestep - description.period) > 1e-9:
         raise CableError(

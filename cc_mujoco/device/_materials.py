@@ -77,7 +77,6 @@ class Figure:
         return cls(value, value, value, (source,))
 
     def at(self, end: str) -> float:
-        """Return the number at one of `ENDS`."""
         return float(getattr(self, end))
 
 

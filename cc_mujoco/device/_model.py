@@ -460,7 +460,6 @@ def _other_torques(
 
 
 def _ends(model: mujoco.MjModel, name: str) -> tuple[int, int]:
-    """Return the indices of the proximal and the distal end in `actuator_length`."""
     found = np.flatnonzero(model.actuator_plugin == instances(model)[name])
     proximal, distal = (int(model.actuator_outadr[actuator]) for actuator in found)
     return proximal, distal

@@ -197,7 +197,6 @@ class ObservationHistory:
             own[...] = its
 
     def observation(self) -> NDArray[np.float32]:
-        """Return the current observation, (n, size)."""
         whole = np.empty((len(self.past.measured), self.size))
         write_observation(self.past, whole, 0)
         return whole.astype(np.float32)

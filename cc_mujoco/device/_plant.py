@@ -401,7 +401,6 @@ class Plant:
             raise CableError(f"{where}: {error}.") from None
 
     def _require_strength(self) -> None:
-        """Refuse a cable that its pretension breaks."""
         loads = self.strength
         for name, cable in self.cables.items():
             if cable.pretension >= loads[name]:

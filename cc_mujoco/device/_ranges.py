@@ -74,7 +74,6 @@ class Ranges:
 
     @property
     def any(self) -> bool:
-        """True if anything is drawn."""
         return bool(self._ranges)
 
     @property

@@ -27,8 +27,6 @@ IMPEDANCE = (("stiffness", "N m/rad"), ("damping", "N m s/rad"))
 
 
 class Property(NamedTuple):
-    """Property of a device, as it is written to a file."""
-
     table: str
     """Table of the file; empty for the top."""
     key: str

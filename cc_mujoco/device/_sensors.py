@@ -322,7 +322,6 @@ class Measuring:
         return late
 
     def _read(self, columns: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the readings of this step, without delay."""
         sensing, errors = self._sensing, None
         names: tuple[str, ...] = MEASURED_COLUMNS
         if WINDING_COLUMNS[0] in columns:

@@ -243,7 +243,6 @@ def _needed_names(spec: mujoco.MjSpec) -> Names:
 
 
 def _delete_assets(spec: mujoco.MjSpec) -> None:
-    """Delete what only draws, and the shapes that no geom has any more."""
     drawn = [*spec.lights, *spec.skins, *spec.materials, *spec.textures, *spec.tuples]
     meshes = {geom.meshname for geom in spec.geoms}
     fields = {geom.hfieldname for geom in spec.geoms}

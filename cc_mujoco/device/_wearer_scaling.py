@@ -39,7 +39,6 @@ def body_of(design: Mapping[str, Value]) -> Body:
 
 
 def pace_of(design: Mapping[str, Value]) -> Pace:
-    """Return the pace of the wearer of a design, see `Body.pace`."""
     return body_of(design).pace(speed_of(design))
 
 

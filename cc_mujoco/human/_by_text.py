@@ -59,7 +59,6 @@ class Centred(Trajectory):
 
     @property
     def is_pointwise(self) -> bool:
-        """Return whether the trajectory about 0 is."""
         return self.base.is_pointwise
 
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
@@ -149,7 +148,6 @@ def trajectory(
 def _on_joints(
     found: Trajectory, joints: Mapping[str, tuple[float, float]] | None
 ) -> Trajectory:
-    """Return a trajectory with the names of a device's joints."""
     if not joints:
         return found
     if isinstance(found, Disturbed):

@@ -139,7 +139,6 @@ class SampledMotion:
             source._motion(np.zeros(1), self._steps * dt, rng)
 
     def part(self, first: int, end: int) -> Motion:
-        """Return the samples from `first` until before `end`."""
         if self._whole is not None:
             return self._whole.part(first, end)
         time: Array = np.arange(first, end, dtype=np.float64) * self._dt

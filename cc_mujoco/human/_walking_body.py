@@ -130,7 +130,6 @@ class WalkingBody:
         return not (abs(drop) < self.MAX_DROP and abs(pitch) < self.MAX_PITCH)
 
     def position(self, data: mujoco.MjData) -> float:
-        """Return the way that the hips have gone [m]."""
         return float(data.qpos[self._forward])
 
 

@@ -105,12 +105,10 @@ class Simulations:
 
     @exclusive
     def clear(self, rows: NDArray[np.intp]) -> None:
-        """Forget the past of some simulations; see `Worlds`."""
         self.batch.reset(rows, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
 
     @exclusive
     def vary(self, row: int, plant: Plant) -> None:
-        """Give a simulation the values of the device's model; see `Worlds`."""
         for name in VARIED_FIELDS:
             self.batch.expand(name)[row] = getattr(self._device.model, name)
 
@@ -155,7 +153,6 @@ class Simulations:
 
     @property
     def warned(self) -> Mask:
-        """Mask of the simulations whose episode ended with a warning, (n,)."""
         if self._ended.tobytes() == self._calm:
             return np.zeros(len(self._ended), np.bool_)
         warned: Mask = self._ended.any(axis=1)
@@ -180,7 +177,6 @@ class Simulation:
     """A simulation of one device, whose model and data others may look at."""
 
     def __init__(self, device: DeviceModel) -> None:
-        """Make the simulation; call `start` before it is advanced."""
         self.data = mujoco.MjData(device.model)
         self.physics = Physics(*(field[None] for field in physics_of(self.data)))
         """Positions, velocities and the results of the last physics step, (1, ...)."""
@@ -194,14 +190,12 @@ class Simulation:
         self._others = np.delete(np.arange(device.model.nu), written)
 
     def clear(self, rows: NDArray[np.intp]) -> None:
-        """Forget the past; see `Worlds`."""
         self.warned = np.zeros(1, np.bool_)
 
     def vary(self, row: int, plant: Plant) -> None:
         """Take a plant, which the model has already; see `Worlds`."""
 
     def start(self, row: int, device: DeviceModel, script: Script) -> None:
-        """Reset the simulation to the start of an episode; see `Worlds`."""
         device.start(self.data, script.angles, script.part(0).commands[0])
 
     def advance(self, control: Array, going: Mask) -> None:
@@ -369,7 +363,6 @@ class Batch:
         return self._read(self.simulations.physics)
 
     def _read(self, now: Physics) -> Columns:
-        """Return the columns that can be measured now, and keep them."""
         self._columns = columns = self._measurable(now)
         if self._alone:
             return {name: value[0] for name, value in columns.items()}

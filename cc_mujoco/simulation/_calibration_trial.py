@@ -70,6 +70,5 @@ def calibration_trials(
 
 
 def _uncalibrated(drive: Drive) -> DistalFeedback:
-    """Return a controller without parameters of an earlier trial."""
     # Integral gain of the feedback that leads the joint through the trial [1/s]
     return DistalFeedback(dataclasses.replace(drive, hysteresis={}), gain=30.0)

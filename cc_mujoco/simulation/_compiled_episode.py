@@ -231,20 +231,17 @@ def attend(spec: mujoco.MjSpec) -> None:
 
 @callback
 def episode_begin(data: int, record: int) -> None:
-    """Begin an episode of a simulation with a record."""
     store_real(load_word(data + mj_struct.USERDATA), float(record))
     _play(data, _record(record))
 
 
 @callback
 def episode_nstate(model: int, instance: CInt) -> CInt:
-    """Return the numbers in the plugin's state."""
     return 0
 
 
 @callback
 def episode_advance(model: int, data: int, instance: CInt) -> None:
-    """Advance the episode after a physics step."""
     if not mj_struct.has_userdata(model):
         return
     # An address is below 2^53, so a number holds it.

@@ -87,7 +87,6 @@ class Guards:
 def episode_findings(
     log: EpisodeLog, model: mujoco.MjModel, description: Description, controller: str
 ) -> Iterator[str]:
-    """Yield a sentence for every finding on an episode."""
     time = log["time_s"]
     for axis, (name, own) in zip(description.axes, log.each_axis(), strict=True):
         at = f" at joint {axis.limb!r}"

@@ -271,7 +271,7 @@ class _Arrays(_Columns):
         return self._arrays[name]
 
     def rows(self, name: str, samples: NDArray[np.integer]) -> NDArray[Any]:
-        return self._arrays[name][samples]
+        return np.asarray(self._arrays[name][samples])
 
 
 class _FileColumns(_Columns):

@@ -252,7 +252,6 @@ class Episodes:
             first += history.size
 
     def observation(self) -> NDArray[np.float32]:
-        """Return the present observations (n, size)."""
         return self._observed.astype(np.float32)
 
     def snapshot(self) -> tuple[NDArray[Any], ...]:

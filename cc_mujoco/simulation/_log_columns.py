@@ -13,8 +13,6 @@ from dataclasses import dataclass, replace
 
 @dataclass(frozen=True)
 class LogColumn:
-    """One column of an episode log."""
-
     name: str
     """Name, ending in the unit; `{cable}` stands for the name of a cable."""
     unit: str

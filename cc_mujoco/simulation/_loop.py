@@ -105,7 +105,6 @@ def run(
 
 
 def missing_torque_error(name: str, time: float) -> str:
-    """Return the error for a controller that gave no finite number at a time [s]."""
     return f"controller {name!r} gave no finite torque at {time:.3f} s"
 
 

@@ -82,12 +82,10 @@ class Script:
 
     @cached_property
     def commands(self) -> Array:
-        """Return the commands of all parts, (m + 1, k)."""
         return np.concatenate([part.commands for part in self._parts()])
 
     @cached_property
     def marks(self) -> Array:
-        """Return the marks of all parts, (n + 1, `MARKS` axes)."""
         return np.concatenate([part.marks for part in self._parts()])
 
     def mark(self, place: int) -> Array:
@@ -248,12 +246,11 @@ class Author:
         motions: Sequence[Motion],
     ) -> ScriptPart:
         """Return the part of a script that has these motions; see `_motions`."""
-        commands = np.zeros((motions[0].time.size, len(movers)))
+        device, commands = self._device, np.zeros((motions[0].time.size, len(movers)))
         for place, (joint, mover) in enumerate(movers.items()):
-            angle, velocity = self._device.neutral(joint), 0.0
-            if joint in moved:
-                angle, velocity = moved[joint].angle, moved[joint].velocity
-            commands[:, place] = mover.command(angle, velocity)
+            part = moved.get(joint)
+            aim = (part.angle, part.velocity) if part else (device.neutral(joint), 0.0)
+            commands[:, place] = mover.command(*aim)
         marks = []
         for motion, (task, is_scripted) in zip(motions, self._tasks, strict=True):
             time, angle, phase = (

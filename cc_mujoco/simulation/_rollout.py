@@ -67,6 +67,13 @@ class Episode:
     wearer: Wearer | Mapping[str, Wearer] | None = None
     """At the only driven joint, or by joint; that of the models by default."""
 
+    def device(self, model: mujoco.MjModel) -> DeviceModel:
+        return DeviceModel(self.description, model, self.wearer)
+
+    def exo(self, model: mujoco.MjModel) -> WornDevice:
+        played = self.trajectory, self.task, self.duration, self.frame_skip
+        return WornDevice(self.description, model, *played, self.wearer)
+
 
 @dataclass(frozen=True, eq=False)
 class Rollout:
@@ -107,10 +114,8 @@ def play(
 
     `tick` is called now and then with the share that is done.
     """
-    device, wearer = episode.description, episode.wearer
-    motion = episode.trajectory, episode.task, episode.duration
-    exo = WornDevice(device, models[0], *motion, episode.frame_skip, wearer)
-    devices = [exo.device, *(DeviceModel(device, one, wearer) for one in models[1:])]
+    exo = episode.exo(models[0])
+    devices = [exo.device, *(episode.device(model) for model in models[1:])]
     drives = [
         [PERFECT_SENSING.equip(drive) for drive in exo.drives_of(one)]
         for one in devices

@@ -135,7 +135,6 @@ class WarpWorlds:
             field[row] = own
 
     def advance(self, control: Array, going: Mask) -> None:
-        """Advance some simulations by a sample; see `Worlds`."""
         with wp.ScopedDevice(self.data.time.device):
             self._advance(control, going)
 

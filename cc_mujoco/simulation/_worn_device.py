@@ -111,7 +111,7 @@ class WornDevice:
         self.tasks = _axis_tasks(description, task, sources)
         """Task of every axis."""
         self.description = _with_safe_torques(description, self.tasks)
-        own = {"hold": hold, "history": history, "memory": memory}
+        own: dict[str, Any] = {"hold": hold, "history": history, "memory": memory}
         frames = (
             axis.observed(description.scene, self.sampling) for axis in self.device.axes
         )
@@ -254,8 +254,6 @@ class WornDevice:
 
 
 class DrivenEnvironment:
-    """Environment that gives access to its device."""
-
     exo: WornDevice
 
     @property

@@ -52,7 +52,6 @@ class _Straight:
     """True where a tendon that holds an end is met at its first point."""
 
     def path(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-        """Return the ends of the line (2, 3) [m]."""
         places = [
             _place(model, data, end, first)
             for end, first in zip(self.ends, self.first, strict=True)
@@ -223,7 +222,6 @@ def _ropes(
 
 
 def _actuators(model: mujoco.MjModel, cable: str) -> tuple[int, int]:
-    """Return the actuators of the ends of a cable, proximal and distal."""
     first, second = np.flatnonzero(model.actuator_plugin == instances(model)[cable])
     return int(first), int(second)
 

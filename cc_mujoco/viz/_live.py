@@ -78,7 +78,6 @@ class Exchangeable(Controller):
     def __init__(
         self, drives: Sequence[Drive], prefixes: Sequence[str], name: str
     ) -> None:
-        """Make the first; see `control.axes_controller`."""
         super().__init__(drives[0])
         self._drives, self._prefixes = drives, prefixes
         self.switch_controller(name)

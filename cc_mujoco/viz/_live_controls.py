@@ -45,8 +45,6 @@ _KEY_HELP = (
 
 
 class Slider(NamedTuple):
-    """A knob that can be slid."""
-
     name: str
     low: float
     high: float

@@ -192,7 +192,6 @@ def _saved(rec: rr.RecordingStream, path: Path) -> Iterator[None]:
 
 @contextmanager
 def _saved_on_windows(rec: rr.RecordingStream, path: Path) -> Iterator[None]:
-    """Save what was logged in the block; see `_saved`."""
     memory = rec.memory_recording()
     try:
         yield

@@ -40,8 +40,6 @@ CABLE_COLORS = ((BLUE, SKY), (ORANGE, YELLOW), (GREEN, PURPLE))
 
 
 class Series(NamedTuple):
-    """One line of a plot."""
-
     path: tuple[str, ...]
     name: str
     values: NDArray[np.float64]

@@ -28,14 +28,10 @@ _NUMERIC_KINDS = "biuf"  # kinds of NumPy
 
 
 class _Array(NamedTuple):
-    """An array of a file, in memory or not yet.
+    """An array of a file, in memory or not yet."""
 
-    Attributes:
-        data: array or HDF5 dataset.
-        turned: whether its axes are stored in the opposite order, as MATLAB does.
-    """
-
-    data: Any
+    data: Any  # array or HDF5 dataset
+    # whether its axes are stored in the opposite order, as MATLAB does
     turned: bool = False
 
     @property

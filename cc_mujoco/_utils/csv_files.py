@@ -28,49 +28,29 @@ _DECIMAL_COMMA = re.compile(r"\s*[-+]?\d*,\d+(?:[eE][-+]?\d+)?\s*|\s*[-+]?\d+,\s
 
 
 class Layout(NamedTuple):
-    """Form of a CSV file.
+    """Form of a CSV file."""
 
-    Attributes:
-        encoding: encoding of the text.
-        top: lines before the first line of data.
-        separator: separator of cells.
-        decimal: point or comma.
-        names: names of the columns.
-    """
-
-    encoding: str
-    top: int
-    separator: str
-    decimal: str
-    names: list[str]
+    encoding: str  # encoding of the text
+    top: int  # lines before the first line of data
+    separator: str  # separator of cells
+    decimal: str  # point or comma
+    names: list[str]  # names of the columns
 
 
 class Row(NamedTuple):
-    """A line of data.
+    """A line of data."""
 
-    Attributes:
-        line: its number in the file, from 1.
-        cells: stripped, with decimal points.
-    """
-
-    line: int
-    cells: list[str]
+    line: int  # its number in the file, from 1
+    cells: list[str]  # stripped, with decimal points
 
 
 class Sheet(NamedTuple):
-    """Contents of a CSV file.
+    """Contents of a CSV file."""
 
-    Attributes:
-        path: path of the file.
-        top: number of the line that names the columns, from 1.
-        names: names of the columns.
-        rows: lines of data that are not blank.
-    """
-
-    path: Path
-    top: int
-    names: list[str]
-    rows: list[Row]
+    path: Path  # path of the file
+    top: int  # number of the line that names the columns, from 1
+    names: list[str]  # names of the columns
+    rows: list[Row]  # lines of data that are not blank
 
 
 def read_sheet(

@@ -125,17 +125,11 @@ def unit_names(stem: str, measured: Kind) -> str:
 
 
 class Column(NamedTuple):
-    """A column of numbers that are converted.
+    """A column of numbers that are converted."""
 
-    Attributes:
-        name: in the file.
-        factor: factor that its numbers are multiplied by.
-        limit: largest absolute number, converted.
-    """
-
-    name: str
-    factor: float
-    limit: float = math.inf
+    name: str  # in the file
+    factor: float  # factor that its numbers are multiplied by
+    limit: float = math.inf  # largest absolute number, converted
 
 
 def read_course(

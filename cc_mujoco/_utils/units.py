@@ -14,17 +14,11 @@ from typing import NamedTuple
 
 
 class Kind(NamedTuple):
-    """A physical quantity.
+    """A physical quantity."""
 
-    Attributes:
-        name: the word for it.
-        unit: the unit it has inside the program.
-        factors: size of that unit in every unit that a file may use.
-    """
-
-    name: str
-    unit: str
-    factors: dict[str, float]
+    name: str  # the word for it
+    unit: str  # the unit it has inside the program
+    factors: dict[str, float]  # size of that unit in every unit that a file may use
 
 
 _TURN = 2.0 * math.pi

@@ -33,32 +33,25 @@ from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal, interr
 
 @dataclass(frozen=True, eq=False)
 class CoupledPath:
-    """The path of one cable at every angle of the joint that moves it.
+    """The path of one cable at every angle of the joint that moves it."""
 
-    Attributes:
-        joint: (angles,) angle of the joint, increasing by equal steps [rad].
-        wrap: (angles, n) wrap angle of the segments [rad].
-        contact: (angles, n) length over which the segments rub [m].
-        gained: (angles, n + 1) growth of the path at every node since angle 0 [m]; 0
-            inside a conduit.
-        distal: (angles,) displacement of the distal end from where it is at 0 [m]; 0
-            where it is tied to the end of the path.
-        length: (angles, n + 1) length of path that every node stands for [m]; empty
-            where the sections of the cable give it.
-        guided: number of segments inside a conduit.
-        gain: (angles, n + 1) change of `gained` per angle of the joint [m/rad]; None
-            where that is its slope in the table.
-        arm: (angles,) change of `distal` per angle of the joint [m/rad], or None.
-    """
-
-    joint: FloatArray
-    wrap: FloatArray
-    contact: FloatArray
+    joint: FloatArray  # (angles,) angle of the joint, increasing by equal steps [rad]
+    wrap: FloatArray  # (angles, n) wrap angle of the segments [rad]
+    contact: FloatArray  # (angles, n) length over which the segments rub [m]
+    # (angles, n + 1) growth of the path at every node since angle 0 [m]; 0 inside a
+    # conduit
     gained: FloatArray
+    # (angles,) displacement of the distal end from where it is at 0 [m]; 0 where it is
+    # tied to the end of the path
     distal: FloatArray
+    # (angles, n + 1) length of path that every node stands for [m]; empty where the
+    # sections of the cable give it
     length: FloatArray
-    guided: int
+    guided: int  # number of segments inside a conduit
+    # (angles, n + 1) change of `gained` per angle of the joint [m/rad]; None where that
+    # is its slope in the table
     gain: FloatArray | None = None
+    # (angles,) change of `distal` per angle of the joint [m/rad], or None
     arm: FloatArray | None = None
 
     @property
@@ -82,19 +75,13 @@ class CoupledPath:
 
 @dataclass(frozen=True)
 class CoupledCables:
-    """Cables on a motor's pulley, whose paths one joint moves.
+    """Cables on a motor's pulley, whose paths one joint moves."""
 
-    Attributes:
-        cables: agonist first.
-        courses: of each; of as many segments.
-        motor_radius: radius of the motor's pulley [m].
-        distal_share: of the distal ends' displacements, where their pulley or lever is
-            another than that of the courses.
-    """
-
-    cables: tuple[Cable, ...]
-    courses: tuple[CoupledPath, ...]
-    motor_radius: float
+    cables: tuple[Cable, ...]  # agonist first
+    courses: tuple[CoupledPath, ...]  # of each; of as many segments
+    motor_radius: float  # radius of the motor's pulley [m]
+    # of the distal ends' displacements, where their pulley or lever is another than
+    # that of the courses
     distal_share: float = 1.0
 
     def replay(

@@ -24,21 +24,13 @@ _MAX_ROUNDS = 60
 
 
 class Piece(NamedTuple):
-    """Elastic element: a linear stretch (`taut` T) plus two terms that saturate.
+    """Elastic element: a linear stretch (`taut` T) plus two terms that saturate."""
 
-    Attributes:
-        taut: compliance at large tensions, that of the spring included [m/N].
-        bedding: final stretch of bedding [m].
-        half: tension that takes half of it [N].
-        clearance: final stretch of clearance in bends [m].
-        seating: tension that takes half of it [N].
-    """
-
-    taut: float
-    bedding: float
-    half: float
-    clearance: float
-    seating: float
+    taut: float  # compliance at large tensions, that of the spring included [m/N]
+    bedding: float  # final stretch of bedding [m]
+    half: float  # tension that takes half of it [N]
+    clearance: float  # final stretch of clearance in bends [m]
+    seating: float  # tension that takes half of it [N]
 
 
 @internal

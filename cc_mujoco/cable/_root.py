@@ -21,21 +21,13 @@ from cc_mujoco.native import internal
 
 
 class Bracket(NamedTuple):
-    """Places on either side of a root.
+    """Places on either side of a root."""
 
-    Attributes:
-        low: largest place known to lie before the root; -inf until one is found.
-        f_low: error there, perhaps halved; negative.
-        high: smallest place known to lie at or beyond it; inf until one is found.
-        f_high: error there, perhaps halved.
-        side: 1 or -1, whether the last place was `high` or `low`; 0 at first.
-    """
-
-    low: float
-    f_low: float
-    high: float
-    f_high: float
-    side: float
+    low: float  # largest place known to lie before the root; -inf until one is found
+    f_low: float  # error there, perhaps halved; negative
+    high: float  # smallest place known to lie at or beyond it; inf until one is found
+    f_high: float  # error there, perhaps halved
+    side: float  # 1 or -1, whether the last place was `high` or `low`; 0 at first
 
 
 UNKNOWN = Bracket(-math.inf, 0.0, math.inf, 0.0, 0.0)

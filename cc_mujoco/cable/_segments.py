@@ -22,19 +22,12 @@ from cc_mujoco.native import FloatArray
 
 @dataclass(frozen=True)
 class Mesh:
-    """Segments of a cable (2.1.1).
+    """Segments of a cable (2.1.1)."""
 
-    Attributes:
-        angle: mu_d dx / R of every segment (n,).
-        static_angle: mu_s dx / R of every segment (n,).
-        length: dx of every segment (n,) [m].
-        stiffness: k_c of Hooke's law T = k_c du/dx [N].
-    """
-
-    angle: FloatArray
-    static_angle: FloatArray
-    length: FloatArray
-    stiffness: float
+    angle: FloatArray  # mu_d dx / R of every segment (n,)
+    static_angle: FloatArray  # mu_s dx / R of every segment (n,)
+    length: FloatArray  # dx of every segment (n,) [m]
+    stiffness: float  # k_c of Hooke's law T = k_c du/dx [N]
 
     @classmethod
     def of(cls, cable: Cable) -> Mesh:

@@ -46,38 +46,26 @@ _ECCENTRICITY, _ECCENTRICITY_PHASE, _OVALITY, _OVALITY_PHASE = (
 
 
 class Cables(NamedTuple):
-    """Cables between a motor's and a joint's pulley.
+    """Cables between a motor's and a joint's pulley."""
 
-    Attributes:
-        prm: packed parameters (cables, numbers), see `_pack.pack`.
-        n: segments (cables,).
-        proximal: displacement of the proximal end per motor angle (cables,) [m/rad].
-        gear: radius of the motor's pulley (cables,) [m], with the sign of
-            `proximal_displacement`.
-        distal: displacement of the distal end per joint angle (cables,) [m/rad].
-    """
-
-    prm: FloatMatrix
-    n: Counts
+    prm: FloatMatrix  # packed parameters (cables, numbers), see `_pack.pack`
+    n: Counts  # segments (cables,)
+    # displacement of the proximal end per motor angle (cables,) [m/rad]
     proximal: FloatArray
+    # radius of the motor's pulley (cables,) [m], with the sign of
+    # `proximal_displacement`
     gear: FloatArray
+    # displacement of the distal end per joint angle (cables,) [m/rad]
     distal: FloatArray
 
 
 class Load(NamedTuple):
-    """Load on the side of a transmission that is not driven by angle.
+    """Load on the side of a transmission that is not driven by angle."""
 
-    Attributes:
-        torque: wanted of the cables (joint) or of the motor at angle 0 [N m].
-        stiffness: stiffness by which it grows with the angle [N m/rad].
-        low: angle of a stop that holds the side [rad].
-        high: of the other.
-    """
-
-    torque: float
-    stiffness: float
-    low: float
-    high: float
+    torque: float  # wanted of the cables (joint) or of the motor at angle 0 [N m]
+    stiffness: float  # stiffness by which it grows with the angle [N m/rad]
+    low: float  # angle of a stop that holds the side [rad]
+    high: float  # of the other
 
 
 NO_LOAD = Load(0.0, 0.0, -math.inf, math.inf)

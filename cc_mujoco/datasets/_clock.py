@@ -151,20 +151,13 @@ MIN_SEGMENT_TIME, MIN_SEGMENT_SAMPLES = 0.2, 20
 
 @dataclass
 class SampledTrack:
-    """Evenly sampled stretches of a recording.
+    """Evenly sampled stretches of a recording."""
 
-    Attributes:
-        time: (samples,) [s].
-        values: (samples,) by channel, finite in segments.
-        segments: stretches in order.
-        step: time between samples [s].
-        digits: quantisation step of the readings by channel, 0 if they show none.
-    """
-
-    time: FloatArray
-    values: dict[str, FloatArray]
-    segments: tuple[slice, ...]
-    step: float
+    time: FloatArray  # (samples,) [s]
+    values: dict[str, FloatArray]  # (samples,) by channel, finite in segments
+    segments: tuple[slice, ...]  # stretches in order
+    step: float  # time between samples [s]
+    # quantisation step of the readings by channel, 0 if they show none
     digits: dict[str, float]
 
 

@@ -92,17 +92,11 @@ def other_movers(model: mujoco.MjModel, name: str, joint: str, where: str) -> li
 
 
 class PullingCable(NamedTuple):
-    """Cable of another axis that pulls at the joint of an axis.
+    """Cable of another axis that pulls at the joint of an axis."""
 
-    Attributes:
-        name: name of the cable.
-        others: joints that move its path besides that joint.
-        friction: coefficient of friction.
-    """
-
-    name: str
-    others: tuple[str, ...]
-    friction: float
+    name: str  # name of the cable
+    others: tuple[str, ...]  # joints that move its path besides that joint
+    friction: float  # coefficient of friction
 
 
 def pulling_cables(
@@ -121,25 +115,15 @@ def pulling_cables(
 
 
 class CoupledScene(NamedTuple):
-    """Scene whose paths are tabulated.
+    """Scene whose paths are tabulated."""
 
-    Attributes:
-        path: MJCF file of the scene.
-        sha256: digest of its text.
-        names: names of its cables.
-        joint: joint that moves the paths.
-        low: smallest angle of the joint in the data [rad].
-        high: largest angle of the joint in the data [rad].
-        sign: sign of the scene's angle relative to that of the data.
-    """
-
-    path: str
-    sha256: str
-    names: tuple[str, ...]
-    joint: str
-    low: float
-    high: float
-    sign: float
+    path: str  # MJCF file of the scene
+    sha256: str  # digest of its text
+    names: tuple[str, ...]  # names of its cables
+    joint: str  # joint that moves the paths
+    low: float  # smallest angle of the joint in the data [rad]
+    high: float  # largest angle of the joint in the data [rad]
+    sign: float  # sign of the scene's angle relative to that of the data
 
 
 class RecordedPath:

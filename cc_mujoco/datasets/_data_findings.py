@@ -6,20 +6,15 @@ from typing import Literal, NamedTuple
 
 
 class DataFinding(NamedTuple):
-    """Something about the data that its owner should know.
+    """Something about the data that its owner should know."""
 
-    Attributes:
-        severity: `error` where nothing may be concluded before it is put right,
-            `warning` where the program has dealt with it or can live with it, `doubt`
-            where it can, too, but the owner should settle it before anything else.
-        statement: one sentence with file and column, and what would be right.
-        trial: name of the trial, empty if the finding is about all of them.
-        channel: name of the channel (see `channels`), empty if it is about several.
-    """
-
+    # `error` where nothing may be concluded before it is put right, `warning` where the
+    # program has dealt with it or can live with it, `doubt` where it can, too, but the
+    # owner should settle it before anything else
     severity: Literal["error", "warning", "doubt"]
-    statement: str
-    trial: str = ""
+    statement: str  # one sentence with file and column, and what would be right
+    trial: str = ""  # name of the trial, empty if the finding is about all of them
+    # name of the channel (see `channels`), empty if it is about several
     channel: str = ""
 
 

@@ -108,47 +108,30 @@ MAX_DELAY = 2.0
 
 @dataclass(frozen=True)
 class Source:
-    """Source of a channel: value = sign * (reading - offset) * scale * factor.
+    """Source of a channel: value = sign * (reading - offset) * scale * factor."""
 
-    Attributes:
-        name: column of the files; None is the channel's own name.
-        unit: unit of the scaled readings; None is what the name says.
-        sign: 1 or -1.
-        scale: units per count, 1 if the readings are in that unit already.
-        offset: reading at true zero.
-        delay: time by which the channel comes late [s].
-        clock: column with the times of this channel; None is `time_s`.
-        noise: standard deviation of the readings; None is not known.
-        resolution: quantisation step of the readings; None is not known.
-        measured: False where no instrument measures this torque or motor angle.
-    """
-
-    name: str | None = None
-    unit: str | None = None
-    sign: float = 1.0
-    scale: float = 1.0
-    offset: float = 0.0
-    delay: float = 0.0
-    clock: str | None = None
-    noise: float | None = None
+    name: str | None = None  # column of the files; None is the channel's own name
+    unit: str | None = None  # unit of the scaled readings; None is what the name says
+    sign: float = 1.0  # 1 or -1
+    scale: float = 1.0  # units per count, 1 if the readings are in that unit already
+    offset: float = 0.0  # reading at true zero
+    delay: float = 0.0  # time by which the channel comes late [s]
+    clock: str | None = None  # column with the times of this channel; None is `time_s`
+    noise: float | None = None  # standard deviation of the readings; None is not known
+    # quantisation step of the readings; None is not known
     resolution: float | None = None
+    # False where no instrument measures this torque or motor angle
     measured: bool = True
 
 
 @dataclass(frozen=True)
 class PartFile:
-    """One of the files of a trial: time = (reading - offset) * factor.
+    """One of the files of a trial: time = (reading - offset) * factor."""
 
-    Attributes:
-        file: its name, `*` standing for what it shares with the trial's.
-        time: column of its times; None is that of `[columns.time_s]`.
-        unit: unit of these times; None is what the name says.
-        offset: reading at the trial's zero of time, in that unit; None is not known.
-    """
-
-    file: str
-    time: str | None = None
-    unit: str | None = None
+    file: str  # its name, `*` standing for what it shares with the trial's
+    time: str | None = None  # column of its times; None is that of `[columns.time_s]`
+    unit: str | None = None  # unit of these times; None is what the name says
+    # reading at the trial's zero of time, in that unit; None is not known
     offset: float | None = None
 
     def match_wildcard(self, path: Path) -> tuple[Path, str] | None:
@@ -457,17 +440,11 @@ def _matches(path: Path, name: str, pattern: str) -> bool:
 
 @dataclass(frozen=True)
 class TrialFile:
-    """One of the files of a trial.
+    """One of the files of a trial."""
 
-    Attributes:
-        key: name in `dataset.toml`; empty if the trial is this file.
-        path: the file.
-        times: source of its times.
-    """
-
-    key: str
-    path: Path
-    times: PartFile
+    key: str  # name in `dataset.toml`; empty if the trial is this file
+    path: Path  # the file
+    times: PartFile  # source of its times
 
 
 def group_files(

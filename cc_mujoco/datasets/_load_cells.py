@@ -81,19 +81,13 @@ def is_cell_at_end(name: str, end: str) -> bool:
 
 
 class SingleCell(NamedTuple):
-    """Load cell in one cable, compared in place of the torque at that end.
+    """Load cell in one cable, compared in place of the torque at that end."""
 
-    Attributes:
-        row: 0 at the motor, 1 at the joint.
-        cable: index of the cable, the agonist first.
-        factor: torque per tension [m]: the radius there, negative for the antagonist.
-        rest: tension that counts as none, that of the trial at rest [N].
-    """
-
-    row: int
-    cable: int
+    row: int  # 0 at the motor, 1 at the joint
+    cable: int  # index of the cable, the agonist first
+    # torque per tension [m]: the radius there, negative for the antagonist
     factor: float
-    rest: float
+    rest: float  # tension that counts as none, that of the trial at rest [N]
 
     @classmethod
     def of(cls, channel: str, bench: Bench, pretension: float | None) -> SingleCell:

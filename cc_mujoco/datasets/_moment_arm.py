@@ -25,18 +25,13 @@ class Lever:
     """A lever as a pulley whose angle is a function of the joint's.
 
     Angles are positive where the cable pulls, as in the data.
-
-    Attributes:
-        joint: (angles,) of the joint, increasing [rad].
-        pulley: (angles,) of a pulley of the lever's arm at 0, increasing [rad].
-        arm: (angles,) of the lever over that at 0.
-        sign: sign of the scene's angle where the cable pulls.
     """
 
-    joint: FloatArray
+    joint: FloatArray  # (angles,) of the joint, increasing [rad]
+    # (angles,) of a pulley of the lever's arm at 0, increasing [rad]
     pulley: FloatArray
-    arm: FloatArray
-    sign: float
+    arm: FloatArray  # (angles,) of the lever over that at 0
+    sign: float  # sign of the scene's angle where the cable pulls
 
     def turned(self, joint: FloatArray) -> FloatArray:
         """Return the angle of the pulley (samples,) [rad]."""

@@ -25,17 +25,11 @@ from cc_mujoco.errors import CableError
 
 
 class Stream(NamedTuple):
-    """Readings of a channel at their times.
+    """Readings of a channel at their times."""
 
-    Attributes:
-        time: (rows,) [s].
-        values: (rows,) in the channel's unit.
-        path: the file.
-    """
-
-    time: FloatArray
-    values: FloatArray
-    path: Path
+    time: FloatArray  # (rows,) [s]
+    values: FloatArray  # (rows,) in the channel's unit
+    path: Path  # the file
 
     @property
     def interval(self) -> float:
@@ -52,21 +46,15 @@ class Stream(NamedTuple):
 
 
 class Joined(NamedTuple):
-    """Channels on one clock, or with the times of their own.
+    """Channels on one clock, or with the times of their own."""
 
-    Attributes:
-        leader: the channel whose times are those of the trial.
-        time: (rows,) [s], its times within what all of the drive share.
-        values: values by channel; (rows,) those of the leader's rows, else as recorded.
-        clocks: [s], times of the channels that are not in the leader's rows.
-        remarks: a sentence each on what was done.
-    """
-
-    leader: str
-    time: FloatArray
+    leader: str  # the channel whose times are those of the trial
+    time: FloatArray  # (rows,) [s], its times within what all of the drive share
+    # values by channel; (rows,) those of the leader's rows, else as recorded
     values: dict[str, FloatArray]
+    # [s], times of the channels that are not in the leader's rows
     clocks: dict[str, FloatArray]
-    remarks: list[str]
+    remarks: list[str]  # a sentence each on what was done
 
 
 def topic_rows(
@@ -149,29 +137,21 @@ def _rate_sentence(where: str, leader: str, drive: Mapping[str, Stream]) -> str:
 
 @dataclass
 class Recording:
-    """Contents of a data file before checks and segmentation.
+    """Contents of a data file before checks and segmentation."""
 
-    Attributes:
-        name: name of the trial.
-        path: the file, or the first of several.
-        sha256: SHA-256 of its bytes.
-        values: (rows,) by channel in SI units, with signs and offsets applied; of a
-            channel with a clock of its own perhaps another number of rows.
-        clocks: [s], times of the channels that have a clock of their own.
-        labels: name in the file of every channel.
-        names: all columns of the file.
-        paths: files of the channels that are in another than `path`.
-        remarks: sentences on how channels were brought to one clock.
-    """
-
-    name: str
-    path: Path
-    sha256: str
+    name: str  # name of the trial
+    path: Path  # the file, or the first of several
+    sha256: str  # SHA-256 of its bytes
+    # (rows,) by channel in SI units, with signs and offsets applied; of a channel with
+    # a clock of its own perhaps another number of rows
     values: dict[str, FloatArray]
+    # [s], times of the channels that have a clock of their own
     clocks: dict[str, FloatArray]
-    labels: dict[str, str]
-    names: list[str]
+    labels: dict[str, str]  # name in the file of every channel
+    names: list[str]  # all columns of the file
+    # files of the channels that are in another than `path`
     paths: dict[str, Path] = field(default_factory=dict)
+    # sentences on how channels were brought to one clock
     remarks: list[str] = field(default_factory=list)
 
     @property
@@ -289,24 +269,15 @@ def read(
 
 @dataclass
 class _Table:
-    """File that is being read.
+    """File that is being read."""
 
-    Attributes:
-        part: the file.
-        names: names of its columns, and of the stamps that two columns make up.
-        time: the column of its times.
-        second: factor of that column's unit.
-        offset: reading at zero of the trial's time.
-        channels: column by channel.
-        stamps: (rows,) [s], once they are read.
-    """
-
-    part: TrialFile
-    names: list[str]
-    time: str
-    second: float
-    offset: float
-    channels: dict[str, str] = field(default_factory=dict)
+    part: TrialFile  # the file
+    names: list[str]  # names of its columns, and of the stamps that two columns make up
+    time: str  # the column of its times
+    second: float  # factor of that column's unit
+    offset: float  # reading at zero of the trial's time
+    channels: dict[str, str] = field(default_factory=dict)  # column by channel
+    # (rows,) [s], once they are read
     stamps: FloatArray = field(default_factory=lambda: np.empty(0))
 
     @classmethod

@@ -203,17 +203,13 @@ def _with_torque(
 
 @dataclass
 class OtherAxes:
-    """Torques of other axes' cables at the joint of a bench, trial by trial.
+    """Torques of other axes' cables at the joint of a bench, trial by trial."""
 
-    Attributes:
-        bench: bench of the axis that is diagnosed.
-        doubts: variances by trial of what friction leaves open in the torques that were
-            taken off [N^2 m^2].
-        scatter: variances by trial of the noise of their tensions [N^2 m^2].
-    """
-
-    bench: Bench
+    bench: Bench  # bench of the axis that is diagnosed
+    # variances by trial of what friction leaves open in the torques that were taken off
+    # [N^2 m^2]
     doubts: list[float] = field(default_factory=list)
+    # variances by trial of the noise of their tensions [N^2 m^2]
     scatter: list[float] = field(default_factory=list)
 
     def take_off(self, recording: Recording, track: SampledTrack) -> list[DataFinding]:

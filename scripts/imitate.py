@@ -107,9 +107,7 @@ def teacher(
 ) -> Controller:
     """Return a controller that knows the plants that an environment has now.
 
-    Args:
-        hold: Samples for which an action is held.
-        bandwidth: Of the plans of `predictive` [rad/s].
+    An action is held for `hold` samples; `bandwidth` is of the plans of `predictive`.
     """
     exo = env.exo
     drives = [

@@ -168,12 +168,7 @@ def randomised(device: Device) -> dict[str, tuple[float, float]]:
 
 
 def first_actions(scene: str) -> tuple[float, list[float]]:
-    """Return what PPO begins with.
-
-    Returns:
-        Logarithm of the standard deviation of actions, and their means, one for each
-        motor.
-    """
+    """Return the log deviation of PPO's first actions, and their mean by motor."""
     if scene in DEVIATIONS:
         return DEVIATIONS[scene], [TAUT[scene]]
     device = device_of(scene)
@@ -195,13 +190,7 @@ def make(
     observed: Mapping[str, Any] = OBSERVED,
     played: Sequence[Part] = (),
 ) -> list[DeviceVectorEnv]:
-    """Return the vector environments of the training.
-
-    Args:
-        ranges: In place of those of `randomised`, by name.
-        observed: Arguments of the environments that say what is observed.
-        played: Parts, those of `PLAYED` by default.
-    """
+    """Return vector environments, some `ranges` in place of those of `randomised`."""
     scene, device = options.scene, device_of(options.scene)
     played = played or PLAYED.get(scene, ((None, None, 1),))
     fixed: dict[str, Any] = FIXED if scene == BENCH else FIXED | ORDINARY

@@ -194,11 +194,7 @@ def _tag(library: bytes) -> str:
 
 
 def _pack(plain: Path, library: bytes, place: str, tag: str) -> str:
-    """Replace a wheel by one that holds a library as well, and return its name.
-
-    Args:
-        tag: Tag of the systems that it is for.
-    """
+    """Replace a wheel by one with a library for a tag; return its name."""
     tag = f"py3-none-{tag}"
     stem = plain.name.removesuffix("-py3-none-any.whl")
     target = plain.with_name(f"{stem}-{tag}.whl")

@@ -82,12 +82,7 @@ def single(steps: int) -> tuple[float, float]:
 
 
 def compare(name: str, count: int, seconds: float, steps: int) -> tuple[float, ...]:
-    """Compare one number of environments; medians of the turns.
-
-    Returns:
-        Steps per second of the vector environment and of the loop; speed of the former
-        over that of the physics.
-    """
+    """Return steps/s of vector environment and loop, and the former over physics."""
     modes = ("vector_entry_point", "sync")
     env, loop = (gymnasium.make_vec(name, count, vectorization_mode=m) for m in modes)
     loop.reset(seed=0)

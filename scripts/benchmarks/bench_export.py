@@ -33,12 +33,7 @@ PROGRAM = Path(__file__).with_suffix(".c").read_text(encoding="utf-8")
 def readings(
     env: Any, drives: list[Drive], name: str, duration: float
 ) -> tuple[ExportPlan, np.ndarray]:
-    """Return the plan of a controller and its readings in an episode (steps, readings).
-
-    Args:
-        drives: Of every axis, as the controller believes it.
-        duration: Of the episode [s].
-    """
+    """Return a controller's plan and readings (steps, readings) in an episode [s]."""
     device = env.exo.device
     plan = ExportPlan.of(name, drives, device.driven, device.prefixes)
     law = axes_controller(name, drives, device.prefixes)

@@ -34,10 +34,7 @@ def judged(
 ) -> str:
     """Return one word for how a case went: right, tie, half, missed or wrong.
 
-    Args:
-        kind: of what is hidden: named, pair, unknown or none.
-        named: ids that it names, the first first.
-        ties: groups of ids that it cannot distinguish.
+    `kind` of what is hidden is named, pair, unknown or none, `ties` are groups of ids.
     """
     tied = [set(tie) for tie in ties]
     if kind == "none":

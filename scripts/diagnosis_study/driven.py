@@ -115,13 +115,7 @@ class Bench:
         self._steps = math.ceil(period / STEP - 1e-9)
 
     def advance(self, torque: float, swing: float, rate: float) -> None:
-        """Advance by a period.
-
-        Args:
-            torque: That the motor is commanded [N m].
-            swing: Angle that the hand aims at [rad].
-            rate: Its speed [rad/s].
-        """
+        """Advance a period, the motor commanded [N m], the hand led [rad, rad/s]."""
         hand = np.array([*self._hand, swing, rate])
         if not self._lag:
             self._advance(torque, hand, self._steps)
@@ -202,12 +196,7 @@ def play(
     log: Any = None,
     watchdog: Watchdog | None = None,
 ) -> RunOutcome:
-    """Run a controller on the rig through the loop of `cc-mujoco run`.
-
-    Args:
-        desired: desired torque over time.
-        log: what takes the rows of the loop; none by default.
-    """
+    """Run a controller on the rig through the loop of `cc-mujoco run`; log its rows."""
     axis = DrivenAxis(rig, law.drive, desired, limits, watchdog or Watchdog())
     loop = Loop([axis], law, clock=rig, log=Commands() if log is None else log)
     return loop.run(seconds)

@@ -52,10 +52,9 @@ def complete(
     make: Callable[..., Record],
     table: Callable[[list[Record]], str],
 ) -> list[Record]:
-    """Make the cases that a folder lacks, one after another; print and keep the table.
+    """Make the cases that a folder lacks; print and keep the table.
 
-    Args:
-        keys: entries of a record that tell its case, in the order of a case.
+    `keys` of a record tell its case, in the order of a case.
     """
     out.mkdir(parents=True, exist_ok=True)
     lines = Lines(out / "cases.jsonl")

@@ -37,11 +37,7 @@ def bic(
     evaluations: int = EVALUATIONS,
     ids: Sequence[str] = tuple(EFFECTS),
 ) -> Guess:
-    """Return the effect with the lowest BIC, named if that is below the baseline's.
-
-    Args:
-        evaluations: most of each refit.
-    """
+    """Return the effect with the lowest BIC, named if that is below the baseline's."""
     problem, x = baseline_fit.problem, baseline_fit.whole.x
     counts = [record.counts for record in problem.plant.records]
     before, baseline = _scored(problem, x)
@@ -75,12 +71,7 @@ def _scored(problem: Problem, x: FloatArray) -> tuple[float, float]:
 
 
 def comparison(records: Sequence[Record], judge: Callable[[Record], str]) -> str:
-    """Return a table in Markdown; both ways on the same cases.
-
-    Args:
-        records: of cases; those without a `bic` do not count.
-        judge: one word for how a case went, from a record of the diagnosis.
-    """
+    """Return a table in Markdown; both ways on the same cases, judged by one word."""
     both = [record for record in records if "bic" in record]
     guessed = []
     for record in both:

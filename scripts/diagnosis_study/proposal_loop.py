@@ -106,12 +106,7 @@ def loop(
     folder: Path,
     proposals: int = MAX_PROPOSED,
 ) -> list[Step]:
-    """Diagnose a rig, record what is proposed, and diagnose again.
-
-    Args:
-        recorded: set of trials that is recorded first, see `rig.trials.SETS`.
-        proposals: number of proposed trials that are recorded at most.
-    """
+    """Diagnose a rig, record up to `proposals` proposed trials, diagnose again."""
     from cc_mujoco.diagnosis import infer
     from cc_mujoco.diagnosis._report.output import write_proposed
     from cc_mujoco.diagnosis._verdict import next_folder

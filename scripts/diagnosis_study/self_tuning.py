@@ -191,9 +191,9 @@ def compared(
 ) -> tuple[float, float, float, float, int]:
     """Compare a variant with the fixed model, by seeds that both finished.
 
-    Returns:
-        Mean error [N m]; geometric mean of its quotient by that of the fixed model, and
-        the 95 % interval of it by resampling seeds; how many runs did not finish.
+    Returns the mean error [N m], the geometric mean of its quotient by that of the
+    fixed model with the 95 % interval by resampling seeds, and how many runs did not
+    finish.
     """
     errors = {(r["variant"], r["seed"]): r[key] for r in records if r["world"] == world}
     own = {seed: e for (variant, seed), e in errors.items() if variant == name}

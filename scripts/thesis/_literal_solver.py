@@ -243,14 +243,7 @@ class ThesisCable:
         u_distal: float | None = None,
         tension_distal: float | None = None,
     ) -> None:
-        """Advance to the next time, with one quantity prescribed at each end.
-
-        Args:
-            u_proximal: displacement of the end since rest [m], or
-            tension_proximal: [N].
-            u_distal: displacement of the end since rest [m], or
-            tension_distal: [N].
-        """
+        """Advance; give displacement since rest [m] or tension [N] at each end."""
         n = self.mesh.segments
         distal_u = None if u_distal is None else self._rest + u_distal
         ends = (
@@ -387,12 +380,7 @@ class ThesisReplay(NamedTuple):
 def play(
     cable: Cable, *, resolve: bool = True, **given: ArrayLike | None
 ) -> ThesisReplay:
-    """Play a motion of both ends, (samples,) each.
-
-    Args:
-        resolve: as in `ThesisCable`.
-        given: what is prescribed, by the names of `ThesisCable.step`.
-    """
+    """Play a motion (samples,), prescribed by the names of `ThesisCable.step`."""
     names = [name for name, values in given.items() if values is not None]
     rows = np.column_stack([np.asarray(given[name], dtype=float) for name in names])
     solver = ThesisCable(cable, resolve=resolve)

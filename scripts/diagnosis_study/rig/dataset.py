@@ -27,12 +27,7 @@ def make_trials(trials: str, seed: int) -> list[Trial]:
 
 
 def truth_of(rig: Rig, effects: Mapping[str, float], seed: int, **mesh: int) -> Truth:
-    """Return the rig with effects hidden in it; an amount of 0 hides nothing.
-
-    Args:
-        effects: amount by id, see `MAKES`.
-        mesh: of its make's `plant_of`.
-    """
+    """Return the rig with effects hidden in it; `mesh` is of its make's `plant_of`."""
     make = MAKES[rig.make]
     truth = Truth(make.plant_of(rig, **mesh), make.chain_of(rig))
     for name, amount in effects.items():

@@ -130,11 +130,7 @@ class Plant(NamedTuple):
 
 
 def plant_of(rig: Rig, elements: int = ELEMENTS) -> Plant:
-    """Return the plant of a rig without a hidden effect.
-
-    Args:
-        rig: the rig; curvature, shaft, gear and amplifier are sampled from its seed.
-    """
+    """Return the plant without a hidden effect; its seed samples imperfections."""
     random = np.random.default_rng([rig.seed, 0xE1E])
     border = np.linspace(0.0, 1.0, elements)
     # Short parts at the ends, where the torques are read; a node in the middle of each.
@@ -303,12 +299,9 @@ def start(p: Plant, pretension: float, arcs: tuple[float, float]) -> Cables:
 
 @compiled
 def deflected(z: float, moved: float, slides: float) -> tuple[float, float]:
-    """Return the deflection of a contact after a move, and its derivative by the move.
+    """Return a contact's deflection after a move [m], and its derivative by the move.
 
-    Args:
-        z: deflection before [m].
-        moved: displacement of the cable [m].
-        slides: deflection at which it slides [m].
+    `z` is the deflection before, `slides` that at which it slides [m].
     """
     way = 1.0 if moved >= 0.0 else -1.0
     # Seen in the direction of the move: elastic up to `bound`, then yielding.

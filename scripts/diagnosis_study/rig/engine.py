@@ -189,12 +189,7 @@ def see(
     near: tuple[float, float],
     far: tuple[float, float],
 ) -> None:
-    """Note what the records of a step are the means of.
-
-    Args:
-        now: the columns in a step (`MEANS`,).
-        joint: its angle, the torque shown and its speed.
-    """
+    """Note in `now` (`MEANS`,) what the records of a step are the means of."""
     now[0], now[1] = motor
     now[2], now[3], now[4] = joint
     now[5], now[6] = near

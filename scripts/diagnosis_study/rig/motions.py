@@ -64,13 +64,7 @@ def multisine(rng: Generator, low: float, high: float, rms: float) -> Array:
 
 
 def minimum_jerk(rng: Generator, reach: float, dwells: Array) -> Array:
-    """Return minimum-jerk moves between points with a rest after each.
-
-    Args:
-        rng: of the end points and move times.
-        reach: largest angle [rad].
-        dwells: rest after each move [s].
-    """
+    """Return minimum-jerk moves within `reach` [rad] with a rest [s] after each."""
     moves = len(dwells)
     weights = rng.uniform(0.7, 1.3, moves)
     lengths = weights / weights.sum() * (DURATION - float(np.sum(dwells)))

@@ -110,11 +110,8 @@ _NOMINAL_OF = {
 def make_rig(seed: int, spread: float = 1.0, make: str = "bristles") -> Rig:
     """Return the rig that `seed` built.
 
-    Args:
-        seed: not negative; the same seed builds the same rig.
-        spread: deviation from nominal, in units of the usual few percent. 0 gives the
-            nominal rig without offsets.
-        make: name of the model whose equations it follows, see `makes.MAKES`.
+    It deviates from nominal by `spread` times the usual few percent; 0 is the nominal
+    rig without offsets.
     """
     rng = np.random.default_rng([seed, 0x816])
 

@@ -137,10 +137,8 @@ def played(
 ) -> tuple[FloatArray, FloatArray]:
     """Compute the torques of motor and joint along a motion from rest [N m].
 
-    Args:
-        dt: time between samples [s].
-        motor: angle of the winch, positive where it winds [rad].
-        joint: angle of the finger, positive where the tendon pulls it [rad].
+    `motor` is the angle of the winch, positive where it winds, `joint` that of the
+    finger, positive where the tendon pulls it [rad].
     """
     sizes = [PIECES] * 7 + [PIECES + 1] * 2 + [BENDS] * 5
     room = _Room(*map(np.zeros, sizes))

@@ -168,12 +168,7 @@ def sampled(records: Array, rig: Rig, chain: Any, names: tuple[str, ...]) -> Arr
 def logged(
     clean: Array, chain: Any, names: tuple[str, ...], key: list[int]
 ) -> dict[str, Array]:
-    """Add noise and rounding, and return columns by their names in the files.
-
-    Args:
-        clean: (samples, names), see `sampled`.
-        key: seed of the noise; every channel adds its own number.
-    """
+    """Add noise, of the seed `key`, and rounding; return columns as in the files."""
     columns = {"time_s": chain.moments(clean.shape[0])}
     order = list(CHANNELS)
     for j, name in enumerate(names):

@@ -76,13 +76,7 @@ def _trial(
 
 
 def asked(motor: Array, joint: Array, load: str) -> Trial:
-    """Return a trial with given motions.
-
-    Args:
-        motor: (m,) commanded angle of the motor at 1 kHz [rad].
-        joint: (m,) angle of the environment at the joint [rad].
-        load: `free`, `locked`, or `human` for a firm hand.
-    """
+    """Return a trial with given motions of motor and environment at 1 kHz [rad]."""
     held = {"free": FREE, "locked": LOCKED, "human": FIRM}[load]
     command, target = _led(go.rounded(motor), 0.08), _led(go.rounded(joint), 0.0)
     return Trial("asked for", load, command, target, STIFF, held)

@@ -93,10 +93,9 @@ def sensor_votes(
 
 
 def side_means(values: FloatArray) -> tuple[float, float]:
-    """Return the means over segments or nodes before and after each sensor's own node.
+    """Return the means before and after each sensor's own node, one at every node.
 
-    Args:
-        values: (m, n) for segments or (m, n + 1) for nodes, a sensor at every node.
+    `values` are (m, n) for segments or (m, n + 1) for nodes.
     """
     sensor, place = np.indices(values.shape)
     extra = values.shape[1] == values.shape[0]

@@ -83,13 +83,9 @@ def half_width(velocity: FloatArray, derivative: FloatArray) -> float:
 
 
 def changes_of_motion(noise: float, runs: int = 400, samples: int = 200) -> float:
-    """Count how often a threshold on a noisy reading starts or stops motion (Fig. 3.1).
+    """Count how often a threshold on a noisy reading changes motion (Fig. 3.1).
 
-    The true reading rises from 0 to 1 and falls again, crossing the threshold 0.5
-    twice.
-
-    Returns:
-        Mean number of changes.
+    The true reading rises from 0 to 1 and falls again, crossing 0.5 twice.
     """
     truth = 1.0 - np.abs(np.linspace(-1.0, 1.0, samples))
     rng = np.random.default_rng(31)
@@ -98,14 +94,9 @@ def changes_of_motion(noise: float, runs: int = 400, samples: int = 200) -> floa
 
 
 def filter_error(printed: str = "", steps: int = 20_000) -> tuple[float, float]:
-    """Run a scalar Kalman filter, right or with one of its printed equations.
+    """Return the error variance of a scalar Kalman filter, and what it believes (3.9).
 
-    Args:
-        printed: "" for the textbook filter, "(3.4)" with F^-1 for F^T, "(3.7)" without
-            the inverse of S.
-
-    Returns:
-        Variance of the error, and the variance that the filter believes in (3.9).
+    `printed` is "(3.4)" with F^-1 for F^T, "(3.7)" without the inverse of S.
     """
     transition, process, sensor = 0.2, 1.0, 1.0
     rng = np.random.default_rng(37)

@@ -89,13 +89,7 @@ def simulate(
     factor: FloatArray | float = 1.0,
     noise: float = NOISE,
 ) -> Truth:
-    """Play a motion through a cable of which one parameter drifts.
-
-    Args:
-        motion: of `strokes` or `pulls`.
-        factor: what it is multiplied by, (samples,) or a number.
-        noise: of every sensor [N].
-    """
+    """Play a motion through a cable of which one parameter drifts by a factor."""
     time, proximal, distal = motion
     n = cable.segments
     factors = np.broadcast_to(np.asarray(factor, dtype=float), time.shape)

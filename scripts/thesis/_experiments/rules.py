@@ -75,14 +75,9 @@ def null_point_error(
 
 
 def friction_work(tension: FloatArray, displacement: FloatArray) -> FloatArray:
-    """Return the energy that friction takes from every segment in every step [J].
+    """Return the energy that friction takes in every step (samples - 1, n) [J].
 
-    Args:
-        tension: of the nodes (samples, n + 1) [N].
-        displacement: of the nodes (samples, n + 1) [m].
-
-    Returns:
-        (samples - 1, n); negative where friction pushes along the motion.
+    It is negative where friction pushes along the motion.
     """
     step = np.diff(displacement, axis=0)
     motion = 0.5 * (step[:, :-1] + step[:, 1:])
@@ -122,11 +117,8 @@ def one_sided_velocity(segments: int = 5, steps: int = 40) -> tuple[float, float
     """Return the energy gained if segments have their proximal node's velocity.
 
     A cable that stretches from a null point inside is pulled at both ends; each step
-    takes the pattern that is consistent by that rule.
-
-    Returns:
-        Energy fed in as a share of all friction work, and the same with the mean
-        velocity of both nodes.
+    takes the pattern that is consistent by that rule. The second share of all friction
+    work is that with the mean velocity of both nodes.
     """
     mesh = Mesh.of(CABLE.replace(segments=segments))
     shares = []
@@ -172,11 +164,7 @@ def front_speed(segments: int) -> float:
 
 
 def distal_rule_as_printed(pulls: FloatArray) -> int:
-    """Count how often (2.17) as printed lets the next node from the distal end move.
-
-    Args:
-        pulls: distal tension over that of its standing neighbour, each above 1.
-    """
+    """Count how often (2.17) as printed lets the next node from the distal end move."""
     angle = Mesh.of(CABLE.replace(segments=20)).angle[-1]
     return int(np.count_nonzero(1.0 >= pulls * np.exp(angle)))
 

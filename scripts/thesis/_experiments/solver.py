@@ -43,12 +43,7 @@ class Costs(NamedTuple):
 
 
 def costs(segments: int, steps: int = 60, general_steps: int = 6) -> Costs:
-    """Time the three solvers side by side.
-
-    Args:
-        steps: solutions by enumeration; the kernel makes a hundred times as many.
-        general_steps: solutions by `fsolve`.
-    """
+    """Time the three solvers side by side; the kernel makes 100 times the `steps`."""
     cable = CABLE.replace(segments=segments)
     drag = np.linspace(0.0, 0.2, 500)
     before = play(cable, u_proximal=drag, u_distal=drag + np.minimum(drag, 0.03))

@@ -81,12 +81,7 @@ class Linearization(NamedTuple):
 
 
 def linearize(points: FloatArray, values: FloatArray) -> Linearization:
-    """Statistical linearization of a function by its values at sigma points.
-
-    Args:
-        points: of `sigma_points` (2 p + 1, p).
-        values: of the function at the points (2 p + 1, k).
-    """
+    """Linearize a function statistically by its values (2 p + 1, k) at sigma points."""
     size = points.shape[1]
     weight = np.concatenate([[_BETA], np.full(2 * size, 0.5 / size)])
     mean, middle = np.mean(points[1:], axis=0), np.mean(values[1:], axis=0)
@@ -103,11 +98,8 @@ def kalman_gain(
 ) -> FloatArray:
     """Return the gain of a measurement that is this line and noise, (p, k).
 
-    By Woodbury's identity, so that no matrix of the size of the measurement is solved.
-
-    Args:
-        covariance: of the state before it (p, p).
-        variance: of the noise (k,).
+    By Woodbury's identity, so that no matrix of the size of the measurement is solved;
+    `covariance` is of the state before, `variance` of the noise (k,).
     """
     scale = np.sqrt(variance)[:, None]
     slope = line.slope / scale
@@ -159,11 +151,7 @@ class History:
     def drop_old_samples(
         self, cables: Sequence[Cable], played: Sequence[Replay]
     ) -> None:
-        """Drop the samples before the latest anchor.
-
-        Args:
-            played: replay of each cable.
-        """
+        """Drop the samples before the latest anchor of these replays."""
         slip_direction = _whole_slip_direction(cables, played)
         anchors = np.flatnonzero(slip_direction)
         if anchors.size > 0:

@@ -62,13 +62,7 @@ class ModifiedBoucWen(PublishedModel):
         environment: EndSpring,
         answer: Answer,
     ) -> ModifiedBoucWen:
-        """Fit the parameters to a recording, n = 1 (least squares).
-
-        Args:
-            dt: time between samples [s].
-            u_proximal: recorded motion of the motor's end (samples,) [m].
-            answer: recorded tensions; only their difference is fitted.
-        """
+        """Fit the parameters to a recording of motor and tensions, n = 1."""
         x = -np.asarray(u_proximal, dtype=np.float64)
         friction = answer.tension_proximal - answer.tension_distal
 

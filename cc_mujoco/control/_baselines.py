@@ -90,7 +90,7 @@ class BacklashInverse(_KnownMotor):
         return LawTables(
             cables.shape,
             tuple(np.concatenate([gains, spring, cables.ravel()]).tolist()),
-            (first + INVERSE_SIZE,),
+            first + INVERSE_SIZE,
             (first + INVERSE_GUARD + guard.COMMAND,),
         )
 
@@ -131,7 +131,7 @@ class LinearQuadraticGaussian(_KnownMotor):
         return LawTables(
             (size,),
             tuple(np.concatenate(numbers).tolist()),
-            (first + size + 2 * STATES,),
+            first + size + 2 * STATES,
             (first + size - 1, first + GAUSSIAN_GUARD + guard.COMMAND),
         )
 

@@ -34,7 +34,7 @@ from cc_mujoco.control import _planner_steps as planner_steps
 from cc_mujoco.control._compiled_laws import LAW_INPUTS, LIMITS
 from cc_mujoco.control._law_steps import FIRST_STEP
 from cc_mujoco.control._planner_memory import TUNING
-from cc_mujoco.device._drive import Drive
+from cc_mujoco.device._drive import CableDrive, Drive
 from cc_mujoco.device._sensors import WINDING_COLUMNS
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray, FloatMatrix, IntArray, compiled, internal
@@ -252,14 +252,22 @@ class LawTables(NamedTuple):
     Attributes:
         shape: whole numbers, see `_law_steps`.
         numbers: real numbers that no parameter changes.
-        places: places of numbers in the memory; the last is how many there are.
-        given: places of the last torque in the memory.
+        size: how many numbers the memory has.
+        given: places of the last torque in the memory; the last is the guard's.
+        states: place of the states of the cables, of a law with a model.
     """
 
     shape: tuple[int, ...]
     numbers: tuple[float, ...]
-    places: tuple[int, ...]
+    size: int
     given: tuple[int, ...] = ()
+    states: int = 0
+
+
+def cable_shape(cables: Sequence[CableDrive]) -> tuple[int, ...]:
+    """Return the shape of cables, see `_law_steps`."""
+    segments = [one.cable.segments for one in cables]
+    return len(cables), *segments, *(len(one.cable.conduit) for one in cables)
 
 
 @dataclass(frozen=True)
@@ -337,7 +345,7 @@ class SteppedController(Controller):
     def fresh_memory(self) -> FloatArray:
         """Return the memory of one environment before its first step."""
         tables = self.law_tables()
-        memory = np.zeros(tables.places[-1])
+        memory = np.zeros(tables.size)
         shape = np.array(tables.shape, np.int64)
         self.stepped.store_parameters(memory, shape, np.array(self.parameters()))
         memory[FIRST_STEP] = 1.0

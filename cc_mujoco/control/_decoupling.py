@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.cable._stepper import Counts
+from cc_mujoco.control._cholesky import solve_active
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._sensors import RATIO_COLUMN, WINDING_COLUMNS
 from cc_mujoco.errors import CableError
@@ -71,31 +72,11 @@ _UNIT, _WANTED, _USED, _LEFT, _MOTOR, _AIM, _TOTAL = range(WORK_VECTORS)
 
 
 @internal
-def _solve_positive(work: CouplingWorkspace, found: FloatArray) -> None:
-    """Solve the normal equations for the active unknowns by Cholesky; others are 0.
-
-    The scratch has the equations, see `_least_squares`; `found` (axes,) is out.
-    """
+def _solve(work: CouplingWorkspace, found: FloatArray) -> None:
+    """Solve the equations of `_least_squares` for the active unknowns."""
+    found[:] = work.vectors[_WANTED]
     normal, factor = work.matrices[_NORMAL], work.matrices[_FACTOR]
-    right, used = work.vectors[_WANTED], work.vectors[_USED]
-    count = found.size
-    for i in range(count):
-        for j in range(i + 1):
-            both = used[i] != 0.0 and used[j] != 0.0
-            total = normal[i, j] if both else (1.0 if i == j else 0.0)
-            for k in range(j):
-                total -= factor[i, k] * factor[j, k]
-            factor[i, j] = math.sqrt(total) if i == j else total / factor[j, j]
-    for i in range(count):
-        total = right[i] if used[i] != 0.0 else 0.0
-        for k in range(i):
-            total -= factor[i, k] * found[k]
-        found[i] = total / factor[i, i]
-    for i in range(count - 1, -1, -1):
-        total = found[i]
-        for k in range(i + 1, count):
-            total -= factor[k, i] * found[k]
-        found[i] = total / factor[i, i]
+    solve_active(normal, work.vectors[_USED], factor, found)
 
 
 @internal
@@ -153,7 +134,7 @@ def _motor_torques(
             columns[i, k] = 0.0 if rival else ratios[own[i], k]
     # Weight of the motor torques in the inverse of the ratios.
     _least_squares(count, measured, 1e-10, work)
-    _solve_positive(work, found)
+    _solve(work, found)
     for i in range(count):
         found[i] /= work.vectors[_UNIT, i]
 
@@ -195,7 +176,7 @@ def distribute(
     for i in range(count):
         edge = max(edge, 1e-12 * abs(wanted[i]))
     for _ in range(200):  # a few steps are usual, and their number is finite
-        _solve_positive(work, found)
+        _solve(work, found)
         wrong = -1
         for i in range(count):
             if used[i] != 0.0:

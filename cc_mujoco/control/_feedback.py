@@ -65,7 +65,7 @@ class FeedForward(SteppedController):
     )
 
     def law_tables(self) -> LawTables:
-        return LawTables((), (), (law_steps.OWN_MEMORY + guard.LIMITS,))
+        return LawTables((), (), law_steps.OWN_MEMORY + guard.LIMITS)
 
     def measured(self, observation: Mapping[str, Any]) -> FloatArray:
         return readings(observation, self.stepped.seen)
@@ -145,7 +145,7 @@ class ProportionalIntegral(SteppedController):
         )
 
     def law_tables(self) -> LawTables:
-        return LawTables((), (), (law_steps.CABLES,), (law_steps.LAST_COMMAND,))
+        return LawTables((), (), law_steps.CABLES, (law_steps.LAST_COMMAND,))
 
     def measured(self, observation: Mapping[str, Any]) -> FloatArray:
         if self.stepped.is_round:
@@ -297,7 +297,7 @@ class TunedFeedback(ProportionalIntegral):
         return LawTables(
             cables.shape,
             (*settings, *cables.ravel().tolist()),
-            (law_steps.CABLES + compiled_laws.SIGNAL_SIZE,),
+            law_steps.CABLES + compiled_laws.SIGNAL_SIZE,
             (law_steps.LAST_COMMAND,),
         )
 

@@ -1,7 +1,7 @@
 """Friction of every cable from tension sensors along it, compiled.
 
     found = taps(drive.sensors, drive.cables, memory=200.0)
-    learn(prm, n, state, found, tensions, known, room)    # known[:, VALUE]
+    learn(cables, state, found, tensions, known, scratch)    # known[:, COEFFICIENT]
 
 This is the compiled form of `estimation._tension_slope`. The estimate of a cable is the
 state that `estimation._recursive.update_estimate` keeps.
@@ -16,18 +16,14 @@ from typing import NamedTuple
 import numpy as np
 
 from cc_mujoco.cable._layout import segment_angles, slips
-from cc_mujoco.cable._stepper import Counts
+from cc_mujoco.cable._stepper import Cables
+from cc_mujoco.control._law_steps import part, rows_of
 from cc_mujoco.device._drive import CableDrive
 from cc_mujoco.device._sensors import Sensors
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation import _recursive as recursive
 from cc_mujoco.estimation import _tension_slope as tension_slope
-from cc_mujoco.native import (
-    FloatArray,
-    FloatMatrix,
-    IntMatrix,
-    compiled,
-)
+from cc_mujoco.native import FloatArray, FloatMatrix, IntMatrix, internal
 
 READING_INTERVAL = 5
 """Steps between two readings that are used."""
@@ -54,20 +50,6 @@ class Taps(NamedTuple):
     fading: float
 
 
-class SlopeWorkspace(NamedTuple):
-    """Scratch of the estimation.
-
-    Attributes:
-        sign: (segments of the longest cable,).
-        design: (sensors, 1).
-        equations: equations of one parameter.
-    """
-
-    sign: FloatArray
-    design: FloatMatrix
-    equations: tension_slope.EquationWorkspace
-
-
 def taps(
     sensors: Sequence[Sensors], cables: Sequence[CableDrive], memory: float
 ) -> Taps:
@@ -90,60 +72,57 @@ def taps(
     )
 
 
-@compiled
+@internal
 def reset_estimate(known: FloatArray, friction: float) -> None:
-    """Write the initial estimate, before any reading (KNOWN,)."""
+    """Write the initial estimate, before any reading (`ESTIMATE_SIZE`,)."""
     known[:] = 0.0
     known[recursive.ESTIMATE] = friction
     known[recursive.VARIANCE] = INITIAL_DEVIATION * INITIAL_DEVIATION
 
 
-@compiled
-def friction_factor(found: float, friction: float) -> float:
-    return max(found, MIN_BELIEVED_FRICTION) / friction
-
-
-@compiled
+@internal
 def learn(
-    prm: FloatMatrix,
-    n: Counts,
+    cables: Cables,
     state: FloatMatrix,
     taps: Taps,
     readings: FloatMatrix,
     known: FloatMatrix,
-    room: SlopeWorkspace,
+    scratch: FloatArray,
 ) -> None:
-    """Update the estimates `known` (cables, KNOWN) by the readings of one instant.
+    """Update the estimates `known` (cables, `ESTIMATE_SIZE`) by the readings of a step.
 
     The state is that of the model (cables, numbers); `readings` are tensions (cables,
-    sensors) [N].
+    sensors) [N]; the scratch has 4 sensors + 2 numbers and the segments of the longest
+    cable.
     """
-    sensors = taps.noise.shape[1]
-    for k in range(n.size):
-        angles, slip = segment_angles(prm[k], n[k]), slips(state[k], n[k])
-        sign = room.sign[: n[k]]
-        for i in range(n[k]):
+    m = taps.noise.shape[1]
+    design, rows = rows_of(scratch, 0, m, 1), rows_of(scratch, m, m, 1)
+    right, clear = part(scratch, 2 * m, m), part(scratch, 3 * m, m)
+    information, target = rows_of(scratch, 4 * m, 1, 1), part(scratch, 4 * m + 1, 1)
+    for k in range(cables.n.size):
+        n = cables.n[k]
+        angles, slip = segment_angles(cables.prm[k], n), slips(state[k], n)
+        sign = part(scratch, 4 * m + 2, n)
+        for i in range(n):
             sign[i] = np.sign(slip[i])
-        for j in range(sensors):
-            room.design[j, 0] = 0.0
+        for j in range(m):
+            design[j, 0] = 0.0
             for i in range(taps.nodes[k, j]):
-                room.design[j, 0] += angles[i]
-        _, count = tension_slope.run_equations(
-            room.design,
+                design[j, 0] += angles[i]
+        equations = tension_slope.SlopeEquations(
+            design,
             taps.nodes[k],
             taps.noise[k],
-            known[k, COEFFICIENT : COEFFICIENT + 1],
-            readings[k],
-            sign,
-            room.equations,
+            rows,
+            right,
+            clear,
+            information,
+            target,
         )
-        information = room.equations.information[0, 0]
-        if count > 0 and information > 0.0:
+        believed = known[k, COEFFICIENT : COEFFICIENT + 1]
+        _, count = tension_slope.run_equations(equations, believed, readings[k], sign)
+        if count > 0 and information[0, 0] > 0.0:
             recursive.update_estimate(
-                known[k],
-                1.0 / (INITIAL_DEVIATION * INITIAL_DEVIATION),
-                taps.fading,
-                0.0,
-                information,
-                room.equations.target[0],
-            )
+                known[k], 1.0 / (INITIAL_DEVIATION * INITIAL_DEVIATION), taps.fading,
+                0.0, information[0, 0], target[0],
+            )  # fmt: skip

@@ -9,7 +9,7 @@ Each is of one axis. Compiled episodes and exported C run them.
 `shape` says how many cables there are, then the segments of each, then the sections of
 each. `tables` are numbers of the controller that no parameter changes. `parameters` are
 the gains; then, of every cable, its arms at motor and joint, its scalars and its
-sections. Memory is numbers only; `places` says what stands where.
+sections. Memory is numbers only.
 """
 
 from __future__ import annotations
@@ -43,6 +43,7 @@ LAST_COMMAND = OWN_MEMORY + compiled_laws.GUARD + guard.COMMAND
 GAIN_COUNT = len(compiled_laws.GAINS)
 GAINS = OWN_MEMORY + compiled_laws.MEMORY_SIZE
 CABLES = GAINS + GAIN_COUNT
+_CABLE_ROWS = 5  # proximal and distal arm, arm now, direction of slip, gain
 
 MODEL, STICTION, DISTURBANCE = range(3)
 """Kinds of laws with a model."""
@@ -85,20 +86,40 @@ def whole_rows_of(numbers: IntArray, first: int, rows: int, columns: int) -> Int
     return numbers[first : first + rows * columns].reshape(rows, columns)
 
 
-@compiled
-def places(cables: int, most: int) -> tuple[int, int, int, int, int, int]:
-    """Return the places of numbers in the memory, given the most segments of a cable.
+@internal
+def longest_cable(shape: IntArray) -> int:
+    """Return the segments of the longest cable."""
+    longest = 0
+    for k in range(shape[0]):
+        longest = max(longest, shape[1 + k])
+    return longest
 
-    First numbers of what the laws need to compute with, of the packed parameters, the
-    states, the states after a step, the scratch; and how many numbers there are.
-    """
-    # proximal and distal arm, arm now, direction of slip, gain
-    scratch = CABLES + 5 * cables
-    packed = scratch + SCRATCH_ROWS * cables
-    state = packed + cables * kernel.parameter_size(most)
-    new = state + cables * kernel.state_size(most)
-    work = new + cables * kernel.state_size(most)
-    return scratch, packed, state, new, work, work + kernel.work_size(most)
+
+@compiled
+def places(shape: IntArray) -> tuple[int, int]:
+    """Return the places of the states of a model's cables, and behind the model."""
+    cables, most = shape[0], longest_cable(shape)
+    of_cable = _CABLE_ROWS + SCRATCH_ROWS + kernel.parameter_size(most)
+    states = CABLES + cables * of_cable
+    end = states + 2 * cables * kernel.state_size(most) + kernel.work_size(most)
+    return int(states), int(end)
+
+
+@internal
+def model_memory(memory: FloatArray, shape: IntArray) -> Model:
+    """Return the parts of the memory of a law with a model."""
+    count, longest = shape[0], longest_cable(shape)
+    of_cables = rows_of(memory, CABLES, _CABLE_ROWS + SCRATCH_ROWS, count)
+    place, end = places(shape)
+    states = rows_of(memory, place, 2 * count, kernel.state_size(longest))
+    packed, work = CABLES + of_cables.size, place + states.size
+    prm = rows_of(memory, packed, count, kernel.parameter_size(longest))
+    n, proximal = whole_part(shape, 1, count), of_cables[0]
+    return Model(
+        stepper.Cables(prm, n, proximal, proximal, of_cables[1]),
+        states[:count], of_cables[2], of_cables[3], of_cables[4],
+        of_cables[_CABLE_ROWS:], states[count:], part(memory, work, end - work),
+    )  # fmt: skip
 
 
 @internal
@@ -174,36 +195,22 @@ def store_gains(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> 
     memory[SPRING + guard.FRICTION] = parameters[compiled_laws.WRAP_FRICTION]
 
 
-@internal
-def _longest_cable(shape: IntArray) -> int:
-    longest = 0
-    for k in range(shape[0]):
-        longest = max(longest, shape[1 + k])
-    return longest
-
-
 @compiled
 def store_model(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> None:
     """Take the gains of a controller with a model, and its cables."""
-    cables, longest = shape[0], _longest_cable(shape)
     store_gains(memory, shape, parameters)
-    _, packed, _, _, _, _ = places(cables, longest)
-    size = kernel.parameter_size(longest)
-    first = GAIN_COUNT
+    cables, first = model_memory(memory, shape).cables, GAIN_COUNT
     spring = part(memory, SPRING, guard.SPRING_SIZE)
     spring[:] = 0.0
-    for k in range(cables):
-        memory[CABLES + k] = parameters[first]
-        memory[CABLES + cables + k] = parameters[first + 1]
-        sections = shape[1 + cables + k]
+    for k in range(shape[0]):
+        cables.proximal[k], cables.distal[k] = parameters[first], parameters[first + 1]
+        sections = shape[1 + shape[0] + k]
         values = part(parameters, first + 2, SCALARS)
         bends = rows_of(parameters, first + 2 + SCALARS, sections, 2)
-        own = part(memory, packed + k * size, size)
-        kernel.pack(values, bends, shape[1 + k], own)
-        add_preload(values, bends, parameters[first + 1], spring)
+        kernel.pack(values, bends, cables.n[k], cables.prm[k])
+        add_preload(values, bends, cables.distal[k], spring)
         first += 2 + SCALARS + 2 * sections
-    prm = rows_of(memory, packed, cables, size)
-    spring[guard.STIFFNESS] = stiffness(prm, part(memory, CABLES + cables, cables))
+    spring[guard.STIFFNESS] = stiffness(cables.prm, cables.distal)
 
 
 @internal
@@ -251,33 +258,6 @@ def step_proportional_integral(
     return compiled_laws.proportional_integral(law)
 
 
-@internal
-def model_memory(memory: FloatArray, shape: IntArray) -> Model:
-    """Return the parts of the memory of a law with a model."""
-    count, longest = shape[0], _longest_cable(shape)
-    scratch, packed, first, after, work, end = places(count, longest)
-    width = kernel.state_size(longest)
-    proximal = part(memory, CABLES, count)
-    prm = rows_of(memory, packed, count, kernel.parameter_size(longest))
-    n, distal = whole_part(shape, 1, count), part(memory, CABLES + count, count)
-    return Model(
-        stepper.Cables(prm, n, proximal, proximal, distal),
-        rows_of(memory, first, count, width),
-        part(memory, CABLES + 2 * count, count),
-        part(memory, CABLES + 3 * count, count),
-        part(memory, CABLES + 4 * count, count),
-        rows_of(memory, scratch, SCRATCH_ROWS, count),
-        rows_of(memory, after, count, width),
-        part(memory, work, end - work),
-    )
-
-
-@internal
-def _end_of_model(shape: IntArray) -> int:
-    """Return the place of the first number behind a model in a memory."""
-    return places(shape[0], _longest_cable(shape))[5]
-
-
 @compiled
 def follow_model(memory: FloatArray, shape: IntArray, readings: FloatArray) -> None:
     """Have the guard check the measurements, and the cables' model follow them."""
@@ -286,7 +266,7 @@ def follow_model(memory: FloatArray, shape: IntArray, readings: FloatArray) -> N
         stepper.set_rest(own.cables, seen[compiled_laws.ANGLE], 0.0, own.state)
         own.direction[:] = 0.0
         own.gain[:] = 1.0
-        for i in range(_end_of_model(shape), memory.size):
+        for i in range(places(shape)[1], memory.size):
             memory[i] = 0.0
         memory[JOINT_ANGLE], memory[FIRST_STEP] = 0.0, 0.0
     memory[JOINT_ANGLE] = follow(
@@ -304,7 +284,7 @@ def model_torque(
     if kind == STICTION:
         return compiled_laws.stiction(law, own)
     if kind == DISTURBANCE:
-        known = part(memory, _end_of_model(shape), LACK_SIZE)
+        known = part(memory, places(shape)[1], LACK_SIZE)
         lack = _learn_lack(tables[0], motor_torque(own), law.memory, known)
     return compiled_laws.model_based(law, own, lack)
 

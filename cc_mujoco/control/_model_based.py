@@ -21,7 +21,7 @@ from cc_mujoco._validation import require_number
 from cc_mujoco.control import _compiled_laws as compiled_laws
 from cc_mujoco.control import _law_steps as law_steps
 from cc_mujoco.control._cable_model import pack, require_known_cables
-from cc_mujoco.control._controller import LawTables, SteppedLaw
+from cc_mujoco.control._controller import LawTables, SteppedLaw, cable_shape
 from cc_mujoco.control._feedback import ProportionalIntegral, stable_settling_time
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.errors import CableError
@@ -103,11 +103,9 @@ class ModelBased(ProportionalIntegral):
         self.settling = stable_settling_time(drive, self.spring, settling)
 
     def law_tables(self) -> LawTables:
-        cables = [one.cable for one in self.drive.cables]
-        segments = [cable.segments for cable in cables]
-        shape = len(cables), *segments, *(len(cable.conduit) for cable in cables)
-        places = law_steps.places(len(cables), max(segments))
-        return LawTables(shape, (), places, (law_steps.LAST_COMMAND,))
+        shape = cable_shape(self.drive.cables)
+        states, size = law_steps.places(np.array(shape))
+        return LawTables(shape, (), size, (law_steps.LAST_COMMAND,), states)
 
     def answer(self, seen: FloatArray) -> FloatArray:
         if not (self.mismatch or self._played):
@@ -245,7 +243,6 @@ class DisturbanceObserver(ModelBased):
         """Share of a new value in the disturbance."""
 
     def law_tables(self) -> LawTables:
-        shape, _, (*places, end), given = super().law_tables()
-        return LawTables(
-            shape, (self.share,), (*places, end + law_steps.LACK_SIZE), given
-        )
+        own = super().law_tables()
+        size = own.size + law_steps.LACK_SIZE
+        return own._replace(numbers=(self.share,), size=size)

@@ -1,7 +1,6 @@
 """Memory of a planning controller for one device, its tuning, tables and scratch.
 
-    tune = Tuning(period=1e-3, inertia=2e-4, ...).packed(stiffness)
-    tune[PERIOD]
+    planner.tune[PERIOD], planner.memory[ENERGY]
 
 A row of `memory` is the state of a controller for one device besides that of its
 cables: the rotor as estimated by an observer, with the torque that the model does not
@@ -28,8 +27,7 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numpy as np
-
+from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.cable._parameter import Parameter, parameters_of
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control._compiled_laws import DriveGains, gain
@@ -58,7 +56,7 @@ OBSERVER_ERROR, OBSERVER_SIZE = 3, 4
 """Place of the mean squared error of an observer of the rotor, behind angle, velocity
 and unexplained torque; size of an observer."""
 WORK_ROWS = 9
-"""Rows of the scratch of a plan of commands, of numbers for each knot."""
+"""Vectors of a plan of commands."""
 
 
 @dataclass(frozen=True)
@@ -152,13 +150,6 @@ class Tuning(DriveGains):
         "on",
     )  # fmt: skip
 
-    def packed(self, spring: FloatArray) -> FloatArray:
-        """Return the numbers as the vector of the compiled functions.
-
-        `spring` is of all cables at the joint, see `guard.STIFFNESS`.
-        """
-        return np.array([*(getattr(self, one.name) for one in TUNING), *spring])
-
 
 TUNING: tuple[Parameter, ...] = parameters_of(Tuning)
 """Numbers of a tuning, in order; the spring of the cables is behind them."""
@@ -172,79 +163,88 @@ RATIO, LOW, HIGH, PERIOD, INERTIA = 0, 1, 2, 3, 5
 """Their places; the first are those of `DriveGains`."""
 
 
-class PlannerMemory(NamedTuple):
-    """Memory of a controller for one device beside its cables; see this module.
-
-    Attributes:
-        memory: (`FRICTION` + cables,).
-        rotors: observers of the rotor (delays, `OBSERVER_SIZE`).
-        applied: mean torques of the motor in past steps, the oldest first; the last is
-            the command of the step that has just passed (delays,) [N m].
-        other: states of the cables of the model with bristles (cables, numbers).
-        plan: accelerations of the last whole plan, then steps since (knots + 1,).
-    """
-
-    memory: FloatArray
-    rotors: FloatMatrix
-    applied: FloatArray
-    other: FloatMatrix
-    plan: FloatArray
-
-
 class Tables(NamedTuple):
-    """Tables of a controller.
+    """Tables of the plans, for every delay.
 
     Attributes:
         gains: accelerations of a plan per angle, velocity and wanted angles of the
-            motor, for every delay (delays, knots, 2 + knots).
-        unexplained: gain of the unexplained torque, for every delay (delays,).
+            motor (delays, knots, 2 + knots).
+        unexplained: gain of the unexplained torque (delays,).
         weight: weight of a squared acceleration to a squared angle in the cost of a
-            plan, for every delay (delays,) [s^4].
-        tune: see `Tuning.packed`.
+            plan (delays,) [s^4].
     """
 
     gains: FloatCube
     unexplained: FloatArray
     weight: FloatArray
-    tune: FloatArray
 
 
-class PlannerWorkspace(NamedTuple):
-    """Scratch of a plan.
+class Planner(NamedTuple):
+    """A planning controller of one device: what it keeps, its tables and its scratch.
 
     Attributes:
-        new: states of the cables (cables, numbers).
-        state: states of the cables (cables, numbers).
-        rolled: states of the cables (cables, numbers).
-        leapt: states of the cables (cables, numbers).
-        push: accelerations of a plan, then its first command (knots + 1,).
-        best: accelerations of the best plan, then its first command (knots + 1,).
-        memory: (`FRICTION` + cables,).
-        wanted: angles of the motor at the knots of a plan (knots,).
+        cables: the model; while a model with bristles is in use it has them.
+        tables: see `Tables`.
+        tune: numbers of `Tuning`, then all cables as a spring, see `guard.STIFFNESS`.
+        joint: angle of the model's joint when it was measured (1,) [rad].
+        memory: see this module (`FRICTION` + cables,).
+        rotors: observers of the rotor (delays, `OBSERVER_SIZE`).
+        applied: mean torques of the motor in past steps, the oldest first; the last is
+            the command of the step that has just passed (delays,) [N m].
+        plan: accelerations of the last whole plan, then steps since (knots + 1,).
+        push: scratch: accelerations of a plan, then its first command (knots + 1,).
+        best: likewise, of the best plan.
+        state: states of the cables when they were measured (cables, numbers).
+        other: likewise, of the model with bristles.
+        present: scratch: states now, as predicted; likewise those that follow.
+        rolled: states along a plan.
+        leapt: states of `rollout.MotorSearch`.
+        new: states after a step.
+        ahead: scratch: the memory as it is predicted to be now.
+        wanted: scratch: angles of the motor at the knots of a plan (knots,).
         path: angles of the motor at the knots to which a plan leads (knots,).
         load: torques of the cables at the motor there (knots,).
         holding: torques of the cables at the motor on the wanted path (knots,).
-        matrix: matrix of a plan of commands (knots, knots).
         vectors: vectors of a plan of commands (`WORK_ROWS`, knots).
-        work: `cable._layout.work_size`.
+        matrix: matrix of a plan of commands (knots, knots).
+        friction: factors of the friction of every cable, as it is packed and as it was
+            found (2, cables).
+        values: scratch: scalars of a cable (`SCALARS`,).
+        work: scratch of `cable._layout.work_size`.
         spent: steps of the cables' model for the plans so far (1,).
+        given: parameters behind those of the tuning, see `_law_steps`.
+        end: place behind all of them in the memory of the controller.
     """
 
-    new: FloatMatrix
-    state: FloatMatrix
-    rolled: FloatMatrix
-    leapt: FloatMatrix
+    cables: stepper.Cables
+    tables: Tables
+    tune: FloatArray
+    joint: FloatArray
+    memory: FloatArray
+    rotors: FloatMatrix
+    applied: FloatArray
+    plan: FloatArray
     push: FloatArray
     best: FloatArray
-    memory: FloatArray
+    state: FloatMatrix
+    other: FloatMatrix
+    present: FloatMatrix
+    rolled: FloatMatrix
+    leapt: FloatMatrix
+    new: FloatMatrix
+    ahead: FloatArray
     wanted: FloatArray
     path: FloatArray
     load: FloatArray
     holding: FloatArray
-    matrix: FloatMatrix
     vectors: FloatMatrix
+    matrix: FloatMatrix
+    friction: FloatMatrix
+    values: FloatArray
     work: FloatArray
     spent: FloatArray
+    given: FloatArray
+    end: int
 
 
 @internal

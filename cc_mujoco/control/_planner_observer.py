@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from cc_mujoco.cable import _friction as law
+from cc_mujoco.cable import _root as root
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.cable._layout import (
     CONSTANT_COULOMB,
@@ -22,19 +23,10 @@ from cc_mujoco.cable._layout import (
 )
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control import _planner_memory as at
-from cc_mujoco.control import _rollout as rollout
-from cc_mujoco.control._planner_memory import (
-    PlannerMemory,
-    PlannerWorkspace,
-    Tables,
-    copy_states,
-)
+from cc_mujoco.control._planner_memory import Planner, copy_states
+from cc_mujoco.control._rollout import MAX_EVALUATIONS
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 
-_FRICTION_FACTOR_BOUNDS = 0.2, 3.0
-"""Bounds of the factor of friction."""
-_MAX_FRICTION_ERROR = 0.3
-"""Relative error of friction up to which a bias may be estimated."""
 _MODEL_MEMORY = 0.3
 """Time over which the errors of both models are compared [s]."""
 _BRISTLE, _COULOMB = law.INDEX["bristle_length"], law.INDEX["friction"]
@@ -54,89 +46,53 @@ def replace_by_mean_torque(
         memory[at.MOTOR_TORQUE] += behind * (1.0 - passed)
 
 
-@compiled
-def smooth(
-    memory: FloatArray, first: int, seen: float, a: float, b: float, c: float
-) -> None:
+@internal
+def _smooth(memory: FloatArray, first: int, seen: float, tune: FloatArray) -> None:
     """Correct value, rate and acceleration (per step) by the reading one step later."""
     memory[first] += memory[first + 1] + 0.5 * memory[first + 2]
     memory[first + 1] += memory[first + 2]
     off = seen - memory[first]
-    memory[first] += a * off
-    memory[first + 1] += b * off
-    memory[first + 2] += 2.0 * c * off
+    memory[first] += tune[at.MOTION_0] * off
+    memory[first + 1] += tune[at.MOTION_1] * off
+    memory[first + 2] += 2.0 * tune[at.MOTION_2] * off
 
 
 @internal
-def _reset(
-    cables: stepper.Cables,
-    state: FloatMatrix,
-    device: PlannerMemory,
-    seen: FloatArray,
-    late: float,
-) -> None:
+def _reset(planner: Planner, seen: FloatArray) -> None:
     """Reset the memory, with motor and joint at rest at their measured angles.
 
     The guard is reset before.
     """
-    memory, rotors = device.memory, device.rotors
+    memory, motor = planner.memory, seen[guard.MOTOR]
     memory[: at.GUARD] = 0.0
     memory[at.FRICTION :] = 0.0
-    memory[at.JOINT], memory[at.DESIRED_TORQUE], memory[at.BELIEVED_DELAY] = (
-        seen[guard.JOINT],
-        seen[guard.DESIRED],
-        late,
-    )
-    rotors[:] = 0.0
-    for row in range(rotors.shape[0]):
-        rotors[row, at.ANGLE] = seen[guard.MOTOR]
-    memory[at.LOAD] = stepper.torque(cables, state, False, seen[guard.MOTOR])[0]
+    memory[at.JOINT], memory[at.DESIRED_TORQUE] = seen[guard.JOINT], seen[guard.DESIRED]
+    memory[at.BELIEVED_DELAY] = planner.tune[at.LATE_FIRST]
+    planner.rotors[:] = 0.0
+    for row in range(planner.rotors.shape[0]):
+        planner.rotors[row, at.ANGLE] = motor
+    memory[at.LOAD] = stepper.torque(planner.cables, planner.state, False, motor)[0]
     for hypothesis in range(2):
         memory[at.MODEL_LOAD + hypothesis] = memory[at.LOAD]
-        memory[at.MODEL_ROTOR + hypothesis * at.OBSERVER_SIZE + at.ANGLE] = seen[
-            guard.MOTOR
-        ]
-    copy_states(state, device.other)
-    memory[at.STARTED] = 1.0
+        memory[at.MODEL_ROTOR + hypothesis * at.OBSERVER_SIZE + at.ANGLE] = motor
+    copy_states(planner.state, planner.other)
+    memory[at.STARTED], memory[at.OTHER_JOINT] = 1.0, planner.joint[0]
 
 
-@compiled
-def observe(
-    cables: stepper.Cables,
-    state: FloatMatrix,
-    joint: FloatArray,
-    device: PlannerMemory,
-    seen: FloatArray,
-    tables: Tables,
-    scratch: PlannerWorkspace,
-) -> float:
+@internal
+def observe(planner: Planner, seen: FloatArray) -> float:
     """Advance cables, rotor and motion to the measurements; return the joint [rad].
 
     The angle is that of the model in use for plans, whose bristles the cables then
     have.
     """
-    memory, tune = device.memory, tables.tune
+    cables, memory, tune = planner.cables, planner.memory, planner.tune
     if memory[at.STARTED] == 0.0:
-        _reset(cables, state, device, seen, tune[at.LATE_FIRST])
-        memory[at.OTHER_JOINT] = joint[0]
-    torque = seen[guard.TORQUE] - memory[at.BIAS]
+        _reset(planner, seen)
+    motor, torque = seen[guard.MOTOR], seen[guard.TORQUE] - memory[at.BIAS]
     before = memory[at.JOINT]
-    smooth(
-        memory,
-        at.JOINT,
-        seen[guard.JOINT],
-        tune[at.MOTION_0],
-        tune[at.MOTION_1],
-        tune[at.MOTION_2],
-    )
-    smooth(
-        memory,
-        at.DESIRED_TORQUE,
-        seen[guard.DESIRED],
-        tune[at.MOTION_0],
-        tune[at.MOTION_1],
-        tune[at.MOTION_2],
-    )
+    _smooth(memory, at.JOINT, seen[guard.JOINT], tune)
+    _smooth(memory, at.DESIRED_TORQUE, seen[guard.DESIRED], tune)
     turned = memory[at.JOINT] - before
     memory[at.ENERGY] += (torque - memory[at.DESIRED_TORQUE]) * memory[at.JOINT + 1]
     memory[at.ENERGY] -= tune[at.LEAK] * memory[at.ENERGY]
@@ -145,37 +101,25 @@ def observe(
     has_second = tune[at.BRISTLES] > 0.0 and not _has_bristles(cables)
     if has_second:
         set_bristles(cables, tune[at.BRISTLES])
-        memory[at.OTHER_JOINT] = _follow(
-            cables, device.other, memory[at.OTHER_JOINT] + turned, memory, 1,
-            seen[guard.MOTOR], torque, tune, scratch,
-        )  # fmt: skip
-        _explain_rotor(cables, device.other, device, 1, seen[guard.MOTOR], tables)
+        joint = memory[at.OTHER_JOINT] + turned
+        memory[at.OTHER_JOINT] = _follow(planner, 1, joint, motor, torque)
+        _explain_rotor(planner, 1, motor)
         set_bristles(cables, 0.0)
-    joint[0] = _follow(
-        cables,
-        state,
-        joint[0] + turned,
-        memory,
-        0,
-        seen[guard.MOTOR],
-        torque,
-        tune,
-        scratch,
-    )
+    planner.joint[0] = _follow(planner, 0, planner.joint[0] + turned, motor, torque)
     bristled = False
     if has_second:
-        _explain_rotor(cables, state, device, 0, seen[guard.MOTOR], tables)
+        _explain_rotor(planner, 0, motor)
         bristled = _choose_model(memory, tune)
         load = memory[at.MODEL_LOAD + (1 if bristled else 0)]
     else:
         memory[at.BRISTLED] = 0.0
-        load = stepper.torque(cables, state, False, seen[guard.MOTOR])[0]
+        load = stepper.torque(cables, planner.state, False, motor)[0]
     if bristled:
         set_bristles(cables, tune[at.BRISTLES])
     mean_load = 0.5 * (load + memory[at.LOAD])
     memory[at.LOAD] = load
-    _observe_rotor(device, seen[guard.MOTOR], mean_load, tables)
-    return float(memory[at.OTHER_JOINT] if bristled else joint[0])
+    _observe_rotor(planner, motor, mean_load)
+    return float(memory[at.OTHER_JOINT] if bristled else planner.joint[0])
 
 
 @internal
@@ -186,7 +130,7 @@ def _has_bristles(cables: stepper.Cables) -> bool:
     return False
 
 
-@compiled
+@internal
 def set_bristles(cables: stepper.Cables, bristles: float) -> None:
     """Give all cables bristles of a length, as a motion of the joint [rad]."""
     for k in range(cables.n.size):
@@ -196,32 +140,30 @@ def set_bristles(cables: stepper.Cables, bristles: float) -> None:
 
 
 @internal
-def _explain_rotor(
-    cables: stepper.Cables,
-    state: FloatMatrix,
-    device: PlannerMemory,
-    hypothesis: int,
-    motor: float,
-    tables: Tables,
-) -> None:
+def _states(planner: Planner, hypothesis: int) -> FloatMatrix:
+    """Return the states of a model: `hypothesis` is 1 with bristles, else 0."""
+    return planner.other if hypothesis == 1 else planner.state
+
+
+@internal
+def _explain_rotor(planner: Planner, hypothesis: int, motor: float) -> None:
     """Update the torque on the rotor that a model of the cables does not explain.
 
-    `hypothesis` as in `_follow`; `motor` is the measured angle [rad].
+    `hypothesis` as in `_states`; `motor` is the measured angle [rad].
     """
-    memory, applied, tune = device.memory, device.applied, tables.tune
-    load = stepper.torque(cables, state, False, motor)[0]
+    memory, applied, tune = planner.memory, planner.applied, planner.tune
+    state = _states(planner, hypothesis)
+    load = stepper.torque(planner.cables, state, False, motor)[0]
     mean_load = 0.5 * (load + memory[at.MODEL_LOAD + hypothesis])
     memory[at.MODEL_LOAD + hypothesis] = load
     believed = int(memory[at.BELIEVED_DELAY])
     first = at.MODEL_ROTOR + hypothesis * at.OBSERVER_SIZE
     rotor = memory[first : first + at.OBSERVER_SIZE]
     force = applied[applied.size - 1 - believed] - mean_load
-    _update_observer(rotor, motor, force, tables.unexplained[believed], tune)
-    error = memory[at.ROTOR_ERROR + hypothesis]
-    off = rotor[at.DISTURBANCE]
-    memory[at.ROTOR_ERROR + hypothesis] += (
-        tune[at.PERIOD] / _MODEL_MEMORY * (off * off - error)
-    )
+    _update_observer(rotor, motor, force, planner.tables.unexplained[believed], tune)
+    off, error = rotor[at.DISTURBANCE], memory[at.ROTOR_ERROR + hypothesis]
+    share = tune[at.PERIOD] / _MODEL_MEMORY
+    memory[at.ROTOR_ERROR + hypothesis] += share * (off * off - error)
 
 
 @internal
@@ -236,9 +178,8 @@ def _choose_model(memory: FloatArray, tune: FloatArray) -> bool:
     floor = 0.01 * tune[at.NOISE] * tune[at.NOISE]
     at_rotor = floor / (tune[at.RATIO] * tune[at.RATIO])
     plain = (memory[at.MODEL_ERROR] + floor) * (memory[at.ROTOR_ERROR] + at_rotor)
-    other = (memory[at.MODEL_ERROR + 1] + floor) * (
-        memory[at.ROTOR_ERROR + 1] + at_rotor
-    )
+    other = memory[at.MODEL_ERROR + 1] + floor
+    other *= memory[at.ROTOR_ERROR + 1] + at_rotor
     if memory[at.BRISTLED] != 0.0:
         bristled = other <= plain
     else:
@@ -249,24 +190,19 @@ def _choose_model(memory: FloatArray, tune: FloatArray) -> bool:
 
 @internal
 def _follow(
-    cables: stepper.Cables,
-    state: FloatMatrix,
-    joint: float,
-    memory: FloatArray,
-    hypothesis: int,
-    motor: float,
-    torque: float,
-    tune: FloatArray,
-    scratch: PlannerWorkspace,
+    planner: Planner, hypothesis: int, joint: float, motor: float, torque: float
 ) -> float:
     """Advance the cables of a model to the measurements; return its joint [rad].
 
-    `joint` is the angle of the joint after the step [rad], `hypothesis` is 1 for the
-    model with bristles, else 0; angle [rad] and torque, without its bias [N m], are
+    `joint` is the angle of the joint after the step [rad], for `hypothesis` see
+    `_states`; angle of the motor [rad] and torque, without its bias [N m], are
     measured. The memory gets the error of the torque.
     """
-    new = scratch.new
-    stepper.move(cables, state, motor, joint, tune[at.PERIOD], new, scratch.work)
+    cables, memory, tune, new = (
+        planner.cables, planner.memory, planner.tune, planner.new
+    )  # fmt: skip
+    state, dt = _states(planner, hypothesis), tune[at.PERIOD]
+    stepper.move(cables, state, motor, joint, dt, new, planner.work)
     made, size = stepper.torque(cables, new, True, motor)
     taut = size > 0.0
     if cables.n.size == 1:
@@ -274,75 +210,77 @@ def _follow(
         taut = abs(made) > tune[at.NOISE]
     if taut or abs(memory[at.FILTERED_TORQUE]) > tune[at.NOISE]:
         error = memory[at.MODEL_ERROR + hypothesis]
-        off = torque - made
-        share = tune[at.PERIOD] / _MODEL_MEMORY
+        off, share = torque - made, dt / _MODEL_MEMORY
         memory[at.MODEL_ERROR + hypothesis] += share * (off * off - error)
         # The motion of the cables is known better than the last bit of a sensor.
         made += tune[at.BELIEF] * off
         if cables.n.size == 1 and made * cables.distal[0] > 0.0:
             made = 0.0  # noise may push, a cable cannot
-        to = rollout.find_joint_angle(
-            cables, state, motor, joint, made, tune[at.STIFFNESS],
-            0.02 * tune[at.NOISE],  # tolerance, far inside the noise [N m]
-            tune[at.PERIOD], new, scratch.work,
-        )  # fmt: skip
+        to = _find_joint_angle(planner, state, motor, joint, made)
         if cables.n.size == 1:
             side = np.sign(cables.distal[0])
-            shift = _shift(
-                memory, hypothesis, side * (to - joint), -side * torque, -side, scratch,
-                tune,
-            )  # fmt: skip
+            shift = _shift(planner, hypothesis, side * (to - joint), -side * torque)
             if shift < side * (to - joint):
                 to = joint + side * shift
-                stepper.move(
-                    cables, state, motor, to, tune[at.PERIOD], new, scratch.work
-                )
+                stepper.move(cables, state, motor, to, dt, new, planner.work)
         joint = to
     copy_states(new, state)
     return joint
 
 
 @internal
-def _observe_rotor(
-    device: PlannerMemory, motor: float, mean_load: float, tables: Tables
-) -> None:
-    """Advance the observers of the rotor and choose the delay that explains it best."""
-    memory, rotors, applied = device.memory, device.rotors, device.applied
-    tune = tables.tune
-    believed = int(memory[at.BELIEVED_DELAY])
-    gain = tables.unexplained[believed]  # the same for all, or the quickest would win
-    best = 0
-    for d in range(rotors.shape[0]):
-        _update_observer(
-            rotors[d], motor, applied[applied.size - 1 - d] - mean_load, gain, tune
+def _find_joint_angle(
+    planner: Planner, state: FloatMatrix, motor: float, start: float, torque: float
+) -> float:
+    """Find the joint angle [rad] at which the cables make a torque, and move there.
+
+    The torque falls as the joint turns: bracket from the guess `start` [rad], then
+    regula falsi (`root`), to a tolerance far inside the noise. The motor has its angle
+    after the step [rad].
+    """
+    cables, tune, new = planner.cables, planner.tune, planner.new
+    bracket, beyond, reach = root.UNKNOWN, 0.0, 0.0
+    for _ in range(2 * MAX_EVALUATIONS):
+        stepper.move(
+            cables, state, motor, start + beyond, tune[at.PERIOD], new, planner.work
         )
-        if rotors[d, at.OBSERVER_ERROR] < rotors[best, at.OBSERVER_ERROR]:
-            best = d
-    # The best replaces the observer in use below 0.7 of its mean squared error, and by
-    # more than (2e-4 rad)^2: an encoder of 14 bits rounds by half of that angle.
-    if (
-        rotors[best, at.OBSERVER_ERROR] + 2e-4**2
-        < 0.7 * rotors[believed, at.OBSERVER_ERROR]
-    ):
-        believed = best
-    memory[at.BELIEVED_DELAY] = believed
-    memory[at.ANGLE], memory[at.VELOCITY] = (
-        rotors[believed, at.ANGLE],
-        rotors[believed, at.VELOCITY],
-    )
-    memory[at.DISTURBANCE] = rotors[believed, at.DISTURBANCE]
+        over = stepper.torque(cables, new, True, motor)[0] - torque
+        if abs(over) <= 0.02 * tune[at.NOISE]:
+            break
+        bracket = root.narrowed(bracket, beyond, -over)
+        if root.encloses(bracket):
+            beyond = root.between(bracket)
+        else:
+            # At least a fifth of the step of a cable that stretches as a whole: its end
+            # alone is stiffer.
+            reach = max(2.0 * reach, 0.2 * abs(over) / tune[at.STIFFNESS])
+            beyond += reach if over > 0.0 else -reach
+    return start + beyond
 
 
 @internal
-def _shift(
-    memory: FloatArray,
-    hypothesis: int,
-    wanted: float,
-    pull: float,
-    way: float,
-    scratch: PlannerWorkspace,
-    tune: FloatArray,
-) -> float:
+def _observe_rotor(planner: Planner, motor: float, mean_load: float) -> None:
+    """Advance the observers of the rotor and choose the delay that explains it best."""
+    memory, rotors, applied = planner.memory, planner.rotors, planner.applied
+    believed, best, errors = int(memory[at.BELIEVED_DELAY]), 0, at.OBSERVER_ERROR
+    # The gain is the same for all, or the quickest would win.
+    gain = planner.tables.unexplained[believed]
+    for d in range(rotors.shape[0]):
+        force = applied[applied.size - 1 - d] - mean_load
+        _update_observer(rotors[d], motor, force, gain, planner.tune)
+        if rotors[d, errors] < rotors[best, errors]:
+            best = d
+    # The best replaces the observer in use below 0.7 of its mean squared error, and by
+    # more than (2e-4 rad)^2: an encoder of 14 bits rounds by half of that angle.
+    if rotors[best, errors] + 2e-4**2 < 0.7 * rotors[believed, errors]:
+        believed = best
+    memory[at.BELIEVED_DELAY] = believed
+    for i in range(at.DISTURBANCE + 1):
+        memory[i] = rotors[believed, i]
+
+
+@internal
+def _shift(planner: Planner, hypothesis: int, wanted: float, pull: float) -> float:
     """Return the shift of the joint of a single cable's model [rad].
 
     Drag maintains a pull that no paying out ends. A model without that drag would be
@@ -351,23 +289,23 @@ def _shift(
     angle that the motor takes up in half of the horizon.
 
     `wanted` is the shift by the torque sensor, above 0 where the cable is to pull more
-    [rad], `pull` the measured torque in the direction in which the cable pulls [N m],
-    `way` the sign of such a torque; `hypothesis` as in `_follow`.
+    [rad], `pull` the measured torque in the direction in which the cable pulls [N m];
+    for `hypothesis` see `_states`.
     """
-    shift = memory[at.JOINT_SHIFT + 2 * hypothesis] + wanted
-    if pull > max(way * memory[at.DESIRED_TORQUE], 0.0) + tune[at.NOISE]:
-        half = 0.5 * tune[at.SPAN] * scratch.path.size
+    memory, tune = planner.memory, planner.tune
+    now, taut = at.JOINT_SHIFT + 2 * hypothesis, at.TAUT_SHIFT + 2 * hypothesis
+    before, shift = memory[now], memory[now] + wanted
+    desired = -np.sign(planner.cables.distal[0]) * memory[at.DESIRED_TORQUE]
+    if pull > max(desired, 0.0) + tune[at.NOISE]:
+        half = 0.5 * tune[at.SPAN] * planner.path.size
         quick = max(abs(tune[at.LOW]), abs(tune[at.HIGH])) / tune[at.INERTIA]
         reach = 0.25 * quick * half * half / abs(tune[at.RATIO])
-        most = (
-            memory[at.TAUT_SHIFT + 2 * hypothesis] + pull / tune[at.STIFFNESS] + reach
-        )
-        shift = min(shift, max(most, memory[at.JOINT_SHIFT + 2 * hypothesis]))
+        most = memory[taut] + pull / tune[at.STIFFNESS] + reach
+        shift = min(shift, max(most, before))
     elif pull > tune[at.NOISE]:
-        memory[at.TAUT_SHIFT + 2 * hypothesis] = shift
-    wanted = shift - memory[at.JOINT_SHIFT + 2 * hypothesis]
-    memory[at.JOINT_SHIFT + 2 * hypothesis] = shift
-    return float(wanted)
+        memory[taut] = shift
+    memory[now] = shift
+    return float(shift - before)
 
 
 @compiled
@@ -384,9 +322,8 @@ def _update_observer(
     rotor[at.ANGLE] += tune[at.ROTOR_0] * off
     rotor[at.VELOCITY] += tune[at.ROTOR_1] / dt * off
     rotor[at.DISTURBANCE] += 2.0 * unexplained / dt**2 * inertia * off
-    rotor[at.OBSERVER_ERROR] += tune[at.FORGETTING] * (
-        off * off - rotor[at.OBSERVER_ERROR]
-    )
+    error = rotor[at.OBSERVER_ERROR]
+    rotor[at.OBSERVER_ERROR] += tune[at.FORGETTING] * (off * off - error)
 
 
 @compiled
@@ -409,25 +346,18 @@ def learn(
             if slip[j] * sign <= 0.0:
                 return
         sensitivity += _load_slope(cables, k, state[k], sign) ** 2
-    unexplained = min(
-        max(memory[at.DISTURBANCE], -tune[at.MIN_FRICTION_TORQUE]),
-        tune[at.MIN_FRICTION_TORQUE],
-    )
+    least = tune[at.MIN_FRICTION_TORQUE]
+    unexplained = min(max(memory[at.DISTURBANCE], -least), least)
     biased = (tune[at.NOISE] / tune[at.RATIO]) ** 2
-    share = biased / (
-        biased + (_MAX_FRICTION_ERROR * _MAX_FRICTION_ERROR) * sensitivity
-    )
+    # A bias is estimated up to a relative error of friction of 0.3.
+    share = biased / (biased + 0.3**2 * sensitivity)
     step = tune[at.ZEROING] * tune[at.PERIOD] * share * unexplained * tune[at.RATIO]
     # The torque sensor's bias is at most twice its significant torque.
     most = 2.0 * tune[at.NOISE]
     memory[at.BIAS] = min(max(memory[at.BIAS] + step, -most), most)
-    rate = (
-        tune[at.LEARNING]
-        * tune[at.PERIOD]
-        * unexplained
-        / (tune[at.MIN_FRICTION_TORQUE] ** 2 + sensitivity)
-    )
-    low, high = np.log(_FRICTION_FACTOR_BOUNDS[0]), np.log(_FRICTION_FACTOR_BOUNDS[1])
+    rate = tune[at.LEARNING] * tune[at.PERIOD] * unexplained
+    rate /= least**2 + sensitivity
+    low, high = np.log(0.2), np.log(3.0)  # of the factor of friction
     for k in range(cables.n.size):
         sign = np.sign(slips(state[k], cables.n[k])[0])
         factor = memory[at.FRICTION + k] - rate * _load_slope(cables, k, state[k], sign)
@@ -445,10 +375,3 @@ def _load_slope(
         wrap += angles[j]
     pull = cables.proximal[k] * sign * max(tensions(state, n)[0], 0.0)
     return float(pull * (cables.prm[k, _COULOMB] * wrap))
-
-
-@compiled
-def friction_factors(memory: FloatArray, factor: FloatArray) -> None:
-    """Compute the factor on the friction of every cable (cables,)."""
-    for k in range(factor.size):
-        factor[k] = np.exp(memory[at.FRICTION + k])

@@ -22,6 +22,7 @@ from cc_mujoco.control._controller import (
     LawTables,
     SteppedController,
     SteppedLaw,
+    cable_shape,
 )
 from cc_mujoco.control._planner_memory import PLANNER_INPUTS, TUNING, Tuning
 from cc_mujoco.device._drive import Drive
@@ -277,9 +278,7 @@ class PredictiveCompensation(SteppedController):
             # A crossing that stopped short is completed with a time constant of 0.03 s.
             creep=min(period / 0.03, 1.0),
         )
-        self.tables = planner_memory.Tables(
-            gains, unexplained, bandwidths**-4.0, self.tuning.packed(spring)
-        )
+        self.tables = planner_memory.Tables(gains, unexplained, bandwidths**-4.0)
         self._angles = np.zeros((0, 0))
 
     @property
@@ -287,22 +286,16 @@ class PredictiveCompensation(SteppedController):
         return self.tuning
 
     def law_tables(self) -> LawTables:
-        cables = [one.cable for one in self.drive.cables]
-        segments = [cable.segments for cable in cables]
-        sections = [len(cable.conduit) for cable in cables]
-        *tables, _ = self.tables
-        size = len(cables), *tables[0].shape[:2]
-        places = planner_steps.places(size[0], max(segments), sum(sections), *size[1:])
-        numbers = tuple(map(float, chain(*map(np.ravel, tables))))
-        # The last command stands before the scratch, see `_planner_steps.places`.
-        shape = size[0], *segments, *sections, *size[1:]
-        return LawTables(shape, numbers, places, (places[0] - 1,))
+        shape = *cable_shape(self.drive.cables), *self.tables.gains.shape[:2]
+        numbers = map(float, chain(*map(np.ravel, self.tables)))
+        return self._laid_out(shape, tuple(numbers))
 
-    def guard_states(self) -> FloatArray:
-        if not len(self._memory):
-            return np.zeros(0)
-        place = planner_steps.law_place(self._shape) + planner_memory.RELEASED
-        return np.asarray(self._memory[:, place])
+    @staticmethod
+    def _laid_out(shape: tuple[int, ...], numbers: tuple[float, ...]) -> LawTables:
+        """Return the tables with the places in a memory of this shape."""
+        given, states, size = planner_steps.places(np.array(shape, np.int64))
+        guarded = planner_steps.LAW + planner_memory.GUARD + guard.COMMAND
+        return LawTables(shape, numbers, size, (given - 1, guarded), states)
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
         super().reset(where)
@@ -342,13 +335,11 @@ class PredictiveCompensation(SteppedController):
 
     def _bent(self, memory: FloatArray) -> FloatArray:
         """Return the memory of an environment, with the path of `rebend` if any."""
-        if self._angles.size:
-            tables = self.law_tables()
-            room = np.zeros(tables.places[-1] + 1 + self._angles.size)
-            room[: tables.places[-1]] = memory[: tables.places[-1]]
-            planner_steps.bend(room, np.array(tables.shape, np.int64), self._angles)
-            return room
-        return memory
+        if not self._angles.size:
+            return memory
+        bent = [*memory[: self.law_tables().size], 1.0, *self._angles.ravel()]
+        bent[planner_steps.CHANGED] = 1.0
+        return np.array(bent)
 
 
 def optimal_plan(knots: int, span: float, bandwidth: float) -> FloatArray:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from cc_mujoco.cable import _root as root
@@ -9,44 +11,38 @@ from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.cable._layout import node_stiffness, tensions
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 
-_MAX_EVALUATIONS = 12
+MAX_EVALUATIONS = 12
+"""Most evaluations of a torque in a search for an angle of the motor."""
 
 
-@compiled
-def find_joint_angle(
-    cables: stepper.Cables,
-    state: FloatMatrix,
-    motor: float,
-    start: float,
-    torque: float,
-    stiffness: float,
-    tolerance: float,
-    dt: float,
-    new: FloatMatrix,
-    work: FloatArray,
-) -> float:
-    """Find the joint angle [rad] at which the cables make a torque, and move there.
+class MotorSearch(NamedTuple):
+    """Search for the angle of the motor that makes a torque, along a plan.
 
-    The torque falls as the joint turns: bracket from `start`, then regula falsi
-    (`root`). The motor has its angle after the step [rad]; `start` is a guess of the
-    joint [rad], `stiffness` that of all cables at the joint [N m/rad], `tolerance` that
-    of the torque [N m]. `new` is the state after the step, out.
+    Attributes:
+        cables: cables of the transmission.
+        state: before the step (cables, numbers).
+        new: out, after the step.
+        leapt: scratch, as `state`.
+        work: scratch.
+        spent: steps of the model (1,); counted, at most `most_steps` in a search.
+        dt: time step [s].
+        rise: torque per angle of the motor while the whole cable stretches [N m/rad].
+        tolerance: tolerance of the torque [N m].
+        slack: see `_torque_deficit` [N m].
+        drags: whether friction depends on speed.
     """
-    bracket, at, reach = root.UNKNOWN, 0.0, 0.0
-    for _ in range(2 * _MAX_EVALUATIONS):
-        stepper.move(cables, state, motor, start + at, dt, new, work)
-        over = stepper.torque(cables, new, True, motor)[0] - torque
-        if abs(over) <= tolerance:
-            break
-        bracket = root.narrowed(bracket, at, -over)
-        if root.encloses(bracket):
-            at = root.between(bracket)
-        else:
-            # At least a fifth of the step of a cable that stretches as a whole: its end
-            # alone is stiffer.
-            reach = max(2.0 * reach, 0.2 * abs(over) / stiffness)
-            at += reach if over > 0.0 else -reach
-    return start + at
+
+    cables: stepper.Cables
+    state: FloatMatrix
+    new: FloatMatrix
+    leapt: FloatMatrix
+    work: FloatArray
+    spent: FloatArray
+    dt: float
+    rise: float
+    tolerance: float
+    slack: float
+    drags: bool
 
 
 @internal
@@ -85,52 +81,36 @@ def joint_torque(cables: stepper.Cables, state: FloatMatrix, motor: float) -> fl
 
 
 @internal
-def _torque_deficit(
-    cables: stepper.Cables,
-    state: FloatMatrix,
-    motor: float,
-    torque: float,
-    slack: float,
-) -> float:
+def _torque_deficit(search: MotorSearch, motor: float, torque: float) -> float:
     """Return the torque that the cables lack and the motor can change [N m].
 
     A single cable whose end at the motor is slack cannot be made to pull less. So where
     it pulls too much, that end gets a slack of `slack` [N m], and no more.
     """
+    cables, state = search.cables, search.new
     lack = torque - joint_torque(cables, state, motor)
     if cables.n.size > 1 or lack * cables.distal[0] <= 0.0:
         return lack
     held = cables.distal[0] * _end_tension(cables, state, False)
     if cables.distal[0] > 0.0:
-        return float(min(lack, held + slack))
-    return float(max(lack, held - slack))
+        return float(min(lack, held + search.slack))
+    return float(max(lack, held - search.slack))
 
 
 @internal
 def most_steps(drags: bool) -> int:
     """Return the most steps of the model that `find_motor_angle` takes."""
-    return 2 * _MAX_EVALUATIONS if drags else _MAX_EVALUATIONS
+    return 2 * MAX_EVALUATIONS if drags else MAX_EVALUATIONS
 
 
 @compiled
 def find_motor_angle(
-    cables: stepper.Cables,
-    state: FloatMatrix,
+    search: MotorSearch,
     start: float,
     way: float,
     joint: float,
     turned: float,
     torque: float,
-    rise: float,
-    most: float,
-    tolerance: float,
-    slack: float,
-    dt: float,
-    drags: bool,
-    leapt: FloatMatrix,
-    new: FloatMatrix,
-    work: FloatArray,
-    spent: FloatArray,
 ) -> float:
     """Find the nearest motor angle [rad] in direction `way` that makes a torque.
 
@@ -141,40 +121,32 @@ def find_motor_angle(
     drawn at that speed, not that of a jump.
 
     Args:
-        cables: cables of the transmission.
-        state: before the step (cables, numbers).
+        search: cables before the step, and how to search.
         start: angle of the motor before [rad].
         way: direction in which it may turn, 1 or -1.
         joint: angle of the joint after the step [rad].
         turned: change of that angle in the step [rad].
         torque: to be made [N m].
-        rise: torque per angle of the motor while the whole cable stretches [N m/rad].
-        most: farthest that the motor turns [rad].
-        tolerance: tolerance of the torque [N m].
-        slack: see `_torque_deficit` [N m].
-        dt: time step [s].
-        drags: whether friction depends on speed.
-        leapt: scratch, as `state`.
-        new: out, after the step.
-        work: scratch.
-        spent: steps of the model (1,); counted, at most `most_steps`.
     """
-    before = leapt if drags else state
+    cables, drags, work = search.cables, search.drags, search.work
+    before = search.leapt if drags else search.state
     along = turned * cables.distal[0] / cables.proximal[0] if drags else 0.0
-    toward = way * np.sign(rise)
+    toward, most = way * np.sign(search.rise), 2.0  # rad, farthest
     bracket, known, at, step, tried = root.UNKNOWN, False, 0.0, 0.0, 0.0
-    for turn in range(_MAX_EVALUATIONS):
+    for turn in range(MAX_EVALUATIONS):
         tried = at
-        spent[0] += 2.0 if drags else 1.0
+        search.spent[0] += 2.0 if drags else 1.0
         if drags:
+            # 0.5 s: time of a motor to the point where friction at speed is evaluated.
+            angle, slow = start + way * at - along, 0.5
             stepper.move(
-                cables, state, start + way * at - along, joint - turned,
-                # Time of a motor to the point where friction at speed is evaluated [s].
-                0.5, leapt, work,
-            )  # fmt: skip
-        stepper.move(cables, before, start + way * at, joint, dt, new, work)
-        lack = toward * _torque_deficit(cables, new, start, torque, slack)
-        if abs(lack) <= tolerance:
+                cables, search.state, angle, joint - turned, slow, search.leapt, work
+            )
+        stepper.move(
+            cables, before, start + way * at, joint, search.dt, search.new, work
+        )
+        lack = toward * _torque_deficit(search, start, torque)
+        if abs(lack) <= search.tolerance:
             known = True
             break
         if turn == 0 and lack <= 0.0:
@@ -187,7 +159,7 @@ def find_motor_angle(
                 # A secant, a little further, so that the root is soon enclosed.
                 step = min(1.2 * lack * gone / (before_lack - lack), 4.0 * gone)
             else:
-                step = max(lack / abs(rise), 2.0 * step)
+                step = max(lack / abs(search.rise), 2.0 * step)
         bracket = root.narrowed(bracket, at, -lack)
         known = bracket.high < np.inf
         at = root.between(bracket) if known else min(bracket.low + step, most)

@@ -142,7 +142,6 @@ class AdaptiveModel(PredictiveCompensation):
     stepped = dataclasses.replace(
         PredictiveCompensation.stepped,
         step=planner_steps.step_sensed,
-        store_parameters=planner_steps.store_sensed,
         unread=frozenset({"learning"}),
         fixed=PredictiveCompensation.stepped.fixed | {"learning"},
         needs_slope=True,
@@ -176,23 +175,16 @@ class AdaptiveModel(PredictiveCompensation):
 
     def law_tables(self) -> LawTables:
         own, nodes = super().law_tables(), self.taps.nodes
-        *places, end = own.places
-        count, sensors = nodes.shape
-        longest = max(own.shape[1 : 1 + count])
-        return own._replace(
-            shape=(*own.shape, sensors, *nodes.ravel().tolist()),
-            numbers=(*own.numbers, self.taps.fading),
-            places=(*places, end + planner_steps.memory_size(count, longest, sensors)),
-        )
+        shape = *own.shape, nodes.shape[1], *nodes.ravel().tolist()
+        return self._laid_out(shape, (*own.numbers, self.taps.fading))
 
     def friction(self) -> NDArray[np.float64]:
         """Return the estimated friction (rows, cables), empty at the start."""
-        cables, sensors = self.taps.nodes.shape
+        cables, size = len(self.drive.cables), friction_slope.ESTIMATE_SIZE
         if not len(self._memory):
             return np.zeros((0, cables))
-        first = super().law_tables().places[-1] + 1 + cables * sensors
-        size = friction_slope.ESTIMATE_SIZE
-        kept = self._memory[:, first : first + cables * size]
+        end = self._tables.size
+        kept = self._memory[:, end - cables * size : end]
         return kept[:, friction_slope.COEFFICIENT :: size].copy()
 
     def measured(self, observation: Mapping[str, Any]) -> FloatArray:

@@ -26,7 +26,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from cc_mujoco._utils.arguments import numbers, require_kind
 from cc_mujoco._utils.exclusive import exclusive
@@ -43,7 +43,7 @@ from cc_mujoco.estimation._tracks import (
     rows,
     wrap_angles,
 )
-from cc_mujoco.native import FloatArray, FloatMatrix, compiled
+from cc_mujoco.native import FloatArray, FloatMatrix, IntArray, compiled, internal
 
 
 @compiled
@@ -63,17 +63,23 @@ def next_run(sign: FloatArray, at: int) -> tuple[int, int, int]:
     return begin, last, end
 
 
-class EquationWorkspace(NamedTuple):
-    """Room to compute the equations of an instant in, and what they come to.
+class SlopeEquations(NamedTuple):
+    """Sensors along a cable, and the equations of their readings of one instant.
 
     Attributes:
-        rows: (m, p).
-        right: (m,).
-        clear: tensions over their noise (m,).
+        design: row of every sensor, see `SlopeFit` (m, p).
+        nodes: (m,).
+        noise: standard deviations (m,) [N].
+        rows: scratch: rows of one moving part (m, p).
+        right: scratch: its right sides (m,).
+        clear: scratch: its tensions over their noise (m,).
         information: out, of all equations, noise 1, (p, p).
         target: out (p,).
     """
 
+    design: FloatMatrix
+    nodes: IntArray
+    noise: FloatArray
     rows: FloatMatrix
     right: FloatArray
     clear: FloatArray
@@ -81,67 +87,46 @@ class EquationWorkspace(NamedTuple):
     target: FloatArray
 
 
-def make_scratch(sensors: int, parameters: int) -> EquationWorkspace:
-    return EquationWorkspace(
-        np.empty((sensors, parameters)),
-        np.empty(sensors),
-        np.empty(sensors),
-        np.empty((parameters, parameters)),
-        np.empty(parameters),
-    )
-
-
 @compiled
 def run_equations(
-    design: FloatMatrix,
-    nodes: NDArray[np.int64],
-    noise: FloatArray,
-    value: FloatArray,
-    reading: FloatArray,
-    sign: FloatArray,
-    room: EquationWorkspace,
+    equations: SlopeEquations, value: FloatArray, reading: FloatArray, sign: FloatArray
 ) -> tuple[float, int]:
-    """Return the information of the readings of one instant, free of the levels.
+    """Compute the information of the readings of one instant, free of the levels.
 
-    Of the sensors there are rows of `design` (m, p), see `SlopeFit`, `nodes`, `noise`
-    and `reading` (m,) [N]. The parameters are known as `value` (p,). Segments slip by
-    `sign`, -1, 0 or 1, (n,). Information and target are out in `room`. Returns the sum
-    of the squares of all right sides, and how many are independent.
+    The parameters are known as `value` (p,); a reading is of every sensor (m,) [N].
+    Segments slip by `sign`, -1, 0 or 1, (n,). Return the sum of the squares of all
+    right sides, and how many are independent.
     """
-    room.information[:] = 0.0
-    room.target[:] = 0.0
+    _, _, _, rows, right, _, information, target = equations
+    information[:] = 0.0
+    target[:] = 0.0
     power, count, at = 0.0, 0, 0
     while at < sign.size:
         first, last, end = next_run(sign, at)
         if first < last:
-            left = _part_equations(
-                first, last, sign[at], design, nodes, noise, value, reading, room
-            )
+            left = _part_equations(equations, first, last, sign[at], value, reading)
             for i in range(left):
-                power += room.right[i] ** 2
+                power += right[i] ** 2
                 for j in range(value.size):
-                    room.target[j] += room.rows[i, j] * room.right[i]
+                    target[j] += rows[i, j] * right[i]
                     for k in range(value.size):
-                        room.information[j, k] += room.rows[i, j] * room.rows[i, k]
+                        information[j, k] += rows[i, j] * rows[i, k]
             count += max(left - 1, 0)
         at = end
     return power, count
 
 
-@compiled
+@internal
 def _part_equations(
+    equations: SlopeEquations,
     first: int,
     last: int,
     sign: float,
-    design: FloatMatrix,
-    nodes: NDArray[np.int64],
-    noise: FloatArray,
     value: FloatArray,
     reading: FloatArray,
-    scratch: EquationWorkspace,
 ) -> int:
     """Write rows and right sides of one moving part; return their number."""
-    rows, right, clear = scratch.rows, scratch.right, scratch.clear
+    design, nodes, noise, rows, right, clear, _, _ = equations
     count, most = 0, -np.inf
     for j in range(nodes.size):  # logarithm of the profile, for a start
         if first <= nodes[j] <= last:
@@ -162,10 +147,8 @@ def _part_equations(
     for j in range(nodes.size):
         if first <= nodes[j] <= last:
             size = level * clear[j]  # T over its noise
-            # Tension, in standard deviations of its sensor, below which a reading says
-            # nothing.
-            # A reading below 5 % of the fitted tension is left out: its logarithm means
-            # nothing.
+            # A tension below 4 standard deviations of its sensor says nothing, nor does
+            # the logarithm of a reading below 5 % of the fitted tension.
             if size >= 4.0 and reading[j] > 0.05 * size * noise[j]:
                 clear[left] = size
                 right[left] = np.log(reading[j]) + 0.5 / size**2
@@ -254,7 +237,6 @@ class SlopeFit:
     def lay(self, design: FloatArray) -> None:
         """Take another path: the design from now on (n + 1, p)."""
         self._design = np.ascontiguousarray(design[self._nodes], dtype=float)
-        self._room = make_scratch(*self._design.shape)
 
     def reset(self) -> None:
         self.fit.reset()
@@ -298,11 +280,15 @@ class SlopeFit:
         tensions, slip_direction = checked_sample(
             reading, direction, self._nodes.size, self._segments
         )
-        own, value = self._room, self.fit.value
+        sensors, parameters = self._design.shape
+        information, target = np.empty((parameters, parameters)), np.empty(parameters)
+        equations = SlopeEquations(
+            self._design, self._nodes, self._noise, np.empty_like(self._design),
+            np.empty(sensors), np.empty(sensors), information, target,
+        )  # fmt: skip
         power, count = run_equations(
-            self._design, self._nodes, self._noise, value, tensions, slip_direction, own
+            equations, self.fit.value, tensions, slip_direction
         )
-        information, target = own.information, own.target
         if count == 0 or not np.any(information):
             return
         self.fit.update(information, target)

@@ -261,7 +261,7 @@ class ExportPlan:
     @property
     def starts(self) -> tuple[int, ...]:
         """Place of the first number of every axis in the memory, and behind all."""
-        sizes = [axis.tables.places[-1] for axis in self.axes]
+        sizes = [axis.tables.size for axis in self.axes]
         return (0, *itertools.accumulate(sizes))
 
     @property

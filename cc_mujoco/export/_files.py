@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from cc_mujoco._utils import atomic_io
-from cc_mujoco.cable._layout import STATE_HEADER
+from cc_mujoco.cable._layout import STATE_HEADER, state_size
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control import _law_steps as law_steps
 from cc_mujoco.export._controllers import AxisPlan, ExportPlan
@@ -197,10 +197,9 @@ def _observer_functions(plan: ExportPlan) -> str:
         joints.append(start + law_steps.JOINT_ANGLE if axis.cables else -1)
         if not axis.cables:
             continue
-        _, _, state, new, _, _ = axis.tables.places
-        width = (new - state) // len(axis.cables)
-        places = range(start + state + STATE_HEADER, start + new, width)
-        first += places[: len(axis.cables)]
+        state = start + axis.tables.states + STATE_HEADER
+        width = state_size(max(axis.tables.shape[1 : 1 + len(axis.cables)]))
+        first += (state + k * width for k in range(len(axis.cables)))
     names = ", ".join(f"CC_CABLE_{name.upper()} = {k}" for k, name in enumerate(cables))
     nodes = _number_lines(
         1 + segments

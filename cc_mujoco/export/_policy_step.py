@@ -123,6 +123,6 @@ class SteppedPolicy(Policy):
                 *net.sizes.tolist(),
             ),
             tuple(map(float, np.concatenate([*numbers, past.reach, net.numbers]))),
-            (first + _POLICY_SIZE + kept + 2 * int(net.sizes[WIDTHS:].max()),),
+            first + _POLICY_SIZE + kept + 2 * int(net.sizes[WIDTHS:].max()),
             (first + guard.COMMAND,),
         )

@@ -17,7 +17,7 @@ WRAP = 3.0
 
 def kept(law: Any) -> FloatArray:
     """Return what a planning controller keeps of one device; see `_planner_memory`."""
-    memory: FloatArray = law._memory[0, planner_steps.law_place(law._shape) :]
+    memory: FloatArray = law._memory[0, planner_steps.LAW :]
     return memory[: planner_memory.FRICTION + len(law.drive.cables)]
 
 

@@ -42,10 +42,10 @@ def test_a_cable_is_paid_out_to_the_nearest_torque_that_can_be_reached(
         stepper.move(cables, start, -paid, moved, DT, leapt, work)
         return max(float(tensions(leapt[0], cable.segments)[-1]), 0.0)
 
-    found = -rollout.find_motor_angle(
-        cables, start, 0.0, -1.0, moved, moved, wanted, rise, 2.0, tolerance, 0.0,
-        DT, False, leapt, new, work, np.zeros(1),
-    )  # fmt: skip
+    search = rollout.MotorSearch(
+        cables, start, new, leapt, work, np.zeros(1), DT, rise, tolerance, 0.0, False
+    )
+    found = -rollout.find_motor_angle(search, 0.0, -1.0, moved, moved, wanted)
     assert found >= 0.0
     left = pull(found)
     if found > 0.0:
@@ -72,10 +72,11 @@ def test_slack_at_the_motor_leaves_the_pull_of_known_drag_as_it_is(term: str) ->
     rise = joint_stiffness([dataclasses.replace(own, cable=cable)])
 
     def left(slack: float) -> tuple[float, float]:
-        found = rollout.find_motor_angle(
-            cables, start, 0.0, -1.0, 0.0, 0.0, 0.0, rise, 2.0, tolerance, slack,
-            DT, False, leapt, new, work, np.zeros(1),
+        search = rollout.MotorSearch(
+            cables, start, new, leapt, work, np.zeros(1), DT, rise, tolerance, slack,
+            False,
         )  # fmt: skip
+        found = rollout.find_motor_angle(search, 0.0, -1.0, 0.0, 0.0, 0.0)
         return -found, float(tensions(new[0], cable.segments)[-1])
 
     (taut, pull), (paid, left_pull) = left(0.0), left(slack)

@@ -302,11 +302,11 @@ def test_a_motor_is_found_for_every_torque_that_a_cable_can_make(
     state[:] = new
     lack = aimed - rollout.joint_torque(cables, state, turned)
     for way in (1.0, -1.0):
-        found = rollout.find_motor_angle(
-            cables, state, turned, way, 0.0, 0.0, aimed, rise, 2.0,
-            0.05, 0.0, 0.01, False, np.zeros_like(new), new, model.work,
-            np.zeros(1),
+        search = rollout.MotorSearch(
+            cables, state, new, np.zeros_like(new), model.work, np.zeros(1), 0.01,
+            rise, 0.05, 0.0, False,
         )  # fmt: skip
+        found = rollout.find_motor_angle(search, turned, way, 0.0, 0.0, aimed)
         if lack * way > 0.06:
             assert (found - turned) * way > 0.0
             stepper.move(cables, state, found, 0.0, 0.01, new, model.work)

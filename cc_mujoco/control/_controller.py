@@ -32,7 +32,7 @@ from cc_mujoco.control import _guard as guard
 from cc_mujoco.control import _law_steps as law_steps
 from cc_mujoco.control import _planner_steps as planner_steps
 from cc_mujoco.control._compiled_laws import LAW_INPUTS, LIMITS
-from cc_mujoco.control._law_steps import FIRST_STEP
+from cc_mujoco.control._law_steps import FIRST_STEP, LawData
 from cc_mujoco.control._planner_memory import TUNING
 from cc_mujoco.device._drive import CableDrive, Drive
 from cc_mujoco.device._sensors import WINDING_COLUMNS
@@ -197,33 +197,27 @@ def readings(observation: Mapping[str, Any], names: Sequence[str]) -> FloatArray
 
 
 @internal
-def step(
-    place: int,
-    memory: FloatArray,
-    shape: IntArray,
-    tables: FloatArray,
-    readings: FloatArray,
-) -> float:
+def step(place: int, data: LawData) -> float:
     """Return the motor torque of the next step of a law [N m]."""
     if place == 0:
-        return law_steps.step_forward(memory, shape, tables, readings)
+        return law_steps.step_forward(data)
     if place == 1:
-        return law_steps.step_proportional_integral(memory, shape, tables, readings)
+        return law_steps.step_proportional_integral(data)
     if place == 2:
-        return law_steps.step_tuned(memory, shape, tables, readings)
+        return law_steps.step_tuned(data)
     if place == 3:
-        return law_steps.step_inverse(memory, shape, tables, readings)
+        return law_steps.step_inverse(data)
     if place == 4:
-        return law_steps.step_gaussian(memory, shape, tables, readings)
+        return law_steps.step_gaussian(data)
     if place == 5:
-        return law_steps.step_model_based(memory, shape, tables, readings)
+        return law_steps.step_model_based(data)
     if place == 6:
-        return law_steps.step_stiction(memory, shape, tables, readings)
+        return law_steps.step_stiction(data)
     if place == 7:
-        return law_steps.step_disturbance(memory, shape, tables, readings)
+        return law_steps.step_disturbance(data)
     if place == 8:
-        return planner_steps.step_plan(memory, shape, tables, readings)
-    return planner_steps.step_sensed(memory, shape, tables, readings)
+        return planner_steps.step_plan(data)
+    return planner_steps.step_sensed(data)
 
 
 @compiled
@@ -243,7 +237,7 @@ def _step_all(
     for row in range(found.size):
         found[row] = 0.0
         if law_steps.impossible(seen[row], guarded.size, guarded) == 0:
-            found[row] = step(place, memory[row], shape, tables, seen[row])
+            found[row] = step(place, LawData(memory[row], shape, tables, seen[row]))
 
 
 class LawTables(NamedTuple):

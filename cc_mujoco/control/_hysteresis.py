@@ -25,15 +25,8 @@ from cc_mujoco.errors import CableError
 
 Array = NDArray[np.float64]
 
-LEAST_SAMPLES = 50
-"""Fewest samples of a trial."""
 PLAYS, PIECES = 12, 8
 """Numbers of plays, and of straight pieces of the curve, of a fit."""
-LEAST_SLOPE = 0.1
-"""Least slope of the curve, and least weight of the play of no width, relative to the
-mean."""
-SUBSTEPS = 4
-"""Steps of the feed-forward from one angle to the next."""
 
 
 @dataclass(frozen=True)
@@ -75,9 +68,9 @@ class HysteresisTrial:
                 "a trial needs as many motor angles as joint angles, (n,) each, not "
                 f"{both[0].shape} and {both[1].shape}."
             )
-        if both[0].size < LEAST_SAMPLES or not all(np.isfinite(b).all() for b in both):
+        if both[0].size < 50 or not all(np.isfinite(b).all() for b in both):
             raise CableError(
-                f"a trial needs at least {LEAST_SAMPLES} samples of finite numbers; "
+                "a trial needs at least 50 samples of finite numbers; "
                 f"this has {both[0].size}."
             )
         every = max(1, both[0].size // samples)
@@ -85,12 +78,12 @@ class HysteresisTrial:
         for name, one in (("motor", motor), ("joint", joint)):
             if np.ptp(one) == 0.0:
                 raise CableError(f"the {name} does not move in this trial.")
-        if np.sum(np.diff(motor / ratio) * np.diff(joint)) <= 0.0:
+        wound = motor / ratio
+        if np.sum(np.diff(wound) * np.diff(joint)) <= 0.0:
             raise CableError(
                 "the joint turns against the motor in this trial; change the sign of "
                 "one of the two angles."
             )
-        wound = motor / ratio
         loops = np.sum(wound[:-1] * joint[1:] - wound[1:] * joint[:-1])
         if loops < -0.05 * np.ptp(wound) * np.ptp(joint):  # more than noise
             raise CableError(
@@ -318,10 +311,7 @@ class PrandtlIshlinskii(HysteresisModel):
         thresholds = reach * np.arange(PLAYS) / PLAYS
         plays, state = np.empty((motor.size, PLAYS)), np.zeros(PLAYS)
         for place, angle in enumerate(motor):
-            state = np.maximum(
-                angle - thresholds, np.minimum(angle + thresholds, state)
-            )
-            plays[place] = state
+            plays[place] = state = _plays(angle, thresholds, state)
         knots = np.linspace(joint.min(), joint.max(), PIECES + 1)
         width = knots[1] - knots[0]
         pieces = np.clip(joint[:, None] - knots[:-1], 0.0, width)
@@ -330,23 +320,19 @@ class PrandtlIshlinskii(HysteresisModel):
         fixed = np.zeros(columns.shape[1])
         fixed[PLAYS:-1] = 1.0 / PIECES
         heavy = 1e3 * np.sqrt(joint.size) * width
+        # The curve, and the play of no width, have at least a tenth of the mean slope.
         slope = np.ptp(joint) / np.ptp(motor)
         low = np.zeros(columns.shape[1])
-        low[0], low[PLAYS:-1], low[-1] = LEAST_SLOPE * slope, LEAST_SLOPE, -np.inf
+        low[0], low[PLAYS:-1], low[-1] = 0.1 * slope, 0.1, -np.inf
         found = lsq_linear(
             np.vstack([columns, heavy * fixed]),
             np.append(np.zeros(joint.size), heavy),
             bounds=(low, np.full(low.size, np.inf)),
             tol=1e-12,
         ).x
-        weights = found[:PLAYS]
+        weights = np.maximum(found[:PLAYS], 0.0)
         values = found[-1] + width * np.concatenate([[0.0], np.cumsum(found[PLAYS:-1])])
-        return cls(
-            tuple(thresholds.tolist()),
-            tuple(np.maximum(weights, 0.0).tolist()),
-            tuple(knots.tolist()),
-            tuple(values.tolist()),
-        )
+        return cls(*(tuple(v.tolist()) for v in (thresholds, weights, knots, values)))
 
     def rest(self, count: int) -> Array:
         return np.zeros((count, len(self.thresholds)))
@@ -360,9 +346,14 @@ class PrandtlIshlinskii(HysteresisModel):
         piece = np.clip(np.searchsorted(knots, joint) - 1, 0, knots.size - 2)
         slope = np.diff(values) / np.diff(knots)
         at = (values[piece] + slope[piece] * (joint - knots[piece]))[:, None]
-        state[:] = np.maximum(at - thresholds, np.minimum(at + thresholds, state))
+        state[:] = _plays(at, thresholds, state)
         # A product of matrices would have other bits for other numbers of rows.
         return np.asarray(np.sum(state * weights, axis=1))
+
+
+def _plays(angle: Any, thresholds: Array, state: Array) -> Array:
+    """Return the plays after an angle."""
+    return np.maximum(angle - thresholds, np.minimum(angle + thresholds, state))
 
 
 def inverse_plays(thresholds: Array, weights: Array) -> tuple[Array, Array]:
@@ -424,24 +415,23 @@ class BoucWen(HysteresisModel):
         from scipy.optimize import least_squares
 
         motor, joint = trial.motor_angle, trial.joint_angle
-        reach = float(np.ptp(motor))
 
-        def linear(rates: Array) -> tuple[Array, Array]:
-            beta = float(np.exp(rates[0])) / reach
-            z = _hysteretic(motor, beta, beta * float(np.tanh(rates[1])))
+        def linear(rates: Array) -> tuple[list[float], Array]:
+            """Return all parameters, and the errors."""
+            beta = float(np.exp(rates[0])) / float(np.ptp(motor))
+            gamma = beta * float(np.tanh(rates[1]))
+            z = _hysteretic(motor, beta, gamma)
             columns = np.stack([motor, -z, np.ones(motor.size)], axis=1)
-            found = np.asarray(np.linalg.lstsq(columns, joint, rcond=None)[0], float)
+            found = np.linalg.lstsq(columns, joint, rcond=None)[0]
             if found[1] < 0.0:
                 gain, offset = np.polyfit(motor, joint, 1)
                 found = np.array([gain, 0.0, offset])
-            return found, np.asarray(columns @ found - joint, dtype=float)
+            return [*found.tolist(), beta, gamma], columns @ found - joint
 
         starts = [np.array([np.log(rate), 0.0]) for rate in (3.0, 10.0, 30.0)]
         start = min(starts, key=lambda one: float(np.sum(linear(one)[1] ** 2)))
         rates = least_squares(lambda one: linear(one)[1], start, diff_step=1e-3).x
-        gain, hysteresis, offset = linear(rates)[0].tolist()
-        beta = float(np.exp(rates[0])) / reach
-        return cls(gain, hysteresis, offset, beta, beta * float(np.tanh(rates[1])))
+        return cls(*linear(rates)[0])
 
     def rest(self, count: int) -> Array:
         state = np.zeros((count, 3))
@@ -449,10 +439,11 @@ class BoucWen(HysteresisModel):
         return state
 
     def invert(self, state: Array, joint: Array) -> Array:
-        step = (joint - state[:, 0]) / SUBSTEPS
+        substeps = 4
+        step = (joint - state[:, 0]) / substeps
         way = np.sign(step)
         z = state[:, 2]
-        for _ in range(SUBSTEPS):
+        for _ in range(substeps):
             half = z + 0.5 * self._change(z, way, step)
             z = z + self._change(half, way, step)
         # By z alone, so that no error adds up.
@@ -483,25 +474,21 @@ def _hysteretic(motor: Array, beta: float, gamma: float) -> Array:
             rate, size = beta - gamma, abs(z)
             to_zero = np.log1p(rate * size) / rate if rate > 1e-9 else size
             if left < to_zero:
-                grown = np.exp(-rate * left) if rate > 1e-9 else 1.0
-                size = (
-                    (size + 1.0 / rate) * grown - 1.0 / rate
-                    if rate > 1e-9
-                    else size - left
-                )
-                z, left = -way * size, 0.0
+                z, left = -way * _relaxed(size, left, rate, -1.0), 0.0
             else:
                 z, left = 0.0, left - to_zero
         if left > 0.0:
-            rate, size = beta + gamma, abs(z)
-            size = (
-                1.0 / rate + (size - 1.0 / rate) * np.exp(-rate * left)
-                if rate > 1e-9
-                else size + left
-            )
-            z = way * size
+            z = way * _relaxed(abs(z), left, beta + gamma, 1.0)
         found[place] = z
     return found
+
+
+def _relaxed(size: float, left: float, rate: float, sign: float) -> float:
+    """Return a size after a motion, which relaxes towards `sign / rate`."""
+    if rate <= 1e-9:
+        return size + sign * left
+    end = sign / rate
+    return float(end + (size - end) * np.exp(-rate * left))
 
 
 MODELS: dict[str, type[HysteresisModel]] = {

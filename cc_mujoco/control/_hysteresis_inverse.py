@@ -31,7 +31,6 @@ from cc_mujoco.control._hysteresis import (
     HysteresisModel,
     HysteresisTrial,
     Line,
-    SmoothBacklash,
 )
 from cc_mujoco.control._position import BANDWIDTH, PositionController
 from cc_mujoco.control._rollout import joint_torque
@@ -43,12 +42,6 @@ CABLE_INVERSE = "cable_inverse"
 
 FITTED = (*MODELS, CABLE_INVERSE)
 """Controllers with parameters of a trial."""
-
-
-STEP = 0.01
-"""Time of a step of the course [s], for terms of friction that depend on speed."""
-TOLERANCE = 1e-7
-"""Tolerance of the motor angle [rad]."""
 
 
 def fit_hysteresis(
@@ -90,7 +83,7 @@ class HysteresisInverse(PositionController):
     """Inverse of a model of hysteresis; subclasses name it."""
 
     model_name: ClassVar[str]
-    """Key of `MODELS`."""
+    """Key of `FITTED`."""
 
     def __init__(self, drive: Drive, bandwidth: float = BANDWIDTH) -> None:
         """Prepare for the first episode.
@@ -103,10 +96,13 @@ class HysteresisInverse(PositionController):
             CableError: The device has no parameters of this model.
         """
         super().__init__(drive, bandwidth)
-        name = self.model_name
-        given = known_parameters(drive, name)
-        self.model = MODELS[name].from_dict(name, given)
+        self.model: Any = self.model_of(drive)
         self._state = self.model.rest(0)
+
+    def model_of(self, drive: Drive) -> Any:
+        """Return the model, with `rest` and `invert` as of `HysteresisModel`."""
+        name = self.model_name
+        return MODELS[name].from_dict(name, known_parameters(drive, name))
 
     def begin(self, rows: NDArray[np.intp], count: int) -> None:
         if len(self._state) != count:
@@ -114,7 +110,8 @@ class HysteresisInverse(PositionController):
         self._state[rows] = self.model.rest(rows.size)
 
     def motor_angle(self, joint: Array, observation: Mapping[str, Any]) -> Array:
-        return self.drive.ratio * self.model.invert(self._state, joint)
+        found: Array = self.drive.ratio * self.model.invert(self._state, joint)
+        return found
 
 
 class LinearFit(HysteresisInverse):
@@ -166,16 +163,17 @@ class CableCourse:
     ) -> None:
         """Prepare at rest; `cables` are those of the data sheet."""
         own = [
-            one.cable.replace(
-                friction=parameters.friction * one.cable.friction,
-                static_friction=parameters.friction * one.cable.static_friction,
-                pretension=parameters.pretension * one.cable.pretension,
+            dataclasses.replace(
+                one,
+                cable=one.cable.replace(
+                    friction=parameters.friction * one.cable.friction,
+                    static_friction=parameters.friction * one.cable.static_friction,
+                    pretension=parameters.pretension * one.cable.pretension,
+                ),
             )
             for one in cables
         ]
-        self._cables = stepper_cables(
-            [dataclasses.replace(c, cable=o) for c, o in zip(cables, own, strict=True)]
-        )
+        self._cables = stepper_cables(own)
         self._ratio = cables[0].distal / cables[0].proximal
         self._stiffness = parameters.joint_stiffness
         self._state = stepper.rest_states(self._cables, 0.0, 0.0)
@@ -200,9 +198,9 @@ class CableCourse:
         wanted = self._preload + self._stiffness * joint
 
         def lack(beyond: float) -> float:
-            motor = self._motor + way * beyond
+            motor, dt = self._motor + way * beyond, 0.01  # s, for friction at speed
             stepper.move(
-                self._cables, self._state, motor, joint, STEP, self._new, self._work
+                self._cables, self._state, motor, joint, dt, self._new, self._work
             )
             return sense * (wanted - joint_torque(self._cables, self._new, motor))
 
@@ -215,10 +213,11 @@ class CableCourse:
                         "model of the cables; its stiffness or friction is wrong."
                     )
                 low, high = high, 2.0 * high
-            beyond = float(brentq(lack, low, high, xtol=TOLERANCE))
+            tolerance = 1e-7  # rad of the motor
+            beyond = float(brentq(lack, low, high, xtol=tolerance))
             lack(beyond)
             self._motor += way * beyond
-            self._reach = max(1.5 * beyond, 2.0 * TOLERANCE)
+            self._reach = max(1.5 * beyond, 2.0 * tolerance)
         else:
             lack(low)
         self._state[:] = self._new
@@ -268,21 +267,27 @@ def require_cables(drive: Drive) -> None:
         )
 
 
-class CableInverse(PositionController):
+class _CableCourses:
+    """Model of the cables as a `HysteresisModel`: its state is a course for each."""
+
+    def __init__(self, drive: Drive, parameters: CableParameters) -> None:
+        self._cables, self._parameters = drive.cables, parameters
+
+    def rest(self, count: int) -> NDArray[np.object_]:
+        courses = [CableCourse(self._cables, self._parameters) for _ in range(count)]
+        return np.array(courses, dtype=object)
+
+    def invert(self, state: NDArray[np.object_], joint: Array) -> Array:
+        each = zip(state, joint, strict=True)
+        return np.array([course.advance(float(angle)) for course, angle in each])
+
+
+class CableInverse(HysteresisInverse):
     """Inverse of the model of distributed friction, fitted to a trial."""
 
-    def __init__(self, drive: Drive, bandwidth: float = BANDWIDTH) -> None:
-        """Prepare for the first episode.
+    model_name = CABLE_INVERSE
 
-        Args:
-            drive: The device to be driven; its cables must be known, and `hysteresis`
-                has the parameters.
-            bandwidth: Bandwidth of the servo, see `PositionController` [rad/s].
-
-        Raises:
-            CableError: Cables or parameters are not known.
-        """
-        super().__init__(drive, bandwidth)
+    def model_of(self, drive: Drive) -> _CableCourses:
         require_cables(drive)
         given = known_parameters(drive, CABLE_INVERSE)
         kinds = {field.name for field in dataclasses.fields(CableParameters)}
@@ -291,30 +296,17 @@ class CableInverse(PositionController):
                 f"{CABLE_INVERSE!r} needs the parameters {', '.join(sorted(kinds))}, "
                 f"not {', '.join(sorted(given))}."
             )
-        self.parameters = CableParameters(**given)
-        self._courses: list[CableCourse] = []
-
-    def begin(self, rows: NDArray[np.intp], count: int) -> None:
-        known = self.drive.cables
-        if len(self._courses) != count:
-            self._courses = [CableCourse(known, self.parameters)] * count
-        for row in rows:
-            self._courses[row] = CableCourse(known, self.parameters)
-
-    def motor_angle(self, joint: Array, observation: Mapping[str, Any]) -> Array:
-        found = [
-            course.advance(float(angle))
-            for course, angle in zip(self._courses, joint, strict=True)
-        ]
-        return self.drive.ratio * np.array(found)
+        return _CableCourses(drive, CableParameters(**given))
 
 
-class DistalFeedback(PositionController):
+class DistalFeedback(HysteresisInverse):
     """Inverse of a smooth backlash, and integral feedback of the measured joint angle.
 
     Without parameters of the backlash the ideal ratio is fed forward. It needs a sensor
     that an endoscope does not have.
     """
+
+    model_name = "backlash_inverse"
 
     def __init__(
         self, drive: Drive, bandwidth: float = BANDWIDTH, gain: float = 20.0
@@ -338,20 +330,22 @@ class DistalFeedback(PositionController):
             )
         require_number("gain", gain, 0.0, 1e3, "1/s")
         self.gain = gain
-        self._model: HysteresisModel = Line(1.0, 0.0)
-        name = "backlash_inverse"
-        if name in drive.hysteresis:
-            self._model = SmoothBacklash.from_dict(name, drive.hysteresis[name])
-        self._state, self._correction = self._model.rest(0), np.zeros(0)
+        self._correction = np.zeros(0)
+
+    def model_of(self, drive: Drive) -> HysteresisModel:
+        if self.model_name not in drive.hysteresis:
+            return Line(1.0, 0.0)
+        found: HysteresisModel = super().model_of(drive)
+        return found
 
     def begin(self, rows: NDArray[np.intp], count: int) -> None:
-        if len(self._state) != count:
-            self._state, self._correction = self._model.rest(count), np.zeros(count)
-        self._state[rows] = self._model.rest(rows.size)
+        super().begin(rows, count)
+        if len(self._correction) != count:
+            self._correction = np.zeros(count)
         self._correction[rows] = 0.0
 
     def motor_angle(self, joint: Array, observation: Mapping[str, Any]) -> Array:
         error = joint + self.joint_start - observation["joint_angle_rad"]
         self._correction = self._correction + self.gain * self.drive.period * error
-        ahead = self._model.invert(self._state, joint)
+        ahead = self.model.invert(self._state, joint)
         return np.asarray(self.drive.ratio * (ahead + error + self._correction))

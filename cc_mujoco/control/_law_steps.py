@@ -2,7 +2,7 @@
 
     wrong_parameters(shape, parameters, least, most, gains)   # 0, or 1 + its index
     store(memory, shape, parameters)
-    torque = step(memory, shape, tables, readings)
+    torque = step(LawData(memory, shape, tables, readings))
 
 Each is of one axis. Compiled episodes and exported C run them.
 
@@ -14,13 +14,16 @@ sections. Memory is numbers only.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from cc_mujoco.cable import _friction as friction
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.cable._layout import SCALARS
 from cc_mujoco.control import _compiled_laws as compiled_laws
 from cc_mujoco.control import _guard as guard
-from cc_mujoco.control._cable_model import add_preload, follow, motor_torque, stiffness
+from cc_mujoco.control._cable_model import add_preload, follow, stiffness
+from cc_mujoco.control._cable_model import motor_torque as cable_torque
 from cc_mujoco.control._compensation import SCRATCH_ROWS, Model
 from cc_mujoco.native import (
     FloatArray,
@@ -54,6 +57,15 @@ _FRICTION = friction.INDEX["friction"]
 _STATIC = friction.INDEX["static_friction"]
 _PRETENSION = friction.INDEX["pretension"]
 _EXPONENT = friction.INDEX["tension_exponent"]
+
+
+class LawData(NamedTuple):
+    """What a law of one axis works on, see this module; `sizes` are the shape."""
+
+    memory: FloatArray
+    sizes: IntArray
+    tables: FloatArray
+    readings: FloatArray
 
 
 @reinterpret_part
@@ -238,35 +250,34 @@ def _law_of(memory: FloatArray) -> compiled_laws.Law:
 
 
 @internal
-def _admitted(memory: FloatArray, readings: FloatArray) -> compiled_laws.Law:
+def _admitted(data: LawData) -> compiled_laws.Law:
     """Return a law and what its guard lets through; begin where that is due."""
-    law = _law_of(memory)
-    if memory[FIRST_STEP] != 0.0:
+    law = _law_of(data.memory)
+    if data.memory[FIRST_STEP] != 0.0:
         law.memory[:] = 0.0
-    for i in range(len(compiled_laws.LAW_INPUTS)):
-        law.seen[i] = readings[i]
+    for i in range(guard.READINGS):
+        law.seen[i] = data.readings[i]
     compiled_laws.admit(law)
     return law
 
 
 @internal
-def step_proportional_integral(
-    memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
-) -> float:
-    law = _admitted(memory, readings)
-    memory[FIRST_STEP] = 0.0
+def step_proportional_integral(data: LawData) -> float:
+    law = _admitted(data)
+    data.memory[FIRST_STEP] = 0.0
     return compiled_laws.proportional_integral(law)
 
 
 @compiled
-def follow_model(memory: FloatArray, shape: IntArray, readings: FloatArray) -> None:
+def follow_model(data: LawData) -> None:
     """Have the guard check the measurements, and the cables' model follow them."""
-    seen, own = _admitted(memory, readings).seen, model_memory(memory, shape)
+    memory, seen = data.memory, _admitted(data).seen
+    own = model_memory(memory, data.sizes)
     if memory[FIRST_STEP] != 0.0:
         stepper.set_rest(own.cables, seen[compiled_laws.ANGLE], 0.0, own.state)
         own.direction[:] = 0.0
         own.gain[:] = 1.0
-        for i in range(places(shape)[1], memory.size):
+        for i in range(places(data.sizes)[1], memory.size):
             memory[i] = 0.0
         memory[JOINT_ANGLE], memory[FIRST_STEP] = 0.0, 0.0
     memory[JOINT_ANGLE] = follow(
@@ -276,17 +287,16 @@ def follow_model(memory: FloatArray, shape: IntArray, readings: FloatArray) -> N
 
 
 @internal
-def model_torque(
-    memory: FloatArray, shape: IntArray, tables: FloatArray, kind: int
-) -> float:
+def model_torque(data: LawData, kind: int) -> float:
     """Return the motor torque of a kind of law, after `follow_model` [N m]."""
-    own, law, lack = model_memory(memory, shape), _law_of(memory), 0.0
+    own, law = model_memory(data.memory, data.sizes), _law_of(data.memory)
     if kind == STICTION:
         return compiled_laws.stiction(law, own)
+    lacking = 0.0
     if kind == DISTURBANCE:
-        known = part(memory, places(shape)[1], LACK_SIZE)
-        lack = _learn_lack(tables[0], motor_torque(own), law.memory, known)
-    return compiled_laws.model_based(law, own, lack)
+        known = part(data.memory, places(data.sizes)[1], LACK_SIZE)
+        lacking = _learn_lack(data.tables[0], cable_torque(own), law.memory, known)
+    return compiled_laws.model_based(law, own, lacking)
 
 
 @internal
@@ -309,96 +319,78 @@ def _learn_lack(
 
 
 @internal
-def step_model_based(
-    memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
-) -> float:
-    follow_model(memory, shape, readings)
-    return model_torque(memory, shape, tables, MODEL)
+def step_model_based(data: LawData) -> float:
+    follow_model(data)
+    return model_torque(data, MODEL)
 
 
 @internal
-def step_stiction(
-    memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
-) -> float:
-    follow_model(memory, shape, readings)
-    return model_torque(memory, shape, tables, STICTION)
+def step_stiction(data: LawData) -> float:
+    follow_model(data)
+    return model_torque(data, STICTION)
 
 
 @internal
-def step_disturbance(
-    memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
-) -> float:
-    follow_model(memory, shape, readings)
-    return model_torque(memory, shape, tables, DISTURBANCE)
+def step_disturbance(data: LawData) -> float:
+    follow_model(data)
+    return model_torque(data, DISTURBANCE)
 
 
 @internal
-def step_forward(
-    memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
-) -> float:
-    memory[FIRST_STEP] = 0.0
-    gains = part(memory, OWN_MEMORY, guard.LIMITS)
-    return guard.limited(gains, readings[0] / gains[guard.RATIO])
+def step_forward(data: LawData) -> float:
+    data.memory[FIRST_STEP] = 0.0
+    gains = part(data.memory, OWN_MEMORY, guard.LIMITS)
+    return guard.limited(gains, data.readings[0] / gains[guard.RATIO])
 
 
 @internal
-def step_tuned(
-    memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
-) -> float:
-    law = _admitted(memory, readings)
-    signals = part(memory, CABLES, compiled_laws.SIGNAL_SIZE)
-    if memory[FIRST_STEP] != 0.0:
+def step_tuned(data: LawData) -> float:
+    law, tables = _admitted(data), data.tables
+    signals = part(data.memory, CABLES, compiled_laws.SIGNAL_SIZE)
+    if data.memory[FIRST_STEP] != 0.0:
         signals[:] = 0.0
-        memory[FIRST_STEP] = 0.0
-    cables = rows_of(tables, 4, shape[0], shape[1])
+        data.memory[FIRST_STEP] = 0.0
+    cables = rows_of(tables, 4, data.sizes[0], data.sizes[1])
     return compiled_laws.tuned_torque(law, cables, part(tables, 0, 4), signals)
 
 
 @internal
-def begun(
-    memory: FloatArray,
-    tables: FloatArray,
-    gains: int,
-    size: int,
-    first: int,
-    readings: FloatArray,
-) -> compiled_laws.Law:
+def begun(data: LawData, gains: int, size: int, first: int) -> compiled_laws.Law:
     """Return a law with a copy of the measurements; begin an episode where due.
 
-    `tables` begin with the `gains` behind `DriveLimits` and the spring of the cables.
+    The tables begin with the `gains` behind `DriveLimits` and the spring of the cables.
     In the memory the `size` numbers of the law are behind the gains, `first` of them
     the guard.
     """
+    memory = data.memory
     for i in range(guard.LIMITS, gains):
-        memory[OWN_MEMORY + i] = tables[i - guard.LIMITS]
+        memory[OWN_MEMORY + i] = data.tables[i - guard.LIMITS]
     numbers = part(memory, OWN_MEMORY + gains, size)
     if memory[FIRST_STEP] != 0.0:
         numbers[:] = 0.0
         memory[FIRST_STEP] = 0.0
-    seen = numbers[first + guard.SEEN : first + guard.SEEN + guard.READINGS]
+    seen = part(numbers, first + guard.SEEN, guard.READINGS)
     for i in range(guard.READINGS):
-        seen[i] = readings[i]
-    spring = part(tables, gains - guard.LIMITS, guard.SPRING_SIZE)
+        seen[i] = data.readings[i]
+    spring = part(data.tables, gains - guard.LIMITS, guard.SPRING_SIZE)
     return compiled_laws.Law(part(memory, OWN_MEMORY, gains), spring, numbers, seen)
 
 
 @internal
-def step_inverse(
-    memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
-) -> float:
+def step_inverse(data: LawData) -> float:
     gains, size = compiled_laws.INVERSE_GAINS, compiled_laws.INVERSE_SIZE
-    law = begun(memory, tables, gains, size, compiled_laws.INVERSE_GUARD, readings)
+    law = begun(data, gains, size, compiled_laws.INVERSE_GUARD)
     first = gains - guard.LIMITS + guard.SPRING_SIZE
-    cables = rows_of(tables, first, shape[0], shape[1])
+    cables = rows_of(data.tables, first, data.sizes[0], data.sizes[1])
     return compiled_laws.inverse_torque(law, cables)
 
 
 @internal
-def step_gaussian(
-    memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
-) -> float:
-    gains, size, states = compiled_laws.GAUSSIAN_GAINS, shape[0], compiled_laws.STATES
-    law = begun(memory, tables, gains, size, compiled_laws.GAUSSIAN_GUARD, readings)
+def step_gaussian(data: LawData) -> float:
+    gains, size, states = (
+        compiled_laws.GAUSSIAN_GAINS, data.sizes[0], compiled_laws.STATES
+    )  # fmt: skip
+    law, tables = begun(data, gains, size, compiled_laws.GAUSSIAN_GUARD), data.tables
     model = gains - guard.LIMITS + guard.SPRING_SIZE
     read = model + states * (states + 1)
     design = compiled_laws.Design(
@@ -407,5 +399,5 @@ def step_gaussian(
         rows_of(tables, read + 2 * states, states, 2),
         part(tables, read + 4 * states, 2),
     )
-    scratch = rows_of(memory, OWN_MEMORY + gains + size, 2, states)
+    scratch = rows_of(data.memory, OWN_MEMORY + gains + size, 2, states)
     return compiled_laws.gaussian_torque(law, design, scratch)

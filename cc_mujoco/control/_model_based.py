@@ -117,15 +117,14 @@ class ModelBased(ProportionalIntegral):
             if own[law_steps.FIRST_STEP] != 0.0:
                 self._scale_friction(row, 1.0)
                 self._played[row] = 0, 1.0
-            law_steps.follow_model(own, self._shape, read)
+            data = law_steps.LawData(own, self._shape, self._numbers, read)
+            law_steps.follow_model(data)
             error: Any = self.mismatch
             if callable(error):
                 error = error(self._played[row][0] * self.drive.period)
             self._scale_friction(row, 1.0 + error)
             self._played[row] = self._played[row][0] + 1, 1.0 + error
-            found[row] = law_steps.model_torque(
-                own, self._shape, self._numbers, self.kind
-            )
+            found[row] = law_steps.model_torque(data, self.kind)
         return found
 
     def _scale_friction(self, row: int, factor: float) -> None:

@@ -29,6 +29,7 @@ from cc_mujoco.control import _planner_memory as planner_memory
 from cc_mujoco.control import _planning as planning
 from cc_mujoco.control._cable_model import add_preload, pack, stiffness
 from cc_mujoco.control._law_steps import (
+    LawData,
     longest_cable,
     part,
     rows_of,
@@ -83,8 +84,9 @@ def places(shape: IntArray) -> tuple[int, int, int]:
 
 
 @internal
-def _planner(memory: FloatArray, shape: IntArray, tables: FloatArray) -> Planner:
+def _planner(data: LawData) -> Planner:
     """Return the parts of the memory and of the tables."""
+    memory, shape, tables = data.memory, data.sizes, data.tables
     cables, most = shape[0], longest_cable(shape)
     delays, knots = shape[1 + 2 * cables], shape[2 + 2 * cables]
     kept, plan_size = planner_memory.FRICTION + cables, delays * knots * (2 + knots)
@@ -138,23 +140,20 @@ def store_plan(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> N
 
 
 @internal
-def step_plan(
-    memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
-) -> float:
-    planner = _planner(memory, shape, tables)
-    if memory[law_steps.FIRST_STEP] != 0.0:
+def step_plan(data: LawData) -> float:
+    planner = _planner(data)
+    if data.memory[law_steps.FIRST_STEP] != 0.0:
         planner.memory[:] = 0.0
-    for k in range(shape[0]):
+    for k in range(data.sizes[0]):
         logarithm = planner.memory[planner_memory.FRICTION + k]
         planner.friction[1, k] = np.exp(logarithm)
-    return _planned(planner, memory, shape, readings)
+    return _planned(planner, data)
 
 
 @internal
-def _planned(
-    planner: Planner, memory: FloatArray, shape: IntArray, readings: FloatArray
-) -> float:
+def _planned(planner: Planner, data: LawData) -> float:
     """Return the motor torque of the next step [N m], with the friction as found."""
+    memory, shape, readings = data.memory, data.sizes, data.readings
     cables, is_fresh = planner.cables, memory[law_steps.FIRST_STEP] != 0.0
     factors, given = planner.friction[0], planner.given
     if is_fresh:
@@ -194,10 +193,9 @@ def _planned(
 
 
 @internal
-def step_sensed(
-    memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
-) -> float:
-    planner, sensors = _planner(memory, shape, tables), _sensor_count(shape)
+def step_sensed(data: LawData) -> float:
+    memory, shape, tables = data.memory, data.sizes, data.tables
+    planner, sensors = _planner(data), _sensor_count(shape)
     count, since = planner.cables.n.size, planner.end
     scratch = part(memory, since + 1, longest_cable(shape) + 4 * sensors + 2)
     place = since + 1 + scratch.size
@@ -213,14 +211,14 @@ def step_sensed(
         found = max(found, friction_slope.MIN_BELIEVED_FRICTION)
         planner.friction[1, k] = found / believed
         place += 2 + SCALARS + 2 * shape[1 + count + k]
-    torque = _planned(planner, memory, shape, readings)
+    torque = _planned(planner, data)
     if memory[since] == 0.0:
         taps = friction_slope.Taps(
             whole_rows_of(shape, 4 + 2 * count, count, sensors),
             rows_of(planner.given, place, count, sensors),
             tables[tables.size - 1],
         )
-        tensions = rows_of(readings, INPUT_COUNT, count, sensors)
+        tensions = rows_of(data.readings, INPUT_COUNT, count, sensors)
         friction_slope.learn(
             planner.cables, planner.state, taps, tensions, known, scratch
         )

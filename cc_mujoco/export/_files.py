@@ -448,13 +448,9 @@ int cc_controller_step(cc_controller *controller,
         zip(plan.axes, starts, counts, strict=False)
     ):
         numbers = _view("Reals", f"tables{k}", len(axis.tables.numbers))
-        own = [
-            memories[k],
-            shapes[k],
-            numbers,
-            _view("Reals", f"seen + {first}", count),
-        ]
-        lines.append(f"    torques[{k}] = {called(axis.law.step, *own)}")
+        own = memories[k], shapes[k], numbers, _view("Reals", f"seen + {first}", count)
+        data = f"(LawData){{{', '.join(own)}}}"
+        lines.append(f"    torques[{k}] = {called(axis.law.step, data)}")
     lines.append("    return 0;\n}")
     return (
         f'/* {what}. */\n#include "cc_controller.h"\n\n#include "cc_native.h"\n\n'

@@ -10,6 +10,7 @@ from cc_mujoco.control import _policy as policy
 from cc_mujoco.control._controller import LawTables, SteppedLaw
 from cc_mujoco.control._law_steps import (
     OWN_MEMORY,
+    LawData,
     begun,
     part,
     rows_of,
@@ -26,7 +27,7 @@ from cc_mujoco.device._observation import (
     write_observation,
 )
 from cc_mujoco.device._sensors import WINDING_COLUMNS
-from cc_mujoco.native import FloatArray, IntArray, internal
+from cc_mujoco.native import internal
 
 _COLUMNS, _HOLD, _HISTORY, _PLAYS, _IS_WOUND, _NETWORK = range(6)
 """Places of `LawTables.shape` of a policy; the shape of the network is last."""
@@ -39,13 +40,10 @@ last action; that action. Then what is measured, plays, past frames, scratch."""
 
 
 @internal
-def step_policy(
-    memory: FloatArray, shape: IntArray, tables: FloatArray, readings: FloatArray
-) -> float:
+def step_policy(data: LawData) -> float:
+    memory, shape, tables, readings = data
     columns, history, plays = shape[_COLUMNS], shape[_HISTORY], shape[_PLAYS]
-    gains, spring, law, _ = begun(
-        memory, tables, policy.GAINS, _POLICY_SIZE, 0, readings
-    )
+    gains, spring, law, _ = begun(data, policy.GAINS, _POLICY_SIZE, 0)
     first = OWN_MEMORY + policy.GAINS + _POLICY_SIZE
     measured = part(memory, first, columns)
     for i in range(columns):

@@ -21,6 +21,7 @@ import mujoco
 import numpy as np
 
 from cc_mujoco.control import _controller as controller
+from cc_mujoco.control._law_steps import LawData
 from cc_mujoco.device._axis_record import (
     FIELDS,
     JOINT_ANGLE,
@@ -126,13 +127,13 @@ def _desired_torque(record: EpisodeRecord, step: int, angle: float) -> float:
 def _torque(record: EpisodeRecord) -> float:
     if record.law == UNPOWERED:
         return 0.0
-    return controller.step(
-        record.law,
+    data = LawData(
         floats(record.memory, record.memory_size),
         words(record.shape, record.shape_size),
         floats(record.tables, record.tables_size),
         floats(record.seen, record.source_count + record.tap_count),
     )
+    return controller.step(record.law, data)
 
 
 @internal

@@ -28,28 +28,18 @@ _DRAG_TERMS = tuple(place for place, _, _ in law.DRAG_TERMS)
 
 
 class Model(NamedTuple):
-    """Model that follows the cables of one device.
-
-    Attributes:
-        cables: parameters, segments and arms.
-        state: (cables, numbers).
-        arm: arms at the present motor angle (cables,) [m/rad].
-        direction: sense in which a cable last slipped as a whole (cables,): 1 towards
-            the joint, -1 towards the motor, 0 never.
-        gain: proximal per distal tension at that moment (cables,); 1 before.
-        scratch: workspace of the compensation (`SCRATCH_ROWS`, cables).
-        new: scratch like `state`.
-        work: workspace of `cable._layout.work_size` numbers.
-    """
+    """Model that follows the cables of one device."""
 
     cables: Cables
-    state: FloatMatrix
-    arm: FloatArray
-    direction: FloatArray
-    gain: FloatArray
-    scratch: FloatMatrix
-    new: FloatMatrix
-    work: FloatArray
+    state: FloatMatrix  # (cables, numbers)
+    arm: FloatArray  # arms at the present motor angle (cables,) [m/rad]
+    # Sense in which a cable last slipped as a whole: 1 towards the joint, -1 towards
+    # the motor, 0 never; and proximal per distal tension at that moment, 1 before.
+    direction: FloatArray  # (cables,)
+    gain: FloatArray  # (cables,)
+    scratch: FloatMatrix  # (`SCRATCH_ROWS`, cables)
+    new: FloatMatrix  # scratch like `state`
+    work: FloatArray  # scratch of `cable._layout.work_size`
 
 
 @compiled

@@ -136,19 +136,12 @@ _RATIO, PERIOD = guard.RATIO, guard.PERIOD
 
 
 class Law(NamedTuple):
-    """Numbers of a law with feedback, of one device.
+    """Numbers of a law with feedback, of one device."""
 
-    Attributes:
-        gains: gains in the order of `GAINS`, or of another law's own.
-        spring: all cables at the joint, see `guard.STIFFNESS`.
-        memory: state from one step to the next, 0 at the start.
-        seen: measurements in the order of `LAW_INPUTS`, which a law may change.
-    """
-
-    gains: FloatArray
-    spring: FloatArray
-    memory: FloatArray
-    seen: FloatArray
+    gains: FloatArray  # in the order of `GAINS`, or of another law's own
+    spring: FloatArray  # all cables at the joint, see `guard.STIFFNESS`
+    memory: FloatArray  # state from one step to the next, 0 at the start
+    seen: FloatArray  # measurements as `LAW_INPUTS`, which a law may change
 
 
 @compiled
@@ -246,8 +239,6 @@ def stiction(law: Law, model: compensation.Model) -> float:
     return _guarded(law, feedforward, 0.0 if turned else error)
 
 
-_RATE_FILTER = 0.2
-"""Share of a new value in the filtered rate of the desired torque."""
 (
     _KNOWN_SIGNALS, _LAST_DESIRED, _DESIRED_RATE, _LAST_TORQUE, _LAST_CHANGE,
     _NOISE_POWER, SIGNAL_SIZE,
@@ -263,7 +254,7 @@ def _sense_of_slip(law: Law, signals: FloatArray, slip_speed: float) -> float:
     desired = law.seen[DESIRED]
     rate = (desired - signals[_LAST_DESIRED]) / law.gains[PERIOD]
     signals[_LAST_DESIRED] = desired
-    signals[_DESIRED_RATE] += _RATE_FILTER * (rate - signals[_DESIRED_RATE])
+    signals[_DESIRED_RATE] += 0.2 * (rate - signals[_DESIRED_RATE])  # low-passed
     stretching = signals[_DESIRED_RATE] / law.spring[guard.STIFFNESS]
     return float(np.tanh((law.seen[JOINT_VELOCITY] + stretching) / slip_speed))
 
@@ -314,27 +305,18 @@ def tuned_torque(
 
 BAND_SIGMAS = 0.34
 """Motion that is none, in standard deviations of the torque sensor."""
-_SLACK_SHARE = 1.0
-"""Most that the integral pays out of a single cable, over its stretch."""
 
 
 class InverseGains(NamedTuple):
     """Gains of `BacklashInverse` behind `DriveLimits`."""
 
-    late: float
-    """Time from a torque at the joint to the answer of the motor [s]."""
-    position: float
-    """[N m/rad]."""
-    damping: float
-    """[N m s/rad]."""
-    integral: float
-    """[1/s]."""
-    stiffness: float
-    """Stiffness of all cables at the joint [N m/rad]."""
-    band: float
-    """Motion of the joint that is none [rad]."""
-    release: float
-    """Damping of a motor that is let go [N m s/rad]."""
+    late: float  # time from a torque at the joint to the answer of the motor [s]
+    position: float  # [N m/rad]
+    damping: float  # [N m s/rad]
+    integral: float  # [1/s]
+    stiffness: float  # stiffness of all cables at the joint [N m/rad]
+    band: float  # motion of the joint that is none [rad]
+    release: float  # damping of a motor that is let go [N m s/rad]
 
 
 (
@@ -393,8 +375,9 @@ def inverse_torque(law: Law, cables: FloatMatrix) -> float:
     if not (torque - limited) * error * ratio > 0.0:
         memory[_ANGLE_OFFSET] += gains[_INVERSE_INTEGRAL] * limits.period * error
     if limits.one_way != 0.0:
-        # A torque that no paying out ends would pay out without an end.
-        least = -_SLACK_SHARE * abs(stretch) - BAND_SIGMAS * gains[_BAND]
+        # A torque that no paying out ends would pay out without an end: the integral
+        # pays out no more than the stretch.
+        least = -abs(stretch) - BAND_SIGMAS * gains[_BAND]
         memory[_ANGLE_OFFSET] = max(memory[_ANGLE_OFFSET], least)
     return float(limited)
 
@@ -408,13 +391,9 @@ the joint that the linear model lacks."""
 class GaussianGains(NamedTuple):
     """Gains of `LinearQuadraticGaussian` behind `DriveLimits`."""
 
-    rigidity: float
-    """Stiffness of all cables at the joint [N m/rad]."""
-    release: float
-    """Damping of a motor that is let go [N m s/rad]."""
-    slip: float
-    """Change of the innovation of the stretch from which an encoder has slipped [rad].
-    """
+    rigidity: float  # stiffness of all cables at the joint [N m/rad]
+    release: float  # damping of a motor that is let go [N m s/rad]
+    slip: float  # change of the stretch's innovation where an encoder slipped [rad]
 
 
 _RIGIDITY, _GAUSSIAN_RELEASE, _SLIP, GAUSSIAN_GAINS = range(
@@ -426,19 +405,12 @@ HEADER = GAUSSIAN_GUARD + guard.MEMORY_SIZE
 
 
 class Design(NamedTuple):
-    """Model and gains of observer and regulator.
+    """Model and gains of observer and regulator."""
 
-    Attributes:
-        model: state after a step, from state and torque (4, 5).
-        read: stretch and torque of the joint, from the state (2, 4).
-        kalman: gains of the observer (4, 2).
-        regulator: gains of stretch and its rate (2,).
-    """
-
-    model: FloatMatrix
-    read: FloatMatrix
-    kalman: FloatMatrix
-    regulator: FloatArray
+    model: FloatMatrix  # state after a step, from state and torque (4, 5)
+    read: FloatMatrix  # stretch and torque of the joint, from the state (2, 4)
+    kalman: FloatMatrix  # gains of the observer (4, 2)
+    regulator: FloatArray  # gains of stretch and its rate (2,)
 
 
 @compiled

@@ -241,21 +241,13 @@ def _step_all(
 
 
 class LawTables(NamedTuple):
-    """Numbers of a law besides its parameters.
+    """Numbers of a law besides its parameters."""
 
-    Attributes:
-        shape: whole numbers, see `_law_steps`.
-        numbers: real numbers that no parameter changes.
-        size: how many numbers the memory has.
-        given: places of the last torque in the memory; the last is the guard's.
-        states: place of the states of the cables, of a law with a model.
-    """
-
-    shape: tuple[int, ...]
-    numbers: tuple[float, ...]
-    size: int
-    given: tuple[int, ...] = ()
-    states: int = 0
+    shape: tuple[int, ...]  # whole numbers, see `_law_steps`
+    numbers: tuple[float, ...]  # real numbers that no parameter changes
+    size: int  # how many numbers the memory has
+    given: tuple[int, ...] = ()  # places of the last torque; the last is the guard's
+    states: int = 0  # place of the states of the cables, of a law with a model
 
 
 def cable_shape(cables: Sequence[CableDrive]) -> tuple[int, ...]:

@@ -45,25 +45,18 @@ Array = NDArray[np.float64]
 class CouplingTables(NamedTuple):
     """Constants of a coupling; a device has `joints` joints and `axes` motors."""
 
-    own: Counts
-    """Place of the joint of each axis among the joints (axes,)."""
-    least: FloatArray
-    """Least torque of each motor (axes,) [N m]; -inf for none."""
-    most: FloatArray
-    """Greatest torque of each motor (axes,) [N m]."""
-    safe: FloatArray
-    """Safe torque of each joint (joints,) [N m]; inf for none."""
-    scales: FloatArray
-    """Torque error of each joint that counts as 1 (joints,) [N m]."""
+    own: Counts  # place of the joint of each axis among the joints (axes,)
+    least: FloatArray  # least torque of each motor (axes,) [N m]; -inf for none
+    most: FloatArray  # greatest torque of each motor (axes,) [N m]
+    safe: FloatArray  # safe torque of each joint (joints,) [N m]; inf for none
+    scales: FloatArray  # torque error of a joint that counts as 1 (joints,) [N m]
 
 
 class CouplingWorkspace(NamedTuple):
     """Scratch of `own_torques`; there are at most as many joints as axes."""
 
-    matrices: FloatCube
-    """Matrices (`WORK_MATRICES`, axes, axes)."""
-    vectors: FloatMatrix
-    """Vectors (`WORK_VECTORS`, axes)."""
+    matrices: FloatCube  # (`WORK_MATRICES`, axes, axes)
+    vectors: FloatMatrix  # (`WORK_VECTORS`, axes)
 
 
 WORK_MATRICES, WORK_VECTORS = 3, 7

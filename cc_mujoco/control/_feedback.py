@@ -204,12 +204,9 @@ class Feedback(ProportionalIntegral):
 class LoopGains(NamedTuple):
     """Gains of a torque loop that is stable with the delay of the drive."""
 
-    settling: float
-    """Damping of the motor over the stiffness of the cables [s]."""
-    proportional: float
-    """K_p [-]."""
-    integral: float
-    """K_i [1/s]."""
+    settling: float  # damping of the motor over the stiffness of the cables [s]
+    proportional: float  # K_p [-]
+    integral: float  # K_i [1/s]
 
 
 def require_known_motor(drive: Drive) -> None:

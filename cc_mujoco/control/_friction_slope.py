@@ -29,25 +29,17 @@ READING_INTERVAL = 5
 """Steps between two readings that are used."""
 MIN_BELIEVED_FRICTION = 1e-3
 """Least assumed friction coefficient."""
-INITIAL_DEVIATION = 0.2
-"""Initial standard deviation of the friction coefficient."""
-
 ESTIMATE_SIZE, COEFFICIENT = 4, recursive.ESTIMATE
 """Size of the estimate of the friction of a cable; place of its coefficient."""
+_VARIANCE = 0.2 * 0.2  # of the coefficient at first
 
 
 class Taps(NamedTuple):
-    """Tension sensors along all cables, as many along each.
+    """Tension sensors along all cables, as many along each."""
 
-    Attributes:
-        nodes: (cables, sensors).
-        noise: standard deviations (cables, sensors) [N].
-        fading: share of the information that fades with each reading.
-    """
-
-    nodes: IntMatrix
-    noise: FloatMatrix
-    fading: float
+    nodes: IntMatrix  # (cables, sensors)
+    noise: FloatMatrix  # standard deviations (cables, sensors) [N]
+    fading: float  # share of the information that fades with each reading
 
 
 def taps(
@@ -77,7 +69,7 @@ def reset_estimate(known: FloatArray, friction: float) -> None:
     """Write the initial estimate, before any reading (`ESTIMATE_SIZE`,)."""
     known[:] = 0.0
     known[recursive.ESTIMATE] = friction
-    known[recursive.VARIANCE] = INITIAL_DEVIATION * INITIAL_DEVIATION
+    known[recursive.VARIANCE] = _VARIANCE
 
 
 @internal
@@ -123,6 +115,10 @@ def learn(
         _, count = tension_slope.run_equations(equations, believed, readings[k], sign)
         if count > 0 and information[0, 0] > 0.0:
             recursive.update_estimate(
-                known[k], 1.0 / (INITIAL_DEVIATION * INITIAL_DEVIATION), taps.fading,
-                0.0, information[0, 0], target[0],
-            )  # fmt: skip
+                known[k],
+                1.0 / _VARIANCE,
+                taps.fading,
+                0.0,
+                information[0, 0],
+                target[0],
+            )

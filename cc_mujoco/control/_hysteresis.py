@@ -353,7 +353,8 @@ class PrandtlIshlinskii(HysteresisModel):
 
 def _plays(angle: Any, thresholds: Array, state: Array) -> Array:
     """Return the plays after an angle."""
-    return np.maximum(angle - thresholds, np.minimum(angle + thresholds, state))
+    found: Array = np.maximum(angle - thresholds, np.minimum(angle + thresholds, state))
+    return found
 
 
 def inverse_plays(thresholds: Array, weights: Array) -> tuple[Array, Array]:

@@ -60,7 +60,7 @@ _EXPONENT = friction.INDEX["tension_exponent"]
 
 
 class LawData(NamedTuple):
-    """What a law of one axis works on, see this module; `sizes` are the shape."""
+    """Numbers that a law of one axis works on; `sizes` are its shape, see above."""
 
     memory: FloatArray
     sizes: IntArray

@@ -28,11 +28,10 @@ _TANH, _RELU, _, _ELU = range(len(ACTIVATIONS))
 class PackedNetwork(NamedTuple):
     """Numbers of a network in the layout of the compiled code."""
 
+    # Place of the activation in `ACTIVATIONS`; 1 where the outputs are squashed, else
+    # 0; widths, that of the observation first.
     sizes: IntArray
-    """Place of the activation in `ACTIVATIONS`; 1 where the outputs are squashed, else
-    0; widths, that of the observation first."""
-    numbers: FloatArray
-    """`far`, means and deviations; weights and biases of each layer."""
+    numbers: FloatArray  # `far`, means and deviations; weights and biases of each layer
 
 
 _ACTIVATION, _SQUASHED, WIDTHS = range(3)

@@ -164,87 +164,52 @@ RATIO, LOW, HIGH, PERIOD, INERTIA = 0, 1, 2, 3, 5
 
 
 class Tables(NamedTuple):
-    """Tables of the plans, for every delay.
+    """Tables of the plans, for every delay."""
 
-    Attributes:
-        gains: accelerations of a plan per angle, velocity and wanted angles of the
-            motor (delays, knots, 2 + knots).
-        unexplained: gain of the unexplained torque (delays,).
-        weight: weight of a squared acceleration to a squared angle in the cost of a
-            plan (delays,) [s^4].
-    """
-
-    gains: FloatCube
-    unexplained: FloatArray
-    weight: FloatArray
+    # Accelerations of a plan per angle, velocity and wanted angles of the motor.
+    gains: FloatCube  # (delays, knots, 2 + knots)
+    unexplained: FloatArray  # gain of the unexplained torque (delays,)
+    # Weight of a squared acceleration to a squared angle in the cost of a plan.
+    weight: FloatArray  # (delays,) [s^4]
 
 
 class Planner(NamedTuple):
     """A planning controller of one device: what it keeps, its tables and its scratch.
 
-    Attributes:
-        cables: the model; while a model with bristles is in use it has them.
-        tables: see `Tables`.
-        tune: numbers of `Tuning`, then all cables as a spring, see `guard.STIFFNESS`.
-        joint: angle of the model's joint when it was measured (1,) [rad].
-        memory: see this module (`FRICTION` + cables,).
-        rotors: observers of the rotor (delays, `OBSERVER_SIZE`).
-        applied: mean torques of the motor in past steps, the oldest first; the last is
-            the command of the step that has just passed (delays,) [N m].
-        plan: accelerations of the last whole plan, then steps since (knots + 1,).
-        push: scratch: accelerations of a plan, then its first command (knots + 1,).
-        best: likewise, of the best plan.
-        state: states of the cables when they were measured (cables, numbers).
-        other: likewise, of the model with bristles.
-        present: scratch: states now, as predicted; likewise those that follow.
-        rolled: states along a plan.
-        leapt: states of `rollout.MotorSearch`.
-        new: states after a step.
-        ahead: scratch: the memory as it is predicted to be now.
-        wanted: scratch: angles of the motor at the knots of a plan (knots,).
-        path: angles of the motor at the knots to which a plan leads (knots,).
-        load: torques of the cables at the motor there (knots,).
-        holding: torques of the cables at the motor on the wanted path (knots,).
-        vectors: vectors of a plan of commands (`WORK_ROWS`, knots).
-        matrix: matrix of a plan of commands (knots, knots).
-        friction: factors of the friction of every cable, as it is packed and as it was
-            found (2, cables).
-        values: scratch: scalars of a cable (`SCALARS`,).
-        work: scratch of `cable._layout.work_size`.
-        spent: steps of the cables' model for the plans so far (1,).
-        given: parameters behind those of the tuning, see `_law_steps`.
-        end: place behind all of them in the memory of the controller.
+    States are (cables, numbers).
     """
 
-    cables: stepper.Cables
+    cables: stepper.Cables  # the model; with bristles while these are in use
     tables: Tables
-    tune: FloatArray
-    joint: FloatArray
-    memory: FloatArray
-    rotors: FloatMatrix
-    applied: FloatArray
-    plan: FloatArray
-    push: FloatArray
-    best: FloatArray
-    state: FloatMatrix
-    other: FloatMatrix
-    present: FloatMatrix
-    rolled: FloatMatrix
-    leapt: FloatMatrix
-    new: FloatMatrix
-    ahead: FloatArray
-    wanted: FloatArray
-    path: FloatArray
-    load: FloatArray
-    holding: FloatArray
-    vectors: FloatMatrix
-    matrix: FloatMatrix
-    friction: FloatMatrix
-    values: FloatArray
-    work: FloatArray
-    spent: FloatArray
-    given: FloatArray
-    end: int
+    tune: FloatArray  # `Tuning`, then all cables as a spring, see `guard.STIFFNESS`
+    joint: FloatArray  # angle of the model's joint when it was measured (1,) [rad]
+    memory: FloatArray  # see this module (`FRICTION` + cables,)
+    rotors: FloatMatrix  # observers of the rotor (delays, `OBSERVER_SIZE`)
+    # Mean torques of the motor in past steps, the oldest first; the last is the command
+    # of the step that has just passed.
+    applied: FloatArray  # (delays,) [N m]
+    plan: FloatArray  # accelerations of the last whole plan, steps since (knots + 1,)
+    push: FloatArray  # accelerations of a plan, its first command (knots + 1,)
+    best: FloatArray  # likewise, of the best plan
+    state: FloatMatrix  # states of the cables when they were measured
+    other: FloatMatrix  # likewise, of the model with bristles
+    present: FloatMatrix  # scratch: states now, as predicted
+    rolled: FloatMatrix  # states along a plan
+    leapt: FloatMatrix  # see `rollout.MotorSearch`
+    new: FloatMatrix  # states after a step
+    ahead: FloatArray  # scratch: the memory as it is predicted to be now
+    wanted: FloatArray  # scratch: angles of the motor at the knots of a plan (knots,)
+    path: FloatArray  # angles of the motor to which the plan leads (knots,)
+    load: FloatArray  # torques of the cables at the motor there (knots,)
+    holding: FloatArray  # torques of the cables on the wanted path (knots,)
+    vectors: FloatMatrix  # vectors of a plan of commands (`WORK_ROWS`, knots)
+    matrix: FloatMatrix  # its matrix (knots, knots)
+    friction: FloatMatrix  # factors of friction, as packed and as found (2, cables)
+    values: FloatArray  # scratch: scalars of a cable (`SCALARS`,)
+    work: FloatArray  # scratch of `cable._layout.work_size`
+    spent: FloatArray  # steps of the cables' model for the plans so far (1,)
+    given: FloatArray  # parameters behind those of the tuning, see `_law_steps`
+    end: int  # place behind all of them in the memory of the controller
 
 
 @internal

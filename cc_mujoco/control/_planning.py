@@ -46,19 +46,12 @@ class _Motor(NamedTuple):
 
 
 class _Deviations(NamedTuple):
-    """Quadratic cost of the increments of a plan of commands.
+    """Quadratic cost of the increments of a plan of commands."""
 
-    Attributes:
-        angle: error of the angle without increments (knots,) [rad].
-        command: command less the holding torque without increments (knots,) [N m].
-        step: change of the angle so many knots after an increment (knots,) [rad/N m].
-        weight: weight of a squared torque [rad^2/(N m)^2].
-    """
-
-    angle: FloatArray
-    command: FloatArray
-    step: FloatArray
-    weight: float
+    angle: FloatArray  # error of the angle without increments (knots,) [rad]
+    command: FloatArray  # command less holding torque without them (knots,) [N m]
+    step: FloatArray  # angle so many knots after an increment (knots,) [rad/N m]
+    weight: float  # of a squared torque [rad^2/(N m)^2]
 
 
 @internal

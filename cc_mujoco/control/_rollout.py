@@ -16,33 +16,19 @@ MAX_EVALUATIONS = 12
 
 
 class MotorSearch(NamedTuple):
-    """Search for the angle of the motor that makes a torque, along a plan.
-
-    Attributes:
-        cables: cables of the transmission.
-        state: before the step (cables, numbers).
-        new: out, after the step.
-        leapt: scratch, as `state`.
-        work: scratch.
-        spent: steps of the model (1,); counted, at most `most_steps` in a search.
-        dt: time step [s].
-        rise: torque per angle of the motor while the whole cable stretches [N m/rad].
-        tolerance: tolerance of the torque [N m].
-        slack: see `_torque_deficit` [N m].
-        drags: whether friction depends on speed.
-    """
+    """Search for the angle of the motor that makes a torque, along a plan."""
 
     cables: stepper.Cables
-    state: FloatMatrix
-    new: FloatMatrix
-    leapt: FloatMatrix
-    work: FloatArray
-    spent: FloatArray
-    dt: float
-    rise: float
-    tolerance: float
-    slack: float
-    drags: bool
+    state: FloatMatrix  # before the step (cables, numbers)
+    new: FloatMatrix  # out, after the step
+    leapt: FloatMatrix  # scratch, as `state`
+    work: FloatArray  # scratch
+    spent: FloatArray  # steps of the model (1,); counted, at most `most_steps`
+    dt: float  # [s]
+    rise: float  # torque per angle of the motor while all stretches [N m/rad]
+    tolerance: float  # of the torque [N m]
+    slack: float  # see `_torque_deficit` [N m]
+    drags: bool  # whether friction depends on speed
 
 
 @internal

@@ -27,7 +27,7 @@ that segment is then neither of the two, which is an error of at most one segmen
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,7 +38,7 @@ from cc_mujoco.cable._cable import Cable
 from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.device._sensors import Sensors
 from cc_mujoco.errors import CableError, look_up, shown
-from cc_mujoco.estimation._tracks import checked_noise, checked_sample, rows
+from cc_mujoco.estimation._tracks import NoisySensors, checked_sample, rows
 from cc_mujoco.native import FloatArray
 
 Weights = Literal["variance", "mean"]
@@ -72,16 +72,11 @@ def tension_gains(
 ) -> FloatArray:
     """Return the tension of every node per tension at the sensors (2.10).
 
-    Args:
-        mesh: segments of the cable.
-        direction: slip of every segment, -1, 0 or 1, (..., n).
-        nodes: nodes of the sensors (m,).
-        through_rest: take a segment of direction 0 for one in mass motion that happens
-            not to move (3.2.2), across which the tension is constant.
-
-    Returns:
-        (..., m, n + 1); NaN where a segment at rest lies between, for nothing ties the
-        two tensions there.
+    The direction is the slip of every segment, -1, 0 or 1, (..., n); `nodes` are those
+    of the sensors (m,). The ratios (..., m, n + 1) are NaN where a segment at rest lies
+    between, for nothing ties the two tensions there. With `through_rest` such a segment
+    is taken for one in mass motion that happens not to move (3.2.2), across which the
+    tension is constant.
     """
     sign = np.sign(np.asarray(direction, dtype=float))
     level = _cumulative_sums(mesh.angle * sign)
@@ -115,7 +110,7 @@ def fuse(
         CableError: numbers that are not finite, deviations that are not positive,
             another number of them than of sensors, or an unknown choice.
     """
-    look_up("weights", weights, {name: name for name in get_args(Weights)})
+    _require_choice("weights", weights, Weights)
     readings = numbers("reading", reading, high=MAX_FORCE, unit="N")
     spread = numbers("deviation", deviation, high=MAX_FORCE, unit="N")
     if not np.all(spread > 0.0):
@@ -141,7 +136,11 @@ def fuse(
     return Fused(tension, np.sqrt(np.sum((share * noise) ** 2, axis=-2)))
 
 
-class TensionFusion:
+def _require_choice(label: str, given: str, choices: Any) -> None:
+    look_up(label, given, dict.fromkeys(get_args(choices)))
+
+
+class TensionFusion(NoisySensors):
     """Estimate of all tensions of a cable whose directions of slip are known.
 
     One object serves one cable or many: readings and directions may have leading axes,
@@ -174,8 +173,8 @@ class TensionFusion:
         """
         require_kind("cable", cable, Cable)
         require_kind("sensors", sensors, Sensors)
-        look_up("weights", weights, {name: name for name in get_args(Weights)})
-        look_up("at_rest", at_rest, {name: name for name in get_args(AtRest)})
+        _require_choice("weights", weights, Weights)
+        _require_choice("at_rest", at_rest, AtRest)
         self.cable, self.sensors = cable, sensors
         self.mesh = Mesh.of(cable)
         self.noise = sensors.deviation
@@ -215,19 +214,6 @@ class TensionFusion:
             ) from None
         spread = np.diag(np.full(count, float(deviation) ** 2))
         self._covariance = np.array(np.broadcast_to(spread, (*shape, count, count)))
-
-    @property
-    def noise(self) -> FloatArray:
-        """Standard deviation of the sensors (m,) [N]; may be set at any time.
-
-        Raises:
-            CableError: set to other than one positive number per sensor.
-        """
-        return self._noise
-
-    @noise.setter
-    def noise(self, deviation: ArrayLike) -> None:
-        self._noise = checked_noise(deviation, len(self.sensors.nodes))
 
     @property
     def deviation(self) -> FloatArray:

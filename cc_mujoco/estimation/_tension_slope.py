@@ -38,7 +38,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.estimation._recursive import RecursiveLeastSquares
 from cc_mujoco.estimation._tracks import (
     EstimateTrack,
-    checked_noise,
+    NoisySensors,
     checked_sample,
     rows,
     wrap_angles,
@@ -64,27 +64,16 @@ def next_run(sign: FloatArray, at: int) -> tuple[int, int, int]:
 
 
 class SlopeEquations(NamedTuple):
-    """Sensors along a cable, and the equations of their readings of one instant.
+    """Sensors along a cable, and the equations of their readings of one instant."""
 
-    Attributes:
-        design: row of every sensor, see `SlopeFit` (m, p).
-        nodes: (m,).
-        noise: standard deviations (m,) [N].
-        rows: scratch: rows of one moving part (m, p).
-        right: scratch: its right sides (m,).
-        clear: scratch: its tensions over their noise (m,).
-        information: out, of all equations, noise 1, (p, p).
-        target: out (p,).
-    """
-
-    design: FloatMatrix
-    nodes: IntArray
-    noise: FloatArray
-    rows: FloatMatrix
-    right: FloatArray
-    clear: FloatArray
-    information: FloatMatrix
-    target: FloatArray
+    design: FloatMatrix  # row of every sensor, see `SlopeEstimator` (m, p)
+    nodes: IntArray  # (m,)
+    noise: FloatArray  # standard deviations (m,) [N]
+    rows: FloatMatrix  # scratch: rows of one moving part (m, p)
+    right: FloatArray  # scratch: its right sides (m,)
+    clear: FloatArray  # scratch: its tensions over their noise (m,)
+    information: FloatMatrix  # out, of all equations, noise 1, (p, p)
+    target: FloatArray  # out (p,)
 
 
 @compiled
@@ -207,8 +196,8 @@ def has_slope(term: Term) -> bool:
     return term.acts_on != "drag"
 
 
-class SlopeFit:
-    """Recursive fit of parameters that the logarithm of tension is linear in."""
+class SlopeEstimator(NoisySensors):
+    """Base of estimators of what the logarithm of tension is linear in."""
 
     def __init__(
         self,
@@ -218,7 +207,7 @@ class SlopeFit:
         fit: RecursiveLeastSquares,
         memory: float,
     ) -> None:
-        """Prepare.
+        """Start from the guess of the fit.
 
         `design` is the change of the logarithm of tension, from the proximal end to
         every node, per parameter in motion towards distal (n + 1, p), and `memory` that
@@ -226,20 +215,20 @@ class SlopeFit:
         """
         _require_two_sensors(sensors)
         require_slope(cable)
-        self.fit = fit
-        self._segments = cable.segments
+        self._fit, self.sensors, self._segments = fit, sensors, cable.segments
         self._nodes = sensors.on(cable).astype(np.int64)
         self.noise = np.array(sensors.deviation)
-        self.lay(design)
+        self._lay(design)
         self._fading = float(np.exp(-1.0 / memory))
         self.reset()
 
-    def lay(self, design: FloatArray) -> None:
+    def _lay(self, design: FloatArray) -> None:
         """Take another path: the design from now on (n + 1, p)."""
         self._design = np.ascontiguousarray(design[self._nodes], dtype=float)
 
     def reset(self) -> None:
-        self.fit.reset()
+        """Return to the guess; the noise stays."""
+        self._fit.reset()
         self._squares, self._count = 0.0, 0.0
 
     @property
@@ -252,76 +241,27 @@ class SlopeFit:
             return float("nan")
         return float(np.sqrt(self._squares / self._count))
 
-    @property
-    def noise(self) -> FloatArray:
-        """Standard deviation of the sensors (m,) [N]; may be set at any time.
-
-        Raises:
-            CableError: set to other than one positive number per sensor.
-        """
-        return self._noise
-
-    @noise.setter
-    def noise(self, deviation: ArrayLike) -> None:
-        self._noise = checked_noise(deviation, self._nodes.size)
-
-    @exclusive
-    def update(self, reading: ArrayLike, direction: ArrayLike) -> None:
-        """Take the readings of the next instant.
-
-        Args:
-            reading: reading of every sensor (m,) [N].
-            direction: slip of every segment, -1, 0 or 1, (n,).
-
-        Raises:
-            CableError: shapes that fit neither the sensors nor the cable, a reading
-                that is not finite, or another direction.
-        """
-        tensions, slip_direction = checked_sample(
-            reading, direction, self._nodes.size, self._segments
-        )
+    def _take(self, reading: ArrayLike, direction: ArrayLike) -> None:
+        """Take the readings of the next instant, see `FrictionEstimator.update`."""
         sensors, parameters = self._design.shape
+        tensions, slip_direction = checked_sample(
+            reading, direction, sensors, self._segments
+        )
         information, target = np.empty((parameters, parameters)), np.empty(parameters)
         equations = SlopeEquations(
             self._design, self._nodes, self._noise, np.empty_like(self._design),
             np.empty(sensors), np.empty(sensors), information, target,
         )  # fmt: skip
         power, count = run_equations(
-            equations, self.fit.value, tensions, slip_direction
+            equations, self._fit.value, tensions, slip_direction
         )
         if count == 0 or not np.any(information):
             return
-        self.fit.update(information, target)
-        value = self.fit.value
+        self._fit.update(information, target)
+        value = self._fit.value
         squares = power + float(value @ (information @ value - 2.0 * target))
         self._squares = self._fading * self._squares + max(squares, 0.0)
         self._count = self._fading * self._count + count
-
-
-class SlopeEstimator:
-    """Base of the estimators that rest on a `SlopeFit`."""
-
-    def __init__(self, slope: SlopeFit) -> None:
-        """Start from the fit's guess."""
-        self._slope = slope
-
-    def reset(self) -> None:
-        """Return to the guess; the noise stays."""
-        self._slope.reset()
-
-    @property
-    def misfit(self) -> float:
-        """RMS residual over the stated noise; near 1 where law and noise are right."""
-        return self._slope.misfit
-
-    @property
-    def noise(self) -> FloatArray:
-        """Standard deviation of the sensors (m,) [N]; may be set at any time."""
-        return self._slope.noise
-
-    @noise.setter
-    def noise(self, deviation: ArrayLike) -> None:
-        self._slope.noise = deviation
 
 
 class FrictionEstimator(SlopeEstimator):
@@ -362,18 +302,17 @@ class FrictionEstimator(SlopeEstimator):
         angle = wrap_angles(cable)
         require_bend_between(cable, sensors)
         fit = RecursiveLeastSquares([guess], [spread], memory, [drift])
-        super().__init__(SlopeFit(cable, sensors, angle[:, None], fit, memory))
-        self._segments = cable.segments
+        super().__init__(cable, sensors, angle[:, None], fit, memory)
 
     @property
     def friction(self) -> float:
         """The estimate."""
-        return float(self._slope.fit.value[0])
+        return float(self._fit.value[0])
 
     @property
     def deviation(self) -> float:
         """Standard deviation of its error, by noise and by lag behind the drift."""
-        return float(self._slope.fit.deviation[0])
+        return float(self._fit.deviation[0])
 
     def rebend(self, angles: ArrayLike) -> None:
         """Take other wrap angles from now on: the path changed, and was measured.
@@ -389,8 +328,9 @@ class FrictionEstimator(SlopeEstimator):
         )
         if np.any(given < 0.0):
             raise CableError(f"wrap angles are {given.min()} rad; none is less than 0")
-        self._slope.lay(np.concatenate([[0.0], np.cumsum(given)])[:, None])
+        self._lay(np.concatenate([[0.0], np.cumsum(given)])[:, None])
 
+    @exclusive
     def update(self, reading: ArrayLike, direction: ArrayLike) -> float:
         """Take the readings of the next instant.
 
@@ -405,7 +345,7 @@ class FrictionEstimator(SlopeEstimator):
             CableError: shapes that fit neither the sensors nor the cable, a reading
                 that is not finite, or another direction.
         """
-        self._slope.update(reading, direction)
+        self._take(reading, direction)
         return self.friction
 
     def over(self, reading: ArrayLike, direction: ArrayLike) -> EstimateTrack:

@@ -12,6 +12,7 @@ from cc_mujoco._utils.arguments import MAX_FORCE, numbers
 from cc_mujoco.cable._cable import Cable
 from cc_mujoco.cable._conduit import packed_parameters
 from cc_mujoco.cable._kernel import segment_angles
+from cc_mujoco.device._sensors import Sensors
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
 
@@ -52,15 +53,30 @@ def checked_sample(
     return tensions, sign
 
 
-def checked_noise(deviation: ArrayLike, sensors: int) -> FloatArray:
-    """Return the standard deviations of the sensors as a new array (m,) [N]."""
-    noise = numbers("noise", deviation, (sensors,), MAX_FORCE, "N")
-    if not np.all(noise > 0.0):
-        raise CableError(
-            f"noise is {noise.tolist()} N; it must be {sensors} positive numbers, one "
-            "per sensor"
-        )
-    return noise.copy()
+class NoisySensors:
+    """Base of the estimators that weight sensors by their noise."""
+
+    sensors: Sensors
+
+    @property
+    def noise(self) -> FloatArray:
+        """Standard deviation of the sensors (m,) [N]; may be set at any time.
+
+        Raises:
+            CableError: set to other than one positive number per sensor.
+        """
+        return self._noise
+
+    @noise.setter
+    def noise(self, deviation: ArrayLike) -> None:
+        count = len(self.sensors.nodes)
+        noise = numbers("noise", deviation, (count,), MAX_FORCE, "N")
+        if not np.all(noise > 0.0):
+            raise CableError(
+                f"noise is {noise.tolist()} N; it must be {count} positive numbers, "
+                "one per sensor"
+            )
+        self._noise = noise.copy()
 
 
 def rows(**columns: ArrayLike) -> Iterator[tuple[FloatArray, ...]]:

@@ -448,7 +448,12 @@ int cc_controller_step(cc_controller *controller,
         zip(plan.axes, starts, counts, strict=False)
     ):
         numbers = _view("Reals", f"tables{k}", len(axis.tables.numbers))
-        own = memories[k], shapes[k], numbers, _view("Reals", f"seen + {first}", count)
+        own = [
+            memories[k],
+            shapes[k],
+            numbers,
+            _view("Reals", f"seen + {first}", count),
+        ]
         data = f"(LawData){{{', '.join(own)}}}"
         lines.append(f"    torques[{k}] = {called(axis.law.step, data)}")
     lines.append("    return 0;\n}")

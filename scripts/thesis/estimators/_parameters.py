@@ -13,12 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline
 
+from cc_mujoco._utils.exclusive import exclusive
 from cc_mujoco.cable._cable import PARAMETERS, Cable
 from cc_mujoco.cable._conduit import node_places
 from cc_mujoco.device._sensors import Sensors
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation._recursive import RecursiveLeastSquares
-from cc_mujoco.estimation._tension_slope import SlopeEstimator, SlopeFit, require_slope
+from cc_mujoco.estimation._tension_slope import SlopeEstimator, require_slope
 from cc_mujoco.estimation._tracks import (
     EstimateTrack,
     checked_sample,
@@ -155,11 +156,12 @@ class BendEstimator(SlopeEstimator):
         wanted = guess[np.clip(segment, 0, n - 1)]
         first = np.linalg.lstsq(self._basis(dense), wanted, rcond=None)[0]
         fit = RecursiveLeastSquares(first, np.full(size, width), memory, drift)
-        super().__init__(SlopeFit(cable, sensors, design, fit, memory))
+        super().__init__(cable, sensors, design, fit, memory)
 
+    @exclusive
     def update(self, reading: ArrayLike, direction: ArrayLike) -> None:
         """Take the sensors' readings (m,) [N] and the segments' slip (n,)."""
-        self._slope.update(reading, direction)
+        self._take(reading, direction)
 
     def at(self, position: ArrayLike) -> Bend:
         """Return the estimate at places [m] from the proximal end."""
@@ -169,7 +171,7 @@ class BendEstimator(SlopeEstimator):
                 f"position is {place.tolist()} m; the cable has {self.length:g} m"
             )
         design = np.asarray(self._basis(place))
-        fit = self._slope.fit
+        fit = self._fit
         variance = np.einsum("...i,ij,...j->...", design, fit.covariance, design)
         return Bend(design @ fit.value, np.sqrt(np.maximum(variance, 0.0)))
 

@@ -46,22 +46,20 @@ def free_view(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjvCamera:
     flat = mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD
     solid = ~np.isin(model.geom_type, flat)
     moving = solid & (model.body_weldid[model.geom_bodyid] > 0)
+    lows = data.geom_xpos - model.geom_rbound[:, None]
+    highs = data.geom_xpos + model.geom_rbound[:, None]
     boxes = [
-        (
-            (data.geom_xpos[shown] - model.geom_rbound[shown, None]).min(axis=0),
-            (data.geom_xpos[shown] + model.geom_rbound[shown, None]).max(axis=0),
-        )
+        (lows[shown].min(axis=0), highs[shown].max(axis=0))
         for shown in (moving, solid)
         if shown.any()
     ]
     if not boxes:
         return camera
     spans = [float(np.linalg.norm(high - low)) for low, high in boxes]
-    whole = spans[-1] <= MAX_SURROUNDINGS * spans[0]
-    low, high = boxes[-1 if whole else 0]
-    camera.lookat[:] = 0.5 * (low + high)
+    seen = -1 if spans[-1] <= MAX_SURROUNDINGS * spans[0] else 0
+    camera.lookat[:] = 0.5 * (boxes[seen][0] + boxes[seen][1])
     half_view = np.radians(0.5 * model.vis.global_.fovy)
-    camera.distance = 0.5 * spans[-1 if whole else 0] / np.sin(half_view)
+    camera.distance = 0.5 * spans[seen] / np.sin(half_view)
     return camera
 
 
@@ -82,11 +80,8 @@ class Camera:
                 "a picture needs OpenGL; without a display set MUJOCO_GL=egl (or "
                 f"osmesa) before Python starts ({' '.join(str(error).split())})."
             ) from None
-        self._view: int | mujoco.MjvCamera = max(
-            mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, CAMERA), 0
-        )
-        if not model.ncam:
-            self._view = free_view(model, self._data)
+        named = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, CAMERA)
+        self._view = max(named, 0) if model.ncam else free_view(model, self._data)
 
     def picture(self, qpos: NDArray[np.float64]) -> NDArray[np.uint8]:
         """Take a picture, (height, width, 3), of a pose (nq,)."""
@@ -135,13 +130,9 @@ class SceneRenderer:
     def __init__(
         self, model: mujoco.MjModel, mode: str | None, period: float, count: int = 1
     ) -> None:
-        """Begin, with no picture drawn.
+        """Begin with no picture of `count` devices in a `render_mode`.
 
-        Args:
-            model: Model of all devices.
-            mode: A `render_mode`.
-            period: Control step [s].
-            count: Number of devices.
+        The model is that of all devices, the period the control step [s].
         """
         self._model, self._mode = model, mode
         self._camera: Camera | None = None
@@ -152,9 +143,7 @@ class SceneRenderer:
     ) -> tuple[NDArray[np.uint8], ...] | None:
         """Return a picture (height, width, 3) of every device, or None without a mode.
 
-        Args:
-            poses: Joint positions of each (nq,).
-            steps: Control step of each.
+        Each has a pose (nq,) and a control step.
         """
         if self._mode is None:
             gymnasium.logger.warn("render() needs render_mode='rgb_array' at make().")
@@ -170,11 +159,7 @@ class SceneRenderer:
 
 
 def check_mode(mode: str | None) -> None:
-    """Refuse a render mode that does not exist.
-
-    Raises:
-        CableError: If `mode` is neither None nor one of `RENDER_METADATA`.
-    """
+    """Refuse a render mode that is neither None nor one of `RENDER_METADATA`."""
     modes = RENDER_METADATA["render_modes"]
     if mode is not None and mode not in modes:
         raise CableError.unknown("render mode", str(mode), modes)

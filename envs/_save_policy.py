@@ -50,12 +50,7 @@ def save_policy(model: Any, path: str | os.PathLike[str]) -> None:
 
 
 def _observed(env: Any) -> tuple[Any, ...]:
-    """Return what the environment inside of wrappers observes of each axis.
-
-    Raises:
-        CableError: If it is none of this package, or a wrapper may change
-            observations.
-    """
+    """Return what the environment inside of wrappers observes of each axis."""
     while env is not None and not isinstance(env, (DeviceEnv, DeviceVectorEnv)):
         if hasattr(env, "observed"):  # `StableBaselines` and `RslRl`
             return tuple(env.observed)

@@ -58,13 +58,9 @@ class StableBaselines(VecEnv):  # type: ignore[misc]
         if any(env.exo.observed != self.observed for env in own):
             raise CableError("all environments must observe the same.")
         self._ends = np.cumsum([env.num_envs for env in own])
-        first = own[0]
         self._actions: NDArray[np.float32] = np.zeros((0, 0), np.float32)
-        super().__init__(
-            int(self._ends[-1]),
-            first.single_observation_space,
-            first.single_action_space,
-        )
+        spaces = own[0].single_observation_space, own[0].single_action_space
+        super().__init__(int(self._ends[-1]), *spaces)
 
     def reset(self) -> NDArray[np.float32]:
         """Start an episode in all of them, seeded and with options as the base class.
@@ -96,24 +92,20 @@ class StableBaselines(VecEnv):  # type: ignore[misc]
     def step_wait(self) -> tuple[Any, NDArray[np.float32], NDArray[np.bool_], Any]:
         """Step; `infos` hold no more than Stable-Baselines3 needs."""
         parts = np.split(self._actions, self._ends[:-1])
-        seen, rewards, overs = [], [], []
         infos: list[dict[str, Any]] = []
+        found = []
         for env, part in zip(self.envs, parts, strict=True):
             observation, reward, terminated, truncated, info = env.step(part)
             over = terminated | truncated
-            step_infos: list[dict[str, Any]] = [{} for _ in over]
+            infos += ({} for _ in over)
             for row in np.flatnonzero(over):
-                step_infos[row] = {
+                infos[row - len(over)] = {
                     "terminal_observation": info["final_obs"][row],
                     "TimeLimit.truncated": bool(truncated[row] and not terminated[row]),
                 }
-            seen.append(observation)
-            rewards.append(reward)
-            overs.append(over)
-            infos += step_infos
-        gained = np.concatenate(rewards).astype(np.float32)
-        over = np.concatenate(overs)
-        return np.concatenate(seen), gained, over, infos
+            found.append((observation, reward.astype(np.float32), over))
+        seen, gained, overs = map(np.concatenate, zip(*found, strict=True))
+        return seen, gained, overs, infos
 
     def close(self) -> None:
         """Close all environments."""

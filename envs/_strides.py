@@ -68,13 +68,10 @@ class StrideMeter:
         self._ropes, self._motors = np.zeros(2), np.zeros(2)
 
     def add(self, person: Array, ropes: Array, motors: Array, period: float) -> None:
-        """Add power of a time step.
+        """Add power during a period [s].
 
-        Args:
-            person: power of the person's joints (legs, joints) [W].
-            ropes: power of the ropes on the ankles (legs,) [W].
-            motors: power of the motors (legs,) [W].
-            period: duration of the time step [s].
+        It is that of the person's joints (legs, joints), of the ropes on the ankles and
+        of the motors (legs,) [W].
         """
         self._work[0] += period * np.maximum(person, 0.0)
         self._work[1] += period * np.minimum(person, 0.0)
@@ -82,36 +79,19 @@ class StrideMeter:
         self._motors += period * np.maximum(motors, 0.0)
 
     def strike(self, leg: int, time: float, heels: Array) -> None:
-        """Take note of a foot that strikes the ground.
+        """Take note of a foot that strikes the ground at a time [s].
 
-        Args:
-            leg: 0 for the right one.
-            time: time of the strike [s].
-            heels: positions of the heels along the way (legs,) [m].
+        The right `leg` is 0; `heels` are positions along the way (legs,) [m].
         """
-        self._steps[:, leg] = (
-            time - self._struck[1 - leg],
-            heels[leg] - heels[1 - leg],
-        )
+        other = 1 - leg
+        self._steps[:, leg] = time - self._struck[other], heels[leg] - heels[other]
         self._struck[leg] = time
         if leg:
             return
         position = float(heels[0])
         if self._begun is not None and np.isfinite(self._steps).all():
-            begin, place = self._begun
-            times, lengths = self._steps.copy()
-            positive, negative = self._work
-            self.strides.append(
-                Stride(
-                    time - begin,
-                    position - place,
-                    times,
-                    lengths,
-                    positive,
-                    negative,
-                    self._ropes,
-                    self._motors,
-                )
-            )
+            whole = time - self._begun[0], position - self._begun[1]
+            work = *self._work, self._ropes, self._motors
+            self.strides.append(Stride(*whole, *self._steps.copy(), *work))
         self._begun = (time, position)
         self._clear()

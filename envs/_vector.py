@@ -138,11 +138,8 @@ class DeviceVectorEnv(
         model = load(found, drawn=render_mode is not None)
         self.device: Device = found
         self.exo = exo = WornDevice(found.description, model, *given, *more)
-        self.metadata = {
-            **self.metadata,
-            "render_fps": round(1 / self.exo.period),
-            "autoreset_mode": self.mode,
-        }
+        rate = {"render_fps": round(1 / self.exo.period)}
+        self.metadata = {**self.metadata, **rate, "autoreset_mode": self.mode}
         self.render_mode = render_mode
         self.num_envs = num_envs
         self.single_observation_space = self.exo.observation_space
@@ -192,11 +189,11 @@ class DeviceVectorEnv(
         self.exo.require_timestep()
         options = dict(require_dictionary("options", options))
         masked = self._mask(options.pop("reset_mask", None))
-        seeds: Sequence[int | None]
-        if not isinstance(seed, (Sequence, np.ndarray)):
-            seeds = [None if seed is None else seed + i for i in range(self.num_envs)]
-        else:
+        seeds: Sequence[int | None] = [None] * self.num_envs
+        if isinstance(seed, (Sequence, np.ndarray)):
             seeds = seed
+        elif seed is not None:
+            seeds = [seed + row for row in range(self.num_envs)]
         if len(seeds) != self.num_envs:
             raise CableError(
                 f"seed must have one entry for each of the {self.num_envs} "
@@ -273,13 +270,8 @@ class DeviceVectorEnv(
         last = np.full(self.num_envs, None, dtype=object)
         for row in np.flatnonzero(over):
             last[row] = observation[row].copy()
-        final_info = self._info(terms.copy(), over)
-        return {
-            "final_obs": last,
-            "_final_obs": over.copy(),
-            "final_info": final_info,
-            "_final_info": over.copy(),
-        }
+        found = {"final_obs": last, "final_info": self._info(terms.copy(), over)}
+        return found | {f"_{name}": over.copy() for name in found}
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Pictures of all devices, each (height, width, 3), in mode `rgb_array`.
@@ -295,11 +287,9 @@ class DeviceVectorEnv(
         self._screen.close()
 
     def _begin(self, rows: NDArray[np.intp], options: Mapping[str, Any] | None) -> None:
-        random = []
-        for row in rows.tolist():
-            rng = self._random[row] or seeding.np_random()[0]
+        random = [self._random[row] or seeding.np_random()[0] for row in rows]
+        for row, rng in zip(rows, random, strict=True):
             self._random[row] = rng
-            random.append(rng)
             self._screen.films[row].cut()
         self._episodes.begin(rows.tolist(), random, options)
 

@@ -141,10 +141,9 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
         self._begin(0.25)
 
     def _begin(self, step: float) -> None:
-        model, data = self.model, self.data
-        self.body.start(model, data, self.policy, step)
-        self._ropes.start(data)
-        settle(model, data)
+        self.body.start(self.data, self.policy, step)
+        self._ropes.start(self.data)
+        settle(self.model, self.data)
         self.person = WalkingController(self.policy, 1, dtype=np.float64)
         self.person.step[:] = step
         self._meter = StrideMeter()
@@ -160,8 +159,7 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
     @property
     def phase(self) -> Array:
         """Phase of the gait cycle of the legs (2,), 0 at heel strike."""
-        phase: Array = self.person.phase[0]
-        return phase
+        return np.asarray(self.person.phase[0])
 
     def assistance(self, task: Task | None = None) -> NDArray[np.float32]:
         """Return the action that gives a desired torque if nothing is lost.
@@ -220,9 +218,7 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
         control[:, 2] -= self.adaptation * self._expected.at(phase)[0]
         data.ctrl[body.muscles] = control
         self._ropes.command(data, given * MOTOR_TORQUE)
-        energy = 0.0
-        period = self.model.opt.timestep
-        ankles = body.dof[:, 2]
+        energy, period, ankles = 0.0, self.model.opt.timestep, body.dof[:, 2]
         for _ in range(self._substeps):
             mujoco.mj_step(self.model, data)
             power = data.actuator_force[body.muscles] * data.qvel[body.dof]
@@ -247,8 +243,7 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
         """Return the torques of the ropes on the ankles (2,) [N m]."""
         ankles, data = self.body.dof[:, 2], self.data
         own = data.actuator_force[self.body.muscles[:, 2]]
-        torque: Array = data.qfrc_actuator[ankles] - own
-        return torque
+        return np.asarray(data.qfrc_actuator[ankles] - own)
 
     def _observation(self) -> NDArray[np.float32]:
         data, body = self.data, self.body

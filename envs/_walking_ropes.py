@@ -51,18 +51,11 @@ def walking_model(transmission: str, cable: Cable) -> mujoco.MjModel:
                 conduit=[(one.length, one.radius) for one in cable.conduit],
                 **numbers,
             )
-            spec.add_actuator(
-                name=f"{side}_drive",
-                target=f"{side}_motor",
-                trntype=mujoco.mjtTrn.mjTRN_JOINT,
-            )
+            drive = spec.add_actuator(name=f"{side}_drive", target=f"{side}_motor")
+            drive.trntype = mujoco.mjtTrn.mjTRN_JOINT
         if transmission == "ideal":
-            spec.add_actuator(
-                name=f"{side}_drive",
-                target=f"{side}_rope",
-                trntype=mujoco.mjtTrn.mjTRN_TENDON,
-                gear=[-1.0, 0, 0, 0, 0, 0],
-            )
+            drive = spec.add_actuator(name=f"{side}_drive", target=f"{side}_rope")
+            drive.trntype, drive.gear[0] = mujoco.mjtTrn.mjTRN_TENDON, -1.0
     return spec.compile()
 
 
@@ -109,22 +102,19 @@ class Ropes:
     def tensions(self, data: mujoco.MjData) -> Array:
         """Return tensions at motors and heels (2, legs) [N]."""
         if self._cabled:
-            ends: Array = np.abs(data.actuator_force[self._ends])
-            return ends
+            return np.asarray(np.abs(data.actuator_force[self._ends]))
         if self._hooked:
             return np.tile(data.actuator_force[self._drives], (2, 1))
         return np.zeros((2, 2))
 
     def motor_power(self, data: mujoco.MjData) -> Array:
         """Return the power of the motors (2,) [W]."""
+        if not self._hooked:
+            return np.zeros(2)
+        force = data.actuator_force[self._drives]
         if self._cabled:
-            power: Array = data.actuator_force[self._drives] * data.qvel[self.dof]
-            return power
-        if self._hooked:
-            pull: Array = data.actuator_force[self._drives]
-            pulled: Array = -pull * data.ten_velocity[self._ropes]
-            return pulled
-        return np.zeros(2)
+            return np.asarray(force * data.qvel[self.dof])
+        return np.asarray(-force * data.ten_velocity[self._ropes])
 
     def wound(self, data: mujoco.MjData) -> Array:
         """Return the rope on the drums less what the ankles have left (2,) [m]."""
@@ -136,13 +126,9 @@ class Ropes:
         """Return torques of motors that follow with slack ropes (2,) [N m]."""
         if not self._cabled:
             return np.zeros(2)
-        # Stiffness [N m/rad] and damping [N m s/rad] of a motor that follows
-        stiffness, damping = (8.0, 0.3)
         spread = data.qvel[self.dof] + data.ten_velocity[self._ropes] / DRUM
-        # Rope that hangs while a motor follows the ankle [m]
-        torque: Array = -stiffness * (self.wound(data) + 0.005) / DRUM
-        torque -= damping * spread
-        return torque
+        # With 8 N m/rad and 0.3 N m s/rad, and 5 mm of rope that hang.
+        return np.asarray(-8.0 * (self.wound(data) + 0.005) / DRUM - 0.3 * spread)
 
     def arms(self, data: mujoco.MjData) -> Array:
         """Return the lever arms of the ropes at the ankles (2,) [m]."""
@@ -150,5 +136,5 @@ class Ropes:
         rope = lever - end
         rope /= np.linalg.norm(rope, axis=1, keepdims=True)
         offset = lever - data.xpos[self._feet][:, (0, 2)]
-        arm: Array = rope[:, 1] * offset[:, 0] - rope[:, 0] * offset[:, 1]
-        return np.abs(arm)
+        arm = rope[:, 1] * offset[:, 0] - rope[:, 0] * offset[:, 1]
+        return np.asarray(np.abs(arm))

@@ -187,7 +187,7 @@ def walk(
     each = [mujoco.MjData(model) for model in models]
     for policy, model, data in zip(policies, models, each, strict=True):
         body.set_muscles(model, policy)
-        body.start(model, data, policy, start)
+        body.start(data, policy, start)
         mujoco.mj_forward(model, data)
     person = WalkingController(policies, len(policies), dtype=np.float64)
     person.step[:] = start

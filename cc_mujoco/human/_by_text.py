@@ -121,23 +121,17 @@ def trajectory(
             does not move the driven joint.
     """
     require_number("centre", centre, -1e3, 1e3, "rad")
-    if isinstance(given, Trajectory):
-        return _on_joints(given, joints)
     if isinstance(given, Path) or (isinstance(given, str) and is_table(given)):
         return read_trajectory(given, tuple(joints or ()))
-    if not isinstance(given, str):
-        raise CableError(
-            "trajectory must be a name, the path of a table or a Trajectory, not "
-            f"{given!r}."
-        )
-    name, colon, _ = given.partition(":")
-    if colon and name not in TRAJECTORIES:
-        made = user_object(
-            "trajectory", given, TRAJECTORIES, Trajectory, UserTrajectory
-        )
+    kind = "trajectory"
+    made = _object(kind, given, TRAJECTORIES, Trajectory, UserTrajectory)
+    if made is not None:
         return _on_joints(made, joints)
-    found = with_numbers("trajectory", given, TRAJECTORIES)
-    chosen = {"", "amplitude"}.intersection(given_fields(given))
+    found = with_numbers(kind, str(given), TRAJECTORIES)
+    # Names of the parameters in the text; the first may be without.
+    pieces = [piece for piece in str(given).partition(":")[2].split(",") if piece]
+    named = [p.partition("=")[0].strip() if "=" in p else "" for p in pieces]
+    chosen = "" in named or "amplitude" in named
     if not chosen and limit is not None and found.amplitude > limit:
         found = replace(found, amplitude=limit)
     if centre and not isinstance(found, Walk):
@@ -227,16 +221,21 @@ def read_torque(
     phases = [name for name in phases if PHASE.name in name.lower()]
     if len(phases) > 1:
         raise CableError(f"{path}: {' and '.join(phases)} are both phase; keep one.")
-    if not phases:
-        over = tables.quantity_column(path, names, "time_s", CLOCK)
-        times, torques = tables.read_course(path, [over._replace(limit=1e6), torque])
-        _require_samples(path, times)
-        return TimeTorque(tuple(times.tolist()), tuple(torques.tolist()), str(path))
-    unit = quantity_words(phases[0], PHASE)[1]
-    factor = PHASE.factors[unit] if unit else 1.0
-    over = tables.Column(phases[0], factor)
+    if phases:
+        unit = quantity_words(phases[0], PHASE)[1]
+        factor = PHASE.factors[unit] if unit else 1.0
+        over = tables.Column(phases[0], factor)
+    else:
+        clock = tables.quantity_column(path, names, "time_s", CLOCK)
+        over = clock._replace(limit=1e6)
     phase, torques = tables.read_course(path, [over, torque])
-    _require_samples(path, phase)
+    if phase.size < 2:
+        raise CableError(
+            f"{path} has {phase.size} rows of data; a torque profile needs at least 2."
+        )
+    samples = tuple(phase.tolist()), tuple(torques.tolist()), str(path)
+    if not phases:
+        return TimeTorque(*samples)
     if phase[0] < 0.0 or phase[-1] > 1.0:
         ends = f"{phase[0] / factor:g} to {phase[-1] / factor:g}"
         advice = "" if unit else "; name it phase_percent if it is in per cent"
@@ -250,7 +249,7 @@ def read_torque(
             f"{path}, column {phases[0]} leaves {gap:.0%} of the cycle without a "
             f"sample; it must leave at most 50%."
         )
-    return PhaseTorque(tuple(phase.tolist()), tuple(torques.tolist()), str(path))
+    return PhaseTorque(*samples)
 
 
 def _torque_column(
@@ -281,13 +280,6 @@ def _torque_column(
     unit = quantity_words(columns[0], TORQUE)[1]
     assert unit is not None
     return tables.Column(columns[0], TORQUE.factors[unit], 1e6)
-
-
-def _require_samples(path: Path, over: np.ndarray[Any, Any]) -> None:
-    if over.size < 2:
-        raise CableError(
-            f"{path} has {over.size} rows of data; a torque profile needs at least 2."
-        )
 
 
 @dataclass(frozen=True)
@@ -321,19 +313,10 @@ def task(given: str | Path | Task, joints: Sequence[str] = ()) -> Task:
     Raises:
         CableError: If there is no such task, or it cannot be read or made.
     """
-    if isinstance(given, Task):
-        return given
     if isinstance(given, Path) or (isinstance(given, str) and is_table(given)):
         return read_torque(given, joints)
-    if not isinstance(given, str):
-        raise CableError(
-            f"task must be a name, the path of a table or a Task, not {given!r}."
-        )
-    name, colon, _ = given.partition(":")
-    if colon and name not in TASKS:
-        made: Task = user_object("task", given, TASKS, Task, UserTask)
-        return made
-    return with_numbers("task", given, TASKS)
+    made: Task | None = _object("task", given, TASKS, Task, UserTask)
+    return with_numbers("task", str(given), TASKS) if made is None else made
 
 
 def is_user_object(text: object, registry: Mapping[str, Any]) -> bool:
@@ -342,13 +325,6 @@ def is_user_object(text: object, registry: Mapping[str, Any]) -> bool:
         return False
     place, colon, name = text.partition(":")
     return bool(colon) and place not in registry and name.isidentifier()
-
-
-def given_fields(text: str) -> tuple[str, ...]:
-    """Return the names of the parameters in a text; the first may be empty."""
-    rest = text.partition(":")[2]
-    pieces = rest.split(",") if rest else []
-    return tuple(p.partition("=")[0].strip() if "=" in p else "" for p in pieces)
 
 
 def with_numbers(kind: str, text: str, registry: Mapping[str, Entry]) -> Entry:
@@ -392,35 +368,42 @@ def with_numbers(kind: str, text: str, registry: Mapping[str, Entry]) -> Entry:
         return replaced
 
 
-def user_object(
+def _object(
     kind: str,
-    text: str,
+    given: Any,
     registry: Mapping[str, Any],
     base: type[Any],
     wrap: Callable[[str, Any], Any],
 ) -> Any:
-    """Return the object `MODULE:NAME`, or what it returns where it is a function.
+    """Return what is meant other than by a name in the registry; else None.
 
-    It must be of the class `base`. `wrap` is called with the text and an object of a
+    It is an object of the class `base`, or the text `MODULE:NAME` of one or of a
+    function that returns one. `wrap` is called with such a text and an object of a
     class of the user; what it returns reports errors of the user's code by file and
-    line. `kind` and `registry` are for the error of an unknown name.
+    line.
     """
-    place, _, name = text.partition(":")
-    if not name.isidentifier() and text == without_mark(text):
+    if isinstance(given, base):
+        return given
+    if not isinstance(given, str):
+        raise CableError(
+            f"{kind} must be a name, the path of a table or a {base.__name__}, not "
+            f"{given!r}."
+        )
+    place, colon, name = given.partition(":")
+    if not colon or place in registry:
+        return None
+    if not name.isidentifier() and given == without_mark(given):
         raise CableError.unknown(kind, place, registry)
-    found = named_object(kind, text, "object")
+    found = named_object(kind, given, "object")
+    if callable(found) and not isinstance(found, base):
+        with user_errors(f"{kind} {given!r}"):
+            found = found()
     if not isinstance(found, base):
-        made = found
-        if callable(found):
-            with user_errors(f"{kind} {text!r}"):
-                made = found()
-        if not isinstance(made, base):
-            raise CableError(
-                f"{kind} {text!r} must be a {base.__name__}, or a function without "
-                f"arguments that returns one, not {made!r}."
-            )
-        found = made
-    return found if is_package_object(found) else wrap(text, found)
+        raise CableError(
+            f"{kind} {given!r} must be a {base.__name__}, or a function without "
+            f"arguments that returns one, not {found!r}."
+        )
+    return found if is_package_object(found) else wrap(given, found)
 
 
 def is_package_object(given: object) -> bool:

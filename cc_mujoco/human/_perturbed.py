@@ -10,9 +10,6 @@ import numpy as np
 from cc_mujoco._validation import bounded, require_bounds, require_parameter
 from cc_mujoco.human._motion import Array, Motion, Trajectory
 
-_GROWTH_TIME = 0.5
-"""Time in which a tremor grows to its size [s]."""
-
 
 @dataclass(frozen=True)
 class Disturbed(Trajectory):
@@ -79,15 +76,9 @@ class Perturbed(Disturbed):
     def _bump(self, since: Array) -> Array:
         """Return the angle, velocity and acceleration of a bump of size 1, (3, n)."""
         x = np.clip(since / self.width, 0.0, 1.0)
-        y = x * (1.0 - x)
-        slope = 1.0 - 2.0 * x
-        return 64.0 * np.stack(
-            [
-                y**3,
-                3.0 * y**2 * slope / self.width,
-                6.0 * y * (slope**2 - y) / self.width**2,
-            ]
-        )
+        y, slope = x * (1.0 - x), 1.0 - 2.0 * x
+        bend = 6.0 * y * (slope**2 - y) / self.width**2
+        return 64.0 * np.stack([y**3, 3.0 * y**2 * slope / self.width, bend])
 
 
 @dataclass(frozen=True)
@@ -114,18 +105,15 @@ class Tremor(Disturbed):
         """Return the tremor, which grows from 0 in half a second."""
         rate = 2.0 * np.pi * rng.uniform(self.low, self.high)
         phase = rng.uniform(0.0, 2.0 * np.pi)
-        x = np.clip(time / _GROWTH_TIME, 0.0, 1.0)
+        grown = 0.5  # time in which it grows to its size [s]
+        x = np.clip(time / grown, 0.0, 1.0)
         size = self.size * x * x * (3.0 - 2.0 * x)
-        growth = self.size * 6.0 * x * (1.0 - x) / _GROWTH_TIME
-        bend = self.size * 6.0 * (1.0 - 2.0 * x) * (x < 1.0) / _GROWTH_TIME**2
+        growth = self.size * 6.0 * x * (1.0 - x) / grown
+        bend = self.size * 6.0 * (1.0 - 2.0 * x) * (x < 1.0) / grown**2
         sine, cosine = np.sin(rate * time + phase), np.cos(rate * time + phase)
-        return np.stack(
-            [
-                size * sine,
-                growth * sine + size * rate * cosine,
-                bend * sine + 2.0 * growth * rate * cosine - size * rate**2 * sine,
-            ]
-        )
+        velocity = growth * sine + size * rate * cosine
+        bent = bend * sine + 2.0 * growth * rate * cosine - size * rate**2 * sine
+        return np.stack([size * sine, velocity, bent])
 
 
 def _plus(motion: Motion, by: Array) -> Motion:

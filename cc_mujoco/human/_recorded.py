@@ -28,9 +28,6 @@ from cc_mujoco.human._motion import (
     pointwise,
 )
 
-_MIN_SAMPLES = 4
-_MAX_TIME, _MAX_ANGLE = 1e6, 1e3
-
 Words = tuple[str, ...]
 Entry = TypeVar("Entry")
 
@@ -94,16 +91,10 @@ class Recorded(Trajectory):
                 f"drives the joint {joints[0]!r}; name its column "
                 f"{tables.unit_names(joints[0] + '_angle', ANGLE)}."
             )
-        moved = [(name, *found[name]) for name in joints if name in found]
-        (first, own, _), *others = moved
-        return Recorded(
-            self.times,
-            own,
-            first,
-            tuple((name, angles) for name, angles, _ in others),
-            self.source,
-            tuple(column for *_, columns in moved for column in columns),
-        )
+        moved = {name: found[name] for name in joints if name in found}
+        (first, own), *others = ((name, angles) for name, (angles, _) in moved.items())
+        columns = tuple(column for _, own in moved.values() for column in own)
+        return Recorded(self.times, own, first, tuple(others), self.source, columns)
 
     @pointwise
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
@@ -120,15 +111,9 @@ class Recorded(Trajectory):
         from scipy.interpolate import CubicSpline
 
         spline = CubicSpline(self.times, angles, bc_type="clamped")
-        inside = time <= self.times[-1]
-        held = np.minimum(time, self.times[-1])
-        return Motion(
-            time,
-            spline(held),
-            np.where(inside, spline(held, 1), 0.0),
-            np.where(inside, spline(held, 2), 0.0),
-            phase,
-        )
+        held, inside = np.minimum(time, self.end), time <= self.end
+        rate, bend = (np.where(inside, spline(held, order), 0.0) for order in (1, 2))
+        return Motion(time, spline(held), rate, bend, phase)
 
 
 def match_joints(
@@ -146,16 +131,12 @@ def match_joints(
     for place, joint in enumerate(joints):
         own = quantity_words(joint, ANGLE)[0]
         side, limb = _side_and_limb(own)
-        named = [own, *(_DRIVEN_NAMES if not place else ())]
-        named += [
-            limbs[each, limb]
-            for each in ([side] if side else ["right", "left"])
-            if (each, limb) in limbs
-        ]
-        for key in named:
-            if key in columns:
-                found[joint] = columns[key]
-                break
+        sides = [side] if side else ["right", "left"]
+        alike = (limbs[each, limb] for each in sides if (each, limb) in limbs)
+        named = [own, *(_DRIVEN_NAMES if not place else ()), *alike]
+        key = next((key for key in named if key in columns), None)
+        if key is not None:
+            found[joint] = columns[key]
     return found
 
 
@@ -191,22 +172,14 @@ def read_trajectory(path: str | Path, joints: Sequence[str] = ()) -> Recorded:
     names = tables.column_names(path)
     clock = tables.quantity_column(path, names, "time_s", CLOCK)
     columns = _angle_columns(path, names, joints)
-    times, *moved = tables.read_course(
-        path,
-        [
-            clock._replace(limit=_MAX_TIME),
-            *(
-                tables.Column(column, ANGLE.factors[unit or ANGLE.unit], _MAX_ANGLE)
-                for column in columns.values()
-                for _, unit in [quantity_words(column, ANGLE)]
-            ),
-        ],
-        1e-6,  # least interval [s]
-    )
-    if len(times) < _MIN_SAMPLES:
+    read = [clock._replace(limit=1e6)]
+    for column in columns.values():
+        unit = quantity_words(column, ANGLE)[1] or ANGLE.unit
+        read.append(tables.Column(column, ANGLE.factors[unit], 1e3))
+    times, *moved = tables.read_course(path, read, 1e-6)  # least interval [s]
+    if len(times) < 4:
         raise CableError(
-            f"{path} has {len(times)} rows of data, but a trajectory needs at least "
-            f"{_MIN_SAMPLES}."
+            f"{path} has {len(times)} rows of data, but a trajectory needs at least 4."
         )
     angles = [tuple(values.tolist()) for values in moved]
     (first, own), *others = zip(columns, angles, strict=True)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -43,13 +44,8 @@ class Sine(Scripted):
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
         omega = 2 * math.pi * self.frequency
         sine, cosine = np.sin(omega * time), np.cos(omega * time)
-        return _fade_in(
-            time,
-            (sine, omega * cosine, -(omega**2) * sine),
-            self.amplitude,
-            self.fade,
-            cycle_fraction(time, 1 / self.frequency),
-        )
+        carrier = sine, omega * cosine, -(omega**2) * sine
+        return _fade_in(self, time, carrier, cycle_fraction(time, 1 / self.frequency))
 
 
 @dataclass(frozen=True)
@@ -77,13 +73,8 @@ class Chirp(Scripted):
         omega = 2 * math.pi * self.low * np.exp(growth * time)
         turn = 2 * math.pi * self.low * np.expm1(growth * time) / growth
         sine, cosine = np.sin(turn), np.cos(turn)
-        return _fade_in(
-            time,
-            (sine, omega * cosine, omega * growth * cosine - omega**2 * sine),
-            self.amplitude,
-            self.fade,
-            episode_fraction(time, duration),
-        )
+        carrier = sine, omega * cosine, omega * growth * cosine - omega**2 * sine
+        return _fade_in(self, time, carrier, episode_fraction(time, duration))
 
 
 @dataclass(frozen=True)
@@ -161,9 +152,7 @@ class Multisine(Scripted):
             omega**2
             * _sum_of_cosines(turn, lines, weights * lines**2, best + 2 * quarter),
         )
-        return _fade_in(
-            time, carrier, self.amplitude, self.fade, cycle_fraction(time, self.period)
-        )
+        return _fade_in(self, time, carrier, cycle_fraction(time, self.period))
 
 
 def _sum_of_cosines(turn: Array, lines: Array, weights: Array, phases: Array) -> Array:
@@ -184,33 +173,19 @@ def _require_band(owner: Chirp | Multisine) -> None:
 
 
 def _fade_in(
+    owner: Sine | Chirp | Multisine,
     time: Array,
     carrier: tuple[Array, Array, Array],
-    amplitude: float,
-    fade: float,
     phase: Array,
 ) -> Motion:
     """Multiply a carrier, given with two derivatives, by a growing envelope."""
-    step = minimum_jerk(time / fade)
-    value, rate, curvature = carrier
-    envelope_rate, envelope_curvature = step.rate / fade, step.curvature / fade**2
-    return Motion(
-        time,
-        amplitude * step.value * value,
-        amplitude * (envelope_rate * value + step.value * rate),
-        amplitude
-        * (
-            envelope_curvature * value
-            + 2 * envelope_rate * rate
-            + step.value * curvature
-        ),
-        phase,
-    )
-
-
-RISE, FALL, LAST = 0.15, 0.4, 0.15
-"""Shares of the episode until the swing is full and from which it shrinks, and what is
-left of it at the end."""
+    size, fade = owner.amplitude, owner.fade
+    step, (value, rate, curvature) = minimum_jerk(time / fade), carrier
+    growth, bend = step.rate / fade, step.curvature / fade**2
+    velocity = growth * value + step.value * rate
+    acceleration = bend * value + 2 * growth * rate + step.value * curvature
+    angle = size * step.value * value
+    return Motion(time, angle, size * velocity, size * acceleration, phase)
 
 
 @dataclass(frozen=True)
@@ -228,10 +203,11 @@ class Loops(Scripted):
 
     @pointwise
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
-        rise, fall = RISE * duration, (1.0 - FALL) * duration
-        up = minimum_jerk(time / rise)
-        down = minimum_jerk((time - FALL * duration) / fall)
-        lost = 1.0 - LAST
+        # The swing is full after 15 % of the episode, shrinks from 40 % on, and has
+        # 15 % of its size at the end.
+        rise, full, fall = 0.15 * duration, 0.4 * duration, (1.0 - 0.4) * duration
+        up, down = minimum_jerk(time / rise), minimum_jerk((time - full) / fall)
+        lost = 1.0 - 0.15
         share = up.value * (1.0 - lost * down.value)
         rate = (
             up.rate / rise * (1.0 - lost * down.value)
@@ -244,16 +220,11 @@ class Loops(Scripted):
         )
         omega = 2.0 * math.pi * self.frequency
         sine, cosine = np.sin(omega * time), np.cos(omega * time)
-        size = self.amplitude
+        angle = self.centre + self.amplitude * share * sine
         speed = rate * sine + share * omega * cosine
         bent = (curvature - share * omega**2) * sine + 2.0 * rate * omega * cosine
-        return Motion(
-            time,
-            self.centre + size * share * sine,
-            size * speed,
-            size * bent,
-            episode_fraction(time, duration),
-        )
+        derivatives = self.amplitude * speed, self.amplitude * bent
+        return Motion(time, angle, *derivatives, episode_fraction(time, duration))
 
 
 @dataclass(frozen=True)
@@ -275,15 +246,8 @@ class Sweep(Scripted):
         leg = self.move + self.hold
         index = np.floor(time / leg)
         side = np.where(index % 2 == 0, self.amplitude, -self.amplitude)
-        start = np.where(index == 0, 0.0, -side)
-        step = minimum_jerk((time - index * leg) / self.move)
-        return Motion(
-            time,
-            start + (side - start) * step.value,
-            (side - start) * step.rate / self.move,
-            (side - start) * step.curvature / self.move**2,
-            cycle_fraction(time, 2 * leg),
-        )
+        start, phase = np.where(index == 0, 0.0, -side), cycle_fraction(time, 2 * leg)
+        return _moves(time, index * leg, self.move, (start, side), phase)
 
 
 @dataclass(frozen=True)
@@ -413,17 +377,19 @@ def _join_moves(
 ) -> Motion:
     """Join minimum-jerk moves; move i ends at or before the start of move i + 1."""
     index = np.searchsorted(starts, time, side="right") - 1
-    origin = np.array([0.0, *targets[:-1]])[index]
-    extent = np.array(targets)[index] - origin
-    span = np.array(spans)[index]
-    step = minimum_jerk((time - np.array(starts)[index]) / span)
-    return Motion(
-        time,
-        origin + extent * step.value,
-        extent * step.rate / span,
-        extent * step.curvature / span**2,
-        episode_fraction(time, duration),
-    )
+    ends = np.array([0.0, *targets])[index], np.array(targets)[index]
+    start, span = np.array(starts)[index], np.array(spans)[index]
+    return _moves(time, start, span, ends, episode_fraction(time, duration))
+
+
+def _moves(
+    time: Array, start: Array, span: Any, ends: tuple[Array, Array], phase: Array
+) -> Motion:
+    """Move from one end to the other at each time, from `start` in the time `span`."""
+    extent = ends[1] - ends[0]
+    step = minimum_jerk((time - start) / span)
+    velocity, bent = extent * step.rate / span, extent * step.curvature / span**2
+    return Motion(time, ends[0] + extent * step.value, velocity, bent, phase)
 
 
 TRAJECTORIES: dict[str, Scripted] = {

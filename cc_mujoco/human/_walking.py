@@ -14,13 +14,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.human import _gait as gait
 from cc_mujoco.human._body import SCENE_WEARER, Body
 from cc_mujoco.human._gait_joints import GaitJoint, gait_joints
-from cc_mujoco.human._motion import (
-    Array,
-    Motion,
-    Scripted,
-    minimum_jerk,
-    pointwise,
-)
+from cc_mujoco.human._motion import Array, Motion, Scripted, minimum_jerk, pointwise
 from cc_mujoco.human._pace import MEASURED_SPEED, Pace
 
 _ANKLE = gait.GAIT_ANGLES["ankle"](np.linspace(0.0, 1.0, 10_001))
@@ -125,23 +119,13 @@ class Walk(Scripted):
         def joint(
             leg: _Leg, name: str, far: float, others: dict[str, Motion]
         ) -> Motion:
-            profile = gait.GAIT_ANGLES[name]
+            profile, at = gait.GAIT_ANGLES[name], leg.measured
             slope = profile.derivative()
-            bend = slope.derivative()
             far = far * pace.excursion(name)
-            return Motion(
-                time,
-                far * profile(leg.measured),
-                far * slope(leg.measured) * leg.rate,
-                far
-                * (
-                    bend(leg.measured) * leg.rate**2
-                    + slope(leg.measured) * leg.acceleration
-                ),
-                leg.phase,
-                others,
-                leg.measured,
-            )
+            bent = slope.derivative()(at) * leg.rate**2 + slope(at) * leg.acceleration
+            velocity = far * slope(at) * leg.rate
+            angle = far * profile(at)
+            return Motion(time, angle, velocity, far * bent, leg.phase, others, at)
 
         first = leg(0.0)
         if not self.joints:

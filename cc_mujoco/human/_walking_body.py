@@ -43,10 +43,6 @@ SCENE = FOLDER / "level_ground.xml"
 POLICY = FOLDER / "policy.safetensors"
 LEGS = FOLDER / "legs.xml"
 """The person without ground and muscles."""
-_GRAVITY = 9.81
-_LOADS = tuple(
-    f"{side}_{part}_load" for side in WALKING_SIDES for part in ("heel", "ball")
-)
 
 
 class WalkingBody:
@@ -66,39 +62,30 @@ class WalkingBody:
     """Change of the hips' height of a person who falls [m]."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
-        names = [
-            [f"{side}_{part}" for part in WALKING_JOINTS] for side in WALKING_SIDES
+        legs = [[f"{side}_{part}" for part in WALKING_JOINTS] for side in WALKING_SIDES]
+        soles = [
+            f"{side}_{part}" for side in WALKING_SIDES for part in ("heel", "ball")
         ]
-        self.qpos = np.array(
-            [[model.joint(n).qposadr[0] for n in leg] for leg in names]
-        )
-        self.dof = np.array([[model.joint(n).dofadr[0] for n in leg] for leg in names])
-        self.muscles = np.array([[model.actuator(n).id for n in leg] for leg in names])
-        self.heels = np.array([model.geom(f"{side}_heel").id for side in WALKING_SIDES])
-        self._soles = [
-            model.geom(f"{side}_{part}").id
-            for side in WALKING_SIDES
-            for part in ("heel", "ball")
-        ]
-        self._loads = np.array([model.sensor(name).adr[0] for name in _LOADS])
+        joints = [[model.joint(name) for name in leg] for leg in legs]
+        self.qpos = np.array([[one.qposadr[0] for one in leg] for leg in joints])
+        self.dof = np.array([[one.dofadr[0] for one in leg] for leg in joints])
+        self.muscles = np.array([[model.actuator(n).id for n in leg] for leg in legs])
+        self._soles = [model.geom(name).id for name in soles]
+        self.heels = np.array(self._soles[::2])
+        self._loads = np.array([model.sensor(f"{one}_load").adr[0] for one in soles])
         self._forward, self._height, self._pitch = (
             int(model.joint(name).qposadr[0]) for name in ("forward", "height", "pitch")
         )
-        self.weight = float(model.body_mass.sum()) * _GRAVITY
+        self.weight = float(model.body_mass.sum()) * 9.81
 
     def set_muscles(self, model: mujoco.MjModel, policy: WalkingPolicy) -> None:
         """Give the muscles the stiffness and damping of a policy."""
         model.actuator_biasprm[self.muscles, 1] = -policy.stiffness
         model.actuator_biasprm[self.muscles, 2] = -policy.damping
 
-    def start(
-        self,
-        model: mujoco.MjModel,
-        data: mujoco.MjData,
-        policy: WalkingPolicy,
-        step: float,
-    ) -> None:
+    def start(self, data: mujoco.MjData, policy: WalkingPolicy, step: float) -> None:
         """Put the person into the pose and at the speed of a part of a right step."""
+        model = data.model
         mujoco.mj_resetData(model, data)
         phase = np.array([0.5 * step, 0.5 + 0.5 * step])
         angles, rates, _ = policy.desired(phase)
@@ -106,23 +93,17 @@ class WalkingBody:
         data.qvel[self._forward] = policy.speed
         data.qpos[self._pitch] = policy.trunk_pitch
         mujoco.mj_kinematics(model, data)
-        lowest = (
-            data.geom_xpos[self._soles, 2] - model.geom_size[self._soles, 0]
-        ).min()
-        data.qpos[self._height] -= lowest
+        soles = data.geom_xpos[self._soles, 2] - model.geom_size[self._soles, 0]
+        data.qpos[self._height] -= soles.min()
 
     def senses(self, each: Sequence[mujoco.MjData]) -> Senses:
         """Return the sensory signals of the persons in some data."""
         qpos = np.array([data.qpos for data in each])
         qvel = np.array([data.qvel for data in each])
         loads = np.array([data.sensordata[self._loads] for data in each])
-        return Senses(
-            qpos[:, self.qpos],
-            qpos[:, self._pitch],
-            qvel[:, self._pitch],
-            qvel[:, self._forward],
-            loads.reshape(len(each), 2, 2).sum(axis=2) / self.weight,
-        )
+        pitch = qpos[:, self._pitch], qvel[:, self._pitch]
+        load = loads.reshape(len(each), 2, 2).sum(axis=2) / self.weight
+        return Senses(qpos[:, self.qpos], *pitch, qvel[:, self._forward], load)
 
     def has_fallen(self, data: mujoco.MjData) -> bool:
         """Return whether the person cannot go on."""

@@ -83,7 +83,7 @@ class WalkingPolicy:
         try:
             tensors, _ = safetensors.from_bytes(Path(path).read_bytes())
             numbers: dict[str, Any] = {
-                field.name: tensors[field.name] for field in fields(cls)
+                one.name: tensors[one.name] for one in fields(cls)
             }
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise CableError(
@@ -102,13 +102,14 @@ class WalkingPolicy:
 
     def desired(self, phase: Array) -> tuple[Array, Array, Array]:
         """Return angles [rad], rates [rad/s] and torques [N m], each (phases, 3)."""
-        angles, rates, torques = [], [], []
-        for angle, torque in zip(self.angles, self.torques, strict=True):
-            profile = Harmonics(tuple(map(tuple, angle)))
-            angles.append(profile(phase))
-            rates.append(profile.derivative()(phase) / self.stride_time)
-            torques.append(Harmonics(tuple(map(tuple, torque)))(phase))
-        return np.array(angles).T, np.array(rates).T, np.array(torques).T
+        angles, torques = (
+            [Harmonics(tuple(map(tuple, series))) for series in each]
+            for each in (self.angles, self.torques)
+        )
+        rates = [angle.derivative()(phase) / self.stride_time for angle in angles]
+        desired = [one(phase) for one in angles], rates, [one(phase) for one in torques]
+        angle, rate, torque = (np.array(values).T for values in desired)
+        return angle, rate, torque
 
     def table(self) -> Array:
         """Return control of hip, knee and ankle and the push of the ankle (rows, 4)."""
@@ -276,10 +277,6 @@ class ExpectedHelp:
         self._felt, self._count = self._felt * going, self._count * going
 
     def forget(self, worlds: Any) -> None:
-        """Reset the learned assistance of these worlds to zero.
-
-        Args:
-            worlds: Index array or mask.
-        """
+        """Reset the learned assistance of these worlds, an index or mask, to zero."""
         for table in (self._expected, self._felt, self._count):
             table[worlds] = 0.0

@@ -234,7 +234,7 @@ def _starting_poses(policy: WalkingPolicy) -> tuple[float, np.ndarray[Any, Any]]
     forward, height, pitch = (model.joint(n) for n in ("forward", "height", "pitch"))
     poses = []
     for start in _STARTS:
-        body.start(model, data, policy, float(start))
+        body.start(data, policy, float(start))
         rest = (
             data.qpos[height.qposadr[0]],
             data.qpos[pitch.qposadr[0]],

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.native import FloatArray, IntArray, internal
-from cc_mujoco.plugin import _mj_struct as mj_struct
-from cc_mujoco.plugin._ffi import floats, load_real, load_word, reinterpret, words
+from cc_mujoco.plugin._ffi import floats, load_real, reinterpret, words
+from cc_mujoco.plugin._mj_struct import MjData
 
 MIN_LEVERAGE = 0.1
 """Least leverage that is reported; with less the cable hardly turns the joint."""
@@ -132,19 +132,19 @@ def axis_at(address: int) -> AxisRecord:
 
 
 @internal
-def fields_of(data: int, at: IntArray) -> None:
+def fields_of(data: MjData, at: IntArray) -> None:
     """Write the addresses of the arrays of an `mjData`, in the order of `Physics`."""
-    at[_QPOS] = load_word(data + mj_struct.QPOS)
-    at[_QVEL] = load_word(data + mj_struct.QVEL)
-    at[_FORCE] = load_word(data + mj_struct.ACTUATOR_FORCE)
-    at[_ACTUATOR] = load_word(data + mj_struct.QFRC_ACTUATOR)
-    at[_PASSIVE] = load_word(data + mj_struct.QFRC_PASSIVE)
-    at[_SPRING] = load_word(data + mj_struct.QFRC_SPRING)
-    at[_DAMPER] = load_word(data + mj_struct.QFRC_DAMPER)
-    at[_GRAVITY] = load_word(data + mj_struct.QFRC_GRAVCOMP)
-    at[_FLUID] = load_word(data + mj_struct.QFRC_FLUID)
-    at[_LENGTH] = load_word(data + mj_struct.ACTUATOR_LENGTH)
-    at[MOMENT] = load_word(data + mj_struct.ACTUATOR_MOMENT)
+    at[_QPOS] = data.qpos.ctypes.data
+    at[_QVEL] = data.qvel.ctypes.data
+    at[_FORCE] = data.actuator_force.ctypes.data
+    at[_ACTUATOR] = data.qfrc_actuator.ctypes.data
+    at[_PASSIVE] = data.qfrc_passive.ctypes.data
+    at[_SPRING] = data.qfrc_spring.ctypes.data
+    at[_DAMPER] = data.qfrc_damper.ctypes.data
+    at[_GRAVITY] = data.qfrc_gravcomp.ctypes.data
+    at[_FLUID] = data.qfrc_fluid.ctypes.data
+    at[_LENGTH] = data.actuator_length.ctypes.data
+    at[MOMENT] = data.actuator_moment.ctypes.data
 
 
 @internal

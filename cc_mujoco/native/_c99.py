@@ -12,6 +12,7 @@ contraction, gives the bits of Python. What leaves the subset is refused with it
 from __future__ import annotations
 
 import ast
+import ctypes
 import math
 import types
 from collections.abc import Iterator, Mapping
@@ -39,6 +40,7 @@ from cc_mujoco.native._kinds import (
     FunctionTypes,
     Kind,
     LoadedInt,
+    Memory,
     Scalar,
     Structure,
     UnknownTypeError,
@@ -113,7 +115,8 @@ class Value:
         rank: precedence of its outermost operator.
         number: the number that it spells, None of another.
         name: name of a constant, empty of all else.
-        table: name of the constant array that it is a view of.
+        table: address of the first element of an array that is constant or in memory.
+        dims: sizes of an array in memory, empty where they are not known.
     """
 
     text: str
@@ -122,6 +125,7 @@ class Value:
     number: Any = None
     name: str = ""
     table: str = ""
+    dims: tuple[str, ...] = ()
 
     def at(self, rank: int) -> str:
         """Return the text as an operand of an operator of this rank."""
@@ -260,7 +264,7 @@ class CLibrary:
             name = next(each for each in names if each not in taken)
             cells = ", ".join(literal(each).text for each in found.ravel().tolist())
             head = f"static const {element.c} {name}[{max(found.size, 1)}]"
-            self._tables[key] = name, f"{head} = {{{cells}}};\n"
+            self._tables[key] = name, f"{head} = {{{cells or 0}}};\n"
         name, kind = self._tables[key][0], Array(element, found.ndim)
         shape = ", ".join(map(str, found.shape))
         text = f"({short_name(kind)}){{({element.c} *){name}, {shape}}}"
@@ -313,13 +317,16 @@ def _wider(a: Kind, b: Kind) -> Kind | None:
     if a == b:
         return a
     if isinstance(a, Scalar) and isinstance(b, Scalar) and NOTHING not in (a, b):
-        return next((kind for kind in (REAL, WORD) if kind in (a, b)), INT)
+        address = next((k for k in (a, b) if isinstance(k, Memory)), INT)
+        return next((kind for kind in (REAL, WORD) if kind in (a, b)), address)
     return None
 
 
 def _dims_of(value: Value) -> list[str]:
     assert isinstance(value.kind, Array)
-    return [f"{value.at(_ATOM)}.{name}" for name in DIMENSIONS[: value.kind.dims]]
+    return list(value.dims) or [
+        f"{value.at(_ATOM)}.{name}" for name in DIMENSIONS[: value.kind.dims]
+    ]
 
 
 def _is_whole(node: ast.expr) -> bool:
@@ -531,6 +538,7 @@ class _CWriter(Writer):
         return not any(
             isinstance(n, ast.Call)
             or (isinstance(n, ast.Name) and n.id in stored)
+            or (isinstance(n, ast.Name) and isinstance(self._kind(n.id), Memory))
             or (isinstance(n, ast.Subscript) and not _is_shape(n.value))
             for n in ast.walk(node)
         )
@@ -646,6 +654,8 @@ class _CWriter(Writer):
         if isinstance(found, np.ndarray) and found.dtype.type in NUMBERS:
             label = "DATA" if isinstance(node, ast.Constant) else ast.unparse(node)
             return self.library.table(found, label.rpartition(".")[2])
+        if isinstance(found, str):
+            return self.library.table(np.frombuffer(found.encode(), np.uint8), "TEXT")
         if isinstance(found, tuple):
             parts = [self._constant(each, ast.Constant(each)) for each in found]
             is_named = hasattr(found, "_fields")
@@ -669,8 +679,11 @@ class _CWriter(Writer):
         if node.attr == "data" and isinstance(node.value, ast.Attribute):
             owner = self.visit(node.value.value)
             self._as.writes |= self._paths_of(node.value.value) - {""}
-            return Value(f"(int64_t)(intptr_t){owner.text}.p", INT, _UNARY)
+            first = owner.table if owner.dims else f"{owner.text}.p"
+            return Value(f"(int64_t)(intptr_t){first}", INT, _UNARY)
         owner = self.visit(node.value)
+        if isinstance(owner.kind, Memory):
+            return self._field(owner, owner.kind, node)
         if isinstance(owner.kind, Structure):
             to = "->" if owner.kind.is_pointer else "."
             text = f"{owner.at(_ATOM)}{to}{c_name(node.attr)}"
@@ -679,6 +692,31 @@ class _CWriter(Writer):
             rank = _ATOM if owner.kind.dims == 1 else _PRODUCT
             return Value(" * ".join(_dims_of(owner)), INT, rank)
         raise self.refuse(node, "an attribute")
+
+    def _field(self, owner: Value, kind: Memory, node: ast.Attribute) -> Value:
+        """Return a field of a structure in memory: a number, array or structure."""
+        found, name = kind.type_of(node.attr), f"{kind.name}.{node.attr}"
+        if issubclass(found, ctypes.Structure):
+            return replace(owner, kind=replace(kind, name=name, layout=found))
+        offset = self._constant(kind.place(name), node).text
+        at = f"(intptr_t)({owner.at(_SUM)} + {offset})"
+        if found in NUMBERS:
+            element = NUMBERS[found]
+            return Value(f"(*({element.c} *){at})", element)
+        # Of an array behind a pointer the structure does not tell the size.
+        sizes: tuple[str, ...] = (str(getattr(found, "_length_", "")),)
+        to = found._type_
+        if issubclass(to, ctypes.Structure):
+            inner = Array(replace(kind, name=to.__name__, layout=to))
+            return Value("", inner, table=f"*(int64_t *){at}", dims=sizes)
+        if issubclass(to, ctypes.Array):
+            sizes, to = (*sizes, str(to._length_)), to._type_
+        array = Array(NUMBERS[to], len(sizes))
+        if not sizes[0]:
+            first = f"(*({array.element.c} *const *){at})"
+            return Value("", array, table=first, dims=sizes)
+        first = f"(({array.element.c} *){at})"
+        return replace(self._view(array, [first, *sizes]), table=first, dims=sizes)
 
     def visit_Tuple(self, node: ast.Tuple) -> Value:
         return self._record([self.visit(each) for each in node.elts], node)
@@ -814,10 +852,15 @@ class _CWriter(Writer):
                 text = f"{end.at(_SUM)} - {value.at(_SUM + 1)}"
                 end = Value(text, INT, _SUM)
             shape = [end.text, *shape]
+        elif not shape and isinstance(kind.element, Memory):
+            size = self._constant(kind.element.place(kind.element.name), node).text
+            text = f"{owner.table} + {size} * ({start or '0'})"
+            return Value(text, kind.element, _SUM)
         elif not shape:
             table = owner.table or f"{owner.at(_ATOM)}.p"
             return Value(f"{table}[{start or '0'}]", kind.element)
-        begin = f"{owner.at(_ATOM)}.p + {start}" if start else f"{owner.at(_ATOM)}.p"
+        begin = owner.table if owner.dims else f"{owner.at(_ATOM)}.p"
+        begin += f" + {start}" if start else ""
         return self._view(Array(kind.element, len(shape)), [begin, *shape])
 
     def _view(self, kind: Kind, parts: list[str]) -> Value:

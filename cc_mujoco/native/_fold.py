@@ -250,6 +250,8 @@ class _Folder(ast.NodeTransformer):
 
     def _number(self, node: ast.expr) -> ast.expr:
         found = self._scope.lookup(node)
+        if hasattr(found, "value") and hasattr(found, "name"):
+            found = found.value  # of an enumerator
         if not is_number(found):
             return node
         name = node.attr if isinstance(node, ast.Attribute) else ast.unparse(node)

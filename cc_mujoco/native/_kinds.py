@@ -7,12 +7,13 @@ dimensions, or a named tuple or tuple of these.
 from __future__ import annotations
 
 import ast
+import ctypes
 import inspect
 import textwrap
 import types
 import typing
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Any
 
 import numpy as np
@@ -25,8 +26,6 @@ FloatCube = Annotated[npt.NDArray[np.float64], 3]
 IntMatrix = Annotated[npt.NDArray[np.int64], 2]
 ByteMatrix = Annotated[npt.NDArray[np.int8], 2]
 """Contiguous matrices of integers."""
-CInt = Annotated[int, "int32_t"]
-"""Argument or result of a function for C that is an `int` there."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +33,26 @@ class Scalar:
     """A number, as C names it."""
 
     c: str
+
+
+@dataclass(frozen=True)
+class Memory(Scalar):
+    """The address of a structure, whose fields are read and written where they lie.
+
+    Attributes:
+        name: path by which its fields are known.
+        layout: its type for `ctypes`.
+        place: function that returns the offset of a field, by its path, or the size of
+            a structure [bytes].
+    """
+
+    name: str
+    layout: type[ctypes.Structure] = field(compare=False)
+    place: Callable[[str], int] = field(compare=False)
+
+    def type_of(self, name: str) -> Any:
+        """Return the type of a field."""
+        return {each[0]: each[1] for each in self.layout._fields_}[name]
 
 
 @dataclass(frozen=True)
@@ -75,10 +94,14 @@ REAL, INT, BOOL, NOTHING = (
 BYTE, INT32, WORD, INT8 = (
     Scalar("uint8_t"), Scalar("int32_t"), Scalar("uint64_t"), Scalar("int8_t"),
 )  # fmt: skip
+CInt = Annotated[int, INT32]
+"""Argument or result of a function for C that is an `int` there."""
 NUMBERS: dict[Any, Scalar] = {
     float: REAL, np.float64: REAL, int: INT, np.int64: INT, np.intp: INT, bool: BOOL,
     np.bool_: BOOL, np.uint8: BYTE, np.int32: INT32, np.uint64: WORD, np.int8: INT8,
-    None: NOTHING, type(None): NOTHING,
+    None: NOTHING, type(None): NOTHING, ctypes.c_double: REAL, ctypes.c_int: INT32,
+    ctypes.c_int64: INT, ctypes.c_size_t: INT, ctypes.c_uint8: BYTE,
+    ctypes.c_bool: BYTE, ctypes.c_char: BYTE,
 }  # fmt: skip
 _SHORT = {
     REAL: "Real", INT: "Int", BOOL: "Bool", BYTE: "Byte", INT32: "Int32", WORD: "Word",
@@ -113,7 +136,7 @@ def tuple_of(kinds: tuple[Kind, ...]) -> Structure:
 def short_name(kind: Kind) -> str:
     """Return the name of a type in C, without a star."""
     if isinstance(kind, Scalar):
-        return _SHORT[kind]
+        return _SHORT[INT if isinstance(kind, Memory) else kind]
     if isinstance(kind, Structure):
         return kind.name
     return _SHORT[kind.element] + {1: "s", 2: "Matrix", 3: "Cube"}[kind.dims]
@@ -122,14 +145,14 @@ def short_name(kind: Kind) -> str:
 def kind_of(annotation: Any) -> Kind:
     if isinstance(annotation, typing.TypeVar):
         annotation = (annotation.__constraints__ or (annotation.__bound__,))[0]
-    dims, name = 1, None
+    dims = 1
     if typing.get_origin(annotation) is Annotated:
         annotation, mark = typing.get_args(annotation)
         if isinstance(mark, tuple):
             return _structure(*mark)
-        dims, name = (mark, None) if isinstance(mark, int) else (1, mark)
-    if name is not None:
-        return Scalar(name)
+        if not isinstance(mark, int):
+            return mark  # type: ignore[no-any-return]
+        dims = mark
     if isinstance(annotation, typing.Hashable) and annotation in NUMBERS:
         return NUMBERS[annotation]
     origin, given = typing.get_origin(annotation), typing.get_args(annotation)

@@ -9,124 +9,40 @@ from __future__ import annotations
 import math
 
 import mujoco
+from mujoco import mjtBias, mjtEq, mjtGain, mjtJoint, mjtSleepPolicy, mjtTrn, mjtWrap
 
 from cc_mujoco.plugin import _config as config
 from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin._ffi import (
     Bytes,
     Floats,
+    Message,
     append,
     append_integer,
+    append_label,
     fill,
     internal,
-    load_word,
-    quote,
-    store_integer,
 )
+from cc_mujoco.plugin._mj_struct import MjModel
 
-_TRN_JOINT = int(mujoco.mjtTrn.mjTRN_JOINT)
-_TRN_TENDON = int(mujoco.mjtTrn.mjTRN_TENDON)
-_SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)
-_HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
-_SITE = int(mujoco.mjtWrap.mjWRAP_SITE)
-_PULLEY = int(mujoco.mjtWrap.mjWRAP_PULLEY)
-_FIXED_TENDON = int(mujoco.mjtWrap.mjWRAP_JOINT)
-_EQUAL_TENDONS = int(mujoco.mjtEq.mjEQ_TENDON)
-_FIXED_GAIN = int(mujoco.mjtGain.mjGAIN_FIXED)
-_NO_BIAS = int(mujoco.mjtBias.mjBIAS_NONE)
-_AFFINE_BIAS = int(mujoco.mjtBias.mjBIAS_AFFINE)
-_PRM_SIZE = 10  # of gain and bias of an actuator
 _REST_TOLERANCE = 1e-9
 _MAX_LENGTH = float(mujoco.mjMAXVAL)
 """Length from which MuJoCo takes a number for bad [m]."""
-_AUTO_NEVER = int(mujoco.mjtSleepPolicy.mjSLEEP_AUTO_NEVER)
-_NEVER = int(mujoco.mjtSleepPolicy.mjSLEEP_NEVER)
-_ALLOWED = int(mujoco.mjtSleepPolicy.mjSLEEP_ALLOWED)
-_INIT = int(mujoco.mjtSleepPolicy.mjSLEEP_INIT)
-
-_USED_BY = config.constant("it is used by ")
-_USED_BY_END = config.constant(
-    " actuators; it must be used by two, first the proximal and then the distal end"
-)
-ITS_ACTUATOR = config.constant("its actuator ")
-_OTHER_ACTUATOR = config.constant("actuator ")
-_WRONG_TRANSMISSION = config.constant(
-    " has the wrong transmission; it must be a hinge or slide `joint` or a spatial "
-    "`tendon`"
-)
-_FORCE_RANGE_SET = config.constant(
-    " has a `forcerange`, its own or that of a default, which would clamp the tension "
-    'of the cable; set forcelimited="false" there'
-)
-_CLAMPED = (
-    config.constant(" pulls a joint"),
-    config.constant(" pulls a tendon"),
-)
-_CLAMPED_END = config.constant(
-    " that has an `actuatorfrcrange`, its own or that of a default, which would clamp "
-    "the tension of the cable; limit the motor by the `forcerange` of its actuator"
-)
-_ACTUATOR_DRAG = (
-    config.constant(" has a `damping`"),
-    config.constant(" has an `armature`"),
-)
-_ACTUATOR_DRAG_END = config.constant(
-    ", its own or that of a default, which would act beside the cable; take it away "
-    "there, and say it of the joint"
-)
-NO_LENGTH = config.constant(
+NO_LENGTH = (
     " has no length in the pose `qpos0` that MuJoCo can use; it must be finite and at "
     "most 1e10 m"
 )
-_WRONG_RADIUS = config.constant(
-    " has a pulley of 1 m radius or more, of 1 m if no gear is given; `gear` must be "
-    "the signed pulley radius in metres"
-)
-_WRONG_GEAR = config.constant(
-    " has gear 0, or no finite number; it must be the signed pulley radius in metres"
-)
-_SAME_TARGET = config.constant(
-    " is on the same joint or tendon as the other end; a cable needs two that move "
-    "against each other"
-)
-_PULLS_WHOLE_TENDON = config.constant(
-    " pulls its tendon as a whole, which passes friction by; give it the joint of a "
-    "drum, and that joint to the proximal end"
-)
-_TENDON_HAS = config.constant("its tendon has ")
-_TENDON_FEATURES = (
-    config.constant("a `stiffness`"),
-    config.constant("a `damping`"),
-    config.constant("a `frictionloss`"),
-    config.constant("a `range`"),
-    config.constant("an `armature`"),
-    config.constant("an equality"),
-)
-_TENDON_HAS_END = config.constant(
+_PASSES_FRICTION_BY = (
     " of its own, which pulls it as a whole and passes friction by; take it away, and "
-    "say it of the cable or of a joint"
-)
-_TENDON_SPRING_END = config.constant(
-    " of its own, which pulls it as a whole and passes friction by; take it away, and "
-    "give the cable an `axial_stiffness` of `stiffness` times the upper `springlength` "
-    "and, as `pretension`, the force of that spring in the pose `qpos0`"
-)
-_MAY_SLEEP = config.constant(
-    " has a `sleep` of `allowed` or `init`, but the cable pulls its tree and wakes "
-    "nothing that sleeps; take it away there"
-)
-_BODY_PREFIX = config.constant("body ")
-_WRONG_TIED_GEAR = config.constant(
-    " ties the cable to its own tendon; its gear must be 1 (-1 at the proximal end)"
 )
 
 
 @internal
-def find_actuators(model: int, instance: int) -> tuple[int, int, int]:
+def find_actuators(model: MjModel, instance: int) -> tuple[int, int, int]:
     """Return the number of actuators of an instance, and its first two (-1: none)."""
     count, first, second = 0, -1, -1
-    for actuator in range(mj_struct.actuators(model)):
-        if mj_struct.integer(model, mj_struct.ACTUATOR_PLUGIN, actuator) == instance:
+    for actuator in range(model.nactuator):
+        if model.actuator_plugin[actuator] == instance:
             if count == 0:
                 first = actuator
             elif count == 1:
@@ -136,15 +52,15 @@ def find_actuators(model: int, instance: int) -> tuple[int, int, int]:
 
 
 @internal
-def output_index(model: int, actuator: int) -> int:
-    """Return the index of an actuator in `actuator_length` and `actuator_force`."""
-    return mj_struct.integer(model, mj_struct.ACTUATOR_OUTADR, actuator)
+def pulley_radius(model: MjModel, out: int) -> float:
+    """Return an end's signed pulley radius [m] by its `actuator_length` index."""
+    return float(model.actuator_gear[out, 0])
 
 
 @internal
-def pulley_radius(model: int, out: int) -> float:
-    """Return an end's signed pulley radius [m] by its `actuator_length` index."""
-    return mj_struct.real(model, mj_struct.ACTUATOR_GEAR, 6 * out)
+def end_radius(model: MjModel, actuator: int) -> float:
+    """Return the signed pulley radius [m] of an actuator."""
+    return pulley_radius(model, model.actuator_outadr[actuator])
 
 
 @internal
@@ -154,142 +70,169 @@ def is_length(metres: float) -> bool:
 
 
 @internal
-def _has_metre_radius(model: int, actuator: int) -> bool:
+def _holding_joint(model: MjModel, actuator: int) -> int:
+    """Return the joint that holds an end, or -1."""
+    if model.actuator_trntype[actuator] != mjtTrn.mjTRN_JOINT:
+        return -1
+    return int(model.actuator_trnid[actuator, 0])
+
+
+@internal
+def holding_tendon(model: MjModel, actuator: int) -> int:
+    """Return the tendon that holds an end, or -1."""
+    if model.actuator_trntype[actuator] != mjtTrn.mjTRN_TENDON:
+        return -1
+    return int(model.actuator_trnid[actuator, 0])
+
+
+@internal
+def _has_metre_radius(model: MjModel, actuator: int) -> bool:
     """Return whether a hinge turns a pulley of 1 m, the default radius, or more."""
-    if mj_struct.integer(model, mj_struct.ACTUATOR_TRNTYPE, actuator) != _TRN_JOINT:
+    joint = _holding_joint(model, actuator)
+    if joint < 0 or model.jnt_type[joint] != mjtJoint.mjJNT_HINGE:
         return False
-    target = mj_struct.integer(model, mj_struct.ACTUATOR_TRNID, 2 * actuator)
-    hinge = mj_struct.integer(model, mj_struct.JNT_TYPE, target) == _HINGE
-    return hinge and abs(pulley_radius(model, output_index(model, actuator))) >= 1.0
+    return abs(end_radius(model, actuator)) >= 1.0
 
 
 @internal
-def _has_valid_transmission(model: int, actuator: int) -> bool:
-    kind = mj_struct.integer(model, mj_struct.ACTUATOR_TRNTYPE, actuator)
-    target = mj_struct.integer(model, mj_struct.ACTUATOR_TRNID, 2 * actuator)
-    if kind == _TRN_JOINT:
-        joint = mj_struct.integer(model, mj_struct.JNT_TYPE, target)
-        return joint == _SLIDE or joint == _HINGE
-    return kind == _TRN_TENDON and is_spatial(model, target)
+def _has_valid_transmission(model: MjModel, actuator: int) -> bool:
+    joint = _holding_joint(model, actuator)
+    if joint >= 0:
+        kind = model.jnt_type[joint]
+        return bool(kind == mjtJoint.mjJNT_SLIDE or kind == mjtJoint.mjJNT_HINGE)
+    tendon = holding_tendon(model, actuator)
+    return tendon >= 0 and is_spatial(model, tendon)
 
 
 @internal
-def is_spatial(model: int, tendon: int) -> bool:
-    start = mj_struct.integer(model, mj_struct.TENDON_ADR, tendon)
-    return mj_struct.integer(model, mj_struct.WRAP_TYPE, start) != _FIXED_TENDON
+def is_spatial(model: MjModel, tendon: int) -> bool:
+    first = model.wrap_type[model.tendon_adr[tendon]]
+    return bool(first != mjtWrap.mjWRAP_JOINT)
 
 
 @internal
-def name_actuator(
-    message: Bytes, used: int, model: int, actuator: int, whose: Bytes
-) -> int:
+def blame(message: Message, model: MjModel, actuator: int, why: Bytes) -> None:
+    """Append an actuator of an instance and the end of a sentence about it."""
+    append(message, "its actuator ")
+    _append_actuator(message, model, actuator)
+    append(message, why)
+
+
+@internal
+def _append_actuator(message: Message, model: MjModel, actuator: int) -> None:
     """Append the name of an actuator, or its place in the model if it has none."""
-    used = append(message, used, whose)
-    name = mj_struct.actuator_name(model, actuator)
-    if name.size == 0:
-        return append_integer(message, used, actuator)
-    return quote(message, used, name)
+    name = mj_struct.name(model, model.name_actuatoradr[actuator])
+    append_label(message, name, actuator)
 
 
 @internal
-def explain(message: Bytes, used: int, model: int, instance: int) -> int:
-    """Append to `message` why the ends of `instance` cannot be used.
-
-    Args:
-        message: bytes of the message.
-        used: number of its bytes that are written.
-        model: address of the `MjModel`.
-        instance: plugin instance of the cable.
-
-    Returns:
-        The new number of written bytes; `used` where the ends can be used.
-    """
+def explain(message: Message, model: MjModel, instance: int) -> None:
+    """Append why the ends of an instance cannot be used, if they cannot."""
     count, first, second = find_actuators(model, instance)
     if count != 2:
-        used = append(message, used, _USED_BY)
-        used = append_integer(message, used, count)
-        return append(message, used, _USED_BY_END)
+        append(message, "it is used by ")
+        append_integer(message, count)
+        append(
+            message,
+            " actuators; it must be used by two, first the proximal and then the "
+            "distal end",
+        )
+        return
     for actuator in (first, second):
-        fits = _has_valid_transmission(model, actuator)
-        radius = pulley_radius(model, output_index(model, actuator))
-        if not fits or radius == 0.0 or not math.isfinite(radius):
-            used = name_actuator(message, used, model, actuator, ITS_ACTUATOR)
-            return append(message, used, _WRONG_GEAR if fits else _WRONG_TRANSMISSION)
-        limited = mj_struct.byte(model, mj_struct.FORCE_LIMITED, actuator) != 0
-        if limited or _has_metre_radius(model, actuator):
-            used = name_actuator(message, used, model, actuator, ITS_ACTUATOR)
-            return append(message, used, _FORCE_RANGE_SET if limited else _WRONG_RADIUS)
-        drags = _actuator_drag(model, actuator)
-        if drags >= 0:
-            used = name_actuator(message, used, model, actuator, ITS_ACTUATOR)
-            used = append(message, used, _ACTUATOR_DRAG[drags])
-            return append(message, used, _ACTUATOR_DRAG_END)
-        clamped = _force_clamp(model, actuator)
-        if clamped >= 0:
-            used = name_actuator(message, used, model, actuator, ITS_ACTUATOR)
-            used = append(message, used, _CLAMPED[clamped])
-            return append(message, used, _CLAMPED_END)
-        output = output_index(model, actuator)
-        if not is_length(mj_struct.real(model, mj_struct.ACTUATOR_LENGTH0, output)):
-            used = name_actuator(message, used, model, actuator, ITS_ACTUATOR)
-            return append(message, used, NO_LENGTH)
+        why = _misfit(model, actuator)
+        if why.size > 0:
+            blame(message, model, actuator, why)
+            return
     if _hold_same_target(model, first, second):
-        used = name_actuator(message, used, model, second, ITS_ACTUATOR)
-        return append(message, used, _SAME_TARGET)
-    return used
+        blame(
+            message,
+            model,
+            second,
+            " is on the same joint or tendon as the other end; a cable needs two that "
+            "move against each other",
+        )
 
 
 @internal
-def _actuator_drag(model: int, actuator: int) -> int:
-    """Return which drag an actuator has: damping (0), armature (1), none (-1)."""
-    damping = mj_struct.real(model, mj_struct.ACTUATOR_DAMPING, actuator)
-    higher = mj_struct.ACTUATOR_DAMPINGPOLY
-    if damping != 0.0 or mj_struct.real(model, higher, 2 * actuator) != 0.0:
-        return 0
-    if mj_struct.real(model, higher, 2 * actuator + 1) != 0.0:
-        return 0
-    return (
-        1 if mj_struct.real(model, mj_struct.ACTUATOR_ARMATURE, actuator) != 0.0 else -1
-    )
+def _misfit(model: MjModel, actuator: int) -> Bytes:
+    """Return why an actuator is no end, as the end of a sentence, or an empty text."""
+    if not _has_valid_transmission(model, actuator):
+        return (
+            " has the wrong transmission; it must be a hinge or slide `joint` or a "
+            "spatial `tendon`"
+        )
+    radius = end_radius(model, actuator)
+    if radius == 0.0 or not math.isfinite(radius):
+        return (
+            " has gear 0, or no finite number; it must be the signed pulley radius in "
+            "metres"
+        )
+    if model.actuator_forcelimited[actuator] != 0:
+        return (
+            " has a `forcerange`, its own or that of a default, which would clamp the "
+            'tension of the cable; set forcelimited="false" there'
+        )
+    if _has_metre_radius(model, actuator):
+        return (
+            " has a pulley of 1 m radius or more, of 1 m if no gear is given; `gear` "
+            "must be the signed pulley radius in metres"
+        )
+    drag = model.actuator_dampingpoly[actuator]
+    if model.actuator_damping[actuator] != 0.0 or drag[0] != 0.0 or drag[1] != 0.0:
+        return (
+            " has a `damping`, its own or that of a default, which would act beside "
+            "the cable; take it away there, and say it of the joint"
+        )
+    if model.actuator_armature[actuator] != 0.0:
+        return (
+            " has an `armature`, its own or that of a default, which would act beside "
+            "the cable; take it away there, and say it of the joint"
+        )
+    tendon = holding_tendon(model, actuator)
+    if tendon >= 0 and model.tendon_actfrclimited[tendon] != 0:
+        return (
+            " pulls a tendon that has an `actuatorfrcrange`, its own or that of a "
+            "default, which would clamp the tension of the cable; limit the motor by "
+            "the `forcerange` of its actuator"
+        )
+    if _is_clamped_by_joint(model, actuator):
+        return (
+            " pulls a joint that has an `actuatorfrcrange`, its own or that of a "
+            "default, which would clamp the tension of the cable; limit the motor by "
+            "the `forcerange` of its actuator"
+        )
+    if not is_length(model.actuator_length0[model.actuator_outadr[actuator]]):
+        return NO_LENGTH
+    return ""
 
 
 @internal
-def _force_clamp(model: int, actuator: int) -> int:
-    """Return the clamp of an actuator's force: joint (0), tendon (1), none (-1).
+def _is_clamped_by_joint(model: MjModel, actuator: int) -> bool:
+    """Return whether a joint clamps the force of an actuator.
 
     MuJoCo clamps what all actuators of a joint, or of a tendon, make together.
     """
-    target = mj_struct.integer(model, mj_struct.ACTUATOR_TRNID, 2 * actuator)
-    if mj_struct.integer(model, mj_struct.ACTUATOR_TRNTYPE, actuator) == _TRN_JOINT:
-        return (
-            0 if mj_struct.byte(model, mj_struct.JNT_ACTFRCLIMITED, target) != 0 else -1
-        )
-    if mj_struct.byte(model, mj_struct.TENDON_ACTFRCLIMITED, target) != 0:
-        return 1
-    for joint in range(mj_struct.joints(model)):
-        limited = mj_struct.byte(model, mj_struct.JNT_ACTFRCLIMITED, joint) != 0
-        if limited and _moves_part(model, joint, target):
-            return 0
-    return -1
+    own, tendon = _holding_joint(model, actuator), holding_tendon(model, actuator)
+    if own >= 0:
+        return bool(model.jnt_actfrclimited[own] != 0)
+    for joint in range(model.njnt):
+        limited = model.jnt_actfrclimited[joint] != 0
+        if limited and _moves_part(model, joint, tendon):
+            return True
+    return False
 
 
 @internal
-def _moves_part(model: int, joint: int, tendon: int) -> bool:
+def _moves_part(model: MjModel, joint: int, tendon: int) -> bool:
     """Return whether a joint moves a part of a tendon against the rest."""
-    carried = mj_struct.integer(model, mj_struct.JNT_BODY, joint)
-    start = mj_struct.integer(model, mj_struct.TENDON_ADR, tendon)
+    carried = model.jnt_bodyid[joint]
     inside, outside = 0, 0
-    for i in range(
-        start, start + mj_struct.integer(model, mj_struct.TENDON_NUM, tendon)
-    ):
-        kind = mj_struct.integer(model, mj_struct.WRAP_TYPE, i)
-        if kind == _PULLEY:
+    for i in range(model.tendon_adr[tendon], mj_struct.path_end(model, tendon)):
+        body = mj_struct.wrap_body(model, i)
+        if body < 0:
             continue
-        owner = mj_struct.SITE_BODY if kind == _SITE else mj_struct.GEOM_BODY
-        thing = mj_struct.integer(model, mj_struct.WRAP_OBJID, i)
-        body = mj_struct.integer(model, owner, thing)
         while body > carried:  # parents come before their children
-            body = mj_struct.integer(model, mj_struct.BODY_PARENT, body)
+            body = model.body_parentid[body]
         if body == carried:
             inside += 1
         else:
@@ -298,22 +241,15 @@ def _moves_part(model: int, joint: int, tendon: int) -> bool:
 
 
 @internal
-def _hold_same_target(model: int, first: int, second: int) -> bool:
+def _hold_same_target(model: MjModel, first: int, second: int) -> bool:
     """Return whether one joint, or one tendon in one direction, holds both ends."""
-    for field in (mj_struct.ACTUATOR_TRNTYPE, mj_struct.ACTUATOR_TRNID):
-        step = 2 if field == mj_struct.ACTUATOR_TRNID else 1
-        if mj_struct.integer(model, field, step * first) != mj_struct.integer(
-            model, field, step * second
-        ):
-            return False
-    one, other = (
-        pulley_radius(model, output_index(model, first)),
-        pulley_radius(model, output_index(model, second)),
-    )
-    return (
-        mj_struct.integer(model, mj_struct.ACTUATOR_TRNTYPE, first) == _TRN_JOINT
-        or one * other > 0.0
-    )
+    if (
+        model.actuator_trntype[first] != model.actuator_trntype[second]
+        or model.actuator_trnid[first, 0] != model.actuator_trnid[second, 0]
+    ):
+        return False
+    one_way = end_radius(model, first) * end_radius(model, second) > 0.0
+    return one_way or _holding_joint(model, first) >= 0
 
 
 @internal
@@ -336,44 +272,44 @@ def _has_affixes(
 @internal
 def _element_has_affixes(label: Bytes, name: Bytes, prefix: int, suffix: int) -> bool:
     """Return whether an element, if named, has that prefix and suffix of `name`."""
+    inner = max(label.size - prefix - suffix, 0)
     return label.size == 0 or (
-        label.size > prefix + suffix
-        and config.equal_text(label[:prefix], name[:prefix])
-        and config.equal_text(label[label.size - suffix :], name[name.size - suffix :])
+        inner > 0
+        and _has_affixes(label, label[prefix : prefix + inner], name, prefix, suffix)
     )
 
 
 @internal
+def _wrap_name(model: MjModel, place: int) -> Bytes:
+    """Return the name of the site or geom at a place in `wrap_type`."""
+    thing = model.wrap_objid[place]
+    if model.wrap_type[place] == mjtWrap.mjWRAP_SITE:
+        return mj_struct.name(model, model.name_siteadr[thing])
+    return mj_struct.name(model, model.name_geomadr[thing])
+
+
+@internal
 def _all_have_affixes(
-    model: int, instance: int, tendon: int, prefix: int, suffix: int
+    model: MjModel, instance: int, tendon: int, prefix: int, suffix: int
 ) -> bool:
     """Return whether all elements of an instance and a tendon bear an affix too."""
-    name = mj_struct.plugin_name(model, instance)
+    name = mj_struct.name(model, model.name_pluginadr[instance])
     _, first, second = find_actuators(model, instance)
     for actuator in (first, second):
         if actuator >= 0:
-            label = mj_struct.actuator_name(model, actuator)
+            label = mj_struct.name(model, model.name_actuatoradr[actuator])
             if not _element_has_affixes(label, name, prefix, suffix):
                 return False
-    start = mj_struct.integer(model, mj_struct.TENDON_ADR, tendon)
-    for i in range(
-        start, start + mj_struct.integer(model, mj_struct.TENDON_NUM, tendon)
-    ):
-        kind = mj_struct.integer(model, mj_struct.WRAP_TYPE, i)
-        if kind == _PULLEY:
-            continue
-        thing = mj_struct.integer(model, mj_struct.WRAP_OBJID, i)
-        if kind == _SITE:
-            label = mj_struct.site_name(model, thing)
-        else:
-            label = mj_struct.geom_name(model, thing)
-        if not _element_has_affixes(label, name, prefix, suffix):
-            return False
+    for i in range(model.tendon_adr[tendon], mj_struct.path_end(model, tendon)):
+        if mj_struct.wrap_body(model, i) >= 0:
+            label = _wrap_name(model, i)
+            if not _element_has_affixes(label, name, prefix, suffix):
+                return False
     return True
 
 
 @internal
-def find_route(model: int, instance: int, route: Bytes) -> int:
+def find_route(model: MjModel, instance: int, route: Bytes) -> int:
     """Return the index of the spatial tendon that an instance names as route, or -1.
 
     MuJoCo's `attach` renames all elements, not the text of a configuration. So `route`
@@ -382,11 +318,11 @@ def find_route(model: int, instance: int, route: Bytes) -> int:
     `left_flexor` with `route` = `path` means tendon `left_path`, if there is one, else
     `path`. The longest counts; but a tendon of the instance's own name is its own.
     """
-    name = mj_struct.plugin_name(model, instance)
+    name = mj_struct.name(model, model.name_pluginadr[instance])
     namesake = config.equal_text(route, name)
     best, longest = -1, -1
-    for tendon in range(mj_struct.tendons(model)):
-        candidate = mj_struct.tendon_name(model, tendon)
+    for tendon in range(model.ntendon):
+        candidate = mj_struct.name(model, model.name_tendonadr[tendon])
         if not is_spatial(model, tendon):
             continue
         if namesake and config.equal_text(candidate, name):
@@ -404,34 +340,44 @@ def find_route(model: int, instance: int, route: Bytes) -> int:
 
 
 @internal
-def find_mouth(
-    model: int, instance: int, tendon: int, route: Bytes, mouth: Bytes
-) -> int:
+def _is_named(
+    model: MjModel, instance: int, tendon: int, place: int, wanted: Bytes
+) -> bool:
+    """Return whether a place of an instance's route has a name that it gives.
+
+    With the prefix and suffix that the route's tendon bears.
+    """
+    attributes = mj_struct.attributes(model, instance)
+    route = config.key_text(attributes, config.ROUTE)
+    name = mj_struct.name(model, model.name_pluginadr[instance])
+    own = mj_struct.name(model, model.name_tendonadr[tendon])
+    candidate, extra = _wrap_name(model, place), own.size - route.size
+    for prefix in range(extra + 1):
+        if _has_affixes(own, route, name, prefix, extra - prefix) and _has_affixes(
+            candidate, wanted, name, prefix, extra - prefix
+        ):
+            return True
+    return False
+
+
+@internal
+def find_mouth(model: MjModel, instance: int, tendon: int) -> int:
     """Return the place of an instance's mouth site in its route's path, or -1.
 
-    The site has the prefix and suffix of the tendon. The first site and the last one
-    are no mouths.
+    The first site and the last one are no mouths.
     """
-    name = mj_struct.plugin_name(model, instance)
-    own = mj_struct.tendon_name(model, tendon)
-    start = mj_struct.integer(model, mj_struct.TENDON_ADR, tendon)
-    extra = own.size - route.size
-    for i in range(1, mj_struct.integer(model, mj_struct.TENDON_NUM, tendon) - 1):
-        if mj_struct.integer(model, mj_struct.WRAP_TYPE, start + i) != _SITE:
-            continue
-        site = mj_struct.integer(model, mj_struct.WRAP_OBJID, start + i)
-        candidate = mj_struct.site_name(model, site)
-        for prefix in range(extra + 1):
-            if _has_affixes(own, route, name, prefix, extra - prefix) and _has_affixes(
-                candidate, mouth, name, prefix, extra - prefix
-            ):
+    mouth = config.key_text(mj_struct.attributes(model, instance), config.MOUTH)
+    start = model.tendon_adr[tendon]
+    for i in range(1, model.tendon_num[tendon] - 1):
+        if model.wrap_type[start + i] == mjtWrap.mjWRAP_SITE:
+            if _is_named(model, instance, tendon, start + i, mouth):
                 return i
     return -1
 
 
 @internal
 def read_guides(
-    model: int, instance: int, tendon: int, mouth: int, out: Floats
+    model: MjModel, instance: int, tendon: int, mouth: int, out: Floats
 ) -> bool:
     """Read the guides of an instance's open path; return whether all can be used.
 
@@ -440,34 +386,19 @@ def read_guides(
     [m]. Every name must be one of a site, or of a geom that is a roller.
     """
     fill(out, 0.0)
-    attributes = mj_struct.attributes(model, instance)
-    written = config.key_text(attributes, config.GUIDES)
-    route = config.key_text(attributes, config.ROUTE)
-    name = mj_struct.plugin_name(model, instance)
-    own = mj_struct.tendon_name(model, tendon)
-    start = mj_struct.integer(model, mj_struct.TENDON_ADR, tendon)
-    count = mj_struct.integer(model, mj_struct.TENDON_NUM, tendon)
-    extra, first = own.size - route.size, max(mouth, 1)
+    written = config.key_text(mj_struct.attributes(model, instance), config.GUIDES)
+    first = max(mouth, 1)
+    start = model.tendon_adr[tendon] + first
     begin, colon, end = config.next_guide(written, 0)
     while begin >= 0:
-        wanted, found = written[begin:colon], False
-        radius = config.guide_radius(written[colon + 1 : end])
-        for k in range(first, count - 1):
-            thing = mj_struct.integer(model, mj_struct.WRAP_OBJID, start + k)
-            site = mj_struct.integer(model, mj_struct.WRAP_TYPE, start + k) == _SITE
-            if not site and radius != config.ROLLING:
-                continue
-            if site:
-                candidate = mj_struct.site_name(model, thing)
-            else:
-                candidate = mj_struct.geom_name(model, thing)
-            for prefix in range(extra + 1):
-                suffix = extra - prefix
-                if _has_affixes(own, route, name, prefix, suffix) and _has_affixes(
-                    candidate, wanted, name, prefix, suffix
-                ):
-                    out[k - first] = radius
-                    found = True
+        radius, found = config.guide_radius(written[colon + 1 : end]), False
+        for k in range(model.tendon_num[tendon] - 1 - first):
+            is_site = model.wrap_type[start + k] == mjtWrap.mjWRAP_SITE
+            usable = is_site or radius == config.ROLLING
+            wanted = written[begin:colon]
+            if usable and _is_named(model, instance, tendon, start + k, wanted):
+                out[k] = radius
+                found = True
         if not found:
             return False
         begin, colon, end = config.next_guide(written, end)
@@ -475,87 +406,97 @@ def read_guides(
 
 
 @internal
-def is_tied(model: int, actuator: int, tendon: int) -> bool:
+def is_tied(model: MjModel, actuator: int, tendon: int) -> bool:
     """Return whether an end is tied to a site of the cable's tendon: that moves it."""
-    kind = mj_struct.integer(model, mj_struct.ACTUATOR_TRNTYPE, actuator)
-    target = mj_struct.integer(model, mj_struct.ACTUATOR_TRNID, 2 * actuator)
-    return kind == _TRN_TENDON and target == tendon
+    return holding_tendon(model, actuator) == tendon
 
 
 @internal
 def explain_bypass(
-    message: Bytes, used: int, model: int, instance: int, tendon: int
-) -> int:
+    message: Message, model: MjModel, instance: int, tendon: int
+) -> None:
     """Append what else pulls the whole tendon of an open cable, if anything."""
-    for actuator in range(mj_struct.actuators(model)):
+    for actuator in range(model.nactuator):
         if (
-            mj_struct.integer(model, mj_struct.ACTUATOR_TRNTYPE, actuator)
-            == _TRN_TENDON
-            and mj_struct.integer(model, mj_struct.ACTUATOR_TRNID, 2 * actuator)
-            == tendon
-            and mj_struct.integer(model, mj_struct.ACTUATOR_PLUGIN, actuator)
-            != instance
+            holding_tendon(model, actuator) == tendon
+            and model.actuator_plugin[actuator] != instance
         ):
-            used = name_actuator(message, used, model, actuator, _OTHER_ACTUATOR)
-            return append(message, used, _PULLS_WHOLE_TENDON)
-    own = (
-        mj_struct.real(model, mj_struct.TENDON_STIFFNESS, tendon),
-        mj_struct.real(model, mj_struct.TENDON_DAMPING, tendon),
-        mj_struct.real(model, mj_struct.TENDON_FRICTIONLOSS, tendon),
-        float(mj_struct.byte(model, mj_struct.TENDON_LIMITED, tendon)),
-        mj_struct.real(model, mj_struct.TENDON_ARMATURE, tendon),
-        1.0 if _has_length_equality(model, tendon) else 0.0,
-    )
-    for what in range(6):
-        if own[what] != 0.0:
-            used = append(message, used, _TENDON_HAS)
-            used = append(message, used, _TENDON_FEATURES[what])
-            return append(
-                message, used, _TENDON_SPRING_END if what == 0 else _TENDON_HAS_END
+            append(message, "actuator ")
+            _append_actuator(message, model, actuator)
+            append(
+                message,
+                " pulls its tendon as a whole, which passes friction by; give it the "
+                "joint of a drum, and that joint to the proximal end",
             )
-    return used
+            return
+    feature = _tendon_feature(model, tendon)
+    if feature.size > 0:
+        append(message, "its tendon has ")
+        append(message, feature)
+        append(message, _PASSES_FRICTION_BY)
+        append(
+            message,
+            "give the cable an `axial_stiffness` of `stiffness` times the upper "
+            "`springlength` and, as `pretension`, the force of that spring in the pose "
+            "`qpos0`"
+            if config.equal_text(feature, "a `stiffness`")
+            else "say it of the cable or of a joint",
+        )
 
 
 @internal
-def _has_length_equality(model: int, tendon: int) -> bool:
-    for i in range(mj_struct.equalities(model)):
-        if mj_struct.integer(model, mj_struct.EQ_TYPE, i) == _EQUAL_TENDONS and (
-            mj_struct.integer(model, mj_struct.EQ_OBJECT_1, i) == tendon
-            or mj_struct.integer(model, mj_struct.EQ_OBJECT_2, i) == tendon
+def _tendon_feature(model: MjModel, tendon: int) -> Bytes:
+    """Return what a tendon has that acts on it as a whole, or an empty text."""
+    if model.tendon_stiffness[tendon] != 0.0:
+        return "a `stiffness`"
+    if model.tendon_damping[tendon] != 0.0:
+        return "a `damping`"
+    if model.tendon_frictionloss[tendon] != 0.0:
+        return "a `frictionloss`"
+    if model.tendon_limited[tendon] != 0:
+        return "a `range`"
+    if model.tendon_armature[tendon] != 0.0:
+        return "an `armature`"
+    for i in range(model.neq):
+        if model.eq_type[i] == mjtEq.mjEQ_TENDON and (
+            model.eq_obj1id[i] == tendon or model.eq_obj2id[i] == tendon
         ):
-            return True
-    return False
+            return "an equality"
+    return ""
 
 
 @internal
-def in_disabled_group(model: int, instance: int) -> bool:
-    groups = mj_struct.disabled_groups(model)
+def in_disabled_group(model: MjModel, instance: int) -> bool:
+    groups = model.opt.disableactuator
     if groups == 0:
         return False
     _, first, second = find_actuators(model, instance)
     for actuator in (first, second):
-        group = mj_struct.integer(model, mj_struct.ACTUATOR_GROUP, actuator)
+        group = model.actuator_group[actuator]
         if 0 <= group < 31 and groups & (1 << group) != 0:
             return True
     return False
 
 
 @internal
-def explain_tied(
-    message: Bytes, used: int, model: int, instance: int, tendon: int
-) -> int:
+def explain_tied(message: Message, model: MjModel, instance: int, tendon: int) -> None:
     """Append which end has a gear that would scale its tension, if one has."""
     _, first, second = find_actuators(model, instance)
     for actuator, wanted in ((first, -1.0), (second, 1.0)):
-        own = pulley_radius(model, output_index(model, actuator))
-        if is_tied(model, actuator, tendon) and own != wanted:
-            used = name_actuator(message, used, model, actuator, ITS_ACTUATOR)
-            return append(message, used, _WRONG_TIED_GEAR)
-    return used
+        tied = is_tied(model, actuator, tendon)
+        if tied and end_radius(model, actuator) != wanted:
+            blame(
+                message,
+                model,
+                actuator,
+                " ties the cable to its own tendon; its gear must be 1 (-1 at the "
+                "proximal end)",
+            )
+            return
 
 
 @internal
-def keep_awake(model: int, instance: int, route: int, mouth: int) -> int:
+def keep_awake(model: MjModel, instance: int, route: int, mouth: int) -> int:
     """Keep all trees awake that a cable pulls; return a body that may sleep, or -1.
 
     MuJoCo does so for trees that an actuator moves. It sees nothing of the pieces of an
@@ -566,109 +507,89 @@ def keep_awake(model: int, instance: int, route: int, mouth: int) -> int:
     _, first, second = find_actuators(model, instance)
     found = -1
     for actuator in (first, second):
-        target = mj_struct.integer(model, mj_struct.ACTUATOR_TRNID, 2 * actuator)
-        if mj_struct.integer(model, mj_struct.ACTUATOR_TRNTYPE, actuator) == _TRN_JOINT:
-            body = mj_struct.integer(model, mj_struct.JNT_BODY, target)
-            found = max(found, _keep_tree_awake(model, body))
+        joint = _holding_joint(model, actuator)
+        if joint >= 0:
+            found = max(found, _keep_tree_awake(model, model.jnt_bodyid[joint]))
         else:
-            found = max(found, _keep_path_awake(model, target, 0))
+            tendon = model.actuator_trnid[actuator, 0]
+            found = max(found, _keep_path_awake(model, tendon, 0))
     if route >= 0:
         found = max(found, _keep_path_awake(model, route, mouth))
     return found
 
 
 @internal
-def _keep_path_awake(model: int, tendon: int, begin: int) -> int:
+def _keep_path_awake(model: MjModel, tendon: int, begin: int) -> int:
     """Keep all trees awake that hold a tendon from a place of its path on."""
-    start = mj_struct.integer(model, mj_struct.TENDON_ADR, tendon)
-    end = start + mj_struct.integer(model, mj_struct.TENDON_NUM, tendon)
-    found = -1
-    for i in range(start + begin, end):
-        kind = mj_struct.integer(model, mj_struct.WRAP_TYPE, i)
-        if kind != _PULLEY:
-            owner = mj_struct.SITE_BODY if kind == _SITE else mj_struct.GEOM_BODY
-            thing = mj_struct.integer(model, mj_struct.WRAP_OBJID, i)
-            body = mj_struct.integer(model, owner, thing)
+    found, start = -1, model.tendon_adr[tendon] + begin
+    for i in range(start, mj_struct.path_end(model, tendon)):
+        body = mj_struct.wrap_body(model, i)
+        if body >= 0:
             found = max(found, _keep_tree_awake(model, body))
     return found
 
 
 @internal
-def _keep_tree_awake(model: int, body: int) -> int:
+def _keep_tree_awake(model: MjModel, body: int) -> int:
     """Keep the tree of a body awake; return the body if it could sleep, else -1."""
-    tree = mj_struct.integer(model, mj_struct.BODY_TREE, body)
+    tree = model.body_treeid[body]
     if tree < 0:
         return -1
-    policy = mj_struct.integer(model, mj_struct.TREE_SLEEP, tree)
-    if policy != _AUTO_NEVER and policy != _NEVER:
-        address = load_word(model + mj_struct.TREE_SLEEP) + 4 * tree
-        store_integer(address, _AUTO_NEVER)
-    return body if policy == _ALLOWED or policy == _INIT else -1
+    policy = model.tree_sleep_policy[tree]
+    never = mjtSleepPolicy.mjSLEEP_AUTO_NEVER
+    if policy != never and policy != mjtSleepPolicy.mjSLEEP_NEVER:
+        model.tree_sleep_policy[tree] = never
+    allowed = policy == mjtSleepPolicy.mjSLEEP_ALLOWED
+    return body if allowed or policy == mjtSleepPolicy.mjSLEEP_INIT else -1
 
 
 @internal
-def explain_sleep(message: Bytes, used: int, model: int, body: int) -> int:
+def explain_sleep(message: Message, model: MjModel, body: int) -> None:
     """Append that a body of `keep_awake` must not sleep; nothing for -1."""
     if body < 0:
-        return used
-    used = append(message, used, _BODY_PREFIX)
-    name = mj_struct.body_name(model, body)
-    if name.size == 0:
-        used = append_integer(message, used, body)
-    else:
-        used = quote(message, used, name)
-    return append(message, used, _MAY_SLEEP)
+        return
+    append(message, "body ")
+    append_label(message, mj_struct.name(model, model.name_bodyadr[body]), body)
+    append(
+        message,
+        " has a `sleep` of `allowed` or `init`, but the cable pulls its tree and wakes "
+        "nothing that sleeps; take it away there",
+    )
 
 
 @internal
-def holding_tendon(model: int, actuator: int) -> int:
-    """Return the tendon that holds an end, or -1 if a joint holds it."""
-    if mj_struct.integer(model, mj_struct.ACTUATOR_TRNTYPE, actuator) == _TRN_JOINT:
-        return -1
-    return mj_struct.integer(model, mj_struct.ACTUATOR_TRNID, 2 * actuator)
-
-
-@internal
-def pushes(model: int, actuator: int, distal: bool) -> bool:
+def pushes(model: MjModel, actuator: int, distal: bool) -> bool:
     """Return whether the tension at an end that holds a tendon lengthens it."""
-    radius = pulley_radius(model, output_index(model, actuator))
+    radius = end_radius(model, actuator)
     return holding_tendon(model, actuator) >= 0 and (radius < 0.0) == distal
 
 
 @internal
-def only_pays_out(model: int, instance: int, actuator: int) -> bool:
+def only_pays_out(model: MjModel, instance: int, actuator: int) -> bool:
     """Return whether a motor at the proximal end can only move the cable to distal.
 
     From its pose in `qpos0`, by its range and by what drives it: a servo to positions
     in its `ctrlrange`, a motor of one sign. The antagonist of a cable that it winds up
     may be so.
     """
-    if holding_tendon(model, actuator) >= 0:
+    joint = _holding_joint(model, actuator)
+    if joint < 0:
         return False
-    joint = mj_struct.integer(model, mj_struct.ACTUATOR_TRNID, 2 * actuator)
-    place = mj_struct.integer(model, mj_struct.JNT_POSITION, joint)
-    rest = mj_struct.real(model, mj_struct.QPOS0, place)
-    radius = pulley_radius(model, output_index(model, actuator))
+    rest = model.qpos0[model.jnt_qposadr[joint]]
+    radius = end_radius(model, actuator)
     sense = -1.0 if radius > 0.0 else 1.0  # in which the joint winds the cable up
-    if mj_struct.byte(model, mj_struct.JNT_LIMITED, joint) != 0:
-        low = mj_struct.real(model, mj_struct.JNT_RANGE, 2 * joint)
-        high = mj_struct.real(model, mj_struct.JNT_RANGE, 2 * joint + 1)
+    if model.jnt_limited[joint] != 0:
+        low, high = model.jnt_range[joint, 0], model.jnt_range[joint, 1]
         if max(sense * (low - rest), sense * (high - rest)) <= _REST_TOLERANCE:
             sense = 0.0
     driven = False
-    for other in range(mj_struct.actuators(model)):
-        if (
-            mj_struct.integer(model, mj_struct.ACTUATOR_TRNTYPE, other) != _TRN_JOINT
-            or mj_struct.integer(model, mj_struct.ACTUATOR_TRNID, 2 * other) != joint
-        ):
+    for other in range(model.nactuator):
+        if _holding_joint(model, other) != joint:
             continue
-        kind = mj_struct.integer(model, mj_struct.ACTUATOR_PLUGIN, other)
+        kind = model.actuator_plugin[other]
         if kind == instance:
             continue
-        if (
-            kind >= 0
-            and radius * pulley_radius(model, output_index(model, other)) < 0.0
-        ):
+        if kind >= 0 and radius * end_radius(model, other) < 0.0:
             return False
         driven = driven or kind < 0
         if kind < 0 and sense != 0.0 and _can_drive(model, other, sense, rest):
@@ -677,60 +598,51 @@ def only_pays_out(model: int, instance: int, actuator: int) -> bool:
 
 
 @internal
-def _can_drive(model: int, actuator: int, sense: float, rest: float) -> bool:
+def _can_drive(model: MjModel, actuator: int, sense: float, rest: float) -> bool:
     """Return whether an actuator can drive its joint from rest in a sense.
 
     True where that cannot be seen from the model.
     """
-    if mj_struct.integer(model, mj_struct.ACTUATOR_GAINTYPE, actuator) != _FIXED_GAIN:
+    if model.actuator_gaintype[actuator] != mjtGain.mjGAIN_FIXED:
         return True
-    control = mj_struct.integer(model, mj_struct.ACTUATOR_CTRLADR, actuator)
-    if mj_struct.byte(model, mj_struct.CTRL_LIMITED, control) == 0:
+    control = model.actuator_ctrladr[actuator]
+    if model.actuator_ctrllimited[control] == 0:
         return True
-    factor = pulley_radius(model, output_index(model, actuator))
-    gain = mj_struct.real(model, mj_struct.ACTUATOR_GAINPRM, _PRM_SIZE * actuator)
-    bias = mj_struct.integer(model, mj_struct.ACTUATOR_BIASTYPE, actuator)
-    aim = 0.0  # at which a servo does nothing
-    if bias == _AFFINE_BIAS:
-        if (
-            mj_struct.real(model, mj_struct.ACTUATOR_BIASPRM, _PRM_SIZE * actuator + 1)
-            != -gain
-        ):
+    factor, gain = end_radius(model, actuator), model.actuator_gainprm[actuator, 0]
+    bias, aim = model.actuator_biastype[actuator], 0.0  # at which a servo does nothing
+    if bias == mjtBias.mjBIAS_AFFINE:
+        if model.actuator_biasprm[actuator, 1] != -gain:
             return True
         aim = factor * rest
-    elif bias != _NO_BIAS:
+    elif bias != mjtBias.mjBIAS_NONE:
         return True
     for side in range(2):
-        value = mj_struct.real(model, mj_struct.CTRL_RANGE, 2 * control + side)
+        value = model.actuator_ctrlrange[control, side]
         if sense * factor * gain * (value - aim) > _REST_TOLERANCE:
             return True
     return False
 
 
 @internal
-def ends_swapped(model: int, first: int, second: int, route: int) -> bool:
+def ends_swapped(model: MjModel, instance: int) -> bool:
     """Return whether the ends are on joints at the wrong ends of a route."""
-    if holding_tendon(model, first) >= 0 or holding_tendon(model, second) >= 0:
+    _, first, second = find_actuators(model, instance)
+    written = config.key_text(mj_struct.attributes(model, instance), config.ROUTE)
+    route = find_route(model, instance, written) if written.size > 0 else -1
+    joint, other = _holding_joint(model, first), _holding_joint(model, second)
+    if route < 0 or joint < 0 or other < 0:
         return False
-    start = mj_struct.integer(model, mj_struct.TENDON_ADR, route)
-    last = start + mj_struct.integer(model, mj_struct.TENDON_NUM, route) - 1
-    right = _site_near_joint(model, first, start) or _site_near_joint(
-        model, second, last
-    )
-    return (
-        not right
-        and _site_near_joint(model, first, last)
-        and _site_near_joint(model, second, start)
+    start, last = model.tendon_adr[route], mj_struct.path_end(model, route) - 1
+    if _site_near_joint(model, joint, start) or _site_near_joint(model, other, last):
+        return False
+    return _site_near_joint(model, joint, last) and _site_near_joint(
+        model, other, start
     )
 
 
 @internal
-def _site_near_joint(model: int, actuator: int, place: int) -> bool:
+def _site_near_joint(model: MjModel, joint: int, place: int) -> bool:
     """Return whether a site in a path is on the body of a joint or on its parent."""
-    joint = mj_struct.integer(model, mj_struct.ACTUATOR_TRNID, 2 * actuator)
-    body = mj_struct.integer(model, mj_struct.JNT_BODY, joint)
-    site = mj_struct.integer(model, mj_struct.WRAP_OBJID, place)
-    own = mj_struct.integer(model, mj_struct.SITE_BODY, site)
-    return own != 0 and (
-        own == body or own == mj_struct.integer(model, mj_struct.BODY_PARENT, body)
-    )
+    body = model.jnt_bodyid[joint]
+    own = model.site_bodyid[model.wrap_objid[place]]
+    return bool(own != 0 and (own == body or own == model.body_parentid[body]))

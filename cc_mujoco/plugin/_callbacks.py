@@ -27,13 +27,14 @@ they are evaluated from the state after the first stage, which the block keeps.
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
+from mujoco import mjtDisableBit, mjtEnableBit
 from mujoco.introspect.enums import ENUMS
 
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as layout
 from cc_mujoco.cable import _moving_path as moving_path
+from cc_mujoco.cable import _open_path as open_path
 from cc_mujoco.cable import _pack as prepare
 from cc_mujoco.cable._cable import MAX_SECTIONS
 from cc_mujoco.plugin import _attachments as attachments
@@ -44,13 +45,14 @@ from cc_mujoco.plugin import _implicit_ends as implicit_ends
 from cc_mujoco.plugin import _instance_data as blocks
 from cc_mujoco.plugin import _jump_warnings as jump_warnings
 from cc_mujoco.plugin import _mj_struct as mj_struct
-from cc_mujoco.plugin import _open_path as open_path
 from cc_mujoco.plugin import _path as path
 from cc_mujoco.plugin import _stability_limits as stability_limits
 from cc_mujoco.plugin import _warnings as messages
 from cc_mujoco.plugin._ffi import (
-    MESSAGE_CAPACITY,
+    MESSAGE_WORDS,
     CInt,
+    Floats,
+    Message,
     allocate,
     append,
     assign,
@@ -62,86 +64,87 @@ from cc_mujoco.plugin._ffi import (
     fill,
     floats,
     free_stack,
-    load_real,
-    load_word,
+    internal,
     mark_stack,
     octets,
     release,
-    store_real,
-    store_word,
+    same,
     warn,
     warned_once,
 )
+from cc_mujoco.plugin._instance_data import Block
+from cc_mujoco.plugin._mj_struct import MjData, MjModel
 from cc_mujoco.plugin._routing import follow, lay, pull, seats_with_route, set_reference
 from cc_mujoco.plugin._slack_passage import evaluate_prediction
 
-_NO_ACTUATION = int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
-_SLEEP = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+_NO_ACTUATION = mjtDisableBit.mjDSBL_ACTUATION
 _PASSIVE = int(ENUMS["mjtPluginCapabilityBit"].values["mjPLUGIN_PASSIVE"])
 
 
-@callback
-def refused(model: int, instance: CInt) -> CInt:
+@internal
+def _refuse_values(message: Message, model: MjModel, instance: int) -> int:
+    """Report why the configuration of an instance cannot be used.
+
+    Return the key that is to blame or `VALID_CONFIGURATION`, where the message says why
+    if it has grown.
+    """
+    attributes = mj_struct.attributes(model, instance)
+    values = np.empty(config.SCALARS)
+    sections = np.empty((MAX_SECTIONS, 2))
+    key, _ = config.read(attributes, values, sections)
+    if key != config.VALID_CONFIGURATION:
+        return key
+    _, first, _ = attachments.find_actuators(model, instance)
+    radius = abs(attachments.end_radius(model, first))
+    if values[config.ECCENTRICITY] + values[config.OVALITY] >= radius:
+        alone = values[config.ECCENTRICITY] >= radius
+        return config.ECCENTRICITY if alone else config.OVALITY
+    route = config.key_text(attributes, config.ROUTE)
+    if route.size == 0:
+        return key
+    tendon = attachments.find_route(model, instance, route)
+    if tendon < 0:
+        return config.ROUTE
+    if config.bends_with_route(attributes) and path.has_branches(model, tendon):
+        return config.BEND
+    if not attachments.is_length(model.tendon_length0[tendon]):
+        append(message, "its route")
+        append(message, attachments.NO_LENGTH)
+    elif config.is_open(attributes):
+        return messages.refuse_open_path(message, model, instance, tendon)
+    return key
+
+
+@internal
+def _is_refused(model: MjModel, instance: int) -> bool:
     """Return whether the instance cannot be used; if so, report why to MuJoCo."""
-    message = np.zeros(MESSAGE_CAPACITY, np.uint8)
-    start = messages.begin_message(message, model, instance)
-    used = attachments.explain(message, start, model, instance)
+    room = np.zeros(MESSAGE_WORDS, np.int64)
+    message = messages.begin_message(room.ctypes.data, model, instance)
+    start = message.used
+    attachments.explain(message, model, instance)
     attributes = mj_struct.attributes(model, instance)
     if not mj_struct.has_timestep(model):
-        used = append(message, start, messages.NO_TIMESTEP)
-    if used == start:
-        values = np.empty(config.SCALARS)
-        sections = np.empty((MAX_SECTIONS, 2))
-        key, _ = config.read(attributes, values, sections)
-        _, first, _ = attachments.find_actuators(model, instance)
-        radius = abs(
-            attachments.pulley_radius(model, attachments.output_index(model, first))
-        )
-        swing = values[config.ECCENTRICITY] + values[config.OVALITY]
-        if key == config.VALID_CONFIGURATION and swing >= radius:
-            alone = values[config.ECCENTRICITY] >= radius
-            key = config.ECCENTRICITY if alone else config.OVALITY
-        route = config.key_text(attributes, config.ROUTE)
-        tendon, mouth = -1, 0
-        if key == config.VALID_CONFIGURATION and route.size > 0:
-            tendon = attachments.find_route(model, instance, route)
-            if tendon < 0:
-                key = config.ROUTE
-            elif config.bends_with_route(attributes) and path.has_branches(
-                model, tendon
-            ):
-                key = config.BEND
-            elif not attachments.is_length(
-                mj_struct.real(model, mj_struct.TENDON_LENGTH0, tendon)
-            ):
-                used = append(message, start, messages.ITS_ROUTE)
-                used = append(message, used, attachments.NO_LENGTH)
-            elif config.is_open(attributes):
-                key, used = messages.refuse_open_path(
-                    message, start, model, instance, tendon
-                )
+        message.used = start
+        append(message, messages.NO_TIMESTEP)
+    if message.used == start:
+        key = _refuse_values(message, model, instance)
         if key != config.VALID_CONFIGURATION:
-            used = config.explain(message, start, attributes, key)
-        if used == start:
-            if config.is_mixed(attributes):
-                name = config.key_text(attributes, config.MOUTH)
-                mouth = attachments.find_mouth(model, instance, tendon, route, name)
-            path_open = tendon if config.is_open(attributes) else -1
-            body = attachments.keep_awake(model, instance, path_open, mouth)
-            used = attachments.explain_sleep(message, start, model, body)
-    if used > start:
-        warn(message, used)
-    return used > start
+            config.explain(message, attributes, key)
+    if message.used == start:
+        route, tendon, mouth = config.key_text(attributes, config.ROUTE), -1, 0
+        if config.is_open(attributes):
+            tendon = attachments.find_route(model, instance, route)
+        if config.is_mixed(attributes):
+            mouth = attachments.find_mouth(model, instance, tendon)
+        body = attachments.keep_awake(model, instance, tendon, mouth)
+        attachments.explain_sleep(message, model, body)
+    if message.used > start:
+        warn(message)
+    return bool(message.used > start)
 
 
 @callback
-def cannot_act(model: int, data: int, instance: CInt) -> None:
-    """Warn, once, why a cable does not pull, or with no finite tension."""
-    messages.warn_cannot_act(model, data, instance)
-
-
-@callback
-def route(model: int, instance: CInt) -> CInt:
+def route(model: MjModel, instance: CInt) -> CInt:
     """Return the spatial tendon that is the route of the instance, or -1."""
     attributes = mj_struct.attributes(model, instance)
     written = config.key_text(attributes, config.ROUTE)
@@ -149,54 +152,56 @@ def route(model: int, instance: CInt) -> CInt:
 
 
 @callback
-def turn(model: int, data: int, tendon: CInt) -> float:
+def turn(model: MjModel, data: MjData, tendon: CInt) -> float:
     """Return the total turning angle of a tendon at the last position [rad]."""
     whole, total = np.empty(1), np.empty(1)
     whole[0] = 1.0
-    length = mj_struct.real(data, mj_struct.TEN_LENGTH, tendon)
-    path.bend(model, data, tendon, 0, length, whole, total)
+    path.bend(model, data, tendon, 0, data.ten_length[tendon], whole, total)
     return float(total[0])
 
 
 @callback
-def holds(model: int, data: int, instance: CInt) -> CInt:
-    return 1 if evaluating.packed_block(model, data, instance) != 0 else 0
+def holds(model: MjModel, data: MjData, instance: CInt) -> CInt:
+    return int(evaluating.packed_block(model, data, instance) != 0)
 
 
-@callback
-def wrap(model: int, data: int, instance: CInt, out: int) -> None:
+@internal
+def _usable_block(model: MjModel, data: MjData, instance: int) -> Block:
+    """Return the block of a cable that can act, its parameters up to date, or 0."""
     block = blocks.acting_block(model, data, instance)
-    if block == 0 or not evaluating.update_parameters(block, model, instance):
-        return
-    follow(block, model, data, mj_struct.state(model, data, instance))
-    n = load_word(block + blocks.SEGMENTS)
-    prm = floats(blocks.parameters_at(block), kernel.parameter_size(n))
-    assign(floats(out, n), kernel.segment_angles(prm, n))
+    if block != 0 and not evaluating.update_parameters(block, model, instance):
+        block = 0
+    return block
 
 
 @callback
-def compliance(model: int, data: int, instance: CInt, out: int) -> None:
+def wrap(model: MjModel, data: MjData, instance: CInt, out: int) -> None:
+    block = _usable_block(model, data, instance)
+    if block != 0:
+        follow(block, model, data, mj_struct.state(model, data, instance))
+        n = block.segments
+        assign(floats(out, n), kernel.segment_angles(blocks.parameters(block), n))
+
+
+@callback
+def compliance(model: MjModel, data: MjData, instance: CInt, out: int) -> None:
     """Write an instance's node compliances [m/N], then its elastic energy [J]."""
-    block = blocks.acting_block(model, data, instance)
-    if block == 0 or not evaluating.update_parameters(block, model, instance):
+    block = _usable_block(model, data, instance)
+    if block == 0:
         return
-    if blocks.is_open(block) and load_word(block + blocks.REFERENCE_KNOWN) == 0:
+    if blocks.is_open(block) and block.reference_known == 0:
         set_reference(block, model, data)
-    n = load_word(block + blocks.SEGMENTS)
-    prm = floats(blocks.parameters_at(block), kernel.parameter_size(n))
+    n, prm = block.segments, blocks.parameters(block)
     at_state = mj_struct.state(model, data, instance)
-    state = floats(at_state, kernel.state_size(n))
+    state = blocks.kernel_state(at_state, n)
     mark_stack(data)
     if blocks.is_open(block):
         # The packed nodes are those of the next step.
         packed, prm = prm, borrow_floats(data, prm.size)
         assign(prm, packed)
-        reference = floats(
-            blocks.shape_at(block, n, blocks.REFERENCE_STAGE), open_path.shape_size(n)
-        )
-        before = open_path.previous_lengths(
-            reference, blocks.path_memory(at_state, n), n
-        )
+        reference = blocks.shape(block, blocks.REFERENCE_STAGE)
+        memory = blocks.path_memory(at_state, n)
+        before = open_path.previous_lengths(reference, memory, n)
         moving_path.set_unstretched_lengths(prm, n, layout.tensions(state, n), before)
     found = floats(out, n + 2)
     assign(found[: n + 1], layout.node_compliance(prm, n))
@@ -205,449 +210,380 @@ def compliance(model: int, data: int, instance: CInt, out: int) -> None:
 
 
 @callback
-def limits(model: int, data: int, instance: CInt, out: int) -> None:
+def limits(model: MjModel, data: MjData, instance: CInt, out: int) -> None:
     """Write the longest stable time steps of an instance (3,) [s] to an address."""
     fill(floats(out, 3), np.inf)
     if blocks.acting_block(model, data, instance) == 0:
         return
-    evaluating.follow_all_paths(model, data, instance)
+    evaluating.follow_paths(model, data, instance, -1)
     stability_limits.stable_timesteps(model, data, instance, floats(out, 3))
 
 
-@callback
-def aim(model: int, data: int, instance: CInt, out: int) -> None:
-    """Write the prediction of an instance's ends (`predict_ends`) to an address."""
-    kind = mj_struct.integer(model, mj_struct.PLUGIN, instance)
-    lead = mj_struct.block(data, mj_struct.first_cable(model, instance))
-    area = lead + load_word(lead + blocks.PREDICTION_AREA)
+@internal
+def _aim(model: MjModel, data: MjData, block: Block, lead: Block, out: Floats) -> None:
+    """Write the prediction of an instance's ends, see `predict_ends`."""
+    kind = model.plugin[block.instance]
+    area = lead + lead.prediction
     if implicit_ends.is_unknown(area):
-        evaluating.follow_other_paths(
-            model, data, instance, load_word(lead + blocks.EVALUATION_COUNT)
-        )
+        evaluating.follow_paths(model, data, block.instance, lead.evaluation_count)
         implicit_ends.predict_acceleration(model, data, kind, area)
-    block = mj_struct.block(data, instance)
-    implicit_ends.predict_ends(model, data, block, kind, area, floats(out, 9))
+    implicit_ends.predict_ends(model, data, block, kind, area, out)
 
 
-@callback
-def missed(model: int, data: int, instance: CInt) -> None:
-    """Warn, once, of each geom in the path of an instance that it never touches."""
-    message = np.zeros(MESSAGE_CAPACITY, np.uint8)
-    start = messages.begin_message(message, model, instance)
-    used = append(message, start, guides.GEOMS_SEARCHED)
-    if warned_once(message, used, mj_struct.signature(model)):
+@internal
+def _warn_missed(model: MjModel, data: MjData, instance: int, tendon: int) -> None:
+    """Warn, once, of each geom in a path that it never touches."""
+    room = np.zeros(MESSAGE_WORDS, np.int64)
+    message = messages.begin_message(room.ctypes.data, model, instance)
+    start = message.used
+    append(message, "its geoms have been looked for")
+    if warned_once(message, model.signature):
         return
-    tendon = load_word(mj_struct.block(data, instance) + blocks.ROUTE)
-    count = mj_struct.integer(model, mj_struct.TENDON_NUM, tendon)
+    count = model.tendon_num[tendon]
     mark_stack(data)
     touched = octets(borrow(data, count), count)
     guides.mark_touched(model, data, tendon, touched)
     for place in range(touched.size):
         if touched[place] == 0:
-            used = guides.explain(message, start, model, tendon, place)
-            warn(message, used)
+            message.used = start
+            guides.explain(message, model, tendon, place)
+            warn(message)
     free_stack(data)
 
 
-@callback
-def check(model: int, data: int, instance: CInt) -> None:
+@internal
+def _check(model: MjModel, data: MjData, block: Block) -> None:
     """Warn if the time step is too long for the instance, or its ends are not fit.
 
     What was refused at load can also be set on the compiled model.
     """
-    message = np.zeros(MESSAGE_CAPACITY, np.uint8)
-    start = messages.begin_message(message, model, instance)
-    used = attachments.explain(message, start, model, instance)
-    block = mj_struct.block(data, instance)
-    if used == start and blocks.is_open(block):
-        tendon = load_word(block + blocks.ROUTE)
-        used = attachments.explain_bypass(message, start, model, instance, tendon)
-    if used > start and not warned_once(message, used, mj_struct.signature(model)):
-        warn(message, used)
+    instance = block.instance
+    room = np.zeros(MESSAGE_WORDS, np.int64)
+    message = messages.begin_message(room.ctypes.data, model, instance)
+    start = message.used
+    attachments.explain(message, model, instance)
+    if message.used == start and blocks.is_open(block):
+        attachments.explain_bypass(message, model, instance, block.route)
+    if message.used > start:
+        messages.issue_once(message, model)
     if blocks.is_open(block):
         messages.warn_no_effect(model, instance, block)
-    if load_word(block + blocks.ROUTE) >= 0:
-        missed(model, data, instance)
+    if block.route >= 0:
+        _warn_missed(model, data, instance, block.route)
     messages.warn_cannot_pull(model, instance)
     messages.warn_short_conduit(model, data, instance, block)
     longest = np.empty(3)
     limits(model, data, instance, longest.ctypes.data)
-    messages.warn_short_period(model, instance, block, longest[0], longest[1])
+    messages.warn_short_period(model, block, longest)
     if implicit_ends.is_implicit(model, block):
         longest[0] = longest[1] = np.inf
-    step, worst = mj_struct.timestep(model), int(np.argmin(longest))
-    limit = longest[worst]
-    if step <= limit:
-        return
-    used = stability_limits.append_part(message, start, worst, step)
-    if not warned_once(message, used, mj_struct.signature(model)):
-        warn(
-            message,
-            stability_limits.append_limit(message, start, worst, limit, step),
-        )
+    step, worst = model.opt.timestep, int(np.argmin(longest))
+    if step > longest[worst]:
+        message.used = start
+        stability_limits.warn_long_step(message, model, worst, longest[worst])
 
 
-@callback
-def pull_early(model: int, data: int, instance: CInt) -> None:
+@internal
+def _ends(
+    model: MjModel, data: MjData, block: Block
+) -> tuple[tuple[float, float], float]:
+    """Return the displacements of the ends [m], and the lever of the proximal one."""
+    proximal, lever = blocks.winding(model, data, block)
+    return (proximal, blocks.displacement(data, block, 1)), lever
+
+
+@internal
+def _pull_early(model: MjModel, data: MjData, instance: int, block: Block) -> None:
     """Pull with the pieces of an open cable before its actuators are evaluated.
 
     `mj_inverse` evaluates passive forces, but no actuators. Where the acceleration
     is given, an implicit end looks ahead by that.
     """
-    block = mj_struct.block(data, instance)
     if mj_struct.disabled(model, _NO_ACTUATION) or messages.has_no_passive(model):
         return
     if not evaluating.update_parameters(block, model, instance):
         return
-    lead = mj_struct.block(data, mj_struct.first_cable(model, instance))
+    lead = blocks.block_at(data, mj_struct.first_cable(model, instance))
     state, dt = evaluating.origin(block, model, data, instance)
     follow(block, model, data, state)
-    store_word(
-        block + blocks.PATH_EVALUATION, load_word(lead + blocks.EVALUATION_COUNT) + 1
-    )
-    u_proximal = blocks.proximal_winding(
-        model, block, blocks.displacement(data, block, blocks.PROXIMAL)
-    )[0]
-    u_distal = blocks.displacement(data, block, blocks.DISTAL)
+    block.path_evaluation = lead.evaluation_count + 1
+    ends, _ = _ends(model, data, block)
     known, looks = True, implicit_ends.is_implicit(model, block)
     if not looks:
-        known = evaluating.evaluate(block, state, u_proximal, u_distal, 0.0, 0.0, dt)
-    elif not evaluating.is_evaluated(block, data, state, u_proximal, u_distal):
+        known = evaluating.evaluate(block, state, ends, (0.0, 0.0), dt)
+    elif not evaluating.is_evaluated(block, data, state, ends):
         aim = np.empty(9)
         implicit_ends.predict_known_motion(model, data, block, aim)
         known = evaluate_prediction(model, block, state, aim, dt)
     if known:
         pull(block, model, data)
-        store_word(
-            block + blocks.EARLY_PULL,
-            blocks.EARLY_REPLACED if looks else blocks.EARLY_KEPT,
-        )
+        block.early_pull = blocks.EARLY_REPLACED if looks else blocks.EARLY_KEPT
 
 
-@callback
-def undo_early(model: int, data: int, instance: CInt) -> None:
+@internal
+def _undo_early(model: MjModel, data: MjData, instance: int) -> None:
     """Take back the early pulls of implicit cables, to the last bit.
 
     They depend on an acceleration that is no part of the state; what is left of
     them by rounding must not reach the simulation.
     """
-    kind, nv = (
-        mj_struct.integer(model, mj_struct.PLUGIN, instance),
-        mj_struct.dofs(model),
-    )
-    passive = floats(load_word(data + mj_struct.QFRC_PASSIVE), nv)
-    for other in range(mj_struct.plugins(model) - 1, -1, -1):
-        block = 0
-        if mj_struct.integer(model, mj_struct.PLUGIN, other) == kind:
-            block = blocks.own_block(model, data, other)
-        if block == 0 or load_word(block + blocks.EARLY_PULL) != blocks.EARLY_REPLACED:
+    passive = data.qfrc_passive[: model.nv]
+    for other in range(model.nplugin - 1, -1, -1):
+        if model.plugin[other] != model.plugin[instance]:
+            continue
+        block = blocks.own_block(model, data, other)
+        if block == 0 or block.early_pull != blocks.EARLY_REPLACED:
             continue
         if not blocks.fits(block, model, other):
             continue
-        n = load_word(block + blocks.SEGMENTS)
-        pulls = floats(blocks.pulls_at(block, n), nv)
-        before = floats(blocks.before_at(block, n), nv)
-        for i in range(nv):
+        pulls = floats(block + block.pulls, passive.size)
+        before = floats(block + block.passive_before, passive.size)
+        for i in range(passive.size):
             # Unless another plugin has added to it since.
             if passive[i] == before[i] + pulls[i]:
                 passive[i] = before[i]
             else:
                 passive[i] -= pulls[i]
-        store_word(block + blocks.PASSIVE_FRESH, 1)
-        store_word(block + blocks.EARLY_PULL, 0)
+        block.passive_fresh = 1
+        block.early_pull = 0
 
 
 @callback
-def settle(model: int, data: int, instance: CInt, keeps_rope: CInt) -> None:
+def settle(model: MjModel, data: MjData, instance: CInt, keeps_rope: CInt) -> None:
     """Lay the cable at rest, with its ends where they are at the last position.
 
     Its tension is the pretension or, where it keeps its rope, that of the rope
     which was mounted in the pose `qpos0`.
     """
-    block = blocks.acting_block(model, data, instance)
+    if blocks.acting_block(model, data, instance) == 0:
+        messages.warn_cannot_act(model, data, instance)
+    block = _usable_block(model, data, instance)
     if block == 0:
-        cannot_act(model, data, instance)
-    if block == 0 or not evaluating.update_parameters(block, model, instance):
         return
-    proximal_length = blocks.displacement(data, block, blocks.PROXIMAL)
-    distal_length = blocks.displacement(data, block, blocks.DISTAL)
-    state = mj_struct.state(model, data, instance)
-    evaluating.set_rest_state(
-        block, model, state, proximal_length, distal_length, mj_struct.time(data)
-    )
-    n = load_word(block + blocks.SEGMENTS)
-    store_real(blocks.pose_at(state, n), jump_warnings.pose_checksum(model, data))
+    lengths = blocks.displacement(data, block, 0), blocks.displacement(data, block, 1)
+    state, n = mj_struct.state(model, data, instance), block.segments
+    evaluating.set_rest_state(block, model, state, lengths, data.time)
+    kept = blocks.committed(state, n)
+    kept.pose = jump_warnings.checksum(data.qpos[: model.nq])
     seats = seats_with_route(block)
     if seats or blocks.is_open(block):
         follow(block, model, data, state)
     if keeps_rope != 0:
         evaluating.keep_mounted_rope(block, model, state)
     elif seats:
-        prm = floats(blocks.parameters_at(block), kernel.parameter_size(n))
-        whole = floats(state, kernel.state_size(n))
+        prm = blocks.parameters(block)
+        whole = blocks.kernel_state(state, n)
         prepare.rest_in(prm, n, layout.segment_angles(prm, n), whole)
     if blocks.is_open(block):
-        shape = floats(blocks.shape_at(block, n, 0), open_path.shape_size(n))
-        open_path.save_path(shape, n, blocks.path_memory(state, n))
+        open_path.save_path(blocks.shape(block, 0), n, blocks.path_memory(state, n))
 
 
 @callback
-def nstate(model: int, instance: CInt) -> CInt:
+def nstate(model: MjModel, instance: CInt) -> CInt:
     attributes = mj_struct.attributes(model, instance)
     n = max(config.segment_count(attributes), 1)
     more = open_path.memory_size(n) if config.is_open(attributes) else 0
-    return kernel.state_size(n) + blocks.STATE_PATH + more
+    return kernel.state_size(n) + blocks.COMMITMENT_SIZE // 8 + more
 
 
 @callback
-def init(model: int, data: int, instance: CInt) -> CInt:
-    mj_struct.set_block(data, instance, 0)
-    if refused(model, instance) != 0:
+def init(model: MjModel, data: MjData, instance: CInt) -> CInt:
+    data.plugin_data[instance] = 0
+    if _is_refused(model, instance):
         return -1
     attributes = mj_struct.attributes(model, instance)
-    n = config.segment_count(attributes)
-    free = config.is_open(attributes)
-    shape = 8 * (open_path.shape_size(n) if free else n)
-    pulls = 8 * (3 * mj_struct.dofs(model) + n + 1) if free else 0
-    # Its parts follow each other from the header on, whatever is in it.
-    own = blocks.guides_at(0, n) + 8 * n + (blocks.REFERENCE_STAGE + 1) * shape + pulls
-    kept, area, poses = own, 0, 0
-    own += 8 * (kernel.state_size(n) + blocks.STATE_PATH)
-    own += 8 * open_path.memory_size(n) if free else 0
-    if mj_struct.first_cable(model, instance) == instance:
-        area, poses = (
-            implicit_ends.area_size(model),
-            jump_warnings.poses_size(model),
-        )
-    block = allocate(own + area + poses)
-    clear(block, own + area + poses)
-    store_word(block + blocks.FIRST_STAGE_STATE, kept)
-    store_word(block + blocks.PREDICTION_AREA, own if area > 0 else 0)
-    store_word(block + blocks.MOCAP_POSES, own + area if poses > 0 else 0)
-    store_word(block + blocks.SEGMENTS, n)
-    store_word(block + blocks.SHAPE_BYTES, shape)
-    store_word(block + blocks.PATH_KIND, config.path_kind(attributes))
+    room = np.zeros(blocks.BLOCK_WORDS, np.int64)
+    head = blocks.block_of_memory(room.ctypes.data)
+    head.segments = config.segment_count(attributes)
+    head.path_kind = config.path_kind(attributes)
+    is_first = mj_struct.first_cable(model, instance) == instance
+    size = blocks.lay_out(head, model, is_first)
+    block = blocks.block_of_memory(allocate(size))
+    clear(block, size)
+    copy(head, block, 8 * blocks.BLOCK_WORDS)
     blocks.save_sizes(block, model, instance)
     evaluating.pack(block, model, instance)
-    mj_struct.set_block(data, instance, block)
+    data.plugin_data[instance] = block
     return 0
 
 
 @callback
-def destroy(data: int, instance: CInt) -> None:
-    block = mj_struct.block(data, instance)
-    if block != 0:
-        release(block)
-    mj_struct.set_block(data, instance, 0)
+def destroy(data: MjData, instance: CInt) -> None:
+    if data.plugin_data[instance] != 0:
+        release(data.plugin_data[instance])
+    data.plugin_data[instance] = 0
 
 
 @callback
-def reset(model: int, state: int, block: int, instance: CInt) -> None:
+def reset(model: MjModel, state: int, block: Block, instance: CInt) -> None:
     if block == 0 or not (
         mj_struct.has_timestep(model) and blocks.fits(block, model, instance)
     ):
         return
     if not evaluating.update_parameters(block, model, instance):
         return
-    store_real(block + blocks.CHECKED_TIMESTEP, 0.0)
-    store_real(block + blocks.CHECKED_STIFFNESS, 0.0)
+    block.checked_timestep = block.checked_stiffness = 0.0
     jump_warnings.forget_poses(model, block)
     # The pose `qpos0` may be another since.
-    store_word(block + blocks.REFERENCE_KNOWN, 0)
-    proximal_length = blocks.rest_displacement(model, block, blocks.PROXIMAL)
-    distal_length = blocks.rest_displacement(model, block, blocks.DISTAL)
-    evaluating.set_rest_state(block, model, state, proximal_length, distal_length, 0.0)
-    rest = load_word(model + mj_struct.QPOS0)
-    n = load_word(block + blocks.SEGMENTS)
-    store_real(blocks.pose_at(state, n), jump_warnings.checksum(model, rest))
+    block.reference_known = 0
+    lengths = (
+        blocks.rest_displacement(model, block, 0),
+        blocks.rest_displacement(model, block, 1),
+    )
+    evaluating.set_rest_state(block, model, state, lengths, 0.0)
+    kept = blocks.committed(state, block.segments)
+    kept.pose = jump_warnings.checksum(model.qpos0[: model.nq])
 
 
 @callback
-def compute(model: int, data: int, instance: CInt, capability: CInt) -> None:
+def compute(model: MjModel, data: MjData, instance: CInt, capability: CInt) -> None:
     own = blocks.own_block(model, data, instance)
     if own != 0:
-        store_word(own + blocks.EVALUATED_MODEL, 0)
+        own.evaluated_model = 0
         if capability == _PASSIVE and not blocks.is_open(own):
             return  # all that it does are the forces of its actuators
     block = blocks.acting_block(model, data, instance)
     if block == 0:
-        cannot_act(model, data, instance)
+        messages.warn_cannot_act(model, data, instance)
         return
     if capability == _PASSIVE:
-        store_word(block + blocks.PASSIVE_FRESH, 1)
-        store_word(block + blocks.EARLY_PULL, 0)
-        pull_early(model, data, instance)
+        block.passive_fresh = 1
+        block.early_pull = 0
+        _pull_early(model, data, instance, block)
         return
-    lead = mj_struct.block(data, mj_struct.first_cable(model, instance))
+    lead = blocks.block_at(data, mj_struct.first_cable(model, instance))
     if lead == block:
         implicit_ends.begin_evaluation(lead)
-        undo_early(model, data, instance)
+        _undo_early(model, data, instance)
     usable = evaluating.update_parameters(block, model, instance)
-    store_word(block + blocks.EVALUATED_MODEL, model if usable else 0)
-    if load_word(block + blocks.OTHER_KIND) != 0:
-        cannot_act(model, data, instance)
+    block.evaluated_model = model if usable else 0
+    if block.other_kind != 0:
+        messages.warn_cannot_act(model, data, instance)
         return
     cut = blocks.is_open(block) and messages.has_no_passive(model)
-    tendon = load_word(block + blocks.ROUTE)
-    if tendon >= 0 and not np.isfinite(
-        mj_struct.real(data, mj_struct.TEN_LENGTH, tendon)
-    ):
+    if block.route >= 0 and not np.isfinite(data.ten_length[block.route]):
         # MuJoCo sees the bad acceleration, warns and resets, as for any other.
-        cannot_act(model, data, instance)
+        messages.warn_cannot_act(model, data, instance)
         blocks.invalidate(block)
-        mj_struct.set_force(data, load_word(block + blocks.PROXIMAL), np.nan)
-        mj_struct.set_force(data, load_word(block + blocks.DISTAL), np.nan)
+        for end in range(2):
+            data.actuator_force[block.outputs[end]] = np.nan
         return
-    if usable and mj_struct.enabled(model, _SLEEP):
-        route = load_word(block + blocks.ROUTE) if blocks.is_open(block) else -1
-        attachments.keep_awake(model, instance, route, load_word(block + blocks.MOUTH))
-    n = load_word(block + blocks.SEGMENTS)
+    if usable and model.opt.enableflags & mjtEnableBit.mjENBL_SLEEP != 0:
+        tendon = block.route if blocks.is_open(block) else -1
+        attachments.keep_awake(model, instance, tendon, block.mouth)
+    n = block.segments
     state, dt = evaluating.origin(block, model, data, instance)
     begins = state == mj_struct.state(model, data, instance)
-    u_proximal, lever = blocks.proximal_winding(
-        model, block, blocks.displacement(data, block, blocks.PROXIMAL)
-    )
-    u_distal = blocks.displacement(data, block, blocks.DISTAL)
+    ends, lever = _ends(model, data, block)
     looks = False
     if usable:
-        evaluation = load_word(lead + blocks.EVALUATION_COUNT)
-        if load_word(block + blocks.PATH_EVALUATION) != evaluation:
+        if block.path_evaluation != lead.evaluation_count:
             follow(block, model, data, state)
-            store_word(block + blocks.PATH_EVALUATION, evaluation)
+            block.path_evaluation = lead.evaluation_count
         # A piece that has become short needs a shorter step.
         shorter = blocks.is_open(block) and evaluating.has_stiffened(block)
-        if shorter or load_real(block + blocks.CHECKED_TIMESTEP) != mj_struct.timestep(
-            model
-        ):
-            store_real(block + blocks.CHECKED_TIMESTEP, mj_struct.timestep(model))
-            check(model, data, instance)
+        if shorter or block.checked_timestep != model.opt.timestep:
+            block.checked_timestep = model.opt.timestep
+            _check(model, data, block)
         if begins:
-            touched = jump_warnings.position_changed(
-                model, data, load_real(blocks.pose_at(state, n))
-            )
-            store_word(block + blocks.POSITION_CHANGED, 1 if touched else 0)
+            pose = blocks.committed(state, n).pose
+            touched = jump_warnings.position_changed(data.qpos[: model.nq], pose)
+            block.position_changed = int(touched)
         looks = implicit_ends.is_implicit(model, block)
-    store_word(block + blocks.PATH_EVALUATION, 0)
+    block.path_evaluation = 0
     if cut:
         messages.warn_once(model, instance, messages.NO_PASSIVE)
-    evaluating.save_motion(block, data, u_proximal, u_distal)
+    evaluating.save_motion(block, data, ends)
     known = False
     if usable and not cut and looks:
-        found = np.empty(9)
-        aim(model, data, instance, found.ctypes.data)
-        known = evaluate_prediction(model, block, state, found, dt)
+        aim = np.empty(9)
+        _aim(model, data, block, lead, aim)
+        known = evaluate_prediction(model, block, state, aim, dt)
     elif usable and not cut:
-        known = evaluating.evaluate(block, state, u_proximal, u_distal, 0.0, 0.0, dt)
+        known = evaluating.evaluate(block, state, ends, (0.0, 0.0), dt)
+    # MuJoCo sees a bad acceleration, warns and resets, as for any other.
+    proximal = distal = np.nan
     if known:
-        tension = blocks.new_at(block, n) + 8 * kernel.STATE_HEADER
-        proximal = max(load_real(tension), 0.0) * lever
-        distal = max(load_real(tension + 8 * n), 0.0)
-    else:
-        # MuJoCo sees the bad acceleration, warns and resets, as for any other.
-        proximal, distal = np.nan, np.nan
+        node = layout.tensions(blocks.kernel_state(block + block.new_state, n), n)
+        proximal, distal = max(node[0], 0.0) * lever, max(node[n], 0.0)
     if usable and not cut and not np.isfinite(proximal + distal):
-        cannot_act(model, data, instance)
-    mj_struct.set_force(data, load_word(block + blocks.PROXIMAL), proximal)
-    mj_struct.set_force(data, load_word(block + blocks.DISTAL), -distal)
-    if usable and blocks.is_open(block) and load_word(block + blocks.EARLY_PULL) == 0:
+        messages.warn_cannot_act(model, data, instance)
+    data.actuator_force[block.outputs[0]] = proximal
+    data.actuator_force[block.outputs[1]] = -distal
+    if usable and blocks.is_open(block) and block.early_pull == 0:
         pull(block, model, data)
-    store_word(block + blocks.EARLY_PULL, 0)
-    if mj_struct.integrator(model) == evaluating.RK4:
+    block.early_pull = 0
+    if evaluating.is_rk4(model):
         if begins:
-            store_word(
-                block + blocks.FIRST_STAGE_VALID, load_word(block + blocks.RESULT_VALID)
-            )
+            block.first_stage_valid = block.result_valid
             evaluating.save_first_stage(block, data, state)
-        stages = block + blocks.STAGES
-        copy(stages + blocks.STAGE_SIZE, stages, 3 * blocks.STAGE_SIZE)
-        store_real(stages + 3 * blocks.STAGE_SIZE, u_proximal)
-        store_real(stages + 3 * blocks.STAGE_SIZE + 8, u_distal)
-        store_real(stages + 3 * blocks.STAGE_SIZE + 16, mj_struct.time(data))
-        copy(block + blocks.INPUTS, stages + 3 * blocks.STAGE_SIZE + 24, 40)
-        if load_word(block + blocks.ROUTE) >= 0:
-            size = load_word(block + blocks.SHAPE_BYTES)
-            copy(blocks.shape_at(block, n, 2), blocks.shape_at(block, n, 1), 3 * size)
-            copy(blocks.shape_at(block, n, 0), blocks.shape_at(block, n, 4), size)
+        for k in range(3):
+            block.stages[k, :] = block.stages[k + 1]
+        block.stages[3, 0], block.stages[3, 1] = ends
+        block.stages[3, 2] = data.time
+        block.stages[3, 3:] = block.inputs
+        if block.route >= 0:
+            size = block.shape_bytes
+            copy(blocks.shape_at(block, 2), blocks.shape_at(block, 1), 3 * size)
+            copy(blocks.shape_at(block, 0), blocks.shape_at(block, 4), size)
 
 
 @callback
-def advance(model: int, data: int, instance: CInt) -> None:
+def advance(model: MjModel, data: MjData, instance: CInt) -> None:
     block = blocks.own_block(model, data, instance)
     if block == 0:
         return
-    known = load_word(block + blocks.EVALUATED_MODEL) == model
     # Without actuation that is of an evaluation before this step.
-    known = known and not mj_struct.disabled(model, _NO_ACTUATION)
-    store_word(block + blocks.EVALUATED_MODEL, 0)
+    idle, rk4 = mj_struct.disabled(model, _NO_ACTUATION), evaluating.is_rk4(model)
+    known = block.evaluated_model == model and not idle
+    block.evaluated_model = 0
     if not known:
-        block = blocks.acting_block(model, data, instance)
-        if block == 0 or not evaluating.update_parameters(block, model, instance):
+        block = _usable_block(model, data, instance)
+        if block == 0:
             return
-    state = mj_struct.state(model, data, instance)
-    n = load_word(block + blocks.SEGMENTS)
-    u_proximal, _ = blocks.proximal_winding(
-        model, block, blocks.displacement(data, block, blocks.PROXIMAL)
-    )
-    u_distal = blocks.displacement(data, block, blocks.DISTAL)
+    state, n = mj_struct.state(model, data, instance), block.segments
+    ends, _ = _ends(model, data, block)
+    used, last = ends, ends
     jump_warnings.save_poses(model, data, block)
     # Under RK4 these are of its last stage.
-    if mj_struct.integrator(model) != evaluating.RK4:
-        now = blocks.shape_at(block, n, 0)
-        messages.warn_jump(model, data, instance, state, u_proximal, u_distal, now)
+    if not rk4:
+        messages.warn_jump(model, data, instance, state, ends, 0)
     if attachments.in_disabled_group(model, instance):
         messages.warn_once(model, instance, messages.GROUP_DISABLED)
-    dt = mj_struct.timestep(model)
-    time = 0.0
-    ends = u_proximal, u_distal
-    yields = 0.0, 0.0
-    if mj_struct.disabled(model, _NO_ACTUATION):
+    dt, time, yields, stage = model.opt.timestep, 0.0, (0.0, 0.0), 0
+    at, given = block.input_positions, block.inputs
+    if idle:
         # Nothing has evaluated the last position.
         messages.warn_once(model, instance, messages.ACTUATION_DISABLED)
         follow(block, model, data, state)
-    elif (
-        mj_struct.integrator(model) != evaluating.RK4
-        and load_real(block + blocks.INPUT_POSITIONS) == u_proximal
-        and load_real(block + blocks.INPUT_POSITIONS + 8) == u_distal
-    ):
+    elif not rk4 and at[0] == last[0] and at[1] == last[1]:
         # What was applied is what the step did, whatever it looked ahead to.
-        u_proximal, u_distal = (
-            load_real(block + blocks.INPUTS),
-            load_real(block + blocks.INPUTS + 8),
-        )
-        yields = (
-            load_real(block + blocks.INPUTS + 16),
-            load_real(block + blocks.INPUTS + 24),
-        )
-    shape = blocks.shape_at(block, n, 0)
-    if mj_struct.integrator(model) == evaluating.RK4:
+        used, yields = (given[0], given[1]), (given[2], given[3])
+    if rk4:
         # A step makes four evaluations; the first of them is committed. With
         # actuation disabled there are none, and the last position counts.
-        time = mj_struct.time(data) - dt
-        stages = block + blocks.STAGES
+        time, stages = data.time - dt, block.stages
+        path_now, path_last = blocks.shape_at(block, 0), blocks.shape_at(block, 4)
         if (
-            load_real(stages + 3 * blocks.STAGE_SIZE) == u_proximal
-            and load_real(stages + 3 * blocks.STAGE_SIZE + 8) == u_distal
-            and evaluating.path_unchanged(block)
+            stages[3, 0] == last[0]
+            and stages[3, 1] == last[1]
+            and same(path_now, path_last, block.shape_bytes)
         ):
-            u_proximal = load_real(stages)
-            u_distal = load_real(stages + 8)
-            ends = u_proximal, u_distal
-            first = blocks.shape_at(block, n, 1)
-            messages.warn_jump(
-                model, data, instance, state, u_proximal, u_distal, first
-            )
-            time = load_real(stages + 16)
-            u_proximal, u_distal, yields, dt = evaluating.evaluation_inputs(stages + 24)
-            if load_word(block + blocks.ROUTE) >= 0:
-                shape = first
-                lay(block, shape, state)
-    if evaluating.evaluate(
-        block, state, u_proximal, u_distal, yields[0], yields[1], dt
-    ):
-        copy(blocks.new_at(block, n), state, evaluating.written_bytes(block))
-        store_real(blocks.committed_time_at(state, n), time)
-        store_real(blocks.pose_at(state, n), jump_warnings.pose_checksum(model, data))
-        messages.save_ends(data, block, state, n, ends[0], ends[1])
+            ends = stages[0, 0], stages[0, 1]
+            messages.warn_jump(model, data, instance, state, ends, 1)
+            time = stages[0, 2]
+            used, yields = (stages[0, 3], stages[0, 4]), (stages[0, 5], stages[0, 6])
+            dt = stages[0, 7]
+            if block.route >= 0:
+                stage = 1
+                lay(block, stage, state)
+    if evaluating.evaluate(block, state, used, yields, dt):
+        written = evaluating.written_bytes(block)
+        copy(block + block.new_state, state, written)
+        kept = blocks.committed(state, n)
+        kept.time = time
+        kept.pose = jump_warnings.checksum(data.qpos[: model.nq])
+        messages.save_ends(data, block, kept, ends)
         if blocks.is_open(block):
-            seen = floats(shape, open_path.shape_size(n))
-            open_path.save_path(seen, n, blocks.path_memory(state, n))
+            shape = blocks.shape(block, stage)
+            open_path.save_path(shape, n, blocks.path_memory(state, n))

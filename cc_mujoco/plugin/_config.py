@@ -38,7 +38,7 @@ from cc_mujoco.cable._friction import DRAG_TERMS
 from cc_mujoco.cable._open_path import ROLLING as ROLLING
 from cc_mujoco.native import compiled, internal
 from cc_mujoco.plugin._engine import REQUIRED
-from cc_mujoco.plugin._ffi import Bytes, FloatMatrix, append, quote, text
+from cc_mujoco.plugin._ffi import Bytes, FloatMatrix, Message, append, quote, text
 
 Integers = npt.NDArray[np.int64]
 
@@ -178,27 +178,22 @@ VALID_CONFIGURATION = -1
 """Key that `read` returns when the configuration can be used."""
 
 SCALARS = len(PARAMETERS)
-SEGMENTS = KEYS.index("segments")
-CONDUIT = KEYS.index("conduit")
-ROUTE = KEYS.index("route")
-BEND = KEYS.index("bend")
-PATH = KEYS.index("path")
-MOUTH = KEYS.index("mouth")
-ENDS_KEY = KEYS.index("ends")
-GUIDES = KEYS.index("guides")
-_OF_A_CONDUIT = tuple(KEYS.index(name) for name in OF_A_CONDUIT)
-FRICTION = KEYS.index("friction")
+(
+    SEGMENTS, CONDUIT, ROUTE, BEND, PATH, MOUTH, ENDS_KEY, GUIDES,
+    FRICTION, WRAP_GROWTH, CLEARANCE, _STATIC, _PRETENSION, _EXPONENT, ECCENTRICITY,
+    ECCENTRICITY_PHASE, OVALITY, OVALITY_PHASE,
+) = map(
+    KEYS.index,
+    (
+        "segments", "conduit", "route", "bend", "path", "mouth", "ends", "guides",
+        "friction", "wrap_growth", "clearance", "static_friction", "pretension",
+        "tension_exponent", "eccentricity", "eccentricity_phase", "ovality",
+        "ovality_phase",
+    ),
+)  # fmt: skip
+_OF_A_CONDUIT = tuple(map(KEYS.index, OF_A_CONDUIT))
 DRAGS_PER_LENGTH = tuple(place for place, _, unit in DRAG_TERMS if unit != "N")
 """Keys of drag along the conduit, which that of a seal is not."""
-WRAP_GROWTH = KEYS.index("wrap_growth")
-CLEARANCE = KEYS.index("clearance")
-_STATIC = KEYS.index("static_friction")
-_PRETENSION = KEYS.index("pretension")
-_EXPONENT = KEYS.index("tension_exponent")
-ECCENTRICITY = KEYS.index("eccentricity")
-ECCENTRICITY_PHASE = KEYS.index("eccentricity_phase")
-OVALITY = KEYS.index("ovality")
-OVALITY_PHASE = KEYS.index("ovality_phase")
 _DEFAULT_SEGMENTS = Cable.segments
 _LOW = np.array([p.low for p in PARAMETERS])
 _HIGH = np.array([p.high for p in PARAMETERS])
@@ -207,48 +202,31 @@ _DEFAULT = np.array([p.default for p in PARAMETERS])
 _REQUIRED = np.array([key in REQUIRED for key in KEYS])
 
 
-def constant(content: str) -> Bytes:
-    """Return text as an array that compiled code can hold."""
-    return np.frombuffer(content.encode(), np.uint8)
-
-
-_NO_CONDUIT = ", and 0 (off) where `path` is `open`"
-
-
-def _allowed(key: str) -> str:
-    special = {
-        "static_friction": "0 (off) or at least `friction`, and "
-        + PARAMETERS[_STATIC].allowed,
-        "tension_exponent": "0 (off) where `pretension` is 0, and "
-        + PARAMETERS[_EXPONENT].allowed,
-        "clearance": PARAMETERS[CLEARANCE].allowed
-        + ", and 0 (off) where `path` is not `guided`",
-        "eccentricity": PARAMETERS[ECCENTRICITY].allowed
-        + ", less than the `gear` of the proximal end",
-        "ovality": PARAMETERS[OVALITY].allowed
-        + ", and its sum with `eccentricity` less than the `gear` of the proximal end",
-        "segments": SEGMENTS_ALLOWED,
-        "conduit": CONDUIT_ALLOWED,
-        "route": "the name of a spatial tendon of the model",
-        "bend": BEND_ALLOWED,
-        "path": PATH_ALLOWED,
-        "mouth": MOUTH_ALLOWED,
-        "ends": ENDS_ALLOWED,
-        "guides": GUIDES_ALLOWED,
-        **{KEYS[i]: PARAMETERS[i].allowed + _NO_CONDUIT for i in _OF_A_CONDUIT},
-    }
-    return special.get(key) or PARAMETERS[KEYS.index(key)].allowed
-
-
-_REFUSALS = [f"key `{key}` is \n; it must be {_allowed(key)}" for key in KEYS]
-_REFUSAL_TEXT = constant("".join(line.replace("\n", "\0") + "\0" for line in _REFUSALS))
-_NAMES = constant("".join(f"{key}\0" for key in KEYS))
-_MISSING = constant("missing or empty")
-_INF = constant("inf")
-_FIXED, _ROUTED = (constant(bend) for bend in BENDS)
-_AUTO, _EXPLICIT = (constant(ends) for ends in ENDS)
-_ROLLER = constant(ROLLER)
-_GUIDED, _OPEN, _MIXED = (constant(path) for path in PATHS)
+_ALLOWED = {p.name: p.allowed for p in PARAMETERS}
+_ALLOWED |= {
+    "static_friction": "0 (off) or at least `friction`, and "
+    + _ALLOWED["static_friction"],
+    "tension_exponent": "0 (off) where `pretension` is 0, and "
+    + _ALLOWED["tension_exponent"],
+    "clearance": f"{_ALLOWED['clearance']}, and 0 (off) where `path` is not `guided`",
+    "eccentricity": _ALLOWED["eccentricity"]
+    + ", less than the `gear` of the proximal end",
+    "ovality": _ALLOWED["ovality"]
+    + ", and its sum with `eccentricity` less than the `gear` of the proximal end",
+    "segments": SEGMENTS_ALLOWED,
+    "conduit": CONDUIT_ALLOWED,
+    "route": "the name of a spatial tendon of the model",
+    "bend": BEND_ALLOWED,
+    "path": PATH_ALLOWED,
+    "mouth": MOUTH_ALLOWED,
+    "ends": ENDS_ALLOWED,
+    "guides": GUIDES_ALLOWED,
+    **{k: f"{_ALLOWED[k]}, and 0 (off) where `path` is `open`" for k in OF_A_CONDUIT},
+}
+_ALLOWED_VALUES = tuple(_ALLOWED[key] for key in KEYS)
+_FIXED, _ROUTED = BENDS
+_AUTO, _EXPLICIT = ENDS
+_GUIDED, _OPEN, _MIXED = PATHS
 
 
 @internal
@@ -340,7 +318,7 @@ def _sections(written: Bytes, sections: FloatMatrix) -> int:
             return 0
         length = number(written[begin:colon])
         bend = written[colon + 1 : i]
-        radius = math.inf if equal_text(bend, _INF) else number(bend)
+        radius = math.inf if equal_text(bend, "inf") else number(bend)
         if not (0.0 < length <= MAX_LENGTH and length <= MAX_WRAP * radius):
             return 0
         sections[count, 0] = length
@@ -370,7 +348,7 @@ def next_guide(written: Bytes, start: int) -> tuple[int, int, int]:
 @internal
 def guide_radius(written: Bytes) -> float:
     """Return the radius of a guide [m], `ROLLING` of a roller, 0 if it is neither."""
-    if equal_text(written, _ROLLER):
+    if equal_text(written, ROLLER):
         return ROLLING
     radius = number(written)
     return radius if 0.0 < radius <= MAX_LENGTH else 0.0
@@ -397,38 +375,18 @@ def equal_text(a: Bytes, b: Bytes) -> bool:
 
 
 @internal
-def append_key(message: Bytes, used: int, key: int) -> int:
-    start = 0
-    for _ in range(key):
-        while _NAMES[start] != 0:
-            start += 1
-        start += 1
-    end = start
-    while _NAMES[end] != 0:
-        end += 1
-    return append(message, used, _NAMES[start:end])
-
-
-@internal
-def explain(message: Bytes, used: int, block: int, key: int) -> int:
+def explain(message: Message, block: int, key: int) -> None:
     """Append why a key cannot be used: its name, its value and the allowed values."""
-    piece, start = 0, 0
-    while piece < 2 * key:
-        piece += _REFUSAL_TEXT[start] == 0
-        start += 1
-    middle = start
-    while _REFUSAL_TEXT[middle] != 0:
-        middle += 1
-    end = middle + 1
-    while _REFUSAL_TEXT[end] != 0:
-        end += 1
-    used = append(message, used, _REFUSAL_TEXT[start:middle])
+    append(message, "key `")
+    append(message, KEYS[key])
+    append(message, "` is ")
     written = key_text(block, key)
     if written.size == 0:
-        used = append(message, used, _MISSING)
+        append(message, "missing or empty")
     else:
-        used = quote(message, used, written)
-    return append(message, used, _REFUSAL_TEXT[middle + 1 : end])
+        quote(message, written)
+    append(message, "; it must be ")
+    append(message, _ALLOWED_VALUES[key])
 
 
 @compiled

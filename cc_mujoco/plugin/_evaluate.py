@@ -2,35 +2,25 @@
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
+from mujoco import mjtIntegrator
 
 from cc_mujoco.cable import _drum as drum
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as layout
 from cc_mujoco.cable import _moving_path as moving_path
 from cc_mujoco.cable import _nodes as nodes
+from cc_mujoco.cable import _open_path as open_path
 from cc_mujoco.cable._cable import MAX_SECTIONS
 from cc_mujoco.cable._friction import INDEX
 from cc_mujoco.plugin import _attachments as attachments
 from cc_mujoco.plugin import _config as config
 from cc_mujoco.plugin import _instance_data as blocks
 from cc_mujoco.plugin import _mj_struct as mj_struct
-from cc_mujoco.plugin import _open_path as open_path
 from cc_mujoco.plugin import _path as path
-from cc_mujoco.plugin._ffi import (
-    Floats,
-    callback,
-    copy,
-    fill,
-    floats,
-    internal,
-    load_real,
-    load_word,
-    same,
-    store_real,
-    store_word,
-)
+from cc_mujoco.plugin._ffi import Floats, copy, fill, floats, internal, same
+from cc_mujoco.plugin._instance_data import Block
+from cc_mujoco.plugin._mj_struct import MjData, MjModel
 from cc_mujoco.plugin._routing import follow, seats_with_route
 
 _PRETENSION = INDEX["pretension"]
@@ -38,30 +28,30 @@ _SPRINGS = INDEX["proximal_compliance"], INDEX["end_compliance"]
 _MIN_ROPE_SHARE = 1e-3
 """Least part of its path that a rope is long which drums have wound up entirely."""
 _BISECTIONS = 100
-RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 
 
-@callback
-def pack(block: int, model: int, instance: int) -> int:
+@internal
+def is_rk4(model: MjModel) -> bool:
+    return bool(model.opt.integrator == mjtIntegrator.mjINT_RK4)
+
+
+@internal
+def pack(block: Block, model: MjModel, instance: int) -> bool:
     """Pack the parameters of the instance; return whether they are valid."""
     attributes = mj_struct.attributes(model, instance)
-    n = load_word(block + blocks.SEGMENTS)
+    n = block.segments
     values = np.empty(config.SCALARS)
     sections = np.empty((MAX_SECTIONS, 2))
     key, count = config.read(attributes, values, sections)
     blocks.invalidate(block)
-    store_word(block + blocks.PATH_EVALUATION, 0)
-    store_word(block + blocks.TEXT_SIZE, 0)
-    store_word(block + blocks.OTHER_KIND, 0)
+    block.path_evaluation = block.text_size = block.other_kind = 0
     if key != config.VALID_CONFIGURATION:
-        return 0
+        return False
     kind, free = config.path_kind(attributes), config.is_open(attributes)
-    if config.segment_count(attributes) != n or kind != load_word(
-        block + blocks.PATH_KIND
-    ):
-        store_word(block + blocks.OTHER_KIND, 1)
-        return 0
-    prm = floats(blocks.parameters_at(block), kernel.parameter_size(n))
+    if config.segment_count(attributes) != n or kind != block.path_kind:
+        block.other_kind = 1
+        return False
+    prm = blocks.parameters(block)
     kernel.pack(values, sections[:count], n, prm)
     tendon, mouth, guided = -1, 0, n
     follows = config.bends_with_route(attributes)
@@ -69,68 +59,58 @@ def pack(block: int, model: int, instance: int) -> int:
         route = config.key_text(attributes, config.ROUTE)
         tendon = attachments.find_route(model, instance, route)
         if tendon < 0 or path.has_branches(model, tendon):
-            return 0
+            return False
         kernel.expect_change(prm)
     if free:
         kernel.expect_lengthening(prm)
         guided = 0
         if config.is_mixed(attributes):
-            name = config.key_text(attributes, config.MOUTH)
-            mouth = attachments.find_mouth(model, instance, tendon, route, name)
+            mouth = attachments.find_mouth(model, instance, tendon)
             if mouth < 0:
-                return 0
-            guided = n - open_path.wanted_segments(
-                model, tendon, mouth, open_path.ARC_SEGMENTS
-            )
-            guided = max(guided, 1)
-        if n - guided < open_path.min_segments(model, tendon, mouth):
-            return 0
-        at_guides = floats(blocks.guides_at(block, n), n)
-        if not attachments.read_guides(model, instance, tendon, mouth, at_guides):
-            return 0
+                return False
+            guided = max(n - path.default_segments(model, tendon, mouth), 1)
+        if n - guided < path.min_segments(model, tendon, mouth):
+            return False
+        guides = floats(block + block.guides, n)
+        if not attachments.read_guides(model, instance, tendon, mouth, guides):
+            return False
     for end in range(2):
-        actuator = load_word(block + blocks.END_ACTUATORS + 8 * end)
-        tied = free and attachments.is_tied(model, actuator, tendon)
-        store_word(block + blocks.TIED_ENDS + 8 * end, 1 if tied else 0)
-    store_word(block + blocks.ROUTE, tendon)
-    store_word(block + blocks.ROUTE_DIGEST, path.digest(model, tendon))
-    store_word(block + blocks.BENDS_WITH_ROUTE, 1 if follows and guided > 0 else 0)
-    store_word(block + blocks.MOUTH, mouth)
-    store_word(block + blocks.GUIDED, guided)
-    store_word(block + blocks.REFERENCE_KNOWN, 0)
-    store_word(block + blocks.EXPLICIT_ENDS, 1 if config.is_explicit(attributes) else 0)
+        tied = free and attachments.is_tied(model, block.actuators[end], tendon)
+        block.tied[end] = int(tied)
+    block.route, block.mouth, block.guided = tendon, mouth, guided
+    block.route_digest = path.digest(model, tendon)
+    block.bends_with_route = int(follows and guided > 0)
+    block.reference_known = 0
+    block.explicit_ends = int(config.is_explicit(attributes))
     size = config.block_size(attributes)
     if size <= blocks.TEXT_CAPACITY:
-        copy(attributes, blocks.text_at(block, n), size)
-        store_word(block + blocks.TEXT_SIZE, size)
-    return 1
+        copy(attributes, block + block.text, size)
+        block.text_size = size
+    return True
 
 
 @internal
-def update_parameters(block: int, model: int, instance: int) -> bool:
+def update_parameters(block: Block, model: MjModel, instance: int) -> bool:
     """Update the packed parameters by the configuration of the model.
 
     They are unless a batch gives its simulations different models; then the text of the
     configuration differs from the copy that was packed last, or its route does.
     """
     attributes = mj_struct.attributes(model, instance)
-    seen = blocks.text_at(block, load_word(block + blocks.SEGMENTS))
-    size = load_word(block + blocks.TEXT_SIZE)
-    i = 0
+    seen, size, i = block + block.text, block.text_size, 0
     # In pieces: what follows the first difference need not be memory of the model.
     while i + 128 <= size and same(seen + i, attributes + i, 128):
         i += 128
     if i + 128 > size and same(seen + i, attributes + i, size - i):
         i = size
-    route = path.digest(model, load_word(block + blocks.ROUTE))
-    if size > 0 and i == size and route == load_word(block + blocks.ROUTE_DIGEST):
+    route = path.digest(model, block.route)
+    if size > 0 and i == size and route == block.route_digest:
         return True
-    packed: bool = pack(block, model, instance) == 1
-    return packed
+    return pack(block, model, instance)
 
 
 @internal
-def packed_block(model: int, data: int, instance: int) -> int:
+def packed_block(model: MjModel, data: MjData, instance: int) -> Block:
     """Return the block of an instance, its parameters up to date; 0 if there is none.
 
     There is none either where the model or its configuration does not fit the block.
@@ -142,107 +122,85 @@ def packed_block(model: int, data: int, instance: int) -> int:
 
 
 @internal
-def path_unchanged(block: int) -> bool:
-    """Return whether the path is the same as at the last stage of RK4."""
-    n = load_word(block + blocks.SEGMENTS)
-    now, last = blocks.shape_at(block, n, 0), blocks.shape_at(block, n, 4)
-    return same(now, last, load_word(block + blocks.SHAPE_BYTES))
+def packed_block_of(model: MjModel, data: MjData, other: int, kind: int) -> Block:
+    """Return `packed_block` of an instance of any plugin; 0 for another `kind`."""
+    return packed_block(model, data, other) if model.plugin[other] == kind else 0
 
 
 @internal
-def origin(block: int, model: int, data: int, instance: int) -> tuple[int, float]:
+def origin(
+    block: Block, model: MjModel, data: MjData, instance: int
+) -> tuple[int, float]:
     """Return the state that an evaluation begins from, and the time since then [s].
 
     The committed state, a time step ago; at the later stages of RK4 that of the first
     one. So a motion that turns at the start of the step is followed to there and back.
     The time is half a step, a step or, where there was no first stage, up to two.
     """
-    state, step = mj_struct.state(model, data, instance), mj_struct.timestep(model)
-    if mj_struct.integrator(model) != RK4:
+    state, step = mj_struct.state(model, data, instance), model.opt.timestep
+    if not is_rk4(model):
         return state, step
-    n = load_word(block + blocks.SEGMENTS)
-    committed, first = blocks.committed_time_at(state, n), blocks.first_stage_at(block)
-    halves = np.rint(2.0 * (mj_struct.time(data) - load_real(committed)) / step)
+    n, first = block.segments, block + block.first_stage
+    one, other = blocks.committed(state, n), blocks.committed(first, n)
+    halves = np.rint(2.0 * (data.time - one.time) / step)
     if not 3.0 <= halves <= 4.0:
         return state, step
-    between = load_real(blocks.committed_time_at(first, n)) - load_real(committed)
-    if (
-        load_word(block + blocks.FIRST_STAGE_VALID) != 0
-        and np.rint(2.0 * between / step) == 2.0
-        and load_word(blocks.pose_at(first, n)) == load_word(blocks.pose_at(state, n))
-    ):
+    between = np.rint(2.0 * (other.time - one.time) / step)
+    if block.first_stage_valid != 0 and between == 2.0 and other.pose == one.pose:
         return first, 0.5 * (halves - 2.0) * step
     return state, 0.5 * halves * step
 
 
 @internal
-def save_first_stage(block: int, data: int, state: int) -> None:
+def save_first_stage(block: Block, data: MjData, state: int) -> None:
     """Keep the state that was found last as that of the first stage of RK4.
 
     It began from the state at address `state`.
     """
-    n, first = load_word(block + blocks.SEGMENTS), blocks.first_stage_at(block)
-    copy(blocks.new_at(block, n), first, 8 * kernel.state_size(n))
-    store_real(blocks.committed_time_at(first, n), mj_struct.time(data))
-    store_word(blocks.pose_at(first, n), load_word(blocks.pose_at(state, n)))
+    n, first = block.segments, block + block.first_stage
+    copy(block + block.new_state, first, 8 * kernel.state_size(n))
+    kept = blocks.committed(first, n)
+    kept.time, kept.pose = data.time, blocks.committed(state, n).pose
     if blocks.is_open(block):
-        shape = floats(blocks.shape_at(block, n, 0), open_path.shape_size(n))
-        open_path.save_path(shape, n, blocks.path_memory(first, n))
+        open_path.save_path(blocks.shape(block, 0), n, blocks.path_memory(first, n))
 
 
 @internal
-def evaluation_inputs(at: int) -> tuple[float, float, tuple[float, float], float]:
-    """Return the inputs of an evaluation: displacements, compliances, and dt."""
-    yields = load_real(at + 16), load_real(at + 24)
-    return load_real(at), load_real(at + 8), yields, load_real(at + 32)
-
-
-@internal
-def save_motion(block: int, data: int, u_proximal: float, u_distal: float) -> None:
+def save_motion(block: Block, data: MjData, ends: tuple[float, float]) -> None:
     """Save positions and speeds of the ends at the evaluation of the cable."""
-    store_real(block + blocks.INPUT_POSITIONS, u_proximal)
-    store_real(block + blocks.INPUT_POSITIONS + 8, u_distal)
     for end in range(2):
-        output = load_word(block + (blocks.DISTAL if end else blocks.PROXIMAL))
-        speed = mj_struct.real(data, mj_struct.ACTUATOR_VELOCITY, output)
-        store_real(block + blocks.INPUT_VELOCITIES + 8 * end, speed)
+        block.input_positions[end] = ends[end]
+        block.input_velocities[end] = data.actuator_velocity[block.outputs[end]]
 
 
 @internal
 def is_evaluated(
-    block: int, data: int, state: int, u_proximal: float, u_distal: float
+    block: Block, data: MjData, state: int, ends: tuple[float, float]
 ) -> bool:
     """Return whether the last evaluation is that of this state and motion of the ends.
 
     What an implicit end looks ahead to depends on its velocity, too.
     """
-    n = load_word(block + blocks.SEGMENTS)
-    known = load_word(block + blocks.RESULT_VALID) == 1
-    known = known and load_real(block + blocks.INPUT_POSITIONS) == u_proximal
-    known = known and load_real(block + blocks.INPUT_POSITIONS + 8) == u_distal
+    known = block.result_valid == 1
     for end in range(2):
-        output = load_word(block + (blocks.DISTAL if end else blocks.PROXIMAL))
-        speed = mj_struct.real(data, mj_struct.ACTUATOR_VELOCITY, output)
-        known = known and load_real(block + blocks.INPUT_VELOCITIES + 8 * end) == speed
-    return known and same(blocks.old_at(block, n), state, written_bytes(block))
+        speed = data.actuator_velocity[block.outputs[end]]
+        known = known and block.input_positions[end] == ends[end]
+        known = known and block.input_velocities[end] == speed
+    return bool(known and same(block + block.old_state, state, written_bytes(block)))
 
 
 @internal
-def written_bytes(block: int) -> int:
+def written_bytes(block: Block) -> int:
     """Return how many bytes of a state evaluations may change, from the first."""
-    n = load_word(block + blocks.SEGMENTS)
-    prm = floats(blocks.parameters_at(block), kernel.parameter_size(n))
-    return 8 * kernel.written_size(prm, n)
+    return 8 * kernel.written_size(blocks.parameters(block), block.segments)
 
 
 @internal
 def evaluate(
-    block: int,
+    block: Block,
     state: int,
-    u_proximal: float,
-    u_distal: float,
-    yield_proximal: float,
-    yield_distal: float,
+    ends: tuple[float, float],
+    yields: tuple[float, float],
     dt: float,
 ) -> bool:
     """Evaluate from the committed state, unless done; return if all is finite.
@@ -250,69 +208,54 @@ def evaluate(
     The parameters must be up to date. Arguments as in `cable._kernel.step` and
     `cable._pack.expect_yielding`.
     """
-    n = load_word(block + blocks.SEGMENTS)
-    old = blocks.old_at(block, n)
-    size, written = kernel.state_size(n), written_bytes(block)
-    known = load_word(block + blocks.RESULT_VALID) == 1
-    given = (u_proximal, u_distal, yield_proximal, yield_distal, dt)
-    for i in range(5):
-        before = load_word(block + blocks.INPUTS + 8 * i)
-        store_real(block + blocks.INPUTS + 8 * i, given[i])
-        known = known and before == load_word(block + blocks.INPUTS + 8 * i)
-    if known and same(old, state, written):
-        return True
-    store_word(block + blocks.EARLY_PULL, 0)
-    copy(state, old, written)
-    prm = floats(blocks.parameters_at(block), kernel.parameter_size(n))
-    kernel.expect_yielding(prm, yield_proximal, yield_distal)
-    status = kernel.step(
-        prm, n, floats(old, size), kernel.POSITION, u_proximal, kernel.POSITION,
-        u_distal, dt, floats(blocks.new_at(block, n), size),
-        floats(blocks.work_at(block, n), kernel.work_size(n)),
+    n, given = block.segments, np.empty(5)
+    given[0], given[1], given[2], given[3], given[4] = (
+        ends[0], ends[1], yields[0], yields[1], dt
     )  # fmt: skip
-    store_word(block + blocks.RESULT_VALID, 1 if status == kernel.OK else 0)
+    known = same(block.inputs.ctypes.data, given.ctypes.data, 40)
+    block.inputs[:] = given
+    old, new = block + block.old_state, block + block.new_state
+    written = written_bytes(block)
+    if known and block.result_valid == 1 and same(old, state, written):
+        return True
+    block.early_pull = 0
+    copy(state, old, written)
+    prm = blocks.parameters(block)
+    kernel.expect_yielding(prm, yields[0], yields[1])
+    status = kernel.step(
+        prm, n, blocks.kernel_state(old, n), kernel.POSITION, ends[0], kernel.POSITION,
+        ends[1], dt, blocks.kernel_state(new, n),
+        floats(block + block.work, kernel.work_size(n)),
+    )  # fmt: skip
+    block.result_valid = int(status == kernel.OK)
     return status == kernel.OK
 
 
 @internal
 def set_rest_state(
-    block: int,
-    model: int,
-    state: int,
-    proximal_length: float,
-    distal_length: float,
-    time: float,
+    block: Block, model: MjModel, state: int, ends: tuple[float, float], time: float
 ) -> None:
     """Set the state at address `state` to rest with the lengths of both actuators [m].
 
     The parameters must be up to date.
     """
-    n = load_word(block + blocks.SEGMENTS)
-    wound = blocks.proximal_winding(model, block, proximal_length)[0]
+    n, kept = block.segments, blocks.committed(state, block.segments)
+    wound = blocks.proximal_winding(model, block, ends[0])[0]
     kernel.initialize(
-        floats(blocks.parameters_at(block), kernel.parameter_size(n)),
-        n,
-        wound,
-        distal_length,
-        floats(state, kernel.state_size(n)),
+        blocks.parameters(block), n, wound, ends[1], blocks.kernel_state(state, n)
     )
-    before = time - mj_struct.timestep(model)
-    store_real(
-        blocks.committed_time_at(state, n),
-        before if mj_struct.integrator(model) == RK4 else 0.0,
-    )
-    store_real(blocks.end_at(state, n, 0), wound)
-    store_real(blocks.end_at(state, n, 1), distal_length)
-    for part in range(3):
-        store_real(blocks.velocity_at(state, n, part), 0.0)
+    kept.time = time - model.opt.timestep if is_rk4(model) else 0.0
+    kept.ends[0], kept.ends[1] = wound, ends[1]
+    kept.velocities[:] = 0.0
     if blocks.is_open(block):
         fill(blocks.path_memory(state, n), 0.0)
     if seats_with_route(block):
-        store_real(state + 8 * layout.rest_wrap(n), -1.0)
+        whole = blocks.kernel_state(state, n)
+        whole[layout.rest_wrap(n)] = -1.0
 
 
 @internal
-def keep_mounted_rope(block: int, model: int, state: int) -> None:
+def keep_mounted_rope(block: Block, model: MjModel, state: int) -> None:
     """Give a cable at rest the even tension of the rope that was mounted in `qpos0`.
 
     What an end has moved since then stretches the rope or makes it slack. On an open
@@ -321,31 +264,28 @@ def keep_mounted_rope(block: int, model: int, state: int) -> None:
     in at the mean of that and of the present one, as in a straight motion. `state` is
     the address of the state that `set_rest_state` has set.
     """
-    n = load_word(block + blocks.SEGMENTS)
-    prm = floats(blocks.parameters_at(block), kernel.parameter_size(n))
-    whole = floats(state, kernel.state_size(n))
+    n, prm = block.segments, blocks.parameters(block)
+    whole = blocks.kernel_state(state, n)
     begin = blocks.proximal_winding(
-        model, block, blocks.rest_displacement(model, block, blocks.PROXIMAL)
+        model, block, blocks.rest_displacement(model, block, 0)
     )[0]
-    travel = whole[1] - blocks.rest_displacement(model, block, blocks.DISTAL)
+    travel = whole[1] - blocks.rest_displacement(model, block, 1)
     if prm[layout.STATE_DEPENDENT] != 0.0:
         whole[layout.TRAVEL] = travel
     paid = np.empty(2)
     paid[0], paid[1] = whole[0] - begin, -travel
-    path, wound, rope = 0.0, 0.0, whole[3] - (paid[0] + paid[1])
+    length, wound, rope = 0.0, 0.0, whole[3] - (paid[0] + paid[1])
     mounted = moving_path.stretch_ratio(prm, prm[_PRETENSION])
     if blocks.is_open(block):
-        size = open_path.shape_size(n)
-        now = floats(blocks.shape_at(block, n, 0), size)
-        first = floats(blocks.shape_at(block, n, blocks.REFERENCE_STAGE), size)
-        path = layout.total(open_path.lengths(now, n))
+        first = blocks.shape(block, blocks.REFERENCE_STAGE)
+        length = layout.total(open_path.lengths(blocks.shape(block, 0), n))
         out = max(paid[0], 0.0) + max(paid[1], 0.0)
         rope = (layout.total(open_path.lengths(first, n)) + out) / mounted
         rope -= (prm[_SPRINGS[0]] + prm[_SPRINGS[1]]) * prm[_PRETENSION]
         wound = max(-paid[0], 0.0) + max(-paid[1], 0.0)
     else:
         whole[3] = rope
-    tension = _even_tension(prm, n, path, rope, wound)
+    tension = _even_tension(prm, n, length, rope, wound)
     fill(layout.tensions(whole, n), tension)
     if blocks.is_open(block):
         for end in range(2):
@@ -400,41 +340,29 @@ def _is_longer(
 
 
 @internal
-def has_stiffened(block: int) -> bool:
+def has_stiffened(block: Block) -> bool:
     """Return whether a piece is twice as stiff as when this was last true."""
-    n = load_word(block + blocks.SEGMENTS)
-    prm = floats(blocks.parameters_at(block), kernel.parameter_size(n))
-    shape = floats(blocks.shape_at(block, n, 0), open_path.shape_size(n))
-    now = open_path.max_piece_stiffness(shape, kernel.node_stiffness(prm, n), n)
-    if now <= 2.0 * load_real(block + blocks.CHECKED_STIFFNESS):
+    n, prm = block.segments, blocks.parameters(block)
+    stiffness = kernel.node_stiffness(prm, n)
+    now = open_path.max_piece_stiffness(blocks.shape(block, 0), stiffness, n)
+    if now <= 2.0 * block.checked_stiffness:
         return False
-    store_real(block + blocks.CHECKED_STIFFNESS, now)
+    block.checked_stiffness = now
     return True
 
 
 @internal
-def follow_all_paths(model: int, data: int, instance: int) -> None:
-    """Lead all open cables along their paths, so that their meshes are known."""
-    for other in range(mj_struct.plugins(model)):
-        kind = mj_struct.integer(model, mj_struct.PLUGIN, other)
-        if kind == mj_struct.integer(model, mj_struct.PLUGIN, instance):
-            block = packed_block(model, data, other)
-            if block != 0 and blocks.is_open(block):
-                state = origin(block, model, data, other)[0]
-                follow(block, model, data, state)
+def follow_paths(model: MjModel, data: MjData, instance: int, evaluation: int) -> None:
+    """Lead all open cables along their paths that were not in this evaluation.
 
-
-@internal
-def follow_other_paths(model: int, data: int, instance: int, evaluation: int) -> None:
-    """Lead all open cables along their paths that were not in this evaluation."""
-    for other in range(mj_struct.plugins(model)):
-        kind = mj_struct.integer(model, mj_struct.PLUGIN, other)
-        if kind == mj_struct.integer(model, mj_struct.PLUGIN, instance):
-            block = packed_block(model, data, other)
-            walked = (
-                block == 0 or load_word(block + blocks.PATH_EVALUATION) == evaluation
-            )
-            if not walked and blocks.is_open(block):
-                state = origin(block, model, data, other)[0]
-                follow(block, model, data, state)
-                store_word(block + blocks.PATH_EVALUATION, evaluation)
+    So their meshes are known. All of them are led where `evaluation` is below 0.
+    """
+    kind = model.plugin[instance]
+    for other in range(model.nplugin):
+        block = packed_block_of(model, data, other, kind)
+        if block == 0 or block.path_evaluation == evaluation:
+            continue
+        if blocks.is_open(block):
+            follow(block, model, data, origin(block, model, data, other)[0])
+            if evaluation >= 0:
+                block.path_evaluation = evaluation

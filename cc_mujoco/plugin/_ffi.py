@@ -10,7 +10,7 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -20,11 +20,13 @@ from cc_mujoco.native import FloatMatrix as FloatMatrix
 from cc_mujoco.native import internal as internal
 from cc_mujoco.native._functions import callback as callback
 from cc_mujoco.native._functions import reinterpret as reinterpret
+from cc_mujoco.native._kinds import BYTE, INT, Array, Memory
 from cc_mujoco.native._kinds import CInt as CInt
 from cc_mujoco.plugin._engine import LIBRARY
 from cc_mujoco.plugin._mj_offsets import offset, size, structure
 
-Bytes = npt.NDArray[np.uint8]
+Bytes = Annotated[Any, Array(BYTE)]
+"""Text: an array of bytes, or a literal."""
 Floats = npt.NDArray[np.float64]
 
 
@@ -54,35 +56,43 @@ mark_stack = Engine("mj_markStack", None, _AT)
 free_stack = Engine("mj_freeStack", None, _AT)
 borrow = Engine("mj_stackAllocNum", _AT, _AT, ctypes.c_size_t)
 solve_factorised = Engine("mju_cholSolve", None, _AT, _AT, _AT, _INT)
-_apply = Engine("mj_applyFT", None, _AT, _AT, _AT, _AT, _AT, _INT, _AT)
+apply_wrench = Engine("mj_applyFT", None, _AT, _AT, _AT, _AT, _AT, _INT, _AT)
 _send_message = Engine("mju_message", None, _AT)
 ENGINE = (
-    allocate, release, _send_message, solve_inertia, _apply, evaluate_bodies,
+    allocate, release, _send_message, solve_inertia, apply_wrench, evaluate_bodies,
     evaluate_tendons, full_inertia, multiply_inertia, is_sparse, factorise,
     solve_factorised, mark_stack, free_stack, borrow,
 )  # fmt: skip
 """In the order of the table in `native_plugin.h`."""
 
-_MESSAGE_SIZE = size("mjLogMessage")
+_RECORD_SIZE = size("mjLogMessage")
 _LEVEL = offset("mjLogMessage.level")
 _SUBJECT = offset("mjLogMessage.subject")
 _WARNING = int(ENUMS["mjtLogLevel"].values["mjLOG_WARNING"])
-MESSAGE_CAPACITY = structure("mjLogMessage").subject.size
+_CAPACITY = structure("mjLogMessage").subject.size
 """Longest message in bytes, its final zero included."""
-
 MAX_QUOTED = 90
 """Longest name or value quoted in full; MuJoCo keeps 500 bytes of a message."""
-_QUOTE = np.frombuffer(b"'", np.uint8)
-_NO_CHARACTER = np.frombuffer(b"?", np.uint8)
-_ELLIPSIS = np.frombuffer(b"...", np.uint8)
-_DECIMAL_POINT = np.frombuffer(b".", np.uint8)
-_MINUS = np.frombuffer(b"-", np.uint8)
-_EXPONENT = np.frombuffer(b"e", np.uint8)
-_INF, _NAN = np.frombuffer(b"inf", np.uint8), np.frombuffer(b"nan", np.uint8)
-_SCIENTIFIC = 1e9
-"""Number from which its thousandths are given with an exponent."""
-_MILLISECONDS = np.frombuffer(b" ms", np.uint8)
-_MILLIMETRES = np.frombuffer(b" mm", np.uint8)
+
+
+def memory(layout: type[ctypes.Structure]) -> Memory:
+    """Return the type of an address in compiled code that is that of a structure."""
+    return Memory(
+        INT.c,
+        layout.__name__,
+        layout,
+        lambda path: getattr(layout, path.split(".")[1]).offset,
+    )
+
+
+class _Message(ctypes.Structure):
+    """A message that grows, in `MESSAGE_WORDS` words of 8 bytes, 0 at first."""
+
+    _fields_ = (("used", ctypes.c_int64), ("text", ctypes.c_uint8 * _CAPACITY))
+
+
+Message = Annotated[Any, memory(_Message)]
+MESSAGE_WORDS = ctypes.sizeof(_Message) // 8
 
 DIGEST_SLOTS = 256  # digests of messages that are remembered, a power of 2
 _digests = (ctypes.c_int64 * DIGEST_SLOTS)()
@@ -156,28 +166,6 @@ def octets(address: int, count: int) -> Bytes:
 
 
 @internal
-def apply_force(
-    model: int,
-    data: int,
-    scratch: int,
-    point: int,
-    body: int,
-    target: int,
-    x: float,
-    y: float,
-    z: float,
-) -> None:
-    """Add a force on a point of a body to the forces on the degrees of freedom.
-
-    `scratch` holds six numbers, of which the last three are 0.
-    """
-    store_real(scratch, x)
-    store_real(scratch + 8, y)
-    store_real(scratch + 16, z)
-    _apply(model, data, scratch, scratch + 24, point, body, target)
-
-
-@internal
 def borrow_floats(data: int, count: int) -> Floats:
     """Return numbers of MuJoCo's stack, for use between its mark and its release."""
     return floats(borrow(data, count), count)
@@ -242,34 +230,35 @@ def text(address: int) -> Bytes:
 
 
 @internal
-def append(message: Bytes, used: int, part: Bytes) -> int:
-    """Append text, truncated to the capacity of a message; return the new length."""
-    for i in range(part.size):
-        if 0 <= used < message.size - 1:
-            message[used] = part[i]
-            used += 1
-    return used
+def message_at(address: int) -> Message:
+    return address
 
 
 @internal
-def quote(message: Bytes, used: int, part: Bytes) -> int:
+def append(message: Message, part: Bytes) -> None:
+    """Append text, truncated to the capacity of a message."""
+    for i in range(part.size):
+        if 0 <= message.used < _CAPACITY - 1:
+            message.text[message.used] = part[i]
+            message.used += 1
+
+
+@internal
+def quote(message: Message, part: Bytes) -> None:
     """Add text in quotes, at most `MAX_QUOTED` bytes of it and no split character.
 
     What is no character in UTF-8 becomes a question mark.
     """
-    used = append(message, used, _QUOTE)
+    append(message, "'")
     at = 0
     while at < part.size:
         size = _character_size(part, at)
-        if at + max(size, 1) > MAX_QUOTED or used + size >= message.size:
-            used = append(message, used, _ELLIPSIS)
+        if at + max(size, 1) > MAX_QUOTED or message.used + size >= _CAPACITY:
+            append(message, "...")
             break
-        if size == 0:
-            used = append(message, used, _NO_CHARACTER)
-        else:
-            used = append(message, used, part[at : at + size])
+        append(message, part[at : at + size] if size > 0 else "?")
         at += max(size, 1)
-    return append(message, used, _QUOTE)
+    append(message, "'")
 
 
 @internal
@@ -291,7 +280,7 @@ def _character_size(part: Bytes, at: int) -> int:
 
 
 @internal
-def append_integer(message: Bytes, used: int, value: int) -> int:
+def append_integer(message: Message, value: int) -> None:
     """Add a number in decimal digits."""
     digits = np.zeros(20, np.uint8)
     start, negative = digits.size, value < 0
@@ -307,56 +296,54 @@ def append_integer(message: Bytes, used: int, value: int) -> int:
     if negative:
         start -= 1
         digits[start] = 45
-    return append(message, used, digits[start:])
+    append(message, digits[start:])
 
 
 @internal
-def append_thousandths(message: Bytes, used: int, value: float, unit: Bytes) -> int:
+def append_label(message: Message, name: Bytes, index: int) -> None:
+    """Add a name in quotes, or the index of what has none."""
+    if name.size == 0:
+        append_integer(message, index)
+    else:
+        quote(message, name)
+
+
+@internal
+def append_thousandths(message: Message, value: float, unit: Bytes) -> None:
     """Add a number of a base unit in its thousandth, rounded down to three digits."""
     if value < 0.0:
-        used = append(message, used, _MINUS)
+        append(message, "-")
     value, exponent = abs(value), 0
     if not value < math.inf:
-        used = append(message, used, _INF if value > 0.0 else _NAN)
-        return append(message, used, unit)
-    if value >= _SCIENTIFIC:
+        append(message, "inf" if value > 0.0 else "nan")
+        append(message, unit)
+        return
+    if value >= 1e9:  # from where on there is an exponent
         exponent = 3
         while value >= 10.0:
             value /= 10.0
             exponent += 1
         value *= 1e-3
     millionths = int(1e6 * value * (1.0 + 1e-12))
-    used = append_integer(message, used, millionths // 1000)
-    used = append(message, used, _DECIMAL_POINT)
+    append_integer(message, millionths // 1000)
+    append(message, ".")
     for digit in (100, 10, 1):
-        used = append_integer(message, used, millionths // digit % 10)
+        append_integer(message, millionths // digit % 10)
     if exponent > 0:
-        used = append(message, used, _EXPONENT)
-        used = append_integer(message, used, exponent)
-    return append(message, used, unit)
+        append(message, "e")
+        append_integer(message, exponent)
+    append(message, unit)
 
 
 @internal
-def append_milliseconds(message: Bytes, used: int, seconds: float) -> int:
-    """Add a time in milliseconds, rounded down to a microsecond."""
-    return append_thousandths(message, used, seconds, _MILLISECONDS)
-
-
-@internal
-def append_millimetres(message: Bytes, used: int, metres: float) -> int:
-    """Add a length in millimetres, rounded down to a micrometre."""
-    return append_thousandths(message, used, metres, _MILLIMETRES)
-
-
-@internal
-def warned_once(message: Bytes, used: int, about: int) -> bool:
+def warned_once(message: Message, about: int) -> bool:
     """Return whether this process already issued `message` on `about`; record it.
 
     A batch of a thousand simulations need not say the same a thousand times.
     """
     digest = 1469598103934665603 ^ about
-    for i in range(used):
-        digest = (digest ^ message[i]) * 1099511628211
+    for i in range(message.used):
+        digest = (digest ^ message.text[i]) * 1099511628211
     place = _digest_table() + 8 * (digest & (DIGEST_SLOTS - 1))
     if load_word(place) == digest:
         return True
@@ -365,15 +352,14 @@ def warned_once(message: Bytes, used: int, about: int) -> bool:
 
 
 @internal
-def warn(message: Bytes, used: int) -> None:
+def warn(message: Message) -> None:
     """Hand a message to MuJoCo as a warning.
 
     A warning during compilation becomes part of the `ValueError` when it fails.
     """
-    record = allocate(_MESSAGE_SIZE)
-    clear(record, _MESSAGE_SIZE)
+    record = allocate(_RECORD_SIZE)
+    clear(record, _RECORD_SIZE)
     store_integer(record + _LEVEL, _WARNING)
-    for i in range(used):
-        store_byte(record + _SUBJECT + i, message[i])
+    copy(message.text.ctypes.data, record + _SUBJECT, message.used)
     _send_message(record)
     release(record)

@@ -10,69 +10,58 @@ from __future__ import annotations
 
 import math
 
-import mujoco
 import numpy as np
 import numpy.typing as npt
+from mujoco import mjtJoint, mjtWrap
 
 from cc_mujoco.plugin import _mj_struct as mj_struct
-from cc_mujoco.plugin._config import constant
 from cc_mujoco.plugin._ffi import (
     Bytes,
+    Message,
     append,
-    append_integer,
-    assign,
+    append_label,
     borrow_floats,
     evaluate_bodies,
     evaluate_tendons,
-    floats,
     free_stack,
     internal,
-    load_word,
     mark_stack,
-    quote,
 )
+from cc_mujoco.plugin._mj_struct import MjData, MjModel
 
 Floats = npt.NDArray[np.float64]
 
-_SITE = int(mujoco.mjtWrap.mjWRAP_SITE)
-_PULLEY = int(mujoco.mjtWrap.mjWRAP_PULLEY)
-_FREE = int(mujoco.mjtJoint.mjJNT_FREE)
-_BALL = int(mujoco.mjtJoint.mjJNT_BALL)
-_SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)
-
 RANDOM_POSES = 200
-GEOMS_SEARCHED = constant("its geoms have been looked for")
-_NEVER_TOUCHED = constant("its path never touches geom ")
-_NEVER_TOUCHED_END = constant(
+_NEVER_TOUCHED = (
     f", neither in `qpos0` nor in {RANDOM_POSES} random poses of the joints, so "
     "nothing rubs there; turn or move the geom, or take it from the path"
 )
 
 
 @internal
-def mark_touched(model: int, data: int, tendon: int, touched: Bytes) -> None:
+def mark_touched(model: MjModel, data: MjData, tendon: int, touched: Bytes) -> None:
     """Mark the places of a path that are sites, or geoms that it touches in some pose.
 
     `touched` is 1 there, in and out. The data are left as they were.
     """
-    start = mj_struct.integer(model, mj_struct.TENDON_ADR, tendon)
+    start = model.tendon_adr[tendon]
     missing = 0
     for place in range(touched.size):
-        kind = mj_struct.integer(model, mj_struct.WRAP_TYPE, start + place)
-        touched[place] = 1 if kind == _SITE or kind == _PULLEY else 0
+        kind = model.wrap_type[start + place]
+        plain = kind == mjtWrap.mjWRAP_SITE or kind == mjtWrap.mjWRAP_PULLEY
+        touched[place] = 1 if plain else 0
         missing += touched[place] == 0
     if missing == 0:
         return
     missing -= _mark_touched_now(model, data, tendon, touched)
     if missing == 0:
         return
-    present = floats(load_word(data + mj_struct.QPOS), mj_struct.positions(model))
+    present = data.qpos[: model.nq]
     mark_stack(data)
     kept = borrow_floats(data, present.size)
-    rest = load_word(model + mj_struct.QPOS0)
-    assign(kept, present)
-    assign(present, floats(rest, present.size))
-    reach = mj_struct.real(model, mj_struct.TENDON_LENGTH0, tendon)
+    kept[:] = present
+    present[:] = model.qpos0[: model.nq]
+    reach = model.tendon_length0[tendon]
     seed, tried = np.zeros(1, np.uint64), 0
     seed[0] = 1
     while missing > 0 and tried <= RANDOM_POSES:
@@ -82,24 +71,23 @@ def mark_touched(model: int, data: int, tendon: int, touched: Bytes) -> None:
         evaluate_tendons(model, data)
         missing -= _mark_touched_now(model, data, tendon, touched)
         tried += 1
-    assign(present, kept)
+    present[:] = kept
     free_stack(data)
     evaluate_bodies(model, data)
     evaluate_tendons(model, data)
 
 
 @internal
-def _mark_touched_now(model: int, data: int, tendon: int, touched: Bytes) -> int:
+def _mark_touched_now(model: MjModel, data: MjData, tendon: int, touched: Bytes) -> int:
     """Mark the geoms that a path touches at the last position; return how many anew."""
-    start = mj_struct.integer(model, mj_struct.TENDON_ADR, tendon)
-    begin = mj_struct.integer(data, mj_struct.TEN_WRAPADR, tendon)
-    end = begin + mj_struct.integer(data, mj_struct.TEN_WRAPNUM, tendon)
+    start, begin = model.tendon_adr[tendon], data.ten_wrapadr[tendon]
+    end = begin + data.ten_wrapnum[tendon]
     found = 0
     for place in range(touched.size):
-        geom = mj_struct.integer(model, mj_struct.WRAP_OBJID, start + place)
+        geom = model.wrap_objid[start + place]
         at = begin
         while touched[place] == 0 and at < end:
-            if mj_struct.integer(data, mj_struct.WRAP_OBJ, at) == geom:
+            if data.wrap_obj[at // 2, at % 2] == geom:
                 touched[place] = 1
                 found += 1
             at += 1
@@ -115,19 +103,18 @@ def _uniform(seed: npt.NDArray[np.uint64]) -> float:
 
 @internal
 def _random_pose(
-    model: int, positions: Floats, reach: float, seed: npt.NDArray[np.uint64]
+    model: MjModel, positions: Floats, reach: float, seed: npt.NDArray[np.uint64]
 ) -> None:
     """Draw a pose: within ranges, else any angle, and places within `reach` [m]."""
-    rest = load_word(model + mj_struct.QPOS0)
-    origin = floats(rest, positions.size)
-    for joint in range(mj_struct.joints(model)):
-        kind = mj_struct.integer(model, mj_struct.JNT_TYPE, joint)
-        at = mj_struct.integer(model, mj_struct.JNT_POSITION, joint)
-        if kind == _FREE:
+    origin = model.qpos0[: positions.size]
+    for joint in range(model.njnt):
+        kind = model.jnt_type[joint]
+        at = model.jnt_qposadr[joint]
+        if kind == mjtJoint.mjJNT_FREE:
             for i in range(3):
                 positions[at + i] = origin[at + i] + reach * (2.0 * _uniform(seed) - 1)
             at += 3
-        if kind == _FREE or kind == _BALL:
+        if kind == mjtJoint.mjJNT_FREE or kind == mjtJoint.mjJNT_BALL:
             size = 0.0
             while not 0.01 < size <= 1.0:
                 size = 0.0
@@ -137,23 +124,17 @@ def _random_pose(
             for i in range(4):
                 positions[at + i] /= math.sqrt(size)
             continue
-        low = origin[at] - (reach if kind == _SLIDE else math.pi)
-        high = origin[at] + (reach if kind == _SLIDE else math.pi)
-        if mj_struct.byte(model, mj_struct.JNT_LIMITED, joint) != 0:
-            low = mj_struct.real(model, mj_struct.JNT_RANGE, 2 * joint)
-            high = mj_struct.real(model, mj_struct.JNT_RANGE, 2 * joint + 1)
+        far = reach if kind == mjtJoint.mjJNT_SLIDE else math.pi
+        low, high = origin[at] - far, origin[at] + far
+        if model.jnt_limited[joint] != 0:
+            low, high = model.jnt_range[joint, 0], model.jnt_range[joint, 1]
         positions[at] = low + (high - low) * _uniform(seed)
 
 
 @internal
-def explain(message: Bytes, used: int, model: int, tendon: int, place: int) -> int:
+def explain(message: Message, model: MjModel, tendon: int, place: int) -> None:
     """Add that a path never touches the geom at a place of it."""
-    start = mj_struct.integer(model, mj_struct.TENDON_ADR, tendon)
-    geom = mj_struct.integer(model, mj_struct.WRAP_OBJID, start + place)
-    used = append(message, used, _NEVER_TOUCHED)
-    name = mj_struct.geom_name(model, geom)
-    if name.size == 0:
-        used = append_integer(message, used, geom)
-    else:
-        used = quote(message, used, name)
-    return append(message, used, _NEVER_TOUCHED_END)
+    geom = model.wrap_objid[model.tendon_adr[tendon] + place]
+    append(message, "its path never touches geom ")
+    append_label(message, mj_struct.name(model, model.name_geomadr[geom]), geom)
+    append(message, _NEVER_TOUCHED)

@@ -36,23 +36,30 @@ gain or bias.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
-import mujoco
 import numpy as np
 import numpy.typing as npt
+from mujoco import (
+    mjtBias,
+    mjtConstraint,
+    mjtDisableBit,
+    mjtGain,
+    mjtIntegrator,
+    mjtJoint,
+    mjtTrn,
+)
 
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as layout
 from cc_mujoco.cable._newmark import IMPLICIT_LIMIT, STABILITY_LIMIT, VELOCITY_GAIN
 from cc_mujoco.plugin import _attachments as attachments
 from cc_mujoco.plugin import _instance_data as blocks
-from cc_mujoco.plugin import _mj_struct as mj_struct
-from cc_mujoco.plugin import _open_path as open_path
-from cc_mujoco.plugin._evaluate import RK4, origin, packed_block
+from cc_mujoco.plugin import _path as path
+from cc_mujoco.plugin._evaluate import is_rk4, origin, packed_block_of
 from cc_mujoco.plugin._ffi import (
     add,
-    apply_force,
-    assign,
+    apply_wrench,
     borrow_floats,
     dot,
     equal,
@@ -64,58 +71,74 @@ from cc_mujoco.plugin._ffi import (
     internal,
     is_sparse,
     is_zero,
-    load_integer,
-    load_real,
     load_word,
     mark_stack,
     multiply_inertia,
     solve_factorised,
     solve_inertia,
-    store_real,
     store_word,
 )
+from cc_mujoco.plugin._instance_data import MAX_DOFS, Block
+from cc_mujoco.plugin._mj_struct import MjData, MjModel, disabled
 
 Floats = npt.NDArray[np.float64]
 
 _STABILITY_LIMIT_RK4, _IMPLICIT_LIMIT_RK4 = 5.8, 0.3
 """`STABILITY_LIMIT` and `IMPLICIT_LIMIT` for RK4."""
-MAX_DOFS = 300
-"""Degrees of freedom up to which the ends are implicit: factors are dense."""
 _MAX_ROUNDS = 3
-
-_EULER = int(mujoco.mjtIntegrator.mjINT_EULER)
-_DISCRETE = int(mujoco.mjtIntegrator.mjINT_DISCRETE)
-_NO_EULER_DAMPING = int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
-_NO_DAMPER = int(mujoco.mjtDisableBit.mjDSBL_DAMPER)
-_JOINT = int(mujoco.mjtTrn.mjTRN_JOINT)
-_TENDON = int(mujoco.mjtTrn.mjTRN_TENDON)
-_AFFINE_BIAS = int(mujoco.mjtBias.mjBIAS_AFFINE)
-_AFFINE_GAIN = int(mujoco.mjtGain.mjGAIN_AFFINE)
-_PRM_SIZE = 10  # of gain and bias of an actuator
-_EQUALITY = 0
-_FRICTION_DOF, _FRICTION_TENDON, _ELLIPTIC = 1, 2, 7
-_SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 _UNKNOWN, _PLAIN, _CONSTRAINED, _DAMPED = 0, 1, 2, 3
 """State of knowledge of the step: nothing; the acceleration, by MuJoCo's own factor of
 the inertia; by a factor with constraints; with dampers after them."""
 
 
-@internal
-def area_size(model: int) -> int:
-    """Return the bytes that the first cable of a model keeps for all of them."""
-    nv = mj_struct.dofs(model)
-    return 8 * (1 + 5 * nv + 3 * nv * nv) if nv <= MAX_DOFS else 0
+class _Prediction(NamedTuple):
+    """Knowledge of the step; vectors are (nv,), matrices (nv * nv,).
+
+    Attributes:
+        known: state of knowledge.
+        found: acceleration.
+        force: sum of the smooth forces.
+        row: scratch, as `answer` and `between`.
+        inertia: matrix of inertia.
+        factor: factor of that with constraints.
+        damped: factor of that with dampers.
+    """
+
+    known: int
+    found: Floats
+    force: Floats
+    row: Floats
+    answer: Floats
+    between: Floats
+    inertia: Floats
+    factor: Floats
+    damped: Floats
 
 
 @internal
-def begin_evaluation(block: int) -> None:
-    """Begin another evaluation of the first cable, with a new prediction."""
-    store_word(
-        block + blocks.EVALUATION_COUNT, load_word(block + blocks.EVALUATION_COUNT) + 1
+def _prediction(area: int, nv: int) -> _Prediction:
+    """Return the prediction of a model's first cable."""
+    vector, matrix, square = area + 8, area + 8 + 40 * nv, nv * nv
+    return _Prediction(
+        load_word(area),
+        floats(vector, nv),
+        floats(vector + 8 * nv, nv),
+        floats(vector + 16 * nv, nv),
+        floats(vector + 24 * nv, nv),
+        floats(vector + 32 * nv, nv),
+        floats(matrix, square),
+        floats(matrix + 8 * square, square),
+        floats(matrix + 16 * square, square),
     )
-    if load_word(block + blocks.PREDICTION_AREA) != 0:
-        store_word(block + load_word(block + blocks.PREDICTION_AREA), _UNKNOWN)
+
+
+@internal
+def begin_evaluation(block: Block) -> None:
+    """Begin another evaluation of the first cable, with a new prediction."""
+    block.evaluation_count += 1
+    if block.prediction != 0:
+        store_word(block + block.prediction, _UNKNOWN)
 
 
 @internal
@@ -125,305 +148,248 @@ def is_unknown(area: int) -> bool:
 
 
 @internal
-def is_implicit(model: int, block: int) -> bool:
+def is_implicit(model: MjModel, block: Block) -> bool:
     """Return whether the step is so long that the ends of a cable must be implicit.
 
     It may be where it is half of what is stable for an end, by the inertia of the pose
     `qpos0`, so that a pose of less inertia is stable too.
     """
-    if load_word(block + blocks.EXPLICIT_ENDS) != 0 or mj_struct.dofs(model) > MAX_DOFS:
+    if (
+        block.explicit_ends != 0
+        or model.nv > MAX_DOFS
+        or model.opt.integrator == mjtIntegrator.mjINT_DISCRETE
+    ):
         return False
-    integrator = mj_struct.integrator(model)
-    if integrator == _DISCRETE:
-        return False
-    step = mj_struct.timestep(model)
-    most = _IMPLICIT_LIMIT_RK4 if integrator == RK4 else IMPLICIT_LIMIT
+    step = model.opt.timestep
+    most = _IMPLICIT_LIMIT_RK4 if is_rk4(model) else IMPLICIT_LIMIT
     for end in range(2):
-        if load_word(block + blocks.TIED_ENDS + 8 * end) != 0:
+        if block.tied[end] != 0:
             continue
-        output = load_word(block + (blocks.DISTAL if end else blocks.PROXIMAL))
-        actuator = load_word(block + blocks.END_ACTUATORS + 8 * end)
-        target = mj_struct.integer(model, mj_struct.ACTUATOR_TRNID, 2 * actuator)
-        mobility = 0.0
-        if mj_struct.integer(model, mj_struct.ACTUATOR_TRNTYPE, actuator) == _JOINT:
-            dof = mj_struct.integer(model, mj_struct.JNT_DOFADR, target)
-            mobility = mj_struct.real(model, mj_struct.DOF_INVWEIGHT0, dof)
-            armature = mj_struct.real(model, mj_struct.DOF_ARMATURE, dof)
+        actuator, mobility = block.actuators[end], 0.0
+        target = model.actuator_trnid[actuator, 0]
+        if model.actuator_trntype[actuator] == mjtTrn.mjTRN_JOINT:
+            dof = model.jnt_dofadr[target]
+            mobility = model.dof_invweight0[dof]
+            armature = model.dof_armature[dof]
             if armature > 0.0:  # which MuJoCo leaves out for the slide of a body
                 mobility = min(mobility, 1.0 / armature)
         else:
-            mobility = mj_struct.real(model, mj_struct.TENDON_INVWEIGHT0, target)
-        mobility *= attachments.pulley_radius(model, output) ** 2
+            mobility = model.tendon_invweight0[target]
+        mobility *= attachments.pulley_radius(model, block.outputs[end]) ** 2
         if step * step * mobility * held_stiffness(block, end) > most:
             return True
     return False
 
 
 @internal
-def held_stiffness(block: int, end: int) -> float:
+def held_stiffness(block: Block, end: int) -> float:
     """Return the stiffness of an end that friction holds [N/m]."""
-    stiffness = load_real(block + blocks.STIFFNESS + 8 * end)
-    if stiffness == 0.0:
-        n = load_word(block + blocks.SEGMENTS)
-        prm = floats(blocks.parameters_at(block), kernel.parameter_size(n))
-        stiffness = kernel.end_stiffness(prm, n, end == 1)
-        store_real(block + blocks.STIFFNESS + 8 * end, stiffness)
-    return float(stiffness)
+    if block.stiffness[end] == 0.0:
+        prm = blocks.parameters(block)
+        block.stiffness[end] = kernel.end_stiffness(prm, block.segments, end == 1)
+    return float(block.stiffness[end])
 
 
 @internal
-def slipping_stiffness(block: int) -> float:
+def slipping_stiffness(block: Block) -> float:
     """Return the stiffness of an end while the whole cable slips [N/m].
 
     Between two equal masses, which find it twice as stiff as it is.
     """
-    n = load_word(block + blocks.SEGMENTS)
-    prm = floats(blocks.parameters_at(block), kernel.parameter_size(n))
-    stiffness, compliance = kernel.node_stiffness(prm, n), 0.0
+    stiffness = kernel.node_stiffness(blocks.parameters(block), block.segments)
+    compliance = 0.0
     for i in range(stiffness.size):
         compliance += 1.0 / stiffness[i]
     return 2.0 / compliance
 
 
 @internal
-def newmark_terms(model: int, stiffness: float, mobility: float) -> tuple[float, float]:
+def newmark_terms(
+    model: MjModel, stiffness: float, mobility: float
+) -> tuple[float, float]:
     """Return alpha, and beta of an end of a stiffness [N/m], see above.
 
     `mobility` is its acceleration per tension, times the square of the step [m/N].
     """
-    runge_kutta = mj_struct.integrator(model) == RK4
-    most = _STABILITY_LIMIT_RK4 if runge_kutta else STABILITY_LIMIT
+    most = _STABILITY_LIMIT_RK4 if is_rk4(model) else STABILITY_LIMIT
     square = mobility * stiffness
     share = max(1.0 - most / square, 0.0) if square > 0.0 else 0.0
-    return 0.0 if runge_kutta else VELOCITY_GAIN * share * share, share / most
+    return 0.0 if is_rk4(model) else VELOCITY_GAIN * share * share, share / most
 
 
 @internal
-def predict_acceleration(model: int, data: int, kind: int, area: int) -> None:
+def predict_acceleration(model: MjModel, data: MjData, kind: int, area: int) -> None:
     """Find the acceleration of the step, with all tensions as they are.
 
     `data` has all that MuJoCo evaluates before plugins of actuators, and all open
-    cables led along their paths; `area` is that of the first cable (`area_size` bytes).
+    cables led along their paths; `area` is the address of `_Prediction`.
     """
-    nv = mj_struct.dofs(model)
-    found, force = floats(area + 8, nv), floats(area + 8 + 8 * nv, nv)
-    scratch = floats(area + 8 + 16 * nv, nv)
-    inertia = area + 8 + 40 * nv
-    factor, damped = inertia + 8 * nv * nv, inertia + 16 * nv * nv
-    _smooth_forces(model, data, kind, force, scratch)
-    integrator = mj_struct.integrator(model)
-    damping = floats(damped, nv * nv)
-    dampers = _damping_matrix(model, data, integrator, damping, scratch)
-    count = load_integer(data + mj_struct.NEFC)
-    if count == 0 and not dampers:
-        solve_inertia(model, data, found.ctypes.data, force.ctypes.data, 1)
+    nv, own = model.nv, _prediction(area, model.nv)
+    found, scratch, inertia = own.found.ctypes.data, own.row, own.inertia
+    damping, damped = own.damped, own.damped.ctypes.data
+    _smooth_forces(model, data, kind, own.force, scratch)
+    dampers = _damping_matrix(model, data, damping, scratch)
+    if data.nefc == 0 and not dampers:
+        solve_inertia(model, data, found, own.force.ctypes.data, 1)
         store_word(area, _PLAIN)
         return
-    full_inertia(model, data, inertia)
-    whole = floats(inertia, nv * nv)
+    full_inertia(model, data, inertia.ctypes.data)
     if dampers:
-        step = mj_struct.timestep(model)
+        step = model.opt.timestep
         for i in range(nv * nv):
-            damping[i] = whole[i] + step * damping[i]
-    _solve_constrained(
-        model, data, count, whole, force, floats(factor, nv * nv), found, scratch
-    )
+            damping[i] = inertia[i] + step * damping[i]
+    _solve_constrained(model, data, own)
     if not dampers:
         store_word(area, _CONSTRAINED)
         return
-    multiply_inertia(model, data, scratch.ctypes.data, found.ctypes.data)
+    multiply_inertia(model, data, scratch.ctypes.data, found)
     factorise(damped, nv, 0.0)
-    solve_factorised(found.ctypes.data, damped, scratch.ctypes.data, nv)
+    solve_factorised(found, damped, scratch.ctypes.data, nv)
     store_word(area, _DAMPED)
 
 
 @internal
 def _smooth_forces(
-    model: int, data: int, kind: int, force: Floats, acted: Floats
+    model: MjModel, data: MjData, kind: int, force: Floats, acted: Floats
 ) -> None:
     """Compute the sum of all forces without those of constraints (nv,)."""
-    nv = mj_struct.dofs(model)
-    assign(force, floats(load_word(data + mj_struct.QFRC_PASSIVE), nv))
-    add(force, floats(load_word(data + mj_struct.QFRC_BIAS), nv), -1.0)
-    add(force, floats(load_word(data + mj_struct.QFRC_APPLIED), nv), 1.0)
-    applied = load_word(data + mj_struct.XFRC_APPLIED)
-    for body in range(1, mj_struct.bodies(model)):
-        given = floats(applied + 48 * body, 6)
+    nv, sum_at = model.nv, force.ctypes.data
+    force[:] = data.qfrc_passive[:nv]
+    add(force, data.qfrc_bias[:nv], -1.0)
+    add(force, data.qfrc_applied[:nv], 1.0)
+    for body in range(1, model.nbody):
+        given = data.xfrc_applied[body]
         if not is_zero(given):
-            point = load_word(data + mj_struct.XIPOS) + 24 * body
-            apply_force(
-                model, data, applied + 48 * body, point, body, force.ctypes.data,
-                given[0], given[1], given[2],
-            )  # fmt: skip
+            at, point = given.ctypes.data, data.xipos.ctypes.data + 24 * body
+            apply_wrench(model, data, at, at + 24, point, body, sum_at)
     fill(acted, 0.0)
-    for actuator in range(mj_struct.actuators(model)):
-        plugin = mj_struct.integer(model, mj_struct.ACTUATOR_PLUGIN, actuator)
-        if plugin >= 0 and mj_struct.integer(model, mj_struct.PLUGIN, plugin) == kind:
+    for actuator in range(model.nactuator):
+        plugin = model.actuator_plugin[actuator]
+        if plugin >= 0 and model.plugin[plugin] == kind:
             continue
-        first = mj_struct.integer(model, mj_struct.ACTUATOR_OUTADR, actuator)
-        number = mj_struct.integer(model, mj_struct.ACTUATOR_OUTNUM, actuator)
+        first = model.actuator_outadr[actuator]
         share = _tendon_share(model, data, actuator)
-        for output in range(first, first + number):
+        for output in range(first, first + model.actuator_outnum[actuator]):
             given_force = _limited_force(model, data, actuator, output)
-            _add_moment(data, output, share * given_force, acted)
-    for instance in range(mj_struct.plugins(model)):
-        block = 0
-        if mj_struct.integer(model, mj_struct.PLUGIN, instance) == kind:
-            block = packed_block(model, data, instance)
+            add_moment(data, output, share * given_force, acted)
+    for instance in range(model.nplugin):
+        block = packed_block_of(model, data, instance, kind)
         if block == 0:
             continue
-        n = load_word(block + blocks.SEGMENTS)
-        begin = origin(block, model, data, instance)[0]
-        state = floats(begin, kernel.state_size(n))
-        node = layout.tensions(state, n)
-        if load_word(block + blocks.TIED_ENDS) == 0:
-            lever = blocks.proximal_winding(
-                model, block, blocks.displacement(data, block, blocks.PROXIMAL)
-            )[1]
-            output = load_word(block + blocks.PROXIMAL)
-            _add_moment(data, output, max(node[0], 0.0) * lever, acted)
-        if load_word(block + blocks.TIED_ENDS + 8) == 0:
-            _add_moment(
-                data, load_word(block + blocks.DISTAL), -max(node[n], 0.0), acted
-            )
+        begin, n = origin(block, model, data, instance)[0], block.segments
+        node = layout.tensions(blocks.kernel_state(begin, n), n)
+        if block.tied[0] == 0:
+            lever = blocks.winding(model, data, block)[1]
+            add_moment(data, block.outputs[0], max(node[0], 0.0) * lever, acted)
+        if block.tied[1] == 0:
+            add_moment(data, block.outputs[1], -max(node[n], 0.0), acted)
         if blocks.is_open(block):
-            if load_word(block + blocks.PASSIVE_FRESH) == 0:
-                add(force, floats(blocks.pulls_at(block, n), nv), -1.0)
-            open_path.apply_pulls(
-                model, data,
-                load_word(block + blocks.ROUTE), load_word(block + blocks.MOUTH),
-                floats(blocks.shape_at(block, n, 0), open_path.shape_size(n)), n,
-                load_word(block + blocks.GUIDED), node, 0.0, -1, block + blocks.SCRATCH,
-                force.ctypes.data,
-            )  # fmt: skip
-    for joint in range(mj_struct.joints(model)):
-        dof = mj_struct.integer(model, mj_struct.JNT_DOFADR, joint)
-        if mj_struct.integer(model, mj_struct.JNT_TYPE, joint) < _SLIDE:
+            if block.passive_fresh == 0:
+                add(force, floats(block + block.pulls, nv), -1.0)
+            led = blocks.path_of(block, 0)
+            path.apply_pulls(model, data, led, node, 0.0, -1, sum_at)
+    for joint in range(model.njnt):
+        dof = model.jnt_dofadr[joint]
+        if model.jnt_type[joint] < mjtJoint.mjJNT_SLIDE:
             continue
-        if mj_struct.byte(model, mj_struct.JNT_ACTGRAVCOMP, joint) != 0:
-            acted[dof] += mj_struct.real(data, mj_struct.QFRC_GRAVCOMP, dof)
-        if mj_struct.byte(model, mj_struct.JNT_ACTFRCLIMITED, joint) != 0:
-            low = mj_struct.real(model, mj_struct.JNT_ACTFRCRANGE, 2 * joint)
-            high = mj_struct.real(model, mj_struct.JNT_ACTFRCRANGE, 2 * joint + 1)
+        if model.jnt_actgravcomp[joint] != 0:
+            acted[dof] += data.qfrc_gravcomp[dof]
+        if model.jnt_actfrclimited[joint] != 0:
+            low, high = model.jnt_actfrcrange[joint, 0], model.jnt_actfrcrange[joint, 1]
             acted[dof] = min(max(acted[dof], low), high)
     add(force, acted, 1.0)
 
 
 @internal
-def _limited_force(model: int, data: int, actuator: int, output: int) -> float:
+def _limited_force(model: MjModel, data: MjData, actuator: int, output: int) -> float:
     """Return the force of an actuator's output within its `forcerange`."""
-    force = mj_struct.force(data, output)
-    if mj_struct.byte(model, mj_struct.FORCE_LIMITED, actuator) != 0:
-        low = mj_struct.real(model, mj_struct.FORCE_RANGE, 2 * actuator)
-        high = mj_struct.real(model, mj_struct.FORCE_RANGE, 2 * actuator + 1)
+    force = data.actuator_force[output]
+    if model.actuator_forcelimited[actuator] != 0:
+        low = model.actuator_forcerange[actuator, 0]
+        high = model.actuator_forcerange[actuator, 1]
         force = min(max(force, low), high)
     return float(force)
 
 
 @internal
-def _is_clamped(model: int, data: int, actuator: int) -> bool:
+def _is_clamped(model: MjModel, data: MjData, actuator: int) -> bool:
     """Return whether a range limits an actuator's force, which then has no damping."""
-    output = mj_struct.integer(model, mj_struct.ACTUATOR_OUTADR, actuator)
-    if mj_struct.byte(model, mj_struct.FORCE_LIMITED, actuator) != 0:
-        force = mj_struct.force(data, output)
-        low = mj_struct.real(model, mj_struct.FORCE_RANGE, 2 * actuator)
-        high = mj_struct.real(model, mj_struct.FORCE_RANGE, 2 * actuator + 1)
+    if model.actuator_forcelimited[actuator] != 0:
+        force = data.actuator_force[model.actuator_outadr[actuator]]
+        low = model.actuator_forcerange[actuator, 0]
+        high = model.actuator_forcerange[actuator, 1]
         if force <= low or force >= high:
             return True
     return _tendon_share(model, data, actuator) != 1.0
 
 
 @internal
-def _tendon_share(model: int, data: int, actuator: int) -> float:
+def _tendon_share(model: MjModel, data: MjData, actuator: int) -> float:
     """Return the share of an actuator's force that its tendon's range leaves.
 
     MuJoCo scales the forces of all actuators of a tendon so that their sum is within
     the `actuatorfrcrange` of that tendon.
     """
-    if mj_struct.integer(model, mj_struct.ACTUATOR_TRNTYPE, actuator) != _TENDON:
-        return 1.0
-    tendon = mj_struct.integer(model, mj_struct.ACTUATOR_TRNID, 2 * actuator)
-    if mj_struct.byte(model, mj_struct.TENDON_ACTFRCLIMITED, tendon) == 0:
+    tendon = attachments.holding_tendon(model, actuator)
+    if tendon < 0 or model.tendon_actfrclimited[tendon] == 0:
         return 1.0
     total = 0.0
-    for other in range(mj_struct.actuators(model)):
-        if (
-            mj_struct.integer(model, mj_struct.ACTUATOR_TRNTYPE, other) == _TENDON
-            and mj_struct.integer(model, mj_struct.ACTUATOR_TRNID, 2 * other) == tendon
-        ):
-            output = mj_struct.integer(model, mj_struct.ACTUATOR_OUTADR, other)
+    for other in range(model.nactuator):
+        if attachments.holding_tendon(model, other) == tendon:
+            output = model.actuator_outadr[other]
             total += _limited_force(model, data, other, output)
-    low = mj_struct.real(model, mj_struct.TENDON_ACTFRCRANGE, 2 * tendon)
-    high = mj_struct.real(model, mj_struct.TENDON_ACTFRCRANGE, 2 * tendon + 1)
+    low = model.tendon_actfrcrange[tendon, 0]
+    high = model.tendon_actfrcrange[tendon, 1]
     allowed = min(max(total, low), high)
     return allowed / total if allowed != total else 1.0
 
 
 @internal
-def _add_moment(data: int, output: int, force: float, target: Floats) -> None:
+def add_moment(data: MjData, output: int, force: float, target: Floats) -> None:
     """Add the generalised force of an actuator's output."""
     if force == 0.0:
         return
-    start = mj_struct.integer(data, mj_struct.MOMENT_ROWADR, output)
-    columns = load_word(data + mj_struct.MOMENT_COLIND) + 4 * start
-    values = load_word(data + mj_struct.ACTUATOR_MOMENT) + 8 * start
-    for i in range(mj_struct.integer(data, mj_struct.MOMENT_ROWNNZ, output)):
-        target[load_integer(columns + 4 * i)] += force * load_real(values + 8 * i)
+    start = data.moment_rowadr[output]
+    for i in range(start, start + data.moment_rownnz[output]):
+        target[data.moment_colind[i]] += force * data.actuator_moment[i]
 
 
 @internal
-def _damping_matrix(
-    model: int, data: int, integrator: int, out: Floats, scratch: Floats
-) -> bool:
+def _damping_matrix(model: MjModel, data: MjData, out: Floats, scratch: Floats) -> bool:
     """Write the damping that is integrated implicitly (nv * nv,); return if any."""
-    nv, any_damping = mj_struct.dofs(model), False
+    nv, any_damping = model.nv, False
     fill(out, 0.0)
-    if integrator == RK4:
+    if is_rk4(model):
         return False
-    euler = integrator == _EULER
-    if not mj_struct.disabled(model, _NO_DAMPER) and not (
-        euler and mj_struct.disabled(model, _NO_EULER_DAMPING)
-    ):
+    euler = model.opt.integrator == mjtIntegrator.mjINT_EULER
+    undamped = disabled(model, mjtDisableBit.mjDSBL_DAMPER)
+    if not undamped and not (euler and disabled(model, mjtDisableBit.mjDSBL_EULERDAMP)):
         for i in range(nv):
-            out[i * nv + i] = mj_struct.real(model, mj_struct.DOF_DAMPING, i)
+            out[i * nv + i] = model.dof_damping[i]
             any_damping = any_damping or out[i * nv + i] != 0.0
     if euler:
         return any_damping
-    for actuator in range(mj_struct.actuators(model)):
-        if mj_struct.integer(model, mj_struct.ACTUATOR_PLUGIN, actuator) >= 0:
+    for actuator in range(model.nactuator):
+        if model.actuator_plugin[actuator] >= 0:
             continue
         rate = 0.0
-        if (
-            mj_struct.integer(model, mj_struct.ACTUATOR_BIASTYPE, actuator)
-            == _AFFINE_BIAS
-        ):
-            rate -= mj_struct.real(
-                model, mj_struct.ACTUATOR_BIASPRM, _PRM_SIZE * actuator + 2
-            )
-        if (
-            mj_struct.integer(model, mj_struct.ACTUATOR_GAINTYPE, actuator)
-            == _AFFINE_GAIN
-        ):
-            control = mj_struct.integer(model, mj_struct.ACTUATOR_CTRLADR, actuator)
-            gain = mj_struct.real(
-                model, mj_struct.ACTUATOR_GAINPRM, _PRM_SIZE * actuator + 2
-            )
-            rate -= gain * mj_struct.real(data, mj_struct.CTRL, control)
+        if model.actuator_biastype[actuator] == mjtBias.mjBIAS_AFFINE:
+            rate -= model.actuator_biasprm[actuator, 2]
+        if model.actuator_gaintype[actuator] == mjtGain.mjGAIN_AFFINE:
+            control = data.ctrl[model.actuator_ctrladr[actuator]]
+            rate -= model.actuator_gainprm[actuator, 2] * control
         if rate > 0.0 and not _is_clamped(model, data, actuator):
             fill(scratch, 0.0)
-            output = mj_struct.integer(model, mj_struct.ACTUATOR_OUTADR, actuator)
-            _add_moment(data, output, 1.0, scratch)
+            add_moment(data, model.actuator_outadr[actuator], 1.0, scratch)
             _add_square(rate, scratch, out)
             any_damping = True
-    for tendon in range(mj_struct.tendons(model)):
-        rate = mj_struct.real(model, mj_struct.TENDON_DAMPING, tendon)
-        if rate > 0.0 and not mj_struct.disabled(model, _NO_DAMPER):
+    for tendon in range(model.ntendon):
+        rate = model.tendon_damping[tendon]
+        if rate > 0.0 and not undamped:
             fill(scratch, 0.0)
-            start = mj_struct.integer(model, mj_struct.TEN_J_ROWADR, tendon)
-            columns = load_word(model + mj_struct.TEN_J_COLIND) + 4 * start
-            values = load_word(data + mj_struct.TEN_J) + 8 * start
-            for i in range(mj_struct.integer(model, mj_struct.TEN_J_ROWNNZ, tendon)):
-                scratch[load_integer(columns + 4 * i)] = load_real(values + 8 * i)
+            start = model.ten_J_rowadr[tendon]
+            for i in range(start, start + model.ten_J_rownnz[tendon]):
+                scratch[model.ten_J_colind[i]] = data.ten_J[i]
             _add_square(rate, scratch, out)
             any_damping = True
     return any_damping
@@ -439,91 +405,79 @@ def _add_square(rate: float, row: Floats, out: Floats) -> None:
 
 
 @internal
-def _solve_constrained(
-    model: int,
-    data: int,
-    count: int,
-    base: Floats,
-    force: Floats,
-    factor: Floats,
-    found: Floats,
-    right: Floats,
-) -> None:
-    """Compute the acceleration under smooth forces and constraints, with its factor.
+def _constraint_row(model: MjModel, data: MjData, i: int) -> tuple[int, int]:
+    """Return begin and end of the Jacobian of a constraint in `efc_J`."""
+    if is_sparse(model) == 0:
+        return model.nv * i, model.nv * (i + 1)
+    start = data.efc_J_rowadr[i]
+    return start, start + data.efc_J_rownnz[i]
 
-    `base` is the inertia and `factor`, out, that of inertia and active constraints (nv
-    * nv,); `force`, `found` (out) and `right` (scratch) are (nv,).
-    """
-    nv = mj_struct.dofs(model)
-    sparse = is_sparse(model) != 0
-    assign(found, floats(load_word(data + mj_struct.QACC_WARMSTART), nv))
+
+@internal
+def _solve_constrained(model: MjModel, data: MjData, own: _Prediction) -> None:
+    """Compute the acceleration under smooth forces and constraints, with its factor."""
+    nv, count, found, factor = model.nv, data.nefc, own.found, own.factor
+    right, sparse = own.row, is_sparse(model) != 0
+    found[:] = data.qacc_warmstart[:nv]
     mark_stack(data)
     state, before = borrow_floats(data, count), borrow_floats(data, count)
     given, push = borrow_floats(data, count), borrow_floats(data, count)
-    weight = floats(load_word(data + mj_struct.EFC_D), count)
-    aim = floats(load_word(data + mj_struct.EFC_AREF), count)
-    jacobian = load_word(data + mj_struct.EFC_J)
-    columns = load_word(data + mj_struct.EFC_COLIND)
     for trial in range(_MAX_ROUNDS):
         for i in range(count):
-            start, number = nv * i, nv
-            if sparse:
-                start = mj_struct.integer(data, mj_struct.EFC_ROWADR, i)
-                number = mj_struct.integer(data, mj_struct.EFC_ROWNNZ, i)
-            off = -aim[i]
-            for k in range(number):
-                a = load_integer(columns + 4 * (start + k)) if sparse else k
-                off += load_real(jacobian + 8 * (start + k)) * found[a]
-            given[i] = -weight[i] * off
+            start, end = _constraint_row(model, data, i)
+            off = -data.efc_aref[i]
+            for k in range(start, end):
+                a = data.efc_J_colind[k] if sparse else k - start
+                off += data.efc_J[k] * found[a]
+            given[i] = -data.efc_D[i] * off
             push[i] = _constraint_force(data, i, given, state)
         if trial > 0 and equal(state, before):
             break
-        assign(before, state)
-        assign(factor, base)
-        assign(right, force)
+        before[:] = state
+        factor[:] = own.inertia
+        right[:] = own.force
         for i in range(count):
-            start, number = nv * i, nv
-            if sparse:
-                start = mj_struct.integer(data, mj_struct.EFC_ROWADR, i)
-                number = mj_struct.integer(data, mj_struct.EFC_ROWNNZ, i)
-            stiff = weight[i] if state[i] != 0.0 else 0.0
-            pushed = stiff * aim[i] + push[i]
-            for k in range(number if stiff != 0.0 or push[i] != 0.0 else 0):
-                a = load_integer(columns + 4 * (start + k)) if sparse else k
-                own = load_real(jacobian + 8 * (start + k))
-                right[a] += own * pushed
-                for m in range(number if stiff != 0.0 and own != 0.0 else 0):
-                    b = load_integer(columns + 4 * (start + m)) if sparse else m
-                    other = load_real(jacobian + 8 * (start + m))
-                    factor[a * nv + b] += stiff * own * other
+            start, end = _constraint_row(model, data, i)
+            stiff = data.efc_D[i] if state[i] != 0.0 else 0.0
+            pushed = stiff * data.efc_aref[i] + push[i]
+            if stiff == 0.0 and push[i] == 0.0:
+                continue
+            for k in range(start, end):
+                a = data.efc_J_colind[k] if sparse else k - start
+                value = data.efc_J[k]
+                right[a] += value * pushed
+                for m in range(start, end if stiff != 0.0 and value != 0.0 else start):
+                    b = data.efc_J_colind[m] if sparse else m - start
+                    factor[a * nv + b] += stiff * value * data.efc_J[m]
         factorise(factor.ctypes.data, nv, 0.0)
         solve_factorised(found.ctypes.data, factor.ctypes.data, right.ctypes.data, nv)
     free_stack(data)
 
 
 @internal
-def _constraint_force(data: int, i: int, given: Floats, state: Floats) -> float:
+def _constraint_force(data: MjData, i: int, given: Floats, state: Floats) -> float:
     """Set whether constraint i gives way like a spring, else return its force.
 
     `given` are the forces of the constraints up to i if they all do.
     """
-    force = given[i]
-    kind = mj_struct.integer(data, mj_struct.EFC_TYPE, i)
+    force, kind = given[i], data.efc_type[i]
     state[i] = 1.0
-    if kind == _EQUALITY:
+    if kind == mjtConstraint.mjCNSTR_EQUALITY:
         return 0.0
-    if kind == _FRICTION_DOF or kind == _FRICTION_TENDON:
-        most = mj_struct.real(data, mj_struct.EFC_FRICTIONLOSS, i)
+    if (
+        kind == mjtConstraint.mjCNSTR_FRICTION_DOF
+        or kind == mjtConstraint.mjCNSTR_FRICTION_TENDON
+    ):
+        most = data.efc_frictionloss[i]
         if abs(force) < most:
             return 0.0
         state[i] = 0.0
         return math.copysign(most, force)
-    if kind == _ELLIPTIC:
-        contact = mj_struct.integer(data, mj_struct.EFC_ID, i)
-        place = load_word(data + mj_struct.CONTACT) + mj_struct.CONTACT_SIZE * contact
-        first = load_integer(place + mj_struct.CONTACT_EFC)
+    if kind == mjtConstraint.mjCNSTR_CONTACT_ELLIPTIC:
+        contact = data.contact[data.efc_id[i]]
+        first = contact.efc_address
         if i > first:
-            most = load_real(place + mj_struct.CONTACT_FRICTION + 8 * (i - first - 1))
+            most = contact.friction[i - first - 1]
             normal = max(given[first], 0.0)
             if abs(force) > most * normal:
                 state[i] = 0.0
@@ -536,7 +490,7 @@ def _constraint_force(data: int, i: int, given: Floats, state: Floats) -> float:
 
 @internal
 def predict_ends(
-    model: int, data: int, block: int, kind: int, area: int, out: Floats
+    model: MjModel, data: MjData, block: Block, kind: int, area: int, out: Floats
 ) -> None:
     """Compute where the ends of a cable are, and how they move in the step (9,).
 
@@ -545,101 +499,86 @@ def predict_ends(
     [m/N]; at last 1, as ends yield to their tension. How ends on the same bodies move
     each other is added to what each does by itself.
     """
-    nv, step = mj_struct.dofs(model), mj_struct.timestep(model)
-    known = load_word(area)
-    found = floats(area + 8, nv)
-    row, answer = floats(area + 8 + 16 * nv, nv), floats(area + 8 + 24 * nv, nv)
-    between = floats(area + 8 + 32 * nv, nv)
-    inertia = area + 8 + 40 * nv
-    factor, damped = inertia + 8 * nv * nv, inertia + 16 * nv * nv
-    for end in range(2):
-        out[end], lever = _end_position(model, data, block, end)
-        out[2 + end] = out[4 + end] = out[6 + end] = 0.0
-        if load_word(block + blocks.TIED_ENDS + 8 * end) != 0:
-            continue
-        output = load_word(block + (blocks.DISTAL if end else blocks.PROXIMAL))
-        fill(row, 0.0)
-        _add_moment(data, output, lever, row)
-        if known == _PLAIN:
-            solve_inertia(model, data, answer.ctypes.data, row.ctypes.data, 1)
-        else:
-            solve_factorised(answer.ctypes.data, factor, row.ctypes.data, nv)
-        if known == _DAMPED:
-            multiply_inertia(model, data, between.ctypes.data, answer.ctypes.data)
-            solve_factorised(answer.ctypes.data, damped, between.ctypes.data, nv)
-        speed = mj_struct.real(data, mj_struct.ACTUATOR_VELOCITY, output)
-        out[2 + end] = step * lever * speed
-        out[4 + end] = step * step * dot(row, found)
-        out[6 + end] = step * step * _mobility(model, data, kind, answer)
+    _predict_ends(model, data, block, kind, _prediction(area, model.nv), out)
     out[8] = 1.0
 
 
 @internal
-def _mobility(model: int, data: int, kind: int, answer: Floats) -> float:
-    """Compute the acceleration of all cable ends together per tension [1/kg].
-
-    `answer` (nv,) is the acceleration of the degrees of freedom by it.
-    """
-    total = 0.0
-    for other in range(mj_struct.plugins(model)):
-        block = 0
-        if mj_struct.integer(model, mj_struct.PLUGIN, other) == kind:
-            block = blocks.block_of(model, data, other)
-        for end in range(2 if block != 0 else 0):
-            if load_word(block + blocks.TIED_ENDS + 8 * end) == 0:
-                arm = _end_position(model, data, block, end)[1]
-                output = load_word(block + (blocks.DISTAL if end else blocks.PROXIMAL))
-                total += abs(arm * _output_motion(data, output, answer))
-    return total
-
-
-@internal
-def predict_known_motion(model: int, data: int, block: int, out: Floats) -> None:
+def predict_known_motion(
+    model: MjModel, data: MjData, block: Block, out: Floats
+) -> None:
     """Compute what `predict_ends` does (9,), by the acceleration in `data`.
 
     It is the same where that acceleration is the one that MuJoCo finds; nothing yields.
     """
-    nv, step = mj_struct.dofs(model), mj_struct.timestep(model)
     mark_stack(data)
-    row, answer = borrow_floats(data, nv), borrow_floats(data, nv)
-    kind = mj_struct.integer(
-        model, mj_struct.PLUGIN, load_word(block + blocks.INSTANCE)
-    )
-    found = floats(load_word(data + mj_struct.QACC), nv)
-    for end in range(2):
-        out[end], lever = _end_position(model, data, block, end)
-        out[2 + end] = out[4 + end] = out[6 + end] = 0.0
-        if load_word(block + blocks.TIED_ENDS + 8 * end) != 0:
-            continue
-        output = load_word(block + (blocks.DISTAL if end else blocks.PROXIMAL))
-        fill(row, 0.0)
-        _add_moment(data, output, lever, row)
-        solve_inertia(model, data, answer.ctypes.data, row.ctypes.data, 1)
-        speed = mj_struct.real(data, mj_struct.ACTUATOR_VELOCITY, output)
-        out[2 + end] = step * lever * speed
-        out[4 + end] = step * step * dot(row, found)
-        out[6 + end] = step * step * _mobility(model, data, kind, answer)
+    row, none = borrow_floats(data, model.nv), borrow_floats(data, 0)
+    answer, found = borrow_floats(data, model.nv), data.qacc[: model.nv]
+    own = _Prediction(_PLAIN, found, none, row, answer, none, none, none, none)
+    _predict_ends(model, data, block, model.plugin[block.instance], own, out)
     out[8] = 0.0
     free_stack(data)
 
 
 @internal
-def _end_position(model: int, data: int, block: int, end: int) -> tuple[float, float]:
-    """Return the displacement of an end [m], and the lever of its tension."""
-    if end == 0:
-        return blocks.proximal_winding(
-            model, block, blocks.displacement(data, block, blocks.PROXIMAL)
-        )
-    return blocks.displacement(data, block, blocks.DISTAL), 1.0
+def _predict_ends(
+    model: MjModel,
+    data: MjData,
+    block: Block,
+    kind: int,
+    own: _Prediction,
+    out: Floats,
+) -> None:
+    nv, step = model.nv, model.opt.timestep
+    row, answer, between = own.row, own.answer, own.between
+    right, solved = row.ctypes.data, answer.ctypes.data
+    for end in range(2):
+        out[end], lever = _end_position(model, data, block, end)
+        out[2 + end] = out[4 + end] = out[6 + end] = 0.0
+        if block.tied[end] != 0:
+            continue
+        fill(row, 0.0)
+        add_moment(data, block.outputs[end], lever, row)
+        if own.known == _PLAIN:
+            solve_inertia(model, data, solved, right, 1)
+        else:
+            solve_factorised(solved, own.factor.ctypes.data, right, nv)
+        if own.known == _DAMPED:
+            multiply_inertia(model, data, between.ctypes.data, solved)
+            solve_factorised(solved, own.damped.ctypes.data, between.ctypes.data, nv)
+        speed = data.actuator_velocity[block.outputs[end]]
+        out[2 + end] = step * lever * speed
+        out[4 + end] = step * step * dot(row, own.found)
+        out[6 + end] = step * step * _mobility(model, data, kind, answer)
 
 
 @internal
-def _output_motion(data: int, output: int, motion: Floats) -> float:
-    """Return how far a motion of the degrees of freedom takes an actuator's output."""
-    start = mj_struct.integer(data, mj_struct.MOMENT_ROWADR, output)
-    columns = load_word(data + mj_struct.MOMENT_COLIND) + 4 * start
-    values = load_word(data + mj_struct.ACTUATOR_MOMENT) + 8 * start
+def _mobility(model: MjModel, data: MjData, kind: int, answer: Floats) -> float:
+    """Compute the acceleration of all cable ends together per tension [1/kg].
+
+    `answer` (nv,) is the acceleration of the degrees of freedom by it.
+    """
     total = 0.0
-    for i in range(mj_struct.integer(data, mj_struct.MOMENT_ROWNNZ, output)):
-        total += load_real(values + 8 * i) * motion[load_integer(columns + 4 * i)]
+    for other in range(model.nplugin):
+        if model.plugin[other] != kind:
+            continue
+        block = blocks.block_of(model, data, other)
+        for end in range(2 if block != 0 else 0):
+            if block.tied[end] == 0:
+                arm, moved = _end_position(model, data, block, end)[1], 0.0
+                output = block.outputs[end]
+                start = data.moment_rowadr[output]
+                for i in range(start, start + data.moment_rownnz[output]):
+                    moved += data.actuator_moment[i] * answer[data.moment_colind[i]]
+                total += abs(arm * moved)
     return total
+
+
+@internal
+def _end_position(
+    model: MjModel, data: MjData, block: Block, end: int
+) -> tuple[float, float]:
+    """Return the displacement of an end [m], and the lever of its tension."""
+    if end == 0:
+        return blocks.winding(model, data, block)
+    return blocks.displacement(data, block, 1), 1.0

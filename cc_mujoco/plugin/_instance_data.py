@@ -5,153 +5,184 @@ It is made when MuJoCo initialises a simulation and freed with it.
 
 from __future__ import annotations
 
+import ctypes
+from typing import Annotated, Any
+
 import numpy as np
 import numpy.typing as npt
 
 from cc_mujoco.cable import _eccentric as eccentric
 from cc_mujoco.cable import _kernel as kernel
-from cc_mujoco.cable._reading import PATH_MEMORY
+from cc_mujoco.cable import _open_path as open_path
 from cc_mujoco.plugin import _attachments as attachments
 from cc_mujoco.plugin import _config as config
 from cc_mujoco.plugin import _mj_struct as mj_struct
-from cc_mujoco.plugin import _open_path as open_path
-from cc_mujoco.plugin._ffi import (
-    floats,
-    internal,
-    load_real,
-    load_word,
-    store_real,
-    store_word,
-)
+from cc_mujoco.plugin._ffi import floats, internal, memory
+from cc_mujoco.plugin._mj_struct import MjData, MjModel
+from cc_mujoco.plugin._path import OpenPath
 
-# Byte offsets in the memory block of an instance; after the header follow the packed
-# parameters, scratch, the state before and after the last evaluation, a copy of the
-# configuration text, the guides, what is known of the path: now, at the last four
-# evaluations under RK4, and in the pose `qpos0`; and the forces of an open cable's
-# pieces.
-SEGMENTS = 0
-PROXIMAL = 8
-DISTAL = 16
-TIED_ENDS = 24  # for each end, whether it is tied to a site of an open cable's tendon
-TEXT_SIZE = 40
-RESULT_VALID = 48
-ROUTE = 56  # the tendon that bends or leads the cable, or -1
-BENDS_WITH_ROUTE = 64  # whether it bends the conduit
-GUIDED = 72  # number of segments in the conduit
-MOUTH = 80  # place of the conduit's mouth in the path of that tendon, 0: none
-REFERENCE_KNOWN = 88  # whether the path in the pose `qpos0` is known
-PASSIVE_FRESH = 96  # whether `qfrc_passive` has been evaluated since the cable pulled
-SHAPE_BYTES = 104  # bytes of what is known of the path at one position
-# The time step of the model when it was last held against the limits.
-CHECKED_TIMESTEP = 112
-INSTANCE = 120
-DOFS = 128
-END_ACTUATORS = 136  # for each end, its actuator
-# Of a model's first cable, for the results of `_implicit_ends.py`.
-PREDICTION_AREA = 152
-INPUTS = 160  # displacement of both ends, how far they yield, and dt
-INPUT_POSITIONS = 200  # displacements for which `INPUTS` were found
-EXPLICIT_ENDS = 224  # whether it never does
-SCRATCH = 232  # a force, and no torque
-STIFFNESS = 280  # of both ends with the present parameters, or 0
-PATH_EVALUATION = 296  # the evaluation in which it was led along its path, or 0
-EVALUATION_COUNT = 304  # of a model's first cable: counts the evaluations
-INPUT_VELOCITIES = 312  # velocities of both ends for which `INPUTS` were found
-# Whether the pieces pull before the actuators: 0, `EARLY_KEPT` or `EARLY_REPLACED`.
-EARLY_PULL = 328
-POSITION_CHANGED = 336  # whether `qpos` is another than the last step made it
-# Of a model's first cable, where it keeps poses of mocap bodies, or 0.
-MOCAP_POSES = 344
-# Stiffness of a piece when the time step was last held against limits.
-CHECKED_STIFFNESS = 352
-STAGES = 360  # u_proximal, u_distal, time, inputs of the last four evaluations of RK4
-STAGE_SIZE = 64
-FIRST_STAGE_STATE = (
-    STAGES + 4 * STAGE_SIZE
-)  # where the state after the first stage of RK4 is
-FIRST_STAGE_VALID = FIRST_STAGE_STATE + 8  # whether there is one
-# For what model it was made, see `fits`, and for what `path`.
-STATE_ADDRESS = FIRST_STAGE_VALID + 8
-STATE_SIZE = STATE_ADDRESS + 8
-MOCAPS = STATE_SIZE + 8
-LEAD = MOCAPS + 8
-PATH_KIND = LEAD + 8
-OTHER_KIND = PATH_KIND + 8  # whether the configuration has another, or other segments
-ROUTE_DIGEST = OTHER_KIND + 8  # of the places of `ROUTE` when it was packed
-# Model that the forces of its actuators were evaluated with since the last step, or 0.
-EVALUATED_MODEL = ROUTE_DIGEST + 8
-HEADER_SIZE = EVALUATED_MODEL + 8
+Floats = npt.NDArray[np.float64]
+
+_INT, _REAL = ctypes.c_int64, ctypes.c_double
+
+
+class _Block(ctypes.Structure):
+    """Head of the memory of an instance; of pairs the first is of the proximal end."""
+
+    _fields_ = (
+        ("segments", _INT),
+        ("outputs", _INT * 2),  # of its actuators
+        ("tied", _INT * 2),  # whether tied to a site of an open cable's tendon
+        ("text_size", _INT),
+        ("result_valid", _INT),
+        ("route", _INT),  # the tendon that bends or leads the cable, or -1
+        ("bends_with_route", _INT),  # whether it bends the conduit
+        ("guided", _INT),  # number of segments in the conduit
+        ("mouth", _INT),  # place of the conduit's mouth in the tendon's path, 0: none
+        ("reference_known", _INT),  # whether the path in the pose `qpos0` is known
+        ("passive_fresh", _INT),  # whether MuJoCo found `qfrc_passive` since it pulled
+        ("shape_bytes", _INT),  # bytes of what is known of the path at one position
+        ("checked_timestep", _REAL),  # that was last held against the limits
+        ("instance", _INT),
+        ("dofs", _INT),
+        ("actuators", _INT * 2),
+        ("inputs", _REAL * 5),  # displacements of the ends, how far they yield, and dt
+        ("input_positions", _REAL * 2),  # displacements for which `inputs` were found
+        ("input_velocities", _REAL * 2),
+        ("explicit_ends", _INT),  # whether its ends are never implicit
+        ("scratch", _REAL * 6),  # a force, and no torque
+        ("stiffness", _REAL * 2),  # of the ends with the present parameters, or 0
+        ("path_evaluation", _INT),  # in which it was led along its path, or 0
+        ("evaluation_count", _INT),  # of a model's first cable
+        ("early_pull", _INT),  # of its pieces: 0, `EARLY_KEPT` or `EARLY_REPLACED`
+        ("position_changed", _INT),  # whether `qpos` is not what the last step made it
+        ("checked_stiffness", _REAL),  # of a piece when last held against limits
+        # Displacements, time and inputs of the last four evaluations of RK4.
+        ("stages", _REAL * 8 * 4),
+        ("first_stage_valid", _INT),
+        # Places of what follows the head, in bytes from its begin.
+        ("parameters", _INT),  # packed
+        ("work", _INT),  # scratch of the kernel
+        ("old_state", _INT),  # before the last evaluation
+        ("new_state", _INT),  # after it
+        ("text", _INT),  # of the configuration that was packed last
+        ("guides", _INT),  # of an open cable, see `read_guides` (n,)
+        ("shapes", _INT),  # paths, see `shape_at`
+        ("pulls", _INT),  # last forces of an open cable in `qfrc_passive` (nv,)
+        ("forces", _INT),  # scratch for forces (nv,) or lengths of nodes (n + 1,)
+        ("passive_before", _INT),  # `qfrc_passive` without its forces (nv,)
+        # State after the first stage of the last step of RK4: laid out as a committed
+        # one, with the time of that stage, the checksum of the state that it began
+        # from, and the path.
+        ("first_stage", _INT),
+        # Of a model's first cable, or 0: for `_implicit_ends.py`, `_jump_warnings.py`.
+        ("prediction", _INT),
+        ("mocap_poses", _INT),
+        # For what model it was made, see `fits`, and for what `path`.
+        ("state_address", _INT),
+        ("state_size", _INT),
+        ("mocaps", _INT),
+        ("lead", _INT),
+        ("path_kind", _INT),
+        (
+            "other_kind",
+            _INT,
+        ),  # whether the configuration has another, or other segments
+        ("route_digest", _INT),  # of the places of `route` when it was packed
+        # Model that the actuators were evaluated with since the last step, or 0.
+        ("evaluated_model", _INT),
+    )
+
+
+class Commitment(ctypes.Structure):
+    """Part of a committed state behind the kernel's own.
+
+    The displacements in the kernel's state are those that the step looked ahead to. The
+    memory of an open cable's path follows.
+    """
+
+    _fields_ = (
+        ("time", _REAL),
+        ("pose", _REAL),  # checksum of that to which the last step led
+        ("ends", _REAL * 2),  # displacements [m]
+        ("velocities", _REAL * 3),  # of the ends and of the path [m/s]
+    )
+
+
+Block = Annotated[Any, memory(_Block)]
+Committed = Annotated[Any, memory(Commitment)]
+BLOCK_WORDS, COMMITMENT_SIZE = ctypes.sizeof(_Block) // 8, ctypes.sizeof(Commitment)
 TEXT_CAPACITY = 4096
+MAX_DOFS = 300
+"""Degrees of freedom up to which ends may be implicit: factors are dense."""
 EARLY_KEPT, EARLY_REPLACED = 1, 2
 """Early pull that the evaluation of the actuators keeps, or that it replaces."""
-STATE_TIME, STATE_POSE, STATE_ENDS, STATE_VELOCITIES = 0, 1, 2, 4
-STATE_PATH = PATH_MEMORY
-"""Place, behind the kernel's own state, of the time of the committed configuration, of
-a checksum of its pose, of the displacements of both ends in it [m], of the velocities
-of both ends and of the path [m/s], and of what an open cable remembers of its path.
-
-The displacements in the kernel's state are those that the step looked ahead to."""
+REFERENCE_STAGE = 5
 
 
 @internal
-def save_sizes(block: int, model: int, instance: int) -> None:
-    _, first, second = attachments.find_actuators(model, instance)
-    store_word(block + INSTANCE, instance)
-    store_word(block + END_ACTUATORS, first)
-    store_word(block + END_ACTUATORS + 8, second)
-    store_word(block + PROXIMAL, attachments.output_index(model, first))
-    store_word(block + DISTAL, attachments.output_index(model, second))
-    store_word(block + DOFS, mj_struct.dofs(model))
-    store_word(block + MOCAPS, mj_struct.mocaps(model))
-    store_word(block + LEAD, mj_struct.first_cable(model, instance))
-    for where, field in (
-        (STATE_ADDRESS, mj_struct.STATE_ADDRESS),
-        (STATE_SIZE, mj_struct.STATE_SIZE),
-    ):
-        store_word(block + where, mj_struct.integer(model, field, instance))
+def save_sizes(block: Block, model: MjModel, instance: int) -> None:
+    _, block.actuators[0], block.actuators[1] = attachments.find_actuators(
+        model, instance
+    )
+    for end in range(2):
+        block.outputs[end] = model.actuator_outadr[block.actuators[end]]
+    block.instance = instance
+    block.dofs = model.nv
+    block.mocaps = model.nmocap
+    block.lead = mj_struct.first_cable(model, instance)
+    block.state_address = model.plugin_stateadr[instance]
+    block.state_size = model.plugin_statenum[instance]
 
 
 @internal
-def fits(block: int, model: int, instance: int) -> bool:
+def fits(block: Block, model: MjModel, instance: int) -> bool:
     """Return whether a block was made for this model's instance.
 
     With a model of other sizes, or in another order, a cable would write beyond its
     block or its state.
     """
     for end in range(2):
-        actuator = load_word(block + END_ACTUATORS + 8 * end)
-        output = load_word(block + (DISTAL if end else PROXIMAL))
+        actuator = block.actuators[end]
         if (
-            actuator >= mj_struct.actuators(model)
-            or mj_struct.integer(model, mj_struct.ACTUATOR_PLUGIN, actuator) != instance
-            or attachments.output_index(model, actuator) != output
+            actuator >= model.nactuator
+            or model.actuator_plugin[actuator] != instance
+            or model.actuator_outadr[actuator] != block.outputs[end]
         ):
             return False
-    address = mj_struct.integer(model, mj_struct.STATE_ADDRESS, instance)
-    size = mj_struct.integer(model, mj_struct.STATE_SIZE, instance)
-    return (
-        load_word(block + STATE_ADDRESS) == address
-        and load_word(block + STATE_SIZE) == size
-        and load_word(block + DOFS) == mj_struct.dofs(model)
-        and load_word(block + MOCAPS) == mj_struct.mocaps(model)
-        and load_word(block + LEAD) == mj_struct.first_cable(model, instance)
+    return bool(
+        block.state_address == model.plugin_stateadr[instance]
+        and block.state_size == model.plugin_statenum[instance]
+        and block.dofs == model.nv
+        and block.mocaps == model.nmocap
+        and block.lead == mj_struct.first_cable(model, instance)
     )
 
 
 @internal
-def own_block(model: int, data: int, instance: int) -> int:
+def block_of_memory(address: int) -> Block:
+    return address
+
+
+@internal
+def block_at(data: MjData, instance: int) -> Block:
+    """Return what `plugin_data` holds for an instance."""
+    return data.plugin_data[instance]
+
+
+@internal
+def own_block(model: MjModel, data: MjData, instance: int) -> Block:
     """Return the block of an instance of the plugin, or 0 where data have none.
 
     It may be one for another model, see `fits`.
     """
-    kind = mj_struct.integer(model, mj_struct.PLUGIN, instance)
-    if not mj_struct.is_plugin(data, instance, kind):
+    if instance >= data.nplugin or data.plugin[instance] != model.plugin[instance]:
         return 0
-    return mj_struct.block(data, instance)
+    return block_at(data, instance)
 
 
 @internal
-def block_of(model: int, data: int, instance: int) -> int:
+def block_of(model: MjModel, data: MjData, instance: int) -> Block:
     """Return the block of an instance, or 0 where data have none that fits the model.
 
     `instance` is one of the plugin.
@@ -161,7 +192,7 @@ def block_of(model: int, data: int, instance: int) -> int:
 
 
 @internal
-def acting_block(model: int, data: int, instance: int) -> int:
+def acting_block(model: MjModel, data: MjData, instance: int) -> Block:
     """Return the block of an instance, or 0 where the cable cannot act.
 
     The first cable of the model must fit too, which keeps what all of them share, and
@@ -169,133 +200,129 @@ def acting_block(model: int, data: int, instance: int) -> int:
     """
     if not mj_struct.has_timestep(model):
         return 0
-    block, lead = (
-        block_of(model, data, instance),
-        mj_struct.first_cable(model, instance),
-    )
+    lead = mj_struct.first_cable(model, instance)
+    block = block_of(model, data, instance)
     if block != 0 and lead != instance and block_of(model, data, lead) == 0:
         return 0
     return block
 
 
 @internal
-def parameters_at(block: int) -> int:
-    return block + HEADER_SIZE
+def lay_out(block: Block, model: MjModel, first: bool) -> int:
+    """Set the places of the parts of a block by its sizes; return its size [bytes].
+
+    `first` is true of a model's first cable, which keeps what all of them share.
+    """
+    n, state = block.segments, 8 * kernel.state_size(block.segments)
+    free = block.path_kind > 0
+    forces = 8 * model.nv if free else 0
+    block.parameters = 8 * BLOCK_WORDS
+    block.work = block.parameters + 8 * kernel.parameter_size(n)
+    block.old_state = block.work + 8 * kernel.work_size(n)
+    block.new_state = block.old_state + state
+    block.text = block.new_state + state
+    block.guides = block.text + TEXT_CAPACITY
+    block.shape_bytes = 8 * (open_path.shape_size(n) if free else n)
+    block.shapes = block.guides + 8 * n
+    block.pulls = block.shapes + (REFERENCE_STAGE + 1) * block.shape_bytes
+    block.forces = block.pulls + forces
+    block.passive_before = block.forces + (forces + 8 * (n + 1) if free else 0)
+    block.first_stage = block.passive_before + forces
+    end = block.first_stage + state + COMMITMENT_SIZE
+    end += 8 * open_path.memory_size(n) if free else 0
+    if first and model.nv <= MAX_DOFS:
+        block.prediction = end
+        end += 8 * (1 + 5 * model.nv + 3 * model.nv * model.nv)
+    if first and model.nmocap > 0:
+        block.mocap_poses = end
+        end += 2 * 7 * 8 * model.nmocap
+    return int(end)
 
 
 @internal
-def work_at(block: int, n: int) -> int:
-    """Return the address of the kernel's scratch."""
-    return parameters_at(block) + 8 * kernel.parameter_size(n)
+def parameters(block: Block) -> Floats:
+    """Return the packed parameters."""
+    return floats(block + block.parameters, kernel.parameter_size(block.segments))
 
 
 @internal
-def old_at(block: int, n: int) -> int:
-    """Return the address of the state before the last evaluation."""
-    return work_at(block, n) + 8 * kernel.work_size(n)
+def kernel_state(state: int, n: int) -> Floats:
+    """Return the kernel's part of the state at an address."""
+    return floats(state, kernel.state_size(n))
 
 
 @internal
-def new_at(block: int, n: int) -> int:
-    """Return the address of the state after the last evaluation."""
-    return old_at(block, n) + 8 * kernel.state_size(n)
-
-
-@internal
-def text_at(block: int, n: int) -> int:
-    """Return the address of the configuration text that was packed last."""
-    return new_at(block, n) + 8 * kernel.state_size(n)
-
-
-REFERENCE_STAGE = 5
-
-
-@internal
-def guides_at(block: int, n: int) -> int:
-    """Return the address of the guides of an open cable, see `read_guides` (n,)."""
-    return text_at(block, n) + TEXT_CAPACITY
-
-
-@internal
-def shape_at(block: int, n: int, stage: int) -> int:
+def shape_at(block: Block, stage: int) -> int:
     """Return the address of the path at a stage.
 
     Stage 0 is now, 1 to 4 are the stages of RK4, and `REFERENCE_STAGE` is `qpos0`. A
     path is the wrap angles of the segments and, for an open cable, the result of
     `measure_path`.
     """
-    return guides_at(block, n) + 8 * n + load_word(block + SHAPE_BYTES) * stage
+    return int(block + block.shapes + block.shape_bytes * stage)
 
 
 @internal
-def pulls_at(block: int, n: int) -> int:
-    """Return the address of the last forces of an open cable in `qfrc_passive`."""
-    return shape_at(block, n, REFERENCE_STAGE + 1)
+def shape(block: Block, stage: int) -> Floats:
+    """Return the path at a stage, see `shape_at`."""
+    return floats(shape_at(block, stage), block.shape_bytes // 8)
 
 
 @internal
-def scratch_at(block: int, n: int) -> int:
-    """Return the address of scratch, for forces (nv,) or node lengths (n + 1,)."""
-    return pulls_at(block, n) + 8 * load_word(block + DOFS)
+def node_scratch(block: Block) -> Floats:
+    """Return scratch for lengths of nodes (n + 1,)."""
+    return floats(block + block.forces, block.segments + 1)
 
 
 @internal
-def before_at(block: int, n: int) -> int:
-    """Return the address of `qfrc_passive` without an open cable's forces (nv,)."""
-    return scratch_at(block, n) + 8 * (load_word(block + DOFS) + n + 1)
+def path_of(block: Block, stage: int) -> OpenPath:
+    """Return the path of an open cable at a stage."""
+    n = block.segments
+    guides = floats(block + block.guides, n)
+    return OpenPath(
+        block.route, block.mouth, block.guided, n, guides, shape(block, stage)
+    )
 
 
 @internal
-def first_stage_at(block: int) -> int:
-    """Return the address of the state after the first stage of the last step of RK4.
-
-    It is laid out as a committed one, with the time of that stage, the checksum of the
-    state that it began from, and the path.
-    """
-    return block + load_word(block + FIRST_STAGE_STATE)
-
-
-@internal
-def invalidate(block: int) -> None:
+def invalidate(block: Block) -> None:
     """Invalidate the values that follow from the packed parameters."""
-    store_word(block + RESULT_VALID, 0)
-    store_real(block + STIFFNESS, 0.0)
-    store_real(block + STIFFNESS + 8, 0.0)
+    block.result_valid = 0
+    block.stiffness[:] = 0.0
 
 
 @internal
-def is_open(block: int) -> bool:
-    return load_word(block + GUIDED) < load_word(block + SEGMENTS)
+def is_open(block: Block) -> bool:
+    return bool(block.guided < block.segments)
 
 
 @internal
-def displacement(data: int, block: int, end: int) -> float:
+def displacement(data: MjData, block: Block, end: int) -> float:
     """Return the displacement of an end at the last evaluated position [m]."""
-    if load_word(block + TIED_ENDS + end - PROXIMAL) != 0:
+    if block.tied[end] != 0:
         return 0.0
-    return mj_struct.real(data, mj_struct.ACTUATOR_LENGTH, load_word(block + end))
+    return float(data.actuator_length[block.outputs[end]])
 
 
 @internal
-def rest_displacement(model: int, block: int, end: int) -> float:
+def rest_displacement(model: MjModel, block: Block, end: int) -> float:
     """Return the displacement of an end in the pose `qpos0` [m]."""
-    if load_word(block + TIED_ENDS + end - PROXIMAL) != 0:
+    if block.tied[end] != 0:
         return 0.0
-    return mj_struct.real(model, mj_struct.ACTUATOR_LENGTH0, load_word(block + end))
+    return float(model.actuator_length0[block.outputs[end]])
 
 
 @internal
-def proximal_winding(model: int, block: int, length: float) -> tuple[float, float]:
+def proximal_winding(
+    model: MjModel, block: Block, length: float
+) -> tuple[float, float]:
     """Return the displacement of the proximal end [m] and the lever of its tension.
 
     `length` is that of its actuator. The parameters must be up to date.
     """
-    prm = parameters_at(block)
-    gear = attachments.pulley_radius(model, load_word(block + PROXIMAL))
-    e = load_real(prm + 8 * config.ECCENTRICITY)
-    phase = load_real(prm + 8 * config.ECCENTRICITY_PHASE)
-    ovality = load_real(prm + 8 * config.OVALITY)
-    second = load_real(prm + 8 * config.OVALITY_PHASE)
+    prm, gear = parameters(block), attachments.pulley_radius(model, block.outputs[0])
+    e, phase = prm[config.ECCENTRICITY], prm[config.ECCENTRICITY_PHASE]
+    ovality, second = prm[config.OVALITY], prm[config.OVALITY_PHASE]
     return (
         eccentric.wound_length(length, gear, e, phase, ovality, second),
         eccentric.lever_ratio(length, gear, e, phase, ovality, second),
@@ -303,31 +330,19 @@ def proximal_winding(model: int, block: int, length: float) -> tuple[float, floa
 
 
 @internal
-def committed_time_at(state: int, n: int) -> int:
-    """Return the address of the time of the committed configuration."""
-    return state + 8 * (kernel.state_size(n) + STATE_TIME)
+def winding(model: MjModel, data: MjData, block: Block) -> tuple[float, float]:
+    """Return what `proximal_winding` does, at the last evaluated position."""
+    return proximal_winding(model, block, displacement(data, block, 0))
 
 
 @internal
-def pose_at(state: int, n: int) -> int:
-    """Return the address of the checksum of the pose to which the last step led."""
-    return state + 8 * (kernel.state_size(n) + STATE_POSE)
+def committed(state: int, n: int) -> Committed:
+    """Return the part of a state behind the kernel's own."""
+    return state + 8 * kernel.state_size(n)
 
 
 @internal
-def end_at(state: int, n: int, end: int) -> int:
-    """Return the address of the committed displacement of an end (0, 1)."""
-    return state + 8 * (kernel.state_size(n) + STATE_ENDS + end)
-
-
-@internal
-def velocity_at(state: int, n: int, part: int) -> int:
-    """Return the address of the committed velocity of an end (0, 1) or the path (2)."""
-    return state + 8 * (kernel.state_size(n) + STATE_VELOCITIES + part)
-
-
-@internal
-def path_memory(state: int, n: int) -> npt.NDArray[np.float64]:
+def path_memory(state: int, n: int) -> Floats:
     """Return the memory of the path in a committed state of an open cable."""
-    begin = state + 8 * (kernel.state_size(n) + STATE_PATH)
+    begin = state + 8 * kernel.state_size(n) + COMMITMENT_SIZE
     return floats(begin, open_path.memory_size(n))

@@ -15,27 +15,16 @@ from __future__ import annotations
 
 import math
 
-import mujoco
 import numpy as np
 import numpy.typing as npt
+from mujoco import mjtWrap
 
 from cc_mujoco.plugin import _mj_struct as mj_struct
-from cc_mujoco.plugin._config import constant
-from cc_mujoco.plugin._ffi import (
-    Bytes,
-    append,
-    append_millimetres,
-    assign,
-    fill,
-    floats,
-    internal,
-    load_real,
-    load_word,
-)
-from cc_mujoco.plugin._instance_data import MOCAP_POSES
+from cc_mujoco.plugin._ffi import Message, append, fill, floats, internal
+from cc_mujoco.plugin._instance_data import Block
+from cc_mujoco.plugin._mj_struct import MjData, MjModel
 
-_SITE = int(mujoco.mjtWrap.mjWRAP_SITE)
-_PULLEY = int(mujoco.mjtWrap.mjWRAP_PULLEY)
+Floats = npt.NDArray[np.float64]
 
 _MIN_JUMP = 2e-3
 """Motion that a step allows an end whatever its velocity is [m]."""
@@ -49,127 +38,91 @@ _GOLDEN = 0.6180339887498949
 
 PATH = 2
 """The path of an open cable; 0 and 1 are the proximal and the distal end."""
-_JUMPING_PARTS = (
-    constant("its proximal end"),
-    constant("its distal end"),
-    constant("its path"),
-)
-_JUMPED = constant(" jumped, without the velocity for it: ")
-_SIDE_SITE_ADVICE = constant(
-    "a side site that turns lets MuJoCo lead a tendon another way around a geom, and "
-)
-_REMEDIES = constant(
-    "after `qpos` is set, or a keyframe is loaded, call `cc_mujoco.plugin.settle("
-    'model, data, rope="keep")` for the same rope in another pose, or with '
-    '`rope="remount"` for a rope that is mounted there with its pretension; restore a '
-    "state with its `plugin_state`; without that one step pulls it by "
-)
+_PARTS = "its proximal end", "its distal end", "its path"
 
 
 @internal
-def checksum(model: int, positions: int) -> float:
-    """Return a checksum of generalised coordinates at an address."""
-    q = floats(positions, mj_struct.positions(model))
+def checksum(positions: Floats) -> float:
+    """Return a checksum of generalised coordinates."""
     total, weight = 0.0, 0.0
-    for i in range(q.size):
+    for i in range(positions.size):
         weight += _GOLDEN
         weight = weight - 1.0 if weight >= 1.0 else weight
-        total += (1.0 + weight) * q[i]
+        total += (1.0 + weight) * positions[i]
     return total
 
 
 @internal
-def pose_checksum(model: int, data: int) -> float:
-    """Return the checksum of `qpos`."""
-    return checksum(model, load_word(data + mj_struct.QPOS))
-
-
-@internal
-def position_changed(model: int, data: int, led: float) -> bool:
+def position_changed(positions: Floats, led: float) -> bool:
     """Return whether `qpos` is another than that to which the last step led.
 
     `led` is the checksum of that.
     """
-    positions = load_word(data + mj_struct.QPOS)
     size = 1.0
-    for k in range(mj_struct.positions(model)):
-        size += abs(load_real(positions + 8 * k))
-    return not abs(checksum(model, positions) - led) <= _POSE_TOLERANCE * size
+    for k in range(positions.size):
+        size += abs(positions[k])
+    return not abs(checksum(positions) - led) <= _POSE_TOLERANCE * size
 
 
 @internal
-def poses_size(model: int) -> int:
-    """Return the bytes that a model's first cable keeps for poses of mocap bodies."""
-    return 2 * 7 * 8 * mj_struct.mocaps(model)
-
-
-@internal
-def _poses(model: int, lead: int, before: int) -> npt.NDArray[np.float64]:
+def _poses(model: MjModel, lead: Block, before: int) -> Floats:
     """Return positions and orientations of mocap bodies, at or before the last step."""
-    size = 7 * mj_struct.mocaps(model)
-    return floats(lead + load_word(lead + MOCAP_POSES) + 8 * size * before, size)
+    size = 7 * model.nmocap
+    return floats(lead + lead.mocap_poses + 8 * size * before, size)
 
 
 @internal
-def forget_poses(model: int, block: int) -> None:
+def forget_poses(model: MjModel, block: Block) -> None:
     """Invalidate the saved poses of mocap bodies."""
-    if load_word(block + MOCAP_POSES) != 0:
+    if block.mocap_poses != 0:
         fill(_poses(model, block, 0), 0.0)
         fill(_poses(model, block, 1), 0.0)
 
 
 @internal
-def save_poses(model: int, data: int, block: int) -> None:
+def save_poses(model: MjModel, data: MjData, block: Block) -> None:
     """Save the poses of mocap bodies, if this is the first cable of its model."""
-    if load_word(block + MOCAP_POSES) == 0:
+    if block.mocap_poses == 0:
         return
-    count, now = mj_struct.mocaps(model), _poses(model, block, 0)
-    assign(_poses(model, block, 1), now)
-    assign(now[: 3 * count], floats(load_word(data + mj_struct.MOCAP_POS), 3 * count))
-    assign(now[3 * count :], floats(load_word(data + mj_struct.MOCAP_QUAT), 4 * count))
+    count, now, before = model.nmocap, _poses(model, block, 0), _poses(model, block, 1)
+    before[:] = now
+    now[: 3 * count] = floats(data.mocap_pos.ctypes.data, 3 * count)
+    now[3 * count :] = floats(data.mocap_quat.ctypes.data, 4 * count)
 
 
 @internal
-def _mocap(model: int, body: int) -> int:
+def _mocap(model: MjModel, body: int) -> int:
     """Return the index of the mocap body that carries a body, or -1."""
     while body > 0:
-        place = mj_struct.integer(model, mj_struct.BODY_MOCAP, body)
-        if place >= 0:
-            return place
-        body = mj_struct.integer(model, mj_struct.BODY_PARENT, body)
+        if model.body_mocapid[body] >= 0:
+            return int(model.body_mocapid[body])
+        body = model.body_parentid[body]
     return -1
 
 
 @internal
-def mocap_motion(model: int, data: int, lead: int, tendon: int) -> float:
+def mocap_motion(model: MjModel, data: MjData, lead: Block, tendon: int) -> float:
     """Return by how much mocap bodies can have moved a tendon since the last step [m].
 
     `lead` is the block of the first cable of the model.
     """
-    if load_word(lead + MOCAP_POSES) == 0:
+    if lead.mocap_poses == 0:
         return 0.0
-    count, total = mj_struct.mocaps(model), 0.0
+    count, total = model.nmocap, 0.0
     before, now = _poses(model, lead, 1), _poses(model, lead, 0)
-    start = mj_struct.integer(model, mj_struct.TENDON_ADR, tendon)
-    for i in range(
-        start, start + mj_struct.integer(model, mj_struct.TENDON_NUM, tendon)
-    ):
-        kind = mj_struct.integer(model, mj_struct.WRAP_TYPE, i)
-        if kind == _PULLEY:
-            continue
-        thing = mj_struct.integer(model, mj_struct.WRAP_OBJID, i)
-        owner = mj_struct.SITE_BODY if kind == _SITE else mj_struct.GEOM_BODY
-        place = _mocap(model, mj_struct.integer(model, owner, thing))
+    for i in range(model.tendon_adr[tendon], mj_struct.path_end(model, tendon)):
+        place = _mocap(model, mj_struct.wrap_body(model, i))
         if place < 0:
             continue
-        at = load_word(
-            data + (mj_struct.SITE_XPOS if kind == _SITE else mj_struct.GEOM_XPOS)
-        )
+        at, thing = data.geom_xpos.ctypes.data, model.wrap_objid[i]
+        if model.wrap_type[i] == mjtWrap.mjWRAP_SITE:
+            at = data.site_xpos.ctypes.data
+        position = floats(at + 24 * thing, 3)
         shifted = reach = aligned = known = 0.0
         for k in range(3):
             own = now[3 * place + k]
             shifted += (own - before[3 * place + k]) ** 2
-            reach += (load_real(at + 24 * thing + 8 * k) - own) ** 2
+            reach += (position[k] - own) ** 2
         for k in range(4):
             own, old = now[3 * count + 4 * place + k], before[3 * count + 4 * place + k]
             aligned += own * old
@@ -184,7 +137,12 @@ def mocap_motion(model: int, data: int, lead: int, tendon: int) -> float:
 
 @internal
 def has_jumped(
-    model: int, speed: float, moved: float, by_hand: bool, carried: float, soft: float
+    model: MjModel,
+    speed: float,
+    moved: float,
+    by_hand: bool,
+    carried: float,
+    soft: float,
 ) -> bool:
     """Return whether something moved further within a step than its velocity makes it.
 
@@ -192,24 +150,28 @@ def has_jumped(
     mocap bodies can have `carried` it so far, and `soft` is the stretch of the cable at
     its present tension [m]. `by_hand`: `qpos` was touched since the last step.
     """
-    step = mj_struct.timestep(model)
+    least, factor = _MIN_JUMP, _VELOCITY_FACTOR
     if by_hand:
         least = min(_MIN_TENSION_CHANGE * soft, _MIN_JUMP)
-        return abs(moved) > least + _VELOCITY_FACTOR_TOUCHED * speed * step + carried
-    return abs(moved) > _MIN_JUMP + _VELOCITY_FACTOR * speed * step + carried
+        factor = _VELOCITY_FACTOR_TOUCHED
+    return bool(abs(moved) > least + factor * speed * model.opt.timestep + carried)
 
 
 @internal
-def explain(message: Bytes, used: int, what: int) -> int:
+def explain(message: Message, part: int) -> None:
     """Add that an end or the path jumped, but not how far."""
-    used = append(message, used, _JUMPING_PARTS[what])
-    used = append(message, used, _JUMPED)
-    if what == PATH:
-        used = append(message, used, _SIDE_SITE_ADVICE)
-    return append(message, used, _REMEDIES)
-
-
-@internal
-def append_distance(message: Bytes, used: int, moved: float) -> int:
-    """Append the distance of the jump [m]."""
-    return append_millimetres(message, used, abs(moved))
+    append(message, _PARTS[part])
+    append(message, " jumped, without the velocity for it: ")
+    if part == PATH:
+        append(
+            message,
+            "a side site that turns lets MuJoCo lead a tendon another way around a "
+            "geom, and ",
+        )
+    append(
+        message,
+        "after `qpos` is set, or a keyframe is loaded, call `cc_mujoco.plugin.settle("
+        'model, data, rope="keep")` for the same rope in another pose, or with '
+        '`rope="remount"` for a rope that is mounted there with its pretension; '
+        "restore a state with its `plugin_state`; without that one step pulls it by ",
+    )

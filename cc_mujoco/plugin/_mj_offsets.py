@@ -13,14 +13,19 @@ import math
 import operator
 import textwrap
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Annotated, Any
 
 import mujoco
 import numpy as np
-from mujoco.introspect.ast_nodes import AnonymousStructDecl, ArrayType, PointerType
+from mujoco.introspect.ast_nodes import (
+    AnonymousStructDecl,
+    ArrayType,
+    PointerType,
+    ValueType,
+)
 from mujoco.introspect.structs import STRUCTS
 
-from cc_mujoco.native._kinds import LoadedInt
+from cc_mujoco.native._kinds import INT, LoadedInt, Memory
 from cc_mujoco.native._library import NativeLibraryError
 
 _SCALARS: dict[str, Any] = {
@@ -41,7 +46,9 @@ _structures: dict[str, type[ctypes.Structure]] = {}
 def structure(name: str) -> type[ctypes.Structure]:
     """Return the `ctypes` structure of a MuJoCo struct, for `.field.offset`."""
     if name not in _structures:
-        _structures[name] = _build(name, STRUCTS[name].fields)
+        made: Any = type(name, (ctypes.Structure,), {})
+        _structures[name] = made
+        made._fields_ = _members(STRUCTS[name].fields)
     return _structures[name]
 
 
@@ -93,19 +100,32 @@ def row() -> str:
     return textwrap.fill(text, 90, subsequent_indent="  ")
 
 
-def _build(name: str, fields: Any) -> type[ctypes.Structure]:
-    members = [(field.name, _type(field.type)) for field in fields]
-    return type(name, (ctypes.Structure,), {"_fields_": members})
+def _members(fields: Any) -> list[tuple[str, Any]]:
+    return [(each.name, _type(each.type, each.array_extent)) for each in fields]
 
 
-def _type(node: Any) -> Any:
+def _type(node: Any, extent: tuple[Any, ...] | None = None) -> Any:
+    """Return a type for `ctypes`; `extent` are sizes of what a pointer points to."""
     if isinstance(node, PointerType):
-        return ctypes.c_void_p
+        if not isinstance(node.inner_type, ValueType) or node.inner_type.name == "void":
+            return ctypes.c_void_p
+        inner, *columns = _type(node.inner_type), *(extent or ())[1:]
+        for each in columns:
+            count = getattr(mujoco, str(each), each)
+            inner = inner * count if isinstance(count, int) else inner
+        return ctypes.POINTER(inner)
     if isinstance(node, ArrayType):
         return _type(node.inner_type) * math.prod(node.extents)
     if isinstance(node, AnonymousStructDecl):
-        return _build("anonymous", node.fields)
+        fields = {"_fields_": _members(node.fields)}
+        return type("anonymous", (ctypes.Structure,), fields)
     return _SCALARS.get(node.name) or structure(node.name)
+
+
+MjModel = Annotated[Any, Memory(INT.c, "mjModel", structure("mjModel"), place)]
+"""The address of an `mjModel` in compiled code, with its fields as attributes."""
+MjData = Annotated[Any, Memory(INT.c, "mjData", structure("mjData"), place)]
+"""The address of an `mjData` likewise."""
 
 
 _PROBE_XML = """
@@ -149,7 +169,7 @@ def verify(paths: Iterable[str], enumerators: Mapping[str, int]) -> None:
     model.opt.disableactuator, data.time = 1 << 5, 0.75
     addresses = {"mjModel": model._address, "mjData": data._address}
     d = structure("mjData").from_address(data._address)
-    addresses["mjContact"] = d.contact
+    addresses["mjContact"] = ctypes.addressof(d.contact.contents)
     objects = {"mjModel": model, "mjData": data, "mjContact": data.contact[0]}
     wrong = [
         name
@@ -167,7 +187,7 @@ def verify(paths: Iterable[str], enumerators: Mapping[str, int]) -> None:
         at, kind = _find(path)
         if not _is_at(addresses[name] + at, kind, shown):
             wrong.append(path)
-    if not ctypes.c_size_t.from_address(d.plugin_data).value:
+    if not d.plugin_data[0]:
         wrong.append("mjData.plugin_data")
     if wrong:
         raise NativeLibraryError(
@@ -181,9 +201,9 @@ def _is_at(address: int, kind: Any, shown: Any) -> bool:
     """Return whether what the bindings show of a field lies at an address."""
     held = kind.from_address(address)
     if isinstance(shown, np.ndarray):
-        inside = kind is not ctypes.c_void_p
-        first = address if inside else held.value
+        is_pointer = kind is ctypes.c_void_p or hasattr(kind, "contents")
+        first = ctypes.c_size_t.from_address(address).value if is_pointer else address
         return shown.size == 0 or shown.ctypes.data == first
     if isinstance(shown, bytes):
-        return ctypes.string_at(held.value, len(shown)) == shown
+        return ctypes.string_at(held, len(shown)) == shown
     return not isinstance(shown, int | float) or held.value == shown

@@ -28,7 +28,7 @@ _DECLARES = re.compile(
 )
 _NATIVE = native_library.PACKAGE / "native"
 _HERE = Path(__file__).parent
-_ENUMERATOR = re.compile(r"\bmujoco\.(mjt\w+\.mj\w+)")
+_ENUMERATOR = re.compile(r"\b(mjt\w+\.mj\w+)")
 
 
 def write(path: str) -> None:

@@ -1,115 +1,122 @@
-"""The path of a tendon in MuJoCo's model and data, and how it bends a cable, compiled.
+"""The path of a tendon in MuJoCo's model and data: bends, pieces, forces, compiled.
 
 MuJoCo computes the path at every evaluation: sites, and the two points at which it
-touches and leaves a geom that it wraps.
+touches and leaves a geom that it wraps. What an open path is and does is in
+`cable/_open_path.py`; here it is read and its forces applied.
 """
 
 from __future__ import annotations
 
-import mujoco
+from typing import NamedTuple
+
 import numpy as np
 import numpy.typing as npt
+from mujoco import mjtWrap
 
+from cc_mujoco.cable import _open_path as open_path
 from cc_mujoco.cable import _path_geometry as geometry
 from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin._ffi import (
+    apply_wrench,
     borrow_floats,
+    floats,
     free_stack,
     internal,
-    load_integer,
-    load_real,
-    load_word,
+    is_zero,
     mark_stack,
 )
+from cc_mujoco.plugin._mj_struct import MjData, MjModel
 
 Floats = npt.NDArray[np.float64]
 
-_SPHERE = int(mujoco.mjtWrap.mjWRAP_SPHERE)
-_CYLINDER = int(mujoco.mjtWrap.mjWRAP_CYLINDER)
-_PULLEY = int(mujoco.mjtWrap.mjWRAP_PULLEY)
+ARC_SEGMENTS = 4
+"""Default number of segments of the arc around a geom."""
+
+
+class OpenPath(NamedTuple):
+    """A cable along a spatial tendon without pulleys, open behind a mouth.
+
+    Attributes:
+        tendon: the tendon.
+        mouth: place of a site in its path, 0 where all of it is open.
+        guided: segments in the conduit before the mouth.
+        n: all segments.
+        guides: guides by segment, see `cable._open_path.measure` (n,).
+        measured: result of `measure_path`.
+    """
+
+    tendon: int
+    mouth: int
+    guided: int
+    n: int
+    guides: Floats
+    measured: Floats
 
 
 @internal
-def has_branches(model: int, tendon: int) -> bool:
+def has_branches(model: MjModel, tendon: int) -> bool:
     """Return whether a spatial tendon has pulleys, which divide it into branches."""
-    start = mj_struct.integer(model, mj_struct.TENDON_ADR, tendon)
-    for i in range(
-        start, start + mj_struct.integer(model, mj_struct.TENDON_NUM, tendon)
-    ):
-        if mj_struct.integer(model, mj_struct.WRAP_TYPE, i) == _PULLEY:
+    for i in range(model.tendon_adr[tendon], mj_struct.path_end(model, tendon)):
+        if model.wrap_type[i] == mjtWrap.mjWRAP_PULLEY:
             return True
     return False
 
 
 @internal
-def digest(model: int, tendon: int) -> int:
+def digest(model: MjModel, tendon: int) -> int:
     """Return a digest of the places of a spatial tendon's path; 0 for tendon -1."""
     if tendon < 0:
         return 0
-    if tendon >= mj_struct.tendons(model):
+    if tendon >= model.ntendon:
         return -1
-    start = mj_struct.integer(model, mj_struct.TENDON_ADR, tendon)
-    number = mj_struct.integer(model, mj_struct.TENDON_NUM, tendon)
-    kinds = load_word(model + mj_struct.WRAP_TYPE) + 4 * start
-    things = load_word(model + mj_struct.WRAP_OBJID) + 4 * start
-    found, weight = tendon + number, 1
-    for i in range(number):
+    found, weight = tendon + model.tendon_num[tendon], 1
+    for i in range(model.tendon_adr[tendon], mj_struct.path_end(model, tendon)):
         weight *= 1099511628211
-        place = load_integer(kinds + 4 * i) + 16 * load_integer(things + 4 * i)
-        found += place * weight
-    return found
+        found += (model.wrap_type[i] + 16 * model.wrap_objid[i]) * weight
+    return int(found)
 
 
 @internal
-def places_size(model: int, tendon: int) -> int:
+def places_size(model: MjModel, tendon: int) -> int:
     """Return how many numbers describe the places of a spatial tendon's path."""
-    return geometry.PLACE_SIZE * mj_struct.integer(model, mj_struct.TENDON_NUM, tendon)
+    return int(geometry.PLACE_SIZE * model.tendon_num[tendon])
 
 
 @internal
-def read_places(model: int, data: int, tendon: int, places: Floats) -> None:
+def read_places(model: MjModel, data: MjData, tendon: int, places: Floats) -> None:
     """Write the places of a spatial tendon's path, see `cable/_path_geometry.py`.
 
     The path is that of the last evaluated position.
     """
-    start = mj_struct.integer(model, mj_struct.TENDON_ADR, tendon)
-    number = mj_struct.integer(model, mj_struct.TENDON_NUM, tendon)
-    at = mj_struct.integer(data, mj_struct.TEN_WRAPADR, tendon)
-    points = load_word(data + mj_struct.WRAP_XPOS)
-    for k in range(number):
+    start, at = model.tendon_adr[tendon], data.ten_wrapadr[tendon]
+    for k in range(model.tendon_num[tendon]):
         place = places[geometry.PLACE_SIZE * k :]
-        kind = mj_struct.integer(model, mj_struct.WRAP_TYPE, start + k)
+        points = floats(data.wrap_xpos.ctypes.data + 24 * at, 6)
+        kind, thing = model.wrap_type[start + k], model.wrap_objid[start + k]
         place[geometry.KIND] = geometry.SITE
-        if kind != _SPHERE and kind != _CYLINDER:
-            _read_vector(points + 24 * at, 8, place, geometry.FIRST)
+        if kind != mjtWrap.mjWRAP_SPHERE and kind != mjtWrap.mjWRAP_CYLINDER:
+            place[geometry.FIRST : geometry.FIRST + 3] = points[:3]
             at += 1
             continue
-        place[geometry.KIND] = geometry.SPHERE if kind == _SPHERE else geometry.CYLINDER
-        geom = mj_struct.integer(model, mj_struct.WRAP_OBJID, start + k)
+        is_sphere = kind == mjtWrap.mjWRAP_SPHERE
+        place[geometry.KIND] = geometry.SPHERE if is_sphere else geometry.CYLINDER
         place[geometry.TOUCHED] = 0.0
-        if mj_struct.integer(data, mj_struct.WRAP_OBJ, at) == geom:
+        if data.wrap_obj[at // 2, at % 2] == thing:
             place[geometry.TOUCHED] = 1.0
-            _read_vector(points + 24 * at, 8, place, geometry.FIRST)
-            _read_vector(points + 24 * at + 24, 8, place, geometry.LAST)
+            place[geometry.FIRST : geometry.FIRST + 3] = points[:3]
+            place[geometry.LAST : geometry.LAST + 3] = points[3:]
             at += 2
-            centre = load_word(data + mj_struct.GEOM_XPOS) + 24 * geom
-            _read_vector(centre, 8, place, geometry.CENTRE)
-            frame = load_word(data + mj_struct.GEOM_XMAT) + 72 * geom
+            place[geometry.CENTRE : geometry.CENTRE + 3] = data.geom_xpos[thing]
             for axis in range(3):
-                _read_vector(frame + 8 * axis, 24, place, geometry.AXES + 3 * axis)
-
-
-@internal
-def _read_vector(address: int, step: int, target: Floats, i: int) -> None:
-    """Copy three numbers, some bytes apart, to the places from i on."""
-    for axis in range(3):
-        target[i + axis] = load_real(address + step * axis)
+                for i in range(3):
+                    cell = data.geom_xmat[thing, 3 * i + axis]
+                    place[geometry.AXES + 3 * axis + i] = cell
 
 
 @internal
 def bend(
-    model: int,
-    data: int,
+    model: MjModel,
+    data: MjData,
     tendon: int,
     count: int,
     total: float,
@@ -121,9 +128,116 @@ def bend(
     `count` is the number of places that the conduit follows, 0 for all of them.
     """
     if count == 0:
-        count = mj_struct.integer(model, mj_struct.TENDON_NUM, tendon)
+        count = model.tendon_num[tendon]
     mark_stack(data)
     places = borrow_floats(data, places_size(model, tendon))
     read_places(model, data, tendon, places)
     geometry.bend(places, count, total, segments, out.size, out)
     free_stack(data)
+
+
+@internal
+def min_segments(model: MjModel, tendon: int, mouth: int) -> int:
+    """Return the segments that the path behind a mouth takes at least."""
+    return open_path.fewest_segments(model.tendon_num[tendon], mouth)
+
+
+@internal
+def default_segments(model: MjModel, tendon: int, mouth: int) -> int:
+    """Return the segments behind a mouth by default, `ARC_SEGMENTS` for a geom."""
+    count = min_segments(model, tendon, mouth)
+    for i in range(model.tendon_adr[tendon] + mouth, mj_struct.path_end(model, tendon)):
+        if model.wrap_type[i] != mjtWrap.mjWRAP_SITE:
+            count += ARC_SEGMENTS - 1
+    return count
+
+
+@internal
+def measure_path(model: MjModel, data: MjData, path: OpenPath) -> float:
+    """Measure the open part of a path at the last evaluated position.
+
+    The result is that of `cable._open_path.measure`.
+    """
+    mark_stack(data)
+    places = borrow_floats(data, places_size(model, path.tendon))
+    read_places(model, data, path.tendon, places)
+    number = model.tendon_num[path.tendon]
+    reach = open_path.measure(
+        places, number, path.mouth, path.guided, path.n, path.guides, path.measured
+    )
+    free_stack(data)
+    return float(reach)
+
+
+@internal
+def apply_pulls(
+    model: MjModel,
+    data: MjData,
+    path: OpenPath,
+    node: Floats,
+    tied: float,
+    aside: int,
+    target: int,
+) -> None:
+    """Add the forces of the pieces on the degrees of freedom.
+
+    `data` is at the measured position of the path, and `target` the address of the sum
+    (nv,); other arguments are those of `cable._open_path.pull_forces`.
+    """
+    start, number = model.tendon_adr[path.tendon], model.tendon_num[path.tendon]
+    mark_stack(data)
+    places = borrow_floats(data, places_size(model, path.tendon))
+    forces = borrow_floats(data, 6 * (number - 1))
+    read_places(model, data, path.tendon, places)
+    open_path.pull_forces(
+        places, number, path.mouth, path.measured, path.n, path.guided, node, tied,
+        aside, forces,
+    )  # fmt: skip
+    points, k = places.ctypes.data + 8 * geometry.FIRST, 0
+    while k < number - 1:
+        here, body = (
+            points + 8 * geometry.PLACE_SIZE * k,
+            mj_struct.wrap_body(model, start + k),
+        )
+        i = 6 * k
+        if places[geometry.PLACE_SIZE * (k + 1) + geometry.KIND] != geometry.SITE:
+            k += 1
+            if places[geometry.PLACE_SIZE * k + geometry.TOUCHED] != 0.0:
+                on = mj_struct.wrap_body(model, start + k)
+                there = points + 8 * geometry.PLACE_SIZE * k
+                force = forces[i : i + 3]
+                _pull_together(model, data, here, body, there, on, force, target)
+                here, body, i = there + 8 * (geometry.LAST - geometry.FIRST), on, i + 3
+        k += 1
+        there, on = (
+            points + 8 * geometry.PLACE_SIZE * k,
+            mj_struct.wrap_body(model, start + k),
+        )
+        force = forces[i : i + 3]
+        _pull_together(model, data, here, body, there, on, force, target)
+    free_stack(data)
+
+
+@internal
+def _pull_together(
+    model: MjModel,
+    data: MjData,
+    first: int,
+    first_body: int,
+    second: int,
+    second_body: int,
+    force: Floats,
+    target: int,
+) -> None:
+    """Draw two points, at addresses, on two bodies, by a force (3,)."""
+    if first_body == second_body or is_zero(force):
+        return
+    own, torque = np.empty(3), np.zeros(3)
+    at, none = own.ctypes.data, torque.ctypes.data
+    if model.body_weldid[first_body] != 0:
+        own[:] = force
+        apply_wrench(model, data, at, none, first, first_body, target)
+    if model.body_weldid[second_body] != 0:
+        for i in range(3):
+            own[i] = -force[i]
+        apply_wrench(model, data, at, none, second, second_body, target)

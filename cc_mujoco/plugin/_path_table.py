@@ -15,8 +15,8 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
-from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as layout
+from cc_mujoco.cable import _open_path as open_path
 from cc_mujoco.cable._cable import BENDS, PATHS, Cable
 from cc_mujoco.cable._coupled_route import CoupledPath
 from cc_mujoco.cable._route import Route
@@ -24,8 +24,7 @@ from cc_mujoco.errors import look_up
 from cc_mujoco.native import FloatArray, compiled
 from cc_mujoco.plugin import _instance_data as blocks
 from cc_mujoco.plugin import _mj_struct as mj_struct
-from cc_mujoco.plugin import _open_path as open_path
-from cc_mujoco.plugin._ffi import assign, fill, floats, load_word
+from cc_mujoco.plugin._mj_struct import MjData, MjModel
 from cc_mujoco.plugin._mjcf import cable_of, instances
 from cc_mujoco.plugin._routing import follow
 
@@ -132,7 +131,7 @@ class _Walk:
     def make_course(self, joint: FloatArray, slopes: bool = False) -> CoupledPath:
         """Make a course without values, at angles or numbers of poses."""
         n, count = self.wrap.size, joint.size
-        guided = int(_guided_segments(self._data._address, self._instance))
+        guided = _route_of(self._data._address, self._instance)[2]
         wrap, contact = np.empty((2, count, n))
         gained, length, gain = np.empty((3, count, n + 1))
         distal, arm = np.empty((2, count))
@@ -178,8 +177,8 @@ class _Walk:
 
 @compiled
 def _lay_path(
-    model: int,
-    data: int,
+    model: MjModel,
+    data: MjData,
     instance: int,
     wrap: FloatArray,
     contact: FloatArray,
@@ -187,26 +186,31 @@ def _lay_path(
     length: FloatArray,
     stay: bool,
 ) -> float:
-    block = mj_struct.block(data, instance)
-    state = mj_struct.state(model, data, instance)
-    n = load_word(block + blocks.SEGMENTS)
+    block = blocks.block_at(data, instance)
+    state, n = mj_struct.state(model, data, instance), block.segments
     follow(block, model, data, state)
-    prm = floats(blocks.parameters_at(block), kernel.parameter_size(n))
-    assign(wrap, layout.segment_angles(prm, n))
-    assign(contact, layout.contact_length(prm, n))
-    fill(longer, 0.0)
+    prm = blocks.parameters(block)
+    wrap[:] = layout.segment_angles(prm, n)
+    contact[:] = layout.contact_length(prm, n)
+    longer[:] = 0.0
     if blocks.is_open(block):
-        shape = floats(blocks.shape_at(block, n, 0), open_path.shape_size(n))
-        assign(longer, floats(blocks.scratch_at(block, n), n + 1))
-        assign(length, open_path.lengths(shape, n))
+        shape = blocks.shape(block, 0)
+        longer[:] = blocks.node_scratch(block)
+        length[:] = open_path.lengths(shape, n)
         if not stay:
             open_path.save_path(shape, n, blocks.path_memory(state, n))
-    return blocks.displacement(data, block, blocks.DISTAL)
+    return blocks.displacement(data, block, 1)
 
 
 @compiled
-def _guided_segments(data: int, instance: int) -> int:
-    return load_word(mj_struct.block(data, instance) + blocks.GUIDED)
+def _route_of(
+    data: MjData, instance: int
+) -> tuple[int, int, int, bool, tuple[bool, bool]]:
+    """Return the first fields of the `Route` of a cable."""
+    block = blocks.block_at(data, instance)
+    tied = block.tied[0] != 0, block.tied[1] != 0
+    bends = block.bends_with_route != 0
+    return block.route, block.mouth, block.guided, bends, tied
 
 
 def routes(model: mujoco.MjModel, cables: dict[str, Cable]) -> dict[str, Route]:
@@ -222,39 +226,24 @@ def routes(model: mujoco.MjModel, cables: dict[str, Cable]) -> dict[str, Route]:
     mujoco.mj_fwdPosition(model, data)
     for name, cable in led.items():
         n = cable.segments
-        words, guides = np.zeros(6), np.zeros(n)
-        reference = np.zeros(13 * (n + 1))
-        _read(model._address, data._address, places[name], words, guides, reference)
-        tendon, mouth, guided, bends, proximal, distal = words.astype(int).tolist()
-        found[name] = Route(
-            tendon, mouth, guided, bool(bends), (bool(proximal), bool(distal)), guides,
-            reference,
-        )  # fmt: skip
+        guides, reference = np.zeros(n), np.zeros(13 * (n + 1))
+        _read(model._address, data._address, places[name], guides, reference)
+        own = _route_of(data._address, places[name])
+        found[name] = Route(*own, guides, reference)
     return found
 
 
 @compiled
 def _read(
-    model: int,
-    data: int,
+    model: MjModel,
+    data: MjData,
     instance: int,
-    words: FloatArray,
     guides: FloatArray,
     reference: FloatArray,
 ) -> None:
     """Read a route at the position in `data`, which gives the reference too."""
-    block = mj_struct.block(data, instance)
+    block = blocks.block_at(data, instance)
     follow(block, model, data, mj_struct.state(model, data, instance))
-    n = load_word(block + blocks.SEGMENTS)
-    words[0] = load_word(block + blocks.ROUTE)
-    words[1] = load_word(block + blocks.MOUTH)
-    words[2] = load_word(block + blocks.GUIDED)
-    words[3] = load_word(block + blocks.BENDS_WITH_ROUTE)
-    words[4] = load_word(block + blocks.TIED_ENDS)
-    words[5] = load_word(block + blocks.TIED_ENDS + 8)
-    assign(guides, floats(blocks.guides_at(block, n), n))
     if blocks.is_open(block):
-        size = open_path.shape_size(n)
-        assign(
-            reference, floats(blocks.shape_at(block, n, blocks.REFERENCE_STAGE), size)
-        )
+        guides[:] = blocks.path_of(block, 0).guides
+        reference[:] = blocks.shape(block, blocks.REFERENCE_STAGE)

@@ -33,18 +33,19 @@ import numpy as np
 import numpy.typing as npt
 
 from cc_mujoco.cable import _kernel as kernel
+from cc_mujoco.cable import _layout as layout
 from cc_mujoco.plugin import _instance_data as blocks
-from cc_mujoco.plugin import _mj_struct as mj_struct
-from cc_mujoco.plugin._evaluate import RK4, evaluate
-from cc_mujoco.plugin._ffi import floats, internal, load_real, load_word
+from cc_mujoco.plugin._evaluate import evaluate, is_rk4
+from cc_mujoco.plugin._ffi import internal
 from cc_mujoco.plugin._implicit_ends import (
     held_stiffness,
     newmark_terms,
     slipping_stiffness,
 )
+from cc_mujoco.plugin._instance_data import Block
+from cc_mujoco.plugin._mj_struct import MjModel
 
 Floats = npt.NDArray[np.float64]
-
 
 _WELL_RESOLVED = 5.0
 """Square of the step times the frequency of an end, of 8 at the limit of stability,
@@ -53,105 +54,73 @@ below which RK4 resolves its vibration well enough to leave it as it is."""
 
 @internal
 def evaluate_prediction(
-    model: int, block: int, state: int, aim: Floats, dt: float
+    model: MjModel, block: Block, state: int, aim: Floats, dt: float
 ) -> bool:
     """Evaluate a cable with implicit ends from the committed state at address `state`.
 
     `aim` is the result of `predict_ends` (9,), `dt` the time since that state [s]. The
     parameters must be up to date. Return whether the new state is finite.
     """
-    n = load_word(block + blocks.SEGMENTS)
-    new, used, left = blocks.new_at(block, n), np.empty(4), np.empty(2)
+    n, tried, none = block.segments, is_rk4(model), (0.0, 0.0)
+    old = blocks.kernel_state(state, n)
+    new = blocks.kernel_state(block + block.new_state, n)
+    node_before, node = layout.tensions(old, n), layout.tensions(new, n)
+    used, left, resolved = np.empty(4), np.empty(2), np.zeros(2)
     left[:] = 1.0
-    resolved = np.zeros(2)
-    tried = mj_struct.integrator(model) == RK4
-    if tried and not evaluate(block, state, aim[0], aim[1], 0.0, 0.0, dt):
+    if tried and not evaluate(block, state, (aim[0], aim[1]), none, dt):
         return False
     for end in range(2):
         stiffness = held_stiffness(block, end)
         if tried:
             soft = min(slipping_stiffness(block), stiffness)
             if newmark_terms(model, soft, aim[6 + end])[1] == 0.0:
-                left[end] = _rest_of_step(model, block, state, dt)
+                # What is left of a step at a later stage, begun from the first one.
+                if state == block + block.first_stage:
+                    left[end] = max(1.0 - dt / model.opt.timestep, 0.0)
                 resolved[end] = 1.0 if soft * aim[6 + end] < _WELL_RESOLVED else 0.0
-            stiffness = _met_stiffness(block, state, n, end, soft, stiffness)
+            # What an end met on its way, between that of a slipping cable and its own.
+            gained = abs(max(node[n * end], 0.0) - max(node_before[n * end], 0.0))
+            moved = abs(new[end] - old[end])
+            if not gained >= stiffness * moved:
+                stiffness = max(gained / moved, soft)
         alpha, beta = newmark_terms(model, stiffness, aim[6 + end])
         used[end] = aim[end] + alpha * aim[2 + end] + beta * aim[4 + end]
         used[2 + end] = aim[8] * beta * aim[6 + end]
-    if not evaluate(block, state, used[0], used[1], used[2], used[3], dt):
+    if not evaluate(block, state, (used[0], used[1]), (used[2], used[3]), dt):
         return False
     ahead, passes, doubt = np.empty(2), np.zeros(2), np.zeros(2)
     for end in range(2):
         share = left[end]
         ahead[end] = aim[end] + share * (aim[2 + end] + share * aim[4 + end])
-        if load_word(block + blocks.TIED_ENDS + 8 * end) != 0 or left[end] == 0.0:
+        if block.tied[end] != 0 or left[end] == 0.0:
             continue
-        before, now = _tension(state, n, end), _tension(new, n, end)
+        before, now = node_before[n * end], node[n * end]
         # Tension draws the proximal end towards distal, the distal end to proximal.
         sense = 1.0 if end == 0 else -1.0
         gained = max(now, 0.0) - max(before, 0.0)
         ahead[end] += sense * aim[8] * share * share * aim[6 + end] * gained
-        relaxes = sense * (ahead[end] - load_real(new + 8 * end))
+        relaxes = sense * (ahead[end] - new[end])
         if now <= 0.0:
             doubt[end] = 1.0 if before <= 0.0 and relaxes < 0.0 else 0.0
         elif before <= 0.0:
             passes[end] = 1.0
-        elif resolved[end] == 0.0 and relaxes * _stiffness(block, n, end) > now:
-            doubt[end] = -1.0
-    if doubt[0] == 0.0 and doubt[1] == 0.0 and passes[0] == 0.0 and passes[1] == 0.0:
+        elif resolved[end] == 0.0:
+            outermost = kernel.node_stiffness(blocks.parameters(block), n)[n * end]
+            doubt[end] = -1.0 if relaxes * outermost > now else 0.0
+    doubtful = doubt[0] != 0.0 or doubt[1] != 0.0
+    if not doubtful and passes[0] == 0.0 and passes[1] == 0.0:
         return True
-    if doubt[0] != 0.0 or doubt[1] != 0.0:
+    if doubtful:
         # Where the step leads tells whether the end becomes taut (1) or slack (-1).
-        if not evaluate(block, state, ahead[0], ahead[1], 0.0, 0.0, dt):
+        if not evaluate(block, state, (ahead[0], ahead[1]), none, dt):
             return False
         for end in range(2):
             if doubt[end] != 0.0:
-                taut = _tension(new, n, end) > 0.0
+                taut = node[n * end] > 0.0
                 passes[end] = 1.0 if taut == (doubt[end] > 0.0) else 0.0
     for end in range(2):
         if passes[end] != 0.0:
             share = left[end] if resolved[end] == 0.0 else 0.5 * left[end]
             used[end] = aim[end] + share * (aim[2 + end] + share * aim[4 + end])
             used[2 + end] = aim[8] * share * share * aim[6 + end]
-    return evaluate(block, state, used[0], used[1], used[2], used[3], dt)
-
-
-@internal
-def _rest_of_step(model: int, block: int, state: int, dt: float) -> float:
-    """Return the part of a step of RK4 that is left at a stage.
-
-    A stage is evaluated from the committed state, or later ones from the first one,
-    `dt` before [s].
-    """
-    if state != blocks.first_stage_at(block):
-        return 1.0
-    return max(1.0 - dt / mj_struct.timestep(model), 0.0)
-
-
-@internal
-def _met_stiffness(
-    block: int, state: int, n: int, end: int, soft: float, held: float
-) -> float:
-    """Return the stiffness that an end met on its way from the committed state [N/m].
-
-    At least that of a cable that slips, at most that of an end that friction holds.
-    """
-    new = blocks.new_at(block, n)
-    gained = abs(max(_tension(new, n, end), 0.0) - max(_tension(state, n, end), 0.0))
-    moved = abs(load_real(new + 8 * end) - load_real(state + 8 * end))
-    if gained >= held * moved:
-        return held
-    return max(gained / moved, soft)
-
-
-@internal
-def _tension(state: int, n: int, end: int) -> float:
-    """Return the tension at an end in the state at an address [N]."""
-    return load_real(state + 8 * (kernel.STATE_HEADER + n * end))
-
-
-@internal
-def _stiffness(block: int, n: int, end: int) -> float:
-    """Return the stiffness of the outermost node, the most that an end has [N/m]."""
-    prm = floats(blocks.parameters_at(block), kernel.parameter_size(n))
-    return float(kernel.node_stiffness(prm, n)[n * end])
+    return evaluate(block, state, (used[0], used[1]), (used[2], used[3]), dt)

@@ -27,72 +27,62 @@ import numpy.typing as npt
 
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.plugin import _instance_data as blocks
-from cc_mujoco.plugin import _mj_struct as mj_struct
-from cc_mujoco.plugin import _open_path as open_path
-from cc_mujoco.plugin._config import constant
-from cc_mujoco.plugin._evaluate import packed_block
+from cc_mujoco.plugin import _path as path
+from cc_mujoco.plugin._evaluate import packed_block_of
 from cc_mujoco.plugin._ffi import (
-    Bytes,
     FloatMatrix,
+    Message,
     append,
-    append_milliseconds,
+    append_thousandths,
     assign,
     borrow_floats,
     borrow_rows,
     dot,
     fill,
-    floats,
     free_stack,
     internal,
     is_zero,
-    load_integer,
-    load_real,
-    load_word,
     mark_stack,
     solve_inertia,
+    warn,
+    warned_once,
 )
+from cc_mujoco.plugin._implicit_ends import add_moment
+from cc_mujoco.plugin._instance_data import Block
+from cc_mujoco.plugin._mj_struct import MjData, MjModel
+from cc_mujoco.plugin._path import OpenPath
 
 Floats = npt.NDArray[np.float64]
 
-_PART_NAMES = (
-    constant("its proximal end"),
-    constant("its distal end"),
-    constant("its open path"),
-)
-_STABLE_BELOW = constant(" is stable only with a `timestep` below ")
-_ACTUAL_STEP = constant(", but that is ")
-_ADVICE = constant(
-    "; shorten it, or give what this moves more inertia (`armature`) or the cable "
-    "fewer `segments`"
-)
+_PARTS = "its proximal end", "its distal end", "its open path"
 
 
 @internal
-def stable_timesteps(model: int, data: int, instance: int, out: Floats) -> None:
+def stable_timesteps(model: MjModel, data: MjData, instance: int, out: Floats) -> None:
     """Compute the longest stable time steps of a cable (3,) [s].
 
     That of the proximal end, the distal end and the pieces of an open path; infinite
     for what moves nothing. Needs the inertia and the actuators of the present position
     (part of `mj_fwdPosition`).
     """
-    nv, count = mj_struct.dofs(model), 0
-    kind = mj_struct.integer(model, mj_struct.PLUGIN, instance)
-    for other in range(mj_struct.plugins(model)):
-        if mj_struct.integer(model, mj_struct.PLUGIN, other) == kind:
-            count += _spring_count(packed_block(model, data, other))
+    count, kind = 0, model.plugin[instance]
+    for other in range(model.nplugin):
+        count += _spring_count(packed_block_of(model, data, other, kind))
     mark_stack(data)
-    moment = borrow_rows(data, count, nv)
+    moment = borrow_rows(data, count, model.nv)
     begin = end = row = 0  # of the rows of this instance
-    for other in range(mj_struct.plugins(model)):
-        if mj_struct.integer(model, mj_struct.PLUGIN, other) == kind:
-            block = packed_block(model, data, other)
-            rows = _spring_count(block)
-            if rows > 0 and nv > 0:
-                _end_moments(model, data, block, moment[row : row + 2])
-                _piece_moments(model, data, block, moment[row + 2 : row + rows])
-            if other == instance:
-                begin, end = row, row + rows
-            row += rows
+    for other in range(model.nplugin):
+        block = packed_block_of(model, data, other, kind)
+        rows = _spring_count(block)
+        if rows > 0 and model.nv > 0:
+            _end_moments(model, data, block, moment[row : row + 2])
+            if blocks.is_open(block):
+                led, own = blocks.path_of(block, 0), moment[row + 2 : row + rows]
+                stiffness = kernel.node_stiffness(blocks.parameters(block), led.n)
+                node_moments(model, data, led, stiffness, own)
+        if other == instance:
+            begin, end = row, row + rows
+        row += rows
     fill(out, math.inf)
     limit = borrow_floats(data, end - begin)
     spring_timesteps(model, data, moment, begin, limit)
@@ -104,7 +94,7 @@ def stable_timesteps(model: int, data: int, instance: int, out: Floats) -> None:
 
 @internal
 def spring_timesteps(
-    model: int, data: int, moment: FloatMatrix, begin: int, out: Floats
+    model: MjModel, data: MjData, moment: FloatMatrix, begin: int, out: Floats
 ) -> None:
     """Compute the longest stable time steps [s] of springs that act together.
 
@@ -131,84 +121,49 @@ def spring_timesteps(
 
 
 @internal
-def _spring_count(block: int) -> int:
+def _spring_count(block: Block) -> int:
     """Return the number of springs of a cable: its ends and its open path's nodes."""
     if block == 0:
         return 0
-    return 2 + (load_word(block + blocks.SEGMENTS) + 1 if blocks.is_open(block) else 0)
+    return 2 + (block.segments + 1 if blocks.is_open(block) else 0)
 
 
 @internal
-def _end_moments(model: int, data: int, block: int, out: FloatMatrix) -> None:
+def _end_moments(model: MjModel, data: MjData, block: Block, out: FloatMatrix) -> None:
     """Compute the moments of both ends on the joints, times sqrt(k) (2, nv)."""
-    n = load_word(block + blocks.SEGMENTS)
-    prm = floats(blocks.parameters_at(block), kernel.parameter_size(n))
+    n, prm = block.segments, blocks.parameters(block)
     for end in range(2):
-        if load_word(block + blocks.TIED_ENDS + 8 * end) != 0:
+        if block.tied[end] != 0:
             continue
-        output = load_word(block + (blocks.DISTAL if end else blocks.PROXIMAL))
         scale = math.sqrt(kernel.end_stiffness(prm, n, end == 1))
         if end == 0:
             # The lever of a pulley that is not round differs from its gear.
-            lever = blocks.proximal_winding(
-                model, block, blocks.displacement(data, block, blocks.PROXIMAL)
-            )[1]
-            scale *= abs(lever)
-        start = mj_struct.integer(data, mj_struct.MOMENT_ROWADR, output)
-        columns = load_word(data + mj_struct.MOMENT_COLIND) + 4 * start
-        values = load_word(data + mj_struct.ACTUATOR_MOMENT) + 8 * start
-        for i in range(mj_struct.integer(data, mj_struct.MOMENT_ROWNNZ, output)):
-            out[end, load_integer(columns + 4 * i)] = scale * load_real(values + 8 * i)
-
-
-@internal
-def _piece_moments(model: int, data: int, block: int, out: FloatMatrix) -> None:
-    """Compute the moments of an open path's nodes, times sqrt(k) (n + 1, nv)."""
-    if not blocks.is_open(block):
-        return
-    n = load_word(block + blocks.SEGMENTS)
-    prm = floats(blocks.parameters_at(block), kernel.parameter_size(n))
-    shape = floats(blocks.shape_at(block, n, 0), open_path.shape_size(n))
-    tendon, mouth = load_word(block + blocks.ROUTE), load_word(block + blocks.MOUTH)
-    node_moments(
-        model, data, tendon, mouth, shape, n, load_word(block + blocks.GUIDED),
-        kernel.node_stiffness(prm, n), block + blocks.SCRATCH, out,
-    )  # fmt: skip
+            scale *= abs(blocks.winding(model, data, block)[1])
+        add_moment(data, block.outputs[end], scale, out[end])
 
 
 @internal
 def node_moments(
-    model: int,
-    data: int,
-    tendon: int,
-    mouth: int,
-    shape: Floats,
-    n: int,
-    guided: int,
-    stiffness: Floats,
-    scratch: int,
-    out: FloatMatrix,
+    model: MjModel, data: MjData, led: OpenPath, stiffness: Floats, out: FloatMatrix
 ) -> None:
     """Compute the moments of an open path's nodes, times sqrt(stiffness) (n + 1, nv).
 
-    Other arguments are those of `open_path.apply_pulls`; `out` is 0 before.
+    `out` is 0 before.
     """
     mark_stack(data)
-    node = borrow_floats(data, n + 1)
+    node = borrow_floats(data, led.n + 1)
     tried = borrow_floats(data, out.shape[1])
     solved = borrow_floats(data, out.shape[1])
+    own = tried.ctypes.data
     fill(node, 0.0)
-    for i in range(n + 1):
+    for i in range(led.n + 1):
         node[i] = math.sqrt(stiffness[i])
         # A piece whose points coincide has no direction yet, and opens along any.
         worst, aside = 0.0, -1
         while aside < 3 and (aside < 0 or is_zero(out[i]) or worst > 0.0):
             fill(tried, 0.0)
-            open_path.apply_pulls(
-                model, data, tendon, mouth, shape, n, guided, node, 0.0, aside,
-                scratch, tried.ctypes.data,
-            )  # fmt: skip
-            solve_inertia(model, data, solved.ctypes.data, tried.ctypes.data, 1)
+            path.apply_pulls(model, data, led, node, 0.0, aside, own)
+            solve_inertia(model, data, solved.ctypes.data, own, 1)
             square = dot(tried, solved)
             if aside < 0 or square > worst:
                 assign(out[i], tried)
@@ -219,28 +174,22 @@ def node_moments(
 
 
 @internal
-def append_part(message: Bytes, used: int, part: int, step: float) -> int:
-    """Add a part and a time step, by which a warning is known whatever the limit.
-
-    Returns:
-        The new length.
-    """
-    used = append(message, used, _PART_NAMES[part])
-    return append_milliseconds(message, used, step)
-
-
-@internal
-def append_limit(
-    message: Bytes, used: int, part: int, limit: float, step: float
-) -> int:
-    """Append the message that a time step [s] is too long for a part.
-
-    Returns:
-        The new length.
-    """
-    used = append(message, used, _PART_NAMES[part])
-    used = append(message, used, _STABLE_BELOW)
-    used = append_milliseconds(message, used, limit)
-    used = append(message, used, _ACTUAL_STEP)
-    used = append_milliseconds(message, used, step)
-    return append(message, used, _ADVICE)
+def warn_long_step(message: Message, model: MjModel, part: int, limit: float) -> None:
+    """Warn, once for a time step, that it is beyond the limit of a part [s]."""
+    start, step = message.used, model.opt.timestep
+    append(message, _PARTS[part])
+    append_thousandths(message, step, " ms")
+    if warned_once(message, model.signature):
+        return
+    message.used = start
+    append(message, _PARTS[part])
+    append(message, " is stable only with a `timestep` below ")
+    append_thousandths(message, limit, " ms")
+    append(message, ", but that is ")
+    append_thousandths(message, step, " ms")
+    append(
+        message,
+        "; shorten it, or give what this moves more inertia (`armature`) or the cable "
+        "fewer `segments`",
+    )
+    warn(message)

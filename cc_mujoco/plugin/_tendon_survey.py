@@ -12,25 +12,26 @@ import math
 import mujoco
 import numpy as np
 
+from cc_mujoco.cable import _open_path as open_path
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled
 from cc_mujoco.plugin import _attachments as attachments
+from cc_mujoco.plugin import _config as config
 from cc_mujoco.plugin import _mj_struct as mj_struct
-from cc_mujoco.plugin import _open_path as open_path
+from cc_mujoco.plugin import _path as path
 from cc_mujoco.plugin import _stability_limits as stability_limits
-from cc_mujoco.plugin._config import MOUTH, ROUTE, key_text
 from cc_mujoco.plugin._ffi import (
-    assign,
     borrow_floats,
     borrow_rows,
     evaluate_bodies,
     evaluate_tendons,
     fill,
-    floats,
     free_stack,
-    load_word,
+    internal,
     mark_stack,
 )
 from cc_mujoco.plugin._guides import RANDOM_POSES
+from cc_mujoco.plugin._mj_struct import MjData, MjModel
+from cc_mujoco.plugin._path import OpenPath
 
 SWEEP_POSES = 21
 """Poses of one joint, or of all together, from end to end."""
@@ -58,30 +59,36 @@ def survey(
 
 @compiled
 def _measure(
-    model: int,
-    data: int,
+    model: MjModel,
+    data: MjData,
     tendon: int,
     poses: FloatMatrix,
     turn: FloatMatrix,
     contact: FloatMatrix,
     length: FloatMatrix,
 ) -> None:
-    n = open_path.min_segments(model, tendon, 0)
+    n = path.min_segments(model, tendon, 0)
     mark_stack(data)
-    shape = borrow_floats(data, open_path.shape_size(n))
-    guides = borrow_floats(data, n)
-    fill(shape, 0.0)
-    fill(guides, 0.0)
-    present = floats(load_word(data + mj_struct.QPOS), poses.shape[1])
+    led = _borrow_path(data, tendon, n)
     for row in range(poses.shape[0]):
-        assign(present, poses[row])
+        data.qpos[: poses.shape[1]] = poses[row]
         evaluate_bodies(model, data)
         evaluate_tendons(model, data)
-        open_path.measure_path(model, data, tendon, 0, 0, n, guides, shape)
-        assign(turn[row], open_path.angles(shape, n))
-        assign(contact[row], open_path.contacts(shape, n))
-        assign(length[row], open_path.lengths(shape, n))
+        path.measure_path(model, data, led)
+        turn[row, :] = open_path.angles(led.measured, n)
+        contact[row, :] = open_path.contacts(led.measured, n)
+        length[row, :] = open_path.lengths(led.measured, n)
     free_stack(data)
+
+
+@internal
+def _borrow_path(data: MjData, tendon: int, n: int) -> OpenPath:
+    """Return an open path of n segments on MuJoCo's stack, without guides."""
+    guides = borrow_floats(data, n)
+    shape = borrow_floats(data, open_path.shape_size(n))
+    fill(guides, 0.0)
+    fill(shape, 0.0)
+    return OpenPath(tendon, 0, 0, n, guides, shape)
 
 
 def piece_timesteps(
@@ -110,22 +117,19 @@ def piece_timesteps(
 
 
 @compiled
-def _timestep(model: int, data: int, tendon: int, axial_stiffness: float) -> float:
-    n = open_path.wanted_segments(model, tendon, 0, open_path.ARC_SEGMENTS)
+def _timestep(
+    model: MjModel, data: MjData, tendon: int, axial_stiffness: float
+) -> float:
+    n = path.default_segments(model, tendon, 0)
     mark_stack(data)
-    shape = borrow_floats(data, open_path.shape_size(n))
-    guides = borrow_floats(data, n)
-    fill(shape, 0.0)
-    fill(guides, 0.0)
-    open_path.measure_path(model, data, tendon, 0, 0, n, guides, shape)
-    moment = borrow_rows(data, n + 1, mj_struct.dofs(model))
-    scratch, limit = np.zeros(6), borrow_floats(data, n + 1)
-    stiffness, length = borrow_floats(data, n + 1), open_path.lengths(shape, n)
+    led = _borrow_path(data, tendon, n)
+    path.measure_path(model, data, led)
+    moment = borrow_rows(data, n + 1, model.nv)
+    limit, stiffness = borrow_floats(data, n + 1), borrow_floats(data, n + 1)
+    length = open_path.lengths(led.measured, n)
     for i in range(n + 1):
         stiffness[i] = axial_stiffness / length[i]
-    stability_limits.node_moments(
-        model, data, tendon, 0, shape, n, 0, stiffness, scratch.ctypes.data, moment
-    )
+    stability_limits.node_moments(model, data, led, stiffness, moment)
     stability_limits.spring_timesteps(model, data, moment, 0, limit)
     shortest = float(limit[0])
     for i in range(1, n + 1):
@@ -145,12 +149,10 @@ def path_guides(model: mujoco.MjModel, instance: int, tendon: int) -> FloatArray
 
 
 @compiled
-def _read_guides(model: int, instance: int, tendon: int, out: FloatArray) -> None:
-    attributes, place = mj_struct.attributes(model, instance), 0
-    mouth = key_text(attributes, MOUTH)
-    if mouth.size > 0:
-        route = key_text(attributes, ROUTE)
-        place = attachments.find_mouth(model, instance, tendon, route, mouth)
+def _read_guides(model: MjModel, instance: int, tendon: int, out: FloatArray) -> None:
+    place = 0
+    if config.is_mixed(mj_struct.attributes(model, instance)):
+        place = attachments.find_mouth(model, instance, tendon)
     first = max(place - 1, 0)
     attachments.read_guides(model, instance, tendon, place, out[first:])
 

@@ -37,18 +37,16 @@ from cc_mujoco.device._axis_record import (
 from cc_mujoco.human._tasks import clamp
 from cc_mujoco.native import _library as native_library
 from cc_mujoco.native import internal
-from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin._engine import LIBRARY
 from cc_mujoco.plugin._ffi import (
     CInt,
     callback,
     floats,
     load_real,
-    load_word,
     reinterpret,
-    store_real,
     words,
 )
+from cc_mujoco.plugin._mj_struct import MjData, MjModel
 from cc_mujoco.plugin._registration import add_plugin
 from cc_mujoco.simulation._wiring import OF_PHASE, desired_torque
 
@@ -137,7 +135,7 @@ def _torque(record: EpisodeRecord) -> float:
 
 
 @internal
-def _observe(record: EpisodeRecord, data: int, step: int) -> None:
+def _observe(record: EpisodeRecord, data: MjData, step: int) -> None:
     cables, rows = record.cables, record.steps + 1
     columns = floats(record.columns, (_FIXED + _PER_CABLE * cables) * rows)
     at, found = np.empty(_FIELD_COUNT, np.int64), np.empty(_DESIRED + 1)
@@ -148,7 +146,7 @@ def _observe(record: EpisodeRecord, data: int, step: int) -> None:
         columns[i * rows + step] = found[i]
     columns[(_FIXED - 1) * rows + step] = found[_DESIRED]
     readings = words(record.readings, 5 * cables)
-    state = load_word(data + mj_struct.PLUGIN_STATE)
+    state = data.plugin_state.ctypes.data
     for k in range(cables):
         own = 5 * k
         nodes = floats(state + 8 * readings[own], readings[own + 1])
@@ -158,8 +156,8 @@ def _observe(record: EpisodeRecord, data: int, step: int) -> None:
         energy = load_real(state + 8 * readings[own + 2])
         proximal, distal = readings[own + 3], readings[own + 4]
         place = _FIXED + 2 * k
-        columns[place * rows + step] = abs(mj_struct.force(data, proximal))
-        columns[(place + 1) * rows + step] = abs(mj_struct.force(data, distal))
+        columns[place * rows + step] = abs(data.actuator_force[proximal])
+        columns[(place + 1) * rows + step] = abs(data.actuator_force[distal])
         columns[(_FIXED + 2 * cables + k) * rows + step] = energy
         columns[(_FIXED + 3 * cables + k) * rows + step] = least
     count, taps = record.source_count, words(record.taps, record.tap_count)
@@ -175,31 +173,30 @@ def _observe(record: EpisodeRecord, data: int, step: int) -> None:
 
 
 @internal
-def _play(data: int, record: EpisodeRecord) -> None:
+def _play(data: MjData, record: EpisodeRecord) -> None:
     """Run the control and recording that are due after `count` physics steps."""
     count, skip = record.count, record.skip
-    control = load_word(data + mj_struct.CTRL)
     if count % skip == 0:
         step = count // skip
         _observe(record, data, step)
         if step == record.steps:
-            store_real(load_word(data + mj_struct.USERDATA), 0.0)
+            data.userdata[0] = 0.0
             return
         torque = _torque(record)
         if not np.isfinite(torque):
             record.refused = 1
-            store_real(load_word(data + mj_struct.USERDATA), 0.0)
+            data.userdata[0] = 0.0
             return
         axis = axis_at(record.axis)
         share = clamp(torque / axis.torque_limit, -1.0, 1.0)
         # The actions of the environments are of single precision.
         single = float(np.float32(share))
-        store_real(control + 8 * axis.motor_control, single * axis.motor_scale)
+        data.ctrl[axis.motor_control] = single * axis.motor_scale
     scripted = record.scripted
     places = words(record.script_controls, scripted)
     commands = floats(record.commands + 8 * scripted * count, scripted)
     for i in range(scripted):
-        store_real(control + 8 * places[i], commands[i])
+        data.ctrl[places[i]] = commands[i]
 
 
 @cache
@@ -231,22 +228,22 @@ def attend(spec: mujoco.MjSpec) -> None:
 
 
 @callback
-def episode_begin(data: int, record: int) -> None:
-    store_real(load_word(data + mj_struct.USERDATA), float(record))
+def episode_begin(data: MjData, record: int) -> None:
+    data.userdata[0] = float(record)
     _play(data, _record(record))
 
 
 @callback
-def episode_nstate(model: int, instance: CInt) -> CInt:
+def episode_nstate(model: MjModel, instance: CInt) -> CInt:
     return 0
 
 
 @callback
-def episode_advance(model: int, data: int, instance: CInt) -> None:
-    if not mj_struct.has_userdata(model):
+def episode_advance(model: MjModel, data: MjData, instance: CInt) -> None:
+    if model.nuserdata == 0:
         return
     # An address is below 2^53, so a number holds it.
-    address = int(load_real(load_word(data + mj_struct.USERDATA)))
+    address = int(data.userdata[0])
     if address != 0:
         record = _record(address)
         record.count = record.count + 1

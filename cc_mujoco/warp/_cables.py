@@ -452,7 +452,7 @@ class AttachedCables:
         if self._model.npluginstate == 0:
             raise CableError("the model of these cables has no state of a plugin")
         # The plugin needs a newer MuJoCo than cables attached by name.
-        from cc_mujoco.plugin._instance_data import STATE_ENDS
+        from cc_mujoco.plugin._instance_data import Commitment
 
         found = np.zeros((self._worlds, self._model.npluginstate))
         for index, actuators in enumerate(self._actuators_of):
@@ -460,7 +460,7 @@ class AttachedCables:
             instance = self._model.actuator_plugin[actuators[0]]
             start = int(self._model.plugin_stateadr[instance])
             found[:, start : start + state.shape[1]] = state
-            ends = start + state.shape[1] + STATE_ENDS
+            ends = start + state.shape[1] + Commitment.ends.offset // 8
             found[:, ends : ends + 2] = state[:, :2]
             if self._cables[index].path != PATHS[0]:
                 path = self._pending_path(index)

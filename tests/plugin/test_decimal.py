@@ -10,13 +10,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cc_mujoco.native import compiled
+from cc_mujoco.native import IntArray, compiled
 from cc_mujoco.plugin import _config as parse_float
 from cc_mujoco.plugin import _ffi as ffi
 
 ANY_INTEGER = st.integers(-(2**63), 2**63 - 1)
 MARGIN = 40
-"""Bytes around a message that no writer may touch."""
+"""Words around a message that no writer may touch."""
 
 
 def read(text: str) -> float:
@@ -68,35 +68,38 @@ def test_refuses_what_is_no_finite_number(text: str) -> None:
 
 
 @compiled
-def write(what: int, message: ffi.Bytes, used: int, whole: int, real: float) -> int:
+def write(what: int, room: IntArray, whole: int, real: float, part: ffi.Bytes) -> int:
+    """Append to the message in a room; return how many bytes it has."""
+    message = ffi.message_at(room.ctypes.data)
     if what == 0:
-        return ffi.append_integer(message, used, whole)
-    if what == 1:
-        return ffi.append_milliseconds(message, used, real)
-    if what == 2:
-        return ffi.append_millimetres(message, used, real)
-    if what == 3:
-        return ffi.append_thousandths(message, used, real, message[:5])
-    if what == 4:
-        return ffi.quote(message, used, message[5:])
-    return ffi.append(message, used, message[:9])
+        ffi.append_integer(message, whole)
+    elif what == 1:
+        ffi.append_thousandths(message, real, " ms")
+    elif what == 2:
+        ffi.append_thousandths(message, real, part)
+    elif what == 3:
+        ffi.quote(message, part)
+    else:
+        ffi.append(message, part)
+    return int(message.used)
 
 
-def written(what: int, whole: int = 0, real: float = 0.0) -> str:
+def written(what: int, whole: int = 0, real: float = 0.0, part: bytes = b"") -> bytes:
     """Return what a writer appends to an empty message."""
-    message = np.zeros(500, np.uint8)
-    return bytes(message[: write(what, message, 0, whole, real)]).decode()
+    room = np.zeros(ffi.MESSAGE_WORDS, np.int64)
+    end = write(what, room, whole, real, np.frombuffer(part, np.uint8))
+    return room[1:].tobytes()[:end]
 
 
 @given(ANY_INTEGER)
 def test_every_integer_is_written(value: int) -> None:
-    assert written(0, whole=value) == str(value)
+    assert written(0, whole=value).decode() == str(value)
 
 
 @given(st.floats())
 def test_every_float_is_written_in_thousandths(value: float) -> None:
     for what, unit in ((1, " ms"), (2, " mm")):
-        text = written(what, real=value)
+        text = written(what, real=value, part=unit.encode()).decode()
         if not math.isfinite(value):
             assert text == f"{abs(value) if math.isnan(value) else value}{unit}"
             continue
@@ -106,26 +109,23 @@ def test_every_float_is_written_in_thousandths(value: float) -> None:
 
 
 @given(
-    st.integers(0, 5), ANY_INTEGER, st.floats(), ANY_INTEGER | st.integers(-9, 99),
+    st.integers(0, 4), ANY_INTEGER, st.floats(), ANY_INTEGER | st.integers(900, 1100),
     st.binary(min_size=9, max_size=60),
 )  # fmt: skip
 def test_no_writer_leaves_its_message(
     what: int, whole: int, real: float, used: int, content: bytes
 ) -> None:
-    size = len(content)
-    memory = np.full(size + 2 * MARGIN, 7, np.uint8)
-    message = memory[MARGIN : MARGIN + size]
-    message[:] = np.frombuffer(content, np.uint8)
-    end = write(what, message, used, whole, real)
-    assert (memory[:MARGIN] == 7).all() and (memory[MARGIN + size :] == 7).all()
-    assert end == used or used < end < size
+    memory = np.full(ffi.MESSAGE_WORDS + 2 * MARGIN, 7, np.int64)
+    room = memory[MARGIN:-MARGIN]
+    room[0] = used
+    end = write(what, room, whole, real, np.frombuffer(content, np.uint8))
+    assert (memory[:MARGIN] == 7).all() and (memory[-MARGIN:] == 7).all()
+    assert end == used or used < end < 8 * (ffi.MESSAGE_WORDS - 1)
 
 
 @given(st.binary(max_size=200))
 def test_quoted_bytes_are_text(content: bytes) -> None:
-    message = np.zeros(500, np.uint8)
-    end = quote(message, np.frombuffer(content, np.uint8))
-    text = bytes(message[:end]).decode()
+    text = written(3, part=content).decode()
     assert text.startswith("'") and text.endswith("'")
     try:
         whole = content.decode()
@@ -135,8 +135,3 @@ def test_quoted_bytes_are_text(content: bytes) -> None:
         assert text == f"'{whole}'" or (
             text.endswith("...'") and whole.startswith(text[1:-4])
         )
-
-
-@compiled
-def quote(message: ffi.Bytes, part: ffi.Bytes) -> int:
-    return ffi.quote(message, 0, part)

@@ -18,7 +18,7 @@ from cc_mujoco.cable import PARAMETERS, Cable, Section
 from cc_mujoco.errors import CableError
 from cc_mujoco.plugin import _mjcf as mjcf
 from cc_mujoco.plugin import from_mjcf, route, route_tendon, to_mjcf, write_cable
-from cc_mujoco.plugin._instance_data import STATE_PATH, STATE_POSE
+from cc_mujoco.plugin._instance_data import COMMITMENT_SIZE, Commitment
 from plugin.scenes import (
     CONFIG,
     build,
@@ -242,7 +242,7 @@ def test_attached_twice_with_prefixes() -> None:
                 d.ctrl[m.actuator("left_drive").id] = torque[i]
                 mujoco.mj_step(m, d)
     # One number is a checksum of the pose of the whole model.
-    pose = STATE_POSE - STATE_PATH
+    pose = (Commitment.pose.offset - COMMITMENT_SIZE) // 8
     wanted = np.delete(alone[-1], pose)
     for state in d.plugin_state.reshape(3, -1):
         assert np.allclose(np.delete(state, pose), wanted, rtol=1e-6, atol=1e-12)

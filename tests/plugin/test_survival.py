@@ -48,8 +48,7 @@ def state(m, d):
     mujoco.mj_getState(m, d, out, mujoco.mjtState.mjSTATE_INTEGRATION)
     return out
 def blocks(d):
-    at = structure("mjData").from_address(d._address).plugin_data
-    return (ctypes.c_size_t * 2).from_address(at)
+    return structure("mjData").from_address(d._address).plugin_data
 """
 SCRIPTS = {
     "muscle beside a cable": """
@@ -84,7 +83,7 @@ works(m, d)
     "data without a block": """
 m, d = build()
 works(m, d)
-held = list(blocks(d))
+held = blocks(d)[:2]
 blocks(d)[0] = blocks(d)[1] = 0
 for integrator in range(4):
     m.opt.integrator = integrator

@@ -38,7 +38,7 @@ from cc_mujoco.cable._cable import (
 )
 from cc_mujoco.errors import CableError, CableWarning, look_up
 from cc_mujoco.plugin._mjcf import to_mjcf
-from cc_mujoco.plugin._open_path import ARC_SEGMENTS
+from cc_mujoco.plugin._path import ARC_SEGMENTS
 from cc_mujoco.plugin._readings import tendon_turn
 from cc_mujoco.plugin._settle import step_limits
 from cc_mujoco.plugin._spec import (

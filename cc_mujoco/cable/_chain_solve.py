@@ -13,56 +13,66 @@ displacements, so an error does not grow from segment to segment however stiff d
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from cc_mujoco.native import FloatArray, internal
 
 
-@internal
-def slipping(
-    slip_direction: float,
-    hold_distal: float,
-    hold_proximal: float,
-    drag: float,
-    viscosity: float,
-) -> tuple[float, float, float]:
-    """Return `gain`, `offset` and `own` of a slipping segment.
+class Chain(NamedTuple):
+    """Nodes (n + 1,) and segments (n,) of a step, and the relations at its ends.
 
-    With them T_distal = gain T_proximal + offset + own w at the slip speed w. `hold_*`
-    are the ratios of the tensions where it slips towards either end.
+    Ends are T = proximal_p + proximal_q w and T = distal_p - distal_q w [N].
     """
+
+    tension: FloatArray  # of the nodes before the step [N]
+    stiffness: FloatArray  # of the nodes [N/m]
+    hold_distal: FloatArray  # ratio of the tensions of segments that slip that way
+    hold_proximal: FloatArray
+    drag: FloatArray  # friction of the segments that needs no tension [N]
+    viscosity: FloatArray  # of the segments, per displacement [N/m]
+    proximal_p: float
+    proximal_q: float
+    distal_p: float
+    distal_q: float
+
+
+@internal
+def slipping(chain: Chain, s: int, slip_direction: float) -> tuple[float, float, float]:
+    """Return `gain`, `offset` and `own` of segment s where it slips.
+
+    With them T_distal = gain T_proximal + offset + own w at the slip speed w.
+    """
+    drag, viscosity = chain.drag[s], chain.viscosity[s]
     if slip_direction > 0.0:
-        return hold_distal, drag, viscosity
-    return 1.0 / hold_proximal, -drag / hold_proximal, viscosity / hold_proximal
+        return chain.hold_distal[s], drag, viscosity
+    hold = chain.hold_proximal[s]
+    return 1.0 / hold, -drag / hold, viscosity / hold
 
 
 @internal
 def solve(
     n: int,
-    tension: FloatArray,
-    stiffness: FloatArray,
+    chain: Chain,
     gain: FloatArray,
     offset: FloatArray,
     own: FloatArray,
     slack: FloatArray,
-    proximal_p: float,
-    proximal_q: float,
-    distal_p: float,
-    distal_q: float,
     shift: FloatArray,
     node: FloatArray,
     work: FloatArray,
 ) -> None:
     """Compute displacements and tensions of a step.
 
-    The nodes (n + 1,) have `tension` before the step [N] and `stiffness` [N/m], and are
-    `slack` where not 0. Friction of the segments (n,) is a ratio of tensions `gain`,
-    `offset` [N], and `own` stiffness against displacement [N/m], inf at rest. Ends are
-    T = proximal_p + proximal_q w and T = distal_p - distal_q w [N]. Out: `shift` (n,),
-    slip in this step [m], and the tensions `node`. `work` holds (2 n,).
+    Nodes are `slack` where not 0. Friction of the segments is a ratio of tensions
+    `gain`, `offset` [N], and `own` stiffness against displacement [N/m], inf at rest.
+    Out: `shift` (n,), slip in this step [m], and the tensions `node`. `work` holds
+    (2 n,).
     """
+    tension, stiffness = chain.tension, chain.stiffness
     p, q = work[:n], work[n : 2 * n]  # T = p + q w on the left of each segment
-    p[0], q[0] = proximal_p, proximal_q
+    p[0], q[0] = chain.proximal_p, chain.proximal_q
     if slack[0] != 0.0:
         p[0], q[0] = 0.0, 0.0
     for s in range(n - 1):
@@ -76,7 +86,7 @@ def solve(
         constant, slope = gain[s] * p[s] + offset[s], gain[s] * q[s] + own[s]
         p[s + 1] = (k * constant + slope * t) / (k + slope)
         q[s + 1] = k * slope / (k + slope)
-    constant, slope = distal_p, distal_q
+    constant, slope = chain.distal_p, chain.distal_q
     for s in range(n - 1, -1, -1):
         # T = constant - slope w on the right of the segment.
         if slack[s + 1] != 0.0:
@@ -126,21 +136,13 @@ def lay_evenly(
 
 @internal
 def lay_slack(
-    n: int,
-    free: FloatArray,
-    tension: FloatArray,
-    stiffness: FloatArray,
-    slack: FloatArray,
-    proximal_p: float,
-    proximal_q: float,
-    distal_p: float,
-    distal_q: float,
-    shift: FloatArray,
+    n: int, chain: Chain, free: FloatArray, slack: FloatArray, shift: FloatArray
 ) -> None:
     """Lay all slack cable evenly that nothing holds; arguments as in `solve`.
 
     `free` is not 0 where a segment has no friction without tension (n,).
     """
+    tension = chain.tension
     first = 0
     while first < n:
         last = first
@@ -152,19 +154,40 @@ def lay_slack(
         ):
             last += 1
         if last > first:
-            proximal_bound = first > 0 or proximal_q > 0.0
-            distal_bound = last < n or distal_q > 0.0
+            proximal_bound = first > 0 or chain.proximal_q > 0.0
+            distal_bound = last < n or chain.distal_q > 0.0
             proximal, distal = 0.0, 0.0
             if first > 0:
                 proximal = shift[first - 1]
             elif proximal_bound:
-                proximal = (tension[0] - proximal_p) / proximal_q
+                proximal = (tension[0] - chain.proximal_p) / chain.proximal_q
             if last < n:
                 distal = shift[last]
             elif distal_bound:
-                distal = (distal_p - tension[n]) / distal_q
+                distal = (chain.distal_p - tension[n]) / chain.distal_q
             lay_evenly(
-                first, last, tension, stiffness, proximal, proximal_bound, distal,
-                distal_bound, shift,
+                first, last, tension, chain.stiffness, proximal, proximal_bound,
+                distal, distal_bound, shift,
             )  # fmt: skip
         first = last + 1
+
+
+@internal
+def break_away(
+    chain: Chain,
+    s: int,
+    way: float,
+    growth_distal: FloatArray,
+    growth_proximal: FloatArray,
+) -> bool:
+    """Let a segment that slips this way follow the kinetic law; return if it is new."""
+    hold_distal, hold_proximal = chain.hold_distal, chain.hold_proximal
+    if way > 0.0 and hold_distal[s] != growth_distal[s]:
+        hold_distal[s] = growth_distal[s]
+        hold_proximal[s] = min(hold_proximal[s], growth_proximal[s])
+        return True
+    if way < 0.0 and hold_proximal[s] != growth_proximal[s]:
+        hold_proximal[s] = growth_proximal[s]
+        hold_distal[s] = min(hold_distal[s], growth_distal[s])
+        return True
+    return False

@@ -29,13 +29,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco.cable._chain_solve import lay_slack, slipping, solve
-from cc_mujoco.cable._fronts import LIMIT_TOLERANCE, overcome_direction
-from cc_mujoco.native import (
-    FloatArray,
-    compiled,
-    internal,
+from cc_mujoco.cable._chain_solve import (
+    Chain,
+    break_away,
+    lay_slack,
+    slipping,
+    solve,
 )
+from cc_mujoco.cable._fronts import LIMIT_TOLERANCE, overcome_direction
+from cc_mujoco.native import FloatArray, compiled, internal
 
 _QUICK_ROUNDS = 6
 """Rounds after which nodes change only where all segments are right."""
@@ -47,24 +49,16 @@ steps that follow each other (`tests/cable/test_solvers.py`)."""
 @internal
 def solve_marked(
     n: int,
-    tension: FloatArray,
-    stiffness: FloatArray,
-    hold_distal: FloatArray,
-    hold_proximal: FloatArray,
-    drag: FloatArray,
-    viscosity: FloatArray,
+    chain: Chain,
     slip_direction: FloatArray,
     slack: FloatArray,
-    proximal_p: float,
-    proximal_q: float,
-    distal_p: float,
-    distal_q: float,
     shift: FloatArray,
     node: FloatArray,
     lines: FloatArray,
     work: FloatArray,
 ) -> None:
     """Solve a step whose slip and slack nodes are known, and lay the slack cable."""
+    drag, viscosity = chain.drag, chain.viscosity
     lies = False
     for s in range(n - 1, -1, -1):
         if slack[s + 1] != 0.0 and drag[s] == 0.0 and viscosity[s] == 0.0:
@@ -77,13 +71,8 @@ def solve_marked(
         if slip_direction[s] == 0.0:
             own[s] = np.inf
             continue
-        gain[s], offset[s], own[s] = slipping(
-            slip_direction[s], hold_distal[s], hold_proximal[s], drag[s], viscosity[s]
-        )
-    solve(
-        n, tension, stiffness, gain, offset, own, slack,
-        proximal_p, proximal_q, distal_p, distal_q, shift, node, work,
-    )  # fmt: skip
+        gain[s], offset[s], own[s] = slipping(chain, s, slip_direction[s])
+    solve(n, chain, gain, offset, own, slack, shift, node, work)
     for i in range(n + 1):
         node[i] = max(node[i], 0.0)
     if not lies:
@@ -91,27 +80,15 @@ def solve_marked(
     free = gain
     for s in range(n):
         free[s] = 1.0 if drag[s] == 0.0 and viscosity[s] == 0.0 else 0.0
-    lay_slack(
-        n, free, tension, stiffness, slack,
-        proximal_p, proximal_q, distal_p, distal_q, shift,
-    )  # fmt: skip
+    lay_slack(n, chain, free, slack, shift)
 
 
 @internal
 def solve_with_slack(
     n: int,
-    tension: FloatArray,
-    stiffness: FloatArray,
-    hold_distal: FloatArray,
-    hold_proximal: FloatArray,
-    drag: FloatArray,
-    viscosity: FloatArray,
+    chain: Chain,
     slip_direction: FloatArray,
     slack: FloatArray,
-    proximal_p: float,
-    proximal_q: float,
-    distal_p: float,
-    distal_q: float,
     shift: FloatArray,
     node: FloatArray,
     lines: FloatArray,
@@ -122,22 +99,21 @@ def solve_with_slack(
     `slip_direction` (n,) and `slack` (n + 1,) are the guess on input. Where correcting
     all at once turns in a circle, nodes wait for the segments.
     """
+    tension, stiffness = chain.tension, chain.stiffness
+    drag, viscosity = chain.drag, chain.viscosity
     for rounds in range(_MAX_ROUNDS):
         for s in range(n):
             if slack[s] != 0.0 and drag[s] == 0.0 and viscosity[s] == 0.0:
                 slack[s + 1] = 1.0
-        solve_marked(
-            n, tension, stiffness, hold_distal, hold_proximal, drag, viscosity,
-            slip_direction, slack, proximal_p, proximal_q, distal_p, distal_q,
-            shift, node, lines, work,
-        )  # fmt: skip
+        solve_marked(n, chain, slip_direction, slack, shift, node, lines, work)
         right = True
         for s in range(n):
             way = slip_direction[s]
             if way == 0.0 or shift[s] == 0.0:
                 now = overcome_direction(
-                    node[s], node[s + 1], hold_distal[s], hold_proximal[s], drag[s]
-                )
+                    node[s], node[s + 1], chain.hold_distal[s], chain.hold_proximal[s],
+                    drag[s],
+                )  # fmt: skip
                 if now != 0 and float(now) == way:
                     # Slack at both ends of a chain that slips: one of them is taut.
                     slack[s], slack[s + 1] = 0.0, 0.0
@@ -153,9 +129,9 @@ def solve_with_slack(
             if not np.isfinite(node[i]):
                 return False
             if i == 0:
-                strained, strain = proximal_p, proximal_q * shift[0]
+                strained, strain = chain.proximal_p, chain.proximal_q * shift[0]
             elif i == n:
-                strained, strain = distal_p, -distal_q * shift[n - 1]
+                strained, strain = chain.distal_p, -chain.distal_q * shift[n - 1]
             else:
                 strained = tension[i]
                 strain = stiffness[i] * (shift[i] - shift[i - 1])
@@ -231,22 +207,12 @@ def _read_solution(
 
 @internal
 def solve_by_graph(
-    n: int,
-    tension: FloatArray,
-    stiffness: FloatArray,
-    hold_distal: FloatArray,
-    hold_proximal: FloatArray,
-    drag: FloatArray,
-    viscosity: FloatArray,
-    proximal_p: float,
-    proximal_q: float,
-    distal_p: float,
-    distal_q: float,
-    shift: FloatArray,
-    node: FloatArray,
-    work: FloatArray,
+    n: int, chain: Chain, shift: FloatArray, node: FloatArray, work: FloatArray
 ) -> None:
     """Solve one step from any state, coefficients fixed; arguments as in `sweep`."""
+    hold_distal, hold_proximal = chain.hold_distal, chain.hold_proximal
+    proximal_p, proximal_q = chain.proximal_p, chain.proximal_q
+    distal_p, distal_q = chain.distal_p, chain.distal_q
     size = 2 * n + 3
     # Knots, and what it means to be left of one, see `_read_solution`.
     x, y, label = work[:size], work[size : 2 * size], work[2 * size : 3 * size]
@@ -259,7 +225,7 @@ def solve_by_graph(
         x[0], y[0], label[0] = -proximal_p / proximal_q, 0.0, float(_SLACK)
     count = 1
     for s in range(n):
-        b, c = drag[s], viscosity[s]
+        b, c = chain.drag[s], chain.viscosity[s]
         at_rest = max(_evaluate_graph(x, y, count, proximal, distal, 0.0), 0.0)
         # Knots left of zero, the gap of friction at zero, the other knots.
         split = 0
@@ -304,7 +270,7 @@ def solve_by_graph(
         if keep >= 0:
             y[0], label[0], proximal = 0.0, float(3 * (s + 1) + _SLACK), 0.0
         if s + 1 < n:
-            k, t = stiffness[s + 1], tension[s + 1]
+            k, t = chain.stiffness[s + 1], chain.tension[s + 1]
             compliance = 1.0 / k
             for i in range(count):
                 x[i] += (y[i] - t) * compliance
@@ -315,40 +281,27 @@ def solve_by_graph(
     while passed < count and y[passed] + distal_q * x[passed] < distal_p:
         passed += 1
     _read_solution(n, label, passed, count, slip_direction, slack)
-    solve_marked(
-        n, tension, stiffness, hold_distal, hold_proximal, drag, viscosity,
-        slip_direction, slack, proximal_p, proximal_q, distal_p, distal_q,
-        shift, node, lines, rest,
-    )  # fmt: skip
+    solve_marked(n, chain, slip_direction, slack, shift, node, lines, rest)
 
 
 @compiled
 def sweep(
     n: int,
     last: FloatArray,
-    tension: FloatArray,
-    stiffness: FloatArray,
+    chain: Chain,
     growth_distal: FloatArray,
     growth_proximal: FloatArray,
-    hold_distal: FloatArray,
-    hold_proximal: FloatArray,
-    drag: FloatArray,
-    viscosity: FloatArray,
-    proximal_p: float,
-    proximal_q: float,
-    distal_p: float,
-    distal_q: float,
     shift: FloatArray,
     node: FloatArray,
     work: FloatArray,
 ) -> None:
-    """Solve one step from any state; arguments as in `_fronts.march`.
+    """Solve one step from any state; arguments as in `_chain_solve.solve`.
 
     `last` is how each segment slipped in the step before (n,). `growth_distal` and
-    `growth_proximal` are E of slip that way, and ends are T = proximal_p + proximal_q w
-    and T = distal_p - distal_q w. `work` holds (11 n + 11,). `hold_distal` and
-    `hold_proximal` are overwritten with E where a segment breaks away.
+    `growth_proximal` are E of slip that way. `work` holds (11 n + 11,). What segments
+    hold is overwritten with E where one breaks away.
     """
+    tension, stiffness, drag = chain.tension, chain.stiffness, chain.drag
     size = 6 * n + 9  # what comes before it is free outside of the graph
     marks, rest = work[size : size + 2 * n + 1], work[size + 2 * n + 1 :]
     slip_direction, slack, lines = marks[:n], marks[n:], work[: 3 * n]
@@ -358,14 +311,9 @@ def sweep(
         slip_direction[s] = np.sign(last[s])
     for _ in range(n + 1):
         if not solve_with_slack(
-            n, tension, stiffness, hold_distal, hold_proximal, drag, viscosity,
-            slip_direction, slack, proximal_p, proximal_q, distal_p, distal_q,
-            shift, node, lines, rest,
-        ):  # fmt: skip
-            solve_by_graph(
-                n, tension, stiffness, hold_distal, hold_proximal, drag, viscosity,
-                proximal_p, proximal_q, distal_p, distal_q, shift, node, work,
-            )  # fmt: skip
+            n, chain, slip_direction, slack, shift, node, lines, rest
+        ):
+            solve_by_graph(n, chain, shift, node, work)
         # A segment that breaks away follows the kinetic law: solve again with it. Slip
         # of rounding alone is none, or one that is about to slip would have.
         broke = False
@@ -373,13 +321,7 @@ def sweep(
             load = node[s] + node[s + 1] + drag[s]
             if abs(shift[s]) * stiffness[s] <= LIMIT_TOLERANCE * load:
                 shift[s] = 0.0
-            elif shift[s] > 0.0 and hold_distal[s] != growth_distal[s]:
-                hold_distal[s] = growth_distal[s]
-                hold_proximal[s] = min(hold_proximal[s], growth_proximal[s])
-                broke = True
-            elif shift[s] < 0.0 and hold_proximal[s] != growth_proximal[s]:
-                hold_proximal[s] = growth_proximal[s]
-                hold_distal[s] = min(hold_distal[s], growth_distal[s])
+            elif break_away(chain, s, shift[s], growth_distal, growth_proximal):
                 broke = True
         if not broke:
             break

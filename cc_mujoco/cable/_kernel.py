@@ -28,7 +28,7 @@ from cc_mujoco.cable import _nodes as nodes
 from cc_mujoco.cable import _nonlinear_elasticity as nonlinear_elasticity
 from cc_mujoco.cable import _pack as prepare
 from cc_mujoco.cable import _pre_step as before
-from cc_mujoco.cable._chain_solve import lay_evenly
+from cc_mujoco.cable._chain_solve import Chain, lay_evenly
 from cc_mujoco.cable._coefficients import POSITION as POSITION
 from cc_mujoco.cable._coefficients import TENSION as TENSION
 from cc_mujoco.cable._coefficients import (
@@ -58,11 +58,7 @@ from cc_mujoco.cable._pack import pack as pack
 from cc_mujoco.cable._pack import pack_mesh as pack_mesh
 from cc_mujoco.cable._pack import rebend as rebend
 from cc_mujoco.cable._presliding import preslide
-from cc_mujoco.native import (
-    FloatArray,
-    compiled,
-    internal,
-)
+from cc_mujoco.native import FloatArray, compiled, internal
 
 OK, NOT_FINITE, MARCHED, UNSOLVED = 0, 1, 2, 3
 """Status of a step; on NOT_FINITE the new state is the old one.
@@ -126,42 +122,25 @@ def _solve(
     prm: FloatArray,
     n: int,
     state: FloatArray,
-    tension: FloatArray,
-    stiffness: FloatArray,
-    proximal_p: float,
-    proximal_q: float,
-    distal_p: float,
-    distal_q: float,
+    chain: Chain,
     node: FloatArray,
     work: FloatArray,
 ) -> None:
     """Solve the step with the coefficients in `work`, whatever slips and from where."""
     shift, slipped = at.row(work, n, at.SHIFT), at.row(work, n, at.SLIPPED)
-    growth, growth_proximal = (
-        at.row(work, n, at.GROWTH),
-        at.row(work, n, at.GROWTH_PROXIMAL),
-    )
-    hold_distal, hold_proximal = (
-        at.row(work, n, at.HOLD_DISTAL),
-        at.row(work, n, at.HOLD_PROXIMAL),
-    )
-    drag, viscosity = at.row(work, n, at.DRAG), at.row(work, n, at.VISCOSITY)
+    growth = at.row(work, n, at.GROWTH)
+    growth_proximal = at.row(work, n, at.GROWTH_PROXIMAL)
     if prm[_BRISTLE] > 0.0:
         before_slip = at.slips(state, n)
         for j in range(n):
             slipped[j] = before_slip[j]
         held = at.row(work, n, at.HELD)
         if preslide(
-            n, tension, stiffness, growth, growth_proximal, hold_distal, hold_proximal,
-            drag, viscosity, held, at.row(work, n, at.SPRING),
-            proximal_p, proximal_q, distal_p, distal_q, shift, node, slipped, work,
+            n, chain, growth, growth_proximal, held, at.row(work, n, at.SPRING), shift,
+            node, slipped, work,
         ):  # fmt: skip
             return
-    sweep(
-        n, at.slips(state, n), tension, stiffness, growth, growth_proximal, hold_distal,
-        hold_proximal, drag, viscosity, proximal_p, proximal_q, distal_p, distal_q,
-        shift, node, work,
-    )  # fmt: skip
+    sweep(n, at.slips(state, n), chain, growth, growth_proximal, shift, node, work)
     if prm[_BRISTLE] > 0.0:
         # No elastic part: bristles keep what they can without new energy.
         for j in range(n):
@@ -331,10 +310,12 @@ def solve_step(
         distal_p, distal_q = _end_relation(
             distal_kind, distal_value, distal_moved, tension[n], stiffness[n]
         )
-        _solve(
-            prm, n, state, tension, stiffness,
-            proximal_p, proximal_q, distal_p, distal_q, node, work,
+        chain = Chain(
+            tension, stiffness, at.row(work, n, at.HOLD_DISTAL),
+            at.row(work, n, at.HOLD_PROXIMAL), at.row(work, n, at.DRAG),
+            at.row(work, n, at.VISCOSITY), proximal_p, proximal_q, distal_p, distal_q,
         )  # fmt: skip
+        _solve(prm, n, state, chain, node, work)
         settled = not greased or update_viscosity(prm, n, node, dt, work)
         if is_curved and not nonlinear_elasticity.relinearize(
             prm, n, tension, proximal_kind == TENSION, proximal_moved,

@@ -21,12 +21,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco.cable._chain_solve import lay_slack, slipping, solve
-from cc_mujoco.native import (
-    FloatArray,
-    compiled,
-    internal,
+from cc_mujoco.cable._chain_solve import (
+    Chain,
+    break_away,
+    lay_slack,
+    slipping,
+    solve,
 )
+from cc_mujoco.native import FloatArray, compiled, internal
 
 _MAX_ROUNDS = 20
 """Rounds after which the step is left to `_graph.sweep`. No step of 160 random motions
@@ -40,74 +42,43 @@ _MIN_STIFFNESS_RATIO = 1e-9
 
 
 @internal
-def _limits(
-    proximal: float,
-    w: float,
-    hold_distal: float,
-    hold_proximal: float,
-    drag: float,
-    c: float,
-) -> tuple[float, float]:
+def _limits(chain: Chain, s: int, proximal: float, w: float) -> tuple[float, float]:
     """Return the least and most tension on the right that Coulomb friction allows."""
-    return (
-        proximal - drag + c * w
-    ) / hold_proximal, hold_distal * proximal + drag + c * w
+    drag, c = chain.drag[s], chain.viscosity[s]
+    return (proximal - drag + c * w) / chain.hold_proximal[s], chain.hold_distal[
+        s
+    ] * proximal + drag + c * w
 
 
 @internal
 def _segment_line(
-    direction: float,
-    hold_distal: float,
-    hold_proximal: float,
-    drag: float,
-    viscosity: float,
-    held: float,
-    spring: float,
+    chain: Chain, s: int, direction: float, held: FloatArray, spring: FloatArray
 ) -> tuple[float, float, float]:
-    """Return `gain`, `offset`, `own` of a segment, see `_chain_solve.py`.
+    """Return `gain`, `offset`, `own` of segment s, see `_chain_solve.py`.
 
     It slips towards `direction`, or is held by its bristles where that is 0.
     """
     if direction == 0.0:
-        return 1.0, held, spring + viscosity
-    return slipping(direction, hold_distal, hold_proximal, drag, viscosity)
+        return 1.0, held[s], spring[s] + chain.viscosity[s]
+    return slipping(chain, s, direction)
 
 
 @internal
-def _node_tension(
-    i: int,
-    n: int,
-    tension: FloatArray,
-    stiffness: FloatArray,
-    proximal_p: float,
-    proximal_q: float,
-    distal_p: float,
-    distal_q: float,
-    shift: FloatArray,
-) -> float:
+def _node_tension(i: int, n: int, chain: Chain, shift: FloatArray) -> float:
     """Return the tension of node i after displacements, below 0 where slack [N]."""
     if i == 0:
-        return float(proximal_p + proximal_q * shift[0])
+        return float(chain.proximal_p + chain.proximal_q * shift[0])
     if i == n:
-        return float(distal_p - distal_q * shift[n - 1])
-    return float(tension[i] + stiffness[i] * (shift[i] - shift[i - 1]))
+        return float(chain.distal_p - chain.distal_q * shift[n - 1])
+    return float(chain.tension[i] + chain.stiffness[i] * (shift[i] - shift[i - 1]))
 
 
 @internal
 def _solve_choices(
     n: int,
-    tension: FloatArray,
-    stiffness: FloatArray,
-    hold_distal: FloatArray,
-    hold_proximal: FloatArray,
-    drag: FloatArray,
-    viscosity: FloatArray,
+    chain: Chain,
     held: FloatArray,
     spring: FloatArray,
-    proximal_p: float,
-    proximal_q: float,
-    distal_p: float,
-    distal_q: float,
     direction: FloatArray,
     slack_before: FloatArray,
     slack_behind: FloatArray,
@@ -115,23 +86,21 @@ def _solve_choices(
     work: FloatArray,
 ) -> None:
     """Solve for the displacements by elimination, given `_find_choices`."""
+    tension, stiffness = chain.tension, chain.stiffness
     ratio, right = work[:n], work[n : 2 * n]
     for s in range(n):
-        gain, offset, own = _segment_line(
-            direction[s], hold_distal[s], hold_proximal[s], drag[s], viscosity[s],
-            held[s], spring[s],
-        )  # fmt: skip
+        gain, offset, own = _segment_line(chain, s, direction[s], held, spring)
         low, diagonal, high = 0.0, max(own, _MIN_STIFFNESS_RATIO * stiffness[s]), 0.0
         constant = -offset
         if slack_before[s] == 0.0:
-            p, q = proximal_p, proximal_q
+            p, q = chain.proximal_p, chain.proximal_q
             if s > 0:
                 p, q = tension[s], stiffness[s]
                 low = -gain * q
             diagonal += gain * q
             constant -= gain * p
         if slack_behind[s] == 0.0:
-            p, q = distal_p, distal_q
+            p, q = chain.distal_p, chain.distal_q
             if s < n - 1:
                 p, q = tension[s + 1], stiffness[s + 1]
                 high = -q
@@ -149,18 +118,9 @@ def _solve_choices(
 @internal
 def _find_choices(
     n: int,
-    tension: FloatArray,
-    stiffness: FloatArray,
-    hold_distal: FloatArray,
-    hold_proximal: FloatArray,
-    drag: FloatArray,
-    viscosity: FloatArray,
+    chain: Chain,
     held: FloatArray,
     spring: FloatArray,
-    proximal_p: float,
-    proximal_q: float,
-    distal_p: float,
-    distal_q: float,
     shift: FloatArray,
     direction: FloatArray,
     slack: FloatArray,
@@ -186,9 +146,8 @@ def _find_choices(
         slack_before[s], slack_behind[s] = slack[s], slack[s + 1]
     for _ in range(_ALTERNATIONS):
         _solve_choices(
-            n, tension, stiffness, hold_distal, hold_proximal, drag, viscosity, held,
-            spring, proximal_p, proximal_q, distal_p, distal_q, direction, slack_before,
-            slack_behind, shift, work[2 * n :],
+            n, chain, held, spring, direction, slack_before, slack_behind, shift,
+            work[2 * n :],
         )  # fmt: skip
         settled = True
         for minimum in range(2):
@@ -196,21 +155,14 @@ def _find_choices(
                 break
             for s in range(n):
                 w = shift[s]
-                before = _node_tension(
-                    s, n, tension, stiffness, proximal_p, proximal_q, distal_p,
-                    distal_q, shift,
-                )  # fmt: skip
-                behind = _node_tension(
-                    s + 1, n, tension, stiffness, proximal_p, proximal_q, distal_p,
-                    distal_q, shift,
-                )  # fmt: skip
+                before = _node_tension(s, n, chain, shift)
+                behind = _node_tension(s + 1, n, chain, shift)
                 proximal = max(before, 0.0)
-                scale = abs(before) + abs(behind) + drag[s] + abs(held[s])
-                scale += (stiffness[s] + spring[s] + viscosity[s]) * abs(w)
-                least, most = _limits(
-                    proximal, w, hold_distal[s], hold_proximal[s], drag[s], viscosity[s]
-                )
-                elastic = proximal + held[s] + (spring[s] + viscosity[s]) * w
+                viscosity = chain.viscosity[s]
+                scale = abs(before) + abs(behind) + chain.drag[s] + abs(held[s])
+                scale += (chain.stiffness[s] + spring[s] + viscosity) * abs(w)
+                least, most = _limits(chain, s, proximal, w)
+                elastic = proximal + held[s] + (spring[s] + viscosity) * w
                 largest = max(least, elastic)
                 value, best = largest, min(largest, most)
                 node, chosen = behind, slack_behind
@@ -240,20 +192,11 @@ def _find_choices(
 @compiled
 def preslide(
     n: int,
-    tension: FloatArray,
-    stiffness: FloatArray,
+    chain: Chain,
     growth_distal: FloatArray,
     growth_proximal: FloatArray,
-    hold_distal: FloatArray,
-    hold_proximal: FloatArray,
-    drag: FloatArray,
-    viscosity: FloatArray,
     held: FloatArray,
     spring: FloatArray,
-    proximal_p: float,
-    proximal_q: float,
-    distal_p: float,
-    distal_q: float,
     shift: FloatArray,
     node: FloatArray,
     slipped: FloatArray,
@@ -271,7 +214,7 @@ def preslide(
     gain, offset, own = lines[:n], lines[n : 2 * n], lines[2 * n :]
     free = rest[2 * n :]
     for i in range(n + 1):
-        slack[i] = 1.0 if tension[i] < 0.0 else 0.0
+        slack[i] = 1.0 if chain.tension[i] < 0.0 else 0.0
     for s in range(n):
         slip_direction[s] = 0.0
         if slipped[s] != 0.0:
@@ -280,25 +223,16 @@ def preslide(
     for rounds in range(_MAX_ROUNDS):
         if rounds >= _QUICK_ROUNDS:
             _find_choices(
-                n, tension, stiffness, hold_distal, hold_proximal, drag, viscosity,
-                held, spring, proximal_p, proximal_q, distal_p, distal_q, shift,
-                slip_direction, slack, work[2 * n + 1 :],
-            )  # fmt: skip
+                n, chain, held, spring, shift, slip_direction, slack, work[2 * n + 1 :]
+            )
         for s in range(n):
             gain[s], offset[s], own[s] = _segment_line(
-                slip_direction[s], hold_distal[s], hold_proximal[s], drag[s],
-                viscosity[s], held[s], spring[s],
-            )  # fmt: skip
-        solve(
-            n, tension, stiffness, gain, offset, own, slack,
-            proximal_p, proximal_q, distal_p, distal_q, shift, node, rest,
-        )  # fmt: skip
+                chain, s, slip_direction[s], held, spring
+            )
+        solve(n, chain, gain, offset, own, slack, shift, node, rest)
         for s in range(n):
             free[s] = 1.0 if own[s] == 0.0 and offset[s] == 0.0 else 0.0
-        lay_slack(
-            n, free, tension, stiffness, slack,
-            proximal_p, proximal_q, distal_p, distal_q, shift,
-        )  # fmt: skip
+        lay_slack(n, chain, free, slack, shift)
         largest = 0.0
         for i in range(n + 1):
             largest = max(largest, abs(node[i]))
@@ -306,22 +240,17 @@ def preslide(
         for i in range(n + 1):
             behind = shift[i - 1] if i > 0 else 0.0
             ahead = shift[i] if i < n else 0.0
-            strained = _node_tension(
-                i, n, tension, stiffness, proximal_p, proximal_q, distal_p, distal_q,
-                shift,
-            )  # fmt: skip
+            strained = _node_tension(i, n, chain, shift)
             now = 1.0 if strained < 0.0 else 0.0
             if now != slack[i]:
                 slack[i] = now
-                scale = largest + stiffness[i] * (abs(ahead) + abs(behind))
+                scale = largest + chain.stiffness[i] * (abs(ahead) + abs(behind))
                 if abs(strained) > _ROUNDING * scale:
                     settled = False
         for s in range(n):
             proximal, w = node[s], shift[s]
-            least, most = _limits(
-                proximal, w, hold_distal[s], hold_proximal[s], drag[s], viscosity[s]
-            )
-            elastic = proximal + held[s] + (spring[s] + viscosity[s]) * w
+            least, most = _limits(chain, s, proximal, w)
+            elastic = proximal + held[s] + (spring[s] + chain.viscosity[s]) * w
             now, wanted = 0.0, elastic
             if elastic > most:
                 now, wanted = 1.0, most
@@ -332,7 +261,7 @@ def preslide(
                 # No displacement balances drag without tension: its bristles give way.
                 now, settled = 0.0, False
             if now != slip_direction[s]:
-                scale = abs(proximal) + abs(node[s + 1]) + drag[s]
+                scale = abs(proximal) + abs(node[s + 1]) + chain.drag[s]
                 if abs(node[s + 1] - wanted) > _ROUNDING * scale:
                     settled = False
                 slip_direction[s] = now
@@ -340,13 +269,7 @@ def preslide(
             continue
         # A segment that slips follows the kinetic law: solve again with it.
         for s in range(n):
-            if slip_direction[s] > 0.0 and hold_distal[s] != growth_distal[s]:
-                hold_distal[s] = growth_distal[s]
-                hold_proximal[s] = min(hold_proximal[s], growth_proximal[s])
-                settled = False
-            elif slip_direction[s] < 0.0 and hold_proximal[s] != growth_proximal[s]:
-                hold_proximal[s] = growth_proximal[s]
-                hold_distal[s] = min(hold_distal[s], growth_distal[s])
+            if break_away(chain, s, slip_direction[s], growth_distal, growth_proximal):
                 settled = False
         if settled:
             break
@@ -362,9 +285,9 @@ def preslide(
         slipped[s] = 0.0
         if slip_direction[s] != 0.0:
             # What Coulomb friction takes, without the share of viscosity.
-            force = (hold_distal[s] - 1.0) * proximal + drag[s]
+            force = (chain.hold_distal[s] - 1.0) * proximal + chain.drag[s]
             if slip_direction[s] < 0.0:
-                force = -(hold_proximal[s] - 1.0) * node[s + 1] - drag[s]
+                force = -(chain.hold_proximal[s] - 1.0) * node[s + 1] - chain.drag[s]
             if spring[s] > 0.0:
                 slipped[s] = (stretched - force) / spring[s]
             else:

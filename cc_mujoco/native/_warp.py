@@ -57,6 +57,14 @@ def translate(functions: Iterable[Any], known: Known) -> WarpSource:
     return library.text()
 
 
+def _field_types(record: Any) -> dict[str, str]:
+    """Return the annotations of a named tuple, as they are written."""
+    return {
+        field: getattr(kind, "__forward_arg__", kind)
+        for field, kind in record.__annotations__.items()
+    }
+
+
 def _is_record(found: Any) -> bool:
     """Return whether an object is a class of named tuples."""
     return isinstance(found, type) and hasattr(found, "_fields")
@@ -81,7 +89,10 @@ class _Library:
         ]
         records = [
             f"@wp.struct\nclass {name}:\n"
-            + "".join(f"    {field}: Real\n" for field in record._fields)
+            + "".join(
+                f"    {field}: {_ANNOTATIONS[kind]}\n"
+                for field, kind in _field_types(record).items()
+            )
             for name, record in self._records.items()
         ]
         parts = ["\n".join(literals), *records, *self._text.values()]

@@ -6,6 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cc_mujoco.cable._chain_solve import Chain
 from cc_mujoco.cable._fronts import march
 from cc_mujoco.cable._graph import solve_by_graph, solve_with_slack, sweep
 from cc_mujoco.native import FloatArray
@@ -35,12 +36,12 @@ def by_march(n, tension, stiffness, growth, drag, proximal, distal):
 def by_sweep(n, tension, stiffness, growth, drag, proximal, distal, last=None):
     shift, node, work = np.empty(n), np.empty(n + 1), np.zeros(11 * (n + 1))
     last = np.zeros(n) if last is None else last
-    sweep(
-        n, last, tension, stiffness, growth, growth, growth.copy(), growth.copy(), drag,
-        np.zeros(n),
+    given = Chain(
+        tension, stiffness, growth.copy(), growth.copy(), drag, np.zeros(n),
         tension[0] - stiffness[0] * proximal, stiffness[0],
-        tension[n] + stiffness[n] * distal, stiffness[n], shift, node, work,
+        tension[n] + stiffness[n] * distal, stiffness[n],
     )  # fmt: skip
+    sweep(n, last, given, growth, growth, shift, node, work)
     return shift, node
 
 
@@ -119,14 +120,14 @@ def solve_both(
     work, none = np.zeros(11 * (n + 1)), np.zeros(n)
     proximal_p = tension[0] - stiffness[0] * proximal
     distal_p = tension[n] + stiffness[n] * distal
-    solve_by_graph(
-        n, tension, stiffness, growth, growth, drag, none, proximal_p, stiffness[0],
-        distal_p, stiffness[n], right[:n], right[n:], work,
+    given = Chain(
+        tension, stiffness, growth, growth, drag, none, proximal_p, stiffness[0],
+        distal_p, stiffness[n],
     )  # fmt: skip
+    solve_by_graph(n, given, right[:n], right[n:], work)
     return solve_with_slack(
-        n, tension, stiffness, growth, growth, drag, none, guess[:n], guess[n:],
-        proximal_p, stiffness[0], distal_p, stiffness[n], found[:n], found[n:],
-        work[: 3 * n], work[3 * n :],
+        n, given, guess[:n], guess[n:], found[:n], found[n:], work[: 3 * n],
+        work[3 * n :],
     )  # fmt: skip
 
 

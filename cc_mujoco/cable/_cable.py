@@ -462,64 +462,45 @@ class Cable:
             if plain and p.low <= value <= p.high:
                 continue  # most are, and cables are made by the thousand
             if not p.admits(value):
-                raise CableError(
-                    f"cable parameter `{p.name}` is {value!r}; it must be {p.allowed}"
-                )
+                raise self._refusal(p.name, p.allowed)
             object.__setattr__(self, p.name, float(value))
         if 0.0 < self.static_friction < self.friction:
-            raise CableError(
-                f"cable parameter `static_friction` is {self.static_friction!r}; it "
-                f"must be 0 (off) or at least `friction` = {self.friction!r}"
-            )
+            allowed = f"0 (off) or at least `friction` = {self.friction!r}"
+            raise self._refusal("static_friction", allowed)
         if self.tension_exponent != 0.0 and self.pretension == 0.0:
-            raise CableError(
-                f"cable parameter `tension_exponent` is {self.tension_exponent!r}; it "
-                "must be 0 (off) where `pretension` is 0"
-            )
+            raise self._refusal("tension_exponent", "0 (off) where `pretension` is 0")
         if (
             not isinstance(self.segments, int)
             or isinstance(self.segments, bool)
             or not 1 <= self.segments <= MAX_SEGMENTS
         ):
-            raise CableError(
-                f"cable parameter `segments` is {self.segments!r}; "
-                f"it must be {SEGMENTS_ALLOWED}"
-            )
+            raise self._refusal("segments", SEGMENTS_ALLOWED)
         try:
             sections = tuple(Section(float(a), float(b)) for a, b in self.conduit)
         except (TypeError, ValueError):
-            raise CableError(
-                f"cable parameter `conduit` is {self.conduit!r}; it must be sections, "
-                "each a length and a radius in metres; text as in MJCF is for "
-                "Cable.from_config"
-            ) from None
+            allowed = (
+                "sections, each a length and a radius in metres; text as in MJCF is "
+                "for Cable.from_config"
+            )
+            raise self._refusal("conduit", allowed) from None
         valid = all(
             0.0 < s.length <= MAX_LENGTH and s.length <= MAX_WRAP * s.radius
             for s in sections
         )
         if not valid or not 1 <= len(sections) <= MAX_SECTIONS:
-            raise CableError(
-                f"cable parameter `conduit` is {self.conduit!r}; "
-                f"it must be {CONDUIT_ALLOWED}"
-            )
+            raise self._refusal("conduit", CONDUIT_ALLOWED)
         object.__setattr__(self, "conduit", sections)
         if self.bend not in BENDS:
-            raise CableError(
-                f"cable parameter `bend` is {self.bend!r}; it must be {BEND_ALLOWED}"
-            )
+            raise self._refusal("bend", BEND_ALLOWED)
         if self.bend == "route" and not self.route:
             raise CableError(
                 "cable parameter `bend` is 'route' but `route` is empty; it must name "
                 "the spatial tendon that the conduit follows"
             )
         if self.ends not in ENDS:
-            raise CableError(
-                f"cable parameter `ends` is {self.ends!r}; it must be {ENDS_ALLOWED}"
-            )
+            raise self._refusal("ends", ENDS_ALLOWED)
         if self.path not in PATHS:
-            raise CableError(
-                f"cable parameter `path` is {self.path!r}; it must be {PATH_ALLOWED}"
-            )
+            raise self._refusal("path", PATH_ALLOWED)
         if self.path != PATHS[0] and not self.route:
             raise CableError(
                 f"cable parameter `path` is {self.path!r} but `route` is empty; it "
@@ -532,16 +513,19 @@ class Cable:
             )
         object.__setattr__(self, "guides", _valid_guides(self.guides, self.path))
         if self.clearance > 0.0 and self.path != PATHS[0]:
-            raise CableError(
-                f"cable parameter `clearance` is {self.clearance!r}; it must be 0 "
-                "(off) where `path` is not 'guided'"
-            )
+            raise self._refusal("clearance", "0 (off) where `path` is not 'guided'")
         for name in OF_A_CONDUIT if self.path == "open" else ():
             if getattr(self, name) != 0.0:
                 raise CableError(
                     f"cable parameter `{name}` is that of a conduit; it must be 0 "
                     "(off) where `path` is 'open'"
                 )
+
+    def _refusal(self, name: str, allowed: str) -> CableError:
+        given = getattr(self, name)
+        return CableError(
+            f"cable parameter `{name}` is {given!r}; it must be {allowed}"
+        )
 
     @property
     def length(self) -> float:
@@ -627,11 +611,7 @@ class Cable:
             values["segments"] = int(digits)
         if "conduit" in config:
             values["conduit"] = _parse_sections(config["conduit"], where)
-        values["route"] = config.get("route", "")
-        values["bend"] = config.get("bend", BENDS[0])
-        values["path"] = config.get("path", PATHS[0])
-        values["mouth"] = config.get("mouth", "")
-        values["ends"] = config.get("ends", ENDS[0])
+        values |= {name: config[name] for name in _TEXTS if name in config}
         if "guides" in config:
             values["guides"] = _parse_guides(config["guides"], where)
         try:
@@ -644,16 +624,9 @@ class Cable:
         config = {p.name: repr(getattr(self, p.name)) for p in PARAMETERS}
         config["segments"] = str(self.segments)
         config["conduit"] = " ".join(f"{s.length!r}:{s.radius!r}" for s in self.conduit)
-        if self.route:
-            config["route"] = self.route
-        if self.bend != BENDS[0]:
-            config["bend"] = self.bend
-        if self.path != PATHS[0]:
-            config["path"] = self.path
-        if self.mouth:
-            config["mouth"] = self.mouth
-        if self.ends != ENDS[0]:
-            config["ends"] = self.ends
+        for name in _TEXTS:
+            if (text := getattr(self, name)) != getattr(Cable, name):
+                config[name] = text
         if self.guides:
             words = (
                 f"{g.name}:{ROLLER if g.radius == ROLLER else repr(g.radius)}"
@@ -699,6 +672,7 @@ TERMS: dict[str, Term] = {p.name: p.term for p in PARAMETERS if p.term is not No
 
 KEYS = tuple(field.name for field in dataclasses.fields(Cable))
 """All configuration keys of a cable."""
+_TEXTS = ("route", "bend", "path", "mouth", "ends")
 
 
 def _parse_decimal(text: str) -> float | None:
@@ -714,7 +688,7 @@ def _parse_decimal(text: str) -> float | None:
 
 def _parse_sections(text: str, where: str) -> tuple[Section, ...]:
     sections = []
-    for word in text.split():
+    for word in text.split() or [""]:
         length, _, radius = word.partition(":")
         number = _parse_decimal(length)
         bend = math.inf if radius == "inf" else _parse_decimal(radius)
@@ -723,10 +697,6 @@ def _parse_sections(text: str, where: str) -> tuple[Section, ...]:
                 f"{where}: key `conduit` is {text!r}; it must be {CONDUIT_ALLOWED}"
             )
         sections.append(Section(number, bend))
-    if not sections:
-        raise CableError(
-            f"{where}: key `conduit` is {text!r}; it must be {CONDUIT_ALLOWED}"
-        )
     return tuple(sections)
 
 

@@ -25,10 +25,8 @@ def write_holds(
     """Write and return H of segments whose friction is constant, towards both ends."""
     growth, hold = at.constant_growth(prm, n), at.constant_hold(prm, n)
     slips = at.slips(state, n)
-    distal, proximal = (
-        at.row(work, n, at.HOLD_DISTAL),
-        at.row(work, n, at.HOLD_PROXIMAL),
-    )
+    distal = at.row(work, n, at.HOLD_DISTAL)
+    proximal = at.row(work, n, at.HOLD_PROXIMAL)
     for j in range(n):
         # A segment that goes on slipping the same way has already broken away.
         distal[j] = growth[j] if slips[j] > 0.0 else hold[j]
@@ -57,14 +55,10 @@ def write_coefficients(
     is_state_dependent = prm[at.STATE_DEPENDENT] != 0.0
     asymmetry = values[_ASYMMETRY]
     guided, length = int(prm[at.GUIDED]), at.contact_length(prm, n)
-    growth, growth_proximal = (
-        at.row(work, n, at.GROWTH),
-        at.row(work, n, at.GROWTH_PROXIMAL),
-    )
-    hold_distal, hold_proximal = (
-        at.row(work, n, at.HOLD_DISTAL),
-        at.row(work, n, at.HOLD_PROXIMAL),
-    )
+    growth = at.row(work, n, at.GROWTH)
+    growth_proximal = at.row(work, n, at.GROWTH_PROXIMAL)
+    hold_distal = at.row(work, n, at.HOLD_DISTAL)
+    hold_proximal = at.row(work, n, at.HOLD_PROXIMAL)
     drag, viscosity = at.row(work, n, at.DRAG), at.row(work, n, at.VISCOSITY)
     resting = law.holding_coefficient(values)
     drift = 1.0
@@ -133,12 +127,10 @@ def friction_holds(
 ) -> bool:
     for j in range(n):
         proximal, distal = max(tension[j], 0.0), max(tension[j + 1], 0.0)
-        if (
-            overcome_direction(
-                proximal, distal, hold_distal[j], hold_proximal[j], drag[j]
-            )
-            != 0
-        ):
+        way = overcome_direction(
+            proximal, distal, hold_distal[j], hold_proximal[j], drag[j]
+        )
+        if way != 0:
             return False
     return True
 

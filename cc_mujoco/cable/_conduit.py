@@ -39,12 +39,8 @@ def packed_parameters(cable: Cable) -> FloatArray:
     """Return the cable's parameters as the vector that the kernel reads."""
     require_kind("cable", cable, Cable)
     prm = np.empty(kernel.parameter_size(cable.segments))
-    kernel.pack(
-        np.array(cable.scalars),
-        np.array(cable.conduit, dtype=np.float64),
-        cable.segments,
-        prm,
-    )
+    sections = np.array(cable.conduit, dtype=np.float64)
+    kernel.pack(np.array(cable.scalars), sections, cable.segments, prm)
     return prm
 
 
@@ -65,11 +61,8 @@ def node_lengths(cable: Cable) -> FloatArray:
 
 def end_stiffness(cable: Cable) -> tuple[float, float]:
     """Return the stiffness of both ends if only the outermost segment moves [N/m]."""
-    length = node_lengths(cable)
-    return (
-        cable.axial_stiffness / float(length[0]),
-        cable.axial_stiffness / float(length[-1]),
-    )
+    proximal, *_, distal = node_lengths(cable).tolist()
+    return cable.axial_stiffness / proximal, cable.axial_stiffness / distal
 
 
 def segment_lengths(cable: Cable) -> FloatArray:
@@ -215,17 +208,10 @@ class Conduit:
                     "one number, of a tension 0 or more"
                 )
         status = kernel.step(
-            self._prm,
-            self.cable.segments,
-            self._state,
-            proximal_kind,
-            float(proximal_value),
-            distal_kind,
-            float(distal_value),
-            float(dt),
-            self._next,
-            self._work,
-        )
+            self._prm, self.cable.segments, self._state, proximal_kind,
+            float(proximal_value), distal_kind, float(distal_value), float(dt),
+            self._next, self._work,
+        )  # fmt: skip
         if status != kernel.OK or not np.all(np.isfinite(self._next)):
             raise CableError(
                 f"ends of the cable are driven to {proximal_value:g} and "
@@ -369,33 +355,12 @@ def replay(
     tension = np.empty((rows, n + 1))
     direction = np.empty((rows, n), dtype=np.int8)
     _play(
-        prm,
-        n,
-        state,
-        proximal_kind,
-        proximal,
-        distal_kind,
-        distal,
-        dt,
-        state.copy(),
-        np.empty(kernel.work_size(n)),
-        summary,
-        tension,
-        direction,
-    )
+        prm, n, state, proximal_kind, proximal, distal_kind, distal, dt, state.copy(),
+        np.empty(kernel.work_size(n)), summary, tension, direction,
+    )  # fmt: skip
     require_no_overflow(summary, proximal, distal)
-    return Replay(
-        u_proximal=summary[0],
-        u_distal=summary[1],
-        tension_proximal=summary[2],
-        tension_distal=summary[3],
-        moving_fraction=summary[4],
-        slack=summary[5],
-        stored=summary[6],
-        dissipated=summary[7],
-        tension=tension if profile else None,
-        direction=direction if profile else None,
-    )
+    profiles = (tension, direction) if profile else (None, None)
+    return Replay(*summary, *profiles)
 
 
 @compiled
@@ -420,17 +385,9 @@ def _play(
             return
         # A prescribed position has nothing to say at the first sample; a tension does.
         kernel.step(
-            prm,
-            n,
-            state,
-            proximal_kind,
-            proximal[row],
-            distal_kind,
-            distal[row],
-            dt,
-            new_state,
-            work,
-        )
+            prm, n, state, proximal_kind, proximal[row], distal_kind, distal[row], dt,
+            new_state, work,
+        )  # fmt: skip
         state, new_state = new_state, state
         moving = 0
         for j in range(n):

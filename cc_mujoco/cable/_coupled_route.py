@@ -113,15 +113,8 @@ class CoupledCables:
             ]
         )
         proximal, distal, torque, pull, lost = np.moveaxis(played, 0, 1)
-        return Driven(
-            motor,
-            pull.sum(axis=0),
-            joint,
-            torque.sum(axis=0),
-            proximal,
-            distal,
-            lost,
-        )
+        torques = pull.sum(axis=0), torque.sum(axis=0)
+        return Driven(motor, torques[0], joint, torques[1], proximal, distal, lost)
 
     def _played(
         self,
@@ -137,34 +130,23 @@ class CoupledCables:
         cables = stepper.Cables(
             prm[None], np.array([cable.segments]), arm, arm, np.zeros(1)
         )
-        step = course.joint[1] - course.joint[0]
+        step, gain = course.joint[1] - course.joint[0], course.gain
+        if gain is None:
+            gain = np.gradient(course.gained, step, axis=0)
         reached = self.distal_share * course.distal
-        out = np.empty((5, motor.size))
+        if course.arm is None:
+            slope = np.gradient(reached, step)
+        else:
+            slope = self.distal_share * course.arm
+        tables = _Tables(
+            float(course.joint[0]), float(step), course.wrap, course.contact,
+            course.length, course.gained, gain, reached, slope,
+        )  # fmt: skip
+        n, out = cable.segments, np.empty((5, motor.size))
         _play(
-            cables,
-            _Tables(
-                float(course.joint[0]),
-                float(step),
-                course.wrap,
-                course.contact,
-                course.length,
-                course.gained,
-                np.gradient(course.gained, step, axis=0)
-                if course.gain is None
-                else course.gain,
-                reached,
-                np.gradient(reached, step)
-                if course.arm is None
-                else self.distal_share * course.arm,
-            ),
-            motor,
-            joint,
-            dt,
-            np.zeros((2, kernel.state_size(cable.segments))),
-            np.empty(kernel.work_size(cable.segments)),
-            np.zeros((8, cable.segments + 1)),
-            out,
-        )
+            cables, tables, motor, joint, dt, np.zeros((2, kernel.state_size(n))),
+            np.empty(kernel.work_size(n)), np.zeros((8, n + 1)), out,
+        )  # fmt: skip
         return out
 
 
@@ -204,10 +186,15 @@ class _Tables(NamedTuple):
 
 @internal
 def _interpolate_row(
-    row: FloatArray, following: FloatArray, share: float, out: FloatArray
+    table: FloatMatrix, row: int, share: float, out: FloatArray
 ) -> None:
     for i in range(out.size):
-        out[i] = row[i] + share * (following[i] - row[i])
+        out[i] = table[row, i] + share * (table[row + 1, i] - table[row, i])
+
+
+@internal
+def _between_rows(table: FloatArray, row: int, share: float) -> float:
+    return float(table[row] + share * (table[row + 1] - table[row]))
 
 
 @internal
@@ -248,12 +235,10 @@ def _play(
     longer, length, was = nodes[5], nodes[6], nodes[7]
     lengthens = prm[layout.PATH_LENGTHENS] != 0.0
     row, share = _table_position(tables, joint[0])
-    _interpolate_row(tables.gained[row], tables.gained[row + 1], share, before)
+    _interpolate_row(tables.gained, row, share, before)
     if lengthens:
-        _interpolate_row(tables.length[row], tables.length[row + 1], share, length)
-    u_distal = tables.distal[row] + share * (
-        tables.distal[row + 1] - tables.distal[row]
-    )
+        _interpolate_row(tables.length, row, share, length)
+    u_distal = _between_rows(tables.distal, row, share)
     u_proximal, _ = stepper.proximal_displacement(cables, 0, motor[0])
     kernel.initialize(prm, n, u_proximal, u_distal, state)
     for k in range(motor.size):
@@ -262,19 +247,15 @@ def _play(
         u_proximal, lever = stepper.proximal_displacement(cables, 0, motor[k])
         if k == 0 or joint[k] != joint[k - 1]:
             row, share = _table_position(tables, joint[k])
-            _interpolate_row(tables.wrap[row], tables.wrap[row + 1], share, wrap)
-            _interpolate_row(
-                tables.contact[row], tables.contact[row + 1], share, contact
-            )
-            _interpolate_row(tables.gained[row], tables.gained[row + 1], share, gained)
-            _interpolate_row(tables.gain[row], tables.gain[row + 1], share, gain)
-            u_distal = tables.distal[row] + share * (
-                tables.distal[row + 1] - tables.distal[row]
-            )
+            _interpolate_row(tables.wrap, row, share, wrap)
+            _interpolate_row(tables.contact, row, share, contact)
+            _interpolate_row(tables.gained, row, share, gained)
+            _interpolate_row(tables.gain, row, share, gain)
+            u_distal = _between_rows(tables.distal, row, share)
             set_path(prm, n, wrap, contact)
         if lengthens:
             was, length = length, was
-            _interpolate_row(tables.length[row], tables.length[row + 1], share, length)
+            _interpolate_row(tables.length, row, share, length)
             for i in range(n + 1):
                 longer[i] = gained[i] - before[i]
                 before[i] = gained[i]
@@ -282,8 +263,7 @@ def _play(
         kernel.advance(prm, n, state, u_proximal, u_distal, dt, new, work)
         state, new = new, state
         tension = layout.tensions(state, n)
-        arm = tables.arm[row] + share * (tables.arm[row + 1] - tables.arm[row])
-        torque = -arm * max(tension[n], 0.0)
+        torque = -_between_rows(tables.arm, row, share) * max(tension[n], 0.0)
         for i in range(n + 1):
             torque -= gain[i] * max(tension[i], 0.0)
         out[0, k], out[1, k] = max(tension[0], 0.0), max(tension[n], 0.0)

@@ -20,11 +20,7 @@ it does while coefficients are constant. It says so when it fails, and
 
 from __future__ import annotations
 
-from cc_mujoco.native import (
-    FloatArray,
-    compiled,
-    internal,
-)
+from cc_mujoco.native import FloatArray, compiled, internal
 
 LIMIT_TOLERANCE = 1e-11
 """Relative excess over the friction limit that counts as holding (rounding)."""
@@ -202,12 +198,9 @@ def march(
         last = i + 1 == j
         ahead = distal_e[j] / distal_c[j] if last else tension[i + 1]
         slip_direction = overcome_direction(
-            max(proximal_e[i] / proximal_c[i], 0.0),
-            max(ahead, 0.0),
-            hold_distal[i],
-            hold_proximal[i],
-            drag[i],
-        )
+            max(proximal_e[i] / proximal_c[i], 0.0), max(ahead, 0.0), hold_distal[i],
+            hold_proximal[i], drag[i],
+        )  # fmt: skip
         from_proximal = slip_direction != 0
         if last and slip_direction != 0 and proximal_direction != slip_direction:
             from_proximal = (
@@ -217,12 +210,9 @@ def march(
             if not last:
                 s = j - 1
                 slip_direction = overcome_direction(
-                    max(tension[s], 0.0),
-                    max(distal_e[j] / distal_c[j], 0.0),
-                    hold_distal[s],
-                    hold_proximal[s],
-                    drag[s],
-                )
+                    max(tension[s], 0.0), max(distal_e[j] / distal_c[j], 0.0),
+                    hold_distal[s], hold_proximal[s], drag[s],
+                )  # fmt: skip
             if slip_direction == 0:
                 settled = True
                 break
@@ -231,17 +221,12 @@ def march(
                 return False
             proximal_direction = slip_direction
             i += 1
-            proximal_a[s], proximal_b[s], proximal_c[i], proximal_e[i] = (
-                _carry_relation(
-                    proximal_c[s],
-                    proximal_e[s],
-                    growth[s],
-                    drag[s],
-                    compliance[i],
-                    tension[i],
-                    slip_direction > 0,
-                )
-            )
+            after = _carry_relation(
+                proximal_c[s], proximal_e[s], growth[s], drag[s],
+                compliance[i], tension[i], slip_direction > 0,
+            )  # fmt: skip
+            proximal_a[s], proximal_b[s] = after[0], after[1]
+            proximal_c[i], proximal_e[i] = after[2], after[3]
         else:
             if distal_direction == -slip_direction:
                 return False
@@ -265,17 +250,12 @@ def march(
                     i -= 1
             elif proximal * float(slip_direction) < 0.0:
                 for s in range(j - 1, 0, -1):
-                    distal_a[s], distal_b[s], distal_c[s], distal_e[s] = (
-                        _carry_relation(
-                            distal_c[s + 1],
-                            distal_e[s + 1],
-                            growth[s],
-                            drag[s],
-                            compliance[s],
-                            tension[s],
-                            slip_direction < 0,
-                        )
-                    )
+                    after = _carry_relation(
+                        distal_c[s + 1], distal_e[s + 1], growth[s], drag[s],
+                        compliance[s], tension[s], slip_direction < 0,
+                    )  # fmt: skip
+                    distal_a[s], distal_b[s] = after[0], after[1]
+                    distal_c[s], distal_e[s] = after[2], after[3]
                 distal_direction = slip_direction
                 i = 0
             else:
@@ -293,11 +273,8 @@ def march(
         # unless only static friction holds the segment as a whole.
         turning = met or not overcome_direction(
             max(proximal_e[i] / proximal_c[i], 0.0),
-            max(distal_e[j] / distal_c[j], 0.0),
-            growth[i],
-            growth[i],
-            drag[i],
-        )
+            max(distal_e[j] / distal_c[j], 0.0), growth[i], growth[i], drag[i],
+        )  # fmt: skip
         moved = 0
         while turning:
             at_null = _null_slip(
@@ -330,15 +307,10 @@ def march(
                 )
                 proximal_a[i], proximal_b[i], proximal_c[j], proximal_e[j] = (
                     _carry_relation(
-                        proximal_c[i],
-                        proximal_e[i],
-                        growth[i],
-                        drag[i],
-                        compliance[j],
-                        tension[j],
-                        proximal_direction > 0,
+                        proximal_c[i], proximal_e[i], growth[i], drag[i],
+                        compliance[j], tension[j], proximal_direction > 0,
                     )
-                )
+                )  # fmt: skip
             else:
                 distal_direction = (
                     -proximal_direction if distal_direction == 0 else distal_direction

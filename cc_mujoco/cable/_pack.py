@@ -9,12 +9,7 @@ from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable import _nodes as nodes
 from cc_mujoco.cable._mesh import lay_segments, measure_conduit, segment_wraps
-from cc_mujoco.native import (
-    FloatArray,
-    FloatMatrix,
-    compiled,
-    internal,
-)
+from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 
 _EA = law.INDEX["axial_stiffness"]
 _PRETENSION = law.INDEX["pretension"]

@@ -167,15 +167,9 @@ def parameter(
     term: Term | None = None,
 ) -> float:
     """Define a field of a dataclass that carries its `Parameter`."""
+    source = term.source if term else ""
     described = Parameter(
-        "",
-        unit,
-        meaning,
-        *bounds,
-        low_open,
-        default,
-        source=term.source if term else "",
-        term=term,
+        "", unit, meaning, *bounds, low_open, default, source=source, term=term
     )
     return dataclasses.field(default=default, metadata={_KEY: described})
 

@@ -179,46 +179,24 @@ class Transmission:
         cables = self._stepped()
         count, most = len(self.cables), max(each.segments for each in self.cables)
         out = np.empty((2 + 4 * count, proximal.size))
+        state, new = np.zeros((2, count, kernel.state_size(most)))
         _drive(
-            cables,
-            proximal_kind,
-            proximal,
-            distal_kind,
-            distal,
-            0.5 * self.backlash,
-            dt,
-            np.zeros((count, kernel.state_size(most))),
-            np.zeros((count, kernel.state_size(most))),
-            np.empty(kernel.work_size(most)),
-            out,
-        )
+            cables, proximal_kind, proximal, distal_kind, distal, 0.5 * self.backlash,
+            dt, state, new, np.empty(kernel.work_size(most)), out,
+        )  # fmt: skip
         require_no_overflow(out, proximal, distal)
         motor, joint = out[:2]
-        lever, tension_proximal, tension_distal, dissipated = out[2:].reshape(
-            4, count, -1
-        )
-        return Driven(
-            motor,
-            _net_tension(tension_proximal * lever)
-            * (self.motor_radius / self.gear_ratio),
-            joint,
-            _net_tension(tension_distal) * self.joint_radius,
-            tension_proximal,
-            tension_distal,
-            dissipated,
-        )
+        lever, near, far, dissipated = out[2:].reshape(4, count, -1)
+        arm = self.motor_radius / self.gear_ratio
+        motor_torque = _net_tension(near * lever) * arm
+        joint_torque = _net_tension(far) * self.joint_radius
+        return Driven(motor, motor_torque, joint, joint_torque, near, far, dissipated)
 
     def _stepped(self) -> stepper.Cables:
         # Winding the motor draws the agonist towards proximal, lets the other one out.
         ways = (-1.0, 1.0)[: len(self.cables)]
-        proximal, gear, distal = (
-            [slip_direction * arm for slip_direction in ways]
-            for arm in (
-                self.motor_radius / self.gear_ratio,
-                self.motor_radius,
-                self.joint_radius,
-            )
-        )
+        arms = self.motor_radius / self.gear_ratio, self.motor_radius, self.joint_radius
+        proximal, gear, distal = ([way * arm for way in ways] for arm in arms)
         return stepper.make_cables(self.cables, proximal, distal, gear)
 
 

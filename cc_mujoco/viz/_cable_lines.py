@@ -87,9 +87,9 @@ class CableLine:
 
     def points(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
         """Return the points (P, 3) [m] in a pose for which `mj_tendon` was called."""
-        if isinstance(self.source, _Straight):
-            return resample(self.source.path(model, data), self.fine)
-        return resample(tendon_points(data, self.source), self.fine)
+        if isinstance(self.source, int):
+            return resample(tendon_points(data, self.source), self.fine)
+        return resample(self.source.path(model, data), self.fine)
 
     def all_points(self, model: mujoco.MjModel, qpos: Array) -> Array:
         """Return the points (T, P, 3) [m] in the poses `qpos` (T, nq)."""
@@ -103,9 +103,8 @@ class CableLine:
     def nodes(self, count: int) -> Array:
         """Return the node, with fractions, at each point (P,), of `count` nodes."""
         if self.part != CONDUIT:
-            return np.full(
-                len(self.fine), 0.0 if self.part == MOTOR_END else count - 1.0
-            )
+            node = 0.0 if self.part == MOTOR_END else count - 1.0
+            return np.full(len(self.fine), node)
         places = node_shares(self.shares, count)
         return np.interp(self.fine, places, np.arange(len(places)))
 
@@ -122,28 +121,27 @@ def cable_lines(model: mujoco.MjModel, cables: Iterable[str]) -> list[CableLine]
 
     Names that the model lacks are left out.
     """
-    described = plugin.from_mjcf(model)
-    wanted = [cable for cable in cables if cable in described]
-    sources = {_conduit(model, cable) for cable in instances(model)}
-    found, taken = [], {source for source in sources if isinstance(source, int)}
-    for cable in wanted:
-        source = _conduit(model, cable)
+    sources = {cable: _conduit(model, cable) for cable in instances(model)}
+    taken = {source for source in sources.values() if isinstance(source, int)}
+    found = []
+    for cable in cables:
+        source = sources.get(cable)
         if source is None:
             continue
-        tendon = -1 if isinstance(source, _Straight) else source
-        radius = 0.004 * float(model.stat.extent)
-        if tendon >= 0:
-            radius = float(model.tendon_width[tendon])
+        tendon, radius = -1, 0.004 * float(model.stat.extent)
+        if isinstance(source, int):
+            tendon, radius = source, float(model.tendon_width[source])
         shares = conduit_shares(model, cable)
         fine = fine_shares(shares)
         found.append(CableLine(cable, CONDUIT, source, radius, shares, fine))
         for part, rope in _ropes(model, cable, tendon):
-            if rope in taken:
-                continue
-            taken.add(rope)
-            radius = float(model.tendon_width[rope])
-            fine = np.linspace(0.0, 1.0, 40)
-            found.append(CableLine(cable, part, rope, radius, shares, fine))
+            if rope not in taken:
+                taken.add(rope)
+                radius, fine = (
+                    float(model.tendon_width[rope]),
+                    np.linspace(0.0, 1.0, 40),
+                )
+                found.append(CableLine(cable, part, rope, radius, shares, fine))
     return found
 
 
@@ -174,11 +172,8 @@ def _conduit(model: mujoco.MjModel, cable: str) -> int | _Straight | None:
     ends = _actuators(model, cable)
     held = {int(model.actuator_trnid[end, 0]) for end in ends if _on_tendon(model, end)}
     sites = {site for tendon in held for site in _end_sites(model, tendon)} - {-1}
-    users = {
-        int(model.actuator_trnid[actuator, 0])
-        for actuator in range(model.nu)
-        if _on_tendon(model, actuator)
-    }
+    by_tendon = model.actuator_trntype == mujoco.mjtTrn.mjTRN_TENDON
+    users = model.actuator_trnid[by_tendon, 0]
     near = [
         tendon
         for tendon in range(model.ntendon)
@@ -191,17 +186,19 @@ def _conduit(model: mujoco.MjModel, cable: str) -> int | _Straight | None:
         return near[0]
     data = mujoco.MjData(model)
     set_pose(model, data, model.qpos0)
-    choices = [
-        (
-            (one, other),
-            _place(model, data, ends[0], one),
-            _place(model, data, ends[1], other),
-        )
-        for one in _sides(model, ends[0])
-        for other in _sides(model, ends[1])
-    ]
-    lengths = [float(np.linalg.norm(end - start)) for _, start, end in choices]
-    straight = _Straight(ends, choices[int(np.argmin(lengths))][0])
+    near_end, far_end = (
+        {
+            first: _place(model, data, end, first)
+            for first in ((True, False) if _on_tendon(model, end) else (True,))
+        }
+        for end in ends
+    )
+    lengths = {
+        (one, other): float(np.linalg.norm(far_end[other] - near_end[one]))
+        for one in near_end
+        for other in far_end
+    }
+    straight = _Straight(ends, min(lengths, key=lambda sides: lengths[sides]))
     path = straight.path(model, data)
     short = 1e-3 * float(model.stat.extent)
     return straight if np.linalg.norm(path[1] - path[0]) > short else None
@@ -240,10 +237,6 @@ def _end_sites(model: mujoco.MjModel, tendon: int) -> tuple[int, int]:
         for place in (start, start + count - 1)
     )
     return first, last
-
-
-def _sides(model: mujoco.MjModel, actuator: int) -> tuple[bool, ...]:
-    return (True, False) if _on_tendon(model, actuator) else (True,)
 
 
 def _place(

@@ -59,12 +59,9 @@ def draw_side_by_side(episodes: Sequence[LabelledEpisode]) -> Figure:
                 draw_lines(axes, time, panel.lines)
                 axes.set(title=panel.title, xlim=(time[0], time[-1]))
             row[0].set_ylabel(f"tension [{panels[0].unit}]")
-            row[0].set_ylim(
-                common_limits(
-                    (episode.log["time_s"], [line.values for line in panel.lines])
-                    for episode, panel in zip(episodes, panels, strict=True)
-                )
-            )
+            drawn_lines = [[line.values for line in panel.lines] for panel in panels]
+            times = [episode.log["time_s"] for episode in episodes]
+            row[0].set_ylim(common_limits(zip(times, drawn_lines, strict=True)))
         grid[1, 0].legend(ncols=2, loc="lower right", bbox_to_anchor=(1, 0.95))
         for axes in grid[0, 1:]:
             axes.set_ylabel("")
@@ -126,29 +123,18 @@ def _blueprint(episodes: Sequence[LabelledEpisode]) -> rrb.Blueprint:
         )
 
     scenes = [
-        scene_view(
-            episode.log, episode.model, _episode_root(episode), name=episode.name
-        )
-        for episode in episodes
+        scene_view(one.log, one.model, _episode_root(one), name=one.name)
+        for one in episodes
     ]
     # Torques are looked at first.
-    together = rrb.Vertical(
-        rrb.Horizontal(*scenes),
-        *(
-            plots(
-                f"joint torque{f', {axis}' if axis else ''} [N m]",
-                "torque",
-                [
-                    f"torque/{axis}/{n}" if axis else f"torque/{n}"
-                    for n in ("joint", "desired")
-                ],
-            )
-            for axis, _ in episodes[0].log.each_axis()
-        ),
-        plots("tension at the ends [N]", "tension"),
-        row_shares=[3, *(2 for _ in episodes[0].log.each_axis()), 2],
-        name="Side by side",
-    )
+    rows = [rrb.Horizontal(*scenes)]
+    for axis, _ in episodes[0].log.each_axis():
+        of, place = (f", {axis}", f"torque/{axis}") if axis else ("", "torque")
+        paths = [f"{place}/{name}" for name in ("joint", "desired")]
+        rows.append(plots(f"joint torque{of} [N m]", "torque", paths))
+    rows.append(plots("tension at the ends [N]", "tension"))
+    shares = [3, *(2 for _ in rows[1:])]
+    together = rrb.Vertical(*rows, row_shares=shares, name="Side by side")
     about = rrb.TextDocumentView(origin="/about", name="About")
     return rrb.Blueprint(
         rrb.Tabs(together, about),

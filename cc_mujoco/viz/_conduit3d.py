@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-
 import mujoco
 import numpy as np
 import rerun as rr
@@ -12,8 +10,7 @@ from numpy.typing import NDArray
 from cc_mujoco import plugin
 from cc_mujoco.cable._cable import PATHS
 from cc_mujoco.cable._conduit import node_places
-from cc_mujoco.viz._panels import frame_slices
-from cc_mujoco.viz._scene3d import TIMELINE, WORLD, Branch
+from cc_mujoco.viz._scene3d import Branch
 
 Array = NDArray[np.float64]
 
@@ -93,39 +90,20 @@ def tension_colors(tension: Array, highest: float) -> NDArray[np.uint8]:
 
 
 def log_conduit(
-    rec: Branch,
-    place: Sequence[str],
-    time: Array,
-    points: Callable[[slice], Array],
-    tension: Callable[[slice], Array],
-    highest: float,
-    radius: float,
+    rec: Branch, path: str, time: Array, ends: Array, colors: NDArray[np.uint8]
 ) -> None:
-    """Log one conduit as a line whose segments carry the colour of their tension.
+    """Log some frames of a line, at `time` (t,) [s].
 
-    `place` is the name of the cable, and of the rope at an end. Of some frames of
-    `time` (T,) [s], `points` returns the ends of the parts of the line (t, P, 3) [m]
-    and `tension` their tensions (t, P-1) [N]; `highest` is that of the brightest
-    colour.
+    Its parts have ends (t, P, 3) [m] and colours (t, P-1, 4).
     """
-    path = rr.new_entity_path([WORLD, "conduit", *place])
-    rec.log(path, rr.LineStrips3D.from_fields(radii=[radius]), static=True)
-    for some in frame_slices(len(time)):
-        index, ends = rr.TimeColumn(TIMELINE, duration=time[some]), points(some)
-        lengths = [ends.shape[1] - 1] * len(ends)
-        colors = tension_colors(tension(some), highest).reshape(-1, 4)
-        columns = [*rr.LineStrips3D.columns(colors=colors).partition(lengths)]
-        if np.allclose(ends, ends[0], rtol=0.0, atol=1e-6):  # only its colours change
-            first = [rr.TimeColumn(TIMELINE, duration=time[some][:1])]
-            strips = rr.LineStrips3D.columns(strips=_parts(ends[:1]))
-            rec.send_columns(path, first, [*strips.partition(lengths[:1])])
-        else:
-            strips = rr.LineStrips3D.columns(strips=_parts(ends))
-            columns = [*strips.partition(lengths), *columns]
-        rec.send_columns(path, [index], columns)
-
-
-def _parts(points: Array) -> NDArray[np.float32]:
-    """Return the parts of lines (T, P, 3) as pairs of points (T(P-1), 2, 3)."""
-    parts = np.stack([points[:, :-1], points[:, 1:]], axis=2).astype(np.float32)
-    return parts.reshape(-1, 2, 3)
+    lengths = [ends.shape[1] - 1] * len(ends)
+    own = rr.LineStrips3D.columns(colors=colors.reshape(-1, 4))
+    columns = [*own.partition(lengths)]
+    pairs = np.stack([ends[:, :-1], ends[:, 1:]], axis=2).astype(np.float32)
+    if np.allclose(ends, ends[0], rtol=0.0, atol=1e-6):  # only its colours change
+        strips = rr.LineStrips3D.columns(strips=pairs[0])
+        rec.send_series(path, time[:1], [*strips.partition(lengths[:1])])
+    else:
+        strips = rr.LineStrips3D.columns(strips=pairs.reshape(-1, 2, 3))
+        columns = [*strips.partition(lengths), *columns]
+    rec.send_series(path, time, columns)

@@ -198,14 +198,14 @@ class Show:
         if columns is None:
             return
         cables = tuple(self._exo.device.cables)
+        how = {"factor": self._pace.factor, "highest": self._window.highest}
         rows = state_rows(
             self._knobs,
             columns,
             cables,
-            controller=self._law.name,
             pretension=self._laid,
-            factor=self._pace.factor,
-            highest=self._window.highest,
+            controller=self._law.name,
+            **how,
         )
         tensions = {cable: columns[f"tension_{cable}_nodes_n"] for cable in cables}
         texts = (*rows, *wrap_sentence(self._note)), self._knobs.help

@@ -78,15 +78,13 @@ class Knobs:
 
     def press(self, key: int) -> None:
         """Take a key; those that mean nothing are ignored."""
+        step = 1 if key in (UP, HOME, RIGHT) else -1
         if key in (UP, DOWN):
-            self._friction = _clamp_steps(self._friction + (1 if key == UP else -1))
+            self._friction = _clamp_steps(self._friction + step)
         elif key in (HOME, END):
-            self._pretension = _clamp_steps(
-                self._pretension + (1 if key == HOME else -1)
-            )
+            self._pretension = _clamp_steps(self._pretension + step)
         elif key in (RIGHT, LEFT) and self._laws:
-            turn = 1 if key == RIGHT else -1
-            self._law = (self._law + turn) % len(self._laws)
+            self._law = (self._law + step) % len(self._laws)
         elif key == SPACE:
             self.paused = not self.paused
         elif key == ENTER:
@@ -111,9 +109,7 @@ class Knobs:
     @property
     def help(self) -> tuple[tuple[str, str], ...]:
         """Keys and what they do, for the screen."""
-        return tuple(
-            row for row in _KEY_HELP if self._laws or "controller" not in row[1]
-        )
+        return tuple(row for row in _KEY_HELP if self._laws or row[1] != "controller")
 
     def slide(self, which: int, value: float) -> None:
         """Set slider `which` to a value, clipped to its ends."""
@@ -219,6 +215,7 @@ def _free(name: str, taken: set[str]) -> str:
 
 CAPTION_WIDTH = 60
 """Width of a sentence [letters]."""
+ENDS = ("proximal", "distal")
 
 
 def state_rows(
@@ -226,54 +223,35 @@ def state_rows(
     columns: Mapping[str, Any],
     cables: Iterable[str],
     *,
-    controller: str,
     pretension: float,
     factor: float,
     highest: float,
+    controller: str = "",
 ) -> tuple[tuple[str, str], ...]:
     """Name and value of all that changes.
 
-    `columns` are those of an episode log, at this time. `pretension` is that of the
-    cables over that of the scene, `factor` simulated over real time, NaN before it is
-    known, and `highest` the tension of the brightest colour [N].
+    `columns` are those of an episode log, at this time; without a controller torques
+    are not needed. `pretension` is that of the cables over that of the scene, `factor`
+    simulated over real time, NaN before it is known, and `highest` the tension of the
+    brightest colour [N].
     """
-    torque, desired = columns["joint_torque_nm"], columns["desired_torque_nm"]
-    ends = "proximal", "distal"
-    return (
-        time_row(knobs, columns["time_s"], factor),
-        ("controller", controller),
-        *cable_rows(knobs, pretension),
-        ("joint torque", f"{torque:.2f} of {desired:.2f} N m"),
-        *(
-            end_row(cable, *(columns[f"tension_{cable}_{end}_n"] for end in ends))
-            for cable in cables
-        ),
-        brightest_row(highest),
-    )
-
-
-def time_row(knobs: Knobs, time: float, factor: float) -> tuple[str, str]:
-    """Return the simulated time [s], and how fast it goes over real time."""
     speed = "" if math.isnan(factor) else f", {factor:.2f} of real time"
-    return "time", f"{time:.1f} s{', paused' if knobs.paused else speed}"
-
-
-def end_row(cable: str, near: float, far: float) -> tuple[str, str]:
-    """Return the tensions at the motor and at the joint of a cable [N]."""
-    return cable, f"{near:.1f} N at the motor, {far:.1f} N at the joint"
-
-
-def brightest_row(highest: float) -> tuple[str, str]:
-    """Return the tension of the brightest colour [N]."""
-    return "brightest", f"{highest:g} N; grey is slack"
-
-
-def cable_rows(knobs: Knobs, pretension: float) -> tuple[tuple[str, str], ...]:
-    """Return friction and pretension over those of the scene, as laid and as set."""
+    rows = [
+        ("time", f"{columns['time_s']:.1f} s{', paused' if knobs.paused else speed}")
+    ]
     laid = _factor_text(pretension)
     if knobs.pretension != pretension:
         laid += f"; {_factor_text(knobs.pretension)} at the next start"
-    return ("friction", _factor_text(knobs.friction)), ("pretension", laid)
+    if controller:
+        rows.append(("controller", controller))
+    rows += [("friction", _factor_text(knobs.friction)), ("pretension", laid)]
+    if controller:
+        torque, desired = columns["joint_torque_nm"], columns["desired_torque_nm"]
+        rows.append(("joint torque", f"{torque:.2f} of {desired:.2f} N m"))
+    for cable in cables:
+        near, far = (columns[f"tension_{cable}_{end}_n"] for end in ENDS)
+        rows.append((cable, f"{near:.1f} N at the motor, {far:.1f} N at the joint"))
+    return (*rows, ("brightest", f"{highest:g} N; grey is slack"))
 
 
 def wrap_sentence(text: str) -> tuple[tuple[str, str], ...]:

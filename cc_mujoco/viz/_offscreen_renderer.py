@@ -54,8 +54,6 @@ MOTION_DISABLED_FLAGS = (
     mujoco.mjtRndFlag.mjRND_REFLECTION,
     mujoco.mjtRndFlag.mjRND_SKYBOX,
 )
-HEADLESS_BACKENDS = (("EGL", "mujoco.egl"), ("OSMesa", "mujoco.osmesa"))
-"""Library and module of the ways to draw without a display, the faster first."""
 
 
 def require_opengl() -> None:
@@ -66,16 +64,15 @@ def require_opengl() -> None:
 def _context(width: int, height: int) -> Any:
     """Open OpenGL: as MUJOCO_GL selects or, on Linux without it, with no display."""
     try:
-        maker: Any = None
+        maker: Any = mujoco.GLContext
         if sys.platform == "linux" and not os.environ.get("MUJOCO_GL"):
-            here = (
-                name for name, _ in HEADLESS_BACKENDS if ctypes.util.find_library(name)
-            )
-            library = next(here, None)
+            # The faster first
+            backends = {"EGL": "mujoco.egl", "OSMesa": "mujoco.osmesa"}
+            library = next(filter(ctypes.util.find_library, backends), None)
             if library is None:
                 raise ImportError("no such library is installed")
-            maker = importlib.import_module(dict(HEADLESS_BACKENDS)[library]).GLContext
-        return (maker or mujoco.GLContext)(width, height)
+            maker = importlib.import_module(backends[library]).GLContext
+        return maker(width, height)
     except Exception as error:  # PyOpenGL and the drivers raise what they like
         reason = " ".join(str(error).split()) or type(error).__name__
         raise CableError(
@@ -129,14 +126,10 @@ class OffscreenRenderer:
         self._pose(poses[0], mujoco.mjtCatBit.mjCAT_STATIC)
         self._render()
         # Kept, as memory that is new for every picture costs more than what is done.
-        layers = [
-            (
-                np.empty((height, width, 3), np.uint8),
-                np.empty((height, width), np.float32),
-            )
-            for _ in range(3)
-        ]
-        self._films, (self._background_pixels, self._depth) = layers[1:], layers[0]
+        colors = [np.empty((height, width, 3), np.uint8) for _ in range(3)]
+        depths = [np.empty((height, width), np.float32) for _ in range(3)]
+        self._background_pixels, self._depth = colors[0], depths[0]
+        self._films = list(zip(colors[1:], depths[1:], strict=True))
         self._read(0, self._background_pixels, self._depth)
         self._still = _downsample(self._background_pixels)
         self._merged_pixels = self._background_pixels.copy()
@@ -186,13 +179,12 @@ class OffscreenRenderer:
         # Whole pixels at once, which is many times as fast as three numbers each.
         np.copyto(merged[rows].view("V3"), colors.view("V3"), where=nearer[..., None])
         picture = self._still.copy()
-        for up, along in tiles:
-            picture[up, along] = _downsample(
-                merged[
-                    SUPERSAMPLING * up.start : SUPERSAMPLING * up.stop,
-                    SUPERSAMPLING * along.start : SUPERSAMPLING * along.stop,
-                ]
+        for tile in tiles:
+            drawn = tuple(
+                slice(SUPERSAMPLING * side.start, SUPERSAMPLING * side.stop)
+                for side in tile
             )
+            picture[tile] = _downsample(merged[drawn])
         return picture[::-1]
 
     def _open(self) -> Any:
@@ -204,15 +196,8 @@ class OffscreenRenderer:
     def _pose(self, qpos: Array, category: mujoco.mjtCatBit) -> None:
         self._data.qpos[:] = qpos
         mujoco.mj_fwdPosition(self._model, self._data)
-        mujoco.mjv_updateScene(
-            self._model,
-            self._data,
-            mujoco.MjvOption(),
-            None,
-            self._camera,
-            category.value,
-            self._scene,
-        )
+        shown = None, self._camera, category.value, self._scene
+        mujoco.mjv_updateScene(self._model, self._data, mujoco.MjvOption(), *shown)
         if self._frustum is None:
             return
         for eye in self._scene.camera:
@@ -238,21 +223,15 @@ class OffscreenRenderer:
         eye, (height, width) = self._scene.camera[0], self._size
         per_meter = height / (eye.frustum_top - eye.frustum_bottom)
         left = eye.frustum_center - 0.5 * width / per_meter
-        boxes = (
-            _screen_boxes(self._scene) - [left, eye.frustum_bottom] * 2
-        ) * per_meter
-        boxes += np.array([-EDGE_MARGIN, -EDGE_MARGIN, EDGE_MARGIN, EDGE_MARGIN])
+        boxes = _screen_boxes(self._scene) - [left, eye.frustum_bottom] * 2
+        boxes = boxes * per_meter + EDGE_MARGIN * np.array([-1, -1, 1, 1])
         tall, wide = -(-height // TILE_SIZE), -(-width // TILE_SIZE)
         tiles = np.clip(boxes // TILE_SIZE, -1, (wide, tall) * 2).astype(int)
         held = np.zeros((tall + 2, wide + 2), bool)  # with a rim that is outside
         for x, y, x_end, y_end in (tiles + 1).tolist():
             held[y : y_end + 1, x : x_end + 1] = True
         held[[0, -1]] = held[:, [0, -1]] = False
-        side, height, width = (
-            TILE_SIZE // SUPERSAMPLING,
-            height // SUPERSAMPLING,
-            width // SUPERSAMPLING,
-        )
+        side, height, width = (n // SUPERSAMPLING for n in (TILE_SIZE, height, width))
         for row, line in enumerate(held[1:-1]):
             rows = slice(row * side, min((row + 1) * side, height))
             ends = np.flatnonzero(np.diff(line)).reshape(-1, 2) * side
@@ -260,10 +239,8 @@ class OffscreenRenderer:
                 yield rows, slice(start, min(end, width))
 
     def _render(self) -> None:
-        height, width = self._size
-        mujoco.mjr_render(
-            mujoco.MjrRect(0, 0, width, height), self._scene, self._drawing
-        )
+        whole = mujoco.MjrRect(0, 0, self._size[1], self._size[0])
+        mujoco.mjr_render(whole, self._scene, self._drawing)
 
     def _read(self, bottom: int, colors: Picture, depth: NDArray[np.float32]) -> None:
         part = mujoco.MjrRect(0, bottom, self._size[1], len(depth))

@@ -62,9 +62,8 @@ class PlotLine(NamedTuple):
 def draw_lines(axes: Axes, time: Array, lines: Iterable[PlotLine], **look: Any) -> None:
     """Draw lines over time (T,) [s] with further options of Matplotlib's `plot`."""
     for line in lines:
-        dashes = (0, DASH_PATTERN) if line.dashed else "-"
-        own: dict[str, Any] = {"color": line.color, "linestyle": dashes}
-        axes.plot(time, line.values, label=line.label, **own, **look)
+        own: Any = {"linestyle": (0, DASH_PATTERN) if line.dashed else "-"} | look
+        axes.plot(time, line.values, label=line.label, color=line.color, **own)
 
 
 class Panel(NamedTuple):
@@ -77,26 +76,21 @@ def torques(log: EpisodeLog) -> list[Panel]:
     """Return the torque at the joint, as desired and as delivered, and at the motor."""
     panels = []
     for axis, own in log.each_axis():
-        joint = (
-            PlotLine("delivered", own["joint_torque_nm"], BLUE),
-            PlotLine("desired", own["desired_torque_nm"], ORANGE, dashed=True),
-        )
-        motor = (PlotLine("motor", own["motor_torque_nm"], GREEN),)
+        delivered = PlotLine("delivered", own["joint_torque_nm"], BLUE)
+        desired = PlotLine("desired", own["desired_torque_nm"], ORANGE, dashed=True)
+        motor = PlotLine("motor", own["motor_torque_nm"], GREEN)
         of = f", {axis}" if axis else ""
-        panels += [
-            Panel(f"Joint torque{of}", "N m", joint),
-            Panel(f"Motor torque{of}", "N m", motor),
-        ]
+        panels.append(Panel(f"Joint torque{of}", "N m", (delivered, desired)))
+        panels.append(Panel(f"Motor torque{of}", "N m", (motor,)))
     return panels
 
 
 def angles(log: EpisodeLog) -> list[Panel]:
     """Return the angles of every axis: joint, the wearer's target and motor."""
-    panels = []
-    for axis, own in log.each_axis():
-        of = f", {axis}" if axis else ""
-        panels.append(Panel(f"Angle{of}", "deg", axis_angles(own)))
-    return panels
+    return [
+        Panel(f"Angle, {axis}" if axis else "Angle", "deg", axis_angles(own))
+        for axis, own in log.each_axis()
+    ]
 
 
 def axis_angles(log: EpisodeLog | AxisLog) -> tuple[PlotLine, ...]:
@@ -113,17 +107,12 @@ def axis_angles(log: EpisodeLog | AxisLog) -> tuple[PlotLine, ...]:
 
 
 def tensions(log: EpisodeLog) -> list[Panel]:
-    return [
-        Panel(
-            f"Tension, {cable}",
-            "N",
-            (
-                PlotLine("motor end", log[f"tension_{cable}_proximal_n"], BLUE),
-                PlotLine("joint end", log[f"tension_{cable}_distal_n"], SKY),
-            ),
-        )
-        for cable in log.cables
-    ]
+    panels = []
+    for cable in log.cables:
+        motor = PlotLine("motor end", log[f"tension_{cable}_proximal_n"], BLUE)
+        joint = PlotLine("joint end", log[f"tension_{cable}_distal_n"], SKY)
+        panels.append(Panel(f"Tension, {cable}", "N", (motor, joint)))
+    return panels
 
 
 def highest_tension(log: EpisodeLog) -> float:

@@ -31,17 +31,11 @@ from cc_mujoco.metrics import Metric
 from cc_mujoco.report import _markdown as markdown
 from cc_mujoco.simulation._episode_log import EpisodeLog
 from cc_mujoco.simulation._log_columns import MODEL_XML
-from cc_mujoco.viz._cable_lines import CONDUIT, CableLine, cable_lines
-from cc_mujoco.viz._conduit3d import log_conduit
+from cc_mujoco.viz._cable_lines import CONDUIT, cable_lines
+from cc_mujoco.viz._conduit3d import log_conduit, tension_colors
 from cc_mujoco.viz._panels import MAX_SAMPLES, frame_rate, frame_slices, highest_tension
-from cc_mujoco.viz._rerun_plots import (
-    ORANGE,
-    PURPLE,
-    SKY,
-    blueprint,
-    plotted_series,
-)
-from cc_mujoco.viz._scene3d import TIMELINE, Branch, log_motion, log_static, log_tendons
+from cc_mujoco.viz._rerun_plots import ORANGE, PURPLE, SKY, blueprint, plotted_series
+from cc_mujoco.viz._scene3d import WORLD, Branch, log_motion, log_static, log_tendons
 
 END_STATES = {
     "stuck": 0x5F5F5FFF,
@@ -56,13 +50,10 @@ SLACK_STATE, OSCILLATING_STATE = 3, 4
 
 def log_lanes(rec: Branch, log: EpisodeLog) -> None:
     """Log the state of each end of each cable whenever it changes."""
-    time = log["time_s"]
-    names = np.array(list(END_STATES))
-    look = rr.StateConfiguration(
-        values=list(END_STATES),
-        labels=list(END_STATES),
-        colors=np.array(list(END_STATES.values()), dtype=np.uint32),
-    )
+    time, names = log["time_s"], np.array(list(END_STATES))
+    colors = np.array(list(END_STATES.values()), dtype=np.uint32)
+    states = list(END_STATES)
+    look = rr.StateConfiguration(values=states, labels=states, colors=colors)
     for cable in log.cables:
         pieces = log.pieces(f"slip_{cable}_direction")
         slip = np.concatenate([rows[:, [0, -1]] for rows in pieces])
@@ -73,11 +64,8 @@ def log_lanes(rec: Branch, log: EpisodeLog) -> None:
             changed, state = state_changes(time, state)
             path = rr.new_entity_path(["slip", cable, f"{end}_end"])
             rec.log(path, look, static=True)
-            rec.send_columns(
-                path,
-                [rr.TimeColumn(TIMELINE, duration=time[changed])],
-                [*rr.StateChange.columns(state=names[state].tolist())],
-            )
+            changes = rr.StateChange.columns(state=names[state].tolist())
+            rec.send_series(path, time[changed], [*changes])
 
 
 def state_changes(
@@ -219,12 +207,12 @@ def _rate(time: NDArray[np.float64]) -> float:
 
 
 def _log_series(rec: Branch, log: EpisodeLog) -> None:
-    index = [rr.TimeColumn(TIMELINE, duration=log["time_s"])]
     for line in plotted_series(log):
         path = rr.new_entity_path(list(line.path))
         look = rr.SeriesLines(names=[line.name], colors=[line.color], widths=[1.5])
         rec.log(path, look, static=True)
-        rec.send_columns(path, index, [*rr.Scalars.columns(scalars=line.values)])
+        values = rr.Scalars.columns(scalars=line.values)
+        rec.send_series(path, log["time_s"], [*values])
 
 
 def _log_scene(
@@ -241,16 +229,16 @@ def _log_scene(
     followed = [line.source for line in lines if isinstance(line.source, int)]
     log_tendons(rec, model, time, qpos, followed)
     for line in lines:
-
-        def points(some: slice, line: CableLine = line) -> Array:
-            return line.all_points(model, qpos[some])
-
-        def tension(some: slice, line: CableLine = line) -> Array:
-            name = f"tension_{line.cable}_nodes_n"
-            return line.tensions(log.rows(name, frames[some]))
-
-        path = [line.cable] if line.part == CONDUIT else [line.cable, line.part]
-        log_conduit(rec, path, time, points, tension, highest, line.radius)
+        place = [line.cable] if line.part == CONDUIT else [line.cable, line.part]
+        path = rr.new_entity_path([WORLD, "conduit", *place])
+        look = rr.LineStrips3D.from_fields(radii=[line.radius])
+        rec.log(path, look, static=True)
+        for some in frame_slices(len(time)):
+            nodes = log.rows(f"tension_{line.cable}_nodes_n", frames[some])
+            colors = tension_colors(line.tensions(nodes), highest)
+            log_conduit(
+                rec, path, time[some], line.all_points(model, qpos[some]), colors
+            )
 
 
 def _log_nodes(rec: Branch, log: EpisodeLog, frames: NDArray[np.intp]) -> None:
@@ -263,10 +251,9 @@ def _log_nodes(rec: Branch, log: EpisodeLog, frames: NDArray[np.intp]) -> None:
             path = rr.new_entity_path(["nodes", cable, kind])
             for some in frame_slices(len(frames)):
                 values = log.rows(column, frames[some]).astype(np.float64)
-                index = [rr.TimeColumn(TIMELINE, duration=time[some])]
                 rows = rr.Scalars.columns(scalars=values.reshape(-1))
                 lists = rows.partition([values.shape[1]] * len(values))
-                rec.send_columns(path, index, [*lists])
+                rec.send_series(path, time[some], [*lists])
 
 
 def _about(log: EpisodeLog, metrics: Mapping[Metric, float]) -> rr.TextDocument:

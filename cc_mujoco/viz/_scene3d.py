@@ -41,6 +41,10 @@ class Branch:
         self.rec.send_columns(self._full_path(path), index, columns)
         self.rec.flush()
 
+    def send_series(self, path: str, time: Array, columns: Sequence[Any]) -> None:
+        """Log a series over simulated time (T,) [s]; see `send_columns`."""
+        self.send_columns(path, [rr.TimeColumn(TIMELINE, duration=time)], columns)
+
     def _full_path(self, path: str) -> str:
         return f"{self.root}/{path.removeprefix('/')}"
 
@@ -70,9 +74,8 @@ def log_static(rec: Branch, model: mujoco.MjModel) -> None:
         path = rr.new_entity_path([*_body_path(model, body), name])
         # MuJoCo's quaternion has its real part first.
         turn = rr.Quaternion(xyzw=np.roll(quaternion, -1))
-        rec.log(
-            path, rr.Transform3D(translation=position, quaternion=turn), static=True
-        )
+        pose = rr.Transform3D(translation=position, quaternion=turn)
+        rec.log(path, pose, static=True)
         rec.log(path, _shape(model, geom, rgba), static=True)
 
 
@@ -109,14 +112,13 @@ def log_motion(rec: Branch, model: mujoco.MjModel, time: Array, qpos: Array) -> 
     moving = np.flatnonzero(model.body_weldid != 0)
     for some in frame_slices(len(time)):
         position, quaternion = body_poses(model, qpos[some])
-        index = [rr.TimeColumn(TIMELINE, duration=time[some])]
         for body in moving.tolist():
             path = rr.new_entity_path(_body_path(model, body))
             columns = rr.Transform3D.columns(
                 translation=position[:, body],
                 quaternion=np.roll(quaternion[:, body], -1, axis=1),
             )
-            rec.send_columns(path, index, [*columns])
+            rec.send_series(path, time[some], [*columns])
 
 
 def viewpoint(model: mujoco.MjModel) -> tuple[Array, Array]:
@@ -136,13 +138,8 @@ def viewpoint(model: mujoco.MjModel) -> tuple[Array, Array]:
     camera = mujoco.MjvCamera()
     mujoco.mjv_defaultFreeCamera(model, camera)
     azimuth, elevation = np.radians([camera.azimuth, camera.elevation])
-    forward = np.array(
-        [
-            np.cos(elevation) * np.cos(azimuth),
-            np.cos(elevation) * np.sin(azimuth),
-            np.sin(elevation),
-        ]
-    )
+    flat = np.cos(elevation) * np.array([np.cos(azimuth), np.sin(azimuth)])
+    forward = np.append(flat, np.sin(elevation))
     target = np.array(camera.lookat)
     return target - camera.distance * forward, target
 
@@ -161,39 +158,42 @@ def own_color(model: mujoco.MjModel, rgba: Array, material: int) -> Array:
     if material < 0 or not np.allclose(rgba, DEFAULT_RGBA):
         return np.array(rgba, dtype=float)
     color = np.array(model.mat_rgba[material], dtype=float)
-    texture = model.mat_texid[material, mujoco.mjtTextureRole.mjTEXROLE_RGB]
+    texture = int(model.mat_texid[material, mujoco.mjtTextureRole.mjTEXROLE_RGB])
     if texture >= 0:
-        color[:3] *= _mean_color(model, int(texture))
+        channels, start = int(model.tex_nchannel[texture]), int(model.tex_adr[texture])
+        size = int(model.tex_height[texture] * model.tex_width[texture]) * channels
+        pixels = model.tex_data[start : start + size].reshape(-1, channels)
+        color[:3] *= pixels.mean(axis=0)[:3] / 255.0
     return color
-
-
-def _mean_color(model: mujoco.MjModel, texture: int) -> Array:
-    channels = int(model.tex_nchannel[texture])
-    size = int(model.tex_height[texture] * model.tex_width[texture]) * channels
-    start = int(model.tex_adr[texture])
-    pixels = model.tex_data[start : start + size].reshape(-1, channels)
-    return np.asarray(pixels.mean(axis=0)[:3] / 255.0, dtype=np.float64)
 
 
 def _shape(model: mujoco.MjModel, geom: int, rgba: Array) -> Any:
     kind, size = model.geom_type[geom], model.geom_size[geom]
     look: dict[str, Any] = {"colors": [rgba], "fill_mode": "solid"}
+    round_look: dict[str, Any] = {"lengths": [2 * size[1]], "radii": [size[0]]} | look
     if kind == _SHAPE.mjGEOM_PLANE:
-        return _plane(model, size, rgba)
+        # A side of size 0 is infinite and drawn as large as fits.
+        x, y = (half if half > 0 else 2 * model.stat.extent for half in size[:2])
+        return rr.Mesh3D(
+            vertex_positions=[[-x, -y, 0], [x, -y, 0], [x, y, 0], [-x, y, 0]],
+            vertex_normals=[[0, 0, 1]] * 4,
+            triangle_indices=[[0, 1, 2], [0, 2, 3]],
+            albedo_factor=rgba,
+        )
     if kind == _SHAPE.mjGEOM_MESH:
-        return _mesh(model, int(model.geom_dataid[geom]), rgba)
+        points, faces = mesh_arrays(model, geom)
+        return rr.Mesh3D(
+            vertex_positions=points, triangle_indices=faces, albedo_factor=rgba
+        )
     if kind == _SHAPE.mjGEOM_SPHERE:
         return rr.Ellipsoids3D(half_sizes=[[size[0]] * 3], **look)
     if kind == _SHAPE.mjGEOM_ELLIPSOID:
         return rr.Ellipsoids3D(half_sizes=[size], **look)
     if kind == _SHAPE.mjGEOM_CYLINDER:
-        return rr.Cylinders3D(lengths=[2 * size[1]], radii=[size[0]], **look)
+        return rr.Cylinders3D(**round_look)
     if kind == _SHAPE.mjGEOM_CAPSULE:
         # Rerun's capsule starts at its origin, MuJoCo's is centred on it.
-        start = [[0.0, 0.0, -size[1]]]
-        return rr.Capsules3D(
-            lengths=[2 * size[1]], radii=[size[0]], translations=start, **look
-        )
+        return rr.Capsules3D(translations=[[0.0, 0.0, -size[1]]], **round_look)
     if kind == _SHAPE.mjGEOM_BOX:
         return rr.Boxes3D(half_sizes=[size], **look)
     # Height fields and signed distance fields: their bounding box.
@@ -201,25 +201,13 @@ def _shape(model: mujoco.MjModel, geom: int, rgba: Array) -> Any:
     return rr.Boxes3D(centers=[center], half_sizes=[half], colors=[rgba])
 
 
-def _plane(model: mujoco.MjModel, size: Array, rgba: Array) -> rr.Mesh3D:
-    """Build a rectangle; a side of size 0 is infinite and drawn as large as fits."""
-    x, y = (half if half > 0 else 2 * model.stat.extent for half in size[:2])
-    return rr.Mesh3D(
-        vertex_positions=[[-x, -y, 0], [x, -y, 0], [x, y, 0], [-x, y, 0]],
-        vertex_normals=[[0, 0, 1]] * 4,
-        triangle_indices=[[0, 1, 2], [0, 2, 3]],
-        albedo_factor=rgba,
-    )
-
-
-def _mesh(model: mujoco.MjModel, mesh: int, rgba: Array) -> rr.Mesh3D:
+def mesh_arrays(model: mujoco.MjModel, geom: int) -> tuple[Any, Any]:
+    """Return the points (V, 3) [m] and the triangles (F, 3) of a geom's mesh."""
+    mesh = int(model.geom_dataid[geom])
     first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
     face, faces = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
-    return rr.Mesh3D(
-        vertex_positions=model.mesh_vert[first : first + count],
-        triangle_indices=model.mesh_face[face : face + faces],
-        albedo_factor=rgba,
-    )
+    vertices, triangles = model.mesh_vert, model.mesh_face
+    return vertices[first : first + count], triangles[face : face + faces]
 
 
 ROPE_COLOR = np.array([0.55, 0.36, 0.18, 1.0])
@@ -238,15 +226,14 @@ def log_tendons(
     At `time` (T,) [s] in the poses `qpos` (T, nq).
     """
     for tendon, rgba in visible_tendons(model, skipped):
-        name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_TENDON, tendon)
-        path = rr.new_entity_path([WORLD, "tendon", name or str(tendon)])
+        name = _name(model, mujoco.mjtObj.mjOBJ_TENDON, tendon)
+        path = rr.new_entity_path([WORLD, "tendon", name])
         radius = float(model.tendon_width[tendon])
         look = rr.LineStrips3D.from_fields(radii=[radius], colors=[rgba])
         rec.log(path, look, static=True)
         for some in frame_slices(len(time)):
             paths = tendon_paths(model, tendon, qpos[some])
-            index = [rr.TimeColumn(TIMELINE, duration=time[some])]
-            rec.send_columns(path, index, [*rr.LineStrips3D.columns(strips=paths)])
+            rec.send_series(path, time[some], [*rr.LineStrips3D.columns(strips=paths)])
 
 
 def visible_tendons(

@@ -19,6 +19,7 @@ import numpy as np
 from cc_mujoco import plugin
 from cc_mujoco.assets import SCENES, scene_path
 from cc_mujoco.device import find_device
+from cc_mujoco.device._model import cable_columns
 from cc_mujoco.errors import CableError
 from cc_mujoco.plugin._mjcf import make_room, write_cable
 from cc_mujoco.plugin._spec import error_sentence, read_spec
@@ -26,10 +27,7 @@ from cc_mujoco.viz._live_controls import (
     Knobs,
     RealTimePacer,
     Sliders,
-    brightest_row,
-    cable_rows,
-    end_row,
-    time_row,
+    state_rows,
     wrap_sentence,
 )
 from cc_mujoco.viz._viewer import MIN_FRAME_TIME, Frame, Screen, round_up_tension
@@ -146,19 +144,14 @@ class Viewing:
         self._pace.keep(self._data.time)
 
     def _show(self, window: Any) -> None:
-        state = self._data.plugin_state
-        readings = {name: reader.read(state) for name, reader in self._readers.items()}
-        ends = (
-            end_row(name, float(now.tension_proximal), float(now.tension_distal))
-            for name, now in readings.items()
+        columns: dict[str, Any] = {"time_s": self._data.time}
+        for name, reader in self._readers.items():
+            columns |= cable_columns(name, reader.read(self._data.plugin_state))
+        how = {"factor": self._pace.factor, "highest": window.highest}
+        rows = state_rows(
+            self._knobs, columns, self._readers, pretension=self._laid, **how
         )
-        rows = (
-            ("scene", self._name),
-            time_row(self._knobs, self._data.time, self._pace.factor),
-            *cable_rows(self._knobs, self._laid),
-            *ends,
-            brightest_row(window.highest),
-        )
-        texts = (*rows, *wrap_sentence(self._note)), self._knobs.help
-        tensions = {name: now.tension for name, now in readings.items()}
-        window.show(Frame(self._data.qpos.copy(), tensions, texts))
+        texts = ("scene", self._name), *rows, *wrap_sentence(self._note)
+        tensions = {name: columns[f"tension_{name}_nodes_n"] for name in self._readers}
+        frame = Frame(self._data.qpos.copy(), tensions, (texts, self._knobs.help))
+        window.show(frame)

@@ -15,6 +15,7 @@ from cc_mujoco.viz._cable_lines import CONDUIT, MOTOR_END, cable_lines
 from cc_mujoco.viz._conduit3d import resample
 from cc_mujoco.viz._scene3d import (
     body_poses,
+    mesh_arrays,
     tendon_paths,
     viewpoint,
     visible_geoms,
@@ -44,13 +45,8 @@ def geom_mesh(model: mujoco.MjModel, geom: int, reach: float) -> TriangleMesh:
     """
     kind, (x, y, z) = model.geom_type[geom], model.geom_size[geom]
     if kind == SHAPE.mjGEOM_MESH:
-        mesh = int(model.geom_dataid[geom])
-        first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
-        face, faces = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
-        return TriangleMesh(
-            np.asarray(model.mesh_vert[first : first + count], dtype=np.float64),
-            np.asarray(model.mesh_face[face : face + faces], dtype=np.int32),
-        )
+        points, faces = mesh_arrays(model, geom)
+        return TriangleMesh(points.astype(np.float64), faces.astype(np.int32))
     if kind == SHAPE.mjGEOM_PLANE:
         x, y = (min(half, reach) if half > 0 else reach for half in (x, y))
         corners = np.array([[-x, -y, 0], [x, -y, 0], [x, y, 0], [-x, y, 0]])
@@ -125,11 +121,8 @@ def _box(center: Array, half: Array) -> TriangleMesh:
             # Cyclic axes keep the order of the corners; the far side turns it.
             corners = np.roll(np.c_[square, np.full(4, side)], axis + 1, axis=1)
             faces = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)
-            meshes.append(
-                TriangleMesh(
-                    corners * half + center, faces if side > 0 else faces[:, ::-1]
-                )
-            )
+            outside = faces if side > 0 else faces[:, ::-1]
+            meshes.append(TriangleMesh(corners * half + center, outside))
     return join_meshes(meshes)
 
 
@@ -174,7 +167,7 @@ def web_scene(
         "meshes": [
             {
                 "body": body,
-                "color": "#" + bytes(np.rint(255 * rgba[:3]).astype(np.uint8)).hex(),
+                "color": _hex(rgba),
                 "opacity": float(rgba[3]),
                 "vertices": encode_array(mesh.vertices),
                 "triangles": encode_array(mesh.triangles, "i4"),
@@ -193,11 +186,15 @@ def _poses(model: mujoco.MjModel, qpos: Array, moving: NDArray[np.intp]) -> Arra
     position, quaternion = body_poses(model, qpos)
     poses = np.empty((len(qpos), len(moving), 3, 4))
     poses[..., 3] = position[:, moving]
-    turned = np.empty(9)
     for frame, row in np.ndindex(poses.shape[:2]):
-        mujoco.mju_quat2Mat(turned, quaternion[frame, moving[row]])
-        poses[frame, row, :, :3] = turned.reshape(3, 3)
+        poses[frame, row, :, :3] = _rotation(quaternion[frame, moving[row]])
     return poses
+
+
+def _rotation(quaternion: Array) -> Array:
+    turned = np.empty(9)
+    mujoco.mju_quat2Mat(turned, quaternion)
+    return turned.reshape(3, 3)
 
 
 def _meshes(
@@ -214,9 +211,7 @@ def _meshes(
         if row < 0:
             turned, place = data.geom_xmat[geom].reshape(3, 3), data.geom_xpos[geom]
         else:
-            turned, place = np.empty(9), model.geom_pos[geom]
-            mujoco.mju_quat2Mat(turned, model.geom_quat[geom])
-            turned = turned.reshape(3, 3)
+            turned, place = _rotation(model.geom_quat[geom]), model.geom_pos[geom]
         mesh = TriangleMesh(mesh.vertices @ turned.T + place, mesh.triangles)
         if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE:
             rgba = rgba * [1.0, 1.0, 1.0, 0.35]  # suits a light page and a dark one
@@ -232,10 +227,9 @@ def _corners(model: mujoco.MjModel, body: int) -> Array:
     corners = [np.zeros((1, 3))]
     for geom, _ in visible_geoms(model):
         if model.geom_bodyid[geom] == body:
-            turned = np.empty(9)
-            mujoco.mju_quat2Mat(turned, model.geom_quat[geom])
             box = model.geom_aabb[geom, :3] + signs * model.geom_aabb[geom, 3:]
-            corners.append(box @ turned.reshape(3, 3).T + model.geom_pos[geom])
+            turned = _rotation(model.geom_quat[geom])
+            corners.append(box @ turned.T + model.geom_pos[geom])
     return np.concatenate(corners)
 
 
@@ -271,9 +265,13 @@ def _tendons(
         shares = np.linspace(0.0, 1.0, 40)
         paths = tendon_paths(model, tendon, qpos)
         points = np.stack([resample(path.astype(np.float64), shares) for path in paths])
-        color = "#" + bytes(np.rint(255 * rgba[:3]).astype(np.uint8)).hex()
-        found.append((_without_repeats(points), {"width": 3, "color": color}))
+        look = {"width": 3, "color": _hex(rgba)}
+        found.append((_without_repeats(points), look))
     return found
+
+
+def _hex(rgba: Array) -> str:
+    return "#" + bytes(np.rint(255 * rgba[:3]).astype(np.uint8)).hex()
 
 
 def _without_repeats(points: Array) -> Array:

@@ -17,15 +17,9 @@ from cc_mujoco.simulation._episode_log import EpisodeLog
 from cc_mujoco.viz._summary import write_summary
 
 LOG_FILE = "log.parquet"
-EPISODE_FILES = (
-    "recording.rrd",
-    LOG_FILE,
-    "metrics.json",
-    "summary.png",
-    atomic_io.MANIFEST,
-)
-"""Files that `write_episode` leaves in its folder."""
 _REWRITTEN_FILES = ("recording.rrd", "metrics.json", "summary.png")
+EPISODE_FILES = (*_REWRITTEN_FILES, LOG_FILE, atomic_io.MANIFEST)
+"""Files that `write_episode` leaves in its folder."""
 EPISODE_METRICS = (
     "rms_torque_error", "torque_lag", "peak_joint_torque", "rms_joint_torque",
     "rms_angle_error", "twist_backlash", "efficiency", "efficiency_motor_drives",
@@ -100,11 +94,10 @@ def write_episode(
             log.write(partial / LOG_FILE)
         else:
             log = log(partial / LOG_FILE)
+        every = expand_cable_metrics(chosen, log.cables)
         found = {
             _of_axis(metric, axis): value
-            for axis, metric, value in measure_axes(
-                log, expand_cable_metrics(chosen, log.cables)
-            )
+            for axis, metric, value in measure_axes(log, every)
         }
         write_metrics(partial / "metrics.json", found)
         write_summary(partial / "summary.png", log)
@@ -131,9 +124,8 @@ def write_episode(
 def _of_axis(metric: Metric, axis: str) -> Metric:
     if not axis:
         return metric
-    return dataclasses.replace(
-        metric, name=f"{axis}.{metric.name}", meaning=f"{metric.meaning}, of {axis}"
-    )
+    name, meaning = f"{axis}.{metric.name}", f"{metric.meaning}, of {axis}"
+    return dataclasses.replace(metric, name=name, meaning=meaning)
 
 
 def write_metrics(path: str | os.PathLike[str], found: Mapping[Metric, float]) -> None:

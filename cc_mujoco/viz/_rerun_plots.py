@@ -75,8 +75,6 @@ def plotted_series(log: EpisodeLog) -> Iterator[Series]:
 Array = NDArray[np.float64]
 View = rrb.View | rrb.Container
 
-ENDS = ("motor", "joint")
-
 
 def blueprint(log: EpisodeLog, model: mujoco.MjModel) -> rrb.Blueprint:
     """Lay out an episode that is logged at the root."""
@@ -108,41 +106,33 @@ ROW_SHARES = (6, 4, 6, 6, 7)
 
 
 def _axis_plots(log: EpisodeLog, axis: str) -> list[View]:
-    def paths(*names: str) -> tuple[str, ...]:
-        kind = f"torque/{axis}" if axis else "torque"
-        return tuple(f"{kind}/{name}" for name in names)
+    of = f"/{axis}" if axis else ""
 
-    angle = f"angle/{axis}" if axis else "angle"
-    return [
-        lines(log, "Joint torque [N m]", "torque", paths("joint", "desired")),
-        rrb.Tabs(
-            lines(log, "Motor torque [N m]", "torque", paths("motor")),
-            lines(log, "Wearer's torque [N m]", "torque", paths("wearer")),
-        ),
-        lines(log, "Angle [deg]", angle),
-    ]
+    def torques(title: str, *names: str) -> rrb.TimeSeriesView:
+        paths = [f"torque{of}/{name}" for name in names]
+        return lines(log, f"{title} [N m]", "torque", paths)
+
+    motor, wearer = (
+        torques("Motor torque", "motor"),
+        torques("Wearer's torque", "wearer"),
+    )
+    joint = torques("Joint torque", "joint", "desired")
+    return [joint, rrb.Tabs(motor, wearer), lines(log, "Angle [deg]", f"angle{of}")]
 
 
 def _cable_plots(log: EpisodeLog, cables: Sequence[str]) -> list[View]:
-    ends = [f"tension/{cable}/{end}_end" for cable in cables for end in ENDS]
-    lanes = [
-        rr.new_entity_path(["slip", cable, f"{end}_end"])
-        for cable in cables
-        for end in ENDS
-    ]
+    ends = [(c, f"{end}_end") for c in cables for end in ("motor", "joint")]
+    tensions = [f"tension/{cable}/{end}" for cable, end in ends]
     moving = [f"moving/{cable}" for cable in cables]
-    return [
-        lines(log, "Tension at the ends [N]", "tension", ends),
-        rrb.Tabs(
-            rrb.StateTimelineView(
-                origin="/slip",
-                contents=lanes,
-                name="Stick, slip, slack",
-                time_view=time_axis(log["time_s"]),
-            ),
-            lines(log, "Part of the cable that slips", "moving", moving),
-        ),
-    ]
+    states = rrb.StateTimelineView(
+        origin="/slip",
+        contents=[rr.new_entity_path(["slip", *end]) for end in ends],
+        name="Stick, slip, slack",
+        time_view=time_axis(log["time_s"]),
+    )
+    slipping = lines(log, "Part of the cable that slips", "moving", moving)
+    pulls = lines(log, "Tension at the ends [N]", "tension", tensions)
+    return [pulls, rrb.Tabs(states, slipping)]
 
 
 def lines(
@@ -156,12 +146,9 @@ def lines(
 
 def line_values(log: EpisodeLog, origin: str, paths: Sequence[str] = ()) -> list[Array]:
     """Return the values (T,) of each line at these paths; see `lines`."""
-    return [
-        line.values
-        for line in plotted_series(log)
-        if "/".join(line.path).startswith(f"{origin}/")
-        and (not paths or "/".join(line.path) in paths)
-    ]
+    drawn = {"/".join(line.path): line.values for line in plotted_series(log)}
+    shown = paths or [path for path in drawn if path.startswith(f"{origin}/")]
+    return [drawn[path] for path in drawn if path in shown]
 
 
 def scene_view(

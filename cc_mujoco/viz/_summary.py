@@ -10,16 +10,8 @@ from numpy.typing import NDArray
 
 from cc_mujoco.cable import Cable
 from cc_mujoco.cable._conduit import node_places
-from cc_mujoco.report._figures import (
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    TENSION_COLORS,
-    figure,
-    save,
-    style,
-)
+from cc_mujoco.report import _figures as figures
+from cc_mujoco.report._figures import BLUE, GREEN, GREY, ORANGE, TENSION_COLORS, style
 from cc_mujoco.simulation._episode_log import AxisLog, EpisodeLog
 from cc_mujoco.viz._panels import MAX_SAMPLES, PlotLine, axis_angles, draw_lines
 
@@ -30,7 +22,7 @@ if TYPE_CHECKING:
 
 def write_summary(path: str | os.PathLike[str], log: EpisodeLog) -> None:
     """Draw the summary of an episode into a PNG file."""
-    save(path, draw_summary(log))
+    figures.save(path, draw_summary(log))
 
 
 def draw_summary(log: EpisodeLog) -> Figure:
@@ -42,11 +34,10 @@ def draw_summary(log: EpisodeLog) -> Figure:
     log = log.thinned(MAX_SAMPLES)
     with style():
         rows, axes = len(log.cables), log.each_axis()
-        drawing = figure(11, 5.0 * len(axes) + 0.2 + 2.1 * rows)
+        drawing = figures.figure(11, 5.0 * len(axes) + 0.2 + 2.1 * rows)
         heights = [5.0 * len(axes), 0.3 + 2.1 * rows]
-        top, bottom = drawing.subfigures(2, 1, squeeze=False, height_ratios=heights)[
-            :, 0
-        ]
+        parts: Any = drawing.subfigures(2, 1, height_ratios=heights)
+        top, bottom = parts
         grid = top.add_gridspec(2 * len(axes), 2, width_ratios=[3, 2])
         for row, (axis, own) in enumerate(axes):
             torque = top.add_subplot(grid[2 * row, 0])
@@ -100,12 +91,10 @@ def draw_loop(axes: Axes, log: EpisodeLog | AxisLog) -> None:
     axes.axhline(0, color=GREY, linewidth=0.6)
     axes.axvline(0, color=GREY, linewidth=0.6)
     axes.plot(angle, log["joint_torque_nm"], color=BLUE, label="joint", linewidth=1.0)
-    axes.plot(
-        angle, log["desired_torque_nm"], color=ORANGE, label="desired", linewidth=0.9
-    )
-    axes.set(
-        title="Torque-angle loop", xlabel="joint angle [deg]", ylabel="torque [N m]"
-    )
+    desired = log["desired_torque_nm"]
+    axes.plot(angle, desired, color=ORANGE, label="desired", linewidth=0.9)
+    axes.set(title="Torque-angle loop", xlabel="joint angle [deg]")
+    axes.set_ylabel("torque [N m]")
     axes.legend(ncols=2, loc="lower right", bbox_to_anchor=(1, 0.98))
 
 
@@ -154,16 +143,9 @@ def _draw_tensions(part: Any, log: EpisodeLog) -> None:
     for axes, (cable, values) in zip(panels, means.items(), strict=True):
         rows = _nearest_nodes(log, cable, values.shape[1])
         shown = np.ma.masked_less_equal(values.T[rows], 0.0)
-        image = axes.imshow(
-            shown,
-            aspect="auto",
-            origin="lower",
-            interpolation="nearest",
-            extent=(time[0], time[-1], 0.0, 1.0),
-            cmap=colors,
-            vmin=0.0,
-            vmax=highest,
-        )
+        look: dict[str, Any] = {"cmap": colors, "vmin": 0.0, "vmax": highest}
+        look |= {"aspect": "auto", "origin": "lower", "interpolation": "nearest"}
+        image = axes.imshow(shown, extent=(time[0], time[-1], 0.0, 1.0), **look)
         axes.grid(False)
         axes.set_yticks([0, 1], ["motor end", "joint end"])
         axes.set_title(f"Tension along cable {cable}")

@@ -22,21 +22,10 @@ from cc_mujoco._utils.atomic_io import replacing
 from cc_mujoco.errors import CableError
 from cc_mujoco.report._figures import GREY, TENSION_COLORS, style
 from cc_mujoco.simulation._episode_log import EpisodeLog
+from cc_mujoco.viz import _offscreen_renderer as offscreen
+from cc_mujoco.viz import _panels as panels
 from cc_mujoco.viz._axis import axis_limits
-from cc_mujoco.viz._offscreen_renderer import (
-    Exposure,
-    OffscreenRenderer,
-    require_opengl,
-)
-from cc_mujoco.viz._panels import (
-    FRAME_RATE,
-    MAX_SAMPLES,
-    draw_lines,
-    frame_samples,
-    highest_tension,
-    tensions,
-    torques,
-)
+from cc_mujoco.viz._panels import FRAME_RATE, draw_lines, highest_tension
 from cc_mujoco.viz._summary import episode_title
 
 if TYPE_CHECKING:
@@ -85,10 +74,9 @@ class Strips:
         frame[:, low:column] = self._whole[:, low:column]
         frame[:, column:high] = self._faded_frame[:, column:high]
         self._column = column
+        half = CURSOR_WIDTH // 2
         for top, bottom in self.rows:
-            frame[
-                top:bottom, column - CURSOR_WIDTH // 2 : column + CURSOR_WIDTH // 2
-            ] = 0
+            frame[top:bottom, column - half : column + half] = 0
         top, height, left, width = SCENE_RECTANGLE
         frame[top : top + height, left : left + width] = scene
         return frame
@@ -109,9 +97,8 @@ def _draw_surroundings(
     with style():
         figure = Figure(figsize=(width / DPI, height / DPI), dpi=DPI)
         canvas = FigureCanvasAgg(figure)
-        figure.text(
-            14 / width, 1 - 22 / height, episode_title(log), fontsize=11, va="center"
-        )
+        top = 1 - 22 / height
+        figure.text(14 / width, top, episode_title(log), fontsize=11, va="center")
         _draw_scale(figure, highest)
         plots = _draw_plots(figure, log, opacity)
         canvas.draw()  # type: ignore[no-untyped-call]
@@ -137,9 +124,9 @@ def _draw_scale(figure: Figure, highest: float) -> None:
 
 def _draw_plots(figure: Figure, log: EpisodeLog, opacity: float) -> list[Axes]:
     height, width = FRAME_SIZE
-    shown = torques(log) + tensions(log)
-    if len(shown) > MOST_PLOTS:  # of several axes, what the wearers feel
-        shown = torques(log)[::2][:MOST_PLOTS]
+    shown = panels.torques(log) + panels.tensions(log)
+    if len(shown) > MOST_PLOTS:  # of several axes, the torques at the joints
+        shown = panels.torques(log)[::2][:MOST_PLOTS]
     top, bottom, between = 44, 52, 34
     each = (height - top - bottom - between * (len(shown) - 1)) / len(shown)
     time, plots = log["time_s"], []
@@ -149,17 +136,15 @@ def _draw_plots(figure: Figure, log: EpisodeLog, opacity: float) -> list[Axes]:
         axes = figure.add_axes((left, low / height, right - left, each / height))
         axes.axhline(0.0, color=GREY, linewidth=0.6)
         draw_lines(axes, time, lines, alpha=opacity)
-        axes.set(
-            title=f"{name} [{unit}]", xlim=(time[0], max(time[-1], time[0] + 1e-9))
-        )
+        axes.set(title=f"{name} [{unit}]")
+        axes.set_xlim(time[0], max(time[-1], time[0] + 1e-9))
         reach = axis_limits(time, [line.values for line in lines])
         if reach is not None:
             axes.set_ylim(*reach)
         axes.locator_params(axis="y", nbins=5)
         if len(lines) > 1:
-            legend = axes.legend(
-                ncols=2, loc="lower right", bbox_to_anchor=(1.0, 0.97), borderpad=0.2
-            )
+            place: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.97)}
+            legend = axes.legend(ncols=2, borderpad=0.2, **place)
             for handle in legend.get_lines():
                 handle.set_alpha(1.0)
         axes.tick_params(labelbottom=number == len(shown) - 1)
@@ -181,7 +166,7 @@ FRAMES_AT_ONCE = 600
 def require_video() -> None:
     """Refuse an episode of which no video can be made, before it is played."""
     _av()
-    require_opengl()
+    offscreen.require_opengl()
 
 
 def write_video(
@@ -197,25 +182,25 @@ def write_video(
     av = _av()
     progress = progress or (lambda time: None)
     progress(0.0)
-    samples = frame_samples(log["time_s"])
+    samples = panels.frame_samples(log["time_s"])
     highest = highest_tension(log)
-    strips = Strips(log.thinned(MAX_SAMPLES), highest)
+    strips = Strips(log.thinned(panels.MAX_SAMPLES), highest)
     _, height, _, width = SCENE_RECTANGLE
     poses = log.rows("qpos", np.linspace(0, len(log) - 1, 40).astype(int))
+    look = highest, poses, (height, width)
     # The index in front, so that a page can show it while it arrives.
+    how: dict[str, Any] = {"format": "mp4", "options": {"movflags": "+faststart"}}
     with (
         replacing(path) as partial,
-        OffscreenRenderer(model, log.cables, highest, poses, (height, width)) as stage,
-        av.open(
-            os.fspath(partial), "w", format="mp4", options={"movflags": "+faststart"}
-        ) as film,
+        offscreen.OffscreenRenderer(model, log.cables, *look) as stage,
+        av.open(os.fspath(partial), "w", **how) as film,
         ThreadPoolExecutor(1) as other,  # finishes a frame while the next is drawn
     ):
         stream = film.add_stream(CODEC, rate=FRAME_RATE, options=ENCODER_OPTIONS)
         stream.height, stream.width = FRAME_SIZE
         stream.pix_fmt = PIXEL_FORMAT
 
-        def encode(number: int, exposure: Exposure, time: float) -> None:
+        def encode(number: int, exposure: offscreen.Exposure, time: float) -> None:
             scene = stage.compose_picture(exposure)
             frame = av.VideoFrame.from_ndarray(strips.frame(scene, time), "rgb24")
             frame = frame.reformat(format=PIXEL_FORMAT, interpolation="POINT")

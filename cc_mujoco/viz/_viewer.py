@@ -138,16 +138,19 @@ class Screen:
             shown.vis.global_.fovy = shown.cam_fovy[0]
         self._data = mujoco.MjData(shown)
         before = set(threading.enumerate())
-        self._viewer: Any = _viewer().launch_passive(
-            shown,
-            self._data,
-            key_callback=press,
-            show_left_ui=False,
-            show_right_ui=sliders is not None,
-        )
+        panels = {"show_left_ui": False, "show_right_ui": sliders is not None}
+        launch = _viewer().launch_passive
+        self._viewer: Any = launch(shown, self._data, key_callback=press, **panels)
         self._windows = set(threading.enumerate()) - before
         with self._viewer.lock():
-            _set_camera(self._viewer.cam, *viewpoint(shown))
+            # Free to be turned by the mouse
+            camera, (position, target) = self._viewer.cam, viewpoint(shown)
+            forward = target - position
+            camera.type = mujoco.mjtCamera.mjCAMERA_FREE
+            camera.lookat[:] = target
+            camera.distance = float(np.linalg.norm(forward))
+            camera.azimuth = np.degrees(np.arctan2(forward[1], forward[0]))
+            camera.elevation = np.degrees(np.arcsin(forward[2] / camera.distance))
         self._simulated = model
         self._mouse = mujoco.MjvPerturb()
         self._mouse_was_active = False
@@ -202,9 +205,8 @@ class Screen:
     def _put(self, frame: Frame) -> None:
         viewer, scene = self._viewer, self._viewer.user_scn
         nodes = [float(tension.max()) for tension in frame.tensions.values()]
-        self._capsules.highest = max(
-            self._capsules.highest, *map(round_up_tension, nodes)
-        )
+        highest = self._capsules.highest
+        self._capsules.highest = max(highest, *map(round_up_tension, nodes))
         with viewer.lock():
             self._data.qpos[:] = frame.qpos
             mujoco.mj_fwdPosition(self._model, self._data)
@@ -230,13 +232,3 @@ def round_up_tension(tension: float) -> float:
     """Return the next of 1, 2, 5, 10, ... from a tension on [N]; seldom another."""
     power = 10.0 ** np.floor(np.log10(max(tension, 1e-3)))
     return float(next(n * power for n in (1, 2, 5, 10) if n * power >= tension))
-
-
-def _set_camera(camera: mujoco.MjvCamera, position: Array, target: Array) -> None:
-    """Look on from a place [m] at another, free to be turned by the mouse."""
-    forward = target - position
-    camera.type = mujoco.mjtCamera.mjCAMERA_FREE
-    camera.lookat[:] = target
-    camera.distance = float(np.linalg.norm(forward))
-    camera.azimuth = np.degrees(np.arctan2(forward[1], forward[0]))
-    camera.elevation = np.degrees(np.arcsin(forward[2] / camera.distance))

@@ -28,19 +28,10 @@ from cc_mujoco.metrics import Metric
 from cc_mujoco.report import _html as html
 from cc_mujoco.report._figures import TENSION_COLORS
 from cc_mujoco.simulation._episode_log import EpisodeLog
+from cc_mujoco.viz import _panels as plots
 from cc_mujoco.viz._axis import axis_limits
 from cc_mujoco.viz._conduit3d import SLACK_COLOR
-from cc_mujoco.viz._panels import (
-    FRAME_RATE,
-    MAX_SAMPLES,
-    Panel,
-    angles,
-    frame_rate,
-    frame_samples,
-    highest_tension,
-    tensions,
-    torques,
-)
+from cc_mujoco.viz._panels import FRAME_RATE, MAX_SAMPLES, Panel, highest_tension
 from cc_mujoco.viz._summary import episode_title
 from cc_mujoco.viz._web_scene import encode_array, web_scene
 
@@ -67,9 +58,9 @@ def write_page(
     highest, count = highest_tension(log), len(log)
     log = log.thinned(MAX_SAMPLES)
     # At most 6000 frames: a longer episode shows fewer per second.
-    rate = frame_rate(log["time_s"], FRAME_RATE, 6_000)
-    samples = frame_samples(log["time_s"], rate)
-    panels = [*torques(log), *angles(log), *tensions(log)]
+    rate = plots.frame_rate(log["time_s"], FRAME_RATE, 6_000)
+    samples = plots.frame_samples(log["time_s"], rate)
+    panels = [*plots.torques(log), *plots.angles(log), *plots.tensions(log)]
     every = math.ceil(len(log) / MAX_PLOT_SAMPLES)
     data = {
         "time": encode_array(log["time_s"][::every]),
@@ -92,18 +83,13 @@ def write_page(
 
 
 def _panel(panel: Panel, time: NDArray[np.float64], every: int) -> dict[str, Any]:
-    return {
-        "range": axis_limits(time, [line.values for line in panel.lines]),
-        "lines": [
-            {
-                "label": line.label,
-                "color": line.color,
-                "dashed": line.dashed,
-                "values": encode_array(line.values[::every]),
-            }
-            for line in panel.lines
-        ],
-    }
+    lines = []
+    for line in panel.lines:
+        look = line._asdict()
+        values = encode_array(look.pop("values")[::every])
+        lines.append({**look, "values": values})
+    reach = axis_limits(time, [line.values for line in panel.lines])
+    return {"range": reach, "lines": lines}
 
 
 def _colors() -> list[tuple[float, str]]:
@@ -167,18 +153,11 @@ def _body(
 ) -> html.Html:
     figures = []
     for panel in panels:
-        keys = [
-            _KEY.substitute(
-                look="dashed" if line.dashed else "line",
-                color=line.color,
-                label=escape(line.label),
-            )
-            for line in panel.lines
-        ]
-        title = escape(panel.title)
-        figures.append(
-            _FIGURE.substitute(title=title, unit=panel.unit, keys="".join(keys))
-        )
+        keys, title = "", escape(panel.title)
+        for line in panel.lines:
+            look, label = "dashed" if line.dashed else "line", escape(line.label)
+            keys += _KEY.substitute(look=look, color=line.color, label=label)
+        figures.append(_FIGURE.substitute(title=title, unit=panel.unit, keys=keys))
     body = _BODY.substitute(
         title=escape(episode_title(log)),
         gradient=f"linear-gradient(90deg,{','.join(c for _, c in _colors()[2:])})",
@@ -189,15 +168,11 @@ def _body(
     )
     if not metrics:
         return html.Html(body)
-    rows = [
-        (
-            metric.name.replace("_", " "),
-            f"{value:.4g}" if math.isfinite(value) else "-",
-            metric.unit,
-            metric.meaning,
-        )
-        for metric, value in metrics.items()
-    ]
+    rows = []
+    for metric, value in metrics.items():
+        number = f"{value:.4g}" if math.isfinite(value) else "-"
+        name = metric.name.replace("_", " ")
+        rows.append((name, number, metric.unit, metric.meaning))
     results = html.table(("", "", "unit", "meaning"), rows)
     return html.join_pieces([html.Html(body), html.element("h2", "Results"), results])
 

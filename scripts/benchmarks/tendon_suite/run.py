@@ -1,0 +1,120 @@
+"""Score the engines that this interpreter can import on the tendon suite.
+
+    python scripts/benchmarks/tendon_suite/run.py [--engine NAME] [--task NAME]
+        [--tune] [--out FILE.json]
+
+The error is the largest relative one of a task's quantities. `--out` adds to results
+that the file holds, of other interpreters too, and prints all. `--tune` plays every
+setting that an engine tries, and keeps the best. Another engine is a module in
+`MODULES` with `ENGINES`, see `Engine` in `tasks.py`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import statistics
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from tendon_suite.tasks import TASKS, Array, Engine, Machine, NotExpressible, Setting
+
+MODULES = ("ours", "plain_mujoco", "newton_tendons")
+
+
+def engines() -> dict[str, Engine]:
+    """Return the engines that can be imported, by name."""
+    found: dict[str, Engine] = {}
+    for module in MODULES:
+        try:
+            found |= importlib.import_module(f"tendon_suite.{module}").ENGINES
+        except ImportError as error:
+            print(f"{module}: {error}", file=sys.stderr)
+    return found
+
+
+def score(task: str, engine: Engine, setting: Setting) -> dict[str, Any]:
+    """Return the result of a task with one setting."""
+    seconds: list[float] = []
+
+    def build(machine: Machine) -> Any:
+        sim: Any = engine.build(machine, setting)
+        advance = sim.step
+
+        def step(forces: Array) -> None:
+            start = time.perf_counter()
+            advance(forces)
+            seconds.append(time.perf_counter() - start)
+
+        sim.step = step
+        return sim
+
+    found = {
+        q.name: [float(q.found), float(q.right), q.error] for q in TASKS[task](build)
+    }
+    return {
+        "error": max(error for _, _, error in found.values()),
+        "steps_per_second": 1.0 / statistics.median(seconds),
+        "setting": setting,
+        "quantities": found,
+    }
+
+
+def best(task: str, engine: Engine, tune: bool) -> dict[str, Any]:
+    """Return the best result of a task, or the reason why there is none."""
+    tried = []
+    for setting in engine.settings(task, tune):
+        try:
+            tried.append(score(task, engine, setting))
+        except NotExpressible as reason:
+            return {"reason": str(reason)}
+        print(f"{task}: {tried[-1]['error']:.3g} {setting}", file=sys.stderr)
+    return min(tried, key=lambda result: result["error"])
+
+
+def cell(result: dict[str, Any]) -> str:
+    if "error" not in result:
+        return "-" if result else ""
+    step, speed = 1e3 * result["setting"]["timestep"], result["steps_per_second"]
+    return f"{100 * result['error']:.2g} %, {step:g} ms, {speed:.2g}/s"
+
+
+def table(results: dict[str, Any]) -> str:
+    """Return the results as Markdown, and the reasons below."""
+    names = list(dict.fromkeys(name for row in results.values() for name in row))
+    rows = [["task", *names], ["---"] * (len(names) + 1)]
+    reasons = []
+    for task, row in results.items():
+        rows.append([task, *(cell(row.get(name, {})) for name in names)])
+        told = [(name, row[name]["reason"]) for name in row if "reason" in row[name]]
+        reasons += [f"{name}, {task}: {reason}" for name, reason in told]
+    return "\n".join([f"| {' | '.join(row)} |" for row in rows] + reasons)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--engine", action="append")
+    parser.add_argument("--task", action="append", choices=TASKS)
+    parser.add_argument("--tune", action="store_true")
+    parser.add_argument("--out", type=Path)
+    options = parser.parse_args()
+    out = options.out
+    kept = json.loads(out.read_text("utf-8")) if out and out.exists() else {}
+    results = {task: kept.get(task, {}) for task in TASKS}
+    for name, engine in engines().items():
+        if options.engine and name not in options.engine:
+            continue
+        for task in options.task or TASKS:
+            results[task][name] = best(task, engine, options.tune)
+            if out:
+                out.write_text(json.dumps(results, indent=1), "utf-8")
+    print(table({task: row for task, row in results.items() if row}))
+
+
+if __name__ == "__main__":
+    main()

@@ -646,6 +646,12 @@ def admit(
 
 
 @internal
+def _has_fallen(memory: FloatArray) -> bool:
+    """Return whether the gain is far below one that was proven."""
+    return bool(memory[_GAIN] < _FALLEN_SHARE * memory[_PROVEN])
+
+
+@internal
 def _credible(limits: DriveLimits, spring: FloatArray, memory: FloatArray) -> float:
     """Return the part of the stretch torque that is credible [N m]."""
     predicted = max(memory[_GAIN], 1.0) * memory[_PREDICTED]
@@ -653,7 +659,10 @@ def _credible(limits: DriveLimits, spring: FloatArray, memory: FloatArray) -> fl
         # A gain below 1 may be that of the sensor, once the motor can be unsafe.
         if memory[_MOST] > limits.safe_torque:
             return float(predicted)
-        return float(memory[_GAIN] * memory[_PREDICTED])
+        gain = memory[_GAIN]
+        if _has_fallen(memory):
+            gain = memory[_PROVEN]
+        return float(gain * memory[_PREDICTED])
     friction = _most_friction(spring)
     high = _behind_friction(limits, spring, memory[_MOST], friction)
     low = _behind_friction(limits, spring, -memory[_MOST], -friction)
@@ -710,8 +719,7 @@ def state(
     memory[STATE] = released
     if _is_too_fast(limits, memory):
         memory[STATE] = BRAKED
-    has_fallen = memory[_GAIN] < _FALLEN_SHARE * memory[_PROVEN]
-    if has_fallen and released != 0.0 and before == 0.0 and sensed == 0.0:
+    if _has_fallen(memory) and released != 0.0 and before == 0.0 and sensed == 0.0:
         memory[_RELEASES] += 1.0
         if memory[_RELEASES] > _MOST_RELEASES:
             stop(memory, STOPPED)

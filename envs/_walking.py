@@ -15,15 +15,7 @@ from cc_mujoco._validation import MAX_DURATION, require_number
 from cc_mujoco.cable import Cable
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.human import Task, WalkingController, WalkingPolicy
-from cc_mujoco.human._walking_body import (
-    CABLE,
-    DRUM,
-    MOTOR_TORQUE,
-    POLICY,
-    PUSH_OFF,
-    WalkingBody,
-    metabolic_energy,
-)
+from cc_mujoco.human import _walking_body as walking_body
 from cc_mujoco.human._walking_policy import MUSCLE_PERIOD, ExpectedHelp
 from cc_mujoco.plugin import settle
 
@@ -106,9 +98,9 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
     def __init__(
         self,
         transmission: str = "cable",
-        cable: Cable = CABLE,
+        cable: Cable = walking_body.CABLE,
         adaptation: float = 1.0,
-        policy: str | Path | WalkingPolicy = POLICY,
+        policy: str | Path | WalkingPolicy = walking_body.POLICY,
         duration: float = 20.0,
         render_mode: str | None = None,
     ) -> None:
@@ -130,7 +122,7 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
         self.policy = policy
         self.model = walking_model(transmission, cable)
         self.data = mujoco.MjData(self.model)
-        self.body = WalkingBody(self.model)
+        self.body = walking_body.WalkingBody(self.model)
         self.body.set_muscles(self.model, policy)
         self._substeps = round(MUSCLE_PERIOD / self.model.opt.timestep)
         self._ropes = Ropes(self.model, transmission)
@@ -169,13 +161,15 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
         Args:
             task: desired torque of the ankle by phase, `PUSH_OFF` by default.
         """
-        task = PUSH_OFF if task is None else task
+        task = walking_body.PUSH_OFF if task is None else task
         desired = np.array([task.torque(0.0, 0.0, phase) for phase in self.phase])
-        torque = np.maximum(-desired, 0.0) * DRUM / self._ropes.arms(self.data)
+        torque = (
+            np.maximum(-desired, 0.0) * walking_body.DRUM / self._ropes.arms(self.data)
+        )
         following = self._ropes.follow(self.data)
         # Desired torque below which a motor follows the ankle [N m]
         torque = np.where(-desired > 0.5, torque, following)
-        share = np.clip(torque / MOTOR_TORQUE, -1.0, 1.0)
+        share = np.clip(torque / walking_body.MOTOR_TORQUE, -1.0, 1.0)
         return np.asarray(share, np.float32)
 
     def reset(
@@ -217,7 +211,7 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
         phase = self.person.phase
         control[:, 2] -= self.adaptation * self._expected.at(phase)[0]
         data.ctrl[body.muscles] = control
-        self._ropes.command(data, given * MOTOR_TORQUE)
+        self._ropes.command(data, given * walking_body.MOTOR_TORQUE)
         energy, period, ankles = 0.0, self.model.opt.timestep, body.dof[:, 2]
         for _ in range(self._substeps):
             mujoco.mj_step(self.model, data)
@@ -225,7 +219,7 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
             help_ = self._help()
             motors = self._ropes.motor_power(data)
             self._meter.add(power, help_ * data.qvel[ankles], motors, period)
-            energy += period * metabolic_energy(
+            energy += period * walking_body.metabolic_energy(
                 np.maximum(power, 0.0).sum(), np.minimum(power, 0.0).sum()
             )
         self._expected.observe(phase, self._help()[None])

@@ -24,16 +24,11 @@ from cc_mujoco._utils import user_code
 from cc_mujoco._utils.toml_table import Table, read_toml
 from cc_mujoco.assets import SCENES, scene_path
 from cc_mujoco.cable import Cable
+from cc_mujoco.device import _strip_visuals as stripping
 from cc_mujoco.device._derivation import describe
 from cc_mujoco.device._description import Description
 from cc_mujoco.device._device_files import HYSTERESIS_ENDING, locate
 from cc_mujoco.device._mover import Mover
-from cc_mujoco.device._strip_visuals import (
-    remaining_cable,
-    reserve_memory,
-    route_tendons,
-    strip,
-)
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import TASKS, TRAJECTORIES, Wearer
 from cc_mujoco.plugin._spec import error_sentence, read_spec
@@ -201,7 +196,7 @@ class Device(Nominal):
         """Return the scene without visuals, except `kept` tendons."""
         with _ONE:  # two threads would make two, and what one stands on would go
             if kept not in self._bare:
-                self._bare[kept] = strip(self.spec, kept)
+                self._bare[kept] = stripping.strip(self.spec, kept)
             return self._bare[kept]
 
     def xml(self) -> str:
@@ -357,8 +352,8 @@ def _resolved(table: Table, folder: Path) -> Table:
 
 def bare_model(device: Device) -> mujoco.MjSpec:
     """Return the scene of a device without visuals, with its own cables."""
-    spec = device.stripped(route_tendons(device.cables.values())).copy()
+    spec = device.stripped(stripping.route_tendons(device.cables.values())).copy()
     for name, cable in device.cables.items():
-        plugin.to_mjcf(spec, name, remaining_cable(spec, cable))
-    reserve_memory(spec, device.cables.values())
+        plugin.to_mjcf(spec, name, stripping.remaining_cable(spec, cable))
+    stripping.reserve_memory(spec, device.cables.values())
     return spec

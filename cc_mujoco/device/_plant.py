@@ -22,16 +22,12 @@ import numpy as np
 from cc_mujoco import plugin
 from cc_mujoco._validation import require_dictionary
 from cc_mujoco.cable._cable import KEYS, PATHS, Cable, Section
+from cc_mujoco.device import _strip_visuals as stripping
 from cc_mujoco.device import _wearer_scaling as wearer_scaling
 from cc_mujoco.device._description import Axis, Description
 from cc_mujoco.device._device import Device, Nominal, find_device
 from cc_mujoco.device._materials import ENDS, MATERIALS, Material
 from cc_mujoco.device._motors import MOTORS, Motor
-from cc_mujoco.device._strip_visuals import (
-    remaining_cable,
-    reserve_memory,
-    route_tendons,
-)
 from cc_mujoco.device._variables import (
     DELAY,
     NOISE,
@@ -45,15 +41,7 @@ from cc_mujoco.device._variables import (
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Body, Wearer
 from cc_mujoco.human._body import SCENE_WEARER, SEGMENT_MASS_SHARES, WEARER_MASS
-from cc_mujoco.metrics._metric import (
-    CONTINUOUS_TORQUE,
-    GEARING,
-    PULL_PULL,
-    SAFE_TORQUE,
-    STRENGTH,
-    TORQUE_CONSTANT,
-    WINDING_RESISTANCE,
-)
+from cc_mujoco.metrics import _metric as metric
 
 RADII = ("motor_radius", "joint_radius")
 """Variables of a cable's proximal and distal end."""
@@ -202,10 +190,10 @@ class Plant:
         """Return the constants of an axis that metrics need, as far as known."""
         motor = self.motor(axis)
         found = {
-            GEARING: self.gearing(axis),
-            WINDING_RESISTANCE: motor.resistance,
-            TORQUE_CONSTANT: motor.torque_constant,
-            CONTINUOUS_TORQUE: motor.continuous_torque,
+            metric.GEARING: self.gearing(axis),
+            metric.WINDING_RESISTANCE: motor.resistance,
+            metric.TORQUE_CONSTANT: motor.torque_constant,
+            metric.CONTINUOUS_TORQUE: motor.continuous_torque,
         }
         known = {key: value for key, value in found.items() if not math.isnan(value)}
         return facts_of(axis, self.strength) | known
@@ -245,7 +233,7 @@ class Plant:
         walks = (self.values.get(name) for name in wearer_scaling.WALKER)
         lags = (bool(self._of_axis(axis).get("motor_lag", 0.0)) for axis in axes)
         segments = (cable.segments for cable in cables)
-        return (*segments, *route_tendons(cables), *walks, *lags)
+        return (*segments, *stripping.route_tendons(cables), *walks, *lags)
 
     def check(self) -> None:
         """Find out whether the plant can be simulated.
@@ -256,7 +244,9 @@ class Plant:
         """
         scene, values = self.scene, self.values
         wearer_scaling.require_possible(self.description, values)
-        if wearer_scaling.LEG_LENGTH in values and route_tendons(self.cables.values()):
+        if wearer_scaling.LEG_LENGTH in values and stripping.route_tendons(
+            self.cables.values()
+        ):
             raise CableError(
                 f"variable {wearer_scaling.LEG_LENGTH!r} moves knee and ankle apart, "
                 "but a cable bends as the scene draws its route along a leg; leave "
@@ -322,8 +312,8 @@ class Plant:
         if whole:
             spec = scene.spec.copy()
         else:
-            spec = scene.stripped(route_tendons(self.cables.values())).copy()
-            reserve_memory(spec, self.cables.values())
+            spec = scene.stripped(stripping.route_tendons(self.cables.values())).copy()
+            stripping.reserve_memory(spec, self.cables.values())
         self._apply(spec, whole)
         return spec
 
@@ -433,7 +423,9 @@ class Plant:
 
     def _apply(self, spec: mujoco.MjSpec, whole: bool) -> None:
         for name, cable in self.cables.items():
-            plugin.to_mjcf(spec, name, cable if whole else remaining_cable(spec, cable))
+            plugin.to_mjcf(
+                spec, name, cable if whole else stripping.remaining_cable(spec, cable)
+            )
             own = self._own(name)
             ends = (a for a in spec.actuators if a.plugin.name == name)
             for end, key in zip(ends, RADII, strict=True):
@@ -530,12 +522,12 @@ class Plant:
 
 def facts_of(axis: Axis, strength: Mapping[str, float]) -> dict[str, Any]:
     """Return the constants of an axis that metrics need, as far as known."""
-    found: dict[str, Any] = {PULL_PULL: axis.pull_pull}
+    found: dict[str, Any] = {metric.PULL_PULL: axis.pull_pull}
     known = {name: load for name, load in strength.items() if not math.isnan(load)}
     if known:
-        found[STRENGTH] = known
+        found[metric.STRENGTH] = known
     if math.isfinite(axis.safe_torque):
-        found[SAFE_TORQUE] = axis.safe_torque
+        found[metric.SAFE_TORQUE] = axis.safe_torque
     return found
 
 

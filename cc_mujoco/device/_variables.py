@@ -16,14 +16,7 @@ from cc_mujoco.device._materials import ENDS, MATERIALS
 from cc_mujoco.device._motors import MOTORS
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Profile
-from cc_mujoco.human._body import (
-    MAX_LEG_LENGTH,
-    MAX_MASS,
-    MIN_LEG_LENGTH,
-    MIN_MASS,
-    WEARER_LEG_LENGTH,
-    WEARER_MASS,
-)
+from cc_mujoco.human import _body as bodies
 from cc_mujoco.human._pace import MAX_SPEED, MEASURED_SPEED, MIN_SPEED
 from cc_mujoco.human._profile import MAX_PEAK_TORQUE as PEAK
 
@@ -142,14 +135,15 @@ VARIABLES: dict[str, Parameter] = OF_CABLES | {
             "body_mass", "kg", "of the wearer of a leg: its segments go with it "
             "as in Winter, Biomechanics and Motor Control of Human Movement, "
             "Table 4.1, moments and size of the help as in Hof, Gait & Posture 4, "
-            f"1996; {WEARER_MASS:g} by default", MIN_MASS, MAX_MASS,
+            f"1996; {bodies.WEARER_MASS:g} by default", bodies.MIN_MASS,
+            bodies.MAX_MASS,
         ),
         Parameter(
             "leg_length", "m", "of the wearer, from hip to sole: lengths and "
             "inertia of the leg, stride time, moments and size of the help go "
             "with it as in Hof, Gait & Posture 4, 1996, and speed, unless "
-            f"`gait_speed` says it; {WEARER_LEG_LENGTH:g} by default", MIN_LEG_LENGTH,
-            MAX_LEG_LENGTH,
+            f"`gait_speed` says it; {bodies.WEARER_LEG_LENGTH:g} by default",
+            bodies.MIN_LEG_LENGTH, bodies.MAX_LEG_LENGTH,
         ),
         Parameter(
             "onset", "% of the stride", "where the help of the ankle begins; with "

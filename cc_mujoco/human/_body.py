@@ -22,17 +22,11 @@ from dataclasses import dataclass
 
 from cc_mujoco._validation import bounded, require_bounds
 from cc_mujoco.errors import CableError
-from cc_mujoco.human._pace import (
-    MAX_SPEED,
-    MEASURED_SPEED,
-    MIN_SPEED,
-    WEARER_HEIGHT,
-    Pace,
-)
+from cc_mujoco.human import _pace as walking
 
 WEARER_MASS = 75.0
 """Mass of the scenes' wearer [kg]."""
-WEARER_LEG_LENGTH = round(0.530 * WEARER_HEIGHT, 4)
+WEARER_LEG_LENGTH = round(0.530 * walking.WEARER_HEIGHT, 4)
 """Leg length of the scenes' wearer: hip to sole, by Winter for that height [m]."""
 MIN_MASS, MAX_MASS = 40.0, 130.0
 """Masses of adults [kg]."""
@@ -74,7 +68,7 @@ class Body:
         """Moments of a similar gait over those of the scenes' wearer [-]."""
         return self.heavier * self.longer
 
-    def pace(self, speed: float | None = None) -> Pace:
+    def pace(self, speed: float | None = None) -> walking.Pace:
         """Return the pace at which the wearer of the scenes walks similarly.
 
         Its times are to be multiplied by `time`, its moments by `moment`.
@@ -87,21 +81,21 @@ class Body:
             CableError: If no data cover a similar gait.
         """
         if speed is None:
-            return Pace(MEASURED_SPEED)
+            return walking.Pace(walking.MEASURED_SPEED)
         equivalent_speed = speed / self.time
         if (
-            not MIN_SPEED <= equivalent_speed <= MAX_SPEED
+            not walking.MIN_SPEED <= equivalent_speed <= walking.MAX_SPEED
             and self.leg != WEARER_LEG_LENGTH
         ):
             # Rounded inwards, so that the ends in the message can be walked.
-            low = math.ceil(1e3 * MIN_SPEED * self.time) / 1e3
-            high = math.floor(1e3 * MAX_SPEED * self.time) / 1e3
+            low = math.ceil(1e3 * walking.MIN_SPEED * self.time) / 1e3
+            high = math.floor(1e3 * walking.MAX_SPEED * self.time) / 1e3
             raise CableError(
                 f"a wearer with legs of {self.leg:g} m cannot walk at {speed:g} m/s; "
                 f"the speed must be in [{low:g}, {high:g}] m/s, where adults walk "
                 "alike."
             )
-        return Pace(equivalent_speed)
+        return walking.Pace(equivalent_speed)
 
 
 SCENE_WEARER = Body()

@@ -22,18 +22,7 @@ import numpy as np
 
 from cc_mujoco.control import _controller as controller
 from cc_mujoco.control._law_steps import LawData
-from cc_mujoco.device._axis_record import (
-    FIELDS,
-    JOINT_ANGLE,
-    JOINT_TORQUE,
-    LEVERAGE,
-    READING_COLUMNS,
-    READINGS,
-    WINDING_ANGLE,
-    axis_at,
-    fields_of,
-    read_axis,
-)
+from cc_mujoco.device import _axis_record as axis_record
 from cc_mujoco.human._tasks import clamp
 from cc_mujoco.native import _library as native_library
 from cc_mujoco.native import internal
@@ -55,11 +44,11 @@ PLUGIN = "cc_mujoco.episode"
 UNPOWERED = -1
 """Law of a motor that gives no torque; others are places in `_controller.STEPS`."""
 
-KEPT = (*READING_COLUMNS[:WINDING_ANGLE], "desired_torque_nm")
+KEPT = (*axis_record.READING_COLUMNS[: axis_record.WINDING_ANGLE], "desired_torque_nm")
 """Columns that are kept of every control step, before those of each cable."""
-READ_COLUMNS = (*READING_COLUMNS, "desired_torque_nm")
+READ_COLUMNS = (*axis_record.READING_COLUMNS, "desired_torque_nm")
 """Columns that a law may read."""
-_DESIRED = READINGS
+_DESIRED = axis_record.READINGS
 PER_CABLE = 4
 """Columns of each cable: tension at both ends, energy that friction took, least
 tension."""
@@ -102,7 +91,7 @@ RECORD = np.dtype(
 """Record of a simulation. `userdata[0]` of the simulation holds its address; 0 is none,
 which is also what MuJoCo makes of it when a simulation diverges."""
 
-_FIXED, _PER_CABLE, _FIELD_COUNT = len(KEPT), PER_CABLE, FIELDS
+_FIXED, _PER_CABLE, _FIELD_COUNT = len(KEPT), PER_CABLE, axis_record.FIELDS
 EpisodeRecord = Annotated[Any, ("EpisodeRecord", RECORD)]
 """A simulation's `RECORD`."""
 
@@ -139,9 +128,9 @@ def _observe(record: EpisodeRecord, data: MjData, step: int) -> None:
     cables, rows = record.cables, record.steps + 1
     columns = floats(record.columns, (_FIXED + _PER_CABLE * cables) * rows)
     at, found = np.empty(_FIELD_COUNT, np.int64), np.empty(_DESIRED + 1)
-    fields_of(data, at)
-    read_axis(axis_at(record.axis), at, found)
-    found[_DESIRED] = _desired_torque(record, step, found[JOINT_ANGLE])
+    axis_record.fields_of(data, at)
+    axis_record.read_axis(axis_record.axis_at(record.axis), at, found)
+    found[_DESIRED] = _desired_torque(record, step, found[axis_record.JOINT_ANGLE])
     for i in range(_FIXED - 1):
         columns[i * rows + step] = found[i]
     columns[(_FIXED - 1) * rows + step] = found[_DESIRED]
@@ -162,11 +151,11 @@ def _observe(record: EpisodeRecord, data: MjData, step: int) -> None:
         columns[(_FIXED + 3 * cables + k) * rows + step] = least
     count, taps = record.source_count, words(record.taps, record.tap_count)
     sources, seen = words(record.sources, count), floats(record.seen, count + taps.size)
-    leverage = found[LEVERAGE] if record.is_round != 0 else 1.0
+    leverage = found[axis_record.LEVERAGE] if record.is_round != 0 else 1.0
     for i in range(count):
         source = sources[i]
         seen[i] = found[source]
-        if source == JOINT_TORQUE or source == _DESIRED:
+        if source == axis_record.JOINT_TORQUE or source == _DESIRED:
             seen[i] = found[source] / leverage
     for i in range(taps.size):
         seen[count + i] = max(load_real(state + 8 * taps[i]), 0.0)
@@ -187,7 +176,7 @@ def _play(data: MjData, record: EpisodeRecord) -> None:
             record.refused = 1
             data.userdata[0] = 0.0
             return
-        axis = axis_at(record.axis)
+        axis = axis_record.axis_at(record.axis)
         share = clamp(torque / axis.torque_limit, -1.0, 1.0)
         # The actions of the environments are of single precision.
         single = float(np.float32(share))

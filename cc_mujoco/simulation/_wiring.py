@@ -19,18 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.device._axis_record import (
-    AXIS_SIZE,
-    JOINT_ANGLE,
-    JOINT_VELOCITY,
-    MOMENT,
-    READING_COLUMNS,
-    READINGS,
-    Physics,
-    axis_at,
-    read_axis,
-    real,
-)
+from cc_mujoco.device import _axis_record as axis_record
 from cc_mujoco.device._model import DeviceModel
 from cc_mujoco.human import Spring, Task, Tunnel
 from cc_mujoco.human._tasks import spring_torque, task_torque, tunnel_torque
@@ -58,10 +47,10 @@ Python alone knows."""
 TASK_CODES: dict[type[Task], int] = {Tunnel: TUNNEL, Spring: SPRING}
 
 _REFERENCE, _CLOCK, _SINE, _COSINE, _DEMAND = range(MARKS)
-_DESIRED = READINGS
+_DESIRED = axis_record.READINGS
 _MOTION = "desired_torque_nm", "phase_sine", "phase_cosine", "reference_angle_rad"
 """Columns of an axis that follow those of its reading."""
-_WIDTH = READINGS + len(_MOTION)
+_WIDTH = axis_record.READINGS + len(_MOTION)
 
 _tunnel, _spring = internal(tunnel_torque), internal(spring_torque)
 
@@ -96,7 +85,7 @@ class Wiring:
         self._rows = np.zeros((count, 4), np.int64)
         """Addresses of commands and marks of the part of each row's script, its first
         sample, and that of the next part."""
-        self._physics: Physics | None = None
+        self._physics: axis_record.Physics | None = None
         self._sampling = exo.sampling
         self._control = np.zeros((count, exo.frame_skip, first.model.nu))
         self.names: list[str] = []
@@ -105,7 +94,7 @@ class Wiring:
         starts = []
         for axis, prefix in zip(first.axes, first.prefixes, strict=True):
             starts.append(len(self.names))
-            own = (*READING_COLUMNS, *_MOTION, *axis.ratio_columns)
+            own = (*axis_record.READING_COLUMNS, *_MOTION, *axis.ratio_columns)
             self.names += [prefix + name for name in own]
         self._python_tasks = [
             (task, start, len(self.names) + n)
@@ -120,7 +109,7 @@ class Wiring:
 
     def axis_address(self, row: int) -> int:
         """Return the address of the record of the first axis of a device."""
-        return self._address + AXIS_SIZE * self._axes * row
+        return self._address + axis_record.AXIS_SIZE * self._axes * row
 
     def seat(self, row: int, script: Script) -> None:
         """Assign a script to a row and rewind it."""
@@ -163,7 +152,9 @@ class Wiring:
             _drive(*given)
         return self._control
 
-    def read(self, physics: Physics, samples: NDArray[np.int64]) -> NDArray[np.float64]:
+    def read(
+        self, physics: axis_record.Physics, samples: NDArray[np.int64]
+    ) -> NDArray[np.float64]:
         """Return the columns of all rows now, (columns, n), in an array of its own."""
         if physics is not self._physics:
             self._physics = physics
@@ -179,7 +170,10 @@ class Wiring:
             self._turn(samples)
             _read(*given)
         for task, start, clock in self._python_tasks:
-            angle, velocity = table[start + JOINT_ANGLE], table[start + JOINT_VELOCITY]
+            angle, velocity = (
+                table[start + axis_record.JOINT_ANGLE],
+                table[start + axis_record.JOINT_VELOCITY],
+            )
             if task.about_reference:
                 angle = angle - table[start + _WIDTH - 1]
             table[start + _DESIRED] = task_torque(task, angle, velocity, table[clock])
@@ -243,13 +237,15 @@ def _drive(
         first = skip * (samples[row] - scripts[row, 2])
         commands = scripts[row, 0] + 8 * scripted_count * first
         for n in range(count):
-            axis = axis_at(axes + AXIS_SIZE * (row % devices * count + n))
+            axis = axis_record.axis_at(
+                axes + axis_record.AXIS_SIZE * (row % devices * count + n)
+            )
             value = share[row, n] * axis.motor_scale
             for step in range(skip):
                 control[row, step, axis.motor_control] = value
         for step in range(skip):
             for i in range(scripted_count):
-                value = real(commands, step * scripted_count + i)
+                value = axis_record.real(commands, step * scripted_count + i)
                 control[row, step, script_controls[i]] = value
         samples[row] = samples[row] + 1
     return True
@@ -272,20 +268,22 @@ def _read(
         return False
     count = codes.size
     clocks = table.shape[0] - count - 1
-    found = np.empty(READINGS)
+    found = np.empty(axis_record.READINGS)
     for row in range(samples.size):
         at = physics[row]
         table[clocks + count, row] = samples[row] * sampling
         marks = scripts[row, 1] + 8 * MARKS * count * (samples[row] - scripts[row, 2])
         first = 0
         for n in range(count):
-            axis = axis_at(axes + AXIS_SIZE * (row % devices * count + n))
+            axis = axis_record.axis_at(
+                axes + axis_record.AXIS_SIZE * (row % devices * count + n)
+            )
             mark = floats(marks + 8 * MARKS * n, MARKS)
-            read_axis(axis, at, found)
-            for i in range(READINGS):
+            axis_record.read_axis(axis, at, found)
+            for i in range(axis_record.READINGS):
                 table[first + i, row] = found[i]
             table[first + _DESIRED, row] = desired_torque(
-                codes[n], parameters[n], found[JOINT_ANGLE], mark[_DEMAND]
+                codes[n], parameters[n], found[axis_record.JOINT_ANGLE], mark[_DEMAND]
             )
             table[first + _DESIRED + 1, row] = mark[_SINE]
             table[first + _DESIRED + 2, row] = mark[_COSINE]
@@ -296,7 +294,7 @@ def _read(
                 floats(axis.shared_scales, shared),
             )
             for i in range(shared):
-                arm = real(at[MOMENT], arms[i])
+                arm = axis_record.real(at[axis_record.MOMENT], arms[i])
                 table[first + _WIDTH + i, row] = scales[i] * arm
             table[clocks + n, row] = mark[_CLOCK]
             first = first + _WIDTH + shared

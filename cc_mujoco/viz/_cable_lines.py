@@ -21,22 +21,8 @@ from numpy.typing import NDArray
 
 from cc_mujoco import plugin
 from cc_mujoco.plugin._mjcf import instances
-from cc_mujoco.viz._conduit3d import (
-    conduit_shares,
-    fine_shares,
-    node_shares,
-    part_tensions,
-    resample,
-    tension_colors,
-)
-from cc_mujoco.viz._scene3d import (
-    ROPE_COLOR,
-    is_spatial,
-    is_uncolored,
-    set_pose,
-    tendon_color,
-    tendon_points,
-)
+from cc_mujoco.viz import _conduit3d as conduit3d
+from cc_mujoco.viz import _scene3d as scene3d
 
 Array = NDArray[np.float64]
 
@@ -88,15 +74,17 @@ class CableLine:
     def points(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
         """Return the points (P, 3) [m] in a pose for which `mj_tendon` was called."""
         if isinstance(self.source, int):
-            return resample(tendon_points(data, self.source), self.fine)
-        return resample(self.source.path(model, data), self.fine)
+            return conduit3d.resample(
+                scene3d.tendon_points(data, self.source), self.fine
+            )
+        return conduit3d.resample(self.source.path(model, data), self.fine)
 
     def all_points(self, model: mujoco.MjModel, qpos: Array) -> Array:
         """Return the points (T, P, 3) [m] in the poses `qpos` (T, nq)."""
         points = np.empty((len(qpos), len(self.fine), 3))
         data = mujoco.MjData(model)
         for frame, coordinates in enumerate(qpos):
-            set_pose(model, data, coordinates)
+            scene3d.set_pose(model, data, coordinates)
             points[frame] = self.points(model, data)
         return points
 
@@ -105,13 +93,13 @@ class CableLine:
         if self.part != CONDUIT:
             node = 0.0 if self.part == MOTOR_END else count - 1.0
             return np.full(len(self.fine), node)
-        places = node_shares(self.shares, count)
+        places = conduit3d.node_shares(self.shares, count)
         return np.interp(self.fine, places, np.arange(len(places)))
 
     def tensions(self, nodes: Array) -> Array:
         """Return the tensions of its parts (..., P-1) from those at nodes (..., n)."""
         if self.part == CONDUIT:
-            return part_tensions(self.shares, self.fine, nodes)
+            return conduit3d.part_tensions(self.shares, self.fine, nodes)
         end = nodes[..., :1] if self.part == MOTOR_END else nodes[..., -1:]
         return np.repeat(end, len(self.fine) - 1, axis=-1)
 
@@ -131,8 +119,8 @@ def cable_lines(model: mujoco.MjModel, cables: Iterable[str]) -> list[CableLine]
         tendon, radius = -1, 0.004 * float(model.stat.extent)
         if isinstance(source, int):
             tendon, radius = source, float(model.tendon_width[source])
-        shares = conduit_shares(model, cable)
-        fine = fine_shares(shares)
+        shares = conduit3d.conduit_shares(model, cable)
+        fine = conduit3d.fine_shares(shares)
         found.append(CableLine(cable, CONDUIT, source, radius, shares, fine))
         for part, rope in _ropes(model, cable, tendon):
             if rope not in taken:
@@ -177,15 +165,15 @@ def _conduit(model: mujoco.MjModel, cable: str) -> int | _Straight | None:
     near = [
         tendon
         for tendon in range(model.ntendon)
-        if is_spatial(model, tendon)
+        if scene3d.is_spatial(model, tendon)
         and tendon not in users
         and sites & {*_end_sites(model, tendon)}
-        and tendon_color(model, tendon)[3] > 0
+        and scene3d.tendon_color(model, tendon)[3] > 0
     ]
     if len(near) == 1:
         return near[0]
     data = mujoco.MjData(model)
-    set_pose(model, data, model.qpos0)
+    scene3d.set_pose(model, data, model.qpos0)
     near_end, far_end = (
         {
             first: _place(model, data, end, first)
@@ -213,7 +201,10 @@ def _ropes(
         for tendon in range(model.ntendon):
             holds = _on_tendon(model, end) and model.actuator_trnid[end, 0] == tendon
             begins = site >= 0 and site in _end_sites(model, tendon)
-            visible = is_spatial(model, tendon) and tendon_color(model, tendon)[3] > 0
+            visible = (
+                scene3d.is_spatial(model, tendon)
+                and scene3d.tendon_color(model, tendon)[3] > 0
+            )
             if tendon != conduit and visible and (holds or begins):
                 yield part, tendon
 
@@ -245,7 +236,7 @@ def _place(
     """Return where an end is [m]: the axis of its joint, or an end of its tendon."""
     target = int(model.actuator_trnid[actuator, 0])
     if _on_tendon(model, actuator):
-        return np.array(tendon_points(data, target)[0 if first else -1])
+        return np.array(scene3d.tendon_points(data, target)[0 if first else -1])
     return np.array(data.xanchor[target])
 
 
@@ -272,8 +263,8 @@ class Capsules:
                 # MuJoCo draws what is transparent, but this group only on request.
                 model.tendon_group[line.source] = HIDDEN_TENDON_GROUP
         for tendon in range(model.ntendon):
-            if is_uncolored(model, tendon):
-                model.tendon_rgba[tendon] = ROPE_COLOR
+            if scene3d.is_uncolored(model, tendon):
+                model.tendon_rgba[tendon] = scene3d.ROPE_COLOR
 
     def add(
         self,
@@ -291,7 +282,7 @@ class Capsules:
             shown = np.zeros(len(points) - 1)
             if tensions is not None:
                 shown = line.tensions(tensions[line.cable])
-            colors = tension_colors(shown, self.highest).astype(np.float32)
+            colors = conduit3d.tension_colors(shown, self.highest).astype(np.float32)
             # Lit, the dimmed colours come near those of the scale.
             colors *= 0.72 / 255.0
             colors[:, 3] = 1.0

@@ -28,13 +28,7 @@ from cc_mujoco.device import Plant
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.errors import CableError
 from cc_mujoco.simulation._loop import Columns, Single, run
-from cc_mujoco.viz._live_controls import (
-    Knobs,
-    RealTimePacer,
-    Sliders,
-    state_rows,
-    wrap_sentence,
-)
+from cc_mujoco.viz import _live_controls as live_controls
 from cc_mujoco.viz._viewer import MIN_FRAME_TIME, Frame, Screen, round_up_tension
 
 if TYPE_CHECKING:
@@ -62,10 +56,12 @@ def live(
     law = Exchangeable(inner.drives, inner.exo.device.prefixes, name)
     cables = inner.exo.device.cables
     angles = all(drive.commands_angle for drive in inner.drives)
-    knobs = Knobs(cables, name, POSITION_CONTROLLERS if angles else CONTROLLERS)
+    knobs = live_controls.Knobs(
+        cables, name, POSITION_CONTROLLERS if angles else CONTROLLERS
+    )
     highest = round_up_tension(max(cable.pretension for cable in cables.values()))
     model = inner.model
-    sliders = Sliders(knobs, inner.device.spec.copy())
+    sliders = live_controls.Sliders(knobs, inner.device.spec.copy())
     with screen(model, plugin.cables(model), highest, knobs.press, sliders) as window:
         show = Show(env, law, knobs, window, seed)
         while not show.ended:
@@ -106,13 +102,18 @@ class Show:
     """Visible plant, for `simulation.run`, that obeys the keys."""
 
     def __init__(
-        self, env: Any, law: Exchangeable, knobs: Knobs, window: Any, seed: int
+        self,
+        env: Any,
+        law: Exchangeable,
+        knobs: live_controls.Knobs,
+        window: Any,
+        seed: int,
     ) -> None:
         self._env, self._exo = env, env.unwrapped.exo
         self._law, self._knobs, self._window, self._seed = law, knobs, window, seed
         self.steps: int = self._exo.steps
         self.prefixes: tuple[str, ...] = self._exo.device.prefixes
-        self._pace = RealTimePacer()
+        self._pace = live_controls.RealTimePacer()
         self._columns: Columns | None = None
         self._note = ""
         self._shown = -MIN_FRAME_TIME
@@ -199,7 +200,7 @@ class Show:
             return
         cables = tuple(self._exo.device.cables)
         how = {"factor": self._pace.factor, "highest": self._window.highest}
-        rows = state_rows(
+        rows = live_controls.state_rows(
             self._knobs,
             columns,
             cables,
@@ -208,5 +209,5 @@ class Show:
             **how,
         )
         tensions = {cable: columns[f"tension_{cable}_nodes_n"] for cable in cables}
-        texts = (*rows, *wrap_sentence(self._note)), self._knobs.help
+        texts = (*rows, *live_controls.wrap_sentence(self._note)), self._knobs.help
         self._window.show(Frame(columns["qpos"], tensions, texts))

@@ -23,13 +23,7 @@ from cc_mujoco.device._model import cable_columns
 from cc_mujoco.errors import CableError
 from cc_mujoco.plugin._mjcf import make_room, write_cable
 from cc_mujoco.plugin._spec import error_sentence, read_spec
-from cc_mujoco.viz._live_controls import (
-    Knobs,
-    RealTimePacer,
-    Sliders,
-    state_rows,
-    wrap_sentence,
-)
+from cc_mujoco.viz import _live_controls as live_controls
 from cc_mujoco.viz._viewer import MIN_FRAME_TIME, Frame, Screen, round_up_tension
 
 
@@ -83,9 +77,9 @@ class Viewing:
         self._data = mujoco.MjData(model)
         self._cables = plugin.from_mjcf(model)
         self._readers = {name: plugin.Reader(model, name) for name in self._cables}
-        self._knobs = Knobs(self._cables)
-        self._sliders = Sliders(self._knobs, spec, own=True)
-        self._pace = RealTimePacer()
+        self._knobs = live_controls.Knobs(self._cables)
+        self._sliders = live_controls.Sliders(self._knobs, spec, own=True)
+        self._pace = live_controls.RealTimePacer()
         self._friction, self._laid = 1.0, 1.0
 
     def run(self, screen: Callable[..., Any]) -> None:
@@ -148,10 +142,10 @@ class Viewing:
         for name, reader in self._readers.items():
             columns |= cable_columns(name, reader.read(self._data.plugin_state))
         how = {"factor": self._pace.factor, "highest": window.highest}
-        rows = state_rows(
+        rows = live_controls.state_rows(
             self._knobs, columns, self._readers, pretension=self._laid, **how
         )
-        texts = ("scene", self._name), *rows, *wrap_sentence(self._note)
+        texts = ("scene", self._name), *rows, *live_controls.wrap_sentence(self._note)
         tensions = {name: columns[f"tension_{name}_nodes_n"] for name in self._readers}
         frame = Frame(self._data.qpos.copy(), tensions, (texts, self._knobs.help))
         window.show(frame)

@@ -11,16 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.simulation._episode_log import EpisodeLog
+from cc_mujoco.viz import _scene3d as scene3d
 from cc_mujoco.viz._cable_lines import CONDUIT, MOTOR_END, cable_lines
 from cc_mujoco.viz._conduit3d import resample
-from cc_mujoco.viz._scene3d import (
-    body_poses,
-    mesh_arrays,
-    tendon_paths,
-    viewpoint,
-    visible_geoms,
-    visible_tendons,
-)
 
 Array = NDArray[np.float64]
 
@@ -45,7 +38,7 @@ def geom_mesh(model: mujoco.MjModel, geom: int, reach: float) -> TriangleMesh:
     """
     kind, (x, y, z) = model.geom_type[geom], model.geom_size[geom]
     if kind == SHAPE.mjGEOM_MESH:
-        points, faces = mesh_arrays(model, geom)
+        points, faces = scene3d.mesh_arrays(model, geom)
         return TriangleMesh(points.astype(np.float64), faces.astype(np.int32))
     if kind == SHAPE.mjGEOM_PLANE:
         x, y = (min(half, reach) if half > 0 else reach for half in (x, y))
@@ -183,7 +176,7 @@ def web_scene(
 
 def _poses(model: mujoco.MjModel, qpos: Array, moving: NDArray[np.intp]) -> Array:
     """Return the rotation and position of bodies that move: (F, bodies, 3, 4)."""
-    position, quaternion = body_poses(model, qpos)
+    position, quaternion = scene3d.body_poses(model, qpos)
     poses = np.empty((len(qpos), len(moving), 3, 4))
     poses[..., 3] = position[:, moving]
     for frame, row in np.ndindex(poses.shape[:2]):
@@ -205,7 +198,7 @@ def _meshes(
     mujoco.mj_kinematics(model, data)
     rows = {int(body): row for row, body in enumerate(moving)}
     groups: dict[tuple[int, bytes], tuple[Array, list[TriangleMesh]]] = {}
-    for geom, rgba in visible_geoms(model):
+    for geom, rgba in scene3d.visible_geoms(model):
         row = rows.get(int(model.geom_bodyid[geom]), -1)
         mesh = geom_mesh(model, geom, reach)
         if row < 0:
@@ -225,7 +218,7 @@ def _corners(model: mujoco.MjModel, body: int) -> Array:
     """Return the corners of boxes around the geoms of a body, in its frame (n, 3)."""
     signs = np.array(list(np.ndindex(2, 2, 2))) * 2.0 - 1.0
     corners = [np.zeros((1, 3))]
-    for geom, _ in visible_geoms(model):
+    for geom, _ in scene3d.visible_geoms(model):
         if model.geom_bodyid[geom] == body:
             box = model.geom_aabb[geom, :3] + signs * model.geom_aabb[geom, 3:]
             turned = _rotation(model.geom_quat[geom])
@@ -261,9 +254,9 @@ def _tendons(
     lines = cable_lines(model, cables)
     followed = [line.source for line in lines if isinstance(line.source, int)]
     found = []
-    for tendon, rgba in visible_tendons(model, followed):
+    for tendon, rgba in scene3d.visible_tendons(model, followed):
         shares = np.linspace(0.0, 1.0, 40)
-        paths = tendon_paths(model, tendon, qpos)
+        paths = scene3d.tendon_paths(model, tendon, qpos)
         points = np.stack([resample(path.astype(np.float64), shares) for path in paths])
         look = {"width": 3, "color": _hex(rgba)}
         found.append((_without_repeats(points), look))
@@ -286,7 +279,7 @@ def _camera(model: mujoco.MjModel, seen: Array, box: Array) -> dict[str, Any]:
     The page puts the middle of the box at 0 and divides by the geometric mean of its
     sides.
     """
-    position, target = viewpoint(model)
+    position, target = scene3d.viewpoint(model)
     forward = (target - position) / np.linalg.norm(target - position)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     if np.linalg.norm(right) < 1e-3:  # straight down

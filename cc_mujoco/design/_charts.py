@@ -15,7 +15,6 @@ from cc_mujoco.design._pareto import Objective, column
 from cc_mujoco.design._plan import Plan
 from cc_mujoco.design._protocol import known_metric, metric_of
 from cc_mujoco.design._sensitivity import Sensitivity
-from cc_mujoco.design._surface import DesignAxis
 from cc_mujoco.device._variables import describe
 from cc_mujoco.report._figures import (
     BLUE,
@@ -203,15 +202,14 @@ def _surface_grid(
     Blank beyond the designs that have the number.
     """
     assert one.surface is not None
-    names = plan.varied
-    axes = {name: DesignAxis(plan.ranges[name]) for name in names}
+    names, axes = plan.varied, plan.ranges
     # Cells along each side of the heat map of a surface
     shares = {name: axes[name].shares(41) for name in (across, up)}
     x, y = np.meshgrid(shares[across], shares[up])
     columns = []
     for name in names:
         flat = {across: x, up: y}.get(name, np.full_like(x, 0.5)).ravel()
-        columns.append(axes[name].sample(flat))
+        columns.append(axes[name].code(axes[name].at(flat)))
     values = one.surface(np.stack(columns, axis=-1)).reshape(x.shape)
     good = np.isfinite(column(table, one.metric))
     designs = [d for d, has in zip(plan.designs, good, strict=True) if has]
@@ -221,7 +219,7 @@ def _surface_grid(
     shown = [columns[names.index(n)] for n in (across, up)]
     values[outside_hull(places, np.stack(shown, axis=-1)).reshape(x.shape)] = np.nan
     ticks: dict[str, Sequence[object]] = {
-        name: axes[name].values.at(shares[name]) for name in (across, up)
+        name: axes[name].at(shares[name]) for name in (across, up)
     }
     return values, ticks
 

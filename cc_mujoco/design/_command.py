@@ -49,29 +49,19 @@ class WhatIf:
             plan, folder = self._plan()
         from tqdm import tqdm
 
+        from cc_mujoco.design import _report_text as text
         from cc_mujoco.design import carry_out
         from cc_mujoco.design._evaluation import beyond_motor
         from cc_mujoco.design._execution import wait_sentences
         from cc_mujoco.design._local_sensitivity import analyse_best_design
-        from cc_mujoco.design._pareto import within_limits
         from cc_mujoco.design._report import write_report
-        from cc_mujoco.design._report_text import (
-            RankedStudy,
-            answer_sentence,
-            controllers_out,
-            failure_reasons,
-            goals_of,
-            material_sentence,
-            timestep_sentence,
-        )
         from cc_mujoco.design._search import search
         from cc_mujoco.design._timestep_check import check_timestep
 
-        objectives, limits = plan.objectives, plan.limits
         for row in sorted({0, len(plan.designs) - 1}) if plan.search is None else ():
             if beyond := beyond_motor(plan.protocol, plan.designs[row]):
                 print(f"warning: design {row}: {beyond}", file=sys.stderr)
-        if uncertain := material_sentence(plan):
+        if uncertain := text.material_sentence(plan):
             print(f"warning: {uncertain}", file=sys.stderr)
         for sentence in wait_sentences(plan, self.execution.threads):
             print(sentence, file=sys.stderr, flush=True)
@@ -96,27 +86,27 @@ class WhatIf:
         run = partial(carry_out, execution=replace(self.execution, again=False))
         nearby = None
         if self.around:
-            nearby = analyse_best_design(plan, table, objectives, limits, run)
+            nearby = analyse_best_design(plan, table, run)
         with progress_word("some designs at half the time step"):
-            half = check_timestep(plan, table, goals_of(plan, table), limits, run)
-        files = write_report(folder, plan, table, command, nearby, half)
+            half = check_timestep(plan, table, text.goals_of(plan, table), run)
+        found = text.RankedStudy(plan, table, nearby, half)
+        files = write_report(folder, found, command)
         if self.around and nearby is None:
             print("around:   nothing, as no design is good enough or none can move")
         failed = len(table) - table["failed"].null_count
         designs = "1 design" if len(table) == 1 else f"{len(table)} designs"
         print(f"{designs}, {failed} of which failed in simulation")
         # Reasons of failures that are printed; the report lists all
-        for sentence in failure_reasons(table.to_pylist())[:3]:
+        for sentence in text.failure_reasons(found)[:3]:
             print(f"          {sentence}")
-        for sentence in controllers_out(plan, table.to_pylist()):
+        for sentence in text.controllers_out(found):
             print(sentence)
-        if limits:
-            kept = int(within_limits(table, limits).sum())
-            print(f"{kept} keep the limits")
-        print(answer_sentence(RankedStudy(plan, table)))
+        if plan.limits:
+            print(f"{int(found.kept.sum())} keep the limits")
+        print(text.answer_sentence(found))
         print("sensors:  perfect here; those of `cc-mujoco play` are the device's")
         if half is not None and half.unsettled:
-            print(f"WARNING: {timestep_sentence(half)}")
+            print(f"WARNING: {text.timestep_sentence(half)}")
         print(f"table:    {folder / 'table.parquet'}")
         for path in files:
             print(f"          {path}")

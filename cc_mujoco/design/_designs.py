@@ -13,7 +13,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -49,6 +49,27 @@ class Range:
             places = np.minimum((share * count).astype(int), count - 1)
             return [self.levels[place] for place in places]
         return [float(value) for value in _between(self.ends, self.log, share)]
+
+    def code(self, given: Sequence[Value]) -> NDArray[np.float64]:
+        """Return values on a scale from 0 to 1 (n,), texts by their place.
+
+        The scale of a logarithmic range is that of ratios.
+        """
+        if self.ends is None and any(isinstance(each, str) for each in self.levels):
+            place = {level: i for i, level in enumerate(self.levels)}
+            return np.array([place[value] for value in given]) / (len(place) - 1.0)
+        found = np.array(given, dtype=np.float64)
+        levels = np.array(self.ends or self.levels, dtype=np.float64)
+        low, high = levels.min(), levels.max()
+        if self.log:
+            low, high, found = np.log(low), np.log(high), np.log(found)
+        return np.asarray((found - low) / (high - low))
+
+    def shares(self, count: int) -> NDArray[np.float64]:
+        """Return the fractions of the levels, or `count` fractions of the range."""
+        if self.ends is not None:
+            return np.linspace(0.0, 1.0, count)
+        return (np.arange(len(self.levels)) + 0.5) / len(self.levels)
 
 
 def read_range(

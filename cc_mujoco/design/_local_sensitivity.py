@@ -1,6 +1,6 @@
 """Worth of each variable and each limit at the best design.
 
-    found = around(plan, table, objectives, limits, carry_out)
+    found = analyse_best_design(plan, table, carry_out)
 
 Designs a step to either side of the best in one variable at a time are simulated, all
 together; their differences are slopes. Between them and the limits a linear program
@@ -106,29 +106,24 @@ class Around:
 
 
 def analyse_best_design(
-    plan: Plan,
-    table: pa.Table,
-    objectives: Sequence[Objective],
-    limits: Sequence[MetricLimit],
-    run: Callable[[Plan], pa.Table],
+    plan: Plan, table: pa.Table, run: Callable[[Plan], pa.Table]
 ) -> Around | None:
     """Look around the best design of a study that keeps the limits.
 
     Returns None where no design is good, or none could move. `run` carries a plan out;
     see `carry_out`.
     """
-    if not objectives:
+    if not plan.objectives:
         raise CableError("what is around the best design needs an objective.")
-    cost = objective_costs(table, objectives, limits)
+    cost = objective_costs(table, plan.objectives, plan.limits)
     best = int(rank_designs(cost)[0])
     if np.isnan(cost[best]).any():
         return None
-    base, protocol = plan.designs[best], plan.protocol
-    across, device = protocol.across, protocol.device
+    base, device = plan.designs[best], plan.protocol.device
 
     def possible(design: Mapping[str, Value]) -> Design | None:
         try:
-            return across.check(device, design)
+            return plan.protocol.across.check(device, design)
         except CableError:  # promised by a range or by slopes alone
             return None
 
@@ -149,9 +144,9 @@ def analyse_best_design(
         found = [None if design is None else next(rows) for design in pair]
         slopes += [
             _metric_slope(metric, name, plan.ranges[name], centre, found)
-            for metric in decisive_columns(objectives, limits)
+            for metric in decisive_columns(plan.objectives, plan.limits)
         ]
-    prices = _prices(plan, base, centre, slopes, objectives, limits)
+    prices = _prices(plan, base, centre, slopes)
     proposed = {
         place: design
         for place, price in enumerate(prices)
@@ -160,7 +155,7 @@ def analyse_best_design(
     if proposed:
         there = run(with_few_designs(plan, device, [*proposed.values()])).to_pylist()
         for place, row in zip(proposed, there, strict=True):
-            prices[place] = _checked(prices[place], row, centre, objectives, limits)
+            prices[place] = _checked(plan, prices[place], row, centre)
     return Around(best, tuple(slopes), tuple(prices))
 
 
@@ -224,8 +219,6 @@ def _prices(
     base: Design,
     centre: Mapping[str, object],
     slopes: Sequence[Slope],
-    objectives: Sequence[Objective],
-    limits: Sequence[MetricLimit],
 ) -> list[Price]:
     """Price each objective, as things are and with each limit relaxed.
 
@@ -235,7 +228,7 @@ def _prices(
     from scipy.optimize import linprog
 
     change = {(s.metric, s.variable): s.change for s in slopes}
-    names, ranges = {s.metric for s in slopes}, plan.ranges
+    names, ranges, limits = {s.metric for s in slopes}, plan.ranges, plan.limits
     free = [
         variable
         for variable in plan.varied
@@ -258,7 +251,7 @@ def _prices(
             bound = relax_limit(limit).bound if limit is relaxed else limit.bound
             rows.append(slope_row(limit.column, limit.least))
             bounds.append(max(sign * (bound - _number(centre[limit.column])), 0.0))
-        others = [other for other in objectives if other is not goal]
+        others = [other for other in plan.objectives if other is not goal]
         rows += [slope_row(other.name, other.high) for other in others]
         bounds += [0.0] * len(others)
         found = linprog(
@@ -286,7 +279,7 @@ def _prices(
             {**base, **moved},
         )
 
-    return [price(goal, limit) for goal in objectives for limit in (None, *limits)]
+    return [price(goal, one) for goal in plan.objectives for one in (None, *limits)]
 
 
 def relax_limit(limit: MetricLimit) -> MetricLimit:
@@ -297,20 +290,16 @@ def relax_limit(limit: MetricLimit) -> MetricLimit:
 
 
 def _checked(
-    price: Price,
-    row: Mapping[str, object],
-    centre: Mapping[str, object],
-    objectives: Sequence[Objective],
-    limits: Sequence[MetricLimit],
+    plan: Plan, price: Price, row: Mapping[str, object], centre: Mapping[str, object]
 ) -> Price:
     """Return a price with the simulated result of its design."""
-    names = decisive_columns(objectives, limits)
+    names = decisive_columns(plan.objectives, plan.limits)
     metrics, now = ({n: _number(one[n]) for n in names} for one in (row, centre))
     kept = True
-    for limit in limits:
+    for limit in plan.limits:
         easier = relax_limit(limit)
         kept &= (easier if easier == price.limit else limit).beyond(metrics) <= 0.0
-    for goal in objectives:
+    for goal in plan.objectives:
         if goal.name != price.objective:
             margin = OBJECTIVE_TOLERANCE * abs(goal.cost(now))
             kept &= goal.cost(metrics) <= goal.cost(now) + margin

@@ -143,11 +143,6 @@ class EpisodeProtocol:
         """Texts by which trajectory and tasks are known, those of each axis alone."""
         return split_axes(self.sources, self.axes)
 
-    @property
-    def frame_skip(self) -> int:
-        """Physics steps between two calls of the controller."""
-        return self.device.frame_skip
-
 
 def device_digests(device: Device) -> dict[str, str]:
     """Return digests of the user's files that define a device, by name."""

@@ -7,6 +7,7 @@ import re
 import shlex
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
 from pathlib import Path
 
 import mujoco
@@ -50,7 +51,7 @@ from cc_mujoco.design._protocol import (
 )
 from cc_mujoco.design._results_store import CONTROLLER_COLUMN, failure_columns
 from cc_mujoco.design._scenarios import WORST_CASE_SUFFIX
-from cc_mujoco.design._sensitivity import Sensitivity
+from cc_mujoco.design._sensitivity import Sensitivity, sensitivity
 from cc_mujoco.design._timestep_check import Halved
 from cc_mujoco.device import Device
 from cc_mujoco.device._materials import ENDS
@@ -82,8 +83,17 @@ EDGE_SHARE = 0.02
 class RankedStudy:
     """A finished study and what its designs are ranked by."""
 
-    def __init__(self, plan: Plan, table: pa.Table) -> None:
+    def __init__(
+        self,
+        plan: Plan,
+        table: pa.Table,
+        nearby: Around | None = None,
+        half: Halved | None = None,
+    ) -> None:
         self.plan, self.limits, self.varied = plan, plan.limits, plan.varied
+        self.protocol, self.table = plan.protocol, table
+        self.nearby, self.half = nearby, half
+        """Sensitivities at the best design, and results with half the time step."""
         self.rows: tuple[Row, ...] = tuple(table.to_pylist())
         """Its table, a mapping per design."""
         self.chosen = bool(plan.objectives)
@@ -100,6 +110,13 @@ class RankedStudy:
         good = not np.isnan(self.cost[first]).any()
         self.best = self.rows[first] if good else None
         """The first design; None where none has all numbers and keeps the limits."""
+
+    @cached_property
+    def sensitivities(self) -> list[Sensitivity]:
+        """Sensitivities of the metrics that have one."""
+        metrics = self.protocol.metrics
+        found = (sensitivity(self.plan, self.table, name) for name in metrics)
+        return [one for one in found if one is not None]
 
     @property
     def marked(self) -> tuple[int, ...]:
@@ -134,7 +151,7 @@ def header(found: RankedStudy, picture: Html, folder: Path) -> Html:
 
     `folder` is that of the study.
     """
-    meaning = found.plan.protocol.device.description.meaning
+    meaning = found.protocol.device.description.meaning
     title = element("h1", f"What if? {meaning[:1].upper()}{meaning[1:]}")
     goals = list_words([f"{'most' if g.high else 'least'} {plain_name(g.name)}"
                     for g in found.goals])  # fmt: skip
@@ -147,9 +164,9 @@ def header(found: RankedStudy, picture: Html, folder: Path) -> Html:
         limits = list_words([limit.text for limit in found.limits])
         many += f" with {limits}, which {int(found.kept.sum())} keep"
     request = [paragraph(f"{many}.")]
-    if axes := found.plan.protocol.axes:
+    if axes := found.protocol.axes:
         request.append(paragraph(axes_sentence(axes)))
-    if found.plan.protocol.across.several:
+    if found.protocol.across.several:
         request.append(paragraph(cases_sentence(found.plan)))
     lead = paragraph(answer_sentence(found), kind="lead")
     if found.best is None:
@@ -267,9 +284,9 @@ def best_designs(found: RankedStudy) -> Html | None:
         return None
     names = [goal.name for goal in found.goals]
     names += [n.column for n in found.limits if n.column not in names]
-    if len(found.plan.protocol.controllers) > 1:
+    if len(found.protocol.controllers) > 1:
         names.append(CONTROLLER_COLUMN)
-    if found.plan.protocol.across.several:
+    if found.protocol.across.several:
         names += [f"{goal.name}@{WORST_CASE_SUFFIX}" for goal in found.goals]
     goals = len(found.goals)
     columns = ["design", *names[:goals], *found.varied, *names[goals:]]
@@ -291,16 +308,11 @@ def best_designs(found: RankedStudy) -> Html | None:
     )
 
 
-def confidence(
-    found: RankedStudy, nearby: Around | None = None, half: Halved | None = None
-) -> Html | None:
+def confidence(found: RankedStudy) -> Html | None:
     """State the confidence that the best design is the best."""
-    row = found.best
-    if row is None:
+    if found.best is None:
         return None
-    sentences = []
-    first = int(found.order[0])
-    sentences.append(f"{near_best_sentence(found)}.")
+    sentences = [f"{near_best_sentence(found)}."]
     edges = [
         f"{plain_name(name)} at the {end} end" for name, end in variables_at_ends(found)
     ]
@@ -309,33 +321,27 @@ def confidence(
             f"It has {list_words(edges)} of what was tried; a wider range may hold "
             "something better."
         )
-    if nearby is not None:
-        sentences += [
-            text for price in nearby.prices if (text := _better_neighbour(found, price))
-        ]
-    if half is not None:
-        sentences.append(timestep_sentence(half))
+    if found.nearby is not None:
+        beside = (_better_neighbour(found, price) for price in found.nearby.prices)
+        sentences += filter(None, beside)
+    if found.half is not None:
+        sentences.append(timestep_sentence(found.half))
     if uncertain := material_sentence(found.plan):
         sentences.append(uncertain)
     if found.plan.search is not None:
-        share = (first + 1) / len(found.rows)
-        # Part of a search after which a new best design means that it has not converged
-        sentences.append(
-            f"The search found it as design {first} of {len(found.rows)}"
-            + (
-                "; so late, more designs may well find a better one."
-                if share > 0.8
-                else "; the rest of the search brought nothing better."
-            )
-        )
-    if len(found.plan.protocol.controllers) == 1:
+        first, count = int(found.order[0]), len(found.rows)
+        after = "the rest of the search brought nothing better."
+        if (first + 1) / count > 0.8:  # it has not converged
+            after = "so late, more designs may well find a better one."
+        sentences.append(f"The search found it as design {first} of {count}; {after}")
+    if len(found.protocol.controllers) == 1:
         sentences.append(
             "Tracking, torque, power and tension are the controller's as well as the "
             "design's; --controllers with several names shows by how much."
         )
     sentences.append(
         "All numbers are of a simulation with perfect sensors and one wearer's motion, "
-        f"{describe_controllers(found.plan.protocol.controllers)}; parts, wearers and "
+        f"{describe_controllers(found.protocol.controllers)}; parts, wearers and "
         "liners that differ from the model give other numbers."
     )
     return bullet_list(sentences)
@@ -401,7 +407,7 @@ def _better_neighbour(found: RankedStudy, price: Price) -> str:
 
 def controllers(found: RankedStudy) -> Html | None:
     """State how far the findings depend on the controller; None where there is one."""
-    laws = found.plan.protocol.controllers
+    laws = found.protocol.controllers
     goals = [goal for goal in found.goals if metric_of(goal.name).driven]
     if len(laws) == 1 or not goals:
         return None
@@ -465,23 +471,20 @@ def trade_offs(found: RankedStudy) -> Html | None:
     )
 
 
-def deciding_variables(
-    found: Sequence[Sensitivity], goals: Sequence[Objective]
-) -> Html:
-    known = [one for goal in goals for one in found if one.metric == goal.name]
-    unknown = [g.name for g in goals if g.name not in {one.metric for one in known}]
+def deciding_variables(found: RankedStudy) -> Html:
+    every, goals = {one.metric: one for one in found.sensitivities}, found.goals
+    known = [every[goal.name] for goal in goals if goal.name in every]
+    unknown = [plain_name(goal.name) for goal in goals if goal.name not in every]
     parts: list[Html] = []
     if unknown:
-        lost = list_words([plain_name(name) for name in unknown])
+        lost = list_words(unknown)
         parts.append(paragraph(f"No shares are known of {lost}: {UNKNOWN_REASON}."))
     if not known:
         return parts[0]
     for one in known:
-        names = sorted(one.total, key=lambda name: -one.total[name])
         rows = []
-        for name in names:
-            values, means = one.effects[name]
-            text = one.levels.get(name) or [format_cell(float(v)) for v in values]
+        for name in sorted(one.total, key=lambda name: -one.total[name]):
+            means, text = one.effects[name][1], one.value_texts(name, format_cell)
             low, high = int(np.argmin(means)), int(np.argmax(means))
             ends = [f"{format_cell(float(means[k]))} at {text[k]}" for k in (low, high)]
             if means[low] == means[high]:  # the surface does without it
@@ -588,24 +591,24 @@ def _slope(slope: Slope) -> str:
     return f"{slope.change:+.3g}{error}"
 
 
-def controllers_out(plan: Plan, rows: Sequence[Mapping[str, object]]) -> list[str]:
+def controllers_out(found: RankedStudy) -> list[str]:
     """Return a sentence for each controller that fails in some designs."""
-    sentences = []
-    for column, law in failure_columns(plan.protocol).items():
-        reasons = [str(row[column]) for row in rows if row[column]]
+    sentences, count = [], len(found.rows)
+    for column, law in failure_columns(found.protocol).items():
+        reasons = [str(row[column]) for row in found.rows if row[column]]
         if reasons:
             sentences.append(
-                f"Controller {law} is out in {len(reasons)} of {len(rows)} designs; "
+                f"Controller {law} is out in {len(reasons)} of {count} designs; "
                 f"the first: {reasons[0].rstrip('.')}."
             )
     return sentences
 
 
-def failure_reasons(rows: Sequence[Mapping[str, object]]) -> list[str]:
+def failure_reasons(found: RankedStudy) -> list[str]:
     """Return how many designs fail for each reason, the most frequent first."""
     reasons = Counter(
         re.sub(r"-?\d[\d.,e+-]*", "…", str(row["failed"]).rstrip("."))
-        for row in rows
+        for row in found.rows
         if row["failed"]
     )
     return [
@@ -616,9 +619,8 @@ def failure_reasons(rows: Sequence[Mapping[str, object]]) -> list[str]:
 
 def failures(found: RankedStudy) -> Html | None:
     """List the designs without numbers, by reason."""
-    sentences = failure_reasons(found.rows)
-    sentences += controllers_out(found.plan, found.rows)
-    for name in found.plan.protocol.metrics:
+    sentences = [*failure_reasons(found), *controllers_out(found)]
+    for name in found.protocol.metrics:
         lacking = sum(row[name] is None and not row["failed"] for row in found.rows)
         if lacking:
             which = "1 design ran, but has" if lacking == 1 else ""
@@ -629,8 +631,7 @@ def failures(found: RankedStudy) -> Html | None:
 
 def common_values(found: RankedStudy) -> Html:
     """List the values that all designs have in common."""
-    plan, device = found.plan, found.plan.protocol.device
-    protocol = plan.protocol
+    plan, protocol = found.plan, found.protocol
     rows: list[Sequence[str]] = [
         ("motion of the wearer", protocol.sources[0]),
         ("task of the device", protocol.sources[1]),
@@ -651,7 +652,7 @@ def common_values(found: RankedStudy) -> Html:
         )
     mentioned = {*plan.ranges, *protocol.across.names}
     mentioned |= {one for name in mentioned for one in SETS.get(name, ())}
-    for cable, key, value in _of_scene(device):
+    for cable, key, value in _of_scene(protocol.device):
         if key not in mentioned and f"{cable}.{key}" not in mentioned:
             owner = f"{cable}: " if cable else ""
             text = format_quantity(key, value)
@@ -693,20 +694,15 @@ def _of_scene(device: Device) -> Iterator[tuple[str, str, object]]:
         yield name, "motor_torque", axis.torque
         yield name, "rotor_inertia", float(joint.armature)
         yield name, "motor_damping", float(np.ravel(joint.damping)[0])
-    yield "", "strength", _known(device.description.strength)
-    yield "", "diameter", _known(device.description.diameter)
-
-
-def _known(value: float) -> float | None:
-    return None if math.isnan(value) else value
+    for key in ("strength", "diameter"):
+        known = getattr(device.description, key)
+        yield "", key, None if math.isnan(known) else known
 
 
 def variable_meanings(found: RankedStudy) -> Html:
     """List the meanings of the names."""
-    crossed = found.plan.protocol.across.names
-    names = [*found.plan.protocol.metrics, *found.plan.ranges, *crossed]
-    rows = []
-    for name in names:
+    protocol, rows = found.protocol, []
+    for name in (*protocol.metrics, *found.plan.ranges, *protocol.across.names):
         thing = known_metric(name) or describe(name)
         rows.append((name, thing.unit, thing.meaning))
     return table(("name", "unit", "meaning"), rows)

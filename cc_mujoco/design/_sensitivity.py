@@ -14,15 +14,16 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from cc_mujoco.design._designs import Range
 from cc_mujoco.design._plan import Plan
-from cc_mujoco.design._surface import DesignAxis, Surface, axes_of, fit
+from cc_mujoco.design._surface import Surface, fit
 from cc_mujoco.device._variables import Value
 
 Array = NDArray[np.float64]
@@ -55,6 +56,10 @@ class Sensitivity:
     errors: Indices = ({}, {}, {})
     """Errors of `first`, `total` and `pairs`, where they are not exact."""
 
+    def value_texts(self, name: str, text: Callable[[float], str]) -> Sequence[str]:
+        """Return the values of a variable in its effect, numbers by `text`."""
+        return self.levels.get(name) or [*map(text, self.effects[name][0].tolist())]
+
 
 def sensitivity(plan: Plan, table: pa.Table, metric: str) -> Sensitivity | None:
     """Return the sensitivity of a metric, or None if it cannot be determined.
@@ -72,26 +77,17 @@ def sensitivity(plan: Plan, table: pa.Table, metric: str) -> Sensitivity | None:
         return None
     if plan.full and good.all():
         return _exact_indices(plan, metric, y)
-    axes = axes_of(plan.ranges, varied)
-    x = _code_designs(plan, axes)
-    surface = fit(x[good], y[good])
+    x = [plan.ranges[name].code([d[name] for d in plan.designs]) for name in varied]
+    surface = fit(np.stack(x, axis=-1)[good], y[good])
     if surface is None:
         return None
-    found = _surface_indices(plan, metric, axes, surface)
+    found = _surface_indices(plan, metric, surface)
     if lacking := int((~good).sum()):
         how = (
             f"{found.how}; {lacking} designs have no number, and it says nothing there"
         )
         found = dataclasses.replace(found, how=how)
     return found
-
-
-def _code_designs(plan: Plan, axes: Sequence[DesignAxis]) -> Array:
-    columns = [
-        axis.code([design[name] for design in plan.designs])
-        for name, axis in zip(plan.varied, axes, strict=True)
-    ]
-    return np.stack(columns, axis=-1)
 
 
 def _exact_indices(plan: Plan, metric: str, y: Array) -> Sensitivity:
@@ -115,23 +111,19 @@ def _exact_indices(plan: Plan, metric: str, y: Array) -> Sensitivity:
         (names[i], names[j]): closed(i, j) - first[names[i]] - first[names[j]]
         for i, j in itertools.combinations(range(len(names)), 2)
     }
-    effects, levels = {}, {}
-    for i, name in enumerate(names):
-        mean = cube.mean(axis=tuple(every - {i}))
-        effects[name], texts = _main_effect(plan.ranges[name].levels, mean)
-        if texts:
-            levels[name] = texts
+    means = {
+        name: (plan.ranges[name].levels, cube.mean(axis=tuple(every - {i})))
+        for i, name in enumerate(names)
+    }
     how = f"exact over the grid of {len(y)} designs"
-    return Sensitivity(metric, how, first, total, pairs, effects, levels)
+    return Sensitivity(metric, how, first, total, pairs, *_main_effects(means))
 
 
-def _surface_indices(
-    plan: Plan, metric: str, axes: Sequence[DesignAxis], surface: Surface
-) -> Sensitivity:
+def _surface_indices(plan: Plan, metric: str, surface: Surface) -> Sensitivity:
     """Return the Sobol's indices of the surface over the ranges."""
     from scipy.stats import qmc
 
-    names, count = plan.varied, len(plan.varied)
+    names, axes = plan.varied, [plan.ranges[name] for name in plan.varied]
     estimate = _indices(surface, axes, LOG2_POINTS, 0)
     # Surfaces through random halves of the designs, by which errors are found
     spread = [
@@ -143,23 +135,16 @@ def _surface_indices(
     errors = np.hypot(moved, 1.0 - surface.r_squared) + 0.0 * estimate
     estimate = estimate * surface.r_squared
     estimate = np.where(np.abs(estimate) > errors, estimate, 0.0)
-    keys = list(itertools.combinations(names, 2))
-
-    def at(unit: Array) -> Array:
-        return surface(_scale_points(axes, unit))
-
-    effects, levels = {}, {}
-    points_in = qmc.Sobol(count, rng=np.random.default_rng(1)).random_base2(9)
+    means: dict[str, tuple[Sequence[Value], Array]] = {}
+    points_in = qmc.Sobol(len(names), rng=np.random.default_rng(1)).random_base2(9)
     for i, (name, axis) in enumerate(zip(names, axes, strict=True)):
         shares = axis.shares(9)  # points of a main effect
-        means = np.empty(shares.size)
+        mean = np.empty(shares.size)
         for k, share in enumerate(shares):
             points = points_in.copy()
             points[:, i] = share
-            means[k] = at(points).mean()
-        effects[name], texts = _main_effect(axis.values.at(shares), means)
-        if texts:
-            levels[name] = texts
+            mean[k] = surface(_scale_points(axes, points)).mean()
+        means[name] = axis.at(shares), mean
     how = (
         f"Saltelli's estimate on a thin-plate spline fitted to {surface.designs} "
         f"designs, R^2 = {surface.r_squared:.3f} at designs left out; what is below "
@@ -168,44 +153,46 @@ def _surface_indices(
     return Sensitivity(
         metric,
         how,
-        *_named_indices(names, keys, estimate),
-        effects,
-        levels,
+        *_named_indices(names, estimate),
+        *_main_effects(means),
         surface,
-        _named_indices(names, keys, errors),
+        _named_indices(names, errors),
     )
 
 
-def _main_effect(
-    values: Sequence[Value], means: Array
-) -> tuple[tuple[Array, Array], tuple[str, ...]]:
-    """Return a main effect, with texts numbered 0, 1, 2, ... and returned as labels."""
-    if any(isinstance(value, str) for value in values):
-        places = np.arange(len(values), dtype=np.float64)
-        return (places, means), tuple(str(value) for value in values)
-    return (np.array(values, dtype=np.float64), means), ()
+def _main_effects(
+    means: Mapping[str, tuple[Sequence[Value], Array]],
+) -> tuple[dict[str, tuple[Array, Array]], dict[str, tuple[str, ...]]]:
+    """Return `effects` and `levels`, with texts numbered 0, 1, 2, ..."""
+    levels = {
+        name: tuple(map(str, values))
+        for name, (values, _) in means.items()
+        if any(isinstance(value, str) for value in values)
+    }
+    effects = {}
+    for name, (values, mean) in means.items():
+        places = range(len(values)) if name in levels else values
+        effects[name] = np.array(places, dtype=np.float64), mean
+    return effects, levels
 
 
-def _named_indices(
-    names: Sequence[str], keys: Sequence[tuple[str, str]], found: Array
-) -> Indices:
+def _named_indices(names: Sequence[str], found: Array) -> Indices:
     count, values = len(names), found.tolist()
+    pairs = itertools.combinations(names, 2)
     return (
         dict(zip(names, values[:count], strict=True)),
         dict(zip(names, values[count : 2 * count], strict=True)),
-        dict(zip(keys, values[2 * count :], strict=True)),
+        dict(zip(pairs, values[2 * count :], strict=True)),
     )
 
 
-def _scale_points(axes: Sequence[DesignAxis], unit: Array) -> Array:
+def _scale_points(axes: Sequence[Range], unit: Array) -> Array:
     """Return points of the unit cube on the scales of the variables (n, variables)."""
-    columns = [axis.sample(u) for axis, u in zip(axes, unit.T, strict=True)]
+    columns = [axis.code(axis.at(u)) for axis, u in zip(axes, unit.T, strict=True)]
     return np.stack(columns, axis=-1)
 
 
-def _indices(
-    surface: Surface, axes: Sequence[DesignAxis], power: int, seed: int
-) -> Array:
+def _indices(surface: Surface, axes: Sequence[Range], power: int, seed: int) -> Array:
     from scipy.stats import sobol_indices, uniform
 
     count, active = len(axes), surface.active

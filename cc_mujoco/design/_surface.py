@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-from cc_mujoco.design._designs import Range
-from cc_mujoco.device._variables import Value
 
 if TYPE_CHECKING:
     from scipy.interpolate import RBFInterpolator
@@ -24,41 +21,6 @@ SELECTION_DESIGNS = 300
 """Designs by which its variables are chosen."""
 FOLDS = 5
 SMOOTHING_FACTORS = (0.0, 1e-4, 1e-2, 1.0)
-
-
-@dataclass(frozen=True)
-class DesignAxis:
-    """A variable on a scale from 0 to 1; logarithmic ranges on that of ratios."""
-
-    values: Range
-
-    def code(self, given: Sequence[Value]) -> Array:
-        """Return values on the scale (n,), texts by their place among the levels."""
-        if self.values.ends is not None:
-            low, high = self.values.ends
-            found = np.array(given, dtype=np.float64)
-            if self.values.log:
-                low, high, found = np.log(low), np.log(high), np.log(found)
-        elif any(isinstance(level, str) for level in self.values.levels):
-            place = {level: i for i, level in enumerate(self.values.levels)}
-            found = np.array([place[value] for value in given], dtype=np.float64)
-            low, high = 0.0, float(len(place) - 1)
-        else:
-            found = np.array(given, dtype=np.float64)
-            levels = np.array(self.values.levels, dtype=np.float64)
-            low, high = float(levels.min()), float(levels.max())
-        return np.asarray((found - low) / (high - low))
-
-    def shares(self, count: int) -> Array:
-        """Return the fractions of the levels, or `count` fractions of the range."""
-        if self.values.ends is not None:
-            return np.linspace(0.0, 1.0, count)
-        levels = len(self.values.levels)
-        return (np.arange(levels) + 0.5) / levels
-
-    def sample(self, share: Array) -> Array:
-        """Return the places on the scale for fractions in [0, 1)."""
-        return self.code(self.values.at(share))
 
 
 @dataclass(frozen=True)
@@ -100,10 +62,6 @@ class Surface:
             with contextlib.suppress(np.linalg.LinAlgError, ValueError):
                 _ = one._fitted
                 yield one
-
-
-def axes_of(ranges: Mapping[str, Range], varied: Sequence[str]) -> list[DesignAxis]:
-    return [DesignAxis(ranges[name]) for name in varied]
 
 
 def fit(x: Array, y: Array) -> Surface | None:

@@ -1,6 +1,6 @@
 """Check of a study's dependence on its time step: some designs at half of it.
 
-found = check_timestep(plan, table, goals, limits, carry_out)
+found = check_timestep(plan, table, goals, carry_out)
 
 A cable that the step resolves can still be driven into a limit cycle, by a controller
 that meets a stiffer cable than it is made for, and then a number says more of the step
@@ -18,7 +18,6 @@ import numpy as np
 import pyarrow as pa
 
 from cc_mujoco.design._pareto import (
-    MetricLimit,
     Objective,
     decisive_columns,
     objective_costs,
@@ -70,14 +69,13 @@ def check_timestep(
     plan: Plan,
     table: pa.Table,
     goals: Sequence[Objective],
-    limits: Sequence[MetricLimit],
     run: Callable[[Plan], pa.Table],
 ) -> Halved | None:
     """Try designs of a study again at half its time step.
 
     They are spread over the ranking, with the best and the worst among them. The
-    numbers of `goals` and `limits` are compared. Returns None where no design has all
-    of them. `run` carries a plan out; see `carry_out`.
+    numbers of `goals` and of the limits are compared. Returns None where no design
+    has all of them. `run` carries a plan out; see `carry_out`.
     """
     # A number may break a limit by the step alone.
     cost = objective_costs(table, goals)
@@ -87,9 +85,9 @@ def check_timestep(
     wanted = max(MIN_DESIGNS, math.ceil(len(ranked) / DESIGNS_PER_CHECK))
     count = min(MAX_CHECKED_DESIGNS, wanted, len(ranked))
     places = np.linspace(0, len(ranked) - 1, count).round().astype(int)
-    best = int(rank_designs(objective_costs(table, goals, limits))[0])
+    best = int(rank_designs(objective_costs(table, goals, plan.limits))[0])
     tried = tuple(dict.fromkeys([best, *(ranked[place] for place in places)]))
-    columns = decisive_columns(goals, limits)
+    columns = decisive_columns(goals, plan.limits)
     measured = {name.partition("@")[0] for name in columns}
     if len(plan.protocol.controllers) > 1:
         measured.add(CONTROLLER_METRIC)

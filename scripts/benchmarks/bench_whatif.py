@@ -131,7 +131,7 @@ def loop(plan: Plan) -> None:
             trajectory=protocol.trajectory,
             task=protocol.task,
             duration=protocol.duration,
-            frame_skip=protocol.frame_skip,
+            frame_skip=protocol.device.frame_skip,
         ).unwrapped
         law = controller(protocol.controllers[0], env.exo.drive)
         (driven,) = env.exo.device.driven

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import pyarrow as pa
@@ -11,22 +12,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cc_mujoco.design import Plan, StudySpec, make_plan, read_limits, read_objectives
+from cc_mujoco.design import Plan, StudySpec, make_plan, read_limits
 from cc_mujoco.design._local_sensitivity import TRUST_REGION, analyse_best_design
 from cc_mujoco.errors import CableError
 
 Law = Callable[[Mapping[str, Any]], Mapping[str, float]]
 MEASURED = ("rms_torque_error", "peak_tension")
 RANGES = {"friction": "0.1:0.3:3", "pretension": "10:110:3", "loops": "1,2,4"}
-WHOLE = make_plan(StudySpec("wrist", RANGES, metrics=MEASURED))
-GOALS = read_objectives(MEASURED[:1])
+WHOLE = make_plan(StudySpec("wrist", RANGES, metrics=MEASURED, objectives=MEASURED[:1]))
 
 
-def plan_of(**base: float) -> Plan:
+def plan_of(*limits: str, **base: float) -> Plan:
     """Return a study whose first design is the best."""
     first = {"friction": 0.2, "pretension": 60.0, "loops": 2, **base}
     designs = (first, *WHOLE.designs)
-    return Plan(WHOLE.protocol, designs, WHOLE.ranges, False, ())
+    return replace(WHOLE, designs=designs, limits=read_limits(limits), full=False)
 
 
 def table_of(plan: Plan, tension: float = 0.0) -> pa.Table:
@@ -64,9 +64,8 @@ def test_of_linear_metrics_slopes_and_promises_are_exact(
             "peak_tension": cost[0] * (one - 0.5) + cost[1] * (other - 0.5),
         }
 
-    plan, tried = plan_of(), []
-    limits = read_limits(["peak_tension<=0"])
-    found = analyse_best_design(plan, table_of(plan), GOALS, limits, run(law, tried))
+    plan, tried = plan_of("peak_tension<=0"), []
+    found = analyse_best_design(plan, table_of(plan), run(law, tried))
     assert found is not None and found.design == 0
     slopes = {(s.metric, s.variable): s for s in found.slopes}
     for name, less, more in zip(RANGES, gain, cost, strict=False):
@@ -94,17 +93,16 @@ def test_a_limit_is_worth_what_the_objective_pays_for_it() -> None:
         share, _ = shares(design)
         return {"rms_torque_error": 5.0 - 2.0 * share, "peak_tension": 100.0 * share}
 
-    plan = plan_of()
-    tight = read_limits(["peak_tension<=50"])
-    found = analyse_best_design(plan, table_of(plan, 50.0), GOALS, tight, run(law, []))
+    tight = plan_of("peak_tension<=50")
+    found = analyse_best_design(tight, table_of(tight, 50.0), run(law, []))
     assert found is not None
     asis, relaxed = found.prices
     assert asis.found == pytest.approx(asis.now) == pytest.approx(4.0)
     assert relaxed.limit is not None and relaxed.limit.text == "peak_tension<=55"
     assert relaxed.price == pytest.approx(0.02)
     assert relaxed.promised == pytest.approx(3.9) == pytest.approx(relaxed.found)
-    loose = read_limits(["peak_tension<=90"])
-    idle = analyse_best_design(plan, table_of(plan, 50.0), GOALS, loose, run(law, []))
+    loose = plan_of("peak_tension<=90")
+    idle = analyse_best_design(loose, table_of(loose, 50.0), run(law, []))
     assert idle is not None and idle.prices[1].price == 0.0
     assert idle.prices[0].promised == pytest.approx(3.8)
     assert all(price.kept for price in idle.prices)
@@ -118,9 +116,8 @@ def test_what_breaks_a_limit_in_simulation_is_said_to() -> None:
         tension = 80.0 if share > 0.55 else 50.0
         return {"rms_torque_error": 5.0 - 2.0 * share, "peak_tension": tension}
 
-    plan = plan_of()
-    limits = read_limits(["peak_tension<=60"])
-    found = analyse_best_design(plan, table_of(plan, 50.0), GOALS, limits, run(law, []))
+    plan = plan_of("peak_tension<=60")
+    found = analyse_best_design(plan, table_of(plan, 50.0), run(law, []))
     assert found is not None
     assert not found.prices[0].kept and found.prices[0].found < found.prices[0].now
 
@@ -131,7 +128,7 @@ def test_a_bend_shows_as_an_error_and_as_a_promise_that_fails() -> None:
         return {"rms_torque_error": 1.0 + (share - 0.499) ** 2}
 
     plan = plan_of()
-    found = analyse_best_design(plan, table_of(plan), GOALS, (), run(law, []))
+    found = analyse_best_design(plan, table_of(plan), run(law, []))
     assert found is not None
     slope = next(s for s in found.slopes if s.variable == "friction")
     assert slope.error > abs(slope.change)
@@ -144,7 +141,7 @@ def test_at_the_end_of_a_range_there_is_one_side() -> None:
         return {"rms_torque_error": shares(design)[0]}
 
     plan = plan_of(friction=0.1, loops=1)
-    found = analyse_best_design(plan, table_of(plan), GOALS, (), run(law, []))
+    found = analyse_best_design(plan, table_of(plan), run(law, []))
     assert found is not None
     slope = next(s for s in found.slopes if s.variable == "friction")
     assert slope.low == 0.1 and slope.change == pytest.approx(TRUST_REGION)
@@ -155,10 +152,8 @@ def test_at_the_end_of_a_range_there_is_one_side() -> None:
 def test_without_a_good_design_nothing_is_simulated() -> None:
     plan, tried = plan_of(), []
     none = pa.table({"rms_torque_error": [math.nan] * len(plan.designs)})
-    assert (
-        analyse_best_design(plan, none, GOALS, (), run(lambda design: {}, tried))
-        is None
-    )
+    assert analyse_best_design(plan, none, run(lambda design: {}, tried)) is None
     assert not tried
     with pytest.raises(CableError, match="needs an objective"):
-        analyse_best_design(plan, none, (), (), run(lambda design: {}, tried))
+        aimless = replace(plan, objectives=())
+        analyse_best_design(aimless, none, run(lambda design: {}, tried))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import pyarrow as pa
 import pytest
@@ -13,7 +14,6 @@ from cc_mujoco.design import (
     StudySpec,
     carry_out,
     make_plan,
-    read_limits,
     read_objectives,
 )
 from cc_mujoco.design._report_text import timestep_sentence
@@ -24,9 +24,16 @@ from cc_mujoco.design._timestep_check import (
 )
 
 MEASURED = ("rms_torque_error", "peak_tension")
-PLAN = make_plan(StudySpec("wrist", {"friction": "0.1:0.3:40"}, metrics=MEASURED))
+PLAN = make_plan(
+    StudySpec(
+        "wrist",
+        {"friction": "0.1:0.3:40"},
+        metrics=MEASURED,
+        subject_to=["peak_tension<=100"],
+    )
+)
+FREE = replace(PLAN, limits=())
 GOALS = read_objectives(MEASURED[:1])
-LIMITS = read_limits(["peak_tension<=100"], MEASURED)
 
 
 def table_of(errors: list[float | None]) -> pa.Table:
@@ -54,7 +61,7 @@ ERRORS = [error_of(float(design["friction"])) for design in PLAN.designs]
 
 
 def test_numbers_that_stay_are_said_to_stay() -> None:
-    found = check_timestep(PLAN, table_of([*ERRORS]), GOALS, LIMITS, run(error_of))
+    found = check_timestep(PLAN, table_of([*ERRORS]), GOALS, run(error_of))
     assert found is not None
     assert found.unsettled == ()
     assert len(found.designs) == MAX_CHECKED_DESIGNS
@@ -66,7 +73,7 @@ def test_one_that_changes_is_named_with_what_it_became() -> None:
     def other(friction: float) -> float:
         return error_of(friction) * (1.3 if friction > 0.29 else 1.0)
 
-    found = check_timestep(PLAN, table_of([*ERRORS]), GOALS, LIMITS, run(other))
+    found = check_timestep(PLAN, table_of([*ERRORS]), GOALS, run(other))
     assert found is not None
     (change,) = found.unsettled
     assert (change.metric, change.design) == (MEASURED[0], len(ERRORS) - 1)
@@ -79,9 +86,7 @@ def test_one_that_changes_is_named_with_what_it_became() -> None:
 
 
 def test_a_number_that_is_gone_is_a_change() -> None:
-    found = check_timestep(
-        PLAN, table_of([*ERRORS]), GOALS, (), run(lambda friction: None)
-    )
+    found = check_timestep(FREE, table_of([*ERRORS]), GOALS, run(lambda friction: None))
     assert found is not None
     assert math.isinf(found.unsettled[0].share)
     assert "is none instead of" in timestep_sentence(found)
@@ -90,19 +95,19 @@ def test_a_number_that_is_gone_is_a_change() -> None:
 def test_a_small_number_is_measured_by_the_range_of_all() -> None:
     errors: list[float | None] = [1e-9, *ERRORS[1:]]
     found = check_timestep(
-        PLAN, table_of(errors), GOALS, (), run(lambda x: error_of(x) - 1e-4)
+        FREE, table_of(errors), GOALS, run(lambda x: error_of(x) - 1e-4)
     )
     assert found is not None
     assert found.changes[0].share > 1.0
     errors[0] = error_of(0.1) - 0.04 * TOLERATED_CHANGE
-    found = check_timestep(PLAN, table_of(errors), GOALS, (), run(error_of))
+    found = check_timestep(FREE, table_of(errors), GOALS, run(error_of))
     assert found is not None
     assert found.unsettled == ()
 
 
 def test_where_nothing_has_a_number_nothing_is_said() -> None:
     nothing = table_of([None] * len(ERRORS))
-    assert check_timestep(PLAN, nothing, GOALS, (), run(error_of)) is None
+    assert check_timestep(FREE, nothing, GOALS, run(error_of)) is None
 
 
 @pytest.mark.parametrize(("stiffness", "settles"), [(5e3, True), (5e6, False)])
@@ -113,6 +118,6 @@ def test_a_cable_too_stiff_for_its_controller_is_found(
     plan = make_plan(
         StudySpec("wrist", vary, metrics=MEASURED[:1], duration=2.0, controllers=["pi"])
     )
-    found = check_timestep(plan, carry_out(plan), GOALS, (), carry_out)
+    found = check_timestep(plan, carry_out(plan), GOALS, carry_out)
     assert found is not None
     assert (found.unsettled == ()) == settles

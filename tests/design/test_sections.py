@@ -67,8 +67,8 @@ def said(page: str | None) -> str:
     return unescape(re.sub(r"<style>.*</style>|<[^>]+>", " ", page or "", flags=re.S))
 
 
-def written(folder: Path, found: RankedStudy, table: pa.Table) -> str:
-    write_report(folder, found.plan, table, "cc-mujoco <x>")
+def written(folder: Path, found: RankedStudy) -> str:
+    write_report(folder, found, "cc-mujoco <x>")
     return (folder / "report.html").read_text(encoding="utf-8")
 
 
@@ -94,8 +94,8 @@ def test_without_objectives_three_usual_ones_rank() -> None:
 
 
 def test_the_page_without_objectives_names_those_it_ranks_by(tmp_path: Path) -> None:
-    found, table = finding([3.0, 1.0, 2.0, 4.0], [50.0, 60.0, 40.0, 70.0], goals=())
-    page = said(written(tmp_path, found, table))
+    found, _ = finding([3.0, 1.0, 2.0, 4.0], [50.0, 60.0, 40.0, 70.0], goals=())
+    page = said(written(tmp_path, found))
     assert "least rms torque error and least peak tension (no objective" in page
     assert found.front.sum() == 2
     assert (tmp_path / "answer.png").exists()
@@ -106,7 +106,7 @@ def test_what_an_earlier_report_had_besides_goes_with_it(tmp_path: Path) -> None
     for name in ("pareto.png", "mine.parquet"):
         (tmp_path / name).touch()
     one = replace(found.plan, objectives=found.plan.objectives[:1])
-    write_report(tmp_path, one, table)
+    write_report(tmp_path, RankedStudy(one, table))
     assert not (tmp_path / "pareto.png").exists()
     assert (tmp_path / "mine.parquet").exists()
 
@@ -114,9 +114,9 @@ def test_what_an_earlier_report_had_besides_goes_with_it(tmp_path: Path) -> None
 def test_the_page_begins_with_the_best_design_and_needs_nothing_else(
     tmp_path: Path,
 ) -> None:
-    found, table = finding([3.0, 1.0, 2.0, 4.0], [50.0, 60.0, 40.0, 70.0],
+    found, _ = finding([3.0, 1.0, 2.0, 4.0], [50.0, 60.0, 40.0, 70.0],
                            ["peak_tension<=55"])  # fmt: skip
-    page = written(tmp_path, found, table)
+    page = written(tmp_path, found)
     assert not re.search(r"(src|href)=\"(?!data:|#)", page)
     assert "<script" not in page and "default-src 'none'" in page
     text = " ".join(said(page).split())
@@ -129,8 +129,8 @@ def test_the_page_begins_with_the_best_design_and_needs_nothing_else(
 def test_without_a_good_design_the_page_says_what_stands_in_the_way(
     tmp_path: Path,
 ) -> None:
-    found, table = finding([3.0, 1.0], [50.0, 60.0], ["peak_tension<=20"])
-    text = " ".join(said(written(tmp_path, found, table)).split())
+    found, _ = finding([3.0, 1.0], [50.0, 60.0], ["peak_tension<=20"])
+    text = " ".join(said(written(tmp_path, found)).split())
     assert "No design is good enough." in text
     assert "The nearest is design 0, friction 0.1 and pretension 10 N: peak" in text
     assert "peak_tension<=20 0 of 2 2" in text
@@ -183,7 +183,8 @@ def test_a_better_neighbour_is_said_to_be_one() -> None:
     def text(*, gives: float, kept: bool = True, limit: str = "") -> str:
         (eased,) = read_limits([limit]) if limit else (None,)
         price = Price(GOALS[0], eased, math.nan, 1.0, 0.5, gives, kept, beside)
-        return said(confidence(found, Around(0, (), (price,))))
+        found.nearby = Around(0, (), (price,))
+        return said(confidence(found))
 
     assert (
         "beside it, friction 0.15 and pretension 9 N gives rms torque error 0.6 N m"

@@ -12,7 +12,7 @@ import pytest
 from cc_mujoco.design import Plan, StudySpec, make_plan
 from cc_mujoco.design._report import markdown, sobol_table
 from cc_mujoco.design._report_text import RankedStudy
-from cc_mujoco.design._sensitivity import Sensitivity, sensitivity
+from cc_mujoco.design._sensitivity import sensitivity
 from study_marks import study_unless
 
 VARY = {"friction": "0:0.4:5", "pretension": "10:50:6", "loops": [1, 2, 3, 4]}
@@ -156,13 +156,13 @@ def test_noise_depends_on_nothing() -> None:
         assert found is None or not any((*found.first.values(), *found.total.values()))
 
 
-def _reported(plan: Plan, metric: pa.Table, found: Sensitivity) -> str:
+def _reported(plan: Plan, metric: pa.Table) -> str:
     """Return the ranking of a study with these results."""
     count = len(plan.designs)
     columns: dict[str, Any] = {"design": range(count), "failed": pa.nulls(count)}
     columns |= {name: [d[name] for d in plan.designs] for name in plan.varied}
     table = pa.table({**columns, "efficiency": metric["efficiency"]})
-    return markdown(RankedStudy(plan, table), [found])
+    return markdown(RankedStudy(plan, table))
 
 
 def test_an_index_is_written_with_its_error_or_as_none() -> None:
@@ -174,12 +174,12 @@ def test_an_index_is_written_with_its_error_or_as_none() -> None:
     rows = sobol_table([found]).to_pylist()
     assert all(r["error"] > 0.0 for r in rows)
     assert all(r["share"] == 0.0 or abs(r["share"]) > r["error"] for r in rows)
-    text = _reported(plan, table, found)
+    text = _reported(plan, table)
     assert "| - ± 0." in text and f"{found.total['friction']:.3f} ± 0." in text
     grid = _plan()
     table = pa.table({"efficiency": _scaled(grid)[0]})
     exact = sensitivity(grid, table, "efficiency")
-    assert exact is not None and "±" not in _reported(grid, table, exact)
+    assert exact is not None and "±" not in _reported(grid, table)
     assert all(r["error"] == 0.0 for r in sobol_table([exact]).to_pylist())
 
 

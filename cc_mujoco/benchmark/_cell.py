@@ -20,22 +20,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.benchmark._conditions import (
-    MODEL_ERRORS,
-    REFERENCES,
-    SCALE_CONTROLLER,
-    WARM_UP,
-    Belief,
-    Condition,
-    Reference,
-)
-from cc_mujoco.benchmark._faults import (
-    FAULTS,
-    STRAP,
-    FaultySensors,
-    StrapOpening,
-    fault_onsets,
-)
+from cc_mujoco.benchmark import _conditions as conditions
+from cc_mujoco.benchmark import _faults as faults
+from cc_mujoco.benchmark._conditions import Condition
 from cc_mujoco.benchmark._plant import ActuationFaults, Draw, sample_plants
 from cc_mujoco.benchmark._position import (
     WITH_SENSOR,
@@ -81,7 +68,7 @@ class Cell:
     controller: str
     """Name of a controller or a reference."""
     seeds: tuple[int, ...] = (0,)
-    belief: Belief | None = None
+    belief: conditions.Belief | None = None
     """Belief; that of the condition by default."""
     sensing: Sensing | None = None
     """Sensing; that of the device by default."""
@@ -126,7 +113,7 @@ class CellSetup(NamedTuple):
     drives: Sequence[tuple[Drive, ...]]
     """Drives of every axis as the controller knows them, of each plant."""
     law: Controller
-    sensors: AxesMeasuring | FaultySensors
+    sensors: AxesMeasuring | faults.FaultySensors
     torque_noise: float
     """Standard deviation of the device's joint torque sensor [N m]."""
 
@@ -150,7 +137,7 @@ def batch_groups(cells: Iterable[Cell]) -> list[list[Cell]]:
 def _structure_key(cell: Cell) -> object:
     """Return what the structures of conditions must share to be played as one batch."""
     at = cell.condition
-    if at.known or at.structure in FAULTS or isinstance(at, PositionCondition):
+    if at.known or at.structure in faults.FAULTS or isinstance(at, PositionCondition):
         return at.structure
     (drawn,) = sample_plants(at, cell.seeds[:1])
     cuffs = (bool(axis.cuff) for axis in drawn.plant.description.axes)
@@ -161,7 +148,7 @@ def believed_drives(
     drives: Sequence[Drive],
     driven: Sequence[Sequence[str]],
     draws: Sequence[Draw],
-    beliefs: Sequence[Belief],
+    beliefs: Sequence[conditions.Belief],
 ) -> list[tuple[Drive, ...]]:
     """Return the drives of each plant with the cables that its controller believes.
 
@@ -184,7 +171,7 @@ def believed_drives(
     return found
 
 
-def changed(plant: Plant, reference: Reference | None) -> Plant:
+def changed(plant: Plant, reference: conditions.Reference | None) -> Plant:
     if reference is None:
         return plant
     changes = {
@@ -198,12 +185,14 @@ def changed(plant: Plant, reference: Reference | None) -> Plant:
 def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
     """Prepare the episodes of a group, a row for each cell and seed."""
     one = cells[0]
-    at, reference = one.condition, REFERENCES.get(one.controller)
+    at, reference = one.condition, conditions.REFERENCES.get(one.controller)
     draws: list[Draw] = []
-    beliefs: list[Belief] = []
+    beliefs: list[conditions.Belief] = []
     for cell in cells:
         draws += sample_plants(cell.condition, cell.seeds, cell.key)
-        own = cell.belief or Belief(MODEL_ERRORS[cell.condition.error])
+        own = cell.belief or conditions.Belief(
+            conditions.MODEL_ERRORS[cell.condition.error]
+        )
         beliefs += [(reference and reference.belief) or own] * len(cell.seeds)
     description, seeds = draws[0].plant.description, [drawn.seed for drawn in draws]
     tasks = at.tasks(description)
@@ -219,10 +208,12 @@ def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
     ]
     exo, prefixes = exos[0], exos[0].device.prefixes
     batch = Batch(exos, seeds, name=one.controller)
-    onsets = fault_onsets(seeds, exo.period) if at.structure in FAULTS else []
+    onsets = (
+        faults.fault_onsets(seeds, exo.period) if at.structure in faults.FAULTS else []
+    )
     hindered = [drawn.actuation for drawn in draws]
-    if at.structure == STRAP:
-        batch.actuate = StrapOpening(batch, onsets)
+    if at.structure == faults.STRAP:
+        batch.actuate = faults.StrapOpening(batch, onsets)
     elif not (all(h.is_plain for h in hindered) or (reference and reference.ideal)):
         batch.actuate = ActuationFaults(hindered, prefixes)
     sensing, known = one.sensing or description.sensing, exo.drives
@@ -234,7 +225,7 @@ def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
             sensing = dataclasses.replace(sensing, joint_sensor=True)
         drive = position_drive(at, sensing.equip(known[0]))
         drives = [(drive,)] * len(draws)
-        if name not in (None, SCALE_CONTROLLER):  # which have no parameters
+        if name not in (None, conditions.SCALE_CONTROLLER):  # which have no parameters
             fitted = fitted_drives(
                 [(c.condition, c.seeds, c.key) for c in cells], drive
             )
@@ -268,10 +259,10 @@ def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
         delay=[drawn.plant.delay for drawn in draws],
         noise=[drawn.plant.noise for drawn in draws],
     )
-    sensors: AxesMeasuring | FaultySensors = whole
-    if at.structure in FAULTS:
+    sensors: AxesMeasuring | faults.FaultySensors = whole
+    if at.structure in faults.FAULTS:
         ratios = [drive.ratio for drive in drives[0]]
-        sensors = FaultySensors(
+        sensors = faults.FaultySensors(
             at.structure, onsets, whole, prefixes, ratios, exo.period
         )
     return CellSetup(draws, batch, drives, law, sensors, sensing.torque_noise)
@@ -301,7 +292,7 @@ def play_group(cells: Sequence[Cell]) -> list[CellResult]:
         **batch.play(made.law, made.sensors.measure, [*of_axes, *CABLE_COLUMNS])
     }
     time = np.arange(batch.steps + 1, dtype=float) * made.batch.exo.period
-    reference = REFERENCES.get(cells[0].controller)
+    reference = conditions.REFERENCES.get(cells[0].controller)
     if reference is not None and reference.ideal:
         _apply_ideal_torque(made, rows)
     if reference is not None and reference.changes == UNPLUGGED:
@@ -354,9 +345,9 @@ def _scores(
     prefixes = device.prefixes
     of_angle = isinstance(cell.condition, PositionCondition)
     scores = ANGLE_SCORES if of_angle else SCORES
-    if cell.condition.structure in FAULTS:
+    if cell.condition.structure in faults.FAULTS:
         scores = SAFETY_SCORES
-    first = round(WARM_UP / made.batch.exo.period)
+    first = round(conditions.WARM_UP / made.batch.exo.period)
     episodes: list[dict[str, float]] = []
     for row in range(len(cell.seeds)):
         columns = {name: values[first:, row] for name, values in rows.items()}

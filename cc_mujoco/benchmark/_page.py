@@ -9,43 +9,18 @@ from cc_mujoco._utils.atomic_io import MANIFEST, replacing, write_manifest
 from cc_mujoco._utils.provenance import versions
 from cc_mujoco.benchmark import _figures as figures
 from cc_mujoco.benchmark import _report as text
+from cc_mujoco.benchmark import _runner as runner
+from cc_mujoco.benchmark import _tables as tables
 from cc_mujoco.benchmark._results import (
     Results,
     describe_machine,
     rms_errors,
     write_results,
 )
-from cc_mujoco.benchmark._runner import (
-    REPORT_FILE,
-    RESULTS_FILE,
-    TABLES_FILE,
-    TEXT_FILES,
-    BenchmarkPlan,
-)
-from cc_mujoco.benchmark._tables import (
-    Cells,
-    conditions_table,
-    overview_table,
-    plants_table,
-    ranks_table,
-    scores_table,
-    times_table,
-)
+from cc_mujoco.benchmark._runner import BenchmarkPlan
+from cc_mujoco.report import _html as html
 from cc_mujoco.report._figures import save, style
-from cc_mujoco.report._html import (
-    Html,
-    bullet_list,
-    element,
-    embed_picture,
-    folded,
-    inline_markdown,
-    join_pieces,
-    page,
-    paragraph,
-    sections,
-    short_table,
-    table,
-)
+from cc_mujoco.report._html import Html
 
 CAPTIONS = {
     "pareto": "Normalised error against effort and chatter, mean over conditions and "
@@ -66,7 +41,7 @@ def write(
     """Write `results.parquet`, figures, `table.md`, `report.html`; return a summary."""
     out = Path(out)
     makers = plan.made_by()
-    write_results(out / RESULTS_FILE, results, plan.suite, makers)
+    write_results(out / runner.RESULTS_FILE, results, plan.suite, makers)
     (out / MANIFEST).unlink(missing_ok=True)  # until all is written
     for scene in dict.fromkeys(cell.condition.label for cell, _ in results):
         for stem in CAPTIONS:
@@ -74,13 +49,13 @@ def write(
                 drawn = getattr(figures, stem)(results, scene)
                 save(out / f"{scene}-{stem}.png", drawn)
     pages = {
-        TABLES_FILE: text.all_tables(results, baseline, plan.left_out()),
-        REPORT_FILE: _report_page(out, plan, results, baseline),
+        runner.TABLES_FILE: text.all_tables(results, baseline, plan.left_out()),
+        runner.REPORT_FILE: _report_page(out, plan, results, baseline),
     }
     for name, content in pages.items():
         with replacing(out / name) as partial:
             partial.write_text(content, encoding="utf-8")
-    write_manifest(out, TEXT_FILES)
+    write_manifest(out, runner.TEXT_FILES)
     return text.summary(results, baseline)
 
 
@@ -104,75 +79,83 @@ def _report_page(
     titles |= {"times": text.TIMES_TITLE, "made": "How this was made"}
     notes = (*text.divergence_sentences(results), *text.assumed_limits(results))
     notes += tuple(text.left_out_sentences(plan.left_out()))
-    parts["all"] = _folded_table(text.OVERVIEW_HEADING, overview_table(results))
-    times = times_table(results)
+    parts["all"] = _folded_table(text.OVERVIEW_HEADING, tables.overview_table(results))
+    times = tables.times_table(results)
     if times[1]:
-        parts["times"] = short_table(*_marked(times))
-    parts["words"] = folded(
+        parts["times"] = html.short_table(*_marked(times))
+    parts["words"] = html.folded(
         "References and scores",
-        bullet_list(
-            inline_markdown(line.removeprefix("- "))
+        html.bullet_list(
+            html.inline_markdown(line.removeprefix("- "))
             for line in text.definitions(results).splitlines()
         ),
     )
     parts["made"] = _provenance()
-    return page(
+    return html.page(
         f"Benchmark of controllers: suite {plan.suite}",
         "named",
-        element(
+        html.element(
             "header",
-            element("h1", f"Benchmark of controllers, suite {plan.suite}"),
-            paragraph(
-                inline_markdown(text.best_sentence(results, baseline)), kind="lead"
+            html.element("h1", f"Benchmark of controllers, suite {plan.suite}"),
+            html.paragraph(
+                html.inline_markdown(text.best_sentence(results, baseline)), kind="lead"
             ),
             _figure(folder, first, "pareto"),
-            paragraph(
-                element("b", "Next: "), element("code", text.next_command(results))
+            html.paragraph(
+                html.element("b", "Next: "),
+                html.element("code", text.next_command(results)),
             ),
-            *(paragraph(inline_markdown(note), kind="small") for note in notes),
+            *(
+                html.paragraph(html.inline_markdown(note), kind="small")
+                for note in notes
+            ),
         ),
-        sections(titles, parts),
+        html.sections(titles, parts),
     )
 
 
 def _device(
     folder: Path, results: Results, scene: str, baseline: str, first: bool
 ) -> Html:
-    ranks = ranks_table(rms_errors(results)[scene], baseline)
-    return join_pieces(
+    ranks = tables.ranks_table(rms_errors(results)[scene], baseline)
+    return html.join_pieces(
         [
-            paragraph(text.RANKS_HEADING),
-            short_table(*_marked(ranks)),
+            html.paragraph(text.RANKS_HEADING),
+            html.short_table(*_marked(ranks)),
             *([] if first else [_figure(folder, scene, "pareto")]),
             _figure(folder, scene, "robustness"),
-            _folded_table(text.CONDITIONS_HEADING, conditions_table(results, scene)),
-            _folded_table(text.SCORES_HEADING, scores_table(results, scene)),
-            folded("Error over the cycle", _figure(folder, scene, "cycle")),
-            _folded_table(text.PLANTS_HEADING, plants_table(results, scene)),
+            _folded_table(
+                text.CONDITIONS_HEADING, tables.conditions_table(results, scene)
+            ),
+            _folded_table(text.SCORES_HEADING, tables.scores_table(results, scene)),
+            html.folded("Error over the cycle", _figure(folder, scene, "cycle")),
+            _folded_table(text.PLANTS_HEADING, tables.plants_table(results, scene)),
         ]
     )
 
 
 def _figure(folder: Path, scene: str, stem: str) -> Html:
-    return embed_picture(folder / f"{scene}-{stem}.png", CAPTIONS[stem])
+    return html.embed_picture(folder / f"{scene}-{stem}.png", CAPTIONS[stem])
 
 
-def _folded_table(heading: str, cells: Cells) -> Html:
-    title = inline_markdown(heading.rstrip(":"))
-    return folded(title, table(*_marked(cells)))
+def _folded_table(heading: str, cells: tables.Cells) -> Html:
+    title = html.inline_markdown(heading.rstrip(":"))
+    return html.folded(title, html.table(*_marked(cells)))
 
 
-def _marked(cells: Cells) -> tuple[list[Html], list[list[Html]]]:
+def _marked(cells: tables.Cells) -> tuple[list[Html], list[list[Html]]]:
     """Return a table whose code and emphasis are elements."""
     head, rows = cells
-    return [*map(inline_markdown, head)], [[*map(inline_markdown, r)] for r in rows]
+    return [*map(html.inline_markdown, head)], [
+        [*map(html.inline_markdown, r)] for r in rows
+    ]
 
 
 def _provenance() -> Html:
     listed = ", ".join(f"{name} {number}" for name, number in versions().items())
     machine = describe_machine()
-    return paragraph(
-        element("code", RESULTS_FILE),
+    return html.paragraph(
+        html.element("code", runner.RESULTS_FILE),
         f" beside this page has a row per episode. {listed}. "
         f"{machine['processors']} processors ({machine['processor']}), "
         f"{machine['system']}.",

@@ -10,19 +10,10 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
+from cc_mujoco.benchmark import _tables as tables
 from cc_mujoco.benchmark._conditions import REFERENCES, SCALE_CONTROLLER
 from cc_mujoco.benchmark._results import Errors, Results, rms_errors
 from cc_mujoco.benchmark._scores import EVERY_SCORE, ranked_score
-from cc_mujoco.benchmark._tables import (
-    conditions_table,
-    controller_label,
-    overview_table,
-    plants_table,
-    rank_entries,
-    ranks_table,
-    scores_table,
-    times_table,
-)
 from cc_mujoco.device import find_device
 from cc_mujoco.device._description import device_label
 from cc_mujoco.report._html import list_words
@@ -78,20 +69,20 @@ def all_tables(
             f"## {scene}",
             *([] if scene == first else [_picture(scene, "pareto")]),
             RANKS_HEADING,
-            table(*ranks_table(own, baseline)),
+            table(*tables.ranks_table(own, baseline)),
             _fold(
                 "Conditions, scores and plants",
                 CONDITIONS_HEADING,
                 _picture(scene, "robustness"),
-                table(*conditions_table(results, scene)),
+                table(*tables.conditions_table(results, scene)),
                 SCORES_HEADING,
                 _picture(scene, "cycle"),
-                table(*scores_table(results, scene)),
+                table(*tables.scores_table(results, scene)),
                 PLANTS_HEADING,
-                table(*plants_table(results, scene)),
+                table(*tables.plants_table(results, scene)),
             ),
         ]
-    head, rows = times_table(results)
+    head, rows = tables.times_table(results)
     if rows:
         parts += [f"## {TIMES_TITLE}", table(head, rows)]
     parts += ["## Definitions", _fold("References and scores", definitions(results))]
@@ -104,7 +95,7 @@ def summary(results: Results, baseline: str = DEFAULT_BASELINE) -> str:
         best_sentence(results, baseline),
         f"Next: `{next_command(results)}`",
         OVERVIEW_HEADING,
-        table(*overview_table(results)),
+        table(*tables.overview_table(results)),
         *divergence_sentences(results),
         *assumed_limits(results),
     ]
@@ -123,7 +114,7 @@ def best_sentence(results: Results, baseline: str = DEFAULT_BASELINE) -> str:
 
 
 def _best_at(scene: str, rms: Mapping[str, Mapping[str, Array]], baseline: str) -> str:
-    best, *others = rank_entries(rms)
+    best, *others = tables.rank_entries(rms)
     known = {place.name: f"{place.score:.3g}" for place in others}
     equal = [f"`{n}` ({known[n]})" for n in known if n not in best.better_than]
     text = f"`{best.name}` has the least error at {scene}, {best.score:.3g}"
@@ -140,7 +131,7 @@ def next_command(results: Results) -> str:
     """Return the command that plays the best controller on the first device."""
     scene, own = next(iter(rms_errors(results).items()))
     played = next(c.condition for c, _ in results if c.condition.label == scene)
-    best = rank_entries(own)[0].name
+    best = tables.rank_entries(own)[0].name
     return shlex.join(["cc-mujoco", "play", played.scene, "--controller", best])
 
 
@@ -165,8 +156,8 @@ def divergence_sentences(results: Results) -> list[str]:
         lost.setdefault(cell.controller, []).append(values)
     episodes = {law: np.concatenate(values) for law, values in lost.items()}
     return [
-        f"{controller_label(law)} diverged, or gave a torque that is no number, in "
-        f"{int(values.sum())} of {values.size} episodes."
+        f"{tables.controller_label(law)} diverged, or gave a torque that is no number, "
+        f"in {int(values.sum())} of {values.size} episodes."
         for law, values in episodes.items()
         if values.any()
     ]
@@ -216,5 +207,5 @@ def comparison(errors: Errors, differing: list[str]) -> str:
     if differing:
         parts.append(f"What made them differs in {', '.join(differing)}.")
     for scene, own in errors.items():
-        parts += [f"## {scene}", table(*ranks_table(own, SCALE_CONTROLLER))]
+        parts += [f"## {scene}", table(*tables.ranks_table(own, SCALE_CONTROLLER))]
     return "\n\n".join(parts) + "\n"

@@ -9,7 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+from cc_mujoco import human
 from cc_mujoco.assets import SCENES
+from cc_mujoco.benchmark import _plant as plants
 from cc_mujoco.benchmark._conditions import (
     DEFAULT_CONDITION,
     KNOWN,
@@ -28,28 +30,11 @@ from cc_mujoco.benchmark._generic import (
     plain_condition,
     trajectory_of,
 )
-from cc_mujoco.benchmark._plant import (
-    EFFECTS,
-    LAG_NAME,
-    STRUCTURES,
-    TREMOR_SHARE,
-    has_effect,
-)
 from cc_mujoco.benchmark._position import position_conditions
 from cc_mujoco.control import CONTROLLERS, POSITION_CONTROLLERS
 from cc_mujoco.device import Axis, DeviceModel, Plant, find_device
 from cc_mujoco.device._device_files import is_device_file
 from cc_mujoco.errors import CableError, look_up
-from cc_mujoco.human import (
-    TASKS,
-    TRAJECTORIES,
-    Hold,
-    Perturbed,
-    Spring,
-    Tremor,
-    task,
-    trajectory,
-)
 
 
 def structure_conditions(scene: str) -> list[Condition]:
@@ -61,16 +46,16 @@ def structure_conditions(scene: str) -> list[Condition]:
     model = DeviceModel(device.description, Plant(device).model())
     plain, _ = plain_condition(scene, model)
     found = [named_condition(plain, "-".join(DEFAULT_CONDITION))]
-    for name in STRUCTURES:
-        if name == LAG_NAME or not has_effect(device, name):
+    for name in plants.STRUCTURES:
+        if name == plants.LAG_NAME or not plants.has_effect(device, name):
             continue  # instead of one lag `varied-lag` has a range
         changes: dict[str, object] = {"structure": name}
         if name == "tremor":
             parts = [
-                Tremor(
+                human.Tremor(
                     trajectory_of(plain.trajectory, axis.limb),
                     axis.limb,
-                    TREMOR_SHARE * axis.reach,
+                    plants.TREMOR_SHARE * axis.reach,
                 )
                 for axis in device.description.axes
             ]
@@ -85,28 +70,30 @@ def known_conditions(scene: str) -> list[Condition]:
     pairs = [
         (one, named_condition(one, KNOWN + one.structure, known=True))
         for one in found
-        if one.structure in EFFECTS
+        if one.structure in plants.EFFECTS
     ]
     return [found[0], *(one for pair in pairs for one in pair)]
 
 
 def _wrist() -> list[Condition]:
-    plain = Condition("wrist", "", TRAJECTORIES["multisine"], Spring(2.5))
+    plain = Condition("wrist", "", human.TRAJECTORIES["multisine"], human.Spring(2.5))
     return [*_single_changes(plain), *crossed_conditions(plain)]
 
 
 def _ankle() -> list[Condition]:
-    plain = Condition("ankle", "", TRAJECTORIES["walk"], TASKS["assist"])
-    reversing = trajectory("reversals", _axis("ankle").reach)
-    still = named_condition(plain, "reversals", trajectory=reversing, task=Hold(-15.0))
+    plain = Condition("ankle", "", human.TRAJECTORIES["walk"], human.TASKS["assist"])
+    reversing = human.trajectory("reversals", _axis("ankle").reach)
+    still = named_condition(
+        plain, "reversals", trajectory=reversing, task=human.Hold(-15.0)
+    )
     common = [still if c.name == "reversals" else c for c in _single_changes(plain)]
     route = named_condition(plain, "moving-route", moving_route=True)
     return [*common, route, *crossed_conditions(plain)]
 
 
 def _finger() -> list[Condition]:
-    reach = trajectory("reach", _axis("finger").reach)
-    plain = Condition("finger", "", reach, TASKS["hold"])
+    reach = human.trajectory("reach", _axis("finger").reach)
+    plain = Condition("finger", "", reach, human.TASKS["hold"])
     return [
         named_condition(plain, f"{liner}-{DEFAULT_CONDITION[1]}", transmission=liner)
         for liner in TRANSMISSIONS
@@ -121,9 +108,11 @@ def _single_changes(plain: Condition) -> list[Condition]:
     joint = _axis(plain.scene).joint
     return [
         *varied_conditions(plain),
-        named_condition(plain, "reversals", trajectory=TRAJECTORIES["reversals"]),
-        named_condition(plain, "jolted", trajectory=Perturbed(plain.trajectory, joint)),
-        named_condition(plain, "zero-torque", task=TASKS["transparent"]),
+        named_condition(plain, "reversals", trajectory=human.TRAJECTORIES["reversals"]),
+        named_condition(
+            plain, "jolted", trajectory=human.Perturbed(plain.trajectory, joint)
+        ),
+        named_condition(plain, "zero-torque", task=human.TASKS["transparent"]),
     ]
 
 
@@ -236,4 +225,4 @@ def _commands_angle(scene: str) -> bool:
     if scene not in SCENES and not is_device_file(scene):
         return False
     axes = find_device(scene).description.axes
-    return all(task(axis.task, (axis.limb,)).commands_angle for axis in axes)
+    return all(human.task(axis.task, (axis.limb,)).commands_angle for axis in axes)

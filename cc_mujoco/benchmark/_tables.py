@@ -11,14 +11,8 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from cc_mujoco.benchmark import _ranking as ranking
 from cc_mujoco.benchmark._conditions import REFERENCES, SCALE_CONTROLLER, plant_key
-from cc_mujoco.benchmark._ranking import (
-    Place,
-    bootstrap_means,
-    compare_resamples,
-    normalise_errors,
-    rank_controllers,
-)
 from cc_mujoco.benchmark._results import Results, rms_errors
 from cc_mujoco.benchmark._scores import EVERY_SCORE, ranked_score
 
@@ -38,8 +32,8 @@ def overview_table(results: Results) -> Cells:
         head += [scene, f"{scene}, failed"] if some else [scene]
         places = {
             p.name: p
-            for p in rank_controllers(
-                normalise_errors(own, SCALE_CONTROLLER), plant_names(own)
+            for p in ranking.rank_controllers(
+                ranking.normalise_errors(own, SCALE_CONTROLLER), plant_names(own)
             )
         }
         for law, row in rows.items():
@@ -52,19 +46,19 @@ def overview_table(results: Results) -> Cells:
 
 def entry_errors(rms: Mapping[str, Mapping[str, Array]]) -> dict[str, Array]:
     """Return the normalised errors of the controllers without the references."""
-    errors = normalise_errors(rms, SCALE_CONTROLLER)
+    errors = ranking.normalise_errors(rms, SCALE_CONTROLLER)
     return {name: own for name, own in errors.items() if name not in REFERENCES}
 
 
-def rank_entries(rms: Mapping[str, Mapping[str, Array]]) -> list[Place]:
+def rank_entries(rms: Mapping[str, Mapping[str, Array]]) -> list[ranking.Place]:
     """Return the places of the controllers without the references, the best first."""
-    return rank_controllers(entry_errors(rms), plant_names(rms))
+    return ranking.rank_controllers(entry_errors(rms), plant_names(rms))
 
 
 def ranks_table(rms: Mapping[str, Mapping[str, Array]], baseline: str) -> Cells:
     """Return the controllers without the references, the best first."""
     errors = entry_errors(rms)
-    draws = bootstrap_means(errors, plant_names(rms))
+    draws = ranking.bootstrap_means(errors, plant_names(rms))
     compared = baseline in errors
     head = ["rank", "controller", "error"]
     head += [f"less `{baseline}`"] if compared else []
@@ -76,7 +70,9 @@ def ranks_table(rms: Mapping[str, Mapping[str, Array]], baseline: str) -> Cells:
         row = [rank, controller_label(place.name), _score_with_interval(place)]
         if compared and place.name != baseline:
             mean = place.score - float(np.mean(errors[baseline]))
-            row.append(str(compare_resamples(draws[place.name], draws[baseline], mean)))
+            row.append(
+                str(ranking.compare_resamples(draws[place.name], draws[baseline], mean))
+            )
         elif compared:
             row.append("-")
         better = [controller_label(n) for n in errors if n in place.better_than]
@@ -87,7 +83,7 @@ def ranks_table(rms: Mapping[str, Mapping[str, Array]], baseline: str) -> Cells:
 def conditions_table(results: Results, scene: str) -> Cells:
     """Return the normalised errors, a row per condition, with the error that is 1."""
     rms = rms_errors(results)[scene]
-    errors = normalise_errors(rms, SCALE_CONTROLLER)
+    errors = ranking.normalise_errors(rms, SCALE_CONTROLLER)
     laws = [law for law in errors if law != SCALE_CONTROLLER]
     score = next(
         ranked_score(r.scores) for c, r in results if c.condition.label == scene
@@ -193,7 +189,7 @@ def mean_score(results: Results, scene: str, law: str, name: str) -> float:
     return float(np.mean(known)) if known.size else math.nan
 
 
-def _with_price(results: Results, scene: str, place: Place) -> str:
+def _with_price(results: Results, scene: str, place: ranking.Place) -> str:
     """Return an error with its price: chatter [mN m] and motor peak [N m]."""
     chatter, peak = (
         mean_score(results, scene, place.name, name)
@@ -214,7 +210,7 @@ def controller_label(law: str) -> str:
     return f"*{law}*" if law in REFERENCES else f"`{law}`"
 
 
-def _score_with_interval(place: Place) -> str:
+def _score_with_interval(place: ranking.Place) -> str:
     if math.isnan(place.low):
         return f"{place.score:.3f}"
     return f"{place.score:.3f} ({place.low:.3f} to {place.high:.3f})"

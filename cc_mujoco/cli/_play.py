@@ -13,15 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import tyro
 
-from cc_mujoco._utils.command_options import (
-    Added,
-    Allowed,
-    Flag,
-    Name,
-    option_help,
-    progress_bar,
-    video_progress_bar,
-)
+from cc_mujoco._utils import command_options as options
 from cc_mujoco.errors import CableError
 
 if TYPE_CHECKING:
@@ -37,17 +29,17 @@ class Play:
 
     scene: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")]
     """A device: a built-in name (`cc-mujoco list`), or your MJCF file."""
-    replay: Annotated[Path | None, option_help("LOG")] = None
+    replay: Annotated[Path | None, options.option_help("LOG")] = None
     """Instead of an episode: show a log of `cc-mujoco run`; SCENE may be a file."""
-    trajectory: Name = None
+    trajectory: options.Name = None
     """Motion of the wearer: a name, NAME:AMPLITUDE, a table with columns time_s and
     angle_rad (or time_ms, knee_angle_deg) or an OpenSim .mot, or MODULE:NAME; the
     default depends on the scene."""
-    task: Name = None
+    task: options.Name = None
     """Feel that the device should give the wearer: a name, NAME:NUMBER (hold:-12,
     spring:2.5), a table of torque_nm over phase or time_s, or MODULE:NAME; the default
     depends on the scene."""
-    controller: Name = None
+    controller: options.Name = None
     """Controller of the motor: a name, MODULE:FUNCTION or POLICY.safetensors;
     pi_tuned by default or, where the task commands an angle, backlash_inverse or
     none."""
@@ -55,20 +47,20 @@ class Play:
     """Length of the episode in seconds."""
     seed: int = 0
     """Seed of everything random; equal seeds give equal logs."""
-    out: Annotated[Path | None, option_help("DIR")] = None
+    out: Annotated[Path | None, options.option_help("DIR")] = None
     """Folder for the results; runs/SCENE-TRAJECTORY-TASK-CONTROLLER-SEED by default,
     with the duration behind it if it is another."""
 
-    metric: Added = ()
+    metric: options.Added = ()
     """A metric to measure besides, once each: a name or MODULE:NAME."""
-    video: Flag = False
+    video: options.Flag = False
     """Write video.mp4, too: the scene beside torques and tensions."""
-    html: Flag = False
+    html: options.Flag = False
     """Write episode.html, too: a page that plays the episode in any browser."""
-    live: Flag = False
+    live: options.Flag = False
     """Play in a window, in real time, until it is closed, and write nothing; its keys
     change friction, pretension and controller."""
-    allow: Allowed = ()
+    allow: options.Allowed = ()
     """Code that files may name, once each; code that only a file names is refused."""
 
     def run(self) -> None:
@@ -110,7 +102,7 @@ class Play:
         del env, inner  # with them goes a script as long as the episode
 
         def episode(file: Path) -> EpisodeLog:
-            with progress_bar(self.duration) as progress:
+            with options.progress_bar(self.duration) as progress:
 
                 def passed(time: float) -> None:
                     guards.look(time)
@@ -129,7 +121,9 @@ class Play:
                 )
 
         messages: list[str] = []
-        with video_progress_bar(self.duration if self.video else 0.0) as progress:
+        with options.video_progress_bar(
+            self.duration if self.video else 0.0
+        ) as progress:
             found = write_episode(
                 out,
                 episode,

@@ -24,12 +24,8 @@ from cc_mujoco.cable._cable import PATHS
 from cc_mujoco.design._protocol import COST_METRIC
 from cc_mujoco.device import MATERIALS, MOTORS, DeviceModel, Plant
 from cc_mujoco.device._materials import WIRE_MODULUS, area
-from cc_mujoco.device._variables import Value
 from cc_mujoco.errors import CableError
 
-COIL_DIAMETER_RATIOS = (1.75, 2.6)
-"""Inner and outer diameter of the steel coil of a conduit per diameter of its rope, as
-about a bicycle's brake cable: 2.8 and 4.2 mm for 1.6 mm (assumed)."""
 EXAMPLE = Path(__file__).with_name("costs.csv")
 """The table that holds unless another is given."""
 
@@ -68,7 +64,11 @@ def parts_of(plant: Plant, costs: Mapping[str, float]) -> dict[str, float]:
     ropes, ratios = 0.0, []
     for name, cable in cables.items():
         diameter = diameters[name]
-        coil = _coil_mass_per_length(values, diameter)
+        # The steel coil of the conduit, as about a bicycle's brake cable: 2.8 and 4.2
+        # mm for 1.6 mm (assumed).
+        inner, outer = (area(share * diameter) for share in (1.75, 2.6))
+        coil = 7850.0 * (outer - inner)  # density of steel [kg/m^3]
+        coil = float(values.get("conduit_linear_mass", coil))
         ropes += cable.length * (density * area(diameter) + coil)
         bends = (section.radius for section in cable.conduit)
         tightest = min(*bends, *pulleys[name], math.inf)
@@ -92,14 +92,6 @@ def parts_of(plant: Plant, costs: Mapping[str, float]) -> dict[str, float]:
             + len(lengths) * costs["fittings"]
         )
     return found
-
-
-def _coil_mass_per_length(design: Mapping[str, Value], diameter: float) -> float:
-    """Return the mass of a conduit per length [kg/m]."""
-    if "conduit_linear_mass" in design:
-        return float(design["conduit_linear_mass"])
-    inner, outer = (area(share * diameter) for share in COIL_DIAMETER_RATIOS)
-    return 7850.0 * (outer - inner)  # density of steel [kg/m^3]
 
 
 def read_costs(path: str | Path = EXAMPLE) -> dict[str, float]:

@@ -16,14 +16,7 @@ from cc_mujoco.design._plan import Plan
 from cc_mujoco.design._protocol import known_metric, metric_of
 from cc_mujoco.design._sensitivity import Sensitivity
 from cc_mujoco.device._variables import describe
-from cc_mujoco.report._figures import (
-    BLUE,
-    GREY,
-    ORANGE,
-    TENSION_COLORS,
-    figure,
-    set_ticks,
-)
+from cc_mujoco.report import _figures as figures
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -46,7 +39,7 @@ def answer_plot(
     `x` is the column of the abscissa, a metric or a variable. `best` are the members of
     the Pareto set, `marked` the rows that get a number, the best first.
     """
-    drawing = figure(0.88 * PAGE_WIDTH, 3.1)  # in the header
+    drawing = figures.figure(0.88 * PAGE_WIDTH, 3.1)  # in the header
     axes = drawing.add_subplot()
     y = column(table, objective.name)
     levels: list[object] = []
@@ -60,7 +53,7 @@ def answer_plot(
     for place, row in enumerate(marked):
         axes.plot(
             across[row], y[row], "s" if place else "*", markersize=7 if place else 12,
-            color=BLUE, label=None if place else "best",
+            color=figures.BLUE, label=None if place else "best",
         )  # fmt: skip
         axes.annotate(
             str(table["design"][row].as_py()), (across[row], y[row]),
@@ -84,7 +77,7 @@ def pareto_plot(
 ) -> Figure:
     """Return every pair of objectives: all designs, and the Pareto set over it."""
     pairs = list(itertools.combinations(objectives, 2))
-    drawing = figure(PAGE_WIDTH, 3.2 * len(pairs))
+    drawing = figures.figure(PAGE_WIDTH, 3.2 * len(pairs))
     panels = drawing.subplots(len(pairs), squeeze=False)[:, 0]
     for axes, (one, other) in zip(panels, pairs, strict=True):
         x, y = (column(table, o.name) for o in (one, other))
@@ -99,9 +92,9 @@ def pareto_plot(
 
 
 def _scatter(axes: Axes, x: Array, y: Array, best: NDArray[np.bool_]) -> None:
-    axes.plot(x[~best], y[~best], ".", color=GREY, alpha=0.45, markersize=4,
+    axes.plot(x[~best], y[~best], ".", color=figures.GREY, alpha=0.45, markersize=4,
               label="designs")  # fmt: skip
-    axes.plot(x[best], y[best], "o", color=ORANGE, markersize=4.5,
+    axes.plot(x[best], y[best], "o", color=figures.ORANGE, markersize=4.5,
               label="Pareto set")  # fmt: skip
 
 
@@ -114,14 +107,16 @@ def effects_plot(found: Sequence[Sensitivity], most: int | None = None) -> Figur
         found[0].effects, key=lambda name: -max(one.total[name] for one in found)
     )[:most]
     width = 1.2 + 2.1 * len(names) if most is None else PAGE_WIDTH
-    drawing = figure(width, 0.9 + 1.35 * len(found))
+    drawing = figures.figure(width, 0.9 + 1.35 * len(found))
     panels = drawing.subplots(len(found), len(names), squeeze=False, sharey="row")
     for row, one in zip(panels, found, strict=True):
         for axes, name in zip(row, names, strict=True):
             x, y = one.effects[name]
-            axes.plot(x, y, "o-", color=BLUE, markersize=2.5)
-            axes.set_title(f"{max(one.first[name], 0.0):.0%}", fontsize=8, loc="right",
-                           y=1.0, color=GREY, fontweight="normal", pad=2)  # fmt: skip
+            axes.plot(x, y, "o-", color=figures.BLUE, markersize=2.5)
+            axes.set_title(
+                f"{max(one.first[name], 0.0):.0%}", loc="right", y=1.0, pad=2,
+                fontsize=8, fontweight="normal", color=figures.GREY,
+            )  # fmt: skip
             axes.locator_params(axis="x", nbins=3)
             if name in one.levels:
                 axes.set_xticks(x, one.levels[name], fontsize=6)
@@ -146,7 +141,7 @@ def heat_maps(
         return None
     columns = min(len(found), 3 if len(found) <= 6 else 4)
     rows = math.ceil(len(found) / columns)
-    drawing = figure(4.0 * columns, 3.3 * rows)
+    drawing = figures.figure(4.0 * columns, 3.3 * rows)
     panels = drawing.subplots(rows, columns, squeeze=False).ravel()
     for axes, one in zip(panels, found, strict=False):
         _heat_map(axes, plan, table, one)
@@ -165,7 +160,7 @@ def _heat_map(axes: Axes, plan: Plan, table: pa.Table, one: Sensitivity) -> None
     else:
         values, ticks = _surface_grid(plan, table, one, across, up)
     image = axes.imshow(
-        values, origin="lower", aspect="auto", cmap=TENSION_COLORS,
+        values, origin="lower", aspect="auto", cmap=figures.TENSION_COLORS,
         interpolation="nearest",
     )  # fmt: skip
     axes.grid(False)
@@ -259,4 +254,4 @@ def _log_where_wide(axes: Axes, x: Array, y: Array) -> None:
             low, high = math.log10(found.min()), math.log10(found.max())
             decades = [10.0**k for k in range(math.ceil(low), math.floor(high) + 1)]
             if len(decades) >= 2:
-                set_ticks(axis, decades)
+                figures.set_ticks(axis, decades)

@@ -24,21 +24,9 @@ from numpy.typing import NDArray
 from cc_mujoco._utils.provenance import code_provenance
 from cc_mujoco._workers import Tick
 from cc_mujoco.control import axes_controller
+from cc_mujoco.design import _protocol as protocols
 from cc_mujoco.design._bill_of_materials import inertias_of, parts_of
-from cc_mujoco.design._protocol import (
-    CONTROLLER_METRIC,
-    EpisodeProtocol,
-    by_axis,
-    by_case,
-    by_controller,
-    device_digests,
-    is_stride_metric,
-    metric_of,
-    number_columns,
-    over_axes,
-    split_metric,
-    wants_high,
-)
+from cc_mujoco.design._protocol import EpisodeProtocol
 from cc_mujoco.design._scenarios import LEAST_SUFFIX
 from cc_mujoco.device import Device, Plant
 from cc_mujoco.device._axis_columns import axis_columns
@@ -210,11 +198,11 @@ class _Scores:
         laws, names = protocol.controllers, protocol.metrics
         self.tried = [_Tried({law: {} for law in laws}, {}) for _ in plants]
         strides: Mapping[str, GaitJoint] = {}
-        if any(map(is_stride_metric, names)):
+        if any(map(protocols.is_stride_metric, names)):
             strides = joints_of_gait(device)
         self._facts = [_facts(protocol, plant, strides) for plant in plants]
         self._cables = tuple(plants[0].cables)
-        if all(metric_of(name).test != "parts" for name in names):
+        if all(protocols.metric_of(name).test != "parts" for name in names):
             return
         for one, plant, model in zip(self.tried, plants, models, strict=True):
             whole = parts_of(plant, dict(protocol.costs))
@@ -246,18 +234,26 @@ class _Scores:
     def _measured(self, test: Test, logs: Sequence[ArrayLog]) -> dict[str, float]:
         """Return the metrics of a test by column, from the log of each axis."""
         protocol = self._protocol
-        chosen = [m for m in map(metric_of, protocol.metrics) if m.test == test]
+        chosen = [
+            m for m in map(protocols.metric_of, protocol.metrics) if m.test == test
+        ]
         if not protocol.axes:
             return {m.name: value for m, value in measure(logs[0], chosen).items()}
         whole = [metric for metric in chosen if not metric.of_axis]
         found = {m.name: value for m, value in measure(logs[0], whole).items()}
-        owns = dict.fromkeys(split_metric(m.name)[1] for m in chosen if m.of_axis)
+        owns = dict.fromkeys(
+            protocols.split_metric(m.name)[1] for m in chosen if m.of_axis
+        )
         for axis, log in zip(protocol.axes, logs, strict=True):
             # A stride is that of one joint, which the others do not have.
-            there = [n for n in owns if PACE in log.metadata or not is_stride_metric(n)]
-            values = measure(log, map(metric_of, there))
+            there = [
+                n
+                for n in owns
+                if PACE in log.metadata or not protocols.is_stride_metric(n)
+            ]
+            values = measure(log, map(protocols.metric_of, there))
             found |= {f"{axis}.{m.name}": value for m, value in values.items()}
-        return found | over_axes(protocol, found)
+        return found | protocols.over_axes(protocol, found)
 
     def _unsafe_reason(self, played: Rollout, row: int) -> str:
         """Return why the torque of a design is a failure; empty where it is none."""
@@ -332,29 +328,29 @@ def _result(protocol: EpisodeProtocol, tried: Sequence[_Tried]) -> DesignResult:
         failed = {law: where + why for law, why in one.failed.items()} | failed
     good = [law for law in protocol.controllers if law not in failed]
     if not good:
-        none = dict.fromkeys(number_columns(protocol), math.nan)
+        none = dict.fromkeys(protocols.number_columns(protocol), math.nan)
         return DesignResult(none, failed[protocol.controllers[0]], out=failed)
 
     def each(name: str, law: str) -> list[float]:
         return [one.rows[law].get(name, math.nan) for one in tried]
 
     def over(name: str, law: str) -> float:
-        return across.of(each(name, law), wants_high(protocol, name))
+        return across.of(each(name, law), protocols.wants_high(protocol, name))
 
     best = good[0]
     if len(protocol.controllers) > 1:
-        best = min(good, key=lambda law: over(CONTROLLER_METRIC, law))
-    columns = *protocol.metrics, *by_axis(protocol)
+        best = min(good, key=lambda law: over(protocols.CONTROLLER_METRIC, law))
+    columns = *protocol.metrics, *protocols.by_axis(protocol)
     metrics = {name: over(name, best) for name in columns}
-    for column, (name, law) in by_controller(protocol).items():
+    for column, (name, law) in protocols.by_controller(protocol).items():
         metrics[column] = over(name, law) if law in good else math.nan
     if not across.several:
         return DesignResult(metrics, "", best, out=failed)
-    for column, name in by_case(protocol).items():
+    for column, name in protocols.by_case(protocol).items():
         end = np.min if column.endswith(LEAST_SUFFIX) else np.max
         metrics[column] = float(end(each(name, best)))
     worst = tuple(
-        across.worst(each(name, best), wants_high(protocol, name))
+        across.worst(each(name, best), protocols.wants_high(protocol, name))
         for name in protocol.metrics
     )
     return DesignResult(metrics, "", best, worst, failed)
@@ -381,7 +377,7 @@ def episodes(
         CableError: the trajectory or the task cannot be played.
     """
     main = _main_episode(protocol, device, designs)
-    needed = {metric_of(name).test for name in protocol.metrics}
+    needed = {protocols.metric_of(name).test for name in protocol.metrics}
     held, swings, chirps = main, None, None
     if needed & {"backlash", "bandwidth"}:
         held, swings, chirps = _held_episode(main, Plant(device).model())
@@ -434,7 +430,7 @@ class DesignJob:
 
     def made_by(self) -> dict[str, Any]:
         self.protocol.find_metrics()
-        files = device_digests(self.protocol.device)
+        files = protocols.device_digests(self.protocol.device)
         return code_provenance(*self.protocol.code_names, files=files)
 
     def size(self, piece: Sequence[Design]) -> int:

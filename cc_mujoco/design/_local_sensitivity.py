@@ -22,16 +22,10 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from cc_mujoco.design import _pareto as pareto
 from cc_mujoco.design._designs import Range
 from cc_mujoco.design._evaluation import Design
-from cc_mujoco.design._pareto import (
-    MetricLimit,
-    Objective,
-    decisive_columns,
-    objective_costs,
-    rank_designs,
-)
-from cc_mujoco.design._plan import Plan, with_few_designs
+from cc_mujoco.design._plan import Plan
 from cc_mujoco.device._variables import Value
 from cc_mujoco.errors import CableError
 
@@ -87,7 +81,7 @@ class Price:
     """
 
     objective: str
-    limit: MetricLimit | None
+    limit: pareto.MetricLimit | None
     price: float
     now: float
     promised: float
@@ -115,8 +109,8 @@ def analyse_best_design(
     """
     if not plan.objectives:
         raise CableError("what is around the best design needs an objective.")
-    cost = objective_costs(table, plan.objectives, plan.limits)
-    best = int(rank_designs(cost)[0])
+    cost = pareto.objective_costs(table, plan.objectives, plan.limits)
+    best = int(pareto.rank_designs(cost)[0])
     if np.isnan(cost[best]).any():
         return None
     base, device = plan.designs[best], plan.protocol.device
@@ -137,14 +131,14 @@ def analyse_best_design(
     tried = [base, *(d for pair in sides.values() for d in pair if d is not None)]
     if len(tried) == 1:
         return None
-    rows = iter(run(with_few_designs(plan, device, tried)).to_pylist())
+    rows = iter(run(plan.with_few_designs(tried)).to_pylist())
     centre = next(rows)
     slopes: list[Slope] = []
     for name, pair in sides.items():
         found = [None if design is None else next(rows) for design in pair]
         slopes += [
             _metric_slope(metric, name, plan.ranges[name], centre, found)
-            for metric in decisive_columns(plan.objectives, plan.limits)
+            for metric in pareto.decisive_columns(plan.objectives, plan.limits)
         ]
     prices = _prices(plan, base, centre, slopes)
     proposed = {
@@ -153,7 +147,7 @@ def analyse_best_design(
         if (design := possible(price.design)) is not None
     }
     if proposed:
-        there = run(with_few_designs(plan, device, [*proposed.values()])).to_pylist()
+        there = run(plan.with_few_designs([*proposed.values()])).to_pylist()
         for place, row in zip(proposed, there, strict=True):
             prices[place] = _checked(plan, prices[place], row, centre)
     return Around(best, tuple(slopes), tuple(prices))
@@ -244,7 +238,7 @@ def _prices(
         """Return the change of a metric, with the sign by which less is better."""
         return (-1.0 if high else 1.0) * np.array([change[metric, v] for v in free])
 
-    def price(goal: Objective, relaxed: MetricLimit | None) -> Price:
+    def price(goal: pareto.Objective, relaxed: pareto.MetricLimit | None) -> Price:
         rows, bounds = [], []
         for limit in limits:
             sign = -1.0 if limit.least else 1.0
@@ -282,7 +276,7 @@ def _prices(
     return [price(goal, one) for goal in plan.objectives for one in (None, *limits)]
 
 
-def relax_limit(limit: MetricLimit) -> MetricLimit:
+def relax_limit(limit: pareto.MetricLimit) -> pareto.MetricLimit:
     by = LIMIT_RELAXATION * abs(limit.bound) or 1.0
     return dataclasses.replace(
         limit, bound=limit.bound - by if limit.least else limit.bound + by
@@ -293,7 +287,7 @@ def _checked(
     plan: Plan, price: Price, row: Mapping[str, object], centre: Mapping[str, object]
 ) -> Price:
     """Return a price with the simulated result of its design."""
-    names = decisive_columns(plan.objectives, plan.limits)
+    names = pareto.decisive_columns(plan.objectives, plan.limits)
     metrics, now = ({n: _number(one[n]) for n in names} for one in (row, centre))
     kept = True
     for limit in plan.limits:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -80,7 +81,7 @@ def read_limits(
     """
     found = []
     for text in require_list("subject_to", texts):
-        name, sign, number = (part.strip() for part in _split(text))
+        name, sign, number = re.split(r"(>=|<=|\Z)", text, maxsplit=1)
         try:
             bound = float(number)
         except ValueError:
@@ -89,7 +90,7 @@ def read_limits(
             raise CableError(
                 f"limit {text!r} must be METRIC>=NUMBER or METRIC<=NUMBER."
             )
-        name = metric_of_designs(name).name
+        name = metric_of_designs(name.strip()).name
         if measured is not None and name not in measured:
             raise CableError(
                 f"limit {text!r} is on what is not among the metrics measured; add "
@@ -97,13 +98,6 @@ def read_limits(
             )
         found.append(MetricLimit(name, bound, sign == ">=", across))
     return tuple(found)
-
-
-def _split(text: str) -> tuple[str, str, str]:
-    for sign in (">=", "<="):
-        if sign in text:
-            return text.partition(sign)
-    return text, "", ""
 
 
 def read_objectives(

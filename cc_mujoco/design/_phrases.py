@@ -67,12 +67,8 @@ def plain_name(name: str) -> str:
 
 def format_quantity(name: str, value: object) -> str:
     """Return a value with its unit, as it is written in a sentence."""
-    unit = unit_of(name)
-    return (
-        f"{format_cell(value)} {unit}"
-        if unit and value is not None
-        else format_cell(value)
-    )
+    unit, text = unit_of(name), format_cell(value)
+    return f"{text} {unit}" if unit and value is not None else text
 
 
 def index_text(share: float, error: float | None, form: str = ".3f") -> str:

@@ -6,7 +6,6 @@ Every error in the specification of a study is found here, before anything runs.
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import hashlib
 import itertools
 import json
@@ -29,6 +28,7 @@ from cc_mujoco._validation import (
     require_list,
     require_number,
 )
+from cc_mujoco.design import _protocol as protocols
 from cc_mujoco.design._bill_of_materials import EXAMPLE, read_costs
 from cc_mujoco.design._designs import (
     Range,
@@ -50,40 +50,13 @@ from cc_mujoco.design._pareto import (
     read_limits,
     read_objectives,
 )
-from cc_mujoco.design._protocol import (
-    CONTROLLER_METRIC,
-    COST_METRIC,
-    DEFAULT_METRICS,
-    HELD_TESTS,
-    EpisodeProtocol,
-    device_digests,
-    is_stride_metric,
-    metric_of,
-    metric_of_designs,
-    missing_fact,
-    missing_variables,
-    require_axes,
-    split_metric,
-    task_text,
-    tasks_of_axes,
-)
+from cc_mujoco.design._protocol import EpisodeProtocol
 from cc_mujoco.design._scenarios import Across, format_short, read_across
 from cc_mujoco.design._whatif_options import Assignments, Given, StudySpec
 from cc_mujoco.device import Axis, Description, Device, Value, load_device
+from cc_mujoco.device import _wearer_scaling as wearers
 from cc_mujoco.device._device_files import is_device_file
 from cc_mujoco.device._variables import split
-from cc_mujoco.device._wearer_scaling import (
-    ASSIST,
-    LEG_LENGTH,
-    PROFILE,
-    SPEED,
-    WALK,
-    WALKER,
-    body_of,
-    helped_axis,
-    require_scene,
-    speed_of,
-)
 from cc_mujoco.errors import CableError, CableWarning, look_up
 from cc_mujoco.human import Task, Trajectory, Walk, trajectory
 from cc_mujoco.human import task as find_task
@@ -93,8 +66,6 @@ from cc_mujoco.metrics import Metric, find_metric, metric_key, user_metrics
 _LONGEST_TEXT = 200
 """Characters of a trajectory's `repr` that stand in a description as they are."""
 
-SAMPLINGS = ("grid", "lhs")
-
 VALUES_KEY = "values"
 """Key of a study's description: a digest of each variable's values."""
 
@@ -102,7 +73,6 @@ GENERATION = 32
 """Designs per generation of a search."""
 PIECE = 8
 """Designs of a generation per batch of simulations."""
-MOST_OBJECTIVES = 4
 
 
 @dataclass(frozen=True)
@@ -137,30 +107,23 @@ class Plan:
 
     def describe(self) -> dict[str, Any]:
         """Describe the study as plain JSON, equal for equal studies."""
-        protocol = {
-            field.name: getattr(self.protocol, field.name)
-            for field in dataclasses.fields(self.protocol)
-            # The scene has axes and files.
-            if field.name not in ("axes", "files", "sources")
+        protocol, costs = self.protocol, dict(self.protocol.costs)
+        played = {
+            "scene": protocol.scene,
+            "trajectory": protocol.sources[0],
+            "task": protocol.sources[1],
+            "controllers": list(protocol.controllers),
+            "duration": protocol.duration,
+            "seed": protocol.seed,
+            "timestep": protocol.timestep,
+            "metrics": list(protocol.metrics),
+            "across": {name: list(v) for name, v in protocol.across.levels},
+            **({"costs": costs} if costs else {}),
+            "own": {find_metric(one).name: metric_key(one) for one in protocol.own},
+            "rank": protocol.across.rank,
+            "turned": list(protocol.across.turned),
         }
-        protocol |= {
-            "trajectory": self.protocol.sources[0],
-            "task": self.protocol.sources[1],
-            "controllers": list(self.protocol.controllers),
-            "metrics": list(self.protocol.metrics),
-            "across": {name: list(v) for name, v in self.protocol.across.levels},
-            "rank": self.protocol.across.rank,
-            "turned": list(self.protocol.across.turned),
-        }
-        own = self.protocol.own
-        protocol["own"] = {find_metric(one).name: metric_key(one) for one in own}
-        protocol["costs"] = dict(self.protocol.costs)
-        if not self.protocol.costs:
-            del protocol["costs"]
-        about: dict[str, Any] = {
-            "protocol": protocol,
-            "variables": list(self.ranges),
-        }
+        about: dict[str, Any] = {"protocol": played, "variables": list(self.ranges)}
         if self.search is not None:
             return about | {"search": json.loads(json.dumps(self.search))}
         values = {n: dict.fromkeys(d[n] for d in self.designs) for n in self.ranges}
@@ -170,6 +133,14 @@ class Plan:
             "batches": len(self.batches),
             "digest": _digest(self.designs),
         }
+
+    def with_few_designs(self, designs: Sequence[Design]) -> Plan:
+        """Return the study with a few other designs, in batches of eight."""
+        chosen = dict(enumerate(designs))
+        batches = batches_of(self.protocol.across, self.protocol.device, chosen, 8)
+        return replace(
+            self, designs=tuple(designs), full=False, batches=batches, search=None
+        )
 
     def made_by(self) -> dict[str, Any]:
         """Return the provenance of the table besides its settings."""
@@ -206,7 +177,7 @@ def make_plan(spec: StudySpec) -> Plan:
         ]
     variables_given = dict.fromkeys(vary or (name for row in rows[:1] for name in row))
     protocol, builder = _make_protocol(spec, goals, variables_given)
-    look_up("sampling", spec.sampling, dict.fromkeys(SAMPLINGS))
+    look_up("sampling", spec.sampling, dict.fromkeys(("grid", "lhs")))
     if (spec.sampling == "lhs") != (spec.samples is not None):
         raise CableError("sampling 'lhs' needs a number of samples, a grid has none.")
     ranges: dict[str, Range] = {}
@@ -250,10 +221,10 @@ def _plan_search(spec: StudySpec, evaluations: int) -> Plan:
     chosen = metrics_of(spec.metrics)
     limits = read_limits(spec.subject_to, across=bool(spec.across))
     goals = read_objectives(spec.objectives)
-    if not 1 <= len(goals) <= MOST_OBJECTIVES:
+    if not 1 <= len(goals) <= 4:
         raise CableError(
-            f"a search has 1 to {MOST_OBJECTIVES} objectives, not {len(goals)}; what "
-            "need not be best but good enough is a limit (--subject-to)."
+            f"a search has 1 to 4 objectives, not {len(goals)}; what need not be best "
+            "but good enough is a limit (--subject-to)."
         )
     measured: tuple[Objective | MetricLimit | Metric, ...] = (*goals, *limits, *chosen)
     names = tuple(dict.fromkeys(each.name for each in measured))
@@ -263,7 +234,7 @@ def _plan_search(spec: StudySpec, evaluations: int) -> Plan:
     protocol.across.require_disjoint(vary)
     ranges = {name: read_range(name, v, builder) for name, v in vary.items()}
     ends = {n: r.ends or (min(r.levels), max(r.levels)) for n, r in ranges.items()
-            if n in WALKER}  # fmt: skip
+            if n in wearers.WALKER}  # fmt: skip
     _require_strides(
         protocol,
         [dict(zip(ends, c, strict=True)) for c in itertools.product(*ends.values())],
@@ -327,7 +298,7 @@ def _make_protocol(
     chosen = tuple(dict.fromkeys(metric.name for metric in metrics_of(spec.metrics)))
     decisive = [goal.name for goal in goals]
     decisive += [limit.name for limit in read_limits(spec.subject_to)]
-    require_axes([*chosen, *decisive], axes)
+    protocols.require_axes([*chosen, *decisive], axes)
     laws = require_list("controllers", spec.controllers)
     if not laws:
         raise CableError("a study needs a controller.")
@@ -337,13 +308,15 @@ def _make_protocol(
     require_number("duration", spec.duration, 0.05, MAX_DURATION, "s")
     if not (isinstance(spec.seed, int) and spec.seed >= 0):
         raise CableError(f"seed must be an integer >= 0, not {spec.seed!r}.")
-    turned = [goal.name for goal in goals if goal.high != metric_of(goal.name).high]
+    turned = [
+        goal.name for goal in goals if goal.high != protocols.metric_of(goal.name).high
+    ]
     across = _assigned("across", "NAME", spec.across)
     cases = read_across(across, spec.rank, builder, turned)
     given_motion = home.trajectory if spec.trajectory is None else spec.trajectory
-    given_tasks = tasks_of_axes(spec.task, home)
+    given_tasks = protocols.tasks_of_axes(spec.task, home)
     texts = {name: _source("task", one) for name, one in given_tasks.items()}
-    sources = _source("trajectory", given_motion), task_text(texts)
+    sources = _source("trajectory", given_motion), protocols.task_text(texts)
     motion: str | Trajectory = sources[0]
     if is_table(sources[0]) or not isinstance(given_motion, (str, Path)):
         motion = trajectory(given_motion)
@@ -356,48 +329,53 @@ def _make_protocol(
     _require_played(home, variables_named, sources[0], texts)
     unheld = _unheld_reason(builder)
     for name in chosen:
-        metric = metric_of(name)
-        if is_stride_metric(name) and not (
-            sources[0] == WALK and joints_of_gait(builder)
+        metric = protocols.metric_of(name)
+        if protocols.is_stride_metric(name) and not (
+            sources[0] == wearers.WALK and joints_of_gait(builder)
         ):
             raise CableError(
                 f"metric {name!r} is of the strides of an assisted ankle, knee or hip; "
                 f"it needs a device that drives one, as 'ankle' and 'exosuit' do, and "
-                f"the trajectory {WALK!r}."
+                f"the trajectory {wearers.WALK!r}."
             )
-        if unheld and metric.test in HELD_TESTS:
+        if unheld and metric.test in protocols.HELD_TESTS:
             raise CableError(f"metric {name!r} holds the joints, but {unheld}.")
-        if variables := missing_variables(metric, variables_named):
+        if variables := protocols.missing_variables(metric, variables_named):
             ways = " or ".join(map(repr, variables))
             raise CableError(
                 f"metric {name!r} needs what no scene says: give every design "
                 f"{ways} (--vary, one value is enough)."
             )
     for name in dict.fromkeys(decisive):
-        if fact := missing_fact(metric_of(name), variables_named, home):
+        if fact := protocols.missing_fact(
+            protocols.metric_of(name), variables_named, home
+        ):
             raise CableError(
                 f"metric {name!r} needs {fact} of the description of {home.scene}."
             )
-    if chosen and len(laws) > 1 and CONTROLLER_METRIC not in chosen:
-        chosen = (*chosen, CONTROLLER_METRIC)
-    usual = (*DEFAULT_METRICS, *((COST_METRIC,) if spec.costs is not None else ()))
+    if chosen and len(laws) > 1 and protocols.CONTROLLER_METRIC not in chosen:
+        chosen = (*chosen, protocols.CONTROLLER_METRIC)
+    usual = (
+        *protocols.DEFAULT_METRICS,
+        *((protocols.COST_METRIC,) if spec.costs is not None else ()),
+    )
     measured = chosen or tuple(
         name
         for name in usual
-        if not missing_variables(metric_of(name), variables_named)
-        and not (unheld and metric_of(name).test in HELD_TESTS)
+        if not protocols.missing_variables(protocols.metric_of(name), variables_named)
+        and not (unheld and protocols.metric_of(name).test in protocols.HELD_TESTS)
     )
     # A number of one axis that decides is measured where that of all axes is.
     measured += tuple(
         name
         for name in dict.fromkeys(decisive)
-        if name not in measured and split_metric(name)[1] in measured
+        if name not in measured and protocols.split_metric(name)[1] in measured
     )
     priced = read_costs(EXAMPLE if spec.costs is None else spec.costs)
-    if spec.costs is not None and COST_METRIC not in measured:
+    if spec.costs is not None and protocols.COST_METRIC not in measured:
         raise CableError(
-            f"costs are for the metric {COST_METRIC!r}, which is not among those "
-            "measured."
+            f"costs are for the metric {protocols.COST_METRIC!r}, which is not among "
+            "those measured."
         )
     protocol = EpisodeProtocol(
         scene,
@@ -409,11 +387,11 @@ def _make_protocol(
         float(builder.spec.option.timestep),
         measured,
         cases,
-        tuple(priced.items()) if COST_METRIC in measured else (),
+        tuple(priced.items()) if protocols.COST_METRIC in measured else (),
         user_metrics(measured),
         sources,
         axes,
-        tuple(device_digests(builder).items()),
+        tuple(protocols.device_digests(builder).items()),
     )
     DesignJob(protocol).rehearse()
     _warn_of_pulleys(variables_named, builder)
@@ -464,7 +442,7 @@ def _scene_of(given: str | Path) -> str:
 def metrics_of(given: Sequence[str | Metric]) -> list[Metric]:
     if isinstance(given, str) or not isinstance(given, Iterable):
         raise CableError(f"metrics must be a list of texts, not {given!r}.")
-    return [metric_of_designs(one) for one in given]
+    return [protocols.metric_of_designs(one) for one in given]
 
 
 def _source(kind: str, given: str | Path | Trajectory | Task) -> str:
@@ -557,14 +535,6 @@ def batches_of(
     )
 
 
-def with_few_designs(plan: Plan, builder: Device, designs: Sequence[Design]) -> Plan:
-    """Return the study with a few other designs, in batches of eight."""
-    batches = batches_of(plan.protocol.across, builder, dict(enumerate(designs)), 8)
-    return replace(
-        plan, designs=tuple(designs), full=False, batches=batches, search=None
-    )
-
-
 def _require_played(
     device: Description,
     names: Collection[str],
@@ -572,19 +542,19 @@ def _require_played(
     tasks: Mapping[str, str],
 ) -> None:
     """Refuse to vary a walk or a profile that a study does not play."""
-    require_scene(device, names)
-    for name in (SPEED, LEG_LENGTH):
-        if name in names and trajectory != WALK:
+    wearers.require_scene(device, names)
+    for name in (wearers.SPEED, wearers.LEG_LENGTH):
+        if name in names and trajectory != wearers.WALK:
             raise CableError(
-                f"variable {name!r} is of trajectory {WALK!r}, but the study plays "
-                f"{trajectory!r}."
+                f"variable {name!r} is of trajectory {wearers.WALK!r}, but the study "
+                f"plays {trajectory!r}."
             )
-    helped = helped_axis(device)
-    for name in PROFILE:
+    helped = wearers.helped_axis(device)
+    for name in wearers.PROFILE:
         task = "" if helped is None else tasks[helped.name]
-        if name in names and task.partition(":")[0] != ASSIST:
+        if name in names and task.partition(":")[0] != wearers.ASSIST:
             raise CableError(
-                f"variable {name!r} is of task {ASSIST!r}, but the study plays "
+                f"variable {name!r} is of task {wearers.ASSIST!r}, but the study plays "
                 f"{task!r}."
             )
 
@@ -597,10 +567,12 @@ def _require_strides(
     `designs` are those that walk slowest, at least. A metric without a number in one
     case would be compared over the others.
     """
-    stride_metrics = [name for name in protocol.metrics if is_stride_metric(name)]
+    stride_metrics = [
+        name for name in protocol.metrics if protocols.is_stride_metric(name)
+    ]
     if not stride_metrics:
         return
-    walkers = {tuple((n, d[n]) for n in WALKER if n in d) for d in designs}
+    walkers = {tuple((n, d[n]) for n in wearers.WALKER if n in d) for d in designs}
     period = protocol.device.description.period
     for case in protocol.across.cases:
         ends = []
@@ -618,6 +590,6 @@ def _require_strides(
 
 def _whole_stride(design: Mapping[str, Value], period: float) -> float:
     """Return the end of the first stride walked at full cadence all along [s]."""
-    walk = Walk.at(speed_of(design), body_of(design))
+    walk = Walk.at(wearers.speed_of(design), wearers.body_of(design))
     # By the end of the start half of it has been walked; one sample tells the strike.
     return 0.5 * walk.start + 2.0 * walk.period + period

@@ -118,11 +118,6 @@ class EpisodeProtocol:
             find_metric(given)
 
     @property
-    def metric_files(self) -> tuple[str, ...]:
-        """Metrics of the user that lie in a module, as `MODULE:NAME`."""
-        return tuple(one for one in self.own if isinstance(one, str))
-
-    @property
     def code_names(self) -> tuple[str, ...]:
         """Names of all that `code_provenance` must know, but for tables.
 
@@ -136,7 +131,8 @@ class EpisodeProtocol:
             else:
                 played += user_classes(given)
         laws = split_axes(self.controllers, self.axes)
-        return (*laws, *self.metric_files, *played)
+        metrics = [one for one in self.own if isinstance(one, str)]
+        return (*laws, *metrics, *played)
 
     @property
     def tables(self) -> tuple[str, ...]:

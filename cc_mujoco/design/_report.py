@@ -326,7 +326,7 @@ def _sensitivity(one: Sensitivity) -> str:
                 index_text(one.total[name], one.errors[1].get(name)),
                 *(
                     f"{means[place]:.4g} at {text[place]}"
-                    for place in (np.argmin(means), np.argmax(means))
+                    for place in map(int, (np.argmin(means), np.argmax(means)))
                 ),
             )
         )

@@ -16,20 +16,13 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from cc_mujoco.cable._cable import PARAMETERS
+from cc_mujoco.design import _pareto as pareto
 from cc_mujoco.design._designs import Range
 from cc_mujoco.design._local_sensitivity import (
     OBJECTIVE_TOLERANCE,
     Around,
     Price,
     Slope,
-)
-from cc_mujoco.design._pareto import (
-    MetricLimit,
-    Objective,
-    objective_costs,
-    pareto_rows,
-    rank_designs,
-    within_limits,
 )
 from cc_mujoco.design._phrases import (
     PRICES_NOTE,
@@ -99,12 +92,12 @@ class RankedStudy:
         self.chosen = bool(plan.objectives)
         """True if objectives were given; otherwise they are usual ones."""
         self.goals = goals_of(plan, table)
-        self.cost = objective_costs(table, self.goals, self.limits)
-        self.kept = within_limits(table, self.limits)
+        self.cost = pareto.objective_costs(table, self.goals, self.limits)
+        self.kept = pareto.within_limits(table, self.limits)
         """Mask of the designs that keep the limits."""
-        self.order = rank_designs(self.cost)
+        self.order = pareto.rank_designs(self.cost)
         """Designs from best to worst."""
-        self.front = pareto_rows(self.cost)
+        self.front = pareto.pareto_rows(self.cost)
         """Mask of the Pareto set."""
         first = int(self.order[0])
         good = not np.isnan(self.cost[first]).any()
@@ -128,7 +121,7 @@ class RankedStudy:
         return tuple(dict.fromkeys(map(int, (self.order[0], *ends))))
 
 
-def goals_of(plan: Plan, table: pa.Table) -> tuple[Objective, ...]:
+def goals_of(plan: Plan, table: pa.Table) -> tuple[pareto.Objective, ...]:
     """Return the objectives that rank designs.
 
     Without any they are those of `DEFAULT_OBJECTIVES` that have numbers, and else the
@@ -143,7 +136,7 @@ def goals_of(plan: Plan, table: pa.Table) -> tuple[Objective, ...]:
     usual = [name for name in DEFAULT_OBJECTIVES if name in directed]
     chosen = usual if len(usual) > 1 else [*usual, *directed]
     chosen = list(dict.fromkeys(chosen))[: len(DEFAULT_OBJECTIVES)]
-    return tuple(Objective(name, metric_of(name).high) for name in chosen)
+    return tuple(pareto.Objective(name, metric_of(name).high) for name in chosen)
 
 
 def header(found: RankedStudy, picture: Html, folder: Path) -> Html:
@@ -718,7 +711,7 @@ def _setting_text(found: RankedStudy, row: Row) -> str:
     )
 
 
-def _keeps(row: Row, limit: MetricLimit) -> bool:
+def _keeps(row: Row, limit: pareto.MetricLimit) -> bool:
     value = row[limit.column]
     if value is None:
         return False

@@ -28,15 +28,10 @@ from cc_mujoco._utils.provenance import (
     with_provenance,
 )
 from cc_mujoco._utils.user_code import named_in_file
+from cc_mujoco.design import _protocol as protocols
 from cc_mujoco.design._evaluation import DesignResult
 from cc_mujoco.design._plan import VALUES_KEY, Plan
-from cc_mujoco.design._protocol import (
-    EpisodeProtocol,
-    by_controller,
-    known_metric,
-    metric_of,
-    number_columns,
-)
+from cc_mujoco.design._protocol import EpisodeProtocol
 from cc_mujoco.design._scenarios import (
     LEAST_SUFFIX,
     MOST_SUFFIX,
@@ -315,29 +310,25 @@ def _columns(
 
     The controller is named if there are several.
     """
-    each = by_controller(protocol)
     columns = {
         name: pa.array(
             [row.metrics[name] for row in results], pa.float64(), from_pandas=True
         )
-        for name in number_columns(protocol)
+        for name in protocols.number_columns(protocol)
     }
-    texts = {
-        column: [row.worst[place] if row.worst else None for row in results]
-        for place, column in enumerate(_worst_cases(protocol))
-    }
+    texts: dict[str, list[str | None]] = {}
+    if len(protocol.controllers) > 1:
+        texts[CONTROLLER_COLUMN] = [row.controller or None for row in results]
+    for place, column in enumerate(_worst_cases(protocol)):
+        texts[column] = [row.worst[place] if row.worst else None for row in results]
     texts[FAILED_COLUMN] = [row.failed or None for row in results]
-    texts |= {
-        column: [row.out.get(law) for row in results]
-        for column, law in failure_columns(protocol).items()
-    }
-    if each:
-        texts = {CONTROLLER_COLUMN: [row.controller or None for row in results]} | texts
+    for column, law in failure_columns(protocol).items():
+        texts[column] = [row.out.get(law) for row in results]
     return columns | {name: pa.array(t, pa.string()) for name, t in texts.items()}
 
 
 def _read_part(part: pa.Table, protocol: EpisodeProtocol) -> list[DesignResult]:
-    names, worst = number_columns(protocol), _worst_cases(protocol)
+    names, worst = protocols.number_columns(protocol), _worst_cases(protocol)
     outs = failure_columns(protocol)
     return [
         DesignResult(
@@ -375,9 +366,9 @@ def _field(column: str, kind: pa.DataType, protocol: EpisodeProtocol) -> pa.Fiel
         meaning = f"why the simulation failed{by}, if it did"
     elif law == WORST_CASE_SUFFIX:
         meaning = "case in which it is worst, or the first in which it has no number: "
-        meaning += metric_of(name).meaning
+        meaning += protocols.metric_of(name).meaning
     else:
-        metric = known_metric(name)
+        metric = protocols.known_metric(name)
         thing = metric or describe(name)
         of = f"{RANK_NAMES[protocol.across.rank]} over the cases: "
         if law in (LEAST_SUFFIX, MOST_SUFFIX):

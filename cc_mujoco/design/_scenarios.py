@@ -10,6 +10,7 @@ wearer is. Controllers are made for what they drive, in every case anew.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -32,8 +33,6 @@ RANK_NAMES = {"worst": "worst", "p90": "90th percentile", "mean": "mean"}
 LEAST_SUFFIX, MOST_SUFFIX, WORST_CASE_SUFFIX = "least", "most", "worst_case"
 """Behind `METRIC@`: the least and the greatest number, and the name of the worst case,
 which is the first without a number where there is one."""
-
-_P90 = 0.9
 
 
 @dataclass(frozen=True)
@@ -71,7 +70,7 @@ class Across:
         if self.rank == "mean":
             return float(np.mean(values))
         if self.rank == "p90":
-            return float(np.quantile(values, 1.0 - _P90 if high else _P90))
+            return float(np.quantile(values, 0.1 if high else 0.9))
         return float(np.min(values) if high else np.max(values))
 
     def worst(self, values: Sequence[float], high: bool) -> str:
@@ -158,14 +157,12 @@ def read_across(
                 "low:high:count or a,b,c."
             )
     require_count(math.prod(len(values.levels) for values in ranges.values()))
-    names = list(ranges)
-    for place, name in enumerate(names):
-        for other in names[:place]:
-            if _set_same_parameter(name, other):
-                raise CableError(
-                    f"variables {other!r} and {name!r} set the same thing; cross one "
-                    "of them."
-                )
+    for one, other in itertools.combinations(ranges, 2):
+        if _set_same_parameter(one, other):
+            raise CableError(
+                f"variables {one!r} and {other!r} set the same thing; cross one of "
+                "them."
+            )
     levels = tuple((name, values.levels) for name, values in ranges.items())
     return Across(levels, rank or "worst", tuple(turned))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -45,6 +45,56 @@ FILES = (TABLE, PICTURE, RECORDING)
 """Files that `write_comparison` leaves in its folder."""
 
 
+class FinishedStudy:
+    """The study in a folder, whose table is there."""
+
+    def __init__(self, folder: str | Path) -> None:
+        """Read it; see `read_protocol` and `read_table`."""
+        self.folder = Path(folder)
+        self.about, self.protocol = read_study(self.folder), read_protocol(self.folder)
+        self.table = read_table(self.folder)
+        levels = self.protocol.get("across", {})
+        self._across = Across(tuple((n, tuple(each)) for n, each in levels.items()))
+
+    def row(self, number: int) -> dict[str, Any]:
+        """Return a row of the table, by column."""
+        if not 0 <= number < len(self.table):
+            raise CableError(
+                f"the study in {self.folder} has designs 0 to {len(self.table) - 1}, "
+                f"not {number}."
+            )
+        found: dict[str, Any] = self.table.slice(number, 1).to_pylist()[0]
+        return found
+
+    def case(self, row: int, case: int | None = None) -> Case:
+        """Return the case in which `show` plays a design; {} if there are no cases."""
+        cases = self._across.cases
+        if case is None:
+            column = f"{self.protocol['metrics'][0]}@{WORST_CASE_SUFFIX}"
+            worst = self.row(row).get(column)
+            return next((c for c in cases if self._across.label(c) == worst), cases[0])
+        if not self._across.several:
+            raise CableError(
+                f"the study in {self.folder} has no cases, so none can be chosen."
+            )
+        if not 0 <= case < len(cases):
+            raise CableError(
+                f"the study in {self.folder} has cases 0 to {len(cases) - 1}, not "
+                f"{case}."
+            )
+        return cases[case]
+
+    def find_user_metrics(self) -> None:
+        for name, known in self.protocol["own"].items():
+            if not is_user_controller(known):
+                raise CableError(
+                    f"the study in {self.folder} measures metric {name!r}, which was "
+                    "given as a Python object; its designs can be shown only where "
+                    "metrics are MODULE:NAME."
+                )
+            find_metric(known)
+
+
 def show(
     folder: str | Path,
     row: int,
@@ -65,18 +115,23 @@ def show(
             have changed, or the design fails.
     """
     user_code.allow(allow)
-    folder = Path(folder)
-    found = read_row(folder, row)
-    design = {name: found[name] for name in read_study(folder)["variables"]}
-    protocol = read_protocol(folder)
+    study = FinishedStudy(folder)
+    found, protocol = study.row(row), study.protocol
+    design = {name: found[name] for name in study.about["variables"]}
     device = load_device(protocol["scene"], protocol["timestep"])
     axes = [axis.name for axis in device.description.axes]
     for kind, registry in (("trajectory", TRAJECTORIES), ("task", TASKS)):
         for text in split_axes([protocol[kind]], axes):
-            _require_text(folder, kind, text, registry)
-    find_user_metrics(folder)
-    played = case_of(folder, row, case)
-    plant = Plant(device, {**design, **played})
+            name = text.partition(":")[0]
+            if name in registry or is_table(text) or is_user_object(text, registry):
+                continue
+            raise CableError(
+                f"the study in {folder} plays a {kind} that was given as a Python "
+                f"object, {text}; its designs can be shown only where it plays a name, "
+                "a table or MODULE:NAME."
+            )
+    study.find_user_metrics()
+    plant = Plant(device, {**design, **study.case(row, case)})
     model = plant.model(whole=True)
     task: Any = protocol["task"]
     if len(axes) > 1:
@@ -99,12 +154,12 @@ def show(
     }
     chosen = found.get(CONTROLLER_COLUMN) or protocol["controllers"][0]
     law = laws[chosen]
-    names = {key: protocol[key] for key in ("trajectory", "task")}
+    names: dict[str, Any] = {key: protocol[key] for key in ("trajectory", "task")}
     made = split_axes([*laws, *names.values()], axes)
     makers = code_provenance(
         *made, *protocol["own"].values(), files=device_digests(device)
     )
-    if changed := provenance_differences(read_provenance(read_table(folder)), makers):
+    if changed := provenance_differences(read_provenance(study.table), makers):
         raise CableError(
             f"design {row} would not be the one in the table of {folder}, which was "
             f"made otherwise: it differs in {', '.join(changed)}; `cc-mujoco whatif` "
@@ -115,12 +170,7 @@ def show(
         law,
         sensing=PERFECT_SENSING,
         seed=protocol["seed"],
-        about={
-            **names,
-            "controller": chosen,
-            "design": row,
-            "variables": plant.values,
-        },
+        about=names | {"controller": chosen, "design": row, "variables": plant.values},
         progress=progress,
     )
     facts = {axis.name: plant.facts(axis) for axis in device.description.axes}
@@ -132,60 +182,6 @@ def show(
         known[AXES] = {name: {**there[name], **own} for name, own in facts.items()}
     about_log = {**log.metadata, **known, MODEL_XML: plant.xml()}
     return EpisodeLog(log.columns, about_log), model
-
-
-def _require_text(
-    folder: Path, kind: str, text: str, registry: Mapping[str, object]
-) -> None:
-    name = text.partition(":")[0]
-    if not (name in registry or is_table(text) or is_user_object(text, registry)):
-        raise CableError(
-            f"the study in {folder} plays a {kind} that was given as a Python object, "
-            f"{text}; its designs can be shown only where it plays a name, a table or "
-            "MODULE:NAME."
-        )
-
-
-def find_user_metrics(folder: str | Path) -> None:
-    for name, known in read_protocol(Path(folder))["own"].items():
-        if not is_user_controller(known):
-            raise CableError(
-                f"the study in {folder} measures metric {name!r}, which was given as a "
-                "Python object; its designs can be shown only where metrics are "
-                "MODULE:NAME."
-            )
-        find_metric(known)
-
-
-def case_of(folder: str | Path, row: int, case: int | None = None) -> Case:
-    """Return the case in which `show` plays a design; {} if there are no cases."""
-    protocol = read_study(Path(folder))["protocol"]
-    levels = protocol.get("across", {})
-    across = Across(tuple((name, tuple(values)) for name, values in levels.items()))
-    if case is None:
-        worst = read_row(folder, row).get(
-            f"{protocol['metrics'][0]}@{WORST_CASE_SUFFIX}"
-        )
-        found = [one for one in across.cases if across.label(one) == worst]
-        return (found or across.cases)[0]
-    if not across.several:
-        raise CableError(f"the study in {folder} has no cases, so none can be chosen.")
-    if not 0 <= case < len(across.cases):
-        raise CableError(
-            f"the study in {folder} has cases 0 to {len(across.cases) - 1}, not {case}."
-        )
-    return across.cases[case]
-
-
-def read_row(folder: str | Path, row: int) -> dict[str, Any]:
-    """Return a row of the table of a study, by column."""
-    table = read_table(Path(folder))
-    if not 0 <= row < len(table):
-        raise CableError(
-            f"the study in {folder} has designs 0 to {len(table) - 1}, not {row}."
-        )
-    found: dict[str, Any] = table.slice(row, 1).to_pylist()[0]
-    return found
 
 
 class Pair(NamedTuple):
@@ -207,15 +203,12 @@ class Pair(NamedTuple):
     @property
     def cells(self) -> tuple[str, str, str]:
         """Both values and their difference, in words."""
-        return (
-            format_cell(self.one),
-            format_cell(self.other),
-            format_cell(self.difference),
-        )
+        one, other = format_cell(self.one), format_cell(self.other)
+        return one, other, format_cell(self.difference)
 
 
 def compare(
-    folder: str | Path, row: int, against: int, case: int | None = None
+    study: FinishedStudy, row: int, against: int, case: int | None = None
 ) -> list[Pair]:
     """Variables, cases and metrics of two designs, as the table of the study has them.
 
@@ -224,20 +217,18 @@ def compare(
     """
     if row == against:
         raise CableError(f"design {row} is compared with itself; name another one.")
-    find_user_metrics(folder)
-    about = read_study(Path(folder))
-    protocol = about["protocol"]
-    rows = [read_row(folder, number) for number in (row, against)]
-    cases = [case_of(folder, number, case) for number in (row, against)]
-    names = [*about["variables"]]
-    if len(protocol["controllers"]) > 1:
+    study.find_user_metrics()
+    rows = [study.row(number) for number in (row, against)]
+    cases = [study.case(number, case) for number in (row, against)]
+    names = [*study.about["variables"]]
+    if len(study.protocol["controllers"]) > 1:
         names.append(CONTROLLER_COLUMN)
     pairs = [Pair(column_title(name), *(each[name] for each in rows)) for name in names]
     pairs += [
         Pair(f"case: {column_title(name)}", *(each[name] for each in cases))
         for name in cases[0]
     ]
-    metrics = protocol["metrics"]
+    metrics = study.protocol["metrics"]
     return pairs + [Pair(column_title(n), *(each[n] for each in rows)) for n in metrics]
 
 
@@ -265,9 +256,10 @@ def write_comparison(
         write_side_by_side,
     )
 
-    pairs = compare(folder, row, against, case)
+    study = FinishedStudy(folder)
+    protocol, pairs = study.protocol, compare(study, row, against, case)
     require_ours(out)
-    duration = float(read_study(Path(folder))["protocol"]["duration"])
+    duration = float(protocol["duration"])
     episodes = []
     for number, design in enumerate((row, against)):
 
@@ -277,7 +269,17 @@ def write_comparison(
 
         log, model = show(folder, design, passed, case)
         episodes.append(LabelledEpisode(f"design {design}", log, model))
-    text = _text(folder, row, against, pairs)
+    scene, trajectory, task = (protocol[k] for k in ("scene", "trajectory", "task"))
+    body = markdown.table(
+        ("", *head(row, against)),
+        [(pair.name, *pair.cells) for pair in pairs],
+        numbers=(1, 2, 3),
+    )
+    text = (
+        f"# Design {row} against design {against}\n\n"
+        f"Scene {scene}, trajectory {trajectory}, task {task}, {duration:g} s.\n\n"
+        f"{body}"
+    )
     with atomic_io.replacing_folder(out) as partial:
         figures.save(partial / PICTURE, draw_side_by_side(episodes))
         write_side_by_side(partial / RECORDING, episodes, text)
@@ -290,18 +292,3 @@ def write_comparison(
 def head(row: int, against: int) -> tuple[str, str, str]:
     """Titles of `Pair.cells`."""
     return f"design {row}", f"design {against}", "difference"
-
-
-def _text(folder: str | Path, row: int, against: int, pairs: list[Pair]) -> str:
-    protocol = read_study(Path(folder))["protocol"]
-    scene, trajectory, task = (protocol[k] for k in ("scene", "trajectory", "task"))
-    body = markdown.table(
-        ("", *head(row, against)),
-        [(pair.name, *pair.cells) for pair in pairs],
-        numbers=(1, 2, 3),
-    )
-    return (
-        f"# Design {row} against design {against}\n\n"
-        f"Scene {scene}, trajectory {trajectory}, task {task}, "
-        f"{protocol['duration']:g} s.\n\n{body}"
-    )

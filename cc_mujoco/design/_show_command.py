@@ -54,8 +54,12 @@ class WhatIfShow:
             self._compare(self.against)
 
     def _compare(self, against: int) -> None:
-        from cc_mujoco.design._results_store import read_study
-        from cc_mujoco.design._show import RECORDING, head, write_comparison
+        from cc_mujoco.design._show import (
+            RECORDING,
+            FinishedStudy,
+            head,
+            write_comparison,
+        )
         from cc_mujoco.errors import CableError
 
         if self.video or self.html:
@@ -64,33 +68,27 @@ class WhatIfShow:
             )
         row = self.row
         out = self.out or self.folder / f"design-{row}-against-{against}"
-        duration = float(read_study(self.folder)["protocol"]["duration"])
+        duration = float(FinishedStudy(self.folder).protocol["duration"])
         with progress_bar(2.0 * duration) as progress:
             pairs = write_comparison(
                 out, self.folder, row, against, self.case, progress
             )
-        for name, cells in (
-            ("", head(row, against)),
-            *((pair.name, pair.cells) for pair in pairs),
-        ):
+        lines = [("", *head(row, against)), *((p.name, *p.cells) for p in pairs)]
+        for name, *cells in lines:
             print(f"{name:36}", *(f"{each:>12}" for each in cells))
         print(f"\nopen with:  rerun {out / RECORDING}\nsee also:   {out}")
 
     def _show(self) -> None:
         from cc_mujoco.design._protocol import metric_of
-        from cc_mujoco.design._results_store import read_study
-        from cc_mujoco.design._show import case_of, read_row, show
+        from cc_mujoco.design._show import FinishedStudy, show
         from cc_mujoco.device._variables import describe
         from cc_mujoco.viz import write_episode
         from cc_mujoco.viz._episode_files import require_ours
 
         out = self.out or self.folder / f"design-{self.row}"
-        about = read_study(self.folder)
-        duration, row = (
-            float(about["protocol"]["duration"]),
-            read_row(self.folder, self.row),
-        )
-        played = case_of(self.folder, self.row, self.case)
+        study = FinishedStudy(self.folder)
+        duration, row = float(study.protocol["duration"]), study.row(self.row)
+        played = study.case(self.row, self.case)
         require_ours(out, self.video, self.html)
         with progress_bar(duration) as progress:
             log, model = show(self.folder, self.row, progress, self.case)
@@ -105,13 +103,12 @@ class WhatIfShow:
                 progress=progress,
                 say=messages.append,
             )
-        for name in about["variables"]:
-            unit = describe(name).unit
-            print(_line(name, row[name], unit))
+        for name in study.about["variables"]:
+            print(_line(name, row[name], describe(name).unit))
         for name, value in played.items():
             print(_line(f"case: {name}", value, describe(name).unit))
         # Those of the table: the episode's own have some names in common with them.
-        for name in about["protocol"]["metrics"]:
+        for name in study.protocol["metrics"]:
             own = [column for column in row if column.endswith(f".{name}")]
             for column in (name, *own):
                 print(_line(column, row[column], metric_of(name).unit))

@@ -23,7 +23,7 @@ from cc_mujoco.design._pareto import (
     objective_costs,
     rank_designs,
 )
-from cc_mujoco.design._plan import Plan, with_few_designs
+from cc_mujoco.design._plan import Plan
 from cc_mujoco.design._protocol import CONTROLLER_METRIC
 
 MIN_DESIGNS, MAX_CHECKED_DESIGNS, DESIGNS_PER_CHECK = 3, 6, 4
@@ -96,12 +96,9 @@ def check_timestep(
         timestep=0.5 * plan.protocol.timestep,
         metrics=tuple(name for name in plan.protocol.metrics if name in measured),
     )
-    again = with_few_designs(
-        dataclasses.replace(plan, protocol=protocol),
-        protocol.device,
-        [plan.designs[i] for i in tried],
-    )
-    rows = run(again).to_pylist()
+    again = dataclasses.replace(plan, protocol=protocol)
+    few = again.with_few_designs([plan.designs[i] for i in tried])
+    rows = run(few).to_pylist()
     changes = []
     for name in columns:
         every = table[name].to_pylist()

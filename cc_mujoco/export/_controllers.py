@@ -26,16 +26,9 @@ from cc_mujoco.control import (
     PredictiveCompensation,
 )
 from cc_mujoco.control import _friction_slope as friction_slope
+from cc_mujoco.control import _registry as registry
 from cc_mujoco.control._controller import LawTables, SteppedLaw, stepped_law
 from cc_mujoco.control._decoupling import Coupling
-from cc_mujoco.control._registry import (
-    OWN_COLUMNS,
-    by_axis,
-    decoupled_drives,
-    is_decoupled,
-    is_policy,
-    require_decoupling,
-)
 from cc_mujoco.device._drive import CableDrive, Drive
 from cc_mujoco.device._sensors import RATIO_COLUMN, WINDING_COLUMNS
 from cc_mujoco.errors import CableError, look_up
@@ -192,17 +185,17 @@ class ExportPlan:
             CableError: There is no such controller, it cannot be exported, it needs
                 cables and there are none, or iterations are limited where none plans.
         """
-        require_decoupling(given, len(drives))
-        if len(drives) > 1 and is_policy(given):
+        registry.require_decoupling(given, len(drives))
+        if len(drives) > 1 and registry.is_policy(given):
             raise CableError(
                 f"policy {given!r} drives several axes at once, and C has policies of "
                 "one axis; --target onnx writes its network."
             )
         laws, coupling = [given], None
         if len(drives) > 1:
-            laws = list(map(str, by_axis(given, prefixes)))
-        if is_decoupled(given):
-            drives, coupling = decoupled_drives(drives, prefixes)
+            laws = list(map(str, registry.by_axis(given, prefixes)))
+        if registry.is_decoupled(given):
+            drives, coupling = registry.decoupled_drives(drives, prefixes)
         # A name in C does not begin with a digit.
         names = tuple(
             re.sub(r"^(?=\d)", "_", _identifier(prefix.rstrip(".")))
@@ -312,15 +305,15 @@ def _joint_torques(
         others = {name: first + i for i, name in enumerate(axis.other_columns)}
         own = 0 if coupling is None else int(coupling.tables.own[place])
         leverage = others.get(WINDING_COLUMNS[2], -1)
-        own_torques = [name for name in OWN_COLUMNS if name in axis.columns]
-        if coupling is not None and len(own_torques) < len(OWN_COLUMNS):
+        own_torques = [name for name in registry.OWN_COLUMNS if name in axis.columns]
+        if coupling is not None and len(own_torques) < len(registry.OWN_COLUMNS):
             raise CableError(
                 "axes whose controllers do not read the torque of their joint cannot "
                 "be decoupled."
             )
         torque, desired = (
             start + axis.columns.index(name) if name in own_torques else -1
-            for name in OWN_COLUMNS
+            for name in registry.OWN_COLUMNS
         )
         divided = int(axis.law.is_round and leverage >= 0)
         rows.append((own, torque, desired, leverage, divided))

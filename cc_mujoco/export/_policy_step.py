@@ -18,14 +18,7 @@ from cc_mujoco.control._law_steps import (
     whole_part,
 )
 from cc_mujoco.control._network import WIDTHS, PackedNetwork, shares_of
-from cc_mujoco.device._observation import (
-    ObservationHistory,
-    Past,
-    act_past,
-    begin_past,
-    follow_past,
-    write_observation,
-)
+from cc_mujoco.device import _observation as observation
 from cc_mujoco.device._sensors import WINDING_COLUMNS
 from cc_mujoco.native import internal
 
@@ -56,7 +49,7 @@ def step_policy(data: LawData) -> float:
         measured,
         part(readings, columns, wound),
     )
-    past = Past(
+    past = observation.Past(
         tables[_NUMBERS],
         part(tables, _NUMBERS + 1, columns),
         part(tables, _NUMBERS + 1 + columns, plays),
@@ -66,10 +59,10 @@ def step_policy(data: LawData) -> float:
     )
     if law[guard.STARTED] != 0.0:
         if law[_BEGUN] == 0.0:
-            begin_past(past, 0)
+            observation.begin_past(past, 0)
             law[_BEGUN], law[_SAMPLE] = 1.0, 0.0
         else:
-            follow_past(past, 0)
+            observation.follow_past(past, 0)
         if law[_SAMPLE] == 0.0:
             scratch = first + columns + plays + history * (columns + 1)
             place, widest = _NUMBERS + 1 + columns + plays, 0
@@ -80,9 +73,9 @@ def step_policy(data: LawData) -> float:
             for i in range(WIDTHS, net.sizes.size):
                 widest = max(widest, net.sizes[i])
             work = rows_of(memory, scratch, 2, widest)
-            write_observation(past, rows_of(memory, scratch, 1, widest), 0)
+            observation.write_observation(past, rows_of(memory, scratch, 1, widest), 0)
             law[_SHARE] = np.float32(work[shares_of(net, work), 0])
-            act_past(past, 0, law[_SHARE])
+            observation.act_past(past, 0, law[_SHARE])
         law[_SAMPLE] += 1.0
         if law[_SAMPLE] >= shape[_HOLD]:
             law[_SAMPLE] = 0.0
@@ -110,7 +103,7 @@ class SteppedPolicy(Policy):
     def law_tables(self) -> LawTables:
         """Return network and observation."""
         (axis,), (own,), net = self.axes, self.observed, self.network.packed
-        past = ObservationHistory(own, 1).past
+        past = observation.ObservationHistory(own, 1).past
         numbers = axis.gains[guard.LIMITS :], axis.spring, [past.ratio], past.units
         kept = past.measured.size + past.plays.size + past.frames.size
         first = OWN_MEMORY + policy.GAINS

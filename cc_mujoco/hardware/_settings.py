@@ -81,6 +81,7 @@ from cc_mujoco._utils.user_code import named_object, user_errors
 from cc_mujoco.device._device import Device
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.errors import CableError, naming
+from cc_mujoco.hardware import _references as references
 from cc_mujoco.hardware._address import (
     Address,
     CanAddress,
@@ -95,13 +96,6 @@ from cc_mujoco.hardware._drive_model import device_of, drive_of
 from cc_mujoco.hardware._drive_rig import DriveRig, MotorDrive
 from cc_mujoco.hardware._dynamixel import Dynamixel
 from cc_mujoco.hardware._limits import MAX_PERIOD, MIN_PERIOD, Limits
-from cc_mujoco.hardware._references import (
-    Desired,
-    Virtual,
-    constant_course,
-    course_from_csv,
-    course_from_trajectory,
-)
 from cc_mujoco.hardware._rig import Rig, UdpRig
 from cc_mujoco.hardware._servo import Stiffness
 from cc_mujoco.hardware._watchdog import Watchdog
@@ -209,7 +203,7 @@ class Settings:
             given = {**dataclasses.asdict(Stiffness.of(drive)), **given}
         return _construct(Stiffness, self.servo, given)
 
-    def desired(self, duration: float) -> Desired:
+    def desired(self, duration: float) -> references.Desired:
         """Make the desired torque that `[task]` names.
 
         Args:
@@ -220,14 +214,14 @@ class Settings:
         """
         table = self.task
         if (torque := table.number("torque")) is not None:
-            return constant_course(torque)
+            return references.constant_course(torque)
         if (file := table.text("csv")) is not None:
-            return course_from_csv(self.path.parent / file)
+            return references.course_from_csv(self.path.parent / file)
         with naming(table.where):
             if (name := table.code("name", TASKS)) is not None:
-                return Virtual.named(name)
+                return references.Virtual.named(name)
             shape = table.text("trajectory") or ""
-            return course_from_trajectory(
+            return references.course_from_trajectory(
                 shape, table.number("amplitude") or 0.0, duration
             )
 

@@ -8,7 +8,7 @@ import pytest
 
 from cc_mujoco import cli
 from cc_mujoco.design import study
-from cc_mujoco.design._show import FILES, compare, read_row, write_comparison
+from cc_mujoco.design._show import FILES, FinishedStudy, compare, write_comparison
 from cc_mujoco.errors import CableError
 
 METRICS = ["peak_tension", "slack_margin"]
@@ -31,8 +31,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_table_is_that_of_the_study(folder: Path) -> None:
-    pairs = {pair.name: pair for pair in compare(folder, 3, 0)}
-    one, other = (read_row(folder, row) for row in (3, 0))
+    pairs = {pair.name: pair for pair in compare(FinishedStudy(folder), 3, 0)}
+    one, other = (FinishedStudy(folder).row(row) for row in (3, 0))
     units = {"peak_tension": "N", "slack_margin": "N", "rms_torque_error": "N m"}
     named = {name: f"{name} [{unit}]" for name, unit in units.items()}
     names = ["friction", "conduit", "controller", *METRICS, "rms_torque_error"]
@@ -43,7 +43,7 @@ def test_the_table_is_that_of_the_study(folder: Path) -> None:
     assert pairs["friction"].difference == pytest.approx(0.15)
     assert pairs["conduit"].difference is None
     assert pairs["conduit"].cells == (one["conduit"], other["conduit"], "-")
-    mirrored = compare(folder, 0, 3)
+    mirrored = compare(FinishedStudy(folder), 0, 3)
     for pair, back in zip(pairs.values(), mirrored, strict=True):
         assert (back.one, back.other) == (pair.other, pair.one)
         if pair.difference is not None:
@@ -60,7 +60,7 @@ def test_the_command_writes_and_prints_the_table_and_replaces_only_its_own(
     out = folder / "design-1-against-2"
     assert sorted(path.name for path in out.iterdir()) == sorted(FILES)
     text = (out / "comparison.md").read_text("utf-8")
-    for pair in compare(folder, 1, 2):
+    for pair in compare(FinishedStudy(folder), 1, 2):
         assert f"| {pair.name} | {' | '.join(pair.cells)} |" in text
         (line,) = [line for line in said.splitlines() if line.startswith(pair.name)]
         assert line.removeprefix(pair.name).split() == " ".join(pair.cells).split()

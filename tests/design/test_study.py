@@ -8,6 +8,7 @@ import re
 import shutil
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ from cc_mujoco.design import Execution, StudySpec, carry_out, make_plan, study
 from cc_mujoco.design._evaluation import evaluate
 from cc_mujoco.design._execution import wait_sentences
 from cc_mujoco.design._protocol import DEFAULT_METRICS, missing_variables
-from cc_mujoco.design._report_text import controllers_out
+from cc_mujoco.design._report_text import RankedStudy, controllers_out
 from cc_mujoco.design._results_store import read_study, read_table
 from cc_mujoco.design._show import show
 from cc_mujoco.device import VARIABLES, Drive
@@ -412,12 +413,9 @@ def test_a_controller_that_fails_is_out_and_why_is_told(
     assert row["peak_tension"] == row["peak_tension@none"] > 0.0
     assert "'broken' gave no finite torque" in row["failed@broken"]
     assert row["failed@none"] is None
-    said = controllers_out(
-        make_plan(
-            StudySpec("wrist", {"friction": [0.1]}, controllers=["broken", "none"])
-        ),
-        [row],
-    )
+    spec = StudySpec("wrist", {"friction": [0.1]}, controllers=["broken", "none"])
+    plan = make_plan(replace(spec, metrics=about["metrics"]))
+    said = controllers_out(RankedStudy(plan, table))
     assert len(said) == 1
     assert said[0].startswith("Controller broken is out in 1 of 1 designs; the first: ")
     out = tmp_path / "kept"

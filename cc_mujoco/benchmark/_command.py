@@ -111,20 +111,13 @@ class Benchmark:
         suite = self.suite or default_suite(self.scene)
         laws = self.controllers or look_up("suite", suite, SUITES).controllers
         key = self.key or (new_key() if any(map(is_user_controller, laws)) else "")
+        about = {f: getattr(self, f) for f in ("conditions", "seeds", "first_seed")}
         plan = BenchmarkPlan(
-            laws,
-            suite,
-            self.scene,
-            self.conditions,
-            self.seeds,
-            self.first_seed,
-            self.duration,
-            key,
+            laws, suite, self.scene, **about, duration=self.duration, key=key
         )
         players = plan.players()
-        baseline = self.baseline or (
-            DEFAULT_BASELINE if DEFAULT_BASELINE in players else SCALE_CONTROLLER
-        )
+        usual = DEFAULT_BASELINE if DEFAULT_BASELINE in players else SCALE_CONTROLLER
+        baseline = self.baseline or usual
         if baseline not in players:
             raise CableError(
                 f"--baseline {baseline!r} is none of the controllers, which are "

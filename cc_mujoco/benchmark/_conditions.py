@@ -286,11 +286,3 @@ REFERENCES = {
     ),
 }
 """Every reference by name; `none` is one too, and a controller."""
-
-
-def require_unused_name(controller: str) -> None:
-    """Refuse a controller with the name of a reference."""
-    if controller in REFERENCES:
-        raise CableError(
-            f"{controller!r} is a reference, which every table has; it is no controller"
-        )

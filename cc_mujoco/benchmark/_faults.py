@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from cc_mujoco.benchmark._conditions import Condition, named_condition
 from cc_mujoco.benchmark._generic import plain_condition
-from cc_mujoco.device import DeviceModel, Plant, find_device
+from cc_mujoco.device import find_device
 from cc_mujoco.device._sensors import AxesMeasuring
 from cc_mujoco.simulation._batch import Batch
 from cc_mujoco.simulation._loop import Columns
@@ -51,11 +51,8 @@ FAULTS = (*TORQUE_FAULTS, *ENCODER_FAULTS, STRAP)
 
 def safety_conditions(scene: str) -> list[Condition]:
     """Return the conditions of a device with a fault."""
-    device = find_device(scene)
-    model = DeviceModel(device.description, Plant(device).model())
-    plain, _ = plain_condition(scene, model)
-    plain = dataclasses.replace(plain, duration=3.0)
-    faults = FAULTS if device.wearers else FAULTS[:-1]
+    plain = dataclasses.replace(plain_condition(scene), duration=3.0)
+    faults = FAULTS if find_device(scene).wearers else FAULTS[:-1]
     return [named_condition(plain, SAFETY + name, structure=name) for name in faults]
 
 
@@ -81,15 +78,10 @@ class FaultySensors:
         ratios: Sequence[float],
         period: float,
     ) -> None:
-        """Prepare.
+        """Prepare one of `FAULTS`, which begins at the control steps `onsets`.
 
-        Args:
-            fault: One of `FAULTS`.
-            onsets: Control step of every device at which it fails.
-            sensors: Sensors of all axes without the fault.
-            prefixes: Beginnings of the columns of each axis.
-            ratios: Ratios of every axis, see `Drive.ratio`.
-            period: Period of the controller [s].
+        `sensors` are those of all axes without it, `ratios` see `Drive.ratio`, and
+        `period` is that of the controller [s].
         """
         self._fault, self._sensors = fault, sensors
         self._onset = np.array(onsets)
@@ -167,11 +159,10 @@ class StrapOpening:
         """Open the straps that are due; return the torque unchanged [N m]."""
         opened = np.flatnonzero(self._onsets == step)
         for device in (self._batch.devices[row] for row in opened.tolist()):
+            movers = device.description.movers
             for axis in device.description.axes:
                 if axis.limb in device.movers:
-                    actuator = device.model.actuator(
-                        device.description.movers[axis.limb]
-                    )
+                    actuator = device.model.actuator(movers[axis.limb])
                     actuator.gainprm[:], actuator.biasprm[:] = 0.0, 0.0
         if opened.size:
             self._batch.reload()

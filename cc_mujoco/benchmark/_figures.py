@@ -10,12 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.benchmark._conditions import REFERENCES, SCALE_CONTROLLER, is_walk
-from cc_mujoco.benchmark._ranking import normalise_errors
-from cc_mujoco.benchmark._results import Results, rms_errors
-from cc_mujoco.benchmark._tables import mean_score
+from cc_mujoco.benchmark._results import DeviceResults
 from cc_mujoco.device._axis_columns import axis_columns
 from cc_mujoco.device._sensors import REFERENCE_COLUMN
-from cc_mujoco.report._figures import BLACK, COLORS, GREY, figure, style
+from cc_mujoco.report._figures import BLACK, COLORS, GREY, figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -32,123 +30,112 @@ PASSIVE_REFERENCES = ("unplugged", "motor-off")
 """References whose motor does nothing."""
 
 
-def pareto(results: Results, scene: str) -> Figure:
+def pareto(own: DeviceResults) -> Figure:
     """Draw normalised error against effort and chatter, with the best joined."""
-    errors = normalise_errors(rms_errors(results)[scene], SCALE_CONTROLLER)
-    looks = _line_styles(errors)
-    with style():
-        drawing = figure(PHONE_WIDTH, 6.6)
-        panels = drawing.subplots(2, 1)
-        for axes, cost in zip(panels, ("rms_motor_torque", "chatter"), strict=True):
-            points = {
-                law: (mean_score(results, scene, law, cost), float(np.mean(values)))
-                for law, values in errors.items()
-                if law not in PASSIVE_REFERENCES
-            }
-            points = {law: p for law, p in points.items() if math.isfinite(p[0])}
-            entries = [point for law, point in points.items() if law not in REFERENCES]
-            line = np.array(sorted(_pareto_front(entries)))
-            axes.plot(line[:, 0], line[:, 1], color=GREY, lw=0.8, zorder=1)
-            for law, point in points.items():
-                about = looks[law] | {"linestyle": "", "markersize": 6}
-                axes.plot(*point, label=law, clip_on=False, **about)
-            for law in (name for name in PASSIVE_REFERENCES if name in errors):
-                about = looks[law] | {"marker": "", "lw": 0.9}
-                axes.axhline(float(np.mean(errors[law])), label=law, **about)
-            axes.set(ylim=(0.0, None))
-            axes.set_xlabel(
-                "effort: RMS torque of the motor [N m]"
-                if cost == "rms_motor_torque"
-                else "chatter: RMS of the same less its mean over 50 ms [N m]"
-            )
-        panels[0].set(title=f"{scene}: error against effort", ylabel="normalised error")
-        panels[1].set(title="and against chatter", ylabel="normalised error")
-        labels = panels[0].get_legend_handles_labels()
+    errors, looks = own.errors, _line_styles(own.errors)
+    costs = {
+        "rms_motor_torque": "effort: RMS torque of the motor [N m]",
+        "chatter": "chatter: RMS of the same less its mean over 50 ms [N m]",
+    }
+    drawing = figure(PHONE_WIDTH, 6.6)
+    panels = drawing.subplots(2, 1)
+    for axes, (cost, label) in zip(panels, costs.items(), strict=True):
+        points = {
+            law: (own.mean_score(law, cost), float(np.mean(values)))
+            for law, values in errors.items()
+            if law not in PASSIVE_REFERENCES
+        }
+        points = {law: p for law, p in points.items() if math.isfinite(p[0])}
+        entries = [point for law, point in points.items() if law not in REFERENCES]
+        line = np.array(sorted(_pareto_front(entries)))
+        axes.plot(line[:, 0], line[:, 1], color=GREY, lw=0.8, zorder=1)
+        for law, point in points.items():
+            about = looks[law] | {"linestyle": "", "markersize": 6}
+            axes.plot(*point, label=law, clip_on=False, **about)
+        for law in (name for name in PASSIVE_REFERENCES if name in errors):
+            about = looks[law] | {"marker": "", "lw": 0.9}
+            axes.axhline(float(np.mean(errors[law])), label=law, **about)
+        axes.set(xlabel=label, ylabel="normalised error", ylim=(0.0, None))
+    panels[0].set(title=f"{own.label}: error against effort")
+    panels[1].set(title="and against chatter")
+    labels = panels[0].get_legend_handles_labels()
+    drawing.legend(*labels, loc="outside lower center", ncols=3)
+    return drawing
+
+
+def cycle(own: DeviceResults) -> Figure:
+    """Draw the error over the gait, or after a reversal, in the ordinary condition."""
+    looks = _line_styles(own.rms)
+    shown = {c.controller: (c, r.trace) for c, r in own.played if r.trace}
+    prefixes = _trace_prefixes(trace for _, trace in shown.values())
+    drawing = figure(PHONE_WIDTH, 2.7 * len(prefixes) + 0.9)
+    panels = drawing.subplots(len(prefixes), 1, squeeze=False)[:, 0]
+    label = "time since the joint last reversed [s]"
+    angle = any(REFERENCE_COLUMN in trace for _, trace in shown.values())
+    for axes, prefix in zip(panels, prefixes, strict=True):
+        for law, (cell, trace) in shown.items():
+            gait = is_walk(cell.condition.trajectory)
+            most = 1.0 if gait else 0.6  # a cycle, or [s] after a reversal
+            label = "phase of the gait" if gait else label
+            columns = axis_columns(trace, prefix, prefixes)
+            place = columns["phase"] if gait else _since_reversal(columns)
+            rms = _binned_rms(place / most, columns)
+            at = most * (np.arange(CYCLE_BINS) + 0.5) / CYCLE_BINS
+            axes.plot(at, rms, label=law, **looks[law] | {"marker": "", "lw": 1.1})
+        name = ", ".join((own.label, *([prefix.rstrip(".")] if prefix else [])))
+        axes.set(
+            title=f"{name}: error over the cycle",
+            xlabel=label,
+            ylabel="RMS error [rad]" if angle else "RMS error [N m]",
+            ylim=(0.0, None),
+        )
+    if shown:
+        labels = panels[-1].get_legend_handles_labels()
         drawing.legend(*labels, loc="outside lower center", ncols=3)
     return drawing
 
 
-def cycle(results: Results, scene: str) -> Figure:
-    """Draw the error over the gait, or after a reversal, in the ordinary condition."""
-    looks = _line_styles(rms_errors(results)[scene])
-    shown = {
-        cell.controller: (cell, played.trace)
-        for cell, played in results
-        if cell.condition.label == scene and played.trace
-    }
-    prefixes = _trace_prefixes(trace for _, trace in shown.values())
-    with style():
-        drawing = figure(PHONE_WIDTH, 2.7 * len(prefixes) + 0.9)
-        panels = drawing.subplots(len(prefixes), 1, squeeze=False)[:, 0]
-        label = "time since the joint last reversed [s]"
-        angle = any(REFERENCE_COLUMN in trace for _, trace in shown.values())
-        for axes, prefix in zip(panels, prefixes, strict=True):
-            for law, (cell, trace) in shown.items():
-                gait = is_walk(cell.condition.trajectory)
-                most = 1.0 if gait else 0.6  # a cycle, or [s] after a reversal
-                label = "phase of the gait" if gait else label
-                own = axis_columns(trace, prefix, prefixes)
-                place = own["phase"] if gait else _since_reversal(own)
-                rms = _binned_rms(place / most, own)
-                at = most * (np.arange(CYCLE_BINS) + 0.5) / CYCLE_BINS
-                axes.plot(at, rms, label=law, **looks[law] | {"marker": "", "lw": 1.1})
-            name = ", ".join((scene, *([prefix.rstrip(".")] if prefix else [])))
-            axes.set(
-                title=f"{name}: error over the cycle",
-                xlabel=label,
-                ylabel="RMS error [rad]" if angle else "RMS error [N m]",
-                ylim=(0.0, None),
-            )
-        if shown:
-            labels = panels[-1].get_legend_handles_labels()
-            drawing.legend(*labels, loc="outside lower center", ncols=3)
-    return drawing
-
-
-def robustness(results: Results, scene: str) -> Figure:
+def robustness(own: DeviceResults) -> Figure:
     """Draw the normalised error of every controller in every condition as a heat map.
 
     Rows are conditions, columns controllers. Colours are logarithmic about the error of
     `none`, which is 1. It is legible on the screen of a telephone.
     """
-    rms = rms_errors(results)[scene]
-    errors = normalise_errors(rms, SCALE_CONTROLLER)
-    shown = [law for law in errors if law not in (*REFERENCES, SCALE_CONTROLLER)]
+    shown = [law for law in own.errors if law not in (*REFERENCES, SCALE_CONTROLLER)]
     shown = shown or [SCALE_CONTROLLER]
-    conditions = list(rms[SCALE_CONTROLLER])
-    means = np.array([errors[law].mean(axis=1) for law in shown]).T
+    conditions = list(own.rms[SCALE_CONTROLLER])
+    means = np.array([own.errors[law].mean(axis=1) for law in shown]).T
     tall = 0.21 * len(conditions) + 1.7
-    with style():
-        drawing = figure(PHONE_WIDTH, tall)
-        axes = drawing.add_subplot()
-        picture = axes.imshow(
-            np.log10(np.maximum(means, 1e-9)),
-            cmap="RdBu_r",
-            vmin=-HEAT_DECADES,
-            vmax=HEAT_DECADES,
-            aspect="auto",
+    drawing = figure(PHONE_WIDTH, tall)
+    axes = drawing.add_subplot()
+    picture = axes.imshow(
+        np.log10(np.maximum(means, 1e-9)),
+        cmap="RdBu_r",
+        vmin=-HEAT_DECADES,
+        vmax=HEAT_DECADES,
+        aspect="auto",
+    )
+    axes.grid(visible=False)
+    axes.set_xticks(range(len(shown)), shown, rotation=60, ha="right")
+    axes.set_yticks(range(len(conditions)), conditions)
+    axes.set_title(f"{own.label}: error over that of none", loc="left")
+    size = 8 if len(shown) <= 6 else 48 / len(shown)
+    for (row, column), mean in np.ndenumerate(means):
+        pale = abs(math.log10(max(mean, 1e-9))) < 0.6 * HEAT_DECADES
+        text = f"{mean:.2f}" if mean < 9.995 else f"{mean:.0f}"
+        axes.text(
+            column,
+            row,
+            text if mean >= 1.0 else text.removeprefix("0"),
+            ha="center",
+            va="center",
+            size=max(size, 5.0),
+            color=BLACK if pale else "white",
         )
-        axes.grid(visible=False)
-        axes.set_xticks(range(len(shown)), shown, rotation=60, ha="right")
-        axes.set_yticks(range(len(conditions)), conditions)
-        axes.set_title(f"{scene}: error over that of none", loc="left")
-        size = 8 if len(shown) <= 6 else 48 / len(shown)
-        for (row, column), mean in np.ndenumerate(means):
-            pale = abs(math.log10(max(mean, 1e-9))) < 0.6 * HEAT_DECADES
-            text = f"{mean:.2f}" if mean < 9.995 else f"{mean:.0f}"
-            axes.text(
-                column,
-                row,
-                text if mean >= 1.0 else text.removeprefix("0"),
-                ha="center",
-                va="center",
-                size=max(size, 5.0),
-                color=BLACK if pale else "white",
-            )
-        bar = drawing.colorbar(picture, location="bottom", aspect=40, pad=0.02)
-        ticks = [-1.0, -0.5, 0.0, 0.5, 1.0]
-        bar.set_ticks(ticks, labels=[f"{10.0**tick:.2g}" for tick in ticks])
-        bar.outline.set_visible(False)
+    bar = drawing.colorbar(picture, location="bottom", aspect=40, pad=0.02)
+    ticks = [-1.0, -0.5, 0.0, 0.5, 1.0]
+    bar.set_ticks(ticks, labels=[f"{10.0**tick:.2g}" for tick in ticks])
+    bar.outline.set_visible(False)
     return drawing
 
 

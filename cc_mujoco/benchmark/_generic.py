@@ -50,9 +50,8 @@ def generic_conditions(scene: str) -> list[Condition]:
 
     Its description must name a trajectory and a task, which does not command an angle.
     """
-    device = find_device(scene)
-    model = DeviceModel(device.description, Plant(device).model())
-    plain, tasks = plain_condition(scene, model)
+    device, model = find_device(scene), device_model(scene)
+    plain, tasks = plain_condition(scene), device_motion(model)[1]
     found = varied_conditions(plain, bool(device.wearers))
     if device.wearers:
         found += _other_motions(plain, model, tasks)
@@ -70,16 +69,19 @@ def generic_conditions(scene: str) -> list[Condition]:
     return [*found, own, *crossed_conditions(plain)]
 
 
-def plain_condition(
-    scene: str, model: DeviceModel
-) -> tuple[Condition, tuple[Task, ...]]:
+def device_model(scene: str) -> DeviceModel:
+    device = find_device(scene)
+    return DeviceModel(device.description, Plant(device).model())
+
+
+def plain_condition(scene: str) -> Condition:
     """Return a condition without a name, with trajectory and tasks of the device."""
-    motion, tasks = device_motion(model)
+    motion, tasks = device_motion(device_model(scene))
     if any(one.commands_angle for one in tasks):
         raise CableError(
             f"the task of {scene} commands an angle; `--suite position` plays it."
         )
-    return Condition(scene, "", motion, tasks), tasks
+    return Condition(scene, "", motion, tasks)
 
 
 def device_motion(model: DeviceModel) -> tuple[Trajectory, tuple[Task, ...]]:

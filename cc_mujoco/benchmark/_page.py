@@ -12,9 +12,10 @@ from cc_mujoco.benchmark import _report as text
 from cc_mujoco.benchmark import _runner as runner
 from cc_mujoco.benchmark import _tables as tables
 from cc_mujoco.benchmark._results import (
+    DeviceResults,
     Results,
+    by_device,
     describe_machine,
-    rms_errors,
     write_results,
 )
 from cc_mujoco.benchmark._runner import BenchmarkPlan
@@ -43,11 +44,10 @@ def write(
     makers = plan.made_by()
     write_results(out / runner.RESULTS_FILE, results, plan.suite, makers)
     (out / MANIFEST).unlink(missing_ok=True)  # until all is written
-    for scene in dict.fromkeys(cell.condition.label for cell, _ in results):
+    for own in by_device(results):
         for stem in CAPTIONS:
             with style():
-                drawn = getattr(figures, stem)(results, scene)
-                save(out / f"{scene}-{stem}.png", drawn)
+                save(out / f"{own.label}-{stem}.png", getattr(figures, stem)(own))
     pages = {
         runner.TABLES_FILE: text.all_tables(results, baseline, plan.left_out()),
         runner.REPORT_FILE: _report_page(out, plan, results, baseline),
@@ -67,14 +67,13 @@ def _report_page(
     `folder` holds the figures; `baseline` is the controller that the others are
     compared with.
     """
-    errors = rms_errors(results)
-    first = next(iter(errors))
+    devices = by_device(results)
     titles: dict[str, str] = {}
     parts: dict[str, Html] = {}
-    for number, scene in enumerate(errors):
+    for number, own in enumerate(devices):
         key = f"device{number}"
-        titles[key] = f"{scene[:1].upper()}{scene[1:]}"
-        parts[key] = _device(folder, results, scene, baseline, scene == first)
+        titles[key] = f"{own.label[:1].upper()}{own.label[1:]}"
+        parts[key] = _device(folder, own, baseline, own is devices[0])
     titles |= {"all": "All controllers and references", "words": "What the names mean"}
     titles |= {"times": text.TIMES_TITLE, "made": "How this was made"}
     notes = (*text.divergence_sentences(results), *text.assumed_limits(results))
@@ -100,7 +99,7 @@ def _report_page(
             html.paragraph(
                 html.inline_markdown(text.best_sentence(results, baseline)), kind="lead"
             ),
-            _figure(folder, first, "pareto"),
+            _figure(folder, devices[0], "pareto"),
             html.paragraph(
                 html.element("b", "Next: "),
                 html.element("code", text.next_command(results)),
@@ -114,28 +113,24 @@ def _report_page(
     )
 
 
-def _device(
-    folder: Path, results: Results, scene: str, baseline: str, first: bool
-) -> Html:
-    ranks = tables.ranks_table(rms_errors(results)[scene], baseline)
+def _device(folder: Path, own: DeviceResults, baseline: str, first: bool) -> Html:
+    ranks = tables.ranks_table(own.rms, baseline)
     return html.join_pieces(
         [
             html.paragraph(text.RANKS_HEADING),
             html.short_table(*_marked(ranks)),
-            *([] if first else [_figure(folder, scene, "pareto")]),
-            _figure(folder, scene, "robustness"),
-            _folded_table(
-                text.CONDITIONS_HEADING, tables.conditions_table(results, scene)
-            ),
-            _folded_table(text.SCORES_HEADING, tables.scores_table(results, scene)),
-            html.folded("Error over the cycle", _figure(folder, scene, "cycle")),
-            _folded_table(text.PLANTS_HEADING, tables.plants_table(results, scene)),
+            *([] if first else [_figure(folder, own, "pareto")]),
+            _figure(folder, own, "robustness"),
+            _folded_table(text.CONDITIONS_HEADING, tables.conditions_table(own)),
+            _folded_table(text.SCORES_HEADING, tables.scores_table(own)),
+            html.folded("Error over the cycle", _figure(folder, own, "cycle")),
+            _folded_table(text.PLANTS_HEADING, tables.plants_table(own)),
         ]
     )
 
 
-def _figure(folder: Path, scene: str, stem: str) -> Html:
-    return html.embed_picture(folder / f"{scene}-{stem}.png", CAPTIONS[stem])
+def _figure(folder: Path, own: DeviceResults, stem: str) -> Html:
+    return html.embed_picture(folder / f"{own.label}-{stem}.png", CAPTIONS[stem])
 
 
 def _folded_table(heading: str, cells: tables.Cells) -> Html:

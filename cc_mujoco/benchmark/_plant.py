@@ -224,11 +224,9 @@ def hidden_effect(
 ) -> tuple[Device, dict[str, Value], Actuation]:
     """Return an effect of `STRUCTURES`, or of none if the name is empty, for a plant.
 
-    Seeds take the levels of effects with few of them in turn; all else is random.
-
-    Returns:
-        The device, with a cuff where that is the effect; values of the plant; what is
-        between the controller and the motor.
+    Seeds take the levels of effects with few of them in turn; all else is random. The
+    effect is the device, with a cuff where that is it, values of the plant, and what is
+    between the controller and the motor.
     """
     device, axes = known.scene, known.description.axes
     values = _cable_values(known, name)

@@ -22,10 +22,10 @@ from cc_mujoco.benchmark._conditions import (
     Condition,
     named_condition,
 )
-from cc_mujoco.benchmark._generic import device_motion
+from cc_mujoco.benchmark._generic import device_model, device_motion
 from cc_mujoco.benchmark._plant import POSITION_EFFECTS, sample_plants
 from cc_mujoco.control import fit_hysteresis
-from cc_mujoco.device import DeviceModel, Drive, Plant, find_device
+from cc_mujoco.device import Drive
 from cc_mujoco.errors import CableError
 from cc_mujoco.simulation import calibration_trials
 
@@ -49,9 +49,7 @@ class PositionCondition(Condition):
 
 
 def position_conditions(scene: str) -> list[Condition]:
-    device = find_device(scene)
-    model = DeviceModel(device.description, Plant(device).model())
-    motion, tasks = device_motion(model)
+    motion, tasks = device_motion(device_model(scene))
     if len(tasks) != 1 or not tasks[0].commands_angle:
         raise CableError(
             f"the suite 'position' plays devices of one axis whose task commands an "
@@ -71,9 +69,8 @@ def position_conditions(scene: str) -> list[Condition]:
 
 def nominal_drive(condition: Condition) -> Drive:
     """Return the drive of a device by the data sheet and the trial of the scene."""
-    device = find_device(condition.scene)
-    model = DeviceModel(device.description, Plant(device).model())
-    drive = model.drives(device.description.period)[0]
+    model = device_model(condition.scene)
+    drive = model.drives(model.description.period)[0]
     return dataclasses.replace(drive, commands_angle=True)
 
 

@@ -1,6 +1,6 @@
 """Significance of differences between controllers: paired bootstrap over seeds.
 
-    errors = normalise_errors(rms, "none")       # controller -> (conditions, seeds)
+    errors = normalise_errors(rms)       # controller -> (conditions, seeds)
     for place in rank_controllers(errors): print(place.name, place.first, place.last)
 
 Conditions are fixed, and each has its own plants unless they are shared: a resample
@@ -16,6 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from cc_mujoco.benchmark._conditions import SCALE_CONTROLLER
 
 Array = NDArray[np.float64]
 
@@ -58,24 +60,21 @@ class Difference(NamedTuple):
         return f"{self.mean:+.3f} ({self.low:+.3f} to {self.high:+.3f})"
 
 
-def normalise_errors(
-    rms: Mapping[str, Mapping[str, Array]], scale: str
-) -> dict[str, Array]:
-    """Return errors relative to one controller's mean error in the same condition.
+def normalise_errors(rms: Mapping[str, Mapping[str, Array]]) -> dict[str, Array]:
+    """Return errors relative to the mean error of `none` in the same condition.
 
     The error of a device is the mean over its axes, each relative to its own scale.
 
     Args:
         rms: RMS error by controller and condition, (seeds, axes); NaN where it
             diverged.
-        scale: The controller whose mean error is 1.
 
     Returns:
         By controller, (conditions, seeds).
     """
     unit = {
         name: np.array([np.nanmean(axis) for axis in values.T])
-        for name, values in rms[scale].items()
+        for name, values in rms[SCALE_CONTROLLER].items()
     }
     found = {}
     for name, own in rms.items():

@@ -12,7 +12,13 @@ from numpy.typing import NDArray
 
 from cc_mujoco.benchmark import _tables as tables
 from cc_mujoco.benchmark._conditions import REFERENCES, SCALE_CONTROLLER
-from cc_mujoco.benchmark._results import Errors, Results, rms_errors
+from cc_mujoco.benchmark._results import (
+    DeviceResults,
+    Errors,
+    Results,
+    by_device,
+    rms_errors,
+)
 from cc_mujoco.benchmark._scores import EVERY_SCORE, ranked_score
 from cc_mujoco.device import find_device
 from cc_mujoco.device._description import device_label
@@ -56,30 +62,29 @@ def all_tables(
         baseline: Controller that the others are compared with.
         left_out: Devices that the suite no longer has, and the reason.
     """
-    errors = rms_errors(results)
-    first = next(iter(errors))
+    first, *others = by_device(results)
     parts = [
         "# Benchmark of controllers",
         summary(results, baseline),
         _picture(first, "pareto"),
         *left_out_sentences(left_out),
     ]
-    for scene, own in errors.items():
+    for own in (first, *others):
         parts += [
-            f"## {scene}",
-            *([] if scene == first else [_picture(scene, "pareto")]),
+            f"## {own.label}",
+            *([] if own is first else [_picture(own, "pareto")]),
             RANKS_HEADING,
-            table(*tables.ranks_table(own, baseline)),
+            table(*tables.ranks_table(own.rms, baseline)),
             _fold(
                 "Conditions, scores and plants",
                 CONDITIONS_HEADING,
-                _picture(scene, "robustness"),
-                table(*tables.conditions_table(results, scene)),
+                _picture(own, "robustness"),
+                table(*tables.conditions_table(own)),
                 SCORES_HEADING,
-                _picture(scene, "cycle"),
-                table(*tables.scores_table(results, scene)),
+                _picture(own, "cycle"),
+                table(*tables.scores_table(own)),
                 PLANTS_HEADING,
-                table(*tables.plants_table(results, scene)),
+                table(*tables.plants_table(own)),
             ),
         ]
     head, rows = tables.times_table(results)
@@ -129,10 +134,9 @@ def _best_at(scene: str, rms: Mapping[str, Mapping[str, Array]], baseline: str) 
 
 def next_command(results: Results) -> str:
     """Return the command that plays the best controller on the first device."""
-    scene, own = next(iter(rms_errors(results).items()))
-    played = next(c.condition for c, _ in results if c.condition.label == scene)
-    best = tables.rank_entries(own)[0].name
-    return shlex.join(["cc-mujoco", "play", played.scene, "--controller", best])
+    first = by_device(results)[0]
+    scene, best = first.played[0][0].condition.scene, tables.rank_entries(first.rms)[0]
+    return shlex.join(["cc-mujoco", "play", scene, "--controller", best.name])
 
 
 def left_out_sentences(left_out: Mapping[str, str]) -> list[str]:
@@ -140,8 +144,8 @@ def left_out_sentences(left_out: Mapping[str, str]) -> list[str]:
     return [f"Without {scene}: {reason}." for scene, reason in left_out.items()]
 
 
-def _picture(scene: str, stem: str) -> str:
-    return f"![{scene}: {stem}]({scene}-{stem}.png)"
+def _picture(own: DeviceResults, stem: str) -> str:
+    return f"![{own.label}: {stem}]({own.label}-{stem}.png)"
 
 
 def _fold(title: str, *parts: str) -> str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 import platform
 from collections.abc import Mapping, Sequence
@@ -46,6 +47,35 @@ def rms_errors(results: Results) -> Errors:
     return found
 
 
+class DeviceResults:
+    """Results of one device."""
+
+    def __init__(self, label: str, played: Results) -> None:
+        self.label, self.played = label, played
+        self.rms = rms_errors(played)[label]
+        """RMS errors by controller and condition, (seeds, axes)."""
+        self.errors = normalise_errors(self.rms)
+        """Normalised errors by controller, (conditions, seeds)."""
+
+    def finite_scores(self, law: str, name: str) -> Array:
+        """Return a score of a controller in all conditions and seeds that have it."""
+        values = [r.scores[name] for c, r in self.played if c.controller == law]
+        known = np.concatenate(values)
+        return known[np.isfinite(known)]
+
+    def mean_score(self, law: str, name: str) -> float:
+        """Return the mean of a score, NaN where no episode has it."""
+        known = self.finite_scores(law, name)
+        return float(np.mean(known)) if known.size else math.nan
+
+
+def by_device(results: Results) -> list[DeviceResults]:
+    found: dict[str, list[tuple[Cell, CellResult]]] = {}
+    for cell, played in results:
+        found.setdefault(cell.condition.label, []).append((cell, played))
+    return [DeviceResults(label, own) for label, own in found.items()]
+
+
 def describe_machine() -> dict[str, str | int]:
     return {
         "system": platform.platform(),
@@ -71,10 +101,7 @@ def write_results(
     makers: Mapping[str, Any],
 ) -> None:
     """Write the file of results; `makers` see `_utils.provenance.code_provenance`."""
-    scaled = {
-        s: normalise_errors(own, SCALE_CONTROLLER)
-        for s, own in rms_errors(results).items()
-    }
+    scaled = {own.label: own.errors for own in by_device(results)}
     places: dict[tuple[str, str], int] = {}
     entries: list[dict[str, Any]] = []
     for cell, played in results:

@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -41,7 +41,6 @@ from cc_mujoco.benchmark._conditions import (
     REFERENCES,
     SCALE_CONTROLLER,
     Condition,
-    require_unused_name,
 )
 from cc_mujoco.benchmark._plant import require_key
 from cc_mujoco.benchmark._position import WITH_SENSOR
@@ -130,7 +129,11 @@ class BenchmarkPlan:
         if not self.controllers:
             raise CableError("a benchmark needs at least one controller.")
         for name in self.controllers:
-            require_unused_name(name)
+            if name in REFERENCES:
+                raise CableError(
+                    f"{name!r} is a reference, which every table has; it is no "
+                    "controller"
+                )
         count = look_up("suite", self.suite, SUITES).seeds
         if self.seeds is not None:
             count = self.seeds
@@ -165,13 +168,7 @@ class Playing:
     plan: BenchmarkPlan
 
     def rehearse(self) -> None:
-        """Build every condition and controller once without playing.
-
-        A bad name fails here, before the long run.
-
-        Raises:
-            CableError: A condition or a controller cannot be built.
-        """
+        """Build every condition and controller once: a bad name fails here."""
         shortest = {
             c.scene: dataclasses.replace(c, duration=1.1) for c in self.plan.played()
         }
@@ -199,8 +196,8 @@ class Playing:
         found = []
         for cell, result in zip(piece, results, strict=True):
             entry = cell.controller not in REFERENCES and cell.condition.usual
-            times = time_steps(cell) if entry else None
-            found.append(_tables(cell, result, times))
+            times = time_steps(cell) if entry else (None, None)
+            found.append(_tables(cell, result, *times))
         return found
 
 
@@ -311,10 +308,9 @@ def _cell_key(cell: Cell) -> dict[str, Any]:
 
 
 def _tables(
-    cell: Cell, result: CellResult, times: StepTimes | None
+    cell: Cell, result: CellResult, median: float | None, worst: float | None
 ) -> tuple[pa.Table, ...]:
     about = _cell_key(cell)
-    median, worst = times or (None, None)
     columns = {**result.scores, **result.plants}
     columns |= {"step_median_s": [median] * len(cell.seeds)}
     columns |= {"step_worst_s": [worst] * len(cell.seeds)}
@@ -338,34 +334,20 @@ def _read(folder: Path, cell: Cell) -> tuple[CellResult | None, list[str]]:
                 return None, ["their settings"]
             return None, provenance_differences(then.get("made_by"), now["made_by"])
         found.append(table)
-    scores = {
-        name: found[0][name].to_numpy() for name in score_columns(found[0].column_names)
-    }
-    rest = {
-        name: found[0][name].to_pylist()
-        for name in found[0].column_names
-        if name not in scores
-    }
-    trace = (
-        {n: found[1][n].to_numpy() for n in found[1].column_names} if found[1:] else {}
-    )
+    whole, *traces = found
+    names = score_columns(whole.column_names)
+    scores = {name: whole[name].to_numpy() for name in names}
+    rest = whole.drop_columns(names).to_pydict()
+    trace = {n: one[n].to_numpy() for one in traces for n in one.column_names}
     return CellResult(scores, rest, trace), []
 
 
-class StepTimes(NamedTuple):
-    """Times of a call of `Controller.torque` with the numbers of one device.
+def time_steps(cell: Cell) -> tuple[float, float]:
+    """Return the median and the worst time of a step of a cell's controller [s].
 
-    It is time of the processor, so that other work on the machine does not count.
+    Steps are calls of `Controller.torque` with the numbers of the first seed. It is
+    time of the processor, so that other work on the machine does not count.
     """
-
-    median: float
-    """[s]."""
-    worst: float
-    """[s]."""
-
-
-def time_steps(cell: Cell) -> StepTimes:
-    """Time the steps of a cell's controller, for the first seed of its condition."""
     # 1.1 s are timed, after compilation.
     short = dataclasses.replace(cell.condition, duration=1.1)
     made = prepare_episodes(
@@ -387,4 +369,4 @@ def time_steps(cell: Cell) -> StepTimes:
     made.batch.play(made.law, lambda columns: timed(made.sensors.measure(columns)), ())
     # The first calls fill caches.
     counted = np.array(taken[round(len(taken) / 3) :])
-    return StepTimes(float(np.median(counted)), float(np.max(counted)))
+    return float(np.median(counted)), float(np.max(counted))

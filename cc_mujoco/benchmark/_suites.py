@@ -32,7 +32,7 @@ from cc_mujoco.benchmark._generic import (
 )
 from cc_mujoco.benchmark._position import position_conditions
 from cc_mujoco.control import CONTROLLERS, POSITION_CONTROLLERS
-from cc_mujoco.device import Axis, DeviceModel, Plant, find_device
+from cc_mujoco.device import Axis, find_device
 from cc_mujoco.device._device_files import is_device_file
 from cc_mujoco.errors import CableError, look_up
 
@@ -42,9 +42,7 @@ def structure_conditions(scene: str) -> list[Condition]:
 
     The first is the ordinary one, in which the model lacks nothing.
     """
-    device = find_device(scene)
-    model = DeviceModel(device.description, Plant(device).model())
-    plain, _ = plain_condition(scene, model)
+    device, plain = find_device(scene), plain_condition(scene)
     found = [named_condition(plain, "-".join(DEFAULT_CONDITION))]
     for name in plants.STRUCTURES:
         if name == plants.LAG_NAME or not plants.has_effect(device, name):

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from cc_mujoco.benchmark import _ranking as ranking
 from cc_mujoco.benchmark._conditions import REFERENCES, SCALE_CONTROLLER, plant_key
-from cc_mujoco.benchmark._results import Results, rms_errors
+from cc_mujoco.benchmark._ranking import Place
+from cc_mujoco.benchmark._results import DeviceResults, Results, by_device
 from cc_mujoco.benchmark._scores import EVERY_SCORE, ranked_score
 
 Array = NDArray[np.float64]
@@ -23,22 +24,17 @@ Cells = tuple[list[str], list[list[str]]]
 
 def overview_table(results: Results) -> Cells:
     """Return error, chatter, motor peak, any failures, of controllers and devices."""
-    errors = rms_errors(results)
     laws = dict.fromkeys(cell.controller for cell, _ in results)
     head, rows = ["controller"], {law: [controller_label(law)] for law in laws}
-    for scene, own in errors.items():
-        failed = {law: mean_score(results, scene, law, "failed") for law in own}
+    for own in by_device(results):
+        failed = {law: own.mean_score(law, "failed") for law in own.rms}
         some = any(failed.values())
-        head += [scene, f"{scene}, failed"] if some else [scene]
-        places = {
-            p.name: p
-            for p in ranking.rank_controllers(
-                ranking.normalise_errors(own, SCALE_CONTROLLER), plant_names(own)
-            )
-        }
+        head += [own.label, f"{own.label}, failed"] if some else [own.label]
+        ranked = ranking.rank_controllers(own.errors, plant_names(own.rms))
+        places = {place.name: place for place in ranked}
         for law, row in rows.items():
-            known = law in own
-            row.append(_with_price(results, scene, places[law]) if known else "-")
+            known = law in own.rms
+            row.append(_with_price(own, places[law]) if known else "-")
             if some:
                 row.append(f"{failed[law]:.0%}" if known else "-")
     return head, list(rows.values())
@@ -46,11 +42,11 @@ def overview_table(results: Results) -> Cells:
 
 def entry_errors(rms: Mapping[str, Mapping[str, Array]]) -> dict[str, Array]:
     """Return the normalised errors of the controllers without the references."""
-    errors = ranking.normalise_errors(rms, SCALE_CONTROLLER)
+    errors = ranking.normalise_errors(rms)
     return {name: own for name, own in errors.items() if name not in REFERENCES}
 
 
-def rank_entries(rms: Mapping[str, Mapping[str, Array]]) -> list[ranking.Place]:
+def rank_entries(rms: Mapping[str, Mapping[str, Array]]) -> list[Place]:
     """Return the places of the controllers without the references, the best first."""
     return ranking.rank_controllers(entry_errors(rms), plant_names(rms))
 
@@ -69,10 +65,9 @@ def ranks_table(rms: Mapping[str, Mapping[str, Array]], baseline: str) -> Cells:
             rank += f" to {place.last}"
         row = [rank, controller_label(place.name), _score_with_interval(place)]
         if compared and place.name != baseline:
+            one, other = draws[place.name], draws[baseline]
             mean = place.score - float(np.mean(errors[baseline]))
-            row.append(
-                str(ranking.compare_resamples(draws[place.name], draws[baseline], mean))
-            )
+            row.append(str(ranking.compare_resamples(one, other, mean)))
         elif compared:
             row.append("-")
         better = [controller_label(n) for n in errors if n in place.better_than]
@@ -80,82 +75,71 @@ def ranks_table(rms: Mapping[str, Mapping[str, Array]], baseline: str) -> Cells:
     return [*head, "better than"], rows
 
 
-def conditions_table(results: Results, scene: str) -> Cells:
+def conditions_table(own: DeviceResults) -> Cells:
     """Return the normalised errors, a row per condition, with the error that is 1."""
-    rms = rms_errors(results)[scene]
-    errors = ranking.normalise_errors(rms, SCALE_CONTROLLER)
-    laws = [law for law in errors if law != SCALE_CONTROLLER]
-    score = next(
-        ranked_score(r.scores) for c, r in results if c.condition.label == scene
-    )
+    laws = [law for law in own.errors if law != SCALE_CONTROLLER]
+    score = ranked_score(own.played[0][1].scores)
     measure = next(one.unit for one in EVERY_SCORE if one.name == score)
     rows = []
-    for place, (condition, unit) in enumerate(rms[SCALE_CONTROLLER].items()):
-        means = [f"{np.mean(errors[law][place]):.2f}" for law in laws]
-        units = ", ".join(f"{own:.3g}" for own in np.nanmean(unit, axis=0))
+    for place, (condition, unit) in enumerate(own.rms[SCALE_CONTROLLER].items()):
+        means = [f"{np.mean(own.errors[law][place]):.2f}" for law in laws]
+        units = ", ".join(f"{each:.3g}" for each in np.nanmean(unit, axis=0))
         rows.append([condition, f"{units} {measure}", *means])
     return ["condition", f"`{SCALE_CONTROLLER}`", *map(controller_label, laws)], rows
 
 
-def scores_table(results: Results, scene: str) -> Cells:
+def scores_table(own: DeviceResults) -> Cells:
     """Return every score, a row per controller."""
-    found: dict[str, dict[str, list[Array]]] = {}
-    for cell, played in results:
-        if cell.condition.label == scene:
-            own = found.setdefault(cell.controller, {})
-            for name, values in played.scores.items():
-                own.setdefault(name, []).append(values)
-    telling = {
-        score.name
+    had = own.played[0][1].scores
+    found = {
+        score: {law: own.finite_scores(law, score.name) for law in own.rms}
         for score in EVERY_SCORE
-        if any(np.isfinite(own.get(score.name, [])).any() for own in found.values())
+        if score.name in had
     }
-    shown = [score for score in EVERY_SCORE if score.name in telling]
+    found = {s: each for s, each in found.items() if any(map(np.size, each.values()))}
     rows = []
-    for law, own in found.items():
-        cells = []
-        for score in shown:
-            values = np.concatenate(own[score.name])
-            known = values[np.isfinite(values)]
+    for law in own.rms:
+        cells = [controller_label(law)]
+        for score, each in found.items():
             form = ".1%" if score.unit == "1" else ".3g"
-            cells.append(f"{np.mean(known):{form}}" if known.size else "-")
-        rows.append([controller_label(law), *cells])
+            cells.append(f"{np.mean(each[law]):{form}}" if each[law].size else "-")
+        rows.append(cells)
     heads = [
         score.name.replace("_", " ") + (f" [{score.unit}]" if score.unit != "1" else "")
-        for score in shown
+        for score in found
     ]
     return ["controller", *heads], rows
 
 
-def plants_table(results: Results, scene: str) -> Cells:
+def plants_table(own: DeviceResults) -> Cells:
     """Return the plants of the ordinary condition, or of the first, a row per seed."""
-    of_scene = [(c, r) for c, r in results if c.condition.label == scene]
-    chosen = [(c, r) for c, r in of_scene if c.condition.usual] or of_scene
+    chosen = [(c, r) for c, r in own.played if c.condition.usual] or own.played
     cell, played = next((c, r) for c, r in chosen if c.controller == SCALE_CONTROLLER)
     drawn = played.plants
     heads = ["seed", "friction", "EA [kN]", "pretension [N]", "wrap [rad]"]
     heads += ["wearer [N m/rad]", "delay [steps]", "bias of torque [N m]"]
-    rows = []
-    for row, seed in enumerate(cell.seeds):
 
-        def both(name: str, scale: float = 1.0, row: int = row) -> str:
-            pairs = zip(
-                drawn[f"plant_{name}"][row], drawn[f"believed_{name}"][row], strict=True
-            )
-            return ", ".join(f"{scale * p:.3g} ({scale * b:.3g})" for p, b in pairs)
+    def both(name: str, row: int, scale: float = 1.0) -> str:
+        actual, known = drawn[f"plant_{name}"][row], drawn[f"believed_{name}"][row]
+        pairs = zip(actual, known, strict=True)
+        return ", ".join(f"{scale * p:.3g} ({scale * b:.3g})" for p, b in pairs)
 
-        rows.append(
-            [
-                str(seed),
-                both("friction"),
-                both("axial_stiffness", 1e-3),
-                both("pretension"),
-                ", ".join(f"{wrap:.3g}" for wrap in drawn["plant_wrap"][row]),
-                ", ".join(f"{own:.3g}" for own in drawn["plant_wearer"][row]) or "-",
-                str(drawn["plant_delay"][row]),
-                ", ".join(f"{own:.2g}" for own in drawn["plant_bias"][row]),
-            ]
-        )
+    def each(name: str, row: int, form: str = ".3g") -> str:
+        return ", ".join(f"{value:{form}}" for value in drawn[f"plant_{name}"][row])
+
+    rows = [
+        [
+            str(seed),
+            both("friction", row),
+            both("axial_stiffness", row, 1e-3),
+            both("pretension", row),
+            each("wrap", row),
+            each("wearer", row) or "-",
+            str(drawn["plant_delay"][row]),
+            each("bias", row, ".2g"),
+        ]
+        for row, seed in enumerate(cell.seeds)
+    ]
     return heads, rows
 
 
@@ -177,24 +161,10 @@ def times_table(results: Results) -> Cells:
     return ["controller", *heads], rows
 
 
-def mean_score(results: Results, scene: str, law: str, name: str) -> float:
-    """Return the mean of a score over conditions and seeds, NaN without an episode."""
-    values = [
-        played.scores[name]
-        for cell, played in results
-        if (cell.condition.label, cell.controller) == (scene, law)
-    ]
-    known = np.concatenate(values)
-    known = known[np.isfinite(known)]
-    return float(np.mean(known)) if known.size else math.nan
-
-
-def _with_price(results: Results, scene: str, place: ranking.Place) -> str:
+def _with_price(own: DeviceResults, place: Place) -> str:
     """Return an error with its price: chatter [mN m] and motor peak [N m]."""
-    chatter, peak = (
-        mean_score(results, scene, place.name, name)
-        for name in ("chatter", "peak_motor_torque")
-    )
+    chatter = own.mean_score(place.name, "chatter")
+    peak = own.mean_score(place.name, "peak_motor_torque")
     error = _score_with_interval(place)
     if math.isnan(chatter) or math.isnan(peak):  # it gave no torque in any episode
         return f"{error}, -, -"
@@ -210,7 +180,7 @@ def controller_label(law: str) -> str:
     return f"*{law}*" if law in REFERENCES else f"`{law}`"
 
 
-def _score_with_interval(place: ranking.Place) -> str:
+def _score_with_interval(place: Place) -> str:
     if math.isnan(place.low):
         return f"{place.score:.3f}"
     return f"{place.score:.3f} ({place.low:.3f} to {place.high:.3f})"

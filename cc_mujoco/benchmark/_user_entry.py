@@ -12,6 +12,7 @@ plants are not sent. One process serves an entry for as long as that of the judg
 from __future__ import annotations
 
 import atexit
+import contextlib
 import json
 import os
 import pickle
@@ -55,10 +56,8 @@ _processes: dict[str, _Process] = {}
 def controller_provenance(*names: str) -> dict[str, Any]:
     """Return package versions, source digests and user-file digests of controllers.
 
-    Entries that run in a process of their own contribute the files they loaded there.
-
-    Args:
-        names: controllers that were made in this process.
+    They were made in this process; entries that run in a process of their own
+    contribute the files they loaded there.
     """
     others = [name for name in names if not runs_code(name)]
     found = code_provenance(*(law for name in others for law in named_laws(name)))
@@ -75,18 +74,13 @@ class Entry(Controller):
     ) -> None:
         """Make the controller in its process, which is started if none runs yet.
 
-        Args:
-            name: `module:function`, or such a name by axis.
-            drives: Drives of every axis of each plant.
-            prefixes: Beginnings of the columns of each axis.
-
-        Raises:
-            CableError: If it cannot be made.
+        `name` is `module:function`, or such a name by axis; `drives` are those of every
+        axis of each plant.
         """
         super().__init__(drives[0][0])
         self.name = name
         self._drives = tuple(drives[0])
-        if name not in _processes or not _processes[name].is_alive:
+        if name not in _processes or _processes[name].has_ended():
             _processes[name] = _Process(name)
         self._process = _processes[name]
         self._key = self._process.make(drives, prefixes)
@@ -98,11 +92,7 @@ class Entry(Controller):
         self._process.ask("reset", self._key, where)
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
-        """Return the torque of the motor [N m]; see `Controller.torque`.
-
-        Raises:
-            CableError: If the entry raises, gives no torques or ends.
-        """
+        """Return the torque of the motor [N m]; see `Controller.torque`."""
         answer = self._process.ask("torque", self._key, dict(observation))
         try:
             _, dimensions, *shape, self.spent = _ANSWER_HEADER.unpack_from(answer)
@@ -130,17 +120,11 @@ class _Process:
         )
         atexit.register(self.end)
 
-    @property
-    def is_alive(self) -> bool:
-        """Return whether the process is running."""
-        return self._process.poll() is None
+    def has_ended(self) -> bool:
+        return self._process.poll() is not None
 
     def make(self, drives: Sequence[Sequence[Drive]], prefixes: Sequence[str]) -> int:
-        """Make the controller; return the key by which it is called.
-
-        Raises:
-            CableError: If it cannot be made.
-        """
+        """Make the controller; return the key by which it is called."""
         answer = json.loads(self.ask("make", 0, (self._name, drives, prefixes)))
         files = answer.get("files") if isinstance(answer, dict) else None
         if not isinstance(files, dict):
@@ -149,11 +133,7 @@ class _Process:
         return int(answer["key"])
 
     def ask(self, what: str, key: int, about: Any) -> bytes:
-        """Return the answer to a question.
-
-        Raises:
-            CableError: If the entry raises or ends.
-        """
+        """Return the answer to a question; an entry that raises or ends is an error."""
         assert self._process.stdin is not None and self._process.stdout is not None
         try:
             _send(self._process.stdin, pickle.dumps((what, key, about)))
@@ -169,13 +149,10 @@ class _Process:
         return answer[1:]
 
     def end(self) -> None:
-        """End the process."""
         for pipe in (self._process.stdin, self._process.stdout):
-            if pipe is not None:
-                try:
+            with contextlib.suppress(OSError):
+                if pipe is not None:
                     pipe.close()
-                except OSError:
-                    continue
         try:
             self._process.wait(1.0)
         except subprocess.TimeoutExpired:

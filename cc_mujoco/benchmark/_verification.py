@@ -10,7 +10,6 @@ from __future__ import annotations
 import dataclasses
 import os
 import random
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,7 @@ import pyarrow as pa
 from cc_mujoco._utils import user_code
 from cc_mujoco._utils.provenance import provenance_differences
 from cc_mujoco.benchmark._cell import Cell, play
-from cc_mujoco.benchmark._conditions import REFERENCES, SCALE_CONTROLLER, Condition
+from cc_mujoco.benchmark._conditions import REFERENCES, Condition
 from cc_mujoco.benchmark._ranking import normalise_errors
 from cc_mujoco.benchmark._results import read_results, read_rows
 from cc_mujoco.benchmark._runner import BenchmarkPlan, Playing
@@ -27,16 +26,13 @@ from cc_mujoco.benchmark._suites import SUITES
 from cc_mujoco.errors import CableError, look_up
 
 
-def verify(
-    path: str | os.PathLike[str], count: int, allow: str | Iterable[str] = ()
-) -> str:
+def verify(path: str | os.PathLike[str], count: int) -> str:
     """Play random rows of a file of results again, each with the others of its cell.
 
     Return in a sentence how much was compared. Computing times are not compared. Of
     every row of the file the normalised error is computed anew from the RMS errors.
-    `allow` names `MODULE:NAME` of controllers in the file. A file that was changed,
-    that other code made, with conditions that this version does not have, or with a row
-    that a replay does not give, is refused.
+    A file that was changed, that other code made, with conditions that this version
+    does not have, or with a row that a replay does not give, is refused.
     """
     table, about = read_rows(path)
     if not 1 <= count <= len(table):
@@ -44,7 +40,6 @@ def verify(
             f"--rows must be 1 to {len(table):,}, the rows of {path}, not {count:,}."
         )
     rows = table.to_pylist()
-    user_code.allow(allow)
     laws = dict.fromkeys(
         user_code.named_in_file(law, os.fspath(path), "column controller")
         for law in dict.fromkeys(row["controller"] for row in rows)
@@ -121,9 +116,7 @@ def _conditions(
 
 def _require_normalised(path: str | os.PathLike[str], table: pa.Table) -> None:
     errors, _ = read_results(path)
-    scaled = {
-        scene: normalise_errors(own, SCALE_CONTROLLER) for scene, own in errors.items()
-    }
+    scaled = {scene: normalise_errors(own) for scene, own in errors.items()}
     places: dict[tuple[str, str], dict[str, int]] = {}
     seeds: dict[tuple[str, str, str], list[int]] = {}
     rows = table.to_pylist()

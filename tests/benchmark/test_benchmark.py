@@ -31,8 +31,8 @@ from cc_mujoco.benchmark._conditions import MODEL_ERRORS, TRANSMISSIONS
 from cc_mujoco.benchmark._figures import pareto
 from cc_mujoco.benchmark._page import CAPTIONS, write
 from cc_mujoco.benchmark._plant import sample_plants
-from cc_mujoco.benchmark._results import read_results
-from cc_mujoco.benchmark._runner import Playing, StepTimes
+from cc_mujoco.benchmark._results import by_device, read_results
+from cc_mujoco.benchmark._runner import Playing
 from cc_mujoco.cable import Cable
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Hold, Spring
@@ -223,7 +223,7 @@ def mine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> BenchmarkPlan:
 def test_a_run_resumes_and_replays_other_code(
     mine: BenchmarkPlan, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(_runner, "time_steps", lambda _: StepTimes(1e-6, 2e-6))
+    monkeypatch.setattr(_runner, "time_steps", lambda _: (1e-6, 2e-6))
     tables, kept, errors, said = [], [], [], []
     for gain in ("0.0", "0.0", "0.2"):
         Path("gain.toml").write_text(gain)
@@ -282,7 +282,7 @@ def test_a_report_says_which_controller_gave_no_number(usual: dict[str, Any]) ->
     tables = all_tables(results, "none")
     assert "no number, in 1 of 1 episodes" in tables
     assert "nan" not in tables
-    pareto(results, USUAL.scene)
+    pareto(*by_device(results))
 
 
 def test_what_cannot_be_played_is_refused() -> None:

@@ -77,7 +77,7 @@ def test_the_error_of_a_device_is_the_mean_over_its_axes() -> None:
         "none": {"a": np.array([[1.0, 10.0], [3.0, 30.0]])},
         "mine": {"a": np.array([[1.0, 60.0], [math.nan, 2.0]])},
     }
-    found = normalise_errors(rms, "none")
+    found = normalise_errors(rms)
     assert found["none"].tolist() == [[0.5, 1.5]]
     assert found["mine"].tolist() == [
         [0.5 * (0.5 + 3.0), 0.5 * (MAX_NORMALISED_ERROR + 0.1)]
@@ -89,7 +89,7 @@ def test_an_error_is_a_multiple_of_that_without_compensation() -> None:
         "none": {"a": column(1.0, 3.0), "b": column(10.0, math.nan)},
         "mine": {"a": column(1.0, math.nan), "b": column(5.0, 500.0)},
     }
-    found = normalise_errors(rms, "none")
+    found = normalise_errors(rms)
     assert found["none"].tolist() == [[0.5, 1.5], [1.0, MAX_NORMALISED_ERROR]]
     assert found["mine"].tolist() == [
         [0.5, MAX_NORMALISED_ERROR],

@@ -22,7 +22,7 @@ from cc_mujoco.benchmark._results import (
     read_results,
     write_results,
 )
-from cc_mujoco.benchmark._runner import CELLS_FOLDER, StepTimes
+from cc_mujoco.benchmark._runner import CELLS_FOLDER
 from cc_mujoco.benchmark._user_entry import controller_provenance
 from cc_mujoco.errors import CableError
 
@@ -30,7 +30,7 @@ SHORT = BenchmarkPlan(
     ("none",), scenes=("wrist",), conditions=("ordinary-rough",), seeds=2, duration=1.05
 )
 CHEAT = "benchmark.entries:cheat"
-UNTIMED = StepTimes(1e-6, 2e-6)
+UNTIMED = (1e-6, 2e-6)
 
 
 def test_an_entry_changes_neither_its_own_scores_nor_the_judge() -> None:

@@ -36,23 +36,11 @@ def run_on_cluster(
     progress: Progress = lambda done: None,
     worker_timeout: float = WORKER_TIMEOUT,
 ) -> Generator[tuple[int, Any], None, None]:
-    """Run pieces on the workers of a cluster.
+    """Yield numbers and results of pieces that the workers of a cluster do.
 
-    What a worker that dies was doing, Dask gives to another.
-
-    Args:
-        job: job to do on each piece.
-        pieces: pieces by number.
-        scheduler: address of the scheduler, `tcp://HOST:PORT`.
-        progress: called with what is done.
-        worker_timeout: time without any worker after which to give up [s].
-
-    Yields:
-        Numbers and results of pieces as they are finished, in no particular order.
-
-    Raises:
-        CableError: Dask is not installed, no scheduler answers, a worker has other
-            code, there are no workers, or the cluster gives up.
+    They come as they are finished, in no particular order; what a worker that dies was
+    doing, Dask gives to another. `scheduler` is `tcp://HOST:PORT`, and after a
+    `worker_timeout` without any worker the work is given up [s].
     """
     if not worker_timeout > 0.0:
         raise CableError(f"worker timeout must be above 0 s, not {worker_timeout!r} s.")

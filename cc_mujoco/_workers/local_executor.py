@@ -37,18 +37,12 @@ def run_here(
     count: int = 0,
     processes: bool = False,
 ) -> Generator[tuple[int, Any], None, None]:
-    """Run pieces on this machine.
+    """Yield numbers and results of pieces that this machine does.
 
-    Args:
-        job: job to do on each piece.
-        pieces: pieces by number.
-        progress: called with what is done, from any thread, one at a time.
-        count: threads or processes; 0 means one per processor.
-        processes: whether Python does most of the work, so that threads would wait for
-            each other; one process is this one.
-
-    Yields:
-        Numbers and results of pieces as they are finished, in no particular order.
+    They come as they are finished, in no particular order; `progress` is called from
+    any thread, one at a time. `count` of 0 means one thread per processor, or one of
+    the `processes`, for work that Python does and threads would wait for each other
+    in; one process is this one.
     """
     count = min(count or os.cpu_count() or 1, max(len(pieces), 1))
     if processes and count == 1:

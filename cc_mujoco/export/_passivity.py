@@ -178,16 +178,10 @@ def extracted_energy(
     would seem to give energy. V is the trapezoidal sum over the angle, which is exact
     for a line, and nothing over a closed path.
 
-    Args:
-        torque: Torque of the device at the joint, (samples, ...) [N m].
-        desired: Torque of the virtual spring at these angles [N m].
-        angle: Angle of the joint [rad].
-        velocity: Velocity of the joint [rad/s].
-        step: Time from sample to sample [s].
-        skip: Physics steps from sample to sample.
-
-    Returns:
-        (...) [J], at least 0.
+    Arrays are (samples, ...): `torque` of the device at the joint, and `desired` of the
+    virtual spring at these angles [N m], `angle` [rad] and `velocity` [rad/s]; `step`
+    is the time from sample to sample [s], `skip` the physics steps. Returned are (...)
+    [J], at least 0.
     """
     share = 0.5 / skip
     acting = (1.0 - share) * velocity[1:] + share * velocity[:-1]

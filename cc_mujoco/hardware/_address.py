@@ -113,7 +113,7 @@ def _can(table: Table, channel: str) -> CanAddress:
 
 
 def _drive(table: Table, protocol: str, place: str) -> DriveAddress:
-    common = ("address", "node", "gear", "zero", "joint")
+    keys = ("address", "node", "gear", "zero", "joint")
     if not place:
         kind, example = (
             ("PORT", "/dev/ttyUSB0") if protocol == "dynamixel" else ("CHANNEL", "can0")
@@ -135,17 +135,13 @@ def _drive(table: Table, protocol: str, place: str) -> DriveAddress:
         if (joint.text("address") or "").partition(":")[0] in DRIVE_NODES:
             raise joint.wrong("address", "that of a rig with sensors at the joint")
         address_of(joint)
-    gear, zero = gear or 1.0, table.number("zero") or 0.0
+    common = node, joint, gear or 1.0, table.number("zero") or 0.0
     if protocol != "dynamixel":
-        table.only(*common, "interface", "bus")
+        table.only(*keys, "interface", "bus")
         _require_bus(table, protocol, place)
-        keys = {
-            key: table.content[key]
-            for key in ("interface", "bus")
-            if key in table.content
-        }
-        return DriveAddress(protocol, CanPlace(place, **keys), node, joint, gear, zero)
-    table.only(*common, "baud_rate", "torque_per_ampere")
+        bus = {k: table.content[k] for k in ("interface", "bus") if k in table.content}
+        return DriveAddress(protocol, CanPlace(place, **bus), *common)
+    table.only(*keys, "baud_rate", "torque_per_ampere")
     torque = table.number("torque_per_ampere", 1e-6)
     if torque is None:
         raise CableError(
@@ -153,16 +149,7 @@ def _drive(table: Table, protocol: str, place: str) -> DriveAddress:
             "performance graph: it takes a current."
         )
     baud = _whole(table, "baud_rate", range(9600, 10_500_001), 57_600, "10500000")
-    return DriveAddress(
-        protocol,
-        place,
-        node,
-        joint,
-        gear,
-        zero,
-        baud_rate=baud,
-        torque_per_ampere=torque,
-    )
+    return DriveAddress(protocol, place, *common, baud, torque)
 
 
 def _require_bus(table: Table, protocol: str, channel: str) -> None:

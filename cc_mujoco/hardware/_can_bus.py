@@ -66,11 +66,12 @@ class CanPort:
         self.where = f"the CAN bus {place.channel!r} of interface {place.interface!r}"
         self._interface, self._fd = place.interface, fd
         self._can = _python_can()
-        self._errors = _bus_errors(self._can)
+        # Those of python-can, of the system, of a wrong frame
+        self._errors = self._can.CanError, OSError, ValueError
         buses = {} if buses is None else buses
         key = place.channel, place.interface
         if key not in buses:
-            buses[key] = _SharedBus(_open_bus(self._can, place, self.where, fd), fd)
+            buses[key] = _SharedBus(self._open(place), fd)
         if buses[key].fd != fd:
             raise CableError(
                 f"{self.where} carries CAN FD for one axis and classical CAN for "
@@ -83,12 +84,7 @@ class CanPort:
         self._failure_counts = {"sent to": 0, "read from": 0}
 
     def receive(self) -> can.Message | None:
-        """Return the next frame, or None if there is none.
-
-        Raises:
-            OSError: It could not be received; the next one may.
-            CableError: Nothing can be any more.
-        """
+        """Return the next frame, or None if there is none; see `Connection`."""
         if self._own:
             return self._own.popleft()
         for _ in range(MAX_PENDING):
@@ -117,12 +113,7 @@ class CanPort:
         return None
 
     def send(self, identifier: int, data: bytes) -> None:
-        """Send a frame; its identifier has 29 bits if it is above 0x7ff.
-
-        Raises:
-            OSError: It could not be sent; the next one may.
-            CableError: Nothing can be any more.
-        """
+        """Send a frame; its identifier has 29 bits if it is above 0x7ff."""
         frame = self._can.Message(
             arbitration_id=identifier,
             is_extended_id=identifier > MAX_SHORT_ID,
@@ -146,6 +137,38 @@ class CanPort:
         except self._errors:  # of a device that was pulled out, say
             self.ignored["not closed"] += 1
 
+    def _open(self, place: CanPlace) -> can.BusABC:
+        library, where, fd = self._can, self.where, self._fd
+        if place.interface not in library.VALID_INTERFACES:
+            raise CableError.unknown(
+                "CAN interface", place.interface, library.VALID_INTERFACES
+            )
+        mtu = NETWORK_FOLDER / place.channel / "mtu"
+        if fd and place.interface == "socketcan" and mtu.is_file():
+            # SocketCAN opens a network without CAN FD silently; its MTU is 16, not 72.
+            if int(mtu.read_text()) < 72:
+                raise _classical_can_error(where)
+        _require_known(place, where)
+        kind = library.CanProtocol.CAN_FD
+        how: dict[str, object] = {}
+        if fd:  # only the virtual bus takes the first keyword
+            how = {"protocol": kind} if place.interface == "virtual" else {"fd": True}
+        try:
+            bus: can.BusABC = library.Bus(
+                channel=place.channel,
+                interface=place.interface,
+                ignore_config=True,  # `rig.toml` says all
+                **{**how, **place.bus},
+            )
+        except (*self._errors, ImportError, TypeError, LookupError) as error:
+            raise CableError(
+                f"{where} cannot be opened: {_error_text(error)}."
+            ) from error
+        if fd and bus.protocol not in (kind, library.CanProtocol.CAN_FD_NON_ISO):
+            bus.shutdown()
+            raise _classical_can_error(where)
+        return bus
+
     def _count_failure(self, done: str, error: Exception) -> NoReturn:
         self._failure_counts[done] += 1
         if self._failure_counts[done] < MAX_FAILURES:
@@ -167,43 +190,6 @@ def _python_can() -> ModuleType:
     if not (log := logging.getLogger("can")).handlers:
         log.addHandler(logging.NullHandler())
     return can
-
-
-def _bus_errors(library: ModuleType) -> tuple[type[Exception], ...]:
-    """Return the errors of an open bus: of python-can, the system, a wrong frame."""
-    return library.CanError, OSError, ValueError
-
-
-def _open_bus(library: ModuleType, place: CanPlace, where: str, fd: bool) -> can.BusABC:
-    if place.interface not in library.VALID_INTERFACES:
-        raise CableError.unknown(
-            "CAN interface", place.interface, library.VALID_INTERFACES
-        )
-    mtu = NETWORK_FOLDER / place.channel / "mtu"
-    if fd and place.interface == "socketcan" and mtu.is_file():
-        # SocketCAN opens a network without CAN FD silently; its MTU is 16, not 72.
-        if int(mtu.read_text()) < 72:
-            raise _classical_can_error(where)
-    _require_known(place, where)
-    kind = library.CanProtocol.CAN_FD
-    how: dict[str, object] = {}
-    if fd:  # only the virtual bus takes the first keyword
-        how = {"protocol": kind} if place.interface == "virtual" else {"fd": True}
-    errors: tuple[type[Exception], ...] = _bus_errors(library)
-    errors += ImportError, TypeError, LookupError
-    try:
-        bus: can.BusABC = library.Bus(
-            channel=place.channel,
-            interface=place.interface,
-            ignore_config=True,  # `rig.toml` says all
-            **{**how, **place.bus},
-        )
-    except errors as error:
-        raise CableError(f"{where} cannot be opened: {_error_text(error)}.") from error
-    if fd and bus.protocol not in (kind, library.CanProtocol.CAN_FD_NON_ISO):
-        bus.shutdown()
-        raise _classical_can_error(where)
-    return bus
 
 
 def _require_known(place: CanPlace, where: str) -> None:

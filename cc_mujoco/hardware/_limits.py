@@ -131,11 +131,7 @@ class Limiter:
         return self._towards(math.copysign(goal, self.torque))
 
     def _towards(self, goal: float) -> float:
-        within = min(max(goal, -self._limit), self._limit)
-        low, high = (
-            self.torque - self._max_torque_step,
-            self.torque + self._max_torque_step,
-        )
-        self.torque = min(max(within, low), high)
+        within, step = min(max(goal, -self._limit), self._limit), self._max_torque_step
+        self.torque = min(max(within, self.torque - step), self.torque + step)
         self.is_rate_limited = self.torque != within
         return self.torque

@@ -13,7 +13,7 @@ from __future__ import annotations
 import struct
 import zlib
 from enum import IntFlag
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 READING_MAGIC, COMMAND_MAGIC = b"CCMR", b"CCMC"
 PROTOCOL_VERSION = 1
@@ -76,36 +76,29 @@ class Packet(NamedTuple):
 
 def pack_reading(sequence: int, stamp: int, values: Readings) -> bytes:
     """Return the packet of a reading, with `stamp` [ns] in place of `Readings.time`."""
-    status = int(values.status or Status.NONE)
-    head = (READING_MAGIC, PROTOCOL_VERSION, status, sequence % SEQUENCE_MODULUS, stamp)
-    return _with_checksum(_READING.pack(*head, *values[1:6]))
+    status = values.status or Status.NONE
+    return _packed(_READING, READING_MAGIC, status, sequence, stamp, *values[1:6])
 
 
 def pack_command(given: Command) -> bytes:
-    head = (
-        COMMAND_MAGIC,
-        PROTOCOL_VERSION,
-        int(given.status),
-        given.sequence % SEQUENCE_MODULUS,
-    )
-    return _with_checksum(_COMMAND.pack(*head, given.echo, given.torque))
+    sequence, echo, torque, status = given
+    return _packed(_COMMAND, COMMAND_MAGIC, status, sequence, echo, torque)
 
 
 def read_reading(data: bytes) -> Packet | None:
     """Return the reading in a packet; None if damaged or of another version."""
-    if not _is_intact(data, _READING, READING_MAGIC):
+    if (found := _unpacked(_READING, READING_MAGIC, data)) is None:
         return None
-    _, _, status, sequence, stamp, *values = _READING.unpack_from(data)
-    readings = Readings(stamp * 1e-9, *values)._replace(status=Status(status & 7))
-    return Packet(sequence, stamp, readings)
+    status, sequence, stamp, *values = found
+    return Packet(sequence, stamp, Readings(stamp * 1e-9, *values, status))
 
 
 def read_command(data: bytes) -> Command | None:
     """Return the command in a packet; None if damaged or of another version."""
-    if not _is_intact(data, _COMMAND, COMMAND_MAGIC):
+    if (found := _unpacked(_COMMAND, COMMAND_MAGIC, data)) is None:
         return None
-    _, _, status, sequence, echo, torque = _COMMAND.unpack_from(data)
-    return Command(sequence, echo, torque, Status(status & 7))
+    status, sequence, echo, torque = found
+    return Command(sequence, echo, torque, status)
 
 
 def is_newer(sequence: int, than: int) -> bool:
@@ -113,14 +106,21 @@ def is_newer(sequence: int, than: int) -> bool:
     return 0 < (sequence - than) % SEQUENCE_MODULUS < SEQUENCE_MODULUS // 2
 
 
-def _with_checksum(data: bytes) -> bytes:
+def _packed(
+    layout: struct.Struct, magic: bytes, status: Status, sequence: int, *values: float
+) -> bytes:
+    head = magic, PROTOCOL_VERSION, int(status), sequence % SEQUENCE_MODULUS
+    data = layout.pack(*head, *values)
     return data + _CHECKSUM.pack(zlib.crc32(data))
 
 
-def _is_intact(data: bytes, layout: struct.Struct, magic: bytes) -> bool:
-    if len(data) != layout.size + _CHECKSUM.size or data[:4] != magic:
-        return False
-    if int.from_bytes(data[4:6], "little") != PROTOCOL_VERSION:
-        return False
+def _unpacked(layout: struct.Struct, magic: bytes, data: bytes) -> list[Any] | None:
+    """Return the fields from the status on; None if damaged or of another version."""
+    if len(data) != layout.size + _CHECKSUM.size:
+        return None
+    found, version, status, *others = layout.unpack_from(data)
     (checksum,) = _CHECKSUM.unpack_from(data, layout.size)
-    return bool(checksum == zlib.crc32(data[:-4]))
+    known = found == magic and version == PROTOCOL_VERSION
+    if not known or checksum != zlib.crc32(data[:-4]):
+        return None
+    return [Status(status & 7), *others]

@@ -47,17 +47,10 @@ RECORDING_FILE, SUMMARY_FIGURE = "recording.rrd", "summary.png"
 
 
 def replay(log: str | os.PathLike[str], scene: str) -> tuple[Path, Path]:
-    """Write the recording and the figure of a run next to its log.
+    """Write the recording and the figure of a run next to its log; return their paths.
 
-    Args:
-        log: `log.csv` of a run or of a trial, or the same as Parquet.
-        scene: Name of a device, or the file of one.
-
-    Returns:
-        The two files.
-
-    Raises:
-        CableError: The log cannot be read or lacks a column, or the scene does not fit.
+    `log` is `log.csv` of a run or of a trial, or the same as Parquet, and `scene` the
+    name of a device, or the file of one.
     """
     path = Path(log)
     if is_marked(path):

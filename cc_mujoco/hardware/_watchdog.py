@@ -90,14 +90,11 @@ class TorqueSensor:
         moments = self._moments
         if self._count == 1:
             moments[:2] = torque, predicted
-        off = torque - moments[0], predicted - moments[1]
+        off = np.array([torque, predicted]) - moments[:2]
         share, kept = self._share, 1.0 - self._share
-        moments[0] += share * off[0]
-        moments[1] += share * off[1]
-        for place, product in enumerate(
-            (off[0] * off[0], off[1] * off[1], off[0] * off[1]), 2
-        ):
-            moments[place] = kept * (moments[place] + share * product)
+        moments[:2] += share * off
+        products = np.append(off * off, off[0] * off[1])
+        moments[2:] = kept * (moments[2:] + share * products)
         measured, expected = math.sqrt(moments[2]), math.sqrt(moments[3])
         least = 0.5 * self._swing
         if self._count < self._settled or min(measured, expected) < least:
@@ -269,9 +266,12 @@ class Watch:
         """Look at what motor and joint show together, through the cables.
 
         `reading` found no fault; `wound` has `WINDING_COLUMNS` of cables that pull no
-        round pulley.
+        round pulley. Models of cables are of one, see `control.as_round_pulley`.
         """
-        motor, (angle, torque) = found.motor_angle, _on_pulley(found, wound)
+        motor, angle, torque = found.motor_angle, found.joint_angle, found.joint_torque
+        if wound:
+            angle, _, leverage = (wound[name] for name in WINDING_COLUMNS)
+            torque /= leverage
         return (
             self._twist_fault(motor, angle)
             or self._tension_fault(motor, torque)
@@ -398,14 +398,3 @@ class Watch:
             f"beyond twist = {self._watchdog.twist:g}: a cable is off, or the sign of "
             f"an encoder or the scene's ratio of {drive.ratio:g} is wrong."
         )
-
-
-def _on_pulley(found: Readings, wound: Mapping[str, float]) -> tuple[float, float]:
-    """Return angle [rad] and torque [N m] of a joint with a round pulley.
-
-    Models of cables are of one, see `control.as_round_pulley`.
-    """
-    if not wound:
-        return found.joint_angle, found.joint_torque
-    angle, _, leverage = (wound[name] for name in WINDING_COLUMNS)
-    return angle, found.joint_torque / leverage

@@ -9,16 +9,10 @@ from typing import Annotated, ClassVar
 
 import tyro
 
-from cc_mujoco._utils.command_options import (
-    Allowed,
-    Flag,
-    Names,
-    option_help,
-    progress_options,
-)
+from cc_mujoco._utils import command_options as options
 from cc_mujoco.errors import CableError, look_up
 
-Pair = Annotated[tuple[Path, Path] | None, option_help("A.parquet B.parquet")]
+Pair = Annotated[tuple[Path, Path] | None, options.option_help("A.parquet B.parquet")]
 
 
 @dataclass(frozen=True)
@@ -31,19 +25,19 @@ class Benchmark:
     )
 
     scene: Annotated[
-        tuple[str, ...], tyro.conf.Positional, option_help("[SCENE ...]")
+        tuple[str, ...], tyro.conf.Positional, options.option_help("[SCENE ...]")
     ] = ()
     """Devices: names, or files of your own such as knee.xml; all of the suite unless
     given."""
-    suite: Annotated[str | None, option_help("NAME")] = None
+    suite: Annotated[str | None, options.option_help("NAME")] = None
     """Suite to play: v1, which never changes, generic, which any device can play, v2,
     safety or position; v1 unless given, and generic or position for a device of your
     own."""
-    controllers: Names = ()
+    controllers: options.Names = ()
     """Names, MODULE:FUNCTION or POLICY.safetensors; every name unless given."""
-    conditions: Names = ()
+    conditions: options.Names = ()
     """Some of the suite's conditions by name, as in its tables; all unless given."""
-    seeds: Annotated[int | None, option_help("INT")] = None
+    seeds: Annotated[int | None, options.option_help("INT")] = None
     """Number of seeds: plants, noise, motions; as many as the suite has unless given,
     which is ten in v1."""
     first_seed: int = 0
@@ -51,28 +45,28 @@ class Benchmark:
     key: str = ""
     """Secret key that results with a controller of yours were played with, to play the
     same plants; a new one unless given."""
-    duration: Annotated[float | None, option_help("FLOAT")] = None
+    duration: Annotated[float | None, options.option_help("FLOAT")] = None
     """Length of an episode in seconds, more than 1; that of the suite unless given."""
-    baseline: Annotated[str | None, option_help("NAME")] = None
+    baseline: Annotated[str | None, options.option_help("NAME")] = None
     """Controller that the others are compared with, seed by seed; pi if it plays, else
     none."""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs", "benchmark")
     """Folder for the results."""
-    workers: Annotated[int, option_help()] = 0
+    workers: Annotated[int, options.option_help()] = 0
     """Processes that play; one per processor unless given. They change no result."""
-    scheduler: Annotated[str | None, option_help("ADDRESS")] = None
+    scheduler: Annotated[str | None, options.option_help("ADDRESS")] = None
     """tcp://HOST:PORT of a Dask scheduler, whose workers play instead."""
     worker_timeout: float = 60.0
     """Seconds after which that is given up if the scheduler has no workers."""
-    again: Flag = False
+    again: options.Flag = False
     """Play also what an earlier run of the same code has finished."""
     compare: Pair = None
     """Two files of results to rank together, instead of playing."""
-    verify: Annotated[Path | None, option_help("FILE.parquet")] = None
+    verify: Annotated[Path | None, options.option_help("FILE.parquet")] = None
     """A file of results of which random rows are played again, instead of playing."""
     rows: int = 5
     """Number of rows that --verify draws; all of their cells are compared."""
-    allow: Allowed = ()
+    allow: options.Allowed = ()
     """Code that files may name, once each; code that only a file names is refused."""
 
     def run(self) -> None:
@@ -128,7 +122,7 @@ class Benchmark:
             total=count,
             unit="cell",
             bar_format="{l_bar}{bar}| {n:.0f} of {total} cells  {elapsed}<{remaining}",
-            **progress_options(),
+            **options.progress_options(),
         ) as bar:
 
             def progress(done: float) -> None:

@@ -64,9 +64,6 @@ STALE, FITTED_ANEW = "-stale", "-fitted"
 """Suffixes of the names of conditions of the suite `position`, by the trial that fits
 the controllers: one on the scene, or one on the plant itself."""
 
-MAX_SIGMAS = 3.0
-"""Draws are clipped beyond this many standard deviations."""
-
 WARM_UP = 0.5
 """Time at the start of an episode that has no score [s]."""
 
@@ -246,7 +243,7 @@ class Belief:
 
 
 def clipped_normal(random: np.random.Generator) -> float:
-    return float(min(max(random.normal(), -MAX_SIGMAS), MAX_SIGMAS))
+    return float(min(max(random.normal(), -3.0), 3.0))
 
 
 @dataclass(frozen=True)

@@ -23,8 +23,6 @@ from cc_mujoco.simulation._loop import Columns
 
 Array = NDArray[np.float64]
 
-SAFETY = "safety-"
-"""Prefix of the names of conditions with a fault."""
 STRAP = "strap-open"
 """Fault in which the wearer leaves the device: nothing holds the joint any more."""
 LATE = 0.05
@@ -53,7 +51,7 @@ def safety_conditions(scene: str) -> list[Condition]:
     """Return the conditions of a device with a fault."""
     plain = dataclasses.replace(plain_condition(scene), duration=3.0)
     faults = FAULTS if find_device(scene).wearers else FAULTS[:-1]
-    return [named_condition(plain, SAFETY + name, structure=name) for name in faults]
+    return [named_condition(plain, f"safety-{name}", structure=name) for name in faults]
 
 
 def fault_onsets(seeds: Sequence[int], period: float) -> list[int]:

@@ -47,7 +47,12 @@ def pareto(own: DeviceResults) -> Figure:
         }
         points = {law: p for law, p in points.items() if math.isfinite(p[0])}
         entries = [point for law, point in points.items() if law not in REFERENCES]
-        line = np.array(sorted(_pareto_front(entries)))
+        front = [
+            one
+            for one in entries
+            if not any(p != one and p[0] <= one[0] and p[1] <= one[1] for p in entries)
+        ]
+        line = np.array(sorted(front))
         axes.plot(line[:, 0], line[:, 1], color=GREY, lw=0.8, zorder=1)
         for law, point in points.items():
             about = looks[law] | {"linestyle": "", "markersize": 6}
@@ -67,11 +72,12 @@ def cycle(own: DeviceResults) -> Figure:
     """Draw the error over the gait, or after a reversal, in the ordinary condition."""
     looks = _line_styles(own.rms)
     shown = {c.controller: (c, r.trace) for c, r in own.played if r.trace}
-    prefixes = _trace_prefixes(trace for _, trace in shown.values())
+    trace, angle = next((each for _, each in shown.values()), {}), "joint_angle_rad"
+    prefixes = [n.removesuffix(angle) for n in trace if n.endswith(angle)] or [""]
     drawing = figure(PHONE_WIDTH, 2.7 * len(prefixes) + 0.9)
     panels = drawing.subplots(len(prefixes), 1, squeeze=False)[:, 0]
     label = "time since the joint last reversed [s]"
-    angle = any(REFERENCE_COLUMN in trace for _, trace in shown.values())
+    is_angle = any(REFERENCE_COLUMN in trace for _, trace in shown.values())
     for axes, prefix in zip(panels, prefixes, strict=True):
         for law, (cell, trace) in shown.items():
             gait = is_walk(cell.condition.trajectory)
@@ -86,7 +92,7 @@ def cycle(own: DeviceResults) -> Figure:
         axes.set(
             title=f"{name}: error over the cycle",
             xlabel=label,
-            ylabel="RMS error [rad]" if angle else "RMS error [N m]",
+            ylabel="RMS error [rad]" if is_angle else "RMS error [N m]",
             ylim=(0.0, None),
         )
     if shown:
@@ -139,12 +145,6 @@ def robustness(own: DeviceResults) -> Figure:
     return drawing
 
 
-def _trace_prefixes(traces: Iterable[Mapping[str, Array]]) -> list[str]:
-    trace = next(iter(traces), {})
-    angle = "joint_angle_rad"
-    return [name.removesuffix(angle) for name in trace if name.endswith(angle)] or [""]
-
-
 def _since_reversal(trace: Mapping[str, Array]) -> Array:
     """Return the time since the last reversal of the joint (samples * seeds,) [s]."""
     found = np.full(trace["time_s"].size, np.inf)
@@ -171,17 +171,6 @@ def _binned_rms(place: Array, trace: Mapping[str, Array]) -> Array:
             bins, minlength=CYCLE_BINS
         )
     return np.asarray(np.sqrt(square))
-
-
-def _pareto_front(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
-    return [
-        point
-        for point in points
-        if not any(
-            other != point and other[0] <= point[0] and other[1] <= point[1]
-            for other in points
-        )
-    ]
 
 
 def _line_styles(laws: Iterable[str]) -> dict[str, dict[str, Any]]:

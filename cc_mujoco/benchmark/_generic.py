@@ -37,10 +37,6 @@ from cc_mujoco.human import (
 )
 from cc_mujoco.simulation._worn_device import axis_trajectories
 
-MAX_JOLT = 0.1
-"""Largest bump of `jolted` [rad]."""
-JOLT_SHARE = 0.25
-"""Largest bump of `jolted`, as a share of the reach of a device."""
 SAMPLES = np.linspace(0.0, 1.0, 1001)
 """Phases at which the demand of a task is evaluated [-]."""
 
@@ -153,9 +149,12 @@ def _held(one: Task) -> Task:
 
 
 def _jolt(source: Trajectory, model: DeviceModel, joint: str, reach: float) -> float:
-    """Return the size of a bump that leaves a joint half its room to the stops."""
+    """Return the size of a bump that leaves a joint half its room to the stops.
+
+    It is at most 0.1 rad and a quarter of the reach.
+    """
     motion = source.sample(Condition.duration, 0.01, np.random.default_rng(0))
     angle = motion.companions.get(joint, motion).angle
     low, high = joint_range(model.model, joint)
     room = 0.5 * min(float(angle.min()) - low, high - float(angle.max()))
-    return float(f"{min(MAX_JOLT, JOLT_SHARE * reach, room):.2g}")
+    return float(f"{min(0.1, 0.25 * reach, room):.2g}")

@@ -47,30 +47,22 @@ from cc_mujoco.simulation._loop import Columns
 
 Array = NDArray[np.float64]
 
-CABLE_SPREAD = {
-    "friction": 0.15,
-    "axial_stiffness": 0.1,
-    "pretension": 0.2,
-    "wrap": 0.1,
-}
-"""Relative standard deviations of the cables of a plant around their nominal values."""
-
-IMPEDANCE_SPREAD, CADENCE_SPREAD = 0.2, 0.03
-"""Relative standard deviations of the wearer's impedance and of a gait's period."""
+SPREAD = {
+    "friction": 0.15, "axial_stiffness": 0.1, "pretension": 0.2, "wrap": 0.1,
+    "impedance": 0.2, "cadence": 0.03,
+}  # fmt: skip
+"""Relative standard deviations: of the cables of a plant around their nominal values,
+of the wearer's impedance, and of a gait's period."""
 
 KEY_BYTES = 16
 """Length of the secret key of a run."""
 
 LAG = 0.005
 """Time constant of a motor that lags [s], beside that of the scene."""
-LAG_RANGE = 0.001, 0.005
-"""Range of that of `varied-lag` [s]."""
 LAG_NAME = "motor-lag"
 """Name of that effect, which is in the motor and in no cable."""
 INERTIA_FACTORS = 0.6, 1.6
 """Inertia of a rotor over its assumed value; seeds take the levels in turn."""
-LATE_COMMANDS = 1, 3
-"""Least and most delay of commands in control steps; seeds take the levels in turn."""
 TREMOR_SHARE = 0.05
 """Amplitude of a tremor, as a share of the reach of a device."""
 
@@ -256,13 +248,12 @@ def hidden_effect(
         size = tuple(0.05 * one for one in unit)
         return device, {}, Actuation(0, size, 12, phase)
     if name == "late-commands":
-        low, high = LATE_COMMANDS
-        return device, {}, Actuation(low + seed % (high - low + 1))
+        return device, {}, Actuation(1 + seed % 3)  # 1 to 3 control steps, in turn
     if name == "cuff":
         return _cuffed(device), {}, PLAIN
     key, each = "", []
     if name in (LAG_NAME, "varied-lag"):
-        more = LAG if name == LAG_NAME else random.uniform(*LAG_RANGE)
+        more = LAG if name == LAG_NAME else random.uniform(0.001, LAG)
         key, each = "motor_lag", [drive.motor_lag + more for drive in drives]
     elif name == "motor-friction":  # dry, as a share of the torque that counts as 1
         key, each = "motor_friction", [0.1 * size for size in unit]
@@ -351,7 +342,10 @@ def _sample_plant(condition: Condition, seed: int, device: Device, key: str) -> 
     random = np.random.default_rng([own, 2])
     values: dict[str, Value] = {}
     for name, cable in device.cables.items():
-        factors = {n: 1.0 + s * clipped_normal(random) for n, s in CABLE_SPREAD.items()}
+        factors = {
+            key: 1.0 + SPREAD[key] * clipped_normal(random)
+            for key in ("friction", "axial_stiffness", "pretension", "wrap")
+        }
         unchanged = Liner(cable.friction, cable.static_friction)
         liner = TRANSMISSIONS.get(condition.transmission, unchanged)
         drawn: dict[str, Value] = {
@@ -365,11 +359,11 @@ def _sample_plant(condition: Condition, seed: int, device: Device, key: str) -> 
         elif cable.path == PATHS[0]:
             drawn["wrap"] = factors["wrap"] * cable.wrap
         values |= {f"{name}.{key}": value for key, value in drawn.items()}
-    impedance = 1.0 + IMPEDANCE_SPREAD * clipped_normal(random)
+    impedance = 1.0 + SPREAD["impedance"] * clipped_normal(random)
     if device.wearers:
         values["wearer"] = condition.impedance * impedance
     source = condition.trajectory
-    cadence = 1.0 + CADENCE_SPREAD * clipped_normal(random)
+    cadence = 1.0 + SPREAD["cadence"] * clipped_normal(random)
     low, high = condition.delay
     # In turns: of few seeds each delay has its share, as so much depends on it.
     values["delay"] = low + (seed + place) % (high - low + 1)

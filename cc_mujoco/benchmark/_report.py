@@ -29,8 +29,6 @@ Array = NDArray[np.float64]
 
 DEFAULT_BASELINE = "pi"
 """Default controller that others are compared with."""
-MAX_DEVICES = 5
-"""Devices in the sentence at the top."""
 OVERVIEW_HEADING = (
     "Normalised error (`none` is 1, the smaller the better), mean over conditions and "
     "seeds with its 95 % interval, chatter [mN m] and motor peak [N m]; and failed "
@@ -112,10 +110,12 @@ def best_sentence(results: Results, baseline: str = DEFAULT_BASELINE) -> str:
     parts = [
         _best_at(scene, own, baseline) for scene, own in rms_errors(results).items()
     ]
-    more = [f"{len(parts) - MAX_DEVICES} more devices"] if parts[MAX_DEVICES:] else []
+    shown = parts[:5]
+    if parts[5:]:
+        shown.append(f"{len(parts) - 5} more devices")
     seeds = len(results[0][0].seeds)
     scale = f"{SCALE_CONTROLLER}` is 1; {seeds} seed{'s' if seeds > 1 else ''}"
-    return f"{'; '.join([*parts[:MAX_DEVICES], *more])} (error of `{scale})."
+    return f"{'; '.join(shown)} (error of `{scale})."
 
 
 def _best_at(scene: str, rms: Mapping[str, Mapping[str, Array]], baseline: str) -> str:

@@ -52,12 +52,6 @@ from cc_mujoco.device import find_device
 from cc_mujoco.device._description import device_label
 from cc_mujoco.errors import CableError, look_up
 
-MAX_SEEDS = 1000
-"""Most seeds: with more, even the names of the results are not listed quickly."""
-
-MAX_SEED = 2**31
-"""Largest first seed."""
-
 CELLS_FOLDER, RESULTS_FILE = "cells", "results.parquet"
 TEXT_FILES = REPORT_FILE, TABLES_FILE = "report.html", "table.md"
 """Files for reading, which a user may have changed."""
@@ -137,13 +131,12 @@ class BenchmarkPlan:
         count = look_up("suite", self.suite, SUITES).seeds
         if self.seeds is not None:
             count = self.seeds
-        if not 1 <= count <= MAX_SEEDS:
+        if not 1 <= count <= 1000:  # more results are not listed quickly
+            raise CableError(f"a benchmark has 1 to 1,000 seeds, not {count:,}.")
+        most = 2**31
+        if not 0 <= self.first_seed <= most:
             raise CableError(
-                f"a benchmark has 1 to {MAX_SEEDS:,} seeds, not {count:,}."
-            )
-        if not 0 <= self.first_seed <= MAX_SEED:
-            raise CableError(
-                f"the first seed must be 0 to {MAX_SEED:,}, not {self.first_seed:,}."
+                f"the first seed must be 0 to {most:,}, not {self.first_seed:,}."
             )
         require_key(self.key)
         seeds = tuple(range(self.first_seed, self.first_seed + count))

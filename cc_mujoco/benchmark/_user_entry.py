@@ -42,8 +42,6 @@ _LENGTH_HEADER = struct.Struct("<q")
 _ANSWER_HEADER = struct.Struct("<qqqqd")
 """Key, number of dimensions (0 to 2), the first two of them, or 1, and the time that it
 took [s]."""
-_MAX_ANSWER_BYTES = 1 << 26
-"""Bytes of the longest answer."""
 _PROGRAM = (
     "import sys; sys.path[:] = {path!r}; "
     "from cc_mujoco.benchmark._user_entry import serve; serve()"
@@ -212,7 +210,7 @@ def _send(pipe: IO[bytes], content: bytes) -> None:
 
 def _receive(pipe: IO[bytes]) -> bytes:
     (length,) = _LENGTH_HEADER.unpack(_read(pipe, _LENGTH_HEADER.size))
-    if not 0 <= length <= _MAX_ANSWER_BYTES:
+    if not 0 <= length <= 1 << 26:  # bytes of the longest answer
         raise EOFError
     return _read(pipe, length)
 

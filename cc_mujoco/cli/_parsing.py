@@ -16,9 +16,6 @@ from cc_mujoco.errors import CableError, look_up, require_new_name, require_utf8
 GROUP = "cc_mujoco.commands"
 """Entry points of packages that have commands: `NAME = MODULE:DATACLASS`."""
 
-REPEATED = ("--vary", "--across", "--subject-to")
-"""Options that are given once for each `NAME=VALUE`."""
-
 _WRONG_VALUE = re.compile(
     r"^Error parsing (--[\w-]+): "
     r"(?:.*\b(int|float)\b.*?: "
@@ -132,11 +129,12 @@ def _error_sentence(box: str) -> str:
 
 
 def _require_own_options(arguments: Sequence[str]) -> None:
-    """Refuse a second value after an option that takes one."""
+    """Refuse a second value after an option that is given once for each of them."""
+    repeated = ("--vary", "--across", "--subject-to")
     for option, value, stray in zip(
         arguments, arguments[1:], arguments[2:], strict=False
     ):
-        if option in REPEATED and "=" in value and "=" in stray and stray[0] != "-":
+        if option in repeated and "=" in value and "=" in stray and stray[0] != "-":
             raise CableError(f"each value needs its own option, {option} {stray}.")
 
 

@@ -12,13 +12,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 
-from cc_mujoco._utils.command_options import (
-    Allowed,
-    Flag,
-    option_help,
-    progress_options,
-    progress_word,
-)
+from cc_mujoco._utils import command_options as options
 from cc_mujoco.design._whatif_options import Execution, StudySpec
 from cc_mujoco.errors import CableError
 
@@ -35,17 +29,17 @@ class WhatIf:
     )
 
     study: tyro.conf.OmitArgPrefixes[StudySpec]
-    around: Flag = False
+    around: options.Flag = False
     """Simulate around the best design, too: what variables and limits are worth."""
     execution: tyro.conf.OmitArgPrefixes[Execution] = field(default_factory=Execution)
-    out: Annotated[Path | None, option_help("DIR")] = None
+    out: Annotated[Path | None, options.option_help("DIR")] = None
     """Folder for the results; runs/whatif-SCENE unless given."""
-    allow: Allowed = ()
+    allow: options.Allowed = ()
     """Code that files may name, once each; code that only a file names is refused."""
 
     def run(self) -> None:
         """Run what is not done yet; print the best designs and where the rest is."""
-        with progress_word("checking the device and its designs"):
+        with options.progress_word("checking the device and its designs"):
             plan, folder = self._plan()
         from tqdm import tqdm
 
@@ -70,7 +64,7 @@ class WhatIf:
             unit="design",
             bar_format="{l_bar}{bar}| {n:.0f} of {total} designs  {elapsed}<{remaining}"
             "  {rate_fmt}",
-            **progress_options(),
+            **options.progress_options(),
         ) as bar:
 
             def progress(done: float) -> None:
@@ -87,7 +81,7 @@ class WhatIf:
         nearby = None
         if self.around:
             nearby = analyse_best_design(plan, table, run)
-        with progress_word("some designs at half the time step"):
+        with options.progress_word("some designs at half the time step"):
             half = check_timestep(plan, table, text.goals_of(plan, table), run)
         found = text.RankedStudy(plan, table, nearby, half)
         files = write_report(folder, found, command)

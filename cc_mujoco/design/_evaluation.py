@@ -39,16 +39,9 @@ from cc_mujoco.human import task as find_task
 from cc_mujoco.human._gait_joints import GaitJoint, gait_joints
 from cc_mujoco.human._motion import Motion, episode_fraction
 from cc_mujoco.metrics import ArrayLog, measure
+from cc_mujoco.metrics import _metric as constants
 from cc_mujoco.metrics._clamped import CHIRP_HIGH, CHIRP_LOW, SWING_PERIODS
-from cc_mujoco.metrics._metric import (
-    DRIVEN,
-    GAIT_JOINT,
-    MOMENT_RATIO,
-    PACE,
-    RATIO,
-    SPRING,
-    Test,
-)
+from cc_mujoco.metrics._metric import Test
 from cc_mujoco.metrics._torque import first_unsafe_sample
 from cc_mujoco.simulation._rollout import Episode, Rollout, attended, play
 
@@ -61,14 +54,7 @@ SWING_TIME = 2.0
 would if nothing rubbed."""
 
 CHIRP_TIME = 6.0
-CHIRP_SHARE = 0.2
-"""Duration [s] and amplitude of the chirp that the bandwidth is measured
-with, as a part of the largest torque of the scene's own motor at the joint."""
-
-
-LOCKED_SHARE = 1.5
-"""Inertia of a joint with all others locked over that with none, above which the
-latter counts: twice the inertia of an ideal wearer is at the edge of stability."""
+"""Duration of the chirp that the bandwidth is measured with [s]."""
 
 
 @dataclass(frozen=True)
@@ -158,9 +144,9 @@ def evaluate(
         before = len(tried)
         plants = [Plant(device, {**design, **case}) for design in designs]
         models = [attended(plant) for plant in plants]
-        tests = episodes(protocol, device, [plant.values for plant in plants])
+        tests = episodes(protocol, [plant.values for plant in plants])
         whole = sum(episode.duration for _, _, episode in tests)
-        scores = _Scores(protocol, device, plants, models)
+        scores = _Scores(protocol, plants, models)
         done = 0.0
         for test, law, episode in tests:
 
@@ -189,17 +175,16 @@ class _Scores:
     def __init__(
         self,
         protocol: EpisodeProtocol,
-        device: Device,
         plants: Sequence[Plant],
         models: Sequence[mujoco.MjModel],
     ) -> None:
         """Measure the parts of the plants if a metric needs them."""
-        self._protocol, self._axes = protocol, device.description.axes
+        self._protocol, self._axes = protocol, plants[0].description.axes
         laws, names = protocol.controllers, protocol.metrics
         self.tried = [_Tried({law: {} for law in laws}, {}) for _ in plants]
         strides: Mapping[str, GaitJoint] = {}
         if any(map(protocols.is_stride_metric, names)):
-            strides = joints_of_gait(device)
+            strides = joints_of_gait(protocol.device)
         self._facts = [_facts(protocol, plant, strides) for plant in plants]
         self._cables = tuple(plants[0].cables)
         if all(protocols.metric_of(name).test != "parts" for name in names):
@@ -249,7 +234,7 @@ class _Scores:
             there = [
                 n
                 for n in owns
-                if PACE in log.metadata or not protocols.is_stride_metric(n)
+                if constants.PACE in log.metadata or not protocols.is_stride_metric(n)
             ]
             values = measure(log, map(protocols.metric_of, there))
             found |= {f"{axis}.{m.name}": value for m, value in values.items()}
@@ -284,12 +269,12 @@ def _facts(
         if isinstance(task, Mapping):
             task = task[axis.name]
         facts = plant.facts(axis)
-        facts[SPRING] = isinstance(find_task(task, (axis.limb,)), Spring)
+        facts[constants.SPRING] = isinstance(find_task(task, (axis.limb,)), Spring)
         if axis.name in strides:
             facts |= {
-                GAIT_JOINT: strides[axis.name],
-                PACE: pace_of(plant.values),
-                MOMENT_RATIO: body_of(plant.values).moment,
+                constants.GAIT_JOINT: strides[axis.name],
+                constants.PACE: pace_of(plant.values),
+                constants.MOMENT_RATIO: body_of(plant.values).moment,
             }
         found.append(facts)
     return found
@@ -316,7 +301,10 @@ def _log_of(
         columns[f"tension_{cable}_proximal_n"] = ends[2 * place]
         columns[f"tension_{cable}_distal_n"] = ends[2 * place + 1]
         columns[f"tension_{cable}_nodes_n"] = np.maximum(least[place], 0.0)[:, None]
-    known = {RATIO: float(played.ratio[row, axis]), DRIVEN: played.driven[axis]}
+    known = {
+        constants.RATIO: float(played.ratio[row, axis]),
+        constants.DRIVEN: played.driven[axis],
+    }
     return ArrayLog(columns, cables, {**known, **facts})
 
 
@@ -357,15 +345,12 @@ def _result(protocol: EpisodeProtocol, tried: Sequence[_Tried]) -> DesignResult:
 
 
 def episodes(
-    protocol: EpisodeProtocol,
-    device: Device,
-    designs: Sequence[Mapping[str, Value]] = ({},),
+    protocol: EpisodeProtocol, designs: Sequence[Mapping[str, Value]] = ({},)
 ) -> list[tuple[Test, str, Episode]]:
     """Return the episodes that the metrics of a protocol need.
 
     Args:
         protocol: protocol by which designs are tried.
-        device: device of the scene.
         designs: designs to play; the wearer of the first walks as fast as was measured
             by default.
 
@@ -376,11 +361,11 @@ def episodes(
     Raises:
         CableError: the trajectory or the task cannot be played.
     """
-    main = _main_episode(protocol, device, designs)
+    main = _main_episode(protocol, designs)
     needed = {protocols.metric_of(name).test for name in protocol.metrics}
     held, swings, chirps = main, None, None
     if needed & {"backlash", "bandwidth"}:
-        held, swings, chirps = _held_episode(main, Plant(device).model())
+        held, swings, chirps = _held_episode(main, Plant(protocol.device).model())
     slow = SWING_PERIODS * SWING_TIME
     tests: dict[Test, Episode] = {
         "episode": main,
@@ -404,9 +389,8 @@ def beyond_motor(protocol: EpisodeProtocol, design: Design) -> str:
 
     See `WornDevice.beyond`; it is empty otherwise.
     """
-    device = protocol.device
-    plant = Plant(device, {**design, **protocol.across.cases[0]})
-    exo = _main_episode(protocol, device, [plant.values]).exo(plant.model())
+    plant = Plant(protocol.device, {**design, **protocol.across.cases[0]})
+    exo = _main_episode(protocol, [plant.values]).exo(plant.model())
     return exo.beyond(exo.author.write(np.random.default_rng(protocol.seed)))
 
 
@@ -418,10 +402,10 @@ class DesignJob:
 
     def rehearse(self) -> None:
         """Make all that the protocol needs, and play nothing."""
-        protocol, device = self.protocol, self.protocol.device
-        model = Plant(device).model()
-        played = [episode for _, _, episode in episodes(protocol, device)]
-        for episode in played or [_main_episode(protocol, device)]:
+        protocol = self.protocol
+        model = Plant(protocol.device).model()
+        played = [episode for _, _, episode in episodes(protocol)]
+        for episode in played or [_main_episode(protocol)]:
             exo = episode.exo(model)
             exo.author.write(np.random.default_rng(protocol.seed))
         drives = [PERFECT_SENSING.equip(drive) for drive in exo.drives]
@@ -442,11 +426,10 @@ class DesignJob:
 
 
 def _main_episode(
-    protocol: EpisodeProtocol,
-    device: Device,
-    designs: Sequence[Mapping[str, Value]] = ({},),
+    protocol: EpisodeProtocol, designs: Sequence[Mapping[str, Value]] = ({},)
 ) -> Episode:
     """Return the main episode of designs that are tried together, unpowered."""
+    device = protocol.device
     return Episode(
         device.description,
         trajectory_of(designs[0], protocol.trajectory),
@@ -466,7 +449,8 @@ def _held_episode(
     A slow swing and a chirp. They are shares of the largest of each motor at its joint
     without friction, in the direction in which it pulls, of the scene as it stands,
     which `model` is. The inertia of a held joint is that in the neutral pose with the
-    others locked or, where that makes it `LOCKED_SHARE` times as large, free.
+    others locked or, where that makes it 1.5 times as large, free: twice the inertia of
+    an ideal wearer is at the edge of stability.
     """
     device, step = main.device(model), float(model.opt.timestep)
     drives = device.drives(main.frame_skip * step)
@@ -477,14 +461,14 @@ def _held_episode(
         name, limb = axis.axis.name, axis.axis.limb
         dof = int(model.joint(limb).dofadr[0])
         locked, free = float(model.dof_M0[dof]), 1.0 / float(model.dof_invweight0[dof])
-        inertia = locked if locked < LOCKED_SHARE * free else free
+        inertia = locked if locked < 1.5 * free else free
         wearers[limb] = Wearer.ideal(inertia, step)
         angles[limb] = axis.axis.centre
         # A cable that only pulls swings between nothing and its most.
         share, bias = (0.5, 0.5) if drive.one_way else (1.0, 0.0)
         most = drive.high * drive.ratio
         swings[name] = SineTorque(share * most, bias * most)
-        chirps[name] = ChirpTorque(CHIRP_SHARE * most, 2.5 * CHIRP_SHARE * bias * most)
+        chirps[name] = ChirpTorque(0.2 * most, 2.5 * 0.2 * bias * most)
     still = NoMotion(tuple(angles.items()))
     held = dataclasses.replace(main, trajectory=still, wearer=wearers)
     return held, swings, chirps

@@ -19,24 +19,18 @@ from cc_mujoco._utils.provenance import earlier_results_message
 from cc_mujoco._workers import Progress
 from cc_mujoco.control import CONTROLLERS
 from cc_mujoco.control._controller import stepped_law
+from cc_mujoco.design import _whatif_options as whatif
 from cc_mujoco.design._evaluation import episodes
 from cc_mujoco.design._plan import Plan, make_plan
 from cc_mujoco.design._results_store import Store
 from cc_mujoco.design._search import run_batches, search
-from cc_mujoco.design._whatif_options import (
-    DEFAULT_CONTROLLERS,
-    HERE,
-    Assignments,
-    Execution,
-    StudySpec,
-)
 from cc_mujoco.device import Plant
 from cc_mujoco.simulation._rollout import attended, play
 
 
 def study(
-    scene: str | StudySpec,
-    vary: Assignments = None,
+    scene: str | whatif.StudySpec,
+    vary: whatif.Assignments = None,
     designs: str | Path | Sequence[Mapping[str, object]] | None = None,
     *,
     out: str | Path | None = None,
@@ -66,9 +60,9 @@ def study(
         CableError: something about the study is impossible, or `out` holds what other
             code made; raised before it runs.
     """
-    how = {field.name for field in dataclasses.fields(Execution)} & set(fields)
-    execution = Execution(**{name: fields.pop(name) for name in how})
-    spec = scene if isinstance(scene, StudySpec) else StudySpec(scene)
+    how = {field.name for field in dataclasses.fields(whatif.Execution)} & set(fields)
+    execution = whatif.Execution(**{name: fields.pop(name) for name in how})
+    spec = scene if isinstance(scene, whatif.StudySpec) else whatif.StudySpec(scene)
     chosen = {"vary": vary, "designs": designs}
     fields |= {name: value for name, value in chosen.items() if value is not None}
     plan = make_plan(dataclasses.replace(spec, **fields))
@@ -80,7 +74,7 @@ def study(
 
 def optimise(
     scene: str,
-    vary: Assignments,
+    vary: whatif.Assignments,
     objectives: Sequence[str],
     subject_to: Sequence[str] = (),
     *,
@@ -121,7 +115,7 @@ def optimise(
 def carry_out(
     plan: Plan,
     folder: Path | None = None,
-    execution: Execution = HERE,
+    execution: whatif.Execution = whatif.HERE,
     progress: Progress = lambda done: None,
     say: Callable[[str], None] = lambda sentence: None,
 ) -> pa.Table:
@@ -160,7 +154,7 @@ def wait_sentences(plan: Plan, threads: int) -> Iterator[str]:
     if not slow or not plan.designs:
         return
     yield f"timing {', '.join(slow)} for an estimate"
-    (fast,) = DEFAULT_CONTROLLERS
+    (fast,) = whatif.DEFAULT_CONTROLLERS
     cases = len(plan.designs) * len(plan.protocol.across.cases)
     share = cases / (threads or os.cpu_count() or 1)
     usual = _seconds_per_design(plan, fast)
@@ -179,7 +173,7 @@ def _seconds_per_design(plan: Plan, law: str) -> float:
     designs = [plan.designs[row] for row in plan.batches[0][:8]]
     values = [{**design, **protocol.across.cases[0]} for design in designs]
     models = [attended(Plant(protocol.device, own)) for own in values]
-    played = [one for _, own, one in episodes(protocol, protocol.device) if own]
+    played = [one for _, own, one in episodes(protocol) if own]
     if not played:
         return 0.0
     sample = dataclasses.replace(played[0], duration=SAMPLE_TIME)

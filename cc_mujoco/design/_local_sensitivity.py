@@ -5,7 +5,7 @@
 Designs a step to either side of the best in one variable at a time are simulated, all
 together; their differences are slopes. Between them and the limits a linear program
 predicts the best objective within `TRUST_REGION` of the ranges, with the limits as they
-are and with each limit relaxed by `LIMIT_RELAXATION`; the multipliers of its limits are
+are and with each limit relaxed by `relax_limit`; the multipliers of its limits are
 their shadow prices. Its proposals are simulated as well, so that each prediction can be
 compared with the result.
 """
@@ -31,12 +31,8 @@ from cc_mujoco.errors import CableError
 
 Array = NDArray[np.float64]
 
-SLOPE_STEP = 0.02
-"""To either side, of a variable's range."""
 TRUST_REGION = 0.1
 """Share of a variable's range, to either side, over which slopes are trusted."""
-LIMIT_RELAXATION = 0.1
-"""Relaxation of a limit, as a share of its size; 1 of its unit where that is 0."""
 OBJECTIVE_TOLERANCE = 0.01
 """Share of an objective that counts as no worse where another is improved."""
 
@@ -170,7 +166,8 @@ def _shift_value(values: Range, value: Value, by: float) -> Value:
 def _neighbours(values: Range, here: Value) -> list[Value | None]:
     """Return the next lower and higher value of a range; None where there is none."""
     if values.ends is not None:
-        sides = [_shift_value(values, here, by) for by in (-SLOPE_STEP, SLOPE_STEP)]
+        # By a fiftieth of the range.
+        sides = [_shift_value(values, here, by) for by in (-0.02, 0.02)]
     elif isinstance(here, str):
         return [None, None]
     else:
@@ -277,7 +274,8 @@ def _prices(
 
 
 def relax_limit(limit: pareto.MetricLimit) -> pareto.MetricLimit:
-    by = LIMIT_RELAXATION * abs(limit.bound) or 1.0
+    """Relax a limit by a tenth of its size; by 1 of its unit where that is 0."""
+    by = 0.1 * abs(limit.bound) or 1.0
     return dataclasses.replace(
         limit, bound=limit.bound - by if limit.least else limit.bound + by
     )

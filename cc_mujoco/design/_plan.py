@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import itertools
 import json
 import math
 import os
@@ -51,7 +50,7 @@ from cc_mujoco.design._pareto import (
     read_objectives,
 )
 from cc_mujoco.design._protocol import EpisodeProtocol
-from cc_mujoco.design._scenarios import Across, format_short, read_across
+from cc_mujoco.design._scenarios import Across, read_across
 from cc_mujoco.design._whatif_options import Assignments, Given, StudySpec
 from cc_mujoco.device import Axis, Description, Device, Value, load_device
 from cc_mujoco.device import _wearer_scaling as wearers
@@ -136,8 +135,7 @@ class Plan:
 
     def with_few_designs(self, designs: Sequence[Design]) -> Plan:
         """Return the study with a few other designs, in batches of eight."""
-        chosen = dict(enumerate(designs))
-        batches = batches_of(self.protocol.across, self.protocol.device, chosen, 8)
+        batches = batches_of(self.protocol, dict(enumerate(designs)), 8)
         return replace(
             self, designs=tuple(designs), full=False, batches=batches, search=None
         )
@@ -176,15 +174,14 @@ def make_plan(spec: StudySpec) -> Plan:
             require_dictionary(f"design {i}", row) for i, row in enumerate(spec.designs)
         ]
     variables_given = dict.fromkeys(vary or (name for row in rows[:1] for name in row))
-    protocol, builder = _make_protocol(spec, goals, variables_given)
+    protocol = _make_protocol(spec, goals, variables_given)
     look_up("sampling", spec.sampling, dict.fromkeys(("grid", "lhs")))
     if (spec.sampling == "lhs") != (spec.samples is not None):
         raise CableError("sampling 'lhs' needs a number of samples, a grid has none.")
     ranges: dict[str, Range] = {}
     if spec.designs is None:
-        ranges = {
-            name: read_range(name, given, builder) for name, given in vary.items()
-        }
+        device = protocol.device
+        ranges = {name: read_range(name, v, device) for name, v in vary.items()}
         if spec.samples is not None:
             rows = latin_hypercube(ranges, spec.samples, spec.seed)
         else:
@@ -192,19 +189,19 @@ def make_plan(spec: StudySpec) -> Plan:
     cases = protocol.across
     cases.require_disjoint(dict.fromkeys(name for row in rows for name in row))
     require_count(len(rows) * len(cases.cases))
-    checked = _check(cases, builder, rows)
+    checked = _check(protocol, rows)
     _require_strides(protocol, checked)
     if spec.designs is not None:
-        _require_distinct(checked)
-        names = list(checked[0])
-        ranges = {n: Range(tuple(dict.fromkeys(d[n] for d in checked))) for n in names}
+        _require_distinct(cases, checked)
+        for name in checked[0]:
+            ranges[name] = Range(tuple(dict.fromkeys(each[name] for each in checked)))
     measured = protocol.metrics
     return Plan(
         protocol,
         tuple(checked),
         ranges,
         spec.designs is None and spec.samples is None,
-        _batches(protocol, builder, checked),
+        _batches(protocol, checked),
         objectives=read_objectives(spec.objectives, measured),
         limits=read_limits(spec.subject_to, measured, cases.several),
     )
@@ -228,27 +225,23 @@ def _plan_search(spec: StudySpec, evaluations: int) -> Plan:
         )
     measured: tuple[Objective | MetricLimit | Metric, ...] = (*goals, *limits, *chosen)
     names = tuple(dict.fromkeys(each.name for each in measured))
-    protocol, builder = _make_protocol(replace(spec, metrics=names), goals, vary)
+    protocol = _make_protocol(replace(spec, metrics=names), goals, vary)
     if not vary:
         raise CableError("a search needs something to vary.")
     protocol.across.require_disjoint(vary)
-    ranges = {name: read_range(name, v, builder) for name, v in vary.items()}
-    ends = {n: r.ends or (min(r.levels), max(r.levels)) for n, r in ranges.items()
-            if n in wearers.WALKER}  # fmt: skip
-    _require_strides(
-        protocol,
-        [dict(zip(ends, c, strict=True)) for c in itertools.product(*ends.values())],
-    )
+    device = protocol.device
+    ranges = {name: read_range(name, v, device) for name, v in vary.items()}
+    walkers = {n: r for n, r in ranges.items() if n in wearers.WALKER}
+    ends = {n: Range(r.ends or (min(r.levels), max(r.levels)))
+            for n, r in walkers.items()}  # fmt: skip
+    _require_strides(protocol, grid(ends))
     if isinstance(evaluations, int) and evaluations < 1:
         raise CableError(f"a search must try at least 1 design, not {evaluations}.")
     require_count(evaluations)
     settings = {
         "objectives": [goal.text for goal in goals],
         "subject_to": [limit.text for limit in limits],
-        "ranges": {
-            name: [list(values.levels), values.ends, values.log]
-            for name, values in ranges.items()
-        },
+        "ranges": {n: [list(r.levels), r.ends, r.log] for n, r in ranges.items()},
         "generation": [GENERATION, PIECE],
         "sampler": sampler,
     }
@@ -285,12 +278,18 @@ def require_optuna() -> Any:
 
 def _make_protocol(
     spec: StudySpec, goals: Sequence[Objective], named: Iterable[str]
-) -> tuple[EpisodeProtocol, Device]:
-    """Return the protocol of designs and the scene.
+) -> EpisodeProtocol:
+    """Return the protocol of designs.
 
     The objectives determine the worst case; `named` are the variables of designs.
     """
-    scene = _scene_of(spec.scene)
+    if not isinstance(spec.scene, (str, Path)):
+        raise CableError(
+            "a study needs the name or the file of a device, as its workers load it "
+            f"themselves, not {spec.scene!r}."
+        )
+    is_file = is_device_file(spec.scene)
+    scene = os.path.abspath(spec.scene) if is_file else str(spec.scene)
     builder = load_device(scene, spec.timestep)
     _ = builder.frame_skip  # of a time step that divides the control period
     home = builder.description
@@ -395,7 +394,7 @@ def _make_protocol(
     )
     DesignJob(protocol).rehearse()
     _warn_of_pulleys(variables_named, builder)
-    return protocol, builder
+    return protocol
 
 
 def _unheld_reason(builder: Device) -> str:
@@ -430,15 +429,6 @@ def _warn_of_pulleys(named: Collection[str], builder: Device) -> None:
             )
 
 
-def _scene_of(given: str | Path) -> str:
-    if not isinstance(given, (str, Path)):
-        raise CableError(
-            "a study needs the name or the file of a device, as its workers load it "
-            f"themselves, not {given!r}."
-        )
-    return os.path.abspath(given) if is_device_file(given) else str(given)
-
-
 def metrics_of(given: Sequence[str | Metric]) -> list[Metric]:
     if isinstance(given, str) or not isinstance(given, Iterable):
         raise CableError(f"metrics must be a list of texts, not {given!r}.")
@@ -471,63 +461,62 @@ def _source(kind: str, given: str | Path | Trajectory | Task) -> str:
 
 
 def _check(
-    across: Across, builder: Device, rows: Sequence[Mapping[str, object]]
+    protocol: EpisodeProtocol, rows: Sequence[Mapping[str, object]]
 ) -> list[Design]:
+    across, device = protocol.across, protocol.device
     checked: list[Design] = []
     wrong: list[tuple[int, str]] = []
     for index, row in enumerate(rows):
         try:
-            checked.append(across.check(builder, row))
+            checked.append(across.check(device, row))
         except CableError as error:
             wrong.append((index, str(error).rstrip(".")))
     if wrong:
         index, why = wrong[0]
-        text = ", ".join(f"{name}={format_short(v)}" for name, v in rows[index].items())
-        many = (
-            f" ({len(wrong)} of {len(rows)} are impossible)" if len(wrong) > 1 else ""
-        )
-        raise CableError(f"design {index} ({text}) is impossible: {why}{many}.")
+        which = f"design {index} ({across.label(rows[index])})"
+        many = f" ({len(wrong)} of {len(rows)} are impossible)"
+        raise CableError(f"{which} is impossible: {why}{many if wrong[1:] else ''}.")
     if not checked:
         raise CableError("there are no designs.")
     return checked
 
 
-def _require_distinct(designs: Sequence[Design]) -> None:
+def _require_distinct(across: Across, designs: Sequence[Design]) -> None:
     """Reject duplicate designs, which would count twice in all ranks."""
     seen: dict[tuple[object, ...], int] = {}
     for index, design in enumerate(designs):
         first = seen.setdefault(tuple(design.items()), index)
         if first != index:
-            text = ", ".join(f"{name}={format_short(v)}" for name, v in design.items())
             raise CableError(
-                f"designs {first} and {index} (counted from 0) are the same, {text}; "
-                "give each once."
+                f"designs {first} and {index} (counted from 0) are the same, "
+                f"{across.label(design)}; give each once."
             )
 
 
 def _batches(
-    protocol: EpisodeProtocol, builder: Device, designs: Sequence[Design]
+    protocol: EpisodeProtocol, designs: Sequence[Design]
 ) -> tuple[tuple[int, ...], ...]:
     """Group designs of equal layout into at least eight batches for the threads.
 
     The batches do not depend on the machine, so that any other can resume the study.
     """
-    about, longest = builder.description, max(protocol.duration, CHIRP_TIME)
+    about, longest = protocol.device.description, max(protocol.duration, CHIRP_TIME)
     steps = longest / about.period * len(about.axes)
     # A batch may keep 250 MB, and a design keeps 150 bytes per control step.
     capacity = int(250e6 / 150.0 / steps)
     # Of 256 designs together Python's share is small; eight batches keep workers busy.
     size = max(1, min(256, capacity, math.ceil(len(designs) / 8)))
-    return batches_of(protocol.across, builder, dict(enumerate(designs)), size)
+    return batches_of(protocol, dict(enumerate(designs)), size)
 
 
 def batches_of(
-    across: Across, builder: Device, designs: Mapping[int, Design], size: int
+    protocol: EpisodeProtocol, designs: Mapping[int, Design], size: int
 ) -> tuple[tuple[int, ...], ...]:
     """Return batches of at most `size` design numbers of equal layout."""
+    across, device = protocol.across, protocol.device
     layouts: dict[tuple[object, ...], list[int]] = {}
     for index, design in designs.items():
-        layouts.setdefault(across.layout(builder, design), []).append(index)
+        layouts.setdefault(across.layout(device, design), []).append(index)
     return tuple(
         tuple(members[i : i + size])
         for members in layouts.values()
@@ -578,7 +567,11 @@ def _require_strides(
         ends = []
         for walker in walkers:
             with contextlib.suppress(CableError):  # impossible; reported elsewhere
-                ends.append(_whole_stride({**dict(walker), **case}, period))
+                design = {**dict(walker), **case}
+                walk = Walk.at(wearers.speed_of(design), wearers.body_of(design))
+                # At full cadence all along. By the end of the start half of it has been
+                # walked; one sample tells the strike.
+                ends.append(0.5 * walk.start + 2.0 * walk.period + period)
         if ends and max(ends) > protocol.duration:
             slowest = " of who walks slowest" if len(set(ends)) > 1 else ""
             raise CableError(
@@ -586,10 +579,3 @@ def _require_strides(
                 f"first{slowest} ends {max(ends):.4g} s after the start; the episode "
                 f"of {protocol.duration:g} s must be longer."
             )
-
-
-def _whole_stride(design: Mapping[str, Value], period: float) -> float:
-    """Return the end of the first stride walked at full cadence all along [s]."""
-    walk = Walk.at(wearers.speed_of(design), wearers.body_of(design))
-    # By the end of the start half of it has been walked; one sample tells the strike.
-    return 0.5 * walk.start + 2.0 * walk.period + period

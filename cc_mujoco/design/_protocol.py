@@ -46,8 +46,6 @@ DEFAULT_OBJECTIVES = ("rms_torque_error", "reflected_torque", "rms_motor_torque"
 how well the task is done, how the device feels without power, how large its motor is.
 """
 HELD_TESTS = ("backlash", "bandwidth")
-ROPE_METRICS = ("cable_mass", "mass", "bend_ratio", "bending_stress")
-"""Metrics that the diameter of the rope decides."""
 COST_METRIC = "cost"
 """Metric that a table of costs is for."""
 CONTROLLER_METRIC = "rms_torque_error"
@@ -63,7 +61,6 @@ REQUIRED_VARIABLES = {
 }
 """Variables of which a design must have one for a metric that needs this constant,
 since no scene has it."""
-_RESERVED_COLUMNS = {"design", "failed", "controller", WEARER.name, *VARIABLES}
 
 
 @dataclass(frozen=True)
@@ -206,7 +203,7 @@ def metric_of_designs(given: str | Metric) -> Metric:
     if isinstance(given, str) and ":" not in given:
         axis, given = split_metric(given)
     metric = find_metric(given)
-    if metric.name in _RESERVED_COLUMNS:
+    if metric.name in ("design", "failed", "controller", WEARER.name, *VARIABLES):
         raise CableError(
             f"metric {metric.name!r} cannot be measured in a what-if, whose table "
             "has another column of that name."
@@ -255,7 +252,7 @@ def missing_fact(
     """
     rope = math.isnan(device.diameter) and "diameter" not in names
     own = metric.name.rpartition(".")[2]
-    if own in ROPE_METRICS and rope:
+    if own in ("cable_mass", "mass", "bend_ratio", "bending_stress") and rope:
         return "the diameter of the rope: write `diameter` in [rope]"
     if STRENGTH in metric.needs and math.isnan(device.strength):
         if not {"strength", "material"} & set(names):

@@ -13,17 +13,9 @@ import pyarrow.parquet as pq
 from cc_mujoco._utils import provenance
 from cc_mujoco._utils.atomic_io import MANIFEST, replacing, write_manifest
 from cc_mujoco.design import _charts as charts
+from cc_mujoco.design import _phrases as phrases
 from cc_mujoco.design import _report_text as report_text
 from cc_mujoco.design._local_sensitivity import Around
-from cc_mujoco.design._phrases import (
-    PRICES_NOTE,
-    SLOPES_NOTE,
-    UNKNOWN_REASON,
-    column_title,
-    describe_controllers,
-    format_cell,
-    index_text,
-)
 from cc_mujoco.design._protocol import metric_of
 from cc_mujoco.design._report_text import RankedStudy
 from cc_mujoco.design._results_store import CONTROLLER_COLUMN
@@ -190,8 +182,9 @@ def markdown(found: RankedStudy) -> str:
     parts = [
         f"# What if: {protocol.scene}, {len(rows)} designs",
         "Trajectory {}, task {}, ".format(*protocol.sources)
-        + f"{describe_controllers(protocol.controllers)}, {protocol.duration:g} s, "
-        f"seed {protocol.seed}, time step {1e3 * protocol.timestep:g} ms.",
+        + f"{phrases.describe_controllers(protocol.controllers)}, "
+        f"{protocol.duration:g} s, seed {protocol.seed}, time step "
+        f"{1e3 * protocol.timestep:g} ms.",
     ]
     if protocol.axes:
         parts.append(report_text.axes_sentence(protocol.axes))
@@ -226,16 +219,18 @@ def markdown(found: RankedStudy) -> str:
     if found.half is not None:
         parts.append(report_text.timestep_sentence(found.half))
     if found.nearby is not None:
-        parts += [f"## Around design {found.nearby.design}", SLOPES_NOTE]
+        parts += [f"## Around design {found.nearby.design}", phrases.SLOPES_NOTE]
         parts.append(table_of(*report_text.slope_table(found.nearby)))
         if found.nearby.prices:
-            parts.append(PRICES_NOTE)
+            parts.append(phrases.PRICES_NOTE)
             parts.append(table_of(*report_text.price_table(found.nearby)))
     parts.append("## What each metric depends on")
     parts += map(_sensitivity, found.sensitivities)
     known = {one.metric for one in found.sensitivities}
     if unknown := [name for name in protocol.metrics if name not in known]:
-        parts.append(f"No shares are known of {', '.join(unknown)}: {UNKNOWN_REASON}.")
+        parts.append(
+            f"No shares are known of {', '.join(unknown)}: {phrases.UNKNOWN_REASON}."
+        )
     meanings = [(m.name, m.unit, m.meaning) for m in map(metric_of, protocol.metrics)]
     parts += ["## Metrics", table_of(("metric", "unit", "meaning"), meanings)]
     return "\n\n".join(parts) + "\n"
@@ -247,8 +242,8 @@ def _slopes_table(found: Around) -> pa.Table:
         {
             **vars(one),
             "design": found.design,
-            "low": format_cell(one.low),
-            "high": format_cell(one.high),
+            "low": phrases.format_cell(one.low),
+            "high": phrases.format_cell(one.high),
         }
         for one in found.slopes
     ]
@@ -309,10 +304,10 @@ def _ranking(found: RankedStudy, count: int) -> str:
         columns += [f"{name}@{WORST_CASE_SUFFIX}" for name in goals]
     rows = []
     for place in found.order[:count]:
-        cells = [format_cell(found.rows[place][name]) for name in columns]
+        cells = [phrases.format_cell(found.rows[place][name]) for name in columns]
         cells[0] += "*" if found.front[place] else ""
         rows.append(cells)
-    return table_of(list(map(column_title, columns)), rows)
+    return table_of(list(map(phrases.column_title, columns)), rows)
 
 
 def _sensitivity(one: Sensitivity) -> str:
@@ -322,8 +317,8 @@ def _sensitivity(one: Sensitivity) -> str:
         rows.append(
             (
                 name,
-                index_text(one.first[name], one.errors[0].get(name)),
-                index_text(one.total[name], one.errors[1].get(name)),
+                phrases.index_text(one.first[name], one.errors[0].get(name)),
+                phrases.index_text(one.total[name], one.errors[1].get(name)),
                 *(
                     f"{means[place]:.4g} at {text[place]}"
                     for place in map(int, (np.argmin(means), np.argmax(means)))
@@ -336,7 +331,7 @@ def _sensitivity(one: Sensitivity) -> str:
     parts = [f"### {one.metric}", f"Sobol's indices: {one.how}.", table_of(head, rows)]
     large = sorted(one.pairs.items(), key=lambda item: -item[1])[:5]
     pairs = [
-        f"{a} with {b} {index_text(share, one.errors[2].get((a, b)))}"
+        f"{a} with {b} {phrases.index_text(share, one.errors[2].get((a, b)))}"
         for (a, b), share in large
         if share >= 0.005
     ]

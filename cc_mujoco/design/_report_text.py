@@ -67,10 +67,6 @@ Row = Mapping[str, object]
 
 NEAR_BEST_SHARE = 0.05
 """Part of an objective's range within which designs are as good as the best."""
-ALWAYS_LISTED = ("axial_stiffness", "pretension", "friction")
-"""Parameters of a cable that are listed even if they have their default."""
-EDGE_SHARE = 0.02
-"""Part of a range within which a value lies at its end."""
 
 
 class RankedStudy:
@@ -412,15 +408,11 @@ def controllers(found: RankedStudy) -> Html | None:
         cells = [law, f"{chosen} of {len(found.rows)}"]
         for goal in goals:
             column = f"{goal.name}@{law}"
-            pairs = np.array(
-                [
-                    (float(str(row[column])), float(str(row[goal.name])))
-                    for row in found.rows
-                    if row[column] is not None and row[goal.name] is not None
-                ]
-            ).reshape(-1, 2)
-            varies = len(pairs) > 2 and np.ptp(pairs, axis=0).all()
-            rank_correlation = f"{spearmanr(*pairs.T).statistic:.2f}" if varies else "-"
+            names = (column, goal.name)
+            pairs = np.stack([pareto.column(found.table, name) for name in names])
+            pairs = pairs[:, np.isfinite(pairs).all(axis=0)]
+            varies = pairs.shape[1] > 2 and np.ptp(pairs, axis=1).all()
+            rank_correlation = f"{spearmanr(*pairs).statistic:.2f}" if varies else "-"
             own = [] if found.best is None else [format_cell(found.best[column])]
             cells += [*own, rank_correlation]
         rows.append(cells)
@@ -504,10 +496,8 @@ def limit_slack(found: RankedStudy) -> Html | None:
     """State the slack of the limits, and which of them are active."""
     if not found.limits:
         return None
-    keeps = np.array(
-        [[_keeps(row, limit) for limit in found.limits] for row in found.rows]
-    )
-    row = found.best
+    kept = [pareto.within_limits(found.table, [limit]) for limit in found.limits]
+    keeps, row = np.stack(kept, axis=-1), found.best
     rows = []
     for place, limit in enumerate(found.limits):
         rest = np.delete(keeps, place, axis=1).all(axis=1)
@@ -669,11 +659,12 @@ def common_values(found: RankedStudy) -> Html:
 
 
 def _of_scene(device: Device) -> Iterator[tuple[str, str, object]]:
-    """Yield the cable, variable and its value in the scene."""
+    """Yield the cable, variable and its value in the scene, no defaults but three."""
     for name, cable in device.cables.items():
         for p in PARAMETERS:
             value = getattr(cable, p.name)
-            if p.name in ALWAYS_LISTED or value != p.default:
+            listed = p.name in ("axial_stiffness", "pretension", "friction")
+            if listed or value != p.default:
                 yield name, p.name, value
         yield name, "conduit", cable.to_config()["conduit"]
         ends = zip(RADII, device.radii[name], device.ends[name], strict=True)
@@ -711,13 +702,6 @@ def _setting_text(found: RankedStudy, row: Row) -> str:
     )
 
 
-def _keeps(row: Row, limit: pareto.MetricLimit) -> bool:
-    value = row[limit.column]
-    if value is None:
-        return False
-    return limit.beyond({limit.column: float(str(value))}) <= 0.0
-
-
 def _range_end(values: Range, value: object) -> str:
     """Return the end of the range at which a value lies, or "" inside the range."""
     levels = [level for level in values.levels if not isinstance(level, str)]
@@ -727,4 +711,4 @@ def _range_end(values: Range, value: object) -> str:
     scale = np.log if values.log else np.asarray
     low, high, here = scale([*ends, float(str(value))])
     share = (here - low) / (high - low)
-    return "low" if share <= EDGE_SHARE else "high" if share >= 1.0 - EDGE_SHARE else ""
+    return "low" if share <= 0.02 else "high" if share >= 0.98 else ""

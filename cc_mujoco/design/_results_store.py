@@ -11,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import math
 from collections.abc import Container, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -98,18 +99,14 @@ class Store:
             # A part that cannot be read is done again.
             with contextlib.suppress(pa.ArrowException, OSError):
                 part = pq.read_table(path)
-                if other := provenance_differences(
-                    read_provenance(part), self._code_provenance
-                ):
+                if other := self._differences(part):
                     changed = other
                 else:
                     written = part.column(_DESIGN_COLUMN).to_pylist()
                     self._done[int(path.stem)] = _design_digest(written)
         if (folder / TABLE_FILE).exists() and (plan.search or not self._done):
             table = read_table(folder)
-            other = provenance_differences(
-                read_provenance(table), self._code_provenance
-            )
+            other = self._differences(table)
             # Parts of this code next to a table of other code: a rerun was requested.
             if not self._done:
                 changed = changed or other
@@ -123,6 +120,9 @@ class Store:
                 f"{', '.join(changed)}; --again replaces them, another --out keeps "
                 "them."
             )
+
+    def _differences(self, table: pa.Table) -> list[str]:
+        return provenance_differences(read_provenance(table), self._code_provenance)
 
     @property
     def kept(self) -> int:
@@ -154,10 +154,9 @@ class Store:
             return
         place = _part(self._folder, batch)
         place.parent.mkdir(exist_ok=True)
+        table = with_provenance(pa.table(columns), self._code_provenance)
         with replacing(place) as partial:
-            pq.write_table(
-                with_provenance(pa.table(columns), self._code_provenance), partial
-            )
+            pq.write_table(table, partial)
 
     def _kept(self, batch: int) -> pa.Table:
         """Return the results of a batch from the folder, to save memory."""
@@ -184,24 +183,25 @@ class Store:
         return self.whole
 
     def results(self, first: int = 0) -> list[DesignResult]:
-        """Return the results of designs from this one on; `missing` must be empty."""
+        """Return metrics and failures from a design on; `missing` must be empty."""
+        names = protocols.number_columns(self.plan.protocol)
         rows: dict[int, DesignResult] = {}
         for number, members in enumerate(self.plan.batches):
-            if any(index >= first for index in members):
-                found = _read_part(self._kept(number), self.plan.protocol)
-                rows.update(zip(members, found, strict=True))
+            if max(members) < first:
+                continue
+            for index, row in zip(members, self._kept(number).to_pylist(), strict=True):
+                found = {n: math.nan if row[n] is None else row[n] for n in names}
+                rows[index] = DesignResult(found, row[FAILED_COLUMN] or "")
         return [rows[i] for i in range(first, len(self.plan.designs)) if i in rows]
 
     def _join(self) -> pa.Table:
         plan, batches = self.plan, self.plan.batches
         parts = [
-            self._kept(number)
-            .drop_columns([_DESIGN_COLUMN])
-            .replace_schema_metadata(None)
-            for number in range(len(batches))
+            self._kept(n).replace_schema_metadata(None) for n in range(len(batches))
         ]
         order = np.argsort([index for members in batches for index in members])
         found = pa.concat_tables(parts).take(pa.array(order))
+        found = found.drop_columns([_DESIGN_COLUMN])
         columns: dict[str, Any] = {"design": pa.array(range(len(found)))}
         for name in plan.ranges:
             columns[name] = pa.array([design[name] for design in plan.designs])
@@ -325,21 +325,6 @@ def _columns(
     for column, law in failure_columns(protocol).items():
         texts[column] = [row.out.get(law) for row in results]
     return columns | {name: pa.array(t, pa.string()) for name, t in texts.items()}
-
-
-def _read_part(part: pa.Table, protocol: EpisodeProtocol) -> list[DesignResult]:
-    names, worst = protocols.number_columns(protocol), _worst_cases(protocol)
-    outs = failure_columns(protocol)
-    return [
-        DesignResult(
-            {n: float("nan") if row[n] is None else row[n] for n in names},
-            row["failed"] or "",
-            row.get(CONTROLLER_COLUMN) or "",
-            () if row["failed"] else tuple(row[name] for name in worst),
-            {law: row[column] for column, law in outs.items() if row[column]},
-        )
-        for row in part.to_pylist()
-    ]
 
 
 def failure_columns(protocol: EpisodeProtocol) -> dict[str, str]:

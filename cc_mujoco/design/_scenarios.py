@@ -78,7 +78,8 @@ class Across:
         place = np.argmin(values) if high else np.argmax(values)
         return self.label(self.cases[int(place)])
 
-    def label(self, case: Mapping[str, Value]) -> str:
+    @staticmethod
+    def label(case: Mapping[str, object]) -> str:
         return ", ".join(
             f"{name}={format_short(value)}" for name, value in case.items()
         )

@@ -32,7 +32,7 @@ from cc_mujoco.design._plan import GENERATION, PIECE, Plan, batches_of, require_
 from cc_mujoco.design._protocol import number_columns
 from cc_mujoco.design._results_store import Store
 from cc_mujoco.design._whatif_options import HERE, Execution
-from cc_mujoco.device import Device, Value
+from cc_mujoco.device import Value
 from cc_mujoco.device._wearer_scaling import PROFILE, SHORTEST, pace_of
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Profile
@@ -64,7 +64,6 @@ def search(
     if all(levels) and math.prod(levels) < evaluations:
         evaluations = math.prod(levels)
         say(f"The ranges have {evaluations} designs, so all of them are tried.")
-    builder = plan.protocol.device
     optuna = require_optuna()
     study = optuna.create_study(
         directions=["minimize"] * len(goals),
@@ -84,7 +83,7 @@ def search(
         count = min(GENERATION, evaluations - done)
         trials = [_new_trial(study, space, tried, random) for _ in range(count)]
         designs = [_design_of_trial(plan, one.params) for one in trials]
-        plan, refused = _with_designs(plan, builder, designs)
+        plan, refused = _with_designs(plan, designs)
         store.plan = plan
         for number, result in refused.items():
             store.keep(number, [result])
@@ -209,20 +208,21 @@ def _design_of_trial(plan: Plan, parameters: Mapping[str, Any]) -> Design:
 
 
 def _with_designs(
-    plan: Plan, builder: Device, designs: Sequence[Design]
+    plan: Plan, designs: Sequence[Design]
 ) -> tuple[Plan, dict[int, DesignResult]]:
     """Return the plan with more designs, and the results of impossible ones."""
+    device = plan.protocol.device
     first, batch = len(plan.designs), len(plan.batches)
     checked: list[Design] = []
     refused: dict[int, str] = {}
     for place, design in enumerate(designs):
         try:
-            checked.append(plan.protocol.across.check(builder, design))
+            checked.append(plan.protocol.across.check(device, design))
         except CableError as error:
             checked.append(design)
             refused[first + place] = f"impossible: {str(error).rstrip('.')}"
     possible = {i: d for i, d in enumerate(checked, first) if i not in refused}
-    together = batches_of(plan.protocol.across, builder, possible, PIECE)
+    together = batches_of(plan.protocol, possible, PIECE)
     batches = [*together, *((index,) for index in refused)]
     none = dict.fromkeys(number_columns(plan.protocol), math.nan)
     return (

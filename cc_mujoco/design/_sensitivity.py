@@ -146,7 +146,7 @@ def _surface_indices(plan: Plan, metric: str, surface: Surface) -> Sensitivity:
             mean[k] = surface(_scale_points(axes, points)).mean()
         means[name] = axis.at(shares), mean
     how = (
-        f"Saltelli's estimate on a thin-plate spline fitted to {surface.designs} "
+        f"Saltelli's estimate on a thin-plate spline fitted to {len(surface.y)} "
         f"designs, R^2 = {surface.r_squared:.3f} at designs left out; what is below "
         "its error is -"
     )

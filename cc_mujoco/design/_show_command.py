@@ -8,13 +8,7 @@ from typing import Annotated, ClassVar
 
 import tyro
 
-from cc_mujoco._utils.command_options import (
-    Allowed,
-    Flag,
-    option_help,
-    progress_bar,
-    video_progress_bar,
-)
+from cc_mujoco._utils import command_options as options
 
 
 @dataclass(frozen=True)
@@ -30,20 +24,20 @@ class WhatIfShow:
     """Folder of the study, as `cc-mujoco whatif` wrote it."""
     row: Annotated[int, tyro.conf.Positional, tyro.conf.arg(metavar="ROW")]
     """Number of the design, column `design` of the table."""
-    case: Annotated[int | None, option_help("INT")] = None
+    case: Annotated[int | None, options.option_help("INT")] = None
     """Case of a study across several, from 0; the worst by its first metric unless
     given."""
-    against: Annotated[int | None, option_help("ROW")] = None
+    against: Annotated[int | None, options.option_help("ROW")] = None
     """Another design, to set the one beside."""
-    out: Annotated[Path | None, option_help("DIR")] = None
+    out: Annotated[Path | None, options.option_help("DIR")] = None
     """Folder for the results; STUDY/design-ROW, or STUDY/design-ROW-against-ROW, unless
     given."""
 
-    video: Flag = False
+    video: options.Flag = False
     """Write video.mp4, too: the scene beside torques and tensions."""
-    html: Flag = False
+    html: options.Flag = False
     """Write episode.html, too: a page that plays the episode in any browser."""
-    allow: Allowed = ()
+    allow: options.Allowed = ()
     """Code that files may name, once each; code that only a file names is refused."""
 
     def run(self) -> None:
@@ -69,7 +63,7 @@ class WhatIfShow:
         row = self.row
         out = self.out or self.folder / f"design-{row}-against-{against}"
         duration = float(FinishedStudy(self.folder).protocol["duration"])
-        with progress_bar(2.0 * duration) as progress:
+        with options.progress_bar(2.0 * duration) as progress:
             pairs = write_comparison(
                 out, self.folder, row, against, self.case, progress
             )
@@ -90,10 +84,10 @@ class WhatIfShow:
         duration, row = float(study.protocol["duration"]), study.row(self.row)
         played = study.case(self.row, self.case)
         require_ours(out, self.video, self.html)
-        with progress_bar(duration) as progress:
+        with options.progress_bar(duration) as progress:
             log, model = show(self.folder, self.row, progress, self.case)
         messages: list[str] = []
-        with video_progress_bar(duration if self.video else 0.0) as progress:
+        with options.video_progress_bar(duration if self.video else 0.0) as progress:
             write_episode(
                 out,
                 log,

@@ -17,11 +17,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-SELECTION_DESIGNS = 300
-"""Designs by which its variables are chosen."""
-FOLDS = 5
-SMOOTHING_FACTORS = (0.0, 1e-4, 1e-2, 1.0)
-
 
 @dataclass(frozen=True)
 class Surface:
@@ -49,10 +44,6 @@ class Surface:
         """Return the metric at the points `x` (n, variables)."""
         return np.asarray(self._fitted(x[:, self.active]))
 
-    @property
-    def designs(self) -> int:
-        return len(self.y)
-
     def halves(self, count: int) -> Iterator[Surface]:
         """Yield surfaces through random halves of the designs, if they exist."""
         rng = np.random.default_rng(1)
@@ -77,7 +68,7 @@ def fit(x: Array, y: Array) -> Surface | None:
     least = 3 * (x.shape[1] + 1)
     if len(y) < max(least, 10) or not np.ptp(y) > 0.0:
         return None
-    active = _active_columns(x[:SELECTION_DESIGNS], y[:SELECTION_DESIGNS])
+    active = _active_columns(x[:300], y[:300])  # enough to choose variables by
     if not active:
         return None
     smoothing, error = _best_smoothing(x[:, active], y)
@@ -107,18 +98,16 @@ def _active_columns(x: Array, y: Array) -> tuple[int, ...]:
 
 
 def _best_smoothing(x: Array, y: Array) -> tuple[float, Array]:
-    errors = {
-        smoothing: _left_out_errors(x, y, smoothing) for smoothing in SMOOTHING_FACTORS
-    }
-    best = min(errors, key=lambda smoothing: float(np.mean(errors[smoothing])))
+    errors = {each: _left_out_errors(x, y, each) for each in (0.0, 1e-4, 1e-2, 1.0)}
+    best = min(errors, key=lambda each: float(np.mean(errors[each])))
     return best, errors[best]
 
 
 def _left_out_errors(x: Array, y: Array, smoothing: float) -> Array:
-    """Return the squared error at every design of a spline without its fold."""
+    """Return the squared error at every design of a spline without its fold, of 5."""
     error = np.zeros_like(y)
-    for fold in range(FOLDS):
-        out = np.arange(len(y)) % FOLDS == fold
+    for fold in range(5):
+        out = np.arange(len(y)) % 5 == fold
         predicted: Any = np.mean(y[~out])  # all there is without variables, or a spline
         if x.shape[1]:
             with contextlib.suppress(np.linalg.LinAlgError):

@@ -26,8 +26,8 @@ from cc_mujoco.design._pareto import (
 from cc_mujoco.design._plan import Plan
 from cc_mujoco.design._protocol import CONTROLLER_METRIC
 
-MIN_DESIGNS, MAX_CHECKED_DESIGNS, DESIGNS_PER_CHECK = 3, 6, 4
-"""Designs that are tried at least and at most, and of how many one is."""
+MAX_CHECKED_DESIGNS = 6
+"""Designs that are tried at most."""
 TOLERATED_CHANGE = 0.05
 """Change of a number that is not worth a word."""
 MIN_RANGE_SHARE = 0.05
@@ -82,7 +82,7 @@ def check_timestep(
     ranked = [int(i) for i in rank_designs(cost) if not np.isnan(cost[i]).any()]
     if not ranked:
         return None
-    wanted = max(MIN_DESIGNS, math.ceil(len(ranked) / DESIGNS_PER_CHECK))
+    wanted = max(3, math.ceil(len(ranked) / 4))
     count = min(MAX_CHECKED_DESIGNS, wanted, len(ranked))
     places = np.linspace(0, len(ranked) - 1, count).round().astype(int)
     best = int(rank_designs(objective_costs(table, goals, plan.limits))[0])

@@ -356,17 +356,14 @@ def _sensor_parameters(
             )  # fmt: skip
 
 
-def _fixed_for_slope(own: CableDrive) -> set[str]:
-    """Return the parameters that must stay fixed to keep the slope of the tension."""
-    found = {name for name, term in TERMS.items() if not has_slope(term)}
-    constant = {TERMS[name].constant_without for name in found & set(own.cable.terms)}
-    return found | constant - {""}
-
-
 def _cable_parameters(
     name: str, own: CableDrive, values: Iterator[float], law: SteppedLaw
 ) -> Iterator[Field]:
-    still = _fixed_for_slope(own) if law.needs_slope else set()
+    still: set[str] = set()  # what must stay to keep the slope of the tension
+    if law.needs_slope:
+        still = {name for name, term in TERMS.items() if not has_slope(term)}
+        terms = still & set(own.cable.terms)
+        still |= {TERMS[term].constant_without for term in terms} - {""}
     most, least = 1e6, math.nextafter(0.0, 1.0)
     for side, end in (("proximal", "motor"), ("distal", "joint")):
         yield Field(

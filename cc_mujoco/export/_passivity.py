@@ -68,15 +68,6 @@ Inertia: a hammer (1 kg at 0.2 m), a ski boot (2.5 kg at 0.15 m), 50 g at 80 mm 
 finger, 2 kg at a foot 0.9 m from the hip (assumed).
 """
 
-LIMB_FREQUENCIES = 2.0, 60.0
-"""Natural frequencies of the softest and the stiffest limb of any other device, with
-the inertia of the joint [rad/s]: of a knee a few N m/rad to more than a thousand."""
-
-DAMPING_RATIO_RANGE = 0.1, 1.0
-"""Damping, over what is critical for that stiffness with the limb's own inertia [-].
-With it the stiffnesses of ankle and hip have about the dampings that were measured."""
-
-
 PORT_COLUMNS = (
     "joint_torque_nm",
     "desired_torque_nm",
@@ -223,13 +214,15 @@ def wearer_bounds(device: str | Path | Device, axis: str | None = None) -> Array
         soft, stiff, heavy = LIMB_RANGES[name]
     else:
         inertia = inertia_of(found, axis)
-        soft, stiff = (inertia * frequency**2 for frequency in LIMB_FREQUENCIES)
+        # Natural frequencies with the inertia of the joint [rad/s]: of a knee a few
+        # N m/rad to more than a thousand.
+        soft, stiff = (inertia * frequency**2 for frequency in (2.0, 60.0))
         # To any other device at most three times the joint's inertia is added.
         heavy = 3.0 * inertia
-    return np.log(
-        # At least a hundredth of the greatest inertia is added.
-        [(soft, stiff), DAMPING_RATIO_RANGE, (0.01 * heavy, heavy)]
-    )
+    # Damping over what is critical with the limb's own inertia: with 0.1 to 1 the
+    # stiffnesses of ankle and hip have about the dampings that were measured. At least
+    # a hundredth of the greatest inertia is added.
+    return np.log([(soft, stiff), (0.1, 1.0), (0.01 * heavy, heavy)])
 
 
 def limb_of(place: Array, inertia: float) -> Limb:

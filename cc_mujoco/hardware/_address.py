@@ -11,7 +11,6 @@ from cc_mujoco.errors import CableError
 
 MAX_SHORT_ID, MAX_LONG_ID = 0x7FF, 0x1FFFFFFF
 """Greatest identifiers of 11 and of 29 bits."""
-_CAN_PREFIX = "can:"
 _JOINT_NEEDED = (
     "`joint`, a table with the `address` or `class` of what measures the joint"
 )
@@ -83,9 +82,9 @@ DRIVE_NODES = {"odrive": range(63), "moteus": range(1, 128), "dynamixel": range(
 def address_of(table: Table) -> Address:
     """Return the address in a table that has the key `address`."""
     address = table.text("address") or ""
-    if address.startswith(_CAN_PREFIX):
-        return _can(table, address.removeprefix(_CAN_PREFIX))
-    protocol, _, place = address.partition(":")
+    protocol, colon, place = address.partition(":")
+    if protocol == "can" and colon:
+        return _can(table, place)
     if protocol in DRIVE_NODES:
         return _drive(table, protocol, place)
     host, _, port = address.rpartition(":")

@@ -114,7 +114,13 @@ class RunRig:
         for trial in wanted:
             print(f"{trial.name}: {trial.notes} ({trial.duration:g} s)", flush=True)
             if self.trial is None:
-                _wait_until_ready(trial.name)
+                try:
+                    input("make the rig ready, then press the return key: ")
+                except EOFError:
+                    raise CableError(
+                        f"the terminal was closed; {trial.name} and what follows were "
+                        "not played."
+                    ) from None
             law, servo = controller("none", drive), trial.servo(drive, firm)
             found = self._played(
                 axes, law, [servo], trial.duration, str(folder), trial.name
@@ -212,18 +218,23 @@ class RunRig:
                 f"{late['longest_us']:g} (longest); at work for {work['p50_us']:g} us, "
                 f"{work['p99_us']:g}, {work['longest_us']:g}"
             )
-        if found.limited > AT_LIMIT_SHARE * found.cycles:
-            print(
-                f"in {found.limited / found.cycles:.0%} of the cycles a motor got "
-                "all that [limits] torque allows, and went where that let it; raise it "
-                "if the rig may, or ask for less"
-            )
-        if found.rate_limited > AT_LIMIT_SHARE * found.cycles:
-            print(
-                f"in {found.rate_limited / found.cycles:.0%} of the cycles a torque "
-                "changed as fast as [limits] torque_rate allows, and went where that "
-                "let it; raise it if the rig may"
-            )
+        for reached, what, more in (
+            (
+                found.limited,
+                "a motor got all that [limits] torque",
+                ", or ask for less",
+            ),
+            (
+                found.rate_limited,
+                "a torque changed as fast as [limits] torque_rate",
+                "",
+            ),
+        ):
+            if reached > AT_LIMIT_SHARE * found.cycles:
+                print(
+                    f"in {reached / found.cycles:.0%} of the cycles {what} allows, and "
+                    f"went where that let it; raise it if the rig may{more}"
+                )
         for why, count in sorted(found.ignored.items()):
             print(f"{count} packets ignored: {why}")
         print(f"see also:   {self.out}")
@@ -270,12 +281,3 @@ def _write_report(
         print(f"report:     {write_run_report(run)}")
     except (CableError, OSError) as error:
         print(f"report:     none, {error}")
-
-
-def _wait_until_ready(trial: str) -> None:
-    try:
-        input("make the rig ready, then press the return key: ")
-    except EOFError:
-        raise CableError(
-            f"the terminal was closed; {trial} and what follows were not played."
-        ) from None

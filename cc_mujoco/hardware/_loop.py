@@ -513,8 +513,11 @@ class Stops:
 
     def __call__(self) -> Ending | None:
         """Return why to end, if a person requested it."""
-        if self._found is None and self._keyboard and self._return_pressed():
-            self._found = Ending("stopped by the return key.")
+        if self._found is None and self._keyboard:
+            ready, _, _ = select.select([sys.stdin], [], [], 0.0)
+            # The end of a terminal is a reason to stop, too.
+            if ready and sys.stdin.readline() is not None:
+                self._found = Ending("stopped by the return key.")
         return self._found
 
     def handle_signal(self, number: int, _: FrameType | None = None) -> None:
@@ -522,12 +525,6 @@ class Stops:
         if self._found is None:
             name = signal.Signals(number).name
             self._found = Ending(f"stopped by {name}.", 128 + number)
-
-    @staticmethod
-    def _return_pressed() -> bool:
-        ready, _, _ = select.select([sys.stdin], [], [], 0.0)
-        # The end of a terminal is a reason to stop, too.
-        return bool(ready) and sys.stdin.readline() is not None
 
 
 @contextlib.contextmanager

@@ -90,7 +90,8 @@ def read_reading(data: bytes) -> Packet | None:
     if (found := _unpacked(_READING, READING_MAGIC, data)) is None:
         return None
     status, sequence, stamp, *values = found
-    return Packet(sequence, stamp, Readings(stamp * 1e-9, *values, status))
+    readings = Readings(stamp * 1e-9, *values)._replace(status=status)
+    return Packet(sequence, stamp, readings)
 
 
 def read_command(data: bytes) -> Command | None:

@@ -151,16 +151,15 @@ def as_episode(
     time = rows[TIME_COLUMN.name]
     count, period = time.size, float(np.median(np.diff(time)))
     windings = Windings(driven)
-    found: dict[str, dict[str, Array]] = {}
-    for own, prefix in zip(driven, _prefixes(rows), strict=True):
-        found[own.axis.name] = {n: rows[prefix + n] for n in REQUIRED_COLUMNS}
+    each = [{n: rows[p + n] for n in REQUIRED_COLUMNS} for p in _prefixes(rows)]
+    found = {own.axis.name: part for own, part in zip(driven, each, strict=True)}
     for missing in windings.unmeasured:
         if missing:
             raise CableError(
                 f"{path} cannot be shown in scene {scene}: joint {', '.join(missing)} "
                 "winds the cable too, and the run did not measure it."
             )
-    _add_wound([found[own.axis.name] for own in driven], windings)
+    _add_wound(each, windings)
     nothing = np.full(count, np.nan)
     columns: dict[str, NDArray[Any]] = {TIME_COLUMN.name: time}
     for axis, start in zip(description.axes, made.prefixes, strict=True):
@@ -250,21 +249,13 @@ def _observed(
     states = []
     for angle, load in zip(motor.tolist(), torque.tolist(), strict=True):
         observer.follow([angle], [load])
-        states.append(
-            [
-                (
-                    observer.tension(k)[0],
-                    observer.slip(k)[0],
-                    *observer.state[0, k, 2:4],
-                )
-                for k in range(len(names))
-            ]
-        )
+        for k in range(len(names)):
+            kept = observer.state[0, k, 2:4]
+            states.append((observer.tension(k)[0], observer.slip(k)[0], *kept))
     columns: dict[str, NDArray[Any]] = {}
     for k, cable in enumerate(names):
-        nodes, slip, dissipated, slack = (
-            np.array(each) for each in zip(*(state[k] for state in states), strict=True)
-        )
+        series = zip(*states[k :: len(names)], strict=True)
+        nodes, slip, dissipated, slack = map(np.array, series)
         columns |= cable_columns(cable, _reading(nodes, slip, slack, dissipated))
     return columns
 

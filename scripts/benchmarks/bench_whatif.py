@@ -83,7 +83,7 @@ def physics(plan: Plan, count: int) -> Callable[[], object]:
     protocol = plan.protocol
     device = protocol.device
     models = [attended(Plant(device, design)) for design in plan.designs[:count]]
-    _, _, episode = episodes(protocol, device)[0]
+    _, _, episode = episodes(protocol)[0]
     exo = episode.exo(models[0])
     script = exo.author.write(np.random.default_rng(0))
     torque = play(episode, models).columns["motor_torque_nm"][:, 1:]

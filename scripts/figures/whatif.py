@@ -248,7 +248,7 @@ def racing(lever: float, drum: float) -> float:
     design = {"joint_radius": float(lever), "motor_radius": float(drum)}
     plan = make_plan(StudySpec("ankle", designs=[design], **WALK))
     device = load_device("ankle")
-    ((_, _, episode),) = episodes(plan.protocol, device)
+    ((_, _, episode),) = episodes(plan.protocol)
     columns = play(episode, [attended(Plant(device, design))]).columns
     power = columns["motor_torque_nm"][0] * columns["motor_velocity_rad_s"][0]
     slack = columns["least_tension_n"][0, 0] <= 0.0

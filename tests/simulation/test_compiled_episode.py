@@ -58,7 +58,7 @@ def both_ways(
     device = load_device(scene, plan.protocol.timestep)
     models = [attended(Plant(device, design)) for design in plan.designs]
     pairs = []
-    for test, _, episode in episodes(plan.protocol, device, plan.designs):
+    for test, _, episode in episodes(plan.protocol, plan.designs):
         if test not in tests:
             continue
         inside = play(episode, models)

@@ -7,7 +7,7 @@ import time
 from typing import Any
 
 from cc_mujoco._utils import user_code
-from cc_mujoco._workers.job import Tick
+from cc_mujoco._workers.local_executor import Tick
 
 
 class Doubling:

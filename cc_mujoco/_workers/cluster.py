@@ -17,7 +17,7 @@ from typing import Any
 
 from cc_mujoco._utils import user_code
 from cc_mujoco._utils.provenance import code_provenance, provenance_differences
-from cc_mujoco._workers.job import Job, Progress
+from cc_mujoco._workers.local_executor import Job, Progress
 from cc_mujoco.errors import CableError
 
 CONNECT_TIMEOUT = 5.0

@@ -7,7 +7,7 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from concurrent.futures import (
     FIRST_COMPLETED,
     Executor,
@@ -16,10 +16,32 @@ from concurrent.futures import (
     ThreadPoolExecutor,
     wait,
 )
-from typing import Any
+from typing import Any, Protocol
 
 from cc_mujoco._utils import user_code
-from cc_mujoco._workers.job import Job, Progress
+
+Tick = Callable[[float], None]
+"""Takes the share of a piece that is done, 0 to 1; may raise to stop."""
+
+Progress = Callable[[float], None]
+"""Takes how much is done, in units of `Job.size`, a fraction for what is under way."""
+
+
+class Job(Protocol):
+    """Work in pieces; all of it is plain data that can be pickled."""
+
+    def rehearse(self) -> None:
+        """Make all that the pieces need, and do nothing."""
+
+    def made_by(self) -> dict[str, Any]:
+        """Return the provenance of the results, after a rehearsal."""
+
+    def size(self, piece: Any) -> int:
+        """Return how much a piece adds to the progress."""
+
+    def do(self, piece: Any, tick: Tick) -> Any:
+        """Do a piece."""
+
 
 _SAFE_PATH = "PYTHONSAFEPATH"
 """Variable by which a new interpreter takes no module from the current folder."""

@@ -15,6 +15,8 @@ from ._ranking import rank_controllers as rank_controllers
 from ._report import DEFAULT_BASELINE as DEFAULT_BASELINE
 from ._report import OVERVIEW_HEADING as OVERVIEW_HEADING
 from ._report import all_tables as all_tables
+from ._report import overview_table as overview_table
+from ._report import ranks_table as ranks_table
 from ._report import reference_definitions as reference_definitions
 from ._results import Results as Results
 from ._results import rms_errors as rms_errors
@@ -23,5 +25,3 @@ from ._runner import run as run
 from ._scores import SCORES as SCORES
 from ._suites import SUITES as SUITES
 from ._suites import Suite as Suite
-from ._tables import overview_table as overview_table
-from ._tables import ranks_table as ranks_table

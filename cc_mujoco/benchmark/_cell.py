@@ -381,7 +381,6 @@ def episode_scores(log: LogLike, scores: Sequence[Metric] = SCORES) -> dict[str,
 def _device_scores(
     axes: Sequence[Mapping[str, float]], prefixes: Sequence[str]
 ) -> dict[str, float]:
-    """Return the scores of a device and, where it has several axes, of each."""
     found: dict[str, float] = {}
     for name in axes[0]:
         over = max if name == "failed" else np.mean
@@ -393,7 +392,6 @@ def _device_scores(
 
 
 def _plant_columns(made: CellSetup, own: slice) -> dict[str, list[Any]]:
-    """Return columns of the sampled and the assumed parameters, for some rows."""
     found: dict[str, list[Any]] = {}
     names = list(chain.from_iterable(made.batch.exo.device.driven))
     for drawn, drives in zip(made.draws[own], made.drives[own], strict=True):

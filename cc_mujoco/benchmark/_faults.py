@@ -48,7 +48,6 @@ FAULTS = (*TORQUE_FAULTS, *ENCODER_FAULTS, STRAP)
 
 
 def safety_conditions(scene: str) -> list[Condition]:
-    """Return the conditions of a device with a fault."""
     plain = dataclasses.replace(plain_condition(scene), duration=3.0)
     faults = FAULTS if find_device(scene).wearers else FAULTS[:-1]
     return [named_condition(plain, f"safety-{name}", structure=name) for name in faults]

@@ -146,7 +146,6 @@ def robustness(own: DeviceResults) -> Figure:
 
 
 def _since_reversal(trace: Mapping[str, Array]) -> Array:
-    """Return the time since the last reversal of the joint (samples * seeds,) [s]."""
     found = np.full(trace["time_s"].size, np.inf)
     for seed in np.unique(trace["seed"]):
         own = trace["seed"] == seed

@@ -10,7 +10,6 @@ from cc_mujoco._utils.provenance import versions
 from cc_mujoco.benchmark import _figures as figures
 from cc_mujoco.benchmark import _report as text
 from cc_mujoco.benchmark import _runner as runner
-from cc_mujoco.benchmark import _tables as tables
 from cc_mujoco.benchmark._results import (
     DeviceResults,
     Results,
@@ -78,8 +77,8 @@ def _report_page(
     titles |= {"times": text.TIMES_TITLE, "made": "How this was made"}
     notes = (*text.divergence_sentences(results), *text.assumed_limits(results))
     notes += tuple(text.left_out_sentences(plan.left_out()))
-    parts["all"] = _folded_table(text.OVERVIEW_HEADING, tables.overview_table(results))
-    times = tables.times_table(results)
+    parts["all"] = _folded_table(text.OVERVIEW_HEADING, text.overview_table(results))
+    times = text.times_table(results)
     if times[1]:
         parts["times"] = html.short_table(*_marked(times))
     parts["words"] = html.folded(
@@ -114,17 +113,17 @@ def _report_page(
 
 
 def _device(folder: Path, own: DeviceResults, baseline: str, first: bool) -> Html:
-    ranks = tables.ranks_table(own.rms, baseline)
+    ranks = text.ranks_table(own.rms, baseline)
     return html.join_pieces(
         [
             html.paragraph(text.RANKS_HEADING),
             html.short_table(*_marked(ranks)),
             *([] if first else [_figure(folder, own, "pareto")]),
             _figure(folder, own, "robustness"),
-            _folded_table(text.CONDITIONS_HEADING, tables.conditions_table(own)),
-            _folded_table(text.SCORES_HEADING, tables.scores_table(own)),
+            _folded_table(text.CONDITIONS_HEADING, text.conditions_table(own)),
+            _folded_table(text.SCORES_HEADING, text.scores_table(own)),
             html.folded("Error over the cycle", _figure(folder, own, "cycle")),
-            _folded_table(text.PLANTS_HEADING, tables.plants_table(own)),
+            _folded_table(text.PLANTS_HEADING, text.plants_table(own)),
         ]
     )
 
@@ -133,12 +132,12 @@ def _figure(folder: Path, own: DeviceResults, stem: str) -> Html:
     return html.embed_picture(folder / f"{own.label}-{stem}.png", CAPTIONS[stem])
 
 
-def _folded_table(heading: str, cells: tables.Cells) -> Html:
+def _folded_table(heading: str, cells: text.Cells) -> Html:
     title = html.inline_markdown(heading.rstrip(":"))
     return html.folded(title, html.table(*_marked(cells)))
 
 
-def _marked(cells: tables.Cells) -> tuple[list[Html], list[list[Html]]]:
+def _marked(cells: text.Cells) -> tuple[list[Html], list[list[Html]]]:
     """Return a table whose code and emphasis are elements."""
     head, rows = cells
     return [*map(html.inline_markdown, head)], [

@@ -274,7 +274,6 @@ def _cuffed(device: Device) -> Device:
 
 
 def has_effect(device: Device, name: str) -> bool:
-    """Return whether a device can have an effect of `STRUCTURES`."""
     if name in EFFECTS:
         return bool(effect_values(device, name))
     if name == "cuff":

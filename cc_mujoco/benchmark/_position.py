@@ -44,7 +44,6 @@ class PositionCondition(Condition):
 
     @property
     def usual(self) -> bool:
-        """True if this is the ordinary condition."""
         return self.name == f"ordinary{FITTED_ANEW}"
 
 

@@ -184,7 +184,6 @@ class Playing:
         return len(piece)
 
     def do(self, piece: Sequence[Cell], tick: Tick) -> list[tuple[pa.Table, ...]]:
-        """Play a group; return the sealed tables of every cell."""
         results = play_group(piece)
         found = []
         for cell, result in zip(piece, results, strict=True):

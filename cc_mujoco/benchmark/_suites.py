@@ -63,7 +63,6 @@ def structure_conditions(scene: str) -> list[Condition]:
 
 
 def known_conditions(scene: str) -> list[Condition]:
-    """Return the conditions with an effect in the cable, unknown and known."""
     found = structure_conditions(scene)
     pairs = [
         (one, named_condition(one, KNOWN + one.structure, known=True))

@@ -86,11 +86,9 @@ class Entry(Controller):
         """Time of the processor that the last torque took, by the entry [s]."""
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
-        """Reset the controller; see `Controller.reset`."""
         self._process.ask("reset", self._key, where)
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
-        """Return the torque of the motor [N m]; see `Controller.torque`."""
         answer = self._process.ask("torque", self._key, dict(observation))
         try:
             _, dimensions, *shape, self.spent = _ANSWER_HEADER.unpack_from(answer)

@@ -37,7 +37,6 @@ class Calibrate:
     """File to write; SCENE.hysteresis.toml beside your scene by default."""
 
     def run(self) -> None:
-        """Play or read the trial, fit and write."""
         from cc_mujoco.device._device_files import is_device_file, locate
 
         locate(self.scene)

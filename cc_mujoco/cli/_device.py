@@ -29,7 +29,6 @@ class ShowDevice:
     """Description to write; by default SCENE.device.toml, if that is not there."""
 
     def run(self) -> None:
-        """Print what is known and write the description."""
         from cc_mujoco.device._device_files import locate
 
         locate(self.scene)

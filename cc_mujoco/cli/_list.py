@@ -38,7 +38,6 @@ class Listing:
     word of its meaning."""
 
     def run(self) -> None:
-        """Print names, or the chosen ones with their meanings."""
         from cc_mujoco.assets import SCENES
         from cc_mujoco.datasets._columns import DATASET_FILE
 

@@ -18,7 +18,6 @@ class View:
     """An MJCF file with cables, the description of a device, or the name of a scene."""
 
     def run(self) -> None:
-        """Show the scene until the window is closed."""
         from cc_mujoco.viz._view import scene_file, view
         from cc_mujoco.viz._viewer import require_screen
 

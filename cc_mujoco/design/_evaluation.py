@@ -421,7 +421,6 @@ class DesignJob:
         return len(piece)
 
     def do(self, piece: Sequence[Design], tick: Tick) -> list[DesignResult]:
-        """Try designs; see `evaluate`."""
         return evaluate(self.protocol, piece, tick)
 
 

@@ -284,7 +284,6 @@ def relax_limit(limit: pareto.MetricLimit) -> pareto.MetricLimit:
 def _checked(
     plan: Plan, price: Price, row: Mapping[str, object], centre: Mapping[str, object]
 ) -> Price:
-    """Return a price with the simulated result of its design."""
     names = pareto.decisive_columns(plan.objectives, plan.limits)
     metrics, now = ({n: _number(one[n]) for n in names} for one in (row, centre))
     kept = True

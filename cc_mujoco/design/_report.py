@@ -13,7 +13,6 @@ import pyarrow.parquet as pq
 from cc_mujoco._utils import provenance
 from cc_mujoco._utils.atomic_io import MANIFEST, replacing, write_manifest
 from cc_mujoco.design import _charts as charts
-from cc_mujoco.design import _phrases as phrases
 from cc_mujoco.design import _report_text as report_text
 from cc_mujoco.design._local_sensitivity import Around
 from cc_mujoco.design._protocol import metric_of
@@ -182,7 +181,7 @@ def markdown(found: RankedStudy) -> str:
     parts = [
         f"# What if: {protocol.scene}, {len(rows)} designs",
         "Trajectory {}, task {}, ".format(*protocol.sources)
-        + f"{phrases.describe_controllers(protocol.controllers)}, "
+        + f"{report_text.describe_controllers(protocol.controllers)}, "
         f"{protocol.duration:g} s, seed {protocol.seed}, time step "
         f"{1e3 * protocol.timestep:g} ms.",
     ]
@@ -219,31 +218,29 @@ def markdown(found: RankedStudy) -> str:
     if found.half is not None:
         parts.append(report_text.timestep_sentence(found.half))
     if found.nearby is not None:
-        parts += [f"## Around design {found.nearby.design}", phrases.SLOPES_NOTE]
+        parts += [f"## Around design {found.nearby.design}", report_text.SLOPES_NOTE]
         parts.append(table_of(*report_text.slope_table(found.nearby)))
         if found.nearby.prices:
-            parts.append(phrases.PRICES_NOTE)
+            parts.append(report_text.PRICES_NOTE)
             parts.append(table_of(*report_text.price_table(found.nearby)))
     parts.append("## What each metric depends on")
     parts += map(_sensitivity, found.sensitivities)
     known = {one.metric for one in found.sensitivities}
     if unknown := [name for name in protocol.metrics if name not in known]:
-        parts.append(
-            f"No shares are known of {', '.join(unknown)}: {phrases.UNKNOWN_REASON}."
-        )
+        why = report_text.UNKNOWN_REASON
+        parts.append(f"No shares are known of {', '.join(unknown)}: {why}.")
     meanings = [(m.name, m.unit, m.meaning) for m in map(metric_of, protocol.metrics)]
     parts += ["## Metrics", table_of(("metric", "unit", "meaning"), meanings)]
     return "\n\n".join(parts) + "\n"
 
 
 def _slopes_table(found: Around) -> pa.Table:
-    """Return the slopes at the best design, a row per metric and variable, as text."""
     rows = [
         {
             **vars(one),
             "design": found.design,
-            "low": phrases.format_cell(one.low),
-            "high": phrases.format_cell(one.high),
+            "low": report_text.format_cell(one.low),
+            "high": report_text.format_cell(one.high),
         }
         for one in found.slopes
     ]
@@ -276,7 +273,6 @@ def sobol_table(found: Iterable[Sensitivity]) -> pa.Table:
 
 
 def _effects_table(found: Iterable[Sensitivity]) -> pa.Table:
-    """Return the main effects of all metrics as text, a row per value of a variable."""
     rows = []
     for one in found:
         for name, (_, means) in one.effects.items():
@@ -304,10 +300,10 @@ def _ranking(found: RankedStudy, count: int) -> str:
         columns += [f"{name}@{WORST_CASE_SUFFIX}" for name in goals]
     rows = []
     for place in found.order[:count]:
-        cells = [phrases.format_cell(found.rows[place][name]) for name in columns]
+        cells = [report_text.format_cell(found.rows[place][name]) for name in columns]
         cells[0] += "*" if found.front[place] else ""
         rows.append(cells)
-    return table_of(list(map(phrases.column_title, columns)), rows)
+    return table_of(list(map(report_text.column_title, columns)), rows)
 
 
 def _sensitivity(one: Sensitivity) -> str:
@@ -317,8 +313,8 @@ def _sensitivity(one: Sensitivity) -> str:
         rows.append(
             (
                 name,
-                phrases.index_text(one.first[name], one.errors[0].get(name)),
-                phrases.index_text(one.total[name], one.errors[1].get(name)),
+                report_text.index_text(one.first[name], one.errors[0].get(name)),
+                report_text.index_text(one.total[name], one.errors[1].get(name)),
                 *(
                     f"{means[place]:.4g} at {text[place]}"
                     for place in map(int, (np.argmin(means), np.argmax(means)))
@@ -331,7 +327,7 @@ def _sensitivity(one: Sensitivity) -> str:
     parts = [f"### {one.metric}", f"Sobol's indices: {one.how}.", table_of(head, rows)]
     large = sorted(one.pairs.items(), key=lambda item: -item[1])[:5]
     pairs = [
-        f"{a} with {b} {phrases.index_text(share, one.errors[2].get((a, b)))}"
+        f"{a} with {b} {report_text.index_text(share, one.errors[2].get((a, b)))}"
         for (a, b), share in large
         if share >= 0.005
     ]

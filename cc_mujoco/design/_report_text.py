@@ -24,18 +24,6 @@ from cc_mujoco.design._local_sensitivity import (
     Price,
     Slope,
 )
-from cc_mujoco.design._phrases import (
-    PRICES_NOTE,
-    SLOPES_NOTE,
-    UNKNOWN_REASON,
-    column_title,
-    describe_controllers,
-    format_cell,
-    format_quantity,
-    index_text,
-    plain_name,
-    unit_of,
-)
 from cc_mujoco.design._plan import Plan
 from cc_mujoco.design._protocol import (
     DEFAULT_OBJECTIVES,
@@ -49,7 +37,7 @@ from cc_mujoco.design._timestep_check import Halved
 from cc_mujoco.device import Device
 from cc_mujoco.device._materials import ENDS
 from cc_mujoco.device._plant import FRICTION, RADII
-from cc_mujoco.device._variables import SETS, describe
+from cc_mujoco.device._variables import SETS, VALUES, describe, split
 from cc_mujoco.report._html import (
     Html,
     bullet_list,
@@ -67,6 +55,33 @@ Row = Mapping[str, object]
 
 NEAR_BEST_SHARE = 0.05
 """Part of an objective's range within which designs are as good as the best."""
+
+
+UNKNOWN_REASON = (
+    "no variation, too few designs, or designs left out are not predicted by the others"
+)
+"""Why it may be unknown what a metric depends on."""
+
+
+SLOPES_NOTE = (
+    "How much each number changes at the best design for a tenth of a variable's range "
+    "more, or over the neighbouring values where only some are allowed: by designs a "
+    "fiftieth of the range to either side (column “tried”). Behind ± stands half the "
+    "difference between the two sides; where it is as large as the change itself, the "
+    "number bends there and the slope says little."
+)
+"""Explanation of the table of slopes."""
+PRICES_NOTE = (
+    "What moving by up to a tenth of every range should bring by these slopes (a "
+    "linear program), the other objectives no worse, and what it brought when it was "
+    "simulated: with the limits as they are, and with each relaxed by a tenth of its "
+    "size. A shadow price is what one unit of a limit is worth; a limit that does not "
+    "bind is worth nothing here. Where the simulated number is not better than now, "
+    "the slopes promise too much; where it is better with the limits as they are, and "
+    "keeps the rest, the best design was not yet the optimum. “Keeps the rest” allows "
+    "another objective to be 1 % worse."
+)
+"""Explanation of the table of prices."""
 
 
 class RankedStudy:
@@ -233,7 +248,6 @@ def variables_at_ends(found: RankedStudy) -> list[tuple[str, str]]:
 
 
 def axes_sentence(axes: Sequence[str]) -> str:
-    """State which axis a number is of."""
     return (
         f"The device has the axes {list_words(axes)}; a number is that of the worst of "
         "them, unless it names one, and a design that is unsafe at one has failed."
@@ -241,7 +255,6 @@ def axes_sentence(axes: Sequence[str]) -> str:
 
 
 def cases_sentence(plan: Plan) -> str:
-    """State over which cases designs are ranked."""
     return (
         f"Every number of a design is {plan.protocol.across.aggregation()}. A design "
         "that fails in one of them has failed, one without a number in one of them has "
@@ -298,7 +311,6 @@ def best_designs(found: RankedStudy) -> Html | None:
 
 
 def confidence(found: RankedStudy) -> Html | None:
-    """State the confidence that the best design is the best."""
     if found.best is None:
         return None
     sentences = [f"{near_best_sentence(found)}."]
@@ -433,7 +445,6 @@ def controllers(found: RankedStudy) -> Html | None:
 
 
 def trade_offs(found: RankedStudy) -> Html | None:
-    """State the trade-off of objectives along the Pareto set."""
     members = np.flatnonzero(found.front)
     if len(found.goals) < 2 or members.size < 2:
         return None
@@ -515,7 +526,6 @@ def limit_slack(found: RankedStudy) -> Html | None:
 
 
 def local_values(found: Around | None) -> Html | None:
-    """State the worth of each variable and each limit at the best design."""
     if found is None:
         return None
     return join_pieces(
@@ -575,7 +585,6 @@ def _slope(slope: Slope) -> str:
 
 
 def controllers_out(found: RankedStudy) -> list[str]:
-    """Return a sentence for each controller that fails in some designs."""
     sentences, count = [], len(found.rows)
     for column, law in failure_columns(found.protocol).items():
         reasons = [str(row[column]) for row in found.rows if row[column]]
@@ -613,7 +622,6 @@ def failures(found: RankedStudy) -> Html | None:
 
 
 def common_values(found: RankedStudy) -> Html:
-    """List the values that all designs have in common."""
     plan, protocol = found.plan, found.protocol
     rows: list[Sequence[str]] = [
         ("motion of the wearer", protocol.sources[0]),
@@ -684,7 +692,6 @@ def _of_scene(device: Device) -> Iterator[tuple[str, str, object]]:
 
 
 def variable_meanings(found: RankedStudy) -> Html:
-    """List the meanings of the names."""
     protocol, rows = found.protocol, []
     for name in (*protocol.metrics, *found.plan.ranges, *protocol.across.names):
         thing = known_metric(name) or describe(name)
@@ -712,3 +719,53 @@ def _range_end(values: Range, value: object) -> str:
     low, high, here = scale([*ends, float(str(value))])
     share = (here - low) / (high - low)
     return "low" if share <= 0.02 else "high" if share >= 0.98 else ""
+
+
+def unit_of(name: str) -> str:
+    name, _, of = name.partition("@")
+    if of == WORST_CASE_SUFFIX:
+        return ""
+    thing = known_metric(name) or VALUES.get(split(name)[1])
+    return "" if thing is None or thing.unit == "1" else thing.unit
+
+
+def column_title(name: str) -> str:
+    unit = unit_of(name)
+    return f"{name} [{unit}]" if unit else name
+
+
+def format_cell(value: object) -> str:
+    """Return a value to three significant digits, `-` if there is none."""
+    if value is None:
+        return "-"
+    if not isinstance(value, float):
+        return str(value)
+    text = f"{value:.3g}"
+    return f"{float(text):.0f}" if "e+" in text and abs(value) < 1e7 else text
+
+
+def plain_name(name: str) -> str:
+    """Return a name as it is written in a sentence, that of an axis as `hip: ...`."""
+    owner, own = split(name)
+    text = own.replace("_", " ")
+    return f"{owner}: {text}" if owner else text
+
+
+def format_quantity(name: str, value: object) -> str:
+    """Return a value with its unit, as it is written in a sentence."""
+    unit, text = unit_of(name), format_cell(value)
+    return f"{text} {unit}" if unit and value is not None else text
+
+
+def index_text(share: float, error: float | None, form: str = ".3f") -> str:
+    """Return an index as text, with its error unless it is exact."""
+    if error is None:
+        return f"{share:{form}}"
+    return f"{share:{form}} ± {error:{form}}" if share else f"- ± {error:{form}}"
+
+
+def describe_controllers(controllers: Sequence[str]) -> str:
+    if len(controllers) == 1:
+        return f"controller {controllers[0]}"
+    names = ", ".join(controllers)
+    return f"for each design the best by tracking of controllers {names}"

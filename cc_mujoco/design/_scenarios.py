@@ -48,12 +48,10 @@ class Across:
 
     @property
     def several(self) -> bool:
-        """Return whether variables are crossed to cases."""
         return bool(self.levels)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the variables that are crossed."""
         return tuple(name for name, _ in self.levels)
 
     @cached_property

@@ -2,7 +2,7 @@
 
 Sobol's indices split the variance of a metric among variables and pairs of them. Where
 the designs are a full grid and all have the number, the split is exact over that grid.
-Otherwise a surface is fitted (`surface`) and the indices are those of the surface over
+Otherwise a surface is fitted (`Surface`) and the indices are those of the surface over
 the ranges, by the estimator of Saltelli et al. (2010) in `scipy.stats.sobol_indices`.
 What the surface does not predict of the variance belongs to no variable. The error
 of an index is how far those of surfaces through random halves of the designs lie off,
@@ -12,10 +12,13 @@ part that is not predicted. An index below its error is 0.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
@@ -23,8 +26,10 @@ from numpy.typing import NDArray
 
 from cc_mujoco.design._designs import Range
 from cc_mujoco.design._plan import Plan
-from cc_mujoco.design._surface import Surface, fit
 from cc_mujoco.device._variables import Value
+
+if TYPE_CHECKING:
+    from scipy.interpolate import RBFInterpolator
 
 Array = NDArray[np.float64]
 Indices = tuple[dict[str, float], dict[str, float], dict[tuple[str, str], float]]
@@ -32,6 +37,42 @@ Indices = tuple[dict[str, float], dict[str, float], dict[tuple[str, str], float]
 
 LOG2_POINTS = 11
 """The estimates use 2 to this many points, those of errors a quarter of them."""
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Smooth fit of a metric over the design variables.
+
+    Attributes:
+        x: (n, variables) places of the designs on the scales of the variables.
+        y: (n,) metric of the designs.
+        active: columns of `x` that the fit uses.
+        smoothing: smoothing of the spline; 0 interpolates.
+        r_squared: share of the variance explained in cross-validation.
+    """
+
+    x: Array
+    y: Array
+    active: tuple[int, ...]
+    smoothing: float
+    r_squared: float
+
+    @cached_property
+    def _fitted(self) -> RBFInterpolator:
+        return _spline(self.x[:, self.active], self.y, self.smoothing)
+
+    def __call__(self, x: Array) -> Array:
+        return np.asarray(self._fitted(x[:, self.active]))
+
+    def halves(self, count: int) -> Iterator[Surface]:
+        """Yield surfaces through random halves of the designs, if they exist."""
+        rng = np.random.default_rng(1)
+        for _ in range(count):
+            half = rng.permutation(len(self.y))[: (len(self.y) + 1) // 2]
+            one = dataclasses.replace(self, x=self.x[half], y=self.y[half])
+            with contextlib.suppress(np.linalg.LinAlgError, ValueError):
+                _ = one._fitted
+                yield one
 
 
 @dataclass(frozen=True)
@@ -120,7 +161,6 @@ def _exact_indices(plan: Plan, metric: str, y: Array) -> Sensitivity:
 
 
 def _surface_indices(plan: Plan, metric: str, surface: Surface) -> Sensitivity:
-    """Return the Sobol's indices of the surface over the ranges."""
     from scipy.stats import qmc
 
     names, axes = plan.varied, [plan.ranges[name] for name in plan.varied]
@@ -242,3 +282,70 @@ def _pair_effects(
     for i, j in itertools.combinations(range(count), 2):
         found[i, j] = closed(i, j) - alone[i] - alone[j]
     return found
+
+
+def fit(x: Array, y: Array) -> Surface | None:
+    """Fit a surface, or None where there are too few designs or nothing predicts them.
+
+    To a metric `y` (designs,) of the variables `x` (designs, variables) on their
+    scales.
+    """
+    rng = np.random.default_rng(0)
+    # At most 1000 designs are fitted.
+    shuffled = rng.permutation(len(y))[:1000]
+    x, y = x[shuffled], y[shuffled]
+    least = 3 * (x.shape[1] + 1)
+    if len(y) < max(least, 10) or not np.ptp(y) > 0.0:
+        return None
+    active = _active_columns(x[:300], y[:300])  # enough to choose variables by
+    if not active:
+        return None
+    smoothing, error = _best_smoothing(x[:, active], y)
+    r_squared = 1.0 - float(np.mean(error) / np.var(y))
+    if not r_squared > 0.0:
+        return None
+    return Surface(x, y, active, smoothing, r_squared)
+
+
+def _active_columns(x: Array, y: Array) -> tuple[int, ...]:
+    """Return the columns that improve the prediction of held-out designs."""
+    active = tuple(range(x.shape[1]))
+    while active:
+        smoothing, error = _best_smoothing(x[:, active], y)
+        help_of = {}
+        for column in active:
+            rest = tuple(other for other in active if other != column)
+            gain = _left_out_errors(x[:, rest], y, smoothing) - error
+            deviation = float(np.std(gain)) / np.sqrt(len(y))
+            help_of[column] = float(np.mean(gain)) / max(deviation, 1e-300)
+        least = min(active, key=lambda column: help_of[column])
+        # A variable stays if it lowers the squared error by two standard errors.
+        if help_of[least] > 2.0:
+            break
+        active = tuple(other for other in active if other != least)
+    return active
+
+
+def _best_smoothing(x: Array, y: Array) -> tuple[float, Array]:
+    errors = {each: _left_out_errors(x, y, each) for each in (0.0, 1e-4, 1e-2, 1.0)}
+    best = min(errors, key=lambda each: float(np.mean(errors[each])))
+    return best, errors[best]
+
+
+def _left_out_errors(x: Array, y: Array, smoothing: float) -> Array:
+    """Return the squared error at every design of a spline without its fold, of 5."""
+    error = np.zeros_like(y)
+    for fold in range(5):
+        out = np.arange(len(y)) % 5 == fold
+        predicted: Any = np.mean(y[~out])  # all there is without variables, or a spline
+        if x.shape[1]:
+            with contextlib.suppress(np.linalg.LinAlgError):
+                predicted = _spline(x[~out], y[~out], smoothing)(x[out])
+        error[out] = predicted - y[out]
+    return error**2
+
+
+def _spline(x: Array, y: Array, smoothing: float) -> RBFInterpolator:
+    from scipy.interpolate import RBFInterpolator
+
+    return RBFInterpolator(x, y, smoothing=smoothing, kernel="thin_plate_spline")

@@ -18,8 +18,8 @@ from cc_mujoco._utils.provenance import (
 )
 from cc_mujoco._utils.tables import is_table
 from cc_mujoco.control import axes_controller
-from cc_mujoco.design._phrases import column_title, format_cell
 from cc_mujoco.design._protocol import device_digests, split_axes, tasks_of_axes
+from cc_mujoco.design._report_text import column_title, format_cell
 from cc_mujoco.design._results_store import (
     CONTROLLER_COLUMN,
     read_protocol,
@@ -290,5 +290,4 @@ def write_comparison(
 
 
 def head(row: int, against: int) -> tuple[str, str, str]:
-    """Titles of `Pair.cells`."""
     return f"design {row}", f"design {against}", "difference"

@@ -64,7 +64,6 @@ class JointTorques:
 
     @property
     def memory_size(self) -> int:
-        """Numbers in the memory that `own_readings` needs."""
         if not self.changes:
             return 0
         axes, matrices = len(self.rows), decoupling.WORK_MATRICES

@@ -257,7 +257,6 @@ def task_of(axis: Axis, name: str) -> Task:
 
 
 def spring_stiffness(axis: Axis) -> float:
-    """Return the stiffness of a virtual spring that suits an axis [N m/rad]."""
     return axis.torque_scale / axis.reach
 
 
@@ -382,7 +381,6 @@ def _add_spring(model: mujoco.MjModel, axis: Axis) -> None:
 
 
 def _believing(drive: Drive, believed: float) -> Drive:
-    """Return a drive with other friction, over that of the cables."""
     cables = tuple(
         dataclasses.replace(
             one,

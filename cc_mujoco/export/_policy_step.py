@@ -101,7 +101,6 @@ class SteppedPolicy(Policy):
         return [float(limit) for limit in self.limits]
 
     def law_tables(self) -> LawTables:
-        """Return network and observation."""
         (axis,), (own,), net = self.axes, self.observed, self.network.packed
         past = observation.ObservationHistory(own, 1).past
         numbers = axis.gains[guard.LIMITS :], axis.spring, [past.ratio], past.units

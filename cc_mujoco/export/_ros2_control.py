@@ -45,7 +45,6 @@ def require_ros2_states(plan: ExportPlan) -> None:
 
 
 def ros2_texts(plan: ExportPlan) -> dict[str, str]:
-    """Return the files of the package by name."""
     return dict(zip(ROS2_FILES, (PACKAGE, PLUGINS, source(plan)), strict=True))
 
 

@@ -512,7 +512,6 @@ class Stops:
         self._found: Ending | None = None
 
     def __call__(self) -> Ending | None:
-        """Return why to end, if a person requested it."""
         if self._found is None and self._keyboard:
             ready, _, _ = select.select([sys.stdin], [], [], 0.0)
             # The end of a terminal is a reason to stop, too.

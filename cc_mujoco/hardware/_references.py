@@ -101,7 +101,6 @@ class Virtual:
 
 
 def constant_course(torque: float) -> TorqueTable:
-    """Return a course of constant torque [N m]."""
     return TorqueTable(np.zeros(1), np.array([torque]))
 
 
@@ -118,7 +117,6 @@ def course_from_trajectory(name: str, amplitude: float, duration: float) -> Torq
 
 
 def course_from_csv(path: Path) -> TorqueTable:
-    """Return a course from a file with the columns `time_s` and `torque_nm`."""
     times, torques = read_columns(path, {"time_s": CLOCK, "torque_nm": TORQUE})
     return TorqueTable(times, torques)
 

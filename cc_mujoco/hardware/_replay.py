@@ -223,7 +223,6 @@ def _require_ratio(
 
 
 def _add_wound(axes: Sequence[dict[str, Array]], windings: Windings) -> None:
-    """Add `WINDING_COLUMNS` to the columns of every axis of a run."""
     angles = np.column_stack([rows["joint_angle_rad"] for rows in axes])
     velocities = np.column_stack([rows["joint_velocity_rad_s"] for rows in axes])
     wound = [

@@ -32,7 +32,6 @@ class RigAxes:
     """Axes that a rig drives, in the order of the device."""
 
     def __init__(self, settings: Sequence[Settings]) -> None:
-        """Load the device."""
         self.device = device = settings[0].device()
         every = device.axis_names
 
@@ -80,7 +79,6 @@ class RigAxes:
         return law
 
     def desired(self, duration: float) -> list[Desired]:
-        """Return the desired torque of each axis, see `Settings.desired`."""
         found = [each.desired(duration) for each in self.settings]
         for name, desired, drive, each in zip(
             self.names, found, self.drives, self.settings, strict=True

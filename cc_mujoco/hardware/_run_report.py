@@ -55,7 +55,6 @@ class ReportedRun:
 
     @property
     def page(self) -> Path:
-        """Path of the page, beside the log."""
         return beside(self.log, "report.html")
 
 

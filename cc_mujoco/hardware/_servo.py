@@ -140,7 +140,6 @@ class Planned:
         return APPROACH_TIME + float(self.times[-1])
 
     def servo(self, drive: Drive, firm: Stiffness | None = None) -> Servo:
-        """Return the servo that plays the motion; see `Servo`."""
         return Servo(drive, self.times, self.motor, firm)
 
     def require_within(self, limits: Limits, drive: Drive) -> None:

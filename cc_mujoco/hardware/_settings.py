@@ -326,7 +326,6 @@ def _axis(
 
 
 def _merged(path: Path, top: Table, name: str, own: Table) -> Table:
-    """Return the tables of an axis, completed by those at the top."""
     lag = own.content.get("motor_lag", top.content.get("motor_lag"))
     content: dict[str, Any] = {} if lag is None else {"motor_lag": lag}
     for key in _AXIS_TABLES:

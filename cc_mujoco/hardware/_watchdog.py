@@ -50,7 +50,6 @@ class TorqueSensor:
         self._model.reset()
 
     def reading(self, motor: float, joint: float, torque: float) -> str | None:
-        """Return the fault of the sensor in one sentence, or None."""
         if self._count == 0:
             self._joint = joint
         predicted = self._predicted(motor, joint - self._joint)

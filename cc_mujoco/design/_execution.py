@@ -1,30 +1,52 @@
-"""A whole study in one call, and the run of a plan.
+"""A whole study or search in one call, and the run of a plan.
 
 table = study("wrist", {"friction": "0.05:0.3:10", "loops": [1, 2, 3]})
 table.sort_by("held_backlash").slice(0, 5).to_pandas()
+
+A search does not try all designs: it samples them in generations of a size that does
+not depend on the machine. So the same seed gives the same designs on any number of
+threads, and an interrupted search continues by sampling them again. The sampler is
+Optuna's multi-objective tree-structured Parzen estimator (Y. Ozaki et al.,
+"Multiobjective tree-structured Parzen estimator", Journal of Artificial Intelligence
+Research 73, 2022).
 """
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import math
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 
 from cc_mujoco._utils.provenance import earlier_results_message
-from cc_mujoco._workers import Progress
+from cc_mujoco._workers import Progress, run_here, run_on_cluster
 from cc_mujoco.control import CONTROLLERS
 from cc_mujoco.control._controller import stepped_law
 from cc_mujoco.design import _whatif_options as whatif
-from cc_mujoco.design._evaluation import episodes
-from cc_mujoco.design._plan import Plan, make_plan
+from cc_mujoco.design._designs import Range
+from cc_mujoco.design._evaluation import Design, DesignJob, DesignResult, episodes
+from cc_mujoco.design._pareto import Objective
+from cc_mujoco.design._plan import (
+    GENERATION,
+    PIECE,
+    Plan,
+    batches_of,
+    make_plan,
+    require_optuna,
+)
+from cc_mujoco.design._protocol import number_columns
 from cc_mujoco.design._results_store import Store
-from cc_mujoco.design._search import run_batches, search
-from cc_mujoco.device import Plant
+from cc_mujoco.device import Plant, Value
+from cc_mujoco.device._wearer_scaling import PROFILE, SHORTEST, pace_of
+from cc_mujoco.errors import CableError
+from cc_mujoco.human import Profile
 from cc_mujoco.simulation._rollout import attended, play
 
 
@@ -189,3 +211,253 @@ def _rough(seconds: float) -> str:
         if seconds >= 2.0 * size:
             return f"{seconds / size:.0f} {unit}"
     return f"{seconds:.0f} seconds"
+
+
+def search(
+    plan: Plan,
+    folder: Path | None = None,
+    execution: whatif.Execution = whatif.HERE,
+    progress: Progress = lambda done: None,
+    say: Callable[[str], None] = lambda sentence: None,
+) -> tuple[Plan, pa.Table]:
+    """Carry a search out; see `optimise`."""
+    goals, limits, evaluations = plan.objectives, plan.limits, plan.evaluations
+    store = Store(plan, folder, execution.again)
+    if store.finished > evaluations:
+        say(
+            f"All {store.finished} designs kept of a search that has finished, more "
+            f"than the {evaluations} requested; --again runs {evaluations} anew."
+        )
+        evaluations = store.finished
+    elif store.kept:
+        say(
+            earlier_results_message(
+                min(store.kept, evaluations), evaluations, "designs"
+            )
+        )
+    levels = [len(values.levels) for values in plan.ranges.values()]
+    if all(levels) and math.prod(levels) < evaluations:
+        evaluations = math.prod(levels)
+        say(f"The ranges have {evaluations} designs, so all of them are tried.")
+    optuna = require_optuna()
+    study = optuna.create_study(
+        directions=["minimize"] * len(goals),
+        sampler=optuna.samplers.TPESampler(
+            seed=plan.protocol.seed,
+            multivariate=True,
+            constant_liar=True,
+            n_startup_trials=GENERATION,
+        ),
+    )
+    space = {name: _distribution(optuna, r) for name, r in plan.ranges.items()}
+    worst = [0.0] * len(goals)
+    tried: set[tuple[Any, ...]] = set()
+    random = np.random.default_rng(plan.protocol.seed)
+    while len(plan.designs) < evaluations:
+        done = len(plan.designs)
+        count = min(GENERATION, evaluations - done)
+        trials = [_new_trial(study, space, tried, random) for _ in range(count)]
+        designs = [_design_of_trial(plan, one.params) for one in trials]
+        plan, refused = _with_designs(plan, designs)
+        store.plan = plan
+        for number, result in refused.items():
+            store.keep(number, [result])
+        missing = store.missing()
+        left = sum(len(plan.batches[n]) for n in missing)
+
+        def tell(more: float, before: float = done + count - left) -> None:
+            progress(before + more)
+
+        run_batches(store, missing, execution, tell)
+        results = store.results(done)
+        if not done:
+            for sentence in _missing_objectives(goals, results):
+                say(sentence)
+        for one, result in zip(trials, results, strict=True):
+            costs = [goal.cost(result.metrics) for goal in goals]
+            beyond = {limit.text: limit.beyond(result.metrics) for limit in limits}
+            none = any(math.isnan(number) for number in (*costs, *beyond.values()))
+            if none:
+                # A design that gives no numbers counts as far beyond all limits.
+                costs, beyond = list(worst), dict.fromkeys(beyond, 1e6)
+            worst = [max(pair) for pair in zip(worst, costs, strict=True)]
+            for name, size in {**beyond, "numbers": float(none)}.items():
+                one.set_constraint(name, size)
+            study.tell(one, costs)
+        progress(len(plan.designs))
+    return plan, store.table()
+
+
+def run_batches(
+    store: Store,
+    batches: Sequence[int],
+    execution: whatif.Execution,
+    progress: Progress,
+) -> None:
+    """Simulate batches of a plan and keep their results."""
+    if not batches:
+        return
+    plan = store.plan
+    trial = DesignJob(plan.protocol)
+    pieces = {n: [plan.designs[i] for i in plan.batches[n]] for n in batches}
+    if execution.scheduler is None:
+        found = run_here(trial, pieces, progress, count=execution.threads)
+    else:
+        found = run_on_cluster(
+            trial, pieces, execution.scheduler, progress, execution.worker_timeout
+        )
+    # Closed at once if it is interrupted here, so that what is under way ends too.
+    with contextlib.closing(found):
+        for number, results in found:
+            store.keep(number, results)
+
+
+def _new_trial(
+    study: Any, space: Mapping[str, Any], tried: set[tuple[Any, ...]], random: Any
+) -> Any:
+    """Return a trial of a design that was not tried before; one must exist.
+
+    A sampler that has found the best of a few values asks for it again and again.
+    """
+    out = require_optuna().trial.TrialState.FAIL
+    for _ in range(20):  # the sampler may repeat what was tried before
+        trial = study.ask(space)
+        if (place := tuple(trial.params.values())) not in tried:
+            tried.add(place)
+            return trial
+        study.tell(trial, state=out)
+    while True:
+        params = {
+            name: _random_choice(values, random) for name, values in space.items()
+        }
+        if (place := tuple(params.values())) not in tried:
+            tried.add(place)
+            study.enqueue_trial(params)
+            return study.ask(space)
+
+
+def _random_choice(values: Any, random: Any) -> Any:
+    """Return one of the values of a distribution, any as likely as another."""
+    if hasattr(values, "choices"):
+        return values.choices[random.integers(len(values.choices))]
+    if isinstance(values.low, int):
+        return int(random.integers(values.low, values.high + 1))
+    return float(random.uniform(values.low, values.high))
+
+
+def _missing_objectives(
+    goals: Sequence[Objective], results: Sequence[DesignResult]
+) -> list[str]:
+    many = len(results)
+    reasons = [result.failed for result in results if result.failed]
+    first = f"; {len(reasons)} failed, the first: {reasons[0]}" if reasons else ""
+    return [
+        f"None of the first {many} designs has a number for {goal.name}, by which the "
+        f"search goes{first.rstrip('.')}; Ctrl-C keeps what there is."
+        for goal in goals
+        if all(math.isnan(goal.cost(result.metrics)) for result in results)
+    ]
+
+
+def _distribution(optuna: Any, values: Range) -> Any:
+    kinds = optuna.distributions
+    if values.ends is not None and not values.levels:
+        return kinds.FloatDistribution(*values.ends, log=values.log)
+    if any(isinstance(level, str) for level in values.levels):
+        return kinds.CategoricalDistribution(values.levels)
+    # Levels are in an order, which the place of a level keeps.
+    return kinds.IntDistribution(0, len(values.levels) - 1)
+
+
+def _design_of_trial(plan: Plan, parameters: Mapping[str, Any]) -> Design:
+    """Return the design of a sampler's trial.
+
+    What decides before any simulation whether a design can be is no concern of the
+    sampler's: see `_fit_profile`.
+    """
+    found: Design = {}
+    between: dict[str, tuple[float, float, bool]] = {}
+    for name, values in plan.ranges.items():
+        one = parameters[name]
+        found[name] = sorted(values.levels)[one] if isinstance(one, int) else one
+        if values.ends is not None and not values.levels:
+            between[name] = (*values.ends, values.log)
+    return fit_profile(found, between, plan.protocol.across.cases)
+
+
+def _with_designs(
+    plan: Plan, designs: Sequence[Design]
+) -> tuple[Plan, dict[int, DesignResult]]:
+    """Return the plan with more designs, and the results of impossible ones."""
+    device = plan.protocol.device
+    first, batch = len(plan.designs), len(plan.batches)
+    checked: list[Design] = []
+    refused: dict[int, str] = {}
+    for place, design in enumerate(designs):
+        try:
+            checked.append(plan.protocol.across.check(device, design))
+        except CableError as error:
+            checked.append(design)
+            refused[first + place] = f"impossible: {str(error).rstrip('.')}"
+    possible = {i: d for i, d in enumerate(checked, first) if i not in refused}
+    together = batches_of(plan.protocol, possible, PIECE)
+    batches = [*together, *((index,) for index in refused)]
+    none = dict.fromkeys(number_columns(plan.protocol), math.nan)
+    return (
+        dataclasses.replace(
+            plan,
+            designs=(*plan.designs, *checked),
+            batches=(*plan.batches, *batches),
+        ),
+        {
+            batch + len(batches) - len(refused) + place: DesignResult(none, why)
+            for place, why in enumerate(refused.values())
+        },
+    )
+
+
+def fit_profile(
+    design: Mapping[str, Value],
+    ranges: Mapping[str, tuple[float, float, bool]],
+    cases: Sequence[Mapping[str, Value]] = ({},),
+) -> dict[str, Value]:
+    """Return a design with a possible profile: it ends with the stance at the latest.
+
+    How late a peak may be depends on the least fall, how long a fall on the peak, and
+    how late an onset, too. A sampler draws each variable from its full range; the draw
+    is mapped to the same fraction of the range that is left. So all designs are
+    possible and the longest fall is an edge, not a slope across two variables.
+
+    `ranges` are the ends of the drawn variables, and whether on a logarithmic scale;
+    the profile has to fit into the shortest stance of all `cases`.
+    """
+    found = dict(design)
+    if not any(name in design for name in PROFILE):
+        return found
+    try:
+        toe_off = min(100.0 * pace_of({**design, **case}).toe_off for case in cases)
+    except CableError:  # impossible, which is reported where designs are checked
+        return found
+    least = ranges["fall"][0] if "fall" in ranges else design.get("fall", SHORTEST)
+    peak = float(design.get("peak_time", Profile.peak_time))
+    if "peak_time" in ranges:
+        found["peak_time"] = peak = _rescale(
+            peak, *ranges["peak_time"], toe_off - float(least)
+        )
+    for name, most in (("fall", toe_off - peak), ("onset", peak - SHORTEST)):
+        if name in ranges:
+            found[name] = _rescale(float(design[name]), *ranges[name], most)
+    return found
+
+
+def _rescale(value: float, low: float, high: float, log: bool, most: float) -> float:
+    """Return a value of low...high mapped to the same fraction of low...most."""
+    most *= 1.0 - 1e-12  # rounding must not take a sum beyond its limit
+    if most >= high:
+        return value
+    if most <= low:
+        return low
+    if log:
+        share = math.log(value / low) / math.log(high / low)
+        return min(low * math.pow(most / low, share), most)
+    return min(low + (value - low) * (most - low) / (high - low), most)

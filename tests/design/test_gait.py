@@ -13,8 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cc_mujoco.design import StudySpec, make_plan, optimise, study
+from cc_mujoco.design._execution import fit_profile
 from cc_mujoco.design._protocol import is_stride_metric
-from cc_mujoco.design._search import fit_profile
 from cc_mujoco.design._show import show
 from cc_mujoco.device import Plant, load_device
 from cc_mujoco.device._wearer_scaling import profile_of, tasks_of

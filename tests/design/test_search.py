@@ -27,10 +27,10 @@ from cc_mujoco.design import (
     read_objectives,
     study,
 )
+from cc_mujoco.design._execution import search
 from cc_mujoco.design._pareto import MetricLimit, within_limits
 from cc_mujoco.design._plan import GENERATION
 from cc_mujoco.design._results_store import read_table
-from cc_mujoco.design._search import search
 from cc_mujoco.design._show import show
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Walk

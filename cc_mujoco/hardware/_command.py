@@ -167,9 +167,11 @@ class RunRig:
         name: str | None = None,
     ) -> RunOutcome:
         from cc_mujoco._utils.provenance import versions
+        from cc_mujoco.assets import SCENES
         from cc_mujoco.datasets._run_log import DEFAULT_LOG_NAME
         from cc_mujoco.hardware import Loop, RunLog, SystemClock, watch_for_stop
         from cc_mujoco.hardware._run_log import BLOCK_TIME
+        from cc_mujoco.hardware._run_report import ReportedRun, write_run_report
 
         period = law.drive.period
         about = {
@@ -188,19 +190,27 @@ class RunRig:
                 name or DEFAULT_LOG_NAME,
                 axes.log_names,
             )
-            loop = Loop(
-                driven,
-                law,
-                clock=SystemClock(),
-                log=log,
-                stop=stop,
-                windings=axes.windings,
-            )
+            clock, windings = SystemClock(), axes.windings
+            loop = Loop(driven, law, clock=clock, log=log, stop=stop, windings=windings)
             try:
                 loop.run(duration)
             finally:
                 _close_log(log, loop.outcome)
-        _write_report(axes, self.out, loop.outcome, what, name)
+        first = axes.settings[0]
+        file = first.path.parent / first.scene
+        run = ReportedRun(
+            self.out / f"{name or DEFAULT_LOG_NAME}.csv",
+            loop.outcome,
+            name or what,
+            first.scene if first.scene in SCENES or not file.is_file() else str(file),
+            period,
+            dict(zip(axes.log_names, (s.limits for s in axes.settings), strict=True)),
+            name is not None,
+        )
+        try:
+            print(f"report:     {write_run_report(run)}")
+        except (CableError, OSError) as error:  # a run without a page is a run
+            print(f"report:     none, {error}")
         return loop.outcome
 
     def _report(self, found: RunOutcome, period: float) -> int:
@@ -253,31 +263,3 @@ def _close_log(log: RunLog, outcome: RunOutcome) -> None:
         except CableError as error:
             if not outcome.code:
                 outcome.sentence, outcome.code = str(error), 3
-
-
-def _write_report(
-    axes: RigAxes, folder: Path, outcome: RunOutcome, what: str, trial: str | None
-) -> None:
-    """Write the page of a run; a run without a page is a run all the same."""
-    from cc_mujoco.assets import SCENES
-    from cc_mujoco.datasets._run_log import DEFAULT_LOG_NAME
-    from cc_mujoco.hardware._run_report import ReportedRun, write_run_report
-
-    first = axes.settings[0]
-    file = first.path.parent / first.scene
-    run = ReportedRun(
-        folder / f"{trial or DEFAULT_LOG_NAME}.csv",
-        outcome,
-        trial or what,
-        first.scene if first.scene in SCENES or not file.is_file() else str(file),
-        first.period,
-        {
-            name: each.limits
-            for name, each in zip(axes.log_names, axes.settings, strict=True)
-        },
-        trial is not None,
-    )
-    try:
-        print(f"report:     {write_run_report(run)}")
-    except (CableError, OSError) as error:
-        print(f"report:     none, {error}")

@@ -414,9 +414,17 @@ def connect_rig(table: Table, buses: CanBuses) -> Rig:
         if isinstance(address, CanAddress):
             return CanRig(address, buses)
     joint = connect_rig(address.joint, buses)
+    place, node = address.place, address.node
     with contextlib.ExitStack() as closing, naming(table.where):
         closing.callback(joint.close)
-        rig = DriveRig(_drive(address, buses), joint, address.gear, address.zero)
+        drive: MotorDrive
+        if isinstance(place, str):
+            ratio = address.torque_per_ampere
+            drive = Dynamixel(place, node, address.baud_rate, ratio)
+        else:
+            kind = Odrive if address.protocol == "odrive" else Moteus
+            drive = kind(place, node, buses)
+        rig = DriveRig(drive, joint, address.gear, address.zero)
         closing.pop_all()
     return rig
 
@@ -483,16 +491,6 @@ def _machine(address: UdpAddress) -> str:
         return str(socket.getaddrinfo(address.host, address.port)[0][4][0])
     except OSError:
         return address.host
-
-
-def _drive(address: DriveAddress, buses: CanBuses) -> MotorDrive:
-    if isinstance(address.place, str):
-        return Dynamixel(
-            address.place, address.node, address.baud_rate, address.torque_per_ampere
-        )
-    if address.protocol == "odrive":
-        return Odrive(address.place, address.node, buses)
-    return Moteus(address.place, address.node, buses)
 
 
 def _user_rig(table: Table, name: str) -> Rig:

@@ -1,3 +1,4 @@
+from ._cell import SCORES as SCORES
 from ._cell import Cell as Cell
 from ._cell import CellResult as CellResult
 from ._cell import batch_groups as batch_groups
@@ -22,6 +23,5 @@ from ._results import Results as Results
 from ._results import rms_errors as rms_errors
 from ._runner import BenchmarkPlan as BenchmarkPlan
 from ._runner import run as run
-from ._scores import SCORES as SCORES
 from ._suites import SUITES as SUITES
 from ._suites import Suite as Suite

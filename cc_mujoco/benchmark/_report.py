@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.benchmark import _ranking as ranking
+from cc_mujoco.benchmark._cell import EVERY_SCORE, ranked_score
 from cc_mujoco.benchmark._conditions import REFERENCES, SCALE_CONTROLLER, plant_key
 from cc_mujoco.benchmark._ranking import Place
 from cc_mujoco.benchmark._results import (
@@ -24,7 +25,6 @@ from cc_mujoco.benchmark._results import (
     by_device,
     rms_errors,
 )
-from cc_mujoco.benchmark._scores import EVERY_SCORE, ranked_score
 from cc_mujoco.device import find_device
 from cc_mujoco.device._description import device_label
 from cc_mujoco.report._html import list_words

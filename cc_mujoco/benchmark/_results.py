@@ -26,10 +26,9 @@ from cc_mujoco._utils.provenance import (
     read_provenance,
     with_provenance,
 )
-from cc_mujoco.benchmark._cell import Cell, CellResult
+from cc_mujoco.benchmark._cell import Cell, CellResult, axis_errors, ranked_score
 from cc_mujoco.benchmark._conditions import REFERENCES, SCALE_CONTROLLER
 from cc_mujoco.benchmark._ranking import normalise_errors
-from cc_mujoco.benchmark._scores import axis_errors, ranked_score
 from cc_mujoco.errors import CableError
 
 Array = NDArray[np.float64]

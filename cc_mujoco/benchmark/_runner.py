@@ -36,6 +36,7 @@ from cc_mujoco.benchmark._cell import (
     batch_groups,
     play_group,
     prepare_episodes,
+    score_columns,
 )
 from cc_mujoco.benchmark._conditions import (
     REFERENCES,
@@ -44,7 +45,6 @@ from cc_mujoco.benchmark._conditions import (
 )
 from cc_mujoco.benchmark._plant import require_key
 from cc_mujoco.benchmark._position import WITH_SENSOR
-from cc_mujoco.benchmark._scores import score_columns
 from cc_mujoco.benchmark._suites import SUITES
 from cc_mujoco.benchmark._user_entry import Entry, controller_provenance
 from cc_mujoco.control._registry import batched_controller

@@ -5,7 +5,6 @@ from ._can_bus import CanLink as CanLink
 from ._can_bus import CanRig as CanRig
 from ._drive_model import Windings as Windings
 from ._drive_model import drive_of as drive_of
-from ._drive_rig import DriveRig as DriveRig
 from ._limits import Limiter as Limiter
 from ._limits import Limits as Limits
 from ._loop import Clock as Clock
@@ -17,15 +16,16 @@ from ._loop import SystemClock as SystemClock
 from ._loop import watch_for_stop as watch_for_stop
 from ._packet import Readings as Readings
 from ._packet import Status as Status
+from ._references import APPROACH_TIME as APPROACH_TIME
+from ._references import Servo as Servo
+from ._references import Stiffness as Stiffness
 from ._references import TorqueTable as TorqueTable
+from ._rig import DriveRig as DriveRig
 from ._rig import Rig as Rig
 from ._rig import UdpRig as UdpRig
 from ._run_log import AxisRow as AxisRow
 from ._run_log import RunLog as RunLog
 from ._run_log import require_free as require_free
-from ._servo import APPROACH_TIME as APPROACH_TIME
-from ._servo import Servo as Servo
-from ._servo import Stiffness as Stiffness
 from ._settings import Settings as Settings
 from ._settings import read_axes as read_axes
 from ._settings import read_settings as read_settings

@@ -38,9 +38,8 @@ from typing import ClassVar
 
 from cc_mujoco.hardware._address import CanPlace
 from cc_mujoco.hardware._can_bus import CanBuses, CanPort
-from cc_mujoco.hardware._drive_rig import TURN, Enabling, MotorState, Now
 from cc_mujoco.hardware._packet import Status
-from cc_mujoco.hardware._rig import pending
+from cc_mujoco.hardware._rig import TURN, Enabling, MotorState, Now, pending
 
 
 class CanDrive(ABC):

@@ -17,9 +17,8 @@ from cc_mujoco.errors import CableError
 if TYPE_CHECKING:
     from cc_mujoco.control import Controller
     from cc_mujoco.hardware import RunLog, RunOutcome
-    from cc_mujoco.hardware._references import Desired
+    from cc_mujoco.hardware._references import Desired, Planned
     from cc_mujoco.hardware._rig_axes import RigAxes
-    from cc_mujoco.hardware._servo import Planned
 
 
 @dataclass(frozen=True)
@@ -91,9 +90,9 @@ class RunRig:
                 raise CableError(f"{name} does not go with --plan, which has its own.")
 
         from cc_mujoco.control import controller
+        from cc_mujoco.hardware._references import add_trial_facts, read_plan
         from cc_mujoco.hardware._rig_axes import RigAxes
         from cc_mujoco.hardware._run_log import require_free
-        from cc_mujoco.hardware._servo import add_trial_facts, read_plan
         from cc_mujoco.hardware._settings import read_settings
 
         settings = read_settings(self.rig)

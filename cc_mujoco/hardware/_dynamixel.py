@@ -21,8 +21,8 @@ from collections import Counter
 from typing import TYPE_CHECKING, NoReturn
 
 from cc_mujoco.errors import CableError
-from cc_mujoco.hardware._drive_rig import TURN, Enabling, MotorState, Now
 from cc_mujoco.hardware._packet import Status
+from cc_mujoco.hardware._rig import TURN, Enabling, MotorState, Now
 
 if TYPE_CHECKING:
     import serial

@@ -93,11 +93,10 @@ from cc_mujoco.hardware._address import (
 from cc_mujoco.hardware._can_bus import CanBuses, CanRig
 from cc_mujoco.hardware._can_drives import Moteus, Odrive
 from cc_mujoco.hardware._drive_model import device_of, drive_of
-from cc_mujoco.hardware._drive_rig import DriveRig, MotorDrive
 from cc_mujoco.hardware._dynamixel import Dynamixel
 from cc_mujoco.hardware._limits import MAX_PERIOD, MIN_PERIOD, Limits
-from cc_mujoco.hardware._rig import Rig, UdpRig
-from cc_mujoco.hardware._servo import Stiffness
+from cc_mujoco.hardware._references import Stiffness
+from cc_mujoco.hardware._rig import DriveRig, MotorDrive, Rig, UdpRig
 from cc_mujoco.hardware._watchdog import Watchdog
 from cc_mujoco.human import TASKS
 

@@ -32,10 +32,9 @@ def ending(drive: Any) -> Any:
 def cheat(drive: Any) -> Any:
     """Return a controller without torque that overwrites every score it can reach."""
     from cc_mujoco.benchmark import _cell as cell
-    from cc_mujoco.benchmark import _scores as scores
     from cc_mujoco.device import Sensing
 
-    cell.episode_scores = lambda *_, **__: {s.name: 0.0 for s in scores.SCORES}
+    cell.episode_scores = lambda *_, **__: {s.name: 0.0 for s in cell.SCORES}
     cell.play_group = cell.sample_plants = None
     Sensing.equip = None
     np.sqrt = np.mean = lambda x, *_, **__: 0.0 * x

@@ -29,9 +29,8 @@ from cc_mujoco.hardware import (
 from cc_mujoco.hardware import _can_drives as can_drives
 from cc_mujoco.hardware import _dynamixel as dynamixel
 from cc_mujoco.hardware._address import CanPlace
-from cc_mujoco.hardware._drive_rig import MotorDrive
 from cc_mujoco.hardware._references import constant_course
-from cc_mujoco.hardware._rig import END_PACKETS, end_safely
+from cc_mujoco.hardware._rig import END_PACKETS, MotorDrive, end_safely
 from hardware.drive_peers import (
     STEP,
     DynamixelServo,

@@ -31,7 +31,7 @@ from cc_mujoco.hardware import (
     Stiffness,
     Watchdog,
 )
-from cc_mujoco.hardware._servo import read_plan
+from cc_mujoco.hardware._references import read_plan
 from hardware.fakes import Rows, add_row
 from hardware.peers import Peer, toml
 from rig import make_rig

@@ -8,13 +8,12 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pyarrow as pa
 from numpy.typing import NDArray
 
-from cc_mujoco.design._pareto import Objective, column
+from cc_mujoco.design._pareto import column
 from cc_mujoco.design._plan import Plan
 from cc_mujoco.design._protocol import known_metric, metric_of
-from cc_mujoco.design._sensitivity import Sensitivity
+from cc_mujoco.design._sensitivity import Sensitivity, Surface
 from cc_mujoco.device._variables import describe
 from cc_mujoco.report import _figures as figures
 
@@ -22,23 +21,16 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from cc_mujoco.design._report_text import RankedStudy
+
 Array = NDArray[np.float64]
 PAGE_WIDTH = 4.8
 """Width of a figure whose text can be read where the page is 390 px wide [inch]."""
 
 
-def answer_plot(
-    table: pa.Table,
-    x: str,
-    objective: Objective,
-    best: NDArray[np.bool_],
-    marked: Sequence[int],
-) -> Figure:
-    """Return one objective over another, or over a variable, with designs marked.
-
-    `x` is the column of the abscissa, a metric or a variable. `best` are the members of
-    the Pareto set, `marked` the rows that get a number, the best first.
-    """
+def answer_plot(study: RankedStudy, x: str) -> Figure:
+    """Return the first objective over the column `x`, a metric or a variable."""
+    table, objective = study.table, study.goals[0]
     drawing = figures.figure(0.88 * PAGE_WIDTH, 3.1)  # in the header
     axes = drawing.add_subplot()
     y = column(table, objective.name)
@@ -49,8 +41,8 @@ def answer_plot(
         across = np.array([levels.index(place) for place in places], dtype=float)
     else:
         across = column(table, x)
-    _scatter(axes, across, y, best)
-    for place, row in enumerate(marked):
+    _scatter(axes, across, y, study.front)
+    for place, row in enumerate(study.marked):
         axes.plot(
             across[row], y[row], "s" if place else "*", markersize=7 if place else 12,
             color=figures.BLUE, label=None if place else "best",
@@ -72,15 +64,13 @@ def answer_plot(
     return drawing
 
 
-def pareto_plot(
-    table: pa.Table, objectives: Sequence[Objective], best: NDArray[np.bool_]
-) -> Figure:
+def pareto_plot(study: RankedStudy) -> Figure:
     """Return every pair of objectives: all designs, and the Pareto set over it."""
-    pairs = list(itertools.combinations(objectives, 2))
+    best, pairs = study.front, list(itertools.combinations(study.goals, 2))
     drawing = figures.figure(PAGE_WIDTH, 3.2 * len(pairs))
     panels = drawing.subplots(len(pairs), squeeze=False)[:, 0]
     for axes, (one, other) in zip(panels, pairs, strict=True):
-        x, y = (column(table, o.name) for o in (one, other))
+        x, y = (column(study.table, o.name) for o in (one, other))
         _scatter(axes, x, y, best)
         axes.set(
             xlabel=_label(one.name, one.high), ylabel=_label(other.name, other.high)
@@ -133,32 +123,30 @@ def effects_plot(found: Sequence[Sensitivity], most: int | None = None) -> Figur
     return drawing
 
 
-def heat_maps(
-    plan: Plan, table: pa.Table, found: Sequence[Sensitivity]
-) -> Figure | None:
+def heat_maps(study: RankedStudy) -> Figure | None:
     """Draw each metric over the two variables that matter most to it."""
-    if len(plan.varied) < 2:
+    found = study.sensitivities
+    if len(study.varied) < 2:
         return None
     columns = min(len(found), 3 if len(found) <= 6 else 4)
     rows = math.ceil(len(found) / columns)
     drawing = figures.figure(4.0 * columns, 3.3 * rows)
     panels = drawing.subplots(rows, columns, squeeze=False).ravel()
     for axes, one in zip(panels, found, strict=False):
-        _heat_map(axes, plan, table, one)
+        _heat_map(axes, study, one)
     for axes in panels[len(found) :]:
         axes.set_axis_off()
     return drawing
 
 
-def _heat_map(axes: Axes, plan: Plan, table: pa.Table, one: Sensitivity) -> None:
+def _heat_map(axes: Axes, study: RankedStudy, one: Sensitivity) -> None:
     across, up = sorted(one.total, key=lambda n: one.total[n], reverse=True)[:2]
+    ticks: Mapping[str, Sequence[object]]
     if one.surface is None:
-        values = _means(plan, column(table, one.metric), across, up)
-        ticks: Mapping[str, Sequence[object]] = {
-            n: plan.ranges[n].levels for n in (across, up)
-        }
+        values = _means(study.plan, column(study.table, one.metric), across, up)
+        ticks = {n: study.plan.ranges[n].levels for n in (across, up)}
     else:
-        values, ticks = _surface_grid(plan, table, one, across, up)
+        values, ticks = _surface_grid(study, one, one.surface, across, up)
     image = axes.imshow(
         values, origin="lower", aspect="auto", cmap=figures.TENSION_COLORS,
         interpolation="nearest",
@@ -190,14 +178,13 @@ def _means(plan: Plan, y: Array, across: str, up: str) -> Array:
 
 
 def _surface_grid(
-    plan: Plan, table: pa.Table, one: Sensitivity, across: str, up: str
+    study: RankedStudy, one: Sensitivity, surface: Surface, across: str, up: str
 ) -> tuple[Array, dict[str, Sequence[object]]]:
     """Return the surface (up, across) with the other variables at mid-range.
 
     Blank beyond the designs that have the number.
     """
-    assert one.surface is not None
-    names, axes = plan.varied, plan.ranges
+    names, axes = study.varied, study.plan.ranges
     # Cells along each side of the heat map of a surface
     shares = {name: axes[name].shares(41) for name in (across, up)}
     x, y = np.meshgrid(shares[across], shares[up])
@@ -205,9 +192,9 @@ def _surface_grid(
     for name in names:
         flat = {across: x, up: y}.get(name, np.full_like(x, 0.5)).ravel()
         columns.append(axes[name].code(axes[name].at(flat)))
-    values = one.surface(np.stack(columns, axis=-1)).reshape(x.shape)
-    good = np.isfinite(column(table, one.metric))
-    designs = [d for d, has in zip(plan.designs, good, strict=True) if has]
+    values = surface(np.stack(columns, axis=-1)).reshape(x.shape)
+    good = np.flatnonzero(np.isfinite(column(study.table, one.metric)))
+    designs = [study.plan.designs[place] for place in good]
     places = np.stack(
         [axes[n].code([d[n] for d in designs]) for n in (across, up)], axis=-1
     )

@@ -149,14 +149,10 @@ def evaluate(
         scores = _Scores(protocol, plants, models)
         done = 0.0
         for test, law, episode in tests:
+            start, part = before + done / whole, episode.duration / whole
 
-            def passed(
-                share: float,
-                before: int = before,
-                start: float = done / whole,
-                part: float = episode.duration / whole,
-            ) -> None:
-                tick((before + start + part * share) / len(cases))
+            def passed(share: float, start: float = start, part: float = part) -> None:
+                tick((start + part * share) / len(cases))
 
             scores.add(test, law, play(episode, models, tick=passed))
             done += episode.duration

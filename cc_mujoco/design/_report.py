@@ -82,29 +82,23 @@ def write_report(
 
 def _drawings(found: RankedStudy) -> Iterator[tuple[str, Figure]]:
     """Yield the figures that a study has, keys of `CAPTIONS`."""
-    goals = {goal.name: goal for goal in found.goals}
+    goals = [goal.name for goal in found.goals]
     if found.best is not None and found.varied:
         first, *others = goals
         if not others:
             shares = {one.metric: one.total for one in found.sensitivities}
             own = shares.get(first, {})
             others = [max(found.varied, key=lambda name: own.get(name, 0.0))]
-        yield (
-            "answer.png",
-            charts.answer_plot(
-                found.table, others[0], goals[first], found.front, found.marked
-            ),
-        )
+        yield "answer.png", charts.answer_plot(found, others[0])
     if len(goals) > 2 and found.front.any():
-        yield "pareto.png", charts.pareto_plot(found.table, found.goals, found.front)
+        yield "pareto.png", charts.pareto_plot(found)
     if not found.sensitivities:
         return
     if shown := [one for one in found.sensitivities if one.metric in goals]:
         # Variables whose effects on the objectives are drawn unfolded
         yield "effects.png", charts.effects_plot(shown, 3)
     yield "effects_all.png", charts.effects_plot(found.sensitivities)
-    maps = charts.heat_maps(found.plan, found.table, found.sensitivities)
-    if maps is not None:
+    if (maps := charts.heat_maps(found)) is not None:
         yield "heatmaps.png", maps
 
 

@@ -319,7 +319,9 @@ def play_group(cells: Sequence[Cell]) -> list[CellResult]:
     rows: dict[str, NDArray[Any]] = {
         **batch.play(made.law, made.sensors.measure, [*of_axes, *CABLE_COLUMNS])
     }
-    time = np.arange(batch.steps + 1, dtype=float) * made.batch.exo.period
+    time = np.arange(batch.steps + 1, dtype=float) * batch.exo.period
+    count = len(cells[0].seeds)
+    rows["time_s"] = np.repeat(time[:, None], count * len(cells), axis=1)
     reference = conditions.REFERENCES.get(cells[0].controller)
     if reference is not None and reference.ideal:
         _apply_ideal_torque(made, rows)
@@ -327,17 +329,13 @@ def play_group(cells: Sequence[Cell]) -> list[CellResult]:
         rows["least_tension_n"][:] = 1.0  # no cable is there that could be slack
     found: list[CellResult] = []
     for place, cell in enumerate(cells):
-        count = len(cell.seeds)
         own = slice(place * count, (place + 1) * count)
         part = {name: values[:, own] for name, values in rows.items()}
+        trace = {}
+        if cell.condition.usual:
+            trace = _trace_columns(cell, part, batch.prefixes)
         found.append(
-            CellResult(
-                _scores(cell, part, time, made),
-                _plant_columns(made, own),
-                _trace_columns(cell, part, time, batch.prefixes)
-                if cell.condition.usual
-                else {},
-            )
+            CellResult(_scores(cell, part, made), _plant_columns(made, own), trace)
         )
     return found
 
@@ -354,7 +352,7 @@ def _apply_ideal_torque(made: CellSetup, rows: Mapping[str, NDArray[Any]]) -> No
 
 
 def _scores(
-    cell: Cell, rows: Mapping[str, NDArray[Any]], time: Array, made: CellSetup
+    cell: Cell, rows: Mapping[str, NDArray[Any]], made: CellSetup
 ) -> dict[str, Array]:
     """Return the scores of every seed (seeds,), without the warm-up."""
     description, device = made.draws[0].plant.description, made.batch.exo.device
@@ -379,7 +377,6 @@ def _scores(
     episodes: list[dict[str, float]] = []
     for row in range(len(cell.seeds)):
         columns = {name: values[first:, row] for name, values in rows.items()}
-        columns["time_s"] = time[first:]
         ends, least = columns.pop("tension_n"), columns.pop("least_tension_n")
         for place, cable in enumerate(cables):
             columns[f"tension_{cable}_proximal_n"] = ends[:, 2 * place]
@@ -445,12 +442,8 @@ def _plant_columns(made: CellSetup, own: slice) -> dict[str, list[Any]]:
 
 
 def _trace_columns(
-    cell: Cell,
-    rows: Mapping[str, NDArray[Any]],
-    time: Array,
-    prefixes: Sequence[str],
+    cell: Cell, rows: Mapping[str, NDArray[Any]], prefixes: Sequence[str]
 ) -> dict[str, Array]:
-    count = len(cell.seeds)
     thin = slice(None, None, 10)  # every tenth control step
     found: dict[str, Array] = {}
     for prefix in prefixes:
@@ -462,8 +455,9 @@ def _trace_columns(
             if prefix + name in rows
         }
         found[f"{prefix}phase"] = phase.ravel()
-    found["time_s"] = np.repeat(time[thin], count)
-    found["seed"] = np.tile(np.array(cell.seeds, dtype=float), time[thin].size)
+    time = rows["time_s"][thin]
+    found["time_s"] = time.ravel()
+    found["seed"] = np.tile(np.array(cell.seeds, dtype=float), len(time))
     return found
 
 

@@ -26,7 +26,7 @@ from cc_mujoco._workers import Tick
 from cc_mujoco.control import axes_controller
 from cc_mujoco.design import _protocol as protocols
 from cc_mujoco.design._bill_of_materials import inertias_of, parts_of
-from cc_mujoco.design._protocol import EpisodeProtocol
+from cc_mujoco.design._protocol import EpisodeProtocol, is_stride_metric, metric_of
 from cc_mujoco.design._scenarios import LEAST_SUFFIX
 from cc_mujoco.device import Device, Plant
 from cc_mujoco.device._axis_columns import axis_columns
@@ -179,11 +179,11 @@ class _Scores:
         laws, names = protocol.controllers, protocol.metrics
         self.tried = [_Tried({law: {} for law in laws}, {}) for _ in plants]
         strides: Mapping[str, GaitJoint] = {}
-        if any(map(protocols.is_stride_metric, names)):
+        if any(map(is_stride_metric, names)):
             strides = joints_of_gait(protocol.device)
         self._facts = [_facts(protocol, plant, strides) for plant in plants]
         self._cables = tuple(plants[0].cables)
-        if all(protocols.metric_of(name).test != "parts" for name in names):
+        if all(metric_of(name).test != "parts" for name in names):
             return
         for one, plant, model in zip(self.tried, plants, models, strict=True):
             whole = parts_of(plant, dict(protocol.costs))
@@ -204,10 +204,7 @@ class _Scores:
                 failed = dict.fromkeys(laws, where + why)
                 one.failed.update(failed | one.failed)
                 continue
-            logs = [
-                _log_of(played, row, n, self._cables, self._facts[row][n])
-                for n in range(len(self._axes))
-            ]
+            logs = [self._log(played, row, n) for n in range(len(self._axes))]
             found = self._measured(test, logs)
             for name in laws:
                 one.rows[name] |= found
@@ -215,9 +212,7 @@ class _Scores:
     def _measured(self, test: Test, logs: Sequence[ArrayLog]) -> dict[str, float]:
         """Return the metrics of a test by column, from the log of each axis."""
         protocol = self._protocol
-        chosen = [
-            m for m in map(protocols.metric_of, protocol.metrics) if m.test == test
-        ]
+        chosen = [m for m in map(metric_of, protocol.metrics) if m.test == test]
         if not protocol.axes:
             return {m.name: value for m, value in measure(logs[0], chosen).items()}
         whole = [metric for metric in chosen if not metric.of_axis]
@@ -230,11 +225,29 @@ class _Scores:
             there = [
                 n
                 for n in owns
-                if constants.PACE in log.metadata or not protocols.is_stride_metric(n)
+                if constants.PACE in log.metadata or not is_stride_metric(n)
             ]
-            values = measure(log, map(protocols.metric_of, there))
+            values = measure(log, map(metric_of, there))
             found |= {f"{axis}.{m.name}": value for m, value in values.items()}
         return found | protocols.over_axes(protocol, found)
+
+    def _log(self, played: Rollout, row: int, axis: int) -> ArrayLog:
+        """Return one axis of a design in the shape of an episode log.
+
+        The tension of nodes is that of the node with least (T, 1).
+        """
+        own = axis_columns(played.columns, played.prefixes[axis], played.prefixes)
+        columns = {name: values[row] for name, values in own.items()}
+        names = "dissipated_j", "tension_n", "least_tension_n"
+        lost, ends, least = map(columns.pop, names)
+        for place, cable in enumerate(self._cables):
+            columns[f"dissipated_{cable}_j"] = lost[place]
+            columns[f"tension_{cable}_proximal_n"] = ends[2 * place]
+            columns[f"tension_{cable}_distal_n"] = ends[2 * place + 1]
+            columns[f"tension_{cable}_nodes_n"] = np.maximum(least[place], 0.0)[:, None]
+        ratio, driven = float(played.ratio[row, axis]), played.driven[axis]
+        known = {constants.RATIO: ratio, constants.DRIVEN: driven}
+        return ArrayLog(columns, self._cables, known | self._facts[row][axis])
 
     def _unsafe_reason(self, played: Rollout, row: int) -> str:
         """Return why the torque of a design is a failure; empty where it is none."""
@@ -274,34 +287,6 @@ def _facts(
             }
         found.append(facts)
     return found
-
-
-def _log_of(
-    played: Rollout,
-    row: int,
-    axis: int,
-    cables: tuple[str, ...],
-    facts: Mapping[str, Any],
-) -> ArrayLog:
-    """Return one axis of a design of a batch in the shape of an episode log.
-
-    The tension of nodes is that of the node with least (T, 1).
-    """
-    own = axis_columns(played.columns, played.prefixes[axis], played.prefixes)
-    columns = {name: values[row] for name, values in own.items()}
-    lost, ends, least = (
-        columns.pop(name) for name in ("dissipated_j", "tension_n", "least_tension_n")
-    )
-    for place, cable in enumerate(cables):
-        columns[f"dissipated_{cable}_j"] = lost[place]
-        columns[f"tension_{cable}_proximal_n"] = ends[2 * place]
-        columns[f"tension_{cable}_distal_n"] = ends[2 * place + 1]
-        columns[f"tension_{cable}_nodes_n"] = np.maximum(least[place], 0.0)[:, None]
-    known = {
-        constants.RATIO: float(played.ratio[row, axis]),
-        constants.DRIVEN: played.driven[axis],
-    }
-    return ArrayLog(columns, cables, {**known, **facts})
 
 
 def _result(protocol: EpisodeProtocol, tried: Sequence[_Tried]) -> DesignResult:
@@ -358,7 +343,7 @@ def episodes(
         CableError: the trajectory or the task cannot be played.
     """
     main = _main_episode(protocol, designs)
-    needed = {protocols.metric_of(name).test for name in protocol.metrics}
+    needed = {metric_of(name).test for name in protocol.metrics}
     held, swings, chirps = main, None, None
     if needed & {"backlash", "bandwidth"}:
         held, swings, chirps = _held_episode(main, Plant(protocol.device).model())

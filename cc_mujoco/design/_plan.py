@@ -49,7 +49,7 @@ from cc_mujoco.design._pareto import (
     read_limits,
     read_objectives,
 )
-from cc_mujoco.design._protocol import EpisodeProtocol
+from cc_mujoco.design._protocol import EpisodeProtocol, is_stride_metric, metric_of
 from cc_mujoco.design._scenarios import Across, read_across
 from cc_mujoco.design._whatif_options import Assignments, Given, StudySpec
 from cc_mujoco.device import Axis, Description, Device, Value, load_device
@@ -307,9 +307,7 @@ def _make_protocol(
     require_number("duration", spec.duration, 0.05, MAX_DURATION, "s")
     if not (isinstance(spec.seed, int) and spec.seed >= 0):
         raise CableError(f"seed must be an integer >= 0, not {spec.seed!r}.")
-    turned = [
-        goal.name for goal in goals if goal.high != protocols.metric_of(goal.name).high
-    ]
+    turned = [goal.name for goal in goals if goal.high != metric_of(goal.name).high]
     across = _assigned("across", "NAME", spec.across)
     cases = read_across(across, spec.rank, builder, turned)
     given_motion = home.trajectory if spec.trajectory is None else spec.trajectory
@@ -328,8 +326,8 @@ def _make_protocol(
     _require_played(home, variables_named, sources[0], texts)
     unheld = _unheld_reason(builder)
     for name in chosen:
-        metric = protocols.metric_of(name)
-        if protocols.is_stride_metric(name) and not (
+        metric = metric_of(name)
+        if is_stride_metric(name) and not (
             sources[0] == wearers.WALK and joints_of_gait(builder)
         ):
             raise CableError(
@@ -346,9 +344,7 @@ def _make_protocol(
                 f"{ways} (--vary, one value is enough)."
             )
     for name in dict.fromkeys(decisive):
-        if fact := protocols.missing_fact(
-            protocols.metric_of(name), variables_named, home
-        ):
+        if fact := protocols.missing_fact(metric_of(name), variables_named, home):
             raise CableError(
                 f"metric {name!r} needs {fact} of the description of {home.scene}."
             )
@@ -361,8 +357,8 @@ def _make_protocol(
     measured = chosen or tuple(
         name
         for name in usual
-        if not protocols.missing_variables(protocols.metric_of(name), variables_named)
-        and not (unheld and protocols.metric_of(name).test in protocols.HELD_TESTS)
+        if not protocols.missing_variables(metric_of(name), variables_named)
+        and not (unheld and metric_of(name).test in protocols.HELD_TESTS)
     )
     # A number of one axis that decides is measured where that of all axes is.
     measured += tuple(
@@ -556,9 +552,7 @@ def _require_strides(
     `designs` are those that walk slowest, at least. A metric without a number in one
     case would be compared over the others.
     """
-    stride_metrics = [
-        name for name in protocol.metrics if protocols.is_stride_metric(name)
-    ]
+    stride_metrics = [name for name in protocol.metrics if is_stride_metric(name)]
     if not stride_metrics:
         return
     walkers = {tuple((n, d[n]) for n in wearers.WALKER if n in d) for d in designs}

@@ -381,17 +381,15 @@ def _add_spring(model: mujoco.MjModel, axis: Axis) -> None:
 
 
 def _believing(drive: Drive, believed: float) -> Drive:
-    cables = tuple(
-        dataclasses.replace(
-            one,
-            cable=one.cable.replace(
-                friction=believed * one.cable.friction,
-                static_friction=believed * one.cable.static_friction,
-            ),
+    cables = []
+    for one in drive.cables:
+        cable = one.cable
+        cable = cable.replace(
+            friction=believed * cable.friction,
+            static_friction=believed * cable.static_friction,
         )
-        for one in drive.cables
-    )
-    return dataclasses.replace(drive, cables=cables)
+        cables.append(dataclasses.replace(one, cable=cable))
+    return dataclasses.replace(drive, cables=tuple(cables))
 
 
 def _control(
@@ -459,10 +457,7 @@ def activity(
 
 
 def _activity(
-    device: Device,
-    law: str,
-    own: Axis,
-    progress: Callable[[float], object],
+    device: Device, law: str, own: Axis, progress: Callable[[float], object]
 ) -> tuple[float, float, tuple[float, ...]]:
     inertia = inertia_of(device, own.name)
     limbs = [limb_of(place, inertia) for place in first_wearers(device, own.name)]

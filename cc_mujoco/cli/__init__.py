@@ -56,7 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 else:
                     allow(words)
                     command = parse(PROGRAM, words)
-                    left = command.interrupted
+                    left = getattr(command, "interrupted", left)
                     from cc_mujoco._utils.command_options import plain_warnings
 
                     with plain_warnings(), user_errors("the command", SystemExit):

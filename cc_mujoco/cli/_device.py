@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
@@ -20,8 +20,6 @@ class ShowDevice:
 
     A description that is there already is read and never overwritten.
     """
-
-    interrupted: ClassVar[str] = "nothing was written"
 
     scene: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")]
     """An MJCF file with a motor and a cable, its description, or a built-in device."""

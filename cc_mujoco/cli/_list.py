@@ -10,7 +10,7 @@ import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class Listing:
     """Show the names that other commands take; with a word, what they mean."""
-
-    interrupted: ClassVar[str] = "nothing was written"
 
     word: Annotated[
         str,

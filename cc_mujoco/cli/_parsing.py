@@ -7,7 +7,7 @@ import io
 import re
 from collections.abc import Sequence
 from importlib.metadata import EntryPoint, distribution, distributions
-from typing import Annotated, Any, ClassVar, Protocol, Union
+from typing import Annotated, Any, Protocol, Union
 
 import tyro
 
@@ -27,10 +27,11 @@ _KINDS = {"int": "a whole number", "float": "a number"}
 
 
 class CommandOptions(Protocol):
-    """A dataclass whose fields are the options of a command."""
+    """A dataclass whose fields are the options of a command.
 
-    interrupted: ClassVar[str]
-    """State after an interruption, as in "nothing was written"."""
+    It may have `interrupted`, the state after an interruption, if that is not "nothing
+    was written".
+    """
 
     def run(self) -> int | None:
         """Run the command; return its exit code, None for 0."""

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class Play:
     """Play an episode; write its recording, log, metrics and figure."""
-
-    interrupted: ClassVar[str] = "nothing was written"
 
     scene: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")]
     """A device: a built-in name (`cc-mujoco list`), or your MJCF file."""

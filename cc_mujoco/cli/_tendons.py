@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 import tyro
 
@@ -16,8 +16,6 @@ class ShowTendons:
 
     The scene needs no cables: so friction can be judged before it is added.
     """
-
-    interrupted: ClassVar[str] = "nothing was written"
 
     scene: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")]
     """An MJCF file, the description of a device, or the name of a scene."""

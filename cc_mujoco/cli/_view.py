@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 import tyro
 
@@ -11,8 +11,6 @@ import tyro
 @dataclass(frozen=True)
 class View:
     """Simulate a scene of your own in MuJoCo's viewer, in real time, with sliders."""
-
-    interrupted: ClassVar[str] = "nothing was written"
 
     scene: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")]
     """An MJCF file with cables, the description of a device, or the name of a scene."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 import tyro
 
@@ -17,8 +17,6 @@ class WhatIfShow:
 
     With --against, play two and write a table, a figure and a recording of both.
     """
-
-    interrupted: ClassVar[str] = "nothing was written"
 
     folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="STUDY")]
     """Folder of the study, as `cc-mujoco whatif` wrote it."""

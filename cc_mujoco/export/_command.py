@@ -6,7 +6,7 @@ import math
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
@@ -24,8 +24,6 @@ C, ONNX = TARGETS = "c", "onnx"
 @dataclass(frozen=True)
 class Export:
     """Write a controller as C99, with header, parameters and example."""
-
-    interrupted: ClassVar[str] = "nothing was written"
 
     scene: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")]
     """Device whose cables the controller knows: a name, or an MJCF file."""

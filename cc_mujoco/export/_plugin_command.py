@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 import tyro
 
@@ -15,8 +15,6 @@ from cc_mujoco._utils.command_options import Flag
 @dataclass(frozen=True)
 class WritePlugin:
     """Write the engine plugin as a shared library that needs no Python."""
-
-    interrupted: ClassVar[str] = "nothing was written"
 
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
     """Folder to write to."""

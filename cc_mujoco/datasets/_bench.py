@@ -320,8 +320,8 @@ class Bench:
         """
         source: str | Path = str(scene) if str(scene) in SCENES else Path(scene)
         _, path, table = locate(source)
+        spec = read_spec(path)
         try:
-            spec = read_spec(path)
             model = spec.compile()
         except ValueError as error:
             reason = " ".join(str(error).split())

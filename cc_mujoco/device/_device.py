@@ -31,7 +31,7 @@ from cc_mujoco.device._device_files import HYSTERESIS_ENDING, locate
 from cc_mujoco.device._mover import Mover
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import TASKS, TRAJECTORIES, Wearer
-from cc_mujoco.plugin._spec import error_sentence, read_spec
+from cc_mujoco.plugin._spec import read_spec
 
 _ONE = threading.Lock()
 
@@ -78,7 +78,7 @@ class Device(Nominal):
             CableError: There is no such scene, or it is no device.
         """
         name, scene, table_path = locate(source)
-        spec = _load_spec(scene)
+        spec = read_spec(scene)
         table = Table(name, {})
         if table_path is not None:
             table = _resolved(read_toml(table_path), table_path.parent)
@@ -140,7 +140,7 @@ class Device(Nominal):
             raise CableError(f"there is no file {scene}; give an MJCF file.")
         made = Device.__new__(Device)
         made.files, made.path = tuple(_files_of(path)), None
-        made._original = spec = _load_spec(path)
+        made._original = spec = read_spec(path)
         made._read(spec.copy(), str(path), self._table, self.timestep, {})
         return made
 
@@ -204,14 +204,6 @@ class Device(Nominal):
         if self.name in SCENES and not self._given:
             return scene_path(self.name).read_text(encoding="utf-8")
         return str(self.spec.to_xml())
-
-
-def _load_spec(scene: Path) -> mujoco.MjSpec:
-    try:
-        return read_spec(scene)
-    except ValueError as error:
-        reason = error_sentence(error)
-        raise CableError(f"scene {scene} does not load: {reason}") from None
 
 
 def frame_skip(description: Description, timestep: float) -> int:

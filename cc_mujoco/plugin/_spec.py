@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
 from typing import Any
+from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
@@ -133,8 +134,18 @@ def muted_warnings() -> Iterator[None]:
 
 
 def read_spec(path: str | os.PathLike[str]) -> mujoco.MjSpec:
+    """Return the scene of an MJCF file; a `CableError` says why it does not load."""
     require_utf8(os.fspath(path))
-    return mujoco.MjSpec.from_file(os.fspath(path))
+    try:
+        return mujoco.MjSpec.from_file(os.fspath(path))
+    except ValueError as error:
+        reason = error_sentence(error)
+    if "XML parse error" in reason:  # of which MuJoCo gives a number
+        try:
+            ElementTree.parse(path)
+        except ElementTree.ParseError as error:
+            reason = f"it is no XML: {error}"
+    raise CableError(f"scene {path} does not load: {reason}")
 
 
 def compile_spec(spec: mujoco.MjSpec) -> mujoco.MjModel:

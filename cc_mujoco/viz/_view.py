@@ -51,8 +51,8 @@ def read_scene(scene: str) -> tuple[Path, mujoco.MjSpec, mujoco.MjModel]:
     The model has room for other configurations of its cables.
     """
     path = scene_file(scene)
+    spec = read_spec(path)
     try:
-        spec = read_spec(path)
         make_room(spec)
         return path, spec, spec.compile()
     except ValueError as error:

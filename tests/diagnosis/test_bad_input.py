@@ -284,7 +284,7 @@ def test_a_scene_with_other_pulleys_is_bad_input(
     ("text", "message"),
     [
         ("", "empty file"),
-        ("hello", "does not load"),
+        ("hello", "does not load: it is no XML: syntax error: line 1"),
         ("<html/>", "html"),
         ("<mujoco/>", "has 0 cables"),
         ("<mujoco", "XML"),

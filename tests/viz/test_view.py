@@ -133,7 +133,7 @@ def test_scene_that_cannot_be_shown_is_refused_in_a_sentence(
     (tmp_path / "wrong.xml").write_text("<mujoco><nonsense/></mujoco>")
     for name, said in (
         ("still.xml", "has no joint"),
-        ("wrong.xml", "wrong.xml: "),
+        ("wrong.xml", "wrong.xml does not load"),
         ("none.xml", "there is no file"),
     ):
         with pytest.raises(CableError, match=said):

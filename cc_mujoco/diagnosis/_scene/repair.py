@@ -38,6 +38,7 @@ from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis.effects import EFFECTS
 from cc_mujoco.errors import CableError
 from cc_mujoco.plugin import step_limits, to_mjcf
+from cc_mujoco.plugin._spec import read_spec
 from cc_mujoco.report._html import list_words
 
 
@@ -114,12 +115,7 @@ def repair_scene(
 
 def existing_effects(scene: str | os.PathLike[str]) -> tuple[str, ...]:
     """Return effects outside the cables that a scene has from an earlier diagnosis."""
-    try:
-        comment = mujoco.MjSpec.from_file(os.fspath(scene)).comment
-    except ValueError as error:
-        reason = " ".join(str(error).split())
-        raise CableError(f"scene {scene} does not load: {reason}") from None
-    named = re.findall(r"^ {4}(\w+): ", comment, re.MULTILINE)
+    named = re.findall(r"^ {4}(\w+): ", read_spec(scene).comment, re.MULTILINE)
     keyed = {
         name
         for name, effect in EFFECTS.items()

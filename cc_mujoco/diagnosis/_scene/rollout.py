@@ -342,10 +342,7 @@ def _instrumented_model(
 def _spec(scene: str | os.PathLike[str]) -> mujoco.MjSpec:
     if not os.path.isfile(scene):
         raise CableError(f"scene {scene} is no file; give an MJCF file")
-    try:
-        return read_spec(scene)
-    except ValueError as error:
-        raise _unloadable(scene, error) from None
+    return read_spec(scene)
 
 
 def _unloadable(scene: str | os.PathLike[str], error: ValueError) -> CableError:

@@ -29,8 +29,8 @@ from cc_mujoco.simulation._worn_device import (
     refuse_unknown,
 )
 
-from . import BACKENDS
 from ._info import LazyInfo
+from ._registration import BACKENDS
 from ._render import RENDER_METADATA, SceneRenderer, check_mode
 
 Singles = NDArray[np.float32]

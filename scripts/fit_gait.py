@@ -90,11 +90,10 @@ def read(path: Path) -> Any:
 
 
 def fit(folder: Path) -> tuple[float, dict[str, Array], dict[str, float]]:
-    """Fit all profiles.
+    """Return the period [s], coefficients and RMS errors of all profiles by name.
 
-    Returns:
-        Period [s]; coefficients by name, shape (HARMONICS + 1, 2), rounded as they are
-        written, in rad and N m; RMS errors by name, of angles in degrees.
+    Coefficients (HARMONICS + 1, 2) are rounded as they are written, in rad and N m;
+    errors of angles are in degrees.
     """
     walk = read(folder / "ankle_walk_tidy.csv")
     time, angles = walk["t_s"], [walk[f"{joint}_r_deg"] for joint in JOINTS]

@@ -143,13 +143,10 @@ class Classroom:
         hold: int = HOLD,
         teach: Callable[..., Controller] = teacher,
     ) -> None:
-        """Reset the environment.
+        """Reset the environment; `teach` makes the teacher, see `teacher`.
 
-        Args:
-            env: That holds no action and begins episodes by itself (`SameStep`).
-            history: Earlier frames that the student sees.
-            hold: Samples for which an action is held.
-            teach: Maker of the teacher; see `teacher`.
+        The environment holds no action and begins episodes by itself (`SameStep`); here
+        an action is held for `hold` samples. The student sees `history` earlier frames.
         """
         self._teach, self._hold = teach, hold
         self.env = env
@@ -164,13 +161,11 @@ class Classroom:
     def play(self, student: Callable[[Singles], Singles] | None = None) -> Lesson:
         """Play an episode.
 
-        The student plays half of the environments alone. In the others its share of
-        the action is between none and all. Without a student the teacher plays.
-
-        Returns:
-            Observations of the student (samples, size), actions of the teacher
-            (samples, axes), and RMS torque errors by axis where one of them plays
-            alone, of the second half of the episode [N m].
+        The student plays half of the environments alone. In the others its share of the
+        action is between none and all. Without a student the teacher plays. Returns
+        observations of the student (samples, size), actions of the teacher (samples,
+        axes), and RMS torque errors by axis where one of them plays alone, of the
+        second half of the episode [N m].
         """
         env, exo = self.env, self.env.exo
         count, limits = env.num_envs, exo.device.torque_limits
@@ -270,15 +265,10 @@ class Student:
         rates: tuple[float, float],
         batch: int,
     ) -> float:
-        """Fit the network to samples.
+        """Fit the network to observations (samples, size) and actions (samples, axes).
 
-        Args:
-            seen: Observations (samples, size).
-            taught: Actions (samples, axes).
-            rates: Of the optimiser at the first step and at the last.
-
-        Returns:
-            The mean loss.
+        The rates are those of the optimiser at the first step and at the last. Returns
+        the mean loss.
         """
         torch = self._torch
         right = torch.from_numpy((taught - self._middle) / self._unit)

@@ -134,11 +134,7 @@ class Worn:
     """A device on a wearer whose joints move in sines; its axes have names."""
 
     def __init__(self, device: Any) -> None:
-        """Begin an episode.
-
-        Args:
-            device: As `cc_mujoco/Device-v1` takes it.
-        """
+        """Begin an episode of a device as `cc_mujoco/Device-v1` takes it."""
         self._env: Any = gymnasium.make(
             "cc_mujoco/Device-v1",
             device=device,

@@ -20,15 +20,10 @@ from cc_mujoco.native import internal
 def wound_length(
     length: float, gear: float, e: float, phase: float, ovality: float, second: float
 ) -> float:
-    """Return the length of cable wound up on the proximal pulley [m].
+    """Return the length wound up where a round pulley would wind up `length` [m].
 
-    Args:
-        length: length that a round pulley would wind up [m].
-        gear: signed mean radius [m].
-        e: eccentricity [m].
-        phase: angle of the eccentricity [rad].
-        ovality: amplitude of the radius, twice a turn [m].
-        second: angle of the ovality [rad].
+    `gear` is the signed mean radius, `e` the eccentricity [m] at the angle `phase`
+    [rad]; `ovality` is the amplitude of the radius twice a turn [m], at `second` [rad].
     """
     if e == 0.0 and ovality == 0.0:
         return length

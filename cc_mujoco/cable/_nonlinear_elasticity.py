@@ -98,22 +98,12 @@ def relinearize(
     node: FloatArray,
     stiffness: FloatArray,
 ) -> bool:
-    """Recompute the secant stiffness of each node from the last solution, in place.
+    """Recompute the secant stiffness of nodes in place; return whether it converged.
 
-    Args:
-        prm: packed parameters of the cable.
-        n: number of segments.
-        tension: (n + 1,) before the step [N].
-        proximal_held: whether tension is prescribed at the proximal end.
-        proximal_moved: displacement of the proximal end in this step [m].
-        distal_held: the same of the distal end.
-        distal_moved: the same of the distal end [m].
-        shift: (n,) slip of the segments in this step [m].
-        node: (n + 1,) tension that the solution found [N].
-        stiffness: (n + 1,) of the nodes [N/m]; replaced.
-
-    Returns:
-        Whether the iteration has converged.
+    `tension` (n + 1,) is that before the step, `node` (n + 1,) that of the solution
+    [N], `shift` (n,) the slip of segments and `proximal_moved` and `distal_moved` the
+    displacements of the ends in the step [m]. Where an end is held its tension is
+    prescribed.
     """
     largest = 0.0
     for i in range(n + 1):

@@ -197,20 +197,13 @@ def measure(
     guides: FloatArray,
     shape: FloatArray,
 ) -> float:
-    """Measure the open part of a path.
+    """Measure the open part of a path; return its length from the mouth on [m].
 
-    Args:
-        places: places of the path, see `_path_geometry.py`.
-        number: number of places; the first and the last are sites.
-        mouth: the one, a site, at which the conduit ends; 0: none.
-        guided: number of segments in the conduit.
-        n: number of segments in all.
-        guides: guides of every place behind the mouth: 0 where nothing is given,
-            `ROLLING`, or the radius of a site [m].
-        shape: out, `shape_size(n)`; that of the segments and nodes behind the conduit.
-
-    Returns:
-        Length from the mouth on [m].
+    For `places` see `_path_geometry.py`; the first and the last are sites, and so is
+    the mouth, at which the conduit of `guided` of the `n` segments ends; 0: none.
+    `guides` of places behind the mouth are 0 where nothing is given, `ROLLING`, or the
+    radius of a site [m]. `shape`, of `shape_size(n)`, is filled in with that of the
+    segments and nodes behind the conduit.
     """
     place = max(mouth, 1)  # of the first guide
     reach = 0.0

@@ -77,17 +77,11 @@ def bench(
     rate_known: bool = True,
     seconds: float = SECONDS,
 ) -> tuple[float, RunOutcome]:
-    """Play the bench in simulated time.
+    """Play the bench in simulated time, by a motor with a lag [s].
 
-    Args:
-        settings: Of the run; `motor_lag` is what the controller believes.
-        lag: Of the motor [s].
-        rate_known: Whether the controller knows the limit of the rate.
-        seconds: Length of the run [s].
-
-    Returns:
-        RMS error of the joint's true torque [N m], infinite of a run that was stopped;
-        and how it went.
+    The `motor_lag` of the settings is what the controller believes. Returns the RMS
+    error of the joint's true torque [N m], infinite of a run that was stopped, and how
+    it went.
     """
     drive = settings.drive()
     if not rate_known:

@@ -62,13 +62,9 @@ def search(
 ) -> tuple[Array, WearerEnergy]:
     """Look for who gets the most energy while he holds still.
 
-    Args:
-        evaluate: Of wearers at places (wearers, k), all at once.
-        bounds: Least and greatest of every coordinate (k, 2).
-        crowd: Wearers in a generation; the corners are in the first.
-
-    Returns:
-        All places that were tried (tried, k), and what became of the wearers there.
+    The wearers of a crowd, at places (wearers, k) within the bounds (k, 2), are
+    evaluated at once; the corners are in the first. Returns all places that were tried
+    (tried, k), and what became of the wearers there.
     """
     low, high = bounds.T
     first = low + first_places(len(bounds), crowd, seed) * (high - low)

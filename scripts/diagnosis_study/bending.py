@@ -124,11 +124,7 @@ class Taps:
     def __init__(
         self, seed: int, period: float, bend: Quality = BEND, strain: Quality = STRAIN
     ) -> None:
-        """Draw what is wrong with each.
-
-        Args:
-            period: Between two readings [s].
-        """
+        """Draw what is wrong with each; `period` is between two readings [s]."""
         kinds = np.random.default_rng([seed, 0x7A9]).spawn(2)
         self._bend = _Kind(kinds[0], bend, (2, ZONES), period)
         self._strain = _Kind(kinds[1], strain, (2, len(PLACES)), period)

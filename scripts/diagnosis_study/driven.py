@@ -89,13 +89,11 @@ class Bench:
         hand: tuple[float, float] = HAND,
         motor_lag: float = 0.0,
     ) -> None:
-        """Begin at rest.
+        """Begin at rest; `advance` goes on by `period` [s].
 
-        Args:
-            effects: What is hidden in it, amount by id.
-            period: That `advance` goes on by [s].
-            hand: Stiffness [N m/rad] and damping [N m s/rad] at the joint.
-            motor_lag: Time constant of the motor's torque behind its command [s].
+        Effects are amounts by id. The hand has stiffness [N m/rad] and damping [N m
+        s/rad]; the motor's torque lags behind its command by the time constant
+        `motor_lag` [s].
         """
         truth, plain = truth_of(rig, effects, rig.seed), truth_of(rig, {}, rig.seed)
         self.plant = truth.plant

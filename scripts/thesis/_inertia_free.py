@@ -80,14 +80,9 @@ class InertiaFree:
     ) -> dict[str, FloatArray]:
         """Let a controller drive the device through a motion of the joint.
 
-        Args:
-            controller: Made for the drive, or for one with other cables.
-            angle: Of the joint (samples,) [rad].
-            desired: Torque at the joint (samples,) [N m].
-
-        Returns:
-            `COLUMNS`, (samples,) each; the torque of the motor is that which follows
-            from the sample.
+        The controller is made for the drive, or for one with other cables; angle [rad]
+        and desired torque [N m] are the joint's, (samples,). Returns `COLUMNS`,
+        (samples,) each; the torque of the motor is that which follows from the sample.
         """
         motion = _Motion(self, angle, desired)
         trace = Trace(COLUMNS, motion.steps)

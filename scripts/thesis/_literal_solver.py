@@ -91,16 +91,11 @@ def sign_pattern_system(
     constraints: Sequence[Constraint],
     standing: Standing | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the system 2.13 of one sign pattern, with the rows of constraints.
+    """Return the system 2.13 of one sign pattern (n,), with the rows of constraints.
 
-    Args:
-        pattern: direction of each (n,).
-        constraints: measured variables (2.14): two, or one with a standing node.
-        standing: the node after the last, if it bounds a partial motion (2.16).
-
-    Returns:
-        A (2n + 2, 2n + 2) and B (2n + 2,) of A x = B (3.11, 3.12), where x is
-        T_1 ... T_{n+1}, u_1 ... u_{n+1}.
+    Constraints are measured variables (2.14): two, or one with a standing node, the one
+    after the last, which bounds a partial motion (2.16). Returns A (2n + 2, 2n + 2) and
+    B (2n + 2,) of A x = B (3.11, 3.12), where x is T_1 ... T_{n+1}, u_1 ... u_{n+1}.
     """
     n = mesh.segments
     i = np.arange(n)
@@ -136,17 +131,10 @@ def solve(
 ) -> Solution:
     """Return the mobile segments (2.1.1.1) by trying sign patterns (2.3.2).
 
-    Args:
-        before: displacement of the nodes at the time before (n + 1,) [m].
-        constraints: measured variables, see `sign_pattern_system`; one at least a
-            displacement.
-        patterns: of `sign_patterns`; the one found moves to the front, so that it is
-            tried first next time.
-        standing: the node that bounds a partial motion.
-
-    Returns:
-        The first pattern that is consistent in all segments; where there is none, the
-        one whose contradicting segments move least.
+    `before` is the displacement of the nodes at the time before (n + 1,) [m]; for
+    constraints and standing node, see `sign_pattern_system`. The pattern found moves to
+    the front, so that it is tried first next time: the first that is consistent in all
+    segments; where there is none, the one whose contradicting segments move least.
     """
     found = []
     for pattern in patterns:
@@ -168,14 +156,10 @@ def by_fsolve(
 ) -> tuple[FloatArray, FloatArray, bool]:
     """Solve equations 2.13 with signs by a general solver, the baseline of 2.3.1.
 
-    Args:
-        before: displacement of the nodes at the time before (n + 1,) [m].
-        constraints: two, at least one of them a displacement.
-        guess: x to start from, (2n + 2,), best the last solution.
-
-    Returns:
-        Tension and displacement of the nodes, (n + 1,) each, and whether the solver
-        says that it converged.
+    `before` is the displacement of the nodes at the time before (n + 1,) [m]; of the
+    two constraints at least one is a displacement; the guess (2n + 2,) is best the last
+    solution x. Returns tension and displacement of the nodes, (n + 1,) each, and
+    whether the solver says that it converged.
     """
     from scipy.optimize import fsolve
 
@@ -212,12 +196,11 @@ class ThesisCable:
     """
 
     def __init__(self, cable: Cable, *, resolve: bool = True) -> None:
-        """Set the cable at rest in its pretension.
+        """Set a cable at rest in its pretension; it has no friction but Coulomb's.
 
-        Args:
-            cable: parameters; friction terms beyond Coulomb's must be off.
-            resolve: solve again when a last-moving node advances (2.2); otherwise it
-                advances by one node a step, which limits the speed of motion (2.18).
+        With `resolve` the solution is repeated when a last-moving node advances (2.2);
+        otherwise it advances by one node a step, which limits the speed of motion
+        (2.18).
         """
         self.mesh = Mesh.of(cable)
         stretch = cable.pretension * self.mesh.length / self.mesh.stiffness

@@ -84,16 +84,11 @@ def reproduce(
 ) -> list[FinishedExperiment]:
     """Run experiments and write figures, data and the summary table.
 
-    Args:
-        names: keys of `EXPERIMENTS`; none is all.
-        out: folder; each experiment has its own inside, the summary of all that are
-            there is `summary.md`.
-        progress: called with the experiment and the share of it that is done.
-        finished: called with every record as it comes.
-        say: called with a sentence on what an earlier run left, if it left something.
-
-    Returns:
-        One record per name, in the order of `EXPERIMENTS`.
+    No names are all of `EXPERIMENTS`. Each has its own folder in `out`; the summary of
+    all that are there is `summary.md`. Called are `progress` with the experiment and
+    the share of it that is done, `finished` with every record as it comes, and `say`
+    with a sentence on what an earlier run left, if it left something. Returns one
+    record per name, in the order of `EXPERIMENTS`.
     """
     wanted = set(names) or set(EXPERIMENTS)
     for name in sorted(wanted):

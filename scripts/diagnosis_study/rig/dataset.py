@@ -96,15 +96,10 @@ def make_dataset(
 ) -> list[dict[str, Array]]:
     """Return the recorded trials of one session.
 
-    Args:
-        rig: the rig, see `make_rig`.
-        effects: amount by id, see `MAKES`; empty hides nothing.
-        trials: see `trials.SETS`.
-        seed: of motions, noise and what effects draw; not of the rig.
-        tensions: whether the four end tensions are recorded too.
-
-    Returns:
-        One dict of columns per trial, 500 Hz, see `sensors.CHANNELS`.
+    Effects are amounts by id, see `MAKES`; trials are a name of `trials.SETS`. The seed
+    is that of motions, noise and what effects draw, not of the rig. With `tensions` the
+    four end tensions are recorded too. Each trial is a dict of columns, 500 Hz, see
+    `sensors.CHANNELS`.
     """
     names = tuple(CHANNELS) if tensions else BASIC
     clean = clean_dataset(rig, effects, make_trials(trials, seed), seed, names)

@@ -464,18 +464,11 @@ def step(
     time: float,
     dt: float,
 ) -> tuple[float, float, bool]:
-    """Advance a cable by dt; return the tensions of its ends [N] and whether it can.
+    """Advance a cable by dt [s]; return its end tensions [N] and whether it can.
 
     It cannot where the nodes of a step are not found, however often it is halved.
-
-    Args:
-        cables: their state, which moves on.
-        tight: tension at rest [N].
-        near: displacement of its end at the motor before and after [m].
-        far: displacement of its end at the joint before and after [m].
-        joint: angle of the joint [rad].
-        time: time since the start [s].
-        dt: duration of the step [s].
+    `tight` is the tension at rest [N]; `near` and `far` are displacements of the ends
+    at motor and joint before and after [m]; `joint` is the joint's angle [rad].
     """
     part, done, halved = 1.0, 0.0, 0
     while done < 1.0:

@@ -73,15 +73,10 @@ class Law(NamedTuple):
 def integrate(
     law: Law, p: Any, pretension: float, asked: Asked, refine: int
 ) -> NDArray[np.float64]:
-    """Run one trial.
+    """Run one trial; return (5 m, 14) records, see `COLUMNS`.
 
-    Args:
-        pretension: tension of both cables at rest [N].
-        asked: what is asked of motor and environment.
-        refine: 1, or a whole number by which to shorten every step.
-
-    Returns:
-        (5 m, 14) records, see `COLUMNS`.
+    Both cables have the pretension [N] at rest; every step is shortened by `refine`, a
+    whole number.
     """
     angle = float(asked.command[0, 0])
     arcs = law.arc(p, angle, 1.0)[0], -law.arc(p, angle, -1.0)[0]
@@ -148,14 +143,10 @@ def turn_joint(
     """Advance joint pulley and handle by dt; the torque that their sensor shows [N m].
 
     The sensor sits between pulley and handle: what the pulley carries besides
-    (unbalance, spring, extra inertia) is on the transmission's side of it.
-
-    Args:
-        net: torque on the pulley, but for that of the handle.
-        hold: torque on the handle, but for that of the pulley.
-        across: torque of the pulley on the handle through their play.
-        hub: inertia of the pulley alone, 0 where they are one body.
-        dt: duration of the step [s].
+    (unbalance, spring, extra inertia) is on the transmission's side of it. Torques on
+    the pulley but for that of the handle, on the handle but for that of the pulley, and
+    between them through their play are `net`, `hold` and `across`; `hub` is the inertia
+    of the pulley alone, 0 where they are one body.
     """
     if hub == 0.0:
         rate = turn(shafts, JOINT, net + hold, inertia + extra, dt)

@@ -401,13 +401,8 @@ def settle(
 ) -> tuple[float, float]:
     """Bring a cable to equilibrium at a step's end; return its end tensions [N].
 
-    Args:
-        cables: their state, which moves on.
-        tight: tension at rest [N].
-        near: displacement of its end at the motor [m].
-        far: displacement of its end at the joint [m].
-        joint: angle of the joint [rad].
-        dt: duration of the step [s].
+    `tight` is the tension at rest [N]; `near` and `far` are the displacements of the
+    ends at motor and joint [m].
     """
     guides = p.bend.shape[1]
     place, tension = cables.place[c], cables.tension[c]
@@ -585,18 +580,12 @@ def advance(
     steps: int,
     dt: float,
 ) -> None:
-    """Advance by some steps, by a torque from outside.
+    """Advance by some steps of dt [s], by a torque of the motor from outside [N m].
 
-    Args:
-        p: The plant; loads on the shafts, play, an axis off the middle and a
-            pretension that settles are left out.
-        cables: Their state, which moves on.
-        pretension: Tension at rest [N].
-        state: Angle and speed of the motor, of the joint; which move on.
-        ends: Tensions at the motor and at the joint, of both cables [N].
-        torque: Of the motor [N m].
-        hand: Stiffness, damping, angle and speed that it asks for.
-        dt: Of each [s].
+    Loads on the shafts, play, an axis off the middle and a pretension that settles are
+    left out. The state is angle and speed of the motor and of the joint; `ends` are the
+    tensions at motor and joint of both cables, `pretension` that at rest [N]; the hand
+    has stiffness, damping, and an angle and a speed that it asks for.
     """
     for _ in range(steps):
         load = p.motor_radius * (ends[0] - ends[1])

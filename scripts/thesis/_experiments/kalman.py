@@ -25,13 +25,10 @@ PERIOD = 1.0  # the unit time step of (3.16) and (3.17) [s]
 
 
 def transition_matrix(segments: int = 10, step: float = 1e-7) -> FloatArray:
-    """Change of the solution per change of the displacements before (3.14).
+    """Return the change of the solution per change of the displacements before (3.14).
 
     A cable in mass motion towards the distal end, displacement and tension of the
-    proximal end measured.
-
-    Returns:
-        (2n + 2, n + 1), by finite differences of that step [m].
+    proximal end measured: (2n + 2, n + 1), by finite differences of that step [m].
     """
     mesh = Mesh.of(CABLE.replace(segments=segments))
     before = np.linspace(0.0, 0.01, segments + 1)
@@ -50,17 +47,10 @@ def jacobian(velocity: FloatArray, sharpness: float, mean: bool) -> FloatArray:
     """Return du_2 now by a displacement before, sign replaced by tanh (3.1.1).
 
     The first segment of (3.15) with T_1 and u_1 measured: u_2 = u_1 + d (e^(c S) - 1)
-    with S = tanh(k v), where v is the mean velocity of both nodes (3.16) or that of the
-    first (3.17).
-
-    Args:
-        velocity: of the segment (points,) [m/s].
-        sharpness: k [s/m].
-        mean: derivative by u_2 before, with (3.16); otherwise by u_1, with (3.17).
-
-    Returns:
-        (points,), by implicit differentiation. With the mean velocity it has poles
-        where the smoothed equation has several solutions.
+    with S = tanh(k v), where v (points,) [m/s] is the mean velocity of both nodes
+    (3.16) or that of the first (3.17), and k the sharpness [s/m]. The derivative is by
+    u_2 before with (3.16), by u_1 with (3.17), found by implicit differentiation. With
+    the mean velocity it has poles where the smoothed equation has several solutions.
     """
     angle, scale = segment_constants()
     smooth = np.tanh(sharpness * velocity)

@@ -78,18 +78,13 @@ def own_solutions(
     nodes: NDArray[np.intp],
     first: ArrayLike | None = None,
 ) -> OwnSolutions:
-    """Solve a wholly moving cable once per sensor.
+    """Solve a wholly moving cable once per sensor, at nodes (m,).
 
-    Args:
-        before: displacement of the nodes an instant ago (..., n + 1) [m].
-        u_proximal: displacement of the proximal end now (...,) [m].
-        reading: tension at every sensor (..., m) [N].
-        nodes: of the sensors (m,).
-        first: pattern that is tried before all others, the last one found (n,).
-
-    Returns:
-        The first consistent pattern of each sensor, else the one whose contradicting
-        segments move least.
+    Given are displacements of the nodes an instant ago (..., n + 1) [m], of the
+    proximal end now (...,) [m], and the tension at every sensor (..., m) [N]. The
+    pattern `first` (n,), the last one found, is tried before all others. Returns the
+    first consistent pattern of each sensor, else the one whose contradicting segments
+    move least.
     """
     patterns = _ordered_patterns(mesh, first)
     ratio = tension_gains(mesh, patterns, nodes, through_rest=True).swapaxes(0, 1)
@@ -208,15 +203,11 @@ class Moment(NamedTuple):
     def of(
         cls, mesh: Mesh, pattern: FloatArray, tension: float, motion: float
     ) -> Moment:
-        """Return the moment in which the proximal end moves.
+        """Return the moment in which the proximal end moves by `motion` > 0 [m].
 
-        The cable stands still where directions meet.
-
-        Args:
-            pattern: directions, with at most one change; tensions do not change in time
-                where there is none.
-            tension: the largest one along the cable [N].
-            motion: of the proximal end in that instant, > 0 [m].
+        The cable stands still where directions meet. They change once at most; where
+        they do not, tensions do not change in time. `tension` is the largest one along
+        the cable [N].
         """
         profile = tension_gains(mesh, pattern, np.array([0]), through_rest=True)[0]
         profile /= np.max(profile)
@@ -313,15 +304,12 @@ class SensorConsensus:
         choice: Choice = "vote",
         threshold: float = 3.0,
     ) -> None:
-        """Start at rest in the cable's pretension.
+        """Start at rest in the pretension of a cable without friction but Coulomb's.
 
-        Args:
-            cable: parameters; friction terms beyond Coulomb's must be off.
-            choice: `"vote"` takes the most common directions, as the thesis does,
-                `"likeliest"` those that explain all readings together best.
-            threshold: by how many of its standard deviations a reading must differ from
-                the estimate to tell of motion while the encoder does not; 0 as the
-                thesis.
+        The choice `"vote"` takes the most common directions, as the thesis does,
+        `"likeliest"` those that explain all readings together best. By `threshold` of
+        its standard deviations a reading must differ from the estimate to tell of
+        motion while the encoder does not; 0 as the thesis.
         """
         self.threshold, self.choice = threshold, choice
         self.mesh = mesh = Mesh.of(cable)
@@ -478,13 +466,10 @@ class CableObserver:
     def __init__(
         self, cable: Cable, sensors: Sensors, dt: float, *, agility: float = 300.0
     ) -> None:
-        """Start at rest in the pretension.
+        """Start at rest in the pretension of a cable without friction but Coulomb's.
 
-        Args:
-            cable: parameters; friction terms beyond Coulomb's must be off.
-            dt: time between readings [s].
-            agility: standard deviation of what the rate of the distal tension changes
-                by in one second [N/s]; less is smoother and later.
+        Readings are `dt` apart [s]. By `agility`, a standard deviation, the rate of the
+        distal tension changes in one second [N/s]; less is smoother and later.
         """
         self._noise = np.array(sensors.deviation)
         self._nodes, self._mesh = sensors.on(cable), Mesh.of(cable)

@@ -121,20 +121,16 @@ class BendEstimator(SlopeEstimator):
         memory: float = 1000.0,
         drift: float = 0.0,
     ) -> None:
-        """Start from the cable's parameters, or from a guess.
+        """Start from the cable's parameters, or from a guess of mu/R (n,) [1/m].
 
-        Args:
-            cable: the cable. No term may be on for which the law does not hold, see
-                `estimation._tension_slope.require_slope`.
-            sensors: at least two; between neighbours only the mean is determined.
-            pieces: equal intervals of the spline.
-            degree: of the spline: 3 where the bend varies smoothly, 0 (a value per
-                interval) where straight and bent parts meet.
-            start: guess of mu/R in every segment, a number or (n,) [1/m].
-            spread: standard deviation of every coefficient of the guess [1/m], which
-                are local means; default the largest value of the guess.
-            memory: moving samples after which one has faded to 1/e.
-            drift: standard deviation of the rate of drift, per moving sample [1/m].
+        No term may be on for which the law does not hold, see
+        `estimation._tension_slope.require_slope`. Between two sensors that are
+        neighbours only the mean is determined. The spline has `pieces` equal intervals,
+        of degree 3 where the bend varies smoothly, of degree 0 (a value per interval)
+        where straight and bent parts meet. Its coefficients, local means, deviate from
+        the guess by `spread` [1/m], by default the largest value of the guess. A moving
+        sample has faded to 1/e after `memory` more; `drift` is the standard deviation
+        of the rate of drift, per moving sample [1/m].
         """
         n, self.length = cable.segments, cable.length
         places = node_places(cable)
@@ -225,16 +221,13 @@ class StiffnessEstimator:
         memory: float = 500.0,
         drift: float = 0.0,
     ) -> None:
-        """Start from a guess, as uncertain as it is large.
+        """Start from a guess [N], the cable's stiffness, as uncertain as it is large.
 
-        Args:
-            cable: only its length and its segments count. Elasticity that changes must
-                be off.
-            sensors: one at node 0 and at least `LEAST` more along the cable; one at the
-                distal end is not used.
-            start: the guess [N]; default the cable's stiffness.
-            memory: partially moving samples after which one has faded to 1/e.
-            drift: standard deviation of the rate of drift, per such sample [N].
+        Of the cable its length and its segments count; elasticity that changes must be
+        off. One sensor is at node 0 and at least `LEAST` more along the cable; one at
+        the distal end is not used. A partially moving sample has faded to 1/e after
+        `memory` more; `drift` is the standard deviation of the rate of drift, per such
+        sample [N].
         """
         # (2.16) holds with one EA, whatever the friction.
         cable.require_terms(
@@ -280,15 +273,10 @@ class StiffnessEstimator:
     def update(
         self, u_proximal: float, reading: ArrayLike, direction: ArrayLike
     ) -> float:
-        """Take encoder, readings and directions of the next instant.
+        """Take the next displacement, readings, directions; return the estimate [N].
 
-        Args:
-            u_proximal: displacement of the proximal end [m], from anywhere.
-            reading: of every sensor (m,) [N].
-            direction: slip of every segment, -1, 0 or 1, (n,).
-
-        Returns:
-            The estimate [N].
+        The displacement is that of the proximal end [m], from anywhere; sensors read
+        (m,) [N], and segments slip by -1, 0 or 1 (n,).
         """
         measured, sign = checked_sample(
             reading, direction, self._sensors, self._segments

@@ -130,11 +130,9 @@ def autocovariance_least_squares(
 ) -> NoiseVariance:
     """Return the variances of process and sensors from one stretch of innovations.
 
-    Args:
-        innovation: of the model's filter in its steady state (samples, p).
-        model: the model; its filter must be stable.
-        nonnegative: keep variances at or above 0; without it they are unbiased, with it
-            those near 0 are a little too large on average.
+    Innovations (samples, p) are those of the model's filter, which must be stable, in
+    its steady state. Variances are kept at or above 0 where `nonnegative`, and those
+    near 0 are then a little too large on average; without it they are unbiased.
     """
     rows = np.asarray(innovation, dtype=float)
     measured = [
@@ -175,12 +173,10 @@ class SensorNoise:
     def __init__(
         self, cable: Cable, sensors: Sensors, *, memory: float = 300.0
     ) -> None:
-        """Start from the deviations stated with the sensors.
+        """Start from the deviations stated with three sensors or more.
 
-        Args:
-            cable: parameters; friction terms beyond Coulomb's must be off.
-            sensors: at least three, or nothing tells whose the noise is.
-            memory: samples after which what was learnt has faded to 1/e.
+        With less nothing tells whose the noise is. Friction terms beyond Coulomb's must
+        be off; what was learnt has faded to 1/e after `memory` samples.
         """
         self._stated = np.array(sensors.deviation)
         self._fading = float(np.exp(-1.0 / memory))

@@ -115,12 +115,7 @@ class History:
     """Displacements [m] and tensions [N] of both ends since the anchor."""
 
     def __init__(self, cable: Cable, dt: float) -> None:
-        """Start empty.
-
-        Args:
-            cable: the cable; only its path and its segments count.
-            dt: time between samples [s].
-        """
+        """Start empty, for samples `dt` apart [s] of a path and its segments."""
         self._dt = dt
         self._angle, self._share = wrap_angles(cable), node_lengths(cable)
         self._rows: list[tuple[float, ...]] = []
@@ -204,15 +199,11 @@ class UnscentedEstimator:
         drift: ArrayLike = 0.0,
         window: int = 50,
     ) -> None:
-        """Start from the cable's own parameters.
+        """Start from the cable's own values of the named parameters, each above 0.
 
-        Args:
-            cable: the cable; values of the named parameters are the guess.
-            names: of `PARAMETERS`, each greater than 0 in the cable.
-            dt: time between samples [s].
-            noise: standard deviation of both tensions [N].
-            drift: of the random walk, of the logarithms in the root of a second.
-            window: samples from one estimate to the next.
+        Names are of `PARAMETERS`; samples are `dt` apart [s], `window` of them from one
+        estimate to the next. The standard deviation of both tensions is `noise` [N],
+        that of the random walk of the logarithms in the root of a second `drift`.
         """
         table = {parameter.name: parameter for parameter in PARAMETERS}
         self.cable, self.names = cable, tuple(names)

@@ -104,14 +104,11 @@ class PublishedModel(ABC):
         initial_tension: ArrayLike | None = None,
         wrap_scale: ArrayLike | None = None,
     ) -> Answer:
-        """Play a recorded motion of the proximal end, from rest.
+        """Play a motion of the proximal end (samples,) [m], 0 at first, from rest.
 
-        Args:
-            dt: time between samples [s].
-            u_proximal: displacement of the proximal end (samples,) [m]; 0 at first.
-            initial_tension: tension at the nodes (segments + 1,) [N]; default the
-                uniform pretension.
-            wrap_scale: factor of all wrap angles over time (samples,); default 1.
+        Samples are `dt` apart [s]. Nodes begin with `initial_tension` (segments + 1,)
+        [N], by default the uniform pretension; `wrap_scale` (samples,) multiplies all
+        wrap angles.
         """
         asked: dict[Asked, bool] = {
             "a locked output": isinstance(environment, Locked),
@@ -199,10 +196,9 @@ class LumpedMasses(PublishedModel):
     def __init__(
         self, cable: Cable, masses: int = 10, line_density: float = 2.5e-3
     ) -> None:
-        """Choose the number of masses.
+        """Choose the number of masses, and the mass per length [kg/m].
 
-        Args:
-            line_density: mass per length [kg/m]; a steel rope of 0.75 mm has 2.5e-3.
+        A steel rope of 0.75 mm has 2.5e-3.
         """
         super().__init__(cable)
         self.masses, self.line_density = masses, line_density

@@ -46,12 +46,21 @@ def columns_named(name: str, names: Sequence[str]) -> list[str]:
 
 
 def find_column(where: str, what: str, name: str, names: Sequence[str]) -> str:
-    places = columns_named(name, names)
-    if len(set(places)) > 1:
-        raise _ambiguous_column(where, places, what)
-    if not places:
+    column = _only_column(where, columns_named(name, names), what)
+    if column is None:
         raise _missing_column(where, what, name, names)
-    return places[0]
+    return column
+
+
+def _only_column(where: str, places: Sequence[str], channel: str) -> str | None:
+    """Return the one column that may be a channel, None if none is."""
+    distinct = list(dict.fromkeys(places))
+    if len(distinct) > 1:
+        raise CableError(
+            f"{where} has {' and '.join(distinct)}; say in {DATASET_FILE} which of "
+            f"them is {channel}: [columns.{channel}], name."
+        )
+    return distinct[0] if distinct else None
 
 
 def time_column(where: str, names: Sequence[str], given: PartFile) -> tuple[str, str]:
@@ -59,15 +68,13 @@ def time_column(where: str, names: Sequence[str], given: PartFile) -> tuple[str,
     if given.time is not None:
         name = find_column(where, channels.TIME, given.time, names)
     else:
-        own = channels.spellings(channels.TIME)
-        places = [full for word in own for full in columns_named(word, names)]
+        places = _spelled_columns(channels.TIME, names)
         # PlotJuggler calls it `__time`.
         places = places or columns_named("__time", names) or [*stamp_columns(names)]
-        if len(set(places)) > 1:
-            raise _ambiguous_column(where, places, channels.TIME)
-        if not places:
+        column = _only_column(where, places, channels.TIME)
+        if column is None:
             raise _missing_column(where, channels.TIME, channels.TIME, names)
-        name = places[0]
+        name = column
     spelled = channels.spellings(channels.TIME).get(channels.bare_name(name))
     return name, given.unit or spelled or channels.CLOCK.unit
 
@@ -96,19 +103,15 @@ def channel_sources(
         source = file.source(channel)
         if channel == channels.TIME or not source.measured:
             continue
+        column: str | None
         if source.name is not None:
             column = find_column(where, channel, source.name, names)
         else:
-            own = channels.spellings(channel)
-            places = [full for word in own for full in columns_named(word, names)]
-            if len(set(places)) > 1:
-                raise _ambiguous_column(where, places, channel)
-            if not places:
-                if channel in needed or channel in file.columns:
-                    absent.append(channel)
-                continue
-            column = places[0]
-        found[channel] = column
+            column = _only_column(where, _spelled_columns(channel, names), channel)
+        if column is not None:
+            found[channel] = column
+        elif channel in needed or channel in file.columns:
+            absent.append(channel)
     for channel in absent:
         if not (channel in channels.TORQUES and file.has_substitute(channel, found)):
             taken = list(found.values())
@@ -116,11 +119,10 @@ def channel_sources(
     return found
 
 
-def _ambiguous_column(where: str, places: Sequence[str], channel: str) -> CableError:
-    return CableError(
-        f"{where} has {' and '.join(dict.fromkeys(places))}; say in {DATASET_FILE} "
-        f"which of them is {channel}: [columns.{channel}], name."
-    )
+def _spelled_columns(channel: str, names: Sequence[str]) -> list[str]:
+    """Return the columns that have one of a channel's own names."""
+    own = channels.spellings(channel)
+    return [full for word in own for full in columns_named(word, names)]
 
 
 def _missing_column(

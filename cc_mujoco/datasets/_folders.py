@@ -147,21 +147,18 @@ def join_occasions(parts: Mapping[str, Dataset]) -> Dataset:
                 )
     names = [trial.name for part in parts.values() for trial in part.trials]
     clash = len(set(names)) < len(names)
-    trials = [
-        _called(trial, occasion) if clash else trial
-        for occasion, part in parts.items()
-        for trial in part.trials
-    ]
+    trials = []
+    for occasion, part in parts.items():
+        for trial in part.trials:
+            if clash:
+                repeated, start = trial.facts.repeat_of, f"{occasion}/"
+                own = replace(
+                    trial.facts, repeat_of=start + repeated if repeated else None
+                )
+                trial = replace(trial, name=start + trial.name, facts=own)
+            trials.append(trial)
     noise = dict(last.noise)
     for part in parts.values():
         for channel, own in part.noise.items():
             noise[channel] = max(noise.get(channel, own), own)
     return replace(last, trials=tuple(trials), noise=noise)
-
-
-def _called(trial: Trial, occasion: str) -> Trial:
-    repeated = trial.facts.repeat_of
-    facts = replace(
-        trial.facts, repeat_of=f"{occasion}/{repeated}" if repeated else None
-    )
-    return replace(trial, name=f"{occasion}/{trial.name}", facts=facts)

@@ -161,7 +161,13 @@ def compare_with_sensor(
     if bench is None or wrong or passes:
         return [warning(f"{message}, the load cells not.", channel=torque)]
     shown = np.concatenate([trial.channel(torque) for trial in having])
-    made = np.concatenate([_cell_torque(trial, torque, bench) for trial in having])
+    pulls = []
+    for trial in having:
+        pull, _ = pull_torque(trial, torque, bench)
+        if torque == channels.JOINT_TORQUE and bench.lever is not None:
+            pull = pull * bench.lever.share(trial.joint_angle)
+        pulls.append(pull)
+    made = np.concatenate(pulls)
     known = np.isfinite(shown) & np.isfinite(made)
     if len(set(shown[known].tolist())) < 2:  # another finding says so
         return []
@@ -178,10 +184,3 @@ def compare_with_sensor(
         f"{size:.2g}); check signs, offsets and units of both, and the pulley's radius."
     )
     return [doubt(message, channel=torque)]
-
-
-def _cell_torque(trial: Trial, torque: str, bench: Bench) -> FloatArray:
-    made, _ = pull_torque(trial, torque, bench)
-    if torque == channels.JOINT_TORQUE and bench.lever is not None:
-        made = made * bench.lever.share(trial.joint_angle)
-    return made

@@ -98,7 +98,13 @@ def merge_streams(where: str, streams: Mapping[str, Stream]) -> Joined:
             "give the offset between their clocks."
         )
     rows = ~((own.time < start) | (own.time > stop))
-    remarks = [_rate_sentence(where, leader, drive)]
+    rates = ", ".join(
+        f"{channel} {1 / stream.interval:.4g}" for channel, stream in drive.items()
+    )
+    remarks = [
+        f"{where}: channels have times of their own (per second: {rates}); all are "
+        f"read at those of {leader}, the slowest, between neighbours."
+    ]
     before = min(stream.span[0] for stream in drive.values())
     after = max(stream.span[1] for stream in drive.values())
     cut = (start - before) + (after - stop)
@@ -123,16 +129,6 @@ def merge_streams(where: str, streams: Mapping[str, Stream]) -> Joined:
         else:
             values[channel], clocks[channel] = stream.values, stream.time
     return Joined(leader, own.time[rows], values, clocks, remarks)
-
-
-def _rate_sentence(where: str, leader: str, drive: Mapping[str, Stream]) -> str:
-    rates = ", ".join(
-        f"{channel} {1 / stream.interval:.4g}" for channel, stream in drive.items()
-    )
-    return (
-        f"{where}: channels have times of their own (per second: {rates}); all are "
-        f"read at those of {leader}, the slowest, between neighbours."
-    )
 
 
 @dataclass

@@ -64,7 +64,14 @@ def add_derived_torques(
             made = [_with_torque(trial, torque, None) for trial in made]
         found.append(instrument)
         if instrument != "torque sensor" and made and not problems:
-            findings.append(warning(_describe_source(torque, instrument, made)))
+            message = f"{torque} of {'every trial' if len(made) > 1 else made[0].name}"
+            if instrument is None:
+                message += " is not measured."
+            else:
+                source = "the motion of the joint, declared in [rig]"
+                source = made[0].labels.get(torque, source)
+                message += f" follows from {_INSTRUMENT_NAMES[instrument]}: {source}."
+            findings.append(warning(message))
     instruments = Instruments(*found)
     if trials and not instruments.rows and not errors(findings):
         findings.append(warning("Only the motion of joint and motor is compared."))
@@ -154,16 +161,6 @@ def _instrument(
         f"for it; leave it out, or declare [columns.{torque}] measured = false."
     )
     return None, [error(message, lacking.name, torque)]
-
-
-def _describe_source(
-    torque: str, instrument: Instrument | None, trials: Sequence[Trial]
-) -> str:
-    where = "every trial" if len(trials) > 1 else trials[0].name
-    if instrument is None:
-        return f"{torque} of {where} is not measured."
-    made = trials[0].labels.get(torque, "the motion of the joint, declared in [rig]")
-    return f"{torque} of {where} follows from {_INSTRUMENT_NAMES[instrument]}: {made}."
 
 
 def _torque_per_current(constants: Mapping[str, Constant]) -> float:

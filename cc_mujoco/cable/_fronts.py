@@ -221,12 +221,12 @@ def march(
                 return False
             proximal_direction = slip_direction
             i += 1
-            after = _carry_relation(
-                proximal_c[s], proximal_e[s], growth[s], drag[s],
-                compliance[i], tension[i], slip_direction > 0,
+            proximal_a[s], proximal_b[s], proximal_c[i], proximal_e[i] = (
+                _carry_relation(
+                    proximal_c[s], proximal_e[s], growth[s], drag[s],
+                    compliance[i], tension[i], slip_direction > 0,
+                )
             )  # fmt: skip
-            proximal_a[s], proximal_b[s] = after[0], after[1]
-            proximal_c[i], proximal_e[i] = after[2], after[3]
         else:
             if distal_direction == -slip_direction:
                 return False
@@ -250,12 +250,12 @@ def march(
                     i -= 1
             elif proximal * float(slip_direction) < 0.0:
                 for s in range(j - 1, 0, -1):
-                    after = _carry_relation(
-                        distal_c[s + 1], distal_e[s + 1], growth[s], drag[s],
-                        compliance[s], tension[s], slip_direction < 0,
+                    distal_a[s], distal_b[s], distal_c[s], distal_e[s] = (
+                        _carry_relation(
+                            distal_c[s + 1], distal_e[s + 1], growth[s], drag[s],
+                            compliance[s], tension[s], slip_direction < 0,
+                        )
                     )  # fmt: skip
-                    distal_a[s], distal_b[s] = after[0], after[1]
-                    distal_c[s], distal_e[s] = after[2], after[3]
                 distal_direction = slip_direction
                 i = 0
             else:

@@ -6,43 +6,46 @@ that it has wound up
     r0 q + e (sin(q - p) + sin(p)) + o/2 (sin(2 q - s) + sin(s)).
 
 Both functions are of the signed gear, whose magnitude is r0, and of the length gear q
-that a round pulley winds up.
+that a round pulley winds up [m].
 """
 
 from __future__ import annotations
 
 import math
 
-from cc_mujoco.native import internal
+from cc_mujoco.cable import _friction as law
+from cc_mujoco.native import FloatArray, internal
+
+_ECCENTRICITY, _PHASE = law.INDEX["eccentricity"], law.INDEX["eccentricity_phase"]
+_OVALITY, _OVALITY_PHASE = law.INDEX["ovality"], law.INDEX["ovality_phase"]
 
 
 @internal
-def wound_length(
-    length: float, gear: float, e: float, phase: float, ovality: float, second: float
-) -> float:
-    """Return the length wound up where a round pulley would wind up `length` [m].
+def is_round(prm: FloatArray) -> bool:
+    return float(prm[_ECCENTRICITY]) == 0.0 and float(prm[_OVALITY]) == 0.0
 
-    `gear` is the signed mean radius, `e` the eccentricity [m] at the angle `phase`
-    [rad]; `ovality` is the amplitude of the radius twice a turn [m], at `second` [rad].
-    """
-    if e == 0.0 and ovality == 0.0:
+
+@internal
+def wound_length(prm: FloatArray, length: float, gear: float) -> float:
+    """Return the length wound up where a round pulley would wind up `length` [m]."""
+    if is_round(prm):
         return length
+    e, phase, ovality = prm[_ECCENTRICITY], prm[_PHASE], prm[_OVALITY]
     q = length / gear
     swing = e * (math.sin(q - phase) + math.sin(phase))
     if ovality != 0.0:
+        second = prm[_OVALITY_PHASE]
         swing += 0.5 * ovality * (math.sin(2.0 * q - second) + math.sin(second))
-    return length + swing if gear > 0.0 else length - swing
+    return float(length + swing if gear > 0.0 else length - swing)
 
 
 @internal
-def lever_ratio(
-    length: float, gear: float, e: float, phase: float, ovality: float, second: float
-) -> float:
-    """Return the lever arm of a tension over the mean radius, see `wound_length`."""
-    if e == 0.0 and ovality == 0.0:
+def lever_ratio(prm: FloatArray, length: float, gear: float) -> float:
+    """Return the lever arm of a tension over the mean radius."""
+    if is_round(prm):
         return 1.0
     q = length / gear
-    wave = e * math.cos(q - phase)
-    if ovality != 0.0:
-        wave += ovality * math.cos(2.0 * q - second)
-    return 1.0 + wave / abs(gear)
+    wave = prm[_ECCENTRICITY] * math.cos(q - prm[_PHASE])
+    if prm[_OVALITY] != 0.0:
+        wave += prm[_OVALITY] * math.cos(2.0 * q - prm[_OVALITY_PHASE])
+    return float(1.0 + wave / abs(gear))

@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 from cc_mujoco.cable import _eccentric as eccentric
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _root as root
-from cc_mujoco.cable._cable import PARAMETERS, Cable
+from cc_mujoco.cable._cable import Cable
 from cc_mujoco.cable._conduit import packed_parameters
-from cc_mujoco.cable._layout import node_stiffness, scalars, tensions
+from cc_mujoco.cable._layout import node_stiffness, tensions
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 
 Counts = NDArray[np.int64]
@@ -37,12 +37,6 @@ BALANCE_TOLERANCE = 1e-12
 
 _MAX_STEP_GROWTH = 10.0
 """Most by which a step towards a balance is longer than the one before it."""
-
-_NAMES = [parameter.name for parameter in PARAMETERS]
-_ECCENTRICITY, _ECCENTRICITY_PHASE, _OVALITY, _OVALITY_PHASE = (
-    _NAMES.index(name)
-    for name in ("eccentricity", "eccentricity_phase", "ovality", "ovality_phase")
-)
 
 
 class Cables(NamedTuple):
@@ -114,17 +108,10 @@ def set_rest(cables: Cables, motor: float, joint: float, state: FloatMatrix) -> 
 @compiled
 def proximal_displacement(cables: Cables, k: int, motor: float) -> tuple[float, float]:
     """Return a proximal end's displacement [m] and lever, relative to the arm."""
-    prm = scalars(cables.prm[k])
-    length, gear = cables.proximal[k] * motor, cables.gear[k]
-    e, phase, ovality, second = (
-        prm[_ECCENTRICITY],
-        prm[_ECCENTRICITY_PHASE],
-        prm[_OVALITY],
-        prm[_OVALITY_PHASE],
-    )
+    prm, length, gear = cables.prm[k], cables.proximal[k] * motor, cables.gear[k]
     return (
-        eccentric.wound_length(length, gear, e, phase, ovality, second),
-        eccentric.lever_ratio(length, gear, e, phase, ovality, second),
+        eccentric.wound_length(prm, length, gear),
+        eccentric.lever_ratio(prm, length, gear),
     )
 
 
@@ -172,8 +159,7 @@ def _is_direct(cables: Cables, distal: bool, load: Load) -> bool:
         return False
     if not (np.isinf(load.low) and np.isinf(load.high)):
         return False
-    prm = scalars(cables.prm[0])
-    return distal or (prm[_ECCENTRICITY] == 0.0 and prm[_OVALITY] == 0.0)
+    return distal or eccentric.is_round(cables.prm[0])
 
 
 @compiled

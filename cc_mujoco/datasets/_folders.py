@@ -152,10 +152,10 @@ def join_occasions(parts: Mapping[str, Dataset]) -> Dataset:
         for trial in part.trials:
             if clash:
                 repeated, start = trial.facts.repeat_of, f"{occasion}/"
-                own = replace(
+                known = replace(
                     trial.facts, repeat_of=start + repeated if repeated else None
                 )
-                trial = replace(trial, name=start + trial.name, facts=own)
+                trial = replace(trial, name=start + trial.name, facts=known)
             trials.append(trial)
     noise = dict(last.noise)
     for part in parts.values():

@@ -181,14 +181,13 @@ SCALARS = len(PARAMETERS)
 (
     SEGMENTS, CONDUIT, ROUTE, BEND, PATH, MOUTH, ENDS_KEY, GUIDES,
     FRICTION, WRAP_GROWTH, CLEARANCE, _STATIC, _PRETENSION, _EXPONENT, ECCENTRICITY,
-    ECCENTRICITY_PHASE, OVALITY, OVALITY_PHASE,
+    OVALITY,
 ) = map(
     KEYS.index,
     (
         "segments", "conduit", "route", "bend", "path", "mouth", "ends", "guides",
         "friction", "wrap_growth", "clearance", "static_friction", "pretension",
-        "tension_exponent", "eccentricity", "eccentricity_phase", "ovality",
-        "ovality_phase",
+        "tension_exponent", "eccentricity", "ovality",
     ),
 )  # fmt: skip
 _OF_A_CONDUIT = tuple(map(KEYS.index, OF_A_CONDUIT))

@@ -15,7 +15,6 @@ from cc_mujoco.cable import _eccentric as eccentric
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _open_path as open_path
 from cc_mujoco.plugin import _attachments as attachments
-from cc_mujoco.plugin import _config as config
 from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin._ffi import floats, internal, memory
 from cc_mujoco.plugin._mj_struct import MjData, MjModel
@@ -321,11 +320,9 @@ def proximal_winding(
     `length` is that of its actuator. The parameters must be up to date.
     """
     prm, gear = parameters(block), attachments.pulley_radius(model, block.outputs[0])
-    e, phase = prm[config.ECCENTRICITY], prm[config.ECCENTRICITY_PHASE]
-    ovality, second = prm[config.OVALITY], prm[config.OVALITY_PHASE]
     return (
-        eccentric.wound_length(length, gear, e, phase, ovality, second),
-        eccentric.lever_ratio(length, gear, e, phase, ovality, second),
+        eccentric.wound_length(prm, length, gear),
+        eccentric.lever_ratio(prm, length, gear),
     )
 
 

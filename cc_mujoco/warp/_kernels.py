@@ -16,14 +16,11 @@ from typing import Any
 
 import warp as wp
 
-from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.warp._build import functions
 from cc_mujoco.warp._variants import GUIDED, Paths
 
-_ECCENTRICITY, _PHASE = law.INDEX["eccentricity"], law.INDEX["eccentricity_phase"]
-_OVALITY, _OVALITY_PHASE = law.INDEX["ovality"], law.INDEX["ovality_phase"]
 _PULLEY_TERMS = frozenset(["eccentricity", "ovality"])
 _TENSIONS = at.STATE_HEADER
 
@@ -156,17 +153,8 @@ def kernels(
                 if end == 0:
                     gear = gears[world % gears.shape[0], actuator][0]
                     p, start = prm[row], rest[cable, 0]
-                    lever = lever_ratio(
-                        u + start, gear, p[_ECCENTRICITY], p[_PHASE], p[_OVALITY],
-                        p[_OVALITY_PHASE],
-                    )  # fmt: skip
-                    u = wound_length(
-                        u + start, gear, p[_ECCENTRICITY], p[_PHASE], p[_OVALITY],
-                        p[_OVALITY_PHASE],
-                    ) - wound_length(
-                        start, gear, p[_ECCENTRICITY], p[_PHASE], p[_OVALITY],
-                        p[_OVALITY_PHASE],
-                    )  # fmt: skip
+                    lever = lever_ratio(p, u + start, gear)
+                    u = wound_length(p, u + start, gear) - wound_length(p, start, gear)
             aim[row, end] = u
             if end == 0:
                 aim[row, 4] = lever

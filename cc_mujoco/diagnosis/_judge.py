@@ -375,7 +375,7 @@ def _confounded_effect(
 ) -> Confounded:
     first = effect_amplitudes(change.effect)[int(np.argmax(np.abs(mix)))]
     size = change.sizes[first.name]
-    moved, usual = (_value_text(parameter, each) for each in (shift, 0.0))
+    moved, usual = (_with_unit(parameter.value(e), parameter) for e in (shift, 0.0))
     statement = (
         f"{format_size(first.name, size, first.unit)} looks like "
         f"{plain_name(parameter.name)} {moved} in place of {usual}"
@@ -484,10 +484,6 @@ def _suspected_unit(ratio: float) -> str:
         if abs(size - math.log(factor)) < Limit.unit_tolerance:
             return unit
     return ""
-
-
-def _value_text(parameter: Tuned, place: float) -> str:
-    return _with_unit(parameter.value(place), parameter)
 
 
 def _with_unit(value: float, parameter: Tuned) -> str:

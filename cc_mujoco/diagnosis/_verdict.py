@@ -18,8 +18,6 @@ from cc_mujoco.native import FloatArray
 
 Model = Literal["before", "after"]
 MODELS: tuple[Model, ...] = ("before", "after")
-PREDICTED_CHANNELS = ("motor_torque_nm", "joint_torque_nm")
-"""Channels that the model predicts, from both angles."""
 
 
 @dataclass(frozen=True, eq=False)  # arrays have no truth to compare by

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from cc_mujoco.datasets._channels import TORQUES
 from cc_mujoco.diagnosis import Diagnosis
 from cc_mujoco.diagnosis._verdict import (
-    PREDICTED_CHANNELS,
     Baseline,
     Evidence,
     FoundEffect,
@@ -210,7 +210,7 @@ def trace(name: str, seconds: float, closed: bool, seed: int = 0) -> TrialTrace:
     joint = 0.6 * np.sin(1.5 * time) * (0.5 + time / (2 * seconds))
     speed = np.gradient(joint, time)
     measured, before, after = {}, {}, {}
-    for size, channel in enumerate(PREDICTED_CHANNELS, start=1):
+    for size, channel in enumerate(TORQUES, start=1):
         torque = size * (1.5 * joint + 0.6 * np.tanh(speed / 0.05))
         missing = size * 0.25 * speed * np.abs(speed)
         noise = 0.03 * rng.standard_normal(len(time))
@@ -225,7 +225,7 @@ def trace(name: str, seconds: float, closed: bool, seed: int = 0) -> TrialTrace:
 def maps(closed: bool = True) -> tuple[Map, ...]:
     """Return maps over speed, time and motion since reversal, in decades."""
     found = []
-    for number, channel in enumerate(PREDICTED_CHANNELS):
+    for number, channel in enumerate(TORQUES):
         speed = np.linspace(-0.9, 0.9, 15)
         error = (0.3 - 0.1 * number) * speed * np.abs(speed)
         error[3] = np.nan

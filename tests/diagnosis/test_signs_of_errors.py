@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from cc_mujoco.cable import Cable, Section, Transmission
+from cc_mujoco.datasets._channels import TORQUES
 from cc_mujoco.diagnosis import Problem, prepare
 from cc_mujoco.diagnosis._fit.problem import jacobian
 from cc_mujoco.diagnosis._locate import describe_map, error_maps
@@ -18,12 +19,7 @@ from cc_mujoco.diagnosis._rig.simulation import (
     SimulatedRig,
     baseline_parameters,
 )
-from cc_mujoco.diagnosis._verdict import (
-    PREDICTED_CHANNELS,
-    Evidence,
-    Isolability,
-    TrialTrace,
-)
+from cc_mujoco.diagnosis._verdict import Evidence, Isolability, TrialTrace
 from cc_mujoco.estimation import Measurement
 from diagnosis.recorded import BENCH, dataset
 
@@ -71,11 +67,11 @@ def test_the_report_says_which_way_an_error_lies(side: float) -> None:
     """The rig shows more, or less, torque where the motor turns forwards."""
     time = np.arange(0.0, 20.0, 0.01)
     angle = np.sin(time)
-    played = dict.fromkeys(PREDICTED_CHANNELS, np.zeros(time.size))
-    measured = dict.fromkeys(PREDICTED_CHANNELS, side * MORE * (np.cos(time) > 0.0))
+    played = dict.fromkeys(TORQUES, np.zeros(time.size))
+    measured = dict.fromkeys(TORQUES, side * MORE * (np.cos(time) > 0.0))
     counts = np.ones(time.size)
     trace = TrialTrace("one", time, angle, angle, measured, played, played, counts)
-    assert np.all(side * trace.error(PREDICTED_CHANNELS[0]) >= 0.0)
+    assert np.all(side * trace.error(TORQUES[0]) >= 0.0)
     drawn = error_maps((trace,), seed=0)
     speed = next(m for m in drawn if "motor speed" in m.axis)
     fast = np.nanargmax(speed.centre)

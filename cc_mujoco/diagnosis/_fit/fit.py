@@ -103,10 +103,7 @@ def _count(records: Iterable[Record]) -> int:
 
 
 def _estimate_start(dataset: Dataset, bench: Bench, records: Sequence[Record]) -> Start:
-    """Return the start: the scene, with estimates where the data contradict it.
-
-    Declarations of `[rig]` are not replaced. The records may count any samples.
-    """
+    """Return the start: the scene, with estimates where the data contradict it."""
     hooked = [trial for trial in dataset.trials if not trial.facts.unhooked]
     declared = [t.facts.pretension for t in hooked if t.facts.pretension is not None]
     scene = bench.cables[0]
@@ -332,10 +329,7 @@ class _Grid:
 
 
 def refine_simulation(problem: Problem, x: FloatArray, masks: Masks) -> Problem | None:
-    """Return the problem with a finer simulation; None where that changes nothing.
-
-    Also None where it cannot be finer.
-    """
+    """Return the problem simulated finer, None where that changes or can do nothing."""
     plant = problem.plant
     if (
         2 * plant.segments > Limit.max_cable_segments
@@ -498,26 +492,19 @@ def gaps(
 ) -> dict[str, Gap]:
     """Return the gap of each channel on the held-out samples."""
     records = problem.plant.records
+    records = problem.plant.records
     tests = zip(*(fold.test for fold in division), strict=True)
     masks = [np.any(own, axis=0) for own in tests]
     found = {}
     random = np.random.default_rng(seed)
     for row, channel in enumerate(problem.plant.instruments.channels):
-        squares = [
-            np.array(
-                [
-                    (record.measured[row] - old[row]) ** 2,
-                    (record.measured[row] - new[row]) ** 2,
-                    noise[row] ** 2,
-                    np.ones(mask.size),
-                ]
-            )
-            * mask
-            / floor[row] ** 2
-            for record, mask, old, new, noise, floor in zip(
-                records, masks, before, after, problem.noise, problem.floor, strict=True
-            )
-        ]
+        squares = []
+        for record, mask, old, new, noise, floor in zip(
+            records, masks, before, after, problem.noise, problem.floor, strict=True
+        ):
+            read = record.measured[row]
+            errors = read - old[row], read - new[row], noise[row], np.ones(mask.size)
+            squares.append(np.square(errors) * mask / floor[row] ** 2)
         found[channel] = _gap_of_sums(block_sums(problem, masks, squares), random)
     return found
 
@@ -627,10 +614,7 @@ class Holdout:
 def fit_scene(
     dataset: Dataset, bench: Bench, settings: Options, progress: Progress
 ) -> BaselineFit | Diagnosis:
-    """Fit the baseline and its noise floor, or return a diagnosis that ends here.
-
-    `bench` is the rig as the scene has it, with what is known of it.
-    """
+    """Fit the baseline and its noise floor, or return a diagnosis that ends here."""
 
     def refused(statement: str, verdict: Verdict = "fix-data") -> Diagnosis:
         return Diagnosis(verdict, statement, problems=(statement,))

@@ -327,10 +327,7 @@ class Problem:
         return replace(problem, weight=independence_weight(problem.errors(x), masks))
 
     def sharing(self, known: Sequence[Problem]) -> Problem:
-        """Return the problem with derivatives of the last known one of its kind.
-
-        That is one with the same parameters and effects.
-        """
+        """Return the problem with derivatives of the last known one of its kind."""
         for other in reversed(known):
             if other.tuned == self.tuned and other.effects == self.effects:
                 return replace(self, slopes=TorqueDerivatives(other.slopes))
@@ -436,10 +433,7 @@ class Problem:
     def plainly(
         self, x: FloatArray, only: Sequence[int] | None = None
     ) -> list[FloatArray]:
-        """Return measured minus simulated over the floor, (2, samples) per record.
-
-        `only` has the indices of wanted records; default all.
-        """
+        """Return measured minus simulated over the floor, (2, samples) per record."""
         chosen = range(len(self.floor)) if only is None else only
         return [
             (self.plant.records[k].measured - torque) / self.floor[k]
@@ -621,10 +615,8 @@ def trial_folds(records: Sequence[Record]) -> tuple[Fold, ...]:
     trials than parts: `interleaved_folds`.
     """
     if any(record.split == "test" for record in records):
-        free, reserved = (
-            [getattr(r, k) for r in records] for k in ("free", "reserved")
-        )
-        return (Fold(tuple(free), tuple(reserved)),)
+        free = tuple(record.free for record in records)
+        return (Fold(free, tuple(record.reserved for record in records)),)
     kinds = trial_kinds(records)
     if len(kinds) < Limit.trial_folds:
         return interleaved_folds(records)
@@ -746,18 +738,17 @@ def cross_validate(
     return CrossValidation(problem, tuple(fits), tuple(errors))
 
 
-def blocks(crossed: CrossValidation) -> FloatArray:
-    """Return sums of squared held-out errors in blocks of a second (blocks,)."""
-    return _held_out_sums(crossed, crossed.errors)
+def blocks(
+    crossed: CrossValidation, parts: Sequence[FloatArray] | None = None
+) -> FloatArray:
+    """Return sums of held-out squares in blocks of a second (blocks,).
 
-
-def _held_out_sums(crossed: CrossValidation, parts: Sequence[FloatArray]) -> FloatArray:
-    """Sum the squares of any (2, samples) per record where errors were held out."""
+    `parts` are (2, samples) of every record; by default they are the errors.
+    """
     masks = [np.isfinite(error[0]) for error in crossed.errors]
-    kept = zip(parts, masks, strict=True)
+    kept = zip(crossed.errors if parts is None else parts, masks, strict=True)
     squares = [np.where(mask, part, 0.0) ** 2 for part, mask in kept]
-    found: FloatArray = block_sums(crossed.problem, masks, squares).sum(axis=1)
-    return found
+    return np.asarray(block_sums(crossed.problem, masks, squares).sum(axis=1))
 
 
 def block_sums(
@@ -784,8 +775,7 @@ def excess(crossed: CrossValidation) -> float:
     The standard error is that of blocks: a few bad moments, say one stick that broke at
     another time, do not make a model wrong.
     """
-    noise = _held_out_sums(crossed, crossed.problem.noise_over_floor)
-    beyond = blocks(crossed) - noise
+    beyond = blocks(crossed) - blocks(crossed, crossed.problem.noise_over_floor)
     return float(beyond.sum() / max(block_sum_deviation(beyond), 1e-300))
 
 

@@ -67,7 +67,7 @@ def trial_errors(
     problem: Problem,
     before: Sequence[FloatArray],
     after: Sequence[FloatArray],
-    final: tuple[Problem, FloatArray] | None = None,
+    final: tuple[Problem, FloatArray],
 ) -> tuple[TrialError, ...]:
     """Return the errors of every trial that has counted samples, in order.
 
@@ -75,22 +75,19 @@ def trial_errors(
     model for every record [N m]; `final` is that model and its parameters, for the
     shares of slack.
     """
-    found, records = [], problem.plant.records
+    found, records, (model, x) = [], problem.plant.records, final
+    values, plant = model.values(x), model.plant
     for name, places in _record_indices(problem).items():
         off, left = (
             [records[k].measured - torques[k] for k in places]
             for torques in (before, after)
         )
-        slack = 0.0
-        if final is not None:
-            model, x = final
-            values, plant = model.values(x), model.plant
-            shares = [plant.slack_share(values, model.effects, k) for k in places]
-            sizes = [plant.records[k].time.size for k in places]
-            slack = float(np.average(shares, weights=sizes))
         noise = [problem.noise[k] for k in places]
         rmse = [_rms(problem, places, errors) for errors in (off, left, noise)]
         misfits = _misfit(problem, places, off), _misfit(problem, places, left)
+        shares = [plant.slack_share(values, model.effects, k) for k in places]
+        sizes = [plant.records[k].time.size for k in places]
+        slack = float(np.average(shares, weights=sizes))
         found.append(TrialError(name, rmse[0], rmse[1], rmse[2], *misfits, slack))
     return tuple(found)
 
@@ -225,23 +222,24 @@ def find_outlier_trial(
 
 def _extreme_condition(problem: Problem, names: Sequence[str]) -> str:
     """Return the condition of which these trials are the only extreme ones, or ""."""
-    conditions: dict[str, Callable[[Record], float | None]] = {
-        "pretension": lambda record: record.pretension,
-        "tilt": lambda record: abs(record.tilt),
-        "load": lambda record: max(map(abs, record.known_torques)),
+    records = problem.plant.records
+    conditions: dict[str, list[float | None]] = {
+        "pretension": [record.pretension for record in records],
+        "tilt": [abs(record.tilt) for record in records],
+        "load": [max(map(abs, record.known_torques)) for record in records],
     }
-    for condition, value in conditions.items():
+    for condition, sizes in conditions.items():
+        pairs = [
+            (size, record.trial in names)
+            for size, record in zip(sizes, records, strict=True)
+            if size
+        ]
         own, others = (
-            [
-                size
-                for record in problem.plant.records
-                if (record.trial in names) == inside and (size := value(record))
-            ]
-            for inside in (True, False)
+            [s for s, there in pairs if there == side] for side in (True, False)
         )
-        if own and not others:
-            return condition
-        if own and (min(own) > 1.05 * max(others) or max(own) < 0.95 * min(others)):
+        if own and (
+            not others or min(own) > 1.05 * max(others) or max(own) < 0.95 * min(others)
+        ):
             return condition
     return ""
 
@@ -277,10 +275,7 @@ def _leave_out(
 def _best_own_constant(
     problem: Problem, x: FloatArray, places: list[int], names: Sequence[str]
 ) -> tuple[float, str]:
-    """Find the constant that explains trials best if it is their own.
-
-    Return their RMS error over the floor with it, and its value in words.
-    """
+    """Return the error over the floor with the best own constant, and that in words."""
     from scipy.optimize import minimize_scalar
 
     values = problem.values(x)
@@ -370,18 +365,11 @@ def _misfit(
 ) -> float:
     """Return the RMS error, by Huber as in fits, over that of noise alone."""
     masks = [problem.plant.records[k].counts for k in places]
-    noise = problem.noise_over_floor
-    off, usual = (
-        float(np.mean(kept_samples(parts, masks) ** 2))
-        for parts in (
-            [
-                huber_residual(e / problem.floor[k])
-                for k, e in zip(places, errors, strict=True)
-            ],
-            [noise[k] for k in places],
-        )
-    )
-    return math.sqrt(off / usual)
+    noise, floor = problem.noise_over_floor, problem.floor
+    pairs = zip(places, errors, strict=True)
+    off = kept_samples((huber_residual(e / floor[k]) for k, e in pairs), masks)
+    usual = kept_samples((noise[k] for k in places), masks)
+    return math.sqrt(float(np.mean(off**2)) / float(np.mean(usual**2)))
 
 
 VARIED_PARAMETERS = (
@@ -429,7 +417,7 @@ def trial_constants(problem: Problem, x: FloatArray) -> tuple[TrialConstants, ..
     if len(by_trial.trials) < Limit.min_trend_trials:
         return ()
     able = [
-        by_trial.one(index)
+        _OneByTrial(by_trial, index)
         for index, parameter in enumerate(problem.tuned)
         if parameter.name in VARIED_PARAMETERS and by_trial.affects_every_trial(index)
     ]
@@ -448,7 +436,7 @@ def constants_by_occasion(
     """
     by_occasion = _ByTrial(problem, x, lambda record: record.occasion)
     able = filter(by_occasion.affects_every_trial, indices)
-    return tuple(by_occasion.one(index).fitted() for index in able)
+    return tuple(_OneByTrial(by_occasion, index).fitted() for index in able)
 
 
 def trial_trends(
@@ -534,9 +522,6 @@ class _ByTrial:
     def affects_every_trial(self, index: int) -> bool:
         square = np.bincount(self.rows, self.jacobian[:, index] ** 2, len(self.trials))
         return bool(np.all(square > 1e-4))
-
-    def one(self, index: int) -> _OneByTrial:
-        return _OneByTrial(self, index)
 
     def share(self, error: FloatArray) -> float:
         """Return the removed share of squared error beyond the floor, 0 without any."""
@@ -811,10 +796,9 @@ def compare_occasions(
             shared = each.parameter.value(float(x[problem.tuned.index(each.parameter)]))
             sizes.append(compare_size(effect, each, shared))
     own = [e for e in changes if e.since == names[-2] and e.parameter in reported]
-    changed = [e.statement for e in own if not e.change.holds(0.0)]
-    same = [e.statement for e in own if e.change.holds(0.0)]
-    words = list_words(changed + same)
-    if not changed:
+    own.sort(key=lambda each: each.change.holds(0.0))
+    words = list_words(each.statement for each in own)
+    if all(each.change.holds(0.0) for each in own):
         words = f"nothing that these data show; {words}"
     statement = f"Since {names[-2]}: {words}."
     return Occasions(names, tuple(changes), tuple(sizes), statement)

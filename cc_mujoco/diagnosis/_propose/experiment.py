@@ -61,9 +61,8 @@ class CataloguedTrial:
 
     def cell_on(self, bench: Bench, pretension: float | None) -> SingleCell | None:
         """Return its load cell on a rig of this pretension [N], None without one."""
-        if not self.load_cell:
-            return None
-        return SingleCell.of(self.load_cell, bench, pretension)
+        cell = self.load_cell
+        return SingleCell.of(cell, bench, pretension) if cell else None
 
     @property
     def toml(self) -> tuple[str, ...]:
@@ -614,37 +613,34 @@ def form_error(
 
 
 def motion_record(
-    motion: CataloguedTrial, bench: Bench, rows: int, tension: float, **more: Any
+    motion: CataloguedTrial, bench: Bench, rows: int, tension: float
 ) -> Record:
     """Return a motion as a record of `rows` torques, which are 0.
 
-    `tension` is the pretension of the data [N]; `more` are other fields of the record.
+    `tension` is the pretension of the data [N].
     """
     size = min(motion.motor.size, motion.joint.size)
     angles = np.array([motion.motor[:size], motion.joint[:size]])
     pretension = tension * motion.pretension
-    known: dict[str, Any] = {
-        "trial": motion.description,
-        "step": MOTION_STEP,
-        "band": Limit.max_band,
-        "split": None,
-        "group": motion.description,
-    }
     return Record(
+        trial=motion.description,
         dt=MOTION_STEP,
+        step=MOTION_STEP,
         time=MOTION_STEP * np.arange(size, dtype=np.float64),
         motor_angle=angles[0],
         joint_angle=angles[1],
         read=angles,
         measured=np.zeros((rows, size)),
+        band=Limit.max_band,
         counts=np.ones(size, dtype=bool),
         pretension=pretension,
         start=0.0,
+        split=None,
+        group=motion.description,
         tilt=motion.tilt,
         known_torques=motion.known_torques,
         swapped=motion.swapped,
         load_cell=motion.cell_on(bench, pretension),
-        **{**known, **more},
     )
 
 
@@ -657,13 +653,12 @@ def as_record(problem: Problem, motion: CataloguedTrial) -> Record:
     tension = base.pretension
     if tension is None:
         tension = bench.cables[0].pretension
-    kept = ("step", "band", "split", "group", "occasion", "conditions")
-    known = {name: getattr(base, name) for name in kept}
-    rows = len(base.measured)
-    found = motion_record(motion, bench, rows, tension, trial="next", **known)
+    found = motion_record(motion, bench, len(base.measured), tension)
     size = found.time.size
     columns = {name: np.full(size, np.mean(own)) for name, own in base.columns.items()}
-    return replace(found, columns=columns)
+    kept = ("step", "band", "split", "group", "occasion", "conditions")
+    known = {name: getattr(base, name) for name in kept}
+    return replace(found, trial="next", columns=columns, **known)
 
 
 def refit_difference(

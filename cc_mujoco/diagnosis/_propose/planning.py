@@ -12,6 +12,7 @@ import itertools
 import math
 import os
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -62,22 +63,13 @@ SATURATED_CLARITY = 10.0 * Limit.min_clarity
 
 
 class Resolved(NamedTuple):
-    """Information that a set of trials gives about one effect.
+    """Information that a set of trials gives about one effect."""
 
-    Attributes:
-        id: id of the effect.
-        plausible: size of its first amplitude that is plausible on the rig, in its
-            unit.
-        clarity: clarity of plausible sizes, in standard deviations once all is tuned.
-        likest: effect that is most similar, "nothing" without others.
-        separation: clarity of a plausible size where that effect is fitted as well.
-    """
-
-    id: str
-    plausible: float
-    clarity: float
-    likest: str
-    separation: float
+    id: str  # of the effect
+    plausible: float  # size of its first amplitude that is plausible on the rig
+    clarity: float  # of plausible sizes, in standard deviations once all is tuned
+    likest: str  # effect that is most similar, "nothing" without others
+    separation: float  # clarity of a plausible size where that one is fitted as well
 
     @property
     def least(self) -> float:
@@ -87,26 +79,15 @@ class Resolved(NamedTuple):
 
 @dataclass(frozen=True)
 class TrialPlan:
-    """Trials to record and the effects that they would resolve.
+    """Trials to record and the effects that they would resolve."""
 
-    Attributes:
-        trials: trials in the order of their contribution.
-        resolved: effects resolved by the trials together, the least certain effect
-            first.
-        noise: assumed standard deviation, by the torque that is compared [N m].
-        hidden: effects that these instruments cannot show, and why.
-        declared: facts that remove an effect or bound it.
-        sizes: first amplitude of every effect.
-        slack: share of the samples of each trial in which a cable is slack.
-    """
-
-    trials: tuple[CataloguedTrial, ...]
-    resolved: tuple[Resolved, ...]
-    noise: Mapping[str, float]
-    hidden: Mapping[str, str]
-    declared: Mapping[str, str]
-    sizes: Mapping[str, EffectParameter]
-    slack: tuple[float, ...]
+    trials: tuple[CataloguedTrial, ...]  # in the order of their contribution
+    resolved: tuple[Resolved, ...]  # by the trials together, the least certain first
+    noise: Mapping[str, float]  # assumed deviation of every compared torque [N m]
+    hidden: Mapping[str, str]  # effects that these instruments cannot show, and why
+    declared: Mapping[str, str]  # facts that remove an effect or bound it
+    sizes: Mapping[str, EffectParameter]  # first amplitude of every effect
+    slack: tuple[float, ...]  # share of each trial's samples in which a cable is slack
 
 
 def planned(
@@ -350,7 +331,9 @@ def plan(
             raise CableError(f"{name} is {value:g}; it must be more than 0 and finite.")
     _require_possible(bench, swing)
     names = tuple(MOTION_FILE.format(f"{k:02d}") for k in range(1, 20))
-    page_now = _text(Path(out) / PLAN_PAGE)
+    page_now = ""
+    with suppress(OSError, ValueError):
+        page_now = (Path(out) / PLAN_PAGE).read_text(encoding="utf-8")
     require_ours(Path(out), lambda _: page_now.startswith(_TITLE))
     require_unmodified(out, [DATASET_FILE], page_now)
     file = (
@@ -375,11 +358,12 @@ def plan(
         cells = [name for name in file.columns if channels.is_tension(name)]
         found = planned(bench, swing, speed, file.rig, noise, ids, instruments, cells)
     with replacing_folder(out) as place:
-        for name, motion in zip(names, found.trials, strict=False):
-            write_motion(place / name, motion)
-        (place / DATASET_FILE).write_text(
-            declared + _dataset(found, bench), encoding="utf-8"
-        )
+        facts = ["# What is planned; correct it where the rig did otherwise.", ""]
+        for k, motion in enumerate(found.trials, start=1):
+            write_motion(place / names[k - 1], motion)
+            tension = bench.cables[0].pretension * motion.pretension
+            facts += [*trial_table(f"trial_{k:02d}", motion, tension), ""]
+        (place / DATASET_FILE).write_text(declared + "\n".join(facts), encoding="utf-8")
         text = page(found, bench, swing, speed, instruments)
         mark = f"<!-- {checksum_line(place / DATASET_FILE)} -->"  # no browser shows it
         (place / PLAN_PAGE).write_text(f"{text}\n{mark}\n", encoding="utf-8")
@@ -397,13 +381,6 @@ def _read_declarations(path: Path) -> str:
             "them out."
         )
     return f"{text.rstrip()}\n\n" if text.strip() else ""
-
-
-def _text(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, ValueError):
-        return ""
 
 
 def _require_possible(bench: Bench, reach: float) -> None:
@@ -468,15 +445,6 @@ def _noise(
             digit = (source.resolution or 0.0) * factor
             found[name] = Noise(source.noise * factor, digit, "declared")
     return found
-
-
-def _dataset(found: TrialPlan, bench: Bench) -> str:
-    """Return the known facts of the trials, as TOML."""
-    lines = ["# What is planned; correct it where the rig did otherwise.", ""]
-    for k, motion in enumerate(found.trials, start=1):
-        tension = bench.cables[0].pretension * motion.pretension
-        lines += [*trial_table(f"trial_{k:02d}", motion, tension), ""]
-    return "\n".join(lines)
 
 
 def page(

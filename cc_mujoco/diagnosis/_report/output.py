@@ -212,9 +212,7 @@ REPORT_PAGE = "report.html"
 
 
 def write_report(
-    folder: str | os.PathLike[str],
-    diagnosis: Diagnosis,
-    evidence: Evidence,
+    folder: str | os.PathLike[str], diagnosis: Diagnosis, evidence: Evidence
 ) -> None:
     """Write `report.html` and its figures, all of them or none.
 
@@ -262,10 +260,7 @@ def _page(diagnosis: Diagnosis, evidence: Evidence, figures: Path) -> str:
     inputs = fold("Inputs, versions and settings", sections.provenance(diagnosis))
     parts = {  # in their usual order
         "unknown": ("What is known of it", sections.unknown(diagnosis)),
-        "traces": (
-            "Measured and simulated",
-            join_pieces(seconds) if seconds else None,
-        ),
+        "traces": ("Measured and simulated", join_pieces(seconds) if seconds else None),
         "gap": ("How large the gap is", sections.gap(diagnosis)),
         "occasions": ("What changed between occasions", sections.occasions(diagnosis)),
         "trials": ("How far off every trial is", sections.trials(diagnosis)),

@@ -46,10 +46,7 @@ TIMELINE = "trial_time"
 LINE_STYLES = {"measured": (GREY, 2.5), "before": (ORANGE, 1.5), "after": (BLUE, 1.5)}
 
 
-def write_recording(
-    path: str | os.PathLike[str],
-    evidence: Evidence,
-) -> None:
+def write_recording(path: str | os.PathLike[str], evidence: Evidence) -> None:
     """Write the evidence as a `.rrd` file, whole or not at all."""
     both = model_changed(evidence)
     with recording(path, recording_id(evidence), _blueprint(evidence)) as rec:

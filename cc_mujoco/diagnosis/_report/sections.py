@@ -36,12 +36,7 @@ from cc_mujoco.diagnosis._report.drawings import (
     shown_maps,
 )
 from cc_mujoco.diagnosis._thresholds import Limit
-from cc_mujoco.diagnosis._verdict import (
-    Diagnosis,
-    Evidence,
-    RunnerUp,
-    next_folder,
-)
+from cc_mujoco.diagnosis._verdict import Diagnosis, Evidence, RunnerUp, next_folder
 from cc_mujoco.estimation._least_squares import Estimate
 from cc_mujoco.report._html import (
     Html,

@@ -25,14 +25,12 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import zip_longest
-from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 
 from cc_mujoco.cable import PARAMETERS, Cable, Parameter
 from cc_mujoco.datasets._bench import Bench
-from cc_mujoco.datasets._coupled_route import Leading
 from cc_mujoco.datasets._rig_table import LOAD_CONSTANTS, RATIO_KEY
 from cc_mujoco.datasets._trials import TORQUE_SENSORS, Constant, Instrument, Instruments
 from cc_mujoco.diagnosis._rig.records import (
@@ -122,14 +120,11 @@ def values_on(values: Mapping[str, float], occasion: str) -> Mapping[str, float]
 
 
 def change_parameters(
-    baseline: Sequence[Tuned],
-    records: Sequence[Record],
-    angle_offset: Callable[[Sequence[Record]], float],
+    baseline: Sequence[Tuned], records: Sequence[Record], bench: Bench
 ) -> list[Tuned]:
     """Return the changes that are fitted for each occasion but the last.
 
-    `baseline` has the parameters of one occasion; `angle_offset` estimates the joint's
-    zero from some of the records [rad].
+    `baseline` has the parameters of one occasion.
     """
     *earlier, last = occasions_of(records)
     found = []
@@ -155,7 +150,7 @@ def change_parameters(
             described = replace(tuned.parameter, name=name)
             start, (low, high) = 0.0, (2.0 * tuned.low, 2.0 * tuned.high)
             if tuned.name == "joint_angle_offset":
-                start = angle_offset(before) - angle_offset(after)
+                start = _angle_offset(bench, before) - _angle_offset(bench, after)
             prior = both * tuned.prior
             found.append(Tuned(described, start, tuned.scale, low, high, prior))
     return found
@@ -183,30 +178,20 @@ class Library(NamedTuple):
     declared: Mapping[str, str]
 
 
-def available_effects(
-    cables: int,
-    instruments: Instruments,
-    led: Leading = "",
-    tied: bool = False,
-    columns: Collection[str] = (),
-    constants: Mapping[str, Constant] = MappingProxyType({}),
-    ends_held: bool = False,
-) -> Library:
-    """Return the effects that a rig can show.
-
-    `led` is the part of the cables that the joint moves besides their ends; they are
-    `tied` if they end where their open path ends. `columns` are further columns of all
-    trials. `ends_held` is true if drum or conduit moves and the ends do not.
-    """
-    sides: dict[str, Instrument | None] = dict(instruments._asdict())
+def available_effects(plant: SimulatedRig) -> Library:
+    """Return the effects that a rig can show, with their parameters there."""
+    bench, constants = plant.bench, plant.constants
+    columns = [set(record.columns) for record in plant.records]
+    recorded = set.intersection(*columns) if columns else set()
+    sides: dict[str, Instrument | None] = dict(plant.instruments._asdict())
 
     def acts(parameter: EffectParameter) -> bool:
         for side, known in sides.items():
             if parameter.name.startswith(f"{side}_torque_"):
                 return known in _SENSOR_INSTRUMENTS[side]
-        if led == "open" and parameter.name in ("seal_proximal", "seal_distal"):
+        if bench.led == "open" and parameter.name in ("seal_proximal", "seal_distal"):
             return False  # which only a conduit has
-        return cables > 1 or ANTAGONIST not in parameter.name
+        return len(bench.cables) > 1 or ANTAGONIST not in parameter.name
 
     effects: dict[str, Effect] = {}
     hidden: dict[str, str] = {}
@@ -220,13 +205,9 @@ def available_effects(
     for name, effect in EFFECTS.items():
         side = effect.where if effect.torques and not effect.sensor else ""
         shown = _MECHANICAL_INSTRUMENTS.get(side, ())
-        kept = tuple(filter(acts, effect.parameters))
-        bounds: tuple[float, float] | None = None
-        if sides["joint"] == "known load" and name in (
-            "joint_stiffness",
-            "joint_inertia",
-        ):
-            bounds = -math.inf, math.inf  # beside a declared load
+        kept, most = tuple(filter(acts, effect.parameters)), math.nan
+        if sides["joint"] == "known load":  # a part of it that is not declared
+            most = math.inf if name in ("joint_stiffness", "joint_inertia") else most
         if (fact := excluding.get(name, "")) in constants:
             declared[name] = f"{fact} = {str(bool(constants[fact].value)).lower()}"
             continue
@@ -236,14 +217,13 @@ def available_effects(
         if name == "torque_sensor_gain" and "gain_uncertainty" in constants:
             known = constants["gain_uncertainty"].value
             most = Limit.gain_sigmas * known
-            bounds = -most, most
             declared[name] = f"gain_uncertainty = {known:g} leaves at most {most:.2g}"
-        if bounds:
-            kept = tuple(each._replace(plausible=bounds) for each in kept)
-        absent = [column for column in effect.columns if column not in columns]
-        if reason := _path_exclusion(effect, led, tied):
+        if not math.isnan(most):
+            kept = tuple(each._replace(plausible=(-most, most)) for each in kept)
+        absent = [column for column in effect.columns if column not in recorded]
+        if reason := _path_exclusion(effect, bench):
             hidden[name] = reason
-        elif ends_held and name in turning:
+        elif bench.ends_held and name in turning:
             hidden[name] = "both ends are held, so no pulley turns"
         elif absent:
             hidden[name] = f"it takes the column {absent[0]}, which not all trials have"
@@ -255,20 +235,18 @@ def available_effects(
         elif not kept:
             hidden[name] = "no sensor of a torque is there that could be off"
         else:
-            effects[name] = _with_parameters(effect, kept, cables, constants)
+            effects[name] = _with_parameters(effect, kept, plant)
     return Library(effects, hidden, declared)
 
 
 def _with_parameters(
-    effect: Effect,
-    kept: tuple[EffectParameter, ...],
-    cables: int,
-    constants: Mapping[str, Constant],
+    effect: Effect, kept: tuple[EffectParameter, ...], plant: SimulatedRig
 ) -> Effect:
     """Return an effect with these parameters, in the forms that the rig may have."""
     key = form_key(effect.id)
     forms, starts = effect.forms, effect.starts
-    if forms == EXIT_FORMS and (cables == 1 or "exit_angle" in constants):
+    one_exit = len(plant.bench.cables) == 1 or "exit_angle" in plant.constants
+    if forms == EXIT_FORMS and one_exit:
         forms, starts = (), tuple(s for s in starts if s[key] == 0.0)
     names = {parameter.name for parameter in kept}
     if forms:
@@ -280,29 +258,25 @@ def _with_parameters(
     return replace(effect, parameters=kept, starts=starts, forms=forms)
 
 
-def _path_exclusion(effect: Effect, led: Leading, tied: bool) -> str:
+def _path_exclusion(effect: Effect, bench: Bench) -> str:
     """Return why a cable that the joint moves cannot have an effect; "" if it can."""
-    if led and (effect.joint_arm is not None or effect.motor_arm is not None):
+    if bench.led and (effect.joint_arm is not None or effect.motor_arm is not None):
         return "a path that the joint moves is played with the arms of the scene"
-    if led == "open" and effect.id == "clamp_creep":
+    if bench.led == "open" and effect.id == "clamp_creep":
         return "an open cable has no conduit that a clamp could hold"
-    if led and effect.id == "backlash":
-        if tied:
+    if bench.led and effect.id == "backlash":
+        if bench.tied:
             return "the cable ends on the body that it turns, where nothing has play"
         return "play is looked for where the joint moves the end of the cable alone"
-    if tied and effect.id == "configuration_dependent_wrap":
+    if bench.tied and effect.id == "configuration_dependent_wrap":
         return "the path in the scene says how much the cable bends at every angle"
     return ""
 
 
 Values = Mapping[str, float]
 
-MAX_FITTED_STIFFNESS = 0.9 * max(
-    p.high for p in PARAMETERS if p.name == "axial_stiffness"
-)
+MAX_FITTED_STIFFNESS = 0.9 * _LARGEST["axial_stiffness"]
 """Largest axial stiffness that is fitted, below the limit of a cable [N]."""
-MAX_FITTED_PRETENSION = 0.9 * max(p.high for p in PARAMETERS if p.name == "pretension")
-"""Largest pretension that is fitted, below the limit of a cable [N]."""
 TORQUE_OFFSETS = ("motor_torque_offset", "joint_torque_offset")
 """Parameters for the readings of the torque sensors at zero torque [N m]."""
 TORQUE_DELAYS = ("motor_torque_late", "joint_torque_late")
@@ -399,7 +373,9 @@ def baseline_parameters(
             ("axial_stiffness", cable.axial_stiffness, -wide, stiffest),
         )
     ]
-    tautest = math.log(MAX_FITTED_PRETENSION / max(cable.pretension, 1e-9)) / known
+    tautest = (
+        math.log(0.9 * _LARGEST["pretension"] / max(cable.pretension, 1e-9)) / known
+    )
     found.append(_known("pretension", cable.pretension, known, high=min(10.0, tautest)))
     for k in sensors:
         size = max(Limit.offset_deviation * rms[k], 1e-6)
@@ -433,7 +409,7 @@ def baseline_parameters(
             rest = constants.get("load_rest_angle", Constant(0.0))
             scale = rest.uncertainty or Limit.rest_angle_deviation
             found.append(_known("load_rest_angle", rest.value, scale))
-    found += change_parameters(found, records, lambda own: _angle_offset(bench, own))
+    found += change_parameters(found, records, bench)
     return tuple(found)
 
 
@@ -497,17 +473,7 @@ class SimulatedRig:
 
     @cached_property
     def library(self) -> Library:
-        """Effects that the instruments can detect."""
-        bench = self.bench
-        return available_effects(
-            len(bench.cables),
-            self.instruments,
-            bench.led,
-            bench.tied,
-            self._columns,
-            self.constants,
-            bench.ends_held,
-        )
+        return available_effects(self)
 
     @cached_property
     def _absent(self) -> dict[str, float]:
@@ -518,12 +484,6 @@ class SimulatedRig:
             for parameter in effect.parameters
             if parameter.linear
         }
-
-    @property
-    def _columns(self) -> frozenset[str]:
-        """Further columns that every record has."""
-        own = [frozenset(record.columns) for record in self.records]
-        return frozenset.intersection(*own) if own else frozenset()
 
     def simulate(
         self,

@@ -30,18 +30,22 @@ from typing import Any, Literal, NamedTuple
 
 import mujoco
 import numpy as np
+from mujoco import MjData, MjModel, MjsBody, MjSpec, MjsSensor, mjtObj, mjtSensor
 
 from cc_mujoco.cable._conduit import end_stiffness
 from cc_mujoco.datasets._bench import Bench
+from cc_mujoco.datasets._channels import (
+    ANGLES,
+    JOINT_ANGLE,
+    JOINT_TORQUE,
+    MOTOR_ANGLE,
+    MOTOR_TORQUE,
+    TORQUES,
+)
 from cc_mujoco.diagnosis._thresholds import Limit
-from cc_mujoco.diagnosis._verdict import PREDICTED_CHANNELS
 from cc_mujoco.diagnosis.effects import EFFECTS
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
-
-MOTOR_TORQUE, JOINT_TORQUE = PREDICTED_CHANNELS
-MOTOR_ANGLE, JOINT_ANGLE = "motor_angle_rad", "joint_angle_rad"
-_SENSOR = mujoco.mjtObj.mjOBJ_SENSOR
 
 
 class Measured(NamedTuple):
@@ -58,7 +62,7 @@ SensorShare = tuple[str, float]
 _SIDES = ((MOTOR_TORQUE, "motor"), (JOINT_TORQUE, "joint"))
 
 
-def read_channels(model: mujoco.MjModel, data: mujoco.MjData) -> Measured:
+def read_channels(model: MjModel, data: MjData) -> Measured:
     """Return the four channels at the last evaluation of the sensors.
 
     After `mj_step` that is the configuration at which the step began.
@@ -73,11 +77,11 @@ def read_channels(model: mujoco.MjModel, data: mujoco.MjData) -> Measured:
     return Measured(float(proximal), float(motor), float(distal), float(joint))
 
 
-def torque_weights(model: mujoco.MjModel) -> FloatArray:
+def torque_weights(model: MjModel) -> FloatArray:
     """Return the motor and joint torque as sums of sensor data (2, sensordata)."""
-    weights = np.zeros((len(PREDICTED_CHANNELS), model.nsensordata))
-    for row, channel in enumerate(PREDICTED_CHANNELS):
-        index = _index(model, mujoco.mjtObj.mjOBJ_TUPLE, channel, "tuple")
+    weights = np.zeros((len(TORQUES), model.nsensordata))
+    for row, channel in enumerate(TORQUES):
+        index = _index(model, mjtObj.mjOBJ_TUPLE, channel, "tuple")
         start = model.tuple_adr[index]
         for item in range(start, start + model.tuple_size[index]):
             sensor = model.tuple_objid[item]
@@ -86,20 +90,17 @@ def torque_weights(model: mujoco.MjModel) -> FloatArray:
     return weights
 
 
-def angle_sensors(model: mujoco.MjModel) -> tuple[int, int]:
-    motor, joint = (
-        _index(model, _SENSOR, name, "sensor") for name in (MOTOR_ANGLE, JOINT_ANGLE)
-    )
+def angle_sensors(model: MjModel) -> tuple[int, int]:
+    kind = mjtObj.mjOBJ_SENSOR
+    motor, joint = (_index(model, kind, name, "sensor") for name in ANGLES)
     return motor, joint
 
 
-def has_instruments(spec: mujoco.MjSpec) -> bool:
-    return all(spec.tuple(name) is not None for name in PREDICTED_CHANNELS) and all(
-        spec.sensor(name) is not None for name in (MOTOR_ANGLE, JOINT_ANGLE)
-    )
+def has_instruments(spec: MjSpec) -> bool:
+    return all(map(spec.tuple, TORQUES)) and all(map(spec.sensor, ANGLES))
 
 
-def add_instruments(spec: mujoco.MjSpec, bench: Bench) -> None:
+def add_instruments(spec: MjSpec, bench: Bench) -> None:
     """Add sensors of the four channels to a scene, except existing ones.
 
     The radii of the bench are the weights of the cables' tensions.
@@ -109,19 +110,16 @@ def add_instruments(spec: mujoco.MjSpec, bench: Bench) -> None:
             f"scene {bench.path}: cable {bench.names[0]} pulls a lever, whose torque "
             "is no sum of sensors"
         )
-    angle = mujoco.mjtSensor.mjSENS_JOINTPOS
+    angle = mjtSensor.mjSENS_JOINTPOS
     for name, joint in ((MOTOR_ANGLE, bench.motor), (JOINT_ANGLE, bench.joint)):
         found = spec.sensor(name)
         if found is None:
-            spec.add_sensor(
-                name=name, type=angle, objtype=mujoco.mjtObj.mjOBJ_JOINT, objname=joint
-            )
+            _add_sensor(spec, name, angle, mjtObj.mjOBJ_JOINT, joint)
         elif (found.type, found.objname) != (angle, joint):
             raise CableError(
                 f"scene {bench.path}: the sensor {name!r} must be a <jointpos> of "
                 f"joint {joint!r}; rename it"
             )
-    signs = (1.0, -1.0)
     for channel, end, radius in (
         (MOTOR_TORQUE, 0, bench.motor_radius),
         (JOINT_TORQUE, 1, -bench.joint_radius),
@@ -129,7 +127,7 @@ def add_instruments(spec: mujoco.MjSpec, bench: Bench) -> None:
         actuators = [_ends(spec, cable)[end] for cable in bench.names]
         ends = [
             (force_sensor(spec, actuator), sign * radius)
-            for actuator, sign in zip(actuators, signs, strict=False)
+            for actuator, sign in zip(actuators, (1.0, -1.0), strict=False)
         ]
         others = [
             part
@@ -139,7 +137,7 @@ def add_instruments(spec: mujoco.MjSpec, bench: Bench) -> None:
         set_torque_parts(spec, channel, [*ends, *others])
 
 
-def force_sensor(spec: mujoco.MjSpec, actuator: str) -> str:
+def force_sensor(spec: MjSpec, actuator: str) -> str:
     """Return the plain sensor of an actuator's force, added if missing."""
     for sensor in spec.sensors:
         plain = sensor.delay == 0.0 and sensor.nsample == 0 and sensor.cutoff == 0.0
@@ -147,13 +145,15 @@ def force_sensor(spec: mujoco.MjSpec, actuator: str) -> str:
         if _shows_force_of(sensor, [actuator]) and plain and usable:
             return str(sensor.name)
     name = sensor_word(f"{actuator}_force")
-    spec.add_sensor(
-        name=name,
-        type=mujoco.mjtSensor.mjSENS_ACTUATORFRC,
-        objtype=mujoco.mjtObj.mjOBJ_ACTUATOR,
-        objname=actuator,
-    )
+    kind = mjtSensor.mjSENS_ACTUATORFRC
+    _add_sensor(spec, name, kind, mjtObj.mjOBJ_ACTUATOR, actuator)
     return name
+
+
+def _add_sensor(
+    spec: MjSpec, name: str, kind: mjtSensor, shown: mjtObj, target: str
+) -> MjsSensor:
+    return spec.add_sensor(name=name, type=kind, objtype=shown, objname=target)
 
 
 def sensor_word(name: str) -> str:
@@ -161,7 +161,7 @@ def sensor_word(name: str) -> str:
     return "_".join(name.split())
 
 
-def torque_parts(spec: mujoco.MjSpec, channel: str) -> list[SensorShare]:
+def torque_parts(spec: MjSpec, channel: str) -> list[SensorShare]:
     """Return the summands of a torque, empty if the scene does not define them."""
     found = spec.tuple(channel)
     if found is None:
@@ -170,24 +170,20 @@ def torque_parts(spec: mujoco.MjSpec, channel: str) -> list[SensorShare]:
     return [(str(name), float(weight)) for name, weight in pairs]
 
 
-def set_torque_parts(
-    spec: mujoco.MjSpec, channel: str, wanted: list[SensorShare]
-) -> None:
+def set_torque_parts(spec: MjSpec, channel: str, wanted: list[SensorShare]) -> None:
     found = spec.tuple(channel) or spec.add_tuple(name=channel)
-    found.objtype = [int(_SENSOR)] * len(wanted)
+    found.objtype = [int(mjtObj.mjOBJ_SENSOR)] * len(wanted)
     found.objname = [name for name, _ in wanted]
     found.objprm = [weight for _, weight in wanted]
 
 
-def add_torque_part(
-    spec: mujoco.MjSpec, channel: str, sensor: str, weight: float
-) -> None:
+def add_torque_part(spec: MjSpec, channel: str, sensor: str, weight: float) -> None:
     """Add a sensor to the sum of a torque, as `torque_parts` has it."""
     set_torque_parts(spec, channel, [*torque_parts(spec, channel), (sensor, weight)])
 
 
 @contextmanager
-def without_delay(model: mujoco.MjModel) -> Iterator[None]:
+def without_delay(model: MjModel) -> Iterator[None]:
     """Make all sensors of a model show the present while the block runs."""
     delay = model.sensor_delay.copy()
     model.sensor_delay[:] = 0.0
@@ -197,7 +193,7 @@ def without_delay(model: mujoco.MjModel) -> Iterator[None]:
         model.sensor_delay[:] = delay
 
 
-def _ends(spec: mujoco.MjSpec, cable: str) -> tuple[str, str]:
+def _ends(spec: MjSpec, cable: str) -> tuple[str, str]:
     """Return the names of the actuators at a cable's ends, added if missing."""
     proximal, distal = (
         actuator
@@ -212,13 +208,13 @@ def _ends(spec: mujoco.MjSpec, cable: str) -> tuple[str, str]:
     return str(proximal.name), str(distal.name)
 
 
-def _shows_force_of(sensor: mujoco.MjsSensor | None, actuators: list[str]) -> bool:
+def _shows_force_of(sensor: MjsSensor | None, actuators: list[str]) -> bool:
     """Return whether a sensor shows the force of one of these actuators."""
-    force = mujoco.mjtSensor.mjSENS_ACTUATORFRC
+    force = mjtSensor.mjSENS_ACTUATORFRC
     return sensor is not None and sensor.type == force and sensor.objname in actuators
 
 
-def _index(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str, what: str) -> int:
+def _index(model: MjModel, kind: mjtObj, name: str, what: str) -> int:
     index = mujoco.mj_name2id(model, kind, name)
     if index < 0:
         raise CableError(
@@ -229,13 +225,13 @@ def _index(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str, what: str) -> 
 
 
 Values = Mapping[str, float]
-Realise = Callable[[mujoco.MjSpec, Bench, Values], None]
+Realise = Callable[[MjSpec, Bench, Values], None]
 
 CLOCK_SENSOR, UNIT_SENSOR = "instrument_clock", "instrument_one"
 """Sensors that show the time and the number 1; they are never late."""
 
 
-def angle_offset(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
+def angle_offset(spec: MjSpec, bench: Bench, values: Values) -> None:
     """Shift the joint: cables rest where motor and joint plus offset agree."""
     sign = 1.0 if bench.lever is None else bench.lever.sign
     offset = sign * values["joint_angle_offset"]
@@ -244,12 +240,12 @@ def angle_offset(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
     spec.joint(bench.joint).ref -= offset * unit
 
 
-def torque_offset(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
+def torque_offset(spec: MjSpec, bench: Bench, values: Values) -> None:
     for channel, side in _SIDES:
         add_constant(spec, channel, values[f"{side}_torque_offset"])
 
 
-def gain(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
+def gain(spec: MjSpec, bench: Bench, values: Values) -> None:
     """Scale the torque readings by a gain error."""
     for channel, side in _SIDES:
         factor = 1.0 + values[f"{side}_torque_gain"]
@@ -257,7 +253,7 @@ def gain(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
         set_torque_parts(spec, channel, [(name, factor * w) for name, w in parts])
 
 
-def cross_talk(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
+def cross_talk(spec: MjSpec, bench: Bench, values: Values) -> None:
     """Add to each torque reading a share of the other one."""
     parts = {channel: torque_parts(spec, channel) for channel, _ in _SIDES}
     for (channel, side), (other, _) in zip(_SIDES, _SIDES[::-1], strict=True):
@@ -266,17 +262,17 @@ def cross_talk(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
             add_torque_part(spec, channel, sensor, share * weight)
 
 
-def bias(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
+def bias(spec: MjSpec, bench: Bench, values: Values) -> None:
     """Add a constant and a drift to the torque readings."""
     for channel, side in _SIDES:
         add_constant(spec, channel, values[f"{side}_torque_bias"])
         drift = values[f"{side}_torque_drift"]
         if drift != 0.0:
-            _ensure_sensor(spec, CLOCK_SENSOR, mujoco.mjtSensor.mjSENS_CLOCK)
+            _ensure_sensor(spec, CLOCK_SENSOR, mjtSensor.mjSENS_CLOCK)
             add_torque_part(spec, channel, CLOCK_SENSOR, drift)
 
 
-def delay(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
+def delay(spec: MjSpec, bench: Bench, values: Values) -> None:
     """Delay readings; for one that comes early, delay everything else.
 
     In MuJoCo a sensor is late by a time step or more; by less than half, it is not.
@@ -298,42 +294,30 @@ def delay(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
         delayed = []
         for name, weight in torque_parts(spec, channel):
             if name not in (CLOCK_SENSOR, UNIT_SENSOR):
-                source = spec.sensor(name)
+                seen = spec.sensor(name)
                 name = sensor_word(f"{channel}_{name}")
-                copy = spec.add_sensor(
-                    name=name,
-                    type=source.type,
-                    objtype=source.objtype,
-                    objname=source.objname,
-                )
+                copy = _add_sensor(spec, name, seen.type, seen.objtype, seen.objname)
                 _delay_sensor(spec, copy, own + common)
             delayed.append((name, weight))
         set_torque_parts(spec, channel, delayed)
 
 
-def add_constant(spec: mujoco.MjSpec, channel: str, value: float) -> None:
+def add_constant(spec: MjSpec, channel: str, value: float) -> None:
     """Add a constant to a channel [N m]: the z of the world's own z axis is 1."""
     if value != 0.0:
-        _ensure_sensor(
-            spec,
-            UNIT_SENSOR,
-            mujoco.mjtSensor.mjSENS_FRAMEZAXIS,
-            objtype=mujoco.mjtObj.mjOBJ_XBODY,
-            objname="world",
-        )
+        axis = {"objtype": mjtObj.mjOBJ_XBODY, "objname": "world"}
+        _ensure_sensor(spec, UNIT_SENSOR, mjtSensor.mjSENS_FRAMEZAXIS, **axis)
         add_torque_part(spec, channel, UNIT_SENSOR, value)
 
 
-def _delay_sensor(spec: mujoco.MjSpec, sensor: mujoco.MjsSensor, delay: float) -> None:
+def _delay_sensor(spec: MjSpec, sensor: MjsSensor, delay: float) -> None:
     sensor.delay = delay
     sensor.interp = 1
     # Enough to be played at half the time step, too.
     sensor.nsample = 2 * math.ceil(delay / spec.option.timestep) + 4
 
 
-def _ensure_sensor(
-    spec: mujoco.MjSpec, name: str, kind: mujoco.mjtSensor, **shown: Any
-) -> None:
+def _ensure_sensor(spec: MjSpec, name: str, kind: mjtSensor, **shown: Any) -> None:
     found = spec.sensor(name)
     if found is None:
         spec.add_sensor(name=name, type=kind, **shown)
@@ -353,7 +337,7 @@ def rim_stiffness(bench: Bench, radius: float) -> float:
     return sum(max(end_stiffness(cable)) for cable in bench.cables) * radius**2
 
 
-def backlash(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
+def backlash(spec: MjSpec, bench: Bench, values: Values) -> None:
     """Add play [rad] between joint and pulley to `spec`, in place.
 
     The pulley gets a second hinge, coupled to the joint by a tendon limited to
@@ -407,9 +391,7 @@ def backlash(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
     _keep_keyframes(spec, model, bench.joint, name)
 
 
-def _keep_keyframes(
-    spec: mujoco.MjSpec, before: mujoco.MjModel, joint: str, pulley: str
-) -> None:
+def _keep_keyframes(spec: MjSpec, before: MjModel, joint: str, pulley: str) -> None:
     """Keep every keyframe, with a new pulley at the angle of its joint.
 
     MuJoCo appends zeros, whichever joint is new.
@@ -422,7 +404,7 @@ def _keep_keyframes(
         key.qvel = np.insert(speed, new.dofadr[0], speed[old.dofadr[0]])
 
 
-def cogging(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
+def cogging(spec: MjSpec, bench: Bench, values: Values) -> None:
     """Add a torque that loads the motor: cosine cos(order q) + sine sin(order q)."""
     order = values["cogging_order"]
     cosine, sine = values["cogging_cosine"], values["cogging_sine"]
@@ -433,7 +415,7 @@ def cogging(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
         add_torque_part(spec, MOTOR_TORQUE, force_sensor(spec, "motor_cogging"), -1.0)
 
 
-def gravity(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
+def gravity(spec: MjSpec, bench: Bench, values: Values) -> None:
     """Add a torque that opposes the joint: sine sin(q) + cosine cos(q)."""
     cosine, sine = values["gravity_cosine"], values["gravity_sine"]
     if bench.lever is not None:
@@ -443,15 +425,15 @@ def gravity(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
         add_torque_part(spec, JOINT_TORQUE, force_sensor(spec, GRAVITY_ACTUATOR), 1.0)
 
 
-def tilt_rig(model: mujoco.MjModel, tilt: float) -> None:
+def tilt_rig(model: MjModel, tilt: float) -> None:
     """Tilt a rig about its joint's axis by an angle [rad], which shifts its weight."""
-    number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, GRAVITY_ACTUATOR)
+    number = mujoco.mj_name2id(model, mjtObj.mjOBJ_ACTUATOR, GRAVITY_ACTUATOR)
     if number >= 0:
         model.actuator_biasprm[number, Limit.phase_index] += tilt
 
 
 def _add_periodic_torque(
-    spec: mujoco.MjSpec, name: str, joint: str, order: float, sine: float, cosine: float
+    spec: MjSpec, name: str, joint: str, order: float, sine: float, cosine: float
 ) -> None:
     """Add the torque sine sin(order q) + cosine cos(order q) as cogging of a motor."""
     actuator = spec.add_actuator(name=name)
@@ -464,7 +446,7 @@ def _add_periodic_torque(
     )
 
 
-def stiffness(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
+def stiffness(spec: MjSpec, bench: Bench, values: Values) -> None:
     """Add a spring to the joint, combined with its present spring in parallel."""
     added, moment = values["joint_stiffness"], values["joint_stiffness_moment"]
     sign = 1.0 if bench.lever is None else bench.lever.sign
@@ -487,13 +469,8 @@ def stiffness(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
         )
     if bench.lever is not None:
         return
-    angle = "joint_stiffness_angle"
-    spec.add_sensor(
-        name=angle,
-        type=mujoco.mjtSensor.mjSENS_JOINTPOS,
-        objtype=mujoco.mjtObj.mjOBJ_JOINT,
-        objname=bench.joint,
-    )
+    angle, kind = "joint_stiffness_angle", mjtSensor.mjSENS_JOINTPOS
+    _add_sensor(spec, angle, kind, mjtObj.mjOBJ_JOINT, bench.joint)
     add_torque_part(spec, JOINT_TORQUE, angle, -added)
     add_constant(spec, JOINT_TORQUE, -moment)
 
@@ -502,57 +479,40 @@ def inertia(side: Literal["motor", "joint"]) -> Realise:
     """Return the addition of an inertia between the sensor of a side and its pulley."""
     channel, sign = (MOTOR_TORQUE, 1.0) if side == "motor" else (JOINT_TORQUE, -1.0)
 
-    def add(spec: mujoco.MjSpec, bench: Bench, values: Values) -> None:
+    def add(spec: MjSpec, bench: Bench, values: Values) -> None:
         name, size = getattr(bench, side), values[f"{side}_inertia"]
         if size == 0.0:
             return
-        model = spec.compile()
-        present = model.dof_M0[model.joint(name).dofadr[0]]
+        model, joint = spec.compile(), spec.joint(name)
+        index = model.joint(name).id
+        present = model.dof_M0[model.jnt_dofadr[index]]
         if present + size <= 0.0:
             raise CableError(
                 f"joint {name!r} has an inertia of {present:.3g} kg m^2, so "
                 f"{size:.3g} cannot be added; give the scene's joint its whole inertia"
             )
-        spec.joint(name).armature += size
-        if bench.lever is None:
-            _add_inertia_torque(spec, name, size, channel, sign)
+        joint.armature += size
+        if bench.lever is not None:
+            return
+        # MuJoCo's sensors do not measure armature; they measure the torque on a body
+        # that rides along.
+        joint.armature -= Limit.probe_inertia
+        shown = sensor_word(f"{name}_acceleration")
+        probe = joint.parent.add_body(
+            name=f"{name}_acceleration", pos=model.jnt_pos[index]
+        )
+        _set_isotropic_inertia(probe, np.zeros(3), Limit.probe_inertia)
+        along = np.empty(4)
+        mujoco.mju_quatZ2Vec(along, model.jnt_axis[index])
+        site = probe.add_site(name=shown, pos=[0.0] * 3, quat=along, rgba=[0.0] * 4)
+        site.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+        _add_sensor(spec, shown, mjtSensor.mjSENS_TORQUE, mjtObj.mjOBJ_SITE, shown)
+        add_torque_part(spec, channel, shown, sign * size / Limit.probe_inertia)
 
     return add
 
 
-def _add_inertia_torque(
-    spec: mujoco.MjSpec, name: str, inertia: float, channel: str, sign: float
-) -> None:
-    """Add the torque that accelerates additional armature to a channel."""
-    joint = spec.joint(name)
-    model = spec.compile()
-    joint.armature -= Limit.probe_inertia
-    # MuJoCo's sensors do not measure armature; they measure the torque on a body that
-    # rides along.
-    index = model.joint(name).id
-    probe = joint.parent.add_body(name=f"{name}_acceleration", pos=model.jnt_pos[index])
-    _set_isotropic_inertia(probe, np.zeros(3), Limit.probe_inertia)
-    along = np.empty(4)
-    mujoco.mju_quatZ2Vec(along, model.jnt_axis[index])
-    site = probe.add_site(
-        name=sensor_word(f"{name}_acceleration"),
-        pos=[0.0] * 3,
-        quat=along,
-        rgba=[0.0] * 4,
-    )
-    site.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
-    spec.add_sensor(
-        name=site.name,
-        type=mujoco.mjtSensor.mjSENS_TORQUE,
-        objtype=mujoco.mjtObj.mjOBJ_SITE,
-        objname=site.name,
-    )
-    add_torque_part(spec, channel, site.name, sign * inertia / Limit.probe_inertia)
-
-
-def _set_isotropic_inertia(
-    body: mujoco.MjsBody, centre: FloatArray, inertia: float
-) -> None:
+def _set_isotropic_inertia(body: MjsBody, centre: FloatArray, inertia: float) -> None:
     """Give a body the same inertia about every axis, and a milligram of mass."""
     body.mass, body.ipos, body.inertia = 1e-6, centre, [inertia] * 3
     body.explicitinertial = True

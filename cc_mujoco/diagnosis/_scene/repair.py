@@ -20,6 +20,7 @@ from tempfile import TemporaryDirectory
 
 import mujoco
 import numpy as np
+from mujoco import MjData, MjModel, MjSpec
 
 from cc_mujoco._utils.atomic_io import replacing
 from cc_mujoco.cable import Cable
@@ -47,7 +48,7 @@ def repair_scene(
     cables: Sequence[Cable],
     effects: Mapping[str, Values],
     left_out: Mapping[str, Values] | None = None,
-) -> mujoco.MjSpec:
+) -> MjSpec:
     """Return the scene of a bench with other cables, and with effects.
 
     Args:
@@ -81,7 +82,7 @@ def repair_scene(
             "those of the scene; give changed ones"
         )
     bench = replace(bench, cables=tuple(cables))
-    spec = mujoco.MjSpec.from_file(str(bench.path))
+    spec = MjSpec.from_file(str(bench.path))
     for name, cable, sign in zip(bench.names, cables, (-1.0, 1.0), strict=False):
         proximal = (bench.motor, sign * bench.motor_radius)
         distal = (bench.joint, sign * bench.joint_radius)
@@ -124,7 +125,7 @@ def existing_effects(scene: str | os.PathLike[str]) -> tuple[str, ...]:
     return tuple(name for name in named if name not in keyed)
 
 
-def write(path: str | os.PathLike[str], spec: mujoco.MjSpec) -> None:
+def write(path: str | os.PathLike[str], spec: MjSpec) -> None:
     """Write a scene atomically, so that it loads from any folder.
 
     Raises:
@@ -134,13 +135,13 @@ def write(path: str | os.PathLike[str], spec: mujoco.MjSpec) -> None:
         try:
             spec.compile()
             partial.write_text(_text(spec), encoding="utf-8")
-            mujoco.MjModel.from_xml_path(str(partial))
+            MjModel.from_xml_path(str(partial))
         except ValueError as error:
             reason = str(error).strip().splitlines()[0]
             raise CableError(f"scene {path} cannot be written: {reason}") from None
 
 
-def _text(spec: mujoco.MjSpec) -> str:
+def _text(spec: MjSpec) -> str:
     """Return the MJCF of a compiled scene that loads from any folder."""
     origin = Path(spec.modelfiledir).absolute()
     before = spec.meshdir, spec.texturedir
@@ -154,11 +155,11 @@ def _text(spec: mujoco.MjSpec) -> str:
         spec.meshdir, spec.texturedir = before
 
 
-def _largest_step(spec: mujoco.MjSpec, bench: Bench) -> float:
+def _largest_step(spec: MjSpec, bench: Bench) -> float:
     """Return half of the time step that makes the cables' ends unstable [s]."""
     model = spec.compile()
     if bench.tied:  # its pieces are the springs
-        found = step_limits(model, mujoco.MjData(model))
+        found = step_limits(model, MjData(model))
         return 0.5 * min(min(found[name]) for name in bench.names)
     pulleys = (bench.motor, bench.motor_radius), (bench.joint, bench.joint_radius)
     limits = []
@@ -197,7 +198,7 @@ def _comment(
 
 def require_repairable(bench: Bench) -> None:
     """Require that a scene can have any effect, or say what to change in it."""
-    spec = mujoco.MjSpec.from_file(str(bench.path))
+    spec = MjSpec.from_file(str(bench.path))
     _check_settings(spec, bench)
     typical = {p.name: p.typical for e in EFFECTS.values() for p in e.parameters}
     everything = {  # offsets have no entry in the library
@@ -229,7 +230,7 @@ def require_repairable(bench: Bench) -> None:
     _rehearse_motion(bench.path if bench.lever else plain, plain.option.timestep, bench)
 
 
-def _check_settings(spec: mujoco.MjSpec, bench: Bench) -> None:
+def _check_settings(spec: MjSpec, bench: Bench) -> None:
     # Parts of MuJoCo that cables, instruments or effects are made of.
     flags = "actuation constraint damper limit sensor spring".split()
     bits = (getattr(mujoco.mjtDisableBit, f"mjDSBL_{f.upper()}") for f in flags)
@@ -248,7 +249,7 @@ def _check_settings(spec: mujoco.MjSpec, bench: Bench) -> None:
             )
 
 
-def _rehearse_motion(scene: mujoco.MjSpec | Path, step: float, bench: Bench) -> None:
+def _rehearse_motion(scene: MjSpec | Path, step: float, bench: Bench) -> None:
     """Play a short motion through the scene and through its cables alone."""
     count = min(max(round(0.3 / step), 200), 5000)
     phase = np.linspace(0.0, 4.0 * math.pi, count)

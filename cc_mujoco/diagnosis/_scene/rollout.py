@@ -15,6 +15,7 @@ from collections.abc import Collection, Mapping
 
 import mujoco
 import numpy as np
+from mujoco import MjData, MjModel, MjSpec, mjtObj
 from numpy.typing import ArrayLike
 
 from cc_mujoco.datasets._bench import Bench, driven_joint
@@ -36,7 +37,7 @@ from cc_mujoco.plugin._spec import read_spec
 
 
 def rollout(
-    scene: str | os.PathLike[str] | mujoco.MjSpec,
+    scene: str | os.PathLike[str] | MjSpec,
     time: ArrayLike,
     motor_angle: ArrayLike,
     joint_angle: ArrayLike,
@@ -118,24 +119,18 @@ def rollout(
 
 
 class _Sensors:
-    """Readings of the instruments of a scene.
+    """Readings of the instruments of a scene."""
 
-    Attributes:
-        joints: indices of the motor's and the joint's hinge, and of others that are
-            moved.
-        sign: sign of the joint's angle in the scene over that in the data.
-        late: delay of the shown angles [s].
-    """
-
-    def __init__(self, model: mujoco.MjModel) -> None:
+    def __init__(self, model: MjModel) -> None:
         sensors = angle_sensors(model)
         proximal, distal = (model.sensor_objid[sensor] for sensor in sensors)
+        # Hinges of motor and joint, and of others that are moved
         self.joints: tuple[int, ...] = (int(proximal), int(distal))
-        self.sign = 1.0
-        self.late = float(model.sensor_delay[sensors[0]])
+        self.sign = 1.0  # of the joint's angle in the scene over that in the data
+        self.late = float(model.sensor_delay[sensors[0]])  # of the shown angles [s]
         self._weights = torque_weights(model)
 
-    def measure(self, data: mujoco.MjData) -> FloatArray:
+    def measure(self, data: MjData) -> FloatArray:
         """Return the motor and joint torque at the last evaluation (2,) [N m]."""
         found: FloatArray = self._weights @ data.sensordata
         return found
@@ -148,7 +143,7 @@ class _Forces(_Sensors):
     among MuJoCo's passive forces.
     """
 
-    def __init__(self, model: mujoco.MjModel, bench: Bench) -> None:
+    def __init__(self, model: MjModel, bench: Bench) -> None:
         assert bench.lever is not None
         joints = [model.joint(name) for name in (bench.motor, bench.joint)]
         self.joints = int(joints[0].id), int(joints[1].id)
@@ -159,9 +154,9 @@ class _Forces(_Sensors):
         ends = np.flatnonzero(model.actuator_plugin == instance)
         # Actuators without input have outputs, too.
         self._ends = model.actuator_outadr[ends]
-        self._moment = np.zeros((mujoco.MjData(model).moment_rownnz.size, model.nv))
+        self._moment = np.zeros((MjData(model).moment_rownnz.size, model.nv))
 
-    def measure(self, data: mujoco.MjData) -> FloatArray:
+    def measure(self, data: MjData) -> FloatArray:
         mujoco.mju_sparse2dense(
             self._moment,
             data.actuator_moment,
@@ -178,7 +173,7 @@ class _Forces(_Sensors):
 
 
 def _play(
-    model: mujoco.MjModel,
+    model: MjModel,
     view: _Sensors,
     start: float,
     dt: float,
@@ -229,13 +224,13 @@ def _play(
 
 
 def _set_rest(
-    model: mujoco.MjModel, view: _Sensors, angles: FloatArray, start: float
-) -> mujoco.MjData:
+    model: MjModel, view: _Sensors, angles: FloatArray, start: float
+) -> MjData:
     """Set the joints to these angles, cables in pretension, sensors settled."""
     motor, joint = view.joints[:2]
     cables = list(instances(model).values())
     ends = np.flatnonzero(np.isin(model.actuator_plugin, cables))
-    data = mujoco.MjData(model)
+    data = MjData(model)
     hinged = not isinstance(view, _Forces)
     held = ends[model.actuator_trntype[ends] == mujoco.mjtTrn.mjTRN_JOINT]
     pulleys = [
@@ -264,7 +259,7 @@ def _set_rest(
     return data
 
 
-def _fill_sensor_history(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+def _fill_sensor_history(model: MjModel, data: MjData) -> None:
     """Fill the memory of delayed sensors with their present readings."""
     with without_delay(model):
         mujoco.mj_forward(model, data)
@@ -277,10 +272,7 @@ def _fill_sensor_history(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
 
 def _other_angles(
-    model: mujoco.MjModel,
-    bench: Bench | None,
-    given: Mapping[str, ArrayLike],
-    samples: int,
+    model: MjModel, bench: Bench | None, given: Mapping[str, ArrayLike], samples: int
 ) -> dict[str, FloatArray]:
     """Return the angles (samples,) of other joints that move the cables [rad]."""
     names = () if bench is None else bench.others
@@ -299,11 +291,11 @@ def _other_angles(
     return found
 
 
-def _without_strangers(spec: mujoco.MjSpec, bench: Bench) -> mujoco.MjModel:
+def _without_strangers(spec: MjSpec, bench: Bench) -> MjModel:
     """Return the compiled scene without the cables of other axes."""
     gone = [a for a in spec.actuators if a.plugin.name in bench.strangers]
     names = {actuator.name for actuator in gone if actuator.name}
-    shown = mujoco.mjtObj.mjOBJ_ACTUATOR
+    shown = mjtObj.mjOBJ_ACTUATOR
     for sensor in list(spec.sensors):
         if sensor.objtype == shown and sensor.objname in names:
             spec.delete(sensor)
@@ -313,16 +305,14 @@ def _without_strangers(spec: mujoco.MjSpec, bench: Bench) -> mujoco.MjModel:
 
 
 def _instrumented_model(
-    scene: str | os.PathLike[str] | mujoco.MjSpec,
-    cables: Collection[str] | None,
-    driven: str,
-) -> tuple[mujoco.MjModel, Bench | None]:
+    scene: str | os.PathLike[str] | MjSpec, cables: Collection[str] | None, driven: str
+) -> tuple[MjModel, Bench | None]:
     """Return the compiled scene with instruments; the scene itself is not changed.
 
     For a lever, which cannot have them, return the scene without the cables of other
     axes, and its bench.
     """
-    if isinstance(scene, mujoco.MjSpec):
+    if isinstance(scene, MjSpec):
         return scene.copy().compile(), None
     spec = _spec(scene)
     try:
@@ -339,7 +329,7 @@ def _instrumented_model(
         raise _unloadable(scene, error) from None
 
 
-def _spec(scene: str | os.PathLike[str]) -> mujoco.MjSpec:
+def _spec(scene: str | os.PathLike[str]) -> MjSpec:
     if not os.path.isfile(scene):
         raise CableError(f"scene {scene} is no file; give an MJCF file")
     return read_spec(scene)

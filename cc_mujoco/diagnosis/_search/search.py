@@ -19,12 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cc_mujoco.diagnosis._fit.fit import (
-    BaselineFit,
-    Held,
-    Holdout,
-    refine_simulation,
-)
+from cc_mujoco.diagnosis._fit.fit import BaselineFit, Held, Holdout, refine_simulation
 from cc_mujoco.diagnosis._fit.intervals import (
     Spread,
     doubtful_effects,

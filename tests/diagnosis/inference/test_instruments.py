@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -29,7 +30,7 @@ from cc_mujoco.diagnosis._report.output import (
     write_and_compare_scene,
 )
 from cc_mujoco.diagnosis._rig.records import load_noise, load_torque
-from cc_mujoco.diagnosis._rig.simulation import available_effects
+from cc_mujoco.diagnosis._rig.simulation import Library, SimulatedRig
 from cc_mujoco.diagnosis.effects import EXIT_FORMS, form_key
 from cc_mujoco.errors import CableError
 from diagnosis.instrumented import (
@@ -58,6 +59,15 @@ BOTH = ("motor_torque_nm", "joint_torque_nm")
 
 def named(found: Diagnosis) -> list[str]:
     return [effect.id for effect in found.effects]
+
+
+def library_of(
+    cables: int,
+    instruments: Instruments,
+    constants: Mapping[str, Constant] | None = None,
+) -> Library:
+    bench = replace(BENCH, cables=BENCH.cables[:cables])
+    return SimulatedRig(bench, (), 4, 1, instruments, constants or {}).library
 
 
 def judged(kind: str, effects: Hidden, bench: Bench = BENCH) -> DiagnosisResult:
@@ -177,7 +187,7 @@ def test_a_known_load_stands_in_for_the_joint_s_sensor(
 @pytest.mark.parametrize("joint", ["torque sensor", "load cells", "known load", None])
 @pytest.mark.parametrize("cables", [1, 2])
 def test_every_effect_is_either_seen_or_told_why_not(motor, joint, cables) -> None:
-    seen = available_effects(cables, Instruments(motor, joint))
+    seen = library_of(cables, Instruments(motor, joint))
     assert seen.effects.keys() | seen.hidden.keys() == EFFECTS.keys()
     assert not seen.effects.keys() & seen.hidden.keys()
     for name, effect in seen.effects.items():
@@ -195,8 +205,8 @@ def test_a_declared_fact_removes_or_bounds_effects() -> None:
         "zeroed": Constant(1.0),
         "gain_uncertainty": Constant(0.01),
     }
-    free = available_effects(2, TORQUE_SENSORS)
-    bound = available_effects(2, TORQUE_SENSORS, constants=known)
+    free = library_of(2, TORQUE_SENSORS)
+    bound = library_of(2, TORQUE_SENSORS, constants=known)
     assert free.effects.keys() - bound.effects.keys() == {
         "joint_gravity",
         "joint_stiffness",
@@ -218,7 +228,7 @@ def test_a_declared_fact_removes_or_bounds_effects() -> None:
 def test_a_pulley_is_eccentric_in_either_geometry_unless_one_is_declared() -> None:
     declared = {"exit_angle": Constant(np.pi)}
     free, one, known = (
-        available_effects(cables, TORQUE_SENSORS, constants=constants).effects[
+        library_of(cables, TORQUE_SENSORS, constants=constants).effects[
             "pulley_eccentricity"
         ]
         for cables, constants in ((2, {}), (1, {}), (2, declared))

@@ -20,11 +20,7 @@ from cc_mujoco.diagnosis import (
     run_inference,
 )
 from cc_mujoco.diagnosis._fit.problem import TorqueDerivatives
-from cc_mujoco.diagnosis._fit.trials import (
-    find_outlier_trial,
-    misfits,
-    trial_errors,
-)
+from cc_mujoco.diagnosis._fit.trials import find_outlier_trial, misfits, trial_errors
 from cc_mujoco.diagnosis._judge import worst_stretch
 from diagnosis.instrumented import told_by
 from diagnosis.recorded import BENCH, dataset
@@ -271,7 +267,7 @@ def test_what_all_trials_lack_is_no_trial_of_its_own() -> None:
 def test_errors_per_trial_add_up_to_those_of_all(alike: BaselineFit) -> None:
     problem, x = alike.problem, alike.whole.x
     played = problem.plant.simulate(problem.values(x), ())
-    errors = trial_errors(problem, played, played)
+    errors = trial_errors(problem, played, played, (problem, x))
     assert [each.trial for each in errors] == [f"run_{k}" for k in range(COUNT)]
     noise = [
         np.sum((noise / floor)[:, record.counts] ** 2)

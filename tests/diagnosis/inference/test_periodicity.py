@@ -11,11 +11,7 @@ import math
 import numpy as np
 import pytest
 
-from cc_mujoco.diagnosis._locate import (
-    PeriodicError,
-    Samples,
-    strongest_line,
-)
+from cc_mujoco.diagnosis._locate import PeriodicError, Samples, strongest_line
 
 DT = 0.016
 BAND = 25.0

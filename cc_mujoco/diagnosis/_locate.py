@@ -32,13 +32,10 @@ from numpy.typing import NDArray
 from cc_mujoco.diagnosis._fit.fit import traces
 from cc_mujoco.diagnosis._fit.problem import BOOTSTRAP_BLOCK, Problem
 from cc_mujoco.diagnosis._fit.trials import (
-    TrialConstants,
-    describe_trial_constants,
+    TrialDifferences,
     find_outlier_trial,
     misfits,
-    trial_constants,
     trial_errors,
-    trial_ordinates,
 )
 from cc_mujoco.diagnosis._phrases import (
     channel_name,
@@ -480,9 +477,7 @@ def locate_error(found: Found, judged: Diagnosis) -> Located:
     question = odd.question if odd else judged.question
     if found.by_trial and odd and odd.rest > Limit.max_explained_error:
         question = ""  # no single trial contradicts the others
-    constants = trial_constants(*explaining)
-    names = constants[0].trials if constants else ()
-    ordinates = trial_ordinates(found.problem, names, fitted.temperatures)
+    differences = TrialDifferences.of(*explaining, fitted.temperatures)
     before, after = found.held.before, found.held.after
     signs = found.search.signatures
     table = np.array([[signature_cosine(a, b) for b in signs] for a in signs])
@@ -495,23 +490,19 @@ def locate_error(found: Found, judged: Diagnosis) -> Located:
     drawn = error_maps(shown, fitted.settings.seed)
     return Located(
         Evidence(shown, drawn, isolability),
-        error_places(found, drawn, constants, ordinates),
+        error_places(found, drawn, differences),
         trial_errors(fitted.problem, before, after, model),
         question,
     )
 
 
 def error_places(
-    result: Found,
-    drawn: Sequence[Map],
-    constants: Sequence[TrialConstants],
-    ordinates: Mapping[str, FloatArray],
+    result: Found, drawn: Sequence[Map], differences: TrialDifferences
 ) -> tuple[Where, ...]:
     """Return the locations of the error of the baseline, the main sentence first.
 
     Errors are those of fits to all data: errors of held-out trials contain those of
-    their parameters. `constants` by trial come with the best first; `ordinates`
-    (trials,) by name are those along which they may drift.
+    their parameters.
     """
     problem = result.fitted.problem
     before = problem.torques(result.fitted.whole.x)
@@ -529,7 +520,7 @@ def error_places(
     ]
     found += _describe_constants(samples)
     if worst in samples:
-        found += describe_trial_constants(constants, ordinates, worst)
+        found += differences.described(worst)
     found.sort(key=lambda each: -each[1].share_of_error)
     # Maps that chance does not explain.
     mapped = tuple(

@@ -20,7 +20,6 @@ from cc_mujoco.diagnosis import (
 )
 from cc_mujoco.diagnosis._fit.fit import check_effects
 from cc_mujoco.diagnosis._fit.intervals import implausibility
-from cc_mujoco.diagnosis._fit.problem import interleaved_folds
 from cc_mujoco.diagnosis._rig.simulation import SimulatedRig
 from cc_mujoco.diagnosis._search.search import search, search_rare
 from cc_mujoco.diagnosis.effects import EXIT_FORMS, Signals, form_key, usual_effects
@@ -76,8 +75,7 @@ def test_friction_of_a_joint_may_wind_up(wind_up: float) -> None:
     data = replace(data, trials=tuple(trials))
     records, filtering = prepare(data, BENCH)
     crossed = fit_baseline(data, plant_of(data, BENCH, records), filtering, 0).crossed
-    division = interleaved_folds(records)
-    found = search(crossed, division, ("joint_friction",)).after
+    found = search(crossed, ("joint_friction",)).after
     assert found.problem.effects == ("joint_friction",) and found.misfit < 1.3
     values = found.problem.values(np.mean([fit.x for fit in found.fits], axis=0))
     assert values["joint_friction"] == pytest.approx(0.3, rel=0.05)
@@ -91,7 +89,7 @@ def test_friction_of_the_joint_competes_with_a_seal_there() -> None:
     records, filtering = prepare(data, BENCH)
     crossed = fit_baseline(data, plant_of(data, BENCH, records), filtering, 0).crossed
     usual, rare = ("load_independent_friction",), ("joint_friction",)
-    found = search(crossed, interleaved_folds(records), usual, rare=rare)
+    found = search(crossed, usual, rare=rare)
     assert found.rounds[0].added == usual[0]
     assert {c.id for c in found.rounds[0].candidates} == {*usual, *rare}
 
@@ -184,15 +182,14 @@ def test_a_rare_effect_is_searched_where_the_error_is_not_explained() -> None:
     records, filtering = prepare(data, BENCH)
     plant = plant_of(data, BENCH, records)
     crossed = fit_baseline(data, plant, filtering, 0).crossed
-    division = interleaved_folds(records)
-    plain = search(crossed, division, ("torque_sensor_offset",))
-    found = search_rare(plain, division, ("friction_by_order",))
+    plain = search(crossed, ("torque_sensor_offset",))
+    found = search_rare(plain, ("friction_by_order",))
     assert plain.after.problem.effects == ()
     assert found.after.problem.effects == ("friction_by_order",)
     problem = found.after.problem
     values = problem.values(np.mean([fit.x for fit in found.after.fits], axis=0))
     assert values["friction_per_trial"] == pytest.approx(-0.2, abs=0.01)
-    explained = search_rare(found, division, RARE)
+    explained = search_rare(found, RARE)
     assert explained is found
 
 

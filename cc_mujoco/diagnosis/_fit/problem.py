@@ -680,6 +680,7 @@ class CrossValidation(NamedTuple):
     # (2, samples) of every record, over the floor and by Huber as in fits: of the
     # fit that has not seen the sample, NaN where no fit was held out
     errors: tuple[FloatArray, ...]
+    division: Sequence[Fold] = ()  # folds that it was fitted on
 
     @property
     def x(self) -> FloatArray:
@@ -735,7 +736,7 @@ def cross_validate(
             errors, problem.errors(found.x, fold.test), fold.test, strict=True
         ):
             kept[:, mask] = error[:, mask]
-    return CrossValidation(problem, tuple(fits), tuple(errors))
+    return CrossValidation(problem, tuple(fits), tuple(errors), division)
 
 
 def blocks(

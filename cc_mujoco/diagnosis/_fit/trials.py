@@ -658,112 +658,120 @@ class _OneByTrial:
         return [found[k] for k in model.seen]
 
 
-def random_constants(
-    constants: Sequence[TrialConstants],
-    ordinates: Mapping[str, FloatArray],
-    misfit: float,
-) -> str:
-    """Return in words the constant that differs at random between trials, or "".
+class TrialDifferences(NamedTuple):
+    """Parameters that differ between trials, and quantities that they may follow."""
 
-    `ordinates` (trials,) by name are those along which constants may drift; `misfit` is
-    that of the tuned scene.
-    """
-    for _, where in describe_trial_constants(constants, ordinates, ""):
-        if where.axis == "trial" and where.share_of_error > Limit.random_share:
-            return (
-                "The trials contradict each other: the error of the tuned scene is "
-                f"{format_number(misfit)} times the noise floor. {where.statement} "
-                "Effects were not searched, as they hold for all trials: find out what "
-                "was changed between them, or declare it."
+    constants: tuple[TrialConstants, ...]  # the best first
+    ordinates: Mapping[str, FloatArray]  # (trials,) by name
+
+    @classmethod
+    def of(
+        cls, problem: Problem, x: FloatArray, warmth: Mapping[str, float]
+    ) -> TrialDifferences:
+        """Fit the constants around a fitted model.
+
+        `warmth` is the mean temperature of trials by name, where it is known [degC].
+        """
+        constants = trial_constants(problem, x)
+        names = constants[0].trials if constants else ()
+        own = [[r for r in problem.plant.records if r.trial == name] for name in names]
+        speeds = [
+            math.sqrt(
+                np.mean([np.mean(np.gradient(r.motor_angle, r.dt) ** 2) for r in each])
             )
-    return ""
+            for each in own
+        ]
+        order, clock = SEQUENCE_ORDINATES
+        starts, ends = (np.array([each[k].time[k] for each in own]) for k in (0, -1))
+        one_clock = bool(np.all(ends[:-1] < starts[1:]))
+        tensions = [each[0].pretension for each in own]
+        ordinates = {
+            **({clock: starts} if one_clock else {order: np.arange(float(len(names)))}),
+            "temperature": np.array([warmth.get(name, math.nan) for name in names]),
+            "speed of the trial": np.array(speeds),
+            "declared pretension": np.array(tensions, dtype=float),
+        }
+        return cls(constants, ordinates)
 
+    def at_random(self, misfit: float) -> str:
+        """Return in words the constant that differs at random between trials, or "".
 
-def trial_ordinates(
-    problem: Problem, names: Sequence[str], warmth: Mapping[str, float]
-) -> dict[str, FloatArray]:
-    """Return the ordinates that trial constants may follow, (trials,) each by name.
+        `misfit` is that of the tuned scene.
+        """
+        for _, where in self.described(""):
+            if where.axis == "trial" and where.share_of_error > Limit.random_share:
+                return (
+                    "The trials contradict each other: the error of the tuned scene is "
+                    f"{format_number(misfit)} times the noise floor. {where.statement} "
+                    "Effects were not searched, as they hold for all trials: find out "
+                    "what was changed between them, or declare it."
+                )
+        return ""
 
-    `warmth` is the mean temperature of trials by name, where it is known [degC].
-    """
-    own = [[r for r in problem.plant.records if r.trial == name] for name in names]
-    speeds = [
-        math.sqrt(
-            np.mean([np.mean(np.gradient(r.motor_angle, r.dt) ** 2) for r in each])
+    def described(self, worst: str) -> list[tuple[str, Where]]:
+        """Return constants that differ from trial to trial in words, short and in full.
+
+        `worst` is the channel with the largest error.
+        """
+        able = [each for each in self.constants if each.share >= Limit.min_trend_share]
+        if not able:
+            return []
+        best, *others = able
+        name, factor = plain_name(best.parameter.name), best.parameter.factor
+        values = []  # of trials relative to the mean of all, with standard errors
+        for change, error in zip(best.change, best.error, strict=True):
+            if factor:
+                change = math.exp(change)
+                error = change * error
+            parts = (format_number(each, 10.0 * error) for each in (change, error))
+            values.append(" ± ".join(parts))
+        table = [f"{t} {value}" for t, value in zip(best.trials, values, strict=True)]
+        if len(table) > 12:
+            table = [*table[:3], "...", *table[-3:]]
+        unit = "times the mean" if factor else f"{best.parameter.unit} from the mean"
+        rivals = [
+            f"{plain_name(each.parameter.name)} by trial would take "
+            f"{format_share(each.share)}"
+            for each in others
+            if each.share > best.share - Limit.rival_margin
+        ]
+        takes = (
+            f"A {name} of its own for every trial takes {format_share(best.share)} of "
+            f"the squared error beyond the noise ({', '.join(table)}; "
+            f"{unit}){'; ' if rivals else ''}{list_words(rivals)}."
         )
-        for each in own
-    ]
-    order, clock = SEQUENCE_ORDINATES
-    starts, ends = (np.array([each[k].time[k] for each in own]) for k in (0, -1))
-    one_clock = bool(np.all(ends[:-1] < starts[1:]))
-    tensions = [each[0].pretension for each in own]
-    return {
-        **({clock: starts} if one_clock else {order: np.arange(float(len(names)))}),
-        "temperature": np.array([warmth.get(name, math.nan) for name in names]),
-        "speed of the trial": np.array(speeds),
-        "declared pretension": np.array(tensions, dtype=float),
-    }
-
-
-def describe_trial_constants(
-    constants: Sequence[TrialConstants], ordinates: Mapping[str, FloatArray], worst: str
-) -> list[tuple[str, Where]]:
-    """Return constants that differ from trial to trial in words, short and in full."""
-    able = [each for each in constants if each.share >= Limit.min_trend_share]
-    if not able:
-        return []
-    best, *others = able
-    name, factor = plain_name(best.parameter.name), best.parameter.factor
-    values = []  # of trials relative to the mean of all, with standard errors
-    for change, error in zip(best.change, best.error, strict=True):
-        if factor:
-            change = math.exp(change)
-            error = change * error
-        parts = (format_number(each, 10.0 * error) for each in (change, error))
-        values.append(" ± ".join(parts))
-    table = [f"{t} {value}" for t, value in zip(best.trials, values, strict=True)]
-    if len(table) > 12:
-        table = [*table[:3], "...", *table[-3:]]
-    unit = "times the mean" if factor else f"{best.parameter.unit} from the mean"
-    rivals = [
-        f"{plain_name(each.parameter.name)} by trial would take "
-        f"{format_share(each.share)}"
-        for each in others
-        if each.share > best.share - Limit.rival_margin
-    ]
-    takes = (
-        f"A {name} of its own for every trial takes {format_share(best.share)} of the "
-        f"squared error beyond the noise ({', '.join(table)}; "
-        f"{unit}){'; ' if rivals else ''}{list_words(rivals)}."
-    )
-    tried = trial_trends(best, ordinates)
-    level = Limit.trend_false_alarm_rate / max(len(constants) * len(tried), 1)
-    tests = [
-        f"along the {each.ordinate} t = {format_number(each.t)} with {each.freedom} "
-        f"degrees of freedom, p = {format_number(each.chance)}"
-        for each in tried
-    ]
-    clear = [
-        test for each, test in zip(tried, tests, strict=True) if each.chance < level
-    ]
-    if clear:
-        trend, axis = tried[0], tried[0].ordinate
-        along = f"with the {axis}"
-        if axis in SEQUENCE_ORDINATES:
-            along = "from trial to trial"
-        first, last = (pick(ordinates[axis]) for pick in (np.nanargmin, np.nanargmax))
-        moves = f"{'rises' if trend.slope > 0.0 else 'falls'} steadily {along}"
-        sizes = f"from {values[first]} in {best.trials[first]} to {values[last]} in "
-        short = f"{moves}, {sizes}{best.trials[last]} ({unit})"
-        test = f" Test of the trend: {'; '.join(clear)}."
-    elif best.share < Limit.unordered_share:
-        return []
-    else:
-        axis, moves = "trial", "differs from trial to trial"
-        short = f"{moves} without a trend"
-        test = f" It follows no trend ({tests[0]})." if tests else ""
-    text = f"{capitalise(name)} {moves}. {takes}{test}"
-    return [(f"{name} {short}", Where(worst, axis, best.share, text))]
+        tried = trial_trends(best, self.ordinates)
+        level = Limit.trend_false_alarm_rate / max(len(self.constants) * len(tried), 1)
+        tests = [
+            f"along the {each.ordinate} t = {format_number(each.t)} with "
+            f"{each.freedom} degrees of freedom, p = {format_number(each.chance)}"
+            for each in tried
+        ]
+        clear = [
+            test for each, test in zip(tried, tests, strict=True) if each.chance < level
+        ]
+        if clear:
+            trend, axis = tried[0], tried[0].ordinate
+            along = f"with the {axis}"
+            if axis in SEQUENCE_ORDINATES:
+                along = "from trial to trial"
+            first, last = (
+                pick(self.ordinates[axis]) for pick in (np.nanargmin, np.nanargmax)
+            )
+            moves = f"{'rises' if trend.slope > 0.0 else 'falls'} steadily {along}"
+            sizes = (
+                f"from {values[first]} in {best.trials[first]} to {values[last]} in "
+            )
+            short = f"{moves}, {sizes}{best.trials[last]} ({unit})"
+            test = f" Test of the trend: {'; '.join(clear)}."
+        elif best.share < Limit.unordered_share:
+            return []
+        else:
+            axis, moves = "trial", "differs from trial to trial"
+            short = f"{moves} without a trend"
+            test = f" It follows no trend ({tests[0]})." if tests else ""
+        text = f"{capitalise(name)} {moves}. {takes}{test}"
+        return [(f"{name} {short}", Where(worst, axis, best.share, text))]
 
 
 def compare_occasions(

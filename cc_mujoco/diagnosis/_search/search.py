@@ -38,14 +38,11 @@ from cc_mujoco.diagnosis._fit.problem import (
     divided_samples,
     fit,
     fit_until_settled,
-    interleaved_folds,
 )
 from cc_mujoco.diagnosis._fit.trials import (
+    TrialDifferences,
     agreement_shares,
     compare_occasions,
-    random_constants,
-    trial_constants,
-    trial_ordinates,
 )
 from cc_mujoco.diagnosis._phrases import Progress, no_progress, part_of
 from cc_mujoco.diagnosis._rig.records import Record
@@ -70,10 +67,7 @@ from cc_mujoco.native import FloatArray
 
 
 def gap_shares(
-    baseline: CrossValidation,
-    now: CrossValidation,
-    division: Sequence[Fold],
-    known: list[CrossValidation],
+    baseline: CrossValidation, now: CrossValidation, known: list[CrossValidation]
 ) -> dict[str, float]:
     """Return the share of the gap that reopens without each effect, by id.
 
@@ -82,15 +76,13 @@ def gap_shares(
     inflation, names = baseline.problem.inflation, now.problem.effects
     beyond = max(baseline.misfit**2 - 1.0, 1e-12)
     left = now.misfit_by(inflation) ** 2
-    slim = [_without_effect(now, name, division, known) for name in names]
+    slim = [_without_effect(now, name, known) for name in names]
     known += slim
     shares = [(each.misfit_by(inflation) ** 2 - left) / beyond for each in slim]
     return dict(zip(names, shares, strict=True))
 
 
-def eliminate(
-    now: CrossValidation, division: Sequence[Fold], known: list[CrossValidation]
-) -> CrossValidation:
+def eliminate(now: CrossValidation, known: list[CrossValidation]) -> CrossValidation:
     """Remove the effects that later ones have made redundant.
 
     Models that are fitted for that are added to `known`.
@@ -98,7 +90,7 @@ def eliminate(
     while True:
         # The effect that was added last is needed: it was accepted on top of the rest.
         earlier = now.problem.effects[:-1]
-        slim = [_without_effect(now, name, division, known) for name in earlier]
+        slim = [_without_effect(now, name, known) for name in earlier]
         known += slim
         useless = (1.0 + Limit.form_error_share) * now.held_out_mse
         redundant = [model for model in slim if model.held_out_mse <= useless]
@@ -108,10 +100,7 @@ def eliminate(
 
 
 def _without_effect(
-    now: CrossValidation,
-    name: str,
-    division: Sequence[Fold],
-    known: Sequence[CrossValidation],
+    now: CrossValidation, name: str, known: Sequence[CrossValidation]
 ) -> CrossValidation:
     slim = now.problem.without(name)
     kept = [i for i, p in enumerate(now.problem.tuned) if p in slim.tuned]
@@ -124,7 +113,7 @@ def _without_effect(
             return crossed
         starts = [slim.place(old.values(fit.x)) for fit in crossed.fits]
     slim = slim.sharing([crossed.problem for crossed in known])
-    return cross_validate(slim, division, starts)
+    return cross_validate(slim, now.division, starts)
 
 
 class Search(NamedTuple):
@@ -143,7 +132,7 @@ class Search(NamedTuple):
     interrupted: bool = False
 
 
-def drop_redundant(course: Search, division: Sequence[Fold]) -> Search:
+def drop_redundant(course: Search) -> Search:
     """Return the search without the effects that later ones made redundant.
 
     If it was or is interrupted, all effects stay.
@@ -153,15 +142,15 @@ def drop_redundant(course: Search, division: Sequence[Fold]) -> Search:
     now, interrupted = course.after, course.interrupted
     try:
         if not interrupted:
-            now = eliminate(course.after, division, known)
-            shares = gap_shares(course.before, now, division, known)
+            now = eliminate(course.after, known)
+            shares = gap_shares(course.before, now, known)
     except KeyboardInterrupt:
         now, interrupted = course.after, True
         _forget_derivatives(known)
     return course._replace(
         after=now,
         rounds=_split_rivals(course.rounds),
-        shares=shares or gap_shares(course.before, now, division, known),
+        shares=shares or gap_shares(course.before, now, known),
         known=tuple(known),
         interrupted=interrupted,
     )
@@ -169,7 +158,6 @@ def drop_redundant(course: Search, division: Sequence[Fold]) -> Search:
 
 def search(
     baseline: CrossValidation,
-    division: Sequence[Fold],
     ids: Sequence[str],
     progress: Progress = no_progress,
     rare: Sequence[str] = (),
@@ -179,24 +167,20 @@ def search(
     If the user interrupts it, it ends with the effects added until then. Effects that
     are `rare` compete where an effect of `ids` is accepted that they resemble.
     """
-    course = _Additions(division, progress).made(baseline, ids, rare)
-    return drop_redundant(course, division)
+    return drop_redundant(_Additions(progress).made(baseline, ids, rare))
 
 
 def names_found(
-    baseline: CrossValidation,
-    division: Sequence[Fold],
-    ids: Sequence[str],
-    whole: Search | None = None,
+    baseline: CrossValidation, ids: Sequence[str], whole: Search
 ) -> list[set[str]]:
     """Return the effects that a search finds, each with those it is tied with.
 
-    `division` is that of part of the data into folds, `whole` the search in all data.
+    `baseline` is fitted to part of the data, `whole` is the search in all of them.
     """
-    course = _Additions(division, whole=whole).made(baseline, ids)
+    course = _Additions(whole=whole).made(baseline, ids)
     if course.interrupted:
         raise KeyboardInterrupt
-    now = eliminate(course.after, division, list(course.known))
+    now = eliminate(course.after, list(course.known))
     tied = {step.added: set(step.rivals) for step in _split_rivals(course.rounds)}
     return [{name, *tied.get(name, ())} for name in now.problem.effects]
 
@@ -205,7 +189,6 @@ def names_found(
 class _Additions:
     """Effects that are added to a model one after another."""
 
-    division: Sequence[Fold]
     progress: Progress = no_progress
     # Search in all data, of which a model gives the same model of a part its floor,
     # numerical resolution and start values
@@ -268,7 +251,7 @@ class _Additions:
                     now = following[0].before
                 else:
                     wider = next(c.crossed for c in candidates if c.id == step.added)
-                    now = with_own_noise_floor(wider, self.division, self.whole)
+                    now = with_own_noise_floor(wider, self.whole)
                 known.append(now)
         except KeyboardInterrupt:
             interrupted = True
@@ -281,8 +264,8 @@ class _Additions:
         self, now: CrossValidation, ids: Sequence[str], changes: Changes
     ) -> list[Signature]:
         """Return the signatures on the divided data, at the mean of the folds' fits."""
-        masks = divided_samples(self.division)
-        return screen(now.problem, now.x, masks, ids, self.division, changes)
+        masks = divided_samples(now.division)
+        return screen(now.problem, now.x, masks, ids, now.division, changes)
 
     def _candidates(
         self,
@@ -363,7 +346,7 @@ class _Additions:
                     effects=known.effects,
                     forms=known.forms,
                 ).sharing([known])
-                return self._refit(now, wider, [model.x] * len(self.division))
+                return self._refit(now, wider, [model.x] * len(now.division))
         return None
 
     def _refit(
@@ -372,7 +355,7 @@ class _Additions:
         """Return the last effect of a wider model, refitted."""
         name = wider.effects[-1]
         try:
-            crossed = cross_validate(wider, self.division, starts)
+            crossed = cross_validate(wider, now.division, starts)
         except EffectError:
             raise
         except CableError as error:
@@ -401,10 +384,7 @@ def _forget_derivatives(known: Sequence[CrossValidation]) -> None:
 
 
 def search_rare(
-    found: Search,
-    division: Sequence[Fold],
-    rare: Sequence[str],
-    progress: Progress = no_progress,
+    found: Search, rare: Sequence[str], progress: Progress = no_progress
 ) -> Search:
     """Return the search repeated with rare effects, where they explain more.
 
@@ -416,10 +396,10 @@ def search_rare(
         return found
     tried = {c.id for step in found.rounds for c in step.candidates}
     ids = list(dict.fromkeys([*sorted(tried), *rare]))
-    course = _Additions(division, progress, earlier=found).made(found.before, ids)
+    course = _Additions(progress, earlier=found).made(found.before, ids)
     if not set(rare) & {step.added for step in course.rounds}:
         return found._replace(interrupted=course.interrupted)
-    wider = drop_redundant(course, division)
+    wider = drop_redundant(course)
     used = set(rare) & set(wider.after.problem.effects)
     if not used or wider.after.misfit >= found.after.misfit:
         return found._replace(interrupted=wider.interrupted)
@@ -429,7 +409,7 @@ def search_rare(
 
 
 def with_own_noise_floor(
-    crossed: CrossValidation, division: Sequence[Fold], whole: Search | None = None
+    crossed: CrossValidation, whole: Search | None = None
 ) -> CrossValidation:
     """Return the model by its own floor and weight, simulated finely enough for it.
 
@@ -437,6 +417,7 @@ def with_own_noise_floor(
     added; while a refit halves the floor, it is taken anew. If the `whole` search has
     the same model of all data, its floor and simulation serve.
     """
+    division = crossed.division
     for model in [whole.after, *(s.before for s in whole.rounds)] if whole else []:
         if model.problem.tuned == crossed.problem.tuned:
             problem = model.problem.sharing([model.problem])
@@ -540,10 +521,9 @@ def search_effects(fitted: BaselineFit, progress: Progress) -> Found:
     records, crossed = fitted.problem.plant.records, fitted.crossed
     several, by_trial = len(occasions_of(records)) > 1, ""
     if not several and crossed.misfit > Limit.max_explained_error:
-        constants = trial_constants(fitted.problem, fitted.whole.x)
-        trials = constants[0].trials if constants else ()
-        along = trial_ordinates(fitted.problem, trials, fitted.temperatures)
-        by_trial = random_constants(constants, along, crossed.misfit)
+        by_trial = TrialDifferences.of(
+            fitted.problem, fitted.whole.x, fitted.temperatures
+        ).at_random(crossed.misfit)
     if by_trial:
         found = Search(crossed, crossed, (), (), {}, Changes(), (crossed,))
     else:
@@ -551,10 +531,9 @@ def search_effects(fitted: BaselineFit, progress: Progress) -> Found:
         wanted = settings.ids or dict.fromkeys([*usual_effects(), *settings.requested])
         names = tuple(name for name in wanted if name in able)
         rare = () if settings.ids else tuple(n for n in able if n not in names)
-        division = interleaved_folds(records)
         usual, of_rare = part_of(progress, 0.2, 0.4), part_of(progress, 0.6, 0.1)
-        found = search(crossed, division, names, usual, rare)
-        found = search_rare(found, division, rare, of_rare)
+        found = search(crossed, names, usual, rare)
+        found = search_rare(found, rare, of_rare)
     # Occasions are better parts than halves, see `compare_occasions`.
     agreed = Agreement({}, {})
     if not (found.interrupted or several):
@@ -634,9 +613,9 @@ def final_search(found: Search, problem: Problem, x: FloatArray) -> Search:
         return found
     if not problem.effects:
         return found._replace(after=found.before, shares={})
-    division = interleaved_folds(problem.plant.records)
+    division = found.before.division
     now = cross_validate(problem, division, [x] * len(division))
-    shares = gap_shares(found.before, now, division, [*found.known])
+    shares = gap_shares(found.before, now, [*found.known])
     return found._replace(after=now, shares=shares)
 
 
@@ -712,7 +691,6 @@ def check_agreement(
         return Agreement({}, {})
     problem, x = baseline_fit.problem, baseline_fit.whole.x
     parts = split_trials(problem.plant.records)
-    folds = interleaved_folds(problem.plant.records)
     tried = {c.id for step in found.rounds for c in step.candidates if not c.reason}
     named: list[list[set[str]]] = []
     try:
@@ -720,10 +698,10 @@ def check_agreement(
             progress(place / len(parts), f"searching part {place + 1} of {len(parts)}")
             division = tuple(
                 Fold(*(tuple(map(np.logical_and, half, part)) for half in fold))
-                for fold in folds
+                for fold in baseline_fit.crossed.division
             )
             crossed = cross_validate(problem, division, [x] * len(division))
-            named.append(names_found(crossed, division, sorted(tried), found))
+            named.append(names_found(crossed, sorted(tried), found))
     except KeyboardInterrupt:
         problem.slopes.forget()  # they may be half taken
     own = {step.added: set(step.rivals) for step in found.rounds if step.added}

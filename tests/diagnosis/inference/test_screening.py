@@ -50,7 +50,8 @@ def test_a_part_of_the_trials_is_screened_without_the_others(base: BaselineFit) 
     kept, none = divided_samples(part)
     assert np.array_equal(kept, first.free) and not none.any()
     priors = sum(np.isfinite(parameter.prior) for parameter in base.problem.tuned)
-    (sign,) = rounds._Additions(part).screened(base.crossed, list(DRAG), Changes())
+    crossed = base.crossed._replace(division=part)
+    (sign,) = rounds._Additions().screened(crossed, list(DRAG), Changes())
     assert len(sign.changes) == 2 * kept.sum() + priors
     assert sign.explained > 0.5
 

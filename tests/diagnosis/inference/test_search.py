@@ -13,7 +13,6 @@ from scipy.optimize import lsq_linear
 
 from cc_mujoco.diagnosis import BaselineFit, Options, run_inference
 from cc_mujoco.diagnosis._fit.fit import fit_scene
-from cc_mujoco.diagnosis._fit.problem import interleaved_folds
 from cc_mujoco.diagnosis._phrases import no_progress
 from cc_mujoco.diagnosis._search import candidates as acceptance
 from cc_mujoco.diagnosis._search import search as rounds
@@ -143,8 +142,7 @@ def test_play_is_found_whatever_its_size(
     data = dataset({"backlash": {"backlash": play}}, 3.2, 1)
     start = fit_scene(data, BENCH, Options(), no_progress)
     assert isinstance(start, BaselineFit)
-    division = interleaved_folds(start.problem.plant.records)
-    found = search(start.crossed, division, ("backlash",))
+    found = search(start.crossed, ("backlash",))
     assert found.after.misfit < 1.5 < 10.0 < start.crossed.misfit
     values = found.after.problem.values(found.after.fits[0].x)
     assert values["backlash"] == pytest.approx(play, rel=0.01)
@@ -155,8 +153,7 @@ def test_the_prior_of_an_effect_does_not_shrink_what_the_data_show() -> None:
     data = dataset({"asymmetric_friction": sizes}, 4.0, 1)
     start = fit_scene(data, BENCH, Options(), no_progress)
     assert isinstance(start, BaselineFit)
-    division = interleaved_folds(start.problem.plant.records)
-    found = search(start.crossed, division, ("asymmetric_friction",))
+    found = search(start.crossed, ("asymmetric_friction",))
     assert found.after.misfit < 1.2 < 50.0 < start.crossed.misfit
     values = found.after.problem.values(found.after.fits[0].x)
     assert {name: values[name] for name in sizes} == pytest.approx(sizes, rel=0.03)
@@ -221,6 +218,6 @@ def test_an_interruption_while_effects_are_dropped_keeps_all(
     monkeypatch.setattr(rounds, "eliminate", interrupt)
     monkeypatch.setattr(rounds, "gap_shares", lambda *_: {})
     course = rounds.Search(model, model, (), (), {}, Changes(), (model,))
-    found = rounds.drop_redundant(course, ())
+    found = rounds.drop_redundant(course)
     assert found.interrupted and found.after is model
     assert forgotten == ["slopes"]

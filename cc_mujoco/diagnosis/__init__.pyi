@@ -33,10 +33,10 @@ from ._scene.rollout import rollout as rollout
 from ._search.candidates import screen as screen
 from ._verdict import Diagnosis as Diagnosis
 from .effects import EFFECTS as EFFECTS
-from .effects import CoupledNeighbour as CoupledNeighbour
-from .effects import Effect as Effect
-from .effects import EffectParameter as EffectParameter
-from .effects import Shape as Shape
-from .effects import Signals as Signals
-from .effects import Size as Size
-from .effects import acceleration as acceleration
+from .effects._drive_effects import CoupledNeighbour as CoupledNeighbour
+from .effects._drive_effects import acceleration as acceleration
+from .effects._effect import Effect as Effect
+from .effects._effect import EffectParameter as EffectParameter
+from .effects._effect import Shape as Shape
+from .effects._effect import Signals as Signals
+from .effects._effect import Size as Size

@@ -81,7 +81,8 @@ from cc_mujoco.diagnosis._verdict import (
     Verdict,
     VerdictOdds,
 )
-from cc_mujoco.diagnosis.effects import EFFECTS, Effect
+from cc_mujoco.diagnosis.effects import EFFECTS
+from cc_mujoco.diagnosis.effects._effect import Effect
 from cc_mujoco.estimation._least_squares import Estimate, Tuned
 from cc_mujoco.native import FloatArray
 from cc_mujoco.report._html import list_words

@@ -15,7 +15,7 @@ from cc_mujoco.datasets._dataset_file import DatasetFile, Source
 from cc_mujoco.datasets._torques import add_derived_torques, derived_noise
 from cc_mujoco.datasets._trials import Constant, Instruments
 from cc_mujoco.diagnosis import EFFECTS
-from cc_mujoco.diagnosis.effects import RigGeometry
+from cc_mujoco.diagnosis.effects._effect import RigGeometry
 from diagnosis.recorded import BENCH, CELL, DT, NOISE, dataset, motions
 
 MOTOR = {"torque_constant": Constant(0.5), "gear_ratio": Constant(5.0)}

@@ -10,7 +10,7 @@ from cc_mujoco.assets import scene_path
 from cc_mujoco.cable import Transmission
 from cc_mujoco.datasets import Bench, Dataset, Noise, Trial
 from cc_mujoco.diagnosis import EFFECTS
-from cc_mujoco.diagnosis.effects import RigGeometry, Signals
+from cc_mujoco.diagnosis.effects._effect import RigGeometry, Signals
 
 DT = 0.004
 BENCH = Bench.of(scene_path("bench"))

@@ -25,7 +25,7 @@ from cc_mujoco.diagnosis._report.output import OPTIONAL_FILES
 from cc_mujoco.diagnosis._rig.simulation import baseline_parameters
 from cc_mujoco.diagnosis._scene.realisation import REALISATIONS, is_realisable
 from cc_mujoco.diagnosis._scene.repair import existing_effects
-from cc_mujoco.diagnosis.effects import RigGeometry
+from cc_mujoco.diagnosis.effects._effect import RigGeometry
 from cc_mujoco.errors import CableError
 from diagnosis import recorded
 from diagnosis.bench import RATIO, Columns, recording

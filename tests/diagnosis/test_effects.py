@@ -22,7 +22,7 @@ from cc_mujoco.diagnosis import (
 from cc_mujoco.diagnosis._fit.problem import tuned_effect_parameter
 from cc_mujoco.diagnosis._rig.simulation import SimulatedRig, baseline_parameters
 from cc_mujoco.diagnosis._scene.realisation import REALISATIONS
-from cc_mujoco.diagnosis.effects import RigGeometry, TrialConditions, form_key
+from cc_mujoco.diagnosis.effects._effect import RigGeometry, TrialConditions, form_key
 from diagnosis.recorded import BENCH, dataset
 
 IDS = """viscous_friction grease_drag stribeck_friction presliding

@@ -15,7 +15,7 @@ from cc_mujoco.diagnosis._report.output import (
     write_and_compare_scene,
 )
 from cc_mujoco.diagnosis._rig.simulation import SimulatedRig
-from cc_mujoco.diagnosis.effects import RigGeometry
+from cc_mujoco.diagnosis.effects._effect import RigGeometry
 from diagnosis.recorded import BENCH, dataset
 
 ECCENTRIC = {

@@ -22,7 +22,9 @@ from cc_mujoco.diagnosis._fit.fit import check_effects
 from cc_mujoco.diagnosis._fit.intervals import implausibility
 from cc_mujoco.diagnosis._rig.simulation import SimulatedRig
 from cc_mujoco.diagnosis._search.search import search, search_rare
-from cc_mujoco.diagnosis.effects import EXIT_FORMS, Signals, form_key, usual_effects
+from cc_mujoco.diagnosis.effects import usual_effects
+from cc_mujoco.diagnosis.effects._drive_effects import EXIT_FORMS
+from cc_mujoco.diagnosis.effects._effect import Signals, form_key
 from diagnosis.instrumented import bent
 from diagnosis.recorded import BENCH, dataset
 from study_marks import study_but

@@ -27,7 +27,8 @@ from cc_mujoco.diagnosis._fit.fit import check_effects
 from cc_mujoco.diagnosis._report.output import write_and_compare_scene
 from cc_mujoco.diagnosis._rig.simulation import SimulatedRig
 from cc_mujoco.diagnosis._scene.repair import existing_effects
-from cc_mujoco.diagnosis.effects import effect_of_class, effects_in_use
+from cc_mujoco.diagnosis.effects import effects_in_use
+from cc_mujoco.diagnosis.effects._effect import effect_of_class
 from cc_mujoco.errors import CableError
 from diagnosis import bench
 from diagnosis.recorded import BENCH, dataset

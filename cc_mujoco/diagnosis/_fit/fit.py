@@ -63,7 +63,8 @@ from cc_mujoco.diagnosis._rig.simulation import (
 )
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis._verdict import Diagnosis, Gap, TrialTrace, Verdict
-from cc_mujoco.diagnosis.effects import EFFECTS, Effect, EffectError
+from cc_mujoco.diagnosis.effects import EFFECTS
+from cc_mujoco.diagnosis.effects._effect import Effect, EffectError
 from cc_mujoco.estimation._least_squares import Fit
 from cc_mujoco.native import FloatArray
 from cc_mujoco.report._html import list_words

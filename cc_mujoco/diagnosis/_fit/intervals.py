@@ -37,7 +37,8 @@ from cc_mujoco.diagnosis._fit.problem import Masks, Problem, TorqueDerivatives, 
 from cc_mujoco.diagnosis._rig.records import Record
 from cc_mujoco.diagnosis._rig.simulation import plausible_range
 from cc_mujoco.diagnosis._thresholds import Limit
-from cc_mujoco.diagnosis.effects import ANTAGONIST, EFFECTS, EffectParameter
+from cc_mujoco.diagnosis.effects import EFFECTS
+from cc_mujoco.diagnosis.effects._effect import ANTAGONIST, EffectParameter
 from cc_mujoco.estimation._least_squares import (
     MAX_FREEDOM,
     Estimate,

@@ -31,7 +31,7 @@ from cc_mujoco.diagnosis._rig.simulation import (
     values_on,
 )
 from cc_mujoco.diagnosis._thresholds import Limit
-from cc_mujoco.diagnosis.effects import EffectParameter, form_key
+from cc_mujoco.diagnosis.effects._effect import EffectParameter, form_key
 from cc_mujoco.estimation import _least_squares as least_squares
 from cc_mujoco.estimation._least_squares import (
     FACTOR_STEP,

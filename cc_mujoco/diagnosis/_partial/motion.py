@@ -34,7 +34,7 @@ from cc_mujoco.diagnosis._phrases import (
 from cc_mujoco.diagnosis._rig.records import compared_band, low_pass, shift_signal
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis._verdict import Baseline, Diagnosis, Verdict
-from cc_mujoco.diagnosis.effects import follow_with_play
+from cc_mujoco.diagnosis.effects._effect import follow_with_play
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation._least_squares import (
     Estimate,

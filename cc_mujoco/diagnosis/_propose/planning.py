@@ -52,7 +52,8 @@ from cc_mujoco.diagnosis._rig.simulation import SimulatedRig, baseline_parameter
 from cc_mujoco.diagnosis._scene.repair import require_repairable
 from cc_mujoco.diagnosis._search.candidates import effect_amplitudes, screen
 from cc_mujoco.diagnosis._thresholds import Limit
-from cc_mujoco.diagnosis.effects import EffectParameter, usual_effects
+from cc_mujoco.diagnosis.effects import usual_effects
+from cc_mujoco.diagnosis.effects._effect import EffectParameter
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation._least_squares import single_threaded_blas
 from cc_mujoco.native import FloatArray

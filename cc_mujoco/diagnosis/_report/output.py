@@ -66,7 +66,8 @@ from cc_mujoco.diagnosis._verdict import (
     NextExperiment,
     next_folder,
 )
-from cc_mujoco.diagnosis.effects import EFFECTS, JOINT_DELAY
+from cc_mujoco.diagnosis.effects import EFFECTS
+from cc_mujoco.diagnosis.effects._drive_effects import JOINT_DELAY
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
 from cc_mujoco.report._figures import save, style

@@ -45,7 +45,7 @@ from cc_mujoco.datasets._moment_arm import Lever
 from cc_mujoco.datasets._quantization import reconstruct_angle
 from cc_mujoco.datasets._trials import Constant, Dataset, Trial
 from cc_mujoco.diagnosis._thresholds import Limit
-from cc_mujoco.diagnosis.effects import (
+from cc_mujoco.diagnosis.effects._effect import (
     USUAL_CONDITIONS,
     TrialConditions,
     follow_with_play,

@@ -44,11 +44,14 @@ from cc_mujoco.diagnosis._rig.records import (
     shift_signal,
 )
 from cc_mujoco.diagnosis._thresholds import Limit
-from cc_mujoco.diagnosis.effects import (
-    ANTAGONIST,
-    EFFECTS,
+from cc_mujoco.diagnosis.effects import EFFECTS
+from cc_mujoco.diagnosis.effects._drive_effects import (
     EXIT_FORMS,
     JOINT_DELAY,
+    acceleration,
+)
+from cc_mujoco.diagnosis.effects._effect import (
+    ANTAGONIST,
     USUAL_CONDITIONS,
     WIND_UP_BOUNDS,
     Effect,
@@ -56,7 +59,6 @@ from cc_mujoco.diagnosis.effects import (
     RigGeometry,
     Signals,
     TrialConditions,
-    acceleration,
     dry_friction,
     form_key,
 )

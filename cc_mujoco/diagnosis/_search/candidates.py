@@ -41,7 +41,8 @@ from cc_mujoco.diagnosis._fit.problem import (
 from cc_mujoco.diagnosis._phrases import format_number
 from cc_mujoco.diagnosis._rig.records import Record
 from cc_mujoco.diagnosis._thresholds import Limit
-from cc_mujoco.diagnosis.effects import EFFECTS, Effect, EffectError, EffectParameter
+from cc_mujoco.diagnosis.effects import EFFECTS
+from cc_mujoco.diagnosis.effects._effect import Effect, EffectError, EffectParameter
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation._least_squares import in_threads
 from cc_mujoco.native import FloatArray

@@ -60,7 +60,8 @@ from cc_mujoco.diagnosis._search.candidates import (
 )
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis._verdict import FoundEffect, Occasions
-from cc_mujoco.diagnosis.effects import EFFECTS, EffectError, form_key, usual_effects
+from cc_mujoco.diagnosis.effects import EFFECTS, usual_effects
+from cc_mujoco.diagnosis.effects._effect import EffectError, form_key
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation._least_squares import Estimate
 from cc_mujoco.native import FloatArray

@@ -15,74 +15,33 @@ from contextlib import contextmanager
 from typing import Any
 
 from cc_mujoco._utils.user_code import named_object
-from cc_mujoco.diagnosis.effects._cable_effects import (
-    CABLE_EFFECTS,
-    FRICTION_EFFECTS,
-    ClampCreep,
-    FrictionByOrder,
-    FrictionByTemperature,
-)
-from cc_mujoco.diagnosis.effects._drive_effects import (
-    BACKLASH_BOUNDS as BACKLASH_BOUNDS,
-)
-from cc_mujoco.diagnosis.effects._drive_effects import (
-    DRIVE_EFFECTS,
-    CurrentRipple,
-    DrumWinding,
-    JointFriction,
-    LeverGeometry,
-    LowerJointStop,
-    UpperJointStop,
-)
-from cc_mujoco.diagnosis.effects._drive_effects import EXIT_FORMS as EXIT_FORMS
-from cc_mujoco.diagnosis.effects._drive_effects import (
-    CoupledNeighbour as CoupledNeighbour,
-)
-from cc_mujoco.diagnosis.effects._drive_effects import acceleration as acceleration
-from cc_mujoco.diagnosis.effects._effect import ANTAGONIST as ANTAGONIST
-from cc_mujoco.diagnosis.effects._effect import USUAL_CONDITIONS as USUAL_CONDITIONS
-from cc_mujoco.diagnosis.effects._effect import WIND_UP_BOUNDS as WIND_UP_BOUNDS
-from cc_mujoco.diagnosis.effects._effect import Effect as Effect
-from cc_mujoco.diagnosis.effects._effect import EffectError as EffectError
-from cc_mujoco.diagnosis.effects._effect import EffectParameter as EffectParameter
-from cc_mujoco.diagnosis.effects._effect import RigGeometry as RigGeometry
-from cc_mujoco.diagnosis.effects._effect import Signals as Signals
-from cc_mujoco.diagnosis.effects._effect import TrialConditions as TrialConditions
-from cc_mujoco.diagnosis.effects._effect import Values as Values
-from cc_mujoco.diagnosis.effects._effect import dry_friction as dry_friction
-from cc_mujoco.diagnosis.effects._effect import follow_with_play as follow_with_play
-from cc_mujoco.diagnosis.effects._effect import form_key as form_key
-from cc_mujoco.diagnosis.effects._effect_class import Shape as Shape
-from cc_mujoco.diagnosis.effects._effect_class import Size as Size
-from cc_mujoco.diagnosis.effects._effect_class import effect_of_class as effect_of_class
-from cc_mujoco.diagnosis.effects._sensor_effects import GAIN_BOUNDS as GAIN_BOUNDS
-from cc_mujoco.diagnosis.effects._sensor_effects import JOINT_DELAY as JOINT_DELAY
-from cc_mujoco.diagnosis.effects._sensor_effects import SENSOR_EFFECTS, SensorCrossTalk
-from cc_mujoco.diagnosis.effects._sensor_effects import delay_signal as delay_signal
+from cc_mujoco.diagnosis.effects import _cable_effects as cable
+from cc_mujoco.diagnosis.effects import _drive_effects as drive
+from cc_mujoco.diagnosis.effects._effect import Effect, effect_of_class
 from cc_mujoco.errors import CableError
 
 EFFECTS: dict[str, Effect] = {
     effect.id: effect
     for effect in (
-        *FRICTION_EFFECTS,
-        *CABLE_EFFECTS,
-        *DRIVE_EFFECTS,
-        *SENSOR_EFFECTS,
+        *cable.FRICTION_EFFECTS,
+        *cable.CABLE_EFFECTS,
+        *drive.DRIVE_EFFECTS,
+        *drive.SENSOR_EFFECTS,
         # Rare ones: searched on request, and where these leave the error unexplained
         *(
             effect_of_class(kind, rare=True)
             for kind in (
-                ClampCreep,
-                DrumWinding,
-                UpperJointStop,
-                LowerJointStop,
-                CurrentRipple,
-                FrictionByOrder,
-                FrictionByTemperature,
-                SensorCrossTalk,
-                JointFriction,
-                CoupledNeighbour,
-                LeverGeometry,
+                cable.ClampCreep,
+                drive.DrumWinding,
+                drive.UpperJointStop,
+                drive.LowerJointStop,
+                drive.CurrentRipple,
+                cable.FrictionByOrder,
+                cable.FrictionByTemperature,
+                drive.SensorCrossTalk,
+                drive.JointFriction,
+                drive.CoupledNeighbour,
+                drive.LeverGeometry,
             )
         ),
     )
@@ -109,7 +68,7 @@ def effects_in_use(given: Iterable[Any]) -> Iterator[tuple[str, ...]]:
     """Put effects in `EFFECTS` while the block runs; yield their ids.
 
     `given` are ids of the library, `FILE.py:CLASS` or `MODULE:CLASS`, classes as
-    described in `_effect_class`, or effects. An effect whose id or parameter has the
+    described in `_effect`, or effects. An effect whose id or parameter has the
     name of another one's is refused.
     """
     if isinstance(given, str) or inspect.isclass(given):

@@ -9,13 +9,14 @@ from cc_mujoco.diagnosis.effects._effect import (
     Effect,
     EffectParameter,
     RigGeometry,
+    Shape,
+    Size,
     Values,
     clamp_to_bounds,
     form_key,
     of_cable,
     sized,
 )
-from cc_mujoco.diagnosis.effects._effect_class import Shape, Size
 
 _STRIBECK_FORMS = {
     "exponential": (1.0, 0.0),

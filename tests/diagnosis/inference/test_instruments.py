@@ -31,7 +31,8 @@ from cc_mujoco.diagnosis._report.output import (
 )
 from cc_mujoco.diagnosis._rig.records import load_noise, load_torque
 from cc_mujoco.diagnosis._rig.simulation import Library, SimulatedRig
-from cc_mujoco.diagnosis.effects import EXIT_FORMS, form_key
+from cc_mujoco.diagnosis.effects._drive_effects import EXIT_FORMS
+from cc_mujoco.diagnosis.effects._effect import form_key
 from cc_mujoco.errors import CableError
 from diagnosis.instrumented import (
     ANKLE,

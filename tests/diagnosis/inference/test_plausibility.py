@@ -23,7 +23,7 @@ from cc_mujoco.diagnosis._fit.intervals import (
     plausible_size,
 )
 from cc_mujoco.diagnosis._rig.simulation import SimulatedRig, baseline_parameters
-from cc_mujoco.diagnosis.effects import BACKLASH_BOUNDS, GAIN_BOUNDS
+from cc_mujoco.diagnosis.effects._drive_effects import BACKLASH_BOUNDS, GAIN_BOUNDS
 from diagnosis.recorded import BENCH, dataset
 
 SIZES = [p for effect in EFFECTS.values() for p in effect.parameters if p.size]

@@ -179,7 +179,6 @@ class Diagnose:
 
 
 def _scene_and_data(words: Sequence[Path]) -> tuple[Path | None, tuple[Path, ...]]:
-    """Return the scene, which is the first word if there is any, and the data."""
     from cc_mujoco.assets import SCENES
     from cc_mujoco.device._device_files import is_device_file
 

@@ -221,7 +221,6 @@ def run_inference(
 def _paths(
     data: Iterable[str | os.PathLike[str]] | str | os.PathLike[str],
 ) -> list[Path]:
-    """Return the paths; a single one need not be in a list."""
     if isinstance(data, str | os.PathLike):
         return [Path(data)]
     paths = []

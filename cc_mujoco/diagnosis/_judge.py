@@ -89,8 +89,6 @@ from cc_mujoco.report._html import list_words
 
 
 class Stretch(NamedTuple):
-    """Stretch with an error beyond its limit."""
-
     trial: str  # its name
     start: float  # time as recorded [s]
     end: float  # time as recorded [s]
@@ -113,7 +111,6 @@ class Stretch(NamedTuple):
 
     @property
     def question(self) -> str:
-        """Question to the person who recorded the stretch."""
         what = "came off" if self.idle else "came off, slipped or was changed"
         return (
             f"{self.statement} Is there a cable or a clamp that {what}, or a sensor "
@@ -181,7 +178,6 @@ def worst_stretch(
 def _squares(
     problem: Problem, torques: Sequence[FloatArray], masks: Masks
 ) -> list[tuple[FloatArray, FloatArray]]:
-    """Return squared errors and noise over the floor (rows, samples), 0 if masked."""
     records, sensed = problem.plant.records, problem.sensed
     return [
         (
@@ -478,7 +474,6 @@ def untestable_effects(
 
 
 def _suspected_unit(ratio: float) -> str:
-    """Return the angle units whose confusion explains a stiffness ratio, or ""."""
     size = abs(math.log(max(ratio, 1e-300)))
     units = {"degrees or radians": math.degrees(1.0), "turns": math.tau}
     for unit, factor in units.items():
@@ -579,7 +574,6 @@ def one_time(stretch: Stretch | None, by_trial: str) -> bool:
 
 
 def declared_sentence(declared: Mapping[str, str]) -> str:
-    """Return in a sentence the facts of `[rig]` that remove or bound effects, or ""."""
     facts = [f"{effect_name(name)} ({fact})" for name, fact in declared.items()]
     return f" Limited by what [rig] declares: {list_words(facts)}." if facts else ""
 
@@ -607,7 +601,6 @@ def verdict_of(
 def _verdict(
     found: Found, stretch: Stretch | None, unhooked: float
 ) -> tuple[Verdict, str]:
-    """Return the verdict on a model with effects, and its statements."""
     search, gap, missing = found.search, found.held.gap, found.missing
     misfit, left = search.before.misfit, search.after.misfit
     model = _model_statement(found, stretch)
@@ -657,7 +650,7 @@ def _verdict(
 
 
 def _model_statement(found: Found, stretch: Stretch | None) -> str:
-    """Return what the model's error is, and what its lesser effects are."""
+    """Return the model's error and its lesser effects in words."""
     before, after = floor_ratios(found.held.gap)
     changes = [
         f"the {channel_name(name)} "
@@ -702,7 +695,6 @@ def _model_statement(found: Found, stretch: Stretch | None) -> str:
 def _no_effect_verdict(
     model: CrossValidation, found: Found, stretch: Stretch | None
 ) -> tuple[Verdict, str]:
-    """Return the verdict on a model without missing effects, and why."""
     if stretch is not None and stretch.rest <= Limit.max_misfit:
         return "unknown", (
             f"The data disagree with the simulation in one stretch: {stretch.statement}"
@@ -730,7 +722,6 @@ def _no_effect_verdict(
 
 
 def closest_sentence(found: Search) -> str:
-    """Return the closest rejected effect in words: share of the error, rest, reason."""
     tried = [
         (candidate, step.before)
         for step in found.rounds
@@ -753,7 +744,6 @@ def closest_sentence(found: Search) -> str:
 
 
 def _describe_implausible(found: Search) -> str:
-    """Name the effects that explain the error only at an implausible size."""
     statements = [
         f"{effect_name(candidate.id)} {candidate.reason}"
         for step in found.rounds[-1:]

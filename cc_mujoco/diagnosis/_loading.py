@@ -175,7 +175,6 @@ def load(
 
 
 def _readings(recording: Recording) -> str:
-    """Return a digest of all readings but their times."""
     digest = hashlib.sha256()
     for channel, values in recording.values.items():
         if channel != channels.TIME:
@@ -201,7 +200,6 @@ def _load_each(
 
 
 def _check_origin(recording: Recording, bench: Bench | None) -> list[DataFinding]:
-    """Return errors if the recording is of another device than the scene."""
     if bench is None:
         return []
     cables = [*bench.names, *bench.strangers]

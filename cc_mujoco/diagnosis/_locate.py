@@ -75,8 +75,6 @@ class Samples(NamedTuple):
 
 
 class PeriodicError(NamedTuple):
-    """Period in an error."""
-
     angle: str  # in which it is periodic
     order: float  # periods per turn
     order_error: float  # standard error of the order
@@ -97,8 +95,6 @@ class PeriodicError(NamedTuple):
 
 
 class _Candidate(NamedTuple):
-    """Sine that an error may contain."""
-
     angle: str
     by_torque: bool
     order: float
@@ -437,7 +433,6 @@ def _share(sums: FloatArray, count: NDArray[np.intp], square: float) -> float:
 
 
 def describe_map(drawn: Map) -> str:
-    """Return in a sentence where along its axis the error of a map lies."""
     good = np.isfinite(drawn.before)
     centre, error = drawn.centre[good], drawn.before[good]
     # Centres of bins that are symmetric about 0 miss it by rounding.
@@ -459,8 +454,6 @@ def describe_map(drawn: Map) -> str:
 
 @dataclass(frozen=True)
 class Located:
-    """Places and trials in which the error lies."""
-
     evidence: Evidence  # signals and maps that the report draws
     where: tuple[Where, ...]  # locations, the main one first
     trials: tuple[TrialError, ...]  # errors of every trial
@@ -468,7 +461,6 @@ class Located:
 
 
 def locate_error(found: Found, judged: Diagnosis) -> Located:
-    """Locate the error of the baseline, and that of the final model."""
     fitted = found.fitted
     baseline, model = (fitted.problem, fitted.whole.x), (found.problem, found.x)
     # Where nothing explains the error, an added effect only stands in for it.
@@ -591,7 +583,6 @@ def _main_sentence(
     found: Sequence[tuple[str, Where]],
     mapped: Sequence[Where],
 ) -> str:
-    """Return the main sentence: the torque in error, its size and its structure."""
     others = [name for name in off if name != worst]
     over = {  # error over the noise floor, to a tenth of a floor
         name: format_number(size, 1.0 if size < 100.0 else math.nan)
@@ -662,7 +653,6 @@ def _describe_period(
 
 
 def _describe_constants(seen: Mapping[str, Samples]) -> list[tuple[str, Where]]:
-    """Describe errors that are constant over all stretches."""
     sizes, found = {}, []
     for name, each in seen.items():
         weights = np.bincount(each.block, each.weight)

@@ -82,7 +82,6 @@ def format_odds(probability: float) -> str:
 
 
 def headline(diagnosis: Diagnosis) -> str:
-    """Return the verdict as one line."""
     kind, tied = diagnosis.verdict, {name for tie in diagnosis.ties for name in tie}
     named = [effect_name(e.id) for e in diagnosis.missing if e.id not in tied]
     if kind in ("named", "tie"):
@@ -178,7 +177,6 @@ def format_fitted(value: Estimate) -> str:
 
 
 def gap_sentence(name: str, gap: Gap) -> str:
-    """Describe the change of the held-out error of one channel."""
     sizes = gap.rmse_before, gap.rmse_after, gap.noise_floor
     before, after, floor = (
         f"{format_number(value, gap.noise_floor)} {TORQUE_UNIT}" for value in sizes

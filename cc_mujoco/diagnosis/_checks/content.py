@@ -112,8 +112,6 @@ Pair = dict[str, FloatArray]
 
 
 class Scatter(NamedTuple):
-    """Deviation between repetitions."""
-
     deviation: FloatArray  # of one repetition by channel [its unit]; 0 without any
     trials: frozenset[str]  # names of the compared trials
 
@@ -183,7 +181,7 @@ def _rms_difference(pair: Pair, channel: str) -> float:
 
 
 def _compare_trials(original: Trial, trial: Trial) -> Pair | None:
-    """Return the differences of two trials, or None if the motor motion differs."""
+    """Return the differences of two trials, None if the motor moves otherwise."""
     first = original.time[original.segments[0]][0]
     times = trial.time - trial.time[trial.segments[0]][0] + first
     shifts = np.arange(-Limit.max_shift, Limit.max_shift + 1) * trial.step
@@ -235,7 +233,7 @@ def period_differences(trial: Trial) -> Iterator[Pair]:
 
 
 def find_period(angle: FloatArray) -> float | None:
-    """Return the period of a motion in samples, None if it is not periodic."""
+    """Return the period of a motion [samples], None if it is not periodic."""
     angle = angle - angle.mean()
     count = len(angle)
     if count < 40 or not angle.any():
@@ -395,7 +393,6 @@ def excitation(dataset: Dataset) -> Excitation:
 
 
 def count_reversals(angle: FloatArray) -> int:
-    """Return the number of reversals of an angle by more than 2 % of its range."""
     band = Limit.reversal_share * float(np.ptp(angle)) if len(angle) else 0.0
     if not band > 0.0:
         return 0

@@ -286,7 +286,6 @@ def _single_trial_name(trials: list[Trial]) -> str:
 
 
 def _labels(trial: Trial) -> dict[str, str]:
-    """Return the names of the channels in the file."""
     return {channel: trial.labels.get(channel, channel) for channel in MAIN_CHANNELS}
 
 
@@ -307,7 +306,6 @@ def wrong_unit(trial: Trial, channel: str) -> str:
 def _fewest_inversions(
     m: Mechanics, follows: float, torque_correlation: float
 ) -> list[str]:
-    """Return the fewest inversions that make the trial possible."""
     possible: list[list[str]] = []
     least = -min(2.0 * m.doubt, Limit.min_generated_share * m.scale)
     for flips in itertools.product((1, -1), repeat=4):
@@ -327,7 +325,7 @@ def _fewest_inversions(
 
 
 def check_units(group: Group) -> list[DataFinding]:
-    """Find units that contradict each other, by virtual work."""
+    """Find units that contradict virtual work."""
     trials, m = group
     # The ratio of two torques means a unit only where both are nearly proportional.
     if not (
@@ -399,7 +397,6 @@ def check_sizes(
 def check_ratios(
     trials: Sequence[Trial], known: Sequence[Mechanics]
 ) -> list[DataFinding]:
-    """Find trials with another ratio of the angles than the others."""
     certain = [
         (trial, m.ratio)
         for trial, m in zip(trials, known, strict=True)
@@ -431,7 +428,6 @@ class Alignment(NamedTuple):
 
 
 def measure_alignment(trial: Trial) -> Alignment:
-    """Return the delay between the two sides, and its drift."""
     unknown = Alignment(math.nan, 0.0, math.inf, 0.0, 0.0)
     windows = _windows(trial)
     if not windows:
@@ -470,8 +466,6 @@ def measure_alignment(trial: Trial) -> Alignment:
 
 
 class _Window(NamedTuple):
-    """Correlation of the speeds in a stretch of time."""
-
     time: float  # its middle [s]
     speed: float  # of the motor, standard deviation [rad/s]
     match: FloatArray  # correlation at lags from -REACH to REACH
@@ -614,7 +608,6 @@ def check_lead(trials: Sequence[Trial], bench: Bench) -> list[DataFinding]:
 
 
 def _swapped_angles(sure: Sequence[tuple[Trial, float]]) -> list[DataFinding]:
-    """Find trials in which the joint leads the motor, by significant correlations."""
     reverse = [trial for trial, lead in sure if lead < 0.0]
     if not reverse:
         return []
@@ -633,7 +626,6 @@ def _swapped_angles(sure: Sequence[tuple[Trial, float]]) -> list[DataFinding]:
 def _late_channel(
     trials: Sequence[Trial], bench: Bench, channel: str, reference: str = ""
 ) -> list[DataFinding]:
-    """Return an error if a channel lags its reference, by default the lead."""
     known = [
         (trial, fits)
         for trial in trials

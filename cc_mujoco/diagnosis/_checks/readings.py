@@ -53,7 +53,6 @@ _CLOCK_PATTERN = re.compile(r"time|clock|stamp", re.I)
 def check_recording(
     recording: Recording, facts: TrialFacts, file: DatasetFile
 ) -> list[DataFinding]:
-    """Return the findings of all checks of rows as they were recorded."""
     return [
         *_check_locked(recording, facts),
         *_check_constants(recording, facts),
@@ -83,7 +82,6 @@ def check_trials(trials: Sequence[Trial], alone: bool = False) -> list[DataFindi
 
 
 def check_motions(trials: Sequence[Trial]) -> list[DataFinding]:
-    """Run the checks of trials that are independent of the transmission."""
     return [finding for trial in trials for finding in _check_motion(trial)]
 
 
@@ -178,7 +176,6 @@ def _check_inverse(
 
 
 def check_load_cells(dataset: Dataset, bench: Bench) -> list[DataFinding]:
-    """Find declared load cells that the data or the scene do not have."""
     findings, rows = [], dataset.instruments.rows
     for trial in dataset.trials:
         channel, problem = trial.facts.load_cell, ""
@@ -201,7 +198,6 @@ def check_load_cells(dataset: Dataset, bench: Bench) -> list[DataFinding]:
 
 
 def check_known_torques(dataset: Dataset) -> list[DataFinding]:
-    """Find weights and exchanged sensors that no torque sensor shows."""
     known = dataset.instruments
     able = {
         "known_motor_torque": known.motor in ("torque sensor", "motor current"),
@@ -221,7 +217,6 @@ def check_known_torques(dataset: Dataset) -> list[DataFinding]:
 
 
 def _check_known_range(trial: Trial, bench: Bench) -> Iterator[DataFinding]:
-    """Find angles at which the lever or the path of a scene is not known."""
     if bench.lever is None and not bench.led:
         return
     low, high = bench.span
@@ -238,7 +233,6 @@ def _check_known_range(trial: Trial, bench: Bench) -> Iterator[DataFinding]:
 
 
 def _check_others_range(trial: Trial, bench: Bench) -> Iterator[DataFinding]:
-    """Find angles of other joints beyond their stops."""
     for joint, (low, high) in zip(bench.others, bench.stops, strict=True):
         channel = channels.other_angle(joint)
         least, most = (f(trial.channel(channel)) for f in (np.nanmin, np.nanmax))
@@ -253,7 +247,6 @@ def _check_others_range(trial: Trial, bench: Bench) -> Iterator[DataFinding]:
 
 
 def _check_overload(trial: Trial, bench: Bench) -> Iterator[DataFinding]:
-    """Find torques far beyond those that the cables of a scene carry."""
     taut = trial.facts.pretension or bench.cables[0].pretension
     for channel, torque, radius in (
         (channels.MOTOR_TORQUE, trial.motor_torque, bench.motor_radius),
@@ -273,7 +266,6 @@ def _check_overload(trial: Trial, bench: Bench) -> Iterator[DataFinding]:
 
 
 def _check_locked(recording: Recording, facts: TrialFacts) -> Iterator[DataFinding]:
-    """Find an angle that moves, but is declared as locked."""
     channel = _ANGLES.get(facts.locked or "", "")
     values = recording.values.get(channel, np.zeros(0))
     if (moved := _robust_range(values)) > Limit.locked_range:
@@ -304,7 +296,6 @@ def _check_constants(recording: Recording, facts: TrialFacts) -> Iterator[DataFi
 
 
 def _check_clipping(recording: Recording) -> Iterator[DataFinding]:
-    """Find torques and tensions that stay at an extreme, but scatter elsewhere."""
     for channel, values in recording.values.items():
         if channels.kind_of(channel) not in _LOAD_KINDS:
             continue
@@ -334,7 +325,6 @@ def _check_clipping(recording: Recording) -> Iterator[DataFinding]:
 
 
 def _check_degrees(recording: Recording, file: DatasetFile) -> Iterator[DataFinding]:
-    """Find angles too large for radians."""
     for channel, most in (
         (channels.JOINT_ANGLE, Limit.max_joint_turns),
         (channels.MOTOR_ANGLE, Limit.max_motor_turns),
@@ -358,7 +348,6 @@ def _check_degrees(recording: Recording, file: DatasetFile) -> Iterator[DataFind
 
 
 def _check_turnovers(recording: Recording) -> Iterator[DataFinding]:
-    """Find angles of an encoder that wraps after a full turn."""
     for channel in channels.ANGLES:
         if channel not in recording.values:
             continue
@@ -378,7 +367,6 @@ def _check_turnovers(recording: Recording) -> Iterator[DataFinding]:
 
 
 def _check_leaps(recording: Recording) -> Iterator[DataFinding]:
-    """Find angles of an encoder that slipped or was zeroed in a trial."""
     for channel in channels.ANGLES:
         if channel not in recording.values:
             continue
@@ -403,7 +391,6 @@ def _check_leaps(recording: Recording) -> Iterator[DataFinding]:
 
 
 def _check_copied_loads(recording: Recording) -> Iterator[DataFinding]:
-    """Find torques and tensions that are another one to the last digit."""
     loads = [c for c in recording.values if channels.kind_of(c) in _LOAD_KINDS]
     for channel, other in itertools.combinations(loads, 2):
         one, two = recording.values[channel], recording.values[other]
@@ -417,7 +404,6 @@ def _check_copied_loads(recording: Recording) -> Iterator[DataFinding]:
 
 
 def _check_copied_rows(recording: Recording) -> Iterator[DataFinding]:
-    """Find a stretch that is another one to the last digit, its times aside."""
     known = [
         value
         for channel, value in recording.values.items()
@@ -460,7 +446,6 @@ def _robust_range(values: FloatArray) -> float:
 
 
 def _check_second_clock(recording: Recording, file: DatasetFile) -> list[DataFinding]:
-    """Return an error for each column of times that belongs to no declared channel."""
     declared = {file.source(channel).clock for channel in recording.values}
     used = {*declared, *recording.labels.values()}
     return [
@@ -477,7 +462,6 @@ def _check_second_clock(recording: Recording, file: DatasetFile) -> list[DataFin
 
 
 def _check_motion(trial: Trial) -> Iterator[DataFinding]:
-    """Find trials in which nothing happens."""
     speed = np.abs(velocity(trial.motor_angle, trial.step, trial.segments))
     turn = np.abs(velocity(trial.joint_angle, trial.step, trial.segments))
     travel = np.nanmax(speed) * trial.duration, np.nanmax(turn) * trial.duration
@@ -494,7 +478,6 @@ def _check_motion(trial: Trial) -> Iterator[DataFinding]:
 
 
 def _is_copy(one: FloatArray, other: FloatArray) -> bool:
-    """Return whether a moving signal is a scaled and shifted copy of another."""
     there = np.isfinite(one) & np.isfinite(other)
     one, other = one[there], other[there]
     if one.size < 3 or not min(np.ptp(one), np.ptp(other)) > 0.0:

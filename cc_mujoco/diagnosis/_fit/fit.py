@@ -71,8 +71,6 @@ from cc_mujoco.report._html import list_words
 
 
 class Start(NamedTuple):
-    """Starting point of the fit of the baseline."""
-
     bench: Bench  # with estimates in place of values that the data contradict
     given: Values = MappingProxyType({})  # those values of the scene, by name
     # That the estimates come with; empty where the scene is the start
@@ -151,7 +149,7 @@ def _factor_between(one: float, other: float) -> float:
 
 
 def _thin_record(record: Record) -> Record:
-    """Return a record with fewer samples; all but the first part count."""
+    """Return a record with fewer samples, all but the first of which count."""
     every = max(1, round(Limit.thinned_step / record.dt))
     moved = np.abs(np.diff(record.motor_angle)) + np.abs(np.diff(record.joint_angle))
     travel = np.concatenate([[0.0], np.cumsum(moved)])
@@ -216,8 +214,6 @@ def _mean_tension(dataset: Dataset, bench: Bench, record: Record) -> FloatArray:
 
 
 class _Grid:
-    """Fits from the best points of a grid of simulations."""
-
     def __init__(
         self, dataset: Dataset, bench: Bench, records: Sequence[Record]
     ) -> None:
@@ -655,7 +651,6 @@ def fit_scene(
 
 
 def _excitation_problem(records: Sequence[Record]) -> str:
-    """Return the reason why nothing can be compared or tested, or ""."""
     still = "the motor never moves enough to carry the whole cable along"
     reserved = [r for r in records if r.split == "test"]
     if _count(records) < Limit.min_counted_samples:

@@ -53,7 +53,6 @@ IMPLAUSIBLE_PREFIX = "fits only with"
 
 
 def implausibility(problem: Problem, x: FloatArray) -> str:
-    """Describe impossible effects of a model; empty if there are none."""
     values = problem.values(x)
     for name in problem.effects:
         for parameter in problem.plant.library.effects[name].parameters:
@@ -130,7 +129,6 @@ def is_ordinary(problem: Problem, x: FloatArray, name: str) -> bool:
 def max_ordinary_size(
     problem: Problem, x: FloatArray, parameter: EffectParameter
 ) -> float:
-    """Return the largest size of a parameter that any rig may have, above 0."""
     cables = problem.plant.cables(problem.values(x), problem.effects)
     references = {
         "cable": [c.length / c.axial_stiffness for c in cables],
@@ -154,7 +152,6 @@ def amplitude_indices(problem: Problem, names: Sequence[str]) -> list[int]:
 def plausible_size(
     parameter: EffectParameter, problem: Problem, x: FloatArray
 ) -> float:
-    """Compute the size of an effect's parameter that is plausible on a rig."""
     bench = problem.plant.bench
     cable = problem.plant.cables(problem.values(x), problem.effects)[0]
     tension = cable.pretension / Limit.tension
@@ -182,8 +179,6 @@ def plausible_size(
 
 
 class Spread(NamedTuple):
-    """Uncertainty of the place of a fit."""
-
     covariance: FloatArray  # (parameters, parameters)
     # (parameters,) degrees of freedom with which its diagonal is known, see
     # `estimation._least_squares.estimate`
@@ -345,8 +340,6 @@ def controls_of(problem: Problem, x: FloatArray, masks: Masks) -> FloatArray:
 
 
 class Disagreement(NamedTuple):
-    """Result of leaving out parts of the data."""
-
     # (parameters,) mean square of the moves over what noise makes of it; 1 where noise
     # is all there is
     factor: FloatArray

@@ -163,7 +163,6 @@ def _unexplained(
 def _residual_trial(
     parts: Sequence[tuple[Record, FloatArray]], names: Sequence[str]
 ) -> Trial:
-    """Return a trial whose torques are the residuals of a model."""
     records = [record for record, _ in parts]
     first, left = records[0], np.concatenate([left for _, left in parts], axis=1)
     torques = dict(zip(names, left, strict=True))

@@ -51,8 +51,6 @@ _PARAMETER_STEPS = {
 
 @dataclass
 class _Tangent:
-    """Derivatives of the torques of one record."""
-
     taken: FloatArray  # place where they were differenced
     place: FloatArray  # where they were last compared with a simulation
     torque: FloatArray  # (2, samples) there [N m]
@@ -224,7 +222,6 @@ def residual_changes(
 def _need_replays(
     problem: Problem, x: FloatArray, steps: Sequence[float]
 ) -> list[bool]:
-    """Return whether a change of each parameter takes a replay, or only its readout."""
     plant, effects = problem.plant, problem.effects
     seen = {(plant.conditions_of(r, effects), r.occasion) for r in plant.records}
 
@@ -369,7 +366,6 @@ class Problem:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the parameters."""
         return tuple(parameter.name for parameter in self.tuned)
 
     def values(self, x: FloatArray) -> dict[str, float]:
@@ -724,7 +720,6 @@ class CrossValidation(NamedTuple):
 def cross_validate(
     problem: Problem, division: Sequence[Fold], starts: Sequence[FloatArray]
 ) -> CrossValidation:
-    """Fit a model on every fold and predict the held-out data."""
     fits: list[Fit] = []
     errors = [np.full(r.measured.shape, np.nan) for r in problem.plant.records]
     for fold, start in zip(division, starts, strict=True):

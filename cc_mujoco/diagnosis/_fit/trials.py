@@ -110,7 +110,6 @@ class Odd(NamedTuple):
 
     @property
     def question(self) -> str:
-        """Question to the person who recorded the trial."""
         single = len(self.trials) == 1
         off = (
             f"{'Trial' if single else 'Trials'} {list_words(self.trials)} "
@@ -221,7 +220,6 @@ def find_outlier_trial(
 
 
 def _extreme_condition(problem: Problem, names: Sequence[str]) -> str:
-    """Return the condition of which these trials are the only extreme ones, or ""."""
     records = problem.plant.records
     conditions: dict[str, list[float | None]] = {
         "pretension": [record.pretension for record in records],
@@ -342,7 +340,6 @@ def _record_indices(problem: Problem) -> dict[str, list[int]]:
 
 
 def _errors(problem: Problem, x: FloatArray) -> list[FloatArray]:
-    """Return the errors, measured minus simulated (2, samples) of each record [N m]."""
     pairs = zip(problem.plant.records, problem.torques(x), strict=True)
     return [record.measured - torque for record, torque in pairs]
 
@@ -402,8 +399,6 @@ class TrialConstants(NamedTuple):
 
 
 class Trend(NamedTuple):
-    """Regression of trial constants."""
-
     ordinate: str  # name of the regressor
     slope: float  # change per unit of it
     t: float  # slope over its standard error
@@ -813,7 +808,6 @@ def compare_occasions(
 
 
 def agreement_shares(compared: Occasions) -> dict[str, float]:
-    """Return the share of the sizes of each effect on which all occasions agree."""
     effects = dict.fromkeys(each.effect for each in compared.sizes)
     agreed = {e: [s.agree for s in compared.sizes if s.effect == e] for e in effects}
     return {effect: sum(own) / len(own) for effect, own in agreed.items()}
@@ -845,7 +839,6 @@ def describe_change(tuned: Tuned, earlier: Estimate) -> tuple[Estimate, str]:
 
 
 def compare_size(effect: str, found: TrialConstants, shared: float) -> OccasionSize:
-    """Compare the sizes of an effect on all occasions with the shared one."""
     parameter, unit = found.parameter.name, found.parameter.unit
     name = plain_name(parameter)
     if not np.all(np.isfinite(found.value)):

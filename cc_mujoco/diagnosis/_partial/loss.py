@@ -75,8 +75,6 @@ class Stroke(NamedTuple):
 
 @dataclass(frozen=True)
 class LossFit:
-    """Loss of a transmission."""
-
     values: dict[str, Estimate]  # estimates by name, where the data determine them
     # Travel after a reversal until the cable slides [rad]; NaN if unknown
     settling: float = math.nan
@@ -503,7 +501,6 @@ def _breakaway(
 def _undetermined(
     law: _Law, gain_uncertainty: float, breakaway_at: float
 ) -> tuple[str, ...]:
-    """Return clauses on what the data do not determine."""
     found = ["stretch, play and pretension, which need the motor's angle"]
     known = set(law.active.tolist())
     if law.constant_load:
@@ -612,7 +609,6 @@ def diagnose_loss(dataset: Dataset, bench: Bench, seed: int = 0) -> Diagnosis:
 
 
 def _strokes(place: int, trial: Trial, dataset: Dataset, bench: Bench) -> list[Stroke]:
-    """Return the strokes of a trial, all signals through the same low-pass."""
     band = compared_band(trial.rate)
     ratio = bench.joint_radius / bench.motor_radius
     inertia = dataset.constants.get("rotor_inertia", Constant(0.0)).value

@@ -145,8 +145,6 @@ _PARAMETERS = (
 
 
 class _Stretch(NamedTuple):
-    """Continuous part of a trial."""
-
     trial: int  # number of its trial
     motor: FloatArray  # angle in turns of the joint (samples,) [rad]
     joint: FloatArray  # angle (samples,) [rad]

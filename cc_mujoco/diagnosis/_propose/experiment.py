@@ -295,7 +295,6 @@ def trial_table(
 
 
 def write_motion(path: Path, motion: CataloguedTrial) -> None:
-    """Write the angles of a trial as CSV, to be played."""
     with path.open("w", newline="", encoding="utf-8") as file:
         rows = csv.writer(file)
         rows.writerow(("time_s", "motor_angle_rad", "joint_angle_rad"))
@@ -338,8 +337,6 @@ class Rivals(NamedTuple):
 
 
 class Proposal(NamedTuple):
-    """Trial that would separate rivals, or why none would."""
-
     experiment: NextExperiment | None = None
     motion: CataloguedTrial | None = None  # of the trial
     statement: str = ""  # sentence on what decides a tie that no trial separates
@@ -474,7 +471,6 @@ def _describe_difference(
     left: FloatArray,
     noise: FloatArray,
 ) -> str:
-    """Describe the difference between two models on a trial."""
     sizes = np.sqrt(np.mean(left**2, axis=1))
     row = int(np.argmax(sizes))
     most = int(np.argmax(np.abs(left[row])))

@@ -434,7 +434,6 @@ def _reach(bench: Bench, speed: float) -> float:
 def _noise(
     file: DatasetFile, instruments: Instruments, bench: Bench
 ) -> dict[str, Noise]:
-    """Return the noise that the file or else the device declares, by channel."""
     found = {}
     if instruments.joint == "torque sensor" and bench.torque_noise > 0.0:
         found[channels.JOINT_TORQUE] = Noise(bench.torque_noise, 0.0, "declared")
@@ -451,7 +450,6 @@ def _noise(
 def page(
     found: TrialPlan, bench: Bench, swing: float, speed: float, instruments: Instruments
 ) -> str:
-    """Return the page of a plan: what to record, and what that resolves."""
     known = []
     for side, channel, instrument in zip(
         ("motor", "joint"), channels.TORQUES, instruments, strict=True

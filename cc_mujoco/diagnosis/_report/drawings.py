@@ -48,13 +48,11 @@ class Excerpt(NamedTuple):
 
 
 def worst_excerpt(evidence: Evidence) -> Excerpt | None:
-    """Return the stretch with the largest baseline error, or None."""
     found = _windows(evidence)
     return max(found, key=lambda excerpt: excerpt.error, default=None)
 
 
 def ordinary_excerpt(evidence: Evidence) -> Excerpt | None:
-    """Return the stretch with the median baseline error, or None."""
     found = sorted(_windows(evidence), key=lambda excerpt: excerpt.error)
     return found[len(found) // 2] if found else None
 
@@ -116,7 +114,6 @@ def confounded_pairs(isolability: Isolability) -> list[tuple[str, str, float]]:
 
 
 def invisible_effects(isolability: Isolability) -> list[str]:
-    """Return the ids of effects that would drown in the noise."""
     pairs = zip(isolability.ids, isolability.visible, strict=True)
     return [
         effect for effect, visible in pairs if not visible >= Limit.min_visible_size
@@ -189,7 +186,6 @@ FIGURE_STEMS = ("gap", "maps", "traces", "traces_ordinary", "isolability")
 
 
 def draw_figures(diagnosis: Diagnosis, evidence: Evidence) -> dict[str, Figure]:
-    """Return the figures by file stem, without empty ones."""
     both = model_changed(evidence)
     found: dict[str, Figure | None] = {
         "gap": draw_gap(diagnosis.gap) if diagnosis.gap else None,
@@ -214,7 +210,6 @@ def shown_maps(evidence: Evidence) -> list[Map]:
 
 
 def draw_gap(gaps: Mapping[str, Gap]) -> Figure:
-    """Draw bars of the noise floor and the error before and after, per channel."""
     drawing = figure(0.88 * Limit.figure_width, 0.5 + 1.25 * len(gaps))  # in the header
     panels = drawing.subplots(len(gaps), squeeze=False)[:, 0]
     for axes, (name, gap) in zip(panels, gaps.items(), strict=True):

@@ -335,8 +335,6 @@ def _provenance(folder: Path) -> Mapping[str, Any] | None:
 
 
 def preload_drawing() -> None:
-    """Load the drawing modules of `write` in a thread parallel to the computation."""
-
     def load() -> None:
         for name in (
             "matplotlib.backends.backend_agg",
@@ -392,7 +390,6 @@ def write(
 
 @contextmanager
 def _keep_verdict(path: Path) -> Iterator[None]:
-    """Name the file of the verdict in an error that leaves nothing else."""
     try:
         yield
     except CableError as error:
@@ -447,7 +444,6 @@ def provenance(
 
 
 def write_and_compare_scene(result: DiagnosisResult, path: Path) -> list[str]:
-    """Write the scene with the effects; compare its rollout with the replay."""
     problem = result.problem
     assert problem is not None
     values = problem.values(result.x)

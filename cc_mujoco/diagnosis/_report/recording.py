@@ -47,7 +47,6 @@ LINE_STYLES = {"measured": (GREY, 2.5), "before": (ORANGE, 1.5), "after": (BLUE,
 
 
 def write_recording(path: str | os.PathLike[str], evidence: Evidence) -> None:
-    """Write the evidence as a `.rrd` file, whole or not at all."""
     both = model_changed(evidence)
     with recording(path, recording_id(evidence), _blueprint(evidence)) as rec:
         rec.log("about", _about(evidence), static=True)
@@ -81,7 +80,6 @@ def recording_id(evidence: Evidence) -> str:
 
 
 def _log_trace(rec: rr.RecordingStream, trace: TrialTrace, both: bool) -> None:
-    """Log measured and simulated torques, their differences, and both angles."""
     index = [rr.TimeColumn(TIMELINE, duration=trace.time)]
 
     def send(parts: list[str], values: FloatArray, color: str, width: float) -> None:
@@ -103,7 +101,6 @@ def _log_trace(rec: rr.RecordingStream, trace: TrialTrace, both: bool) -> None:
 
 
 def _log_map(rec: rr.RecordingStream, each: Map, both: bool) -> None:
-    """Log mean errors as bars, without the bins that have no data."""
     kinds = {"before": each.before, **({"after": each.after} if both else {})}
     for kind, values in kinds.items():
         there = np.isfinite(values)

@@ -81,7 +81,6 @@ BY_AXIS = {
 
 
 def four_answers(diagnosis: Diagnosis) -> list[tuple[str, str]]:
-    """Return the questions on an unknown effect with their answers."""
     return [
         ("Which channel and end?", _which_end(diagnosis)),
         ("Which trials?", _which_trials(diagnosis)),
@@ -146,7 +145,6 @@ def _growing_with(diagnosis: Diagnosis) -> str:
 
 
 def isolating_trial(diagnosis: Diagnosis) -> str:
-    """Return in a clause the trial that isolates an unknown effect."""
     axis = next((e.axis for e in diagnosis.where if e.axis != "channel"), "")
     for word, trial in BY_AXIS.items():
         if word in axis:
@@ -188,7 +186,6 @@ def _has_scene(diagnosis: Diagnosis) -> bool:
 
 
 def next_steps(diagnosis: Diagnosis) -> Html:
-    """Return at most three steps: the finding and its certainty, a change, a run."""
     certain = []
     for found in diagnosis.missing:
         # Only sizes that are not 0 count.
@@ -249,7 +246,6 @@ def _model_change_step(diagnosis: Diagnosis) -> Html:
 
 
 def _question_step(diagnosis: Diagnosis) -> Html:
-    """Ask about a trial or a value that contradicts the rest; empty without one."""
     question = diagnosis.question
     if not question or diagnosis.verdict == "unknown":  # which asks it first
         question = "".join(capitalise(e.statement) for e in diagnosis.deviating[:1])
@@ -285,7 +281,6 @@ def _step_item(title: str, text: str) -> Html:
 
 
 def header(diagnosis: Diagnosis, picture: Html) -> Html:
-    """Return the verdict: headline, picture, next command, steps and statement."""
     tried = tried_sentence(diagnosis) if diagnosis.verdict == "unknown" else ""
     return element(
         "header",
@@ -319,7 +314,6 @@ def gap(diagnosis: Diagnosis) -> Html | None:
 
 
 def occasions(diagnosis: Diagnosis) -> Html | None:
-    """Compare the occasions: what changed, and whether the effects are the same."""
     found = diagnosis.occasions
     if found is None:
         return None
@@ -343,7 +337,6 @@ def occasions(diagnosis: Diagnosis) -> Html | None:
 
 
 def trials(diagnosis: Diagnosis) -> Html | None:
-    """List the errors of every trial, the worst first."""
     if len(diagnosis.trials) < 2:
         return None
     both = bool(diagnosis.effects)
@@ -378,7 +371,6 @@ def trials(diagnosis: Diagnosis) -> Html | None:
 
 
 def error_location(diagnosis: Diagnosis) -> Html | None:
-    """Return where the error lies, the main sentence first."""
     if not diagnosis.where:
         return None
     items = []
@@ -398,7 +390,6 @@ def error_location(diagnosis: Diagnosis) -> Html | None:
 
 
 def unknown(diagnosis: Diagnosis) -> Html | None:
-    """Answer four questions on an effect that has no name."""
     if diagnosis.verdict != "unknown":
         return None
     return bullet_list(
@@ -408,7 +399,6 @@ def unknown(diagnosis: Diagnosis) -> Html | None:
 
 
 def maps(evidence: Evidence) -> Html | None:
-    """Describe the maps that are drawn and those that are not."""
     if not evidence.maps:
         return None
     real = [each for each in evidence.maps if each.share > each.chance]
@@ -439,7 +429,6 @@ def maps(evidence: Evidence) -> Html | None:
 
 
 def excerpt_caption(excerpt: Excerpt, worst: bool) -> str:
-    """Describe an excerpt and why it was chosen."""
     time = excerpt.trace.time[excerpt.part]
     span = f"Trial {excerpt.trace.trial}, {time[0]:.1f} s to {time[-1]:.1f} s"
     size = f"{format_number(excerpt.error)} times its RMS error over all trials"
@@ -450,7 +439,6 @@ def excerpt_caption(excerpt: Excerpt, worst: bool) -> str:
 
 
 def candidates(diagnosis: Diagnosis) -> Html | None:
-    """List every refitted effect, its reduction and why it was not named."""
     rounds = [each for each in diagnosis.runner_ups if each]
     if not rounds:
         summary = tried_sentence(diagnosis)
@@ -470,7 +458,6 @@ def candidates(diagnosis: Diagnosis) -> Html | None:
 
 
 def effect_similarity(evidence: Evidence) -> Html | None:
-    """Describe which effects are confounded, and which are below the noise."""
     if not evidence.isolability.ids:
         return None
     pairs = [
@@ -486,7 +473,6 @@ def effect_similarity(evidence: Evidence) -> Html | None:
 
 
 def untested_effects(diagnosis: Diagnosis) -> Html | None:
-    """List the effects that tuning hides and those that the data cannot show."""
     items = [
         (each.id, f"hidden by tuning {plain_name(each.parameter)}; {each.remedy}.")
         for each in diagnosis.confounded
@@ -512,7 +498,6 @@ def experiment(diagnosis: Diagnosis) -> Html | None:
 
 
 def parameters(diagnosis: Diagnosis) -> Html | None:
-    """List fitted numbers of effects and baseline with their intervals."""
     parts: list[Html] = []
     for found in diagnosis.effects:
         title = capitalise(effect_name(found.id))

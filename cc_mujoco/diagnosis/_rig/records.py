@@ -267,7 +267,6 @@ def prepare(dataset: Dataset, bench: Bench) -> tuple[tuple[Record, ...], Filteri
 
 
 def _conditions(trials: Sequence[Trial]) -> dict[str, TrialConditions]:
-    """Return the conditions of trials, which are in the order of recording, by name."""
     means, rates = {}, {}
     for trial in trials:
         if trial.temperature is not None and np.isfinite(trial.temperature).any():
@@ -410,8 +409,6 @@ def wind_up_angle(bench: Bench) -> float:
 
 
 class Setting(NamedTuple):
-    """Everything that a replay of a record depends on."""
-
     cables: tuple[Cable, ...]  # agonist first
     motor_radius: float  # of the motor's pulley [m]
     joint_radius: float  # of the joint's pulley [m]
@@ -491,7 +488,6 @@ def cached_replay(record: Record, setting: Setting) -> Played:
 
 
 def replay(record: Record, setting: Setting) -> Played:
-    """Replay a record through the cables of a setting."""
     joint = shift_signal(record.joint_angle, setting.late / record.dt) + setting.offset
     if record.unhooked:
         nothing = np.zeros(joint.size)

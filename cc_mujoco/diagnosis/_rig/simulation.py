@@ -171,8 +171,6 @@ _SENSOR_INSTRUMENTS: dict[str, tuple[Instrument, ...]] = {
 
 
 class Library(NamedTuple):
-    """Effects of a rig."""
-
     # Effects by id, with the parameters that can change the residuals
     effects: Mapping[str, Effect]
     hidden: Mapping[str, str]  # reason why each other effect is not detectable, by id
@@ -425,7 +423,6 @@ def _known(
 def _motor_parameters(
     records: Sequence[Record], constants: Mapping[str, Constant], rms: float
 ) -> list[Tuned]:
-    """Return the parameters of the motor's own friction, for a torque by current."""
     speeds = [np.abs(np.gradient(r.motor_angle, r.dt))[r.counts] for r in records]
     speed = max(float(np.quantile(np.concatenate(speeds), 0.95)), 1e-6)
     found = [
@@ -459,8 +456,6 @@ def _angle_offset(bench: Bench, records: Sequence[Record]) -> float:
 
 @dataclass(frozen=True)
 class SimulatedRig:
-    """Rig that simulates records."""
-
     bench: Bench  # bench with the nominal radii and cables
     records: tuple[Record, ...]  # records to simulate
     segments: int  # segments per cable
@@ -479,7 +474,6 @@ class SimulatedRig:
 
     @cached_property
     def _absent(self) -> dict[str, float]:
-        """Sizes of effects that a rig does not have."""
         return {
             parameter.name: 0.0
             for effect in EFFECTS.values()

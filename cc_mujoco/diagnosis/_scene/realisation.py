@@ -162,7 +162,6 @@ def sensor_word(name: str) -> str:
 
 
 def torque_parts(spec: MjSpec, channel: str) -> list[SensorShare]:
-    """Return the summands of a torque, empty if the scene does not define them."""
     found = spec.tuple(channel)
     if found is None:
         return []
@@ -209,7 +208,6 @@ def _ends(spec: MjSpec, cable: str) -> tuple[str, str]:
 
 
 def _shows_force_of(sensor: MjsSensor | None, actuators: list[str]) -> bool:
-    """Return whether a sensor shows the force of one of these actuators."""
     force = mjtSensor.mjSENS_ACTUATORFRC
     return sensor is not None and sensor.type == force and sensor.objname in actuators
 
@@ -246,7 +244,6 @@ def torque_offset(spec: MjSpec, bench: Bench, values: Values) -> None:
 
 
 def gain(spec: MjSpec, bench: Bench, values: Values) -> None:
-    """Scale the torque readings by a gain error."""
     for channel, side in _SIDES:
         factor = 1.0 + values[f"{side}_torque_gain"]
         parts = torque_parts(spec, channel)
@@ -254,7 +251,6 @@ def gain(spec: MjSpec, bench: Bench, values: Values) -> None:
 
 
 def cross_talk(spec: MjSpec, bench: Bench, values: Values) -> None:
-    """Add to each torque reading a share of the other one."""
     parts = {channel: torque_parts(spec, channel) for channel, _ in _SIDES}
     for (channel, side), (other, _) in zip(_SIDES, _SIDES[::-1], strict=True):
         share = values[f"{side}_torque_cross_talk"]
@@ -263,7 +259,6 @@ def cross_talk(spec: MjSpec, bench: Bench, values: Values) -> None:
 
 
 def bias(spec: MjSpec, bench: Bench, values: Values) -> None:
-    """Add a constant and a drift to the torque readings."""
     for channel, side in _SIDES:
         add_constant(spec, channel, values[f"{side}_torque_bias"])
         drift = values[f"{side}_torque_drift"]
@@ -520,8 +515,6 @@ def _set_isotropic_inertia(body: MjsBody, centre: FloatArray, inertia: float) ->
 
 @dataclass(frozen=True)
 class _Realisation:
-    """Realisation of one effect in MuJoCo."""
-
     note: str  # means of the realisation, and advice to a user of the scene
     apply: Realise  # changes a scene
     # Whether it needs a pulley, or torques that are sums of sensors, which a joint with

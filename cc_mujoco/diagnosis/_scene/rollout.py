@@ -292,7 +292,6 @@ def _other_angles(
 
 
 def _without_strangers(spec: MjSpec, bench: Bench) -> MjModel:
-    """Return the compiled scene without the cables of other axes."""
     gone = [a for a in spec.actuators if a.plugin.name in bench.strangers]
     names = {actuator.name for actuator in gone if actuator.name}
     shown = mjtObj.mjOBJ_ACTUATOR

@@ -176,8 +176,6 @@ class _Place:
 
 
 class _Screen(_Place):
-    """Model with which effects are compared, and its errors on folds of the data."""
-
     def __init__(
         self,
         problem: Problem,
@@ -374,8 +372,6 @@ def signature_cosine(one: Signature, other: Signature) -> float:
 
 
 class Candidate(NamedTuple):
-    """An effect refitted on top of the model so far."""
-
     id: str  # of the effect
     crossed: CrossValidation  # the wider model
     reduction: float  # of the held-out squared error, relative
@@ -384,8 +380,6 @@ class Candidate(NamedTuple):
 
 
 class Round(NamedTuple):
-    """One step of the search."""
-
     candidates: tuple[Candidate, ...]  # refitted, the best first
     added: str | None  # the one that was added, or None
     rivals: tuple[str, ...]  # ids that do as well as the one added, itself first
@@ -425,7 +419,6 @@ def comparison_z(
 
 
 def are_confusable(one: Signature, other: Signature) -> bool:
-    """Return whether an effect is easily confused with another."""
     return (
         signature_cosine(one, other) > Limit.lookalike_cosine
         or other.id in EFFECTS[one.id].confounded_with
@@ -435,7 +428,6 @@ def are_confusable(one: Signature, other: Signature) -> bool:
 def rejection_reason(
     crossed: CrossValidation, name: str, reduction: float, z: float
 ) -> str:
-    """Return why an effect may not be named, or ""."""
     if z < Limit.min_z:
         taken = round(reduction, 2) + 0.0  # no minus before a zero
         return (

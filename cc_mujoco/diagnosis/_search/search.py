@@ -118,8 +118,6 @@ def _without_effect(
 
 
 class Search(NamedTuple):
-    """Course of the search."""
-
     before: CrossValidation  # the baseline
     after: CrossValidation  # the model with all effects that were added
     rounds: tuple[Round, ...]  # steps
@@ -188,8 +186,6 @@ def names_found(
 
 @dataclass(frozen=True)
 class _Additions:
-    """Effects that are added to a model one after another."""
-
     progress: Progress = no_progress
     # Search in all data, of which a model gives the same model of a part its floor,
     # numerical resolution and start values
@@ -199,7 +195,6 @@ class _Additions:
     def made(
         self, baseline: CrossValidation, ids: Sequence[str], rare: Sequence[str] = ()
     ) -> Search:
-        """Return the search with the effects added, none of them dropped."""
         now, rounds, known = baseline, [], [baseline]
         before = self.whole or self.earlier
         changes = before.changes if before else Changes()
@@ -372,14 +367,12 @@ class _Additions:
 def resembling(
     candidates: Sequence[Candidate], present: Sequence[str], rare: Sequence[str]
 ) -> list[str]:
-    """Return the rare effects, none of them `present`, that accepted ones equal."""
     accepted = {c.id for c in candidates if not c.reason}
     new = [name for name in rare if name not in present]
     return [name for name in new if accepted.intersection(EFFECTS[name].resembles)]
 
 
 def _forget_derivatives(known: Sequence[CrossValidation]) -> None:
-    """Drop the derivatives of models, which an interruption may leave incomplete."""
     for crossed in known:
         crossed.problem.slopes.forget()
 
@@ -495,8 +488,6 @@ def _unrefitted_lookalikes(
 
 @dataclass(frozen=True)
 class Found:
-    """Effects that explain the error, and the model that all data support."""
-
     fitted: BaselineFit  # the baseline
     search: Search  # the rounds, ending with the model
     problem: Problem  # the model

@@ -99,7 +99,6 @@ def effects_in_use(given: Iterable[Any]) -> Iterator[tuple[str, ...]]:
 
 
 def _loaded(given: Any) -> Effect:
-    """Return the effect that a class, an object or its name stands for."""
     if isinstance(given, str):
         given = named_object("effect", given, "class")
     return given if isinstance(given, Effect) else effect_of_class(given)

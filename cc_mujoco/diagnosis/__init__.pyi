@@ -28,8 +28,8 @@ from ._rig.records import prepare as prepare
 from ._scene.realisation import add_torque_part as add_torque_part
 from ._scene.realisation import read_channels as read_channels
 from ._scene.repair import repair_scene as repair_scene
+from ._scene.repair import rollout as rollout
 from ._scene.repair import write as write
-from ._scene.rollout import rollout as rollout
 from ._search.candidates import screen as screen
 from ._verdict import Diagnosis as Diagnosis
 from .effects import EFFECTS as EFFECTS

@@ -363,8 +363,7 @@ def _best_hidden_mix(changes: FloatArray, tangent: FloatArray) -> FloatArray:
     white = axes[:, kept] / np.sqrt(values[kept])
     _, vectors = np.linalg.eigh(white.T @ (left.T @ left) @ white)
     mix = (white @ vectors[:, 0]) / lengths
-    found: FloatArray = mix / mix[np.argmax(np.abs(mix))]
-    return found
+    return np.asarray(mix / mix[np.argmax(np.abs(mix))])
 
 
 def _confounded_effect(

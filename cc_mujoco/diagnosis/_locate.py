@@ -421,8 +421,7 @@ def _means(sums: FloatArray, count: NDArray[np.intp]) -> FloatArray:
     """
     whole = count.sum(axis=0).astype(float)
     whole[whole == 0.0] = np.nan
-    found: FloatArray = sums.sum(axis=0) / whole
-    return found
+    return np.asarray(sums.sum(axis=0) / whole)
 
 
 def _share(sums: FloatArray, count: NDArray[np.intp], square: float) -> float:

@@ -176,6 +176,11 @@ def format_fitted(value: Estimate) -> str:
     return format_number(value.value, high - low)
 
 
+def format_estimate(value: Estimate, unit: str = "") -> str:
+    """Return a fitted number, a unit and its 95 % interval."""
+    return f"{format_fitted(value)}{unit} (95 %: {format_interval(value)})"
+
+
 def gap_sentence(name: str, gap: Gap) -> str:
     sizes = gap.rmse_before, gap.rmse_after, gap.noise_floor
     before, after, floor = (

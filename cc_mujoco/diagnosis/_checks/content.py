@@ -257,42 +257,24 @@ def find_period(angle: FloatArray) -> float | None:
 
 
 class Excitation(NamedTuple):
-    """Coverage of a dataset.
+    """Coverage of a dataset."""
 
-    Attributes:
-        duration: time in valid stretches [s].
-        speed: slowest and fastest speed of the motor that stands out of the noise
-            [rad/s], 2nd and 99th percentile.
-        reversals: reversals of the motor.
-        dwells: durations of the rests between motions, shortest and longest [s].
-        dwell_count: number of rests.
-        torque: torque of the joint, 1st and 99th percentile [N m]; None if it is not
-            known.
-        motor_torque: torque of the motor, 1st and 99th percentile [N m]; None if
-            unknown.
-        turns: range of the motor's angle in revolutions.
-        joint_turns: range of the joint's angle in revolutions.
-        bandwidth: below it lies 99 % of the power of the motor's speed [Hz].
-        repeats: trials that repeat another.
-        pretensions: the different pretensions declared [N].
-        temperature: lowest and highest [degC]; None if not measured.
-        tensions: cable ends whose tension is measured.
-    """
-
-    duration: float
+    duration: float  # time in valid stretches [s]
+    # Slowest and fastest speed of the motor that stands out of the noise, its 2nd and
+    # 99th percentile [rad/s]
     speed: tuple[float, float]
-    reversals: int
-    dwells: tuple[float, float]
-    dwell_count: int
-    torque: tuple[float, float] | None
-    motor_torque: tuple[float, float] | None
-    turns: float
-    joint_turns: float
-    bandwidth: float
-    repeats: int
-    pretensions: tuple[float, ...]
-    temperature: tuple[float, float] | None
-    tensions: int
+    reversals: int  # of the motor
+    dwells: tuple[float, float]  # shortest and longest rest between motions [s]
+    dwell_count: int  # number of rests
+    torque: tuple[float, float] | None  # of the joint, 1st and 99th percentile [N m]
+    motor_torque: tuple[float, float] | None  # of the motor; None if not measured
+    turns: float  # range of the motor's angle [revolutions]
+    joint_turns: float  # range of the joint's angle [revolutions]
+    bandwidth: float  # below it lies 99 % of the power of the motor's speed [Hz]
+    repeats: int  # trials that repeat another
+    pretensions: tuple[float, ...]  # the different ones declared [N]
+    temperature: tuple[float, float] | None  # lowest and highest [degC]
+    tensions: int  # cable ends whose tension is measured
 
     @property
     def speed_decades(self) -> float:

@@ -27,6 +27,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.linalg import norm
 from numpy.typing import NDArray
 
 from cc_mujoco.datasets._bench import Bench
@@ -751,11 +752,9 @@ def _lead_correlation(trial: Trial, bench: Bench) -> float:
 def _partial_correlation(
     one: FloatArray, other: FloatArray, known: Sequence[FloatArray]
 ) -> float:
-    axes, _ = np.linalg.qr(np.column_stack([k / max(_norm(k), 1e-300) for k in known]))
+    axes, _ = np.linalg.qr(
+        np.column_stack([k / max(float(norm(k)), 1e-300) for k in known])
+    )
     one, other = (signal - axes @ (axes.T @ signal) for signal in (one, other))
-    size = _norm(one) * _norm(other)
+    size = float(norm(one) * norm(other))
     return float(one @ other) / size if size > 0.0 else 0.0
-
-
-def _norm(signal: FloatArray) -> float:
-    return math.sqrt(float(signal @ signal))

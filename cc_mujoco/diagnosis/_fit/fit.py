@@ -209,8 +209,7 @@ def _mean_tension(dataset: Dataset, bench: Bench, record: Record) -> FloatArray:
     elif not ends:
         arm = bench.share(record.joint_angle, record.path)
         ends.append(shown[1] / (bench.joint_radius * np.maximum(arm, Limit.min_arm)))
-    found: FloatArray = np.mean(ends, axis=0)
-    return found
+    return np.asarray(np.mean(ends, axis=0))
 
 
 class _Grid:

@@ -305,8 +305,7 @@ def form_error(
     along = shown.T @ residual
     excess = float(along @ along) - shown.shape[1]
     most = float(np.max(size)) ** 2
-    found: FloatArray = min(max(excess, 0.0) / kept, most) * (into.T @ into)
-    return found
+    return np.asarray(min(max(excess, 0.0) / kept, most) * (into.T @ into))
 
 
 def _basis(columns: FloatArray) -> FloatArray:
@@ -335,8 +334,7 @@ def controls_of(problem: Problem, x: FloatArray, masks: Masks) -> FloatArray:
     if wider is problem:
         return np.zeros((count, 0))
     scales = [each.scale for each in wider.tuned[x.size :]]
-    found: FloatArray = slopes[:count, x.size :] * np.array(sizes) / scales
-    return found
+    return np.asarray(slopes[:count, x.size :] * np.array(sizes) / scales)
 
 
 class Disagreement(NamedTuple):

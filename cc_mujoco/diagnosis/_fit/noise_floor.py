@@ -57,7 +57,6 @@ def noise_floor(
     plant: SimulatedRig,
     filtering: Filtering,
     values: Values,
-    effects: tuple[str, ...] = (),
     seed: int = 0,
 ) -> NoiseFloor:
     """Return the noise in both torques of every record, through the simulated rig."""
@@ -65,14 +64,14 @@ def noise_floor(
 
     random, other = np.random.default_rng(seed), np.random.default_rng((seed, 1))
     noise = {n: dataset.noise.get(n, _NO_NOISE) for n in (MOTOR_ANGLE, JOINT_ANGLE)}
-    clean = plant.simulate(values, effects)
+    clean = plant.simulate(values)
     true = [likely(record, filtering) for record in plant.records]
-    exact = plant.limited(true).simulate(values, effects)
+    exact = plant.limited(true).simulate(values)
 
     def scatter(
         records: Sequence[Record], about: Sequence[FloatArray]
     ) -> list[FloatArray]:
-        played = plant.limited(records).simulate(values, effects)
+        played = plant.limited(records).simulate(values)
         return [
             (a - b) ** 2 / Limit.noise_draws for a, b in zip(played, about, strict=True)
         ]
@@ -156,8 +155,7 @@ def _unexplained(
         return np.zeros(len(names))
     deviation = np.minimum(found[0].deviation, found[1].deviation)
     known = np.concatenate(there, axis=1).mean(axis=1)
-    short: FloatArray = np.maximum(deviation**2 - known, 0.0)
-    return short
+    return np.asarray(np.maximum(deviation**2 - known, 0.0))
 
 
 def _residual_trial(

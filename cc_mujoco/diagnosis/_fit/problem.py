@@ -681,8 +681,7 @@ class CrossValidation(NamedTuple):
     @property
     def x(self) -> FloatArray:
         """Mean place of the fits of the folds."""
-        found: FloatArray = np.mean([fit.x for fit in self.fits], axis=0)
-        return found
+        return np.asarray(np.mean([fit.x for fit in self.fits], axis=0))
 
     def mean_square(self, parts: Iterable[FloatArray]) -> float:
         """Return the mean square of parts (2, samples) where errors were held out."""

@@ -37,8 +37,8 @@ from cc_mujoco.diagnosis._fit.problem import (
 )
 from cc_mujoco.diagnosis._phrases import (
     capitalise,
+    format_estimate,
     format_fitted,
-    format_interval,
     format_number,
     format_share,
     plain_name,
@@ -638,8 +638,7 @@ class _OneByTrial:
         size[size == 0.0] = 1.0
         scaled = square / np.outer(size, size)
         scaled[np.diag_indices_from(scaled)] *= 1.0 + damping
-        found: FloatArray = -np.linalg.lstsq(scaled, slope / size, 1e-10)[0] / size
-        return found
+        return np.asarray(-np.linalg.lstsq(scaled, slope / size, 1e-10)[0] / size)
 
     def _simulated(self, place: FloatArray) -> list[FloatArray]:
         """Return the torques of the visible records, each with its trial's value."""
@@ -834,7 +833,7 @@ def describe_change(tuned: Tuned, earlier: Estimate) -> tuple[Estimate, str]:
         words = f"unchanged within {most}{unit}"
     else:
         sign = "+" if shown.value > 0.0 else ""
-        words = f"{sign}{format_fitted(shown)}{unit} (95 %: {format_interval(shown)})"
+        words = f"{sign}{format_estimate(shown, unit)}"
     return change, f"{plain_name(base_name(tuned.name))} {words}"
 
 

@@ -39,8 +39,7 @@ from cc_mujoco.diagnosis._phrases import (
     DATA_PREFIX,
     NO_SCENE_PREFIX,
     capitalise,
-    format_fitted,
-    format_interval,
+    format_estimate,
     format_number,
     format_share,
 )
@@ -672,7 +671,7 @@ def _friction(found: LossFit, bench: Bench) -> tuple[Deviating, ...]:
     if tuned.holds(given) or off < Limit.min_friction_change * given:
         return ()
     statement = (
-        f"friction is {_with_interval(tuned)} with the wrap of the scene, where "
+        f"friction is {format_estimate(tuned)} with the wrap of the scene, where "
         f"{format_number(given)} is given; correct one of them."
     )
     deviations = off / max(0.5 * (high - low) / Limit.sigmas, 1e-12)
@@ -687,7 +686,7 @@ def _statement(
     constants: Mapping[str, Constant],
 ) -> str:
     values = found.values
-    said = {name: _with_interval(value) for name, value in values.items()}
+    said = {name: format_estimate(value) for name, value in values.items()}
     text = [
         f"While the cable slides, the joint torque is {format_number(before)} times "
         "the noise off the friction of the scene."
@@ -743,7 +742,3 @@ def _statement(
     if after > Limit.max_explained_error:
         text.append("Something else acts as well.")
     return " ".join(text)
-
-
-def _with_interval(value: Estimate) -> str:
-    return f"{format_fitted(value)} (95 %: {format_interval(value)})"

@@ -25,12 +25,7 @@ from cc_mujoco.cable import Parameter
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._channels import JOINT_ANGLE, MOTOR_ANGLE
 from cc_mujoco.datasets._trials import Dataset, Instruments
-from cc_mujoco.diagnosis._phrases import (
-    NO_SCENE_PREFIX,
-    format_fitted,
-    format_interval,
-    format_number,
-)
+from cc_mujoco.diagnosis._phrases import NO_SCENE_PREFIX, format_estimate, format_number
 from cc_mujoco.diagnosis._rig.records import compared_band, low_pass, shift_signal
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis._verdict import Baseline, Diagnosis, Verdict
@@ -329,8 +324,7 @@ def _statement(
         return f"{off}: these data show neither a dead zone nor a lag."
     stands, late = sure
     found = [
-        f"{what} of {format_fitted(values[name])} {values[name].unit} "
-        f"(95 %: {format_interval(values[name])})"
+        f"{what} of {format_estimate(values[name], f' {values[name].unit}')}"
         for what, name, there in (
             ("a dead zone", "dead_zone", stands),
             ("a lag", "lag", late),

@@ -104,8 +104,7 @@ def motions(
 
     def free(motor: FloatArray) -> FloatArray:
         """Return the change of the joint's angle as the motor carries it along."""
-        found: FloatArray = bench.carried(motor_middle + motor) - joint_middle
-        return found
+        return np.asarray(bench.carried(motor_middle + motor) - joint_middle)
 
     time = np.arange(0.0, Limit.motion_duration, MOTION_STEP)
 
@@ -115,8 +114,7 @@ def motions(
         wave = size * (1.0 - 4.0 * np.abs((phase + 0.25) % 1.0 - 0.5))
         # No motor turns in an instant.
         width = Limit.turn_rounding_time / MOTION_STEP
-        found: FloatArray = gaussian_filter1d(wave, width, mode="nearest")
-        return found
+        return np.asarray(gaussian_filter1d(wave, width, mode="nearest"))
 
     shares = 0.02, 0.06, 0.2, 0.5, 1.0  # of the greatest speed, one after another
     steps = np.repeat(shares, math.ceil(time.size / len(shares)))[: time.size]
@@ -604,8 +602,7 @@ def form_error(
         np.mean(((torque - rest) / noise) ** 2, axis=1, keepdims=True)
         for torque, rest in zip(shown, without, strict=True)
     ]
-    found: FloatArray = np.sqrt(Limit.form_error_share * np.min(sizes, axis=0))
-    return found
+    return np.asarray(np.sqrt(Limit.form_error_share * np.min(sizes, axis=0)))
 
 
 def motion_record(

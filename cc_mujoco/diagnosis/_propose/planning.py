@@ -134,8 +134,8 @@ def planned(
     library, place = plant.library, np.zeros(len(free))
     wanted = usual_effects() if ids is None else ids
     able = [name for name in wanted if name in library.effects]
-    blank = Problem(plant, free, (), (), ())
-    torques = plant.simulate(blank.values(place))
+    usual = Problem(plant, free, (), (), ()).values(place)
+    torques = plant.simulate(usual)
     sizes = {
         name: noise[name].deviation
         if name in noise
@@ -144,12 +144,12 @@ def planned(
             instruments.channels, np.concatenate(torques, axis=1), strict=True
         )
     }
-    floor = tuple(
-        _noise_response(
-            plant, blank, record, torque, np.array([*sizes.values()]), noise
-        )
-        for record, torque in zip(records, torques, strict=True)
-    )
+    floor: tuple[FloatArray, ...] = ()
+    for record, torque in zip(records, torques, strict=True):
+        (there,) = plant.limited([_shaken(record, noise)]).simulate(usual)
+        scatter = np.sqrt(np.mean((there - torque) ** 2, axis=1))
+        size = np.hypot(scatter, [*sizes.values()])
+        floor = (*floor, np.broadcast_to(size[:, None], torque.shape))
     # Torques are compared up to a band: so many of the samples are independent.
     weight = min(1.0, 2.0 * Limit.max_band * MOTION_STEP) ** 0.5
     problem = Problem(plant.limited(read(torques)), free, (), floor, floor, weight)
@@ -170,28 +170,18 @@ def planned(
     )
 
 
-def _noise_response(
-    plant: SimulatedRig,
-    blank: Problem,
-    record: Record,
-    torque: FloatArray,
-    sizes: FloatArray,
-    noise: Mapping[str, Noise],
-) -> FloatArray:
-    """Return the noise of both torques by torque and angle noise (2, samples) [N m]."""
+def _shaken(record: Record, noise: Mapping[str, Noise]) -> Record:
+    """Return the record with noise of both angles, as far as it passes the filters."""
     random, size, angles = np.random.default_rng(0), record.time.size, []
-    for name, angle in (
-        (MOTOR_ANGLE, record.motor_angle),
-        (JOINT_ANGLE, record.joint_angle),
-    ):
-        known = noise[name].deviation if name in noise else Limit.default_angle_noise
+    known = (MOTOR_ANGLE, record.motor_angle), (JOINT_ANGLE, record.joint_angle)
+    for name, angle in known:
+        deviation = Limit.default_angle_noise
+        if name in noise:
+            deviation = noise[name].deviation
         # Slow enough to pass the filters, and to strain a cable that sticks.
-        slow = np.repeat(random.normal(0.0, known, -(-size // 8)), 8)
+        slow = np.repeat(random.normal(0.0, deviation, -(-size // 8)), 8)
         angles.append(angle + slow[:size])
-    moved = replace(record, motor_angle=angles[0], joint_angle=angles[1])
-    (there,) = plant.limited([moved]).simulate(blank.values(np.zeros(len(blank.tuned))))
-    scatter = np.sqrt(np.mean((there - torque) ** 2, axis=1))
-    return np.broadcast_to(np.hypot(scatter, sizes)[:, None], torque.shape)
+    return replace(record, motor_angle=angles[0], joint_angle=angles[1])
 
 
 def _gram_matrices(

@@ -8,8 +8,8 @@ from __future__ import annotations
 import hashlib
 import os
 import platform
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from importlib import import_module
 from importlib.metadata import version
@@ -57,9 +57,8 @@ from cc_mujoco.diagnosis._scene.realisation import (
     realisations,
     unrealisable_reason,
 )
-from cc_mujoco.diagnosis._scene.repair import repair_scene
+from cc_mujoco.diagnosis._scene.repair import repair_scene, rollout
 from cc_mujoco.diagnosis._scene.repair import write as write_scene
-from cc_mujoco.diagnosis._scene.rollout import rollout
 from cc_mujoco.diagnosis._verdict import (
     Diagnosis,
     Evidence,
@@ -258,7 +257,9 @@ def _page(diagnosis: Diagnosis, evidence: Evidence, figures: Path) -> str:
         sections.effect_similarity(evidence),
         fold("All effects", scrolled(figure) if figure else None),
     )
-    inputs = fold("Inputs, versions and settings", sections.provenance(diagnosis))
+    known = diagnosis.provenance
+    listed = sections.nested_table(known) if known else None
+    inputs = fold("Inputs, versions and settings", listed)
     parts = {  # in their usual order
         "unknown": ("What is known of it", sections.unknown(diagnosis)),
         "traces": ("Measured and simulated", join_pieces(seconds) if seconds else None),
@@ -361,24 +362,50 @@ def write(
     """
     from cc_mujoco.diagnosis._report.recording import write_recording
 
-    known = provenance(result, dataset, out, command, seed, effects)
-    diagnosis = replace(result.diagnosis, provenance=known)
+    bench, trials, found = result.bench, dataset.trials, result.diagnosis
+    known: dict[str, Any] = {
+        "command": command,
+        "seed": seed,
+        "scene": {
+            "path": str(bench.path),
+            "sha256": bench.sha256,
+            **({"axis": bench.axis} if bench.axis else {}),
+        },
+        "data": {trial.path: trial.sha256 for trial in trials},
+        # From which relative paths are, as seen from the results
+        "folder": os.path.relpath(os.getcwd(), os.path.realpath(out)),
+        "effects": list(effects),
+        "occasions": list(found.occasions.names) if found.occasions else [],
+        "several_files": [t.path for t in trials if {*t.paths.values()} - {t.path}],
+        "dataset": {"path": dataset.path, "sha256": dataset.sha256},
+        "versions": {
+            "cc_mujoco": version("cc_mujoco"),
+            "mujoco": mujoco.__version__,
+            "numpy": np.__version__,
+            "python": platform.python_version(),
+        },
+    }
+    diagnosis = replace(found, provenance=known)
     before = {"written": (_provenance(out) or {}).get("written", "")}
     with replacing_folder(out) as place:
         replace(diagnosis, provenance=known | before).write(place / VERDICT_FILE)
-    with _keep_verdict(out / VERDICT_FILE), replacing_folder(out) as place:
-        if result.problem is not None:
-            try:
-                problems = write_and_compare_scene(result, place / SCENE_FILE)
-                written = {"written": atomic_io.checksum_line(place / SCENE_FILE)}
-                diagnosis = replace(diagnosis, provenance=known | written)
-            except CableError as error:  # the verdict stands without it
-                problems = [f"{NO_SCENE_PREFIX}: {error}."]
-            diagnosis = replace(diagnosis, problems=(*diagnosis.problems, *problems))
-            write_recording(place / "evidence.rrd", result.evidence)
-        write_report(place, diagnosis, result.evidence)
-        diagnosis.write(place / VERDICT_FILE)
-        there = {file.name for file in place.iterdir()}
+    try:
+        with replacing_folder(out) as place:
+            if result.problem is not None:
+                try:
+                    problems = write_and_compare_scene(result, place / SCENE_FILE)
+                    written = {"written": atomic_io.checksum_line(place / SCENE_FILE)}
+                    diagnosis = replace(diagnosis, provenance=known | written)
+                except CableError as error:  # the verdict stands without it
+                    problems = [f"{NO_SCENE_PREFIX}: {error}."]
+                noticed = (*diagnosis.problems, *problems)
+                diagnosis = replace(diagnosis, problems=noticed)
+                write_recording(place / "evidence.rrd", result.evidence)
+            write_report(place, diagnosis, result.evidence)
+            diagnosis.write(place / VERDICT_FILE)
+            there = {file.name for file in place.iterdir()}
+    except CableError as error:
+        raise CableError(f"{error} The verdict is in {out / VERDICT_FILE}.") from error
     planned = diagnosis.next_experiment
     if result.motion is not None and planned is not None:
         folder = out / next_folder(planned)
@@ -386,14 +413,6 @@ def write(
     for name in set(OPTIONAL_FILES) - there:  # of a diagnosis with another verdict
         (out / name).unlink(missing_ok=True)
     return diagnosis
-
-
-@contextmanager
-def _keep_verdict(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except CableError as error:
-        raise CableError(f"{error} The verdict is in {path}.") from error
 
 
 def write_proposed(
@@ -410,37 +429,6 @@ def write_proposed(
     with replacing_folder(folder) as place:
         write_motion(place / MOTION_FILE.format(number), motion)
         (place / DATASET_FILE).write_text("\n".join(facts), encoding="utf-8")
-
-
-def provenance(
-    result: DiagnosisResult,
-    dataset: Dataset,
-    out: Path,
-    command: str,
-    seed: int,
-    effects: Sequence[str] = (),
-) -> dict[str, Any]:
-    """Return the provenance; relative paths are from `folder`, seen from `out`."""
-    bench, trials = result.bench, dataset.trials
-    occasions = result.diagnosis.occasions
-    axis = {"axis": bench.axis} if bench.axis else {}
-    return {
-        "command": command,
-        "seed": seed,
-        "scene": {"path": str(bench.path), "sha256": bench.sha256, **axis},
-        "data": {trial.path: trial.sha256 for trial in trials},
-        "folder": os.path.relpath(os.getcwd(), os.path.realpath(out)),
-        "effects": list(effects),
-        "occasions": list(occasions.names) if occasions else [],
-        "several_files": [t.path for t in trials if {*t.paths.values()} - {t.path}],
-        "dataset": {"path": dataset.path, "sha256": dataset.sha256},
-        "versions": {
-            "cc_mujoco": version("cc_mujoco"),
-            "mujoco": mujoco.__version__,
-            "numpy": np.__version__,
-            "python": platform.python_version(),
-        },
-    }
 
 
 def write_and_compare_scene(result: DiagnosisResult, path: Path) -> list[str]:

@@ -529,10 +529,6 @@ def problems(diagnosis: Diagnosis) -> Html:
     return bullet_list(diagnosis.problems)
 
 
-def provenance(diagnosis: Diagnosis) -> Html | None:
-    return _nested_table(diagnosis.provenance) if diagnosis.provenance else None
-
-
 def _candidate_text(runner: RunnerUp, diagnosis: Diagnosis) -> Sequence[str | Html]:
     removed = join_pieces([format_share(runner.reduction), share_bar(runner.reduction)])
     named = any(runner.id == found.id for found in diagnosis.effects)
@@ -558,10 +554,10 @@ def _values(values: Mapping[str, Estimate]) -> Html:
     return short_table(("parameter", "value", "unit", "95 % interval"), rows)
 
 
-def _nested_table(value: Any) -> Html:
+def nested_table(value: Any) -> Html:
     if isinstance(value, Mapping):
-        rows = [(str(key), _nested_table(item)) for key, item in value.items()]
+        rows = [(str(key), nested_table(item)) for key, item in value.items()]
         return table(("what", "value"), rows)
     if isinstance(value, list | tuple):
-        return bullet_list(_nested_table(item) for item in value)
+        return bullet_list(nested_table(item) for item in value)
     return element("code", str(value))

@@ -243,7 +243,9 @@ def prepare(dataset: Dataset, bench: Bench) -> tuple[tuple[Record, ...], Filteri
     """Return the records of a dataset, in order, and how they were filtered."""
     first, slowest = dataset.trials[0], min(trial.rate for trial in dataset.trials)
     bands = compared_band(slowest), min(Limit.max_motion_band, 0.4 * slowest)
-    passed = [_passed_share(first, band) for band in bands]
+    impulse = np.zeros(4001)
+    impulse[2000] = 1.0
+    passed = [float(np.sum(low_pass(impulse, band, first.rate) ** 2)) for band in bands]
     # Angles that are played, motor and joint first.
     angle_channels = [MOTOR_ANGLE, JOINT_ANGLE, *map(other_angle, bench.others)]
     still = tuple(
@@ -393,12 +395,6 @@ def play_filter(angle: FloatArray, width: float) -> FloatArray:
     return np.where(count > 0.0, turned / np.maximum(count, 1.0), found)
 
 
-def _passed_share(trial: Trial, band: float) -> float:
-    impulse = np.zeros(4001)
-    impulse[2000] = 1.0
-    return float(np.sum(low_pass(impulse, band, trial.rate) ** 2))
-
-
 def wind_up_angle(bench: Bench) -> float:
     """Return the motor rotation that winds up the cable against friction [rad]."""
     cable = bench.cables[0]
@@ -442,8 +438,7 @@ class Setting(NamedTuple):
         middle = 0.5 * (arm[1:] + arm[:-1]) * np.diff(angles)
         taken = np.concatenate([[0.0], np.cumsum(middle)])
         rest = np.interp(0.0, angles, taken)
-        found: FloatArray = np.interp(joint, angles, taken - rest)
-        return found
+        return np.asarray(np.interp(joint, angles, taken - rest))
 
     def moment_share(self, joint: FloatArray) -> FloatArray:
         """Return the arm at the joint over the nominal one at 0 (samples,)."""
@@ -605,5 +600,4 @@ def shift_signal(signal: FloatArray, samples: float) -> FloatArray:
     if samples == 0.0:
         return signal
     x = np.arange(signal.size)
-    found: FloatArray = np.interp(x + samples, x, signal)
-    return found
+    return np.asarray(np.interp(x + samples, x, signal))

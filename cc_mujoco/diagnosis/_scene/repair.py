@@ -1,11 +1,14 @@
-"""Scene with the identified effects, as plain MJCF.
+"""Scene with the identified effects, as plain MJCF, and motions played through it.
 
     spec = repair_scene(bench, cables, {"backlash": {"backlash": 0.02}})
     write("scene.xml", spec)
+    motor_torque, joint_torque = rollout("scene.xml", time, motor_angle, joint_angle)
 
 The given cables contain the changes by effects; everything else is realised by
 `realisation`. The file loads wherever `cc_mujoco` is imported; a comment at its top
-names effects and values.
+names effects and values. In a rollout both joints follow the given angles, whatever
+acts on them; MuJoCo simulates cables, actuators, tendons and sensors. So it shows of a
+written scene what a replay shows of its model.
 """
 
 from __future__ import annotations
@@ -13,32 +16,40 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import mujoco
 import numpy as np
-from mujoco import MjData, MjModel, MjSpec
+from mujoco import MjData, MjModel, MjSpec, mjtObj
+from numpy.typing import ArrayLike
 
 from cc_mujoco._utils.atomic_io import replacing
 from cc_mujoco.cable import Cable
-from cc_mujoco.datasets._bench import Bench
+from cc_mujoco.datasets._bench import Bench, driven_joint
+from cc_mujoco.diagnosis._rig.records import LEAD_SAMPLES, with_lead_in
 from cc_mujoco.diagnosis._scene.realisation import (
     REALISATIONS,
     Values,
     add_instruments,
+    angle_sensors,
+    has_instruments,
     is_realisable,
     realisations,
     rim_stiffness,
+    tilt_rig,
+    torque_weights,
     unrealisable_reason,
+    without_delay,
 )
-from cc_mujoco.diagnosis._scene.rollout import rollout
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis.effects import EFFECTS
 from cc_mujoco.errors import CableError
-from cc_mujoco.plugin import step_limits, to_mjcf
+from cc_mujoco.native import FloatArray
+from cc_mujoco.plugin import settle, step_limits, to_mjcf
+from cc_mujoco.plugin._mjcf import instances
 from cc_mujoco.plugin._spec import read_spec
 from cc_mujoco.report._html import list_words
 
@@ -275,3 +286,327 @@ def _rehearse_motion(scene: MjSpec | Path, step: float, bench: Bench) -> None:
                 f"{most:.2g} N m; take out of the scene whatever changes the cables' "
                 f"forces{'' if bench.lever else parts}"
             )
+
+
+def rollout(
+    scene: str | os.PathLike[str] | MjSpec,
+    time: ArrayLike,
+    motor_angle: ArrayLike,
+    joint_angle: ArrayLike,
+    lead_in: float | None = None,
+    tilt: float = 0.0,
+    cables: Collection[str] | None = None,
+    driven: str = "",
+    others: Mapping[str, ArrayLike] | None = None,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the torques that the sensors of a scene show along a motion.
+
+    The first sample is at rest in pretension, as in `Transmission.replay`; a recorded
+    motion begins elsewhere and takes a `lead_in`, on which the torques depend until the
+    whole cable has moved. Steps are the samples', unless a joint is free (a pulley with
+    backlash), then they are at most the scene's, or a sensor is late by less. Speeds
+    and accelerations are differences of the angles. Sensors that delay the angles are
+    allowed for: the torques returned are those that are shown together with the angles
+    given.
+
+    Args:
+        scene: file, or specification with instruments.
+        time: (samples,) evenly spaced [s]; what sensors that drift start from.
+        motor_angle: (samples,) [rad].
+        joint_angle: (samples,) [rad]; of a lever positive where the cable pulls.
+        lead_in: turns of the motor per turn of the joint (of a lever, per turn of the
+            pulley that it is at 0), to come from rest in the pose 0 to the first
+            sample, see `records.with_lead_in`; None begins there at rest.
+        tilt: angle by which the rig was turned about the joint's axis, positive as the
+            joint is, for gravity that a diagnosis found [rad]; of a lever nothing shows
+            it.
+        cables: names of the cables that are played, of a scene with others besides,
+            which are left out.
+        driven: joint that these drive, where several move them.
+        others: (samples,) of other joints that move the cables, by name [rad]; those
+            that are not given stay where they are in the scene.
+
+    Returns:
+        Torque that the motor puts into its pulley, and torque that the transmission
+        puts into the joint, (samples,) each [N m].
+
+    Raises:
+        CableError: arrays that do not fit, are uneven or not finite, a scene that is no
+            bench, or one that does not stay finite.
+    """
+    clock, angles = _motion(time, motor_angle, joint_angle)
+    model, bench = _instrumented_model(scene, cables, driven)
+    held = _other_angles(model, bench, others or {}, clock.size)
+    if lead_in is not None:
+        step = (clock[-1] - clock[0]) / (clock.size - 1)
+        before = clock[0] + step * np.arange(-LEAD_SAMPLES, 0)
+        turned = np.linspace(0.0, 1.0, Limit.ramp_samples + 1) * angles[1, 0]
+        if bench is not None:
+            turned = bench.turned(turned)
+        if bench is not None and held:
+            beside = np.array([held[name] for name in bench.others])
+            path = bench.recorded_path(angles[1], beside, Limit.ramp_samples)
+            if path is not None:
+                turned = bench.along_lead_in(path)
+                led = map(path.with_lead_in, path.angles)
+                held = dict(zip(path.others, led, strict=True))
+        along = lead_in * turned
+        angles = np.array(with_lead_in(angles[0], angles[1], lambda _: along, 1))
+        clock = np.concatenate([before, clock])
+    tilt_rig(model, tilt)
+    view = _Sensors(model) if bench is None else _Forces(model, bench)
+    view.joints += tuple(int(model.joint(name).id) for name in held)
+    angles = np.array([*angles, *held.values()])
+    dt = float(clock[-1] - clock[0]) / (clock.size - 1)
+    longest = model.opt.timestep if model.nv > 2 else dt
+    # A sensor cannot be late by less than a step.
+    wanted = min([longest, *model.sensor_delay[model.sensor_delay > 0.0]])
+    substeps = math.ceil(dt / max(wanted, min(dt, model.opt.timestep)) - 1e-6)
+    late = view.late
+    shown = _play(model, view, clock[0], dt, substeps, angles, math.ceil(late / dt))
+    at = np.arange(shown.shape[1]) * dt
+    first = 0 if lead_in is None else LEAD_SAMPLES
+    motor, joint = (np.interp(at[first : clock.size] + late, at, row) for row in shown)
+    return motor, joint
+
+
+class _Sensors:
+    """Readings of the instruments of a scene."""
+
+    def __init__(self, model: MjModel) -> None:
+        sensors = angle_sensors(model)
+        proximal, distal = (model.sensor_objid[sensor] for sensor in sensors)
+        # Hinges of motor and joint, and of others that are moved
+        self.joints: tuple[int, ...] = (int(proximal), int(distal))
+        self.sign = 1.0  # of the joint's angle in the scene over that in the data
+        self.late = float(model.sensor_delay[sensors[0]])  # of the shown angles [s]
+        self._weights = torque_weights(model)
+
+    def measure(self, data: MjData) -> FloatArray:
+        """Return the motor and joint torque at the last evaluation (2,) [N m]."""
+        return np.asarray(self._weights @ data.sensordata)
+
+
+class _Forces(_Sensors):
+    """Effect of one cable on a motor and on a lever, whose torque no sensor shows.
+
+    It consists of the tensions at its ends and of the pieces of an open path, which are
+    among MuJoCo's passive forces.
+    """
+
+    def __init__(self, model: MjModel, bench: Bench) -> None:
+        assert bench.lever is not None
+        joints = [model.joint(name) for name in (bench.motor, bench.joint)]
+        self.joints = int(joints[0].id), int(joints[1].id)
+        self.sign, self.late = bench.lever.sign, 0.0
+        self._dofs = [int(joint.dofadr[0]) for joint in joints]
+        self._signs = np.array([-1.0, self.sign])
+        instance = instances(model)[bench.names[0]]
+        ends = np.flatnonzero(model.actuator_plugin == instance)
+        # Actuators without input have outputs, too.
+        self._ends = model.actuator_outadr[ends]
+        self._moment = np.zeros((MjData(model).moment_rownnz.size, model.nv))
+
+    def measure(self, data: MjData) -> FloatArray:
+        mujoco.mju_sparse2dense(
+            self._moment,
+            data.actuator_moment,
+            data.moment_rownnz,
+            data.moment_rowadr,
+            data.moment_colind,
+        )
+        ends = self._moment[self._ends].T @ data.actuator_force[self._ends]
+        others = (
+            data.qfrc_spring + data.qfrc_damper + data.qfrc_gravcomp + data.qfrc_fluid
+        )
+        found: FloatArray = (ends + data.qfrc_passive - others)[self._dofs]
+        return self._signs * found
+
+
+def _play(
+    model: MjModel,
+    view: _Sensors,
+    start: float,
+    dt: float,
+    substeps: int,
+    angles: FloatArray,
+    more: int,
+) -> FloatArray:
+    """Return torques (2, samples + more), with the last angles held at the end."""
+    model.opt.timestep = dt / substeps
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    joints = list(view.joints)
+    angles = angles * np.array([1.0, view.sign, *(1.0 for _ in joints[2:])])[:, None]
+    place, dof = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
+    model.dof_armature[dof] += Limit.drive_armature
+    # The look-ahead of the cables' ends follows from this state of MuJoCo.
+    model.dof_invweight0[dof] /= 1.0 + Limit.drive_armature * model.dof_invweight0[dof]
+    # What counts where a joint turns a balanced body.
+    model.dof_M0[dof] += Limit.drive_armature
+    speed = np.gradient(angles, dt, axis=1)
+    force = Limit.drive_armature * np.gradient(speed, dt, axis=1)
+    samples = angles.shape[1]
+    count = (samples - 1 + more) * substeps + 1
+    at = np.arange(count) / substeps  # the last sample is held
+    position, velocity, drive = (
+        np.column_stack([np.interp(at, np.arange(samples), row) for row in signal])
+        for signal in (angles, speed, force)
+    )
+    for signal in (velocity, drive):
+        signal[(samples - 1) * substeps + 1 :] = 0.0
+    data = _set_rest(model, view, angles[:, 0], start)
+    shown = np.empty((2, samples + more))
+    qpos, qvel, applied = data.qpos, data.qvel, data.qfrc_applied
+    for step in range(count):
+        qpos[place] = position[step]
+        qvel[dof] = velocity[step]
+        applied[dof] = drive[step]
+        if step == 0:
+            _fill_sensor_history(model, data)
+        mujoco.mj_step(model, data)
+        if step % substeps == 0:
+            shown[:, step // substeps] = view.measure(data)
+    if any(warning.number for warning in data.warning) or not np.isfinite(shown).all():
+        raise CableError(
+            f"the scene does not stay finite along this motion at a step of "
+            f"{model.opt.timestep:g} s; reduce its time step"
+        )
+    return shown
+
+
+def _set_rest(
+    model: MjModel, view: _Sensors, angles: FloatArray, start: float
+) -> MjData:
+    """Set the joints to these angles, cables in pretension, sensors settled."""
+    motor, joint = view.joints[:2]
+    cables = list(instances(model).values())
+    ends = np.flatnonzero(np.isin(model.actuator_plugin, cables))
+    data = MjData(model)
+    hinged = not isinstance(view, _Forces)
+    held = ends[model.actuator_trntype[ends] == mujoco.mjtTrn.mjTRN_JOINT]
+    pulleys = [
+        target
+        for target in set(model.actuator_trnid[held, 0].tolist()) - {motor, joint}
+        if hinged
+        and driven_joint(model, model.joint(target).name) == model.joint(joint).name
+    ]
+
+    def lay() -> None:
+        data.qpos[model.jnt_qposadr[list(view.joints)]] = angles
+        for pulley in pulleys:
+            # A separate pulley begins in the middle of its play.
+            data.qpos[model.jnt_qposadr[pulley]] = angles[1]
+
+    lay()
+    mujoco.mj_fwdPosition(model, data)
+    # A reset initialises the cables at the initial lengths of the model.
+    lengths = model.actuator_outadr[ends]
+    model.actuator_length0[lengths] = data.actuator_length[lengths]
+    mujoco.mj_resetData(model, data)
+    lay()
+    if not hinged:
+        settle(model, data)
+    data.time = start
+    return data
+
+
+def _fill_sensor_history(model: MjModel, data: MjData) -> None:
+    """Fill the memory of delayed sensors with their present readings."""
+    with without_delay(model):
+        mujoco.mj_forward(model, data)
+    for sensor in np.flatnonzero(model.sensor_history[:, 0]):
+        count, first = int(model.sensor_history[sensor, 0]), model.sensor_adr[sensor]
+        seen = data.sensordata[first : first + model.sensor_dim[sensor]]
+        times = data.time - model.opt.timestep * np.arange(count, 0, -1.0)
+        values = np.tile(seen, (count, 1))
+        mujoco.mj_initSensorHistory(model, data, sensor, times, values, 0.0)
+
+
+def _other_angles(
+    model: MjModel, bench: Bench | None, given: Mapping[str, ArrayLike], samples: int
+) -> dict[str, FloatArray]:
+    """Return the angles (samples,) of other joints that move the cables [rad]."""
+    names = () if bench is None else bench.others
+    if unknown := [name for name in given if name not in names]:
+        raise CableError.unknown("joint that moves the cables", unknown[0], names)
+    found = {}
+    for name in names:
+        rest = float(model.qpos0[int(model.joint(name).qposadr[0])])
+        angle = np.asarray(given.get(name, np.full(samples, rest)), dtype=np.float64)
+        if angle.shape != (samples,) or not np.isfinite(angle).all():
+            raise CableError(
+                f"the angles of joint {name!r} must be finite and (samples,) = "
+                f"({samples},), got {angle.shape}"
+            )
+        found[name] = angle
+    return found
+
+
+def _without_strangers(spec: MjSpec, bench: Bench) -> MjModel:
+    gone = [a for a in spec.actuators if a.plugin.name in bench.strangers]
+    names = {actuator.name for actuator in gone if actuator.name}
+    shown = mjtObj.mjOBJ_ACTUATOR
+    for sensor in list(spec.sensors):
+        if sensor.objtype == shown and sensor.objname in names:
+            spec.delete(sensor)
+    for actuator in gone:  # and with them the instances of the plugin
+        spec.delete(actuator)
+    return spec.compile()
+
+
+def _instrumented_model(
+    scene: str | os.PathLike[str] | MjSpec, cables: Collection[str] | None, driven: str
+) -> tuple[MjModel, Bench | None]:
+    """Return the compiled scene with instruments; the scene itself is not changed.
+
+    For a lever, which cannot have them, return the scene without the cables of other
+    axes, and its bench.
+    """
+    if isinstance(scene, MjSpec):
+        return scene.copy().compile(), None
+    spec = _spec(scene)
+    try:
+        if has_instruments(spec):
+            return spec.compile(), None
+        bench = Bench.of(os.fspath(scene), cables=cables, driven=driven)
+        if bench.lever is not None:
+            return _without_strangers(spec, bench), bench
+        add_instruments(spec, bench)
+        return spec.compile(), None
+    except CableError:
+        raise
+    except ValueError as error:
+        raise _unloadable(scene, error) from None
+
+
+def _spec(scene: str | os.PathLike[str]) -> MjSpec:
+    if not os.path.isfile(scene):
+        raise CableError(f"scene {scene} is no file; give an MJCF file")
+    return read_spec(scene)
+
+
+def _unloadable(scene: str | os.PathLike[str], error: ValueError) -> CableError:
+    reason = str(error).strip().splitlines()[0]
+    return CableError(f"scene {scene} does not load: {reason}")
+
+
+def _motion(
+    time: ArrayLike, motor_angle: ArrayLike, joint_angle: ArrayLike
+) -> tuple[FloatArray, FloatArray]:
+    """Return the time (samples,) and both angles (2, samples), checked."""
+    given = time, motor_angle, joint_angle
+    clock, motor, joint = (np.asarray(each, dtype=np.float64) for each in given)
+    if clock.ndim != 1 or not clock.shape == motor.shape == joint.shape:
+        raise CableError(
+            f"time, motor_angle and joint_angle have shapes {clock.shape}, "
+            f"{motor.shape} and {joint.shape}; all must be (samples,)"
+        )
+    if clock.size < 3:
+        raise CableError(f"a motion of {clock.size} samples; give 3 or more")
+    if not np.isfinite([clock, motor, joint]).all():
+        raise CableError("time and angles of a motion must be finite")
+    steps = np.diff(clock)
+    mean = float(steps.mean())
+    if not (mean > 0.0 and np.abs(steps - mean).max() <= Limit.step_tolerance * mean):
+        raise CableError("the samples of a motion must be evenly spaced in time")
+    return clock, np.array([motor, joint])

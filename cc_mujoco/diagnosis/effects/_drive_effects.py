@@ -455,8 +455,7 @@ JOINT_DELAY = "joint_delay"
 def delay_signal(signal: FloatArray, by: float, dt: float) -> FloatArray:
     """Return the signal delayed by this time, its first value held (samples,)."""
     at = np.arange(signal.size) * dt
-    found: FloatArray = np.interp(at - by, at, signal)
-    return found
+    return np.asarray(np.interp(at - by, at, signal))
 
 
 def _gain(s: Signals, v: Values) -> Signals:

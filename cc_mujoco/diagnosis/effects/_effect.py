@@ -120,18 +120,12 @@ class EffectParameter(NamedTuple):
 
 
 class TrialConditions(NamedTuple):
-    """Conditions of one trial that an effect may depend on.
+    """Conditions of one trial that an effect may depend on."""
 
-    Attributes:
-        order: place among the trials, the middle one 0: -1, 0, 1 of three.
-        temperature: mean over the trial minus the mean over all trials [K]; 0 where
-            it is not measured.
-        warming: rate at which the temperature rises during the trial [K/s].
-    """
-
-    order: float = 0.0
+    order: float = 0.0  # place among the trials, the middle one 0: -1, 0, 1 of three
+    # Mean over the trial less that over all trials [K]; 0 where it is not measured
     temperature: float = 0.0
-    warming: float = 0.0
+    warming: float = 0.0  # rate at which the temperature rises in the trial [K/s]
 
 
 USUAL_CONDITIONS = TrialConditions()
@@ -202,19 +196,12 @@ class Signals:
 
 
 class RigGeometry(NamedTuple):
-    """Properties of the rig and the trial that an effect may need.
+    """Properties of the rig and the trial that an effect may need."""
 
-    Attributes:
-        motor_radius: radius of the motor's pulley [m].
-        joint_radius: radius of the joint's pulley, or arm of its lever at 0 [m].
-        exit_angle: angle between where the two cables leave the motor's pulley [rad].
-        conditions: conditions of the trial.
-    """
-
-    motor_radius: float
-    joint_radius: float
-    exit_angle: float
-    conditions: TrialConditions = USUAL_CONDITIONS
+    motor_radius: float  # of the motor's pulley [m]
+    joint_radius: float  # of the joint's pulley, or arm of its lever at 0 [m]
+    exit_angle: float  # between where two cables leave the motor's pulley [rad]
+    conditions: TrialConditions = USUAL_CONDITIONS  # of the trial
 
 
 @dataclass(frozen=True, kw_only=True)

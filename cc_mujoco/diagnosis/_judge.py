@@ -205,12 +205,12 @@ def _largest_ratio(
 
 def _edges(error: FloatArray, middle: int, dt: float, smallest: float) -> slice:
     """Return the samples around one in which the error stays large."""
-    width = max(1, round(Limit.edge_window / dt))
+    width = max(1, round(0.1 / dt))
     local = np.sqrt(np.convolve(error, np.full(width, 1.0 / width), "same"))
     near = slice(max(0, middle - 5 * width), middle + 5 * width)
     least = max(Limit.edge_share * float(local[near].max()), smallest)
     large = np.flatnonzero(local > min(least, float(local[near].max()) * 0.999))
-    gaps = np.flatnonzero(np.diff(large) > Limit.bridged / dt)
+    gaps = np.flatnonzero(np.diff(large) > 1.0 / dt)  # of a second
     starts = large[np.concatenate([[0], gaps + 1])]
     ends = large[np.concatenate([gaps, [large.size - 1]])]
     own = int(np.argmin(np.maximum(starts - middle, 0) + np.maximum(middle - ends, 0)))
@@ -327,10 +327,7 @@ def detectability(
 
 
 def confounded_effects(shown: Testability) -> tuple[Confounded, ...]:
-    """Return effects that would show but for the freedom of the model's parameters.
-
-    An effect with several amplitudes is judged by the mixture that tuning hides best.
-    """
+    """Return effects that would show but for tuning, which hides them best."""
     size = np.linalg.norm(shown.slopes, axis=0)
     free = np.flatnonzero(size > 0.0)
     scaled = shown.slopes[:, free] / size[free]

@@ -34,9 +34,6 @@ class Limit:
     max_fitted_friction = 3.5  # Largest that is fitted; cables take 5, some unbalanced
     balance_deviation = 0.03  # Relative, of the difference of two cables' friction
     gain_sigmas = 3.0  # Largest error of a gain over its declared standard deviation
-    motion_duration = 40.0  # Length of a motion [s]
-    turn_rounding_time = 0.03  # over which a triangle is rounded where it turns [s]
-    max_tension_change = 0.8  # over the pretension, an end held: none goes slack
     weight_share = 0.5  # Force of a weight in place of a cable over the pretension
     max_band = 25.0  # Highest frequency compared [Hz]
     rest_angle_deviation = 0.01  # of a spring, unless it is declared [rad]
@@ -98,7 +95,6 @@ class Limit:
     drift_resolution = 0.01
     relevant_drift = 0.03  # change of the delay over a trial that matters [s]
     min_lead_correlation = 0.6  # Least significant correlation of lead and torque
-    rate_window = 0.05  # of rates, so that noise of the lead does not dominate [s]
     # Rise of ln(1 / (1 - R²)) of all trials by a delay that makes it certain
     min_late_gain = 0.1
     # Least ln(1 / (1 - R²)) at that delay: play leads as no torque does
@@ -119,8 +115,6 @@ class Limit:
     max_numerical_share = 0.15
     max_cable_segments = 64  # Most segments per cable
     max_substeps = 8  # Most simulation steps per sample
-    multistart_uncertainty = 0.3  # of a pretension from which on more starts are tried
-    multistart_factors = (0.1, 0.3, 3.0)  # Such starts, over the value that was given
     min_draw_share = 0.95  # of draws with a gap, so that its closing has an interval
     min_counted_samples = 100  # Samples that must count
     huber_delta = 3.0  # Deviations beyond which errors count less than their squares
@@ -133,7 +127,6 @@ class Limit:
     # effect, the way back along a flat valley takes twenty
     fitting_max_evaluations = 30
     relative_tolerance = 1e-3  # Share of the cost by which a fit goes on
-    max_corrections = 4  # Most fits of a corrected coarse simulation
     cost_tolerance = 5e-3  # of the cost of a reported fit: a tenth of a deviation
     record_pieces = 12  # Stretches of a record that are held out in turn
     held_share = 0.1  # Motion of a held angle, over the largest in any trial
@@ -144,20 +137,8 @@ class Limit:
     least = 3  # Trials that show their disagreement; of fewer their pieces do
     min_variance_share = 1e-9  # Least reduction of a variance by a part that informs
     noise_draws = 6  # Simulations with resampled angles
-    smoothing_time = 0.04  # Time over which the scatter is taken together [s]
     min_floor_share = 1e-3  # Least floor, over the RMS of the channel
-    slow = 1.0 / 6.0  # Band of movements that are put back, over that of played angles
-    # Share of them: some slow movements are noise, and most of them where readings are
-    # rounded. On rigs without effects this makes the floor equal to the error
-    put_back = 0.5
-    smooth = 1.0 / 5.0  # Band of the likely motion where the angle is well under way
-    pace = 4.0  # Way within `window` from which an angle is under way, over the play
-    window = 0.05  # [s]
-    # Time for which an angle has to move throughout; where it rests, smoothing would
-    # start it early, to which a sticking cable would respond [s]
-    clear = 0.2
     visible_ratio = 3.0  # Size over its standard error where an occasion could show it
-    absent = 1e-6  # Place of a fit below which a size is 0
     max_relative_width = 2.0  # Widest interval of a relative change that says something
     sigmas = 1.96  # Half width of a normal 95 % interval, in deviations
     normal_median = 0.6745  # Median size of normal noise, in deviations
@@ -172,7 +153,6 @@ class Limit:
     # none; it is 24 for a square root and 1e-3 for a square
     max_slope_ratio = 15.0
     rounding = 1e-9  # Relative change of torques that another way of solving makes
-    max_checked_records = 3  # Records on which effects are checked
     prerequisites_min_correlation = 0.8  # of torques that differ in size only
     max_torque_factor = 1.3  # by which a scene may be off, and a unit still shows
     # Squared error over that of the scene in another unit, from which on other values
@@ -182,20 +162,12 @@ class Limit:
     off_factor = 3.0  # by which a value of the scene has to be off to be no start
     pretension_off_factor = 2.0  # The same of a pretension; a fit trusts it to 10 %
     max_cost_ratio = 0.8  # Cost, over that of a scene that the data do not contradict
-    thinned_step = 0.04  # Time between the samples of a thinned record [s]
     error_scale = 0.1  # Error that counts as one, over the deviation of the readings
     # Mean squared error, over `error_scale`, up to which estimates are accepted. No
     # estimate explains torques of the opposite sign
     max_mean_square = 9.0
     start_values_settling_share = 0.1  # of the travel after which samples count
-    friction_grid = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)  # Friction times wrap on the grid
-    stiffness_grid = (0.25, 0.5, 1.0, 2.0, 4.0)  # over that of the line
-    pretension_grid = (0.1, 0.3, 1.0, 3.0, 10.0)  # over the tension that readings show
-    # Least share of a lever's arm at 0, and wrap [rad], that are divided by
-    min_arm = 0.1
-    min_wrap = 0.1
     start_values_min_samples = 50  # of thinned records; of fewer nothing is estimated
-    refined_points = 3  # Points of the grid from which fits start
     # RMS error of a second over the noise that effect-free rigs stay below: 6.6 at
     # most. Of eleven rigs of three makes with quick, slow and restful motions
     stretch_limit = 12.0
@@ -205,16 +177,12 @@ class Limit:
     # effect-free recordings, with frictions of 0.15 to 0.5 N m that build up over 1 to
     # 20 mrad, reach 1.3 in a second and 0.9 in a trial
     friction_swing = 2.0
-    edge_window = 0.1  # Time over which the edges of a stretch are found [s]
-    bridged = 1.0  # Time of small errors within a stretch [s]
     edge_share = 0.03  # Error at the edges of a stretch over its largest
     max_idle_share = 0.1  # Torque of a cable that transmits nothing, over the simulated
     trend_false_alarm_rate = 1e-2  # over all trends that are tested
     min_trend_trials = 4  # Trials from which on a trend can be tested
     min_trend_share = 0.3  # of the error that constants by trial have to take
-    max_fitted = 2  # Parameters that are fitted by simulation, the best to first order
     missed_sigmas = 2.0  # First-order change that no step reaches where a fit fails
-    dampings = (0.0, 1e-3, 0.03, 1.0)  # of a step, over the diagonal (Marquardt 1963)
     # Share of the squared error beyond the floor from which on constants by trial
     # without a trend are the verdict; of single effects that are hidden in rigs they
     # take 4 %
@@ -226,7 +194,6 @@ class Limit:
     min_outlier_trials = 3  # Trials from which one can stand out
     outlier_ratio = 2.0  # Its error over that of the rest fitted without it
     outlier_floor_ratio = 3.0  # Error of a trial that stands out, over the noise floor
-    max_suspects = 2  # Trials that are left out in turn, the worst first
     # Error that such a trial may keep with a constant of its own, over that of the
     # rest: an error that no constant mends is one of the model, and is largest where
     # the motion is largest
@@ -239,7 +206,6 @@ class Limit:
 
     # Search.
     lookalike_cosine = 0.9  # beyond which screening cannot distinguish two signatures
-    bootstrap_draws = 400  # Block bootstraps
     max_z = 6.0  # Largest z that odds are given for
     max_refitted = 6  # Most candidates that are refitted by simulation in one round
     min_leader_share = 0.15  # of the leader's explained error, to be refitted
@@ -247,7 +213,6 @@ class Limit:
     min_predicted_share = 0.3  # Predicted reduction over the acceptance threshold
     max_effects = 4  # Most effects that are added
     max_model_change = 0.1  # Relative change of torques that leaves changes the same
-    max_models = 3  # Models of which the changes of a record are kept, those used last
     min_square_share = 1e-9  # of a signature below which nothing of it is left
     min_split_trials = 4  # Trials that can be parted
     agreement_share = 0.9  # Share of the parts that must name what is called missing
@@ -320,7 +285,6 @@ class Limit:
 
     # Data without a motor angle or without a torque.
     loss_min_blocks = 6  # Blocks of sliding that either direction must have
-    min_block_time = 0.25  # Shortest block that a long stroke is divided into [s]
     moving_share = 0.05  # of its usual top speed from which on the joint moves
     min_load_spread = 0.1  # Deviation of the load over its mean; below, it is constant
     min_speed_range = 2.0  # Fast over slow from which a drag can be distinguished
@@ -344,19 +308,11 @@ class Limit:
     min_visible_size = 1.0  # Size over noise below which an effect is too small
     # Width of every figure [inch]: text can be read where the page is 390 px wide
     figure_width = 4.8
-    matrix_width = 7.2  # Width of the folded matrix of effects, which scrolls [inch]
-    label_place = -0.13  # of an excerpt's labels, in widths of a panel from its left
-    max_maps = 4  # Maps that are drawn; others are mentioned
-    legend_share = 0.12  # Room for it, before the curves, over the time that they take
     concentrated_share = 0.5  # of the error that the worst trials make together
     sufficient_share = 0.8  # of the error of an effect that suffices by itself
 
     # Repaired scene.
     probe_inertia = 1e-6  # of the body whose torque measures an acceleration [kg m^2]
-    play_damping = 0.02  # Ratio of a pulley within its play, on the cables alone
-    phase_index = 2  # Index of the ripple's phase in the bias parameters of a DC motor
     no_input = 16  # `ctrlspec` of `input="none"`, which adds no element to `ctrl`
     rehearsal_swing = 0.3  # of the joint in the rehearsal [rad]
-    torque_tolerance = 1e-3  # of the largest torque
     drive_armature = 1e8  # Armature that makes a joint go where it is driven [kg m^2]
-    step_tolerance = 1e-3  # Relative deviation of a time step that is still even

@@ -551,10 +551,7 @@ def _nearest_peak(match: FloatArray, expected: float, step: float) -> float | No
 
 
 def check_alignment(trial: Trial, alone: bool = False) -> list[DataFinding]:
-    """Find clocks that drift relative to each other, and implausible delays.
-
-    Where one cable joins the sides `alone`, slack lets either move by itself.
-    """
+    """Find drifting clocks and delays; one cable `alone` makes delays by slack, too."""
     a = measure_alignment(trial)
     grown = a.drift * (trial.time[-1] - trial.time[0])
     motor, joint = (trial.labels.get(name, name) for name in (MOTOR_ANGLE, JOINT_ANGLE))
@@ -668,10 +665,7 @@ def _late_channel(
 
 
 def _peak(fits: FloatArray, least: float) -> tuple[int, float]:
-    """Return the lag of the best fit [samples], and how much better it is than 0.
-
-    Both are 0 where no lag makes a fit of at `least` this.
-    """
+    """Return the lag of the best fit [samples] and its gain over 0; 0 below `least`."""
     middle, top = fits.size // 2, int(np.argmax(fits))
     if fits[top] < least:
         return 0, 0.0
@@ -720,7 +714,7 @@ def _fits_by_lag(
 
 def _mean_rate(signal: FloatArray, step: float) -> FloatArray:
     """Return the change of a signal between means of adjacent windows."""
-    width = max(1, round(Limit.rate_window / step))
+    width = max(1, round(0.05 / step))
     mean = np.convolve(signal, np.full(width, 1.0 / width), "valid")
     return mean[width:] - mean[:-width]
 

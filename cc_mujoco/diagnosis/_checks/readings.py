@@ -67,10 +67,7 @@ def check_recording(
 
 
 def check_trials(trials: Sequence[Trial], alone: bool = False) -> list[DataFinding]:
-    """Run all checks of one rig's trials; `alone`: it has a single cable.
-
-    Where the cables were taken off, nothing relates one side to the other.
-    """
+    """Run all checks of one rig's trials; `alone` if it has a single cable."""
     hooked = [trial for trial in trials if not trial.facts.unhooked]
     known = [measure_mechanics(trial) for trial in hooked]
     findings = check_ratios(hooked, known) + check_sizes(hooked, known)

@@ -150,7 +150,7 @@ def _factor_between(one: float, other: float) -> float:
 
 def _thin_record(record: Record) -> Record:
     """Return a record with fewer samples, all but the first of which count."""
-    every = max(1, round(Limit.thinned_step / record.dt))
+    every = max(1, round(0.04 / record.dt))
     moved = np.abs(np.diff(record.motor_angle)) + np.abs(np.diff(record.joint_angle))
     travel = np.concatenate([[0.0], np.cumsum(moved)])
     counts = (travel > Limit.start_values_settling_share * travel[-1]) & (
@@ -208,7 +208,7 @@ def _mean_tension(dataset: Dataset, bench: Bench, record: Record) -> FloatArray:
         ends.append(shown[1] / bench.joint_radius)
     elif not ends:
         arm = bench.share(record.joint_angle, record.path)
-        ends.append(shown[1] / (bench.joint_radius * np.maximum(arm, Limit.min_arm)))
+        ends.append(shown[1] / (bench.joint_radius * np.maximum(arm, 0.1)))
     return np.asarray(np.mean(ends, axis=0))
 
 
@@ -222,14 +222,16 @@ class _Grid:
         stiff = line.slope * scene.length / len(bench.cables)
         if not (stiff > 0.0 and line.spread > 0.0):
             stiff = scene.axial_stiffness
-        wrap = max(scene.wrap, Limit.min_wrap)
-        friction = np.divide(Limit.friction_grid, wrap)
+        wrap = max(scene.wrap, 0.1)
+        friction = np.divide((0.01, 0.03, 0.1, 0.3, 1.0, 3.0), wrap)
         points = {
             "friction": np.minimum(friction, Limit.max_fitted_friction),
             "axial_stiffness": np.minimum(
-                np.multiply(Limit.stiffness_grid, stiff), MAX_FITTED_STIFFNESS
+                np.multiply((0.25, 0.5, 1.0, 2.0, 4.0), stiff), MAX_FITTED_STIFFNESS
             ),
-            "pretension": np.multiply(Limit.pretension_grid, max(line.spread, 1e-3)),
+            "pretension": np.multiply(
+                (0.1, 0.3, 1.0, 3.0, 10.0), max(line.spread, 1e-3)
+            ),
         }
         known = dataset.constants
         self._points = {n: p.tolist() for n, p in points.items() if n not in known}
@@ -285,7 +287,7 @@ class _Grid:
             problem, self._place(problem, given)
         ):
             return {}, math.inf
-        order = np.argsort(costs)[: Limit.refined_points]
+        order = np.argsort(costs)[:3]
         best, cost = self._refined(problem, [grid[k] for k in order])
         size = len(self._dataset.instruments.rows) * _count(self._records)
         if known and cost > Limit.max_mean_square * size:
@@ -430,8 +432,8 @@ def fit_baseline(
     # Where the pretension is unknown, fits end in different minima, depending on
     # whether the slack side of a pair goes slack.
     for k, p in enumerate(free):
-        if p.name == "pretension" and p.scale > Limit.multistart_uncertainty:
-            for factor in Limit.multistart_factors:
+        if p.name == "pretension" and p.scale > 0.3:
+            for factor in (0.1, 0.3, 3.0):
                 starts.append(np.zeros(len(free)))
                 starts[-1][k] = math.log(factor) / p.scale
     while True:
@@ -680,7 +682,7 @@ def check_effects(
     """
     notes = []
     effects = plant.library.effects
-    few = plant.limited(plant.records[: Limit.max_checked_records])
+    few = plant.limited(plant.records[:3])
     for name in ids:
         if name not in effects:
             library = plant.library

@@ -315,10 +315,7 @@ def _basis(columns: FloatArray) -> FloatArray:
 
 
 def controls_of(problem: Problem, x: FloatArray, masks: Masks) -> FloatArray:
-    """Return changes of residuals (data, controls) by effects of ordinary size.
-
-    Effects that the model has are fitted and left out here.
-    """
+    """Return changes (data, controls) by ordinary sizes of effects not in the model."""
     rows = len(problem.plant.instruments.rows)
     count = rows * sum(int(mask.sum()) for mask in masks)
     wider, sizes = problem, []
@@ -395,10 +392,7 @@ def disagreement(
 
 
 def parts_of(records: Sequence[Record], masks: Masks) -> NDArray[np.int64]:
-    """Return the group of each residual (data,): its trial and its repetitions.
-
-    With fewer trials than `Limit.least` it is one of the pieces of every record.
-    """
+    """Return the trial group of each residual (data,), a piece of it of few trials."""
     pairs = list(zip(records, masks, strict=True))
     groups = sorted({record.group for record, mask in pairs if mask.any()})
     found = []

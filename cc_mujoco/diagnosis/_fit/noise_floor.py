@@ -102,7 +102,7 @@ def noise_floor(
     tolerance = []
     for total, record, base in zip(wide, plant.records, bases, strict=True):
         # The highest local mean nearby counts, because spikes shift in time.
-        size = max(3, round(Limit.smoothing_time / record.dt))
+        size = max(3, round(0.04 / record.dt))
         mean = uniform_filter1d(total, size, axis=1)
         tolerance.append(np.sqrt(maximum_filter1d(mean, size, axis=1) + base))
     return NoiseFloor(
@@ -203,13 +203,17 @@ def _likely(
 
     if width == 0.0:
         return angle
-    hidden = low_pass(seen - angle, Limit.slow * band, 1.0 / dt)
-    found = angle + Limit.put_back * hidden
-    smooth = low_pass(found, Limit.smooth * band, 1.0 / dt)
-    half = max(1, round(0.5 * Limit.window / dt))
+    # Half of the slow movements are put back: some are noise, most of them where
+    # readings are rounded. On rigs without effects the floor then equals the error.
+    hidden = low_pass(seen - angle, 1.0 / 6.0 * band, 1.0 / dt)
+    found = angle + 0.5 * hidden
+    # The angle is smooth where it is under way for 0.2 s: near rests, smoothing would
+    # start it early, to which a sticking cable would respond.
+    smooth = low_pass(found, 1.0 / 5.0 * band, 1.0 / dt)
+    half = max(1, round(0.5 * 0.05 / dt))
     wide = np.pad(smooth, half, mode="edge")
-    moves = np.abs(wide[2 * half :] - wide[: -2 * half]) > Limit.pace * width
-    clear = minimum_filter1d(moves.astype(float), 2 * round(0.5 * Limit.clear / dt) + 1)
+    moves = np.abs(wide[2 * half :] - wide[: -2 * half]) > 4.0 * width
+    clear = minimum_filter1d(moves.astype(float), 2 * round(0.5 * 0.2 / dt) + 1)
     share: FloatArray = uniform_filter1d(clear, 2 * half + 1)
     return found + share * (smooth - found)
 

@@ -57,10 +57,7 @@ class _Tangent:
     slopes: FloatArray  # (parameters, 2, samples) [N m]
 
     def follow(self, x: FloatArray, torque: FloatArray, reach: FloatArray) -> bool:
-        """Update from a simulation at `x` with `torque`; return False if invalid now.
-
-        `reach` is the (parameters,) change over which derivatives hold.
-        """
+        """Update from a simulation at `x`; return False if no longer valid."""
         moved = (x - self.place) / reach
         if np.max(np.abs(moved)) < Limit.min_change:
             return True
@@ -168,10 +165,7 @@ class TorqueDerivatives:
 def jacobian(
     problem: Problem, x: FloatArray, masks: Masks, explained: bool = False
 ) -> FloatArray:
-    """Compute the derivative of `Problem.residual` (residuals, parameters).
-
-    If `explained`, as if the model explained the data, see `residual_slopes`.
-    """
+    """Compute the derivative of `Problem.residual` (residuals, parameters)."""
     seen = [k for k, mask in enumerate(masks) if mask.any()]
     priors = np.diag([-1.0 / p.prior for p in problem.tuned])
     priors = priors[:, [np.isfinite(p.prior) for p in problem.tuned]]
@@ -207,11 +201,7 @@ def residual_slopes(
 def residual_changes(
     steep: Sequence[tuple[FloatArray, NDArray[np.bool_]]], changes: Sequence[FloatArray]
 ) -> FloatArray:
-    """Return first-order changes of `Problem.residual` without priors (k, residuals).
-
-    `steep` is from `residual_slopes`; `changes` of the torques are (k, 2, samples) of
-    the same records [N m].
-    """
+    """Return first-order changes (k, residuals) by changes of torques [N m]."""
     parts = [
         (change[:, :, mask] * each).reshape(len(change), -1)
         for (each, mask), change in zip(steep, changes, strict=True)
@@ -460,10 +450,7 @@ class Problem:
 
 
 def kept_samples(parts: Iterable[FloatArray], masks: Masks) -> FloatArray:
-    """Return the values of samples within masks, record by record and row by row.
-
-    `parts` has (rows, samples) of every record.
-    """
+    """Return values (rows, samples) within masks, record by record, row by row."""
     kept = zip(parts, masks, strict=True)
     return np.concatenate([part[:, mask].ravel() for part, mask in kept])
 
@@ -546,7 +533,7 @@ def fit(
     x: FloatArray = np.clip(start, low, high)
     seen = [k for k, mask in enumerate(masks) if mask.any()]
     cost = cost_at(x)
-    for _ in range(Limit.max_corrections):
+    for _ in range(4):
         rough = problem.corrected(x, seen)
         there = fit(rough, x, masks, evaluations, tolerance).x
         gain = cost - cost_at(there)
@@ -749,10 +736,7 @@ def blocks(
 def block_sums(
     problem: Problem, masks: Masks, parts: Sequence[FloatArray]
 ) -> FloatArray:
-    """Return sums of parts (k, samples) in blocks of a second (blocks, k).
-
-    Blocks without any sample within the masks are left out.
-    """
+    """Return sums of parts (k, samples) in blocks of a second (blocks, k)."""
     found = []
     for record, mask, part in zip(problem.plant.records, masks, parts, strict=True):
         size = max(2, round(BOOTSTRAP_BLOCK / record.dt))

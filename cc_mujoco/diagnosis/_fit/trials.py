@@ -134,10 +134,7 @@ class Odd(NamedTuple):
 
 
 def exchanged_torques(problem: Problem, x: FloatArray) -> str:
-    """Return in a sentence which trials have exchanged torque columns, or "".
-
-    The others predict such a trial once its torques are exchanged.
-    """
+    """Return which trials fit once their torque columns are exchanged, or ""."""
     records, every = problem.plant.records, _record_indices(problem)
     places = {
         name: own
@@ -191,7 +188,7 @@ def find_outlier_trial(
         return None
     off = misfits(problem, x)
     large = {name for name in off if off[name] > Limit.outlier_floor_ratio / 2.0}
-    worst = sorted(off, key=lambda name: -off[name])[: Limit.max_suspects]
+    worst = sorted(off, key=lambda name: -off[name])[:2]
     suspects: list[tuple[str, ...]] = [(name,) for name in worst if name in large]
     tilts = {name: problem.plant.records[own[0]].tilt for name, own in places.items()}
     for tilt in sorted(set(tilts.values()) - {0.0}):
@@ -243,10 +240,7 @@ def _extreme_condition(problem: Problem, names: Sequence[str]) -> str:
 
 
 def misfits(problem: Problem, x: FloatArray) -> dict[str, float]:
-    """Return the misfit of every trial, by name: 1 is as good as noise.
-
-    It is the Huber-weighted RMS error over the RMS of noise alone.
-    """
+    """Return every trial's RMS error, by Huber, over that of noise alone."""
     errors = _errors(problem, x)
     return {
         name: _misfit(problem, own, [errors[k] for k in own])
@@ -417,18 +411,14 @@ def trial_constants(problem: Problem, x: FloatArray) -> tuple[TrialConstants, ..
         if parameter.name in VARIED_PARAMETERS and by_trial.affects_every_trial(index)
     ]
     able.sort(key=lambda one: -one.foreseen)
-    found = [one.fitted() for one in able[: Limit.max_fitted]]
+    found = [one.fitted() for one in able[:2]]
     return tuple(sorted(found, key=lambda each: -each.share))
 
 
 def constants_by_occasion(
     problem: Problem, x: FloatArray, indices: Sequence[int]
 ) -> tuple[TrialConstants, ...]:
-    """Return parameters with a value of their own on every occasion.
-
-    The model was fitted to all trials at `x`. A parameter that an occasion does not
-    inform is left out.
-    """
+    """Return parameters by occasion, if all occasions inform about them."""
     by_occasion = _ByTrial(problem, x, lambda record: record.occasion)
     able = filter(by_occasion.affects_every_trial, indices)
     return tuple(_OneByTrial(by_occasion, index).fitted() for index in able)
@@ -437,10 +427,7 @@ def constants_by_occasion(
 def trial_trends(
     found: TrialConstants, ordinates: Mapping[str, FloatArray]
 ) -> tuple[Trend, ...]:
-    """Return regressions of trial constants, the least probable first.
-
-    `ordinates` are (trials,) by name; those without variation are left out.
-    """
+    """Return regressions on ordinates (trials,), the least probable first."""
     tried = []
     for name, values in ordinates.items():
         good = np.isfinite(values) & np.isfinite(found.change)
@@ -543,10 +530,7 @@ class _ByTrial:
 
 
 class _OneByTrial:
-    """Gauss-Newton with one parameter by trial, by the derivatives of the whole fit.
-
-    The unknowns are the other parameters, then this one in every trial.
-    """
+    """Gauss-Newton with one parameter by trial; the unknowns end with its values."""
 
     def __init__(self, model: _ByTrial, index: int) -> None:
         problem, trials = model.problem, np.zeros(len(model.trials))
@@ -570,7 +554,7 @@ class _OneByTrial:
         best = self._cost(error, place)
         for _ in range(4):
             design = self._design(slopes)
-            for damping in Limit.dampings:
+            for damping in (0.0, 1e-3, 0.03, 1.0):  # Marquardt 1963
                 step = self._step(design, error, place, damping)
                 # No logarithm changes by more than a factor of 2.
                 longest = float(np.max(np.abs(step) * self._scales))
@@ -688,10 +672,7 @@ class TrialDifferences(NamedTuple):
         return cls(constants, ordinates)
 
     def at_random(self, misfit: float) -> str:
-        """Return in words the constant that differs at random between trials, or "".
-
-        `misfit` is that of the tuned scene.
-        """
+        """Return the constant that differs at random in words, or ""."""
         for _, where in self.described(""):
             if where.axis == "trial" and where.share_of_error > Limit.random_share:
                 return (
@@ -703,10 +684,7 @@ class TrialDifferences(NamedTuple):
         return ""
 
     def described(self, worst: str) -> list[tuple[str, Where]]:
-        """Return constants that differ from trial to trial in words, short and in full.
-
-        `worst` is the channel with the largest error.
-        """
+        """Return constants that differ in words, short and in full."""
         able = [each for each in self.constants if each.share >= Limit.min_trend_share]
         if not able:
             return []
@@ -792,7 +770,7 @@ def compare_occasions(
         indices = [
             k
             for k in amplitude_indices(problem, [effect])
-            if abs(x[k]) > Limit.absent  # others are at a bound
+            if abs(x[k]) > 1e-6  # others are at a bound
         ]
         for each in constants_by_occasion(problem, x, indices):
             shared = each.parameter.value(float(x[problem.tuned.index(each.parameter)]))

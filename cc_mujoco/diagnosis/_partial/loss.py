@@ -391,7 +391,7 @@ def _blocks(strokes: Sequence[Stroke], settling: float) -> list[_Block]:
     for way in (1.0, -1.0):
         own = [s for s in strokes if s.sign == way and s.travel[-1] > settling]
         time = sum(float(np.sum(s.travel > settling)) * s.step for s in own)
-        longest = max(Limit.min_block_time, time / 12)
+        longest = max(0.25, time / 12)
         for stroke in own:
             rows = np.flatnonzero(stroke.travel > settling)
             columns = _columns(stroke)

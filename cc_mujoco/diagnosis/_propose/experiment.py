@@ -106,14 +106,14 @@ def motions(
         """Return the change of the joint's angle as the motor carries it along."""
         return np.asarray(bench.carried(motor_middle + motor) - joint_middle)
 
-    time = np.arange(0.0, Limit.motion_duration, MOTION_STEP)
+    time = np.arange(0.0, 40.0, MOTION_STEP)
 
     def triangle(size: float, speed: float | FloatArray) -> FloatArray:
         travel = np.cumsum(np.broadcast_to(speed, time.shape)) * MOTION_STEP
         phase = travel / (4.0 * size)
         wave = size * (1.0 - 4.0 * np.abs((phase + 0.25) % 1.0 - 0.5))
         # No motor turns in an instant.
-        width = Limit.turn_rounding_time / MOTION_STEP
+        width = 0.03 / MOTION_STEP
         return np.asarray(gaussian_filter1d(wave, width, mode="nearest"))
 
     shares = 0.02, 0.06, 0.2, 0.5, 1.0  # of the greatest speed, one after another
@@ -124,7 +124,7 @@ def motions(
     chirp = loudness * np.sin(2.0 * np.pi * (0.1 * time + 0.04 * time**2))
     cable = bench.cables[0]
     # This nearly loosens one cable and tightens the other as much.
-    taut = Limit.max_tension_change * cable.pretension
+    taut = 0.8 * cable.pretension
     stretch = taut / cable.axial_stiffness * cable.length
     taut_angle = stretch / bench.motor_radius
     give = 1.0 - stretch / (ratio * swing * bench.joint_radius)

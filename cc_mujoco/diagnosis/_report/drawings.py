@@ -121,10 +121,7 @@ def invisible_effects(isolability: Isolability) -> list[str]:
 
 
 def draw_isolability(isolability: Isolability, width: float) -> Figure | None:
-    """Draw a heat map of cosines and bars of visibility; None without effects.
-
-    Similar effects are adjacent.
-    """
+    """Draw a heat map of cosines and bars of visibility; None without effects."""
     from matplotlib.colors import LinearSegmentedColormap
 
     count = len(isolability.ids)
@@ -190,7 +187,7 @@ def draw_figures(diagnosis: Diagnosis, evidence: Evidence) -> dict[str, Figure]:
     found: dict[str, Figure | None] = {
         "gap": draw_gap(diagnosis.gap) if diagnosis.gap else None,
         "maps": draw_maps(shown_maps(evidence), both) if evidence.maps else None,
-        "isolability": draw_isolability(evidence.isolability, Limit.matrix_width),
+        "isolability": draw_isolability(evidence.isolability, 7.2),
     }
     most, usual = worst_excerpt(evidence), ordinary_excerpt(evidence)
     if most is not None:
@@ -206,7 +203,7 @@ def shown_maps(evidence: Evidence) -> list[Map]:
     """Return the maps to draw, by share: those beyond chance, or else the best two."""
     ranked = sorted(evidence.maps, key=lambda each: -np.nan_to_num(each.share))
     real = [each for each in ranked if each.share > each.chance]
-    return real[: Limit.max_maps] or ranked[:2]
+    return real[:4] or ranked[:2]
 
 
 def draw_gap(gaps: Mapping[str, Gap]) -> Figure:
@@ -234,10 +231,7 @@ def draw_gap(gaps: Mapping[str, Gap]) -> Figure:
 
 
 def draw_maps(maps: list[Map], both: bool) -> Figure:
-    """Draw the mean error over the quantities along which it varies, a panel each.
-
-    `both` is true if the model of `after` differs.
-    """
+    """Draw the mean error over quantities, a panel each; `both` with two models."""
     drawing = figure(Limit.figure_width, 0.4 + 2.2 * len(maps))
     panels = drawing.subplots(len(maps), squeeze=False)[:, 0]
     for axes, each in zip(panels, maps, strict=True):
@@ -248,10 +242,7 @@ def draw_maps(maps: list[Map], both: bool) -> Figure:
 
 
 def draw_excerpt(excerpt: Excerpt, both: bool) -> Figure:
-    """Draw torques of a stretch of a trial, their residuals, and the motion.
-
-    `both` is true if the model of `after` differs.
-    """
+    """Draw torques of a stretch, their residuals, motion; `both` with two models."""
     trace, part = excerpt.trace, excerpt.part
     time = trace.time[part]
     heights = [1.6, 1.0] * len(trace.measured) + [1.1]
@@ -284,7 +275,7 @@ def draw_excerpt(excerpt: Excerpt, both: bool) -> Figure:
     panels[-1].set(title="Motion", ylabel="angle [rad]", xlabel="time [s]")
     panels[-1].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
     for axes in panels:
-        axes.yaxis.set_label_coords(Limit.label_place, 0.5)
+        axes.yaxis.set_label_coords(-0.13, 0.5)
     return drawing
 
 

@@ -214,10 +214,7 @@ REPORT_PAGE = "report.html"
 def write_report(
     folder: str | os.PathLike[str], diagnosis: Diagnosis, evidence: Evidence
 ) -> None:
-    """Write `report.html` and its figures, all of them or none.
-
-    Figures of an older report in the folder are deleted if this one does not have them.
-    """
+    """Write `report.html` and its figures, all or none, and delete older figures."""
     with replacing_folder(folder) as partial:
         with style():
             drawings = draw_figures(diagnosis, evidence)
@@ -472,10 +469,7 @@ def write_and_compare_scene(result: DiagnosisResult, path: Path) -> list[str]:
 
 
 def _use_scene_angle(effects: dict[str, dict[str, float]], offset: float) -> None:
-    """Make effects that depend on the measured angle act on that of the scene.
-
-    The angle of the scene is the measured one plus the offset.
-    """
+    """Make effects of the measured angle act on that angle plus the offset."""
     if "joint_gravity" in effects:
         weight = effects["joint_gravity"]
         sine, cosine = weight["gravity_sine"], weight["gravity_cosine"]
@@ -490,10 +484,7 @@ def _use_scene_angle(effects: dict[str, dict[str, float]], offset: float) -> Non
 
 
 def rollout_difference(result: DiagnosisResult, path: Path) -> tuple[str, float, float]:
-    """Return the RMS difference of scene and replay in the first seconds [N m].
-
-    Before it comes the trial, and after it the RMS torque of the replay [N m].
-    """
+    """Return a trial, its RMS difference of scene and replay, and RMS torque [N m]."""
     problem = result.problem
     assert problem is not None
     records, lever = problem.plant.records, result.bench.lever

@@ -31,7 +31,6 @@ from cc_mujoco.diagnosis._report.drawings import (
     model_changed,
     worst_excerpt,
 )
-from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis._verdict import MODELS, Evidence, Map, TrialTrace
 from cc_mujoco.native import FloatArray
 from cc_mujoco.report import _markdown as markdown
@@ -162,7 +161,7 @@ def _ranked(evidence: Evidence) -> list[Map]:
 def _trial_tab(trace: TrialTrace) -> rrb.Vertical:
     def view(part: str, name: str, *lines: FloatArray) -> rrb.TimeSeriesView:
         origin = rr.new_entity_path(["trials", trace.trial, part])
-        return plot(origin, name, trace.time, lines, room=Limit.legend_share)
+        return plot(origin, name, trace.time, lines, room=0.12)
 
     views = []
     for name, measured in trace.measured.items():

@@ -103,10 +103,7 @@ def _coefficients(band: float) -> tuple[float, float, float]:
 
 @compiled
 def _pass_both_ways(gain: float, a1: float, a2: float, rows: FloatMatrix) -> None:
-    """Filter rows (rows, samples) in place, forwards and then backwards in time.
-
-    Each pass begins at rest in the first value.
-    """
+    """Filter rows (rows, samples) in place forwards, then back, each from rest."""
     count = rows.shape[1]
     for row in range(rows.shape[0]):
         for way in range(2):

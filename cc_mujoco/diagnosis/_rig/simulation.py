@@ -124,10 +124,7 @@ def values_on(values: Mapping[str, float], occasion: str) -> Mapping[str, float]
 def change_parameters(
     baseline: Sequence[Tuned], records: Sequence[Record], bench: Bench
 ) -> list[Tuned]:
-    """Return the changes that are fitted for each occasion but the last.
-
-    `baseline` has the parameters of one occasion.
-    """
+    """Return the changes from the one `baseline` for each occasion but the last."""
     *earlier, last = occasions_of(records)
     found = []
     for occasion in earlier:
@@ -487,11 +484,7 @@ class SimulatedRig:
         effects: Sequence[str] = (),
         only: Sequence[int] | None = None,
     ) -> list[FloatArray]:
-        """Return the torques (rows, samples) of every record, as instruments show them.
-
-        `values` are baseline and effect parameters by name, `only` the indices of the
-        records to simulate, by default all.
-        """
+        """Return the torques (rows, samples) of every record, or `only` of some."""
         chosen = self.records if only is None else [self.records[k] for k in only]
         here = {own: values_on(values, own) for own in {r.occasion for r in chosen}}
         settings: dict[tuple[object, ...], Setting] = {}  # many trials share one

@@ -101,10 +101,7 @@ def has_instruments(spec: MjSpec) -> bool:
 
 
 def add_instruments(spec: MjSpec, bench: Bench) -> None:
-    """Add sensors of the four channels to a scene, except existing ones.
-
-    The radii of the bench are the weights of the cables' tensions.
-    """
+    """Add sensors of the four channels to a scene, except existing ones."""
     if bench.lever is not None:
         raise CableError(
             f"scene {bench.path}: cable {bench.names[0]} pulls a lever, whose torque "
@@ -325,19 +322,12 @@ GRAVITY_ACTUATOR = "joint_gravity"
 
 
 def rim_stiffness(bench: Bench, radius: float) -> float:
-    """Return the stiffness of all cables' ends about a pulley of this radius [N m/rad].
-
-    Each cable counts with its stiffer end, where only the outermost segment moves.
-    """
+    """Return the stiffness of all cables' stiffer ends about a pulley [N m/rad]."""
     return sum(max(end_stiffness(cable)) for cable in bench.cables) * radius**2
 
 
 def backlash(spec: MjSpec, bench: Bench, values: Values) -> None:
-    """Add play [rad] between joint and pulley to `spec`, in place.
-
-    The pulley gets a second hinge, coupled to the joint by a tendon limited to
-    +-play/2.
-    """
+    """Add play by a pulley whose tendon to the joint is limited to +-play/2 [rad]."""
     play = values["backlash"]
     if play < 0.0:
         raise CableError(f"backlash is {play!r} rad; it must be 0 or more")
@@ -380,17 +370,14 @@ def backlash(spec: MjSpec, bench: Bench, values: Values) -> None:
     tendon.frictionloss, tendon.armature = 0.0, 0.0
     tendon.stiffness[:] = 0.0
     tendon.damping[:] = 0.0
-    tendon.damping[0] = 2.0 * Limit.play_damping * inertia / step
+    tendon.damping[0] = 2.0 * 0.02 * inertia / step
     tendon.wrap_joint(name, 1.0)
     tendon.wrap_joint(bench.joint, -1.0)
     _keep_keyframes(spec, model, bench.joint, name)
 
 
 def _keep_keyframes(spec: MjSpec, before: MjModel, joint: str, pulley: str) -> None:
-    """Keep every keyframe, with a new pulley at the angle of its joint.
-
-    MuJoCo appends zeros, whichever joint is new.
-    """
+    """Keep keyframes, with a new pulley at its joint; MuJoCo appends zeros."""
     after = spec.compile()
     old, new = before.joint(joint), after.joint(pulley)
     keys = zip(spec.keys, before.key_qpos, before.key_qvel, strict=True)
@@ -424,7 +411,7 @@ def tilt_rig(model: MjModel, tilt: float) -> None:
     """Tilt a rig about its joint's axis by an angle [rad], which shifts its weight."""
     number = mujoco.mj_name2id(model, mjtObj.mjOBJ_ACTUATOR, GRAVITY_ACTUATOR)
     if number >= 0:
-        model.actuator_biasprm[number, Limit.phase_index] += tilt
+        model.actuator_biasprm[number, 2] += tilt  # phase of the ripple
 
 
 def _add_periodic_torque(
@@ -584,10 +571,7 @@ REALISATIONS: dict[str, _Realisation] = {
 
 
 def realisations() -> dict[str, _Realisation]:
-    """Return the table with the effects that edit the scene by themselves.
-
-    Effects of the mechanics come before those of sensors.
-    """
+    """Return the table with effects that edit the scene, mechanics before sensors."""
     whole = dict(REALISATIONS)
     for effect in EFFECTS.values():
         if effect.edit_spec is not None:

@@ -80,10 +80,7 @@ class Changes:
         self._kept: dict[Record, list[tuple[FloatArray, dict[_Key, FloatArray]]]] = {}
 
     def at(self, record: Record, torque: FloatArray) -> dict[_Key, FloatArray]:
-        """Return the changes that hold where a model has this torque (2, samples).
-
-        The caller adds what it simulates.
-        """
+        """Return the changes that hold at a torque; the caller adds to them."""
         kept = self._kept.setdefault(record, [])
         off = [float(np.sum((torque - known) ** 2)) for known, _ in kept]
         least = int(np.argmin(off)) if off else -1
@@ -91,15 +88,12 @@ class Changes:
             kept.append(kept.pop(least))  # the one used last goes last
         else:
             kept.append((torque, {}))
-            del kept[: -Limit.max_models]
+            del kept[:-3]  # models used longest ago
         return kept[-1][1]
 
 
 class _Place:
-    """Fitted model to which effects can be added.
-
-    With `explained`, residuals are treated as zero.
-    """
+    """Fitted model to which effects can be added, without error if `explained`."""
 
     def __init__(
         self,
@@ -144,10 +138,7 @@ class _Place:
         return start
 
     def columns(self, name: str, number: int) -> FloatArray | None:
-        """Return the residual changes by a start of an effect (residuals, amplitudes).
-
-        They are None where the effect cannot be simulated.
-        """
+        """Return changes (residuals, amplitudes), None if not to be simulated."""
         effect = self.problem.plant.library.effects[name]
         start = self.start(name, number)
         wider = self.problem.coarse.with_effect(name, start)
@@ -533,6 +524,6 @@ def confidence(sums: dict[str, FloatArray], name: str, seed: int = 0) -> float:
     random = np.random.default_rng(seed)
     table = np.array(list(sums.values()))
     place = list(sums).index(name)
-    draws = random.integers(0, table.shape[1], (Limit.bootstrap_draws, table.shape[1]))
+    draws = random.integers(0, table.shape[1], (400, table.shape[1]))
     totals = table[:, draws].sum(axis=2)
     return float(np.mean(np.argmin(totals, axis=0) == place))

@@ -70,10 +70,7 @@ from cc_mujoco.native import FloatArray
 def gap_shares(
     baseline: CrossValidation, now: CrossValidation, known: list[CrossValidation]
 ) -> dict[str, float]:
-    """Return the share of the gap that reopens without each effect, by id.
-
-    Models that are fitted for that are added to `known`.
-    """
+    """Return the share of the gap that reopens without each effect; extend `known`."""
     inflation, names = baseline.problem.inflation, now.problem.effects
     beyond = max(baseline.misfit**2 - 1.0, 1e-12)
     left = now.misfit_by(inflation) ** 2
@@ -84,10 +81,7 @@ def gap_shares(
 
 
 def eliminate(now: CrossValidation, known: list[CrossValidation]) -> CrossValidation:
-    """Remove the effects that later ones have made redundant.
-
-    Models that are fitted for that are added to `known`.
-    """
+    """Remove the effects that later ones have made redundant; extend `known`."""
     while True:
         # The effect that was added last is needed: it was accepted on top of the rest.
         earlier = now.problem.effects[:-1]
@@ -132,10 +126,7 @@ class Search(NamedTuple):
 
 
 def drop_redundant(course: Search) -> Search:
-    """Return the search without the effects that later ones made redundant.
-
-    If it was or is interrupted, all effects stay.
-    """
+    """Return the search without redundant effects, if it was not interrupted."""
     known = list(course.known)
     shares: Mapping[str, float] = {}
     now, interrupted = course.after, course.interrupted
@@ -172,10 +163,7 @@ def search(
 def names_found(
     baseline: CrossValidation, ids: Sequence[str], whole: Search
 ) -> list[set[str]]:
-    """Return the effects that a search finds, each with those it is tied with.
-
-    `baseline` is fitted to part of the data, `whole` is the search in all of them.
-    """
+    """Return what a search in part of the data finds, each effect with its ties."""
     course = _Additions(whole=whole).made(baseline, ids)
     if course.interrupted:
         raise KeyboardInterrupt
@@ -440,11 +428,7 @@ def with_own_noise_floor(
 
 
 def _split_rivals(rounds: Sequence[Round]) -> tuple[Round, ...]:
-    """Return the rounds without the rivals that still help once the leader is added.
-
-    They explain something else; only effects that the leader made useless are tied with
-    it.
-    """
+    """Return the rounds without rivals that still help once the leader is added."""
     found = []
     for step, after in zip_longest(rounds, rounds[1:]):
         helpful = {c.id for c in after.candidates if not c.reason} if after else set()
@@ -466,10 +450,7 @@ def _is_redundant(name: str, candidates: Sequence[Candidate]) -> bool:
 def _unrefitted_lookalikes(
     signatures: Sequence[Signature], candidates: Sequence[Candidate]
 ) -> list[Signature]:
-    """Return the effects that resemble the best candidate and were not refitted.
-
-    Signatures are of first order, and screening by them may rank lookalikes wrongly.
-    """
+    """Return effects like the best candidate, which screening may rank wrongly."""
     leader = max(candidates, key=lambda candidate: candidate.reduction)
     if leader.reduction < Limit.min_reduction:
         return []
@@ -674,10 +655,7 @@ def only_refines(
 def check_agreement(
     baseline_fit: BaselineFit, found: Search, progress: Progress = no_progress
 ) -> Agreement:
-    """Repeat the search on parts of the data, with the candidates of the whole.
-
-    Fits begin where those of the whole end, with their floor and numerical resolution.
-    """
+    """Repeat the search on parts of the data from where that of the whole ends."""
     effects = found.after.problem.effects
     if not effects or found.after.misfit <= Limit.max_explained_error:
         return Agreement({}, {})

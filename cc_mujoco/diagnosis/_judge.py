@@ -29,20 +29,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.datasets import _channels as channels
+from cc_mujoco.diagnosis._fit import problem as fitting
 from cc_mujoco.diagnosis._fit.fit import floor_ratios, overall_share
 from cc_mujoco.diagnosis._fit.intervals import IMPLAUSIBLE_PREFIX, plausible_size
-from cc_mujoco.diagnosis._fit.problem import (
-    BOOTSTRAP_BLOCK,
-    CrossValidation,
-    Masks,
-    Problem,
-    blocks,
-    excess,
-    fit,
-    huber_residual,
-    jacobian,
-    kept_samples,
-)
+from cc_mujoco.diagnosis._fit.problem import CrossValidation, Masks, Problem
 from cc_mujoco.diagnosis._fit.trials import misfits
 from cc_mujoco.diagnosis._partial.motion import describe_mode
 from cc_mujoco.diagnosis._phrases import (
@@ -56,19 +46,9 @@ from cc_mujoco.diagnosis._phrases import (
     format_size,
     plain_name,
 )
-from cc_mujoco.diagnosis._rig.simulation import (
-    CLOCK_PARAMETERS,
-    TORQUE_OFFSETS,
-    base_name,
-    is_change,
-)
-from cc_mujoco.diagnosis._search.candidates import (
-    Changes,
-    Round,
-    changes_by_effects,
-    comparison_z,
-    effect_amplitudes,
-)
+from cc_mujoco.diagnosis._rig import simulation
+from cc_mujoco.diagnosis._search import candidates as screening
+from cc_mujoco.diagnosis._search.candidates import Changes, Round
 from cc_mujoco.diagnosis._search.search import Found, Search
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis._verdict import (
@@ -135,7 +115,7 @@ def worst_stretch(
         record, counts = records[place], records[place].counts
         if not counts.any():
             continue
-        window = max(1, round(BOOTSTRAP_BLOCK / record.dt))
+        window = max(1, round(fitting.BOOTSTRAP_BLOCK / record.dt))
         for row, channel in enumerate(names):
             own = swing if channel == channels.MOTOR_TORQUE else 0.0
             free = np.where(counts, own / problem.floor[place][row], 0.0) ** 2
@@ -156,9 +136,9 @@ def worst_stretch(
     masks[place][part] = False
     if not any(mask.any() for mask in masks):
         return None
-    there = problem.torques(fit(problem, x, masks).x)
+    there = problem.torques(fitting.fit(problem, x, masks).x)
     errors, noises = zip(*_squares(problem, there, masks), strict=True)
-    rest = [huber_residual(np.sqrt(error)) ** 2 for error in errors]
+    rest = [fitting.huber_residual(np.sqrt(error)) ** 2 for error in errors]
     record, shown = records[place], there[place][:, part]
     measured, floor = record.measured[:, part], problem.floor[place][row, part]
     off = (measured - shown)[row]
@@ -171,7 +151,9 @@ def worst_stretch(
         _rms_ratio((off / floor) ** 2, (problem.sensed[place][row, part] / floor) ** 2),
         math.sqrt(float(np.mean(off**2))),
         bool((usual < Limit.max_idle_share * expected).all()),
-        _rms_ratio(kept_samples(rest, masks), kept_samples(noises, masks)),
+        _rms_ratio(
+            fitting.kept_samples(rest, masks), fitting.kept_samples(noises, masks)
+        ),
     )
 
 
@@ -312,14 +294,14 @@ def detectability(
     )
     rows = len(records[0].measured)
     scale = quiet.weight * math.sqrt(rows * int(np.sum(sizes)))
-    slopes = jacobian(quiet, x, masks, explained=True) / scale
+    slopes = fitting.jacobian(quiet, x, masks, explained=True) / scale
     size = np.linalg.norm(slopes, axis=0)
     tangent, _ = np.linalg.qr(slopes[:, size > 0.0] / size[size > 0.0])
-    made = changes_by_effects(quiet, x, masks, ids, known)
+    made = screening.changes_by_effects(quiet, x, masks, ids, known)
     changes = []
     for name, columns in made.items():
         effect = problem.plant.library.effects[name]
-        parameters = effect_amplitudes(effect)
+        parameters = screening.effect_amplitudes(effect)
         plausible = {p.name: plausible_size(p, problem, x) for p in parameters}
         factors = np.array([plausible[p.name] / p.typical for p in parameters])
         changes.append(EffectChange(effect, plausible, columns * factors / scale))
@@ -366,7 +348,7 @@ def _best_hidden_mix(changes: FloatArray, tangent: FloatArray) -> FloatArray:
 def _confounded_effect(
     change: EffectChange, mix: FloatArray, parameter: Tuned, shift: float, place: float
 ) -> Confounded:
-    first = effect_amplitudes(change.effect)[int(np.argmax(np.abs(mix)))]
+    first = screening.effect_amplitudes(change.effect)[int(np.argmax(np.abs(mix)))]
     size = change.sizes[first.name]
     moved, usual = (_with_unit(parameter.value(e), parameter) for e in (shift, 0.0))
     statement = (
@@ -381,7 +363,8 @@ def _confounded_effect(
         explains = f"about {format_size(first.name, share * size, first.unit)}"
     # Parameters of effects that are in the model have no remedy of their own.
     remedy = REMEDIES.get(
-        base_name(parameter.name), f"record {change.effect.required_excitation}"
+        simulation.base_name(parameter.name),
+        f"record {change.effect.required_excitation}",
     )
     return Confounded(change.effect.id, parameter.name, statement, explains, remedy)
 
@@ -396,7 +379,10 @@ def deviating_parameters(
     found = []
     for parameter, place in zip(problem.tuned, x.tolist(), strict=True):
         name, known, home = parameter.name, parameter.prior, 0.0  # place of the given
-        if is_change(name) or name in (*TORQUE_OFFSETS, *CLOCK_PARAMETERS):
+        if simulation.is_change(name) or name in (
+            *simulation.TORQUE_OFFSETS,
+            *simulation.CLOCK_PARAMETERS,
+        ):
             continue  # reported as such
         if not math.isfinite(known) and name in ("friction", "axial_stiffness"):
             known = 0.4 / parameter.scale  # of the logarithm, where none is declared
@@ -456,7 +442,7 @@ def untestable_effects(
         most = int(np.argmax(left))
         if float(left[most]) ** 2 >= Limit.min_visible_change:
             continue
-        size = effect_amplitudes(each.effect)[most]
+        size = screening.effect_amplitudes(each.effect)[most]
         plausible = format_size(size.name, each.sizes[size.name], size.unit)
         why = f"it shows only with {each.effect.required_excitation}"
         if other := confused.get(each.effect.id):
@@ -703,7 +689,7 @@ def _no_effect_verdict(
     usual = f"rigs without any hidden effect reach up to {Limit.max_misfit:g} times"
     if stretch is None and model.misfit <= Limit.max_misfit:
         return "none", f"Nothing is missing: {off}; {usual}."
-    if stretch is None and excess(model) < Limit.min_z:
+    if stretch is None and fitting.excess(model) < Limit.min_z:
         return "none", (
             f"Nothing is missing that these data could show: {off}. "
             f"{capitalise(usual)}, but here a few moments make that error, which is "
@@ -838,11 +824,13 @@ def _alternatives(
     """Return z of an effect against all that may stand in its place, by id."""
     beside = {*found.after.problem.effects, *group}
     errors = {
-        c.id: blocks(c.crossed) for c in step.candidates if c.crossed is not step.before
+        c.id: fitting.blocks(c.crossed)
+        for c in step.candidates
+        if c.crossed is not step.before
     }
-    best, start = errors[leader], blocks(step.before)
+    best, start = errors[leader], fitting.blocks(step.before)
     before = float(start.sum())
-    found_z = {"nothing": comparison_z(best, start, before)}
+    found_z = {"nothing": screening.comparison_z(best, start, before)}
     for c in step.candidates:
         if c.id in beside or c.id not in errors:
             continue
@@ -852,7 +840,7 @@ def _alternatives(
             continue
         meet = EFFECTS[leader].forms_meet(EFFECTS[c.id])
         share = Limit.meeting_form_share if meet else None
-        found_z[c.id] = comparison_z(best, errors[c.id], before, share)
+        found_z[c.id] = screening.comparison_z(best, errors[c.id], before, share)
     return found_z
 
 

@@ -29,17 +29,8 @@ from cc_mujoco.datasets._trials import (
     Trial,
     TrialFacts,
 )
-from cc_mujoco.diagnosis._checks.mechanics import (
-    Mechanics,
-    check_alignment,
-    check_ratios,
-    check_signs,
-    check_sizes,
-    check_units,
-    group_trials,
-    measure_mechanics,
-    wrong_unit,
-)
+from cc_mujoco.diagnosis._checks import mechanics
+from cc_mujoco.diagnosis._checks.mechanics import Mechanics
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.errors import CableError
 from cc_mujoco.report._html import list_words
@@ -69,12 +60,14 @@ def check_recording(
 def check_trials(trials: Sequence[Trial], alone: bool = False) -> list[DataFinding]:
     """Run all checks of one rig's trials; `alone` if it has a single cable."""
     hooked = [trial for trial in trials if not trial.facts.unhooked]
-    known = [measure_mechanics(trial) for trial in hooked]
-    findings = check_ratios(hooked, known) + check_sizes(hooked, known)
-    for group in group_trials(hooked, known):
-        findings += check_signs(group) + check_units(group)
+    known = [mechanics.measure_mechanics(trial) for trial in hooked]
+    findings = mechanics.check_ratios(hooked, known) + mechanics.check_sizes(
+        hooked, known
+    )
+    for group in mechanics.group_trials(hooked, known):
+        findings += mechanics.check_signs(group) + mechanics.check_units(group)
     for trial in hooked:
-        findings += check_alignment(trial, alone)
+        findings += mechanics.check_alignment(trial, alone)
     return findings + check_motions(trials)
 
 
@@ -89,7 +82,7 @@ def check_ratio(trial: Trial, ratio: float, several: bool = False) -> list[DataF
     angle of the ideal transmission. `several` trials rule out that the motor was held
     by a soft cable, or had play, in all.
     """
-    known = measure_mechanics(trial)
+    known = mechanics.measure_mechanics(trial)
     if abs(known.follows) < 0.6:
         return []
     ratio_error = known.ratio * ratio
@@ -98,8 +91,8 @@ def check_ratio(trial: Trial, ratio: float, several: bool = False) -> list[DataF
     degrees = math.degrees(1.0)
     motor, joint = channels.ANGLES
     reasons = {
-        wrong_unit(trial, joint): ratio_error / degrees,
-        wrong_unit(trial, motor): ratio_error * degrees,
+        mechanics.wrong_unit(trial, joint): ratio_error / degrees,
+        mechanics.wrong_unit(trial, motor): ratio_error * degrees,
         "the scene has other pulleys, or an angle another unit": 3.0,
     }
     if abs(math.log(abs(ratio))) > 0.5:
@@ -129,7 +122,9 @@ def check_bench(trials: Sequence[Trial], bench: Bench) -> list[DataFinding]:
         checks.append(_check_others_range)
     else:
         ratio = bench.joint_radius / bench.motor_radius
-        found = [(t, measure_mechanics(t)) for t in trials if not t.facts.unhooked]
+        found = [
+            (t, mechanics.measure_mechanics(t)) for t in trials if not t.facts.unhooked
+        ]
         certain = [(trial, m) for trial, m in found if abs(m.follows) > 0.6]
         findings = _check_inverse(certain, ratio)
         if certain and not findings:

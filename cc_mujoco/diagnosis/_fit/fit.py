@@ -30,6 +30,7 @@ import numpy as np
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._channels import TORQUE
 from cc_mujoco.datasets._trials import Dataset
+from cc_mujoco.diagnosis._fit import problem as fitting
 from cc_mujoco.diagnosis._fit.noise_floor import noise_floor
 from cc_mujoco.diagnosis._fit.problem import (
     CrossValidation,
@@ -37,15 +38,6 @@ from cc_mujoco.diagnosis._fit.problem import (
     Masks,
     Problem,
     TorqueDerivatives,
-    block_sums,
-    cross_validate,
-    fit,
-    huber_residual,
-    independence_weight,
-    interleaved_folds,
-    kept_samples,
-    never_held_out,
-    trial_folds,
 )
 from cc_mujoco.diagnosis._fit.trials import exchanged_torques
 from cc_mujoco.diagnosis._phrases import (
@@ -298,7 +290,10 @@ class _Grid:
         self, problem: Problem, starts: Sequence[Mapping[str, float]]
     ) -> tuple[FloatArray, float]:
         """Return the place of the best fit from these values, and its cost."""
-        fits = [fit(problem, self._place(problem, s), self._masks, 12) for s in starts]
+        fits = [
+            fitting.fit(problem, self._place(problem, s), self._masks, 12)
+            for s in starts
+        ]
         best = min(fits, key=lambda each: each.cost).x
         return best, self._cost(problem, best)
 
@@ -335,7 +330,7 @@ def refine_simulation(problem: Problem, x: FloatArray, masks: Masks) -> Problem 
     ):
         return None
     change, finer = refinement_change(problem, x, masks)
-    kept = kept_samples(problem.errors(x, masks), masks)
+    kept = fitting.kept_samples(problem.errors(x, masks), masks)
     left = float(np.sqrt(np.mean(kept**2)))
     harmless = max(Limit.max_numerical_error, Limit.max_numerical_share * left)
     if change <= harmless or finer is None:
@@ -364,10 +359,10 @@ def refinement_change(
         finer = replace(plant, **{name: count})
         there = replace(problem, plant=finer).torques(x, seen)
         changes = [
-            huber_residual((a - b) / problem.floor[k])
+            fitting.huber_residual((a - b) / problem.floor[k])
             for k, a, b in zip(seen, here, there, strict=True)
         ]
-        kept = kept_samples(changes, [masks[k] for k in seen])
+        kept = fitting.kept_samples(changes, [masks[k] for k in seen])
         change = float(np.sqrt(np.mean(kept**2)))
         tried.append((change, None if count > most else finer))
     return max(tried, key=lambda each: each[0])
@@ -442,25 +437,25 @@ def fit_baseline(
             for r in records
         )
         problem = Problem(plant, free, (), flat, flat, 0.2, slopes=slopes)
-        tried = [fit(problem, start, counts) for start in starts]
+        tried = [fitting.fit(problem, start, counts) for start in starts]
         x = min(tried, key=lambda found: found.cost).x
         floor = noise_floor(dataset, plant, filtering, problem.values(x), seed=seed)
         problem = replace(
             problem, noise=floor.noise, floor=floor.tolerance, scatter=floor.scatter
         )
         problem = problem.with_inflated_noise(x, counts)
-        x = fit(problem, x, counts).x
+        x = fitting.fit(problem, x, counts).x
         problem = replace(
-            problem, weight=independence_weight(problem.errors(x), counts)
+            problem, weight=fitting.independence_weight(problem.errors(x), counts)
         )
-        whole = fit(problem, x, counts)
+        whole = fitting.fit(problem, x, counts)
         change, finer = refinement_change(problem, whole.x, [r.counts for r in records])
         if change <= Limit.max_numerical_error or finer is None:
             break
         plant, starts = finer, [whole.x]
         slopes = TorqueDerivatives(problem.slopes)
-    division = interleaved_folds(records)
-    crossed = cross_validate(problem, division, [whole.x] * len(division))
+    division = fitting.interleaved_folds(records)
+    crossed = fitting.cross_validate(problem, division, [whole.x] * len(division))
     return BaselineFit(problem, whole, crossed, change)
 
 
@@ -473,7 +468,7 @@ def predicted(
     """
     found = [np.zeros(record.measured.shape) for record in problem.plant.records]
     for fold in division:
-        played = problem.torques(fit(problem, start, fold.train, 6).x)
+        played = problem.torques(fitting.fit(problem, start, fold.train, 6).x)
         for kept, torque, train in zip(found, played, fold.train, strict=True):
             kept[:, ~train] = torque[:, ~train]
             empty = np.all(kept == 0.0, axis=0)
@@ -503,7 +498,9 @@ def gaps(
             read = record.measured[row]
             errors = read - old[row], read - new[row], noise[row], np.ones(mask.size)
             squares.append(np.square(errors) * mask / floor[row] ** 2)
-        found[channel] = _gap_of_sums(block_sums(problem, masks, squares), random)
+        found[channel] = _gap_of_sums(
+            fitting.block_sums(problem, masks, squares), random
+        )
     return found
 
 
@@ -586,7 +583,10 @@ class Holdout:
         # Whole trials. If a single trial shows an effect, say the only one at low
         # pretension, the others cannot determine it: then stretches of all trials are
         # held out.
-        self._divisions = trial_folds(records), interleaved_folds(records)
+        self._divisions = (
+            fitting.trial_folds(records),
+            fitting.interleaved_folds(records),
+        )
         self._before: dict[int, tuple[FloatArray, ...]] = {}
 
     def out(self, problem: Problem, x: FloatArray) -> Held | None:
@@ -604,7 +604,7 @@ class Holdout:
                 for g in gap.values()
             )
             if not problem.effects or better >= 0.0:
-                never = never_held_out(division, problem.plant.records)
+                never = fitting.never_held_out(division, problem.plant.records)
                 return Held(before, after, gap, never)
         return None
 

@@ -25,16 +25,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cc_mujoco.diagnosis._fit import problem as fitting
 from cc_mujoco.diagnosis._fit.intervals import amplitude_indices
-from cc_mujoco.diagnosis._fit.problem import (
-    Problem,
-    fit,
-    huber_residual,
-    independence_weight,
-    kept_samples,
-    residual_changes,
-    residual_slopes,
-)
+from cc_mujoco.diagnosis._fit.problem import Problem
 from cc_mujoco.diagnosis._phrases import (
     capitalise,
     format_estimate,
@@ -43,13 +36,8 @@ from cc_mujoco.diagnosis._phrases import (
     format_share,
     plain_name,
 )
+from cc_mujoco.diagnosis._rig import simulation
 from cc_mujoco.diagnosis._rig.records import Record
-from cc_mujoco.diagnosis._rig.simulation import (
-    base_name,
-    change_name,
-    is_change,
-    occasions_of,
-)
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis._verdict import (
     OccasionChange,
@@ -258,7 +246,9 @@ def _leave_out(
     own = [k for name in names for k in places[name]]
     rest = [k for other, theirs in places.items() if other not in names for k in theirs]
     records = problem.plant.records
-    there = fit(problem, x, [r.free & (k not in own) for k, r in enumerate(records)]).x
+    there = fitting.fit(
+        problem, x, [r.free & (k not in own) for k, r in enumerate(records)]
+    ).x
     errors = _errors(problem, there)
     off, left = (_misfit(problem, k, [errors[j] for j in k]) for k in (own, rest))
     return Odd(names, off, left), there
@@ -358,8 +348,10 @@ def _misfit(
     masks = [problem.plant.records[k].counts for k in places]
     noise, floor = problem.noise_over_floor, problem.floor
     pairs = zip(places, errors, strict=True)
-    off = kept_samples((huber_residual(e / floor[k]) for k, e in pairs), masks)
-    usual = kept_samples((noise[k] for k in places), masks)
+    off = fitting.kept_samples(
+        (fitting.huber_residual(e / floor[k]) for k, e in pairs), masks
+    )
+    usual = fitting.kept_samples((noise[k] for k in places), masks)
     return math.sqrt(float(np.mean(off**2)) / float(np.mean(usual**2)))
 
 
@@ -516,17 +508,19 @@ class _ByTrial:
         found = [np.zeros(mask.size)[None] for mask in self.masks]
         for k, torque in zip(self.seen, torques, strict=True):
             off = self.problem.plant.records[k].measured - torque
-            found[k] = huber_residual(off / self.problem.floor[k])
+            found[k] = fitting.huber_residual(off / self.problem.floor[k])
         return found
 
     def residual(self, torques: Sequence[FloatArray]) -> FloatArray:
         """Return the residuals of the samples that count (rows,), without priors."""
-        return self.problem.weight * kept_samples(self.plain(torques), self.masks)
+        return self.problem.weight * fitting.kept_samples(
+            self.plain(torques), self.masks
+        )
 
     def derivatives(self, torques: Sequence[FloatArray]) -> FloatArray:
         """Return the derivatives of the residuals (rows, parameters)."""
-        steep = residual_slopes(self.problem, torques, self.masks)
-        return residual_changes(steep, self._slopes).T
+        steep = fitting.residual_slopes(self.problem, torques, self.masks)
+        return fitting.residual_changes(steep, self._slopes).T
 
 
 class _OneByTrial:
@@ -575,7 +569,7 @@ class _OneByTrial:
         design = self._design(slopes)
         square = design.T @ design + np.diag(self._known**2)
         # Errors of this model are weighted by the share of them that is independent.
-        independent = independence_weight(model.plain(torques), model.masks)
+        independent = fitting.independence_weight(model.plain(torques), model.masks)
         ratio = model.problem.weight / max(independent, 1e-300)
         covariance = np.linalg.pinv(square, rcond=1e-10, hermitian=True) * ratio**2
         own = covariance[-count:, -count:]
@@ -750,7 +744,7 @@ def compare_occasions(
     problem: Problem, x: FloatArray, estimated: Mapping[str, Estimate]
 ) -> Occasions | None:
     """Compare the parameters and sizes of effects on the occasions, if several."""
-    names = occasions_of(problem.plant.records)
+    names = simulation.occasions_of(problem.plant.records)
     if len(names) < 2:
         return None
     tuned = {parameter.name: parameter for parameter in problem.tuned}
@@ -758,8 +752,8 @@ def compare_occasions(
     changes = []
     for since in reversed(names[:-1]):
         for base in dict.fromkeys((*reported, *tuned)):
-            name = change_name(base, since)
-            if name in tuned and not is_change(base):
+            name = simulation.change_name(base, since)
+            if name in tuned and not simulation.is_change(base):
                 change, words = describe_change(tuned[name], estimated[name])
                 factor = tuned[name].factor
                 changes.append(
@@ -812,7 +806,7 @@ def describe_change(tuned: Tuned, earlier: Estimate) -> tuple[Estimate, str]:
     else:
         sign = "+" if shown.value > 0.0 else ""
         words = f"{sign}{format_estimate(shown, unit)}"
-    return change, f"{plain_name(base_name(tuned.name))} {words}"
+    return change, f"{plain_name(simulation.base_name(tuned.name))} {words}"
 
 
 def compare_size(effect: str, found: TrialConstants, shared: float) -> OccasionSize:

@@ -15,13 +15,8 @@ import numpy as np
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._load_cells import SingleCell
 from cc_mujoco.datasets._trials import TORQUE_SENSORS, Instruments
-from cc_mujoco.diagnosis._fit.problem import (
-    CrossValidation,
-    Problem,
-    TorqueDerivatives,
-    huber_residual,
-    jacobian,
-)
+from cc_mujoco.diagnosis._fit import problem as fitting
+from cc_mujoco.diagnosis._fit.problem import CrossValidation, Problem, TorqueDerivatives
 from cc_mujoco.diagnosis._phrases import effect_name, format_number
 from cc_mujoco.diagnosis._rig.records import Record, wind_up_angle
 from cc_mujoco.diagnosis._rig.simulation import occasions_of
@@ -399,7 +394,8 @@ def best_trial(rivals: Rivals) -> Proposal | None:
     noise = _row_medians(problem.noise)
     floor = _row_medians(rivals.before.problem.floor)  # of held-out errors
     known = [
-        jacobian(other, x, [r.free for r in other.plant.records]) for other, x in fitted
+        fitting.jacobian(other, x, [r.free for r in other.plant.records])
+        for other, x in fitted
     ]
     weight = min(other.weight for other, _ in fitted)
     best: tuple[tuple[bool, bool, float], Proposal] | None = None
@@ -582,7 +578,9 @@ def _with_trial(
         noise=(*problem.noise, noise),
         slopes=TorqueDerivatives(),
     )
-    off = np.hypot(huber_residual(np.repeat(error, times, axis=1)), noise / floor)
+    off = np.hypot(
+        fitting.huber_residual(np.repeat(error, times, axis=1)), noise / floor
+    )
     return crossed._replace(problem=wider, errors=(*crossed.errors, off))
 
 
@@ -680,7 +678,7 @@ def refit_difference(
         slopes=TorqueDerivatives(),
     )
     every = [np.ones(record.counts.size, dtype=bool)]
-    slopes = jacobian(new, x, every)[: difference.size]
+    slopes = fitting.jacobian(new, x, every)[: difference.size]
     wanted = np.concatenate([problem.weight * difference.ravel(), np.zeros(len(known))])
     low, high = (
         np.array([getattr(p, k) for p in problem.tuned]) for k in ("low", "high")

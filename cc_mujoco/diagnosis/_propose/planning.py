@@ -38,15 +38,8 @@ from cc_mujoco.diagnosis._fit.intervals import plausible_size
 from cc_mujoco.diagnosis._fit.problem import Problem, jacobian
 from cc_mujoco.diagnosis._judge import declared_sentence
 from cc_mujoco.diagnosis._phrases import format_number, format_share, format_size
-from cc_mujoco.diagnosis._propose.experiment import (
-    MOTION_STEP,
-    CataloguedTrial,
-    middle_angle,
-    motion_record,
-    motions,
-    trial_table,
-    write_motion,
-)
+from cc_mujoco.diagnosis._propose import experiment
+from cc_mujoco.diagnosis._propose.experiment import CataloguedTrial
 from cc_mujoco.diagnosis._rig.records import Record, load_values
 from cc_mujoco.diagnosis._rig.simulation import SimulatedRig, baseline_parameters
 from cc_mujoco.diagnosis._scene.repair import require_repairable
@@ -112,10 +105,12 @@ def planned(
     load = None
     if instruments.joint == "known load":
         load = load_values(constants).get("load_stiffness", 0.0)
-    every = motions(bench, swing, rate, load, instruments, cells)
+    every = experiment.motions(bench, swing, rate, load, instruments, cells)
     every = [motion for motion in every if motion.usual]
     rows, tension = len(instruments.rows), bench.cables[0].pretension
-    records = tuple(motion_record(motion, bench, rows, tension) for motion in every)
+    records = tuple(
+        experiment.motion_record(motion, bench, rows, tension) for motion in every
+    )
     plant = SimulatedRig(bench, records, 16, 1, instruments, constants)
 
     def read(torques: Sequence[FloatArray]) -> tuple[Record, ...]:
@@ -151,7 +146,7 @@ def planned(
         size = np.hypot(scatter, [*sizes.values()])
         floor = (*floor, np.broadcast_to(size[:, None], torque.shape))
     # Torques are compared up to a band: so many of the samples are independent.
-    weight = min(1.0, 2.0 * Limit.max_band * MOTION_STEP) ** 0.5
+    weight = min(1.0, 2.0 * Limit.max_band * experiment.MOTION_STEP) ** 0.5
     problem = Problem(plant.limited(read(torques)), free, (), floor, floor, weight)
     grams, owners = _gram_matrices(problem, place, able)
     standard = [k for k, motion in enumerate(every) if motion.standard]
@@ -351,9 +346,9 @@ def plan(
     with replacing_folder(out) as place:
         facts = ["# What is planned; correct it where the rig did otherwise.", ""]
         for k, motion in enumerate(found.trials, start=1):
-            write_motion(place / names[k - 1], motion)
+            experiment.write_motion(place / names[k - 1], motion)
             tension = bench.cables[0].pretension * motion.pretension
-            facts += [*trial_table(f"trial_{k:02d}", motion, tension), ""]
+            facts += [*experiment.trial_table(f"trial_{k:02d}", motion, tension), ""]
         (place / DATASET_FILE).write_text(declared + "\n".join(facts), encoding="utf-8")
         text = page(found, bench, swing, speed, instruments)
         mark = f"<!-- {checksum_line(place / DATASET_FILE)} -->"  # no browser shows it
@@ -449,7 +444,7 @@ def page(
             noise = format_number(found.noise[channel])
             how = f"from {instrument}, {noise} N m of noise"
         known.append(f"the {side}'s torque {how}")
-    at, within = middle_angle(bench, swing), format_number(swing)
+    at, within = experiment.middle_angle(bench, swing), format_number(swing)
     if at != 0.0:
         within = f"{format_number(at - swing)} to {format_number(at + swing)}"
     trials = []
@@ -459,7 +454,7 @@ def page(
             tension = format_number(bench.cables[0].pretension * motion.pretension)
             slack = format_share(found.slack[k])
         file = f"`{MOTION_FILE.format(f'{k + 1:02d}')}`"
-        seconds = format_number(MOTION_STEP * motion.motor.size)
+        seconds = format_number(experiment.MOTION_STEP * motion.motor.size)
         trials.append((file, motion.description, tension, slack, seconds))
     resolved = []
     for each in found.resolved:

@@ -39,13 +39,7 @@ from cc_mujoco.diagnosis._phrases import (
     headline,
 )
 from cc_mujoco.diagnosis._propose.experiment import CataloguedTrial, write_motion
-from cc_mujoco.diagnosis._report import sections
-from cc_mujoco.diagnosis._report.drawings import (
-    FIGURE_STEMS,
-    draw_figures,
-    ordinary_excerpt,
-    worst_excerpt,
-)
+from cc_mujoco.diagnosis._report import drawings, sections
 from cc_mujoco.diagnosis._rig.records import low_pass, shift_signal
 from cc_mujoco.diagnosis._rig.simulation import (
     CLOCK_PARAMETERS,
@@ -69,18 +63,9 @@ from cc_mujoco.diagnosis.effects import EFFECTS
 from cc_mujoco.diagnosis.effects._drive_effects import JOINT_DELAY
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
+from cc_mujoco.report import _html as html
 from cc_mujoco.report._figures import save, style
-from cc_mujoco.report._html import (
-    Html,
-    embed_picture,
-    folded,
-    illustrated,
-    join_pieces,
-    list_words,
-    page,
-    paragraph,
-    scrolled,
-)
+from cc_mujoco.report._html import Html
 from cc_mujoco.report._html import sections as page_sections
 
 VERDICT_FILE = "verdict.json"
@@ -217,24 +202,24 @@ def write_report(
     """Write `report.html` and its figures, all or none, and delete older figures."""
     with replacing_folder(folder) as partial:
         with style():
-            drawings = draw_figures(diagnosis, evidence)
-            for stem, drawing in drawings.items():
+            drawn = drawings.draw_figures(diagnosis, evidence)
+            for stem, drawing in drawn.items():
                 save(partial / f"{stem}.png", drawing)
         text = _page(diagnosis, evidence, partial)
         (partial / REPORT_PAGE).write_text(text, encoding="utf-8")
-    for stem in set(FIGURE_STEMS) - set(drawings):
+    for stem in set(drawings.FIGURE_STEMS) - set(drawn):
         (Path(folder) / f"{stem}.png").unlink(missing_ok=True)
 
 
 def _page(diagnosis: Diagnosis, evidence: Evidence, figures: Path) -> str:
     def drawn(stem: str, words: str) -> Html:
         path = figures / f"{stem}.png"
-        return embed_picture(path, words) if path.exists() else Html()
+        return html.embed_picture(path, words) if path.exists() else Html()
 
     def fold(title: str, content: Html | None) -> Html:
-        return folded(title, content) if content else Html()
+        return html.folded(title, content) if content else Html()
 
-    most, usual = worst_excerpt(evidence), ordinary_excerpt(evidence)
+    most, usual = drawings.worst_excerpt(evidence), drawings.ordinary_excerpt(evidence)
     seconds = []
     if most is not None:
         seconds.append(drawn("traces", sections.excerpt_caption(most, True)))
@@ -250,21 +235,24 @@ def _page(diagnosis: Diagnosis, evidence: Evidence, figures: Path) -> str:
         "the baseline is retuned (1: the same, 0: nothing in common). Right: size of a "
         "plausible effect over the noise, grey where it is smaller.",
     )
-    likeness = illustrated(
+    likeness = html.illustrated(
         sections.effect_similarity(evidence),
-        fold("All effects", scrolled(figure) if figure else None),
+        fold("All effects", html.scrolled(figure) if figure else None),
     )
     known = diagnosis.provenance
     listed = sections.nested_table(known) if known else None
     inputs = fold("Inputs, versions and settings", listed)
     parts = {  # in their usual order
         "unknown": ("What is known of it", sections.unknown(diagnosis)),
-        "traces": ("Measured and simulated", join_pieces(seconds) if seconds else None),
+        "traces": (
+            "Measured and simulated",
+            html.join_pieces(seconds) if seconds else None,
+        ),
         "gap": ("How large the gap is", sections.gap(diagnosis)),
         "occasions": ("What changed between occasions", sections.occasions(diagnosis)),
         "trials": ("How far off every trial is", sections.trials(diagnosis)),
         "where": ("Where the error lies", sections.error_location(diagnosis)),
-        "maps": ("Maps of the error", illustrated(sections.maps(evidence), maps)),
+        "maps": ("Maps of the error", html.illustrated(sections.maps(evidence), maps)),
         "candidates": ("What was tried", sections.candidates(diagnosis)),
         "likeness": ("What these data can distinguish", likeness),
         "untested": ("What these data hide", sections.untested_effects(diagnosis)),
@@ -281,20 +269,24 @@ def _page(diagnosis: Diagnosis, evidence: Evidence, figures: Path) -> str:
     order = sorted(parts, key=lambda key: key != first)
     there = {key: part for key in order if (part := parts[key][1]) is not None}
     absent = [f"“{title}”" for title, part in parts.values() if part is None]
-    omitted = f"Left out, as there was nothing to show: {list_words(absent)}."
+    omitted = f"Left out, as there was nothing to show: {html.list_words(absent)}."
     gap = drawn("gap", "Weighted RMS error on held-out data, beside the noise floor.")
     titles = {key: title for key, (title, _) in parts.items()}
-    return page(
+    return html.page(
         headline(diagnosis),
         diagnosis.verdict,
         sections.header(diagnosis, gap),
         page_sections(titles, there),
-        paragraph(omitted, kind="small") if absent else Html(),
+        html.paragraph(omitted, kind="small") if absent else Html(),
     )
 
 
 SCENE_FILE = "scene.xml"
-OPTIONAL_FILES = (SCENE_FILE, "evidence.rrd", *(f"{stem}.png" for stem in FIGURE_STEMS))
+OPTIONAL_FILES = (
+    SCENE_FILE,
+    "evidence.rrd",
+    *(f"{stem}.png" for stem in drawings.FIGURE_STEMS),
+)
 """Files that only some verdicts have."""
 
 

@@ -25,12 +25,7 @@ from cc_mujoco.diagnosis._phrases import (
     plain_name,
 )
 from cc_mujoco.diagnosis._phrases import format_share as share_of
-from cc_mujoco.diagnosis._report.drawings import (
-    confounded_pairs,
-    invisible_effects,
-    model_changed,
-    worst_excerpt,
-)
+from cc_mujoco.diagnosis._report import drawings
 from cc_mujoco.diagnosis._verdict import MODELS, Evidence, Map, TrialTrace
 from cc_mujoco.native import FloatArray
 from cc_mujoco.report import _markdown as markdown
@@ -46,7 +41,7 @@ LINE_STYLES = {"measured": (GREY, 2.5), "before": (ORANGE, 1.5), "after": (BLUE,
 
 
 def write_recording(path: str | os.PathLike[str], evidence: Evidence) -> None:
-    both = model_changed(evidence)
+    both = drawings.model_changed(evidence)
     with recording(path, recording_id(evidence), _blueprint(evidence)) as rec:
         rec.log("about", _about(evidence), static=True)
         for trace in evidence.traces:
@@ -121,7 +116,7 @@ def _about(evidence: Evidence) -> rr.TextDocument:
     ]
     pairs = [
         (effect_name(one), effect_name(other), f"{cosine:.2f}")
-        for one, other, cosine in confounded_pairs(evidence.isolability)
+        for one, other, cosine in drawings.confounded_pairs(evidence.isolability)
     ]
     parts = [
         "# Evidence of a diagnosis",
@@ -132,7 +127,7 @@ def _about(evidence: Evidence) -> rr.TextDocument:
         "# Effects that are similar",
         markdown.table(("", "", "likeness"), pairs, numbers=[2]),
     ]
-    weak = invisible_effects(evidence.isolability)
+    weak = drawings.invisible_effects(evidence.isolability)
     if weak:
         parts.append(f"Smaller than the noise, if present: {effect_names(weak)}.")
     return rr.TextDocument("\n\n".join(parts), media_type=rr.MediaType.MARKDOWN)
@@ -144,7 +139,7 @@ def _blueprint(evidence: Evidence) -> rrb.Blueprint:
     if evidence.maps:
         views = map(_map_view, _ranked(evidence))
         tabs.append(rrb.Grid(*views, name="Maps of the error"))
-    most = worst_excerpt(evidence)
+    most = drawings.worst_excerpt(evidence)
     trials = [trace.trial for trace in evidence.traces]
     first = trials.index(most.trace.trial) if most is not None else 0
     return rrb.Blueprint(

@@ -29,12 +29,8 @@ from cc_mujoco.diagnosis._phrases import (
     plain_name,
     tried_sentence,
 )
-from cc_mujoco.diagnosis._report.drawings import (
-    Excerpt,
-    confounded_pairs,
-    invisible_effects,
-    shown_maps,
-)
+from cc_mujoco.diagnosis._report import drawings
+from cc_mujoco.diagnosis._report.drawings import Excerpt
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis._verdict import Diagnosis, Evidence, RunnerUp, next_folder
 from cc_mujoco.estimation._least_squares import Estimate
@@ -409,7 +405,7 @@ def maps(evidence: Evidence) -> Html | None:
         "that a quantity explains. Chance keeps the mean error within the grey band in "
         "95 % of cases."
     )
-    drawn = {id(each) for each in shown_maps(evidence)}
+    drawn = {id(each) for each in drawings.shown_maps(evidence)}
     groups = {
         "Beyond chance, but weaker than those drawn": [
             each for each in real if id(each) not in drawn
@@ -462,12 +458,12 @@ def effect_similarity(evidence: Evidence) -> Html | None:
         return None
     pairs = [
         f"{effect_name(one)} and {effect_name(other)} ({cosine:.2f})"
-        for one, other, cosine in confounded_pairs(evidence.isolability)
+        for one, other, cosine in drawings.confounded_pairs(evidence.isolability)
     ]
     lines = ["These data distinguish all effects."]
     if pairs:
         lines = [f"These data can hardly distinguish {list_words(pairs, 'or')}."]
-    if weak := invisible_effects(evidence.isolability):
+    if weak := drawings.invisible_effects(evidence.isolability):
         lines.append(f"Smaller than the noise, if present: {effect_names(weak)}.")
     return bullet_list(lines)
 

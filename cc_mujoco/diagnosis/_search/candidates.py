@@ -26,18 +26,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cc_mujoco.diagnosis._fit import problem as fitting
 from cc_mujoco.diagnosis._fit.intervals import amplitude_indices, implausibility
-from cc_mujoco.diagnosis._fit.problem import (
-    CrossValidation,
-    Fold,
-    Masks,
-    Problem,
-    block_sum_deviation,
-    blocks,
-    jacobian,
-    residual_changes,
-    residual_slopes,
-)
+from cc_mujoco.diagnosis._fit.problem import CrossValidation, Fold, Masks, Problem
 from cc_mujoco.diagnosis._phrases import format_number
 from cc_mujoco.diagnosis._rig.records import Record
 from cc_mujoco.diagnosis._thresholds import Limit
@@ -107,7 +98,9 @@ class _Place:
         self._seen = [k for k, mask in enumerate(masks) if mask.any()]
         here, records = problem.torques(x, self._seen), problem.plant.records
         # Change of the residual by the torques
-        self._steep = residual_slopes(problem, None if explained else here, masks)
+        self._steep = fitting.residual_slopes(
+            problem, None if explained else here, masks
+        )
         self._base = problem.coarse.torques(x, self._seen)
         self._priors = sum(math.isfinite(p.prior) for p in problem.tuned)
         self._known = [  # changes of these records by effects
@@ -161,7 +154,7 @@ class _Place:
                 for k, torque in zip(new, moved, strict=True):
                     self._known[k][key] = (torque - self._base[k])[None] / size
             torques = [known[key] for known in self._known]
-            (made,) = residual_changes(self._steep, torques)
+            (made,) = fitting.residual_changes(self._steep, torques)
             columns.append(np.append(made, np.zeros(self._priors)))
         return np.array(columns).T
 
@@ -177,7 +170,7 @@ class _Screen(_Place):
     ) -> None:
         super().__init__(problem, x, masks, changes)
         self._error = error = problem.residual(x, masks)
-        slopes = jacobian(problem, x, masks)
+        slopes = fitting.jacobian(problem, x, masks)
         size = np.linalg.norm(slopes, axis=0)
         # Parameters without influence are left out, and those at a bound: they cannot
         # move further.
@@ -400,7 +393,7 @@ def comparison_z(
     the better.
     """
     difference = worse - better
-    noise = block_sum_deviation(difference)
+    noise = fitting.block_sum_deviation(difference)
     left = float(np.sum(better))
     form = (
         min(Limit.form_error_share * before, left) if share is None else share * before
@@ -473,7 +466,7 @@ def decide(
     leader, *others = (rival.id for rival in rivals)
     wider = {name for name in others if tied.intersection(EFFECTS[name].generalises)}
     names = tuple(rival.id for rival in rivals if rival.id not in wider)
-    sums = {c.id: blocks(c.crossed) for c in able if c.id not in wider}
+    sums = {c.id: fitting.blocks(c.crossed) for c in able if c.id not in wider}
     return Round(tuple(candidates), leader, names, confidence(sums, leader), now)
 
 
@@ -493,8 +486,8 @@ def tie_reason(
     far = other.misfit > Limit.max_explained_error and not one.forms_meet(two)
     if far and best.misfit <= Limit.max_misfit:
         return ""
-    difference = blocks(other) - blocks(best)
-    error = block_sum_deviation(difference)
+    difference = fitting.blocks(other) - fitting.blocks(best)
+    error = fitting.block_sum_deviation(difference)
     if difference.sum() < Limit.rival_sigmas * error:
         return "noise"
     return "form" if confused and parted_by_form(now, best, other) else ""

@@ -19,26 +19,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cc_mujoco.diagnosis._fit import intervals
+from cc_mujoco.diagnosis._fit import problem as fitting
 from cc_mujoco.diagnosis._fit.fit import BaselineFit, Held, Holdout, refine_simulation
-from cc_mujoco.diagnosis._fit.intervals import (
-    Spread,
-    doubtful_effects,
-    estimates,
-    fit_covariance,
-    is_ordinary,
-    noise_covariance,
-)
-from cc_mujoco.diagnosis._fit.problem import (
-    CrossValidation,
-    Fold,
-    Masks,
-    Problem,
-    blocks,
-    cross_validate,
-    divided_samples,
-    fit,
-    fit_until_settled,
-)
+from cc_mujoco.diagnosis._fit.intervals import Spread
+from cc_mujoco.diagnosis._fit.problem import CrossValidation, Fold, Masks, Problem
 from cc_mujoco.diagnosis._fit.trials import (
     TrialDifferences,
     agreement_shares,
@@ -47,17 +32,8 @@ from cc_mujoco.diagnosis._fit.trials import (
 from cc_mujoco.diagnosis._phrases import Progress, no_progress, part_of
 from cc_mujoco.diagnosis._rig.records import Record
 from cc_mujoco.diagnosis._rig.simulation import occasions_of
-from cc_mujoco.diagnosis._search.candidates import (
-    Candidate,
-    Changes,
-    Round,
-    Signature,
-    are_confusable,
-    comparison_z,
-    decide,
-    rejection_reason,
-    screen,
-)
+from cc_mujoco.diagnosis._search import candidates as screening
+from cc_mujoco.diagnosis._search.candidates import Candidate, Changes, Round, Signature
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis._verdict import FoundEffect, Occasions
 from cc_mujoco.diagnosis.effects import EFFECTS, usual_effects
@@ -108,7 +84,7 @@ def _without_effect(
             return crossed
         starts = [slim.place(old.values(fit.x)) for fit in crossed.fits]
     slim = slim.sharing([crossed.problem for crossed in known])
-    return cross_validate(slim, now.division, starts)
+    return fitting.cross_validate(slim, now.division, starts)
 
 
 class Search(NamedTuple):
@@ -221,7 +197,7 @@ class _Additions:
                     ]
                     candidates += self._candidates(now, more, refitted, progress)
                     signatures = [*signatures, *more]
-                step = decide(now, candidates, signatures)
+                step = screening.decide(now, candidates, signatures)
                 rounds.append(step)
                 new = [c for c in candidates if c.crossed is not now]
                 for candidate in new:  # derivatives take more room than the data
@@ -248,8 +224,8 @@ class _Additions:
         self, now: CrossValidation, ids: Sequence[str], changes: Changes
     ) -> list[Signature]:
         """Return the signatures on the divided data, at the mean of the folds' fits."""
-        masks = divided_samples(now.division)
-        return screen(now.problem, now.x, masks, ids, now.division, changes)
+        masks = fitting.divided_samples(now.division)
+        return screening.screen(now.problem, now.x, masks, ids, now.division, changes)
 
     def _candidates(
         self,
@@ -339,16 +315,16 @@ class _Additions:
         """Return the last effect of a wider model, refitted."""
         name = wider.effects[-1]
         try:
-            crossed = cross_validate(wider, now.division, starts)
+            crossed = fitting.cross_validate(wider, now.division, starts)
         except EffectError:
             raise
         except CableError as error:
             return Candidate(name, now, 0.0, 0.0, str(error))
-        old, better = blocks(now), blocks(crossed)
+        old, better = fitting.blocks(now), fitting.blocks(crossed)
         whole = float(old.sum())
         reduction = 1.0 - float(better.sum()) / whole
-        z = comparison_z(better, old, whole)
-        reason = rejection_reason(crossed, name, reduction, z)
+        z = screening.comparison_z(better, old, whole)
+        reason = screening.rejection_reason(crossed, name, reduction, z)
         return Candidate(name, crossed, reduction, z, reason)
 
 
@@ -403,8 +379,10 @@ def with_own_noise_floor(
     for model in [whole.after, *(s.before for s in whole.rounds)] if whole else []:
         if model.problem.tuned == crossed.problem.tuned:
             problem = model.problem.sharing([model.problem])
-            return cross_validate(problem, division, [fit.x for fit in crossed.fits])
-    masks = divided_samples(division)
+            return fitting.cross_validate(
+                problem, division, [fit.x for fit in crossed.fits]
+            )
+    masks = fitting.divided_samples(division)
     place = crossed.x
     problem = crossed.problem.with_updated_floor(place, masks)
     # Trials that are reserved are predicted by the same simulation.
@@ -415,7 +393,7 @@ def with_own_noise_floor(
         while finer := refine_simulation(problem, place, counts):
             problem = finer
         starts = [fit.x for fit in crossed.fits]
-        crossed = cross_validate(problem, division, starts)
+        crossed = fitting.cross_validate(problem, division, starts)
         place = crossed.x
         lower = problem.with_updated_floor(place, masks)
         if lower.inflation < 0.5 * problem.inflation:
@@ -463,7 +441,7 @@ def _unrefitted_lookalikes(
         and max(s.explained, s.foreseen) >= Limit.min_leader_share * leader.reduction
         and s.explained > 0.0
         and not _is_redundant(s.id, candidates)
-        and are_confusable(sign, s)
+        and screening.are_confusable(sign, s)
     ]
 
 
@@ -514,7 +492,7 @@ def search_effects(fitted: BaselineFit, progress: Progress) -> Found:
         found = found._replace(interrupted=agreed.interrupted)
     progress(0.82, "fitting the result to all data")
     problem, x, spread, held = _drop_doubtful(fitted, found, progress)
-    estimated = estimates(problem, x, spread)
+    estimated = intervals.estimates(problem, x, spread)
     compared = compare_occasions(problem, x, estimated)
     shares = agreement_shares(compared) if compared else agreed.shares
     found = final_search(found, problem, x)
@@ -552,11 +530,13 @@ def _drop_doubtful(
     start = found.after.x
     holding = Holdout(baseline_fit)
     while problem.effects:
-        x = fit_until_settled(problem, start, counts).x
-        idle = doubtful_effects(problem, x, *noise_covariance(problem, x, counts))
+        x = fitting.fit_until_settled(problem, start, counts).x
+        idle = intervals.doubtful_effects(
+            problem, x, *intervals.noise_covariance(problem, x, counts)
+        )
         if not idle:
-            wide = fit_covariance(problem, x, counts)
-            idle = doubtful_effects(problem, x, *wide)
+            wide = intervals.fit_covariance(problem, x, counts)
+            idle = intervals.doubtful_effects(problem, x, *wide)
         if not idle:
             progress(0.86, "predicting trials that were held out")
             held = holding.out(problem, x)
@@ -567,13 +547,13 @@ def _drop_doubtful(
         for name in idle:
             slim = problem.without(name).sharing([c.problem for c in found.known])
             left = x[[k for k, p in enumerate(problem.tuned) if p in slim.tuned]]
-            slimmer.append((slim, fit(slim, left, counts)))
+            slimmer.append((slim, fitting.fit(slim, left, counts)))
         problem, (start, _) = min(slimmer, key=lambda model: model[1].cost)
     problem = baseline_fit.problem
-    x = fit_until_settled(problem, baseline_fit.whole.x, counts).x
+    x = fitting.fit_until_settled(problem, baseline_fit.whole.x, counts).x
     held = holding.out(problem, x)
     assert held is not None
-    return problem, x, fit_covariance(problem, x, counts), held
+    return problem, x, intervals.fit_covariance(problem, x, counts), held
 
 
 def final_search(found: Search, problem: Problem, x: FloatArray) -> Search:
@@ -587,7 +567,7 @@ def final_search(found: Search, problem: Problem, x: FloatArray) -> Search:
     if not problem.effects:
         return found._replace(after=found.before, shares={})
     division = found.before.division
-    now = cross_validate(problem, division, [x] * len(division))
+    now = fitting.cross_validate(problem, division, [x] * len(division))
     shares = gap_shares(found.before, now, [*found.known])
     return found._replace(after=now, shares=shares)
 
@@ -614,7 +594,7 @@ def _found_effects(
             refinement=only_refines(name, shares, own, left),
             agreement=agreed.get(name, 1.0),
             disputed=agreed.get(name, 1.0) < Limit.agreement_share,
-            ordinary=is_ordinary(problem, x, name),
+            ordinary=intervals.is_ordinary(problem, x, name),
             own=own[name],
             rivals=tuple(rival for rival in groups.get(name, ()) if rival != name),
             form=problem.form(name),
@@ -670,7 +650,7 @@ def check_agreement(
                 Fold(*(tuple(map(np.logical_and, half, part)) for half in fold))
                 for fold in baseline_fit.crossed.division
             )
-            crossed = cross_validate(problem, division, [x] * len(division))
+            crossed = fitting.cross_validate(problem, division, [x] * len(division))
             named.append(names_found(crossed, sorted(tried), found))
     except KeyboardInterrupt:
         problem.slopes.forget()  # they may be half taken

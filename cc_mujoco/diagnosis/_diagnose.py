@@ -16,12 +16,8 @@ from typing import Any
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._data_findings import errors
 from cc_mujoco.datasets._trials import Dataset
+from cc_mujoco.diagnosis._checks import readings
 from cc_mujoco.diagnosis._checks.mechanics import check_lead
-from cc_mujoco.diagnosis._checks.readings import (
-    check_bench,
-    check_known_torques,
-    check_load_cells,
-)
 from cc_mujoco.diagnosis._fit.fit import Options, fit_scene
 from cc_mujoco.diagnosis._fit.intervals import undetermined
 from cc_mujoco.diagnosis._judge import judge
@@ -31,12 +27,8 @@ from cc_mujoco.diagnosis._partial.loss import diagnose_loss
 from cc_mujoco.diagnosis._partial.motion import diagnose_motion
 from cc_mujoco.diagnosis._phrases import DATA_PREFIX, Progress, no_progress
 from cc_mujoco.diagnosis._propose.experiment import propose
-from cc_mujoco.diagnosis._report.output import (
-    DiagnosisResult,
-    preload_drawing,
-    require_ours,
-    write,
-)
+from cc_mujoco.diagnosis._report import output
+from cc_mujoco.diagnosis._report.output import DiagnosisResult
 from cc_mujoco.diagnosis._scene.repair import existing_effects, require_repairable
 from cc_mujoco.diagnosis._search.search import search_effects
 from cc_mujoco.diagnosis._verdict import Baseline, Diagnosis
@@ -89,8 +81,8 @@ def diagnose(
     with effects_in_use(effects) as requested:
         bench = Bench.of(Path(scene), axis)
         given = _paths(data)
-        require_ours(Path(out), bench.path, given)
-        preload_drawing()
+        output.require_ours(Path(out), bench.path, given)
+        output.preload_drawing()
         result, dataset = infer(
             bench,
             given,
@@ -100,7 +92,7 @@ def diagnose(
             progress=progress,
         )
         names = [name for name in effects if isinstance(name, str)]
-        return write(result, dataset, Path(out), command, seed, names)
+        return output.write(result, dataset, Path(out), command, seed, names)
 
 
 def infer(
@@ -137,10 +129,12 @@ def infer(
                 warnings.warn(finding.statement, CableWarning, stacklevel=3)
         known = bench.known(dataset.constants)
         if dataset.has_motor_angle:
-            findings += check_bench(dataset.trials, known)
+            findings += readings.check_bench(dataset.trials, known)
             if not errors(findings):
                 findings += check_lead(dataset.trials, known)
-        findings += check_known_torques(dataset) + check_load_cells(dataset, known)
+        findings += readings.check_known_torques(dataset) + readings.check_load_cells(
+            dataset, known
+        )
         wrong = errors(findings)
         if wrong or not dataset.trials:
             first = wrong[0].statement if wrong else "No trial can be read."

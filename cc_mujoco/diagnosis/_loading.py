@@ -18,6 +18,7 @@ import numpy as np
 
 from cc_mujoco.assets import SCENES, scene_path
 from cc_mujoco.datasets import _channels as channels
+from cc_mujoco.datasets import _folders as data_folders
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._clock import SampledTrack, decimate, find_segments, sort_rows
 from cc_mujoco.datasets._data_findings import DataFinding, error, errors, warning
@@ -27,27 +28,13 @@ from cc_mujoco.datasets._dataset_file import (
     group_files,
     read_dataset_file,
 )
-from cc_mujoco.datasets._folders import (
-    check_occasions,
-    data_files,
-    find_dataset_file,
-    join_occasions,
-    nearby_data_files,
-    occasion_folders,
-    occasion_of,
-    trial_names,
-)
 from cc_mujoco.datasets._glitches import drop_glitches
 from cc_mujoco.datasets._reading import Recording, read
 from cc_mujoco.datasets._run_log import is_log, other_scene, truncation_reason
 from cc_mujoco.datasets._torques import OtherAxes, add_derived_torques, derived_noise
 from cc_mujoco.datasets._trials import Dataset, Trial, TrialFacts
+from cc_mujoco.diagnosis._checks import readings
 from cc_mujoco.diagnosis._checks.content import noise_of, wrong_repeats
-from cc_mujoco.diagnosis._checks.readings import (
-    check_motions,
-    check_recording,
-    check_trials,
-)
 from cc_mujoco.diagnosis._rig.records import compared_band
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
@@ -78,14 +65,21 @@ def load(
         CableError: there are no data files, or the `dataset.toml` is wrong.
     """
     paths = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
-    files = data_files(paths)
-    folders = occasion_folders(paths)
+    files = data_folders.data_files(paths)
+    folders = data_folders.occasion_folders(paths)
     if dataset_toml is None:
-        declared = [find_dataset_file(data_files([each])) for each in folders.values()]
+        declared = [
+            data_folders.find_dataset_file(data_folders.data_files([each]))
+            for each in folders.values()
+        ]
         if sum(path is not None for path in declared) > 1:
             return _load_each(folders, bench, columns)
     findings: list[DataFinding] = []
-    toml = Path(dataset_toml) if dataset_toml is not None else find_dataset_file(files)
+    toml = (
+        Path(dataset_toml)
+        if dataset_toml is not None
+        else data_folders.find_dataset_file(files)
+    )
     file = DatasetFile() if toml is None else read_dataset_file(toml)
     if toml is not None and dataset_toml is None:
         findings.append(warning(f"The columns are read as {toml} declares them."))
@@ -96,7 +90,9 @@ def load(
         others = bench.recorded_angles(file.source(channels.JOINT_TORQUE).measured)
         other_axes = OtherAxes(bench)
     names, parts = _trials_by_file(files, file)
-    findings += file.check_trials(names, nearby_data_files(files, file.path))
+    findings += file.check_trials(
+        names, data_folders.nearby_data_files(files, file.path)
+    )
     trials: list[Trial] = []
     known: dict[str, Path] = {}
     for path, name in names.items():
@@ -116,7 +112,7 @@ def load(
             continue
         facts = file.facts_of(path, names)
         if not facts.occasion:
-            facts = replace(facts, occasion=occasion_of(path, folders))
+            facts = replace(facts, occasion=data_folders.occasion_of(path, folders))
         findings += _check_origin(recording, bench)
         ordered, found = sort_rows(recording)
         findings += found
@@ -136,7 +132,7 @@ def load(
                 "it again if it lacks what it was to show."
             )
             findings.append(warning(message, name))
-        findings += check_recording(recording, facts, file)
+        findings += readings.check_recording(recording, facts, file)
         track, found = decimate(track, str(path), name)
         findings += found
         if bench is not None:
@@ -149,9 +145,9 @@ def load(
     if not measured:
         found.append(warning("The motor's angle is not measured."))
     elif bench is not None and bench.others:  # the ends do not turn by one ratio
-        found += check_motions(trials)
+        found += readings.check_motions(trials)
     else:
-        found += check_trials(trials, alone)
+        found += readings.check_trials(trials, alone)
     findings += found
     dataset = Dataset(
         trials=tuple(trials),
@@ -170,7 +166,7 @@ def load(
         noise[channels.JOINT_TORQUE] = other_axes.noise(own, passed)
     noise |= derived_noise(noise, instruments, file.rig, known_bench)
     findings += wrong_repeats(dataset.trials) if measured else []
-    findings += check_occasions(dataset.trials)
+    findings += data_folders.check_occasions(dataset.trials)
     return replace(dataset, noise=noise), findings
 
 
@@ -196,7 +192,7 @@ def _load_each(
         findings += found
     if errors(findings):
         return next(iter(parts.values())), findings
-    return join_occasions(parts), findings
+    return data_folders.join_occasions(parts), findings
 
 
 def _check_origin(recording: Recording, bench: Bench | None) -> list[DataFinding]:
@@ -241,7 +237,7 @@ def _trials_by_file(
 ) -> tuple[dict[Path, str], dict[Path, tuple[TrialFile, ...]]]:
     """Return trial names by their first file, and the files of multi-file trials."""
     alone, several = group_files(files, file)
-    names = trial_names(alone)
+    names = data_folders.trial_names(alone)
     if twins := set(names.values()) & set(several):
         raise CableError(
             f"{file.path}, [files]: {min(twins)!r} is also the name of a file that is "

@@ -30,6 +30,7 @@ import numpy as np
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._channels import TORQUE
 from cc_mujoco.datasets._trials import Dataset
+from cc_mujoco.diagnosis import _phrases as words
 from cc_mujoco.diagnosis._fit import problem as fitting
 from cc_mujoco.diagnosis._fit.noise_floor import noise_floor
 from cc_mujoco.diagnosis._fit.problem import (
@@ -40,19 +41,9 @@ from cc_mujoco.diagnosis._fit.problem import (
     TorqueDerivatives,
 )
 from cc_mujoco.diagnosis._fit.trials import exchanged_torques
-from cc_mujoco.diagnosis._phrases import (
-    Progress,
-    capitalise,
-    channel_name,
-    format_number,
-)
+from cc_mujoco.diagnosis._rig import simulation
 from cc_mujoco.diagnosis._rig.records import Filtering, Record, prepare
-from cc_mujoco.diagnosis._rig.simulation import (
-    MAX_FITTED_STIFFNESS,
-    SimulatedRig,
-    Values,
-    baseline_parameters,
-)
+from cc_mujoco.diagnosis._rig.simulation import SimulatedRig, Values
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis._verdict import Diagnosis, Gap, TrialTrace, Verdict
 from cc_mujoco.diagnosis.effects import EFFECTS
@@ -219,7 +210,8 @@ class _Grid:
         points = {
             "friction": np.minimum(friction, Limit.max_fitted_friction),
             "axial_stiffness": np.minimum(
-                np.multiply((0.25, 0.5, 1.0, 2.0, 4.0), stiff), MAX_FITTED_STIFFNESS
+                np.multiply((0.25, 0.5, 1.0, 2.0, 4.0), stiff),
+                simulation.MAX_FITTED_STIFFNESS,
             ),
             "pretension": np.multiply(
                 (0.1, 0.3, 1.0, 3.0, 10.0), max(line.spread, 1e-3)
@@ -306,7 +298,7 @@ class _Grid:
         whole = np.concatenate([record.measured for record in records], axis=1)
         size = Limit.error_scale * np.std(whole, axis=1, keepdims=True) + 1e-9
         floor = tuple(np.broadcast_to(size, r.measured.shape) for r in records)
-        free = baseline_parameters(bench, records, constants, known, values)
+        free = simulation.baseline_parameters(bench, records, constants, known, values)
         return Problem(plant, free, (), floor, floor)
 
     def _place(self, problem: Problem, values: Mapping[str, float]) -> FloatArray:
@@ -419,7 +411,7 @@ def fit_baseline(
 ) -> BaselineFit:
     """Fit the baseline on the coarsest simulation that is accurate enough."""
     records = plant.records
-    free = baseline_parameters(
+    free = simulation.baseline_parameters(
         plant.bench, records, dataset.constants, dataset.instruments, plant.given
     )
     counts = [record.free for record in records]
@@ -610,7 +602,7 @@ class Holdout:
 
 
 def fit_scene(
-    dataset: Dataset, bench: Bench, settings: Options, progress: Progress
+    dataset: Dataset, bench: Bench, settings: Options, progress: words.Progress
 ) -> BaselineFit | Diagnosis:
     """Fit the baseline and its noise floor, or return a diagnosis that ends here."""
 
@@ -633,10 +625,9 @@ def fit_scene(
     if found.change > Limit.max_numerical_error:
         return refused(
             f"A simulation with {2 * plant.segments} segments or {2 * plant.substeps} "
-            "steps per sample "
-            f"differs by {format_number(found.change)} times the noise floor, more "
-            f"than {Limit.max_numerical_error:g}: what would be named could be the "
-            "numerics. "
+            f"steps per sample differs by {words.format_number(found.change)} times "
+            f"the noise floor, more than {Limit.max_numerical_error:g}: what would be "
+            "named could be the numerics. "
             f"Record faster than {1.0 / plant.records[0].dt:.0f} Hz, or reduce the "
             "wrap.",
             "fix-numerics",
@@ -655,8 +646,8 @@ def _excitation_problem(records: Sequence[Record]) -> str:
     still = "the motor never moves enough to carry the whole cable along"
     reserved = [r for r in records if r.split == "test"]
     if _count(records) < Limit.min_counted_samples:
-        return (
-            f"{capitalise(still)}, so nothing can be compared; record larger motions."
+        return words.capitalise(
+            f"{still}, so nothing can be compared; record larger motions."
         )
     if _count(r for r in records if r.split != "test") < Limit.min_counted_samples:
         return (
@@ -797,19 +788,21 @@ def unit_or_sign_error(
             side = float(np.sign(np.concatenate(simulated).sum()))
             against = side * np.concatenate(measured) < 0.0
             pushes = bool(np.mean(against) > Limit.push_share)
-        name = channel_name(channel)
+        name = words.channel_name(channel)
         if pushes or (times is not None and _is_near_one(-times)):
             contradictions.append(f"the {name} is the negative of")
         elif times is not None:
             factors = TORQUE.factors.items()
             other = [unit for unit, si in factors if _is_near_one(times * si)]
             if other and "Nm" not in other:
-                contradictions.append(f"the {name} is {format_number(times)} times")
+                contradictions.append(
+                    f"the {name} is {words.format_number(times)} times"
+                )
                 units.update(other)
     if not contradictions:
         return ""
     guess = f"; readings in {list_words(sorted(units), 'or')} would be" if units else ""
-    return capitalise(
+    return words.capitalise(
         f"{list_words(contradictions)} what the scene predicts before anything is "
         f"tuned{guess}. Declare unit or sign of the columns in dataset.toml, or put "
         "pretension, friction and pulleys of the scene right."

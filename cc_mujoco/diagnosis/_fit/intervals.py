@@ -39,13 +39,8 @@ from cc_mujoco.diagnosis._rig.simulation import plausible_range
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis.effects import EFFECTS
 from cc_mujoco.diagnosis.effects._effect import ANTAGONIST, EffectParameter
-from cc_mujoco.estimation._least_squares import (
-    MAX_FREEDOM,
-    Estimate,
-    covariance,
-    estimate,
-    undetermined_directions,
-)
+from cc_mujoco.estimation import _least_squares as least_squares
+from cc_mujoco.estimation._least_squares import Estimate
 from cc_mujoco.native import FloatArray
 
 IMPLAUSIBLE_PREFIX = "fits only with"
@@ -99,10 +94,10 @@ def doubtful_effects(
         count = len(index) + len(shape)
         # Freedom of a sum of sizes with these weights (Satterthwaite, see above).
         shares = contrast**2 * np.diag(part)
-        total, known = float(np.sum(shares)), MAX_FREEDOM
+        total, known = float(np.sum(shares)), least_squares.MAX_FREEDOM
         if total > 0.0:
             spread = max(float(np.sum(shares**2 / freedom[index])), 1e-300)
-            known = min(total**2 / spread, MAX_FREEDOM)
+            known = min(total**2 / spread, least_squares.MAX_FREEDOM)
         least = count * float(fdtri(count, known, Limit.nonzero_confidence))
         if float(size @ contrast) / least < 1.0:
             found.append(name)
@@ -187,7 +182,7 @@ class Spread(NamedTuple):
 
 def noise_covariance(problem: Problem, x: FloatArray, masks: Masks) -> Spread:
     """Return the covariance by noise alone, a lower bound of `fit_covariance`."""
-    found: FloatArray = covariance(jacobian(problem, x, masks))
+    found: FloatArray = least_squares.covariance(jacobian(problem, x, masks))
     return Spread(found, np.full(x.size, np.inf))
 
 
@@ -205,7 +200,7 @@ def fit_covariance(problem: Problem, x: FloatArray, masks: Masks) -> Spread:
     slopes = jacobian(fresh, x, masks)
     residual = fresh.residual(x, masks)
     # The weights of the errors already count independent samples only.
-    noise = covariance(slopes)
+    noise = least_squares.covariance(slopes)
     moved = disagreement(slopes, residual, parts_of(problem.plant.records, masks))
     beyond = np.sqrt(np.maximum(moved.factor - 1.0, 0.0))
     trials = noise * (1.0 + np.outer(beyond, beyond))
@@ -227,7 +222,7 @@ def estimates(problem: Problem, x: FloatArray, spread: Spread) -> dict[str, Esti
     deviations = np.sqrt(np.diag(spread.covariance)).tolist()
     uncertain = zip(x.tolist(), deviations, spread.freedom.tolist(), strict=True)
     for parameter, known in zip(problem.tuned, uncertain, strict=True):
-        own = found[parameter.name] = estimate(parameter, *known)
+        own = found[parameter.name] = least_squares.estimate(parameter, *known)
         low, high = own.ci95
         sure = low > 0.0 and math.log(high / low) <= 2.0 * Limit.max_log_factor
         if parameter.factor and not sure:
@@ -253,8 +248,10 @@ def undetermined(problem: Problem, x: FloatArray, masks: Masks) -> tuple[str, ..
     found = []
     whole = jacobian(problem, x, masks)
     priors = sum(math.isfinite(parameter.prior) for parameter in problem.tuned)
-    known = covariance(whole[: whole.shape[0] - priors])
-    for shares in undetermined_directions(known, Limit.undetermined_deviation):
+    known = least_squares.covariance(whole[: whole.shape[0] - priors])
+    for shares in least_squares.undetermined_directions(
+        known, Limit.undetermined_deviation
+    ):
         pairs = zip(problem.names, shares, strict=True)
         parts = [name for name, share in pairs if abs(share) > 0.3]
         text = " hardly changes the outputs; its value is a guess."
@@ -359,7 +356,7 @@ def disagreement(
         residual: (residuals,) in units of their noise.
         parts: (data,) number of the part of each residual; those of priors have none.
     """
-    whole = covariance(slopes)
+    whole = least_squares.covariance(slopes)
     every = [np.flatnonzero(parts == part) for part in np.unique(parts)]
     # A triangle has the same square as the rows, which may be many.
     root = [np.asarray(np.linalg.qr(slopes[rows], mode="r")) for rows in every]
@@ -367,7 +364,9 @@ def disagreement(
     square = [each.T @ each for each in root]
     known = slopes[parts.size :]
     without = [
-        covariance(np.concatenate([*root[:place], *root[place + 1 :], known]))
+        least_squares.covariance(
+            np.concatenate([*root[:place], *root[place + 1 :], known])
+        )
         for place in range(len(root))
     ]
     factor = np.ones(slopes.shape[1])

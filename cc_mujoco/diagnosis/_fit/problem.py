@@ -23,13 +23,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cc_mujoco.diagnosis._rig import simulation
 from cc_mujoco.diagnosis._rig.records import Record, Setting
-from cc_mujoco.diagnosis._rig.simulation import (
-    SimulatedRig,
-    base_name,
-    plausible_range,
-    values_on,
-)
+from cc_mujoco.diagnosis._rig.simulation import SimulatedRig
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis.effects._effect import EffectParameter, form_key
 from cc_mujoco.estimation import _least_squares as least_squares
@@ -94,7 +90,7 @@ class TorqueDerivatives:
         steps = []  # changes for differences, within the parameters' bounds
         for tuned, place in zip(problem.tuned, x, strict=True):
             usual = FACTOR_STEP if tuned.factor else 0.05
-            step = _PARAMETER_STEPS.get(base_name(tuned.name), usual)
+            step = _PARAMETER_STEPS.get(simulation.base_name(tuned.name), usual)
             steps.append(-step if place + step > tuned.high else step)
         inner = self._inner = self._inner or _need_replays(problem, x, steps)
         records = [problem.plant.records[k] for k in seen]
@@ -218,7 +214,7 @@ def _need_replays(
     def settings(place: FloatArray) -> list[Setting]:
         values = problem.values(place)
         return [
-            plant.setting(values_on(values, day), effects, None, own)
+            plant.setting(simulation.values_on(values, day), effects, None, own)
             for own, day in seen
         ]
 
@@ -248,7 +244,7 @@ def tuned_effect_parameter(
         bounds = math.log(low / start), math.log(high / start)
         found = Tuned(described, start, 1.0, *bounds)
     else:
-        prior = 0.5 * plausible_range(parameter, plant)[1] / size
+        prior = 0.5 * simulation.plausible_range(parameter, plant)[1] / size
         found = Tuned(described, 0.0, size, low / size, high / size, prior)
     # The valid range of a cable parameter ends at its bounds, and so may a fit: no
     # rounding may leave them.

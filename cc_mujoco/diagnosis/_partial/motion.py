@@ -31,14 +31,8 @@ from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis._verdict import Baseline, Diagnosis, Verdict
 from cc_mujoco.diagnosis.effects._effect import follow_with_play
 from cc_mujoco.errors import CableError
-from cc_mujoco.estimation._least_squares import (
-    Estimate,
-    Tuned,
-    covariance,
-    differences,
-    estimate,
-    fit,
-)
+from cc_mujoco.estimation import _least_squares as least_squares
+from cc_mujoco.estimation._least_squares import Estimate, Tuned
 from cc_mujoco.native import FloatArray
 
 _ENDS_HELD = (
@@ -187,26 +181,30 @@ def diagnose_motion(dataset: Dataset, bench: Bench) -> Diagnosis:
 
     def jacobian(x: FloatArray) -> FloatArray:
         steps = {k: 0.5 if x[k] + 0.5 < free[k].high else -0.5 for k in range(x.size)}
-        columns = differences(lambda there: [residual(there)], x, steps, [residual(x)])
+        columns = least_squares.differences(
+            lambda there: [residual(there)], x, steps, [residual(x)]
+        )
         return np.array([columns[k][0] for k in range(x.size)]).T
 
     begin = np.array(start) / scales
     best = min(
         (
-            fit(residual, jacobian, free, begin * keep, tolerance=1e-4)
+            least_squares.fit(residual, jacobian, free, begin * keep, tolerance=1e-4)
             for keep in ([1, 0, 1, 1], [0, 0, 1, 1], [1, 0, 0, 1])
         ),
         key=lambda found: found.cost,
     )
-    rigid = fit(
+    rigid = least_squares.fit(
         lambda x: residual(np.array([0.0, 0.0, 0.0, x[0]])),
         lambda x: jacobian(np.array([0.0, 0.0, 0.0, x[0]]))[:, 3:],
         free[3:],
         [start[3] / scales[3]],
     )
-    spread = np.sqrt(np.diag(covariance(jacobian(best.x), residuals(best.x))))
+    spread = np.sqrt(
+        np.diag(least_squares.covariance(jacobian(best.x), residuals(best.x)))
+    )
     values = {
-        p.name: estimate(p, place, deviation)
+        p.name: least_squares.estimate(p, place, deviation)
         for p, place, deviation in zip(
             free, best.x.tolist(), spread.tolist(), strict=True
         )

@@ -19,12 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cc_mujoco._utils.atomic_io import (
-    checksum_line,
-    replacing_folder,
-    require_ours,
-    require_unmodified,
-)
+from cc_mujoco._utils import atomic_io
 from cc_mujoco._utils.parsing import parse_toml
 from cc_mujoco.datasets import _channels as channels
 from cc_mujoco.datasets._bench import Bench
@@ -320,8 +315,8 @@ def plan(
     page_now = ""
     with suppress(OSError, ValueError):
         page_now = (Path(out) / PLAN_PAGE).read_text(encoding="utf-8")
-    require_ours(Path(out), lambda _: page_now.startswith(_TITLE))
-    require_unmodified(out, [DATASET_FILE], page_now)
+    atomic_io.require_ours(Path(out), lambda _: page_now.startswith(_TITLE))
+    atomic_io.require_unmodified(out, [DATASET_FILE], page_now)
     file = (
         DatasetFile() if dataset_toml is None else read_dataset_file(Path(dataset_toml))
     )
@@ -343,7 +338,7 @@ def plan(
     with single_threaded_blas():
         cells = [name for name in file.columns if channels.is_tension(name)]
         found = planned(bench, swing, speed, file.rig, noise, ids, instruments, cells)
-    with replacing_folder(out) as place:
+    with atomic_io.replacing_folder(out) as place:
         facts = ["# What is planned; correct it where the rig did otherwise.", ""]
         for k, motion in enumerate(found.trials, start=1):
             experiment.write_motion(place / names[k - 1], motion)
@@ -351,8 +346,8 @@ def plan(
             facts += [*experiment.trial_table(f"trial_{k:02d}", motion, tension), ""]
         (place / DATASET_FILE).write_text(declared + "\n".join(facts), encoding="utf-8")
         text = page(found, bench, swing, speed, instruments)
-        mark = f"<!-- {checksum_line(place / DATASET_FILE)} -->"  # no browser shows it
-        (place / PLAN_PAGE).write_text(f"{text}\n{mark}\n", encoding="utf-8")
+        mark = atomic_io.checksum_line(place / DATASET_FILE)  # no browser shows it
+        (place / PLAN_PAGE).write_text(f"{text}\n<!-- {mark} -->\n", encoding="utf-8")
     for name in names[len(found.trials) :]:  # of an earlier, longer plan
         (Path(out) / name).unlink(missing_ok=True)
     return found

@@ -13,15 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.diagnosis._phrases import (
-    TORQUE_UNIT,
-    capitalise,
-    channel_name,
-    effect_name,
-    format_number,
-    format_share,
-    plain_name,
-)
+from cc_mujoco.diagnosis import _phrases as words
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis._verdict import (
     Diagnosis,
@@ -129,7 +121,7 @@ def draw_isolability(isolability: Isolability, width: float) -> Figure | None:
         return None
     order = _cluster_order(isolability.cosines)
     cosines = isolability.cosines[np.ix_(order, order)]
-    names = [effect_name(isolability.ids[k]).replace("$", r"\$") for k in order]
+    names = [words.effect_name(isolability.ids[k]).replace("$", r"\$") for k in order]
     drawing = figure(width, 1.5 + 0.24 * count)
     heat, bars = drawing.subplots(1, 2, sharey=True, width_ratios=[3.2, 1])
     shades = LinearSegmentedColormap.from_list("likeness", ["white", BLUE])
@@ -217,16 +209,16 @@ def draw_gap(gaps: Mapping[str, Gap]) -> Figure:
         ]
         if gap.rmse_after == gap.rmse_before:
             bars[1:] = [("simulation", gap.rmse_before, ORANGE)]
-        words, values, colors = zip(*bars, strict=True)
-        drawn = axes.barh(words, np.nan_to_num(values), color=colors, height=0.7)
-        texts = [format_number(value, gap.noise_floor) for value in values]
+        titles, values, colors = zip(*bars, strict=True)
+        drawn = axes.barh(titles, np.nan_to_num(values), color=colors, height=0.7)
+        texts = [words.format_number(value, gap.noise_floor) for value in values]
         axes.bar_label(drawn, texts, padding=4, fontsize=9)
         axes.invert_yaxis()
         axes.grid(False, axis="y")
         axes.margins(x=0.16)
         axes.locator_params(axis="x", nbins=5)
-        axes.set(title=capitalise(channel_name(name)))
-    panels[-1].set_xlabel(f"weighted RMS error on held-out data [{TORQUE_UNIT}]")
+        axes.set(title=words.capitalise(words.channel_name(name)))
+    panels[-1].set_xlabel(f"weighted RMS error on held-out data [{words.TORQUE_UNIT}]")
     return drawing
 
 
@@ -262,9 +254,9 @@ def draw_excerpt(excerpt: Excerpt, both: bool) -> Figure:
                 *_break_at_gaps(time, played[name][part]), color=color, label=label
             )
             rest.plot(*_break_at_gaps(time, error[part]), color=color, linewidth=1.0)
-        title = capitalise(channel_name(name))
-        whole.set(title=title, ylabel=f"torque [{TORQUE_UNIT}]")
-        rest.set(ylabel=f"error [{TORQUE_UNIT}]")
+        title = words.capitalise(words.channel_name(name))
+        whole.set(title=title, ylabel=f"torque [{words.TORQUE_UNIT}]")
+        rest.set(ylabel=f"error [{words.TORQUE_UNIT}]")
         rest.axhline(0.0, color=GREY, linewidth=0.8)
     panels[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3)
     for label, angle, color in (
@@ -291,12 +283,15 @@ def _draw_map(axes: Axes, each: Map, both: bool) -> None:
         )
     if _has_equal_ratios(each.centre):
         axes.set_xscale("log")
-    axis = plain_name(each.axis).replace("$", r"\$")
-    channel, share = capitalise(channel_name(each.channel)), format_share(each.share)
+    axis = words.plain_name(each.axis).replace("$", r"\$")
+    channel, share = (
+        words.capitalise(words.channel_name(each.channel)),
+        words.format_share(each.share),
+    )
     axes.set(
         title=f"{channel}: {share} of its error",
         xlabel=f"{axis} [{each.unit or '1'}]",
-        ylabel=f"mean error [{TORQUE_UNIT}]",
+        ylabel=f"mean error [{words.TORQUE_UNIT}]",
     )
 
 

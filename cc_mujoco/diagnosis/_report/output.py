@@ -30,27 +30,14 @@ from cc_mujoco.datasets._columns import DATASET_FILE
 from cc_mujoco.datasets._dataset_file import read_dataset_file
 from cc_mujoco.datasets._folders import MOTION_FILE, data_files, find_dataset_file
 from cc_mujoco.datasets._trials import TORQUE_SENSORS, Dataset
+from cc_mujoco.diagnosis import _phrases as words
 from cc_mujoco.diagnosis._fit.fit import BaselineFit
 from cc_mujoco.diagnosis._fit.problem import Problem
-from cc_mujoco.diagnosis._phrases import (
-    NO_SCENE_PREFIX,
-    NOT_IN_SCENE_PREFIX,
-    effect_name,
-    headline,
-)
 from cc_mujoco.diagnosis._propose.experiment import CataloguedTrial, write_motion
 from cc_mujoco.diagnosis._report import drawings, sections
+from cc_mujoco.diagnosis._rig import simulation
 from cc_mujoco.diagnosis._rig.records import low_pass, shift_signal
-from cc_mujoco.diagnosis._rig.simulation import (
-    CLOCK_PARAMETERS,
-    TORQUE_OFFSETS,
-    occasions_of,
-)
-from cc_mujoco.diagnosis._scene.realisation import (
-    is_realisable,
-    realisations,
-    unrealisable_reason,
-)
+from cc_mujoco.diagnosis._scene import realisation
 from cc_mujoco.diagnosis._scene.repair import repair_scene, rollout
 from cc_mujoco.diagnosis._scene.repair import write as write_scene
 from cc_mujoco.diagnosis._verdict import (
@@ -273,7 +260,7 @@ def _page(diagnosis: Diagnosis, evidence: Evidence, figures: Path) -> str:
     gap = drawn("gap", "Weighted RMS error on held-out data, beside the noise floor.")
     titles = {key: title for key, (title, _) in parts.items()}
     return html.page(
-        headline(diagnosis),
+        words.headline(diagnosis),
         diagnosis.verdict,
         sections.header(diagnosis, gap),
         page_sections(titles, there),
@@ -386,7 +373,7 @@ def write(
                     written = {"written": atomic_io.checksum_line(place / SCENE_FILE)}
                     diagnosis = replace(diagnosis, provenance=known | written)
                 except CableError as error:  # the verdict stands without it
-                    problems = [f"{NO_SCENE_PREFIX}: {error}."]
+                    problems = [f"{words.NO_SCENE_PREFIX}: {error}."]
                 noticed = (*diagnosis.problems, *problems)
                 diagnosis = replace(diagnosis, problems=noticed)
                 write_recording(place / "evidence.rrd", result.evidence)
@@ -432,18 +419,18 @@ def write_and_compare_scene(result: DiagnosisResult, path: Path) -> list[str]:
     statements = []
     for name in problem.effects:
         own = {p.name: values.get(p.name, 0.0) for p in EFFECTS[name].parameters}
-        if reason := unrealisable_reason(result.bench, name):
+        if reason := realisation.unrealisable_reason(result.bench, name):
             left_out[name] = own
             statements.append(
-                f"{NOT_IN_SCENE_PREFIX} {effect_name(name)}, which was found: {reason}."
-                " Take its values from verdict.json."
+                f"{words.NOT_IN_SCENE_PREFIX} {words.effect_name(name)}, which was "
+                f"found: {reason}. Take its values from verdict.json."
             )
         else:
             effects[name] = own
     if bench.arm:
         statements.append(
-            f"{NOT_IN_SCENE_PREFIX} the moment arm of [rig] angle_pairs; its joint has "
-            "a round pulley of the radius at 0."
+            f"{words.NOT_IN_SCENE_PREFIX} the moment arm of [rig] angle_pairs; its "
+            "joint has a round pulley of the radius at 0."
         )
     if bench.lever is None:
         _use_scene_angle(effects, values.get("joint_angle_offset", 0.0))
@@ -480,7 +467,9 @@ def rollout_difference(result: DiagnosisResult, path: Path) -> tuple[str, float,
     problem = result.problem
     assert problem is not None
     records, lever = problem.plant.records, result.bench.lever
-    last = occasions_of(records)[-1]  # the scene is that of the last occasion
+    last = simulation.occasions_of(records)[
+        -1
+    ]  # the scene is that of the last occasion
     first = next(k for k, each in enumerate(records) if each.occasion == last)
     record = records[first]
     values = problem.values(result.x)
@@ -503,7 +492,9 @@ def rollout_difference(result: DiagnosisResult, path: Path) -> tuple[str, float,
         driven=result.bench.joint,
         others=others,
     )
-    quiet = values | dict.fromkeys((*TORQUE_OFFSETS, *CLOCK_PARAMETERS), 0.0)
+    quiet = values | dict.fromkeys(
+        (*simulation.TORQUE_OFFSETS, *simulation.CLOCK_PARAMETERS), 0.0
+    )
     # The sensors of a scene show both torques, even if those of the rig do not.
     whole = replace(
         problem.plant,
@@ -511,9 +502,13 @@ def rollout_difference(result: DiagnosisResult, path: Path) -> tuple[str, float,
         instruments=TORQUE_SENSORS,
         bench=replace(problem.plant.bench, arm=()),
     )
-    shows = [name for name in problem.effects if is_realisable(result.bench, name)]
+    shows = [
+        name
+        for name in problem.effects
+        if realisation.is_realisable(result.bench, name)
+    ]
     if lever is not None:  # MuJoCo shows of it what the cable does
-        shows = [name for name in shows if name not in realisations()]
+        shows = [name for name in shows if name not in realisation.realisations()]
     played: FloatArray = whole.simulate(quiet, shows, only=(first,))[0][:, :short]
     edge = round(1.0 / record.band / record.dt)
     passed = low_pass(np.array(shown), record.band, 1.0 / record.dt)

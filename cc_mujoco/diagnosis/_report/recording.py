@@ -15,15 +15,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from cc_mujoco.diagnosis._phrases import (
-    SIGN_NOTE,
-    TORQUE_UNIT,
-    capitalise,
-    channel_name,
-    effect_name,
-    effect_names,
-    plain_name,
-)
+from cc_mujoco.diagnosis import _phrases as words
 from cc_mujoco.diagnosis._phrases import format_share as share_of
 from cc_mujoco.diagnosis._report import drawings
 from cc_mujoco.diagnosis._verdict import MODELS, Evidence, Map, TrialTrace
@@ -107,21 +99,21 @@ def _log_map(rec: rr.RecordingStream, each: Map, both: bool) -> None:
 def _about(evidence: Evidence) -> rr.TextDocument:
     maps = [
         (
-            capitalise(channel_name(each.channel)),
-            f"{plain_name(each.axis)} [{each.unit or '1'}]",
+            words.capitalise(words.channel_name(each.channel)),
+            f"{words.plain_name(each.axis)} [{each.unit or '1'}]",
             share_of(each.share),
             share_of(each.chance),
         )
         for each in _ranked(evidence)
     ]
     pairs = [
-        (effect_name(one), effect_name(other), f"{cosine:.2f}")
+        (words.effect_name(one), words.effect_name(other), f"{cosine:.2f}")
         for one, other, cosine in drawings.confounded_pairs(evidence.isolability)
     ]
     parts = [
         "# Evidence of a diagnosis",
         "Measured torques are grey, those simulated before orange, those simulated "
-        f"with the named effects blue. {SIGN_NOTE}",
+        f"with the named effects blue. {words.SIGN_NOTE}",
         "# Maps of the error",
         markdown.table(("", "over", "share", "by chance"), maps, numbers=(2, 3)),
         "# Effects that are similar",
@@ -129,7 +121,7 @@ def _about(evidence: Evidence) -> rr.TextDocument:
     ]
     weak = drawings.invisible_effects(evidence.isolability)
     if weak:
-        parts.append(f"Smaller than the noise, if present: {effect_names(weak)}.")
+        parts.append(f"Smaller than the noise, if present: {words.effect_names(weak)}.")
     return rr.TextDocument("\n\n".join(parts), media_type=rr.MediaType.MARKDOWN)
 
 
@@ -160,19 +152,22 @@ def _trial_tab(trace: TrialTrace) -> rrb.Vertical:
 
     views = []
     for name, measured in trace.measured.items():
-        title = capitalise(channel_name(name))
+        title = words.capitalise(words.channel_name(name))
         lines = measured, trace.before[name], trace.after[name]
         errors = (trace.error(name, model) for model in MODELS)
-        views.append(view(name, f"{title} [{TORQUE_UNIT}]", *lines))
-        views.append(view(f"{name}_error", f"{title}, error [{TORQUE_UNIT}]", *errors))
+        views.append(view(name, f"{title} [{words.TORQUE_UNIT}]", *lines))
+        views.append(
+            view(f"{name}_error", f"{title}, error [{words.TORQUE_UNIT}]", *errors)
+        )
     views.append(view("motion", "Angles [rad]", trace.motor_angle, trace.joint_angle))
     return rrb.Vertical(*views, name=trace.trial)
 
 
 def _map_view(each: Map) -> rrb.BarChartView:
-    quantity = f"{plain_name(each.axis)} [{each.unit or '1'}]"
-    name = f"{capitalise(channel_name(each.channel))}, mean error [{TORQUE_UNIT}]"
-    return rrb.BarChartView(origin=_map_path(each), name=f"{name} over {quantity}")
+    quantity = f"{words.plain_name(each.axis)} [{each.unit or '1'}]"
+    channel = words.capitalise(words.channel_name(each.channel))
+    name = f"{channel}, mean error [{words.TORQUE_UNIT}] over {quantity}"
+    return rrb.BarChartView(origin=_map_path(each), name=name)
 
 
 def _map_path(each: Map, *more: str) -> str:

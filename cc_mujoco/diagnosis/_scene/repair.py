@@ -30,20 +30,8 @@ from cc_mujoco._utils.atomic_io import replacing
 from cc_mujoco.cable import Cable
 from cc_mujoco.datasets._bench import Bench, driven_joint
 from cc_mujoco.diagnosis._rig.records import LEAD_SAMPLES, with_lead_in
-from cc_mujoco.diagnosis._scene.realisation import (
-    REALISATIONS,
-    Values,
-    add_instruments,
-    angle_sensors,
-    has_instruments,
-    is_realisable,
-    realisations,
-    rim_stiffness,
-    tilt_rig,
-    torque_weights,
-    unrealisable_reason,
-    without_delay,
-)
+from cc_mujoco.diagnosis._scene import realisation
+from cc_mujoco.diagnosis._scene.realisation import Values
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis.effects import EFFECTS
 from cc_mujoco.errors import CableError
@@ -78,14 +66,14 @@ def repair_scene(
         raise CableError(
             f"the scene {bench.path} has {len(bench.cables)} cables, got {len(cables)}"
         )
-    beyond = [name for name in effects if not is_realisable(bench, name)]
+    beyond = [name for name in effects if not realisation.is_realisable(bench, name)]
     if beyond:
         raise CableError(
             f"the scene {bench.path} cannot have {', '.join(beyond)}: "
-            f"{unrealisable_reason(bench, beyond[0])}; take the values from "
-            "verdict.json"
+            f"{realisation.unrealisable_reason(bench, beyond[0])}; take the values "
+            "from verdict.json"
         )
-    table = realisations()
+    table = realisation.realisations()
     in_cables = [name for name in effects if name not in table]
     if in_cables and tuple(cables) == bench.cables:
         raise CableError(
@@ -106,12 +94,12 @@ def repair_scene(
         own, largest = spec.option.timestep, _largest_step(spec, bench)
         spec.option.timestep = own / max(math.ceil(own / largest), 1)
         if bench.lever is None:
-            add_instruments(spec, bench)
-        for name, realisation in table.items():
+            realisation.add_instruments(spec, bench)
+        for name, entry in table.items():
             if name in effects:
-                _check(name, realisation.parameters, effects[name])
-                if any(effects[name][key] != 0.0 for key in realisation.parameters):
-                    realisation.apply(spec, bench, effects[name])
+                _check(name, entry.parameters, effects[name])
+                if any(effects[name][key] != 0.0 for key in entry.parameters):
+                    entry.apply(spec, bench, effects[name])
         spec.comment = _comment(bench, effects, left_out or {})
         spec.compile()
     except CableError:
@@ -131,7 +119,7 @@ def existing_effects(scene: str | os.PathLike[str]) -> tuple[str, ...]:
     keyed = {
         name
         for name, effect in EFFECTS.items()
-        if name not in REALISATIONS and effect.edit_spec is None
+        if name not in realisation.REALISATIONS and effect.edit_spec is None
     }
     return tuple(name for name in named if name not in keyed)
 
@@ -176,7 +164,9 @@ def _largest_step(spec: MjSpec, bench: Bench) -> float:
     limits = []
     for joint, radius in pulleys:
         inertia = model.dof_M0[model.joint(joint).dofadr[0]]
-        limits.append(2.0 * math.sqrt(inertia / rim_stiffness(bench, radius)))
+        limits.append(
+            2.0 * math.sqrt(inertia / realisation.rim_stiffness(bench, radius))
+        )
     return 0.5 * min(limits)
 
 
@@ -194,7 +184,7 @@ def _check(name: str, parameters: Sequence[str], values: Values) -> None:
 def _comment(
     bench: Bench, effects: Mapping[str, Values], left_out: Mapping[str, Values]
 ) -> str:
-    lines, table = [], realisations()
+    lines, table = [], realisation.realisations()
     for name, values in {**effects, **left_out}.items():
         written = ", ".join(f"{key} {value:.6g}" for key, value in values.items())
         how = table[name].note if name in table else "keys of the cable plugin"
@@ -213,9 +203,9 @@ def require_repairable(bench: Bench) -> None:
     _check_settings(spec, bench)
     typical = {p.name: p.typical for e in EFFECTS.values() for p in e.parameters}
     everything = {  # offsets have no entry in the library
-        name: {key: typical.get(key, 0.01) for key in realisation.parameters}
-        for name, realisation in realisations().items()
-        if is_realisable(bench, name)
+        name: {key: typical.get(key, 0.01) for key in entry.parameters}
+        for name, entry in realisation.realisations().items()
+        if realisation.is_realisable(bench, name)
     }
     try:
         plain, full = (
@@ -353,7 +343,7 @@ def rollout(
         along = lead_in * turned
         angles = np.array(with_lead_in(angles[0], angles[1], lambda _: along, 1))
         clock = np.concatenate([before, clock])
-    tilt_rig(model, tilt)
+    realisation.tilt_rig(model, tilt)
     view = _Sensors(model) if bench is None else _Forces(model, bench)
     view.joints += tuple(int(model.joint(name).id) for name in held)
     angles = np.array([*angles, *held.values()])
@@ -374,13 +364,13 @@ class _Sensors:
     """Readings of the instruments of a scene."""
 
     def __init__(self, model: MjModel) -> None:
-        sensors = angle_sensors(model)
+        sensors = realisation.angle_sensors(model)
         proximal, distal = (model.sensor_objid[sensor] for sensor in sensors)
         # Hinges of motor and joint, and of others that are moved
         self.joints: tuple[int, ...] = (int(proximal), int(distal))
         self.sign = 1.0  # of the joint's angle in the scene over that in the data
         self.late = float(model.sensor_delay[sensors[0]])  # of the shown angles [s]
-        self._weights = torque_weights(model)
+        self._weights = realisation.torque_weights(model)
 
     def measure(self, data: MjData) -> FloatArray:
         """Return the motor and joint torque at the last evaluation (2,) [N m]."""
@@ -512,7 +502,7 @@ def _set_rest(
 
 def _fill_sensor_history(model: MjModel, data: MjData) -> None:
     """Fill the memory of delayed sensors with their present readings."""
-    with without_delay(model):
+    with realisation.without_delay(model):
         mujoco.mj_forward(model, data)
     for sensor in np.flatnonzero(model.sensor_history[:, 0]):
         count, first = int(model.sensor_history[sensor, 0]), model.sensor_adr[sensor]
@@ -566,12 +556,12 @@ def _instrumented_model(
         return scene.copy().compile(), None
     spec = _spec(scene)
     try:
-        if has_instruments(spec):
+        if realisation.has_instruments(spec):
             return spec.compile(), None
         bench = Bench.of(os.fspath(scene), cables=cables, driven=driven)
         if bench.lever is not None:
             return _without_strangers(spec, bench), bench
-        add_instruments(spec, bench)
+        realisation.add_instruments(spec, bench)
         return spec.compile(), None
     except CableError:
         raise

@@ -29,14 +29,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cc_mujoco.diagnosis._fit import trials
 from cc_mujoco.diagnosis._fit.fit import traces
 from cc_mujoco.diagnosis._fit.problem import BOOTSTRAP_BLOCK, Problem
-from cc_mujoco.diagnosis._fit.trials import (
-    TrialDifferences,
-    find_outlier_trial,
-    misfits,
-    trial_errors,
-)
+from cc_mujoco.diagnosis._fit.trials import TrialDifferences
 from cc_mujoco.diagnosis._phrases import (
     channel_name,
     format_number,
@@ -464,7 +460,7 @@ def locate_error(found: Found, judged: Diagnosis) -> Located:
     baseline, model = (fitted.problem, fitted.whole.x), (found.problem, found.x)
     # Where nothing explains the error, an added effect only stands in for it.
     explaining = baseline if judged.verdict == "unknown" else model
-    odd = find_outlier_trial(*explaining, misfits(*baseline))
+    odd = trials.find_outlier_trial(*explaining, trials.misfits(*baseline))
     question = odd.question if odd else judged.question
     if found.by_trial and odd and odd.rest > Limit.max_explained_error:
         question = ""  # no single trial contradicts the others
@@ -482,7 +478,7 @@ def locate_error(found: Found, judged: Diagnosis) -> Located:
     return Located(
         Evidence(shown, drawn, isolability),
         error_places(found, drawn, differences),
-        trial_errors(fitted.problem, before, after, model),
+        trials.trial_errors(fitted.problem, before, after, model),
         question,
     )
 

@@ -25,12 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cc_mujoco.datasets._channels import (
-    JOINT_ANGLE,
-    JOINT_TORQUE,
-    MOTOR_ANGLE,
-    MOTOR_TORQUE,
-)
+from cc_mujoco.datasets import _channels as channels
 from cc_mujoco.datasets._quantization import reconstruct_angle
 from cc_mujoco.datasets._trials import Dataset, Noise, Trial, TrialFacts
 from cc_mujoco.diagnosis._checks.content import repeat_scatter as scatter_of
@@ -63,7 +58,10 @@ def noise_floor(
     from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
     random, other = np.random.default_rng(seed), np.random.default_rng((seed, 1))
-    noise = {n: dataset.noise.get(n, _NO_NOISE) for n in (MOTOR_ANGLE, JOINT_ANGLE)}
+    noise = {
+        n: dataset.noise.get(n, _NO_NOISE)
+        for n in (channels.MOTOR_ANGLE, channels.JOINT_ANGLE)
+    }
     clean = plant.simulate(values)
     true = [likely(record, filtering) for record in plant.records]
     exact = plant.limited(true).simulate(values)
@@ -89,7 +87,7 @@ def noise_floor(
     known = plant.instruments
     own = [
         filtering.load**2
-        if name == JOINT_TORQUE and known.joint == "known load"
+        if name == channels.JOINT_TORQUE and known.joint == "known load"
         else dataset.noise.get(name, _NO_NOISE).deviation ** 2 * filtering.passed
         for name in known.channels
     ]
@@ -173,9 +171,9 @@ def _residual_trial(
         first.trial,
         time,
         motor,
-        torques.get(MOTOR_TORQUE),
+        torques.get(channels.MOTOR_TORQUE),
         joint,
-        torques.get(JOINT_TORQUE),
+        torques.get(channels.JOINT_TORQUE),
         tuple(slice(a, b) for a, b in pairwise(ends)),
         first.dt,
         facts=TrialFacts(repeat_of=None if first.group == first.trial else first.group),
@@ -231,7 +229,7 @@ def resample_angles(
     """
     angles = [record.motor_angle, record.joint_angle]
     thin = round(record.dt / record.step)
-    for k, name in enumerate((MOTOR_ANGLE, JOINT_ANGLE)):
+    for k, name in enumerate((channels.MOTOR_ANGLE, channels.JOINT_ANGLE)):
         angle, own = angles[k], noise[name]
         if own.deviation == 0.0:
             continue

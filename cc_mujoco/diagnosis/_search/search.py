@@ -19,16 +19,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cc_mujoco.diagnosis._fit import intervals
+from cc_mujoco.diagnosis._fit import intervals, trials
 from cc_mujoco.diagnosis._fit import problem as fitting
 from cc_mujoco.diagnosis._fit.fit import BaselineFit, Held, Holdout, refine_simulation
 from cc_mujoco.diagnosis._fit.intervals import Spread
 from cc_mujoco.diagnosis._fit.problem import CrossValidation, Fold, Masks, Problem
-from cc_mujoco.diagnosis._fit.trials import (
-    TrialDifferences,
-    agreement_shares,
-    compare_occasions,
-)
+from cc_mujoco.diagnosis._fit.trials import TrialDifferences
 from cc_mujoco.diagnosis._phrases import Progress, no_progress, part_of
 from cc_mujoco.diagnosis._rig.records import Record
 from cc_mujoco.diagnosis._rig.simulation import occasions_of
@@ -493,8 +489,8 @@ def search_effects(fitted: BaselineFit, progress: Progress) -> Found:
     progress(0.82, "fitting the result to all data")
     problem, x, spread, held = _drop_doubtful(fitted, found, progress)
     estimated = intervals.estimates(problem, x, spread)
-    compared = compare_occasions(problem, x, estimated)
-    shares = agreement_shares(compared) if compared else agreed.shares
+    compared = trials.compare_occasions(problem, x, estimated)
+    shares = trials.agreement_shares(compared) if compared else agreed.shares
     found = final_search(found, problem, x)
     added = [step.added for step in found.rounds if step.added]
     groups = {}

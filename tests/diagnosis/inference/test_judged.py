@@ -120,7 +120,7 @@ def test_what_is_named_for_little_is_called_a_hint(names: tuple[str, ...]) -> No
 def test_a_little_that_nothing_explains_is_called_a_hint(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(verdict_rules, "excess", lambda model: math.inf)
+    monkeypatch.setattr(verdict_rules.fitting, "excess", lambda model: math.inf)
     for misfit, hint in ((1.6, True), (1.9, False)):
         said, told = verdict(search(misfit, misfit), outcome((), GAP))
         assert said == "unknown"
@@ -248,7 +248,7 @@ def test_what_fits_only_with_an_impossible_size_is_evidence_for_the_unknown() ->
 def test_unknown_gives_the_refused_effect_its_share_what_remains_and_why(
     reason: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(verdict_rules, "excess", lambda model: math.inf)
+    monkeypatch.setattr(verdict_rules.fitting, "excess", lambda model: math.inf)
     said, statement = verdict(search(9.0, 9.0, reason), outcome((), GAP))
     assert said == "unknown"
     assert "What comes closest is gain of a torque sensor" in statement
@@ -261,7 +261,7 @@ def test_unknown_gives_the_refused_effect_its_share_what_remains_and_why(
 def test_nothing_is_missing_only_if_no_stretch_is_beyond_its_limit(
     misfit: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(verdict_rules, "excess", lambda model: 0.0)
+    monkeypatch.setattr(verdict_rules.fitting, "excess", lambda model: 0.0)
     found = search(misfit, misfit)
     assert verdict(found, outcome((), GAP))[0] == "none"
     stretch = Stretch("trial_06", 4.0, 8.0, "joint_torque_nm", 80.0, 1.2, True, 1.1)

@@ -180,9 +180,9 @@ def test_what_makes_held_out_trials_worse_is_judged_by_stretches_or_goes(
     problem = SimpleNamespace(
         plant=SimpleNamespace(records=()), effects=("end_compliance",)
     )
-    monkeypatch.setattr(module, "trial_folds", lambda _: "trials")
-    monkeypatch.setattr(module, "interleaved_folds", lambda _: "stretches")
-    monkeypatch.setattr(module, "never_held_out", lambda *_: ())
+    monkeypatch.setattr(module.fitting, "trial_folds", lambda _: "trials")
+    monkeypatch.setattr(module.fitting, "interleaved_folds", lambda _: "stretches")
+    monkeypatch.setattr(module.fitting, "never_held_out", lambda *_: ())
     fit: Any = SimpleNamespace(
         problem=problem,
         whole=SimpleNamespace(x=np.zeros(0)),

@@ -178,7 +178,7 @@ def test_no_tie_where_one_explains_the_data_and_the_other_does_not(
         seconds = np.array([[1.0, 0.0]] * 30 + [[each, 0.0] for each in last])
         return SimpleNamespace(misfit=misfit, seconds=seconds)
 
-    monkeypatch.setattr(acceptance, "blocks", lambda crossed: crossed.seconds)
+    monkeypatch.setattr(acceptance.fitting, "blocks", lambda crossed: crossed.seconds)
     monkeypatch.setattr(acceptance, "parted_by_form", lambda *_: True)
     before, best, other = model(30.0, 30e3), model(1.4, 1.0), model(5.7, 900.0)
     friction = "load_independent_friction", "tension_dependent_friction"

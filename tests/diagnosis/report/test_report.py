@@ -222,7 +222,7 @@ def test_report_is_written_whole_or_not_at_all(
     folder = tmp_path / "out"
     folder.mkdir()
     (folder / "report.html").write_text("old")
-    monkeypatch.setattr(report_module, "page", fail)
+    monkeypatch.setattr(report_module.html, "page", fail)
     with pytest.raises(CableError, match=r"out: disk full"):
         write_report(folder, DIAGNOSES["named"], NOTHING)
     assert [file.name for file in tmp_path.rglob("*")] == ["out", "report.html"]

@@ -793,10 +793,8 @@ def belief_in_verdict(
     if kind in ("none", "unknown"):  # a rate: no models are compared
         names, meaning = ["small"], "nothing was missing"
         if kind == "unknown":
-            names, meaning = (
-                [*missing],
-                "something acted that the library does not have",
-            )
+            names = [*missing]
+            meaning = "something acted that the library does not have"
         share, rest = format_share(reliable), 1.0 - reliable
         return VerdictOdds(
             reliable,

@@ -90,9 +90,8 @@ def load(
         others = bench.recorded_angles(file.source(channels.JOINT_TORQUE).measured)
         other_axes = OtherAxes(bench)
     names, parts = _trials_by_file(files, file)
-    findings += file.check_trials(
-        names, data_folders.nearby_data_files(files, file.path)
-    )
+    nearby = data_folders.nearby_data_files(files, file.path)
+    findings += file.check_trials(names, nearby)
     trials: list[Trial] = []
     known: dict[str, Path] = {}
     for path, name in names.items():

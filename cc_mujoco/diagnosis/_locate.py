@@ -27,6 +27,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.random import Generator
 from numpy.typing import NDArray
 
 from cc_mujoco.diagnosis._fit import trials
@@ -137,9 +138,8 @@ class _Prepared:
         self._samples = samples
         self._root = root = np.sqrt(samples.weight)
         plain = samples.error * root
-        usual = (
-            Limit.clip_sigmas * float(np.median(np.abs(plain))) / Limit.normal_median
-        )
+        middle = float(np.median(np.abs(plain)))
+        usual = Limit.clip_sigmas * middle / Limit.normal_median
         if usual > 0.0:
             plain = np.clip(plain, -usual, usual)
         smooth = np.concatenate(
@@ -360,7 +360,7 @@ def _map(
     unit: str,
     values: Sequence[FloatArray],
     channel: str,
-    random: np.random.Generator,
+    random: Generator,
 ) -> Map | None:
     """Return the map along an axis with these values of the samples that count."""
     before, after = (
@@ -501,7 +501,7 @@ def error_places(
     large = [name for name in off if off[name] > Limit.min_searched_error]
     samples = {name: error_samples(problem, seen, name) for name in large}
     found = [
-        _describe_period(line, name)
+        _period_text(line, name)
         for name in ranked
         if name in samples and (line := strongest_line(samples[name])) is not None
     ]
@@ -518,7 +518,7 @@ def error_places(
     share = off[worst] ** 2 / sum(size**2 for size in off.values())
     first = Where(worst, "channel", share, _main_sentence(off, worst, found, mapped))
     remaining = [
-        _describe_period(line, name, " that is left with what was added")
+        _period_text(line, name, " that is left with what was added")
         for name, size in left.items()
         if result.problem.effects
         and size > Limit.explained_error
@@ -623,9 +623,7 @@ def _main_sentence(
     )
 
 
-def _describe_period(
-    line: PeriodicError, name: str, which: str = ""
-) -> tuple[str, Where]:
+def _period_text(line: PeriodicError, name: str, which: str = "") -> tuple[str, Where]:
     exactly = format_number(line.order, 2.0 * line.order_error)
     order = str(round(line.order)) if line.whole_order else exactly
     size = "constant or proportional to the torque, which these data do not show"

@@ -154,9 +154,7 @@ def repeat_scatter(trials: Sequence[Trial], channels: Sequence[str]) -> Scatter:
     ]
     if not pairs:
         return Scatter(np.zeros(len(channels)), frozenset())
-    squares = [
-        [_rms_difference(pair, name) ** 2 for name in channels] for _, pair in pairs
-    ]
+    squares = [[_rms_difference(pair, n) ** 2 for n in channels] for _, pair in pairs]
     compared = frozenset().union(*(names for names, _ in pairs))
     return Scatter(np.sqrt(0.5 * np.mean(squares, axis=0)), compared)
 
@@ -226,9 +224,8 @@ def period_differences(trial: Trial) -> Iterator[Pair]:
             for values in [trial.channel(name)[part]]
         }
         # A growing swing correlates with itself, yet it is another motion.
-        if np.std(pair[MOTOR_ANGLE]) < Limit.period_tolerance * np.std(
-            trial.motor_angle[part]
-        ):
+        spread = np.std(trial.motor_angle[part])
+        if np.std(pair[MOTOR_ANGLE]) < Limit.period_tolerance * spread:
             yield pair
 
 

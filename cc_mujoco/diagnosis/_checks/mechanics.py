@@ -73,11 +73,9 @@ def measure_mechanics(trial: Trial) -> Mechanics:
     if trial.motor_torque is None or trial.joint_torque is None:
         return Mechanics(ratio, follows, 0.0, 0.0, 0.0, 0.0, math.inf, 1.0)
     motor, joint = trial.motor_torque[used], trial.joint_torque[used]
-    torque_ratio, torque_correlation = sliding_torque_ratio(
-        motor, joint, omega, trial.step
-    )
+    torques = sliding_torque_ratio(motor, joint, omega, trial.step)
     works = _work_per_travel(trial, used, (motor, joint), omega, turn)
-    return Mechanics(ratio, follows, torque_ratio, torque_correlation, *works)
+    return Mechanics(ratio, follows, *torques, *works)
 
 
 def _correlation(one: FloatArray, other: FloatArray) -> float:
@@ -304,9 +302,7 @@ def wrong_unit(trial: Trial, channel: str) -> str:
     return f"{trial.labels.get(channel, channel)} is in {unit_name}"
 
 
-def _fewest_inversions(
-    m: Mechanics, follows: float, torque_correlation: float
-) -> list[str]:
+def _fewest_inversions(m: Mechanics, follows: float, torques: float) -> list[str]:
     possible: list[list[str]] = []
     least = -min(2.0 * m.doubt, Limit.min_generated_share * m.scale)
     for flips in itertools.product((1, -1), repeat=4):
@@ -315,7 +311,7 @@ def _fewest_inversions(
         friction = made - joint_angle * joint_torque * m.joint_work
         agrees = (
             follows * motor_angle * joint_angle >= 0.0
-            and torque_correlation * motor_torque * joint_torque >= 0.0
+            and torques * motor_torque * joint_torque >= 0.0
         )
         if agrees and friction > least:
             signs = zip(MAIN_CHANNELS, flips, strict=True)
@@ -706,9 +702,8 @@ def _fits_by_lag(
     left = 1.0 - between**2 + Limit.collinear
     first, second = (own - beside * between) / left, (beside - own * between) / left
     alone = np.where(first > 0.0, np.maximum(own, 0.0), max(beside, 0.0)) ** 2
-    share = np.where(
-        (first > 0.0) & (second > 0.0), first * own + second * beside, alone
-    )
+    both = (first > 0.0) & (second > 0.0)
+    share = np.where(both, first * own + second * beside, alone)
     return -np.log(np.maximum(1.0 - share, Limit.explained))
 
 
@@ -746,9 +741,8 @@ def _lead_correlation(trial: Trial, bench: Bench) -> float:
 def _partial_correlation(
     one: FloatArray, other: FloatArray, known: Sequence[FloatArray]
 ) -> float:
-    axes, _ = np.linalg.qr(
-        np.column_stack([k / max(float(norm(k)), 1e-300) for k in known])
-    )
+    scaled = [k / max(float(norm(k)), 1e-300) for k in known]
+    axes, _ = np.linalg.qr(np.column_stack(scaled))
     one, other = (signal - axes @ (axes.T @ signal) for signal in (one, other))
     size = float(norm(one) * norm(other))
     return float(one @ other) / size if size > 0.0 else 0.0

@@ -61,9 +61,8 @@ def check_trials(trials: Sequence[Trial], alone: bool = False) -> list[DataFindi
     """Run all checks of one rig's trials; `alone` if it has a single cable."""
     hooked = [trial for trial in trials if not trial.facts.unhooked]
     known = [mechanics.measure_mechanics(trial) for trial in hooked]
-    findings = mechanics.check_ratios(hooked, known) + mechanics.check_sizes(
-        hooked, known
-    )
+    findings = mechanics.check_ratios(hooked, known)
+    findings += mechanics.check_sizes(hooked, known)
     for group in mechanics.group_trials(hooked, known):
         findings += mechanics.check_signs(group) + mechanics.check_units(group)
     for trial in hooked:

@@ -26,6 +26,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
+from numpy.random import Generator
 
 from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._channels import TORQUE
@@ -117,9 +118,8 @@ def _estimate_start(dataset: Dataset, bench: Bench, records: Sequence[Record]) -
     }
     if not given:
         return Start(bench)
-    return Start(
-        _with_parameters(bench, {name: best[name] for name in given}), given, best
-    )
+    near = _with_parameters(bench, {name: best[name] for name in given})
+    return Start(near, given, best)
 
 
 def _with_parameters(bench: Bench, values: Mapping[str, float]) -> Bench:
@@ -239,10 +239,8 @@ class _Grid:
             if not found:  # a fit from the scene's values
                 given = {name: getattr(self._scene, name) for name in free}
                 _, usual = self._refined(self._problem(given), [given])
-            if (
-                off > Limit.pretension_off_factor
-                and cost < Limit.max_cost_ratio * usual
-            ):
+            far = off > Limit.pretension_off_factor
+            if far and cost < Limit.max_cost_ratio * usual:
                 return taut
         return found
 
@@ -261,9 +259,7 @@ class _Grid:
         if coarse and "axial_stiffness" in tried:
             tried["axial_stiffness"] = [centre["axial_stiffness"]]
         problem = self._problem(centre)
-        grid = [
-            dict(zip(tried, each, strict=True)) for each in product(*tried.values())
-        ]
+        grid = [dict(zip(tried, at, strict=True)) for at in product(*tried.values())]
         costs = [self._cost(problem, self._place(problem, each)) for each in grid]
         known = self._scene.pretension > 0.0
         given = {name: getattr(self._scene, name) for name in tried}
@@ -282,19 +278,15 @@ class _Grid:
         self, problem: Problem, starts: Sequence[Mapping[str, float]]
     ) -> tuple[FloatArray, float]:
         """Return the place of the best fit from these values, and its cost."""
-        fits = [
-            fitting.fit(problem, self._place(problem, s), self._masks, 12)
-            for s in starts
-        ]
+        places = [self._place(problem, start) for start in starts]
+        fits = [fitting.fit(problem, place, self._masks, 12) for place in places]
         best = min(fits, key=lambda each: each.cost).x
         return best, self._cost(problem, best)
 
     def _problem(self, values: Mapping[str, float]) -> Problem:
         bench, records = _with_parameters(self._bench, values), self._records
         known, constants = self._dataset.instruments, self._dataset.constants
-        plant = SimulatedRig(
-            bench, tuple(records), 4, instruments=known, constants=constants
-        )
+        plant = SimulatedRig(bench, tuple(records), 4, 1, known, constants)
         whole = np.concatenate([record.measured for record in records], axis=1)
         size = Limit.error_scale * np.std(whole, axis=1, keepdims=True) + 1e-9
         floor = tuple(np.broadcast_to(size, r.measured.shape) for r in records)
@@ -490,13 +482,12 @@ def gaps(
             read = record.measured[row]
             errors = read - old[row], read - new[row], noise[row], np.ones(mask.size)
             squares.append(np.square(errors) * mask / floor[row] ** 2)
-        found[channel] = _gap_of_sums(
-            fitting.block_sums(problem, masks, squares), random
-        )
+        sums = fitting.block_sums(problem, masks, squares)
+        found[channel] = _gap_of_sums(sums, random)
     return found
 
 
-def _gap_of_sums(squares: FloatArray, random: np.random.Generator) -> Gap:
+def _gap_of_sums(squares: FloatArray, random: Generator) -> Gap:
     """Compute a gap from block sums (blocks, 4): before, after, floor, weights."""
     draws = random.integers(0, len(squares), (400, len(squares)))
     shares = [_closed_share(*squares[draw, :3].sum(axis=0)) for draw in draws]
@@ -690,9 +681,8 @@ def check_effects(
 def _check(effect: Effect, plant: SimulatedRig, values: Mapping[str, float]) -> bool:
     """Check one effect; return whether a typical size changes a torque."""
     shows, plain = False, plant.simulate(values)
-    least = Limit.rounding * float(
-        np.linalg.norm(np.concatenate([p.ravel() for p in plain]))
-    )
+    whole = np.concatenate([torque.ravel() for torque in plain])
+    least = Limit.rounding * float(np.linalg.norm(whole))
 
     def changes(given: Mapping[str, float]) -> list[FloatArray]:
         """Return the change of the torques of each record [N m]."""

@@ -116,14 +116,12 @@ def is_ordinary(problem: Problem, x: FloatArray, name: str) -> bool:
         if not parameter.ordinary:
             return False
         other = ANTAGONIST if ANTAGONIST in parameter.name else ""
-        size = abs(values[parameter.name]) / max_ordinary_size(problem, x, parameter)
+        size = abs(values[parameter.name]) / ordinary_size(problem, x, parameter)
         sizes[other] = sizes.get(other, 0.0) + size
     return max(sizes.values()) <= 1.0
 
 
-def max_ordinary_size(
-    problem: Problem, x: FloatArray, parameter: EffectParameter
-) -> float:
+def ordinary_size(problem: Problem, x: FloatArray, parameter: EffectParameter) -> float:
     cables = problem.plant.cables(problem.values(x), problem.effects)
     references = {
         "cable": [c.length / c.axial_stiffness for c in cables],
@@ -152,9 +150,8 @@ def plausible_size(
     tension = cable.pretension / Limit.tension
     length = cable.length / Limit.length
     soft = Limit.stiffness / cable.axial_stiffness
-    at_motor = parameter.name.startswith(
-        ("motor_", "cogging_", "eccentricity_", "ovality_")
-    )
+    ends = ("motor_", "cogging_", "eccentricity_", "ovality_")
+    at_motor = parameter.name.startswith(ends)
     radius = (bench.motor_radius if at_motor else bench.joint_radius) / Limit.radius
     scales = {
         **dict.fromkeys(("N m", "N m/s", "N m/rad", "kg m^2"), tension * radius),
@@ -249,9 +246,8 @@ def undetermined(problem: Problem, x: FloatArray, masks: Masks) -> tuple[str, ..
     whole = jacobian(problem, x, masks)
     priors = sum(math.isfinite(parameter.prior) for parameter in problem.tuned)
     known = least_squares.covariance(whole[: whole.shape[0] - priors])
-    for shares in least_squares.undetermined_directions(
-        known, Limit.undetermined_deviation
-    ):
+    limit = Limit.undetermined_deviation
+    for shares in least_squares.undetermined_directions(known, limit):
         pairs = zip(problem.names, shares, strict=True)
         parts = [name for name, share in pairs if abs(share) > 0.3]
         text = " hardly changes the outputs; its value is a guess."
@@ -321,7 +317,7 @@ def controls_of(problem: Problem, x: FloatArray, masks: Masks) -> FloatArray:
             continue
         if all(parameter.ordinary > 0.0 for parameter in effect.parameters):
             wider = wider.with_effect(name, {})
-            sizes += [max_ordinary_size(problem, x, p) for p in effect.parameters]
+            sizes += [ordinary_size(problem, x, p) for p in effect.parameters]
             place = np.concatenate([x, np.zeros(len(wider.tuned) - x.size)])
             # One after another: derivatives that are known are taken over.
             slopes = jacobian(wider, place, masks)

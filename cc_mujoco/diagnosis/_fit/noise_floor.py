@@ -24,6 +24,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from numpy.random import Generator
 
 from cc_mujoco.datasets import _channels as channels
 from cc_mujoco.datasets._quantization import reconstruct_angle
@@ -70,9 +71,8 @@ def noise_floor(
         records: Sequence[Record], about: Sequence[FloatArray]
     ) -> list[FloatArray]:
         played = plant.limited(records).simulate(values)
-        return [
-            (a - b) ** 2 / Limit.noise_draws for a, b in zip(played, about, strict=True)
-        ]
+        pairs = zip(played, about, strict=True)
+        return [(a - b) ** 2 / Limit.noise_draws for a, b in pairs]
 
     plain = [np.zeros(torque.shape) for torque in clean]
     wide = [np.zeros(torque.shape) for torque in clean]
@@ -120,9 +120,8 @@ def _cell_noise(
     channel = dataset.trial(record.trial).facts.load_cell
     deviation = abs(cell.factor) * dataset.noise.get(channel, _NO_NOISE).deviation
     row = dataset.instruments.rows.index(cell.row)
-    found[row] = max(
-        deviation**2 * filtering.passed, Limit.min_floor_share**2 * base[row, 0]
-    )
+    least = Limit.min_floor_share**2 * base[row, 0]
+    found[row] = max(deviation**2 * filtering.passed, least)
     return found
 
 
@@ -188,9 +187,8 @@ def likely(record: Record, filtering: Filtering) -> Record:
         filtering.still,
         strict=True,
     )
-    motor, joint = (
-        _likely(*angle, record.dt, filtering.motion_band) for angle in angles
-    )
+    band = filtering.motion_band
+    motor, joint = (_likely(*angle, record.dt, band) for angle in angles)
     return replace(record, motor_angle=motor, joint_angle=joint)
 
 
@@ -217,10 +215,7 @@ def _likely(
 
 
 def resample_angles(
-    record: Record,
-    noise: Mapping[str, Noise],
-    filtering: Filtering,
-    random: np.random.Generator,
+    record: Record, noise: Mapping[str, Noise], filtering: Filtering, random: Generator
 ) -> Record:
     """Return the record as it might be read another time, with shifted digits.
 
@@ -247,9 +242,7 @@ def resample_angles(
     return replace(record, motor_angle=angles[0], joint_angle=angles[1])
 
 
-def unsettled(
-    record: Record, filtering: Filtering, random: np.random.Generator
-) -> Record:
+def unsettled(record: Record, filtering: Filtering, random: Generator) -> Record:
     """Return the record with movements that are too small to be seen."""
     angles = []
     for angle, width in zip(

@@ -92,7 +92,7 @@ class TorqueDerivatives:
             usual = FACTOR_STEP if tuned.factor else 0.05
             step = _PARAMETER_STEPS.get(simulation.base_name(tuned.name), usual)
             steps.append(-step if place + step > tuned.high else step)
-        inner = self._inner = self._inner or _need_replays(problem, x, steps)
+        inner = self._inner = self._inner or _need_replay(problem, x, steps)
         records = [problem.plant.records[k] for k in seen]
         pairs = list(zip(records, torques, strict=True))
 
@@ -109,9 +109,7 @@ class TorqueDerivatives:
             chosen, here = [seen[p] for p in places], [torques[p] for p in places]
             if used is not problem:
                 here = used.torques(x, chosen)
-            columns = differences(
-                lambda there: used.torques(there, chosen), x, wanted, here
-            )
+            columns = differences(lambda at: used.torques(at, chosen), x, wanted, here)
             for k, column in columns.items():
                 for p, slope in zip(places, column, strict=True):
                     self._kept[records[p]].slopes[k] = slope
@@ -205,9 +203,7 @@ def residual_changes(
     return np.concatenate(parts, axis=1)
 
 
-def _need_replays(
-    problem: Problem, x: FloatArray, steps: Sequence[float]
-) -> list[bool]:
+def _need_replay(problem: Problem, x: FloatArray, steps: Sequence[float]) -> list[bool]:
     plant, effects = problem.plant, problem.effects
     seen = {(plant.conditions_of(r, effects), r.occasion) for r in plant.records}
 
@@ -430,9 +426,7 @@ class Problem:
         if not self.defect:
             return played
         chosen = range(len(self.defect)) if only is None else only
-        return [
-            torque + self.defect[k] for k, torque in zip(chosen, played, strict=True)
-        ]
+        return [t + self.defect[k] for k, t in zip(chosen, played, strict=True)]
 
     def residual(self, x: FloatArray, masks: Masks) -> FloatArray:
         """Return the weighted errors within the masks, then those of the priors."""

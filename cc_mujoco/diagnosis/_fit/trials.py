@@ -246,9 +246,8 @@ def _leave_out(
     own = [k for name in names for k in places[name]]
     rest = [k for other, theirs in places.items() if other not in names for k in theirs]
     records = problem.plant.records
-    there = fitting.fit(
-        problem, x, [r.free & (k not in own) for k, r in enumerate(records)]
-    ).x
+    masks = [r.free & (k not in own) for k, r in enumerate(records)]
+    there = fitting.fit(problem, x, masks).x
     errors = _errors(problem, there)
     off, left = (_misfit(problem, k, [errors[j] for j in k]) for k in (own, rest))
     return Odd(names, off, left), there
@@ -348,9 +347,8 @@ def _misfit(
     masks = [problem.plant.records[k].counts for k in places]
     noise, floor = problem.noise_over_floor, problem.floor
     pairs = zip(places, errors, strict=True)
-    off = fitting.kept_samples(
-        (fitting.huber_residual(e / floor[k]) for k, e in pairs), masks
-    )
+    over = (fitting.huber_residual(error / floor[k]) for k, error in pairs)
+    off = fitting.kept_samples(over, masks)
     usual = fitting.kept_samples((noise[k] for k in places), masks)
     return math.sqrt(float(np.mean(off**2)) / float(np.mean(usual**2)))
 
@@ -513,9 +511,8 @@ class _ByTrial:
 
     def residual(self, torques: Sequence[FloatArray]) -> FloatArray:
         """Return the residuals of the samples that count (rows,), without priors."""
-        return self.problem.weight * fitting.kept_samples(
-            self.plain(torques), self.masks
-        )
+        kept = fitting.kept_samples(self.plain(torques), self.masks)
+        return self.problem.weight * kept
 
     def derivatives(self, torques: Sequence[FloatArray]) -> FloatArray:
         """Return the derivatives of the residuals (rows, parameters)."""
@@ -713,17 +710,14 @@ class TrialDifferences(NamedTuple):
             f"{each.freedom} degrees of freedom, p = {format_number(each.chance)}"
             for each in tried
         ]
-        clear = [
-            test for each, test in zip(tried, tests, strict=True) if each.chance < level
-        ]
+        clear = [t for each, t in zip(tried, tests, strict=True) if each.chance < level]
         if clear:
             trend, axis = tried[0], tried[0].ordinate
             along = f"with the {axis}"
             if axis in SEQUENCE_ORDINATES:
                 along = "from trial to trial"
-            first, last = (
-                pick(self.ordinates[axis]) for pick in (np.nanargmin, np.nanargmax)
-            )
+            ordinate = self.ordinates[axis]
+            first, last = np.nanargmin(ordinate), np.nanargmax(ordinate)
             moves = f"{'rises' if trend.slope > 0.0 else 'falls'} steadily {along}"
             sizes = (
                 f"from {values[first]} in {best.trials[first]} to {values[last]} in "

@@ -28,6 +28,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from numpy.random import Generator
 from numpy.typing import NDArray
 
 from cc_mujoco.datasets._bench import Bench
@@ -167,10 +168,8 @@ class _Law(NamedTuple):
         squares, products = [], []
         for each in blocks:
             columns = each.columns[:, active]
-            used = np.count_nonzero(columns, axis=0) * np.isin(
-                active, [DRIVING, DRIVEN]
-            )
-            squares.append(columns.T @ columns - np.diag(used * load_noise**2))
+            own = np.count_nonzero(columns, axis=0) * np.isin(active, [DRIVING, DRIVEN])
+            squares.append(columns.T @ columns - np.diag(own * load_noise**2))
             products.append(columns.T @ each.torque)
         return cls(blocks, active, np.array(squares), np.array(products))
 
@@ -458,9 +457,7 @@ class _Profile(NamedTuple):
         return usual
 
 
-def _breakaway(
-    profile: _Profile, random: np.random.Generator
-) -> tuple[Estimate | None, float]:
+def _breakaway(profile: _Profile, random: Generator) -> tuple[Estimate | None, float]:
     """Return the largest relative excess of the loss, and its travel.
 
     The bin is chosen by one half of the reversals and evaluated by the other, both ways
@@ -497,9 +494,7 @@ def _breakaway(
     return _estimate(value, "1", spread, count - 2), at
 
 
-def _undetermined(
-    law: _Law, gain_uncertainty: float, breakaway_at: float
-) -> tuple[str, ...]:
+def _undetermined(law: _Law, doubt: float, breakaway_at: float) -> tuple[str, ...]:
     found = ["stretch, play and pretension, which need the motor's angle"]
     known = set(law.active.tolist())
     if law.constant_load:
@@ -513,7 +508,7 @@ def _undetermined(
             "resembles as long as the load never drives the motor back; record a load "
             "that does"
         )
-    elif not math.isfinite(gain_uncertainty):
+    elif not math.isfinite(doubt):
         found.append(
             "a difference of friction between the directions, which an error of a "
             "gain or of a zero resembles; declare `gain_uncertainty` and `zeroed`"
@@ -627,9 +622,7 @@ def _strokes(place: int, trial: Trial, dataset: Dataset, bench: Bench) -> list[S
     return found
 
 
-def _noise(
-    trials: Sequence[Trial], dataset: Dataset, bench: Bench
-) -> tuple[float, float]:
+def _noise(trials: list[Trial], dataset: Dataset, bench: Bench) -> tuple[float, float]:
     """Return the noise of the torque without loss and of the joint's [N m]."""
     rate = min((trial.rate for trial in trials), default=1.0)
     passed = math.sqrt(min(1.0, 2.0 * compared_band(rate) / rate))

@@ -200,9 +200,8 @@ def diagnose_motion(dataset: Dataset, bench: Bench) -> Diagnosis:
         free[3:],
         [start[3] / scales[3]],
     )
-    spread = np.sqrt(
-        np.diag(least_squares.covariance(jacobian(best.x), residuals(best.x)))
-    )
+    known = least_squares.covariance(jacobian(best.x), residuals(best.x))
+    spread = np.sqrt(np.diag(known))
     values = {
         p.name: least_squares.estimate(p, place, deviation)
         for p, place, deviation in zip(

@@ -220,9 +220,7 @@ def motions(
     )
     if any(weights):
         pairs = zip(("motor", "joint"), weights, strict=True)
-        sides = list_words(
-            f"{size:g} N m at the {side}" for side, size in pairs if size
-        )
+        sides = list_words(f"{s:g} N m at the {side}" for side, s in pairs if s)
         words = (
             f"cables off, a known weight hung in place of the cable ({sides}), motor "
             "and joint each turned slowly over the whole range"
@@ -578,9 +576,8 @@ def _with_trial(
         noise=(*problem.noise, noise),
         slopes=TorqueDerivatives(),
     )
-    off = np.hypot(
-        fitting.huber_residual(np.repeat(error, times, axis=1)), noise / floor
-    )
+    wide = fitting.huber_residual(np.repeat(error, times, axis=1))
+    off = np.hypot(wide, noise / floor)
     return crossed._replace(problem=wider, errors=(*crossed.errors, off))
 
 

@@ -103,9 +103,7 @@ def planned(
     every = experiment.motions(bench, swing, rate, load, instruments, cells)
     every = [motion for motion in every if motion.usual]
     rows, tension = len(instruments.rows), bench.cables[0].pretension
-    records = tuple(
-        experiment.motion_record(motion, bench, rows, tension) for motion in every
-    )
+    records = tuple(experiment.motion_record(m, bench, rows, tension) for m in every)
     plant = SimulatedRig(bench, records, 16, 1, instruments, constants)
 
     def read(torques: Sequence[FloatArray]) -> tuple[Record, ...]:
@@ -197,9 +195,7 @@ def _gram_matrices(
     table = np.concatenate(columns, axis=1)
     rows = len(problem.plant.instruments.rows)
     ends = np.cumsum([0, *(rows * record.time.size for record in records)])
-    grams = [
-        table[first:end].T @ table[first:end] for first, end in itertools.pairwise(ends)
-    ]
+    grams = [table[a:b].T @ table[a:b] for a, b in itertools.pairwise(ends)]
     priors = table[ends[-1] :]
     share = priors.T @ priors
     return [gram + share / len(grams) for gram in grams], owners
@@ -403,25 +399,21 @@ def _reach(bench: Bench, speed: float) -> float:
     that far within a second.
     """
     if math.isinf(bench.reach):
-        return min(
-            Limit.default_reach, math.inf if bench.lever is None else _half_range(bench)
-        )
+        half = math.inf if bench.lever is None else _half_range(bench)
+        return min(Limit.default_reach, half)
     ends = bench.centre + bench.reach * np.array([-1.0, 0.0, 1.0])
     sides = np.abs(np.diff(bench.following(ends)))
     return min(float(sides.min()), speed)
 
 
-def _noise(
-    file: DatasetFile, instruments: Instruments, bench: Bench
-) -> dict[str, Noise]:
+def _noise(file: DatasetFile, known: Instruments, bench: Bench) -> dict[str, Noise]:
     found = {}
-    if instruments.joint == "torque sensor" and bench.torque_noise > 0.0:
+    if known.joint == "torque sensor" and bench.torque_noise > 0.0:
         found[channels.JOINT_TORQUE] = Noise(bench.torque_noise, 0.0, "declared")
     for name, source in file.columns.items():
         if source.noise is not None:
-            factor = channels.kind_of(name).factors[
-                file.unit(name, source.name or name)
-            ]
+            unit = file.unit(name, source.name or name)
+            factor = channels.kind_of(name).factors[unit]
             digit = (source.resolution or 0.0) * factor
             found[name] = Noise(source.noise * factor, digit, "declared")
     return found

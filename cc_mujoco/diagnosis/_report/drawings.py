@@ -107,9 +107,7 @@ def confounded_pairs(isolability: Isolability) -> list[tuple[str, str, float]]:
 
 def invisible_effects(isolability: Isolability) -> list[str]:
     pairs = zip(isolability.ids, isolability.visible, strict=True)
-    return [
-        effect for effect, visible in pairs if not visible >= Limit.min_visible_size
-    ]
+    return [name for name, visible in pairs if not visible >= Limit.min_visible_size]
 
 
 def draw_isolability(isolability: Isolability, width: float) -> Figure | None:
@@ -129,9 +127,7 @@ def draw_isolability(isolability: Isolability, width: float) -> Figure | None:
     for row, column in np.argwhere(np.nan_to_num(cosines) >= 0.7):
         if row != column:  # cells off the diagonal that matter
             text = f"{cosines[row, column]:.2f}".lstrip("0")
-            heat.text(
-                column, row, text, ha="center", va="center", fontsize=6, color="w"
-            )
+            heat.text(column, row, text, ha="center", va="center", size=6, color="w")
     heat.set_xticks(range(count), [str(place + 1) for place in range(count)])
     heat.tick_params(axis="x", labelsize=7)
     heat.set_yticks(range(count), [f"{n}  {k + 1}" for k, n in enumerate(names)])
@@ -186,9 +182,7 @@ def draw_figures(diagnosis: Diagnosis, evidence: Evidence) -> dict[str, Figure]:
         found["traces"] = draw_excerpt(most, both)
     if most is not None and usual is not None and most != usual:
         found["traces_ordinary"] = draw_excerpt(usual, both)
-    return {
-        stem: drawn for stem in FIGURE_STEMS if (drawn := found.get(stem)) is not None
-    }
+    return {stem: one for stem in FIGURE_STEMS if (one := found.get(stem)) is not None}
 
 
 def shown_maps(evidence: Evidence) -> list[Map]:
@@ -244,16 +238,14 @@ def draw_excerpt(excerpt: Excerpt, both: bool) -> Figure:
     )[:, 0]
     for row, (name, measured) in enumerate(trace.measured.items()):
         whole, rest = panels[2 * row : 2 * row + 2]
-        whole.plot(*_break_at_gaps(time, measured[part]), color=BLACK, label="measured")
+        whole.plot(*_broken(time, measured[part]), color=BLACK, label="measured")
         before = "before" if both else "simulation"
         models = [(before, trace.before, trace.error(name), ORANGE)]
         if both:
             models.append(("after", trace.after, trace.error(name, "after"), BLUE))
         for label, played, error, color in models:
-            whole.plot(
-                *_break_at_gaps(time, played[name][part]), color=color, label=label
-            )
-            rest.plot(*_break_at_gaps(time, error[part]), color=color, linewidth=1.0)
+            whole.plot(*_broken(time, played[name][part]), color=color, label=label)
+            rest.plot(*_broken(time, error[part]), color=color, linewidth=1.0)
         title = words.capitalise(words.channel_name(name))
         whole.set(title=title, ylabel=f"torque [{words.TORQUE_UNIT}]")
         rest.set(ylabel=f"error [{words.TORQUE_UNIT}]")
@@ -263,7 +255,7 @@ def draw_excerpt(excerpt: Excerpt, both: bool) -> Figure:
         ("motor", trace.motor_angle, GREEN),
         ("joint", trace.joint_angle, PINK),
     ):
-        panels[-1].plot(*_break_at_gaps(time, angle[part]), color=color, label=label)
+        panels[-1].plot(*_broken(time, angle[part]), color=color, label=label)
     panels[-1].set(title="Motion", ylabel="angle [rad]", xlabel="time [s]")
     panels[-1].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
     for axes in panels:
@@ -278,9 +270,7 @@ def _draw_map(axes: Axes, each: Map, both: bool) -> None:
     if both:
         lines.append(("after", each.after, BLUE, "s"))
     for label, values, color, marker in lines:
-        axes.plot(
-            each.centre, values, color=color, marker=marker, markersize=3.5, label=label
-        )
+        axes.plot(each.centre, values, color=color, marker=marker, ms=3.5, label=label)
     if _has_equal_ratios(each.centre):
         axes.set_xscale("log")
     axis = words.plain_name(each.axis).replace("$", r"\$")
@@ -303,9 +293,7 @@ def _has_equal_ratios(centre: FloatArray) -> bool:
     return bool(np.std(ratio) * abs(even.mean()) < np.std(even) * abs(ratio.mean()))
 
 
-def _break_at_gaps(
-    time: FloatArray, values: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def _broken(time: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the curve, broken where samples are missing, so that no line crosses."""
     steps = np.diff(time)
     gaps = np.flatnonzero(steps > 3.0 * np.median(steps)) + 1

@@ -100,11 +100,8 @@ class Earlier(NamedTuple):
                 "its dataset.toml) in the folder of their occasion."
             )
         here = {}
-        for file in (
-            *({"path": p, "sha256": s} for p, s in data.items()),
-            scene,
-            dataset,
-        ):
+        trials = [{"path": path, "sha256": digest} for path, digest in data.items()]
+        for file in (*trials, scene, dataset):
             if not (path := file["path"]):
                 continue
             here[path] = now = _relative_path(base, path)
@@ -502,11 +499,7 @@ def rollout_difference(result: DiagnosisResult, path: Path) -> tuple[str, float,
         instruments=TORQUE_SENSORS,
         bench=replace(problem.plant.bench, arm=()),
     )
-    shows = [
-        name
-        for name in problem.effects
-        if realisation.is_realisable(result.bench, name)
-    ]
+    shows = [n for n in problem.effects if realisation.is_realisable(result.bench, n)]
     if lever is not None:  # MuJoCo shows of it what the cable does
         shows = [name for name in shows if name not in realisation.realisations()]
     played: FloatArray = whole.simulate(quiet, shows, only=(first,))[0][:, :short]

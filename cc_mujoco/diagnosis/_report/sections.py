@@ -172,9 +172,8 @@ def next_command(diagnosis: Diagnosis) -> Html:
     if not command:
         return Html()
     where = "" if command == again else ", in the folder of this report"
-    return element(
-        "p", element("strong", "Next"), f"{where}: ", element("code", command)
-    )
+    code = element("code", command)
+    return element("p", element("strong", "Next"), f"{where}: ", code)
 
 
 def _has_scene(diagnosis: Diagnosis) -> bool:
@@ -205,10 +204,8 @@ def next_steps(diagnosis: Diagnosis) -> Html:
         "between trials."
     )
     wrong = capitalise(diagnosis.statement.removeprefix(f"{DATA_PREFIX}: "))
-    fix = [
-        _step_item("Put right", wrong),
-        _step_item("Then", f"{capitalise(RUN_AGAIN)}."),
-    ]
+    again = _step_item("Then", f"{capitalise(RUN_AGAIN)}.")
+    fix = [_step_item("Put right", wrong), again]
     steps = {
         "named": [_step_item("What is missing", " ".join(certain)), change, question],
         "tie": [_experiment_step(diagnosis), question, change],
@@ -375,9 +372,8 @@ def error_location(diagnosis: Diagnosis) -> Html | None:
         if each.axis != "channel" and share not in each.statement:
             note = f" ({channel_name(each.channel)} over {plain_name(each.axis)}: "
             note += f"{share} of its variance)"
-        items.append(
-            join_pieces([each.statement, element("span", note, class_="small")])
-        )
+        small = element("span", note, class_="small")
+        items.append(join_pieces([each.statement, small]))
     note = (
         "Errors here are those of a fit to all data; on data held out, above, they are "
         "larger."

@@ -318,9 +318,7 @@ def _record(
         torques[known.rows.index(cell.row)] = cell.torque(trial.tensions[name][part])
     read = passed[:, ::thin].copy()
     measured = low_pass(torques, band, trial.rate)[:, ::thin]
-    smooth = np.array(
-        [play_filter(a, width) for a, width in zip(read, still, strict=True)]
-    )
+    smooth = np.array([play_filter(a, w) for a, w in zip(read, still, strict=True)])
     time = trial.time[part][::thin]
     dt = trial.step * thin
     travel = np.cumsum(np.abs(np.diff(smooth[0], prepend=smooth[0, 0])))
@@ -503,7 +501,7 @@ def replay(record: Record, setting: Setting) -> Played:
         )
         torques = drive.replay(dt, motor_angle=motor, joint_angle=turned)
     elif setting.motor_arm:
-        torques = _replay_wound(setting, dt, motor, turned)
+        torques = _wound(setting, dt, motor, turned)
     else:
         pulleys = Transmission(
             setting.cables,
@@ -526,9 +524,7 @@ def replay(record: Record, setting: Setting) -> Played:
     )
 
 
-def _replay_wound(
-    setting: Setting, dt: float, motor: FloatArray, joint: FloatArray
-) -> Driven:
+def _wound(setting: Setting, dt: float, motor: FloatArray, joint: FloatArray) -> Driven:
     """Replay both angles through cables on a drum whose radius changes.
 
     Each cable is subject to the angle of a round pulley that winds as much, so it is

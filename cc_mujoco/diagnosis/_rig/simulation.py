@@ -370,9 +370,8 @@ def baseline_parameters(
             ("axial_stiffness", cable.axial_stiffness, -wide, stiffest),
         )
     ]
-    tautest = (
-        math.log(0.9 * _LARGEST["pretension"] / max(cable.pretension, 1e-9)) / known
-    )
+    tension = max(cable.pretension, 1e-9)
+    tautest = math.log(0.9 * _LARGEST["pretension"] / tension) / known
     found.append(_known("pretension", cable.pretension, known, high=min(10.0, tautest)))
     for k in sensors:
         size = max(Limit.offset_deviation * rms[k], 1e-6)

@@ -480,9 +480,8 @@ def inertia(side: Literal["motor", "joint"]) -> Realise:
         # that rides along.
         joint.armature -= Limit.probe_inertia
         shown = sensor_word(f"{name}_acceleration")
-        probe = joint.parent.add_body(
-            name=f"{name}_acceleration", pos=model.jnt_pos[index]
-        )
+        place = model.jnt_pos[index]
+        probe = joint.parent.add_body(name=f"{name}_acceleration", pos=place)
         _set_isotropic_inertia(probe, np.zeros(3), Limit.probe_inertia)
         along = np.empty(4)
         mujoco.mju_quatZ2Vec(along, model.jnt_axis[index])

@@ -164,9 +164,8 @@ def _largest_step(spec: MjSpec, bench: Bench) -> float:
     limits = []
     for joint, radius in pulleys:
         inertia = model.dof_M0[model.joint(joint).dofadr[0]]
-        limits.append(
-            2.0 * math.sqrt(inertia / realisation.rim_stiffness(bench, radius))
-        )
+        stiffness = realisation.rim_stiffness(bench, radius)
+        limits.append(2.0 * math.sqrt(inertia / stiffness))
     return 0.5 * min(limits)
 
 
@@ -208,9 +207,7 @@ def require_repairable(bench: Bench) -> None:
         if realisation.is_realisable(bench, name)
     }
     try:
-        plain, full = (
-            repair_scene(bench, bench.cables, each) for each in ({}, everything)
-        )
+        plain, full = (repair_scene(bench, bench.cables, e) for e in ({}, everything))
     except CableError as error:
         taken = re.search(r"repeated name '(.+)' in (\w+)", str(error))
         if taken is None:
@@ -444,7 +441,7 @@ def _play(
     )
     for signal in (velocity, drive):
         signal[(samples - 1) * substeps + 1 :] = 0.0
-    data = _set_rest(model, view, angles[:, 0], start)
+    data = _laid(model, view, angles[:, 0], start)
     shown = np.empty((2, samples + more))
     qpos, qvel, applied = data.qpos, data.qvel, data.qfrc_applied
     for step in range(count):
@@ -464,9 +461,7 @@ def _play(
     return shown
 
 
-def _set_rest(
-    model: MjModel, view: _Sensors, angles: FloatArray, start: float
-) -> MjData:
+def _laid(model: MjModel, view: _Sensors, angles: FloatArray, start: float) -> MjData:
     """Set the joints to these angles, cables in pretension, sensors settled."""
     motor, joint = view.joints[:2]
     cables = list(instances(model).values())

@@ -98,9 +98,8 @@ class _Place:
         self._seen = [k for k, mask in enumerate(masks) if mask.any()]
         here, records = problem.torques(x, self._seen), problem.plant.records
         # Change of the residual by the torques
-        self._steep = fitting.residual_slopes(
-            problem, None if explained else here, masks
-        )
+        torques = None if explained else here
+        self._steep = fitting.residual_slopes(problem, torques, masks)
         self._base = problem.coarse.torques(x, self._seen)
         self._priors = sum(math.isfinite(p.prior) for p in problem.tuned)
         self._known = [  # changes of these records by effects
@@ -200,9 +199,7 @@ class _Screen(_Place):
             (residuals(fold.train, ~priors), residuals(fold.test, priors))
             for fold in division
         ]
-        self._parts = [
-            [(scaled[rows], error[rows]) for rows in half] for half in self._halves
-        ]
+        self._parts = [[(scaled[r], error[r]) for r in half] for half in self._halves]
         self._before = self._left(scaled[:, :0])
 
     def signature(self, name: str, number: int) -> Signature | None:

@@ -168,9 +168,8 @@ class _Additions:
                 # effect; one torque alone does not contradict an effect that fits it a
                 # little better.
                 both = len(now.problem.plant.instruments.rows) > 1
-                hopeful = now.misfit > (
-                    Limit.floor_misfit if both else Limit.max_misfit
-                )
+                least = Limit.floor_misfit if both else Limit.max_misfit
+                hopeful = now.misfit > least
                 if first and not hopeful:
                     break
                 done, part = count / Limit.max_effects, 1.0 / Limit.max_effects
@@ -375,9 +374,8 @@ def with_own_noise_floor(
     for model in [whole.after, *(s.before for s in whole.rounds)] if whole else []:
         if model.problem.tuned == crossed.problem.tuned:
             problem = model.problem.sharing([model.problem])
-            return fitting.cross_validate(
-                problem, division, [fit.x for fit in crossed.fits]
-            )
+            starts = [fit.x for fit in crossed.fits]
+            return fitting.cross_validate(problem, division, starts)
     masks = fitting.divided_samples(division)
     place = crossed.x
     problem = crossed.problem.with_updated_floor(place, masks)

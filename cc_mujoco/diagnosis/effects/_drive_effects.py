@@ -91,9 +91,8 @@ def _cogging(s: Signals, v: Values) -> Signals:
 
 def _gravity(s: Signals, v: Values) -> Signals:
     q = s.joint_angle + s.tilt
-    return s.added(
-        joint=-(v["gravity_sine"] * np.sin(q) + v["gravity_cosine"] * np.cos(q))
-    )
+    pull = v["gravity_sine"] * np.sin(q) + v["gravity_cosine"] * np.cos(q)
+    return s.added(joint=-pull)
 
 
 def _spring(s: Signals, v: Values) -> Signals:

@@ -538,10 +538,10 @@ def _effect(made: Any, name: str, rare: bool) -> Effect:
         if editing or in_keys
         else "",
         source=getattr(made, "source", f"class {kind.__qualname__}"),
-        cables=_guarded(name, cables, _checked_cables),
-        torques=_guarded(name, signals, _checked_signals),
-        joint_arm=_guarded(name, joint_arm, _checked_arm),
-        motor_arm=_guarded(name, motor_arm, _checked_arm),
+        cables=_guarded(name, cables, _check_cables),
+        torques=_guarded(name, signals, _check_signals),
+        joint_arm=_guarded(name, joint_arm, _check_arm),
+        motor_arm=_guarded(name, motor_arm, _check_arm),
         edit_spec=_guarded(name, editing),
         sensor=sensor,
         columns=tuple(getattr(made, "columns", ())),
@@ -601,11 +601,9 @@ def _require_arguments(made: Any, name: str) -> None:
         except TypeError:
             wanted = ", ".join(("self", *arguments))
             code = getattr(inspect.unwrap(called), "__code__", None)
-            place = (
-                f" in {code.co_filename}, line {code.co_firstlineno}" if code else ""
-            )
+            at = f" in {code.co_filename}, line {code.co_firstlineno}" if code else ""
             raise CableError(
-                f"method {method}{place} takes {inspect.signature(called)}; it must be "
+                f"method {method}{at} takes {inspect.signature(called)}; it must be "
                 f"{method}({wanted})"
             ) from None
 
@@ -640,9 +638,7 @@ def _guarded(
     return called
 
 
-def _checked_signals(
-    found: Any, _: str, given: Signals, values: Values
-) -> Signals | str:
+def _check_signals(found: Any, _: str, given: Signals, values: Values) -> Signals | str:
     if not isinstance(found, Signals):
         return (
             f"`signals` returned {type(found).__name__}; it must return the signals, "
@@ -665,7 +661,7 @@ def _checked_signals(
     return found
 
 
-def _checked_cables(found: Any, _: str, given: Cables, *__: Any) -> Cables | str:
+def _check_cables(found: Any, _: str, given: Cables, *__: Any) -> Cables | str:
     if (
         not isinstance(found, list | tuple)
         or len(found) != len(given)
@@ -678,7 +674,7 @@ def _checked_cables(found: Any, _: str, given: Cables, *__: Any) -> Cables | str
     return tuple(found)
 
 
-def _checked_arm(found: Any, method: str, _: Values) -> tuple[float, ...] | str:
+def _check_arm(found: Any, method: str, _: Values) -> tuple[float, ...] | str:
     found = np.atleast_1d(np.asarray(found, dtype=np.float64))
     if found.ndim != 1 or not np.isfinite(found).all():
         return (

@@ -10,12 +10,10 @@ from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable import _moving_path as moving_path
 from cc_mujoco.cable import _nodes as nodes
 from cc_mujoco.cable import _nonlinear_elasticity as nonlinear_elasticity
+from cc_mujoco.cable._friction import PLACE
 from cc_mujoco.cable._fronts import overcome_direction
 from cc_mujoco.cable._pre_step import loses_stretch
 from cc_mujoco.native import FloatArray, internal
-
-_ASYMMETRY = law.INDEX["friction_asymmetry"]
-_CRITICAL_SLIP = law.INDEX["critical_slip_distance"]
 
 
 @internal
@@ -53,7 +51,7 @@ def write_coefficients(
         return
     values = at.scalars(prm)
     is_state_dependent = prm[at.STATE_DEPENDENT] != 0.0
-    asymmetry = values[_ASYMMETRY]
+    asymmetry = values[PLACE.friction_asymmetry]
     guided, length = int(prm[at.GUIDED]), at.contact_length(prm, n)
     growth = at.row(work, n, at.GROWTH)
     growth_proximal = at.row(work, n, at.GROWTH_PROXIMAL)
@@ -82,10 +80,10 @@ def write_coefficients(
         holding = resting
         if is_state_dependent:
             factor = drift * law.load_factor(values, mean)
-            extra = values[_AGEING] * ages[j]
+            extra = values[PLACE.ageing_friction] * ages[j]
             holding = factor * (holding + extra)
             # Without memory the first slip renews the contacts.
-            extra = extra if values[_CRITICAL_SLIP] > 0.0 else 0.0
+            extra = extra if values[PLACE.critical_slip_distance] > 0.0 else 0.0
             coefficient = factor * (coefficient + extra)
         growth[j] = growth_proximal[j] = law.ratio(coefficient, angle)
         if is_state_dependent:
@@ -104,7 +102,7 @@ def write_coefficients(
             if holding != coefficient:
                 distal_hold = law.ratio(holding * distal, angle)
                 proximal_hold = law.ratio(holding * proximal, angle)
-        if values[_BRISTLE] > 0.0:
+        if values[PLACE.bristle_length] > 0.0:
             spring = law.bristle_stiffness(values, coefficient, angle, mean, drag[j])
             force = at.bristle_forces(state, n)[j]
             stretch = at.bristle_stretches(state, n)[j]
@@ -164,24 +162,18 @@ def update_viscosity(
 POSITION, TENSION = 0, 1
 """Quantity prescribed at an end."""
 
-_STRIBECK = law.INDEX["stribeck_friction"]
-_BRISTLE = law.INDEX["bristle_length"]
-_CLEARANCE = law.INDEX["clearance"]
-_AGEING = law.INDEX["ageing_friction"]
-_GREASE = law.INDEX["grease_drag"]
-
 
 @internal
 def written_size(prm: FloatArray, n: int) -> int:
     """Return how many of the first numbers of a state the steps of a cable use."""
     if prm[at.PATH_LENGTHENS] != 0.0:
         return at.state_size(n)
-    if prm[_CLEARANCE] > 0.0:
+    if prm[PLACE.clearance] > 0.0:
         return at.rest_wrap(n) + 1
     rows = 2
-    if prm[_BRISTLE] > 0.0:
+    if prm[PLACE.bristle_length] > 0.0:
         rows = 4
-    if prm[_AGEING] > 0.0:
+    if prm[PLACE.ageing_friction] > 0.0:
         rows = 5
     return at.STATE_HEADER + 1 + (1 + rows) * n
 
@@ -241,7 +233,7 @@ def commit(
         stretched = nodes.stretch_between(prm, n, n, tension[n], node[n])
         new_state[1] = state[1] + shift[n - 1] + stretched
     lost, mixed = 0.0, 0.0
-    slipped, has_bristles = shift, prm[_BRISTLE] > 0.0
+    slipped, has_bristles = shift, prm[PLACE.bristle_length] > 0.0
     if has_bristles:
         slipped = at.row(work, n, at.SLIPPED)
         _commit_bristles(prm, n, state, tension, new_state, work)
@@ -296,7 +288,7 @@ def _commit_slip(
 ) -> None:
     """Write what the segments remember of their slip: distance, speed and age."""
     values = at.scalars(prm)
-    remembers = prm[_STRIBECK] > 0.0 or prm[_GREASE] > 0.0
+    remembers = prm[PLACE.stribeck_friction] > 0.0 or prm[PLACE.grease_drag] > 0.0
     before, slip = at.slips(state, n), at.slips(new_state, n)
     speeds, ages = at.slip_speeds(state, n), at.contact_ages(state, n)
     for j in range(n):
@@ -307,7 +299,7 @@ def _commit_slip(
         at.slip_speeds(new_state, n)[j] = law.remembered_speed(
             values, speed, slipped[j], dt
         )
-    for j in range(n if prm[_AGEING] > 0.0 else 0):
+    for j in range(n if prm[PLACE.ageing_friction] > 0.0 else 0):
         at.contact_ages(new_state, n)[j] = law.age_after_step(
             values, ages[j], slipped[j], dt
         )

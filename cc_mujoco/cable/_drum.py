@@ -24,12 +24,11 @@ neighbours become one that lose least energy by it, which counts as heat.
 
 from __future__ import annotations
 
-from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable import _moving_path as moving_path
+from cc_mujoco.cable._friction import PLACE
 from cc_mujoco.native import FloatArray, internal
 
-_PRETENSION = law.INDEX["pretension"]
 _MOUNTED, _OWED, _BOTTOM = 0, 1, 2
 """Places in the memory of a drum: unstretched length that left the mounted rope, that
 which left beyond what the layers gave [m], and the first layer, stretched and
@@ -61,7 +60,7 @@ def passing_ratio(
             part = min(left, drum[k])
             given += part * (drum[k + 1] / drum[k])
             left -= part
-    return paid / (given + left / moving_path.stretch_ratio(prm, prm[_PRETENSION]))
+    return paid / (given + left / moving_path.stretch_ratio(prm, prm[PLACE.pretension]))
 
 
 @internal
@@ -167,7 +166,7 @@ def _pay_out(prm: FloatArray, drum: FloatArray, paid: float, tension: float) -> 
             drum[_OWED] -= amount
             left -= part
     if left > 0.0:
-        own = moving_path.stretch_ratio(prm, prm[_PRETENSION])
+        own = moving_path.stretch_ratio(prm, prm[PLACE.pretension])
         heat += left / own * _slip_heat(prm, own, tension)
         drum[_MOUNTED] += left / own
         drum[_OWED] -= left / own
@@ -188,7 +187,7 @@ def _slip_heat(prm: FloatArray, own: float, tension: float) -> float:
 @internal
 def wound_energy(prm: FloatArray, n: int, state: FloatArray, end: int) -> float:
     """Return the elastic energy of the rope on a drum, 0 as mounted [J]."""
-    drum, mounted = at.drum(state, n, end), prm[_PRETENSION]
+    drum, mounted = at.drum(state, n, end), prm[PLACE.pretension]
     ratio = moving_path.stretch_ratio(prm, mounted)
     total = -float(drum[_MOUNTED]) * moving_path.strain_energy(prm, ratio)
     for i in range(at.DRUM_LAYERS):

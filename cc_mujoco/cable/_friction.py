@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from types import SimpleNamespace
 
 from cc_mujoco.cable._cable import PARAMETERS, TERMS
 from cc_mujoco.cable._parameter import Term
@@ -24,6 +25,8 @@ from cc_mujoco.native import FloatArray, compiled, internal
 
 INDEX = {parameter.name: i for i, parameter in enumerate(PARAMETERS)}
 """Position of each scalar parameter in the packed vector."""
+PLACE = SimpleNamespace(**INDEX)
+"""The same positions as attributes, which compiled code reads."""
 DRAG_TERMS = tuple(
     (i, each.term, each.unit)
     for i, each in enumerate(PARAMETERS)
@@ -31,28 +34,6 @@ DRAG_TERMS = tuple(
 )
 """Parameters of friction that needs no tension: place, term and unit."""
 
-_FRICTION = INDEX["friction"]
-_STATIC = INDEX["static_friction"]
-_CRITICAL_SLIP = INDEX["critical_slip_distance"]
-_VISCOUS = INDEX["viscous_friction"]
-_STRIBECK = INDEX["stribeck_friction"]
-_STRIBECK_SPEED = INDEX["stribeck_speed"]
-_STRIBECK_EXPONENT = INDEX["stribeck_exponent"]
-_STRIBECK_TAIL = INDEX["stribeck_tail"]
-_LOAD_INDEPENDENT = INDEX["load_independent_friction"]
-_SEAL_PROXIMAL = INDEX["seal_proximal"]
-_SEAL_DISTAL = INDEX["seal_distal"]
-_BRISTLE = INDEX["bristle_length"]
-_PRETENSION = INDEX["pretension"]
-_TENSION_EXPONENT = INDEX["tension_exponent"]
-_AGEING_TIME = INDEX["ageing_time"]
-_WRAP_GROWTH = INDEX["wrap_growth"]
-_WRAP_REACH = INDEX["wrap_reach"]
-_DRIFT = INDEX["friction_drift"]
-_HEATING = INDEX["friction_heating"]
-_COOLING = INDEX["cooling_time"]
-_GREASE = INDEX["grease_drag"]
-_GREASE_EXPONENT = INDEX["grease_exponent"]
 
 MAX_EXPONENT = 30.0
 """Largest mu times wrap angle of one segment; beyond it (a ratio of 1e13) it is cut."""
@@ -131,14 +112,14 @@ def drag(
 
     The first `guided` segments are in a conduit, which may have a seal at either end.
     """
-    load_independent: float = values[_LOAD_INDEPENDENT]
+    load_independent: float = values[PLACE.load_independent_friction]
     total = 0.0
     if load_independent != 0.0:
         total = load_independent * _weighted_length(length, growth)
     if j == 0 and guided > 0:
-        total += values[_SEAL_PROXIMAL]
+        total += values[PLACE.seal_proximal]
     if j == guided - 1:
-        total += values[_SEAL_DISTAL]
+        total += values[PLACE.seal_distal]
     return total
 
 
@@ -149,10 +130,10 @@ def grease_viscosity(values: FloatArray, speed: float) -> float:
     Herschel and Bulkley, Kolloid-Zeitschrift 39, 1926: g |v|^n = (g |v|^(n-1)) |v|,
     constant below `MIN_GREASE_SPEED`.
     """
-    if values[_GREASE] == 0.0:
+    if values[PLACE.grease_drag] == 0.0:
         return 0.0
-    power = values[_GREASE_EXPONENT] - 1.0
-    return float(values[_GREASE] * max(speed, MIN_GREASE_SPEED) ** power)
+    power = values[PLACE.grease_exponent] - 1.0
+    return float(values[PLACE.grease_drag] * max(speed, MIN_GREASE_SPEED) ** power)
 
 
 @internal
@@ -163,7 +144,7 @@ def next_guess(values: FloatArray, guess: float, speed: float) -> float:
     where the slip is given. A step 2/(1 + n) as long leaves (1 - n)/(1 + n) of it,
     either way.
     """
-    further = 2.0 / (1.0 + values[_GREASE_EXPONENT])
+    further = 2.0 / (1.0 + values[PLACE.grease_exponent])
     return float(
         max(guess * (max(speed, MIN_GREASE_SPEED) / guess) ** further, MIN_GREASE_SPEED)
     )
@@ -174,7 +155,7 @@ def viscosity(
     values: FloatArray, length: float, growth: float, speed: float, dt: float
 ) -> float:
     """Return C of a segment per displacement in one step of `dt` [N/m]."""
-    viscous: float = values[_VISCOUS] + grease_viscosity(values, speed)
+    viscous: float = values[PLACE.viscous_friction] + grease_viscosity(values, speed)
     if viscous == 0.0:
         return 0.0
     return viscous * _weighted_length(length, growth) / dt
@@ -187,24 +168,26 @@ def kinetic_coefficient(values: FloatArray, slip: float, speed: float) -> float:
     `slip` is the distance since it last stuck or turned [m], `speed` the remembered one
     [m/s]; both >= 0.
     """
-    coefficient: float = values[_FRICTION]
-    if values[_STATIC] > 0.0 and values[_CRITICAL_SLIP] > 0.0:
-        excess = values[_STATIC] - values[_FRICTION]
-        coefficient += excess * math.exp(-slip / values[_CRITICAL_SLIP])
-    if values[_STRIBECK] > 0.0:
-        decay = (speed / values[_STRIBECK_SPEED]) ** values[_STRIBECK_EXPONENT]
-        tail = values[_STRIBECK_TAIL]
+    coefficient: float = values[PLACE.friction]
+    static, ending = values[PLACE.static_friction], values[PLACE.critical_slip_distance]
+    if static > 0.0 and ending > 0.0:
+        excess = static - values[PLACE.friction]
+        coefficient += excess * math.exp(-slip / ending)
+    if values[PLACE.stribeck_friction] > 0.0:
+        exponent = values[PLACE.stribeck_exponent]
+        decay = (speed / values[PLACE.stribeck_speed]) ** exponent
+        tail = values[PLACE.stribeck_tail]
         share = (1.0 - tail) * math.exp(-decay) + tail / (1.0 + decay)
-        coefficient += values[_STRIBECK] * share
+        coefficient += values[PLACE.stribeck_friction] * share
     return coefficient
 
 
 @compiled
 def holding_coefficient(values: FloatArray) -> float:
     """Return the coefficient that a segment at rest can hold."""
-    coefficient: float = max(values[_FRICTION], values[_STATIC])
-    if values[_STRIBECK] > 0.0:
-        coefficient += values[_STRIBECK]
+    coefficient: float = max(values[PLACE.friction], values[PLACE.static_friction])
+    if values[PLACE.stribeck_friction] > 0.0:
+        coefficient += values[PLACE.stribeck_friction]
     return coefficient
 
 
@@ -220,9 +203,10 @@ def remembered_speed(values: FloatArray, speed: float, slip: float, dt: float) -
     if slip == 0.0:
         return 0.0
     now: float = abs(slip) / dt
-    if values[_CRITICAL_SLIP] == 0.0:
+    ending = values[PLACE.critical_slip_distance]
+    if ending == 0.0:
         return now
-    return now + (speed - now) * math.exp(-abs(slip) / values[_CRITICAL_SLIP])
+    return now + (speed - now) * math.exp(-abs(slip) / ending)
 
 
 @internal
@@ -230,7 +214,7 @@ def bristle_stiffness(
     values: FloatArray, coefficient: float, angle: float, mean: float, drag: float
 ) -> float:
     """Return the stiffness of the bristles of a segment of tension `mean` [N/m]."""
-    length = max(values[_BRISTLE], MIN_BRISTLE_LENGTH)
+    length = max(values[PLACE.bristle_length], MIN_BRISTLE_LENGTH)
     stiffness: float = (coefficient * angle * mean + drag) / length
     return stiffness if stiffness > MIN_BRISTLE_STIFFNESS else 0.0
 
@@ -249,16 +233,16 @@ def bristle_force(force: float, stretch: float, stiffness: float) -> float:
 @internal
 def drift_factor(values: FloatArray, time: float, heat: float) -> float:
     """Return the factor on every coefficient by the time [s] and heat [J] so far."""
-    drift = values[_DRIFT] * time + values[_HEATING] * heat
+    drift = values[PLACE.friction_drift] * time + values[PLACE.friction_heating] * heat
     return float(max(1.0 + drift, 0.0))
 
 
 @internal
 def heat_after_step(values: FloatArray, heat: float, lost: float, dt: float) -> float:
     """Return the heat in the conduit after a step with this friction loss [J]."""
-    if values[_HEATING] == 0.0:
+    if values[PLACE.friction_heating] == 0.0:
         return 0.0
-    return float((heat + lost) * math.exp(-dt / values[_COOLING]))
+    return float((heat + lost) * math.exp(-dt / values[PLACE.cooling_time]))
 
 
 @internal
@@ -269,20 +253,20 @@ def wrap_factor(
 
     The distal end is `travel` from its rest [m].
     """
-    reach = length * values[_WRAP_REACH]
+    reach = length * values[PLACE.wrap_reach]
     inside, own = end - (length - reach), end - begin
     share = min(max(inside, 0.0), own) / own if own > 0.0 else 0.0
-    bent = share * values[_WRAP_GROWTH]
+    bent = share * values[PLACE.wrap_growth]
     return float(max(1.0 + bent * travel, 0.0))
 
 
 @internal
 def load_factor(values: FloatArray, mean: float) -> float:
     """Return the factor on the coefficient of a segment of tension `mean` [N]."""
-    exponent: float = values[_TENSION_EXPONENT]
+    exponent: float = values[PLACE.tension_exponent]
     if exponent == 0.0:
         return 1.0
-    load = max(mean / values[_PRETENSION], 0.01)
+    load = max(mean / values[PLACE.pretension], 0.01)
     return float(load**exponent)
 
 
@@ -293,12 +277,12 @@ def age_after_step(values: FloatArray, age: float, slip: float, dt: float) -> fl
     Contacts grow older and slip over `critical_slip_distance` renews them: dt' = 1 -
     |v| t'/l, exact for the mean speed of the step (Ruina, J. Geophys. Res. 88, 1983).
     """
-    scale = values[_AGEING_TIME]
+    scale = values[PLACE.ageing_time]
     if slip == 0.0:
         return math.log(math.exp(age) + dt / scale)
-    if values[_CRITICAL_SLIP] == 0.0:
+    if values[PLACE.critical_slip_distance] == 0.0:
         return 0.0
-    ways = abs(slip) / values[_CRITICAL_SLIP]
+    ways = abs(slip) / values[PLACE.critical_slip_distance]
     kept = math.exp(-ways)
     gained = dt * (-math.expm1(-ways) / ways)
     return math.log1p(math.expm1(age) * kept + gained / scale)

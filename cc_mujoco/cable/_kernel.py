@@ -39,6 +39,7 @@ from cc_mujoco.cable._coefficients import (
     write_holds,
 )
 from cc_mujoco.cable._coefficients import written_size as written_size
+from cc_mujoco.cable._friction import PLACE
 from cc_mujoco.cable._fronts import march
 from cc_mujoco.cable._graph import sweep
 from cc_mujoco.cable._layout import STATE_HEADER as STATE_HEADER
@@ -67,12 +68,7 @@ OK, NOT_FINITE, MARCHED, UNSOLVED = 0, 1, 2, 3
 `solve_step` comes before it, and the final status elsewhere.
 """
 
-_LOAD_INDEPENDENT = law.INDEX["load_independent_friction"]
 _SEALS = law.INDEX["seal_proximal"], law.INDEX["seal_distal"]
-_STATIC = law.INDEX["static_friction"]
-_BRISTLE = law.INDEX["bristle_length"]
-_STRESS_RELAXATION = law.INDEX["stress_relaxation"]
-_GREASE = law.INDEX["grease_drag"]
 _MAX_ROUNDS = 60
 
 
@@ -100,7 +96,7 @@ def stored_energy(prm: FloatArray, n: int, state: FloatArray) -> float:
     That of the rope on the drums of a path that lengthens counts from its mounting.
     """
     total = nodes.elastic_energy(prm, n, at.tensions(state, n))
-    if prm[_BRISTLE] > 0.0:
+    if prm[PLACE.bristle_length] > 0.0:
         force, stretched = at.bristle_forces(state, n), at.bristle_stretches(state, n)
         for j in range(n):
             total += 0.5 * abs(force[j] * stretched[j])
@@ -130,7 +126,7 @@ def _solve(
     shift, slipped = at.row(work, n, at.SHIFT), at.row(work, n, at.SLIPPED)
     growth = at.row(work, n, at.GROWTH)
     growth_proximal = at.row(work, n, at.GROWTH_PROXIMAL)
-    if prm[_BRISTLE] > 0.0:
+    if prm[PLACE.bristle_length] > 0.0:
         before_slip = at.slips(state, n)
         for j in range(n):
             slipped[j] = before_slip[j]
@@ -141,7 +137,7 @@ def _solve(
         ):  # fmt: skip
             return
     sweep(n, at.slips(state, n), chain, growth, growth_proximal, shift, node, work)
-    if prm[_BRISTLE] > 0.0:
+    if prm[PLACE.bristle_length] > 0.0:
         # No elastic part: bristles keep what they can without new energy.
         for j in range(n):
             slipped[j] = shift[j]
@@ -220,7 +216,7 @@ def begin_step(
         tension, lost = before.begin_losses(n, state, work)
         if before.seats_anew(prm):
             before.seat_anew(prm, n, state, tension)
-        if prm[_STRESS_RELAXATION] > 0.0:
+        if prm[PLACE.stress_relaxation] > 0.0:
             before.relax_stress(prm, n, state, dt, new_state, tension, lost)
         if before.clamps_slide(prm):
             before.slide_in_clamps(prm, n, dt, new_state, tension, lost)
@@ -238,7 +234,7 @@ def begin_step(
             prm, n, state, tension, yield_proximal, yield_distal, new_state, work
         )
     quick = is_constant_coulomb and by_position
-    if quick and prm[_STATIC] > 0.0:
+    if quick and prm[PLACE.static_friction] > 0.0:
         hold_distal, hold_proximal = write_holds(prm, n, state, work)
     if quick and changes:
         # The fronts presume that friction holds the tensions before the step.
@@ -256,7 +252,9 @@ def begin_step(
         for i in range(n + 1):
             stretch += nodes.node_stretch(prm, n, i, tension[i])
     stretch += distal_moved - proximal_moved
-    dragged = prm[_LOAD_INDEPENDENT] + prm[_SEALS[0]] + prm[_SEALS[1]] > 0.0
+    dragged = (
+        prm[PLACE.load_independent_friction] + prm[_SEALS[0]] + prm[_SEALS[1]] > 0.0
+    )
     if nodes.is_curved(prm):
         solved = stretch > 0.0 and nonlinear_elasticity.march_linearized(
             prm, n, tension, growth, hold_distal, hold_proximal, drag,
@@ -294,7 +292,7 @@ def solve_step(
     """Find displacements and tensions where `begin_step` returned UNSOLVED."""
     tension, node = _tension_to_move(prm, n, state, work), at.tensions(new_state, n)
     proximal_moved, distal_moved = proximal_value - state[0], distal_value - state[1]
-    greased, is_curved = prm[_GREASE] > 0.0, nodes.is_curved(prm)
+    greased, is_curved = prm[PLACE.grease_drag] > 0.0, nodes.is_curved(prm)
     if greased:
         guess, speed = at.row(work, n, at.SPEED), at.slip_speeds(state, n)
         for j in range(n):

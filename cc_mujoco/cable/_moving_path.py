@@ -28,16 +28,11 @@ does.
 from __future__ import annotations
 
 from cc_mujoco.cable import _elasticity as elastic
-from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable import _nodes as nodes
+from cc_mujoco.cable._friction import PLACE
 from cc_mujoco.native import FloatArray, compiled, internal
 
-_EA = law.INDEX["axial_stiffness"]
-_END_COMPLIANCE = law.INDEX["end_compliance"]
-_PROXIMAL_COMPLIANCE = law.INDEX["proximal_compliance"]
-_BEDDING = law.INDEX["bedding_strain"]
-_BEDDING_TENSION = law.INDEX["bedding_tension"]
 _MAX_NODE_SHARE = 0.5
 """Part of a node's cable that a step may take out of it."""
 _MAX_ROUNDS = 6
@@ -47,14 +42,15 @@ _FLOW_TOLERANCE = 1e-15
 
 @internal
 def _cable_per_length(prm: FloatArray) -> elastic.Piece:
-    return elastic.Piece(1.0 / prm[_EA], prm[_BEDDING], prm[_BEDDING_TENSION], 0.0, 1.0)
+    taut, bedding = 1.0 / prm[PLACE.axial_stiffness], prm[PLACE.bedding_strain]
+    return elastic.Piece(taut, bedding, prm[PLACE.bedding_tension], 0.0, 1.0)
 
 
 @internal
 def stretch_ratio(prm: FloatArray, tension: float) -> float:
     """Return the length of cable by its unstretched length; below 1 where slack."""
     if not nodes.is_curved(prm):
-        return float(1.0 + tension / prm[_EA])
+        return float(1.0 + tension / prm[PLACE.axial_stiffness])
     return 1.0 + elastic.stretch_of(_cable_per_length(prm), tension)
 
 
@@ -63,7 +59,7 @@ def strain_energy(prm: FloatArray, ratio: float) -> float:
     """Return the elastic energy by unstretched length at a stretch ratio >= 1 [N]."""
     strain = ratio - 1.0
     if not nodes.is_curved(prm):
-        return float(0.5 * prm[_EA] * strain * strain)
+        return float(0.5 * prm[PLACE.axial_stiffness] * strain * strain)
     unit = _cable_per_length(prm)
     return elastic.energy_at(unit, elastic.tension_of(unit, strain))
 
@@ -80,7 +76,7 @@ def surface_ratio(prm: FloatArray, proximal: float, distal: float) -> float:
         return 1.0
     low, high = max(proximal, 0.0), max(distal, 0.0)
     if not nodes.is_curved(prm):
-        return float(1.0 + 0.5 * (low + high) / prm[_EA])
+        return float(1.0 + 0.5 * (low + high) / prm[PLACE.axial_stiffness])
     if abs(high - low) <= 1e-6 * (high + low):
         return stretch_ratio(prm, 0.5 * (low + high))
     unit = _cable_per_length(prm)
@@ -138,7 +134,7 @@ def carry(
     """
     longer, length = at.lengthening(prm, n), at.node_length(prm, n)
     compliance, stiffness = at.node_compliance(prm, n), at.node_stiffness(prm, n)
-    soft = 1.0 / prm[_EA]
+    soft = 1.0 / prm[PLACE.axial_stiffness]
     path, cable = at.carried_path(prm, n), at.carried_cable(prm, n)
     flow, carried, changed = 0.0, 0.0, False
     following = stretch_ratio(prm, tension[0])
@@ -181,8 +177,8 @@ def _bend_of_slack(length: float, ratio: float) -> float:
 def _spring(prm: FloatArray, n: int, i: int) -> float:
     """Return the compliance of the spring at a node [m/N]."""
     if i == n:
-        return float(prm[_END_COMPLIANCE])
-    return float(prm[_PROXIMAL_COMPLIANCE]) if i == 0 else 0.0
+        return float(prm[PLACE.end_compliance])
+    return float(prm[PLACE.proximal_compliance]) if i == 0 else 0.0
 
 
 @internal
@@ -217,7 +213,7 @@ def apply_material_law(
 
     They are those before the step and, in and out, after it.
     """
-    ea, straight = prm[_EA], not nodes.is_curved(prm)
+    ea, straight = prm[PLACE.axial_stiffness], not nodes.is_curved(prm)
     for i in range(n + 1):
         if after[i] == before[i]:
             continue

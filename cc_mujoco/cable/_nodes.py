@@ -8,23 +8,15 @@ the ends are part of the first and the last. Packed parameters and state are tho
 from __future__ import annotations
 
 from cc_mujoco.cable import _elasticity as elastic
-from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _layout as at
+from cc_mujoco.cable._friction import PLACE
 from cc_mujoco.native import FloatArray, compiled, internal
-
-_EA = law.INDEX["axial_stiffness"]
-_END_COMPLIANCE = law.INDEX["end_compliance"]
-_PROXIMAL_COMPLIANCE = law.INDEX["proximal_compliance"]
-_BEDDING = law.INDEX["bedding_strain"]
-_BEDDING_TENSION = law.INDEX["bedding_tension"]
-_CLEARANCE = law.INDEX["clearance"]
-_SEATING = law.INDEX["seating_tension"]
 
 
 @internal
 def is_curved(prm: FloatArray) -> bool:
     """Return whether the stiffness of a node depends on its tension."""
-    return float(prm[_BEDDING]) > 0.0 or float(prm[_CLEARANCE]) > 0.0
+    return float(prm[PLACE.bedding_strain]) > 0.0 or float(prm[PLACE.clearance]) > 0.0
 
 
 @internal
@@ -43,8 +35,8 @@ def node_piece(prm: FloatArray, n: int, i: int) -> elastic.Piece:
 def _piece(prm: FloatArray, taut: float, length: float, turn: float) -> elastic.Piece:
     """Return a piece of cable of a length [m] in a bend [rad]."""
     return elastic.Piece(
-        taut, length * prm[_BEDDING], prm[_BEDDING_TENSION],
-        turn * prm[_CLEARANCE], prm[_SEATING],
+        taut, length * prm[PLACE.bedding_strain], prm[PLACE.bedding_tension],
+        turn * prm[PLACE.clearance], prm[PLACE.seating_tension],
     )  # fmt: skip
 
 
@@ -60,10 +52,10 @@ def set_node(prm: FloatArray, n: int, i: int) -> None:
     """Pack the taut stiffness and compliance of a node, with its springs."""
     spring = 0.0
     if i == n:
-        spring = prm[_END_COMPLIANCE] + prm[at.YIELD_DISTAL]
+        spring = prm[PLACE.end_compliance] + prm[at.YIELD_DISTAL]
     elif i == 0:
-        spring = prm[_PROXIMAL_COMPLIANCE] + prm[at.YIELD_PROXIMAL]
-    stiffness = 1.0 / (at.node_length(prm, n)[i] / prm[_EA] + spring)
+        spring = prm[PLACE.proximal_compliance] + prm[at.YIELD_PROXIMAL]
+    stiffness = 1.0 / (at.node_length(prm, n)[i] / prm[PLACE.axial_stiffness] + spring)
     at.node_stiffness(prm, n)[i] = stiffness
     at.node_compliance(prm, n)[i] = 1.0 / stiffness
 
@@ -133,8 +125,8 @@ def rest_stretch(prm: FloatArray, wrap: float, tension: float) -> float:
 
     `wrap` is that of all its bends [rad], which matters to clearance alone.
     """
-    springs = prm[_END_COMPLIANCE] + prm[_PROXIMAL_COMPLIANCE]
-    taut = prm[at.LENGTH] / prm[_EA] + springs
+    springs = prm[PLACE.end_compliance] + prm[PLACE.proximal_compliance]
+    taut = prm[at.LENGTH] / prm[PLACE.axial_stiffness] + springs
     return elastic.stretch_of(_piece(prm, taut, prm[at.LENGTH], wrap), tension)
 
 

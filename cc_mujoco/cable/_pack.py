@@ -8,16 +8,9 @@ from __future__ import annotations
 from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable import _nodes as nodes
+from cc_mujoco.cable._friction import PLACE
 from cc_mujoco.cable._mesh import lay_segments, measure_conduit, segment_wraps
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
-
-_EA = law.INDEX["axial_stiffness"]
-_PRETENSION = law.INDEX["pretension"]
-_FRICTION = law.INDEX["friction"]
-_LOAD_INDEPENDENT = law.INDEX["load_independent_friction"]
-_END_COMPLIANCE = law.INDEX["end_compliance"]
-_PROXIMAL_COMPLIANCE = law.INDEX["proximal_compliance"]
-_CLEARANCE = law.INDEX["clearance"]
 
 
 @internal
@@ -25,7 +18,8 @@ def _update_for_angles(prm: FloatArray, n: int) -> None:
     """Pack the values that depend on the wrap angles of the segments."""
     values = at.scalars(prm)
     hold = law.holding_coefficient(values)
-    guided, everywhere = int(prm[at.GUIDED]), values[_LOAD_INDEPENDENT] != 0.0
+    guided = int(prm[at.GUIDED])
+    everywhere = values[PLACE.load_independent_friction] != 0.0
     length = at.contact_length(prm, n)
     angle, drag = at.segment_angles(prm, n), at.constant_drag(prm, n)
     growth, holding = at.constant_growth(prm, n), at.constant_hold(prm, n)
@@ -33,8 +27,8 @@ def _update_for_angles(prm: FloatArray, n: int) -> None:
         if j > 0 and angle[j] == angle[j - 1]:  # as along an arc
             growth[j], holding[j] = growth[j - 1], holding[j - 1]
         else:
-            growth[j] = holding[j] = law.ratio(values[_FRICTION], angle[j])
-            if hold != values[_FRICTION]:
+            growth[j] = holding[j] = law.ratio(values[PLACE.friction], angle[j])
+            if hold != values[PLACE.friction]:
                 holding[j] = law.ratio(hold, angle[j])
         drag[j] = 0.0
         if everywhere or j == 0 or j == guided - 1:
@@ -44,7 +38,8 @@ def _update_for_angles(prm: FloatArray, n: int) -> None:
 @internal
 def _update_for_lengths(prm: FloatArray, n: int) -> None:
     """Pack the values that depend only on the contact lengths of the segments."""
-    ea, length, half = prm[_EA], at.contact_length(prm, n), at.half_compliance(prm, n)
+    length, half = at.contact_length(prm, n), at.half_compliance(prm, n)
+    ea = prm[PLACE.axial_stiffness]
     for j in range(n):
         half[j] = 1.0 / (ea / (0.5 * length[j])) if length[j] > 0.0 else 0.0
 
@@ -157,8 +152,8 @@ def set_path(prm: FloatArray, n: int, angles: FloatArray, contacts: FloatArray) 
 def rest_in(prm: FloatArray, n: int, angles: FloatArray, state: FloatArray) -> None:
     """Give a cable at rest its stretch in bends of these angles (n,) [rad]."""
     wrap = at.total(angles)
-    state[3] = nodes.rest_stretch(prm, wrap, prm[_PRETENSION])
-    if prm[_CLEARANCE] > 0.0:
+    state[3] = nodes.rest_stretch(prm, wrap, prm[PLACE.pretension])
+    if prm[PLACE.clearance] > 0.0:
         state[at.rest_wrap(n)] = wrap
 
 
@@ -171,11 +166,11 @@ def initialize(
         state[i] = 0.0
     state[0] = u_proximal
     state[1] = u_distal
-    stretch = prm[_PRETENSION] * prm[at.LENGTH] / prm[_EA]
-    springs = prm[_END_COMPLIANCE] + prm[_PROXIMAL_COMPLIANCE]
-    state[3] = stretch + prm[_PRETENSION] * springs
+    stretch = prm[PLACE.pretension] * prm[at.LENGTH] / prm[PLACE.axial_stiffness]
+    springs = prm[PLACE.end_compliance] + prm[PLACE.proximal_compliance]
+    state[3] = stretch + prm[PLACE.pretension] * springs
     if nodes.is_curved(prm):
         rest_in(prm, n, at.segment_angles(prm, n), state)
     if prm[at.PATH_LENGTHENS] != 0.0:
         state[3] = 0.0
-    at.tensions(state, n)[:] = prm[_PRETENSION]
+    at.tensions(state, n)[:] = prm[PLACE.pretension]

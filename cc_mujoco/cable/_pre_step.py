@@ -10,20 +10,13 @@ import math
 
 from cc_mujoco.cable import _drum as drum
 from cc_mujoco.cable import _elasticity as elastic
-from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable import _moving_path as moving_path
 from cc_mujoco.cable import _nodes as nodes
 from cc_mujoco.cable import _pack as pack
+from cc_mujoco.cable._friction import PLACE
 from cc_mujoco.native import FloatArray, internal
 
-_PRETENSION = law.INDEX["pretension"]
-_STRESS_RELAXATION = law.INDEX["stress_relaxation"]
-_RELAXATION_TIME = law.INDEX["relaxation_time"]
-_CLAMP_CREEP_PROXIMAL = law.INDEX["clamp_creep_proximal"]
-_CLAMP_CREEP_DISTAL = law.INDEX["clamp_creep_distal"]
-_CLAMP_FORCE = law.INDEX["clamp_force"]
-_CLEARANCE = law.INDEX["clearance"]
 TENSION_ROW, LOST_ROW = 0, 3
 """Rows of scratch for the node tensions that these changes leave, and for the stretch
 that nodes lose to relaxation and clamps."""
@@ -32,7 +25,7 @@ that nodes lose to relaxation and clamps."""
 @internal
 def seats_anew(prm: FloatArray) -> bool:
     """Return whether bends that change take cable that has clearance in them."""
-    return float(prm[at.BENDS_CHANGE]) != 0.0 and float(prm[_CLEARANCE]) > 0.0
+    return float(prm[at.BENDS_CHANGE]) != 0.0 and float(prm[PLACE.clearance]) > 0.0
 
 
 @internal
@@ -94,10 +87,10 @@ def relax_stress(
     lost: FloatArray,
 ) -> None:
     """Lengthen all parts of the cable equally, by `tension` and `lost` of its nodes."""
-    time, scale = state[at.TIME], prm[_RELAXATION_TIME]
-    before = 1.0 + prm[_STRESS_RELAXATION] * math.expm1(-time / scale)
-    after = 1.0 + prm[_STRESS_RELAXATION] * math.expm1(-(time + dt) / scale)
-    rest, wrap = prm[_PRETENSION], state[at.rest_wrap(n)]
+    time, scale = state[at.TIME], prm[PLACE.relaxation_time]
+    before = 1.0 + prm[PLACE.stress_relaxation] * math.expm1(-time / scale)
+    after = 1.0 + prm[PLACE.stress_relaxation] * math.expm1(-(time + dt) / scale)
+    rest, wrap = prm[PLACE.pretension], state[at.rest_wrap(n)]
     grown = nodes.rest_stretch(prm, wrap, rest * before)
     grown -= nodes.rest_stretch(prm, wrap, rest * after)
     for i in range(n + 1):
@@ -109,14 +102,14 @@ def relax_stress(
 @internal
 def clamps_slide(prm: FloatArray) -> bool:
     """Return whether a clamp lets go of the conduit above its holding force."""
-    proximal, distal = prm[_CLAMP_CREEP_PROXIMAL], prm[_CLAMP_CREEP_DISTAL]
-    return float(proximal) > 0.0 or float(distal) > 0.0
+    slides = float(prm[PLACE.clamp_creep_proximal]) > 0.0
+    return slides or float(prm[PLACE.clamp_creep_distal]) > 0.0
 
 
 @internal
 def loses_stretch(prm: FloatArray) -> bool:
     """Return whether the cable relaxes or a clamp lets go of its conduit."""
-    return float(prm[_STRESS_RELAXATION]) > 0.0 or clamps_slide(prm)
+    return float(prm[PLACE.stress_relaxation]) > 0.0 or clamps_slide(prm)
 
 
 @internal
@@ -136,8 +129,10 @@ def slide_in_clamps(
     stiffness = at.node_stiffness(prm, n)
     for end in range(2):
         i = n * end
-        creep = prm[_CLAMP_CREEP_DISTAL if end == 1 else _CLAMP_CREEP_PROXIMAL]
-        over = tension[i] - prm[_CLAMP_FORCE]
+        creep = prm[PLACE.clamp_creep_proximal]
+        if end == 1:
+            creep = prm[PLACE.clamp_creep_distal]
+        over = tension[i] - prm[PLACE.clamp_force]
         if creep > 0.0 and over > 0.0:
             # A curved cable is no stiffer than when it is taut.
             slid = creep * dt * over / (1.0 + stiffness[i] * creep * dt)

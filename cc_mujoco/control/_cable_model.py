@@ -31,7 +31,7 @@ from numpy.typing import ArrayLike, NDArray
 from cc_mujoco._utils.exclusive import exclusive
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _stepper as stepper
-from cc_mujoco.cable._friction import INDEX
+from cc_mujoco.cable._friction import PLACE
 from cc_mujoco.cable._layout import LENGTH, slips, tensions
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control._compensation import SCRATCH_ROWS, Model, has_drag
@@ -39,12 +39,7 @@ from cc_mujoco.device._drive import CableDrive, Drive
 from cc_mujoco.errors import CableError, CableWarning
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 
-_STATIC, _BRISTLE = INDEX["static_friction"], INDEX["bristle_length"]
-_FRICTION_COEFFICIENTS = INDEX["friction"], _STATIC
-_CRITICAL_SLIP = INDEX["critical_slip_distance"]
-_STRIBECK, _AGEING = INDEX["stribeck_friction"], INDEX["ageing_friction"]
-_PRETENSION = INDEX["pretension"]
-_EA = INDEX["axial_stiffness"]
+_FRICTION_COEFFICIENTS = PLACE.friction, PLACE.static_friction
 
 PROXIMAL, DISTAL, FRICTION, COMPLIANCE, PRETENSION = range(5)
 """Columns of the table of cables: arms at motor and joint [m/rad], mu times wrap,
@@ -184,11 +179,11 @@ def pack(
     for place in _FRICTION_COEFFICIENTS:
         changed[place] = min(factor * changed[place], 5.0)  # of a `Cable`
     if not weakening:
-        changed[_STRIBECK] = 0.0
-        if changed[_AGEING] > 0.0:
-            changed[_AGEING] = changed[_CRITICAL_SLIP] = 0.0
-        if changed[_BRISTLE] > 0.0:
-            changed[_STATIC] = 0.0
+        changed[PLACE.stribeck_friction] = 0.0
+        if changed[PLACE.ageing_friction] > 0.0:
+            changed[PLACE.ageing_friction] = changed[PLACE.critical_slip_distance] = 0.0
+        if changed[PLACE.bristle_length] > 0.0:
+            changed[PLACE.static_friction] = 0.0
     kernel.pack(changed, sections, n, prm)
 
 
@@ -236,7 +231,7 @@ def add_preload(
     wrap = 0.0
     for i in range(sections.shape[0]):
         wrap += sections[i, 0] / sections[i, 1]
-    spring[guard.REST] += abs(distal) * values[_PRETENSION]
+    spring[guard.REST] += abs(distal) * values[PLACE.pretension]
     friction = values[_FRICTION_COEFFICIENTS[0]] * wrap
     spring[guard.FRICTION] = max(spring[guard.FRICTION], friction)
 
@@ -249,7 +244,7 @@ def stiffness(prm: FloatMatrix, distal: FloatArray) -> float:
     """
     total = 0.0
     for k in range(distal.size):
-        total += distal[k] ** 2 * prm[k, _EA] / prm[k, LENGTH]
+        total += distal[k] ** 2 * prm[k, PLACE.axial_stiffness] / prm[k, LENGTH]
     return total
 
 

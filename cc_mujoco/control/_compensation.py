@@ -16,14 +16,12 @@ import numpy as np
 
 from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _layout as at
+from cc_mujoco.cable._friction import PLACE
 from cc_mujoco.cable._stepper import Cables
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled
 
 SCRATCH_ROWS = 6
 """Rows of the scratch of these functions, with a number for each cable."""
-_PRETENSION = law.INDEX["pretension"]
-_ASYMMETRY = law.INDEX["friction_asymmetry"]
-_AGEING = law.INDEX["ageing_friction"]
 _DRAG_TERMS = tuple(place for place, _, _ in law.DRAG_TERMS)
 
 
@@ -71,8 +69,8 @@ def _friction(
     )
     factor = law.load_factor(values, 0.5 * (max(node[j], 0.0) + max(node[j + 1], 0.0)))
     factor *= law.drift_factor(values, state[at.TIME], state[at.HEAT])
-    factor *= 1.0 - sense * values[_ASYMMETRY]
-    aged = values[_AGEING] * at.contact_ages(state, n)[j]
+    factor *= 1.0 - sense * values[PLACE.friction_asymmetry]
+    aged = values[PLACE.ageing_friction] * at.contact_ages(state, n)[j]
     slipped = abs(slip) if slip * sense > 0.0 else 0.0
     moving = law.kinetic_coefficient(values, slipped, abs(speed))
     growth = law.ratio(factor * (moving + aged), angle)
@@ -112,7 +110,7 @@ def _stretches(
                 level, offset = level * growth, offset * growth + drag
             else:
                 level, offset = level / growth, (offset - drag) / growth
-        rest += prm[_PRETENSION] / stiffness[j]
+        rest += prm[PLACE.pretension] / stiffness[j]
         unit += level / stiffness[j]
         none += offset / stiffness[j]
     return rest, unit, none

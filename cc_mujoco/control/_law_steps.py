@@ -16,9 +16,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from cc_mujoco.cable import _friction as friction
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _stepper as stepper
+from cc_mujoco.cable._friction import PLACE
 from cc_mujoco.cable._layout import SCALARS
 from cc_mujoco.control import _compiled_laws as compiled_laws
 from cc_mujoco.control import _guard as guard
@@ -53,10 +53,6 @@ MODEL, STICTION, DISTURBANCE = range(3)
 _KNOWN, _TORQUE, LACK_SIZE = range(3)
 """Places in the memory of the torque that the model lacks, and its size: whether a
 torque was applied; the disturbance [N m]."""
-_FRICTION = friction.INDEX["friction"]
-_STATIC = friction.INDEX["static_friction"]
-_PRETENSION = friction.INDEX["pretension"]
-_EXPONENT = friction.INDEX["tension_exponent"]
 
 
 class LawData(NamedTuple):
@@ -148,10 +144,10 @@ def _first_out_of_range(
 @internal
 def _consistent(values: FloatArray) -> int:
     """Return 1 + the index of a cable's contradictory scalar, 0 if there is none."""
-    if 0.0 < values[_STATIC] < values[_FRICTION]:
-        return _STATIC + 1
-    if values[_EXPONENT] != 0.0 and values[_PRETENSION] == 0.0:
-        return _EXPONENT + 1
+    if 0.0 < values[PLACE.static_friction] < values[PLACE.friction]:
+        return int(PLACE.static_friction) + 1
+    if values[PLACE.tension_exponent] != 0.0 and values[PLACE.pretension] == 0.0:
+        return int(PLACE.tension_exponent) + 1
     return 0
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _root as root
 from cc_mujoco.cable import _stepper as stepper
+from cc_mujoco.cable._friction import PLACE
 from cc_mujoco.cable._layout import (
     CONSTANT_COULOMB,
     scalars,
@@ -29,7 +30,6 @@ from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 
 _MODEL_MEMORY = 0.3
 """Time over which the errors of both models are compared [s]."""
-_BRISTLE, _COULOMB = law.INDEX["bristle_length"], law.INDEX["friction"]
 
 
 @internal
@@ -125,7 +125,7 @@ def observe(planner: Planner, seen: FloatArray) -> float:
 @internal
 def _has_bristles(cables: stepper.Cables) -> bool:
     for k in range(cables.n.size):
-        if cables.prm[k, _BRISTLE] != 0.0:
+        if cables.prm[k, PLACE.bristle_length] != 0.0:
             return True
     return False
 
@@ -135,7 +135,7 @@ def set_bristles(cables: stepper.Cables, bristles: float) -> None:
     """Give all cables bristles of a length, as a motion of the joint [rad]."""
     for k in range(cables.n.size):
         prm = cables.prm[k]
-        prm[_BRISTLE] = bristles * abs(cables.distal[k])
+        prm[PLACE.bristle_length] = bristles * abs(cables.distal[k])
         prm[CONSTANT_COULOMB] = 1.0 if law.is_constant_coulomb(scalars(prm)) else 0.0
 
 
@@ -374,4 +374,4 @@ def _load_slope(
     for j in range(n):
         wrap += angles[j]
     pull = cables.proximal[k] * sign * max(tensions(state, n)[0], 0.0)
-    return float(pull * (cables.prm[k, _COULOMB] * wrap))
+    return float(pull * (cables.prm[k, PLACE.friction] * wrap))

@@ -18,9 +18,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco.cable import _friction as friction
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _stepper as stepper
+from cc_mujoco.cable._friction import PLACE
 from cc_mujoco.cable._layout import SCALARS
 from cc_mujoco.control import _friction_slope as friction_slope
 from cc_mujoco.control import _guard as guard
@@ -50,7 +50,6 @@ LAW = CHANGED + 1
 """Place of the numbers of `_planner_memory`, followed by the states of the cables."""
 INPUT_COUNT = len(planner_memory.PLANNER_INPUTS)
 """Numbers that are read."""
-_FRICTION = friction.INDEX["friction"]
 
 
 @internal
@@ -204,7 +203,7 @@ def step_sensed(data: LawData) -> float:
     if is_fresh:
         memory[since] = 0.0
     for k in range(count):
-        believed = planner.given[place + 2 + _FRICTION]
+        believed = planner.given[place + 2 + PLACE.friction]
         if is_fresh:
             friction_slope.reset_estimate(known[k], believed)
         found = known[k, friction_slope.COEFFICIENT]

@@ -12,7 +12,7 @@ from cc_mujoco.cable import _moving_path as moving_path
 from cc_mujoco.cable import _nodes as nodes
 from cc_mujoco.cable import _open_path as open_path
 from cc_mujoco.cable._cable import MAX_SECTIONS
-from cc_mujoco.cable._friction import INDEX
+from cc_mujoco.cable._friction import INDEX, PLACE
 from cc_mujoco.plugin import _attachments as attachments
 from cc_mujoco.plugin import _config as config
 from cc_mujoco.plugin import _instance_data as blocks
@@ -23,7 +23,6 @@ from cc_mujoco.plugin._instance_data import Block
 from cc_mujoco.plugin._mj_struct import MjData, MjModel
 from cc_mujoco.plugin._routing import follow, seats_with_route
 
-_PRETENSION = INDEX["pretension"]
 _SPRINGS = INDEX["proximal_compliance"], INDEX["end_compliance"]
 _MIN_ROPE_SHARE = 1e-3
 """Least part of its path that a rope is long which drums have wound up entirely."""
@@ -275,13 +274,13 @@ def keep_mounted_rope(block: Block, model: MjModel, state: int) -> None:
     paid = np.empty(2)
     paid[0], paid[1] = whole[0] - begin, -travel
     length, wound, rope = 0.0, 0.0, whole[3] - (paid[0] + paid[1])
-    mounted = moving_path.stretch_ratio(prm, prm[_PRETENSION])
+    mounted = moving_path.stretch_ratio(prm, prm[PLACE.pretension])
     if blocks.is_open(block):
         first = blocks.shape(block, blocks.REFERENCE_STAGE)
         length = layout.total(open_path.lengths(blocks.shape(block, 0), n))
         out = max(paid[0], 0.0) + max(paid[1], 0.0)
         rope = (layout.total(open_path.lengths(first, n)) + out) / mounted
-        rope -= (prm[_SPRINGS[0]] + prm[_SPRINGS[1]]) * prm[_PRETENSION]
+        rope -= (prm[_SPRINGS[0]] + prm[_SPRINGS[1]]) * prm[PLACE.pretension]
         wound = max(-paid[0], 0.0) + max(-paid[1], 0.0)
     else:
         whole[3] = rope
@@ -297,7 +296,7 @@ def keep_mounted_rope(block: Block, model: MjModel, state: int) -> None:
 def _wound_ratio(prm: Floats, tension: float) -> float:
     """Return the mean stretch ratio of rope wound up from the pretension to another."""
     now = moving_path.stretch_ratio(prm, max(tension, 0.0))
-    return 0.5 * (moving_path.stretch_ratio(prm, prm[_PRETENSION]) + now)
+    return 0.5 * (moving_path.stretch_ratio(prm, prm[PLACE.pretension]) + now)
 
 
 @internal

@@ -10,7 +10,7 @@ from mujoco import mjtDisableBit, mjtWrap
 from cc_mujoco.cable import _layout as layout
 from cc_mujoco.cable import _open_path as open_path
 from cc_mujoco.cable._cable import KEYS, MAX_SECTIONS
-from cc_mujoco.cable._friction import INDEX
+from cc_mujoco.cable._friction import PLACE
 from cc_mujoco.plugin import _attachments as attachments
 from cc_mujoco.plugin import _config as config
 from cc_mujoco.plugin import _implicit_ends as implicit_ends
@@ -39,8 +39,6 @@ from cc_mujoco.plugin._ffi import (
 )
 from cc_mujoco.plugin._instance_data import Block, Committed
 from cc_mujoco.plugin._mj_struct import MjData, MjModel
-
-_STIFFNESS, _PRETENSION = INDEX["axial_stiffness"], INDEX["pretension"]
 
 _LENGTH_TOLERANCE = 0.02
 """Part by which the length of `conduit` may differ from that of the path it is."""
@@ -184,10 +182,10 @@ def warn_jump(
     lead = blocks.block_at(data, mj_struct.first_cable(model, instance))
     prm, kept = blocks.parameters(block), blocks.committed(state, n)
     node = layout.tensions(blocks.kernel_state(state, n), n)
-    most = prm[_PRETENSION]
+    most = prm[PLACE.pretension]
     for i in range(node.size if by_hand else 0):
         most = max(most, node[i])
-    soft = most * prm[layout.LENGTH] / prm[_STIFFNESS]
+    soft = most * prm[layout.LENGTH] / prm[PLACE.axial_stiffness]
     for part in range(3):
         tendon, share = block.route, 1.0
         if part == jump_warnings.PATH:

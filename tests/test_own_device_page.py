@@ -22,7 +22,6 @@ from cc_mujoco import cli
 from cc_mujoco.cli._parsing import parse
 from cc_mujoco.device import Sensing, find_device
 from cc_mujoco.device import _derivation as derivation
-from cc_mujoco.device._derived_wearers import WEARER_KEYS
 from cc_mujoco.device._description import Cuff
 from hardware.peers import Peer
 from page_blocks import Block, blocks_of
@@ -221,7 +220,7 @@ def test_every_key_is_in_the_written_description_or_on_the_page(folder: Path) ->
         *derivation.KEYS,
         *derivation.AXIS_KEYS,
         *derivation.UNITS,
-        *WEARER_KEYS,
+        *derivation.WEARER_KEYS,
         *fields,
     }
     assert not {key for key in keys - {"tendon"} if not re.search(rf"\b{key}\b", told)}

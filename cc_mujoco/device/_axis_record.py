@@ -24,11 +24,7 @@ AXIS = np.dtype(
         (name, np.int64)
         for name in (
             "motor_control",  # index in `ctrl`
-            "motor_q",
-            "motor_v",
-            "joint_q",
-            "joint_v",
-            "motor_out",
+            "motor_q", "motor_v", "joint_q", "joint_v", "motor_out",
             "wearer_out",  # -1 where no wearer moves the joint
             "cuffed",  # 1 where the wearer's torque does not act on the joint itself
             "weightless",  # 1 where gravity compensation or a fluid acts on bodies
@@ -60,7 +56,7 @@ AXIS = np.dtype(
             "timestep",  # of the physics [s]
         )
     ]
-)
+)  # fmt: skip
 """Record of an axis: places of its parts in the arrays, and its numbers."""
 
 AXIS_SIZE = AXIS.itemsize
@@ -105,17 +101,10 @@ _QPOS, _QVEL, _, _FORCE, _ACTUATOR, _PASSIVE, _SPRING, _DAMPER = range(8)
 _GRAVITY, _FLUID, _LENGTH, MOMENT = range(8, FIELDS)
 
 READING_COLUMNS = (
-    "motor_angle_rad",
-    "motor_velocity_rad_s",
-    "motor_torque_nm",
-    "joint_angle_rad",
-    "joint_velocity_rad_s",
-    "joint_torque_nm",
-    "wearer_torque_nm",
-    "winding_angle_rad",
-    "winding_velocity_rad_s",
-    "leverage_ratio",
-)
+    "motor_angle_rad", "motor_velocity_rad_s", "motor_torque_nm", "joint_angle_rad",
+    "joint_velocity_rad_s", "joint_torque_nm", "wearer_torque_nm", "winding_angle_rad",
+    "winding_velocity_rad_s", "leverage_ratio",
+)  # fmt: skip
 """Columns that are read of an axis."""
 
 READINGS = len(READING_COLUMNS)

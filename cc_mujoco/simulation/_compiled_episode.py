@@ -73,12 +73,8 @@ RECORD = np.dtype(
             "readings",  # address of (cables, 5): first node in `plugin_state`, number
             # of nodes, energy, and both ends in `actuator_force`
             "columns",  # address of what is kept (columns, steps + 1)
-            "memory",  # address of that of the law; likewise those that follow
-            "memory_size",
-            "shape",
-            "shape_size",
-            "tables",
-            "tables_size",
+            # Addresses of what is the law's, and their sizes
+            "memory", "memory_size", "shape", "shape_size", "tables", "tables_size",
             "sources",  # address of the places of what the law reads in `READ_COLUMNS`
             "source_count",
             "taps",  # address of the places of its tension sensors in `plugin_state`
@@ -87,7 +83,7 @@ RECORD = np.dtype(
             "seen",  # address of what it reads
         )
     ]
-)
+)  # fmt: skip
 """Record of a simulation. `userdata[0]` of the simulation holds its address; 0 is none,
 which is also what MuJoCo makes of it when a simulation diverges."""
 

@@ -24,9 +24,6 @@ class LogColumn:
     dtype: str = "float64"
     """NumPy name of the element type."""
 
-    def of(self, cable: str) -> LogColumn:
-        return replace(self, name=self.name.format(cable=cable))
-
 
 MODEL_XML = "model_xml"
 """Metadata key: the MJCF of the model."""
@@ -45,12 +42,11 @@ AXIS_COLUMNS = (
     LogColumn("motor_torque_nm", "N m", "torque that the motor puts into its pulley"),
     LogColumn("joint_angle_rad", "rad", "angle of the wearer's joint"),
     LogColumn(
-        "joint_velocity_rad_s", "rad/s", "angular velocity of the wearer's joint"
+        "joint_velocity_rad_s", "rad/s", "angular velocity of the wearer's joint",
     ),
     LogColumn("joint_torque_nm", "N m", "torque that the cables put into the joint"),
     LogColumn(
-        "winding_angle_rad",
-        "rad",
+        "winding_angle_rad", "rad",
         "angle of a round pulley of the neutral arm that the cable is wound on",
     ),
     LogColumn("winding_velocity_rad_s", "rad/s", "angular velocity of that pulley"),
@@ -60,7 +56,7 @@ AXIS_COLUMNS = (
     LogColumn("reference_angle_rad", "rad", "angle that the wearer aims for"),
     LogColumn("phase_sine", "1", "sine of the phase of the wearer's cycle"),
     LogColumn("phase_cosine", "1", "cosine of the phase of the wearer's cycle"),
-)
+)  # fmt: skip
 """Columns that every log has for each axis; of several they begin with its name."""
 
 CABLE_COLUMNS = (
@@ -70,19 +66,15 @@ CABLE_COLUMNS = (
     LogColumn("slack_{cable}_m", "m", "cable length that hangs slack"),
     LogColumn("dissipated_{cable}_j", "J", "energy lost to friction since the start"),
     LogColumn(
-        "tension_{cable}_nodes_n",
-        "N",
-        "tension at the nodes, from the motor end to the joint end",
-        listed=True,
+        "tension_{cable}_nodes_n", "N",
+        "tension at the nodes, from the motor end to the joint end", True,
     ),
     LogColumn(
-        "slip_{cable}_direction",
-        "1",
+        "slip_{cable}_direction", "1",
         "slip of the segments: 1 towards the joint, -1 towards the motor, 0 stuck",
-        listed=True,
-        dtype="int8",
+        True, "int8",
     ),
-)
+)  # fmt: skip
 """Columns that every log has for each cable."""
 
 
@@ -90,12 +82,16 @@ def columns_for(
     cables: Iterable[str], prefixes: Iterable[str] = ("",)
 ) -> tuple[LogColumn, ...]:
     """Return the columns of a log with these cables and axes, in file order."""
-    axes = tuple(
+    axes = [
         replace(column, name=prefix + column.name)
         for prefix in prefixes
         for column in AXIS_COLUMNS
-    )
-    own = tuple(column.of(cable) for cable in cables for column in CABLE_COLUMNS)
+    ]
+    own = [
+        replace(column, name=column.name.format(cable=cable))
+        for cable in cables
+        for column in CABLE_COLUMNS
+    ]
     return (TIME_COLUMN, *axes, POSE_COLUMN, *own)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.native import FloatArray, IntArray, internal
-from cc_mujoco.plugin._ffi import floats, load_real, reinterpret, words
+from cc_mujoco.plugin._ffi import floats, reinterpret, words
 from cc_mujoco.plugin._mj_struct import MjData
 
 MIN_LEVERAGE = 0.1
@@ -138,7 +138,7 @@ def fields_of(data: MjData, at: IntArray) -> None:
 
 @internal
 def real(array: int, index: int) -> float:
-    return load_real(array + 8 * index)
+    return float(floats(array, index + 1)[index])
 
 
 @internal

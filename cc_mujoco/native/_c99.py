@@ -107,24 +107,16 @@ _RESERVED = frozenset(
 
 @dataclass(frozen=True)
 class Value:
-    """An expression in C.
+    """An expression in C."""
 
-    Attributes:
-        text: its text.
-        kind: its type.
-        rank: precedence of its outermost operator.
-        number: the number that it spells, None of another.
-        name: name of a constant, empty of all else.
-        table: address of the first element of an array that is constant or in memory.
-        dims: sizes of an array in memory, empty where they are not known.
-    """
-
-    text: str
-    kind: Kind
-    rank: int = _ATOM
-    number: Any = None
-    name: str = ""
+    text: str  # its text
+    kind: Kind  # its type
+    rank: int = _ATOM  # precedence of its outermost operator
+    number: Any = None  # the number that it spells, None of another
+    name: str = ""  # name of a constant, empty of all else
+    # Address of the first element of an array that is constant or in memory.
     table: str = ""
+    # Sizes of an array in memory, empty where they are not known.
     dims: tuple[str, ...] = ()
 
     def at(self, rank: int) -> str:
@@ -138,20 +130,14 @@ class Value:
 
 @dataclass
 class Function:
-    """A translated function.
+    """A translated function."""
 
-    Attributes:
-        name: in C.
-        signature: types of arguments and result.
-        text: its definition.
-        writes: arrays among the arguments that it may write; a dot sets off a field.
-        calls: functions that it calls, and where.
-    """
-
-    name: str
-    signature: FunctionTypes
-    text: str = ""
+    name: str  # in C
+    signature: FunctionTypes  # types of arguments and result
+    text: str = ""  # its definition
+    # Arrays among the arguments that it may write; a dot sets off a field.
     writes: set[str] = field(default_factory=set)
+    # Functions that it calls, and where.
     calls: list[tuple[types.FunctionType, ast.Call, dict[str, set[str]]]] = field(
         default_factory=list
     )
@@ -351,8 +337,6 @@ def _variables(node: ast.AST, loops: frozenset[str] = frozenset()) -> Iterator[s
 
 
 class _CWriter(Writer):
-    """Text of one function."""
-
     def __init__(
         self, library: CLibrary, function: types.FunctionType, as_: Function
     ) -> None:

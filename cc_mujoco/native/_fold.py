@@ -29,16 +29,13 @@ _PACKED = ("prm", "values")
 
 @dataclass(frozen=True)
 class Known:
-    """Values that are known before a step.
+    """Values that are known before a step."""
 
-    Attributes:
-        packed: entries of packed parameters, by place.
-        arguments: arguments of functions, by name.
-        constants: constants of modules that have another value here, by name.
-    """
-
+    # Entries of packed parameters, by place.
     packed: Mapping[int, float] = field(default_factory=dict)
+    # Arguments of functions, by name.
     arguments: Mapping[str, int] = field(default_factory=dict)
+    # Constants of modules that have another value here, by name.
     constants: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -46,7 +43,6 @@ class Scope:
     """Names of one function and what they stand for outside of it."""
 
     def __init__(self, function: types.FunctionType, node: ast.FunctionDef) -> None:
-        """Read the local names of a function from its syntax tree."""
         self._globals = function.__globals__
         self._local = {a.arg for a in node.args.args}
         for found in ast.walk(node):

@@ -28,22 +28,14 @@ _NODES = (
 
 @dataclass(frozen=True)
 class ReadFunction:
-    """A function that is to be written in another language.
+    """A function that is to be written in another language."""
 
-    Attributes:
-        function: as Python runs it.
-        node: its syntax tree, folded and lowered.
-        scope: its names.
-        doc: its docstring, empty where it has none.
-    """
-
-    function: types.FunctionType
-    node: ast.FunctionDef
-    scope: Scope
-    doc: str
+    function: types.FunctionType  # as Python runs it
+    node: ast.FunctionDef  # its syntax tree, folded and lowered
+    scope: Scope  # its names
+    doc: str  # its docstring, empty where it has none
 
     def refusal(self, node: ast.AST, what: str) -> CableError:
-        """Return the error for a place outside the subset."""
         return refusal(self.function, node, what)
 
 
@@ -183,7 +175,6 @@ class Writer(ast.NodeVisitor):
         self.depth -= 1
 
     def refuse(self, node: ast.AST, what: str = "") -> CableError:
-        """Return the error for a place that this language does not take."""
         text = ast.unparse(node).splitlines()[0][:80]
         return self.source.refusal(node, f"{what + ': ' if what else ''}`{text}`")
 

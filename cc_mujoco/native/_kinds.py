@@ -37,21 +37,15 @@ class Scalar:
 
 @dataclass(frozen=True)
 class Memory(Scalar):
-    """The address of a structure, whose fields are read and written where they lie.
+    """The address of a structure, whose fields are read and written where they lie."""
 
-    Attributes:
-        name: path by which its fields are known.
-        layout: its type for `ctypes`.
-        place: function that returns the offset of a field, by its path, or the size of
-            a structure [bytes].
-    """
-
-    name: str
-    layout: type[ctypes.Structure] = field(compare=False)
+    name: str  # path by which its fields are known
+    layout: type[ctypes.Structure] = field(compare=False)  # its type for `ctypes`
+    # Function that returns the offset of a field, by its path, or the size of a
+    # structure [bytes].
     place: Callable[[str], int] = field(compare=False)
 
     def type_of(self, name: str) -> Any:
-        """Return the type of a field."""
         return {each[0]: each[1] for each in self.layout._fields_}[name]
 
 
@@ -110,17 +104,12 @@ _SHORT = {
 
 
 class LoadedInt(int):
-    """An integer whose value in Python is that of this process.
+    """An integer whose value in Python is that of this process."""
 
-    Attributes:
-        c: expression by which C reads its value when it runs.
-    """
-
-    c: str
+    c: str  # expression by which C reads its value when it runs
 
 
 def dtype_of(kind: Scalar) -> np.dtype[Any]:
-    """Return the type of a number as NumPy names it."""
     return np.dtype(kind.c.removesuffix("_t"))
 
 
@@ -148,8 +137,10 @@ def kind_of(annotation: Any) -> Kind:
     dims = 1
     if typing.get_origin(annotation) is Annotated:
         annotation, mark = typing.get_args(annotation)
-        if isinstance(mark, tuple):
-            return _structure(*mark)
+        if isinstance(mark, tuple):  # of a row of a structured array: its name, dtype
+            name, layout = mark
+            fields = tuple((each, NUMBERS[layout[each].type]) for each in layout.names)
+            return Structure(name, fields, is_pointer=True)
         if not isinstance(mark, int):
             return mark  # type: ignore[no-any-return]
         dims = mark
@@ -165,13 +156,6 @@ def kind_of(annotation: Any) -> Kind:
     if isinstance(annotation, type) and hasattr(annotation, "_fields"):
         return record_of(annotation)
     raise UnknownTypeError(str(annotation))
-
-
-def _structure(name: str, layout: np.dtype[Any]) -> Structure:
-    """Return the type of a structured array's row: `Annotated[Any, (name, dtype)]`."""
-    assert layout.names is not None
-    fields = tuple((each, NUMBERS[layout[each].type]) for each in layout.names)
-    return Structure(name, fields, is_pointer=True)
 
 
 _records: dict[str, type] = {}
@@ -193,8 +177,6 @@ def record_of(found: type) -> Structure:
 
 @dataclass(frozen=True)
 class FunctionTypes:
-    """Types of the arguments, by name, and of the result."""
-
     arguments: dict[str, Kind]
     result: Kind
 

@@ -130,7 +130,6 @@ class NativeLibraryError(CableError, ImportError):
 
 
 def _is_carried() -> bool:
-    """Return whether this package carries the library of its code, as in a wheel."""
     if not CARRIED.is_file():
         return False
     content = CARRIED.read_bytes()
@@ -148,7 +147,6 @@ def _kept(name: str, suffix: str = SUFFIX) -> Path | None:
 
 
 def _use(path: Path) -> None:
-    """Note that a kept file is used, where the folder can be written."""
     with suppress(OSError):
         os.utime(path)
 
@@ -205,7 +203,6 @@ def _remove_old_files() -> None:
 
 
 def does_without() -> bool:
-    """Return whether this process neither compiles nor loads the library."""
     return _does_without
 
 
@@ -231,7 +228,6 @@ def write(path: str) -> None:
 
 
 def folder() -> Path:
-    """Return the folder of this user in which compiled libraries are kept."""
     chosen = os.environ.get("CC_MUJOCO_CACHE_DIR")
     if chosen:
         return Path(chosen)
@@ -419,7 +415,6 @@ def _units(source: Path) -> list[Path]:
 
 
 def compile_library(path: Path, *parts: Path) -> Path:
-    """Compile and link a library of sources and compiled parts; return its path."""
     libraries = [] if sys.platform == "win32" else ["-lm"]
     built = ["-fPIC", "-shared", "-o", str(path), *map(str, parts), *libraries]
     run([*compiler(), *FLAGS, *built], path)

@@ -37,16 +37,12 @@ _ANNOTATIONS = {
 
 @dataclass(frozen=True)
 class WarpSource:
-    """Source of Warp functions.
+    """Source of Warp functions."""
 
-    Attributes:
-        source: Python source; it expects `wp`, `Real`, and the functions of
-            `warp/_build.py` in its namespace.
-        names: name in it of each translated function, by module and name.
-    """
-
+    # Python source; it expects `wp`, `Real`, and the functions of `warp/_build.py` in
+    # its namespace.
     source: str
-    names: dict[str, str]
+    names: dict[str, str]  # name in it of each translated function, by module and name
 
 
 def translate(functions: Iterable[Any], known: Known) -> WarpSource:
@@ -66,7 +62,6 @@ def _field_types(record: Any) -> dict[str, str]:
 
 
 def _is_record(found: Any) -> bool:
-    """Return whether an object is a class of named tuples."""
     return isinstance(found, type) and hasattr(found, "_fields")
 
 
@@ -82,7 +77,6 @@ class _Library:
         self._names: dict[str, str] = {}
 
     def text(self) -> WarpSource:
-        """Return the source of all functions translated so far."""
         literals = [
             f"{name} = wp.constant(Real({value}))"
             for value, name in self._literals.items()
@@ -110,7 +104,6 @@ class _Library:
         return name
 
     def record(self, found: Any) -> str:
-        """Return the name of the structure for a named tuple."""
         name = name_of(found)
         self._records[name] = found
         return name
@@ -139,14 +132,11 @@ class _Library:
 
 
 class _WarpWriter(Writer):
-    """Text of one function."""
-
     def __init__(self, library: _Library, source: ReadFunction) -> None:
         super().__init__(source)
         self._library = library
 
     def text(self, name: str) -> str:
-        """Return the function as a Warp function of this name."""
         arguments = ", ".join(
             f"{a.arg}: {self._annotation(a)}" for a in self.source.node.args.args
         )

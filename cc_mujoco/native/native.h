@@ -96,24 +96,6 @@ CC_INLINE int64_t cc_argmin(Reals a)
     return best;
 }
 
-/* Values at an address that need not be aligned. */
-#define CC_MEMORY(name, Type)                                             \
-    CC_INLINE Type load_##name(int64_t address)                           \
-    {                                                                     \
-        Type value;                                                       \
-        memcpy(&value, (const void *)(intptr_t)address, sizeof value);    \
-        return value;                                                     \
-    }                                                                     \
-    CC_INLINE void store_##name(int64_t address, Type value)              \
-    {                                                                     \
-        memcpy((void *)(intptr_t)address, &value, sizeof value);          \
-    }
-CC_MEMORY(byte, uint8_t)
-CC_MEMORY(integer, int32_t)
-CC_MEMORY(word, int64_t)
-CC_MEMORY(real, double)
-#undef CC_MEMORY
-
 CC_INLINE void copy_bytes(int64_t source, int64_t target, int64_t size)
 {
     memmove((void *)(intptr_t)target, (const void *)(intptr_t)source, (size_t)size);

@@ -29,10 +29,10 @@ from typing import Any, TypeAlias
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from cc_mujoco.cable._cable import KEYS, Cable, Section
 from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray
 from cc_mujoco.plugin._engine import PLUGIN
 from cc_mujoco.plugin._mjcf import to_mjcf
 from cc_mujoco.plugin._spec import (
@@ -96,7 +96,6 @@ class _Drive:
 
     @property
     def drawn(self) -> bool:
-        """Return whether a tendon draws the conduit."""
         return len(self.route) > 1
 
 
@@ -266,7 +265,7 @@ def _driving(model: mujoco.MjModel, joint: str, cable: str) -> list[int]:
     return [int(i) for i in moving if i not in ends]
 
 
-def _arms(model: mujoco.MjModel, joint: str) -> NDArray[np.float64]:
+def _arms(model: mujoco.MjModel, joint: str) -> FloatArray:
     """Return the largest moment arms of the actuators at a joint in some poses."""
     data, own = mujoco.MjData(model), model.joint(joint)
     low, high = own.range if model.jnt_limited[own.id] else (-0.5, 0.5)
@@ -290,7 +289,6 @@ def _cable(
     conduit: str | Iterable[tuple[float, float]] | None,
     parameters: dict[str, Any],
 ) -> Cable:
-    """Return the cable, with the conduit that its route draws unless one is given."""
     given = dict(parameters)
     if drive.drawn:
         given["route"] = f"{drive.name}_route"
@@ -316,7 +314,7 @@ def _cable(
     return Cable(**given)
 
 
-def _drawn_sections(points: NDArray[np.float64], cable: str) -> tuple[Section, ...]:
+def _drawn_sections(points: FloatArray, cable: str) -> tuple[Section, ...]:
     """Return a conduit through points (P, 3): each bends it half-way to the next."""
     steps = np.diff(points, axis=0)
     lengths = np.linalg.norm(steps, axis=1)
@@ -478,7 +476,6 @@ def _motor(
     route: tuple[_Site, ...],
     winch: dict[str, float | None],
 ) -> dict[str, Any]:
-    """Return the fields of a drive that describe its motor."""
     joints = [joint.name for joint in spec.joints if joint.name]
     bodies = [body.name for body in spec.bodies if body.name]
     label = motor if isinstance(motor, str) else getattr(motor, "name", None)

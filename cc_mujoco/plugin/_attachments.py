@@ -11,18 +11,10 @@ import math
 import mujoco
 from mujoco import mjtBias, mjtEq, mjtGain, mjtJoint, mjtSleepPolicy, mjtTrn, mjtWrap
 
+from cc_mujoco.native import FloatArray, internal
 from cc_mujoco.plugin import _config as config
+from cc_mujoco.plugin import _ffi as ffi
 from cc_mujoco.plugin import _mj_struct as mj_struct
-from cc_mujoco.plugin._ffi import (
-    Bytes,
-    Floats,
-    Message,
-    append,
-    append_integer,
-    append_label,
-    fill,
-    internal,
-)
 from cc_mujoco.plugin._mj_struct import MjModel
 
 _REST_TOLERANCE = 1e-9
@@ -59,7 +51,6 @@ def pulley_radius(model: MjModel, out: int) -> float:
 
 @internal
 def end_radius(model: MjModel, actuator: int) -> float:
-    """Return the signed pulley radius [m] of an actuator."""
     return pulley_radius(model, model.actuator_outadr[actuator])
 
 
@@ -71,7 +62,6 @@ def is_length(metres: float) -> bool:
 
 @internal
 def _holding_joint(model: MjModel, actuator: int) -> int:
-    """Return the joint that holds an end, or -1."""
     if model.actuator_trntype[actuator] != mjtTrn.mjTRN_JOINT:
         return -1
     return int(model.actuator_trnid[actuator, 0])
@@ -79,29 +69,9 @@ def _holding_joint(model: MjModel, actuator: int) -> int:
 
 @internal
 def holding_tendon(model: MjModel, actuator: int) -> int:
-    """Return the tendon that holds an end, or -1."""
     if model.actuator_trntype[actuator] != mjtTrn.mjTRN_TENDON:
         return -1
     return int(model.actuator_trnid[actuator, 0])
-
-
-@internal
-def _has_metre_radius(model: MjModel, actuator: int) -> bool:
-    """Return whether a hinge turns a pulley of 1 m, the default radius, or more."""
-    joint = _holding_joint(model, actuator)
-    if joint < 0 or model.jnt_type[joint] != mjtJoint.mjJNT_HINGE:
-        return False
-    return abs(end_radius(model, actuator)) >= 1.0
-
-
-@internal
-def _has_valid_transmission(model: MjModel, actuator: int) -> bool:
-    joint = _holding_joint(model, actuator)
-    if joint >= 0:
-        kind = model.jnt_type[joint]
-        return bool(kind == mjtJoint.mjJNT_SLIDE or kind == mjtJoint.mjJNT_HINGE)
-    tendon = holding_tendon(model, actuator)
-    return tendon >= 0 and is_spatial(model, tendon)
 
 
 @internal
@@ -111,28 +81,27 @@ def is_spatial(model: MjModel, tendon: int) -> bool:
 
 
 @internal
-def blame(message: Message, model: MjModel, actuator: int, why: Bytes) -> None:
+def blame(message: ffi.Message, model: MjModel, actuator: int, why: ffi.Bytes) -> None:
     """Append an actuator of an instance and the end of a sentence about it."""
-    append(message, "its actuator ")
+    ffi.append(message, "its actuator ")
     _append_actuator(message, model, actuator)
-    append(message, why)
+    ffi.append(message, why)
 
 
 @internal
-def _append_actuator(message: Message, model: MjModel, actuator: int) -> None:
-    """Append the name of an actuator, or its place in the model if it has none."""
+def _append_actuator(message: ffi.Message, model: MjModel, actuator: int) -> None:
     name = mj_struct.name(model, model.name_actuatoradr[actuator])
-    append_label(message, name, actuator)
+    ffi.append_label(message, name, actuator)
 
 
 @internal
-def explain(message: Message, model: MjModel, instance: int) -> None:
+def explain(message: ffi.Message, model: MjModel, instance: int) -> None:
     """Append why the ends of an instance cannot be used, if they cannot."""
     count, first, second = find_actuators(model, instance)
     if count != 2:
-        append(message, "it is used by ")
-        append_integer(message, count)
-        append(
+        ffi.append(message, "it is used by ")
+        ffi.append_integer(message, count)
+        ffi.append(
             message,
             " actuators; it must be used by two, first the proximal and then the "
             "distal end",
@@ -154,9 +123,13 @@ def explain(message: Message, model: MjModel, instance: int) -> None:
 
 
 @internal
-def _misfit(model: MjModel, actuator: int) -> Bytes:
+def _misfit(model: MjModel, actuator: int) -> ffi.Bytes:
     """Return why an actuator is no end, as the end of a sentence, or an empty text."""
-    if not _has_valid_transmission(model, actuator):
+    joint, tendon = _holding_joint(model, actuator), holding_tendon(model, actuator)
+    kind = model.jnt_type[joint] if joint >= 0 else -1
+    turns = kind == mjtJoint.mjJNT_HINGE
+    moves = turns or kind == mjtJoint.mjJNT_SLIDE
+    if not moves and not (tendon >= 0 and is_spatial(model, tendon)):
         return (
             " has the wrong transmission; it must be a hinge or slide `joint` or a "
             "spatial `tendon`"
@@ -172,7 +145,7 @@ def _misfit(model: MjModel, actuator: int) -> Bytes:
             " has a `forcerange`, its own or that of a default, which would clamp the "
             'tension of the cable; set forcelimited="false" there'
         )
-    if _has_metre_radius(model, actuator):
+    if turns and abs(radius) >= 1.0:
         return (
             " has a pulley of 1 m radius or more, of 1 m if no gear is given; `gear` "
             "must be the signed pulley radius in metres"
@@ -188,7 +161,6 @@ def _misfit(model: MjModel, actuator: int) -> Bytes:
             " has an `armature`, its own or that of a default, which would act beside "
             "the cable; take it away there, and say it of the joint"
         )
-    tendon = holding_tendon(model, actuator)
     if tendon >= 0 and model.tendon_actfrclimited[tendon] != 0:
         return (
             " pulls a tendon that has an `actuatorfrcrange`, its own or that of a "
@@ -254,7 +226,7 @@ def _hold_same_target(model: MjModel, first: int, second: int) -> bool:
 
 @internal
 def _has_affixes(
-    candidate: Bytes, wanted: Bytes, name: Bytes, prefix: int, suffix: int
+    candidate: ffi.Bytes, wanted: ffi.Bytes, name: ffi.Bytes, prefix: int, suffix: int
 ) -> bool:
     """Return whether a name is `wanted` between a prefix and a suffix of `name`.
 
@@ -270,7 +242,9 @@ def _has_affixes(
 
 
 @internal
-def _element_has_affixes(label: Bytes, name: Bytes, prefix: int, suffix: int) -> bool:
+def _element_has_affixes(
+    label: ffi.Bytes, name: ffi.Bytes, prefix: int, suffix: int
+) -> bool:
     """Return whether an element, if named, has that prefix and suffix of `name`."""
     inner = max(label.size - prefix - suffix, 0)
     return label.size == 0 or (
@@ -280,8 +254,7 @@ def _element_has_affixes(label: Bytes, name: Bytes, prefix: int, suffix: int) ->
 
 
 @internal
-def _wrap_name(model: MjModel, place: int) -> Bytes:
-    """Return the name of the site or geom at a place in `wrap_type`."""
+def _wrap_name(model: MjModel, place: int) -> ffi.Bytes:
     thing = model.wrap_objid[place]
     if model.wrap_type[place] == mjtWrap.mjWRAP_SITE:
         return mj_struct.name(model, model.name_siteadr[thing])
@@ -309,7 +282,7 @@ def _all_have_affixes(
 
 
 @internal
-def find_route(model: MjModel, instance: int, route: Bytes) -> int:
+def find_route(model: MjModel, instance: int, route: ffi.Bytes) -> int:
     """Return the index of the spatial tendon that an instance names as route, or -1.
 
     MuJoCo's `attach` renames all elements, not the text of a configuration. So `route`
@@ -341,7 +314,7 @@ def find_route(model: MjModel, instance: int, route: Bytes) -> int:
 
 @internal
 def _is_named(
-    model: MjModel, instance: int, tendon: int, place: int, wanted: Bytes
+    model: MjModel, instance: int, tendon: int, place: int, wanted: ffi.Bytes
 ) -> bool:
     """Return whether a place of an instance's route has a name that it gives.
 
@@ -377,7 +350,7 @@ def find_mouth(model: MjModel, instance: int, tendon: int) -> int:
 
 @internal
 def read_guides(
-    model: MjModel, instance: int, tendon: int, mouth: int, out: Floats
+    model: MjModel, instance: int, tendon: int, mouth: int, out: FloatArray
 ) -> bool:
     """Read the guides of an instance's open path; return whether all can be used.
 
@@ -385,7 +358,7 @@ def read_guides(
     behind the first site: 0 where nothing is given, `ROLLING`, or the radius of a site
     [m]. Every name must be one of a site, or of a geom that is a roller.
     """
-    fill(out, 0.0)
+    out[:] = 0.0
     written = config.key_text(mj_struct.attributes(model, instance), config.GUIDES)
     first = max(mouth, 1)
     start = model.tendon_adr[tendon] + first
@@ -413,17 +386,16 @@ def is_tied(model: MjModel, actuator: int, tendon: int) -> bool:
 
 @internal
 def explain_bypass(
-    message: Message, model: MjModel, instance: int, tendon: int
+    message: ffi.Message, model: MjModel, instance: int, tendon: int
 ) -> None:
-    """Append what else pulls the whole tendon of an open cable, if anything."""
     for actuator in range(model.nactuator):
         if (
             holding_tendon(model, actuator) == tendon
             and model.actuator_plugin[actuator] != instance
         ):
-            append(message, "actuator ")
+            ffi.append(message, "actuator ")
             _append_actuator(message, model, actuator)
-            append(
+            ffi.append(
                 message,
                 " pulls its tendon as a whole, which passes friction by; give it the "
                 "joint of a drum, and that joint to the proximal end",
@@ -431,10 +403,10 @@ def explain_bypass(
             return
     feature = _tendon_feature(model, tendon)
     if feature.size > 0:
-        append(message, "its tendon has ")
-        append(message, feature)
-        append(message, _PASSES_FRICTION_BY)
-        append(
+        ffi.append(message, "its tendon has ")
+        ffi.append(message, feature)
+        ffi.append(message, _PASSES_FRICTION_BY)
+        ffi.append(
             message,
             "give the cable an `axial_stiffness` of `stiffness` times the upper "
             "`springlength` and, as `pretension`, the force of that spring in the pose "
@@ -445,7 +417,7 @@ def explain_bypass(
 
 
 @internal
-def _tendon_feature(model: MjModel, tendon: int) -> Bytes:
+def _tendon_feature(model: MjModel, tendon: int) -> ffi.Bytes:
     """Return what a tendon has that acts on it as a whole, or an empty text."""
     if model.tendon_stiffness[tendon] != 0.0:
         return "a `stiffness`"
@@ -479,7 +451,9 @@ def in_disabled_group(model: MjModel, instance: int) -> bool:
 
 
 @internal
-def explain_tied(message: Message, model: MjModel, instance: int, tendon: int) -> None:
+def explain_tied(
+    message: ffi.Message, model: MjModel, instance: int, tendon: int
+) -> None:
     """Append which end has a gear that would scale its tension, if one has."""
     _, first, second = find_actuators(model, instance)
     for actuator, wanted in ((first, -1.0), (second, 1.0)):
@@ -544,13 +518,13 @@ def _keep_tree_awake(model: MjModel, body: int) -> int:
 
 
 @internal
-def explain_sleep(message: Message, model: MjModel, body: int) -> None:
+def explain_sleep(message: ffi.Message, model: MjModel, body: int) -> None:
     """Append that a body of `keep_awake` must not sleep; nothing for -1."""
     if body < 0:
         return
-    append(message, "body ")
-    append_label(message, mj_struct.name(model, model.name_bodyadr[body]), body)
-    append(
+    ffi.append(message, "body ")
+    ffi.append_label(message, mj_struct.name(model, model.name_bodyadr[body]), body)
+    ffi.append(
         message,
         " has a `sleep` of `allowed` or `init`, but the cable pulls its tree and wakes "
         "nothing that sleeps; take it away there",
@@ -625,7 +599,6 @@ def _can_drive(model: MjModel, actuator: int, sense: float, rest: float) -> bool
 
 @internal
 def ends_swapped(model: MjModel, instance: int) -> bool:
-    """Return whether the ends are on joints at the wrong ends of a route."""
     _, first, second = find_actuators(model, instance)
     written = config.key_text(mj_struct.attributes(model, instance), config.ROUTE)
     route = find_route(model, instance, written) if written.size > 0 else -1

@@ -37,9 +37,11 @@ from cc_mujoco.cable import _moving_path as moving_path
 from cc_mujoco.cable import _open_path as open_path
 from cc_mujoco.cable import _pack as prepare
 from cc_mujoco.cable._cable import MAX_SECTIONS
+from cc_mujoco.native import FloatArray, internal
 from cc_mujoco.plugin import _attachments as attachments
 from cc_mujoco.plugin import _config as config
 from cc_mujoco.plugin import _evaluate as evaluating
+from cc_mujoco.plugin import _ffi as ffi
 from cc_mujoco.plugin import _guides as guides
 from cc_mujoco.plugin import _implicit_ends as implicit_ends
 from cc_mujoco.plugin import _instance_data as blocks
@@ -48,30 +50,6 @@ from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin import _path as path
 from cc_mujoco.plugin import _stability_limits as stability_limits
 from cc_mujoco.plugin import _warnings as messages
-from cc_mujoco.plugin._ffi import (
-    MESSAGE_WORDS,
-    CInt,
-    Floats,
-    Message,
-    allocate,
-    append,
-    assign,
-    borrow,
-    borrow_floats,
-    callback,
-    clear,
-    copy,
-    fill,
-    floats,
-    free_stack,
-    internal,
-    mark_stack,
-    octets,
-    release,
-    same,
-    warn,
-    warned_once,
-)
 from cc_mujoco.plugin._instance_data import Block
 from cc_mujoco.plugin._mj_struct import MjData, MjModel
 from cc_mujoco.plugin._routing import follow, lay, pull, seats_with_route, set_reference
@@ -82,7 +60,7 @@ _PASSIVE = int(ENUMS["mjtPluginCapabilityBit"].values["mjPLUGIN_PASSIVE"])
 
 
 @internal
-def _refuse_values(message: Message, model: MjModel, instance: int) -> int:
+def _refuse_values(message: ffi.Message, model: MjModel, instance: int) -> int:
     """Report why the configuration of an instance cannot be used.
 
     Return the key that is to blame or `VALID_CONFIGURATION`, where the message says why
@@ -108,8 +86,8 @@ def _refuse_values(message: Message, model: MjModel, instance: int) -> int:
     if config.bends_with_route(attributes) and path.has_branches(model, tendon):
         return config.BEND
     if not attachments.is_length(model.tendon_length0[tendon]):
-        append(message, "its route")
-        append(message, attachments.NO_LENGTH)
+        ffi.append(message, "its route")
+        ffi.append(message, attachments.NO_LENGTH)
     elif config.is_open(attributes):
         return messages.refuse_open_path(message, model, instance, tendon)
     return key
@@ -118,14 +96,14 @@ def _refuse_values(message: Message, model: MjModel, instance: int) -> int:
 @internal
 def _is_refused(model: MjModel, instance: int) -> bool:
     """Return whether the instance cannot be used; if so, report why to MuJoCo."""
-    room = np.zeros(MESSAGE_WORDS, np.int64)
+    room = np.zeros(ffi.MESSAGE_WORDS, np.int64)
     message = messages.begin_message(room.ctypes.data, model, instance)
     start = message.used
     attachments.explain(message, model, instance)
     attributes = mj_struct.attributes(model, instance)
     if not mj_struct.has_timestep(model):
         message.used = start
-        append(message, messages.NO_TIMESTEP)
+        ffi.append(message, messages.NO_TIMESTEP)
     if message.used == start:
         key = _refuse_values(message, model, instance)
         if key != config.VALID_CONFIGURATION:
@@ -139,29 +117,28 @@ def _is_refused(model: MjModel, instance: int) -> bool:
         body = attachments.keep_awake(model, instance, tendon, mouth)
         attachments.explain_sleep(message, model, body)
     if message.used > start:
-        warn(message)
+        ffi.warn(message)
     return bool(message.used > start)
 
 
-@callback
-def route(model: MjModel, instance: CInt) -> CInt:
+@ffi.callback
+def route(model: MjModel, instance: ffi.CInt) -> ffi.CInt:
     """Return the spatial tendon that is the route of the instance, or -1."""
     attributes = mj_struct.attributes(model, instance)
     written = config.key_text(attributes, config.ROUTE)
     return attachments.find_route(model, instance, written)
 
 
-@callback
-def turn(model: MjModel, data: MjData, tendon: CInt) -> float:
-    """Return the total turning angle of a tendon at the last position [rad]."""
+@ffi.callback
+def turn(model: MjModel, data: MjData, tendon: ffi.CInt) -> float:
     whole, total = np.empty(1), np.empty(1)
     whole[0] = 1.0
     path.bend(model, data, tendon, 0, data.ten_length[tendon], whole, total)
     return float(total[0])
 
 
-@callback
-def holds(model: MjModel, data: MjData, instance: CInt) -> CInt:
+@ffi.callback
+def holds(model: MjModel, data: MjData, instance: ffi.CInt) -> ffi.CInt:
     return int(evaluating.packed_block(model, data, instance) != 0)
 
 
@@ -174,17 +151,18 @@ def _usable_block(model: MjModel, data: MjData, instance: int) -> Block:
     return block
 
 
-@callback
-def wrap(model: MjModel, data: MjData, instance: CInt, out: int) -> None:
+@ffi.callback
+def wrap(model: MjModel, data: MjData, instance: ffi.CInt, out: int) -> None:
     block = _usable_block(model, data, instance)
     if block != 0:
         follow(block, model, data, mj_struct.state(model, data, instance))
         n = block.segments
-        assign(floats(out, n), kernel.segment_angles(blocks.parameters(block), n))
+        prm = blocks.parameters(block)
+        ffi.floats(out, n)[:] = kernel.segment_angles(prm, n)
 
 
-@callback
-def compliance(model: MjModel, data: MjData, instance: CInt, out: int) -> None:
+@ffi.callback
+def compliance(model: MjModel, data: MjData, instance: ffi.CInt, out: int) -> None:
     """Write an instance's node compliances [m/N], then its elastic energy [J]."""
     block = _usable_block(model, data, instance)
     if block == 0:
@@ -194,34 +172,35 @@ def compliance(model: MjModel, data: MjData, instance: CInt, out: int) -> None:
     n, prm = block.segments, blocks.parameters(block)
     at_state = mj_struct.state(model, data, instance)
     state = blocks.kernel_state(at_state, n)
-    mark_stack(data)
+    ffi.mark_stack(data)
     if blocks.is_open(block):
         # The packed nodes are those of the next step.
-        packed, prm = prm, borrow_floats(data, prm.size)
-        assign(prm, packed)
+        packed, prm = prm, ffi.borrow_floats(data, prm.size)
+        prm[:] = packed
         reference = blocks.shape(block, blocks.REFERENCE_STAGE)
         memory = blocks.path_memory(at_state, n)
         before = open_path.previous_lengths(reference, memory, n)
         moving_path.set_unstretched_lengths(prm, n, layout.tensions(state, n), before)
-    found = floats(out, n + 2)
-    assign(found[: n + 1], layout.node_compliance(prm, n))
+    found = ffi.floats(out, n + 2)
+    found[: n + 1] = layout.node_compliance(prm, n)
     found[n + 1] = kernel.stored_energy(prm, n, state)
-    free_stack(data)
+    ffi.free_stack(data)
 
 
-@callback
-def limits(model: MjModel, data: MjData, instance: CInt, out: int) -> None:
+@ffi.callback
+def limits(model: MjModel, data: MjData, instance: ffi.CInt, out: int) -> None:
     """Write the longest stable time steps of an instance (3,) [s] to an address."""
-    fill(floats(out, 3), np.inf)
+    ffi.floats(out, 3)[:] = np.inf
     if blocks.acting_block(model, data, instance) == 0:
         return
     evaluating.follow_paths(model, data, instance, -1)
-    stability_limits.stable_timesteps(model, data, instance, floats(out, 3))
+    stability_limits.stable_timesteps(model, data, instance, ffi.floats(out, 3))
 
 
 @internal
-def _aim(model: MjModel, data: MjData, block: Block, lead: Block, out: Floats) -> None:
-    """Write the prediction of an instance's ends, see `predict_ends`."""
+def _aim(
+    model: MjModel, data: MjData, block: Block, lead: Block, out: FloatArray
+) -> None:
     kind = model.plugin[block.instance]
     area = lead + lead.prediction
     if implicit_ends.is_unknown(area):
@@ -233,22 +212,22 @@ def _aim(model: MjModel, data: MjData, block: Block, lead: Block, out: Floats) -
 @internal
 def _warn_missed(model: MjModel, data: MjData, instance: int, tendon: int) -> None:
     """Warn, once, of each geom in a path that it never touches."""
-    room = np.zeros(MESSAGE_WORDS, np.int64)
+    room = np.zeros(ffi.MESSAGE_WORDS, np.int64)
     message = messages.begin_message(room.ctypes.data, model, instance)
     start = message.used
-    append(message, "its geoms have been looked for")
-    if warned_once(message, model.signature):
+    ffi.append(message, "its geoms have been looked for")
+    if ffi.warned_once(message, model.signature):
         return
     count = model.tendon_num[tendon]
-    mark_stack(data)
-    touched = octets(borrow(data, count), count)
+    ffi.mark_stack(data)
+    touched = ffi.octets(ffi.borrow(data, count), count)
     guides.mark_touched(model, data, tendon, touched)
     for place in range(touched.size):
         if touched[place] == 0:
             message.used = start
             guides.explain(message, model, tendon, place)
-            warn(message)
-    free_stack(data)
+            ffi.warn(message)
+    ffi.free_stack(data)
 
 
 @internal
@@ -258,7 +237,7 @@ def _check(model: MjModel, data: MjData, block: Block) -> None:
     What was refused at load can also be set on the compiled model.
     """
     instance = block.instance
-    room = np.zeros(MESSAGE_WORDS, np.int64)
+    room = np.zeros(ffi.MESSAGE_WORDS, np.int64)
     message = messages.begin_message(room.ctypes.data, model, instance)
     start = message.used
     attachments.explain(message, model, instance)
@@ -336,8 +315,8 @@ def _undo_early(model: MjModel, data: MjData, instance: int) -> None:
             continue
         if not blocks.fits(block, model, other):
             continue
-        pulls = floats(block + block.pulls, passive.size)
-        before = floats(block + block.passive_before, passive.size)
+        pulls = ffi.floats(block + block.pulls, passive.size)
+        before = ffi.floats(block + block.passive_before, passive.size)
         for i in range(passive.size):
             # Unless another plugin has added to it since.
             if passive[i] == before[i] + pulls[i]:
@@ -348,8 +327,10 @@ def _undo_early(model: MjModel, data: MjData, instance: int) -> None:
         block.early_pull = 0
 
 
-@callback
-def settle(model: MjModel, data: MjData, instance: CInt, keeps_rope: CInt) -> None:
+@ffi.callback
+def settle(
+    model: MjModel, data: MjData, instance: ffi.CInt, keeps_rope: ffi.CInt
+) -> None:
     """Lay the cable at rest, with its ends where they are at the last position.
 
     Its tension is the pretension or, where it keeps its rope, that of the rope
@@ -378,16 +359,16 @@ def settle(model: MjModel, data: MjData, instance: CInt, keeps_rope: CInt) -> No
         open_path.save_path(blocks.shape(block, 0), n, blocks.path_memory(state, n))
 
 
-@callback
-def nstate(model: MjModel, instance: CInt) -> CInt:
+@ffi.callback
+def nstate(model: MjModel, instance: ffi.CInt) -> ffi.CInt:
     attributes = mj_struct.attributes(model, instance)
     n = max(config.segment_count(attributes), 1)
     more = open_path.memory_size(n) if config.is_open(attributes) else 0
     return kernel.state_size(n) + blocks.COMMITMENT_SIZE // 8 + more
 
 
-@callback
-def init(model: MjModel, data: MjData, instance: CInt) -> CInt:
+@ffi.callback
+def init(model: MjModel, data: MjData, instance: ffi.CInt) -> ffi.CInt:
     data.plugin_data[instance] = 0
     if _is_refused(model, instance):
         return -1
@@ -398,24 +379,24 @@ def init(model: MjModel, data: MjData, instance: CInt) -> CInt:
     head.path_kind = config.path_kind(attributes)
     is_first = mj_struct.first_cable(model, instance) == instance
     size = blocks.lay_out(head, model, is_first)
-    block = blocks.block_of_memory(allocate(size))
-    clear(block, size)
-    copy(head, block, 8 * blocks.BLOCK_WORDS)
+    block = blocks.block_of_memory(ffi.allocate(size))
+    ffi.clear(block, size)
+    ffi.copy(head, block, 8 * blocks.BLOCK_WORDS)
     blocks.save_sizes(block, model, instance)
     evaluating.pack(block, model, instance)
     data.plugin_data[instance] = block
     return 0
 
 
-@callback
-def destroy(data: MjData, instance: CInt) -> None:
+@ffi.callback
+def destroy(data: MjData, instance: ffi.CInt) -> None:
     if data.plugin_data[instance] != 0:
-        release(data.plugin_data[instance])
+        ffi.release(data.plugin_data[instance])
     data.plugin_data[instance] = 0
 
 
-@callback
-def reset(model: MjModel, state: int, block: Block, instance: CInt) -> None:
+@ffi.callback
+def reset(model: MjModel, state: int, block: Block, instance: ffi.CInt) -> None:
     if block == 0 or not (
         mj_struct.has_timestep(model) and blocks.fits(block, model, instance)
     ):
@@ -423,7 +404,9 @@ def reset(model: MjModel, state: int, block: Block, instance: CInt) -> None:
     if not evaluating.update_parameters(block, model, instance):
         return
     block.checked_timestep = block.checked_stiffness = 0.0
-    jump_warnings.forget_poses(model, block)
+    if block.mocap_poses != 0:  # which are unknown
+        size = 2 * 7 * model.nmocap
+        ffi.floats(block + block.mocap_poses, size)[:] = 0.0
     # The pose `qpos0` may be another since.
     block.reference_known = 0
     lengths = (
@@ -435,8 +418,10 @@ def reset(model: MjModel, state: int, block: Block, instance: CInt) -> None:
     kept.pose = jump_warnings.checksum(model.qpos0[: model.nq])
 
 
-@callback
-def compute(model: MjModel, data: MjData, instance: CInt, capability: CInt) -> None:
+@ffi.callback
+def compute(
+    model: MjModel, data: MjData, instance: ffi.CInt, capability: ffi.CInt
+) -> None:
     own = blocks.own_block(model, data, instance)
     if own != 0:
         own.evaluated_model = 0
@@ -453,7 +438,8 @@ def compute(model: MjModel, data: MjData, instance: CInt, capability: CInt) -> N
         return
     lead = blocks.block_at(data, mj_struct.first_cable(model, instance))
     if lead == block:
-        implicit_ends.begin_evaluation(lead)
+        lead.evaluation_count += 1
+        implicit_ends.forget_prediction(lead)
         _undo_early(model, data, instance)
     usable = evaluating.update_parameters(block, model, instance)
     block.evaluated_model = model if usable else 0
@@ -493,7 +479,9 @@ def compute(model: MjModel, data: MjData, instance: CInt, capability: CInt) -> N
     block.path_evaluation = 0
     if cut:
         messages.warn_once(model, instance, messages.NO_PASSIVE)
-    evaluating.save_motion(block, data, ends)
+    for end in range(2):
+        block.input_positions[end] = ends[end]
+        block.input_velocities[end] = data.actuator_velocity[block.outputs[end]]
     known = False
     if usable and not cut and looks:
         aim = np.empty(9)
@@ -524,12 +512,12 @@ def compute(model: MjModel, data: MjData, instance: CInt, capability: CInt) -> N
         block.stages[3, 3:] = block.inputs
         if block.route >= 0:
             size = block.shape_bytes
-            copy(blocks.shape_at(block, 2), blocks.shape_at(block, 1), 3 * size)
-            copy(blocks.shape_at(block, 0), blocks.shape_at(block, 4), size)
+            ffi.copy(blocks.shape_at(block, 2), blocks.shape_at(block, 1), 3 * size)
+            ffi.copy(blocks.shape_at(block, 0), blocks.shape_at(block, 4), size)
 
 
-@callback
-def advance(model: MjModel, data: MjData, instance: CInt) -> None:
+@ffi.callback
+def advance(model: MjModel, data: MjData, instance: ffi.CInt) -> None:
     block = blocks.own_block(model, data, instance)
     if block == 0:
         return
@@ -567,7 +555,7 @@ def advance(model: MjModel, data: MjData, instance: CInt) -> None:
         if (
             stages[3, 0] == last[0]
             and stages[3, 1] == last[1]
-            and same(path_now, path_last, block.shape_bytes)
+            and ffi.same(path_now, path_last, block.shape_bytes)
         ):
             ends = stages[0, 0], stages[0, 1]
             messages.warn_jump(model, data, instance, state, ends, 1)
@@ -579,7 +567,7 @@ def advance(model: MjModel, data: MjData, instance: CInt) -> None:
                 lay(block, stage, state)
     if evaluating.evaluate(block, state, used, yields, dt):
         written = evaluating.written_bytes(block)
-        copy(block + block.new_state, state, written)
+        ffi.copy(block + block.new_state, state, written)
         kept = blocks.committed(state, n)
         kept.time = time
         kept.pose = jump_warnings.checksum(data.qpos[: model.nq])

@@ -13,30 +13,11 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from cc_mujoco.cable._cable import (
-    BEND_ALLOWED,
-    BENDS,
-    CONDUIT_ALLOWED,
-    ENDS,
-    ENDS_ALLOWED,
-    GUIDES_ALLOWED,
-    KEYS,
-    MAX_LENGTH,
-    MAX_SECTIONS,
-    MAX_SEGMENTS,
-    MAX_WRAP,
-    MOUTH_ALLOWED,
-    OF_A_CONDUIT,
-    PARAMETERS,
-    PATH_ALLOWED,
-    PATHS,
-    ROLLER,
-    SEGMENTS_ALLOWED,
-    Cable,
-)
+from cc_mujoco.cable import _cable as cable
+from cc_mujoco.cable._cable import KEYS
 from cc_mujoco.cable._friction import DRAG_TERMS
 from cc_mujoco.cable._open_path import ROLLING as ROLLING
-from cc_mujoco.native import compiled, internal
+from cc_mujoco.native import FloatArray, compiled, internal
 from cc_mujoco.plugin._engine import REQUIRED
 from cc_mujoco.plugin._ffi import Bytes, FloatMatrix, Message, append, quote, text
 
@@ -64,7 +45,6 @@ def is_space(character: int) -> bool:
 
 @internal
 def strip(text: Bytes) -> Bytes:
-    """Return the text without blanks around it."""
     begin, end = 0, text.size
     while begin < end and is_space(text[begin]):
         begin += 1
@@ -177,7 +157,7 @@ def number(text: Bytes) -> float:
 VALID_CONFIGURATION = -1
 """Key that `read` returns when the configuration can be used."""
 
-SCALARS = len(PARAMETERS)
+SCALARS = len(cable.PARAMETERS)
 (
     SEGMENTS, CONDUIT, ROUTE, BEND, PATH, MOUTH, ENDS_KEY, GUIDES,
     FRICTION, WRAP_GROWTH, CLEARANCE, _STATIC, _PRETENSION, _EXPONENT, ECCENTRICITY,
@@ -190,18 +170,18 @@ SCALARS = len(PARAMETERS)
         "tension_exponent", "eccentricity", "ovality",
     ),
 )  # fmt: skip
-_OF_A_CONDUIT = tuple(map(KEYS.index, OF_A_CONDUIT))
+_OF_A_CONDUIT = tuple(map(KEYS.index, cable.OF_A_CONDUIT))
 DRAGS_PER_LENGTH = tuple(place for place, _, unit in DRAG_TERMS if unit != "N")
 """Keys of drag along the conduit, which that of a seal is not."""
-_DEFAULT_SEGMENTS = Cable.segments
-_LOW = np.array([p.low for p in PARAMETERS])
-_HIGH = np.array([p.high for p in PARAMETERS])
-_LOW_OPEN = np.array([p.low_open for p in PARAMETERS])
-_DEFAULT = np.array([p.default for p in PARAMETERS])
+_DEFAULT_SEGMENTS = cable.Cable.segments
+_LOW = np.array([p.low for p in cable.PARAMETERS])
+_HIGH = np.array([p.high for p in cable.PARAMETERS])
+_LOW_OPEN = np.array([p.low_open for p in cable.PARAMETERS])
+_DEFAULT = np.array([p.default for p in cable.PARAMETERS])
 _REQUIRED = np.array([key in REQUIRED for key in KEYS])
 
 
-_ALLOWED = {p.name: p.allowed for p in PARAMETERS}
+_ALLOWED = {p.name: p.allowed for p in cable.PARAMETERS}
 _ALLOWED |= {
     "static_friction": "0 (off) or at least `friction`, and "
     + _ALLOWED["static_friction"],
@@ -212,25 +192,27 @@ _ALLOWED |= {
     + ", less than the `gear` of the proximal end",
     "ovality": _ALLOWED["ovality"]
     + ", and its sum with `eccentricity` less than the `gear` of the proximal end",
-    "segments": SEGMENTS_ALLOWED,
-    "conduit": CONDUIT_ALLOWED,
+    "segments": cable.SEGMENTS_ALLOWED,
+    "conduit": cable.CONDUIT_ALLOWED,
     "route": "the name of a spatial tendon of the model",
-    "bend": BEND_ALLOWED,
-    "path": PATH_ALLOWED,
-    "mouth": MOUTH_ALLOWED,
-    "ends": ENDS_ALLOWED,
-    "guides": GUIDES_ALLOWED,
-    **{k: f"{_ALLOWED[k]}, and 0 (off) where `path` is `open`" for k in OF_A_CONDUIT},
+    "bend": cable.BEND_ALLOWED,
+    "path": cable.PATH_ALLOWED,
+    "mouth": cable.MOUTH_ALLOWED,
+    "ends": cable.ENDS_ALLOWED,
+    "guides": cable.GUIDES_ALLOWED,
+    **{
+        k: f"{_ALLOWED[k]}, and 0 (off) where `path` is `open`"
+        for k in cable.OF_A_CONDUIT
+    },
 }
 _ALLOWED_VALUES = tuple(_ALLOWED[key] for key in KEYS)
-_FIXED, _ROUTED = BENDS
-_AUTO, _EXPLICIT = ENDS
-_GUIDED, _OPEN, _MIXED = PATHS
+_FIXED, _ROUTED = cable.BENDS
+_AUTO, _EXPLICIT = cable.ENDS
+_GUIDED, _OPEN, _MIXED = cable.PATHS
 
 
 @internal
 def key_text(block: int, key: int) -> Bytes:
-    """Return the text of a key in the attribute block of an instance."""
     for _ in range(key):
         block += text(block).size + 1
     return text(block)
@@ -255,8 +237,8 @@ def segment_count(block: int) -> int:
     for k in range(written.size):
         if not is_digit(written[k]):
             return 0
-        count = min(10 * count + (written[k] - 48), MAX_SEGMENTS + 1)
-    return count if count <= MAX_SEGMENTS else 0
+        count = min(10 * count + (written[k] - 48), cable.MAX_SEGMENTS + 1)
+    return count if count <= cable.MAX_SEGMENTS else 0
 
 
 @internal
@@ -273,13 +255,11 @@ def is_open(block: int) -> bool:
 
 @internal
 def path_kind(block: int) -> int:
-    """Return the place of the `path` in `PATHS`."""
     return int(is_open(block)) + int(is_mixed(block))
 
 
 @internal
 def is_explicit(block: int) -> bool:
-    """Return whether the ends are never to be implicit."""
     return equal_text(key_text(block, ENDS_KEY), _EXPLICIT)
 
 
@@ -291,7 +271,7 @@ def is_mixed(block: int) -> bool:
 @internal
 def length(block: int) -> float:
     """Return the length of the conduit [m]; the configuration must be valid."""
-    sections = np.empty((MAX_SECTIONS, 2))
+    sections = np.empty((cable.MAX_SECTIONS, 2))
     count = _sections(key_text(block, CONDUIT), sections)
     total = 0.0
     for i in range(count):
@@ -313,12 +293,12 @@ def _sections(written: Bytes, sections: FloatMatrix) -> int:
             if written[i] == 58 and colon < 0:
                 colon = i
             i += 1
-        if colon < 0 or count == MAX_SECTIONS:
+        if colon < 0 or count == cable.MAX_SECTIONS:
             return 0
         length = number(written[begin:colon])
         bend = written[colon + 1 : i]
         radius = math.inf if equal_text(bend, "inf") else number(bend)
-        if not (0.0 < length <= MAX_LENGTH and length <= MAX_WRAP * radius):
+        if not (0.0 < length <= cable.MAX_LENGTH and length <= cable.MAX_WRAP * radius):
             return 0
         sections[count, 0] = length
         sections[count, 1] = radius
@@ -346,21 +326,10 @@ def next_guide(written: Bytes, start: int) -> tuple[int, int, int]:
 
 @internal
 def guide_radius(written: Bytes) -> float:
-    """Return the radius of a guide [m], `ROLLING` of a roller, 0 if it is neither."""
-    if equal_text(written, ROLLER):
+    if equal_text(written, cable.ROLLER):
         return ROLLING
     radius = number(written)
-    return radius if 0.0 < radius <= MAX_LENGTH else 0.0
-
-
-@internal
-def _are_guides(written: Bytes) -> bool:
-    begin, colon, end = next_guide(written, 0)
-    while begin >= 0:
-        if colon == begin or guide_radius(written[colon + 1 : end]) == 0.0:
-            return False
-        begin, colon, end = next_guide(written, end)
-    return True
+    return radius if 0.0 < radius <= cable.MAX_LENGTH else 0.0
 
 
 @internal
@@ -389,9 +358,7 @@ def explain(message: Message, block: int, key: int) -> None:
 
 
 @compiled
-def read(
-    block: int, values: npt.NDArray[np.float64], sections: FloatMatrix
-) -> tuple[int, int]:
+def read(block: int, values: FloatArray, sections: FloatMatrix) -> tuple[int, int]:
     """Read the attribute block of an instance.
 
     Out: scalar parameters in the order of `PARAMETERS`, and `sections` (`MAX_SECTIONS`,
@@ -431,9 +398,12 @@ def read(
     ends = key_text(block, ENDS_KEY)
     if not (ends.size == 0 or equal_text(ends, _AUTO) or is_explicit(block)):
         return ENDS_KEY, 0
-    guides = strip(key_text(block, GUIDES))
-    if guides.size > 0 and not (free and _are_guides(guides)):
-        return GUIDES, 0
+    guides = key_text(block, GUIDES)
+    begin, colon, end = next_guide(guides, 0)
+    while begin >= 0:
+        if colon == begin or guide_radius(guides[colon + 1 : end]) == 0.0 or not free:
+            return GUIDES, 0
+        begin, colon, end = next_guide(guides, end)
     for key in _OF_A_CONDUIT:
         if values[key] != 0.0 and equal_text(path, _OPEN):
             return key, 0

@@ -44,7 +44,6 @@ class untimed:
     """
 
     def __enter__(self) -> None:
-        """Stop MuJoCo's clock, unless other code has set one."""
         global _untimed_callers, _own_clock
         with _lock:
             self._ours = _untimed_callers > 0 or mujoco.get_mjcb_time() is None
@@ -54,7 +53,6 @@ class untimed:
                 _untimed_callers += 1
 
     def __exit__(self, *_: object) -> None:
-        """Let the clock go on, unless other code has set its own."""
         global _untimed_callers
         if self._ours:
             with _lock:

@@ -13,12 +13,13 @@ from cc_mujoco.cable import _nodes as nodes
 from cc_mujoco.cable import _open_path as open_path
 from cc_mujoco.cable._cable import MAX_SECTIONS
 from cc_mujoco.cable._friction import INDEX, PLACE
+from cc_mujoco.native import FloatArray
 from cc_mujoco.plugin import _attachments as attachments
 from cc_mujoco.plugin import _config as config
 from cc_mujoco.plugin import _instance_data as blocks
 from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin import _path as path
-from cc_mujoco.plugin._ffi import Floats, copy, fill, floats, internal, same
+from cc_mujoco.plugin._ffi import copy, floats, internal, same
 from cc_mujoco.plugin._instance_data import Block
 from cc_mujoco.plugin._mj_struct import MjData, MjModel
 from cc_mujoco.plugin._routing import follow, seats_with_route
@@ -36,7 +37,6 @@ def is_rk4(model: MjModel) -> bool:
 
 @internal
 def pack(block: Block, model: MjModel, instance: int) -> bool:
-    """Pack the parameters of the instance; return whether they are valid."""
     attributes = mj_struct.attributes(model, instance)
     n = block.segments
     values = np.empty(config.SCALARS)
@@ -165,14 +165,6 @@ def save_first_stage(block: Block, data: MjData, state: int) -> None:
 
 
 @internal
-def save_motion(block: Block, data: MjData, ends: tuple[float, float]) -> None:
-    """Save positions and speeds of the ends at the evaluation of the cable."""
-    for end in range(2):
-        block.input_positions[end] = ends[end]
-        block.input_velocities[end] = data.actuator_velocity[block.outputs[end]]
-
-
-@internal
 def is_evaluated(
     block: Block, data: MjData, state: int, ends: tuple[float, float]
 ) -> bool:
@@ -247,7 +239,7 @@ def set_rest_state(
     kept.ends[0], kept.ends[1] = wound, ends[1]
     kept.velocities[:] = 0.0
     if blocks.is_open(block):
-        fill(blocks.path_memory(state, n), 0.0)
+        blocks.path_memory(state, n)[:] = 0.0
     if seats_with_route(block):
         whole = blocks.kernel_state(state, n)
         whole[layout.rest_wrap(n)] = -1.0
@@ -285,7 +277,7 @@ def keep_mounted_rope(block: Block, model: MjModel, state: int) -> None:
     else:
         whole[3] = rope
     tension = _even_tension(prm, n, length, rope, wound)
-    fill(layout.tensions(whole, n), tension)
+    layout.tensions(whole, n)[:] = tension
     if blocks.is_open(block):
         for end in range(2):
             ratio = mounted if paid[end] > 0.0 else _wound_ratio(prm, tension)
@@ -293,14 +285,16 @@ def keep_mounted_rope(block: Block, model: MjModel, state: int) -> None:
 
 
 @internal
-def _wound_ratio(prm: Floats, tension: float) -> float:
+def _wound_ratio(prm: FloatArray, tension: float) -> float:
     """Return the mean stretch ratio of rope wound up from the pretension to another."""
     now = moving_path.stretch_ratio(prm, max(tension, 0.0))
     return 0.5 * (moving_path.stretch_ratio(prm, prm[PLACE.pretension]) + now)
 
 
 @internal
-def _even_tension(prm: Floats, n: int, path: float, rope: float, wound: float) -> float:
+def _even_tension(
+    prm: FloatArray, n: int, path: float, rope: float, wound: float
+) -> float:
     """Return the even tension of a cable at rest [N], negative where it is slack.
 
     `path` is the length of an open path, 0 in a conduit. `rope` is the unstretched
@@ -326,9 +320,8 @@ def _even_tension(prm: Floats, n: int, path: float, rope: float, wound: float) -
 
 @internal
 def _is_longer(
-    prm: Floats, n: int, path: float, rope: float, wound: float, tension: float
+    prm: FloatArray, n: int, path: float, rope: float, wound: float, tension: float
 ) -> bool:
-    """Return whether a tension [N] stretches a cable beyond its path or its stretch."""
     if path == 0.0:
         wrap = layout.total(layout.segment_angles(prm, n))
         return nodes.rest_stretch(prm, wrap, tension) >= rope

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import ctypes
 import math
-from collections.abc import Callable
 from typing import Annotated, Any
 
 import numpy as np
 import numpy.typing as npt
 from mujoco.introspect.enums import ENUMS
 
+from cc_mujoco.native import FloatArray
 from cc_mujoco.native import FloatMatrix as FloatMatrix
 from cc_mujoco.native import internal as internal
 from cc_mujoco.native._functions import callback as callback
@@ -23,11 +23,10 @@ from cc_mujoco.native._functions import reinterpret as reinterpret
 from cc_mujoco.native._kinds import BYTE, INT, Array, Memory
 from cc_mujoco.native._kinds import CInt as CInt
 from cc_mujoco.plugin._engine import LIBRARY
-from cc_mujoco.plugin._mj_offsets import offset, size, structure
+from cc_mujoco.plugin._mj_offsets import MjLogMessage, size, structure
 
 Bytes = Annotated[Any, Array(BYTE)]
 """Text: an array of bytes, or a literal."""
-Floats = npt.NDArray[np.float64]
 
 
 class Engine:
@@ -66,8 +65,6 @@ ENGINE = (
 """In the order of the table in `native_plugin.h`."""
 
 _RECORD_SIZE = size("mjLogMessage")
-_LEVEL = offset("mjLogMessage.level")
-_SUBJECT = offset("mjLogMessage.subject")
 _WARNING = int(ENUMS["mjtLogLevel"].values["mjLOG_WARNING"])
 _CAPACITY = structure("mjLogMessage").subject.size
 """Longest message in bytes, its final zero included."""
@@ -99,35 +96,7 @@ _digests = (ctypes.c_int64 * DIGEST_SLOTS)()
 
 
 def _digest_table() -> int:
-    """Return the address of the digests of the messages that were issued."""
     return ctypes.addressof(_digests)
-
-
-def _access(kind: Any) -> tuple[Any, Any]:
-    """Return load and store of one value at an address, which need not be aligned."""
-    size = ctypes.sizeof(kind)
-
-    def load(address: int) -> Any:
-        return kind.from_buffer_copy(ctypes.string_at(address, size)).value
-
-    def store(address: int, value: Any) -> None:
-        ctypes.memmove(address, ctypes.byref(kind(value)), size)
-
-    return load, store
-
-
-load_byte: Callable[[int], int]
-store_byte: Callable[[int, int], None]
-load_byte, store_byte = _access(ctypes.c_uint8)
-load_integer: Callable[[int], int]
-store_integer: Callable[[int, int], None]
-load_integer, store_integer = _access(ctypes.c_int32)
-load_word: Callable[[int], int]
-store_word: Callable[[int, int], None]
-load_word, store_word = _access(ctypes.c_int64)
-load_real: Callable[[int], float]
-store_real: Callable[[int, float], None]
-load_real, store_real = _access(ctypes.c_double)
 
 
 def copy(source: int, target: int, size: int) -> None:
@@ -143,14 +112,8 @@ def same(a: int, b: int, size: int) -> bool:
 
 
 @reinterpret
-def floats(address: int, count: int) -> Floats:
-    """Return a view on `count` doubles."""
+def floats(address: int, count: int) -> FloatArray:
     return np.ctypeslib.as_array((ctypes.c_double * count).from_address(address))
-
-
-@reinterpret
-def float_rows(address: int, rows: int, columns: int) -> FloatMatrix:
-    return floats(address, rows * columns).reshape(rows, columns)
 
 
 @reinterpret
@@ -161,43 +124,36 @@ def words(address: int, count: int) -> npt.NDArray[np.int64]:
 
 @reinterpret
 def octets(address: int, count: int) -> Bytes:
-    """Return a view on `count` bytes."""
     return np.ctypeslib.as_array((ctypes.c_uint8 * count).from_address(address))
 
 
 @internal
-def borrow_floats(data: int, count: int) -> Floats:
+def borrow_floats(data: int, count: int) -> FloatArray:
     """Return numbers of MuJoCo's stack, for use between its mark and its release."""
     return floats(borrow(data, count), count)
+
+
+@reinterpret
+def float_rows(address: int, rows: int, columns: int) -> FloatMatrix:
+    return floats(address, rows * columns).reshape(rows, columns)
 
 
 @internal
 def borrow_rows(data: int, rows: int, columns: int) -> FloatMatrix:
     """Return a matrix of zeros on MuJoCo's stack, as `borrow_floats`."""
-    place = borrow(data, rows * columns)
-    fill(floats(place, rows * columns), 0.0)
-    return float_rows(place, rows, columns)
+    place = borrow_floats(data, rows * columns)
+    place[:] = 0.0
+    return float_rows(place.ctypes.data, rows, columns)
 
 
 @internal
-def fill(target: Floats, value: float) -> None:
-    target[:] = value
-
-
-@internal
-def assign(target: Floats, source: Floats) -> None:
-    target[:] = source
-
-
-@internal
-def add(target: Floats, source: Floats, factor: float) -> None:
-    """Add a multiple of an array to one of its size."""
+def add(target: FloatArray, source: FloatArray, factor: float) -> None:
     for i in range(target.size):
         target[i] += factor * source[i]
 
 
 @internal
-def dot(a: Floats, b: Floats) -> float:
+def dot(a: FloatArray, b: FloatArray) -> float:
     total = 0.0
     for i in range(a.size):
         total += a[i] * b[i]
@@ -205,7 +161,7 @@ def dot(a: Floats, b: Floats) -> float:
 
 
 @internal
-def equal(a: Floats, b: Floats) -> bool:
+def equal(a: FloatArray, b: FloatArray) -> bool:
     for i in range(a.size):
         if a[i] != b[i]:
             return False
@@ -213,7 +169,7 @@ def equal(a: Floats, b: Floats) -> bool:
 
 
 @internal
-def is_zero(a: Floats) -> bool:
+def is_zero(a: FloatArray) -> bool:
     for i in range(a.size):
         if a[i] != 0.0:
             return False
@@ -223,8 +179,8 @@ def is_zero(a: Floats) -> bool:
 @internal
 def text(address: int) -> Bytes:
     """Return a view on a zero-terminated string, without its zero."""
-    length = 0
-    while load_byte(address + length) != 0:
+    length, content = 0, octets(address, 0)
+    while content[length] != 0:
         length += 1
     return octets(address, length)
 
@@ -281,7 +237,6 @@ def _character_size(part: Bytes, at: int) -> int:
 
 @internal
 def append_integer(message: Message, value: int) -> None:
-    """Add a number in decimal digits."""
     digits = np.zeros(20, np.uint8)
     start, negative = digits.size, value < 0
     while start > 1:
@@ -344,11 +299,10 @@ def warned_once(message: Message, about: int) -> bool:
     digest = 1469598103934665603 ^ about
     for i in range(message.used):
         digest = (digest ^ message.text[i]) * 1099511628211
-    place = _digest_table() + 8 * (digest & (DIGEST_SLOTS - 1))
-    if load_word(place) == digest:
-        return True
-    store_word(place, digest)
-    return False
+    said, place = words(_digest_table(), DIGEST_SLOTS), digest & (DIGEST_SLOTS - 1)
+    known = said[place] == digest
+    said[place] = digest
+    return bool(known)
 
 
 @internal
@@ -357,9 +311,14 @@ def warn(message: Message) -> None:
 
     A warning during compilation becomes part of the `ValueError` when it fails.
     """
-    record = allocate(_RECORD_SIZE)
+    record = _log_message(allocate(_RECORD_SIZE))
     clear(record, _RECORD_SIZE)
-    store_integer(record + _LEVEL, _WARNING)
-    copy(message.text.ctypes.data, record + _SUBJECT, message.used)
+    record.level = _WARNING
+    copy(message.text.ctypes.data, record.subject.ctypes.data, message.used)
     _send_message(record)
     release(record)
+
+
+@internal
+def _log_message(address: int) -> MjLogMessage:
+    return address

@@ -14,22 +14,10 @@ import numpy as np
 import numpy.typing as npt
 from mujoco import mjtJoint, mjtWrap
 
+from cc_mujoco.native import FloatArray, internal
+from cc_mujoco.plugin import _ffi as ffi
 from cc_mujoco.plugin import _mj_struct as mj_struct
-from cc_mujoco.plugin._ffi import (
-    Bytes,
-    Message,
-    append,
-    append_label,
-    borrow_floats,
-    evaluate_bodies,
-    evaluate_tendons,
-    free_stack,
-    internal,
-    mark_stack,
-)
 from cc_mujoco.plugin._mj_struct import MjData, MjModel
-
-Floats = npt.NDArray[np.float64]
 
 RANDOM_POSES = 200
 _NEVER_TOUCHED = (
@@ -39,7 +27,7 @@ _NEVER_TOUCHED = (
 
 
 @internal
-def mark_touched(model: MjModel, data: MjData, tendon: int, touched: Bytes) -> None:
+def mark_touched(model: MjModel, data: MjData, tendon: int, touched: ffi.Bytes) -> None:
     """Mark the places of a path that are sites, or geoms that it touches in some pose.
 
     `touched` is 1 there, in and out. The data are left as they were.
@@ -57,8 +45,8 @@ def mark_touched(model: MjModel, data: MjData, tendon: int, touched: Bytes) -> N
     if missing == 0:
         return
     present = data.qpos[: model.nq]
-    mark_stack(data)
-    kept = borrow_floats(data, present.size)
+    ffi.mark_stack(data)
+    kept = ffi.borrow_floats(data, present.size)
     kept[:] = present
     present[:] = model.qpos0[: model.nq]
     reach = model.tendon_length0[tendon]
@@ -67,18 +55,20 @@ def mark_touched(model: MjModel, data: MjData, tendon: int, touched: Bytes) -> N
     while missing > 0 and tried <= RANDOM_POSES:
         if tried > 0:
             _random_pose(model, present, reach, seed)
-        evaluate_bodies(model, data)
-        evaluate_tendons(model, data)
+        ffi.evaluate_bodies(model, data)
+        ffi.evaluate_tendons(model, data)
         missing -= _mark_touched_now(model, data, tendon, touched)
         tried += 1
     present[:] = kept
-    free_stack(data)
-    evaluate_bodies(model, data)
-    evaluate_tendons(model, data)
+    ffi.free_stack(data)
+    ffi.evaluate_bodies(model, data)
+    ffi.evaluate_tendons(model, data)
 
 
 @internal
-def _mark_touched_now(model: MjModel, data: MjData, tendon: int, touched: Bytes) -> int:
+def _mark_touched_now(
+    model: MjModel, data: MjData, tendon: int, touched: ffi.Bytes
+) -> int:
     """Mark the geoms that a path touches at the last position; return how many anew."""
     start, begin = model.tendon_adr[tendon], data.ten_wrapadr[tendon]
     end = begin + data.ten_wrapnum[tendon]
@@ -103,7 +93,7 @@ def _uniform(seed: npt.NDArray[np.uint64]) -> float:
 
 @internal
 def _random_pose(
-    model: MjModel, positions: Floats, reach: float, seed: npt.NDArray[np.uint64]
+    model: MjModel, positions: FloatArray, reach: float, seed: npt.NDArray[np.uint64]
 ) -> None:
     """Draw a pose: within ranges, else any angle, and places within `reach` [m]."""
     origin = model.qpos0[: positions.size]
@@ -132,9 +122,8 @@ def _random_pose(
 
 
 @internal
-def explain(message: Message, model: MjModel, tendon: int, place: int) -> None:
-    """Add that a path never touches the geom at a place of it."""
+def explain(message: ffi.Message, model: MjModel, tendon: int, place: int) -> None:
     geom = model.wrap_objid[model.tendon_adr[tendon] + place]
-    append(message, "its path never touches geom ")
-    append_label(message, mj_struct.name(model, model.name_geomadr[geom]), geom)
-    append(message, _NEVER_TOUCHED)
+    ffi.append(message, "its path never touches geom ")
+    ffi.append_label(message, mj_struct.name(model, model.name_geomadr[geom]), geom)
+    ffi.append(message, _NEVER_TOUCHED)

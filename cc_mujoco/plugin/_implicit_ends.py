@@ -38,8 +38,6 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-import numpy.typing as npt
 from mujoco import (
     mjtBias,
     mjtConstraint,
@@ -53,35 +51,14 @@ from mujoco import (
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as layout
 from cc_mujoco.cable._newmark import IMPLICIT_LIMIT, STABILITY_LIMIT, VELOCITY_GAIN
+from cc_mujoco.native import FloatArray, internal
 from cc_mujoco.plugin import _attachments as attachments
+from cc_mujoco.plugin import _ffi as ffi
 from cc_mujoco.plugin import _instance_data as blocks
 from cc_mujoco.plugin import _path as path
 from cc_mujoco.plugin._evaluate import is_rk4, origin, packed_block_of
-from cc_mujoco.plugin._ffi import (
-    add,
-    apply_wrench,
-    borrow_floats,
-    dot,
-    equal,
-    factorise,
-    fill,
-    floats,
-    free_stack,
-    full_inertia,
-    internal,
-    is_sparse,
-    is_zero,
-    load_word,
-    mark_stack,
-    multiply_inertia,
-    solve_factorised,
-    solve_inertia,
-    store_word,
-)
 from cc_mujoco.plugin._instance_data import MAX_DOFS, Block
 from cc_mujoco.plugin._mj_struct import MjData, MjModel, disabled
-
-Floats = npt.NDArray[np.float64]
 
 _STABILITY_LIMIT_RK4, _IMPLICIT_LIMIT_RK4 = 5.8, 0.3
 """`STABILITY_LIMIT` and `IMPLICIT_LIMIT` for RK4."""
@@ -93,58 +70,50 @@ the inertia; by a factor with constraints; with dampers after them."""
 
 
 class _Prediction(NamedTuple):
-    """Knowledge of the step; vectors are (nv,), matrices (nv * nv,).
+    """Knowledge of the step; vectors are (nv,), matrices (nv * nv,)."""
 
-    Attributes:
-        known: state of knowledge.
-        found: acceleration.
-        force: sum of the smooth forces.
-        row: scratch, as `answer` and `between`.
-        inertia: matrix of inertia.
-        factor: factor of that with constraints.
-        damped: factor of that with dampers.
-    """
-
-    known: int
-    found: Floats
-    force: Floats
-    row: Floats
-    answer: Floats
-    between: Floats
-    inertia: Floats
-    factor: Floats
-    damped: Floats
+    known: int  # state of knowledge
+    found: FloatArray  # acceleration
+    force: FloatArray  # sum of the smooth forces
+    row: FloatArray  # scratch, as the next two
+    answer: FloatArray
+    between: FloatArray
+    inertia: FloatArray
+    factor: FloatArray  # of the inertia with constraints
+    damped: FloatArray  # factor of that with dampers
 
 
 @internal
 def _prediction(area: int, nv: int) -> _Prediction:
-    """Return the prediction of a model's first cable."""
     vector, matrix, square = area + 8, area + 8 + 40 * nv, nv * nv
     return _Prediction(
-        load_word(area),
-        floats(vector, nv),
-        floats(vector + 8 * nv, nv),
-        floats(vector + 16 * nv, nv),
-        floats(vector + 24 * nv, nv),
-        floats(vector + 32 * nv, nv),
-        floats(matrix, square),
-        floats(matrix + 8 * square, square),
-        floats(matrix + 16 * square, square),
+        ffi.words(area, 1)[0],
+        ffi.floats(vector, nv),
+        ffi.floats(vector + 8 * nv, nv),
+        ffi.floats(vector + 16 * nv, nv),
+        ffi.floats(vector + 24 * nv, nv),
+        ffi.floats(vector + 32 * nv, nv),
+        ffi.floats(matrix, square),
+        ffi.floats(matrix + 8 * square, square),
+        ffi.floats(matrix + 16 * square, square),
     )
 
 
 @internal
-def begin_evaluation(block: Block) -> None:
-    """Begin another evaluation of the first cable, with a new prediction."""
-    block.evaluation_count += 1
+def forget_prediction(block: Block) -> None:
+    """Begin a new prediction of a model's first cable."""
     if block.prediction != 0:
-        store_word(block + block.prediction, _UNKNOWN)
+        _set_known(block + block.prediction, _UNKNOWN)
+
+
+@internal
+def _set_known(area: int, known: int) -> None:
+    ffi.words(area, 1)[0] = known
 
 
 @internal
 def is_unknown(area: int) -> bool:
-    """Return whether the step has not been analysed yet."""
-    return load_word(area) == _UNKNOWN
+    return bool(ffi.words(area, 1)[0] == _UNKNOWN)
 
 
 @internal
@@ -183,7 +152,6 @@ def is_implicit(model: MjModel, block: Block) -> bool:
 
 @internal
 def held_stiffness(block: Block, end: int) -> float:
-    """Return the stiffness of an end that friction holds [N/m]."""
     if block.stiffness[end] == 0.0:
         prm = blocks.parameters(block)
         block.stiffness[end] = kernel.end_stiffness(prm, block.segments, end == 1)
@@ -230,39 +198,39 @@ def predict_acceleration(model: MjModel, data: MjData, kind: int, area: int) -> 
     _smooth_forces(model, data, kind, own.force, scratch)
     dampers = _damping_matrix(model, data, damping, scratch)
     if data.nefc == 0 and not dampers:
-        solve_inertia(model, data, found, own.force.ctypes.data, 1)
-        store_word(area, _PLAIN)
+        ffi.solve_inertia(model, data, found, own.force.ctypes.data, 1)
+        _set_known(area, _PLAIN)
         return
-    full_inertia(model, data, inertia.ctypes.data)
+    ffi.full_inertia(model, data, inertia.ctypes.data)
     if dampers:
         step = model.opt.timestep
         for i in range(nv * nv):
             damping[i] = inertia[i] + step * damping[i]
     _solve_constrained(model, data, own)
     if not dampers:
-        store_word(area, _CONSTRAINED)
+        _set_known(area, _CONSTRAINED)
         return
-    multiply_inertia(model, data, scratch.ctypes.data, found)
-    factorise(damped, nv, 0.0)
-    solve_factorised(found, damped, scratch.ctypes.data, nv)
-    store_word(area, _DAMPED)
+    ffi.multiply_inertia(model, data, scratch.ctypes.data, found)
+    ffi.factorise(damped, nv, 0.0)
+    ffi.solve_factorised(found, damped, scratch.ctypes.data, nv)
+    _set_known(area, _DAMPED)
 
 
 @internal
 def _smooth_forces(
-    model: MjModel, data: MjData, kind: int, force: Floats, acted: Floats
+    model: MjModel, data: MjData, kind: int, force: FloatArray, acted: FloatArray
 ) -> None:
     """Compute the sum of all forces without those of constraints (nv,)."""
     nv, sum_at = model.nv, force.ctypes.data
     force[:] = data.qfrc_passive[:nv]
-    add(force, data.qfrc_bias[:nv], -1.0)
-    add(force, data.qfrc_applied[:nv], 1.0)
+    ffi.add(force, data.qfrc_bias[:nv], -1.0)
+    ffi.add(force, data.qfrc_applied[:nv], 1.0)
     for body in range(1, model.nbody):
         given = data.xfrc_applied[body]
-        if not is_zero(given):
+        if not ffi.is_zero(given):
             at, point = given.ctypes.data, data.xipos.ctypes.data + 24 * body
-            apply_wrench(model, data, at, at + 24, point, body, sum_at)
-    fill(acted, 0.0)
+            ffi.apply_wrench(model, data, at, at + 24, point, body, sum_at)
+    acted[:] = 0.0
     for actuator in range(model.nactuator):
         plugin = model.actuator_plugin[actuator]
         if plugin >= 0 and model.plugin[plugin] == kind:
@@ -285,7 +253,7 @@ def _smooth_forces(
             add_moment(data, block.outputs[1], -max(node[n], 0.0), acted)
         if blocks.is_open(block):
             if block.passive_fresh == 0:
-                add(force, floats(block + block.pulls, nv), -1.0)
+                ffi.add(force, ffi.floats(block + block.pulls, nv), -1.0)
             led = blocks.path_of(block, 0)
             path.apply_pulls(model, data, led, node, 0.0, -1, sum_at)
     for joint in range(model.njnt):
@@ -297,7 +265,7 @@ def _smooth_forces(
         if model.jnt_actfrclimited[joint] != 0:
             low, high = model.jnt_actfrcrange[joint, 0], model.jnt_actfrcrange[joint, 1]
             acted[dof] = min(max(acted[dof], low), high)
-    add(force, acted, 1.0)
+    ffi.add(force, acted, 1.0)
 
 
 @internal
@@ -345,8 +313,7 @@ def _tendon_share(model: MjModel, data: MjData, actuator: int) -> float:
 
 
 @internal
-def add_moment(data: MjData, output: int, force: float, target: Floats) -> None:
-    """Add the generalised force of an actuator's output."""
+def add_moment(data: MjData, output: int, force: float, target: FloatArray) -> None:
     if force == 0.0:
         return
     start = data.moment_rowadr[output]
@@ -355,10 +322,12 @@ def add_moment(data: MjData, output: int, force: float, target: Floats) -> None:
 
 
 @internal
-def _damping_matrix(model: MjModel, data: MjData, out: Floats, scratch: Floats) -> bool:
+def _damping_matrix(
+    model: MjModel, data: MjData, out: FloatArray, scratch: FloatArray
+) -> bool:
     """Write the damping that is integrated implicitly (nv * nv,); return if any."""
     nv, any_damping = model.nv, False
-    fill(out, 0.0)
+    out[:] = 0.0
     if is_rk4(model):
         return False
     euler = model.opt.integrator == mjtIntegrator.mjINT_EULER
@@ -379,14 +348,14 @@ def _damping_matrix(model: MjModel, data: MjData, out: Floats, scratch: Floats) 
             control = data.ctrl[model.actuator_ctrladr[actuator]]
             rate -= model.actuator_gainprm[actuator, 2] * control
         if rate > 0.0 and not _is_clamped(model, data, actuator):
-            fill(scratch, 0.0)
+            scratch[:] = 0.0
             add_moment(data, model.actuator_outadr[actuator], 1.0, scratch)
             _add_square(rate, scratch, out)
             any_damping = True
     for tendon in range(model.ntendon):
         rate = model.tendon_damping[tendon]
         if rate > 0.0 and not undamped:
-            fill(scratch, 0.0)
+            scratch[:] = 0.0
             start = model.ten_J_rowadr[tendon]
             for i in range(start, start + model.ten_J_rownnz[tendon]):
                 scratch[model.ten_J_colind[i]] = data.ten_J[i]
@@ -396,7 +365,7 @@ def _damping_matrix(model: MjModel, data: MjData, out: Floats, scratch: Floats) 
 
 
 @internal
-def _add_square(rate: float, row: Floats, out: Floats) -> None:
+def _add_square(rate: float, row: FloatArray, out: FloatArray) -> None:
     """Add the product of a row (nv,) with itself to a matrix (nv * nv,)."""
     nv = row.size
     for i in range(nv):
@@ -407,7 +376,7 @@ def _add_square(rate: float, row: Floats, out: Floats) -> None:
 @internal
 def _constraint_row(model: MjModel, data: MjData, i: int) -> tuple[int, int]:
     """Return begin and end of the Jacobian of a constraint in `efc_J`."""
-    if is_sparse(model) == 0:
+    if ffi.is_sparse(model) == 0:
         return model.nv * i, model.nv * (i + 1)
     start = data.efc_J_rowadr[i]
     return start, start + data.efc_J_rownnz[i]
@@ -417,11 +386,11 @@ def _constraint_row(model: MjModel, data: MjData, i: int) -> tuple[int, int]:
 def _solve_constrained(model: MjModel, data: MjData, own: _Prediction) -> None:
     """Compute the acceleration under smooth forces and constraints, with its factor."""
     nv, count, found, factor = model.nv, data.nefc, own.found, own.factor
-    right, sparse = own.row, is_sparse(model) != 0
+    right, sparse = own.row, ffi.is_sparse(model) != 0
     found[:] = data.qacc_warmstart[:nv]
-    mark_stack(data)
-    state, before = borrow_floats(data, count), borrow_floats(data, count)
-    given, push = borrow_floats(data, count), borrow_floats(data, count)
+    ffi.mark_stack(data)
+    state, before = ffi.borrow_floats(data, count), ffi.borrow_floats(data, count)
+    given, push = ffi.borrow_floats(data, count), ffi.borrow_floats(data, count)
     for trial in range(_MAX_ROUNDS):
         for i in range(count):
             start, end = _constraint_row(model, data, i)
@@ -431,7 +400,7 @@ def _solve_constrained(model: MjModel, data: MjData, own: _Prediction) -> None:
                 off += data.efc_J[k] * found[a]
             given[i] = -data.efc_D[i] * off
             push[i] = _constraint_force(data, i, given, state)
-        if trial > 0 and equal(state, before):
+        if trial > 0 and ffi.equal(state, before):
             break
         before[:] = state
         factor[:] = own.inertia
@@ -449,13 +418,17 @@ def _solve_constrained(model: MjModel, data: MjData, own: _Prediction) -> None:
                 for m in range(start, end if stiff != 0.0 and value != 0.0 else start):
                     b = data.efc_J_colind[m] if sparse else m - start
                     factor[a * nv + b] += stiff * value * data.efc_J[m]
-        factorise(factor.ctypes.data, nv, 0.0)
-        solve_factorised(found.ctypes.data, factor.ctypes.data, right.ctypes.data, nv)
-    free_stack(data)
+        ffi.factorise(factor.ctypes.data, nv, 0.0)
+        ffi.solve_factorised(
+            found.ctypes.data, factor.ctypes.data, right.ctypes.data, nv
+        )
+    ffi.free_stack(data)
 
 
 @internal
-def _constraint_force(data: MjData, i: int, given: Floats, state: Floats) -> float:
+def _constraint_force(
+    data: MjData, i: int, given: FloatArray, state: FloatArray
+) -> float:
     """Set whether constraint i gives way like a spring, else return its force.
 
     `given` are the forces of the constraints up to i if they all do.
@@ -490,7 +463,7 @@ def _constraint_force(data: MjData, i: int, given: Floats, state: Floats) -> flo
 
 @internal
 def predict_ends(
-    model: MjModel, data: MjData, block: Block, kind: int, area: int, out: Floats
+    model: MjModel, data: MjData, block: Block, kind: int, area: int, out: FloatArray
 ) -> None:
     """Compute where the ends of a cable are, and how they move in the step (9,).
 
@@ -505,19 +478,19 @@ def predict_ends(
 
 @internal
 def predict_known_motion(
-    model: MjModel, data: MjData, block: Block, out: Floats
+    model: MjModel, data: MjData, block: Block, out: FloatArray
 ) -> None:
     """Compute what `predict_ends` does (9,), by the acceleration in `data`.
 
     It is the same where that acceleration is the one that MuJoCo finds; nothing yields.
     """
-    mark_stack(data)
-    row, none = borrow_floats(data, model.nv), borrow_floats(data, 0)
-    answer, found = borrow_floats(data, model.nv), data.qacc[: model.nv]
+    ffi.mark_stack(data)
+    row, none = ffi.borrow_floats(data, model.nv), ffi.borrow_floats(data, 0)
+    answer, found = ffi.borrow_floats(data, model.nv), data.qacc[: model.nv]
     own = _Prediction(_PLAIN, found, none, row, answer, none, none, none, none)
     _predict_ends(model, data, block, model.plugin[block.instance], own, out)
     out[8] = 0.0
-    free_stack(data)
+    ffi.free_stack(data)
 
 
 @internal
@@ -527,7 +500,7 @@ def _predict_ends(
     block: Block,
     kind: int,
     own: _Prediction,
-    out: Floats,
+    out: FloatArray,
 ) -> None:
     nv, step = model.nv, model.opt.timestep
     row, answer, between = own.row, own.answer, own.between
@@ -537,23 +510,25 @@ def _predict_ends(
         out[2 + end] = out[4 + end] = out[6 + end] = 0.0
         if block.tied[end] != 0:
             continue
-        fill(row, 0.0)
+        row[:] = 0.0
         add_moment(data, block.outputs[end], lever, row)
         if own.known == _PLAIN:
-            solve_inertia(model, data, solved, right, 1)
+            ffi.solve_inertia(model, data, solved, right, 1)
         else:
-            solve_factorised(solved, own.factor.ctypes.data, right, nv)
+            ffi.solve_factorised(solved, own.factor.ctypes.data, right, nv)
         if own.known == _DAMPED:
-            multiply_inertia(model, data, between.ctypes.data, solved)
-            solve_factorised(solved, own.damped.ctypes.data, between.ctypes.data, nv)
+            ffi.multiply_inertia(model, data, between.ctypes.data, solved)
+            ffi.solve_factorised(
+                solved, own.damped.ctypes.data, between.ctypes.data, nv
+            )
         speed = data.actuator_velocity[block.outputs[end]]
         out[2 + end] = step * lever * speed
-        out[4 + end] = step * step * dot(row, own.found)
+        out[4 + end] = step * step * ffi.dot(row, own.found)
         out[6 + end] = step * step * _mobility(model, data, kind, answer)
 
 
 @internal
-def _mobility(model: MjModel, data: MjData, kind: int, answer: Floats) -> float:
+def _mobility(model: MjModel, data: MjData, kind: int, answer: FloatArray) -> float:
     """Compute the acceleration of all cable ends together per tension [1/kg].
 
     `answer` (nv,) is the acceleration of the degrees of freedom by it.
@@ -578,7 +553,6 @@ def _mobility(model: MjModel, data: MjData, kind: int, answer: Floats) -> float:
 def _end_position(
     model: MjModel, data: MjData, block: Block, end: int
 ) -> tuple[float, float]:
-    """Return the displacement of an end [m], and the lever of its tension."""
     if end == 0:
         return blocks.winding(model, data, block)
     return blocks.displacement(data, block, 1), 1.0

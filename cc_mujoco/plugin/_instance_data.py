@@ -8,19 +8,15 @@ from __future__ import annotations
 import ctypes
 from typing import Annotated, Any
 
-import numpy as np
-import numpy.typing as npt
-
 from cc_mujoco.cable import _eccentric as eccentric
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _open_path as open_path
+from cc_mujoco.native import FloatArray
 from cc_mujoco.plugin import _attachments as attachments
 from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin._ffi import floats, internal, memory
 from cc_mujoco.plugin._mj_struct import MjData, MjModel
 from cc_mujoco.plugin._path import OpenPath
-
-Floats = npt.NDArray[np.float64]
 
 _INT, _REAL = ctypes.c_int64, ctypes.c_double
 
@@ -165,7 +161,6 @@ def block_of_memory(address: int) -> Block:
 
 @internal
 def block_at(data: MjData, instance: int) -> Block:
-    """Return what `plugin_data` holds for an instance."""
     return data.plugin_data[instance]
 
 
@@ -239,14 +234,12 @@ def lay_out(block: Block, model: MjModel, first: bool) -> int:
 
 
 @internal
-def parameters(block: Block) -> Floats:
-    """Return the packed parameters."""
+def parameters(block: Block) -> FloatArray:
     return floats(block + block.parameters, kernel.parameter_size(block.segments))
 
 
 @internal
-def kernel_state(state: int, n: int) -> Floats:
-    """Return the kernel's part of the state at an address."""
+def kernel_state(state: int, n: int) -> FloatArray:
     return floats(state, kernel.state_size(n))
 
 
@@ -262,20 +255,18 @@ def shape_at(block: Block, stage: int) -> int:
 
 
 @internal
-def shape(block: Block, stage: int) -> Floats:
+def shape(block: Block, stage: int) -> FloatArray:
     """Return the path at a stage, see `shape_at`."""
     return floats(shape_at(block, stage), block.shape_bytes // 8)
 
 
 @internal
-def node_scratch(block: Block) -> Floats:
-    """Return scratch for lengths of nodes (n + 1,)."""
+def node_scratch(block: Block) -> FloatArray:
     return floats(block + block.forces, block.segments + 1)
 
 
 @internal
 def path_of(block: Block, stage: int) -> OpenPath:
-    """Return the path of an open cable at a stage."""
     n = block.segments
     guides = floats(block + block.guides, n)
     return OpenPath(
@@ -297,7 +288,6 @@ def is_open(block: Block) -> bool:
 
 @internal
 def displacement(data: MjData, block: Block, end: int) -> float:
-    """Return the displacement of an end at the last evaluated position [m]."""
     if block.tied[end] != 0:
         return 0.0
     return float(data.actuator_length[block.outputs[end]])
@@ -305,7 +295,6 @@ def displacement(data: MjData, block: Block, end: int) -> float:
 
 @internal
 def rest_displacement(model: MjModel, block: Block, end: int) -> float:
-    """Return the displacement of an end in the pose `qpos0` [m]."""
     if block.tied[end] != 0:
         return 0.0
     return float(model.actuator_length0[block.outputs[end]])
@@ -334,12 +323,10 @@ def winding(model: MjModel, data: MjData, block: Block) -> tuple[float, float]:
 
 @internal
 def committed(state: int, n: int) -> Committed:
-    """Return the part of a state behind the kernel's own."""
     return state + 8 * kernel.state_size(n)
 
 
 @internal
-def path_memory(state: int, n: int) -> Floats:
-    """Return the memory of the path in a committed state of an open cable."""
+def path_memory(state: int, n: int) -> FloatArray:
     begin = state + 8 * kernel.state_size(n) + COMMITMENT_SIZE
     return floats(begin, open_path.memory_size(n))

@@ -15,16 +15,13 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-import numpy.typing as npt
 from mujoco import mjtWrap
 
+from cc_mujoco.native import FloatArray
 from cc_mujoco.plugin import _mj_struct as mj_struct
-from cc_mujoco.plugin._ffi import Message, append, fill, floats, internal
+from cc_mujoco.plugin._ffi import Message, append, floats, internal
 from cc_mujoco.plugin._instance_data import Block
 from cc_mujoco.plugin._mj_struct import MjData, MjModel
-
-Floats = npt.NDArray[np.float64]
 
 _MIN_JUMP = 2e-3
 """Motion that a step allows an end whatever its velocity is [m]."""
@@ -42,8 +39,7 @@ _PARTS = "its proximal end", "its distal end", "its path"
 
 
 @internal
-def checksum(positions: Floats) -> float:
-    """Return a checksum of generalised coordinates."""
+def checksum(positions: FloatArray) -> float:
     total, weight = 0.0, 0.0
     for i in range(positions.size):
         weight += _GOLDEN
@@ -53,7 +49,7 @@ def checksum(positions: Floats) -> float:
 
 
 @internal
-def position_changed(positions: Floats, led: float) -> bool:
+def position_changed(positions: FloatArray, led: float) -> bool:
     """Return whether `qpos` is another than that to which the last step led.
 
     `led` is the checksum of that.
@@ -65,18 +61,10 @@ def position_changed(positions: Floats, led: float) -> bool:
 
 
 @internal
-def _poses(model: MjModel, lead: Block, before: int) -> Floats:
+def _poses(model: MjModel, lead: Block, before: int) -> FloatArray:
     """Return positions and orientations of mocap bodies, at or before the last step."""
     size = 7 * model.nmocap
     return floats(lead + lead.mocap_poses + 8 * size * before, size)
-
-
-@internal
-def forget_poses(model: MjModel, block: Block) -> None:
-    """Invalidate the saved poses of mocap bodies."""
-    if block.mocap_poses != 0:
-        fill(_poses(model, block, 0), 0.0)
-        fill(_poses(model, block, 1), 0.0)
 
 
 @internal
@@ -92,7 +80,6 @@ def save_poses(model: MjModel, data: MjData, block: Block) -> None:
 
 @internal
 def _mocap(model: MjModel, body: int) -> int:
-    """Return the index of the mocap body that carries a body, or -1."""
     while body > 0:
         if model.body_mocapid[body] >= 0:
             return int(model.body_mocapid[body])
@@ -159,7 +146,6 @@ def has_jumped(
 
 @internal
 def explain(message: Message, part: int) -> None:
-    """Add that an end or the path jumped, but not how far."""
     append(message, _PARTS[part])
     append(message, " jumped, without the velocity for it: ")
     if part == PATH:

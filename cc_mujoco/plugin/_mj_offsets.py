@@ -78,7 +78,6 @@ def _loaded(path: str, value: int) -> LoadedInt:
 
 
 def _find(path: str) -> tuple[int, Any]:
-    """Return the offset and the type of a field."""
     name, *fields = path.split(".")
     found: Any = structure(name)
     total = 0
@@ -122,10 +121,14 @@ def _type(node: Any, extent: tuple[Any, ...] | None = None) -> Any:
     return _SCALARS.get(node.name) or structure(node.name)
 
 
-MjModel = Annotated[Any, Memory(INT.c, "mjModel", structure("mjModel"), place)]
-"""The address of an `mjModel` in compiled code, with its fields as attributes."""
-MjData = Annotated[Any, Memory(INT.c, "mjData", structure("mjData"), place)]
-"""The address of an `mjData` likewise."""
+def _memory(name: str) -> Memory:
+    return Memory(INT.c, name, structure(name), place)
+
+
+MjModel = Annotated[Any, _memory("mjModel")]
+MjData = Annotated[Any, _memory("mjData")]
+MjLogMessage = Annotated[Any, _memory("mjLogMessage")]
+"""Addresses of structures in compiled code, with their fields as attributes."""
 
 
 _PROBE_XML = """
@@ -198,7 +201,6 @@ def verify(paths: Iterable[str], enumerators: Mapping[str, int]) -> None:
 
 
 def _is_at(address: int, kind: Any, shown: Any) -> bool:
-    """Return whether what the bindings show of a field lies at an address."""
     held = kind.from_address(address)
     if isinstance(shown, np.ndarray):
         is_pointer = kind is ctypes.c_void_p or hasattr(kind, "contents")

@@ -13,7 +13,6 @@ from cc_mujoco.plugin._mj_offsets import MjModel as MjModel
 
 @internal
 def has_timestep(model: MjModel) -> bool:
-    """Return whether the time step of the model is a positive finite number."""
     return bool(0.0 < model.opt.timestep < math.inf)
 
 
@@ -31,13 +30,11 @@ def name(model: MjModel, start: int) -> Bytes:
 
 @internal
 def attributes(model: MjModel, instance: int) -> int:
-    """Return the address of the attribute block of a plugin instance."""
     return int(model.plugin_attr.ctypes.data + model.plugin_attradr[instance])
 
 
 @internal
 def state(model: MjModel, data: MjData, instance: int) -> int:
-    """Return the address of the state of a plugin instance."""
     return int(data.plugin_state.ctypes.data + 8 * model.plugin_stateadr[instance])
 
 

@@ -229,7 +229,6 @@ def _parse(config: tuple[tuple[str, str], ...], name: str) -> Cable:
 
 
 def _target(spec: mujoco.MjSpec, name: str, target: Any, gear: float) -> Any:
-    """Return the transmission type, name of the target, gear."""
     if not (np.isfinite(gear) and gear != 0.0):
         raise CableError(
             f"cable {name!r}: gear {gear!r} is no pulley radius; it must be a signed "

@@ -17,7 +17,7 @@ from cc_mujoco.native import _library as native_library
 from cc_mujoco.native._c99 import UNARY, CLibrary, Function, KnownCall
 from cc_mujoco.native._entries import entries_text
 from cc_mujoco.native._functions import FUNCTIONS, NativeFunction
-from cc_mujoco.native._kinds import BOOL, BYTE, INT, INT32, NOTHING, REAL
+from cc_mujoco.native._kinds import BOOL, INT, INT32, NOTHING, REAL
 from cc_mujoco.plugin import _ffi as ffi
 from cc_mujoco.plugin import _mj_offsets as mj_offsets
 from cc_mujoco.plugin import _registration as registration
@@ -32,7 +32,6 @@ _ENUMERATOR = re.compile(r"\b(mjt\w+\.mj\w+)")
 
 
 def write(path: str) -> None:
-    """Write the source of the native library, all functions of this package."""
     for file in sorted(native_library.PACKAGE.rglob("*.py")):
         if file.parent != _NATIVE and _DECLARES.search(file.read_bytes()):
             place = file.relative_to(native_library.PACKAGE.parent)
@@ -68,7 +67,9 @@ def source(functions: Iterable[NativeFunction], with_python: bool) -> str:
             *(f"#define {name} {value}" for name, value in _constants().items()),
             _read("native.h"),
             *([_read("python_calls.h")] if with_python else []),
-            *_layout_lines(),
+            "typedef struct {",
+            *(f"    int64_t {mj_offsets.member(p)};" for p in mj_offsets.LOADED),
+            "} Layout;",
             _read("native_plugin.h").replace('#include "native.h"\n', ""),
             _known_layouts(),
             text,
@@ -119,12 +120,6 @@ def _enumerators() -> Iterator[str]:
         yield f"{name}={int(operator.attrgetter(name)(mujoco))}"
 
 
-def _layout_lines() -> list[str]:
-    """Return the type of the table of offsets, which the functions read."""
-    members = [f"    int64_t {mj_offsets.member(path)};" for path in mj_offsets.LOADED]
-    return ["typedef struct {", *members, "} Layout;", ""]
-
-
 def _known_layouts() -> str:
     """Return the offsets of known releases of MuJoCo, and of the installed one."""
     known = _read("native_layouts.h").rstrip()
@@ -138,14 +133,8 @@ def _quoted(text: str) -> str:
 
 
 def _functions() -> dict[Any, KnownCall]:
-    """Return the functions of the plugin that are not written from Python."""
     found: dict[Any, KnownCall] = {each: _engine_call(each) for each in ffi.ENGINE}
     found[ffi._digest_table] = "(int64_t)(intptr_t)cc_mujoco_said", (), INT
-    kinds = {"byte": BYTE, "integer": INT32, "word": INT, "real": REAL}
-    for name, kind in kinds.items():
-        load, store = f"load_{name}", f"store_{name}"
-        found[getattr(ffi, load)] = load, (INT,), kind
-        found[getattr(ffi, store)] = store, (INT, kind), NOTHING
     for name, result in (("copy", NOTHING), ("clear", NOTHING), ("same", BOOL)):
         found[getattr(ffi, name)] = f"{name}_bytes", (INT, INT, INT), result
     return found

@@ -10,47 +10,28 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from mujoco import mjtWrap
 
 from cc_mujoco.cable import _open_path as open_path
 from cc_mujoco.cable import _path_geometry as geometry
+from cc_mujoco.native import FloatArray, internal
+from cc_mujoco.plugin import _ffi as ffi
 from cc_mujoco.plugin import _mj_struct as mj_struct
-from cc_mujoco.plugin._ffi import (
-    apply_wrench,
-    borrow_floats,
-    floats,
-    free_stack,
-    internal,
-    is_zero,
-    mark_stack,
-)
 from cc_mujoco.plugin._mj_struct import MjData, MjModel
-
-Floats = npt.NDArray[np.float64]
 
 ARC_SEGMENTS = 4
 """Default number of segments of the arc around a geom."""
 
 
 class OpenPath(NamedTuple):
-    """A cable along a spatial tendon without pulleys, open behind a mouth.
+    """A cable along a spatial tendon without pulleys, open behind a mouth."""
 
-    Attributes:
-        tendon: the tendon.
-        mouth: place of a site in its path, 0 where all of it is open.
-        guided: segments in the conduit before the mouth.
-        n: all segments.
-        guides: guides by segment, see `cable._open_path.measure` (n,).
-        measured: result of `measure_path`.
-    """
-
-    tendon: int
-    mouth: int
-    guided: int
-    n: int
-    guides: Floats
-    measured: Floats
+    tendon: int  # the tendon
+    mouth: int  # place of a site in its path, 0 where all of it is open
+    guided: int  # segments in the conduit before the mouth
+    n: int  # all segments
+    guides: FloatArray  # guides by segment, see `cable._open_path.measure` (n,)
+    measured: FloatArray  # result of `measure_path`
 
 
 @internal
@@ -78,12 +59,11 @@ def digest(model: MjModel, tendon: int) -> int:
 
 @internal
 def places_size(model: MjModel, tendon: int) -> int:
-    """Return how many numbers describe the places of a spatial tendon's path."""
     return int(geometry.PLACE_SIZE * model.tendon_num[tendon])
 
 
 @internal
-def read_places(model: MjModel, data: MjData, tendon: int, places: Floats) -> None:
+def read_places(model: MjModel, data: MjData, tendon: int, places: FloatArray) -> None:
     """Write the places of a spatial tendon's path, see `cable/_path_geometry.py`.
 
     The path is that of the last evaluated position.
@@ -91,7 +71,7 @@ def read_places(model: MjModel, data: MjData, tendon: int, places: Floats) -> No
     start, at = model.tendon_adr[tendon], data.ten_wrapadr[tendon]
     for k in range(model.tendon_num[tendon]):
         place = places[geometry.PLACE_SIZE * k :]
-        points = floats(data.wrap_xpos.ctypes.data + 24 * at, 6)
+        points = ffi.floats(data.wrap_xpos.ctypes.data + 24 * at, 6)
         kind, thing = model.wrap_type[start + k], model.wrap_objid[start + k]
         place[geometry.KIND] = geometry.SITE
         if kind != mjtWrap.mjWRAP_SPHERE and kind != mjtWrap.mjWRAP_CYLINDER:
@@ -120,8 +100,8 @@ def bend(
     tendon: int,
     count: int,
     total: float,
-    segments: Floats,
-    out: Floats,
+    segments: FloatArray,
+    out: FloatArray,
 ) -> None:
     """Compute the wrap of each segment of a conduit, see `_path_geometry.bend` [rad].
 
@@ -129,16 +109,15 @@ def bend(
     """
     if count == 0:
         count = model.tendon_num[tendon]
-    mark_stack(data)
-    places = borrow_floats(data, places_size(model, tendon))
+    ffi.mark_stack(data)
+    places = ffi.borrow_floats(data, places_size(model, tendon))
     read_places(model, data, tendon, places)
     geometry.bend(places, count, total, segments, out.size, out)
-    free_stack(data)
+    ffi.free_stack(data)
 
 
 @internal
 def min_segments(model: MjModel, tendon: int, mouth: int) -> int:
-    """Return the segments that the path behind a mouth takes at least."""
     return open_path.fewest_segments(model.tendon_num[tendon], mouth)
 
 
@@ -158,14 +137,14 @@ def measure_path(model: MjModel, data: MjData, path: OpenPath) -> float:
 
     The result is that of `cable._open_path.measure`.
     """
-    mark_stack(data)
-    places = borrow_floats(data, places_size(model, path.tendon))
+    ffi.mark_stack(data)
+    places = ffi.borrow_floats(data, places_size(model, path.tendon))
     read_places(model, data, path.tendon, places)
     number = model.tendon_num[path.tendon]
     reach = open_path.measure(
         places, number, path.mouth, path.guided, path.n, path.guides, path.measured
     )
-    free_stack(data)
+    ffi.free_stack(data)
     return float(reach)
 
 
@@ -174,7 +153,7 @@ def apply_pulls(
     model: MjModel,
     data: MjData,
     path: OpenPath,
-    node: Floats,
+    node: FloatArray,
     tied: float,
     aside: int,
     target: int,
@@ -185,9 +164,9 @@ def apply_pulls(
     (nv,); other arguments are those of `cable._open_path.pull_forces`.
     """
     start, number = model.tendon_adr[path.tendon], model.tendon_num[path.tendon]
-    mark_stack(data)
-    places = borrow_floats(data, places_size(model, path.tendon))
-    forces = borrow_floats(data, 6 * (number - 1))
+    ffi.mark_stack(data)
+    places = ffi.borrow_floats(data, places_size(model, path.tendon))
+    forces = ffi.borrow_floats(data, 6 * (number - 1))
     read_places(model, data, path.tendon, places)
     open_path.pull_forces(
         places, number, path.mouth, path.measured, path.n, path.guided, node, tied,
@@ -215,7 +194,7 @@ def apply_pulls(
         )
         force = forces[i : i + 3]
         _pull_together(model, data, here, body, there, on, force, target)
-    free_stack(data)
+    ffi.free_stack(data)
 
 
 @internal
@@ -226,18 +205,18 @@ def _pull_together(
     first_body: int,
     second: int,
     second_body: int,
-    force: Floats,
+    force: FloatArray,
     target: int,
 ) -> None:
     """Draw two points, at addresses, on two bodies, by a force (3,)."""
-    if first_body == second_body or is_zero(force):
+    if first_body == second_body or ffi.is_zero(force):
         return
     own, torque = np.empty(3), np.zeros(3)
     at, none = own.ctypes.data, torque.ctypes.data
     if model.body_weldid[first_body] != 0:
         own[:] = force
-        apply_wrench(model, data, at, none, first, first_body, target)
+        ffi.apply_wrench(model, data, at, none, first, first_body, target)
     if model.body_weldid[second_body] != 0:
         for i in range(3):
             own[i] = -force[i]
-        apply_wrench(model, data, at, none, second, second_body, target)
+        ffi.apply_wrench(model, data, at, none, second, second_body, target)

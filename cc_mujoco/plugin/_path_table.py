@@ -241,7 +241,6 @@ def _read(
     guides: FloatArray,
     reference: FloatArray,
 ) -> None:
-    """Read a route at the position in `data`, which gives the reference too."""
     block = blocks.block_at(data, instance)
     follow(block, model, data, mj_struct.state(model, data, instance))
     if blocks.is_open(block):

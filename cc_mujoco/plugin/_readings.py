@@ -15,7 +15,6 @@ from dataclasses import fields
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from cc_mujoco._utils.arguments import require_kind
 from cc_mujoco.cable import _kernel as kernel
@@ -29,10 +28,9 @@ from cc_mujoco.cable._reading import (
 )
 from cc_mujoco.cable._reading import CableReading as CableReading
 from cc_mujoco.errors import CableError, look_up
+from cc_mujoco.native import FloatArray
 from cc_mujoco.plugin._mjcf import cable_of, instances
 from cc_mujoco.plugin._registration import plugin_function
-
-Floats = NDArray[np.float64]
 
 
 def cables(model: mujoco.MjModel) -> tuple[str, ...]:
@@ -52,7 +50,9 @@ def read(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> CableReading:
     return CableReading(*(part if part.ndim else part.item() for part in parts))
 
 
-def read_state(model: mujoco.MjModel, name: str, plugin_state: Floats) -> CableReading:
+def read_state(
+    model: mujoco.MjModel, name: str, plugin_state: FloatArray
+) -> CableReading:
     """Return the state of a cable from arrays of plugin states, such as a batch's.
 
     Args:
@@ -97,7 +97,7 @@ class Reader:
             self._compliance, self._strain = slack_compliance(cable)
         self._total = int(model.npluginstate)
 
-    def read(self, plugin_state: Floats) -> CableReading:
+    def read(self, plugin_state: FloatArray) -> CableReading:
         """Return the state of the cable from arrays of plugin states (..., m).
 
         Raises:
@@ -119,7 +119,7 @@ class Reader:
         )
 
 
-def route(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> Floats:
+def route(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> FloatArray:
     """Return the path of a cable's conduit in space, from its route tendon.
 
     Returns:
@@ -154,7 +154,7 @@ def tendon_turn(model: mujoco.MjModel, data: mujoco.MjData, tendon: int) -> floa
     return float(plugin_function("turn")(model._address, data._address, tendon))
 
 
-def segment_wrap(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> Floats:
+def segment_wrap(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> FloatArray:
     """Wrap angle of each segment of a cable (segments,) [rad], proximal to distal.
 
     That of its sections, or of its route at the last evaluated position where the keys
@@ -213,7 +213,6 @@ def route_tendon(model: mujoco.MjModel, name: str) -> int:
 
 
 def require_data_of(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Require that data have the sizes of a model."""
     own = model.nq, model.nv, model.nbody, model.ntendon, model.nplugin
     poses = data.qpos.size, data.qvel.size, len(data.xpos)
     found = *poses, data.ten_length.size, data.nplugin

@@ -106,13 +106,11 @@ def _text(library: ctypes.CDLL, name: str) -> str:
 
 
 def plugin_function(name: str) -> Any:
-    """Return a compiled function of the registered plugin, see `PYTHON_FUNCTIONS`."""
     assert _holder is not None
     return PYTHON_FUNCTIONS[name]((f"cc_mujoco_{name}", _holder))
 
 
 def warned_digests() -> ctypes.Array[ctypes.c_char]:
-    """Return the memory of the digests of warnings that this process has issued."""
     from cc_mujoco.plugin._ffi import DIGEST_SLOTS  # takes long to load
 
     assert _holder is not None
@@ -156,7 +154,6 @@ def _require_same_code(file: str) -> ctypes.CDLL:
 
 
 def plugin_capabilities() -> int:
-    """Return the capabilities of the plugin, `mjtPluginCapabilityBit`."""
     from mujoco.introspect.enums import ENUMS
 
     bits = ENUMS["mjtPluginCapabilityBit"].values

@@ -9,38 +9,19 @@ from cc_mujoco.cable import _layout as layout
 from cc_mujoco.cable import _open_path as open_path
 from cc_mujoco.cable import _pack as prepare
 from cc_mujoco.cable._cable import MAX_SECTIONS
+from cc_mujoco.native import internal
 from cc_mujoco.plugin import _attachments as attachments
 from cc_mujoco.plugin import _config as config
+from cc_mujoco.plugin import _ffi as ffi
 from cc_mujoco.plugin import _instance_data as blocks
 from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin import _path as path
-from cc_mujoco.plugin._ffi import (
-    FloatMatrix,
-    add,
-    borrow_floats,
-    borrow_rows,
-    evaluate_bodies,
-    evaluate_tendons,
-    fill,
-    floats,
-    free_stack,
-    internal,
-    mark_stack,
-)
 from cc_mujoco.plugin._instance_data import Block
 from cc_mujoco.plugin._mj_struct import MjData, MjModel
 
 
 @internal
-def _rest_mocap(model: MjModel, held: FloatMatrix) -> None:
-    """Write the initial position and orientation of mocap bodies (bodies, 7)."""
-    for body in range(model.nbody):
-        held[body, :3] = model.body_pos[body]
-        held[body, 3:] = model.body_quat[body]
-
-
-@internal
-def _exchange_mocap(model: MjModel, data: MjData, held: FloatMatrix) -> None:
+def _exchange_mocap(model: MjModel, data: MjData, held: ffi.FloatMatrix) -> None:
     """Exchange the poses of the mocap bodies with those in `held` (bodies, 7)."""
     before = np.empty(7)
     for body in range(model.nbody):
@@ -92,27 +73,29 @@ def _bend(block: Block, model: MjModel, data: MjData, stage: int) -> None:
 @internal
 def set_reference(block: Block, model: MjModel, data: MjData) -> None:
     """Measure the path in the pose `qpos0`; of an open one make the mesh."""
-    mark_stack(data)
-    kept = borrow_floats(data, model.nq)
+    ffi.mark_stack(data)
+    kept = ffi.borrow_floats(data, model.nq)
     kept[:] = data.qpos[: model.nq]
     data.qpos[: model.nq] = model.qpos0[: model.nq]
-    held = borrow_rows(data, model.nbody, 7)
-    _rest_mocap(model, held)
+    held = ffi.borrow_rows(data, model.nbody, 7)
+    for body in range(model.nbody):
+        held[body, :3] = model.body_pos[body]
+        held[body, 3:] = model.body_quat[body]
     _exchange_mocap(model, data, held)
-    evaluate_bodies(model, data)
-    evaluate_tendons(model, data)
-    fill(blocks.shape(block, blocks.REFERENCE_STAGE), 0.0)
+    ffi.evaluate_bodies(model, data)
+    ffi.evaluate_tendons(model, data)
+    blocks.shape(block, blocks.REFERENCE_STAGE)[:] = 0.0
     if blocks.is_open(block):
         _survey(block, model, data, blocks.REFERENCE_STAGE, False)
     else:
         _bend(block, model, data, blocks.REFERENCE_STAGE)
     data.qpos[: model.nq] = kept
     _exchange_mocap(model, data, held)
-    evaluate_bodies(model, data)
-    evaluate_tendons(model, data)
+    ffi.evaluate_bodies(model, data)
+    ffi.evaluate_tendons(model, data)
     if blocks.is_open(block):
         _make_mesh(block, model, data)
-    free_stack(data)
+    ffi.free_stack(data)
     blocks.invalidate(block)
     block.reference_known = 1
 
@@ -126,7 +109,7 @@ def _make_mesh(block: Block, model: MjModel, data: MjData) -> None:
     _, count = config.read(attributes, values, sections)
     reference = blocks.shape(block, blocks.REFERENCE_STAGE)
     if guided > 0:
-        inside = borrow_floats(data, kernel.parameter_size(guided))
+        inside = ffi.borrow_floats(data, kernel.parameter_size(guided))
         kernel.pack(values, sections[:count], guided, inside)
         open_path.store_conduit(inside, reference, n, guided)
     open_path.pack_reference(values, n, guided, reference, blocks.parameters(block))
@@ -170,11 +153,10 @@ def follow(block: Block, model: MjModel, data: MjData, state: int) -> None:
 
 @internal
 def pull(block: Block, model: MjModel, data: MjData) -> None:
-    """Pull with the pieces of an open cable, as last evaluated."""
     n, nv = block.segments, model.nv
-    last = floats(block + block.pulls, nv)
-    forces = floats(block + block.forces, nv)
-    fill(forces, 0.0)
+    last = ffi.floats(block + block.pulls, nv)
+    forces = ffi.floats(block + block.forces, nv)
+    forces[:] = 0.0
     tied = 0.0
     node = layout.tensions(blocks.kernel_state(block + block.new_state, n), n)
     for end in range(2):
@@ -184,11 +166,11 @@ def pull(block: Block, model: MjModel, data: MjData) -> None:
     led = blocks.path_of(block, 0)
     path.apply_pulls(model, data, led, node, tied, -1, forces.ctypes.data)
     passive = data.qfrc_passive[:nv]
-    before = floats(block + block.passive_before, nv)
+    before = ffi.floats(block + block.passive_before, nv)
     before[:] = passive
     if block.passive_fresh == 0:
         # MuJoCo evaluates the actuators again, alone.
-        add(passive, last, -1.0)
-    add(passive, forces, 1.0)
+        ffi.add(passive, last, -1.0)
+    ffi.add(passive, forces, 1.0)
     last[:] = forces
     block.passive_fresh = 0

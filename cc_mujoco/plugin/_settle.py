@@ -12,14 +12,12 @@ from typing import Literal, NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from cc_mujoco._utils.arguments import require_kind
 from cc_mujoco.errors import look_up
+from cc_mujoco.native import FloatArray
 from cc_mujoco.plugin._mjcf import instances
 from cc_mujoco.plugin._registration import plugin_function
-
-Floats = NDArray[np.float64]
 
 _WORST_POSES = 5
 """Poses in which a cable is examined together with the others."""
@@ -116,11 +114,7 @@ def step_limits(
     """
     require_kind("model", model, mujoco.MjModel)
     # Compiled code takes seconds to load, and few need it.
-    from cc_mujoco.plugin._readings import (
-        held_instance,
-        require_data_of,
-        route_tendon,
-    )
+    from cc_mujoco.plugin._readings import held_instance, require_data_of, route_tendon
     from cc_mujoco.plugin._tendon_survey import sweep
 
     everywhere = data is None
@@ -141,7 +135,7 @@ def step_limits(
 
 
 def shortest_piece_step(
-    model: mujoco.MjModel, data: mujoco.MjData, name: str, poses: Floats
+    model: mujoco.MjModel, data: mujoco.MjData, name: str, poses: FloatArray
 ) -> float:
     """Return the limit of the pieces of a cable in `poses` of its tendon (k, nq) [s].
 

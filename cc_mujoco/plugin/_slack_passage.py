@@ -30,10 +30,10 @@ explicit ends by 6 %, which give out more energy.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as layout
+from cc_mujoco.native import FloatArray
 from cc_mujoco.plugin import _instance_data as blocks
 from cc_mujoco.plugin._evaluate import evaluate, is_rk4
 from cc_mujoco.plugin._ffi import internal
@@ -45,8 +45,6 @@ from cc_mujoco.plugin._implicit_ends import (
 from cc_mujoco.plugin._instance_data import Block
 from cc_mujoco.plugin._mj_struct import MjModel
 
-Floats = npt.NDArray[np.float64]
-
 _WELL_RESOLVED = 5.0
 """Square of the step times the frequency of an end, of 8 at the limit of stability,
 below which RK4 resolves its vibration well enough to leave it as it is."""
@@ -54,7 +52,7 @@ below which RK4 resolves its vibration well enough to leave it as it is."""
 
 @internal
 def evaluate_prediction(
-    model: MjModel, block: Block, state: int, aim: Floats, dt: float
+    model: MjModel, block: Block, state: int, aim: FloatArray, dt: float
 ) -> bool:
     """Evaluate a cable with implicit ends from the committed state at address `state`.
 

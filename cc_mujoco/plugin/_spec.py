@@ -37,7 +37,6 @@ def add_element(owner: Any, kind: str, **fields: Any) -> Any:
 
 @cache
 def pristine_fields(kind: str) -> dict[str, Any]:
-    """Return the fields of an element of a model without defaults."""
     spec = mujoco.MjSpec()
     owner = spec if kind in ("actuator", "tendon") else spec.worldbody.add_body()
     element = getattr(owner, f"add_{kind}")()

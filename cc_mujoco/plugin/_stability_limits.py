@@ -22,43 +22,24 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-import numpy.typing as npt
-
 from cc_mujoco.cable import _kernel as kernel
+from cc_mujoco.native import FloatArray, internal
+from cc_mujoco.plugin import _ffi as ffi
 from cc_mujoco.plugin import _instance_data as blocks
 from cc_mujoco.plugin import _path as path
 from cc_mujoco.plugin._evaluate import packed_block_of
-from cc_mujoco.plugin._ffi import (
-    FloatMatrix,
-    Message,
-    append,
-    append_thousandths,
-    assign,
-    borrow_floats,
-    borrow_rows,
-    dot,
-    fill,
-    free_stack,
-    internal,
-    is_zero,
-    mark_stack,
-    solve_inertia,
-    warn,
-    warned_once,
-)
 from cc_mujoco.plugin._implicit_ends import add_moment
 from cc_mujoco.plugin._instance_data import Block
 from cc_mujoco.plugin._mj_struct import MjData, MjModel
 from cc_mujoco.plugin._path import OpenPath
 
-Floats = npt.NDArray[np.float64]
-
 _PARTS = "its proximal end", "its distal end", "its open path"
 
 
 @internal
-def stable_timesteps(model: MjModel, data: MjData, instance: int, out: Floats) -> None:
+def stable_timesteps(
+    model: MjModel, data: MjData, instance: int, out: FloatArray
+) -> None:
     """Compute the longest stable time steps of a cable (3,) [s].
 
     That of the proximal end, the distal end and the pieces of an open path; infinite
@@ -68,8 +49,8 @@ def stable_timesteps(model: MjModel, data: MjData, instance: int, out: Floats) -
     count, kind = 0, model.plugin[instance]
     for other in range(model.nplugin):
         count += _spring_count(packed_block_of(model, data, other, kind))
-    mark_stack(data)
-    moment = borrow_rows(data, count, model.nv)
+    ffi.mark_stack(data)
+    moment = ffi.borrow_rows(data, count, model.nv)
     begin = end = row = 0  # of the rows of this instance
     for other in range(model.nplugin):
         block = packed_block_of(model, data, other, kind)
@@ -83,41 +64,43 @@ def stable_timesteps(model: MjModel, data: MjData, instance: int, out: Floats) -
         if other == instance:
             begin, end = row, row + rows
         row += rows
-    fill(out, math.inf)
-    limit = borrow_floats(data, end - begin)
+    out[:] = math.inf
+    limit = ffi.borrow_floats(data, end - begin)
     spring_timesteps(model, data, moment, begin, limit)
     for i in range(limit.size):
         near = min(i, 2)
         out[near] = min(out[near], limit[i])
-    free_stack(data)
+    ffi.free_stack(data)
 
 
 @internal
 def spring_timesteps(
-    model: MjModel, data: MjData, moment: FloatMatrix, begin: int, out: Floats
+    model: MjModel, data: MjData, moment: ffi.FloatMatrix, begin: int, out: FloatArray
 ) -> None:
     """Compute the longest stable time steps [s] of springs that act together.
 
     `moment` has their moments on the joints, times the root of their stiffness (k, nv).
     The limits are those of the springs from `begin` on, as many as `out` takes.
     """
-    mark_stack(data)
-    solved = borrow_rows(data, moment.shape[0], moment.shape[1])
-    square = borrow_floats(data, moment.shape[0])
+    ffi.mark_stack(data)
+    solved = ffi.borrow_rows(data, moment.shape[0], moment.shape[1])
+    square = ffi.borrow_floats(data, moment.shape[0])
     for i in range(square.size):
         square[i] = 0.0
-        if not is_zero(moment[i]):
-            solve_inertia(model, data, solved[i].ctypes.data, moment[i].ctypes.data, 1)
-            square[i] = max(dot(moment[i], solved[i]), 0.0)
-    fill(out, math.inf)
+        if not ffi.is_zero(moment[i]):
+            ffi.solve_inertia(
+                model, data, solved[i].ctypes.data, moment[i].ctypes.data, 1
+            )
+            square[i] = max(ffi.dot(moment[i], solved[i]), 0.0)
+    out[:] = math.inf
     for i in range(begin, begin + out.size):
         total = 0.0
         for j in range(square.size if square[i] > 0.0 else 0):
-            shared = abs(dot(moment[i], solved[j]))
+            shared = abs(ffi.dot(moment[i], solved[j]))
             total += shared * math.sqrt(square[j] / square[i])
         if total > 0.0:
             out[i - begin] = 2.0 / math.sqrt(total)
-    free_stack(data)
+    ffi.free_stack(data)
 
 
 @internal
@@ -129,8 +112,9 @@ def _spring_count(block: Block) -> int:
 
 
 @internal
-def _end_moments(model: MjModel, data: MjData, block: Block, out: FloatMatrix) -> None:
-    """Compute the moments of both ends on the joints, times sqrt(k) (2, nv)."""
+def _end_moments(
+    model: MjModel, data: MjData, block: Block, out: ffi.FloatMatrix
+) -> None:
     n, prm = block.segments, blocks.parameters(block)
     for end in range(2):
         if block.tied[end] != 0:
@@ -144,52 +128,58 @@ def _end_moments(model: MjModel, data: MjData, block: Block, out: FloatMatrix) -
 
 @internal
 def node_moments(
-    model: MjModel, data: MjData, led: OpenPath, stiffness: Floats, out: FloatMatrix
+    model: MjModel,
+    data: MjData,
+    led: OpenPath,
+    stiffness: FloatArray,
+    out: ffi.FloatMatrix,
 ) -> None:
     """Compute the moments of an open path's nodes, times sqrt(stiffness) (n + 1, nv).
 
     `out` is 0 before.
     """
-    mark_stack(data)
-    node = borrow_floats(data, led.n + 1)
-    tried = borrow_floats(data, out.shape[1])
-    solved = borrow_floats(data, out.shape[1])
+    ffi.mark_stack(data)
+    node = ffi.borrow_floats(data, led.n + 1)
+    tried = ffi.borrow_floats(data, out.shape[1])
+    solved = ffi.borrow_floats(data, out.shape[1])
     own = tried.ctypes.data
-    fill(node, 0.0)
+    node[:] = 0.0
     for i in range(led.n + 1):
         node[i] = math.sqrt(stiffness[i])
         # A piece whose points coincide has no direction yet, and opens along any.
         worst, aside = 0.0, -1
-        while aside < 3 and (aside < 0 or is_zero(out[i]) or worst > 0.0):
-            fill(tried, 0.0)
+        while aside < 3 and (aside < 0 or ffi.is_zero(out[i]) or worst > 0.0):
+            tried[:] = 0.0
             path.apply_pulls(model, data, led, node, 0.0, aside, own)
-            solve_inertia(model, data, solved.ctypes.data, own, 1)
-            square = dot(tried, solved)
+            ffi.solve_inertia(model, data, solved.ctypes.data, own, 1)
+            square = ffi.dot(tried, solved)
             if aside < 0 or square > worst:
-                assign(out[i], tried)
+                out[i, :] = tried
                 worst = square if aside >= 0 else 0.0
             aside += 1
         node[i] = 0.0
-    free_stack(data)
+    ffi.free_stack(data)
 
 
 @internal
-def warn_long_step(message: Message, model: MjModel, part: int, limit: float) -> None:
+def warn_long_step(
+    message: ffi.Message, model: MjModel, part: int, limit: float
+) -> None:
     """Warn, once for a time step, that it is beyond the limit of a part [s]."""
     start, step = message.used, model.opt.timestep
-    append(message, _PARTS[part])
-    append_thousandths(message, step, " ms")
-    if warned_once(message, model.signature):
+    ffi.append(message, _PARTS[part])
+    ffi.append_thousandths(message, step, " ms")
+    if ffi.warned_once(message, model.signature):
         return
     message.used = start
-    append(message, _PARTS[part])
-    append(message, " is stable only with a `timestep` below ")
-    append_thousandths(message, limit, " ms")
-    append(message, ", but that is ")
-    append_thousandths(message, step, " ms")
-    append(
+    ffi.append(message, _PARTS[part])
+    ffi.append(message, " is stable only with a `timestep` below ")
+    ffi.append_thousandths(message, limit, " ms")
+    ffi.append(message, ", but that is ")
+    ffi.append_thousandths(message, step, " ms")
+    ffi.append(
         message,
         "; shorten it, or give what this moves more inertia (`armature`) or the cable "
         "fewer `segments`",
     )
-    warn(message)
+    ffi.warn(message)

@@ -13,22 +13,13 @@ import mujoco
 import numpy as np
 
 from cc_mujoco.cable import _open_path as open_path
-from cc_mujoco.native import FloatArray, FloatMatrix, compiled
+from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 from cc_mujoco.plugin import _attachments as attachments
 from cc_mujoco.plugin import _config as config
+from cc_mujoco.plugin import _ffi as ffi
 from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin import _path as path
 from cc_mujoco.plugin import _stability_limits as stability_limits
-from cc_mujoco.plugin._ffi import (
-    borrow_floats,
-    borrow_rows,
-    evaluate_bodies,
-    evaluate_tendons,
-    fill,
-    free_stack,
-    internal,
-    mark_stack,
-)
 from cc_mujoco.plugin._guides import RANDOM_POSES
 from cc_mujoco.plugin._mj_struct import MjData, MjModel
 from cc_mujoco.plugin._path import OpenPath
@@ -68,26 +59,26 @@ def _measure(
     length: FloatMatrix,
 ) -> None:
     n = path.min_segments(model, tendon, 0)
-    mark_stack(data)
+    ffi.mark_stack(data)
     led = _borrow_path(data, tendon, n)
     for row in range(poses.shape[0]):
         data.qpos[: poses.shape[1]] = poses[row]
-        evaluate_bodies(model, data)
-        evaluate_tendons(model, data)
+        ffi.evaluate_bodies(model, data)
+        ffi.evaluate_tendons(model, data)
         path.measure_path(model, data, led)
         turn[row, :] = open_path.angles(led.measured, n)
         contact[row, :] = open_path.contacts(led.measured, n)
         length[row, :] = open_path.lengths(led.measured, n)
-    free_stack(data)
+    ffi.free_stack(data)
 
 
 @internal
 def _borrow_path(data: MjData, tendon: int, n: int) -> OpenPath:
     """Return an open path of n segments on MuJoCo's stack, without guides."""
-    guides = borrow_floats(data, n)
-    shape = borrow_floats(data, open_path.shape_size(n))
-    fill(guides, 0.0)
-    fill(shape, 0.0)
+    guides = ffi.borrow_floats(data, n)
+    shape = ffi.borrow_floats(data, open_path.shape_size(n))
+    guides[:] = 0.0
+    shape[:] = 0.0
     return OpenPath(tendon, 0, 0, n, guides, shape)
 
 
@@ -121,11 +112,11 @@ def _timestep(
     model: MjModel, data: MjData, tendon: int, axial_stiffness: float
 ) -> float:
     n = path.default_segments(model, tendon, 0)
-    mark_stack(data)
+    ffi.mark_stack(data)
     led = _borrow_path(data, tendon, n)
     path.measure_path(model, data, led)
-    moment = borrow_rows(data, n + 1, model.nv)
-    limit, stiffness = borrow_floats(data, n + 1), borrow_floats(data, n + 1)
+    moment = ffi.borrow_rows(data, n + 1, model.nv)
+    limit, stiffness = ffi.borrow_floats(data, n + 1), ffi.borrow_floats(data, n + 1)
     length = open_path.lengths(led.measured, n)
     for i in range(n + 1):
         stiffness[i] = axial_stiffness / length[i]
@@ -134,7 +125,7 @@ def _timestep(
     shortest = float(limit[0])
     for i in range(1, n + 1):
         shortest = min(shortest, float(limit[i]))
-    free_stack(data)
+    ffi.free_stack(data)
     return shortest
 
 

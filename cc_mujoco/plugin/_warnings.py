@@ -11,8 +11,10 @@ from cc_mujoco.cable import _layout as layout
 from cc_mujoco.cable import _open_path as open_path
 from cc_mujoco.cable._cable import KEYS, MAX_SECTIONS
 from cc_mujoco.cable._friction import PLACE
+from cc_mujoco.native import FloatArray, internal
 from cc_mujoco.plugin import _attachments as attachments
 from cc_mujoco.plugin import _config as config
+from cc_mujoco.plugin import _ffi as ffi
 from cc_mujoco.plugin import _implicit_ends as implicit_ends
 from cc_mujoco.plugin import _instance_data as blocks
 from cc_mujoco.plugin import _jump_warnings as jump_warnings
@@ -20,23 +22,6 @@ from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin import _path as path
 from cc_mujoco.plugin._engine import PLUGIN
 from cc_mujoco.plugin._evaluate import is_rk4
-from cc_mujoco.plugin._ffi import (
-    MESSAGE_WORDS,
-    Bytes,
-    Floats,
-    Message,
-    allocate,
-    append,
-    append_integer,
-    append_thousandths,
-    floats,
-    internal,
-    message_at,
-    quote,
-    release,
-    warn,
-    warned_once,
-)
 from cc_mujoco.plugin._instance_data import Block, Committed
 from cc_mujoco.plugin._mj_struct import MjData, MjModel
 
@@ -75,28 +60,26 @@ than 5, only those do whose friction of 0.05 or less does not damp the vibration
 
 
 @internal
-def begin_message(room: int, model: MjModel, instance: int) -> Message:
+def begin_message(room: int, model: MjModel, instance: int) -> ffi.Message:
     """Begin a message at the address of its room with the name of its instance."""
-    message = message_at(room)
-    append(message, _MESSAGE_START)
-    quote(message, mj_struct.name(model, model.name_pluginadr[instance]))
-    append(message, ": ")
+    message = ffi.message_at(room)
+    ffi.append(message, _MESSAGE_START)
+    ffi.quote(message, mj_struct.name(model, model.name_pluginadr[instance]))
+    ffi.append(message, ": ")
     return message
 
 
 @internal
-def issue_once(message: Message, model: MjModel) -> None:
-    """Hand a message to MuJoCo unless that was done before."""
-    if not warned_once(message, model.signature):
-        warn(message)
+def issue_once(message: ffi.Message, model: MjModel) -> None:
+    if not ffi.warned_once(message, model.signature):
+        ffi.warn(message)
 
 
 @internal
-def warn_once(model: MjModel, instance: int, sentence: Bytes) -> None:
-    """Warn, once, of something about an instance."""
-    room = np.zeros(MESSAGE_WORDS, np.int64)
+def warn_once(model: MjModel, instance: int, sentence: ffi.Bytes) -> None:
+    room = np.zeros(ffi.MESSAGE_WORDS, np.int64)
     message = begin_message(room.ctypes.data, model, instance)
-    append(message, sentence)
+    ffi.append(message, sentence)
     issue_once(message, model)
 
 
@@ -133,7 +116,6 @@ def warn_cannot_act(model: MjModel, data: MjData, instance: int) -> None:
 
 @internal
 def _velocity(data: MjData, block: Block, part: int) -> float:
-    """Return the velocity of an end (0, 1) or of the path (2) [m/s]."""
     if part == jump_warnings.PATH:
         return data.ten_velocity[block.route] if block.route >= 0 else 0.0
     if block.tied[part] != 0:
@@ -149,15 +131,6 @@ def save_ends(
     kept.ends[0], kept.ends[1] = ends
     for part in range(3):
         kept.velocities[part] = _velocity(data, block, part)
-
-
-@internal
-def _is_between_joints(model: MjModel, block: Block) -> bool:
-    """Return whether joints hold both ends of a cable: these move by their velocity."""
-    for end in range(2):
-        if attachments.holding_tendon(model, block.actuators[end]) >= 0:
-            return False
-    return True
 
 
 @internal
@@ -177,8 +150,12 @@ def warn_jump(
     if block.explicit_ends != 0:  # which joints that are led by hand need
         return
     n, by_hand = block.segments, block.position_changed != 0
-    if block.route < 0 and not by_hand and _is_between_joints(model, block):
-        return
+    held = max(
+        attachments.holding_tendon(model, block.actuators[0]),
+        attachments.holding_tendon(model, block.actuators[1]),
+    )
+    if block.route < 0 and held < 0 and not by_hand:
+        return  # joints move both ends by their velocity
     lead = blocks.block_at(data, mj_struct.first_cable(model, instance))
     prm, kept = blocks.parameters(block), blocks.committed(state, n)
     node = layout.tensions(blocks.kernel_state(state, n), n)
@@ -208,17 +185,17 @@ def warn_jump(
         speed = max(abs(_velocity(data, block, part)), abs(kept.velocities[part]))
         if not jump_warnings.has_jumped(model, speed, moved, by_hand, carried, soft):
             continue
-        room = np.zeros(MESSAGE_WORDS, np.int64)
+        room = np.zeros(ffi.MESSAGE_WORDS, np.int64)
         message = begin_message(room.ctypes.data, model, instance)
         jump_warnings.explain(message, part)
-        if not warned_once(message, model.signature):
-            append_thousandths(message, abs(moved), " mm")
-            warn(message)
+        if not ffi.warned_once(message, model.signature):
+            ffi.append_thousandths(message, abs(moved), " mm")
+            ffi.warn(message)
 
 
 @internal
 def refuse_open_path(
-    message: Message, model: MjModel, instance: int, tendon: int
+    message: ffi.Message, model: MjModel, instance: int, tendon: int
 ) -> int:
     """Find out why a cable cannot lie open along a tendon.
 
@@ -236,25 +213,25 @@ def refuse_open_path(
     least = path.min_segments(model, tendon, mouth) + (1 if mouth > 0 else 0)
     least = max(least, 1)
     if config.segment_count(attributes) < least:
-        append(message, "key `segments` is too small: its path needs at least ")
-        append_integer(message, least)
+        ffi.append(message, "key `segments` is too small: its path needs at least ")
+        ffi.append_integer(message, least)
         return config.VALID_CONFIGURATION
-    at_guides = allocate(8 * least)
-    guides = floats(at_guides, least)
+    at_guides = ffi.allocate(8 * least)
+    guides = ffi.floats(at_guides, least)
     known = attachments.read_guides(model, instance, tendon, mouth, guides)
-    release(at_guides)
+    ffi.release(at_guides)
     if not known:
         return config.GUIDES
     true = model.tendon_length0[tendon]
     off = abs(config.length(attributes) - true)
     if mouth == 0 and not off <= _LENGTH_TOLERANCE * true:
-        append(
+        ffi.append(
             message, "key `conduit` has the wrong length: the path of its tendon is "
         )
-        append_thousandths(message, true, " mm")
-        append(message, " long in the pose `qpos0`")
+        ffi.append_thousandths(message, true, " mm")
+        ffi.append(message, " long in the pose `qpos0`")
     elif has_no_passive(model):
-        append(message, NO_PASSIVE)
+        ffi.append(message, NO_PASSIVE)
     else:
         attachments.explain_bypass(message, model, instance, tendon)
         if message.used == start:
@@ -264,7 +241,6 @@ def refuse_open_path(
 
 @internal
 def has_no_passive(model: MjModel) -> bool:
-    """Return whether MuJoCo evaluates no passive forces."""
     no_spring = mj_struct.disabled(model, mjtDisableBit.mjDSBL_SPRING)
     return no_spring and mj_struct.disabled(model, mjtDisableBit.mjDSBL_DAMPER)
 
@@ -272,7 +248,7 @@ def has_no_passive(model: MjModel) -> bool:
 @internal
 def _no_effect_reason(
     arcs: int, places: int, mouth: int, tied: tuple[int, int], key: int
-) -> Bytes:
+) -> ffi.Bytes:
     """Return why a key of an open cable is without effect, or an empty text.
 
     `arcs` geoms and sites with a radius and `places` of all kinds rub in its path.
@@ -300,7 +276,7 @@ def _no_effect_reason(
 
 @internal
 def _rubbing_places(
-    model: MjModel, tendon: int, mouth: int, guides: Floats
+    model: MjModel, tendon: int, mouth: int, guides: FloatArray
 ) -> tuple[int, int]:
     """Count the places of an open path that rub: along an arc, and all of them."""
     start, arcs, places = model.tendon_adr[tendon] + max(mouth, 1), 0, 0
@@ -327,12 +303,12 @@ def warn_no_effect(model: MjModel, instance: int, block: Block) -> None:
         why = _no_effect_reason(arcs, places, mouth, tied, key)
         if why.size == 0:
             continue
-        room = np.zeros(MESSAGE_WORDS, np.int64)
+        room = np.zeros(ffi.MESSAGE_WORDS, np.int64)
         message = begin_message(room.ctypes.data, model, instance)
-        append(message, "key `")
-        append(message, KEYS[key])
-        append(message, "` has no effect: ")
-        append(message, why)
+        ffi.append(message, "key `")
+        ffi.append(message, KEYS[key])
+        ffi.append(message, "` has no effect: ")
+        ffi.append(message, why)
         issue_once(message, model)
 
 
@@ -347,15 +323,15 @@ def warn_short_conduit(
     span = _conduit_span(model, data, block)
     if length >= _MIN_SPAN_SHARE * span:
         return
-    room = np.zeros(MESSAGE_WORDS, np.int64)
+    room = np.zeros(ffi.MESSAGE_WORDS, np.int64)
     message = begin_message(room.ctypes.data, model, instance)
-    append(message, "key `conduit` is ")
-    if not warned_once(message, model.signature):
-        append_thousandths(message, length, " mm")
-        append(message, " long, and its ends are ")
-        append_thousandths(message, span, " mm")
-        append(message, " apart in a straight line; lengthen it")
-        warn(message)
+    ffi.append(message, "key `conduit` is ")
+    if not ffi.warned_once(message, model.signature):
+        ffi.append_thousandths(message, length, " mm")
+        ffi.append(message, " long, and its ends are ")
+        ffi.append_thousandths(message, span, " mm")
+        ffi.append(message, " apart in a straight line; lengthen it")
+        ffi.warn(message)
 
 
 @internal
@@ -387,7 +363,7 @@ def _conduit_span(model: MjModel, data: MjData, block: Block) -> float:
             one = _end_point(model, data, block.actuators[0], of[0], first[0] + i)
             other = _end_point(model, data, block.actuators[1], of[1], first[1] + j)
             if one != 0 and other != 0:
-                a, b, square = floats(one, 3), floats(other, 3), 0.0
+                a, b, square = ffi.floats(one, 3), ffi.floats(other, 3), 0.0
                 for k in range(3):
                     square += (a[k] - b[k]) ** 2
                 least = min(least, math.sqrt(square))
@@ -412,7 +388,7 @@ def _end_point(
 
 
 @internal
-def warn_short_period(model: MjModel, block: Block, limits: Floats) -> None:
+def warn_short_period(model: MjModel, block: Block, limits: FloatArray) -> None:
     """Warn, once, of ends that the time step does not resolve.
 
     `limits` are their limits of stability where friction holds them (2,) [s].
@@ -426,23 +402,23 @@ def warn_short_period(model: MjModel, block: Block, limits: Floats) -> None:
     steps = slower / model.opt.timestep
     if slower == 0.0 or steps >= (_MIN_PERIOD_RK4 if is_rk4(model) else _MIN_PERIOD):
         return
-    room = np.zeros(MESSAGE_WORDS, np.int64)
+    room = np.zeros(ffi.MESSAGE_WORDS, np.int64)
     message = begin_message(room.ctypes.data, model, block.instance)
-    append(message, "the period of its ends is ")
-    if not warned_once(message, model.signature):
-        append_thousandths(
+    ffi.append(message, "the period of its ends is ")
+    if not ffi.warned_once(message, model.signature):
+        ffi.append_thousandths(
             message,
             1e-3 * steps,
             " time steps, too few for the tension to be right while they vibrate; "
             "shorten the `timestep`, or give what they move more inertia (`armature`)",
         )
-        warn(message)
+        ffi.warn(message)
 
 
 @internal
 def _cannot_pull_reason(
     model: MjModel, instance: int, actuator: int, end: int
-) -> Bytes:
+) -> ffi.Bytes:
     """Return why an end can never pull, as the end of a sentence, or an empty text."""
     if attachments.pushes(model, actuator, end == 1):
         return (
@@ -470,7 +446,7 @@ def warn_cannot_pull(model: MjModel, instance: int) -> None:
         actuator = second if end else first
         why = _cannot_pull_reason(model, instance, actuator, end)
         if why.size > 0:
-            room = np.zeros(MESSAGE_WORDS, np.int64)
+            room = np.zeros(ffi.MESSAGE_WORDS, np.int64)
             message = begin_message(room.ctypes.data, model, instance)
             attachments.blame(message, model, actuator, why)
             issue_once(message, model)

@@ -31,7 +31,6 @@ from cc_mujoco.plugin._ffi import (
     CInt,
     callback,
     floats,
-    load_real,
     reinterpret,
     words,
 )
@@ -101,7 +100,7 @@ def _record(address: int) -> EpisodeRecord:
 @internal
 def _desired_torque(record: EpisodeRecord, step: int, angle: float) -> float:
     if record.task == OF_PHASE:
-        return load_real(record.desired + 8 * step)
+        return axis_record.real(record.desired, step)
     given = floats(record.task_parameters, 3)
     return float(desired_torque(record.task, given, angle, 0.0))
 
@@ -138,7 +137,7 @@ def _observe(record: EpisodeRecord, data: MjData, step: int) -> None:
         least = nodes[0]
         for i in range(1, nodes.size):
             least = min(least, nodes[i])
-        energy = load_real(state + 8 * readings[own + 2])
+        energy = axis_record.real(state, readings[own + 2])
         proximal, distal = readings[own + 3], readings[own + 4]
         place = _FIXED + 2 * k
         columns[place * rows + step] = abs(data.actuator_force[proximal])
@@ -154,7 +153,7 @@ def _observe(record: EpisodeRecord, data: MjData, step: int) -> None:
         if source == axis_record.JOINT_TORQUE or source == _DESIRED:
             seen[i] = found[source] / leverage
     for i in range(taps.size):
-        seen[count + i] = max(load_real(state + 8 * taps[i]), 0.0)
+        seen[count + i] = max(axis_record.real(state, taps[i]), 0.0)
 
 
 @internal

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from importlib import import_module
 from typing import Any
 
 import mujoco
@@ -26,6 +27,7 @@ from cc_mujoco.cable._reading import (
 )
 from cc_mujoco.cable._route import Route
 from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray
 from cc_mujoco.warp._ends import HeldCable, actuators_of
 from cc_mujoco.warp._implicit_kernels import look_ahead_kernel
 from cc_mujoco.warp._kernels import (
@@ -48,8 +50,6 @@ from cc_mujoco.warp._model import (
 )
 from cc_mujoco.warp._paths import LedCables
 from cc_mujoco.warp._variants import paths_of
-
-Floats = NDArray[np.float64]
 
 _DISCRETE = getattr(mujoco.mjtIntegrator, "mjINT_DISCRETE", None)
 """Integrator whose step holds ends by itself; older MuJoCo has none."""
@@ -125,8 +125,7 @@ class AttachedCables:
         )
         return max(rates, default=0.0) * self._step**2
 
-    def _packed(self, index: int, cable: Cable) -> Floats:
-        """Return the packed parameters of a cable in the place of one."""
+    def _packed(self, index: int, cable: Cable) -> FloatArray:
         route = self._routes[index]
         return packed_parameters(cable) if route is None else route.packed(cable)
 
@@ -216,14 +215,11 @@ class AttachedCables:
             self._kernels.begin,
             dim=self._shape,
             inputs=[
-                d.time, m.opt.timestep, d.actuator_length, d.qvel, *moments_of(d),
-                m.actuator_gear, self._segments, self._actuators, self._followed,
-                self._rest, self._rest_in_pose, self._prm,
+                self._rows, d.time, m.opt.timestep, d.actuator_length, d.qvel,
+                *moments_of(d), m.actuator_gear, self._followed, self._rest,
+                self._rest_in_pose,
             ],
-            outputs=[
-                self._stamp, self._now, self._fresh, self._place, self._slope,
-                self._state, self._aim,
-            ],
+            outputs=[self._stamp, self._fresh, self._place, self._slope],
             device=d.time.device,
         )  # fmt: skip
         if self._led is not None:
@@ -443,7 +439,7 @@ class AttachedCables:
             np.hstack([states, lengths]), 0, compliance, strain, lengths=start
         )
 
-    def plugin_state(self) -> Floats:
+    def plugin_state(self) -> FloatArray:
         """Return a copy of the states in the plugin's layout (worlds, npluginstate).
 
         Raises:
@@ -468,21 +464,19 @@ class AttachedCables:
                 found[:, start : start + path.shape[1]] = path
         return found
 
-    def _pending(self, index: int) -> Floats:
-        """Return the states of a cable after its last evaluation (worlds, size)."""
+    def _pending(self, index: int) -> FloatArray:
         size = kernel.state_size(self._cables[index].segments)
         return self._pending_rows(self._state, index, size)
 
-    def _pending_path(self, index: int) -> Floats:
-        """Return what the cables of an open path remember of it (worlds, size)."""
+    def _pending_path(self, index: int) -> FloatArray:
         assert self._led is not None
         return self._pending_rows(self._led.memory, index, self._led.memory_size(index))
 
-    def _pending_rows(self, both: Any, index: int, size: int) -> Floats:
+    def _pending_rows(self, both: Any, index: int, size: int) -> FloatArray:
         rows = slice(index * self._worlds, (index + 1) * self._worlds)
         states = both[:, rows, :size].numpy()
         pending = 1 - self._now[rows].numpy()
-        found: Floats = states[pending, np.arange(self._worlds)].astype(float)
+        found: FloatArray = states[pending, np.arange(self._worlds)].astype(float)
         return found
 
     def _index(self, name: str) -> int:
@@ -505,3 +499,48 @@ def _terms_in_use(cables: tuple[Cable, ...], more: tuple[str, ...]) -> frozenset
             raise CableError.unknown("term", name, list(TERMS))
     on = {name for name in TERMS if any(getattr(cable, name) for cable in cables)}
     return frozenset(on | set(more))
+
+
+def attach(
+    m: mjw.Model,
+    d: mjw.Data,
+    source: mujoco.MjSpec | mujoco.MjModel,
+    *,
+    cables: Mapping[str, HeldCable] | None = None,
+    terms: tuple[str, ...] = (),
+    rest_in_pose: bool = False,
+) -> AttachedCables:
+    """Let the cables of a scene act in all worlds of a mujoco_warp model.
+
+    Sets `m.callback.act_bias`; what was there is called before. A cable is laid at rest
+    where the time of a world is before that of the last evaluation, as after
+    `mujoco_warp.reset_data`, and takes one step whenever it is later. Evaluations at
+    the same time do not add up.
+
+    Args:
+        m: model of `without_plugin(spec)`.
+        d: its data.
+        source: the scene with its cables, a specification or a compiled model.
+        cables: cables by name, where `source` has none: then it is the compiled model
+            that `m` was made of, on any release of MuJoCo that mujoco_warp takes.
+        terms: parameters of `Cable` that are off and may be switched on by `vary`.
+        rest_in_pose: whether a reset lays the cables at their pretension in the pose of
+            the world, as `settle` does, and not in `qpos0`.
+
+    Raises:
+        CableError: no cable, an end or integrator that is not supported, or a model
+            that is not that of `without_plugin`.
+    """
+    routes: Mapping[str, Route] = {}
+    if cables is None:
+        # Of a MuJoCo that can run the plugin, which other scenes do not need.
+        scene = import_module("cc_mujoco.warp._scene")
+        model, cables, routes = scene.held_cables(source)
+    elif isinstance(source, mujoco.MjModel):
+        model = source
+    else:
+        raise CableError(
+            "cables given by name are attached to the compiled model that `m` was made "
+            f"of, an MjModel, not {type(source).__name__}"
+        )
+    return AttachedCables(m, d, model, cables, routes, terms, rest_in_pose)

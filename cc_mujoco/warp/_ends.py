@@ -77,7 +77,6 @@ def force_of_callback(end: mujoco.MjsActuator) -> None:
 def actuators_of(
     model: mujoco.MjModel, cables: Mapping[str, HeldCable]
 ) -> NDArray[np.int32]:
-    """Return the actuators at the proximal and the distal end of each cable."""
     names = [model.actuator(i).name for i in range(model.nu)]
 
     def index(end: str | int) -> int:

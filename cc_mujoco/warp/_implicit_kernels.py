@@ -18,7 +18,6 @@ _TENSIONS = at.STATE_HEADER
 
 @lru_cache(maxsize=16)
 def look_ahead_kernel(terms: frozenset[str], paths: Paths = GUIDED) -> Any:
-    """Return the kernel that aims the ends of cables with these terms and paths."""
     end_stiffness = functions(wp.float32, terms, True, paths).end_stiffness
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
@@ -89,25 +88,23 @@ def look_ahead_kernel(terms: frozenset[str], paths: Paths = GUIDED) -> Any:
 
 @wp.kernel(module="unique", enable_backward=False)
 def moment_row(
+    rows: CableRows,
     cable: int,
     end: int,
-    worlds: int,
-    actuators: wp.array2d(dtype=int),
     rownnz: wp.array2d(dtype=int),
     rowadr: wp.array2d(dtype=int),
     colind: wp.array2d(dtype=int),
     moment: wp.array2d(dtype=float),
-    aim: wp.array2d(dtype=float),
     right: wp.array2d(dtype=float),
 ):
     """Write the generalised force of a unit tension of one end (worlds, nv)."""
     world = wp.tid()
     for i in range(right.shape[1]):
         right[world, i] = 0.0
-    actuator = actuators[cable, end]
+    actuator = rows.actuators[cable, end]
     lever = float(1.0)
     if end == 0:
-        lever = aim[cable * worlds + world, 4]
+        lever = rows.aim[cable * rows.worlds + world, 4]
     for i in range(rownnz[world, actuator]):
         k = rowadr[world, actuator] + i
         right[world, colind[world, k]] = lever * moment[world, k]
@@ -115,13 +112,9 @@ def moment_row(
 
 @wp.kernel(module="unique", enable_backward=False)
 def add_forces(
-    worlds: int,
-    segments: wp.array(dtype=int),
+    rows: CableRows,
     ends: wp.array(dtype=int),
-    aim: wp.array2d(dtype=float),
-    now: wp.array(dtype=int),
     fresh: wp.array(dtype=int),
-    state: wp.array3d(dtype=float),
     rownnz: wp.array2d(dtype=int),
     rowadr: wp.array2d(dtype=int),
     colind: wp.array2d(dtype=int),
@@ -149,11 +142,11 @@ def add_forces(
             pull = 0.0
         if ends[actuator] >= 0:
             cable, end = ends[actuator] // 2, ends[actuator] % 2
-            row = cable * worlds + world
-            place = _TENSIONS + end * segments[cable]
-            pull = wp.max(state[now[row], row, place], 0.0)
+            row = cable * rows.worlds + world
+            place = _TENSIONS + end * rows.segments[cable]
+            pull = wp.max(rows.state[rows.now[row], row, place], 0.0)
             if end == 0:
-                pull = pull * aim[row, 4]
+                pull = pull * rows.aim[row, 4]
             else:
                 pull = -pull
         for i in range(rownnz[world, actuator]):

@@ -41,46 +41,32 @@ _DRAW = 0.01
 
 @wp.struct
 class CableRows:
-    """Arrays that an evaluation reads and writes, a row for each cable and world.
+    """Arrays that an evaluation reads and writes, a row for each cable and world."""
 
-    Attributes:
-        worlds: number of worlds.
-        segments: segments of each cable (cables,).
-        looks: not 0 where the ends of a cable look ahead (cables,).
-        actuators: actuators at the ends (cables, 2).
-        tied: not 0 where an end is tied to the cable's own path (cables, 2).
-        aim: where the ends are, how they yield, lever, and where the step leads, see
-            `look_ahead` (rows, 9).
-        trial: displacements and yielding of both ends in the attempt at hand, which
-            of them may become taut (1) or slack (-1), and which do (rows, 8).
-        status: status of the attempt (rows,).
-        now: index of the committed one of two states (rows,).
-        prm: packed parameters.
-        state: committed and pending.
-        work: scratch.
-        tensions: out, at the ends (worlds, cables, 2) [N].
-    """
-
-    worlds: int
-    segments: wp.array(dtype=int)
-    looks: wp.array(dtype=int)
-    actuators: wp.array2d(dtype=int)
+    worlds: int  # number of worlds
+    segments: wp.array(dtype=int)  # segments of each cable (cables,)
+    looks: wp.array(dtype=int)  # not 0 where the ends of a cable look ahead (cables,)
+    actuators: wp.array2d(dtype=int)  # actuators at the ends (cables, 2)
+    # Not 0 where an end is tied to the cable's own path (cables, 2).
     tied: wp.array2d(dtype=int)
+    # Where the ends are, how they yield, lever, and where the step leads, see
+    # `look_ahead` (rows, 9).
     aim: wp.array2d(dtype=float)
+    # Displacements and yielding of both ends in the attempt at hand, which of them may
+    # become taut (1) or slack (-1), and which do (rows, 8).
     trial: wp.array2d(dtype=float)
-    status: wp.array(dtype=int)
-    now: wp.array(dtype=int)
-    prm: wp.array2d(dtype=float)
-    state: wp.array3d(dtype=float)
-    work: wp.array2d(dtype=float)
-    tensions: wp.array3d(dtype=float)
+    status: wp.array(dtype=int)  # status of the attempt (rows,)
+    now: wp.array(dtype=int)  # index of the committed one of two states (rows,)
+    prm: wp.array2d(dtype=float)  # packed parameters
+    state: wp.array3d(dtype=float)  # committed and pending
+    work: wp.array2d(dtype=float)  # scratch
+    tensions: wp.array3d(dtype=float)  # out, at the ends (worlds, cables, 2) [N]
 
 
 @lru_cache(maxsize=16)
 def kernels(
     terms: frozenset[str], implicit: bool, paths: Paths = GUIDED
 ) -> SimpleNamespace:
-    """Return the kernels for cables with these terms."""
     own = functions(wp.float32, terms, implicit, paths)
     begin_step, solve_step, finish_step = (
         own.begin_step, own.solve_step, own.finish_step,
@@ -92,6 +78,7 @@ def kernels(
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def begin(
+        rows: CableRows,
         time: wp.array(dtype=float),
         timestep: wp.array(dtype=float),
         lengths: wp.array2d(dtype=float),
@@ -101,19 +88,13 @@ def kernels(
         colind: wp.array2d(dtype=int),
         moment: wp.array2d(dtype=float),
         gears: wp.array2d(dtype=wp.spatial_vector),
-        segments: wp.array(dtype=int),
-        actuators: wp.array2d(dtype=int),
         followed: wp.array2d(dtype=int),
         rest: wp.array2d(dtype=float),
         rest_in_pose: bool,
-        prm: wp.array2d(dtype=float),
         stamp: wp.array(dtype=float),
-        now: wp.array(dtype=int),
         fresh: wp.array(dtype=int),
         place: wp.array3d(dtype=float),
         slope: wp.array3d(dtype=float),
-        state: wp.array3d(dtype=float),
-        aim: wp.array2d(dtype=float),
     ):
         """Commit or reset by the time of the world, and find where the ends are."""
         cable, world = wp.tid()
@@ -122,13 +103,13 @@ def kernels(
         if is_reset:
             fresh[row] = RESET
         elif time[world] > stamp[row]:
-            now[row] = 1 - now[row]
+            rows.now[row] = 1 - rows.now[row]
             fresh[row] = 0
         elif fresh[row] == RESET:
             fresh[row] = 1
         stamp[row] = time[world]
         for end in range(2):
-            actuator = actuators[cable, end]
+            actuator = rows.actuators[cable, end]
             # Small numbers round less: displacements are from the pose `qpos0` on.
             u = lengths[world, actuator] - rest[cable, end]
             if followed[cable, end] == TIED:
@@ -140,34 +121,36 @@ def kernels(
                 for i in range(rownnz[world, actuator]):
                     k = rowadr[world, actuator] + i
                     column = colind[world, k]
-                    mean = 0.5 * (moment[world, k] + slope[now[row], line, column])
+                    mean = 0.5 * (moment[world, k] + slope[rows.now[row], line, column])
                     moved += mean * qvel[world, column]
-                    slope[1 - now[row], line, column] = moment[world, k]
+                    slope[1 - rows.now[row], line, column] = moment[world, k]
                 if fresh[row] == 0:
                     moved *= timestep[world % timestep.shape[0]]
-                    moved += place[now[row], row, end]
+                    moved += place[rows.now[row], row, end]
                     u = moved + _DRAW * (u - moved)
-                place[1 - now[row], row, end] = u
+                place[1 - rows.now[row], row, end] = u
             lever = float(1.0)
             if wp.static(has_pulley):
                 if end == 0:
                     gear = gears[world % gears.shape[0], actuator][0]
-                    p, start = prm[row], rest[cable, 0]
+                    p, start = rows.prm[row], rest[cable, 0]
                     lever = lever_ratio(p, u + start, gear)
                     u = wound_length(p, u + start, gear) - wound_length(p, start, gear)
-            aim[row, end] = u
+            rows.aim[row, end] = u
             if end == 0:
-                aim[row, 4] = lever
-            aim[row, 2 + end] = 0.0
+                rows.aim[row, 4] = lever
+            rows.aim[row, 2 + end] = 0.0
         if is_reset:
             first, second = float(0.0), float(0.0)
             if rest_in_pose:
-                first, second = float(aim[row, 0]), float(aim[row, 1])
-            initialize(prm[row], segments[cable], first, second, state[now[row], row])
+                first, second = float(rows.aim[row, 0]), float(rows.aim[row, 1])
+            initialize(
+                rows.prm[row], rows.segments[cable], first, second,
+                rows.state[rows.now[row], row],
+            )  # fmt: skip
 
     @wp.func
     def try_fronts(rows: CableRows, row: int, n: int, h: float, attempt: int):
-        """Compute the first part of the step, with the ends of this attempt."""
         if attempt == 0:
             for i in range(4):
                 rows.trial[row, i] = rows.aim[row, i]
@@ -182,7 +165,6 @@ def kernels(
 
     @wp.func
     def solve_rest(rows: CableRows, row: int, n: int, h: float):
-        """Take the second part, if the fronts did not apply."""
         if rows.status[row] == _UNSOLVED:
             solve_step(
                 rows.prm[row], n, rows.state[rows.now[row], row], 0, rows.trial[row, 0],
@@ -277,7 +259,6 @@ def kernels(
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def fronts(rows: CableRows, timestep: wp.array(dtype=float), attempt: int):
-        """Take the first part of the step in all worlds."""
         cable, world = wp.tid()
         row = cable * rows.worlds + world
         if attempt == 0 or rows.status[row] != _DONE:
@@ -286,7 +267,6 @@ def kernels(
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def graph(rows: CableRows, timestep: wp.array(dtype=float)):
-        """Compute the second part, in the worlds where the fronts did not apply."""
         cable, world = wp.tid()
         row = cable * rows.worlds + world
         solve_rest(rows, row, rows.segments[cable], timestep[world % timestep.shape[0]])
@@ -298,7 +278,6 @@ def kernels(
         attempt: int,
         force: wp.array2d(dtype=float),
     ):
-        """Take the last part in all worlds that have not done so."""
         cable, world = wp.tid()
         if rows.status[cable * rows.worlds + world] != _DONE:
             h = timestep[world % timestep.shape[0]]
@@ -308,7 +287,6 @@ def kernels(
     def evaluate(
         rows: CableRows, timestep: wp.array(dtype=float), force: wp.array2d(dtype=float)
     ):
-        """Take all parts of the step, one cable after the other."""
         cable, world = wp.tid()
         row, n = cable * rows.worlds + world, rows.segments[cable]
         h = timestep[world % timestep.shape[0]]
@@ -324,7 +302,6 @@ def kernels(
         values: wp.array3d(dtype=float),
         prm: wp.array2d(dtype=float),
     ):
-        """Repack the parameters of all worlds on their present meshes."""
         cable, world = wp.tid()
         pack_mesh(
             values[cable, world], segments[cable], prm[cable * values.shape[1] + world]

@@ -51,7 +51,6 @@ class LookAhead:
         self._inertia = [wp.zeros_like(a) for a in (d.M, d.qLD, d.qLDiagInv)]
 
     def aim(self, m: mjw.Model, d: mjw.Data) -> None:
-        """Aim the ends at where the step leads."""
         damped, rows, worlds = copy(d), self._rows, int(d.nworld)
         damped.M, damped.qLD, damped.qLDiagInv = self._inertia
         if int(m.opt.integrator) == mujoco.mjtIntegrator.mjINT_EULER:
@@ -64,9 +63,8 @@ class LookAhead:
             add_forces,
             dim=worlds,
             inputs=[
-                worlds, rows.segments, self._ends, rows.aim, rows.now, self._fresh,
-                rows.state, *moments, d.qfrc_passive, d.qfrc_bias, d.qfrc_applied,
-                d.qfrc_constraint, d.actuator_force,
+                rows, self._ends, self._fresh, *moments, d.qfrc_passive, d.qfrc_bias,
+                d.qfrc_applied, d.qfrc_constraint, d.actuator_force,
             ],
             outputs=[self._right],
             device=d.time.device,
@@ -80,7 +78,7 @@ class LookAhead:
                 wp.launch(
                     moment_row,
                     dim=worlds,
-                    inputs=[cable, end, worlds, rows.actuators, *moments, rows.aim],
+                    inputs=[rows, cable, end, *moments],
                     outputs=[self._right],
                     device=d.time.device,
                 )
@@ -97,5 +95,4 @@ class LookAhead:
 
 
 def moments_of(d: mjw.Data) -> list[Any]:
-    """Return the arrays of the moments of all actuators."""
     return [d.moment_rownnz, d.moment_rowadr, d.moment_colind, d.actuator_moment]

@@ -13,8 +13,8 @@ from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable._cable import BENDS, PATHS, Cable
 from cc_mujoco.cable._route import Route
 from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray
 
-Floats = NDArray[np.float64]
 _POSITIONS = (
     "qpos0", "body_pos", "body_quat", "jnt_pos", "jnt_axis", "site_pos", "geom_pos",
     "geom_quat", "geom_size",
@@ -71,14 +71,14 @@ def require_shared_positions(m: mjw.Model) -> None:
             )
 
 
-def lengths_in_qpos0(model: mujoco.MjModel) -> Floats:
+def lengths_in_qpos0(model: mujoco.MjModel) -> FloatArray:
     data = mujoco.MjData(model)
     mujoco.mj_fwdPosition(model, data)
     return np.array(data.actuator_length)
 
 
 def end_rate(
-    model: mujoco.MjModel, prm: Floats, n: int, actuator: int, end: int
+    model: mujoco.MjModel, prm: FloatArray, n: int, actuator: int, end: int
 ) -> float:
     """Return the square of the frequency of an end that friction holds [1/s^2].
 

@@ -25,52 +25,35 @@ _TOUCHED, _SITE = geometry.TOUCHED, geometry.SITE
 
 @wp.struct
 class PathRows:
-    """Tendons that lead the cables, and their paths.
+    """Tendons that lead the cables, and their paths."""
 
-    Attributes:
-        tendons: index of the tendon, -1 where nothing leads a cable (cables,).
-        starts: place of its path in `wrap_type` (cables,).
-        numbers: places of its path (cables,).
-        mouths: place where the conduit ends, 0: none (cables,).
-        guided: segments in the conduit (cables,).
-        bends: not 0 where the tendon bends the conduit (cables,).
-        guides: see `cable._open_path.measure` (cables, places).
-        kinds: of the places of all tendons, as `_path_geometry.SPHERE`.
-        objects: site or geom of these places.
-        bodies: bodies that they belong to.
-        last_dofs: last degree of freedom that moves a body, -1: none (bodies,).
-        parents: degree of freedom that moves the body before, -1: none (nv,).
-        roots: root body (bodies,).
-        reference: path in the pose `qpos0`.
-        memory: path, committed and pending.
-        shape: path now.
-        near: bodies of the path, see `_place_kernels.locate`.
-        places: places of the path from there, see `cable/_path_geometry.py`.
-        forces: forces of the pieces, see `cable._open_path.pull_forces`.
-        gained: scratch, by node.
-        pulls: out, force of the pieces on the degrees of freedom (rows, nv).
-    """
-
+    # Index of the tendon, -1 where nothing leads a cable (cables,).
     tendons: wp.array(dtype=int)
-    starts: wp.array(dtype=int)
-    numbers: wp.array(dtype=int)
-    mouths: wp.array(dtype=int)
-    guided: wp.array(dtype=int)
-    bends: wp.array(dtype=int)
-    guides: wp.array2d(dtype=float)
+    starts: wp.array(dtype=int)  # place of its path in `wrap_type` (cables,)
+    numbers: wp.array(dtype=int)  # places of its path (cables,)
+    mouths: wp.array(dtype=int)  # place where the conduit ends, 0: none (cables,)
+    guided: wp.array(dtype=int)  # segments in the conduit (cables,)
+    bends: wp.array(dtype=int)  # not 0 where the tendon bends the conduit (cables,)
+    guides: wp.array2d(dtype=float)  # see `cable._open_path.measure` (cables, places)
+    # Of the places of all tendons, as `_path_geometry.SPHERE`.
     kinds: wp.array(dtype=float)
-    objects: wp.array(dtype=int)
-    bodies: wp.array(dtype=int)
+    objects: wp.array(dtype=int)  # site or geom of these places
+    bodies: wp.array(dtype=int)  # bodies that they belong to
+    # Last degree of freedom that moves a body, -1: none (bodies,).
     last_dofs: wp.array(dtype=int)
+    # Degree of freedom that moves the body before, -1: none (nv,).
     parents: wp.array(dtype=int)
-    roots: wp.array(dtype=int)
-    reference: wp.array2d(dtype=float)
-    memory: wp.array3d(dtype=float)
-    shape: wp.array2d(dtype=float)
-    near: wp.array2d(dtype=float)
+    roots: wp.array(dtype=int)  # root body (bodies,)
+    reference: wp.array2d(dtype=float)  # path in the pose `qpos0`
+    memory: wp.array3d(dtype=float)  # path, committed and pending
+    shape: wp.array2d(dtype=float)  # path now
+    near: wp.array2d(dtype=float)  # bodies of the path, see `_place_kernels.locate`
+    # Places of the path from there, see `cable/_path_geometry.py`.
     places: wp.array2d(dtype=float)
+    # Forces of the pieces, see `cable._open_path.pull_forces`.
     forces: wp.array2d(dtype=float)
-    gained: wp.array2d(dtype=float)
+    gained: wp.array2d(dtype=float)  # scratch, by node
+    # Out, force of the pieces on the degrees of freedom (rows, nv).
     pulls: wp.array2d(dtype=float)
 
 
@@ -113,7 +96,6 @@ def _draw(
 
 @lru_cache(maxsize=16)
 def path_kernels(terms: frozenset[str], yields: bool, kind: Paths) -> SimpleNamespace:
-    """Return the kernels for led cables with these terms."""
     own = functions(wp.float32, terms, yields, kind)
     bend, measure, lay, contacts = own.bend, own.measure, own.lay, own.contacts
     keep_conduit, save_path, set_path = own.keep_conduit, own.save_path, own.set_path
@@ -132,7 +114,6 @@ def path_kernels(terms: frozenset[str], yields: bool, kind: Paths) -> SimpleName
         pose: Pose,
         lengths: wp.array2d(dtype=float),
     ):
-        """Measure the paths of all led cables in a pose."""
         cable, world = wp.tid()
         tendon = paths.tendons[cable]
         if tendon < 0:
@@ -167,7 +148,6 @@ def path_kernels(terms: frozenset[str], yields: bool, kind: Paths) -> SimpleName
     def lay_all(
         rows: CableRows, paths: PathRows, fresh: wp.array(dtype=int), rest_in_pose: bool
     ):
-        """Lay all led cables along the paths that were measured."""
         cable, world = wp.tid()
         if paths.tendons[cable] < 0:
             return

@@ -185,11 +185,9 @@ class LedCables:
         return row
 
     def memory_size(self, index: int) -> int:
-        """Return how many numbers the state of a cable remembers of its path."""
         return int(open_path.memory_size(self._segments[index]))
 
     def repack(self, rows: Any, values: Any) -> None:
-        """Pack scalar parameters anew, on the paths in the pose `qpos0`."""
         wp.launch(
             self._own.repack,
             dim=(self._cables, self._worlds),
@@ -200,7 +198,6 @@ class LedCables:
     def lead(
         self, rows: Any, fresh: Any, rest_in_pose: bool, m: mjw.Model, d: mjw.Data
     ) -> None:
-        """Lay the cables along the paths in the data."""
         size, device = (self._cables, self._worlds), d.time.device
         wp.launch(
             self._own.survey,
@@ -243,7 +240,6 @@ class LedCables:
 
 
 def _last_dofs(model: mujoco.MjModel) -> NDArray[np.int32]:
-    """Return the last degree of freedom that moves each body, -1 where none does."""
     found = np.full(model.nbody, -1, np.int32)
     for body in range(1, model.nbody):
         found[body] = found[model.body_parentid[body]]

@@ -26,24 +26,17 @@ _SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 @wp.struct
 class Links:
-    """Bodies that carry the places of paths, without those that carry a whole path.
+    """Bodies that carry the places of paths, without those that carry a whole path."""
 
-    Attributes:
-        starts: first link of each tendon (tendons,).
-        numbers: links of each tendon, parents before children (tendons,).
-        carriers: body that carries the whole path (tendons,).
-        bodies: bodies of all links.
-        above: link that carries a link, counted from the first of its tendon; -1: the
-            body that carries the whole path.
-        places: link of every place of all tendons, likewise.
-    """
-
-    starts: wp.array(dtype=int)
+    starts: wp.array(dtype=int)  # first link of each tendon (tendons,)
+    # Links of each tendon, parents before children (tendons,).
     numbers: wp.array(dtype=int)
-    carriers: wp.array(dtype=int)
-    bodies: wp.array(dtype=int)
+    carriers: wp.array(dtype=int)  # body that carries the whole path (tendons,)
+    bodies: wp.array(dtype=int)  # bodies of all links
+    # Link that carries a link, counted from the first of its tendon; -1: the body that
+    # carries the whole path.
     above: wp.array(dtype=int)
-    places: wp.array(dtype=int)
+    places: wp.array(dtype=int)  # link of every place of all tendons, likewise
 
 
 @wp.struct
@@ -116,7 +109,6 @@ def _is_free(pose: Pose, body: int):
 
 @wp.func
 def _offset(pose: Pose, world: int, body: int):
-    """Return where a body is in its parent before its joints move it."""
     if _is_free(pose, body):
         i = pose.jnt_qposadr[pose.body_jntadr[body]]
         return vector_of(pose.qpos[world], i)
@@ -127,7 +119,6 @@ def _offset(pose: Pose, world: int, body: int):
 
 @wp.func
 def _moved(pose: Pose, world: int, body: int, start: wp.vec3, parent_turn: wp.quat):
-    """Return where the joints of a body move it from its place at rest."""
     at = wp.vec3(start[0], start[1], start[2])
     fixed = _turn_of(pose.body_quat[world % pose.body_quat.shape[0], body])
     turn = parent_turn * fixed

@@ -37,17 +37,12 @@ _SINGLE_PRECISION = {
 
 
 class Paths(NamedTuple):
-    """Knowledge of the paths of some cables before any step.
+    """Knowledge of the paths of some cables before any step."""
 
-    Attributes:
-        bends: entry `BENDS_CHANGE` of their parameters; None if they differ.
-        lengthens: entry `PATH_LENGTHENS`; None if they differ.
-        bent: whether a tendon bends the conduit of one of them.
-    """
-
+    # Entry `BENDS_CHANGE` of their parameters; None if they differ.
     bends: float | None = 0.0
-    lengthens: float | None = 0.0
-    bent: bool = False
+    lengthens: float | None = 0.0  # entry `PATH_LENGTHENS`; None if they differ
+    bent: bool = False  # whether a tendon bends the conduit of one of them
 
     @property
     def led(self) -> bool:
@@ -60,7 +55,6 @@ GUIDED = Paths()
 
 
 def paths_of(segments: Iterable[int], routes: Iterable[Route | None]) -> Paths:
-    """Return the path constants of cables with these segments and routes."""
     given = list(zip(segments, routes, strict=True))
     bends = {0.0 if route is None else 1.0 for _, route in given}
     lengthens = {

@@ -13,9 +13,9 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray
 from cc_mujoco.plugin._engine import PLUGIN
 from cc_mujoco.plugin._spec import add_element, pristine_fields
 
@@ -40,54 +40,37 @@ CARRIED = (
 
 @dataclasses.dataclass(frozen=True)
 class TendonBranch:
-    """Part of a tendon between two pulleys, or a whole tendon without pulleys.
+    """Part of a tendon between two pulleys, or a whole tendon without pulleys."""
 
-    Attributes:
-        name: tendon that has the path of the branch alone, and its cable.
-        divisor: number by which MuJoCo divides its length and its force.
-        path: sites and geoms by name, each with its side site: "" for a geom without
-            one, None for a site.
-    """
-
-    name: str
-    divisor: float
+    name: str  # tendon that has the path of the branch alone, and its cable
+    divisor: float  # number by which MuJoCo divides its length and its force
+    # Sites and geoms by name, each with its side site: "" for a geom without one, None
+    # for a site.
     path: tuple[tuple[str, str | None], ...]
 
 
 @dataclasses.dataclass(frozen=True)
 class Burden:
-    """All that acts on a tendon as a whole.
+    """All that acts on a tendon as a whole."""
 
-    Attributes:
-        tendon: name of the tendon.
-        actuators: indices in the specification of the actuators that pull it.
-        equalities: indices of the equalities of its length.
-        sensors: indices of the sensors of its limit and of its actuators' force.
-        spring: stiffness [N/m], with its coefficients of higher order.
-        rest: lengths between which the spring has no force [m].
-        branches: parts of its path.
-        length: length of the tendon in the pose `qpos0` [m].
-        fields: names of its own features, as in MJCF.
-    """
-
-    tendon: str
+    tendon: str  # name of the tendon
+    # Indices in the specification of the actuators that pull it.
     actuators: tuple[int, ...]
-    equalities: tuple[int, ...]
+    equalities: tuple[int, ...]  # indices of the equalities of its length
+    # Indices of the sensors of its limit and of its actuators' force.
     sensors: tuple[int, ...]
-    spring: tuple[float, ...]
-    rest: tuple[float, float]
-    branches: tuple[TendonBranch, ...]
-    length: float
-    fields: tuple[str, ...]
+    spring: tuple[float, ...]  # stiffness [N/m], with its coefficients of higher order
+    rest: tuple[float, float]  # lengths between which the spring has no force [m]
+    branches: tuple[TendonBranch, ...]  # parts of its path
+    length: float  # length of the tendon in the pose `qpos0` [m]
+    fields: tuple[str, ...]  # names of its own features, as in MJCF
 
     @property
     def winch(self) -> str:
-        """Return the name of what takes over."""
         return f"{self.tendon}_winch"
 
     @property
     def is_none(self) -> bool:
-        """Return whether nothing acts on the tendon as a whole."""
         parts = (self.actuators, self.equalities, self.sensors, self.fields)
         return not any(parts) and not self.has_pulleys
 
@@ -195,7 +178,6 @@ def _branches(tendon: Any) -> tuple[TendonBranch, ...]:
 
 
 def write_branches(spec: mujoco.MjSpec, burden: Burden) -> None:
-    """Write a tendon for every branch of a tendon with pulleys."""
     if not burden.has_pulleys:
         return
     own = spec.tendon(burden.tendon)
@@ -212,7 +194,6 @@ def write_branches(spec: mujoco.MjSpec, burden: Burden) -> None:
 
 
 def slacken(spec: mujoco.MjSpec, tendon: str) -> None:
-    """Remove from a tendon all forces that act on it as a whole."""
     own, plain = spec.tendon(tendon), pristine_fields("tendon")
     for field in CARRIED:
         setattr(own, field, plain[field])
@@ -301,10 +282,7 @@ def _inverse_weight(model: mujoco.MjModel, tendon: str) -> float:
 
 
 def _as_spring(
-    solimp: NDArray[np.float64],
-    solref: NDArray[np.float64],
-    inverse: float,
-    step: float,
+    solimp: FloatArray, solref: FloatArray, inverse: float, step: float
 ) -> tuple[float, float]:
     """Return the stiffness [N/m] and the damping [N s/m] of a constraint.
 

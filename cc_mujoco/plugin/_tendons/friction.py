@@ -238,27 +238,18 @@ def add_friction(
 
 @dataclasses.dataclass
 class _Takeover:
-    """A tendon that becomes cables.
+    """A tendon that becomes cables."""
 
-    Attributes:
-        burden: loads on the tendon.
-        motor: drum at its proximal end, if any.
-        joint: drum at its distal end, if any.
-        drum: radius [m] and inertia [kg m^2] of the drum of its winch, if given.
-        given: parameters of its cables, by name.
-        winch: winch that takes over its burden, if needed.
-        cables: cables of its branches, each with the name of its branch as `route`.
-        bearable: axial stiffness that the time step bears [N].
-    """
-
-    burden: Burden
-    motor: tuple[Any, float] | None
-    joint: tuple[Any, float] | None
+    burden: Burden  # loads on the tendon
+    motor: tuple[Any, float] | None  # drum at its proximal end, if any
+    joint: tuple[Any, float] | None  # drum at its distal end, if any
+    # Radius [m] and inertia [kg m^2] of the drum of its winch, if given.
     drum: tuple[float, float] | None
-    given: dict[str, Any]
-    winch: Winch | None = None
+    given: dict[str, Any]  # parameters of its cables, by name
+    winch: Winch | None = None  # winch that takes over its burden, if needed
+    # Cables of its branches, each with the name of its branch as `route`.
     cables: list[Cable] = dataclasses.field(default_factory=list)
-    bearable: float = math.inf
+    bearable: float = math.inf  # axial stiffness that the time step bears [N]
 
     @property
     def stiffness(self) -> float:
@@ -349,7 +340,6 @@ def _write_branches(spec: mujoco.MjSpec, takeovers: list[_Takeover]) -> None:
 
 
 def _require_ends(spec: mujoco.MjSpec, motor: Any, joint: Any, winch: Any) -> None:
-    """Refuse ends that cannot be used."""
     for name, end in (("motor", motor), ("joint", joint)):
         paired = isinstance(end, tuple) and len(end) == 2
         if end is not None and not (paired and isinstance(end[1], Real)):
@@ -482,7 +472,6 @@ def _write_cables(spec: mujoco.MjSpec, takeovers: list[_Takeover]) -> None:
 
 
 def _joint(spec: mujoco.MjSpec, joint: Any) -> Any:
-    """Return a joint by its name, also where a tendon has the same name."""
     return spec.joint(joint) or joint if isinstance(joint, str) else joint
 
 
@@ -526,7 +515,6 @@ def _find_bearable(spec: mujoco.MjSpec, takeovers: list[_Takeover]) -> None:
 
 
 def _soft_warning(takeover: _Takeover) -> str:
-    """Return the warning of a tendon that a time step keeps soft."""
     stiffness = takeover.stiffness
     return (
         f"tendon {takeover.burden.tendon!r} stretches by {100 / stiffness:.2g} % of "
@@ -543,7 +531,6 @@ def _account(
     takeover: _Takeover,
     summaries: dict[str, TendonSummary],
 ) -> AddedCables:
-    """Return the account of a tendon that became cables in `spec`, compiled `model`."""
     burden, winch, cables = takeover.burden, takeover.winch, takeover.cables
     names = tuple(cable.route for cable in cables)
     count = sum(cable.segments for cable in cables)

@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from cc_mujoco.cable._cable import PATHS, ROLLER, Cable
 from cc_mujoco.cable._open_path import MIN_NODE_LENGTH
 from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray
 from cc_mujoco.plugin._config import ROLLING
 from cc_mujoco.plugin._guides import RANDOM_POSES
 from cc_mujoco.plugin._mjcf import cable_of, from_mjcf, instances
@@ -41,7 +41,6 @@ from cc_mujoco.plugin._tendon_survey import (
 if TYPE_CHECKING:
     import pyarrow as pa
 
-Floats = NDArray[np.float64]
 
 _SITE = mujoco.mjtWrap.mjWRAP_SITE
 
@@ -418,7 +417,7 @@ def tendon_report(
 def _summarize(
     model: mujoco.MjModel,
     data: mujoco.MjData,
-    rest: Floats,
+    rest: FloatArray,
     tendon: int,
     cable: str | None,
     given: Cable,
@@ -495,7 +494,7 @@ def _summarize(
 
 
 def _zigzag(
-    model: mujoco.MjModel, data: mujoco.MjData, tendon: int, turn: Floats
+    model: mujoco.MjModel, data: mujoco.MjData, tendon: int, turn: FloatArray
 ) -> float:
     """Return the part of the turning of a path that the next site takes back.
 
@@ -533,7 +532,6 @@ def _loss(friction: float, turn: float) -> float:
 
 
 def _label(model: mujoco.MjModel, kind: str, index: int) -> str:
-    """Return the name of an element, or its index where it has none."""
     return str(getattr(model, kind)(index).name) or str(index)
 
 

@@ -29,9 +29,9 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray
 from cc_mujoco.plugin._spec import add_element, compile_spec
 from cc_mujoco.plugin._tendons.burden import (
     CARRIED,
@@ -48,23 +48,14 @@ _GAIN, _BIAS = mujoco.mjtGain, mujoco.mjtBias
 
 @dataclasses.dataclass(frozen=True)
 class Winch:
-    """Joints that hold the proximal ends of the branches of a tendon.
+    """Joints that hold the proximal ends of the branches of a tendon."""
 
-    Attributes:
-        burden: loads on the tendon, which the winches take over.
-        names: names of the joints, one for every branch.
-        radius: radius of the drum [m]; 0 for a slide.
-        lengths: lengths of the branches in the pose `qpos0` [m].
-        inertias: inertias of the joints, at the tendon [kg].
-        damping: damping of the joints, at the tendon [N s/m].
-    """
-
-    burden: Burden
-    names: tuple[str, ...]
-    radius: float
-    lengths: tuple[float, ...]
-    inertias: tuple[float, ...]
-    damping: tuple[float, ...]
+    burden: Burden  # loads on the tendon, which the winches take over
+    names: tuple[str, ...]  # names of the joints, one for every branch
+    radius: float  # radius of the drum [m]; 0 for a slide
+    lengths: tuple[float, ...]  # lengths of the branches in the pose `qpos0` [m]
+    inertias: tuple[float, ...]  # inertias of the joints, at the tendon [kg]
+    damping: tuple[float, ...]  # damping of the joints, at the tendon [N s/m]
 
     @property
     def lever(self) -> float:
@@ -72,9 +63,7 @@ class Winch:
         return self.radius or 1.0
 
 
-def _measure(
-    model: mujoco.MjModel, tendons: Iterable[str]
-) -> dict[str, NDArray[np.float64]]:
+def _measure(model: mujoco.MjModel, tendons: Iterable[str]) -> dict[str, FloatArray]:
     """Measure tendons in the pose `qpos0`, in keyframes and over the joints' ranges.
 
     Return the lengths [m] and the inertias that they move [kg] (2, poses) by tendon, of
@@ -101,7 +90,7 @@ def _measure(
     return found
 
 
-def sample_poses(model: mujoco.MjModel) -> list[NDArray[np.float64]]:
+def sample_poses(model: mujoco.MjModel) -> list[FloatArray]:
     """Return `qpos0`, the keyframes, and poses within the ranges of the joints."""
     poses = [model.qpos0.copy(), *(key.copy() for key in model.key_qpos)]
     random = np.random.default_rng(0)
@@ -131,7 +120,7 @@ def plan_winches(
     branched = any(burden.has_pulleys for burden in drums)
     model = compile_spec(spec.copy()) if branched else original
     measured = _measure(model, (x.name for burden in drums for x in burden.branches))
-    trials, ways = list[Winch](), list[NDArray[np.float64]]()
+    trials, ways = list[Winch](), list[FloatArray]()
     for burden, drum in drums.items():
         count = len(burden.branches)
         names: tuple[str, ...] = (burden.winch,)
@@ -252,7 +241,7 @@ def largest_pull(original: mujoco.MjModel, burden: Burden) -> float:
 
 
 def _drive_slopes(
-    model: mujoco.MjModel, winch: Winch, lengths: NDArray[np.float64]
+    model: mujoco.MjModel, winch: Winch, lengths: FloatArray
 ) -> tuple[float, float]:
     """Return the stiffness [N/m] and damping [N s/m] of what acts on a winch.
 
@@ -321,10 +310,7 @@ def write_winches(
 
 
 def _write_winch(
-    spec: mujoco.MjSpec,
-    original: mujoco.MjModel,
-    winch: Winch,
-    probing: bool = False,
+    spec: mujoco.MjSpec, original: mujoco.MjModel, winch: Winch, probing: bool = False
 ) -> None:
     """Write a winch and move to it what acts on its tendon.
 
@@ -397,7 +383,6 @@ def _move_actuator(
 
 
 def _pull_range(original: mujoco.MjModel, burden: Burden) -> tuple[float, float] | None:
-    """Return the range of the actuators' sum in which they pull, None for any."""
     if not can_push(original, burden):
         return None
     out = original.actuator_outadr[list(burden.actuators)]
@@ -445,7 +430,7 @@ def _pose_keyframes(
 
 def _moved_plastic(
     original: mujoco.MjModel, model: mujoco.MjModel, winches: list[Winch], key: int
-) -> NDArray[np.float64]:
+) -> FloatArray:
     """Return the plastic state of a keyframe, which MuJoCo keeps by its place alone.
 
     `original` is the model before its tendons were taken over, `model` the one after.

@@ -9,12 +9,7 @@ from typing import Any
 import mujoco
 import torch
 import warp as wp
-from mjlab.actuator.actuator import (
-    Actuator,
-    ActuatorCfg,
-    ActuatorCmd,
-    TransmissionType,
-)
+from mjlab.actuator.actuator import Actuator, ActuatorCfg, ActuatorCmd, TransmissionType
 from mjlab.utils.spec import create_motor_actuator
 
 from cc_mujoco.cable import Cable

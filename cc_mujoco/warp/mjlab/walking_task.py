@@ -59,11 +59,7 @@ from cc_mujoco.human._walking_policy import (
     WalkingPolicy,
 )
 from cc_mujoco.warp.mjlab._actuator import CableActuatorCfg, DrivenCable
-from cc_mujoco.warp.mjlab._terms import (
-    cable_tension,
-    capture_cables,
-    randomize_cables,
-)
+from cc_mujoco.warp.mjlab._terms import cable_tension, capture_cables, randomize_cables
 
 JOINTS = tuple(f"{side}_{part}" for side in WALKING_SIDES for part in WALKING_JOINTS)
 LOADS = tuple(

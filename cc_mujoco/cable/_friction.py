@@ -26,7 +26,7 @@ from cc_mujoco.native import FloatArray, compiled, internal
 INDEX = {parameter.name: i for i, parameter in enumerate(PARAMETERS)}
 """Position of each scalar parameter in the packed vector."""
 PLACE = SimpleNamespace(**INDEX)
-"""The same positions as attributes, which compiled code reads."""
+"""Position of each of them as an attribute, for compiled code."""
 DRAG_TERMS = tuple(
     (i, each.term, each.unit)
     for i, each in enumerate(PARAMETERS)

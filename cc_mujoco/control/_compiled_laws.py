@@ -144,10 +144,15 @@ class Law(NamedTuple):
     seen: FloatArray  # measurements as `LAW_INPUTS`, which a law may change
 
 
+@internal
+def _watched(law: Law) -> guard.Guarded:
+    return guard.Guarded(guard.limits_of(law.gains), law.spring, law.memory[GUARD:])
+
+
 @compiled
 def admit(law: Law) -> None:
     """Check measurements, and replace them where needed; see `guard.admit`."""
-    guard.admit(guard.limits_of(law.gains), law.spring, law.memory[GUARD:], law.seen)
+    guard.admit(_watched(law), law.seen)
 
 
 @internal
@@ -170,25 +175,25 @@ def _guarded(law: Law, feedforward: float, error: float) -> float:
     joint torque [N m]. While the guard does not let the law drive, it restarts.
     """
     gains, spring, memory, seen = law
-    limits, own, ratio = guard.limits_of(gains), memory[GUARD:], gains[_RATIO]
-    ahead = _relative_velocity(law)
-    if guard.state(limits, spring, own, ahead, seen[DESIRED]) != guard.FREE:
+    own, ratio, ahead = _watched(law), gains[_RATIO], _relative_velocity(law)
+    if guard.state(own, ahead, seen[DESIRED]) != guard.FREE:
         memory[INTEGRAL_TORQUE], memory[MOTOR_DIRECTION] = 0.0, 0.0
-        torque = guard.let_go_torque(limits, spring, own, _damping(law), ahead)
-        return guard.bounded(limits, spring, own, guard.limited(gains, torque))
+        torque = guard.let_go_torque(own, _damping(law), ahead)
+        return guard.bounded(own, guard.limited(gains, torque))
     following = (
         memory[INTEGRAL_TORQUE] + gains[_INTEGRAL] * gains[PERIOD] * error / ratio
     )
-    if limits.one_way != 0.0:
+    if own.limits.one_way != 0.0:
         following = max(following, -max(feedforward, 0.0))
     torque = feedforward + gains[_PROPORTIONAL] * error / ratio + following
-    limited, most = guard.limited(gains, torque), guard.command_limit(limits, spring)
+    limited = guard.limited(gains, torque)
+    most = guard.command_limit(own.limits, spring)
     if abs(limited) > most:
         limited = math.copysign(most, limited)
     # At a limit, with an error that would push beyond.
     if not (torque - limited) * (error / ratio) > 0.0:
         memory[INTEGRAL_TORQUE] = following
-    return guard.bounded(limits, spring, own, limited)
+    return guard.bounded(own, limited)
 
 
 @compiled
@@ -349,20 +354,19 @@ def _turn(memory: FloatArray, wanted: float, band: float) -> float:
 def inverse_torque(law: Law, cables: FloatMatrix) -> float:
     """Return the motor torque of `BacklashInverse` [N m]; see `cable_table`."""
     gains, spring, memory, seen = law
-    limits, own = guard.limits_of(gains), memory[INVERSE_GUARD:]
+    limits = guard.limits_of(gains)
+    own = guard.Guarded(limits, spring, memory[INVERSE_GUARD:])
     ratio, stiffness = limits.ratio, gains[_INVERSE_STIFFNESS]
-    guard.admit(limits, spring, own, seen)
+    guard.admit(own, seen)
     if memory[_INVERSE_STARTED] == 0.0:
         memory[_INVERSE_STARTED], memory[_MOTOR_0] = 1.0, seen[ANGLE]
         memory[_JOINT_0] = seen[JOINT_ANGLE]
         memory[_EXTREME] = seen[DESIRED] / stiffness
     ahead = seen[VELOCITY] - ratio * seen[JOINT_VELOCITY]
-    if guard.state(limits, spring, own, ahead, seen[DESIRED]) != guard.FREE:
+    if guard.state(own, ahead, seen[DESIRED]) != guard.FREE:
         memory[_ANGLE_OFFSET] = 0.0
-        torque = guard.let_go_torque(
-            limits, spring, own, gains[_INVERSE_RELEASE], ahead
-        )
-        return guard.bounded(limits, spring, own, guard.limited(gains, torque))
+        torque = guard.let_go_torque(own, gains[_INVERSE_RELEASE], ahead)
+        return guard.bounded(own, guard.limited(gains, torque))
     joint = seen[JOINT_ANGLE] - memory[_JOINT_0] + gains[_LATE] * seen[JOINT_VELOCITY]
     motor = seen[ANGLE] - memory[_MOTOR_0] + gains[_LATE] * seen[VELOCITY]
     sense = _turn(memory, joint + seen[DESIRED] / stiffness, gains[_BAND])
@@ -371,7 +375,7 @@ def inverse_torque(law: Law, cables: FloatMatrix) -> float:
     error = (seen[DESIRED] - seen[TORQUE]) / stiffness
     torque = balance + gains[_POSITION] * (relative + ratio * joint - motor)
     torque += gains[_INVERSE_DAMPING] * (ratio * seen[JOINT_VELOCITY] - seen[VELOCITY])
-    limited = guard.bounded(limits, spring, own, guard.limited(gains, torque))
+    limited = guard.bounded(own, guard.limited(gains, torque))
     if not (torque - limited) * error * ratio > 0.0:
         memory[_ANGLE_OFFSET] += gains[_INVERSE_INTEGRAL] * limits.period * error
     if limits.one_way != 0.0:
@@ -434,10 +438,11 @@ def gaussian_torque(law: Law, design: Design, scratch: FloatMatrix) -> float:
     is (2, `STATES`).
     """
     gains, spring, memory, seen = law
-    limits, own = guard.limits_of(gains), memory[GAUSSIAN_GUARD:HEADER]
+    limits = guard.limits_of(gains)
+    own = guard.Guarded(limits, spring, memory[GAUSSIAN_GUARD:HEADER])
     model, read, kalman, _ = design
     ratio, ahead, new = limits.ratio, scratch[0], scratch[1]
-    guard.admit(limits, spring, own, seen)
+    guard.admit(own, seen)
     state = memory[HEADER : HEADER + STATES]
     applied = memory[HEADER + STATES :]
     stretch = seen[ANGLE] - ratio * seen[JOINT_ANGLE]
@@ -459,7 +464,7 @@ def gaussian_torque(law: Law, design: Design, scratch: FloatMatrix) -> float:
     for i in range(1, applied.size):
         _advance(model, ahead, applied[i], new)
     torque = _regulated(gains, design.regulator, ahead, seen[DESIRED])
-    torque = guard.passed(gains, spring, own, gains[_GAUSSIAN_RELEASE], torque)
+    torque = guard.passed(gains, own, gains[_GAUSSIAN_RELEASE], torque)
     for i in range(applied.size - 1):
         applied[i] = applied[i + 1]
     applied[applied.size - 1] = torque

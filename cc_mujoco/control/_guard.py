@@ -1,10 +1,10 @@
 """Guard of controllers with feedback, compiled: it checks sensors and lets a joint go.
 
-    guard.admit(limits, spring, memory, seen)          # readings, in place
-    state = guard.state(limits, spring, memory, ahead, planned)
+    guard.admit(own, seen)          # readings, in place
+    state = guard.state(own, ahead, planned)
     if state != guard.FREE:
-        torque = guard.let_go_torque(limits, spring, memory, damping, ahead)
-    torque = guard.bounded(limits, spring, memory, torque)
+        torque = guard.let_go_torque(own, damping, ahead)
+    torque = guard.bounded(own, torque)
 
 A model may be wrong, a sensor may fail, an integral may wind up. Then the compensation
 of friction drives the joint instead. Two readings show it: the torque sensor, and the
@@ -57,79 +57,107 @@ MAX_DAMPING_SHARE = 0.8
 """
 RIDE_TIME = 0.005
 """Time for which the last good reading stands in for missing ones [s]."""
-_RELEASE_SHARE, _RECOVERY_SHARE = 0.5, 0.25
-"""Share of the way from the planned to the safe torque beyond which the joint is let
-go, and down to which it stays so; likewise of the safe speed and power, from 1."""
-_SWING_SHARE = 0.7
-"""Such a share up to which a motor may swing on its cables before an answer."""
-_PREDICTED_FACTOR = 2.0
-"""Factor on the release share for predicted torque, relative to measured torque."""
-_COMMAND_MARGIN = 1.25
-"""Largest command over that which holds the safe torque against believed friction."""
-_JUMP_SHARE = 0.25
-"""Step of a reading in one sample, as a share of the safe torque that it stands for,
-from which it is a spike or a jump."""
-_JUMP_PERIODS = 10.0
-"""Periods of motion by which an angle may be ahead after lost readings."""
-_STILL_SAMPLES = 5
-"""Equal readings of the motor's angle from which its speed follows from the torque."""
-_RATE_FILTER = 0.2
-"""Share of a new value in the filtered rate of the measured torque."""
-_QUIET_SAMPLES = 10
-"""Samples after a spike of an encoder in which velocities from it are not read."""
-_FROZEN_SAMPLES, _EQUAL_SHARE = 20, 2e-3
-"""Equal readings from which a sensor may be frozen, and relative change of a torque
-that is none: it is divided by the arm of a lever."""
-_STRETCH_FACTOR = 3.0
-"""Stiffness over the believed one, and its inverse, that cables may have."""
-_PUSH_TIME, _PUSH_PERIODS, _PUSH_SHARE, _PUSH_FRICTION = 0.02, 6.0, 0.3, 3.0
-"""Time, more than readings may be late, and periods, for which a motor may stand still
-in all under a command above a share of what the safe torque needs, beyond the measured
-torque against such a multiple of the believed friction."""
-_PUSH_RATE = 2.0
-"""Most by which that time is shorter where the command is far above."""
-_GAP_SHARE, _GAP_FACTOR, _GAP_TIME = 0.25, 0.4, 0.05
-"""Difference between the torques of sensor and stretch that is a fault: share of the
-safe torque, plus share of the larger one, for so long [s]."""
-_UNSAFE_TIME, _MOST_RELEASES, _UNSAFE_MEMORY = 0.02, 5.0, 1.0
-"""Time for which a torque may be beyond the safe one while the joint is let go, as by
-an unstable controller [s]; how often the joint may be let go that its torque sensor
-does not ask for, while the gain has fallen; and time over which both are forgotten
-[s]."""
-_PROOF, _FALLEN_SHARE = 5.0, 0.85
-"""Power of the stretch, over that from which a gain is learned, that proves a gain, and
-share of the largest proven gain below which it has fallen, as that of a sensor."""
-_GAP_SIGMAS = 3.0
-"""Usual deviations of the torque from that of the stretch that are added to it where
-the stretch alone says so."""
-_GAP_RATE = 5.0
-"""Most by which that time is shorter where the motor is far beyond the sensor."""
-_MOTOR_TIME, _HOLD_TIME, _MOTOR_SHARE = 0.02, 0.1, 0.1
-"""Times over which the torque of the motor is filtered and its greatest is forgotten
-[s], and difference to what the measured torque explains, as a share of the safe torque.
-"""
-_DENIED_SHARE = 0.15
-"""Share of the safe torque in such a difference where the motor agrees with the
-stretch."""
-_FRICTION_FACTOR, _MORE_FRICTION = 2.0, 0.3
-"""Friction coefficient times wrap that a motor may meet: multiple of the believed one,
-and what is added."""
-_MEAN_TIME, _LEARN_TIME = 0.5, 5.0
-"""Times over which means are taken, and over which the stretch is learned [s]."""
-_KNOWN_SHARE, _KNOWN_TIME = 0.1, 0.1
-"""Change of a torque, as a share of the safe one, and its time, from which it is known
-whether the stretch explains the torque [s]."""
-_GAIN_RANGE = 0.7, 2.0
-"""Least and greatest gain with which the torque of the stretch is used."""
-_MAX_MISFIT, _MAX_DOUBT = 0.2, 0.1
-"""Greatest power of the difference between both torques, over the sum of their powers,
-with which the stretch explains the torque, and with which its word alone is a stop."""
-_AGREED_TIME = 0.2
-"""Time for which the motor has explained the torque, from which its word alone is a
-stop where the stretch explains nothing [s]."""
-_SLACK_SHARE, _SLACK_TIME = 0.1, 0.05
-"""Share of the safe torque below which sensor and command both say that a single cable
-is slack, for so long [s]."""
+
+
+class _Thresholds(NamedTuple):
+    """Limits of what is ordinary; a comment is on the numbers below it."""
+
+    # share of the way from the planned to the safe torque beyond which the joint is let
+    # go, and down to which it stays so; likewise of the safe speed and power, from 1
+    release_share: float = 0.5
+    recovery_share: float = 0.25
+    # such a share up to which a motor may swing on its cables before an answer
+    swing_share: float = 0.7
+    # factor on the release share for predicted torque, relative to measured torque
+    predicted_factor: float = 2.0
+    # largest command over that which holds the safe torque against friction
+    command_margin: float = 1.25
+    # step of a reading in a sample, as a share of the safe torque that it stands for,
+    # from which it is a spike or a jump
+    jump_share: float = 0.25
+    # periods of motion by which an angle may be ahead after lost readings
+    jump_periods: float = 10.0
+    # equal readings of the motor's angle from which its speed is that of the torque
+    still_samples: float = 5
+    # share of a new value in the filtered rate of the measured torque
+    rate_filter: float = 0.2
+    # samples after a spike of an encoder in which velocities from it are not read
+    quiet_samples: float = 10
+    # equal readings from which a sensor may be frozen, and relative change of a torque
+    # that is none: it is divided by the arm of a lever
+    frozen_samples: float = 20
+    equal_share: float = 2e-3
+    # stiffness over the believed one, and its inverse, that cables may have
+    stretch_factor: float = 3.0
+    # time, more than readings may be late, and periods, for which a motor may stand
+    # still in all under a command above a share of what the safe torque needs, beyond
+    # the measured torque against such a multiple of the believed friction
+    push_time: float = 0.02
+    push_periods: float = 6.0
+    push_share: float = 0.3
+    push_friction: float = 3.0
+    # most by which that time is shorter where the command is far above
+    push_rate: float = 2.0
+    # difference between the torques of sensor and stretch that is a fault: share of the
+    # safe torque, plus share of the larger one, for so long [s]
+    gap_share: float = 0.25
+    gap_factor: float = 0.4
+    gap_time: float = 0.05
+    # time for which a torque may be beyond the safe one while the joint is let go, as
+    # by an unstable controller [s]; how often the joint may be let go that its torque
+    # sensor does not ask for, while the gain has fallen; and time over which both are
+    # forgotten [s]
+    unsafe_time: float = 0.02
+    most_releases: float = 5.0
+    unsafe_memory: float = 1.0
+    # power of the stretch, over that from which a gain is learned, that proves a gain,
+    # and share of the largest proven gain below which it has fallen, as that of a
+    # sensor
+    proof: float = 5.0
+    fallen_share: float = 0.85
+    # usual deviations of the torque from that of the stretch that are added to it where
+    # the stretch alone says so
+    gap_sigmas: float = 3.0
+    # most by which that time is shorter where the motor is far beyond the sensor
+    gap_rate: float = 5.0
+    # times over which the torque of the motor is filtered and its greatest is forgotten
+    # [s], and difference to what the measured torque explains, as a share of the safe
+    # torque
+    motor_time: float = 0.02
+    hold_time: float = 0.1
+    motor_share: float = 0.1
+    # share of the safe torque in such a difference where the motor agrees with the
+    # stretch
+    denied_share: float = 0.15
+    # friction coefficient times wrap that a motor may meet: multiple of the believed
+    # one, and what is added
+    friction_factor: float = 2.0
+    more_friction: float = 0.3
+    # times over which means are taken, and over which the stretch is learned [s]
+    mean_time: float = 0.5
+    learn_time: float = 5.0
+    # change of a torque, as a share of the safe one, and its time, from which it is
+    # known whether the stretch explains the torque [s]
+    known_share: float = 0.1
+    known_time: float = 0.1
+    # least and greatest gain with which the torque of the stretch is used
+    least_gain: float = 0.7
+    most_gain: float = 2.0
+    # greatest power of the difference between both torques, over the sum of their
+    # powers, with which the stretch explains the torque, and with which its word alone
+    # is a stop
+    max_misfit: float = 0.2
+    max_doubt: float = 0.1
+    # time for which the motor has explained the torque, from which its word alone is a
+    # stop where the stretch explains nothing [s]
+    agreed_time: float = 0.2
+    # share of the safe torque below which sensor and command both say that a single
+    # cable is slack, for so long [s]
+    slack_share: float = 0.1
+    slack_time: float = 0.05
+
+
+_SET = _Thresholds()
 
 FREE, RELEASED, BRAKED, STOPPED, LIMP = 0.0, 1.0, 2.0, 3.0, 4.0
 """States: the law drives; the motor follows the joint; it brakes, as the joint is too
@@ -145,26 +173,30 @@ MOTOR, MOTOR_SPEED, JOINT, JOINT_SPEED, TORQUE, DESIRED = range(6)
 READINGS = 6
 """Order of readings, and their number."""
 
-STATE, STARTED = 0, 1
-_GOOD = 2  # readings of the last step, as they were used
-_MISSING, _QUIET = 8, 9  # samples: without all readings; until velocities are read
-COMMAND = 10  # last command [N m]
-_REFERENCE, _PREDICTED = 11, 12  # stretch at rest [rad]; torque of the stretch [N m]
-_GAIN, _MISFIT = 13, 14  # gain from sensor to stretch torque; misfit with that gain
-_MEAN, _MEAN_PREDICTED, _GAP = 15, 16, 17  # means of both; time of a gap between [s]
-_RUSH = 18  # low-passed rate of the measured torque [N m/s]
-_SLACK, _PUSH = 19, 20  # times [s]: no sign of a pull; motor pushed but at rest
-_JUMPED, _EQUAL = 21, 27  # by reading: last one a spike; number of equal ones
-_AT, _AT_PREDICTED = 33, 39  # by reading: both torques when it last changed [N m]
-_GIVEN = 45  # low-passed motor torque at the joint without friction [N m]
-_POWER, _BOTH, _SENSED = 46, 47, 48  # powers about the means: stretch, both, sensor
-_AGREED, _MOST = 49, 50  # time the motor explained the torque [s]; its recent peak
-_TAKEN, _TAKEN_PREDICTED = 51, 52  # sensor and stretch torque, low-passed as `_GIVEN`
-_LEARNT, _UNSAFE = 53, 54  # times [s]: stretch learned; torque unsafe lately
-_RELEASES, _PROVEN = 55, 56  # releases without the sensor; largest proven gain
-SEEN = 57  # scratch for readings
-MEMORY_SIZE = SEEN + READINGS
-"""Size of the memory; the comments above say what lies at each place."""
+(
+    STATE, STARTED,
+    _MISSING, _QUIET,  # samples: without all readings; until velocities are read
+    COMMAND,  # last command [N m]
+    _REFERENCE, _PREDICTED,  # stretch at rest [rad]; torque of the stretch [N m]
+    _GAIN, _MISFIT,  # gain from sensor to stretch torque; misfit with that gain
+    _MEAN, _MEAN_PREDICTED, _GAP,  # means of both; time of a gap between [s]
+    _RUSH,  # low-passed rate of the measured torque [N m/s]
+    _SLACK, _PUSH,  # times [s]: no sign of a pull; motor pushed but at rest
+    _GIVEN,  # low-passed motor torque at the joint without friction [N m]
+    _POWER, _BOTH, _SENSED,  # powers about the means: stretch, both, sensor
+    _AGREED, _MOST,  # time the motor explained the torque [s]; its recent peak
+    _TAKEN, _TAKEN_PREDICTED,  # sensor and stretch torque, low-passed as `_GIVEN`
+    _LEARNT, _UNSAFE,  # times [s]: stretch learned; torque unsafe lately
+    _RELEASES, _PROVEN,  # releases without the sensor; largest proven gain
+    _GOOD,  # readings of the last step, as they were used
+) = range(28)  # fmt: skip
+(
+    _JUMPED, _EQUAL,  # by reading: last one a spike; number of equal ones
+    _AT, _AT_PREDICTED,  # by reading: both torques when it last changed [N m]
+    SEEN,  # scratch for readings
+    MEMORY_SIZE,
+) = range(_GOOD + READINGS, _GOOD + 7 * READINGS, READINGS)  # fmt: skip
+"""Places in the memory, and its size."""
 _UNKNOWN = -1.0
 """Misfit that is not known yet."""
 
@@ -195,6 +227,14 @@ class DriveLimits(NamedTuple):
     shared: float
     """1 where other motors turn the joint, too, whose torque is measured there, else
     0."""
+
+
+class Guarded(NamedTuple):
+    """A drive under guard."""
+
+    limits: DriveLimits
+    spring: FloatArray  # see `STIFFNESS`; a stiffness of 0 is not known
+    memory: FloatArray  # (`MEMORY_SIZE`,), 0 at the start
 
 
 RATIO, LOW, HIGH, PERIOD = range(4)
@@ -238,12 +278,12 @@ def release_state(
         planned: torque desired there [N m].
         safe: largest torque that the cables may put into the joint [N m].
     """
-    share = _RELEASE_SHARE if before == 0.0 else _RECOVERY_SHARE
+    share = _SET.release_share if before == 0.0 else _SET.recovery_share
     if _exceeds(measured, planned, safe, share):
         return 1.0
     return (
         1.0
-        if _exceeds(measured + rushing, planned, safe, _PREDICTED_FACTOR * share)
+        if _exceeds(measured + rushing, planned, safe, _SET.predicted_factor * share)
         else 0.0
     )
 
@@ -292,20 +332,19 @@ def spring_edges(
 
 
 @internal
-def _predict(
-    limits: DriveLimits, spring: FloatArray, memory: FloatArray, moved: float
-) -> None:
+def _predict(own: Guarded, moved: float) -> None:
     """Predict the torque of the stretch after the joint has moved [rad]."""
+    limits, spring, memory = own
     ratio, one_way = limits.ratio, limits.one_way != 0.0
     sign = np.sign(ratio) if one_way else 1.0
     stretch = memory[_GOOD + MOTOR] / ratio - memory[_GOOD + JOINT]
     low, high = spring_edges(spring, one_way, sign * (stretch - memory[_REFERENCE]))
-    slack = _SLACK_SHARE * limits.safe_torque
+    slack = _SET.slack_share * limits.safe_torque
     loaded = max(abs(memory[_GOOD + TORQUE]), abs(memory[COMMAND] * ratio)) > slack
     if loaded or memory[STATE] != FREE:
         memory[_SLACK] = 0.0
     memory[_SLACK] += limits.period
-    if one_way and memory[_SLACK] > _SLACK_TIME and low > spring[REST]:
+    if one_way and memory[_SLACK] > _SET.slack_time and low > spring[REST]:
         # Neither sensor nor command knows of that tension: it was slack that was wound.
         memory[_REFERENCE] = stretch
         low, high = spring_edges(spring, one_way, 0.0)
@@ -325,13 +364,12 @@ def is_reading(value: float) -> bool:
 
 
 @internal
-def _start(
-    limits: DriveLimits, spring: FloatArray, memory: FloatArray, seen: FloatArray
-) -> bool:
+def _start(own: Guarded, seen: FloatArray) -> bool:
     """Begin with the first readings, once all are there; until then without torque.
 
     The cables are at rest where their stretch makes the measured torque.
     """
+    limits, spring, memory = own
     for i in range(READINGS):
         if not is_reading(seen[i]):
             memory[_MISSING] += 1.0
@@ -383,18 +421,17 @@ def _fill_missing(limits: DriveLimits, memory: FloatArray, seen: FloatArray) -> 
 
 
 @internal
-def _skip_spikes(
-    limits: DriveLimits, spring: FloatArray, memory: FloatArray, seen: FloatArray
-) -> None:
+def _skip_spikes(own: Guarded, seen: FloatArray) -> None:
     """Replace a single sample that no motion explains; stop if it was no single one."""
-    least = _JUMP_SHARE * limits.safe_torque
+    limits, spring, memory = own
+    least = _SET.jump_share * limits.safe_torque
     turn = least / spring[STIFFNESS]
     for i in (MOTOR, JOINT, TORQUE):
         before, speed, most = memory[_GOOD + i], 0.0, 2.0 * least
         if i != TORQUE:
             speed = memory[_GOOD + i + 1] * limits.period
             most = turn * (abs(limits.ratio) if i == MOTOR else 1.0)
-            most += _JUMP_PERIODS * abs(speed)
+            most += _SET.jump_periods * abs(speed)
         if i == MOTOR and limits.inertia > 0.0:  # the command and the cables turn it
             pulled = 2.0 * command_limit(limits, spring)
             most += pulled / limits.inertia * limits.period**2
@@ -404,7 +441,7 @@ def _skip_spikes(
             memory[_JUMPED + i] = 1.0
             seen[i] = before + speed
             if i != TORQUE:
-                memory[_QUIET] = _QUIET_SAMPLES
+                memory[_QUIET] = _SET.quiet_samples
         elif i != TORQUE:
             stop(memory, LIMP)
     if memory[_QUIET] > 0.0:
@@ -414,48 +451,47 @@ def _skip_spikes(
 
 
 @internal
-def _check_frozen(
-    limits: DriveLimits, spring: FloatArray, memory: FloatArray, seen: FloatArray
-) -> None:
+def _check_frozen(own: Guarded, seen: FloatArray) -> None:
     """Stop if a reading stays the same while the others say that it cannot."""
+    limits, spring, memory = own
     torque, predicted = seen[TORQUE], memory[_GAIN] * memory[_PREDICTED]
     if limits.shared != 0.0:
         torque = predicted
-    least = _GAP_SHARE * limits.safe_torque
+    least = _SET.gap_share * limits.safe_torque
     for i in (MOTOR, JOINT, TORQUE):
         change, most = abs(seen[i] - memory[_GOOD + i]), 0.0
         if i == TORQUE:  # a slow torque changes by little from sample to sample
-            change, most = abs(torque - memory[_AT + i]), _EQUAL_SHARE * abs(torque)
+            change, most = abs(torque - memory[_AT + i]), _SET.equal_share * abs(torque)
         if change > most:
             memory[_EQUAL + i] = 0.0
             memory[_AT + i], memory[_AT_PREDICTED + i] = torque, predicted
             continue
         memory[_EQUAL + i] += 1.0
-        if memory[_EQUAL + i] < _FROZEN_SAMPLES:
+        if memory[_EQUAL + i] < _SET.frozen_samples:
             continue
         expected = predicted - memory[_AT_PREDICTED + i]
         change = torque - memory[_AT + i]
-        if _explains(memory, _MAX_DOUBT):
-            is_far = abs(change - expected) > least + _GAP_FACTOR * abs(expected)
+        if _explains(memory, _SET.max_doubt):
+            is_far = abs(change - expected) > least + _SET.gap_factor * abs(expected)
         elif i == TORQUE:
             given = memory[_GIVEN]
-            is_far = _beyond(limits, spring, given, torque, spring[FRICTION]) != 0.0
+            is_far = _beyond(own, given, torque, spring[FRICTION]) != 0.0
             # The torque of a slack cable stays the same, and so does its stretch.
-            is_far &= abs(expected) > _EQUAL_SHARE * limits.safe_torque
+            is_far &= abs(expected) > _SET.equal_share * limits.safe_torque
             is_far &= limits.shared == 0.0
         else:  # one of both stands still: no other radius explains the torque
-            low, high = expected / _STRETCH_FACTOR, expected * _STRETCH_FACTOR
+            low, high = expected / _SET.stretch_factor, expected * _SET.stretch_factor
             is_far = max(min(low, high) - change, change - max(low, high)) > least
         if is_far:
             stop(memory, STOPPED if i == TORQUE else LIMP)
-    load = (abs(torque) + spring[REST]) * np.exp(_PUSH_FRICTION * spring[FRICTION])
-    load += _PUSH_SHARE * limits.safe_torque
+    load = (abs(torque) + spring[REST]) * np.exp(_SET.push_friction * spring[FRICTION])
+    load += _SET.push_share * limits.safe_torque
     pushed = abs(memory[COMMAND] * limits.ratio) / load
     if memory[_EQUAL + MOTOR] == 0.0:
         memory[_PUSH] = 0.0
     elif pushed > 1.0:
-        memory[_PUSH] += limits.period * min(pushed, _PUSH_RATE)
-    if memory[_PUSH] > max(_PUSH_TIME, _PUSH_PERIODS * limits.period):
+        memory[_PUSH] += limits.period * min(pushed, _SET.push_rate)
+    if memory[_PUSH] > max(_SET.push_time, _SET.push_periods * limits.period):
         stop(memory, LIMP)
 
 
@@ -467,25 +503,23 @@ def _watch_motor(limits: DriveLimits, memory: FloatArray, seen: FloatArray) -> N
     """
     rate = (seen[MOTOR_SPEED] - memory[_GOOD + MOTOR_SPEED]) / limits.period
     given = limits.ratio * (memory[COMMAND] - limits.inertia * rate)
-    share = min(limits.period / _MOTOR_TIME, 1.0)
+    share = min(limits.period / _SET.motor_time, 1.0)
     memory[_GIVEN] += share * (given - memory[_GIVEN])
-    kept = max(1.0 - limits.period / _HOLD_TIME, 0.0)
+    kept = max(1.0 - limits.period / _SET.hold_time, 0.0)
     memory[_MOST] = max(kept * memory[_MOST], abs(memory[_GIVEN]))
 
 
 @internal
-def _behind_friction(
-    limits: DriveLimits, spring: FloatArray, torque: float, friction: float
-) -> float:
+def _behind_friction(own: Guarded, torque: float, friction: float) -> float:
     """Return the torque at one end of cables that slip, from that at the other [N m].
 
     Args:
-        limits: see `admit`.
-        spring: see `admit`.
+        own: drive under guard.
         torque: torque at one end of springs between both [N m].
         friction: friction coefficient times wrap, negative where the torque at the
             other end is the smaller.
     """
+    limits, spring = own.limits, own.spring
     grown = np.exp(0.5 * friction)
     if limits.one_way != 0.0:
         sign = np.sign(limits.ratio)
@@ -502,31 +536,25 @@ def _behind_friction(
 @internal
 def _most_friction(spring: FloatArray) -> float:
     """Return the greatest friction coefficient times wrap that a motor may meet."""
-    return float(_FRICTION_FACTOR * spring[FRICTION] + _MORE_FRICTION)
+    return float(_SET.friction_factor * spring[FRICTION] + _SET.more_friction)
 
 
 @internal
-def _beyond(
-    limits: DriveLimits,
-    spring: FloatArray,
-    given: float,
-    torque: float,
-    friction: float,
-) -> float:
+def _beyond(own: Guarded, given: float, torque: float, friction: float) -> float:
     """Return how far a motor torque lies outside the band of friction [N m].
 
     The band is what friction allows around the joint torque; 0 inside.
 
     Args:
-        limits: see `admit`.
-        spring: see `admit`.
+        own: drive under guard.
         given: torque of the motor at the joint without friction [N m].
         torque: torque at the joint [N m].
         friction: most friction coefficient times wrap between them.
     """
-    least = _MOTOR_SHARE * limits.safe_torque
-    above = given - _behind_friction(limits, spring, torque, friction) - least
-    below = given - _behind_friction(limits, spring, torque, -friction) + least
+    limits = own.limits
+    least = _SET.motor_share * limits.safe_torque
+    above = given - _behind_friction(own, torque, friction) - least
+    below = given - _behind_friction(own, torque, -friction) + least
     return float(max(above, 0.0) + min(below, 0.0))
 
 
@@ -541,121 +569,120 @@ def _deviation(memory: FloatArray) -> float:
     """Return the usual deviation of the torque from that of the stretch [N m]."""
     gain = memory[_GAIN]
     off = memory[_SENSED] + gain * (gain * memory[_POWER] - 2.0 * memory[_BOTH])
-    return float(np.sqrt(max(off, 0.0) / max(memory[_LEARNT], _KNOWN_TIME)))
+    return float(np.sqrt(max(off, 0.0) / max(memory[_LEARNT], _SET.known_time)))
 
 
 @internal
 def _learn(limits: DriveLimits, memory: FloatArray) -> None:
     """Learn the gain of sensor to stretch, and how well it explains the torque."""
     torque, predicted = memory[_GOOD + TORQUE], memory[_PREDICTED]
-    share = limits.period / _MEAN_TIME
+    share = limits.period / _SET.mean_time
     memory[_MEAN] += share * (torque - memory[_MEAN])
     memory[_MEAN_PREDICTED] += share * (predicted - memory[_MEAN_PREDICTED])
     off, expected = torque - memory[_MEAN], predicted - memory[_MEAN_PREDICTED]
-    kept = 1.0 - limits.period / _LEARN_TIME
+    kept = 1.0 - limits.period / _SET.learn_time
     memory[_LEARNT] = kept * memory[_LEARNT] + limits.period
     memory[_POWER] = kept * memory[_POWER] + limits.period * expected * expected
     memory[_BOTH] = kept * memory[_BOTH] + limits.period * expected * off
     memory[_SENSED] = kept * memory[_SENSED] + limits.period * off * off
-    known = (_KNOWN_SHARE * limits.safe_torque) ** 2 * _KNOWN_TIME
+    known = (_SET.known_share * limits.safe_torque) ** 2 * _SET.known_time
     gain = (memory[_BOTH] + known) / (memory[_POWER] + known)
-    gain = min(max(gain, _GAIN_RANGE[0]), _GAIN_RANGE[1])
+    gain = min(max(gain, _SET.least_gain), _SET.most_gain)
     memory[_GAIN] = gain
     both = memory[_SENSED] + gain * gain * memory[_POWER]
     memory[_MISFIT] = _UNKNOWN
     if both > known:
         memory[_MISFIT] = (both - 2.0 * gain * memory[_BOTH]) / (both + known)
-        if memory[_POWER] > _PROOF * known and memory[_MISFIT] < _MAX_DOUBT:
+        if memory[_POWER] > _SET.proof * known and memory[_MISFIT] < _SET.max_doubt:
             memory[_PROVEN] = max(memory[_PROVEN], gain)
 
 
 @internal
-def _compare(limits: DriveLimits, spring: FloatArray, memory: FloatArray) -> None:
+def _compare(own: Guarded) -> None:
     """Stop where two of sensor, stretch and motor contradict the third."""
+    limits, spring, memory = own
     torque, scaled = memory[_GOOD + TORQUE], memory[_GAIN] * memory[_PREDICTED]
-    gap = abs(scaled - torque) - _GAP_FACTOR * max(abs(torque), abs(scaled))
+    gap = abs(scaled - torque) - _SET.gap_factor * max(abs(torque), abs(scaled))
     given, friction = memory[_GIVEN], _most_friction(spring)
-    beyond = _beyond(limits, spring, given, torque, friction)
-    late = _beyond(limits, spring, given, memory[_TAKEN], friction)
+    beyond = _beyond(own, given, torque, friction)
+    late = _beyond(own, given, memory[_TAKEN], friction)
     # A quick swing is in the one before it is in the other.
     beyond = 0.5 * (np.sign(beyond) + np.sign(late)) * min(abs(beyond), abs(late))
     agrees = beyond * (scaled - torque) > 0.0
-    denied = agrees and gap > _DENIED_SHARE * limits.safe_torque
-    if memory[_MISFIT] >= _MAX_DOUBT and memory[_AGREED] > _AGREED_TIME:
+    denied = agrees and gap > _SET.denied_share * limits.safe_torque
+    if memory[_MISFIT] >= _SET.max_doubt and memory[_AGREED] > _SET.agreed_time:
         denied |= beyond != 0.0
-    usual = _GAP_SIGMAS * _deviation(memory)
-    doubted = gap > _GAP_SHARE * limits.safe_torque + usual
-    doubted &= _explains(memory, _MAX_DOUBT)
+    usual = _SET.gap_sigmas * _deviation(memory)
+    doubted = gap > _SET.gap_share * limits.safe_torque + usual
+    doubted &= _explains(memory, _SET.max_doubt)
     filtered = memory[_GAIN] * memory[_TAKEN_PREDICTED]
-    opposed = _beyond(limits, spring, given, filtered, friction) * (scaled - torque)
+    opposed = _beyond(own, given, filtered, friction) * (scaled - torque)
     doubted &= opposed >= 0.0
     if denied or doubted:
-        size = abs(beyond) / (_MOTOR_SHARE * limits.safe_torque) if denied else 1.0
-        memory[_GAP] += limits.period * min(max(size, 1.0), _GAP_RATE)
-        if memory[_GAP] > _GAP_TIME:
+        size = abs(beyond) / (_SET.motor_share * limits.safe_torque) if denied else 1.0
+        memory[_GAP] += limits.period * min(max(size, 1.0), _SET.gap_rate)
+        if memory[_GAP] > _SET.gap_time:
             stop(memory, STOPPED if denied else LIMP)
         return
     memory[_GAP] = 0.0
-    if beyond == 0.0 and abs(torque) > _KNOWN_SHARE * limits.safe_torque:
+    if beyond == 0.0 and abs(torque) > _SET.known_share * limits.safe_torque:
         memory[_AGREED] += limits.period
-    if not agrees and memory[_EQUAL + TORQUE] < _STILL_SAMPLES:
+    if not agrees and memory[_EQUAL + TORQUE] < _SET.still_samples:
         _learn(limits, memory)
 
 
 @compiled
-def admit(
-    limits: DriveLimits, spring: FloatArray, memory: FloatArray, seen: FloatArray
-) -> None:
+def admit(own: Guarded, seen: FloatArray) -> None:
     """Check the readings of a step, and replace those that are missing or spikes.
 
     Args:
-        limits: limits of the drive.
-        spring: see `STIFFNESS`; a stiffness of 0 is not known.
-        memory: (`MEMORY_SIZE`,), 0 at the start.
+        own: drive under guard.
         seen: readings in the order of `READINGS`; changed.
     """
-    if memory[STARTED] == 0.0 and not _start(limits, spring, memory, seen):
+    limits, spring, memory = own
+    if memory[STARTED] == 0.0 and not _start(own, seen):
         return
     _fill_missing(limits, memory, seen)
     is_known = spring[STIFFNESS] > 0.0 and limits.safe_torque < NO_TORQUE_LIMIT
     if is_known:
-        _skip_spikes(limits, spring, memory, seen)
-        _check_frozen(limits, spring, memory, seen)
+        _skip_spikes(own, seen)
+        _check_frozen(own, seen)
     rate = (seen[TORQUE] - memory[_GOOD + TORQUE]) / limits.period
-    memory[_RUSH] += _RATE_FILTER * (rate - memory[_RUSH])
+    memory[_RUSH] += _SET.rate_filter * (rate - memory[_RUSH])
     _watch_motor(limits, memory, seen)
-    kept = max(1.0 - limits.period / _UNSAFE_MEMORY, 0.0)
+    kept = max(1.0 - limits.period / _SET.unsafe_memory, 0.0)
     memory[_UNSAFE] *= kept
     memory[_RELEASES] *= kept
     if abs(seen[TORQUE]) > limits.safe_torque:
         memory[_UNSAFE] += limits.period
-        if memory[_UNSAFE] > _UNSAFE_TIME:
+        if memory[_UNSAFE] > _SET.unsafe_time:
             stop(memory, STOPPED)
     moved = seen[JOINT] - memory[_GOOD + JOINT]
     for i in range(READINGS):
         memory[_GOOD + i] = seen[i]
     if is_known:
-        _predict(limits, spring, memory, moved)
-        share = min(limits.period / _MOTOR_TIME, 1.0)
+        _predict(own, moved)
+        share = min(limits.period / _SET.motor_time, 1.0)
         memory[_TAKEN] += share * (seen[TORQUE] - memory[_TAKEN])
         memory[_TAKEN_PREDICTED] += share * (
             memory[_PREDICTED] - memory[_TAKEN_PREDICTED]
         )
         if memory[STATE] < STOPPED and limits.shared == 0.0:
-            _compare(limits, spring, memory)
+            _compare(own)
 
 
 @internal
 def _has_fallen(memory: FloatArray) -> bool:
     """Return whether the gain is far below one that was proven."""
-    return bool(memory[_GAIN] < _FALLEN_SHARE * memory[_PROVEN])
+    return bool(memory[_GAIN] < _SET.fallen_share * memory[_PROVEN])
 
 
 @internal
-def _credible(limits: DriveLimits, spring: FloatArray, memory: FloatArray) -> float:
+def _credible(own: Guarded) -> float:
     """Return the part of the stretch torque that is credible [N m]."""
+    limits, spring, memory = own
     predicted = max(memory[_GAIN], 1.0) * memory[_PREDICTED]
-    if _explains(memory, _MAX_MISFIT):
+    if _explains(memory, _SET.max_misfit):
         # A gain below 1 may be that of the sensor, once the motor can be unsafe.
         if memory[_MOST] > limits.safe_torque:
             return float(predicted)
@@ -664,15 +691,15 @@ def _credible(limits: DriveLimits, spring: FloatArray, memory: FloatArray) -> fl
             gain = memory[_PROVEN]
         return float(gain * memory[_PREDICTED])
     friction = _most_friction(spring)
-    high = _behind_friction(limits, spring, memory[_MOST], friction)
-    low = _behind_friction(limits, spring, -memory[_MOST], -friction)
+    high = _behind_friction(own, memory[_MOST], friction)
+    low = _behind_friction(own, -memory[_MOST], -friction)
     return float(min(max(predicted, low), high))
 
 
 @internal
 def _is_too_fast(limits: DriveLimits, memory: FloatArray) -> bool:
     """Return whether speed of, or power into, the joint is beyond its limit."""
-    share = 1.0 if memory[STATE] != BRAKED else _RELEASE_SHARE
+    share = 1.0 if memory[STATE] != BRAKED else _SET.release_share
     speed = memory[_GOOD + JOINT_SPEED]
     power = speed * memory[_GOOD + TORQUE]
     return bool(
@@ -681,22 +708,15 @@ def _is_too_fast(limits: DriveLimits, memory: FloatArray) -> bool:
 
 
 @compiled
-def state(
-    limits: DriveLimits,
-    spring: FloatArray,
-    memory: FloatArray,
-    ahead: float,
-    planned: float,
-) -> float:
+def state(own: Guarded, ahead: float, planned: float) -> float:
     """Return the state of the guard after `admit`.
 
     Args:
-        limits: see `admit`.
-        spring: see `admit`.
-        memory: see `admit`.
+        own: drive under guard.
         ahead: velocity of the motor relative to the joint [rad/s].
         planned: torque desired at the joint [N m].
     """
+    limits, spring, memory = own
     if memory[STATE] >= STOPPED:
         return float(memory[STATE])
     ratio, stiffness, safe = limits.ratio, spring[STIFFNESS], limits.safe_torque
@@ -706,11 +726,11 @@ def state(
     sensed = release_state(before, measured, rushing, planned, safe)
     released = sensed
     if safe < NO_TORQUE_LIMIT and stiffness > 0.0:
-        predicted = _credible(limits, spring, memory)
+        predicted = _credible(own)
         released = max(
             released, release_state(before, predicted, rushing, planned, safe)
         )
-        if memory[_EQUAL + MOTOR] >= _STILL_SAMPLES:
+        if memory[_EQUAL + MOTOR] >= _SET.still_samples:
             # The encoder may be frozen; then the torque shows that the motor runs.
             rushing = memory[_RUSH] * abs(ratio) * np.sqrt(limits.inertia / stiffness)
             released = max(
@@ -721,7 +741,7 @@ def state(
         memory[STATE] = BRAKED
     if _has_fallen(memory) and released != 0.0 and before == 0.0 and sensed == 0.0:
         memory[_RELEASES] += 1.0
-        if memory[_RELEASES] > _MOST_RELEASES:
+        if memory[_RELEASES] > _SET.most_releases:
             stop(memory, STOPPED)
     return float(memory[STATE])
 
@@ -758,22 +778,15 @@ def _period_share(limits: DriveLimits, spring: FloatArray) -> float:
 
 
 @compiled
-def let_go_torque(
-    limits: DriveLimits,
-    spring: FloatArray,
-    memory: FloatArray,
-    damping: float,
-    ahead: float,
-) -> float:
+def let_go_torque(own: Guarded, damping: float, ahead: float) -> float:
     """Return the torque of a motor that the law does not drive [N m].
 
     Args:
-        limits: see `admit`.
-        spring: see `admit`.
-        memory: see `admit`.
+        own: drive under guard.
         damping: damping of a motor that is let go [N m s/rad].
         ahead: velocity of the motor relative to the joint [rad/s].
     """
+    limits, spring, memory = own
     if memory[STATE] == LIMP:
         return 0.0
     share = damper_share(limits, spring)
@@ -790,21 +803,16 @@ def let_go_torque(
 
 @compiled
 def command_limit(limits: DriveLimits, spring: FloatArray) -> float:
-    """Return the largest command that the safe torque needs, with a margin [N m].
-
-    Args:
-        limits: see `admit`.
-        spring: see `admit`.
-    """
+    """Return the largest command that the safe torque needs, with a margin [N m]."""
     if not limits.safe_torque < NO_TORQUE_LIMIT:
         return np.inf
     held = limits.safe_torque * np.exp(spring[FRICTION]) / abs(limits.ratio)
-    return float(_COMMAND_MARGIN * held)
+    return float(_SET.command_margin * held)
 
 
 @internal
 def _swing_bounds(
-    limits: DriveLimits, spring: FloatArray, torque: float, rushing: float, most: float
+    own: Guarded, torque: float, rushing: float, most: float
 ) -> tuple[float, float]:
     """Return the least and the greatest torque that the motor may pull with [N m].
 
@@ -815,12 +823,12 @@ def _swing_bounds(
     present state (torque, rushing) turned by wT.
 
     Args:
-        limits: see `admit`.
-        spring: see `admit`.
+        own: drive under guard.
         torque: torque at the joint [N m].
         rushing: torque that stopping the rotor would add, see `impact_torque` [N m].
         most: greatest torque [N m].
     """
+    limits, spring = own.limits, own.spring
     turned = min(_turn_of_answer(limits, spring), np.pi)
     short = 2.0 * np.sin(0.5 * turned) ** 2  # 1 - cos
     both = 0.5 * (torque * short - rushing * np.sin(turned)) / short
@@ -830,10 +838,9 @@ def _swing_bounds(
 
 
 @internal
-def _swing_limited(
-    limits: DriveLimits, spring: FloatArray, memory: FloatArray, torque: float
-) -> float:
+def _swing_limited(own: Guarded, torque: float) -> float:
     """Return a command that keeps the joint torque safe until the motor can answer."""
+    limits, spring, memory = own
     is_quick = damper_share(limits, spring) < 1.0  # else it is let go in time
     is_known = limits.safe_torque < NO_TORQUE_LIMIT
     if not (is_quick and is_known) or memory[STATE] != FREE:
@@ -842,24 +849,23 @@ def _swing_limited(
     ahead = memory[_GOOD + MOTOR_SPEED] - ratio * memory[_GOOD + JOINT_SPEED]
     rushing = impact_torque(ahead, ratio, spring[STIFFNESS], limits.inertia)
     aim = min(abs(memory[_GOOD + DESIRED]), limits.safe_torque)
-    most = aim + _SWING_SHARE * (limits.safe_torque - aim)
+    most = aim + _SET.swing_share * (limits.safe_torque - aim)
     before, step = ratio * memory[COMMAND], most * _period_share(limits, spring)
     given = max(min(ratio * torque, before + step), before - step)
-    for measured in (memory[_GOOD + TORQUE], _credible(limits, spring, memory)):
-        low, high = _swing_bounds(limits, spring, measured, rushing, most)
-        low += _behind_friction(limits, spring, measured, -friction) - measured
-        high += _behind_friction(limits, spring, measured, friction) - measured
+    for measured in (memory[_GOOD + TORQUE], _credible(own)):
+        low, high = _swing_bounds(own, measured, rushing, most)
+        low += _behind_friction(own, measured, -friction) - measured
+        high += _behind_friction(own, measured, friction) - measured
         given = max(min(given, max(high, 0.0)), min(low, 0.0))  # no sensor drives
     return float(given / ratio)
 
 
 @compiled
-def bounded(
-    limits: DriveLimits, spring: FloatArray, memory: FloatArray, torque: float
-) -> float:
+def bounded(own: Guarded, torque: float) -> float:
     """Store and return a command that makes no unsafe torque [N m]."""
+    limits, spring, memory = own
     most = command_limit(limits, spring)
-    torque = _swing_limited(limits, spring, memory, torque)
+    torque = _swing_limited(own, torque)
     if abs(torque) > most:
         torque = np.sign(torque) * most
     memory[COMMAND] = torque
@@ -867,24 +873,17 @@ def bounded(
 
 
 @internal
-def passed(
-    gains: FloatArray,
-    spring: FloatArray,
-    memory: FloatArray,
-    damping: float,
-    torque: float,
-) -> float:
+def passed(gains: FloatArray, own: Guarded, damping: float, torque: float) -> float:
     """Return the torque of the motor for that of a law, after `admit` [N m].
 
     Args:
         gains: `DriveLimits` first.
-        spring: see `admit`.
-        memory: see `admit`.
+        own: drive under guard.
         damping: damping of a motor that is let go [N m s/rad].
         torque: torque of the law [N m].
     """
-    limits, seen = limits_of(gains), memory[_GOOD : _GOOD + READINGS]
+    limits, seen = own.limits, own.memory[_GOOD : _GOOD + READINGS]
     ahead = seen[MOTOR_SPEED] - limits.ratio * seen[JOINT_SPEED]
-    if state(limits, spring, memory, ahead, seen[DESIRED]) != FREE:
-        torque = let_go_torque(limits, spring, memory, damping, ahead)
-    return bounded(limits, spring, memory, limited(gains, torque))
+    if state(own, ahead, seen[DESIRED]) != FREE:
+        torque = let_go_torque(own, damping, ahead)
+    return bounded(own, limited(gains, torque))

@@ -401,14 +401,14 @@ def motor_torque(planner: Planner, seen: FloatArray) -> float:
     """
     cables, tune, own = planner.cables, planner.tune, planner.memory
     applied, ahead, dt = planner.applied, planner.ahead, planner.tune[at.PERIOD]
-    limits, spring = guard.limits_of(tune), tune[at.STIFFNESS :]
     watched = own[at.GUARD : at.FRICTION]
+    guarded = guard.Guarded(guard.limits_of(tune), tune[at.STIFFNESS :], watched)
     read = watched[guard.SEEN :]
     read[guard.MOTOR], read[guard.MOTOR_SPEED] = seen[0], own[at.VELOCITY]
     read[guard.JOINT], read[guard.JOINT_SPEED] = seen[1], own[at.JOINT + 1] / dt
     read[guard.TORQUE], read[guard.DESIRED] = seen[2], seen[3]
     watched[guard.COMMAND] = applied[applied.size - 1]
-    guard.admit(limits, spring, watched, read)
+    guard.admit(guarded, read)
     replace_by_mean_torque(own, applied, tune)
     if own[at.STARTED] == 0.0:
         planner.plan[:] = 0.0
@@ -456,16 +456,15 @@ def motor_torque(planner: Planner, seen: FloatArray) -> float:
     if not np.isnan(best[last]):
         torque = best[last]
     behind = velocity - tune[at.RATIO] * ahead[at.JOINT + 1] / dt
-    if guard.state(limits, spring, watched, behind, read[guard.DESIRED]) != guard.FREE:
+    if guard.state(guarded, behind, read[guard.DESIRED]) != guard.FREE:
         # Predictions from a failed sensor would drive the motor.
         behind = read[guard.MOTOR_SPEED] - tune[at.RATIO] * read[guard.JOINT_SPEED]
-        damping = _damping(tune, delay)
-        torque = guard.let_go_torque(limits, spring, watched, damping, behind)
+        torque = guard.let_go_torque(guarded, _damping(tune, delay), behind)
     if not abs(torque) < np.inf:
         # Readings that contradict each other by far made the models diverge.
         guard.stop(watched, guard.LIMP)
         torque = 0.0
-    torque = guard.bounded(limits, spring, watched, torque)
+    torque = guard.bounded(guarded, torque)
     most = tune[at.RATE] * dt
     torque = min(max(torque, own[at.COMMAND] - most), own[at.COMMAND] + most)
     torque = min(max(torque, tune[at.LOW]), tune[at.HIGH])

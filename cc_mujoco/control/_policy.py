@@ -225,29 +225,23 @@ class Policy(Controller):
 
 @internal
 def admit_measured(
-    limits: guard.DriveLimits,
-    spring: FloatArray,
-    memory: FloatArray,
-    measured: FloatArray,
-    winding: FloatArray,
+    own: guard.Guarded, measured: FloatArray, winding: FloatArray
 ) -> None:
     """Have the guard check the measurements, and replace them where needed.
 
     Args:
-        limits: limits of the drive.
-        spring: see `guard.STIFFNESS`.
-        memory: memory of the guard.
+        own: drive under guard.
         measured: readings of the policy, `guard.READINGS` first; changed.
         winding: `device.WINDING_COLUMNS`, or nothing where the joint is a round pulley.
     """
-    seen = memory[guard.SEEN : guard.SEEN + guard.READINGS]
+    seen = own.memory[guard.SEEN : guard.SEEN + guard.READINGS]
     for i in range(guard.READINGS):
         seen[i] = measured[i]
     if winding.size > 0:
         seen[guard.JOINT], seen[guard.JOINT_SPEED] = winding[0], winding[1]
         seen[guard.TORQUE] /= winding[2]
         seen[guard.DESIRED] /= winding[2]
-    guard.admit(limits, spring, memory, seen)
+    guard.admit(own, seen)
     for i in range(guard.READINGS):
         if winding.size == 0 or i < guard.JOINT:
             measured[i] = seen[i]
@@ -260,8 +254,8 @@ def share_torque(
     gains: FloatArray, spring: FloatArray, memory: FloatArray, share: float
 ) -> float:
     """Return the torque of the motor for a share, guarded [N m]."""
-    damping, torque = gains[RELEASE], share * gains[WHOLE]
-    return guard.passed(gains, spring, memory, damping, torque)
+    own = guard.Guarded(guard.limits_of(gains), spring, memory)
+    return guard.passed(gains, own, gains[RELEASE], share * gains[WHOLE])
 
 
 @compiled
@@ -275,9 +269,8 @@ def _admit_all(
 ) -> None:
     for i in range(rows.size):
         row = rows[i]
-        admit_measured(
-            guard.limits_of(gains), spring, memory[row], measured[row], winding[row]
-        )
+        own = guard.Guarded(guard.limits_of(gains), spring, memory[row])
+        admit_measured(own, measured[row], winding[row])
 
 
 @compiled

@@ -42,13 +42,8 @@ def step_policy(data: LawData) -> float:
     for i in range(columns):
         measured[i] = readings[i]
     wound = len(WINDING_COLUMNS) if shape[_IS_WOUND] != 0 else 0
-    policy.admit_measured(
-        guard.limits_of(gains),
-        spring,
-        law,
-        measured,
-        part(readings, columns, wound),
-    )
+    guarded = guard.Guarded(guard.limits_of(gains), spring, law)
+    policy.admit_measured(guarded, measured, part(readings, columns, wound))
     past = observation.Past(
         tables[_NUMBERS],
         part(tables, _NUMBERS + 1, columns),

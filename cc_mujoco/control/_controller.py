@@ -34,6 +34,7 @@ from cc_mujoco.control import _planner_steps as planner_steps
 from cc_mujoco.control._compiled_laws import LAW_INPUTS, LIMITS
 from cc_mujoco.control._law_steps import FIRST_STEP, LawData
 from cc_mujoco.control._planner_memory import TUNING
+from cc_mujoco.device._axis_columns import axis_columns
 from cc_mujoco.device._drive import CableDrive, Drive
 from cc_mujoco.device._sensors import WINDING_COLUMNS
 from cc_mujoco.errors import CableError
@@ -185,6 +186,13 @@ def as_round_pulley(observation: Mapping[str, Any], drive: Drive) -> Mapping[str
         for name in ("joint_torque_nm", "desired_torque_nm"):
             changed[name] = np.divide(observation[name], leverage)
     return {**observation, **changed}
+
+
+def columns_of_axes(
+    observation: Mapping[str, Any], prefixes: Sequence[str]
+) -> list[Mapping[str, Any]]:
+    """Return the measurements of each axis under plain names."""
+    return [axis_columns(observation, prefix, prefixes) for prefix in prefixes]
 
 
 def readings(observation: Mapping[str, Any], names: Sequence[str]) -> FloatArray:

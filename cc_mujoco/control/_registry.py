@@ -32,7 +32,11 @@ from numpy.typing import NDArray
 from cc_mujoco._utils import user_code
 from cc_mujoco._utils.provenance import POLICY_ENDING, is_user_controller
 from cc_mujoco.control._baselines import BacklashInverse, LinearQuadraticGaussian
-from cc_mujoco.control._controller import Controller, limit_torques
+from cc_mujoco.control._controller import (
+    Controller,
+    columns_of_axes,
+    limit_torques,
+)
 from cc_mujoco.control._decoupling import Coupling
 from cc_mujoco.control._feedback import (
     Feedback,
@@ -58,7 +62,7 @@ from cc_mujoco.control._policy import Policy
 from cc_mujoco.control._position import IdealRatio
 from cc_mujoco.control._predictive import PredictiveCompensation
 from cc_mujoco.control._tension_feedback import AdaptiveModel, FusedFeedback
-from cc_mujoco.device._axis_columns import axis_columns, split_by_axis
+from cc_mujoco.device._axis_columns import split_by_axis
 from cc_mujoco.device._description import Description
 from cc_mujoco.device._device import Nominal
 from cc_mujoco.device._drive import Drive
@@ -184,46 +188,39 @@ class AxesController(Controller):
 
     def torque(self, observation: Mapping[str, Any]) -> NDArray[np.float64]:
         """Return the torque of every motor [N m], (..., axes)."""
-        torques = [
-            law.torque(axis_columns(observation, prefix, self._prefixes))
-            for law, prefix in zip(self.laws, self._prefixes, strict=True)
-        ]
+        each = zip(self.laws, self._seen(observation), strict=True)
+        torques = [law.torque(own) for law, own in each]
         return np.stack(np.broadcast_arrays(*torques), axis=-1)
+
+    def _seen(self, observation: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+        """Return what the controller of each axis reads."""
+        return columns_of_axes(observation, self._prefixes)
 
 
 class DecoupledController(AxesController):
     """One controller per axis, which receives the torque of its own cable alone."""
 
     def __init__(
-        self,
-        laws: Sequence[Controller],
-        prefixes: Sequence[str],
-        coupling: Coupling,
+        self, laws: Sequence[Controller], prefixes: Sequence[str], coupling: Coupling
     ) -> None:
         """Prepare; the laws of all axes are of the drives of `decoupled_drives`."""
         super().__init__(laws, prefixes)
         self._coupling = coupling
 
-    def torque(self, observation: Mapping[str, Any]) -> NDArray[np.float64]:
-        """Return the torque of every motor [N m], (..., axes)."""
-        seen = [
-            axis_columns(observation, prefix, self._prefixes)
-            for prefix in self._prefixes
-        ]
+    def _seen(self, observation: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+        seen = super()._seen(observation)
         measured, desired = (
             np.stack([np.atleast_1d(own[name]) for own in seen], axis=-1)
             for name in OWN_COLUMNS
         )
         ratios = self._coupling.ratios(seen, len(measured))
-        given, wanted = self._coupling.own_torques(ratios, measured, desired)
-        many = np.ndim(seen[0][OWN_COLUMNS[0]]) > 0
-        torques = []
-        for place, (law, own) in enumerate(zip(self.laws, seen, strict=True)):
-            pair = given[:, place], wanted[:, place]
-            values = pair if many else (float(one[0]) for one in pair)
-            changed = dict(zip(OWN_COLUMNS, values, strict=True))
-            torques.append(law.torque({**own, **changed}))
-        return np.stack(np.broadcast_arrays(*torques), axis=-1)
+        pairs = np.transpose(self._coupling.own_torques(ratios, measured, desired))
+        if np.ndim(seen[0][OWN_COLUMNS[0]]) == 0:
+            pairs = pairs[:, 0].tolist()
+        return [
+            {**own, **dict(zip(OWN_COLUMNS, np.transpose(pair), strict=True))}
+            for own, pair in zip(seen, pairs, strict=True)
+        ]
 
 
 class Unpowered(Controller):
@@ -264,11 +261,11 @@ class PlantsController(Controller):
         """Return the torque of every motor [N m], (n,) or (n, axes)."""
         # The `info` of an episode that ended is a mapping among the columns.
         columns = {n: v for n, v in observation.items() if isinstance(v, np.ndarray)}
+        rows = (
+            {n: v[row] for n, v in columns.items()} for row in range(len(self.laws))
+        )
         return np.stack(
-            [
-                law.torque({name: value[row] for name, value in columns.items()})
-                for row, law in enumerate(self.laws)
-            ]
+            [law.torque(own) for law, own in zip(self.laws, rows, strict=True)]
         )
 
 
@@ -328,10 +325,7 @@ def _controller_of(name: Law, drive: Drive) -> Controller:
 def from_callable(given: str | Callable[[Drive], Any], drive: Drive) -> Controller:
     """Return the controller that a function makes; see the module's documentation.
 
-    Args:
-        given: `module:function`, found as by `import` in the folder of the call, or the
-            function itself.
-        drive: The device to be driven.
+    `module:function` is found as by `import` in the folder of the call.
 
     Raises:
         CableError: If there is no such module or function, it makes no controller,
@@ -474,16 +468,9 @@ def batched_controller(
     """Make the controller of many devices, of one axis or several.
 
     What it does for one of them is the same as for that one alone. Equal devices share
-    a controller that takes arrays; code from outside may know numbers only.
-
-    Args:
-        given: See `control.axes_controller`.
-        drives: Drives of every axis of each device.
-        prefixes: Beginnings of the columns of each axis.
-        outside: Function of the first three that makes a controller with its own code.
-
-    Raises:
-        CableError: As `control.axes_controller`.
+    a controller that takes arrays; code from outside may know numbers only. Arguments
+    are as of `axes_controller`, with the drives of every axis of each device; `outside`
+    is a function of them that makes a controller with its own code.
     """
     first, has_code = drives[0], runs_code(given)
     if has_code and outside is not None:
@@ -512,9 +499,8 @@ def is_decoupled(given: Law | Mapping[str, Law]) -> bool:
 def _for_all_axes(given: Law) -> Any:
     """Return the function that makes one controller for all axes, or None."""
     if isinstance(given, str):
-        if not is_user_controller(given) or "=" in given or is_decoupled(given):
-            return None
-        if given.endswith(POLICY_ENDING):
+        is_plain = "=" not in given and not is_decoupled(given)
+        if not (is_plain and _is_code(given)):
             return None
         given = user_code.named_object("controller", given, "function")
     return given if getattr(given, ALL_AXES, False) else None
@@ -538,11 +524,14 @@ def runs_code(given: Law | Mapping[str, Law]) -> bool:
         laws: Iterable[Law] = named_laws(given)
     else:
         laws = given.values() if isinstance(given, Mapping) else [given]
-    return any(
-        not isinstance(law, str)
-        or (is_user_controller(law) and not law.endswith(POLICY_ENDING))
-        for law in laws
-    )
+    return any(map(_is_code, laws))
+
+
+def _is_code(law: Law) -> bool:
+    """Return whether a controller of an axis is `module:name`, or a function."""
+    if not isinstance(law, str):
+        return True
+    return is_user_controller(law) and not law.endswith(POLICY_ENDING)
 
 
 def require_decoupling(given: Law | Mapping[str, Law], axes: int) -> None:

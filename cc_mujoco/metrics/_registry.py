@@ -149,9 +149,10 @@ METRICS: dict[str, Metric] = {
     metric.name: metric
     for metric in (
         Metric("rms_torque_error", "N m", "RMS of joint torque minus desired torque",
-               lambda log: rms(torque.torque_error(log))),
+               lambda log: rms(log["joint_torque_nm"] - log["desired_torque_nm"])),
         Metric("peak_torque_error", "N m", "largest |joint torque minus desired "
-               "torque|", lambda log: peak(torque.torque_error(log))),
+               "torque|",
+               lambda log: peak(log["joint_torque_nm"] - log["desired_torque_nm"])),
         Metric("torque_lag", "s", "delay of the joint torque after the desired torque, "
                "by cross-correlation, negative where it leads; none where the "
                "coefficient stays below 0.5", torque.torque_lag, better=""),
@@ -164,12 +165,14 @@ METRICS: dict[str, Metric] = {
         Metric("peak_joint_torque", "N m", "largest |joint torque|",
                lambda log: peak(log["joint_torque_nm"]), better=""),
         Metric("peak_over_safe", "1", "largest |joint torque| over the device's "
-               "`safe_torque`", torque.peak_over_safe, needs=(SAFE_TORQUE,)),
+               "`safe_torque`", lambda log: peak(log["joint_torque_nm"])
+               / metadata_constant(log, SAFE_TORQUE), needs=(SAFE_TORQUE,)),
         Metric("unstable", "1", "1 where the joint torque swings about its mean over "
                f"{1e3 * torque.SWING_WINDOW:g} ms by more, RMS, than "
                f"{torque.SWING_SHARE:g} of the largest desired torque and "
                f"{torque.SWING_SCALE:g} of the device's `safe_torque`, else 0",
-               torque.unstable),
+               lambda log: float(torque.is_unstable(
+                   log, log.metadata.get(SAFE_TORQUE, math.inf)))),
         Metric("rms_joint_torque", "N m", "RMS of the joint torque",
                lambda log: rms(log["joint_torque_nm"]), better=""),
         Metric("peak_wearer_torque", "N m", "largest |torque| with which the wearer "
@@ -177,7 +180,8 @@ METRICS: dict[str, Metric] = {
                lambda log: peak(log["wearer_torque_nm"])),
         Metric("wearer_power", "W", "mean positive power of that torque: work of the "
                "wearer per second",
-               lambda log: float(np.mean(torque.wearer_power(log)))),
+               lambda log: float(np.mean(np.maximum(
+                   log["wearer_torque_nm"] * log["joint_velocity_rad_s"], 0.0)))),
         Metric("peak_torque_rate", "N m/s", "fastest change of the joint torque, over "
                f"{1e3 * RATE_WINDOW:g} ms; jerks are uncomfortable",
                lambda log: torque.peak_rate(
@@ -191,7 +195,8 @@ METRICS: dict[str, Metric] = {
                "constant torque of that size heats the winding as much",
                lambda log: rms(log["motor_torque_nm"])),
         Metric("chatter", "N m", "RMS of the torque at the motor pulley minus its mean "
-               f"over {1e3 * MEAN_WINDOW:g} ms", torque.chatter),
+               f"over {1e3 * MEAN_WINDOW:g} ms", lambda log: torque.ripple(
+                   log["motor_torque_nm"], torque.period_of(log), MEAN_WINDOW)),
         Metric("peak_motor_power", "W", "largest power that the motor gives",
                lambda log: float(np.max(torque.motor_power(log)))),
         Metric("thermal_load", "1", "RMS of the motor's torque per torque that it can "
@@ -217,7 +222,8 @@ METRICS: dict[str, Metric] = {
         Metric("motor_share", "1", "part of all work put into the cables that came "
                "from the motor", lambda log: efficiency(log).motor_share, better=""),
         Metric("dissipated_energy_{cable}", "J", "energy that cable {cable} lost to "
-               "friction", torque.dissipated_energy),
+               "friction", lambda log, cable: float(
+                   np.diff(log[f"dissipated_{cable}_j"]).sum())),
         Metric("twist_backlash", "rad", "width at zero torque of the loop of joint "
                "torque against twist", torque.twist_backlash),
         Metric("spring_backlash", "rad", "between the angles at which the joint torque "
@@ -398,14 +404,10 @@ def measure_axes(
     Raises:
         CableError: See `measure`.
     """
-    metrics = tuple(metrics)
-    axes: tuple[str, ...] = getattr(log, "axes", ())
-    if not axes:
-        yield from (("", *pair) for pair in measure(log, metrics).items())
-        return
-    each = [metric for metric in metrics if metric.of_axis]
+    rest, axes = list(metrics), getattr(log, "axes", ())
+    each = [metric for metric in rest if axes and metric.of_axis]
+    rest = [metric for metric in rest if not (axes and metric.of_axis)]
     for axis in axes:
         own: LogLike = log.axis(axis)  # type: ignore[attr-defined]
         yield from ((axis, *pair) for pair in measure(own, each).items())
-    rest = [metric for metric in metrics if not metric.of_axis]
     yield from (("", *pair) for pair in measure(log, rest).items())

@@ -25,15 +25,9 @@ def loop_width(angle: Array, torque: Array) -> float:
     The torque visits zero when it enters the band of 5 % of its peak and leaves it
     again; what chatters inside the band is one visit. Each visit gives the angles at
     which the torque changes sign (interpolated) or is below 0.1 % of its peak (a dead
-    zone). The width is the range of these angles over all visits.
-
-    Args:
-        angle: Angle (T,), rad.
-        torque: Torque (T,), any unit.
-
-    Returns:
-        Width in rad: hysteresis and dead zone together. NaN if the torque does not
-        come back through zero, so that there is no loop.
+    zone). The width is the range of these angles over all visits: hysteresis and dead
+    zone together. Angles [rad] and torques, in any unit, are (T,); NaN if the torque
+    does not come back through zero, so that there is no loop.
     """
     peak = float(np.max(np.abs(torque)))
     if not peak > 0:
@@ -65,14 +59,8 @@ def loop_opening(angle: Array, torque: Array) -> float:
     It is the difference between the mean angle at which the torque changes sign while
     the angle falls and that while it rises. Friction F on a spring k opens the loop by
     2 F/k, and by all of the motion where F exceeds the spring. `loop_width` is the
-    range of all crossings instead, which a torque that chatters about zero fills.
-
-    Args:
-        angle: Angle (T,), rad.
-        torque: Torque (T,), any unit.
-
-    Returns:
-        Opening in rad, at least 0; NaN if the torque does not cross zero both ways.
+    range of all crossings instead, which a torque that chatters about zero fills. The
+    opening [rad] is at least 0; NaN if the torque does not cross zero both ways.
     """
     change = np.flatnonzero(torque[:-1] * torque[1:] < 0)
     share = torque[change] / (torque[change] - torque[change + 1])
@@ -87,21 +75,14 @@ def loop_opening(angle: Array, torque: Array) -> float:
 def signal_lag(
     time: Array, desired: Array, actual: Array, *, signed: bool = False
 ) -> float:
-    """Return the delay of one signal after another, in seconds.
+    """Return the delay of a signal `actual` (T,) after the `desired` one [s].
 
     It is the shift, at most a quarter of the episode and at most 1 s, at which the
     correlation coefficient peaks, refined by a parabola; of several peaks within 5 %,
-    as a periodic signal has, the nearest to 0.
-
-    Args:
-        time: Equally spaced times (T,), s.
-        desired: Signal that should be followed (T,).
-        actual: Signal that follows (T,).
-        signed: Whether a signal that leads has a negative delay; else it has 0.
-
-    Returns:
-        Delay in seconds; NaN if the best coefficient is below 0.5 or at the largest
-        shift, for then the one signal does not follow the other.
+    as a periodic signal has, the nearest to 0. The times are equally spaced (T,) [s]. A
+    signal that leads has a negative delay if `signed`, else 0. NaN if the best
+    coefficient is below 0.5 or at the largest shift, for then the one signal does not
+    follow the other.
     """
     count = len(time)
     if count < 8:
@@ -109,9 +90,7 @@ def signal_lag(
     step = float(time[-1] - time[0]) / (count - 1)
     reach = max(1, min(count // 4, round(1.0 / step)))
     shifts = np.arange(-reach if signed else 0, reach + 1)
-    score = np.array(
-        [_shifted_correlation(desired, actual, k) for k in shifts.tolist()]
-    )
+    score = np.array([_correlation(desired, actual, k) for k in shifts.tolist()])
     before = np.concatenate([[-1.0], score[:-1]])
     rising = score >= before
     falling = np.concatenate([score[:-1] >= score[1:], [True]])
@@ -129,15 +108,11 @@ def signal_lag(
     return float((shifts[best] + offset) * step)
 
 
-def _shifted_correlation(desired: Array, actual: Array, shift: int) -> float:
+def _correlation(desired: Array, actual: Array, shift: int) -> float:
     """Return the correlation of a signal with another `shift` samples later."""
-    count = len(desired)
-    if shift < 0:
-        return _correlation(desired[-shift:], actual[: count + shift])
-    return _correlation(desired[: count - shift], actual[shift:])
-
-
-def _correlation(one: Array, other: Array) -> float:
+    ahead, behind = max(shift, 0), max(-shift, 0)
+    one = desired[behind : desired.size - ahead]
+    other = actual[ahead : actual.size - behind]
     one, other = one - one.mean(), other - other.mean()
     scale = float(np.sqrt((one @ one) * (other @ other)))
     return float(one @ other) / scale if scale > 1e-12 else -1.0

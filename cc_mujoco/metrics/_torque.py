@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cc_mujoco.metrics._metric import (
     CONTINUOUS_TORQUE,
@@ -26,7 +25,6 @@ from cc_mujoco.metrics._metric import (
     rms,
 )
 from cc_mujoco.metrics._signals import (
-    MEAN_WINDOW,
     loop_opening,
     loop_width,
     moving_mean,
@@ -75,15 +73,10 @@ def efficiency(log: LogLike) -> Efficiency:
     less than `MIN_TASK_WORK_SHARE` is meant, which is a tremble of the joint.
     """
     time = log["time_s"]
-    motor = work_between_samples(
-        time, log["motor_torque_nm"] * log["motor_velocity_rad_s"]
-    )
-    joint = work_between_samples(
-        time, log["joint_torque_nm"] * log["joint_velocity_rad_s"]
-    )
-    task_work = work_between_samples(
-        time, log["desired_torque_nm"] * log["joint_velocity_rad_s"]
-    )
+    velocity = log["joint_velocity_rad_s"]
+    motor = work_between_samples(time, motor_power(log))
+    joint = work_between_samples(time, log["joint_torque_nm"] * velocity)
+    task_work = work_between_samples(time, log["desired_torque_nm"] * velocity)
     lost = np.zeros_like(motor)
     for cable in driven_cables(log):
         lost += np.diff(log[f"dissipated_{cable}_j"])
@@ -131,16 +124,10 @@ MAX_UNSAFE_TIME = 0.01
 """Time from which a torque beyond the safe one is a failure [s]."""
 
 
-def torque_error(log: LogLike) -> Array:
-    """Return joint torque minus desired torque (T,) [N m]."""
-    error: Array = log["joint_torque_nm"] - log["desired_torque_nm"]
-    return error
-
-
 def torque_lag(log: LogLike) -> float:
     """Return the lag of the joint torque behind the desired torque [s]."""
     # Steps of 5 ms suffice: `signal_lag` interpolates between them.
-    thin = slice(None, None, max(1, round(5e-3 / _period(log))))
+    thin = slice(None, None, max(1, round(5e-3 / period_of(log))))
     names = ("time_s", "desired_torque_nm", "joint_torque_nm")
     return signal_lag(*(log[name][thin] for name in names), signed=True)
 
@@ -165,12 +152,7 @@ def spring_backlash(log: LogLike) -> float:
     if not log.metadata.get(SPRING):
         return math.nan
     names = ("joint_angle_rad", "joint_torque_nm")
-    return loop_opening(*(moving_mean(log[name], _period(log)) for name in names))
-
-
-def chatter(log: LogLike) -> float:
-    """Return the RMS of the motor torque minus its moving mean [N m]."""
-    return _ripple(log["motor_torque_nm"], _period(log), MEAN_WINDOW)
+    return loop_opening(*(moving_mean(log[name], period_of(log)) for name in names))
 
 
 def peak_rate(torque: Array, step: float) -> float:
@@ -179,13 +161,6 @@ def peak_rate(torque: Array, step: float) -> float:
     if torque.size <= gap:
         return math.nan
     return float(np.max(np.abs(torque[gap:] - torque[:-gap]) / (gap * step)))
-
-
-def wearer_power(log: LogLike) -> Array:
-    """Return the positive part of the power that the wearer gives (T,) [W]."""
-    power = log["wearer_torque_nm"] * log["joint_velocity_rad_s"]
-    found: Array = np.maximum(power, 0.0)
-    return found
 
 
 def motor_power(log: LogLike) -> Array:
@@ -210,37 +185,29 @@ def thermal_load(log: LogLike) -> float:
 
 def least_tension(log: LogLike, *cables: str) -> Array:
     """Return the least tension in some cables, by default the wound (T,) [N]."""
+    names = [f"tension_{one}_nodes_n" for one in cables or driven_cables(log)]
     least = [
-        np.concatenate(
-            [rows.min(axis=1) for rows in log.pieces(f"tension_{c}_nodes_n")]
-        )
-        for c in cables or driven_cables(log)
+        np.concatenate([rows.min(axis=1) for rows in log.pieces(name)])
+        for name in names
     ]
     found: Array = np.min(least, axis=0)
     return found
 
 
-def slack(log: LogLike, cable: str) -> NDArray[np.bool_]:
-    """Return when some of a cable carries no tension (T,)."""
-    return least_tension(log, cable) <= 0.0
-
-
 def slack_time(log: LogLike, cable: str) -> float:
     """Return for how many seconds some of a cable carried no tension."""
-    return float(
-        work_between_samples(log["time_s"], slack(log, cable).astype(float)).sum()
-    )
+    slack = (least_tension(log, cable) <= 0.0).astype(float)
+    return float(work_between_samples(log["time_s"], slack).sum())
 
 
 def slack_under_load(log: LogLike) -> float:
     """Return the share of the time in which slack matters."""
-    hanging = [slack(log, cable) for cable in driven_cables(log)]
+    hanging = [least_tension(log, cable) <= 0.0 for cable in driven_cables(log)]
     if log.metadata.get(PULL_PULL):
         return float(np.mean(np.all(hanging, axis=0)))
     desired = np.abs(log["desired_torque_nm"])
-    return float(
-        np.mean(np.any(hanging, axis=0) & (desired > TAUT_SHARE * desired.max()))
-    )
+    is_pulled = desired > TAUT_SHARE * desired.max()
+    return float(np.mean(np.any(hanging, axis=0) & is_pulled))
 
 
 def peak_tension(log: LogLike, cable: str) -> float:
@@ -273,7 +240,7 @@ def failed(log: LogLike) -> float:
     if SAFE_TORQUE not in log.metadata:
         return math.nan
     safe = metadata_constant(log, SAFE_TORQUE)
-    unsafe = first_unsafe_sample(torque, safe, _period(log)) is not None
+    unsafe = first_unsafe_sample(torque, safe, period_of(log)) is not None
     return float(unsafe or strength_used(log, *log.cables) > 1.0)
 
 
@@ -281,27 +248,13 @@ def is_unstable(log: LogLike, scale: float) -> bool:
     """Return whether the joint torque swings faster than any task demands.
 
     Its deviation from its moving mean over `SWING_WINDOW` is, RMS, above a quarter of
-    the largest desired torque, and above a twentieth of a scale: no limit is needed.
-
-    Args:
-        log: An episode.
-        scale: Torque that counts for the device, its safe torque for example [N m].
+    the largest desired torque, and above a twentieth of a torque that counts for the
+    device, its safe torque for example [N m]: no limit is needed.
     """
-    ripple = _ripple(log["joint_torque_nm"], _period(log), SWING_WINDOW)
+    swing = ripple(log["joint_torque_nm"], period_of(log), SWING_WINDOW)
     largest = float(np.abs(log["desired_torque_nm"]).max())
     least = SWING_SCALE * scale if math.isfinite(scale) else 0.0
-    return bool(ripple > max(SWING_SHARE * largest, least))
-
-
-def unstable(log: LogLike) -> float:
-    """Return 1 for an episode whose joint torque swings, see `is_unstable`, else 0."""
-    return float(is_unstable(log, log.metadata.get(SAFE_TORQUE, math.inf)))
-
-
-def peak_over_safe(log: LogLike) -> float:
-    """Return the largest joint torque over the safe one; NaN where none is known."""
-    safe = log.metadata.get(SAFE_TORQUE, math.nan)
-    return float(np.max(np.abs(log["joint_torque_nm"])) / safe)
+    return bool(swing > max(SWING_SHARE * largest, least))
 
 
 def first_unsafe_sample(torque: Array, safe: float, period: float) -> int | None:
@@ -317,18 +270,13 @@ def first_unsafe_sample(torque: Array, safe: float, period: float) -> int | None
     return int(unsafe[0]) if unsafe.size else None
 
 
-def dissipated_energy(log: LogLike, cable: str) -> float:
-    """Return the energy that a cable lost to friction [J]."""
-    return float(np.diff(log[f"dissipated_{cable}_j"]).sum())
-
-
-def _ripple(torque: Array, period: float, window: float) -> float:
+def ripple(torque: Array, period: float, window: float) -> float:
     """Return the RMS of a torque minus its mean over a window [s]."""
     mean = moving_mean(torque, period, window)
     first = (torque.size - mean.size) // 2
     return rms(torque[first : first + mean.size] - mean)
 
 
-def _period(log: LogLike) -> float:
+def period_of(log: LogLike) -> float:
     time = log["time_s"]
     return float(time[-1] - time[0]) / (len(time) - 1)

@@ -18,7 +18,7 @@ from cc_mujoco.cable import _friction as law
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable._friction import PLACE
 from cc_mujoco.cable._stepper import Cables
-from cc_mujoco.native import FloatArray, FloatMatrix, compiled
+from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 
 SCRATCH_ROWS = 6
 """Rows of the scratch of these functions, with a number for each cable."""
@@ -40,30 +40,39 @@ class Model(NamedTuple):
     work: FloatArray  # scratch of `cable._layout.work_size`
 
 
-@compiled
-def _friction(
-    prm: FloatArray,
-    n: int,
-    state: FloatArray,
-    sense: float,
-    speed: float,
-    j: int,
-    ends: float,
-) -> tuple[float, float, float]:
-    """Return growth, drag [N] and holding growth of segment j for slip along `sense`.
+class _Slip(NamedTuple):
+    """A cable that slips as a whole."""
+
+    prm: FloatArray
+    n: int
+    state: FloatArray
+    sense: float  # 1 towards the joint, -1 towards the motor; 0: uniform tension
+    speed: float  # of the cable, positive towards the joint [m/s]
+
+
+@internal
+def _slip(model: Model, k: int, sense: float, joint_velocity: float) -> _Slip:
+    """Return a cable that follows a velocity of the joint [rad/s]."""
+    prm, n, _, _, distal = model.cables
+    return _Slip(prm[k], n[k], model.state[k], sense, distal[k] * joint_velocity)
+
+
+@internal
+def _friction(slip: _Slip, j: int, ends: float) -> tuple[float, float, float]:
+    """Return growth, drag [N] and holding growth of segment j, that ends at a place.
 
     Every law of friction acts as in a step of the kernel, except bristles: they are
-    bent by then. Drag of viscosity helps where the cable still moves the other way.
-    `sense` is 1 towards the joint, -1 towards the motor; `speed` of the cable is
-    positive towards the joint [m/s], `ends` is the place of the distal end [m].
+    bent by then. Drag of viscosity helps where the cable still moves the other way. The
+    place of the distal end of the segment is in [m].
     """
+    prm, n, state, sense, speed = slip
     values, length = at.scalars(prm), at.contact_length(prm, n)[j]
     if prm[at.CONSTANT_COULOMB] != 0.0:
         # Exponentials that would otherwise be computed for every segment.
         growth = at.constant_growth(prm, n)[j]
         constant_drag = law.drag(values, length, growth, j, n)
         return growth, constant_drag, at.constant_hold(prm, n)[j]
-    node, slip = at.tensions(state, n), at.slips(state, n)[j]
+    node, slipped = at.tensions(state, n), at.slips(state, n)[j]
     angle = at.segment_angles(prm, n)[j] * law.wrap_factor(
         values, state[at.TRAVEL], ends - length, ends, prm[at.LENGTH]
     )
@@ -71,7 +80,7 @@ def _friction(
     factor *= law.drift_factor(values, state[at.TIME], state[at.HEAT])
     factor *= 1.0 - sense * values[PLACE.friction_asymmetry]
     aged = values[PLACE.ageing_friction] * at.contact_ages(state, n)[j]
-    slipped = abs(slip) if slip * sense > 0.0 else 0.0
+    slipped = abs(slipped) if slipped * sense > 0.0 else 0.0
     moving = law.kinetic_coefficient(values, slipped, abs(speed))
     growth = law.ratio(factor * (moving + aged), angle)
     hold = law.ratio(factor * (law.holding_coefficient(values) + aged), angle)
@@ -88,15 +97,10 @@ def has_drag(prm: FloatArray) -> bool:
     return False
 
 
-@compiled
-def _stretches(
-    prm: FloatArray, n: int, state: FloatArray, sense: float, speed: float
-) -> tuple[float, float, float]:
-    """Return the stretch in pretension [m]; of full slip per distal tension, at none.
-
-    `sense` is the direction of slip, 0 for a uniform tension; the others see
-    `_friction`.
-    """
+@internal
+def _stretches(slip: _Slip) -> tuple[float, float, float]:
+    """Return stretches [m]: in pretension; per distal tension; at none of that."""
+    prm, n, _, sense, _ = slip
     stiffness = at.node_stiffness(prm, n)
     length = at.contact_length(prm, n)
     ends = at.total(length)
@@ -104,7 +108,7 @@ def _stretches(
     for i in range(n + 1):
         j = n - i
         if i > 0 and sense != 0.0:
-            growth, drag, _ = _friction(prm, n, state, sense, speed, j, ends)
+            growth, drag, _ = _friction(slip, j, ends)
             ends -= length[j]
             if sense < 0.0:
                 level, offset = level * growth, offset * growth + drag
@@ -116,7 +120,7 @@ def _stretches(
     return rest, unit, none
 
 
-@compiled
+@internal
 def _shared_tensions(
     model: Model, direction: FloatArray, joint_velocity: float, desired: float
 ) -> None:
@@ -125,8 +129,7 @@ def _shared_tensions(
     The joint velocity is that at which the cables have to follow [rad/s]. The tensions
     are written to the first row of the scratch; the third is not touched.
     """
-    prm, n, _, _, distal = model.cables
-    scratch = model.scratch
+    n, distal, scratch = model.cables.n, model.cables.distal, model.scratch
     share, taut = scratch[0], scratch[1]
     rest, unit, none = scratch[3], scratch[4], scratch[5]
     if n.size == 1:
@@ -135,7 +138,7 @@ def _shared_tensions(
     taut[:] = 1.0
     for k in range(n.size):
         rest[k], unit[k], none[k] = _stretches(
-            prm[k], n[k], model.state[k], direction[k], distal[k] * joint_velocity
+            _slip(model, k, direction[k], joint_velocity)
         )
     for _ in range(n.size):
         # Torque = -sum f_i (s_i0 + f_i g) / unit_i of the cables that are taut.
@@ -157,7 +160,7 @@ def _shared_tensions(
             break
 
 
-@compiled
+@internal
 def dynamic(model: Model, joint_velocity: float, desired: float) -> float:
     """Return the motor torque with dynamic friction (4.2) [N m].
 
@@ -169,18 +172,14 @@ def dynamic(model: Model, joint_velocity: float, desired: float) -> float:
 
     `joint_velocity` is that at which the cables have to follow [rad/s].
     """
-    share = model.scratch[0]
-    prm, n, _, _, distal = model.cables
+    share, torque = model.scratch[0], 0.0
     _shared_tensions(model, model.direction, joint_velocity, desired)
-    torque = 0.0
-    for k in range(n.size):
-        if model.direction[k] != 0.0 and has_drag(prm[k]):
-            speed, state = distal[k] * joint_velocity, model.state[k]
-            tension = _proximal_tension(
-                prm[k], n[k], state, model.direction[k], speed, share[k], False
-            )
-            node = at.tensions(state, n[k])
-            if max(node[n[k]], 0.0) > share[k]:
+    for k in range(model.cables.n.size):
+        if model.direction[k] != 0.0 and has_drag(model.cables.prm[k]):
+            slip = _slip(model, k, model.direction[k], joint_velocity)
+            tension = _proximal_tension(slip, share[k], False)
+            node = at.tensions(slip.state, slip.n)
+            if max(node[slip.n], 0.0) > share[k]:
                 tension = min(tension, max(node[0], 0.0))
             else:
                 tension = max(tension, max(node[0], 0.0))
@@ -190,7 +189,7 @@ def dynamic(model: Model, joint_velocity: float, desired: float) -> float:
     return torque
 
 
-@compiled
+@internal
 def full_slip_torque(
     model: Model, sense: float, joint_velocity: float, desired: float
 ) -> float:
@@ -202,45 +201,34 @@ def full_slip_torque(
     `sense` is that in which the motor shall turn, 1, -1 or 0 for the present one;
     other arguments as in `dynamic`.
     """
-    share, senses = model.scratch[0], model.scratch[2]
-    prm, n, _, _, distal = model.cables
-    for k in range(n.size):
+    share, senses, torque = model.scratch[0], model.scratch[2], 0.0
+    for k in range(senses.size):
         senses[k] = np.sign(model.arm[k]) * sense
     _shared_tensions(model, senses, joint_velocity, desired)
-    torque = 0.0
-    for k in range(n.size):
+    for k in range(senses.size):
         tension = share[k]
         if sense != 0.0:
-            speed, state = distal[k] * joint_velocity, model.state[k]
-            tension = _proximal_tension(
-                prm[k], n[k], state, senses[k], speed, tension, True
-            )
+            slip = _slip(model, k, senses[k], joint_velocity)
+            tension = _proximal_tension(slip, tension, True)
         torque -= model.arm[k] * tension
     return torque
 
 
-@compiled
-def _proximal_tension(
-    prm: FloatArray,
-    n: int,
-    state: FloatArray,
-    sense: float,
-    speed: float,
-    wanted: float,
-    breaking: bool,
-) -> float:
+@internal
+def _proximal_tension(slip: _Slip, wanted: float, breaking: bool) -> float:
     """Return the proximal tension at which all segments slip one way [N].
 
     `wanted` is the distal tension [N]; if `breaking`, segments that do not slip so yet
-    have to be broken away. For `sense` and `speed` see `_friction`.
+    have to be broken away.
     """
+    prm, n, state, sense, _ = slip
     node, slips = at.tensions(state, n), at.slips(state, n)
     length = at.contact_length(prm, n)
     ends = at.total(length)
     need = wanted
     for i in range(n):
         j = n - 1 - i
-        growth, drag, hold = _friction(prm, n, state, sense, speed, j, ends)
+        growth, drag, hold = _friction(slip, j, ends)
         ends -= length[j]
         moving = not breaking or slips[j] * sense > 0.0
         held = max(node[j + 1], 0.0)

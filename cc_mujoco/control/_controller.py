@@ -180,8 +180,8 @@ def as_round_pulley(observation: Mapping[str, Any], drive: Drive) -> Mapping[str
     """
     if not needs_winding(observation, drive):
         return observation
-    angle, velocity, leverage = (observation[name] for name in WINDING_COLUMNS)
-    changed = {"joint_angle_rad": angle, "joint_velocity_rad_s": velocity}
+    *motion, leverage = (observation[name] for name in WINDING_COLUMNS)
+    changed = dict(zip(LAW_INPUTS[2:4], motion, strict=True))
     with np.errstate(all="ignore"):  # a torque over an arm of 0 is none
         for name in ("joint_torque_nm", "desired_torque_nm"):
             changed[name] = np.divide(observation[name], leverage)
@@ -302,8 +302,7 @@ class SteppedLaw:
 
 def stepped_law(kind: type[Controller]) -> SteppedLaw | None:
     """Return the compiled functions of a class; its subclasses may do otherwise."""
-    found: SteppedLaw | None = vars(kind).get("stepped")
-    return found
+    return vars(kind).get("stepped")
 
 
 class SteppedController(Controller):
@@ -329,8 +328,8 @@ class SteppedController(Controller):
 
     def parameters(self) -> list[float]:
         """Return the parameters, in order; see `_law_steps`."""
-        gains = self.gains
-        found = [float(getattr(gains, gain.name)) for gain in self.stepped.gains]
+        present = self.gains
+        found = [float(getattr(present, gain.name)) for gain in self.stepped.gains]
         for one in self.drive.cables if self.stepped.has_model else ():
             found += one.proximal, one.distal, *one.cable.scalars
             found += chain(*one.cable.conduit)
@@ -361,8 +360,8 @@ class SteppedController(Controller):
         """Return the state of the guard of every environment, see `guard.FREE`."""
         if not (len(self._memory) and self._tables.given):
             return np.zeros(len(self._memory))
-        place = self._tables.given[-1] - guard.COMMAND
-        return np.asarray(self._memory[:, place + guard.STATE])
+        place = self._tables.given[-1] - guard.COMMAND + guard.STATE
+        return np.asarray(self._memory[:, place])
 
     def memory(self, rows: int) -> FloatArray:
         """Return the numbers of every environment (rows, numbers)."""
@@ -370,8 +369,8 @@ class SteppedController(Controller):
             self._tables, law = self.law_tables(), self.stepped
             self._numbers = np.array(self._tables.numbers)
             self._shape = np.array(self._tables.shape, np.int64)
-            self._guarded = np.array([name not in law.unguarded for name in law.seen])
-            self._guarded = self._guarded.astype(np.int64)
+            guarded = [name not in law.unguarded for name in law.seen]
+            self._guarded = np.array(guarded, np.int64)
             self._place = STEPS.index(law.step)
             self._memory = np.tile(self.fresh_memory(), (rows, 1))
         return self._memory
@@ -382,7 +381,9 @@ class SteppedController(Controller):
 
     def measured(self, observation: Mapping[str, Any]) -> FloatArray:
         """Return the measurements that the law reads (rows, readings)."""
-        return readings(as_round_pulley(observation, self.drive), self.stepped.seen)
+        if self.stepped.is_round:
+            observation = as_round_pulley(observation, self.drive)
+        return readings(observation, self.stepped.seen)
 
     def answer(self, seen: FloatArray) -> FloatArray:
         """Return the torque of the motor after measurements (rows,) [N m]."""

@@ -31,13 +31,7 @@ from cc_mujoco.control._cholesky import solve_active
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._sensors import RATIO_COLUMN, WINDING_COLUMNS
 from cc_mujoco.errors import CableError
-from cc_mujoco.native import (
-    FloatArray,
-    FloatCube,
-    FloatMatrix,
-    compiled,
-    internal,
-)
+from cc_mujoco.native import FloatArray, FloatCube, FloatMatrix, compiled, internal
 
 Array = NDArray[np.float64]
 
@@ -52,9 +46,11 @@ class CouplingTables(NamedTuple):
     scales: FloatArray  # torque error of a joint that counts as 1 (joints,) [N m]
 
 
-class CouplingWorkspace(NamedTuple):
-    """Scratch of `own_torques`; there are at most as many joints as axes."""
+class Coupled(NamedTuple):
+    """A device in a pose, and scratch; there are at most as many joints as axes."""
 
+    tables: CouplingTables
+    ratios: FloatMatrix  # joint torque per motor torque (joints, axes) [-]
     matrices: FloatCube  # (`WORK_MATRICES`, axes, axes)
     vectors: FloatMatrix  # (`WORK_VECTORS`, axes)
 
@@ -65,7 +61,7 @@ _UNIT, _WANTED, _USED, _LEFT, _MOTOR, _AIM, _TOTAL = range(WORK_VECTORS)
 
 
 @internal
-def _solve(work: CouplingWorkspace, found: FloatArray) -> None:
+def _solve(work: Coupled, found: FloatArray) -> None:
     """Solve the equations of `_least_squares` for the active unknowns."""
     found[:] = work.vectors[_WANTED]
     normal, factor = work.matrices[_NORMAL], work.matrices[_FACTOR]
@@ -73,9 +69,7 @@ def _solve(work: CouplingWorkspace, found: FloatArray) -> None:
 
 
 @internal
-def _least_squares(
-    rows: int, right: FloatArray, weight: float, work: CouplingWorkspace
-) -> None:
+def _least_squares(rows: int, right: FloatArray, weight: float, work: Coupled) -> None:
     """Compute the normal equations of least squares with a weight on the unknowns.
 
     The matrix is the first `rows` of `_COLUMNS`; the equations are `_NORMAL` and
@@ -107,19 +101,13 @@ def _least_squares(
 
 
 @internal
-def _motor_torques(
-    own: Counts,
-    ratios: FloatMatrix,
-    measured: FloatArray,
-    work: CouplingWorkspace,
-    found: FloatArray,
-) -> None:
+def _motor_torques(work: Coupled, measured: FloatArray, found: FloatArray) -> None:
     """Compute the motor torques from the joint torques, small if undetermined.
 
-    At a joint of two motors each measures the torque of its own cables. For `own` see
-    `CouplingTables`; the ratios are (joints, axes), the torques (axes,) [N m]; `found`
-    is out.
+    At a joint of two motors each measures the torque of its own cables. Torques are
+    (axes,) [N m]; `found` is out.
     """
+    own, ratios = work.tables.own, work.ratios
     count, columns = own.size, work.matrices[_COLUMNS]
     for i in range(count):
         for k in range(count):
@@ -133,23 +121,15 @@ def _motor_torques(
 
 
 @compiled
-def distribute(
-    ratios: FloatMatrix,
-    torques: FloatArray,
-    scales: FloatArray,
-    least: FloatArray,
-    work: CouplingWorkspace,
-    found: FloatArray,
-) -> None:
+def distribute(work: Coupled, torques: FloatArray, found: FloatArray) -> None:
     """Compute the motor torques that come closest to torques of the joints.
 
     Murty's principal pivoting solves the optimality conditions of the least-squares
     problem exactly (K. G. Murty, "Note on a Bard-type scheme for solving the
-    complementarity problem", Opsearch 11, 1974). The ratios are the torque at every
-    joint per torque of every motor, (joints, axes) [-]; `scales` are the torque errors
-    of the joints that count as 1 [N m], `least` the least torques of the motors, -inf
-    for none; `found` (axes,) is out [N m].
+    complementarity problem", Opsearch 11, 1974). The torques of the motors are (axes,)
+    [N m], out.
     """
+    ratios, scales, least = work.ratios, work.tables.scales, work.tables.least
     joints, count = ratios.shape[0], ratios.shape[1]
     normal, columns = work.matrices[_NORMAL], work.matrices[_COLUMNS]
     unit, wanted, used, left = (
@@ -191,11 +171,9 @@ def distribute(
 
 @compiled
 def own_torques(
-    tables: CouplingTables,
-    ratios: FloatMatrix,
+    work: Coupled,
     measured: FloatArray,
     desired: FloatArray,
-    work: CouplingWorkspace,
     given: FloatArray,
     wanted: FloatArray,
 ) -> None:
@@ -204,17 +182,18 @@ def own_torques(
     Torques are (axes,) [N m]; at a joint of several motors the desired torques of its
     axes add up. `given` (measured) and `wanted` (desired) are out.
     """
+    tables, ratios = work.tables, work.ratios
     joints, count = ratios.shape[0], ratios.shape[1]
     motor, aim, total = (
         work.vectors[_MOTOR], work.vectors[_AIM], work.vectors[_TOTAL]
     )  # fmt: skip
-    _motor_torques(tables.own, ratios, measured, work, given)
+    _motor_torques(work, measured, given)
     aim[:] = 0.0
     total[:] = 0.0
     for i in range(count):
         aim[tables.own[i]] += desired[i]
         total[tables.own[i]] += measured[i]
-    distribute(ratios, aim, tables.scales, tables.least, work, motor)
+    distribute(work, aim, motor)
     # The total torque of the joint is guarded here; each law guards its own cable.
     for i in range(count):
         torque = min(motor[i], tables.most[i])
@@ -261,10 +240,8 @@ class Coupling:
     def __init__(self, drives: Sequence[Drive], prefixes: Sequence[str]) -> None:
         """Prepare; refuse axes whose torques the joints cannot distinguish."""
         self._drives, self._prefixes = tuple(drives), tuple(prefixes)
-        names = [
-            drive.joint or prefix
-            for drive, prefix in zip(drives, prefixes, strict=True)
-        ]
+        both = zip(drives, prefixes, strict=True)
+        names = [drive.joint or prefix for drive, prefix in both]
         self.joints = list(dict.fromkeys(names))
         """Joints whose torques are desired, in the order of the axes."""
         self._own = [self.joints.index(name) for name in names]
@@ -283,11 +260,12 @@ class Coupling:
                 "their joints in nearly the same proportions, so torques at the joints "
                 "do not tell which cable pulls; decouple none of them."
             )
-        noise = np.array([drive.torque_noise for drive in drives])
-        own = np.array([drive.ratio for drive in drives])
+        noise, own, one_way, high = (
+            np.array([getattr(drive, name) for drive in drives])
+            for name in ("torque_noise", "ratio", "one_way", "high")
+        )
         self.noise = np.abs(own) * np.sqrt(np.linalg.inv(mixing) ** 2 @ noise**2)
         """Noise of the torque of each cable at its own joint (axes,) [N m]."""
-        one_way = np.array([drive.one_way for drive in drives])
         pretension = np.array([_pretension(drive) for drive in drives])
         pulled = antagonists(neutral, one_way)
         safe, scales = np.full((2, len(self.joints)), math.inf)
@@ -297,7 +275,7 @@ class Coupling:
         self.tables = CouplingTables(
             np.array(self._own),
             np.where(one_way, np.where(pulled, pretension, 0.0), -math.inf),
-            np.array([float(drive.high) for drive in drives]),
+            high.astype(float),
             safe,
             scales,
         )
@@ -331,18 +309,17 @@ class Coupling:
         its axes add up.
         """
         given, wanted = np.empty((2, *measured.shape))
-        work = workspace(len(self._own))
-        for row, (one, felt, aim) in enumerate(
-            zip(ratios, measured, desired, strict=True)
-        ):
-            own_torques(self.tables, one, felt, aim, work, given[row], wanted[row])
+        each = zip(ratios, measured, desired, given, wanted, strict=True)
+        for one, *torques in each:
+            own_torques(coupled(self.tables, one), *torques)
         return given, wanted
 
 
-def workspace(axes: int) -> CouplingWorkspace:
-    return CouplingWorkspace(
-        np.empty((WORK_MATRICES, axes, axes)), np.empty((WORK_VECTORS, axes))
-    )
+def coupled(tables: CouplingTables, ratios: Array) -> Coupled:
+    """Return a device in the pose of these ratios, with its own scratch."""
+    axes = tables.own.size
+    matrices, vectors = (WORK_MATRICES, axes, axes), (WORK_VECTORS, axes)
+    return Coupled(tables, ratios, np.empty(matrices), np.empty(vectors))
 
 
 def _pretension(drive: Drive) -> float:

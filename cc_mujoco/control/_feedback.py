@@ -40,9 +40,6 @@ from cc_mujoco.native import FloatArray
 
 _DELAY_SHARE = 0.35
 """Share of what a delay allows that damping and proportional gain take."""
-_DEAD_SIGMAS = 6.0
-"""Error at no desired torque that a single cable does not answer, in standard
-deviations of the torque sensor: three times those of its bias in the benchmark."""
 
 
 class FeedForward(SteppedController):
@@ -66,9 +63,6 @@ class FeedForward(SteppedController):
 
     def law_tables(self) -> LawTables:
         return LawTables((), (), law_steps.OWN_MEMORY + guard.LIMITS)
-
-    def measured(self, observation: Mapping[str, Any]) -> FloatArray:
-        return readings(observation, self.stepped.seen)
 
 
 class ProportionalIntegral(SteppedController):
@@ -120,8 +114,7 @@ class ProportionalIntegral(SteppedController):
         super().__init__(drive)
         require_number("proportional", proportional, 0.0, 1e6, "")
         require_number("integral", integral, 0.0, 1e6, "1/s")
-        self.proportional = proportional
-        self.integral = integral
+        self.proportional, self.integral = proportional, integral
         self.feed_forward = feed_forward
         self.spring = joint_spring(drive.cables)
         """All cables as a spring at the joint, see `guard.STIFFNESS`; 0 where they are
@@ -155,9 +148,9 @@ class ProportionalIntegral(SteppedController):
         names = LAW_INPUTS if is_guarded else LAW_INPUTS[compiled_laws.TORQUE :]
         if WINDING_COLUMNS[1] in observation:
             # Levers, and cables that other joints wind.
-            angle, velocity = (observation[name] for name in WINDING_COLUMNS[:2])
-            moved = {"joint_angle_rad": angle, "joint_velocity_rad_s": velocity}
-            observation = {**observation, **moved}
+            moved = (observation[name] for name in WINDING_COLUMNS[:2])
+            joint = dict(zip(LAW_INPUTS[2:4], moved, strict=True))
+            observation = {**observation, **joint}
         part = readings(observation, names)
         seen = np.zeros((len(part), len(LAW_INPUTS)))
         seen[:, -len(names) :] = part
@@ -285,7 +278,8 @@ class TunedFeedback(ProportionalIntegral):
         found = loop_gains(drive, self.integral_share)
         super().__init__(drive, found.proportional, found.integral)
         self.settling = found.settling
-        self.dead_sigmas = _DEAD_SIGMAS if drive.one_way else 0.0
+        # Three times the standard deviations of its bias in the benchmark.
+        self.dead_sigmas = 6.0 if drive.one_way else 0.0
         """Error at no desired torque that is none, over the sensor's noise."""
 
     def law_tables(self) -> LawTables:

@@ -226,10 +226,8 @@ def admit_measured(
 ) -> None:
     """Have the guard check the measurements, and replace them where needed.
 
-    Args:
-        own: drive under guard.
-        measured: readings of the policy, `guard.READINGS` first; changed.
-        winding: `device.WINDING_COLUMNS`, or nothing where the joint is a round pulley.
+    `measured` are the readings of the policy, `guard.READINGS` first, changed;
+    `winding` are `device.WINDING_COLUMNS`, or nothing where the joint is a round pulley.
     """
     seen = own.memory[guard.SEEN : guard.SEEN + guard.READINGS]
     for i in range(guard.READINGS):
@@ -244,15 +242,6 @@ def admit_measured(
             measured[i] = seen[i]
         elif i > guard.JOINT_SPEED:
             measured[i] = seen[i] * winding[2]
-
-
-@internal
-def share_torque(
-    gains: FloatArray, spring: FloatArray, memory: FloatArray, share: float
-) -> float:
-    """Return the torque of the motor for a share, guarded [N m]."""
-    own = guard.Guarded(guard.limits_of(gains), spring, memory)
-    return guard.passed(gains, own, gains[RELEASE], share * gains[WHOLE])
 
 
 @compiled
@@ -281,7 +270,9 @@ def _torques(
 ) -> None:
     for i in range(rows.size):
         row = rows[i]
-        found[row] = share_torque(gains, spring, memory[row], shares[row])
+        own = guard.Guarded(guard.limits_of(gains), spring, memory[row])
+        torque = shares[row] * gains[WHOLE]
+        found[row] = guard.passed(gains, own, gains[RELEASE], torque)
 
 
 def _axes_text(count: int) -> str:

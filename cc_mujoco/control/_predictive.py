@@ -190,10 +190,13 @@ class PredictiveCompensation(SteppedController):
             )
         require_known_cables(drive)
         pair = len(drive.cables) > 1
-        if bandwidth is None:
-            bandwidth = 300.0 if pair else 200.0
-        if rotor is None:
-            rotor = 900.0 if pair else 600.0
+        usual = (300.0, 900.0, 0.12, 0.5) if pair else (200.0, 600.0, 0.0, 2.0)
+        bandwidth, rotor, caution, tolerance = (
+            by_default if given is None else given
+            for given, by_default in zip(
+                (bandwidth, rotor, caution, tolerance), usual, strict=True
+            )
+        )
         require_number("bandwidth", bandwidth, 1.0, 1e5, "rad/s")
         require_number("horizon", horizon, drive.period, 10.0, "s")
         if drive.motor_lag > horizon:
@@ -213,8 +216,6 @@ class PredictiveCompensation(SteppedController):
             damper = 0.02 if pair or drive.shared_ratios else 0.001
         require_number("yielding", yielding, 0.0, 0.1, "s")
         require_number("damper", damper, 0.0, 1.0, "s")
-        if caution is None:
-            caution = 0.12 if pair else 0.0
         require_number("caution", caution, 0.0, 1.0, "")
         least = rollout.most_steps(True) + 5 * knots
         if not iterations >= least:
@@ -222,8 +223,6 @@ class PredictiveCompensation(SteppedController):
                 f"iterations is {iterations!r}; {knots} knots need {least} or more."
             )
         require_number("bristles", bristles, 0.0, 10.0, "rad")
-        if tolerance is None:
-            tolerance = 0.5 if pair else 2.0
         require_number("tolerance", tolerance, 0.0, 1e6, "standard deviations")
         period = drive.period
         delays = np.arange(max(drive.delay, math.ceil(latest / period)) + 1)

@@ -75,59 +75,44 @@ class FusedFeedback(ProportionalIntegral):
         super().__init__(drive, proportional, integral)
         _require_sensors(drive, 1)
         self.model = CableModel(drive)
-        self._cables = [_Fused(drive, k) for k in range(len(drive.cables))]
+        self._own = [
+            (Mesh.of(one.cable), own.on(one.cable), own.deviation)
+            for one, own in zip(drive.cables, drive.sensors, strict=True)
+        ]
+        self._rest = np.array([[one.cable.pretension] for one in drive.cables])
+        self._tensions = self._rest
+        """Tensions of the cables at the joint (cables, rows) [N]."""
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
         super().reset(where)
         self.model.reset(where)
-        for cable in self._cables:
-            cable.reset(where)
+        if where is None:
+            self._tensions = self._rest
+        else:
+            self._tensions = np.where(where, self._rest, self._tensions)
 
-    def torque(self, observation: Mapping[str, Any]) -> Any:
+    def measured(self, observation: Mapping[str, Any]) -> FloatArray:
+        """Return the measurements of `pi`, with the torque of the fused tensions."""
         observation = as_round_pulley(observation, self.drive)
-        desired = observation["desired_torque_nm"]
-        tensions = _readings(observation)
-        torque = np.zeros(tensions.shape[0])
-        for cable in self._cables:
-            torque = torque - cable.distal * cable.tension
+        tensions, last = _readings(observation), self._tensions
+        torque = self._torque(len(tensions))
         self.model.follow(observation["motor_angle_rad"], torque)
-        torque = np.zeros(tensions.shape[0])
-        for k, cable in enumerate(self._cables):
-            torque = torque - cable.distal * cable.fuse(
-                tensions[:, k], self.model.slip(k)
-            )
+        fused = []
+        for k, (mesh, nodes, deviation) in enumerate(self._own):
+            gain = tension_gains(mesh, self.model.slip(k), nodes)[..., -1:]
+            found = fuse(tensions[:, k], gain, deviation).tension[..., 0]
+            fused.append(np.where(np.isfinite(found), np.maximum(found, 0.0), last[k]))
+        self._tensions = np.array(fused)
         seen = readings(observation, compiled_laws.LAW_INPUTS)
-        seen[:, compiled_laws.TORQUE] = torque
-        found = self.answer(seen)
-        return float(found[0]) if np.ndim(desired) == 0 else found
+        seen[:, compiled_laws.TORQUE] = self._torque(len(tensions))
+        return seen
 
-
-class _Fused:
-    """Distal tension of one cable in every environment."""
-
-    def __init__(self, drive: Drive, cable: int) -> None:
-        own = drive.cables[cable]
-        self.distal = own.distal
-        self._mesh = Mesh.of(own.cable)
-        self._sensors = drive.sensors[cable]
-        self._nodes = self._sensors.on(own.cable)
-        self._rest = np.array([own.cable.pretension])
-        self.reset(None)
-
-    def reset(self, where: NDArray[np.bool_] | None) -> None:
-        self.tension: NDArray[np.float64] = (
-            self._rest if where is None else np.where(where, self._rest, self.tension)
-        )
-
-    def fuse(
-        self, given: NDArray[np.float64], slip: NDArray[np.int8]
-    ) -> NDArray[np.float64]:
-        gain = tension_gains(self._mesh, slip, self._nodes)[..., -1:]
-        found = fuse(given, gain, self._sensors.deviation).tension[..., 0]
-        self.tension = np.where(
-            np.isfinite(found), np.maximum(found, 0.0), self.tension
-        )
-        return self.tension
+    def _torque(self, rows: int) -> FloatArray:
+        """Return the torque of the cables at the joint (rows,) [N m]."""
+        torque = np.zeros(rows)
+        for one, tension in zip(self.drive.cables, self._tensions, strict=True):
+            torque = torque - one.distal * tension
+        return torque
 
 
 class AdaptiveModel(PredictiveCompensation):
@@ -209,15 +194,9 @@ def _with_minimum_friction(one: CableDrive) -> CableDrive:
     """Return the drive with enough Coulomb friction to scale and to estimate."""
     cable = one.cable
     require_slope(cable)
-    if cable.friction >= friction_slope.MIN_BELIEVED_FRICTION:
+    least, still = friction_slope.MIN_BELIEVED_FRICTION, cable.static_friction
+    if cable.friction >= least:
         return one
-    still = cable.static_friction
-    changes = (
-        {"static_friction": max(still, friction_slope.MIN_BELIEVED_FRICTION)}
-        if still > 0.0
-        else {}
-    )
-    return dataclasses.replace(
-        one,
-        cable=cable.replace(friction=friction_slope.MIN_BELIEVED_FRICTION, **changes),
-    )
+    still = max(still, least) if still > 0.0 else still
+    believed = cable.replace(friction=least, static_friction=still)
+    return dataclasses.replace(one, cable=believed)

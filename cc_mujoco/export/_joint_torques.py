@@ -99,7 +99,7 @@ def own_readings(
         for k in range(shape[first]):
             one = first + 1 + 3 * k
             ratios[shape[one], shape[one + 1]] = readings[shape[one + 2]]
-        decoupling.own_torques(
+        coupled = decoupling.Coupled(
             decoupling.CouplingTables(
                 rows[_OWN],
                 part(tables, _LEAST * axes, axes),
@@ -108,15 +108,10 @@ def own_readings(
                 part(tables, _PER_AXIS * axes + joints, joints),
             ),
             ratios,
-            torques[0],
-            torques[1],
-            decoupling.CouplingWorkspace(
-                tables_of(memory, place, decoupling.WORK_MATRICES, axes, axes),
-                rows_of(memory, place + size, decoupling.WORK_VECTORS, axes),
-            ),
-            torques[2],
-            torques[3],
+            tables_of(memory, place, decoupling.WORK_MATRICES, axes, axes),
+            rows_of(memory, place + size, decoupling.WORK_VECTORS, axes),
         )
+        decoupling.own_torques(coupled, torques[0], torques[1], torques[2], torques[3])
         for i in range(axes):
             memory[rows[_TORQUE, i]] = torques[2, i]
             memory[rows[_DESIRED, i]] = torques[3, i]

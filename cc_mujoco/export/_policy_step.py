@@ -74,7 +74,8 @@ def step_policy(data: LawData) -> float:
         law[_SAMPLE] += 1.0
         if law[_SAMPLE] >= shape[_HOLD]:
             law[_SAMPLE] = 0.0
-    return policy.share_torque(gains, spring, law, law[_SHARE])
+    torque = law[_SHARE] * gains[policy.WHOLE]
+    return guard.passed(gains, guarded, gains[policy.RELEASE], torque)
 
 
 class SteppedPolicy(Policy):

@@ -11,9 +11,10 @@ from scipy.optimize import lsq_linear
 from cc_mujoco.control import axes_controller
 from cc_mujoco.control._decoupling import (
     Coupling,
+    CouplingTables,
     antagonists,
+    coupled,
     distribute,
-    workspace,
 )
 from cc_mujoco.control._registry import batched_controller
 from cc_mujoco.device import DeviceModel, Drive, Plant, find_device
@@ -45,9 +46,10 @@ def test_the_distribution_is_the_bounded_least_squares_solution(axes: int) -> No
     torques = random.normal(size=(20, axes))
     scales = random.uniform(0.3, 3.0, axes)
     least = np.where(random.random(axes) < 0.7, random.uniform(0.0, 0.2), -np.inf)
-    row, work = np.empty(axes), workspace(axes)
+    row, none = np.empty(axes), np.full(axes, np.inf)
+    tables = CouplingTables(np.arange(axes), least, none, none, scales)
     for matrix, wanted in zip(ratios, torques, strict=True):
-        distribute(matrix, wanted, scales, least, work, row)
+        distribute(coupled(tables, matrix), wanted, row)
         known = lsq_linear(matrix / scales[:, None], wanted / scales, (least, np.inf))
         cost = 0.5 * np.sum(((matrix @ row - wanted) / scales) ** 2)
         assert np.all(row >= least - 1e-12)

@@ -9,26 +9,11 @@ import math
 
 import numpy as np
 
+from cc_mujoco.control import _compiled_laws as laws
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control import _law_steps as law_steps
 from cc_mujoco.control._cable_model import cable_table, joint_spring, joint_stiffness
-from cc_mujoco.control._compiled_laws import (
-    BAND_SIGMAS,
-    GAUSSIAN_GAINS,
-    GAUSSIAN_GUARD,
-    HEADER,
-    INVERSE_GAINS,
-    INVERSE_GUARD,
-    INVERSE_SIZE,
-    LACK,
-    LOAD,
-    SPEED,
-    STATES,
-    STRETCH,
-    Design,
-    GaussianGains,
-    InverseGains,
-)
+from cc_mujoco.control._compiled_laws import LACK, LOAD, SPEED, STATES, STRETCH, Design
 from cc_mujoco.control._controller import (
     LawTables,
     SteppedController,
@@ -75,8 +60,8 @@ class BacklashInverse(_KnownMotor):
         drive = self.drive
         stiffness, late = joint_stiffness(drive.cables), total_delay(drive)
         bandwidth = min(0.2 / late, 200.0)  # of the motor's position [rad/s]
-        noise = BAND_SIGMAS * drive.torque_noise / stiffness
-        gains = InverseGains(
+        noise = laws.BAND_SIGMAS * drive.torque_noise / stiffness
+        gains = laws.InverseGains(
             late,
             drive.inertia * bandwidth**2,
             2.0 * drive.inertia * bandwidth,
@@ -86,12 +71,12 @@ class BacklashInverse(_KnownMotor):
             loop_gains(drive).settling * stiffness / drive.ratio**2,
         )
         cables, spring = cable_table(drive.cables), joint_spring(drive.cables)
-        first = law_steps.OWN_MEMORY + INVERSE_GAINS
+        first = law_steps.OWN_MEMORY + laws.INVERSE_GAINS
         return LawTables(
             cables.shape,
             tuple(np.concatenate([gains, spring, cables.ravel()]).tolist()),
-            first + INVERSE_SIZE,
-            (first + INVERSE_GUARD + guard.COMMAND,),
+            first + laws.INVERSE_SIZE,
+            (first + laws.INVERSE_GUARD + guard.COMMAND,),
         )
 
 
@@ -120,19 +105,19 @@ class LinearQuadraticGaussian(_KnownMotor):
         with single_threaded_blas():  # its threads take 30 times as long
             self.design, slip = _design(drive, rigidity)
         release = loop_gains(drive).settling * rigidity / drive.ratio**2
-        self._own_gains = GaussianGains(rigidity, release, slip)
+        self._own_gains = laws.GaussianGains(rigidity, release, slip)
         self._late = round(total_delay(drive) / drive.period - 0.5)
 
     def law_tables(self) -> LawTables:
         spring = joint_spring(self.drive.cables)
         numbers = np.array(self._own_gains), spring, *map(np.ravel, self.design)
-        first = law_steps.OWN_MEMORY + GAUSSIAN_GAINS
-        size = HEADER + STATES + self._late
+        first = law_steps.OWN_MEMORY + laws.GAUSSIAN_GAINS
+        size = laws.HEADER + STATES + self._late
         return LawTables(
             (size,),
             tuple(np.concatenate(numbers).tolist()),
             first + size + 2 * STATES,
-            (first + size - 1, first + GAUSSIAN_GUARD + guard.COMMAND),
+            (first + size - 1, first + laws.GAUSSIAN_GUARD + guard.COMMAND),
         )
 
 

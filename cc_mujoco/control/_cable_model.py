@@ -117,9 +117,7 @@ class CableModel:
         """Return the slip directions of the last step (rows, segments)."""
         n = int(self.cables.n[cable])
         first = kernel.STATE_HEADER + n + 1
-        slip = np.sign(self.state[:, cable, first : first + n])
-        direction: NDArray[np.int8] = slip.astype(np.int8)
-        return direction
+        return np.sign(self.state[:, cable, first : first + n]).astype(np.int8)
 
     def motor_torque(self) -> FloatArray:
         """Return the model's torque of the motor on the cables (rows,) [N m]."""
@@ -143,11 +141,8 @@ class CableModel:
 
 
 def stepper_cables(cables: Sequence[CableDrive]) -> stepper.Cables:
-    return stepper.make_cables(
-        [one.cable for one in cables],
-        [one.proximal for one in cables],
-        [one.distal for one in cables],
-    )
+    each = [(one.cable, one.proximal, one.distal) for one in cables]
+    return stepper.make_cables(*zip(*each, strict=True))
 
 
 def require_known_cables(drive: Drive) -> None:
@@ -290,18 +285,12 @@ def motor_torque(model: Model) -> float:
 
 def cable_table(cables: Sequence[CableDrive]) -> FloatArray:
     """Return the table of cables (cables, 5)."""
-    return np.array(
-        [
-            (
-                one.proximal,
-                one.distal,
-                one.cable.friction * one.cable.wrap,
-                one.cable.length / one.cable.axial_stiffness,
-                one.cable.pretension,
-            )
-            for one in cables
-        ]
-    ).reshape(-1, 5)
+    rows = []
+    for one in cables:
+        cable, compliance = one.cable, one.cable.length / one.cable.axial_stiffness
+        friction = cable.friction * cable.wrap
+        rows.append((one.proximal, one.distal, friction, compliance, cable.pretension))
+    return np.array(rows).reshape(-1, 5)
 
 
 @compiled

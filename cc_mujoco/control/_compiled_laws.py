@@ -254,17 +254,6 @@ its noise."""
 
 
 @internal
-def _sense_of_slip(law: Law, signals: FloatArray, slip_speed: float) -> float:
-    """Return the smooth sense in which the motor has to turn, -1 to 1."""
-    desired = law.seen[DESIRED]
-    rate = (desired - signals[_LAST_DESIRED]) / law.gains[PERIOD]
-    signals[_LAST_DESIRED] = desired
-    signals[_DESIRED_RATE] += 0.2 * (rate - signals[_DESIRED_RATE])  # low-passed
-    stretching = signals[_DESIRED_RATE] / law.spring[guard.STIFFNESS]
-    return float(np.tanh((law.seen[JOINT_VELOCITY] + stretching) / slip_speed))
-
-
-@internal
 def _noise(period: float, signals: FloatArray, torque: float) -> float:
     """Return the standard deviation of the noise of the torque sensor [N m].
 
@@ -282,14 +271,12 @@ def _noise(period: float, signals: FloatArray, torque: float) -> float:
 def tuned_torque(
     law: Law, cables: FloatMatrix, settings: FloatArray, signals: FloatArray
 ) -> float:
-    """Return the motor torque of `TunedFeedback` [N m].
+    """Return the motor torque of `TunedFeedback` [N m], after `admit`.
 
-    Args:
-        law: after `admit`; the measured torque is changed.
-        cables: see `cable_table`.
-        settings: share of friction that is fed forward, speed of slip [rad/s], dead
-            zone in deviations, deviation of the torque sensor [N m].
-        signals: (`SIGNAL_SIZE`,), 0 at the start.
+    For the cables see `cable_table`. Settings are the share of friction that is fed
+    forward, the speed of slip [rad/s], the dead zone in deviations, and the deviation
+    of the torque sensor [N m]; `signals` (`SIGNAL_SIZE`,) are 0 at the start. The
+    measured torque is changed.
     """
     seen, desired = law.seen, law.seen[DESIRED]
     ahead = guard.limited(law.gains, desired / law.gains[_RATIO])
@@ -297,8 +284,13 @@ def tuned_torque(
         signals[_KNOWN_SIGNALS], signals[_LAST_DESIRED] = 1.0, desired
         signals[_LAST_TORQUE] = seen[TORQUE]
     if settings[0] > 0.0:
-        sense = settings[0] * _sense_of_slip(law, signals, settings[1])
-        ahead = full_slip_balance(cables, sense, desired)[0]
+        rate = (desired - signals[_LAST_DESIRED]) / law.gains[PERIOD]
+        signals[_LAST_DESIRED] = desired
+        signals[_DESIRED_RATE] += 0.2 * (rate - signals[_DESIRED_RATE])  # low-passed
+        stretching = signals[_DESIRED_RATE] / law.spring[guard.STIFFNESS]
+        # The smooth sense in which the motor has to turn.
+        sense = np.tanh((seen[JOINT_VELOCITY] + stretching) / settings[1])
+        ahead = full_slip_balance(cables, settings[0] * sense, desired)[0]
     off = seen[TORQUE] - desired
     noise = _noise(law.gains[PERIOD], signals, seen[TORQUE])
     width = settings[2] * max(noise, settings[3]) - 0.5 * abs(desired)
@@ -440,7 +432,7 @@ def gaussian_torque(law: Law, design: Design, scratch: FloatMatrix) -> float:
     gains, spring, memory, seen = law
     limits = guard.limits_of(gains)
     own = guard.Guarded(limits, spring, memory[GAUSSIAN_GUARD:HEADER])
-    model, read, kalman, _ = design
+    model, read, kalman, regulator = design
     ratio, ahead, new = limits.ratio, scratch[0], scratch[1]
     guard.admit(own, seen)
     state = memory[HEADER : HEADER + STATES]
@@ -463,25 +455,15 @@ def gaussian_torque(law: Law, design: Design, scratch: FloatMatrix) -> float:
         ahead[i] = state[i]
     for i in range(1, applied.size):
         _advance(model, ahead, applied[i], new)
-    torque = _regulated(gains, design.regulator, ahead, seen[DESIRED])
-    torque = guard.passed(gains, own, gains[_GAUSSIAN_RELEASE], torque)
+    wanted = (seen[DESIRED] - ahead[LACK]) * ratio / gains[_RIGIDITY]
+    if limits.one_way != 0.0:
+        # A single cable cannot push, and what hangs need not hang further.
+        least = -abs(seen[DESIRED]) * abs(ratio) / gains[_RIGIDITY]
+        wanted = max(wanted, least)
+    hold = gains[_RIGIDITY] / ratio**2 * wanted - ahead[LOAD]
+    off = regulator[0] * (ahead[STRETCH] - wanted) + regulator[1] * ahead[SPEED]
+    torque = guard.passed(gains, own, gains[_GAUSSIAN_RELEASE], hold - off)
     for i in range(applied.size - 1):
         applied[i] = applied[i + 1]
     applied[applied.size - 1] = torque
     return float(torque)
-
-
-@compiled
-def _regulated(
-    gains: FloatArray, regulator: FloatArray, state: FloatArray, desired: float
-) -> float:
-    """Return the torque of the regulator [N m]."""
-    ratio = gains[guard.RATIO]
-    wanted = (desired - state[LACK]) * ratio / gains[_RIGIDITY]
-    if guard.limits_of(gains).one_way != 0.0:
-        # A single cable cannot push, and what hangs need not hang further.
-        least = -abs(desired) * abs(ratio) / gains[_RIGIDITY]
-        wanted = max(wanted, least)
-    hold = gains[_RIGIDITY] / ratio**2 * wanted - state[LOAD]
-    off = regulator[0] * (state[STRETCH] - wanted) + regulator[1] * state[SPEED]
-    return float(hold - off)

@@ -29,9 +29,10 @@ READING_INTERVAL = 5
 """Steps between two readings that are used."""
 MIN_BELIEVED_FRICTION = 1e-3
 """Least assumed friction coefficient."""
-ESTIMATE_SIZE, COEFFICIENT = 4, recursive.ESTIMATE
-"""Size of the estimate of the friction of a cable; place of its coefficient."""
-_VARIANCE = 0.2 * 0.2  # of the coefficient at first
+ESTIMATE_SIZE, COEFFICIENT, VARIANCE = 4, recursive.ESTIMATE, recursive.VARIANCE
+"""Size of the estimate of the friction of a cable; places of coefficient, variance."""
+FIRST_VARIANCE = 0.2 * 0.2
+"""Variance of the friction coefficient before any reading."""
 
 
 class Taps(NamedTuple):
@@ -62,14 +63,6 @@ def taps(
         np.array([own.deviation for own in sensors]),
         1.0 - math.exp(-1.0 / memory),
     )
-
-
-@internal
-def reset_estimate(known: FloatArray, friction: float) -> None:
-    """Write the initial estimate, before any reading (`ESTIMATE_SIZE`,)."""
-    known[:] = 0.0
-    known[recursive.ESTIMATE] = friction
-    known[recursive.VARIANCE] = _VARIANCE
 
 
 @internal
@@ -116,7 +109,7 @@ def learn(
         if count > 0 and information[0, 0] > 0.0:
             recursive.update_estimate(
                 known[k],
-                1.0 / _VARIANCE,
+                1.0 / FIRST_VARIANCE,
                 taps.fading,
                 0.0,
                 information[0, 0],

@@ -141,16 +141,6 @@ def _first_out_of_range(
     return 0
 
 
-@internal
-def _consistent(values: FloatArray) -> int:
-    """Return 1 + the index of a cable's contradictory scalar, 0 if there is none."""
-    if 0.0 < values[PLACE.static_friction] < values[PLACE.friction]:
-        return int(PLACE.static_friction) + 1
-    if values[PLACE.tension_exponent] != 0.0 and values[PLACE.pretension] == 0.0:
-        return int(PLACE.tension_exponent) + 1
-    return 0
-
-
 def wrong_parameters(
     shape: IntArray,
     parameters: FloatArray,
@@ -181,9 +171,11 @@ def wrong_parameters(
     for k in range(cables):
         if parameters[first] == 0.0 or parameters[first + 1] == 0.0:
             return first + (1 if parameters[first] == 0.0 else 2)
-        wrong = _consistent(part(parameters, first + 2, SCALARS))
-        if wrong != 0:
-            return first + 2 + wrong
+        values = part(parameters, first + 2, SCALARS)
+        if 0.0 < values[PLACE.static_friction] < values[PLACE.friction]:
+            return first + 3 + int(PLACE.static_friction)
+        if values[PLACE.tension_exponent] != 0.0 and values[PLACE.pretension] == 0.0:
+            return first + 3 + int(PLACE.tension_exponent)
         first += 2 + SCALARS + 2 * shape[1 + cables + k]
     return _first_out_of_range(end, parameters.size, parameters, least, most)
 

@@ -98,7 +98,9 @@ def observe(planner: Planner, seen: FloatArray) -> float:
     memory[at.ENERGY] -= tune[at.LEAK] * memory[at.ENERGY]
     # Low-passed by a quarter per step, to distinguish taut from slack.
     memory[at.FILTERED_TORQUE] += 0.25 * (torque - memory[at.FILTERED_TORQUE])
-    has_second = tune[at.BRISTLES] > 0.0 and not _has_bristles(cables)
+    has_second = tune[at.BRISTLES] > 0.0
+    for k in range(cables.n.size):
+        has_second = has_second and cables.prm[k, PLACE.bristle_length] == 0.0
     if has_second:
         set_bristles(cables, tune[at.BRISTLES])
         joint = memory[at.OTHER_JOINT] + turned
@@ -120,14 +122,6 @@ def observe(planner: Planner, seen: FloatArray) -> float:
     memory[at.LOAD] = load
     _observe_rotor(planner, motor, mean_load)
     return float(memory[at.OTHER_JOINT] if bristled else planner.joint[0])
-
-
-@internal
-def _has_bristles(cables: stepper.Cables) -> bool:
-    for k in range(cables.n.size):
-        if cables.prm[k, PLACE.bristle_length] != 0.0:
-            return True
-    return False
 
 
 @internal

@@ -205,7 +205,9 @@ def step_sensed(data: LawData) -> float:
     for k in range(count):
         believed = planner.given[place + 2 + PLACE.friction]
         if is_fresh:
-            friction_slope.reset_estimate(known[k], believed)
+            known[k, :] = 0.0
+            known[k, friction_slope.COEFFICIENT] = believed
+            known[k, friction_slope.VARIANCE] = friction_slope.FIRST_VARIANCE
         found = known[k, friction_slope.COEFFICIENT]
         found = max(found, friction_slope.MIN_BELIEVED_FRICTION)
         planner.friction[1, k] = found / believed

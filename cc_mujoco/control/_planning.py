@@ -28,11 +28,12 @@ from cc_mujoco.control._planner_observer import (
     replace_by_mean_torque,
     set_bristles,
 )
-from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
+from cc_mujoco.native import FloatArray, FloatMatrix, internal
 
 _RATE_TERMS = tuple(
     place for place, term, _ in law.DRAG_TERMS if "rate" in term.depends_on
 )
+"""Parameters of friction that depends on speed."""
 _LINEARIZATIONS = 2
 """Linearisations of the load in a plan of commands."""
 
@@ -247,36 +248,23 @@ def _predict(planner: Planner, joint: float, applied: FloatArray) -> float:
     return joint
 
 
-@compiled
+@internal
 def _anticipate_joint(memory: FloatArray, tune: FloatArray) -> None:
     """Predict the motion of the joint under the torque that it lacks.
 
-    Otherwise a joint that a lack of torque slows down would seem to reverse.
+    Otherwise a joint that a lack of torque slows down would seem to reverse. From the
+    desired torque that of a damper is subtracted, which dissipates the surplus energy
+    of the joint.
     """
     lacking = memory[at.DESIRED_TORQUE] - memory[at.FILTERED_TORQUE]
     sure = max(abs(lacking) - tune[at.NOISE], 0.0) * np.sign(lacking)
     memory[at.JOINT + 1] += tune[at.YIELDING] * sure * tune[at.PERIOD]
-
-
-@compiled
-def _damp_desired(memory: FloatArray, tune: FloatArray) -> None:
-    """Subtract a damping torque that dissipates the surplus energy of the joint."""
     rate = memory[at.JOINT + 1] / tune[at.PERIOD]
     damper = memory[at.ENERGY] / (tune[at.SPEND] * (rate * rate + tune[at.SLOW] ** 2))
     damper = min(max(damper, 0.0), tune[at.DAMPER])
     damper /= tune[at.PERIOD]
     memory[at.DESIRED_TORQUE] -= damper * memory[at.JOINT + 1]
     memory[at.DESIRED_TORQUE + 1] -= damper * memory[at.JOINT + 2]
-
-
-@compiled
-def _has_rate_friction(cables: stepper.Cables) -> bool:
-    """Return whether the friction of a cable depends on its speed."""
-    for k in range(cables.n.size):
-        for place in _RATE_TERMS:
-            if cables.prm[k, place] != 0.0:
-                return True
-    return False
 
 
 @internal
@@ -307,7 +295,10 @@ def _plan(
     motor = ahead[at.ANGLE]
     for i in range(count):
         push[i] = gains[i, 0] * motor + gains[i, 1] * ahead[at.VELOCITY]
-    drags = _has_rate_friction(cables)
+    drags = False
+    for k in range(cables.n.size):
+        for place in _RATE_TERMS:
+            drags = drags or cables.prm[k, place] != 0.0
     search = rollout.MotorSearch(
         cables, planner.rolled, new, planner.leapt, planner.work, planner.spent,
         tune[at.SPAN], tune[at.STIFFNESS] / tune[at.RATIO], tune[at.TOLERANCE],
@@ -375,25 +366,6 @@ def _simulate_plan(
 
 
 @internal
-def _go_on(plan: FloatArray, tune: FloatArray, push: FloatArray) -> None:
-    """Write the acceleration of the last whole plan, 0 behind its end, to a plan."""
-    count = plan.size - 1
-    knot = int(plan[count] * tune[at.PERIOD] / tune[at.SPAN])
-    push[0] = plan[knot] if knot < count else 0.0
-    push[count] = np.nan
-
-
-@internal
-def _damping(tune: FloatArray, delay: int) -> float:
-    """Return the damping of a motor that follows the joint [N m s/rad]."""
-    late = tune[at.PERIOD] * (1 + delay) + tune[at.LAG]
-    steady = guard.MAX_DAMPING_SHARE * tune[at.INERTIA] / late
-    return float(
-        min(guard.RELEASE_TIME * tune[at.STIFFNESS] / tune[at.RATIO] ** 2, steady)
-    )
-
-
-@internal
 def motor_torque(planner: Planner, seen: FloatArray) -> float:
     """Return the torque of the motor of one device [N m].
 
@@ -421,15 +393,18 @@ def motor_torque(planner: Planner, seen: FloatArray) -> float:
     copy_states(state, planner.present)
     turned = _predict(planner, turned, applied[applied.size - delay :])
     _anticipate_joint(ahead, tune)
-    _damp_desired(ahead, tune)
     before = ahead[at.DIRECTION]
     sense, best = 1.0 if before == 0.0 else before, planner.best
+    last = best.size - 1
     own[at.CAUTION] *= 1.0 - tune[at.CREEP]
     planner.spent[0] = 0.0
     cost = _plan(planner, turned, sense, own[at.CAUTION], best)
     turning = 0.0 if before == 0.0 else tune[at.TURNING]
     if np.isinf(cost):
-        _go_on(planner.plan, tune, best)
+        # The last whole plan goes on, and ends at last.
+        knot = int(planner.plan[last] * dt / tune[at.SPAN])
+        best[0] = planner.plan[knot] if knot < last else 0.0
+        best[last] = np.nan
     elif cost > turning:
         other = _plan(planner, turned, -sense, 0.0, planner.push)
         width = planner.wanted[planner.wanted.size - 1] - ahead[at.ANGLE]
@@ -438,7 +413,6 @@ def motor_torque(planner: Planner, seen: FloatArray) -> float:
             sense, best = -sense, planner.push
             own[at.CAUTION] = tune[at.CAUTION_SHARE] * width
     own[at.DIRECTION] = sense
-    last = best.size - 1
     if not np.isinf(cost):
         for i in range(last):
             planner.plan[i] = best[i]
@@ -459,7 +433,11 @@ def motor_torque(planner: Planner, seen: FloatArray) -> float:
     if guard.state(guarded, behind, read[guard.DESIRED]) != guard.FREE:
         # Predictions from a failed sensor would drive the motor.
         behind = read[guard.MOTOR_SPEED] - tune[at.RATIO] * read[guard.JOINT_SPEED]
-        torque = guard.let_go_torque(guarded, _damping(tune, delay), behind)
+        late = dt * (1 + delay) + tune[at.LAG]
+        steady = guard.MAX_DAMPING_SHARE * tune[at.INERTIA] / late
+        damping = guard.RELEASE_TIME * tune[at.STIFFNESS] / tune[at.RATIO] ** 2
+        damping = min(damping, steady)
+        torque = guard.let_go_torque(guarded, damping, behind)
     if not abs(torque) < np.inf:
         # Readings that contradict each other by far made the models diverge.
         guard.stop(watched, guard.LIMP)

@@ -227,7 +227,7 @@ def admit_measured(
     """Have the guard check the measurements, and replace them where needed.
 
     `measured` are the readings of the policy, `guard.READINGS` first, changed;
-    `winding` are `device.WINDING_COLUMNS`, or nothing where the joint is a round pulley.
+    `winding` are `device.WINDING_COLUMNS`, or nothing of a round pulley.
     """
     seen = own.memory[guard.SEEN : guard.SEEN + guard.READINGS]
     for i in range(guard.READINGS):
@@ -344,9 +344,7 @@ def write_policy(
         file.write_bytes(content)
 
 
-def read_policy(
-    path: str | os.PathLike[str],
-) -> tuple[Network, tuple[Observed, ...]]:
+def read_policy(path: str | os.PathLike[str]) -> tuple[Network, tuple[Observed, ...]]:
     """Read a policy's file: its network, and what it observes of every axis.
 
     Raises:

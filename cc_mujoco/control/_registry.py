@@ -31,37 +31,16 @@ from numpy.typing import NDArray
 
 from cc_mujoco._utils import user_code
 from cc_mujoco._utils.provenance import POLICY_ENDING, is_user_controller
-from cc_mujoco.control._baselines import BacklashInverse, LinearQuadraticGaussian
-from cc_mujoco.control._controller import (
-    Controller,
-    columns_of_axes,
-    limit_torques,
-)
+from cc_mujoco.control import _baselines as baselines
+from cc_mujoco.control import _feedback as feedback
+from cc_mujoco.control import _hysteresis_inverse as hysteresis_inverse
+from cc_mujoco.control import _model_based as model_based
+from cc_mujoco.control import _tension_feedback as tension_feedback
+from cc_mujoco.control._controller import Controller, columns_of_axes, limit_torques
 from cc_mujoco.control._decoupling import Coupling
-from cc_mujoco.control._feedback import (
-    Feedback,
-    FeedForward,
-    FrictionFeedForward,
-    ProportionalIntegral,
-    TunedFeedback,
-)
-from cc_mujoco.control._hysteresis_inverse import (
-    BoucWenFeedForward,
-    CableInverse,
-    DistalFeedback,
-    LinearFit,
-    PrandtlIshlinskiiInverse,
-    SmoothBacklashInverse,
-)
-from cc_mujoco.control._model_based import (
-    DisturbanceObserver,
-    ModelBased,
-    StictionCompensation,
-)
 from cc_mujoco.control._policy import Policy
 from cc_mujoco.control._position import IdealRatio
 from cc_mujoco.control._predictive import PredictiveCompensation
-from cc_mujoco.control._tension_feedback import AdaptiveModel, FusedFeedback
 from cc_mujoco.device._axis_columns import split_by_axis
 from cc_mujoco.device._description import Description
 from cc_mujoco.device._device import Nominal
@@ -72,30 +51,30 @@ from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.human import task as find_task
 
 CONTROLLERS: dict[str, type[Controller]] = {
-    "none": FeedForward,
-    "feedback": Feedback,
-    "pi": ProportionalIntegral,
-    "pi_tuned": TunedFeedback,
-    "pi_feed_forward": FrictionFeedForward,
-    "inverse": BacklashInverse,
-    "lqg": LinearQuadraticGaussian,
-    "fused": FusedFeedback,
-    "model": ModelBased,
-    "stiction": StictionCompensation,
-    "disturbance": DisturbanceObserver,
+    "none": feedback.FeedForward,
+    "feedback": feedback.Feedback,
+    "pi": feedback.ProportionalIntegral,
+    "pi_tuned": feedback.TunedFeedback,
+    "pi_feed_forward": feedback.FrictionFeedForward,
+    "inverse": baselines.BacklashInverse,
+    "lqg": baselines.LinearQuadraticGaussian,
+    "fused": tension_feedback.FusedFeedback,
+    "model": model_based.ModelBased,
+    "stiction": model_based.StictionCompensation,
+    "disturbance": model_based.DisturbanceObserver,
     "predictive": PredictiveCompensation,
-    "adaptive": AdaptiveModel,
+    "adaptive": tension_feedback.AdaptiveModel,
 }
 """Every controller of torque with its default gains, to be called with a `Drive`."""
 
 POSITION_CONTROLLERS: dict[str, type[Controller]] = {
     "none": IdealRatio,
-    "linear": LinearFit,
-    "backlash_inverse": SmoothBacklashInverse,
-    "prandtl_ishlinskii": PrandtlIshlinskiiInverse,
-    "bouc_wen": BoucWenFeedForward,
-    "cable_inverse": CableInverse,
-    "distal_feedback": DistalFeedback,
+    "linear": hysteresis_inverse.LinearFit,
+    "backlash_inverse": hysteresis_inverse.SmoothBacklashInverse,
+    "prandtl_ishlinskii": hysteresis_inverse.PrandtlIshlinskiiInverse,
+    "bouc_wen": hysteresis_inverse.BoucWenFeedForward,
+    "cable_inverse": hysteresis_inverse.CableInverse,
+    "distal_feedback": hysteresis_inverse.DistalFeedback,
 }
 """Every controller of a joint angle, for a drive that commands one."""
 
@@ -108,9 +87,6 @@ DECOUPLED = "decoupled_"
 
 OWN_COLUMNS = "joint_torque_nm", "desired_torque_nm"
 """Columns that hold the torques of the own cable where axes are decoupled."""
-
-ALL_AXES = "ALL_AXES"
-"""Attribute of a function that makes one controller for all axes."""
 
 
 class _Readings(dict[str, Any]):
@@ -261,12 +237,11 @@ class PlantsController(Controller):
         """Return the torque of every motor [N m], (n,) or (n, axes)."""
         # The `info` of an episode that ended is a mapping among the columns.
         columns = {n: v for n, v in observation.items() if isinstance(v, np.ndarray)}
-        rows = (
-            {n: v[row] for n, v in columns.items()} for row in range(len(self.laws))
-        )
-        return np.stack(
-            [law.torque(own) for law, own in zip(self.laws, rows, strict=True)]
-        )
+        torques = []
+        for row, law in enumerate(self.laws):
+            own = {name: value[row] for name, value in columns.items()}
+            torques.append(law.torque(own))
+        return np.stack(torques)
 
 
 def controller(
@@ -291,7 +266,18 @@ def controller(
     """
     if isinstance(drive, Drive):
         return _controller_of(name, drive)
-    return axes_controller(name, *_device_drives(drive))
+    if not isinstance(drive, (Plant, Nominal, str, Path)):
+        raise CableError(
+            "a controller is made for a Drive, a Device, a Plant or the name or file "
+            f"of a device, not for {drive!r}."
+        )
+    plant = drive if isinstance(drive, Plant) else Plant(drive)
+    model = DeviceModel(plant.description, plant.model())
+    drives = list(model.drives(model.frame_skip * float(model.model.opt.timestep)))
+    for k, axis in enumerate(plant.description.axes):
+        commands_angle = find_task(axis.task, (axis.limb,)).commands_angle
+        drives[k] = dataclasses.replace(drives[k], commands_angle=commands_angle)
+    return axes_controller(name, drives, model.prefixes)
 
 
 def _controller_of(name: Law, drive: Drive) -> Controller:
@@ -376,29 +362,6 @@ def _require_one_argument(name: str, called: Any, which: str, what: str) -> None
 def controller_errors(name: str) -> AbstractContextManager[None]:
     """Report in one sentence which controller raised which error, and where."""
     return user_code.user_errors(f"controller {name!r}")
-
-
-def _device_drives(
-    device: Plant | Nominal | str | Path,
-) -> tuple[list[Drive], tuple[str, ...]]:
-    """Return the drives of a device as it is, and the prefixes of their columns."""
-    if not isinstance(device, (Plant, Nominal, str, Path)):
-        raise CableError(
-            "a controller is made for a Drive, a Device, a Plant or the name or file "
-            f"of a device, not for {device!r}."
-        )
-    plant = device if isinstance(device, Plant) else Plant(device)
-    model = DeviceModel(plant.description, plant.model())
-    period = model.frame_skip * float(model.model.opt.timestep)
-    drives = [
-        dataclasses.replace(
-            drive, commands_angle=find_task(axis.task, (axis.limb,)).commands_angle
-        )
-        for drive, axis in zip(
-            model.drives(period), plant.description.axes, strict=True
-        )
-    ]
-    return drives, model.prefixes
 
 
 def default_controller(device: Description, task: Any = None) -> str:
@@ -503,7 +466,7 @@ def _for_all_axes(given: Law) -> Any:
         if not (is_plain and _is_code(given)):
             return None
         given = user_code.named_object("controller", given, "function")
-    return given if getattr(given, ALL_AXES, False) else None
+    return given if getattr(given, "ALL_AXES", False) else None
 
 
 def is_policy(given: Law | Mapping[str, Law]) -> bool:

@@ -244,47 +244,36 @@ class _Model:
 
     def changed(self, logs: FloatArray) -> Transmission:
         """Return the transmission with its parameters multiplied by e^logs."""
-        values = {
-            parameter.name: parameter.value(place)
-            for parameter, place in zip(self.free, logs.tolist(), strict=True)
-        }
+        each = zip(self.free, logs.tolist(), strict=True)
+        values = {parameter.name: parameter.value(place) for parameter, place in each}
         scale = values.pop(WRAP_SCALE, 1.0)
         radii = {name: values.pop(name) for name in RADII if name in values}
         if "static_friction" in values:  # never below kinetic friction
             least = values.get("friction", self.transmission.cables[0].friction)
             values["static_friction"] = max(values["static_friction"], least)
-        cables = tuple(
-            cable.replace(
-                conduit=tuple(
-                    Section(s.length, s.radius / scale) for s in cable.conduit
-                ),
-                **values,
-            )
-            for cable in self.transmission.cables
-        )
-        return replace(self.transmission, cables=cables, **radii)
+        cables = []
+        for cable in self.transmission.cables:
+            bent = [Section(s.length, s.radius / scale) for s in cable.conduit]
+            cables.append(cable.replace(conduit=tuple(bent), **values))
+        return replace(self.transmission, cables=tuple(cables), **radii)
 
     def parts(self, logs: FloatArray) -> list[tuple[str, FloatArray]]:
         """Return name and residual (samples,) of every output of every trial."""
-        transmission = self.changed(logs)
-        return [
-            part
-            for trial in self.trials
-            for part in trial.residual(transmission).items()
-        ]
-
-    def residuals(self, logs: FloatArray) -> list[FloatArray]:
-        """Return the residuals of every output of every trial, over the noise."""
-        return [error for _, error in self.parts(logs)]
+        changed = self.changed(logs)
+        found: list[tuple[str, FloatArray]] = []
+        for trial in self.trials:
+            found += trial.residual(changed).items()
+        return found
 
     def residual(self, logs: FloatArray) -> FloatArray:
-        return np.concatenate(self.residuals(logs))
+        """Return the residuals of all outputs of all trials, over the noise."""
+        return np.concatenate([error for _, error in self.parts(logs)])
 
     def jacobian(self, logs: FloatArray) -> FloatArray:
         """Return the derivative of `residual` (residuals, free)."""
         steps = dict.fromkeys(range(logs.size), FACTOR_STEP)
-        columns = differences(self.residuals, logs, steps)
-        return np.column_stack([np.concatenate(c) for c in columns.values()])
+        columns = differences(lambda place: [self.residual(place)], logs, steps)
+        return np.column_stack([column for (column,) in columns.values()])
 
     def report(self, logs: FloatArray) -> Calibration:
         """Return all results of the fit at `logs`."""
@@ -294,21 +283,14 @@ class _Model:
         misfit: dict[str, list[FloatArray]] = {}
         for name, error in parts:
             misfit.setdefault(name, []).append(error)
+        each = zip(self.free, logs.tolist(), sigma.tolist(), strict=True)
+        # A combination of logarithms of this standard deviation is undetermined.
+        undetermined = undetermined_directions(spread, 0.5)
         return Calibration(
-            {
-                p.name: estimate(p, place, deviation)
-                for p, place, deviation in zip(
-                    self.free, logs.tolist(), sigma.tolist(), strict=True
-                )
-            },
+            {p.name: estimate(p, place, deviation) for p, place, deviation in each},
             self.changed(logs),
             spread / np.outer(sigma, sigma),
-            tuple(
-                self.sentence(shares)
-                # Standard deviation above which a combination of logarithms is
-                # undetermined.
-                for shares in undetermined_directions(spread, 0.5)
-            ),
+            tuple(map(self.sentence, undetermined)),
             {
                 k: float(np.sqrt(np.mean(np.concatenate(v) ** 2)))
                 for k, v in misfit.items()

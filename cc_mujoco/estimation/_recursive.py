@@ -72,11 +72,7 @@ class RecursiveLeastSquares:
     """
 
     def __init__(
-        self,
-        start: ArrayLike,
-        spread: ArrayLike,
-        memory: float,
-        drift: ArrayLike = 0.0,
+        self, start: ArrayLike, spread: ArrayLike, memory: float, drift: ArrayLike = 0.0
     ) -> None:
         """Start from a guess.
 
@@ -137,7 +133,16 @@ class RecursiveLeastSquares:
             target: :math:`\Phi^T y` (p,).
         """
         if self.value.size == 1:
-            self._update_one(float(information[0, 0]), float(target[0]))
+            if not information[0, 0] > 0.0:
+                return
+            matrices = self.covariance, self._information_matrix, self._with_rate
+            known = np.array([each.item() for each in (self.value, *matrices)])
+            update_estimate(
+                known, self._least.item(), self._fading, self._rate.item(),
+                float(information[0, 0]), float(target[0]),
+            )  # fmt: skip
+            self.value, found = known[:1].copy(), known[1:].reshape(3, 1, 1)
+            self.covariance, self._information_matrix, self._with_rate = found
             return
         size, axes = np.linalg.eigh(information)
         # A direction is silent below 1e-9 of the largest information.
@@ -158,15 +163,3 @@ class RecursiveLeastSquares:
         ahead = self.covariance - cross - cross.T + self._rate
         self._with_rate = kept @ (cross - self._rate)
         self.covariance = kept @ ahead @ kept.T + gain @ information @ gain
-
-    def _update_one(self, information: float, target: float) -> None:
-        if not information > 0.0:
-            return
-        parts = self.value, self.covariance, self._information_matrix, self._with_rate
-        known = np.array([part.item() for part in parts])
-        least, rate = self._least.item(), self._rate.item()
-        update_estimate(known, least, self._fading, rate, information, target)
-        self.value = known[:1].copy()
-        self.covariance, self._information_matrix, self._with_rate = known[1:].reshape(
-            3, 1, 1
-        )

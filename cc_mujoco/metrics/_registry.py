@@ -27,35 +27,12 @@ from cc_mujoco.human import Pace
 from cc_mujoco.human._gait import GAIT_MOMENTS
 from cc_mujoco.human._gait_joints import GaitJoint
 from cc_mujoco.metrics import _clamped as clamped
+from cc_mujoco.metrics import _metric as keys
 from cc_mujoco.metrics import _torque as torque
 from cc_mujoco.metrics._clamped import CHIRP_HIGH, CHIRP_LOW
-from cc_mujoco.metrics._metric import (
-    CONTINUOUS_TORQUE,
-    GAIT_JOINT,
-    MOMENT_RATIO,
-    PACE,
-    PULL_PULL,
-    SAFE_TORQUE,
-    STRENGTH,
-    TORQUE_CONSTANT,
-    WINDING_RESISTANCE,
-    Array,
-    Better,
-    LogLike,
-    Metric,
-    driven_cables,
-    metadata_constant,
-    peak,
-    rms,
-)
+from cc_mujoco.metrics._metric import Array, Better, LogLike, Metric, peak, rms
 from cc_mujoco.metrics._signals import MEAN_WINDOW
-from cc_mujoco.metrics._torque import (
-    MAX_UNSAFE_TIME,
-    RATE_WINDOW,
-    TAUT_SHARE,
-    efficiency,
-    peak_rate,
-)
+from cc_mujoco.metrics._torque import RATE_WINDOW, efficiency, peak_rate
 
 ANKLE = GaitJoint("ankle", "ankle")
 """Joint whose strides are measured where the metadata name none."""
@@ -87,10 +64,10 @@ def stride_metrics(log: LogLike) -> Strides:
     Strides go from heel strike to heel strike. The first, in which the walk begins, is
     left out.
     """
-    if PACE not in log.metadata:
+    if keys.PACE not in log.metadata:
         return Strides()
-    pace: Pace = log.metadata[PACE]
-    size = log.metadata.get(MOMENT_RATIO, 1.0)
+    pace: Pace = log.metadata[keys.PACE]
+    size = log.metadata.get(keys.MOMENT_RATIO, 1.0)
     time = log["time_s"]
     phase = np.mod(np.arctan2(log["phase_sine"], log["phase_cosine"]) / math.tau, 1.0)
     strikes = np.flatnonzero(np.diff(phase) < -0.5) + 1
@@ -100,7 +77,7 @@ def stride_metrics(log: LogLike) -> Strides:
     whole = slice(int(strikes[0]), int(strikes[-1]))
     phase, given = phase[whole], log["joint_torque_nm"][whole]
     meant = np.gradient(log["reference_angle_rad"], step)[whole]
-    joint: GaitJoint = log.metadata.get(GAIT_JOINT, ANKLE)
+    joint: GaitJoint = log.metadata.get(keys.GAIT_JOINT, ANKLE)
     own = size * pace.moment(joint.part) * GAIT_MOMENTS[joint.part](pace.phase(phase))
     if joint.turned:
         own = -own
@@ -122,7 +99,7 @@ def stride_metrics(log: LogLike) -> Strides:
     )
 
 
-WINDING_KEYS = (WINDING_RESISTANCE, TORQUE_CONSTANT)
+WINDING_KEYS = (keys.WINDING_RESISTANCE, keys.TORQUE_CONSTANT)
 
 
 def _constant(
@@ -133,7 +110,7 @@ def _constant(
     *needs: str,
     whole: bool = True,
 ) -> Metric:
-    compute = partial(metadata_constant, key=name)
+    compute = partial(keys.metadata_constant, key=name)
     return Metric(name, unit, meaning, compute, better, "parts", needs, whole)
 
 
@@ -142,7 +119,7 @@ def _stride(name: str, unit: str, meaning: str, better: Better = "low") -> Metri
     def compute(log: LogLike) -> float:
         return float(getattr(stride_metrics(log), name))
 
-    return Metric(name, unit, meaning, compute, better, needs=(PACE,))
+    return Metric(name, unit, meaning, compute, better, needs=(keys.PACE,))
 
 
 METRICS: dict[str, Metric] = {
@@ -166,13 +143,14 @@ METRICS: dict[str, Metric] = {
                lambda log: peak(log["joint_torque_nm"]), better=""),
         Metric("peak_over_safe", "1", "largest |joint torque| over the device's "
                "`safe_torque`", lambda log: peak(log["joint_torque_nm"])
-               / metadata_constant(log, SAFE_TORQUE), needs=(SAFE_TORQUE,)),
+               / keys.metadata_constant(log, keys.SAFE_TORQUE),
+               needs=(keys.SAFE_TORQUE,)),
         Metric("unstable", "1", "1 where the joint torque swings about its mean over "
                f"{1e3 * torque.SWING_WINDOW:g} ms by more, RMS, than "
                f"{torque.SWING_SHARE:g} of the largest desired torque and "
                f"{torque.SWING_SCALE:g} of the device's `safe_torque`, else 0",
                lambda log: float(torque.is_unstable(
-                   log, log.metadata.get(SAFE_TORQUE, math.inf)))),
+                   log, log.metadata.get(keys.SAFE_TORQUE, math.inf)))),
         Metric("rms_joint_torque", "N m", "RMS of the joint torque",
                lambda log: rms(log["joint_torque_nm"]), better=""),
         Metric("peak_wearer_torque", "N m", "largest |torque| with which the wearer "
@@ -201,7 +179,7 @@ METRICS: dict[str, Metric] = {
                lambda log: float(np.max(torque.motor_power(log)))),
         Metric("thermal_load", "1", "RMS of the motor's torque per torque that it can "
                "give for ever; above 1 it becomes too hot in the end",
-               torque.thermal_load, needs=(CONTINUOUS_TORQUE,)),
+               torque.thermal_load, needs=(keys.CONTINUOUS_TORQUE,)),
         Metric("motor_heat", "W", "mean heat of the motor's winding: resistance times "
                "(torque over gearing and torque constant)^2",
                lambda log: float(np.mean(torque.motor_heat(log))), needs=WINDING_KEYS),
@@ -239,20 +217,19 @@ METRICS: dict[str, Metric] = {
                "no tension",
                lambda log: float(np.mean(torque.least_tension(log) <= 0.0))),
         Metric("slack_under_load", "1", "share of the time with a slack cable where "
-               f"more than {TAUT_SHARE:g} of the largest torque is desired; of two "
-               "cables that pull against each other, both slack",
-               torque.slack_under_load, needs=(PULL_PULL,)),
+               f"more than {torque.TAUT_SHARE:g} of the largest torque is desired; of "
+               "two cables that pull against each other, both slack",
+               torque.slack_under_load, needs=(keys.PULL_PULL,)),
         Metric("slack_time_{cable}", "s", "time for which some of cable {cable} hung "
                "slack", torque.slack_time),
         Metric("peak_tension", "N", "largest tension at an end of a cable",
                lambda log: max(torque.peak_tension(log, c)
-                               for c in driven_cables(log))),
+                               for c in keys.driven_cables(log))),
         Metric("strength_used", "1", "peak tension per breaking load of the cable",
-               torque.strength_used, needs=(STRENGTH,)),
+               torque.strength_used, needs=(keys.STRENGTH,)),
         Metric("failed", "1", "episodes that diverged, or put more than the device's "
-               f"`safe_torque` into the joint for {1e3 * MAX_UNSAFE_TIME:g} ms, or "
-               "tore a "
-               "cable", torque.failed),
+               f"`safe_torque` into the joint for {1e3 * torque.MAX_UNSAFE_TIME:g} "
+               "ms, or tore a cable", torque.failed),
         Metric("bandwidth", "Hz", "where the joint torque, the joint held, falls 3 dB "
                f"below its response at {CHIRP_LOW:g} Hz; {CHIRP_HIGH:g} where it does "
                "not, 0 where nothing arrives", clamped.bandwidth, "high", "bandwidth"),

@@ -8,28 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cc_mujoco.metrics._metric import (
-    CONTINUOUS_TORQUE,
-    GEARING,
-    PULL_PULL,
-    RATIO,
-    SAFE_TORQUE,
-    SPRING,
-    STRENGTH,
-    TORQUE_CONSTANT,
-    WINDING_RESISTANCE,
-    Array,
-    LogLike,
-    driven_cables,
-    metadata_constant,
-    rms,
-)
-from cc_mujoco.metrics._signals import (
-    loop_opening,
-    loop_width,
-    moving_mean,
-    signal_lag,
-)
+from cc_mujoco.metrics import _metric as keys
+from cc_mujoco.metrics._metric import Array, LogLike, metadata_constant, rms
+from cc_mujoco.metrics._signals import loop_opening, loop_width, moving_mean, signal_lag
 
 MIN_TASK_WORK_SHARE = 0.01
 """Part of all work that a task asks for, either way, which is next to nothing."""
@@ -78,7 +59,7 @@ def efficiency(log: LogLike) -> Efficiency:
     joint = work_between_samples(time, log["joint_torque_nm"] * velocity)
     task_work = work_between_samples(time, log["desired_torque_nm"] * velocity)
     lost = np.zeros_like(motor)
-    for cable in driven_cables(log):
+    for cable in keys.driven_cables(log):
         lost += np.diff(log[f"dissipated_{cable}_j"])
     to_joint = _useful_work(joint, task_work)
     to_motor = _useful_work(-motor, -task_work)
@@ -140,7 +121,7 @@ def twist_backlash(log: LogLike) -> float:
     shows the transmission and not the virtual environment that the task displays. The
     width is `loop_width`; NaN without a ratio.
     """
-    ratio = log.metadata.get(RATIO)
+    ratio = log.metadata.get(keys.RATIO)
     if ratio is None:
         return math.nan
     twist = ratio * log["motor_angle_rad"] - log["joint_angle_rad"]
@@ -149,7 +130,7 @@ def twist_backlash(log: LogLike) -> float:
 
 def spring_backlash(log: LogLike) -> float:
     """Return the distance of the zero crossings of a rendered spring's torque [rad]."""
-    if not log.metadata.get(SPRING):
+    if not log.metadata.get(keys.SPRING):
         return math.nan
     names = ("joint_angle_rad", "joint_torque_nm")
     return loop_opening(*(moving_mean(log[name], period_of(log)) for name in names))
@@ -171,21 +152,25 @@ def motor_power(log: LogLike) -> Array:
 
 def motor_heat(log: LogLike) -> Array:
     """Return the heat of the winding, R (torque / (gearing k))^2 (T,) [W]."""
-    gear = metadata_constant(log, GEARING) * metadata_constant(log, TORQUE_CONSTANT)
+    gear = metadata_constant(log, keys.GEARING) * metadata_constant(
+        log, keys.TORQUE_CONSTANT
+    )
     current = log["motor_torque_nm"] / gear
-    heat: Array = metadata_constant(log, WINDING_RESISTANCE) * current**2
+    heat: Array = metadata_constant(log, keys.WINDING_RESISTANCE) * current**2
     return heat
 
 
 def thermal_load(log: LogLike) -> float:
     """Return the RMS torque of the rotor over its continuous torque."""
-    rated = metadata_constant(log, GEARING) * metadata_constant(log, CONTINUOUS_TORQUE)
+    rated = metadata_constant(log, keys.GEARING) * metadata_constant(
+        log, keys.CONTINUOUS_TORQUE
+    )
     return rms(log["motor_torque_nm"]) / rated
 
 
 def least_tension(log: LogLike, *cables: str) -> Array:
     """Return the least tension in some cables, by default the wound (T,) [N]."""
-    names = [f"tension_{one}_nodes_n" for one in cables or driven_cables(log)]
+    names = [f"tension_{one}_nodes_n" for one in cables or keys.driven_cables(log)]
     least = [
         np.concatenate([rows.min(axis=1) for rows in log.pieces(name)])
         for name in names
@@ -202,8 +187,8 @@ def slack_time(log: LogLike, cable: str) -> float:
 
 def slack_under_load(log: LogLike) -> float:
     """Return the share of the time in which slack matters."""
-    hanging = [least_tension(log, cable) <= 0.0 for cable in driven_cables(log)]
-    if log.metadata.get(PULL_PULL):
+    hanging = [least_tension(log, cable) <= 0.0 for cable in keys.driven_cables(log)]
+    if log.metadata.get(keys.PULL_PULL):
         return float(np.mean(np.all(hanging, axis=0)))
     desired = np.abs(log["desired_torque_nm"])
     is_pulled = desired > TAUT_SHARE * desired.max()
@@ -221,10 +206,10 @@ def strength_used(log: LogLike, *cables: str) -> float:
 
     NaN where the breaking load of one is unknown.
     """
-    strength: Mapping[str, float] = log.metadata.get(STRENGTH, {})
+    strength: Mapping[str, float] = log.metadata.get(keys.STRENGTH, {})
     shares = [
         peak_tension(log, cable) / strength.get(cable, math.nan)
-        for cable in cables or driven_cables(log)
+        for cable in cables or keys.driven_cables(log)
     ]
     return float(np.max(shares))
 
@@ -237,9 +222,9 @@ def failed(log: LogLike) -> float:
     torque = log["joint_torque_nm"]
     if not np.all(np.isfinite(torque)):
         return 1.0
-    if SAFE_TORQUE not in log.metadata:
+    if keys.SAFE_TORQUE not in log.metadata:
         return math.nan
-    safe = metadata_constant(log, SAFE_TORQUE)
+    safe = metadata_constant(log, keys.SAFE_TORQUE)
     unsafe = first_unsafe_sample(torque, safe, period_of(log)) is not None
     return float(unsafe or strength_used(log, *log.cables) > 1.0)
 

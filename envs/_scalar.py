@@ -258,13 +258,9 @@ class DeviceEnv(
         if episodes.samples[0] >= last:
             raise gymnasium.error.ResetNeeded("the episode is over; call reset().")
         terms = episodes.step(action)[:, 0].tolist()
-        return (
-            episodes.observation()[0],
-            terms[REWARD],
-            bool(episodes.worlds.warned[0]),
-            bool(episodes.samples[0] >= last),
-            self._info(terms),
-        )
+        failed, over = episodes.worlds.warned[0], episodes.samples[0] >= last
+        ends = bool(failed), bool(over)
+        return episodes.observation()[0], terms[REWARD], *ends, self._info(terms)
 
     def _info(self, terms: list[float]) -> LazyInfo:
         return LazyInfo(self._columns, self._episodes.snapshot(), terms)

@@ -252,18 +252,12 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
     def _observation(self) -> NDArray[np.float32]:
         data, body = self.data, self.body
         turn = 2 * np.pi * self.phase
+        ropes, load = self._ropes, body.senses([data]).load[0]
+        ankle = data.qpos[body.qpos[:, 2]] / 0.2, data.qvel[body.dof[:, 2]] / 2.0
+        motor = ropes.wound(data) / 0.02, data.qvel[ropes.dof] / 5.0
+        pull = ropes.tensions(data)[0] / 300.0
         frame = np.stack(
-            (
-                np.sin(turn),
-                np.cos(turn),
-                data.qpos[body.qpos[:, 2]] / 0.2,
-                data.qvel[body.dof[:, 2]] / 2.0,
-                self._ropes.wound(data) / 0.02,
-                data.qvel[self._ropes.dof] / 5.0,
-                self._ropes.tensions(data)[0] / 300.0,
-                body.senses([data]).load[0],
-            ),
-            axis=1,
+            (np.sin(turn), np.cos(turn), *ankle, *motor, pull, load), axis=1
         )
         return np.asarray(np.clip(frame.ravel(), -10.0, 10.0), np.float32)
 

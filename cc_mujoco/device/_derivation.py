@@ -150,9 +150,8 @@ def describe(spec: mujoco.MjSpec, scene: str, table: Table) -> Description:
     hysteresis = hysteresis_of(table.table("hysteresis"))
     for name in hysteresis:
         if name not in names:
-            raise CableError.unknown(
-                "axis in the hysteresis of the device", name, names
-            )
+            where = "axis in the hysteresis of the device"
+            raise CableError.unknown(where, name, names)
     return Description(
         scene=scene,
         meaning=keys.text("meaning", "") or f"device of {Path(scene).name}",
@@ -620,11 +619,11 @@ def _sensing(table: Table, found: Sequence[_Found], file: Keys) -> Sensing:
     names = [field.name for field in dataclasses.fields(Sensing)]
     table.only(*names)
     keys = Keys(table, file.sources, "sensors.")
+    torque = min(one.largest for one in found)
+    tension = min(one.largest / one.arm for one in found)
     values: dict[str, Any] = {
-        "torque_noise": rounded(NOISE_SHARE * min(one.largest for one in found)),
-        "tension_noise": rounded(
-            NOISE_SHARE * min(one.largest / one.arm for one in found)
-        ),
+        "torque_noise": rounded(NOISE_SHARE * torque),
+        "tension_noise": rounded(NOISE_SHARE * tension),
     }
     for name in names:
         read = table.flag if name == "joint_sensor" else partial(table.number, low=0.0)
@@ -683,11 +682,8 @@ def _movers(scene: _Scene, axes: Sequence[Axis], keys: Keys) -> dict[str, str]:
             continue
         name = one.text("actuator")
         if name is not None and name not in existing:
-            raise CableError.unknown(
-                f"actuator in {one.where} (a position actuator at that joint)",
-                name,
-                existing,
-            )
+            where = f"actuator in {one.where} (a position actuator at that joint)"
+            raise CableError.unknown(where, name, existing)
         name = name or next(iter(existing), "")
         stiffness, damping = one.number("stiffness", 1e-6), one.number("damping", 0)
         if not name:
@@ -698,15 +694,10 @@ def _movers(scene: _Scene, axes: Sequence[Axis], keys: Keys) -> dict[str, str]:
             if damping is None:
                 damping = rounded(2.0 * 0.7 * math.sqrt(inertia * stiffness))
             name = f"wearer_{joint}"
-            added = add_element(
-                spec,
-                "actuator",
-                name=name,
-                trntype=mujoco.mjtTrn.mjTRN_JOINT,
-                target=joint,
-                gaintype=mujoco.mjtGain.mjGAIN_FIXED,
-                biastype=mujoco.mjtBias.mjBIAS_AFFINE,
-            )
+            added = add_element(spec, "actuator", name=name, target=joint)
+            added.trntype = mujoco.mjtTrn.mjTRN_JOINT
+            added.gaintype = mujoco.mjtGain.mjGAIN_FIXED
+            added.biastype = mujoco.mjtBias.mjBIAS_AFFINE
             added.gainprm[0] = stiffness
             added.biasprm[:3] = (0.0, -stiffness, -damping)
         elif stiffness is not None or damping is not None:
@@ -775,16 +766,10 @@ def _add_cuff(scene: _Scene, axis: Axis, table: Table) -> Axis:
     frame.explicitinertial = True
     # The hinge's armature is the inertia about the axis; MuJoCo needs a mass.
     frame.mass, frame.inertia = 1e-6, [1e-9, 1e-9, 1e-9]
-    add_element(
-        frame,
-        "joint",
-        name=name,
-        type=mujoco.mjtJoint.mjJNT_HINGE,
-        pos=model.jnt_pos[joint.id],
-        axis=model.jnt_axis[joint.id],
-        ref=float(model.qpos0[joint.qposadr[0]]),
-        armature=inertia,
-    )
+    hinge = add_element(frame, "joint", name=name, armature=inertia)
+    hinge.type = mujoco.mjtJoint.mjJNT_HINGE
+    hinge.pos, hinge.axis = model.jnt_pos[joint.id], model.jnt_axis[joint.id]
+    hinge.ref = float(model.qpos0[joint.qposadr[0]])
     _move_ends(spec, axis, limb.name, frame, table)
     tendon = f"{axis.joint}_cuff"
     strap = add_element(spec, "tendon", name=tendon)

@@ -103,8 +103,7 @@ def write_hysteresis(
     for law, values in parameters.items():
         lines += ["", f"[{axis}.{law}]"]
         for key, value in values.items():
-            listed = isinstance(value, (list, tuple))
-            text = ", ".join(f"{number!r}" for number in (value if listed else [value]))
-            lines.append(f"{key} = [{text}]" if listed else f"{key} = {text}")
+            given = list(value) if isinstance(value, (list, tuple)) else value
+            lines.append(f"{key} = {given!r}")
     with replacing(place) as partial:
         partial.write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -226,18 +226,14 @@ class AxisModel:
         mover, places = self._mover, self.places
         outs = [out for out, _, _ in self._others]
         arms = [place for _, _, place in self._others]
-        found = {
-            **places._asdict(),
-            "motor_control": self.motor_control,
+        same = ("motor_control", "sense", "motor_gear", "motor_scale", "torque_limit")
+        found = places._asdict() | {name: getattr(self, name) for name in same}
+        found |= {
             "cuffed": self.axis.cuff is not None,
             "weightless": self._weightless,
             "others": len(outs),
             "other_outs": hold(np.array([*outs, *arms], np.int64)),
             "other_arms": hold(np.array([gear for _, gear, _ in self._others])),
-            "sense": self.sense,
-            "motor_gear": self.motor_gear,
-            "motor_scale": self.motor_scale,
-            "torque_limit": self.torque_limit,
             "wearer_gear": 1.0 if mover is None else mover.gear,
         }
         if self.winding is not None:
@@ -331,7 +327,7 @@ class DeviceModel:
         about = self.description
         made = [axis.drive(self.cables, about.scene, period) for axis in self.axes]
         turned = Counter(
-            joint for drive in made for joint in (drive.joint, *drive.shared_ratios)
+            j for drive in made for j in (drive.joint, *drive.shared_ratios)
         )
         return tuple(
             dataclasses.replace(

@@ -278,13 +278,8 @@ def moments(model: mujoco.MjModel, poses: Sequence[Array]) -> Array:
     for dense, qpos in zip(found, poses, strict=True):
         data.qpos[:] = qpos
         mujoco.mj_fwdPosition(model, data)
-        mujoco.mju_sparse2dense(
-            dense,
-            data.actuator_moment,
-            data.moment_rownnz,
-            data.moment_rowadr,
-            data.moment_colind,
-        )
+        sparse = data.moment_rownnz, data.moment_rowadr, data.moment_colind
+        mujoco.mju_sparse2dense(dense, data.actuator_moment, *sparse)
     return found
 
 

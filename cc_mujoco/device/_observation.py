@@ -166,14 +166,9 @@ class ObservationHistory:
         width, self._all = observed.frame, np.arange(count)
         reach = np.tile(np.array(PLAY_HALF_WIDTHS) * observed.units[0], 2)
         reach = reach if observed.memory else reach[:0]
-        self.past = Past(
-            observed.ratio,
-            np.array(observed.units),
-            reach,
-            np.zeros((count, width)),
-            np.zeros((count, reach.size)),
-            np.zeros((count, observed.history, width + 1)),
-        )
+        frames = np.zeros((count, observed.history, width + 1))
+        rows = np.zeros((count, width)), np.zeros((count, reach.size)), frames
+        self.past = Past(observed.ratio, np.array(observed.units), reach, *rows)
 
     def begin(self, measured: Array, rows: Any = slice(None)) -> None:
         """Start an episode in some rows with measurements (rows, k), at rest before."""

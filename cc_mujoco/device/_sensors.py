@@ -291,10 +291,8 @@ class Measuring:
             biases = np.broadcast_to(bias, (*shape, width))
             for row in np.ndindex(shape):
                 random = np.random.default_rng([int(np.asarray(seeds)[row]), 1])
-                drawn = random.normal(size=(steps + 1, width))
-                self._errors[(slice(None), *row)] = scale * (
-                    factors[row] * drawn + biases[row]
-                )
+                drawn = factors[row] * random.normal(size=(steps + 1, width))
+                self._errors[(slice(None), *row)] = scale * (drawn + biases[row])
         late = sensing.delay if delay is None else delay
         self._delays = np.array(np.broadcast_to(late, shape), dtype=np.intp)
         self._size = int(self._delays.max(initial=0)) + 1
@@ -323,15 +321,15 @@ class Measuring:
 
     def _read(self, columns: Mapping[str, Any]) -> dict[str, Any]:
         sensing, errors = self._sensing, None
-        names: tuple[str, ...] = MEASURED_COLUMNS
+        names = [*MEASURED_COLUMNS]
         if WINDING_COLUMNS[0] in columns:
-            names = (*names, *WINDING_COLUMNS)
+            names += WINDING_COLUMNS
         if self._commands_angle:
-            names = (*names, REFERENCE_COLUMN)
-        if sensing.joint_sensor:
-            names = (*names, *self._ratios)
-        else:
-            names = tuple(name for name in names if name not in JOINT_COLUMNS)
+            names.append(REFERENCE_COLUMN)
+        names += self._ratios
+        if not sensing.joint_sensor:
+            unseen = {*JOINT_COLUMNS, *self._ratios}
+            names = [name for name in names if name not in unseen]
         seen = {name: copy.copy(columns[name]) for name in names}
         if self._errors is not None and sensing.joint_sensor:
             errors = self._errors[min(self._step, len(self._errors) - 1)]

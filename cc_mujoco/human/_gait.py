@@ -49,12 +49,9 @@ class Harmonics:
         return real
 
     def derivative(self) -> Harmonics:
-        return Harmonics(
-            tuple(
-                (2 * np.pi * k * b, -2 * np.pi * k * a)
-                for k, (a, b) in enumerate(self.coefficients)
-            )
-        )
+        pairs = enumerate(self.coefficients)
+        turned = ((2 * np.pi * k * b, -2 * np.pi * k * a) for k, (a, b) in pairs)
+        return Harmonics(tuple(turned))
 
 
 GAIT_ANGLES = {
@@ -75,8 +72,6 @@ positive as the angles are: that of the ankle is negative in plantarflexion."""
 GAIT_PERIOD = gait_table.PERIOD
 """Duration of a gait cycle of the measured walk [s]."""
 
-_ASSISTANCE_ROOT = Harmonics(gait_table.ASSISTANCE_ROOT)
-
 
 def assistance(phase: Real) -> Real:
     """Return the plantarflexion assistance over the gait cycle, 0 to 1, elementwise.
@@ -90,5 +85,5 @@ def assistance(phase: Real) -> Real:
     Returns:
         Assistance as a fraction of its peak [-].
     """
-    root = _ASSISTANCE_ROOT(phase)
+    root = Harmonics(gait_table.ASSISTANCE_ROOT)(phase)
     return root * root

@@ -24,7 +24,6 @@ _OTHER_AXES = {
     *("x", "z", "yaw", "roll"),
 }
 """Words of joints that turn about another axis than that of level walking."""
-_PHASE_GRID = np.linspace(0.0, 1.0, 2001)
 
 
 class GaitJoint(NamedTuple):
@@ -73,7 +72,8 @@ def gait_joints(joints: Mapping[str, tuple[float, float]]) -> tuple[GaitJoint, .
 
 def _fit(part: str, ends: tuple[float, float]) -> tuple[bool, float]:
     """Return whether a joint is turned, and its shift [rad]."""
-    angles = 1.1 * GAIT_ANGLES[part](_PHASE_GRID)  # the largest excursion at any speed
+    # The largest excursion at any speed
+    angles = 1.1 * GAIT_ANGLES[part](np.linspace(0.0, 1.0, 2001))
     least, most = float(angles.min()), float(angles.max())
     for turned, (low, high) in ((False, (least, most)), (True, (-most, -least))):
         up, down = max(ends[0] - low, 0.0), max(high - ends[1], 0.0)

@@ -117,9 +117,6 @@ class Tremor(Disturbed):
 
 
 def _plus(motion: Motion, by: Array) -> Motion:
-    return replace(
-        motion,
-        angle=motion.angle + by[0],
-        velocity=motion.velocity + by[1],
-        acceleration=motion.acceleration + by[2],
-    )
+    angle, velocity = motion.angle + by[0], motion.velocity + by[1]
+    acceleration = motion.acceleration + by[2]
+    return replace(motion, angle=angle, velocity=velocity, acceleration=acceleration)

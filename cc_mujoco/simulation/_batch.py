@@ -88,10 +88,8 @@ class Simulations:
         """
         device = exo.device
         # Different cables in one simulation's memory would be read anew in every step.
-        persistent = exo.plants.any or models is not None
-        self.batch = mujoco_batch.Batch(
-            device.model, count, threads, persistent=persistent
-        )
+        own = exo.plants.any or models is not None
+        self.batch = mujoco_batch.Batch(device.model, count, threads, persistent=own)
         if models is not None:
             self.batch.set_models(models)
         self._device = device

@@ -109,8 +109,7 @@ def _unsafe(
     if not beyond.any():
         return
     times = int(np.count_nonzero(np.diff(beyond.astype(int), prepend=0) == 1))
-    share = 100.0 * float(beyond.mean())
-    peak = float(np.abs(torque).max())
+    share, peak = 100.0 * float(beyond.mean()), float(np.abs(torque).max())
     often = "once" if times == 1 else f"{times} times"
     yield (
         f"the torque{at} was above the safe {axis.safe_torque:g} N m {often} "

@@ -114,15 +114,10 @@ class Episodes:
             else ("joint_torque_nm", "desired_torque_nm", axis.torque_scale)
         )
         names = exo.observed[n].columns
-        return AxisSensors(
-            np.array([place[prefix + name] for name in names]),
-            place[prefix + actual],
-            place[prefix + wanted],
-            scale,
-            np.zeros(count, np.int64),
-            np.zeros((count, 1, len(names))),
-            np.zeros((count, 0)),
-        )
+        measured = np.array([place[prefix + name] for name in names])
+        error = place[prefix + actual], place[prefix + wanted], scale
+        late = np.zeros(count, np.int64), np.zeros((count, 1, len(names)))
+        return AxisSensors(measured, *error, *late, np.zeros((count, 0)))
 
     def begin(
         self,
@@ -132,10 +127,7 @@ class Episodes:
     ) -> None:
         """Begin an episode in some rows, each with its own random generator.
 
-        `options` are what their plants are, by name.
-
-        Raises:
-            CableError: If an option is unknown or impossible.
+        `options` are what their plants are, by name; impossible ones are refused.
         """
         exo, worlds = self.exo, self.worlds
         worlds.clear(np.array(rows, np.intp))
@@ -184,27 +176,19 @@ class Episodes:
             self._sensors[n] = sensors
 
     def step(self, action: Any, going: Mask | None = None) -> NDArray[np.float64]:
-        """Advance some devices a control step.
+        """Advance some devices a control step; return the terms of the reward.
 
-        Args:
-            action: Shares of the largest torque of each motor, cut to [-1, 1], (n,
-                axes); of a single environment (axes,).
-            going: Mask of those that are advanced (n,); all by default.
-
-        Returns:
-            Terms of the reward, `REWARD_TERMS`, and their sum, (4, n).
-
-        Raises:
-            CableError: If actions are of another shape, or one of those that are
-                advanced is no finite number.
+        Actions are shares of the largest torque of each motor, cut to [-1, 1], (n,
+        axes), or of a single environment (axes,); `going` is the mask of those that are
+        advanced (n,). Terms are `REWARD_TERMS` and their sum, (4, n). Actions of
+        another shape, or not finite, are refused.
         """
         exo, worlds = self.exo, self.worlds
         going = self._all if going is None else going
         terms = np.zeros((TERMS, len(going)))
         actions = self._numbers(action)
-        if not _charge(
-            actions, self._actions, going, self._effort, -exo.smoothness, terms
-        ):
+        costs = self._effort, -exo.smoothness
+        if not _charge(actions, self._actions, going, *costs, terms):
             wrong = actions[~np.isfinite(actions) & going[:, None]]
             raise CableError(f"an action must be a finite number, not {wrong[0]}.")
         if self._has_history:
@@ -242,9 +226,8 @@ class Episodes:
         """Take a sample of all sensors, and add to the reward for tracking."""
         self._table = table = self.wiring.read(self.worlds.physics, self.samples)
         first, sampling = 0, self.exo.sampling
-        for n, (sensors, history) in enumerate(
-            zip(self._sensors, self._histories, strict=True)
-        ):
+        axes = zip(self._sensors, self._histories, strict=True)
+        for n, (sensors, history) in enumerate(axes):
             _sense(
                 sensors, history.past, table, self.samples, going, fresh, n,
                 self._costs, len(self._sensors), sampling, terms, self._observed, first,

@@ -300,31 +300,24 @@ def _law_record(batch: Batch, made: Controller | None) -> dict[str, Any]:
             first = Reader(batch.devices[0].model, name).nodes.start
             taps += (first + nodes).tolist()
     sources = [READ_COLUMNS.index(name) for name in law.wound]
-    return {
-        "law": place,
-        "memory": hold(memory),
-        "memory_size": memory.size,
-        "shape": hold(np.array(tables.shape, np.int64)),
-        "shape_size": len(tables.shape),
-        "tables": hold(np.array(tables.numbers)),
-        "tables_size": len(tables.numbers),
-        "sources": hold(np.array(sources)),
-        "source_count": len(sources),
-        "taps": hold(np.array(taps, np.int64)),
-        "tap_count": len(taps),
-        "is_round": law.is_round,
-        "seen": hold(np.zeros(len(sources) + len(taps))),
-    }
+    found = {"law": place, "is_round": law.is_round}
+    for name, size, array in (
+        ("memory", "memory_size", memory),
+        ("shape", "shape_size", np.array(tables.shape, np.int64)),
+        ("tables", "tables_size", np.array(tables.numbers)),
+        ("sources", "source_count", np.array(sources)),
+        ("taps", "tap_count", np.array(taps, np.int64)),
+    ):
+        found |= {name: hold(array), size: array.size}
+    return found | {"seen": hold(np.zeros(len(sources) + len(taps)))}
 
 
 def _readings(device: DeviceModel, names: Sequence[str]) -> NDArray[np.int64]:
     """Locate each cable in `plugin_state` and `actuator_force`, see `Word`."""
-    readers = [Reader(device.model, name) for name in names]
+    rows = []
     ends = np.reshape(device.cable_outputs, (-1, 2))
-    return np.array(
-        [
-            (one.nodes.start, one.nodes.stop - one.nodes.start, one.energy, *pair)
-            for one, pair in zip(readers, ends, strict=True)
-        ],
-        dtype=np.int64,
-    )
+    for name, pair in zip(names, ends, strict=True):
+        one = Reader(device.model, name)
+        nodes = one.nodes.start, one.nodes.stop - one.nodes.start
+        rows.append((*nodes, one.energy, *pair))
+    return np.array(rows, dtype=np.int64)

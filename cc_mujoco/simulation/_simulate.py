@@ -163,13 +163,10 @@ def simulate(
     batch = Batch(played, seeds, threads=threads, name=called, whole=True, alone=alone)
     late = [plant.values.get("delay", sensing.delay) for plant in made]
     noise = [plant.noise for plant in made]
-    measuring = exo.controller_sensors(
-        sensing,
-        law_drives(law, exo.drives),
-        seeds[0] if alone else seeds,
-        delay=late[0] if alone else late,
-        noise=noise[0] if alone else noise,
-    )
+    which: Any = 0 if alone else slice(None)
+    errors = {"delay": late[which], "noise": noise[which]}
+    known = law_drives(law, exo.drives)
+    measuring = exo.controller_sensors(sensing, known, seeds[which], **errors)
 
     def check(step: int, _: Columns, __: object) -> None:
         for row, why in enumerate(batch.failed):
@@ -205,14 +202,13 @@ def simulate(
 def _plants(given: Any) -> list[Plant]:
     from cc_mujoco.device import Nominal, Plant
 
-    single = (str, Path, Nominal)
     listed: Any = given if isinstance(given, (list, tuple)) else [given]
     if not listed:
         raise CableError("plants must be at least one; the list is empty.")
     named: dict[Any, Plant] = {}
     plants: list[Plant] = []
     for row, one in enumerate(listed):
-        if isinstance(one, single):
+        if isinstance(one, (str, Path, Nominal)):
             one = named.setdefault(id(one), Plant(one))
         if not isinstance(one, Plant):
             raise CableError(
@@ -323,17 +319,15 @@ def play(
     sensing = sensing or exo.description.sensing
     plant = Single(env, seed)
     device = exo.device
-    measuring = exo.controller_sensors(
-        sensing, law_drives(controller, exo.drives), seed
-    )
+    known = law_drives(controller, exo.drives)
+    measuring = exo.controller_sensors(sensing, known, seed)
     recorder = Recorder(plugin.cables(device.model), {}, device.prefixes)
 
     def observe(step: int, columns: Columns, _: object) -> None:
         if step == 0:  # a reset may have drawn other cables and another wearer
             made, given = unwrapped.plant, unwrapped.device
-            recorder.metadata.update(
-                describe(exo, given, made, sensing, seed, about or {})
-            )
+            facts = describe(exo, given, made, sensing, seed, about or {})
+            recorder.metadata.update(facts)
         recorder.record(columns)
         if step and progress is not None:
             progress(float(columns["time_s"]))
@@ -359,9 +353,8 @@ def describe(
 
     description, model = exo.description, exo.device
     facts = {}
-    for axis, drive, driven, task in zip(
-        description.axes, exo.drives, model.driven, exo.tasks, strict=True
-    ):
+    each = description.axes, exo.drives, model.driven, exo.tasks
+    for axis, drive, driven, task in zip(*each, strict=True):
         wearer = model.wearers.get(axis.limb)
         facts[axis.name] = {
             "wearer": None if wearer is None else dataclasses.asdict(wearer),

@@ -289,10 +289,8 @@ def _read(
             table[first + _DESIRED + 2, row] = mark[_COSINE]
             table[first + _DESIRED + 3, row] = mark[_REFERENCE]
             shared = axis.shared
-            arms, scales = (
-                words(axis.shared_arms, shared),
-                floats(axis.shared_scales, shared),
-            )
+            arms = words(axis.shared_arms, shared)
+            scales = floats(axis.shared_scales, shared)
             for i in range(shared):
                 arm = axis_record.real(at[axis_record.MOMENT], arms[i])
                 table[first + _WIDTH + i, row] = scales[i] * arm

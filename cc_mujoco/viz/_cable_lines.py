@@ -221,12 +221,9 @@ def _on_tendon(model: mujoco.MjModel, actuator: int) -> bool:
 def _end_sites(model: mujoco.MjModel, tendon: int) -> tuple[int, int]:
     """Return the sites at which a tendon begins and ends; -1 for none."""
     start, count = int(model.tendon_adr[tendon]), int(model.tendon_num[tendon])
-    first, last = (
-        int(model.wrap_objid[place])
-        if model.wrap_type[place] == mujoco.mjtWrap.mjWRAP_SITE
-        else -1
-        for place in (start, start + count - 1)
-    )
+    ends = [start, start + count - 1]
+    on_sites = model.wrap_type[ends] == mujoco.mjtWrap.mjWRAP_SITE
+    first, last = np.where(on_sites, model.wrap_objid[ends], -1).tolist()
     return first, last
 
 
@@ -286,17 +283,11 @@ class Capsules:
             # Lit, the dimmed colours come near those of the scale.
             colors *= 0.72 / 255.0
             colors[:, 3] = 1.0
-            # Colours need more room than the line of the scene.
-            _add(scene, points, colors, 1.4 * line.radius)
-
-
-def _add(
-    scene: mujoco.MjvScene, points: Array, colors: NDArray[np.float32], radius: float
-) -> None:
-    shape, none = mujoco.mjtGeom.mjGEOM_CAPSULE, np.zeros(3)
-    for color, start, end in zip(colors, points[:-1], points[1:], strict=True):
-        geom = scene.geoms[scene.ngeom]
-        mujoco.mjv_initGeom(geom, shape, none, none, np.zeros(9), color)
-        mujoco.mjv_connector(geom, shape, radius, start, end)
-        geom.emission, geom.specular = 0.25, 0.1
-        scene.ngeom += 1
+            shape, none = mujoco.mjtGeom.mjGEOM_CAPSULE, np.zeros(3)
+            for color, start, end in zip(colors, points[:-1], points[1:], strict=True):
+                geom = scene.geoms[scene.ngeom]
+                mujoco.mjv_initGeom(geom, shape, none, none, np.zeros(9), color)
+                # Colours need more room than the line of the scene.
+                mujoco.mjv_connector(geom, shape, 1.4 * line.radius, start, end)
+                geom.emission, geom.specular = 0.25, 0.1
+                scene.ngeom += 1

@@ -108,19 +108,13 @@ def _blueprint(episodes: Sequence[LabelledEpisode]) -> rrb.Blueprint:
         drawn = [line_values(episode.log, origin, paths) for episode in episodes]
         times = [episode.log["time_s"] for episode in episodes]
         reach = common_limits(zip(times, drawn, strict=True))
-        return rrb.Horizontal(
-            *(
-                plot(
-                    f"{_episode_root(episode)}/{origin}",
-                    f"{episode.name}: {title}",
-                    time,
-                    shown,
-                    contents=[f"{_episode_root(episode)}/{path}" for path in paths],
-                    reach=reach,
-                )
-                for episode, time, shown in zip(episodes, times, drawn, strict=True)
-            )
-        )
+        views = []
+        for episode, time, shown in zip(episodes, times, drawn, strict=True):
+            root, name = _episode_root(episode), f"{episode.name}: {title}"
+            own = [f"{root}/{path}" for path in paths]
+            place = f"{root}/{origin}"
+            views.append(plot(place, name, time, shown, contents=own, reach=reach))
+        return rrb.Horizontal(*views)
 
     scenes = [
         scene_view(one.log, one.model, _episode_root(one), name=one.name)

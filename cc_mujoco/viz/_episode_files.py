@@ -130,13 +130,10 @@ def _of_axis(metric: Metric, axis: str) -> Metric:
 
 def write_metrics(path: str | os.PathLike[str], found: Mapping[Metric, float]) -> None:
     """Write values with unit and meaning as JSON; NaN becomes `null`."""
-    content = {
-        metric.name: {
-            "value": value if math.isfinite(value) else None,
-            "unit": metric.unit,
-            "meaning": metric.meaning,
-        }
-        for metric, value in found.items()
-    }
+    content = {}
+    for metric, value in found.items():
+        number = value if math.isfinite(value) else None
+        about = {"unit": metric.unit, "meaning": metric.meaning}
+        content[metric.name] = {"value": number} | about
     with atomic_io.replacing(path) as partial:
         partial.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n")

@@ -259,11 +259,10 @@ def _log_nodes(rec: Branch, log: EpisodeLog, frames: NDArray[np.intp]) -> None:
 def _about(log: EpisodeLog, metrics: Mapping[Metric, float]) -> rr.TextDocument:
     facts = []
     for key, value in log.metadata.items():
-        if key == MODEL_XML:
-            continue
         if isinstance(value, dict):
             value = ", ".join(f"{name} {entry}" for name, entry in value.items())
-        facts.append((key, str(value)))
+        if key != MODEL_XML:
+            facts.append((key, str(value)))
     results = []
     for metric, value in metrics.items():
         number = f"{value:.4g}" if math.isfinite(value) else "-"

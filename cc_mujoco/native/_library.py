@@ -258,13 +258,16 @@ def kept(kind: str, follows: Iterable[str], make: Callable[[], Any]) -> Any:
 
 @cache
 def digest() -> str:
-    """Return what identifies the code of the library."""
-    known = _Index()
+    """Return what identifies the code of the library: its trees, no docstrings."""
+    found: str = kept("trees", (), _digest)  # a second of parsing
+    return found
+
+
+def _digest() -> str:
     whole = hashlib.sha256()
     for name, content in _sources():
-        meaning = known.meaning(content) if name.endswith(".py") else content.hex()
+        meaning = _tree_digest(content) if name.endswith(".py") else content.hex()
         whole.update(f"{name} {meaning}\n".encode())
-    known.keep()
     return whole.hexdigest()
 
 
@@ -286,35 +289,6 @@ def _sources() -> Iterator[tuple[str, bytes]]:
         yield place.as_posix(), path.read_bytes()
 
 
-class _Index:
-    """Digests of syntax trees by those of files, kept to parse no file twice."""
-
-    def __init__(self) -> None:
-        self._path = folder() / "trees.json"
-        try:
-            known = json.loads(self._path.read_text())
-        except (OSError, ValueError):
-            known = None
-        self._known: dict[str, str] = known if isinstance(known, dict) else {}
-        self._used: dict[str, str] = {}
-
-    def meaning(self, content: bytes) -> str:
-        """Return the digest of a file's syntax tree, without docstrings."""
-        of_bytes = hashlib.sha256(content).hexdigest()[:32]
-        if of_bytes not in self._used:
-            self._used[of_bytes] = self._known.get(of_bytes) or _tree_digest(content)
-        return self._used[of_bytes]
-
-    def keep(self) -> None:
-        """Write the new entries, if the folder can be written."""
-        if self._used.keys() <= self._known.keys():
-            return
-        with suppress(OSError):  # it is known again after another second of parsing
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-            text = json.dumps({**self._known, **self._used})
-            _write_whole(self._path, text.encode())
-
-
 def _write_whole(path: Path, content: bytes) -> None:
     handle, partial = tempfile.mkstemp(dir=path.parent, prefix=path.name)
     with os.fdopen(handle, "wb") as file:
@@ -325,18 +299,10 @@ def _write_whole(path: Path, content: bytes) -> None:
 def _tree_digest(content: bytes) -> str:
     tree = ast.parse(content)
     for node in ast.walk(tree):
-        body = getattr(node, "body", None)
-        if isinstance(body, list) and body and _is_text(body[0]):
-            del body[0]
+        match getattr(node, "body", None):
+            case [ast.Expr(ast.Constant(str())), *_]:
+                del node.body[0]  # type: ignore[attr-defined]
     return hashlib.sha256(ast.dump(tree).encode()).hexdigest()[:32]
-
-
-def _is_text(node: Any) -> bool:
-    return (
-        isinstance(node, ast.Expr)
-        and isinstance(node.value, ast.Constant)
-        and isinstance(node.value.value, str)
-    )
 
 
 def compiler() -> list[str]:

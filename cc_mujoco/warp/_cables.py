@@ -103,7 +103,6 @@ class AttachedCables:
         segments = [cable.segments for cable in self._cables]
         self._paths = paths_of(segments, self._routes)
         self._kernels = kernels(self.terms, self._implicit, self._paths)
-        self._looks = wp.array(self._look, dtype=int, device=d.time.device)
         self._allocate(d, actuators)
         self.is_evaluated = False
         self._before: Callable[[Any, Any], None] | None = m.callback.act_bias
@@ -132,10 +131,10 @@ class AttachedCables:
     def _allocate(self, d: mjw.Data, actuators: NDArray[np.int32]) -> None:
         count, worlds = self._shape
         most = max(cable.segments for cable in self._cables)
-        device, rows = d.time.device, count * worlds
+        device, height = d.time.device, count * worlds
         interleaved = _is_interleaved(device)
 
-        def matrix(width: int, *planes: int, height: int = rows) -> Any:
+        def matrix(width: int, *planes: int, height: int = height) -> Any:
             if not interleaved:
                 return wp.zeros((*planes, height, width), dtype=float, device=device)
             whole = wp.zeros((*planes, width, height), dtype=float, device=device)
@@ -155,36 +154,33 @@ class AttachedCables:
         followed = np.where(tied, TIED, np.where(held, FOLLOWED, 0))
         ints: dict[str, Any] = {"dtype": int, "device": device}
         reals: dict[str, Any] = {"dtype": float, "device": device}
-        self._proximal = actuators[:, 0]
-        self._segments = wp.array([c.segments for c in self._cables], **ints)
-        self._actuators = wp.array(actuators, **ints)
+        rows = self._rows = CableRows()
+        rows.looks = wp.array(self._look, **ints)
+        rows.segments = wp.array([c.segments for c in self._cables], **ints)
+        rows.actuators = wp.array(actuators, **ints)
         self._followed = wp.array(followed.astype(np.int32), **ints)
-        self._tied = wp.array(tied.astype(np.int32), **ints)
+        rows.tied = wp.array(tied.astype(np.int32), **ints)
         self._rest = wp.array(rest.astype(np.float32), **reals)
         self.values = wp.array(values, **reals)
-        self._prm = matrix(packed.shape[1])
-        self._prm.assign(np.repeat(packed, worlds, axis=0))
-        self._state = matrix(kernel.state_size(most), 2)
+        rows.prm = matrix(packed.shape[1])
+        rows.prm.assign(np.repeat(packed, worlds, axis=0))
+        rows.state = matrix(kernel.state_size(most), 2)
         self._is_split = interleaved
-        self._work = matrix(kernel.work_size(most), height=rows if interleaved else 1)
-        self._trial, self._status = matrix(8), wp.zeros(rows, **ints)
-        self._place = wp.zeros((2, rows, 2), **reals)
+        rows.work = matrix(kernel.work_size(most), height=height if interleaved else 1)
+        rows.trial, rows.status = matrix(8), wp.zeros(height, **ints)
+        self._place = wp.zeros((2, height, 2), **reals)
         nv = int(self._model.nv)
         is_followed = bool((held & ~tied).any())
         self._needs_qpos0 = not self._rest_in_pose and (
             is_followed or self._paths.lengthens != 0.0
         )
-        self._slope = wp.zeros((2, 2 * rows, nv if is_followed else 0), **reals)
-        self._aim = wp.zeros((rows, 9), **reals)
-        self._stamp = wp.full(rows, np.inf, **reals)
-        self._now, self._fresh = wp.zeros(rows, **ints), wp.zeros(rows, **ints)
+        self._slope = wp.zeros((2, 2 * height, nv if is_followed else 0), **reals)
+        rows.aim = wp.zeros((height, 9), **reals)
+        self._stamp = wp.full(height, np.inf, **reals)
+        rows.now, self._fresh = wp.zeros(height, **ints), wp.zeros(height, **ints)
         self._flags = wp.ones(worlds, dtype=bool, device=device)
         self.tensions = wp.zeros((worlds, count, 2), **reals)
-        self._rows = CableRows()
-        self._rows.worlds, self._rows.tensions = worlds, self.tensions
-        fields: Any = CableRows
-        for name in set(fields.vars) - {"worlds", "tensions"}:
-            setattr(self._rows, name, getattr(self, f"_{name}"))
+        rows.worlds, rows.tensions = worlds, self.tensions
         self._led: LedCables | None = None
         if self._paths.led:
             kinds = self.terms, self._implicit, self._paths
@@ -211,17 +207,12 @@ class AttachedCables:
             )
         if self._needs_qpos0:
             require_shared_positions(m)
-        wp.launch(
-            self._kernels.begin,
-            dim=self._shape,
-            inputs=[
-                self._rows, d.time, m.opt.timestep, d.actuator_length, d.qvel,
-                *moments_of(d), m.actuator_gear, self._followed, self._rest,
-                self._rest_in_pose,
-            ],
-            outputs=[self._stamp, self._fresh, self._place, self._slope],
-            device=d.time.device,
-        )  # fmt: skip
+        given = [
+            self._rows, d.time, m.opt.timestep, d.actuator_length, d.qvel,
+            *moments_of(d), m.actuator_gear, self._followed, self._rest,
+            self._rest_in_pose, self._stamp, self._fresh, self._place, self._slope,
+        ]  # fmt: skip
+        wp.launch(self._kernels.begin, self._shape, given, device=d.time.device)
         if self._led is not None:
             self._led.lead(self._rows, self._fresh, self._rest_in_pose, m, d)
         if self._ahead is not None:
@@ -229,13 +220,8 @@ class AttachedCables:
         if self._is_split:
             self._evaluate_in_parts(m, d)
         else:
-            wp.launch(
-                self._kernels.evaluate,
-                dim=self._shape,
-                inputs=[self._rows, m.opt.timestep],
-                outputs=[d.actuator_force],
-                device=d.time.device,
-            )
+            given = [self._rows, m.opt.timestep, d.actuator_force]
+            wp.launch(self._kernels.evaluate, self._shape, given, device=d.time.device)
         if self._led is not None:
             # `mujoco_warp` adds passive forces up after its actuators.
             self._led.pull(self._rows, True, m, d, d.qfrc_passive)
@@ -253,17 +239,14 @@ class AttachedCables:
 
     def _evaluate_in_parts(self, m: mjw.Model, d: mjw.Data) -> None:
         """Compute the step in parts, as kernels that need fewer registers."""
-        given: dict[str, Any] = {"dim": self._shape, "device": d.time.device}
-        step = [self._rows, m.opt.timestep]
+        step, device = [self._rows, m.opt.timestep], d.time.device
         for attempt in range(ATTEMPTS if self._implicit else 1):
-            wp.launch(self._kernels.fronts, inputs=[*step, attempt], **given)
-            wp.launch(self._kernels.graph, inputs=step, **given)
             wp.launch(
-                self._kernels.commit,
-                inputs=[*step, attempt],
-                outputs=[d.actuator_force],
-                **given,
+                self._kernels.fronts, self._shape, [*step, attempt], device=device
             )
+            wp.launch(self._kernels.graph, self._shape, step, device=device)
+            given = [*step, attempt, d.actuator_force]
+            wp.launch(self._kernels.commit, self._shape, given, device=device)
 
     def reset(self, worlds: ArrayLike | wp.array | None = None) -> None:
         """Lay the cables of some worlds at rest at their next evaluation.
@@ -287,11 +270,7 @@ class AttachedCables:
             )
         self._flags.assign(flags)
         wp.launch(
-            forget,
-            dim=self._shape,
-            inputs=[self._flags],
-            outputs=[self._stamp],
-            device=self._stamp.device,
+            forget, self._shape, [self._flags, self._stamp], device=self._stamp.device
         )
 
     def vary(self, name: str, **parameters: ArrayLike) -> None:
@@ -356,7 +335,7 @@ class AttachedCables:
         """
         index = self._index(name)
         own = self._cables[index]
-        given = np.zeros((len(cables), self._prm.shape[1]), np.float32)
+        given = np.zeros((len(cables), self._rows.prm.shape[1]), np.float32)
         for row, cable in zip(given, cables.values(), strict=True):
             kinds = ("segments", "bend", "path", "route", "mouth", "guides", "ends")
             for key in kinds:
@@ -372,7 +351,7 @@ class AttachedCables:
             packed = self._packed(index, cable)
             row[: packed.size] = packed
         worlds = np.fromiter(cables, np.int32, len(cables))
-        write_rows(self._prm, index * self._worlds + worlds, given)
+        write_rows(self._rows.prm, index * self._worlds + worlds, given)
         route = self._routes[index]
         if route is not None and self._led is not None and cables:
             paths = [self._led.reference_row(route, own) for own in cables.values()]
@@ -382,12 +361,9 @@ class AttachedCables:
 
     def repack(self) -> None:
         """Take over `values`, unchecked; can be captured in a graph."""
+        given = [self._rows.segments, self.values, self._rows.prm]
         wp.launch(
-            self._kernels.repack,
-            dim=self._shape,
-            inputs=[self._segments, self.values],
-            outputs=[self._prm],
-            device=self._prm.device,
+            self._kernels.repack, self._shape, given, device=self._rows.prm.device
         )
         if self._led is not None:
             self._led.repack(self._rows, self.values)
@@ -412,7 +388,7 @@ class AttachedCables:
     def _require_axis_inside_pulley(self, index: int, cable: Cable) -> None:
         """Refuse a pulley whose axis lies outside of it, as the plugin does."""
         swing = cable.eccentricity + cable.ovality
-        radius = abs(float(self._model.actuator_gear[self._proximal[index], 0]))
+        radius = abs(float(self._model.actuator_gear[self._actuators_of[index][0], 0]))
         if swing >= radius:
             raise CableError(
                 f"cable {self.names[index]!r}: eccentricity and ovality are "
@@ -466,7 +442,7 @@ class AttachedCables:
 
     def _pending(self, index: int) -> FloatArray:
         size = kernel.state_size(self._cables[index].segments)
-        return self._pending_rows(self._state, index, size)
+        return self._pending_rows(self._rows.state, index, size)
 
     def _pending_path(self, index: int) -> FloatArray:
         assert self._led is not None
@@ -475,7 +451,7 @@ class AttachedCables:
     def _pending_rows(self, both: Any, index: int, size: int) -> FloatArray:
         rows = slice(index * self._worlds, (index + 1) * self._worlds)
         states = both[:, rows, :size].numpy()
-        pending = 1 - self._now[rows].numpy()
+        pending = 1 - self._rows.now[rows].numpy()
         found: FloatArray = states[pending, np.arange(self._worlds)].astype(float)
         return found
 

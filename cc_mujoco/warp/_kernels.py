@@ -324,16 +324,10 @@ def forget(mask: wp.array(dtype=bool), stamp: wp.array(dtype=float)):
 def write_rows(target: Any, rows: Any, given: Any) -> None:
     """Write rows (m,) of a `wp.array` (n, k); the others keep their bits."""
     if given.size:
-        wp.launch(
-            _write,
-            dim=given.shape,
-            inputs=[
-                wp.array(rows, dtype=int, device=target.device),
-                wp.array(given, dtype=float, device=target.device),
-            ],
-            outputs=[target],
-            device=target.device,
-        )
+        device = target.device
+        places = wp.array(rows, dtype=int, device=device)
+        values = wp.array(given, dtype=float, device=device)
+        wp.launch(_write, given.shape, [places, values, target], device=device)
 
 
 @wp.kernel(module="unique", enable_backward=False)

@@ -59,39 +59,24 @@ class LookAhead:
             mjw.deriv_smooth_vel(m, d, damped.M)
         mjw.factor_m(m, damped)
         moments = moments_of(d)
-        wp.launch(
-            add_forces,
-            dim=worlds,
-            inputs=[
-                rows, self._ends, self._fresh, *moments, d.qfrc_passive, d.qfrc_bias,
-                d.qfrc_applied, d.qfrc_constraint, d.actuator_force,
-            ],
-            outputs=[self._right],
-            device=d.time.device,
-        )  # fmt: skip
+        given = [
+            rows, self._ends, self._fresh, *moments, d.qfrc_passive, d.qfrc_bias,
+            d.qfrc_applied, d.qfrc_constraint, d.actuator_force, self._right,
+        ]  # fmt: skip
+        wp.launch(add_forces, worlds, given, device=d.time.device)
         if self._led is not None:
             self._led.pull(rows, False, m, d, self._right)
         mjw.xfrc_accumulate(m, d, self._right)
         mjw.solve_m(m, damped, self._found, self._right)
         for cable in range(self._count):
             for end in range(2):
-                wp.launch(
-                    moment_row,
-                    dim=worlds,
-                    inputs=[rows, cable, end, *moments],
-                    outputs=[self._right],
-                    device=d.time.device,
-                )
+                given = [rows, cable, end, *moments, self._right]
+                wp.launch(moment_row, worlds, given, device=d.time.device)
                 mjw.solve_m(m, damped, self._answers[2 * cable + end], self._right)
-        wp.launch(
-            self.kernels["look_ahead"],
-            dim=(self._count, worlds),
-            inputs=[
-                rows, m.opt.timestep, *moments, self._answers, self._found,
-                d.actuator_velocity,
-            ],
-            device=d.time.device,
-        )  # fmt: skip
+        given = [rows, m.opt.timestep, *moments, self._answers, self._found]
+        given.append(d.actuator_velocity)
+        kernel, size = self.kernels["look_ahead"], (self._count, worlds)
+        wp.launch(kernel, size, given, device=d.time.device)
 
 
 def moments_of(d: mjw.Data) -> list[Any]:

@@ -188,28 +188,19 @@ class LedCables:
         return int(open_path.memory_size(self._segments[index]))
 
     def repack(self, rows: Any, values: Any) -> None:
+        given = [rows, self.rows, values]
         wp.launch(
-            self._own.repack,
-            dim=(self._cables, self._worlds),
-            inputs=[rows, self.rows, values],
-            device=values.device,
+            self._own.repack, (self._cables, self._worlds), given, device=values.device
         )
 
     def lead(
         self, rows: Any, fresh: Any, rest_in_pose: bool, m: mjw.Model, d: mjw.Data
     ) -> None:
         size, device = (self._cables, self._worlds), d.time.device
+        given = [rows, self.rows, self._links, self._poses.of(m, d), d.ten_length]
+        wp.launch(self._own.survey, size, given, device=device)
         wp.launch(
-            self._own.survey,
-            dim=size,
-            inputs=[rows, self.rows, self._links, self._poses.of(m, d), d.ten_length],
-            device=device,
-        )
-        wp.launch(
-            self._own.lay,
-            dim=size,
-            inputs=[rows, self.rows, fresh, rest_in_pose],
-            device=device,
+            self._own.lay, size, [rows, self.rows, fresh, rest_in_pose], device=device
         )
 
     def pull(
@@ -222,21 +213,12 @@ class LedCables:
         if not self._has_open:
             return
         device = d.time.device
-        wp.launch(
-            self._own.pull,
-            dim=(self._cables, self._worlds),
-            inputs=[
-                rows, self.rows, int(is_pending), m.actuator_gear, d.subtree_com, d.cdof
-            ],
-            device=device,
-        )  # fmt: skip
-        wp.launch(
-            add_pulls,
-            dim=total.shape,
-            inputs=[self._worlds, self._cables, self.rows.pulls],
-            outputs=[total],
-            device=device,
-        )
+        given = [
+            rows, self.rows, int(is_pending), m.actuator_gear, d.subtree_com, d.cdof,
+        ]  # fmt: skip
+        wp.launch(self._own.pull, (self._cables, self._worlds), given, device=device)
+        given = [self._worlds, self._cables, self.rows.pulls, total]
+        wp.launch(add_pulls, total.shape, given, device=device)
 
 
 def _last_dofs(model: mujoco.MjModel) -> NDArray[np.int32]:

@@ -28,7 +28,6 @@ from cc_mujoco.cable._reading import (
 from cc_mujoco.cable._route import Route
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
-from cc_mujoco.warp._ends import HeldCable, actuators_of
 from cc_mujoco.warp._implicit_kernels import look_ahead_kernel
 from cc_mujoco.warp._kernels import (
     ATTEMPTS,
@@ -41,6 +40,8 @@ from cc_mujoco.warp._kernels import (
 )
 from cc_mujoco.warp._look_ahead import LookAhead, moments_of
 from cc_mujoco.warp._model import (
+    HeldCable,
+    actuators_of,
     end_rate,
     lengths_in_qpos0,
     require_plain,
@@ -510,7 +511,7 @@ def attach(
     routes: Mapping[str, Route] = {}
     if cables is None:
         # Of a MuJoCo that can run the plugin, which other scenes do not need.
-        scene = import_module("cc_mujoco.warp._scene")
+        scene = import_module("cc_mujoco.warp._spec")
         model, cables, routes = scene.held_cables(source)
     elif isinstance(source, mujoco.MjModel):
         model = source

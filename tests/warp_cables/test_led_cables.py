@@ -234,9 +234,9 @@ def test_parameters_are_given_anew_on_the_path_of_the_scene():
     cables = attach(m, d, spec)
     stiffer = cc_mujoco.plugin.from_mjcf(spec)["rope"].replace(friction=0.3)
     cables.vary("rope", friction=np.array([0.15, 0.3]))
-    packed = cables._prm.numpy().copy()
+    packed = cables._rows.prm.numpy().copy()
     cables.assign("rope", {0: stiffer.replace(friction=0.15), 1: stiffer})
-    np.testing.assert_allclose(cables._prm.numpy(), packed, rtol=2e-6)
+    np.testing.assert_allclose(cables._rows.prm.numpy(), packed, rtol=2e-6)
     for _ in range(100):
         mjw.step(m, d)
     losses = np.abs(np.diff(np.log(cables.tensions.numpy()[:, 0]), axis=1))

@@ -93,7 +93,6 @@ def _letter(kind: Kind) -> str:
 
 
 def _format(function: Function, name: str, kind: Kind) -> str:
-    """Return how an argument is read."""
     if isinstance(kind, Scalar):
         return f"{_letter(kind)}{name} "
     if isinstance(kind, Structure):
@@ -119,7 +118,6 @@ def _argument(library: CLibrary, kind: Kind, cells: Iterator[int]) -> str:
 
 
 def _result_format(kind: Kind) -> str:
-    """Return how the object of a result is made."""
     if isinstance(kind, Structure):
         size = chr(ord("a") + len(kind.fields))
         return f"({size}" + "".join(_result_format(each) for _, each in kind.fields)

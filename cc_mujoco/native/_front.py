@@ -54,7 +54,6 @@ def read(
     known: Known,
     constant_result: Callable[[Any], ast.Constant | None],
 ) -> ReadFunction:
-    """Read a function; the arguments are those of `fold`."""
     node = tree_of(function)
     source = ReadFunction(
         function, node, Scope(function, node), ast.get_docstring(node) or ""

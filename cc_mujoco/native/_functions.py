@@ -109,7 +109,6 @@ class NativeFunction:
         return self._call_with_copies(given)
 
     def __get__(self, owner: Any, kind: Any = None) -> Any:
-        """Return the function itself or, of an instance, a method."""
         return self if owner is None else types.MethodType(self, owner)
 
     def _load(self, *given: Any) -> Any:

@@ -138,7 +138,6 @@ def _is_carried() -> bool:
 
 
 def _kept(name: str, suffix: str = SUFFIX) -> Path | None:
-    """Return a file in the folder of this user, if it is there and whole."""
     for path in folder().glob(f"{name}-*{suffix}"):
         if path.stem.endswith(f"-{path.stat().st_size}"):
             _use(path)
@@ -221,7 +220,6 @@ def do_without() -> None:
 
 
 def write(path: str) -> None:
-    """Write the library's source in C, in a process that does nothing else."""
     do_without()
     gc.disable()  # trees of all functions are kept to the end
     import_module("cc_mujoco.plugin._native").write(path)

@@ -373,7 +373,6 @@ def _write(
 
 
 def _write_path(spec: mujoco.MjSpec, drive: _Drive) -> None:
-    """Write the sites that are new, the tendon of the conduit, and the free rope."""
     for site in (*drive.route, drive.lever):
         if site is not None and site.body:
             add_element(
@@ -436,7 +435,6 @@ def _write_winch(spec: mujoco.MjSpec, drive: _Drive, mount: _Site, name: str) ->
 
 
 def _name(kind: str, thing: Any, found: Iterable[Any]) -> str:
-    """Return the name of an element of the specification, given it or its name."""
     name = thing if isinstance(thing, str) else getattr(thing, "name", None)
     if not name:
         raise CableError(
@@ -544,7 +542,6 @@ def _radius(what: str, radius: Any) -> float:
 
 
 def _replaced(spec: mujoco.MjSpec, actuator: Any, driven: str) -> int | None:
-    """Return the index of the actuator to delete, which must drive the joint alone."""
     if actuator is None:
         return None
     if isinstance(actuator, mujoco.MjsActuator):

@@ -82,7 +82,6 @@ def is_spatial(model: MjModel, tendon: int) -> bool:
 
 @internal
 def blame(message: ffi.Message, model: MjModel, actuator: int, why: ffi.Bytes) -> None:
-    """Append an actuator of an instance and the end of a sentence about it."""
     ffi.append(message, "its actuator ")
     _append_actuator(message, model, actuator)
     ffi.append(message, why)
@@ -196,7 +195,6 @@ def _is_clamped_by_joint(model: MjModel, actuator: int) -> bool:
 
 @internal
 def _moves_part(model: MjModel, joint: int, tendon: int) -> bool:
-    """Return whether a joint moves a part of a tendon against the rest."""
     carried = model.jnt_bodyid[joint]
     inside, outside = 0, 0
     for i in range(model.tendon_adr[tendon], mj_struct.path_end(model, tendon)):
@@ -380,7 +378,6 @@ def read_guides(
 
 @internal
 def is_tied(model: MjModel, actuator: int, tendon: int) -> bool:
-    """Return whether an end is tied to a site of the cable's tendon: that moves it."""
     return holding_tendon(model, actuator) == tendon
 
 
@@ -533,7 +530,6 @@ def explain_sleep(message: ffi.Message, model: MjModel, body: int) -> None:
 
 @internal
 def pushes(model: MjModel, actuator: int, distal: bool) -> bool:
-    """Return whether the tension at an end that holds a tendon lengthens it."""
     radius = end_radius(model, actuator)
     return holding_tendon(model, actuator) >= 0 and (radius < 0.0) == distal
 

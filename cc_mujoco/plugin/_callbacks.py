@@ -144,7 +144,6 @@ def holds(model: MjModel, data: MjData, instance: ffi.CInt) -> ffi.CInt:
 
 @internal
 def _usable_block(model: MjModel, data: MjData, instance: int) -> Block:
-    """Return the block of a cable that can act, its parameters up to date, or 0."""
     block = blocks.acting_block(model, data, instance)
     if block != 0 and not evaluating.update_parameters(block, model, instance):
         block = 0

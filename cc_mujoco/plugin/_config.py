@@ -220,7 +220,6 @@ def key_text(block: int, key: int) -> Bytes:
 
 @internal
 def block_size(block: int) -> int:
-    """Return the bytes of the attribute block of an instance, zeros included."""
     start = block
     for _ in range(len(KEYS)):
         block += text(block).size + 1
@@ -248,7 +247,6 @@ def bends_with_route(block: int) -> bool:
 
 @internal
 def is_open(block: int) -> bool:
-    """Return whether the cable leaves its conduit or has none: open or mixed `path`."""
     written = key_text(block, PATH)
     return equal_text(written, _OPEN) or equal_text(written, _MIXED)
 
@@ -281,7 +279,6 @@ def length(block: int) -> float:
 
 @internal
 def _sections(written: Bytes, sections: FloatMatrix) -> int:
-    """Return the number of sections read, or 0 if the text is no conduit."""
     count, i = 0, 0
     while True:
         while i < written.size and is_space(written[i]):

@@ -182,7 +182,6 @@ def is_evaluated(
 
 @internal
 def written_bytes(block: Block) -> int:
-    """Return how many bytes of a state evaluations may change, from the first."""
     return 8 * kernel.written_size(blocks.parameters(block), block.segments)
 
 

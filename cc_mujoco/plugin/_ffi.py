@@ -118,7 +118,6 @@ def floats(address: int, count: int) -> FloatArray:
 
 @reinterpret
 def words(address: int, count: int) -> npt.NDArray[np.int64]:
-    """Return a view on `count` aligned words of 8 bytes."""
     return np.ctypeslib.as_array((ctypes.c_int64 * count).from_address(address))
 
 
@@ -178,7 +177,6 @@ def is_zero(a: FloatArray) -> bool:
 
 @internal
 def text(address: int) -> Bytes:
-    """Return a view on a zero-terminated string, without its zero."""
     length, content = 0, octets(address, 0)
     while content[length] != 0:
         length += 1
@@ -192,7 +190,6 @@ def message_at(address: int) -> Message:
 
 @internal
 def append(message: Message, part: Bytes) -> None:
-    """Append text, truncated to the capacity of a message."""
     for i in range(part.size):
         if 0 <= message.used < _CAPACITY - 1:
             message.text[message.used] = part[i]
@@ -256,7 +253,6 @@ def append_integer(message: Message, value: int) -> None:
 
 @internal
 def append_label(message: Message, name: Bytes, index: int) -> None:
-    """Add a name in quotes, or the index of what has none."""
     if name.size == 0:
         append_integer(message, index)
     else:

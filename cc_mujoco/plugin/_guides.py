@@ -95,7 +95,6 @@ def _uniform(seed: npt.NDArray[np.uint64]) -> float:
 def _random_pose(
     model: MjModel, positions: FloatArray, reach: float, seed: npt.NDArray[np.uint64]
 ) -> None:
-    """Draw a pose: within ranges, else any angle, and places within `reach` [m]."""
     origin = model.qpos0[: positions.size]
     for joint in range(model.njnt):
         kind = model.jnt_type[joint]

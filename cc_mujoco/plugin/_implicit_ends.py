@@ -270,7 +270,6 @@ def _smooth_forces(
 
 @internal
 def _limited_force(model: MjModel, data: MjData, actuator: int, output: int) -> float:
-    """Return the force of an actuator's output within its `forcerange`."""
     force = data.actuator_force[output]
     if model.actuator_forcelimited[actuator] != 0:
         low = model.actuator_forcerange[actuator, 0]

@@ -256,7 +256,6 @@ def shape_at(block: Block, stage: int) -> int:
 
 @internal
 def shape(block: Block, stage: int) -> FloatArray:
-    """Return the path at a stage, see `shape_at`."""
     return floats(shape_at(block, stage), block.shape_bytes // 8)
 
 
@@ -276,7 +275,6 @@ def path_of(block: Block, stage: int) -> OpenPath:
 
 @internal
 def invalidate(block: Block) -> None:
-    """Invalidate the values that follow from the packed parameters."""
     block.result_valid = 0
     block.stiffness[:] = 0.0
 
@@ -317,7 +315,6 @@ def proximal_winding(
 
 @internal
 def winding(model: MjModel, data: MjData, block: Block) -> tuple[float, float]:
-    """Return what `proximal_winding` does, at the last evaluated position."""
     return proximal_winding(model, block, displacement(data, block, 0))
 
 

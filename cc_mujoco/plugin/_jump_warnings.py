@@ -62,14 +62,12 @@ def position_changed(positions: FloatArray, led: float) -> bool:
 
 @internal
 def _poses(model: MjModel, lead: Block, before: int) -> FloatArray:
-    """Return positions and orientations of mocap bodies, at or before the last step."""
     size = 7 * model.nmocap
     return floats(lead + lead.mocap_poses + 8 * size * before, size)
 
 
 @internal
 def save_poses(model: MjModel, data: MjData, block: Block) -> None:
-    """Save the poses of mocap bodies, if this is the first cable of its model."""
     if block.mocap_poses == 0:
         return
     count, now, before = model.nmocap, _poses(model, block, 0), _poses(model, block, 1)

@@ -63,7 +63,6 @@ def size(name: str) -> LoadedInt:
 
 
 def place(path: str) -> LoadedInt:
-    """Return an offset or, of a name alone, a size."""
     return offset(path) if "." in path else size(path)
 
 
@@ -88,7 +87,6 @@ def _find(path: str) -> tuple[int, Any]:
 
 
 def member(path: str) -> str:
-    """Return the name of an offset or size in the table of compiled code."""
     return path.replace(".", "_")
 
 

@@ -57,7 +57,6 @@ def wrap_body(model: MjModel, place: int) -> int:
 
 @internal
 def first_cable(model: MjModel, instance: int) -> int:
-    """Return the first instance of the plugin that this instance belongs to."""
     other = 0
     while model.plugin[other] != model.plugin[instance]:
         other += 1

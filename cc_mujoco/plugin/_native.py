@@ -79,7 +79,6 @@ def source(functions: Iterable[NativeFunction], with_python: bool) -> str:
 
 
 def _in_unit(number: int, *parts: str) -> list[str]:
-    """Return parts of the source for one of two units, compiled side by side."""
     return [f"#if CC_UNIT != {3 - number}", *parts, "#endif"]
 
 
@@ -121,7 +120,6 @@ def _enumerators() -> Iterator[str]:
 
 
 def _known_layouts() -> str:
-    """Return the offsets of known releases of MuJoCo, and of the installed one."""
     known = _read("native_layouts.h").rstrip()
     row = mj_offsets.row()
     head, _, tail = known.rpartition("};")

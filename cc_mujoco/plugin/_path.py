@@ -45,7 +45,6 @@ def has_branches(model: MjModel, tendon: int) -> bool:
 
 @internal
 def digest(model: MjModel, tendon: int) -> int:
-    """Return a digest of the places of a spatial tendon's path; 0 for tendon -1."""
     if tendon < 0:
         return 0
     if tendon >= model.ntendon:

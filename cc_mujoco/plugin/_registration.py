@@ -138,7 +138,6 @@ def file_of(address: int) -> str | None:
 
 
 def _require_same_code(file: str) -> ctypes.CDLL:
-    """Return a loaded library of the plugin if it was made of these sources."""
     library = ctypes.CDLL(file)
     try:
         made_of = _text(library, native_library.DIGEST_NAME)

@@ -72,7 +72,6 @@ def _bend(block: Block, model: MjModel, data: MjData, stage: int) -> None:
 
 @internal
 def set_reference(block: Block, model: MjModel, data: MjData) -> None:
-    """Measure the path in the pose `qpos0`; of an open one make the mesh."""
     ffi.mark_stack(data)
     kept = ffi.borrow_floats(data, model.nq)
     kept[:] = data.qpos[: model.nq]
@@ -132,7 +131,6 @@ def lay(block: Block, stage: int, state: int) -> None:
 
 @internal
 def follow(block: Block, model: MjModel, data: MjData, state: int) -> None:
-    """Lead the cable along its path at the last position, from a state."""
     if block.route < 0:
         return
     n = block.segments

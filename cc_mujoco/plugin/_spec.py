@@ -28,7 +28,6 @@ _UNKNOWN_KEY = re.compile(rf"unrecognized attribute 'plugin:(.*?)' for plugin {P
 
 
 def add_element(owner: Any, kind: str, **fields: Any) -> Any:
-    """Add an element that takes nothing from the defaults of its model."""
     element = getattr(owner, f"add_{kind}")()
     for field, value in (pristine_fields(kind) | fields).items():
         setattr(element, field, value)

@@ -105,7 +105,6 @@ def spring_timesteps(
 
 @internal
 def _spring_count(block: Block) -> int:
-    """Return the number of springs of a cable: its ends and its open path's nodes."""
     if block == 0:
         return 0
     return 2 + (block.segments + 1 if blocks.is_open(block) else 0)

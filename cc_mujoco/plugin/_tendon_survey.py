@@ -129,18 +129,12 @@ def _timestep(
     return shortest
 
 
-def path_guides(model: mujoco.MjModel, instance: int, tendon: int) -> FloatArray:
-    """Return the guides of a cable by its route tendon, see `attachments.read_guides`.
+@compiled
+def read_guides(model: MjModel, instance: int, tendon: int, out: FloatArray) -> None:
+    """Read the guides of a cable by its route tendon, see `attachments.read_guides`.
 
     For every place of the tendon between its ends (p,); 0 before the cable's mouth.
     """
-    found = np.zeros(int(model.tendon_num[tendon]) - 2)
-    _read_guides(model._address, instance, tendon, found)
-    return found
-
-
-@compiled
-def _read_guides(model: MjModel, instance: int, tendon: int, out: FloatArray) -> None:
     place = 0
     if config.is_mixed(mj_struct.attributes(model, instance)):
         place = attachments.find_mouth(model, instance, tendon)

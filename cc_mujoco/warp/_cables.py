@@ -239,7 +239,6 @@ class AttachedCables:
         return used | {"commit": own.commit}
 
     def _evaluate_in_parts(self, m: mjw.Model, d: mjw.Data) -> None:
-        """Compute the step in parts, as kernels that need fewer registers."""
         step, device = [self._rows, m.opt.timestep], d.time.device
         for attempt in range(ATTEMPTS if self._implicit else 1):
             wp.launch(

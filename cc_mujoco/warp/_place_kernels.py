@@ -70,7 +70,6 @@ class Pose:
 
 @wp.func
 def vector_of(row: wp.array(dtype=float), i: int):
-    """Return the vector whose three numbers begin at i."""
     return wp.vec3(row[i], row[i + 1], row[i + 2])
 
 

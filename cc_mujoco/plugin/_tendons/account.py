@@ -62,7 +62,6 @@ def summary_line(original: mujoco.MjModel, burden: Burden, report: AddedCables) 
 def describe_winch(
     original: mujoco.MjModel, spec: mujoco.MjSpec, winch: Winch
 ) -> list[str]:
-    """Return a line for everything that moved to a winch."""
     burden = winch.burden
     index, place = original.tendon(burden.tendon).id, f"winch {burden.winch!r}"
     lines = []

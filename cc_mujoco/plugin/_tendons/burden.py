@@ -200,7 +200,6 @@ def slacken(spec: mujoco.MjSpec, tendon: str) -> None:
 
 
 def can_push(original: mujoco.MjModel, burden: Burden) -> bool:
-    """Return whether an actuator of the tendon might lengthen it."""
     return any(
         original.actuator_gaintype[i] != _GAIN.mjGAIN_MUSCLE for i in burden.actuators
     )

@@ -274,7 +274,6 @@ def _name_of(spec: mujoco.MjSpec, which: Any) -> str:
 
 
 def _value_of(key: str, value: Any, which: Any, named: dict[Any, str]) -> Any:
-    """Return the value of an argument for a tendon, None where a dict omits it."""
     if not isinstance(value, Mapping):
         return value
     for other in value:
@@ -331,7 +330,6 @@ def _plan(
 
 
 def _write_branches(spec: mujoco.MjSpec, takeovers: list[_Takeover]) -> None:
-    """Write what the winches or cables of tendons need before them."""
     for takeover in takeovers:
         if takeover.burden.needs_winch:
             write_branches(spec, takeover.burden)

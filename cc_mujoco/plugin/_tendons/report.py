@@ -31,8 +31,8 @@ from cc_mujoco.plugin._settle import shortest_piece_step
 from cc_mujoco.plugin._spec import compile_spec
 from cc_mujoco.plugin._tendon_survey import (
     SWEEP_POSES,
-    path_guides,
     piece_timesteps,
+    read_guides,
     spanned_joints,
     survey,
     sweep,
@@ -435,7 +435,7 @@ def _summarize(
         instance = instances(model)[cable]
         own = cable_of(model, instance, cable)
         mu, source, in_conduit = own.friction, "cable", own.path != PATHS[1]
-        guides = path_guides(model, instance, tendon)
+        read_guides(model._address, instance, tendon, guides)
     if friction is not None:
         mu, source = given.friction, "given"
     if cable is None or in_conduit:

@@ -448,7 +448,6 @@ def _moved_plastic(
 
 
 def _plastic_parts(model: mujoco.MjModel) -> dict[tuple[str, int], slice]:
-    """Return where joints, tendons and flexes are in the plastic state, by index."""
     starts = {
         int(adr): (kind, i)
         for kind, places in (

@@ -89,6 +89,9 @@ class CableActuator(Actuator):
     Attributes:
         cables: the cables in all worlds, once mjlab has initialised the actuator.
         names: names of the cables, in the order of `tension`.
+        tension: tension at the proximal and distal ends (worlds, cables, 2) [N]; no
+            copy.
+        values: parameters (cables, worlds, parameters), see `AttachedCables.values`.
     """
 
     cfg: CableActuatorCfg
@@ -149,21 +152,11 @@ class CableActuator(Actuator):
             terms=self.cfg.terms,
             rest_in_pose=self.cfg.rest_in_pose,
         )
-        self._tension = wp.to_torch(self.cables.tensions)
-        self._values = wp.to_torch(self.cables.values)
+        self.tension = wp.to_torch(self.cables.tensions)
+        self.values = wp.to_torch(self.cables.values)
         shape = (data.nworld, len(self._mjs_actuators))
         self._target = torch.zeros(shape, device=device)
         self._effort = torch.zeros(shape, device=device)
-
-    @property
-    def tension(self) -> torch.Tensor:
-        """Tension at the proximal and distal ends (worlds, cables, 2) [N]; no copy."""
-        return self._tension
-
-    @property
-    def values(self) -> torch.Tensor:
-        """Parameters (cables, worlds, parameters), see `AttachedCables.values`."""
-        return self._values
 
     def compute(self, cmd: ActuatorCmd) -> torch.Tensor:
         """Return the torques of the motors (worlds, motors) [N m].

@@ -192,7 +192,7 @@ def test_the_layout_of_a_gpu_gives_the_same_bits(rig, monkeypatch):
     )
     launched, launch = [], wp.launch
     monkeypatch.setattr(
-        wp, "launch", lambda k, **a: launched.append(k) or launch(k, **a)
+        wp, "launch", lambda k, *a, **b: launched.append(k) or launch(k, *a, **b)
     )
     other.m.callback.act_bias(other.m, other.d)
     assert launched == list(other.cables.kernels.values())

@@ -9,6 +9,10 @@ each joint by a lever of 50 mm through 1 m of cable that wraps half a turn (fric
 end tension, in percent of its largest, and the ratio of what friction took, against a
 step 32 times shorter, for explicit ends and as they are by default; and the time of a
 step over that of a step with explicit ends.
+
+Explicit and by default: half-cheetah (10 ms, EA 50 kN) 1690 and 3.0 %, ant (the same,
+RK4) 1210 and 3.0 %, humanoid (3 ms, RK4, 150 kN) 16 and 1.7 %; free and in contact the
+default errs by 0.8 to 3.1 %.
 """
 
 from __future__ import annotations

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -32,16 +31,13 @@ def test_a_coarse_tendon_follows_the_closed_form(task: str) -> None:
 def test_results_of_several_runs_are_one_table(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
-    class Without:
-        def settings(self, task: str, tune: bool) -> list[dict[str, float]]:
-            return [{"timestep": 1e-3}]
+    def refuse(machine: tasks.Machine, setting: tasks.Setting) -> tasks.Simulation:
+        raise tasks.NotExpressible("it has no pulleys")
 
-        def build(self, machine: tasks.Machine, setting: dict[str, float]) -> Any:
-            raise tasks.NotExpressible("it has no pulleys")
-
+    without = tasks.Engine(lambda task, tune: [{}], refuse)
     monkeypatch.setattr(run, "engines", lambda: run_with)
     out = tmp_path / "suite.json"
-    for name, engine in (("cc_mujoco", OURS), ("other", Without())):
+    for name, engine in (("cc_mujoco", OURS), ("other", without)):
         run_with = {name: engine}
         monkeypatch.setattr(
             sys, "argv", ["run.py", "--task", "atwood", "--out", str(out)]

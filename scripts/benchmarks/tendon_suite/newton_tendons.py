@@ -8,12 +8,22 @@ which a light weight keeps taut.
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import newton
 import numpy as np
 import warp as wp
 
-from tendon_suite.tasks import ALONG_Y, Array, Bend, Body, Machine, Setting, vector
+from tendon_suite.tasks import (
+    ALONG_Y,
+    Array,
+    Bend,
+    Body,
+    Engine,
+    Machine,
+    Setting,
+    vector,
+)
 
 wp.config.quiet = True
 _STICKS, _TAIL = 10.0, 0.02
@@ -87,7 +97,8 @@ class _Simulation:
         builder.color()
         self.model = builder.finalize(device="cpu")
         solver = getattr(newton.solvers, f"Solver{setting['solver']}")
-        self.solver = solver(self.model, **setting["options"])
+        joints = {"VBD": {"rigid_joint_linear_ke": 1e6}}.get(setting["solver"], {})
+        self.solver = solver(self.model, iterations=setting["iterations"], **joints)
         self.states = [self.model.state(), self.model.state()]
         self.joints = [
             wp.zeros(len(bodies), dtype=float, device="cpu") for _ in range(2)
@@ -107,21 +118,32 @@ class _Simulation:
         return place, speed
 
 
-class _Engine:
-    def __init__(self, solver: str, **options: float) -> None:
-        self.best = {
-            "solver": solver, "options": options, "timestep": 1e-3,
-            "compliance": 1e-5, "damping": 1.0, "pinholes": 0, "mu": 0.0,
-        }  # fmt: skip
+_FIRST = {"timestep": 1e-3, "iterations": 8, "damping": 1.0, "pinholes": 0, "mu": 0.0}
+_XPBD = {
+    "": {"solver": "XPBD", "compliance": 1e-5},
+    "turning pulley": {"mu": 10.0},
+    "helix": {"pinholes": 9},
+    "hoist": {"timestep": 2e-4, "compliance": 2e-4},
+}
+_VBD = {
+    "": {"solver": "VBD", "compliance": 1e-4},
+    "turning pulley": {"mu": 10.0},
+    "cycles": {"compliance": 3e-5},
+    "helix": {"pinholes": 9},
+    "hoist": {"timestep": 2e-4, "compliance": 2e-4},
+}
+_TRIED = [
+    {"iterations": 4}, {"iterations": 32}, {"timestep": 5e-4}, {"timestep": 2e-4},
+    {"compliance": 1e-5}, {"compliance": 1e-4}, {"pinholes": 9}, {"mu": 10.0},
+]  # fmt: skip
 
-    def settings(self, task: str, tune: bool) -> list[Setting]:
-        return [self.best]
 
-    def build(self, machine: Machine, setting: Setting) -> _Simulation:
-        return _Simulation(machine, setting)
+def _settings(best: dict[str, Setting], task: str, tune: bool) -> list[Setting]:
+    first = _FIRST | best[""] | best.get(task, {})
+    return [first, *(first | change for change in _TRIED if tune)]
 
 
 ENGINES = {
-    "newton XPBD": _Engine("XPBD", iterations=8, joint_linear_relaxation=0.7),
-    "newton VBD": _Engine("VBD", iterations=8, rigid_joint_linear_ke=1e6),
+    "newton XPBD": Engine(partial(_settings, _XPBD), _Simulation),
+    "newton VBD": Engine(partial(_settings, _VBD), _Simulation),
 }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import cc_mujoco
 from tendon_suite.plain_mujoco import ROPE, InMuJoCo, specify
-from tendon_suite.tasks import Machine, Setting
+from tendon_suite.tasks import Engine, Machine, Setting
 
 
 class _Simulation(InMuJoCo):
@@ -20,22 +20,16 @@ class _Simulation(InMuJoCo):
         super().__init__(machine, spec.compile())
 
 
-_STEPS = {"cycles": 2e-4, "finger": 2e-4}
+def _settings(task: str, tune: bool) -> list[Setting]:
+    stiffness = 4e5 if task == "cycles" else 1e5
+    step = 2e-4 if task in ("cycles", "finger") else 1e-3
+    best = {"timestep": step, "segments": 8, "axial_stiffness": stiffness}
+    tried = [
+        best | {"segments": segments, "axial_stiffness": share * stiffness}
+        for segments in (2, 4, 8)
+        for share in (0.1, 0.3, 1.0)
+    ]
+    return [best, *(tried if tune else [])]
 
 
-class _Engine:
-    def settings(self, task: str, tune: bool) -> list[Setting]:
-        stiffness, step = 4e5 if task == "cycles" else 1e5, _STEPS.get(task, 1e-3)
-        best = {"timestep": step, "segments": 8, "axial_stiffness": stiffness}
-        tried = [
-            {"segments": segments, "axial_stiffness": share * stiffness}
-            for segments in (2, 4, 8)
-            for share in (0.1, 0.3, 1.0)
-        ]
-        return [best, *(best | change for change in tried if tune)]
-
-    def build(self, machine: Machine, setting: Setting) -> _Simulation:
-        return _Simulation(machine, setting)
-
-
-ENGINES = {"cc_mujoco": _Engine()}
+ENGINES = {"cc_mujoco": Engine(_settings, _Simulation)}

@@ -10,7 +10,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from tendon_suite.tasks import NO_SLIP, Array, Machine, Setting
+from tendon_suite.tasks import NO_SLIP, Array, Engine, Machine, Setting
 
 ROPE = "rope"
 _EQUALITY = {"type": mujoco.mjtEq.mjEQ_TENDON, "objtype": mujoco.mjtObj.mjOBJ_TENDON}
@@ -103,14 +103,10 @@ _BEST = {
 """Dry friction by task [N]; `noslip_iterations` of 10 change none of the errors."""
 
 
-class _Engine:
-    def settings(self, task: str, tune: bool) -> list[Setting]:
-        tried = np.geomspace(0.1, 40.0, 27).round(3) if tune else []
-        losses = [_BEST.get(task, 0.0), *map(float, tried)]
-        return [{"timestep": 1e-3, "frictionloss": loss} for loss in losses]
-
-    def build(self, machine: Machine, setting: Setting) -> _Simulation:
-        return _Simulation(machine, setting)
+def _settings(task: str, tune: bool) -> list[Setting]:
+    tried = np.geomspace(0.1, 40.0, 27).round(3) if tune else []
+    losses = [_BEST.get(task, 0.0), *map(float, tried)]
+    return [{"timestep": 1e-3, "frictionloss": loss} for loss in losses]
 
 
-ENGINES = {"mujoco": _Engine()}
+ENGINES = {"mujoco": Engine(_settings, _Simulation)}

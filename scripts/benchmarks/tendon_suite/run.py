@@ -1,17 +1,19 @@
 """Score the engines that this interpreter can import on the tendon suite.
 
     python scripts/benchmarks/tendon_suite/run.py [--engine NAME] [--task NAME]
-        [--tune] [--out FILE.json]
+        [--tune] [--out FILE.json] [--speed STEPS]
 
 The error is the largest relative one of a task's quantities. `--out` adds to results
 that the file holds, of other interpreters too, and prints all. `--tune` plays every
-setting that an engine tries, and keeps the best. Another engine is a module in
-`MODULES` with `ENGINES`, see `Engine` in `tasks.py`.
+setting that an engine tries, and keeps the best. `--speed` only times the first steps
+of tasks that the file holds. Another engine is a module in `MODULES` with `ENGINES`,
+see `Engine` in `tasks.py`.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import importlib
 import json
 import statistics
@@ -38,8 +40,12 @@ def engines() -> dict[str, Engine]:
     return found
 
 
-def score(task: str, engine: Engine, setting: Setting) -> dict[str, Any]:
-    """Return the result of a task with one setting."""
+class Enough(Exception):
+    """As many steps are timed as were asked for."""
+
+
+def score(task: str, engine: Engine, setting: Setting, steps: int) -> dict[str, Any]:
+    """Return the result with one setting; if `steps` is not 0, the speed of so many."""
     seconds: list[float] = []
 
     def build(machine: Machine) -> Any:
@@ -50,19 +56,19 @@ def score(task: str, engine: Engine, setting: Setting) -> dict[str, Any]:
             start = time.perf_counter()
             advance(forces)
             seconds.append(time.perf_counter() - start)
+            if len(seconds) == steps:
+                raise Enough
 
         sim.step = step
         return sim
 
-    found = {
-        q.name: [float(q.found), float(q.right), q.error] for q in TASKS[task](build)
-    }
-    return {
-        "error": max(error for _, _, error in found.values()),
-        "steps_per_second": 1.0 / statistics.median(seconds),
-        "setting": setting,
-        "quantities": found,
-    }
+    result, numbers = {"setting": setting}, {}
+    with contextlib.suppress(Enough):
+        for q in TASKS[task](build):
+            numbers[q.name] = [float(q.found), float(q.right), float(q.error)]
+        result["error"] = max(error for _, _, error in numbers.values())
+        result["quantities"] = numbers
+    return result | {"steps_per_second": 1.0 / statistics.median(seconds)}
 
 
 def best(task: str, engine: Engine, tune: bool) -> dict[str, Any]:
@@ -70,7 +76,7 @@ def best(task: str, engine: Engine, tune: bool) -> dict[str, Any]:
     tried = []
     for setting in engine.settings(task, tune):
         try:
-            tried.append(score(task, engine, setting))
+            tried.append(score(task, engine, setting, 0))
         except NotExpressible as reason:
             return {"reason": str(reason)}
         print(f"{task}: {tried[-1]['error']:.3g} {setting}", file=sys.stderr)
@@ -102,6 +108,7 @@ def main() -> None:
     parser.add_argument("--task", action="append", choices=TASKS)
     parser.add_argument("--tune", action="store_true")
     parser.add_argument("--out", type=Path)
+    parser.add_argument("--speed", type=int, default=0)
     options = parser.parse_args()
     out = options.out
     kept = json.loads(out.read_text("utf-8")) if out and out.exists() else {}
@@ -110,7 +117,10 @@ def main() -> None:
         if options.engine and name not in options.engine:
             continue
         for task in options.task or TASKS:
-            results[task][name] = best(task, engine, options.tune)
+            if not options.speed:
+                results[task][name] = best(task, engine, options.tune)
+            elif "setting" in (held := results[task].get(name, {})):
+                held |= score(task, engine, held["setting"], options.speed)
             if out:
                 out.write_text(json.dumps(results, indent=1), "utf-8")
     print(table({task: row for task, row in results.items() if row}))

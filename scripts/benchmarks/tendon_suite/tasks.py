@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -20,45 +19,34 @@ DOWN, ALONG_Y = (0.0, 0.0, -1.0), (0.0, 1.0, 0.0)
 NO_SLIP = math.inf
 
 
-@dataclass(frozen=True)
-class Body:
+class Body(NamedTuple):
     """A body with one joint; its axes are those of the world at the start.
 
-    Attributes:
-        name: of the body and its joint.
-        joint: `slide` along `axis`, or `hinge` about it. An end of the rope slides away
-            from the rope; a positive turn of a drum winds it.
-        place: of joint and centre of mass, in the world at the start.
-        mass, inertia: the inertia is the same about all axes.
-        parent: body that carries it; `""` is the world.
+    An end of the rope slides away from the rope; a positive turn of a drum winds it.
     """
 
-    name: str
-    place: Vector
-    joint: str
+    name: str  # of the body and its joint
+    place: Vector  # of joint and centre of mass, in the world at the start
+    joint: str  # `slide` along the axis, or `hinge` about it
     mass: float
-    inertia: float = 1e-3
+    inertia: float = 1e-3  # about all axes
     axis: Vector = DOWN
-    parent: str = ""
+    parent: str = ""  # body that carries it; "" is the world
 
 
-@dataclass(frozen=True)
-class Bend:
+class Bend(NamedTuple):
     """A cylinder along y around which the rope runs.
 
-    Attributes:
-        start, turn: angle at which the rope arrives at the start, from +z towards +x,
-            and the angle from there to where it leaves, negative the other way round.
-        climb: motion along y on the way.
-        body: that carries the cylinder.
+    The rope arrives at the angle `start`, from +z towards +x, and leaves at `start` +
+    `turn`; a negative turn goes the other way round.
     """
 
     centre: Vector
     radius: float
     start: float
     turn: float
-    climb: float = 0.0
-    body: str = ""
+    climb: float = 0.0  # motion along y on the way
+    body: str = ""  # that carries the cylinder
 
     def point(self, share: float, out: float = 1.0) -> Array:
         """Return a point along the arc, at `out` times the radius."""
@@ -79,26 +67,16 @@ class Bend:
         return abs(self.turn) * around / math.hypot(around, self.climb)
 
 
-@dataclass(frozen=True)
-class Machine:
-    """A rope from one body to another.
+class Machine(NamedTuple):
+    """A rope from the body `pull` to the body `load`, each with the place of its end."""
 
-    Attributes:
-        bodies: parents first.
-        pull, load: bodies at its ends, each with the place where the rope leaves it.
-        bends: from `pull` to `load`.
-        friction: Coulomb coefficient, or `NO_SLIP`.
-        tension: everywhere in the rope at the start.
-        drum: radius of the drum that `pull` is; 0 where the rope is tied to it.
-    """
-
-    bodies: tuple[Body, ...]
+    bodies: tuple[Body, ...]  # parents first
     pull: tuple[str, Vector]
     load: tuple[str, Vector]
-    bends: tuple[Bend, ...]
-    friction: float
-    tension: float = 10.0
-    drum: float = 0.0
+    bends: tuple[Bend, ...]  # from `pull` to `load`
+    friction: float  # Coulomb's coefficient, or `NO_SLIP`
+    tension: float = 10.0  # everywhere at the start
+    drum: float = 0.0  # radius of the drum that `pull` is; 0 where the rope is tied
 
     @property
     def ratio(self) -> float:
@@ -126,14 +104,15 @@ class Simulation(Protocol):
         """Return displacement and speed of the joint of every body."""
 
 
-class Engine(Protocol):
-    """An engine; its settings have at least a `timestep`."""
+class Engine(NamedTuple):
+    """An engine; its settings have at least a `timestep`.
 
-    def settings(self, task: str, tune: bool) -> Sequence[Setting]:
-        """Return the best setting for a task, and with `tune` all that are tried."""
+    `settings(task, tune)` gives the best one first, with `tune` all that are tried.
+    `build(machine, setting)` raises `NotExpressible` if there is no way.
+    """
 
-    def build(self, machine: Machine, setting: Setting) -> Simulation:
-        """Return a simulation; raise `NotExpressible` if there is no way."""
+    settings: Callable[[str, bool], list[Setting]]
+    build: Callable[[Machine, Setting], Simulation]
 
 
 Build = Callable[[Machine], Simulation]
@@ -289,17 +268,14 @@ def turning_pulley(build: Build) -> Iterator[Quantity]:
     yield from over_pulley(build, 0.1, 0.04, (3.0, 3.0), loads)
 
 
-CYCLES = 100
-
-
-def cycles(build: Build, count: int = CYCLES) -> Iterator[Quantity]:
+def cycles(build: Build, count: int = 100) -> Iterator[Quantity]:
     """Measure the work of closed cycles (R - 1 / R) k (x2^2 - x1^2) / 2.
 
     It is the integral of Eytelwein's force k x R out to x2 = F2 / (k R), and k x / R
     back to x1 = F1 R / k, against a spring k.
     """
     machine = two_ends((OVER,), 0.2, mass=0.05, free=0.15)
-    ratio, first, spring, period = machine.ratio, machine.tension, 1000.0, 0.8
+    ratio, first, spring, period = machine.ratio, machine.tension, 1000.0, 0.4
     for low, high, turns in (5.0, 40.0, count), (2.5, 20.0, 2):
         sim, pulls = build(machine), []
 

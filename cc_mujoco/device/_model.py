@@ -359,12 +359,9 @@ class DeviceModel:
         """Bring a simulation to the start of an episode: at rest, cables at pretension.
 
         The motors take the angles at which the cables are as long as in the neutral
-        pose, and the cables are laid where they then are (`plugin.settle`).
-
-        Args:
-            data: The simulation; nothing of its past remains.
-            angles: Angles of joints by name [rad]; others stay neutral.
-            commands: Commands of what follows the script.
+        pose, and the cables are laid where they then are (`plugin.settle`). Nothing of
+        the past of `data` remains. `angles` are those of joints by name [rad], others
+        stay neutral; `commands` are those of what follows the script.
         """
         model = self.model
         mujoco.mj_resetData(model, data)

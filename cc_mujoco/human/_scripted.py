@@ -313,13 +313,12 @@ class Reach(Scripted):
 
     @pointwise
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
-        starts, spans, targets, clock = [], [], [], 0.0
+        moves, clock = [], 0.0
         while clock < duration:
-            starts.append(clock)
-            spans.append(rng.uniform(self.fastest, self.slowest))
-            targets.append(rng.uniform(-self.amplitude, self.amplitude))
-            clock += spans[-1] + rng.uniform(0.0, self.longest_dwell)
-        return _join_moves(time, duration, starts, spans, targets)
+            span = rng.uniform(self.fastest, self.slowest)
+            moves.append((clock, span, rng.uniform(-self.amplitude, self.amplitude)))
+            clock += span + rng.uniform(0.0, self.longest_dwell)
+        return _join_moves(time, duration, moves)
 
 
 @dataclass(frozen=True)
@@ -344,19 +343,18 @@ class Reversals(Scripted):
 
     @pointwise
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
-        starts, spans, targets, clock = [], [], [], 0.0
-        side, target = (1.0 if rng.random() < 0.5 else -1.0), 0.0
+        moves, clock, target = [], 0.0, 0.0
+        side = 1.0 if rng.random() < 0.5 else -1.0
         while clock < duration:
             # In the frame turned to the present direction: from below to above. There
             # is always room, because the last move came that far or more.
             low = min(side * target + self.smallest, 1.0)
             target = side * rng.uniform(low, 1.0)
-            starts.append(clock)
-            spans.append(rng.uniform(self.fastest, self.slowest))
-            targets.append(self.amplitude * target)
-            clock += spans[-1]
+            span = rng.uniform(self.fastest, self.slowest)
+            moves.append((clock, span, self.amplitude * target))
+            clock += span
             side = -side
-        return _join_moves(time, duration, starts, spans, targets)
+        return _join_moves(time, duration, moves)
 
 
 def _require_range(owner: Reach | Reversals) -> None:
@@ -369,17 +367,14 @@ def _require_range(owner: Reach | Reversals) -> None:
 
 
 def _join_moves(
-    time: Array,
-    duration: float,
-    starts: list[float],
-    spans: list[float],
-    targets: list[float],
+    time: Array, duration: float, moves: list[tuple[float, float, float]]
 ) -> Motion:
-    """Join minimum-jerk moves; move i ends at or before the start of move i + 1."""
+    """Join moves of start, span and target; each ends before the next starts."""
+    starts, spans, targets = np.array(moves).T
     index = np.searchsorted(starts, time, side="right") - 1
-    ends = np.array([0.0, *targets])[index], np.array(targets)[index]
-    start, span = np.array(starts)[index], np.array(spans)[index]
-    return _moves(time, start, span, ends, episode_fraction(time, duration))
+    ends = np.append(0.0, targets)[index], targets[index]
+    phase = episode_fraction(time, duration)
+    return _moves(time, starts[index], spans[index], ends, phase)
 
 
 def _moves(

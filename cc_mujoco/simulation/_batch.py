@@ -294,13 +294,10 @@ class Batch:
             law: Controller of all devices.
             measure: Returns what the controller reads of the columns.
             names: Names of the columns to keep.
-            observers: As of `run`.
+            observers: As of `run`, and so are errors.
 
         Returns:
             Columns by name, (steps + 1, n, ...).
-
-        Raises:
-            CableError: If the controller fails.
         """
         trace = Trace(names, self.steps, self.going)
         with np.errstate(all="ignore"):  # what diverged is not a number

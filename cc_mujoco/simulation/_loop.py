@@ -120,12 +120,9 @@ class Single:
     def __init__(
         self, env: Any, seed: int, options: Mapping[str, float] | None = None
     ) -> None:
-        """Prepare.
+        """Prepare one of this package's environments, wrapped or not.
 
-        Args:
-            env: One of this package's environments, wrapped or not.
-            seed: Seed of the reset.
-            options: Options of the reset: values of the plant, by name.
+        The reset has the seed and the options, values of the plant by name.
         """
         self._env, self._inner, self._seed = env, env.unwrapped, seed
         self._options = None if options is None else dict(options)
@@ -149,17 +146,11 @@ class Trace:
     """Columns of an episode, kept step by step."""
 
     def __init__(
-        self,
-        names: Sequence[str],
-        steps: int,
-        going: NDArray[np.bool_] | None = None,
+        self, names: Sequence[str], steps: int, going: NDArray[np.bool_] | None = None
     ) -> None:
-        """Prepare for one episode.
+        """Prepare for the named columns of an episode of so many control steps.
 
-        Args:
-            names: Names of the columns.
-            steps: Control steps of the episode.
-            going: Mask of the devices to keep at each step, of many.
+        Of many devices those of the mask `going` are kept at each step.
         """
         self._names, self._steps, self._active_mask = tuple(names), steps, going
         self.columns: dict[str, NDArray[np.float64]] = {}
@@ -172,9 +163,9 @@ class Trace:
                 name: np.full((self._steps + 1, *np.shape(columns[name])), np.nan)
                 for name in self._names
             }
-        if self._active_mask is None or self._active_mask.all():
-            for name, kept in self.columns.items():
+        mask = self._active_mask
+        for name, kept in self.columns.items():
+            if mask is None or mask.all():
                 kept[step] = columns[name]
-        else:
-            for name, kept in self.columns.items():
-                kept[step, self._active_mask] = columns[name][self._active_mask]
+            else:
+                kept[step, mask] = columns[name][mask]

@@ -133,7 +133,17 @@ def play(
         law: Controller = Unpowered(drives[0][0], axes=len(prefixes))
         if name is not None:
             law = batched_controller(name, drives, prefixes)
-        columns = _play_outside(batch, law, drives[0], episode.seed, tick)
+        measuring = exo.controller_sensors(PERFECT_SENSING, drives[0], episode.seed)
+        names = [prefix + name for prefix in prefixes for name in KEPT]
+
+        def report(step: int, _: Columns, __: object) -> None:
+            if step % TICK_STEPS == 0:
+                tick(step / exo.steps)
+
+        kept = (*names, *CABLE_NAMES)
+        columns = batch.play(law, measuring.measure, kept, report)
+        for column, values in columns.items():
+            columns[column] = np.ascontiguousarray(np.moveaxis(values, 0, -1))
     # These are the same for all designs.
     shape = (len(devices), exo.steps + 1)
     columns["time_s"] = np.broadcast_to(np.arange(exo.steps + 1) * exo.period, shape)
@@ -144,28 +154,6 @@ def play(
             columns[prefix + column] = np.broadcast_to(mark, shape)
     tick(1.0)
     return Rollout(columns, ratio, driven, prefixes, tuple(batch.failed))
-
-
-def _play_outside(
-    batch: Batch,
-    law: Controller,
-    drives: Sequence[Drive],
-    seed: int,
-    tick: Callable[[float], object],
-) -> dict[str, Array]:
-    """Play the episodes step by step, with a controller that Python calls."""
-    exo = batch.exo
-    measuring = exo.controller_sensors(PERFECT_SENSING, drives, seed)
-    names = [prefix + name for prefix in batch.prefixes for name in KEPT]
-
-    def report(step: int, _: Columns, __: object) -> None:
-        if step % TICK_STEPS == 0:
-            tick(step / exo.steps)
-
-    kept = batch.play(law, measuring.measure, (*names, *CABLE_NAMES), report)
-    for name, values in kept.items():
-        kept[name] = np.ascontiguousarray(np.moveaxis(values, 0, -1))
-    return kept
 
 
 def _compiled_laws(

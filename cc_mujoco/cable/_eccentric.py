@@ -13,16 +13,13 @@ from __future__ import annotations
 
 import math
 
-from cc_mujoco.cable import _friction as law
+from cc_mujoco.cable._friction import PLACE
 from cc_mujoco.native import FloatArray, internal
-
-_ECCENTRICITY, _PHASE = law.INDEX["eccentricity"], law.INDEX["eccentricity_phase"]
-_OVALITY, _OVALITY_PHASE = law.INDEX["ovality"], law.INDEX["ovality_phase"]
 
 
 @internal
 def is_round(prm: FloatArray) -> bool:
-    return float(prm[_ECCENTRICITY]) == 0.0 and float(prm[_OVALITY]) == 0.0
+    return float(prm[PLACE.eccentricity]) == 0.0 and float(prm[PLACE.ovality]) == 0.0
 
 
 @internal
@@ -30,11 +27,11 @@ def wound_length(prm: FloatArray, length: float, gear: float) -> float:
     """Return the length wound up where a round pulley would wind up `length` [m]."""
     if is_round(prm):
         return length
-    e, phase, ovality = prm[_ECCENTRICITY], prm[_PHASE], prm[_OVALITY]
-    q = length / gear
+    q, ovality = length / gear, prm[PLACE.ovality]
+    e, phase = prm[PLACE.eccentricity], prm[PLACE.eccentricity_phase]
     swing = e * (math.sin(q - phase) + math.sin(phase))
     if ovality != 0.0:
-        second = prm[_OVALITY_PHASE]
+        second = prm[PLACE.ovality_phase]
         swing += 0.5 * ovality * (math.sin(2.0 * q - second) + math.sin(second))
     return float(length + swing if gear > 0.0 else length - swing)
 
@@ -45,7 +42,7 @@ def lever_ratio(prm: FloatArray, length: float, gear: float) -> float:
     if is_round(prm):
         return 1.0
     q = length / gear
-    wave = prm[_ECCENTRICITY] * math.cos(q - prm[_PHASE])
-    if prm[_OVALITY] != 0.0:
-        wave += prm[_OVALITY] * math.cos(2.0 * q - prm[_OVALITY_PHASE])
+    wave = prm[PLACE.eccentricity] * math.cos(q - prm[PLACE.eccentricity_phase])
+    if prm[PLACE.ovality] != 0.0:
+        wave += prm[PLACE.ovality] * math.cos(2.0 * q - prm[PLACE.ovality_phase])
     return float(1.0 + wave / abs(gear))

@@ -68,7 +68,6 @@ OK, NOT_FINITE, MARCHED, UNSOLVED = 0, 1, 2, 3
 `solve_step` comes before it, and the final status elsewhere.
 """
 
-_SEALS = law.INDEX["seal_proximal"], law.INDEX["seal_distal"]
 _MAX_ROUNDS = 60
 
 
@@ -252,9 +251,8 @@ def begin_step(
         for i in range(n + 1):
             stretch += nodes.node_stretch(prm, n, i, tension[i])
     stretch += distal_moved - proximal_moved
-    dragged = (
-        prm[PLACE.load_independent_friction] + prm[_SEALS[0]] + prm[_SEALS[1]] > 0.0
-    )
+    free = prm[PLACE.load_independent_friction] + prm[PLACE.seal_proximal]
+    dragged = free + prm[PLACE.seal_distal] > 0.0  # by friction that needs no tension
     if nodes.is_curved(prm):
         solved = stretch > 0.0 and nonlinear_elasticity.march_linearized(
             prm, n, tension, growth, hold_distal, hold_proximal, drag,

@@ -43,7 +43,7 @@ from rig.trials import Trial, asked
 
 if TYPE_CHECKING:
     from cc_mujoco.diagnosis import Diagnosis, DiagnosisResult
-    from cc_mujoco.hardware._servo import Planned
+    from cc_mujoco.hardware._references import Planned
 
 MAX_PROPOSED = 2  # proposed trials that are recorded at most
 STATIC = (
@@ -139,7 +139,7 @@ def loop(
 
 def planned_trial(plan: Path) -> tuple[Trial, str, str]:
     """Return the trial of a folder `next_trial_NN`, its load cell, and all facts."""
-    from cc_mujoco.hardware._servo import read_plan
+    from cc_mujoco.hardware._references import read_plan
 
     (planned,) = read_plan(plan)
     text = (plan / "dataset.toml").read_text(encoding="utf-8")

@@ -65,7 +65,7 @@ def test_threads_that_begin_together_copy_one_scene(
         found = plugin.from_mjcf(Plant(one, {"friction": friction}).model())
         return [cable.friction for cable in found.values()]
 
-    monkeypatch.setattr(made, "strip", slowly)
+    monkeypatch.setattr(made.stripping, "strip", slowly)
     with ThreadPoolExecutor(workers) as pool:
         found = list(pool.map(built, (0.1, 0.2, 0.3, 0.4)))
     assert found == [[x, x] for x in (0.1, 0.2, 0.3, 0.4)]

@@ -19,7 +19,7 @@ from cc_mujoco.diagnosis._propose.experiment import CataloguedTrial, trial_table
 from cc_mujoco.diagnosis._report.output import VERDICT_FILE, Earlier, write_proposed
 from cc_mujoco.diagnosis._verdict import NextExperiment, next_folder
 from cc_mujoco.errors import CableError
-from cc_mujoco.hardware._servo import add_trial_facts, read_plan
+from cc_mujoco.hardware._references import add_trial_facts, read_plan
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ from proposal_loop import trial_of
 from cc_mujoco.datasets import Bench
 from cc_mujoco.diagnosis import Diagnosis, infer, plan
 from cc_mujoco.diagnosis._thresholds import Limit
-from cc_mujoco.hardware._servo import Planned, read_plan
+from cc_mujoco.hardware._references import Planned, read_plan
 from diagnosis.rigs import alone
 from rig.dataset import run, truth_of
 from rig.effects import Truth

@@ -68,7 +68,7 @@ class Bend(NamedTuple):
 
 
 class Machine(NamedTuple):
-    """A rope from the body `pull` to the body `load`, each with the place of its end."""
+    """A rope from the body `pull` to the body `load`, with the places of its ends."""
 
     bodies: tuple[Body, ...]  # parents first
     pull: tuple[str, Vector]

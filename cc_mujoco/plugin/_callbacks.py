@@ -209,27 +209,6 @@ def _aim(
 
 
 @internal
-def _warn_missed(model: MjModel, data: MjData, instance: int, tendon: int) -> None:
-    """Warn, once, of each geom in a path that it never touches."""
-    room = np.zeros(ffi.MESSAGE_WORDS, np.int64)
-    message = messages.begin_message(room.ctypes.data, model, instance)
-    start = message.used
-    ffi.append(message, "its geoms have been looked for")
-    if ffi.warned_once(message, model.signature):
-        return
-    count = model.tendon_num[tendon]
-    ffi.mark_stack(data)
-    touched = ffi.octets(ffi.borrow(data, count), count)
-    guides.mark_touched(model, data, tendon, touched)
-    for place in range(touched.size):
-        if touched[place] == 0:
-            message.used = start
-            guides.explain(message, model, tendon, place)
-            ffi.warn(message)
-    ffi.free_stack(data)
-
-
-@internal
 def _check(model: MjModel, data: MjData, block: Block) -> None:
     """Warn if the time step is too long for the instance, or its ends are not fit.
 
@@ -247,7 +226,7 @@ def _check(model: MjModel, data: MjData, block: Block) -> None:
     if blocks.is_open(block):
         messages.warn_no_effect(model, instance, block)
     if block.route >= 0:
-        _warn_missed(model, data, instance, block.route)
+        guides.warn_missed(model, data, instance, block.route)
     messages.warn_cannot_pull(model, instance)
     messages.warn_short_conduit(model, data, instance, block)
     longest = np.empty(3)
@@ -534,7 +513,7 @@ def advance(model: MjModel, data: MjData, instance: ffi.CInt) -> None:
     jump_warnings.save_poses(model, data, block)
     # Under RK4 these are of its last stage.
     if not rk4:
-        messages.warn_jump(model, data, instance, state, ends, 0)
+        jump_warnings.warn_jump(model, data, instance, state, ends, 0)
     if attachments.in_disabled_group(model, instance):
         messages.warn_once(model, instance, messages.GROUP_DISABLED)
     dt, time, yields, stage = model.opt.timestep, 0.0, (0.0, 0.0), 0
@@ -557,7 +536,7 @@ def advance(model: MjModel, data: MjData, instance: ffi.CInt) -> None:
             and ffi.same(path_now, path_last, block.shape_bytes)
         ):
             ends = stages[0, 0], stages[0, 1]
-            messages.warn_jump(model, data, instance, state, ends, 1)
+            jump_warnings.warn_jump(model, data, instance, state, ends, 1)
             time = stages[0, 2]
             used, yields = (stages[0, 3], stages[0, 4]), (stages[0, 5], stages[0, 6])
             dt = stages[0, 7]
@@ -570,7 +549,7 @@ def advance(model: MjModel, data: MjData, instance: ffi.CInt) -> None:
         kept = blocks.committed(state, n)
         kept.time = time
         kept.pose = jump_warnings.checksum(data.qpos[: model.nq])
-        messages.save_ends(data, block, kept, ends)
+        jump_warnings.save_ends(data, block, kept, ends)
         if blocks.is_open(block):
             shape = blocks.shape(block, stage)
             open_path.save_path(shape, n, blocks.path_memory(state, n))

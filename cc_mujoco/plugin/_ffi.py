@@ -29,10 +29,15 @@ Bytes = Annotated[Any, Array(BYTE)]
 """Text: an array of bytes, or a literal."""
 
 
+ENGINE: list[Engine] = []
+"""Functions of MuJoCo, in the order of the table in `native_plugin.h`."""
+
+
 class Engine:
     """A function of MuJoCo: compiled code calls it by its name."""
 
     def __init__(self, name: str, result: Any, *arguments: Any) -> None:
+        ENGINE.append(self)
         self.name = name
         self._call = ctypes.CFUNCTYPE(result, *arguments)((name, LIBRARY))
         self.arguments, self.result = arguments, result
@@ -44,25 +49,19 @@ class Engine:
 _AT, _INT = ctypes.c_ssize_t, ctypes.c_int
 allocate = Engine("mju_malloc", _AT, ctypes.c_size_t)
 release = Engine("mju_free", None, _AT)
+_send_message = Engine("mju_message", None, _AT)
 solve_inertia = Engine("mj_solveM", None, _AT, _AT, _AT, _AT, _INT)
+apply_wrench = Engine("mj_applyFT", None, _AT, _AT, _AT, _AT, _AT, _INT, _AT)
 evaluate_bodies = Engine("mj_kinematics", None, _AT, _AT)
 evaluate_tendons = Engine("mj_tendon", None, _AT, _AT)
 full_inertia = Engine("mj_fullM", None, _AT, _AT, _AT)
 multiply_inertia = Engine("mj_mulM", None, _AT, _AT, _AT, _AT)
 is_sparse = Engine("mj_isSparse", _INT, _AT)
 factorise = Engine("mju_cholFactor", _INT, _AT, _INT, ctypes.c_double)
+solve_factorised = Engine("mju_cholSolve", None, _AT, _AT, _AT, _INT)
 mark_stack = Engine("mj_markStack", None, _AT)
 free_stack = Engine("mj_freeStack", None, _AT)
 borrow = Engine("mj_stackAllocNum", _AT, _AT, ctypes.c_size_t)
-solve_factorised = Engine("mju_cholSolve", None, _AT, _AT, _AT, _INT)
-apply_wrench = Engine("mj_applyFT", None, _AT, _AT, _AT, _AT, _AT, _INT, _AT)
-_send_message = Engine("mju_message", None, _AT)
-ENGINE = (
-    allocate, release, _send_message, solve_inertia, apply_wrench, evaluate_bodies,
-    evaluate_tendons, full_inertia, multiply_inertia, is_sparse, factorise,
-    solve_factorised, mark_stack, free_stack, borrow,
-)  # fmt: skip
-"""In the order of the table in `native_plugin.h`."""
 
 _RECORD_SIZE = size("mjLogMessage")
 _WARNING = int(ENUMS["mjtLogLevel"].values["mjLOG_WARNING"])

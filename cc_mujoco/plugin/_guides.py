@@ -18,6 +18,7 @@ from cc_mujoco.native import FloatArray, internal
 from cc_mujoco.plugin import _ffi as ffi
 from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin._mj_struct import MjData, MjModel
+from cc_mujoco.plugin._warnings import begin_message
 
 RANDOM_POSES = 200
 _NEVER_TOUCHED = (
@@ -27,7 +28,9 @@ _NEVER_TOUCHED = (
 
 
 @internal
-def mark_touched(model: MjModel, data: MjData, tendon: int, touched: ffi.Bytes) -> None:
+def _mark_touched(
+    model: MjModel, data: MjData, tendon: int, touched: ffi.Bytes
+) -> None:
     """Mark the places of a path that are sites, or geoms that it touches in some pose.
 
     `touched` is 1 there, in and out. The data are left as they were.
@@ -121,8 +124,25 @@ def _random_pose(
 
 
 @internal
-def explain(message: ffi.Message, model: MjModel, tendon: int, place: int) -> None:
-    geom = model.wrap_objid[model.tendon_adr[tendon] + place]
-    ffi.append(message, "its path never touches geom ")
-    ffi.append_label(message, mj_struct.name(model, model.name_geomadr[geom]), geom)
-    ffi.append(message, _NEVER_TOUCHED)
+def warn_missed(model: MjModel, data: MjData, instance: int, tendon: int) -> None:
+    """Warn, once, of each geom in a path that it never touches."""
+    room = np.zeros(ffi.MESSAGE_WORDS, np.int64)
+    message = begin_message(room.ctypes.data, model, instance)
+    start = message.used
+    ffi.append(message, "its geoms have been looked for")
+    if ffi.warned_once(message, model.signature):
+        return
+    count = model.tendon_num[tendon]
+    ffi.mark_stack(data)
+    touched = ffi.octets(ffi.borrow(data, count), count)
+    _mark_touched(model, data, tendon, touched)
+    for place in range(touched.size):
+        if touched[place] == 0:
+            message.used = start
+            geom = model.wrap_objid[model.tendon_adr[tendon] + place]
+            name = mj_struct.name(model, model.name_geomadr[geom])
+            ffi.append(message, "its path never touches geom ")
+            ffi.append_label(message, name, geom)
+            ffi.append(message, _NEVER_TOUCHED)
+            ffi.warn(message)
+    ffi.free_stack(data)

@@ -15,13 +15,21 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 from mujoco import mjtWrap
 
-from cc_mujoco.native import FloatArray
+from cc_mujoco.cable import _layout as layout
+from cc_mujoco.cable import _open_path as open_path
+from cc_mujoco.cable._friction import PLACE
+from cc_mujoco.native import FloatArray, internal
+from cc_mujoco.plugin import _attachments as attachments
+from cc_mujoco.plugin import _ffi as ffi
+from cc_mujoco.plugin import _instance_data as blocks
 from cc_mujoco.plugin import _mj_struct as mj_struct
-from cc_mujoco.plugin._ffi import Message, append, floats, internal
-from cc_mujoco.plugin._instance_data import Block
+from cc_mujoco.plugin._ffi import floats
+from cc_mujoco.plugin._instance_data import Block, Committed
 from cc_mujoco.plugin._mj_struct import MjData, MjModel
+from cc_mujoco.plugin._warnings import begin_message
 
 _MIN_JUMP = 2e-3
 """Motion that a step allows an end whatever its velocity is [m]."""
@@ -33,7 +41,7 @@ _POSE_TOLERANCE = 1e-9
 """Difference of poses that rounding makes, as a part of them."""
 _GOLDEN = 0.6180339887498949
 
-PATH = 2
+_PATH = 2
 """The path of an open cable; 0 and 1 are the proximal and the distal end."""
 _PARTS = "its proximal end", "its distal end", "its path"
 
@@ -86,7 +94,7 @@ def _mocap(model: MjModel, body: int) -> int:
 
 
 @internal
-def mocap_motion(model: MjModel, data: MjData, lead: Block, tendon: int) -> float:
+def _mocap_motion(model: MjModel, data: MjData, lead: Block, tendon: int) -> float:
     """Return by how much mocap bodies can have moved a tendon since the last step [m].
 
     `lead` is the block of the first cable of the model.
@@ -121,41 +129,98 @@ def mocap_motion(model: MjModel, data: MjData, lead: Block, tendon: int) -> floa
 
 
 @internal
-def has_jumped(
-    model: MjModel,
-    speed: float,
-    moved: float,
-    by_hand: bool,
-    carried: float,
-    soft: float,
-) -> bool:
-    """Return whether something moved further within a step than its velocity makes it.
-
-    `speed` is the larger of those before and after the step [m/s]. It `moved` so far,
-    mocap bodies can have `carried` it so far, and `soft` is the stretch of the cable at
-    its present tension [m]. `by_hand`: `qpos` was touched since the last step.
-    """
-    least, factor = _MIN_JUMP, _VELOCITY_FACTOR
-    if by_hand:
-        least = min(_MIN_TENSION_CHANGE * soft, _MIN_JUMP)
-        factor = _VELOCITY_FACTOR_TOUCHED
-    return bool(abs(moved) > least + factor * speed * model.opt.timestep + carried)
+def _velocity(data: MjData, block: Block, part: int) -> float:
+    if part == _PATH:
+        return data.ten_velocity[block.route] if block.route >= 0 else 0.0
+    if block.tied[part] != 0:
+        return 0.0
+    return float(data.actuator_velocity[block.outputs[part]])
 
 
 @internal
-def explain(message: Message, part: int) -> None:
-    append(message, _PARTS[part])
-    append(message, " jumped, without the velocity for it: ")
-    if part == PATH:
-        append(
-            message,
-            "a side site that turns lets MuJoCo lead a tendon another way around a "
-            "geom, and ",
-        )
-    append(
-        message,
-        "after `qpos` is set, or a keyframe is loaded, call `cc_mujoco.plugin.settle("
-        'model, data, rope="keep")` for the same rope in another pose, or with '
-        '`rope="remount"` for a rope that is mounted there with its pretension; '
-        "restore a state with its `plugin_state`; without that one step pulls it by ",
+def save_ends(
+    data: MjData, block: Block, kept: Committed, ends: tuple[float, float]
+) -> None:
+    """Save where the ends are in a committed state, and the velocities of all parts."""
+    kept.ends[0], kept.ends[1] = ends
+    for part in range(3):
+        kept.velocities[part] = _velocity(data, block, part)
+
+
+@internal
+def warn_jump(
+    model: MjModel,
+    data: MjData,
+    instance: int,
+    state: int,
+    ends: tuple[float, float],
+    stage: int,
+) -> None:
+    """Warn, once, if an end or the path has jumped from where it is in the state.
+
+    `stage` is that of the path where it is now.
+    """
+    block = blocks.block_at(data, instance)
+    if block.explicit_ends != 0:  # which joints that are led by hand need
+        return
+    n, by_hand = block.segments, block.position_changed != 0
+    held = max(
+        attachments.holding_tendon(model, block.actuators[0]),
+        attachments.holding_tendon(model, block.actuators[1]),
     )
+    if block.route < 0 and held < 0 and not by_hand:
+        return  # joints move both ends by their velocity
+    lead = blocks.block_at(data, mj_struct.first_cable(model, instance))
+    prm, kept = blocks.parameters(block), blocks.committed(state, n)
+    node = layout.tensions(blocks.kernel_state(state, n), n)
+    most = prm[PLACE.pretension]
+    for i in range(node.size if by_hand else 0):
+        most = max(most, node[i])
+    soft = most * prm[layout.LENGTH] / prm[PLACE.axial_stiffness]
+    for part in range(3):
+        tendon, share = block.route, 1.0
+        if part == _PATH:
+            if not blocks.is_open(block) or block.mouth != 0:
+                continue
+            reference = blocks.shape(block, blocks.REFERENCE_STAGE)
+            now, memory = blocks.shape(block, stage), blocks.path_memory(state, n)
+            moved = open_path.path_growth(now, reference, memory, n)
+        else:
+            if block.tied[part] != 0:
+                continue
+            moved = ends[part] - kept.ends[part]
+            tendon = attachments.holding_tendon(model, block.actuators[part])
+            if tendon < 0 and not by_hand:
+                continue  # a joint moves by its velocity
+            share = abs(attachments.pulley_radius(model, block.outputs[part]))
+        carried = 0.0
+        if tendon >= 0:
+            carried = share * _mocap_motion(model, data, lead, tendon)
+        speed = max(abs(_velocity(data, block, part)), abs(kept.velocities[part]))
+        least, factor = _MIN_JUMP, _VELOCITY_FACTOR
+        if by_hand:
+            least = min(_MIN_TENSION_CHANGE * soft, _MIN_JUMP)
+            factor = _VELOCITY_FACTOR_TOUCHED
+        if not abs(moved) > least + factor * speed * model.opt.timestep + carried:
+            continue
+        room = np.zeros(ffi.MESSAGE_WORDS, np.int64)
+        message = begin_message(room.ctypes.data, model, instance)
+        ffi.append(message, _PARTS[part])
+        ffi.append(message, " jumped, without the velocity for it: ")
+        if part == _PATH:
+            ffi.append(
+                message,
+                "a side site that turns lets MuJoCo lead a tendon another way around a "
+                "geom, and ",
+            )
+        ffi.append(
+            message,
+            "after `qpos` is set, or a keyframe is loaded, call `cc_mujoco.plugin."
+            'settle(model, data, rope="keep")` for the same rope in another pose, or '
+            'with `rope="remount"` for a rope that is mounted there with its '
+            "pretension; restore a state with its `plugin_state`; without that one "
+            "step pulls it by ",
+        )
+        if not ffi.warned_once(message, model.signature):
+            ffi.append_thousandths(message, abs(moved), " mm")
+            ffi.warn(message)

@@ -17,6 +17,7 @@ from cc_mujoco._utils.arguments import require_kind
 from cc_mujoco.errors import look_up
 from cc_mujoco.native import FloatArray
 from cc_mujoco.plugin._mjcf import instances
+from cc_mujoco.plugin._readings import held_instance, require_data_of, route_tendon
 from cc_mujoco.plugin._registration import plugin_function
 
 _WORST_POSES = 5
@@ -74,9 +75,6 @@ def settle(
     keeps = look_up("rope", rope, _KEEPS_ROPE)
     require_kind("model", model, mujoco.MjModel)
     require_kind("data", data, mujoco.MjData)
-    # Compiled code takes seconds to load, and few need it.
-    from cc_mujoco.plugin._readings import held_instance, require_data_of
-
     require_data_of(model, data)
     held = [held_instance(model, data, name) for name in instances(model)]
     mujoco.mj_fwdPosition(model, data)
@@ -114,7 +112,6 @@ def step_limits(
     """
     require_kind("model", model, mujoco.MjModel)
     # Compiled code takes seconds to load, and few need it.
-    from cc_mujoco.plugin._readings import held_instance, require_data_of, route_tendon
     from cc_mujoco.plugin._tendon_survey import sweep
 
     everywhere = data is None
@@ -141,8 +138,7 @@ def shortest_piece_step(
 
     The `qpos` of `data` is left at the last pose.
     """
-    # Compiled code takes seconds to load, and few need these.
-    from cc_mujoco.plugin._readings import route_tendon
+    # Compiled code takes seconds to load, and few need it.
     from cc_mujoco.plugin._tendon_survey import piece_timesteps
 
     found = math.inf

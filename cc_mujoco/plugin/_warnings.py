@@ -7,22 +7,18 @@ import math
 import numpy as np
 from mujoco import mjtDisableBit, mjtWrap
 
-from cc_mujoco.cable import _layout as layout
-from cc_mujoco.cable import _open_path as open_path
 from cc_mujoco.cable._cable import KEYS, MAX_SECTIONS
-from cc_mujoco.cable._friction import PLACE
 from cc_mujoco.native import FloatArray, internal
 from cc_mujoco.plugin import _attachments as attachments
 from cc_mujoco.plugin import _config as config
 from cc_mujoco.plugin import _ffi as ffi
 from cc_mujoco.plugin import _implicit_ends as implicit_ends
 from cc_mujoco.plugin import _instance_data as blocks
-from cc_mujoco.plugin import _jump_warnings as jump_warnings
 from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin import _path as path
 from cc_mujoco.plugin._engine import PLUGIN
 from cc_mujoco.plugin._evaluate import is_rk4
-from cc_mujoco.plugin._instance_data import Block, Committed
+from cc_mujoco.plugin._instance_data import Block
 from cc_mujoco.plugin._mj_struct import MjData, MjModel
 
 _LENGTH_TOLERANCE = 0.02
@@ -112,85 +108,6 @@ def warn_cannot_act(model: MjModel, data: MjData, instance: int) -> None:
             "its tension is no finite number: its part of `plugin_state`, its route or "
             "the motion of an end is none; reset the data",
         )
-
-
-@internal
-def _velocity(data: MjData, block: Block, part: int) -> float:
-    if part == jump_warnings.PATH:
-        return data.ten_velocity[block.route] if block.route >= 0 else 0.0
-    if block.tied[part] != 0:
-        return 0.0
-    return float(data.actuator_velocity[block.outputs[part]])
-
-
-@internal
-def save_ends(
-    data: MjData, block: Block, kept: Committed, ends: tuple[float, float]
-) -> None:
-    """Save where the ends are in a committed state, and the velocities of all parts."""
-    kept.ends[0], kept.ends[1] = ends
-    for part in range(3):
-        kept.velocities[part] = _velocity(data, block, part)
-
-
-@internal
-def warn_jump(
-    model: MjModel,
-    data: MjData,
-    instance: int,
-    state: int,
-    ends: tuple[float, float],
-    stage: int,
-) -> None:
-    """Warn, once, if an end or the path has jumped from where it is in the state.
-
-    `stage` is that of the path where it is now.
-    """
-    block = blocks.block_at(data, instance)
-    if block.explicit_ends != 0:  # which joints that are led by hand need
-        return
-    n, by_hand = block.segments, block.position_changed != 0
-    held = max(
-        attachments.holding_tendon(model, block.actuators[0]),
-        attachments.holding_tendon(model, block.actuators[1]),
-    )
-    if block.route < 0 and held < 0 and not by_hand:
-        return  # joints move both ends by their velocity
-    lead = blocks.block_at(data, mj_struct.first_cable(model, instance))
-    prm, kept = blocks.parameters(block), blocks.committed(state, n)
-    node = layout.tensions(blocks.kernel_state(state, n), n)
-    most = prm[PLACE.pretension]
-    for i in range(node.size if by_hand else 0):
-        most = max(most, node[i])
-    soft = most * prm[layout.LENGTH] / prm[PLACE.axial_stiffness]
-    for part in range(3):
-        tendon, share = block.route, 1.0
-        if part == jump_warnings.PATH:
-            if not blocks.is_open(block) or block.mouth != 0:
-                continue
-            reference = blocks.shape(block, blocks.REFERENCE_STAGE)
-            now, memory = blocks.shape(block, stage), blocks.path_memory(state, n)
-            moved = open_path.path_growth(now, reference, memory, n)
-        else:
-            if block.tied[part] != 0:
-                continue
-            moved = ends[part] - kept.ends[part]
-            tendon = attachments.holding_tendon(model, block.actuators[part])
-            if tendon < 0 and not by_hand:
-                continue  # a joint moves by its velocity
-            share = abs(attachments.pulley_radius(model, block.outputs[part]))
-        carried = 0.0
-        if tendon >= 0:
-            carried = share * jump_warnings.mocap_motion(model, data, lead, tendon)
-        speed = max(abs(_velocity(data, block, part)), abs(kept.velocities[part]))
-        if not jump_warnings.has_jumped(model, speed, moved, by_hand, carried, soft):
-            continue
-        room = np.zeros(ffi.MESSAGE_WORDS, np.int64)
-        message = begin_message(room.ctypes.data, model, instance)
-        jump_warnings.explain(message, part)
-        if not ffi.warned_once(message, model.signature):
-            ffi.append_thousandths(message, abs(moved), " mm")
-            ffi.warn(message)
 
 
 @internal

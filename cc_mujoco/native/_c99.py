@@ -367,7 +367,7 @@ class _CWriter(Writer):
         local = [n for n in self._kinds if n in self._variables and n != "_"]
         variables = [
             f"    {self.library.type(self._kinds[n])} {c_name(n)} = "
-            f"{_zero(self._kinds[n])};"
+            f"{'0' if isinstance(self._kinds[n], Scalar) else '{0}'};"
             for n in local
         ]
         unused = [n for n in [*self._arguments, *local] if n not in loaded]
@@ -929,11 +929,3 @@ class _CWriter(Writer):
 
 def _is_shape(node: ast.expr) -> bool:
     return isinstance(node, ast.Attribute) and node.attr == "shape"
-
-
-def _zero(kind: Kind) -> str:
-    if kind == REAL:
-        return "0.0"
-    if kind == BOOL:
-        return "false"
-    return "0" if isinstance(kind, Scalar) else "{0}"

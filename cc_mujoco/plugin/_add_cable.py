@@ -185,15 +185,12 @@ def add_cable(
     )
     driven = _driven_joint(spec, joint, on_pulley=pulley is not None)
     drive = _Drive(
-        name,
-        joint=driven,
-        drum=_radius("drum", drum),
+        name, joint=driven, drum=_radius("drum", drum),
         pulley=None if pulley is None else _radius("pulley", pulley),
         lever=None if lever is None else _site(spec, lever, "lever", f"{name}_lever"),
-        route=points,
-        replace=_replaced(spec, replace, driven),
+        route=points, replace=_replaced(spec, replace, driven),
         **_motor(spec, motor, points, winch),
-    )
+    )  # fmt: skip
     if (pulley is None) == (lever is None):
         raise CableError(
             f"cable {name!r} needs either pulley=, the radius of a pulley on joint "
@@ -403,14 +400,10 @@ def _write_winch(spec: mujoco.MjSpec, drive: _Drive, mount: _Site, name: str) ->
     body.explicitinertial = True
     body.mass, body.ipos, body.inertia = mass, [0.0] * 3, [across, about, across]
     add_element(
-        body,
-        "joint",
-        name=name,
-        axis=[0.0, 1.0, 0.0],
-        limited=mujoco.mjtLimited.mjLIMITED_FALSE,
-        armature=drive.rotor_inertia,
+        body, "joint", name=name, axis=[0.0, 1.0, 0.0],
+        limited=mujoco.mjtLimited.mjLIMITED_FALSE, armature=drive.rotor_inertia,
         damping=[drive.rotor_damping, 0.0, 0.0],
-    )
+    )  # fmt: skip
     add_element(
         body,
         "geom",
@@ -424,14 +417,10 @@ def _write_winch(spec: mujoco.MjSpec, drive: _Drive, mount: _Site, name: str) ->
         rgba=[0.2, 0.2, 0.25, 1.0],
     )
     add_element(
-        spec,
-        "actuator",
-        name=f"{drive.name}_motor",
-        trntype=mujoco.mjtTrn.mjTRN_JOINT,
-        target=name,
-        ctrllimited=mujoco.mjtLimited.mjLIMITED_TRUE,
+        spec, "actuator", name=f"{drive.name}_motor", trntype=mujoco.mjtTrn.mjTRN_JOINT,
+        target=name, ctrllimited=mujoco.mjtLimited.mjLIMITED_TRUE,
         ctrlrange=[-drive.torque_limit, drive.torque_limit],
-    )
+    )  # fmt: skip
 
 
 def _name(kind: str, thing: Any, found: Iterable[Any]) -> str:

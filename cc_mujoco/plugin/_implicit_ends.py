@@ -87,16 +87,12 @@ class _Prediction(NamedTuple):
 def _prediction(area: int, nv: int) -> _Prediction:
     vector, matrix, square = area + 8, area + 8 + 40 * nv, nv * nv
     return _Prediction(
-        ffi.words(area, 1)[0],
-        ffi.floats(vector, nv),
-        ffi.floats(vector + 8 * nv, nv),
-        ffi.floats(vector + 16 * nv, nv),
-        ffi.floats(vector + 24 * nv, nv),
-        ffi.floats(vector + 32 * nv, nv),
-        ffi.floats(matrix, square),
+        ffi.words(area, 1)[0], ffi.floats(vector, nv), ffi.floats(vector + 8 * nv, nv),
+        ffi.floats(vector + 16 * nv, nv), ffi.floats(vector + 24 * nv, nv),
+        ffi.floats(vector + 32 * nv, nv), ffi.floats(matrix, square),
         ffi.floats(matrix + 8 * square, square),
         ffi.floats(matrix + 16 * square, square),
-    )
+    )  # fmt: skip
 
 
 @internal

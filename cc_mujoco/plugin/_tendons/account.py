@@ -63,7 +63,7 @@ def describe_winch(
     original: mujoco.MjModel, spec: mujoco.MjSpec, winch: Winch
 ) -> list[str]:
     burden = winch.burden
-    index, place = original.tendon(burden.tendon).id, f"winch {burden.winch!r}"
+    index, place = burden.index, f"winch {burden.winch!r}"
     lines = []
     if burden.has_pulleys:
         parts = ", ".join(f"{b.name!r} (1/{b.divisor:g})" for b in burden.branches)
@@ -150,7 +150,7 @@ def range_lines(burden: Burden, original: mujoco.MjModel) -> list[str]:
 
     The limit then pulls the tendon from the first step on.
     """
-    low, high = original.tendon_range[original.tendon(burden.tendon).id]
+    low, high = original.tendon_range[burden.index]
     off = max(low - burden.length, burden.length - high)
     if "range" not in burden.fields or off <= 0.0:
         return []

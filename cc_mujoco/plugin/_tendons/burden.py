@@ -54,6 +54,7 @@ class Burden:
     """All that acts on a tendon as a whole."""
 
     tendon: str  # name of the tendon
+    index: int  # its index in the model
     # Indices in the specification of the actuators that pull it.
     actuators: tuple[int, ...]
     equalities: tuple[int, ...]  # indices of the equalities of its length
@@ -115,30 +116,19 @@ def find_burden(spec: mujoco.MjSpec, model: mujoco.MjModel, tendon: str) -> Burd
         "armature": own.armature != 0.0,
         "actuatorfrcrange": bool(model.tendon_actfrclimited[index]),
     }
+    pulled = [a.trntype == _TENDON and a.target == tendon for a in spec.actuators]
+    held = [
+        e.type == mujoco.mjtEq.mjEQ_TENDON and tendon in (e.name1, e.name2)
+        for e in spec.equalities
+    ]
+    read = [s.type in MOVED_SENSORS and s.objname == tendon for s in spec.sensors]
+    acting = (tuple(np.flatnonzero(x).tolist()) for x in (pulled, held, read))
     return Burden(
-        tendon,
-        tuple(
-            i
-            for i, actuator in enumerate(spec.actuators)
-            if actuator.trntype == _TENDON and actuator.target == tendon
-        ),
-        tuple(
-            i
-            for i, equality in enumerate(spec.equalities)
-            if equality.type == mujoco.mjtEq.mjEQ_TENDON
-            and tendon in (equality.name1, equality.name2)
-        ),
-        tuple(
-            i
-            for i, sensor in enumerate(spec.sensors)
-            if sensor.type in MOVED_SENSORS and sensor.objname == tendon
-        ),
-        tuple(float(x) for x in own.stiffness),
-        tuple(model.tendon_lengthspring[index].tolist()),
-        _branches(own),
+        tendon, index, *acting, tuple(float(x) for x in own.stiffness),
+        tuple(model.tendon_lengthspring[index].tolist()), _branches(own),
         float(model.tendon_length0[index]),
         tuple(name for name, present in features.items() if present),
-    )
+    )  # fmt: skip
 
 
 def _refuse_second_cable(spec: mujoco.MjSpec, tendon: str) -> None:
@@ -256,7 +246,7 @@ def keep_constraints(
         if not (before > 0.0 and after > 0.0):
             continue
         equalities.update(burden.equalities)
-        winch, index = spec.tendon(burden.winch), original.tendon(burden.tendon).id
+        winch, index = spec.tendon(burden.winch), burden.index
         limit = original.tendon_solimp_lim[index], original.tendon_solref_lim[index]
         stiffness, _ = _as_spring(*limit, before, step)
         # A stop that the elastic cable does not bounce from.
@@ -334,6 +324,6 @@ def held_tension(original: mujoco.MjModel, burden: Burden) -> float:
     data = mujoco.MjData(original)
     mujoco.mj_forward(original, data)
     own = (data.efc_type == mujoco.mjtConstraint.mjCNSTR_FRICTION_TENDON) & (
-        data.efc_id == original.tendon(burden.tendon).id
+        data.efc_id == burden.index
     )
     return max(-float(np.sum(data.efc_force[own])), 0.0)

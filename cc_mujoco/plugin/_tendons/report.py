@@ -474,23 +474,12 @@ def _summarize(
     return TendonSummary(
         _label(model, "tendon", tendon),
         tuple(_label(model, "joint", j) for j in joints),
-        len(joints) - int(np.count_nonzero(model.jnt_limited[joints])),
-        tuple(places),
-        float(data.ten_length[tendon]),
-        tuple((length[0] - MIN_NODE_LENGTH).tolist()),
-        float(length.min() - MIN_NODE_LENGTH),
-        float(sums[0]),
-        float(sums.min()),
-        float(sums.max()),
-        _zigzag(model, data, tendon, rubbing[0]),
-        mu,
-        source,
-        stiffness,
-        limit,
-        float(model.opt.timestep),
-        cable,
-        in_conduit,
-    )
+        len(joints) - int(np.count_nonzero(model.jnt_limited[joints])), tuple(places),
+        float(data.ten_length[tendon]), tuple((length[0] - MIN_NODE_LENGTH).tolist()),
+        float(length.min() - MIN_NODE_LENGTH), float(sums[0]), float(sums.min()),
+        float(sums.max()), _zigzag(model, data, tendon, rubbing[0]), mu, source,
+        stiffness, limit, float(model.opt.timestep), cable, in_conduit,
+    )  # fmt: skip
 
 
 def _zigzag(

@@ -177,8 +177,7 @@ def _stable_winch(
     )
     if not (euler or rk4):
         # The damping of actuators is implicit only while they pull.
-        index = original.tendon(burden.tendon).id
-        drag = max(drag - float(original.tendon_damping[index]), 0.0)
+        drag = max(drag - float(original.tendon_damping[burden.index]), 0.0)
     sprung = "stiffness" in burden.fields  # which ends its drift
     # The inertia of a winch as a share of what its tendon moves. It is more where
     # limits, equalities or dry friction hold it: a cable feels a change of theirs a
@@ -234,7 +233,7 @@ def largest_pull(original: mujoco.MjModel, burden: Burden) -> float:
             else:
                 continue
             pulls[k] = max(pulls[k], float(-gear * force))
-    index, pull = original.tendon(burden.tendon).id, sum(pulls)
+    index, pull = burden.index, sum(pulls)
     if original.tendon_actfrclimited[index]:
         pull = min(pull, -float(original.tendon_actfrcrange[index, 0]))
     return pull / min(branch.divisor for branch in burden.branches)
@@ -326,16 +325,12 @@ def _write_winch(
         body.mass, body.ipos, body.inertia = 1e-6, [0.0] * 3, [1e-12] * 3
         turns, rest = winch.radius > 0.0, length / lever
         add_element(
-            body,
-            "joint",
-            name=name,
-            type=_HINGE if turns else _SLIDE,
+            body, "joint", name=name, type=_HINGE if turns else _SLIDE,
             axis=[1.0, 0.0, 0.0],
             ref=math.degrees(rest) if turns and spec.compiler.degree else rest,
-            limited=mujoco.mjtLimited.mjLIMITED_FALSE,
-            armature=inertia * lever**2,
+            limited=mujoco.mjtLimited.mjLIMITED_FALSE, armature=inertia * lever**2,
             damping=[damping * lever**2, 0.0, 0.0],
-        )
+        )  # fmt: skip
     own = spec.tendon(burden.tendon)
     taken = {field: copy.copy(getattr(own, field)) for field in CARRIED}
     taken["springlength"] = burden.rest
@@ -395,7 +390,7 @@ def _pull_range(original: mujoco.MjModel, burden: Burden) -> tuple[float, float]
         )
     any_force = 1e12
     low, high = (-any_force, 0.0) if np.all(gears > 0.0) else (0.0, any_force)
-    index = original.tendon(burden.tendon).id
+    index = burden.index
     if original.tendon_actfrclimited[index]:
         low = max(low, float(original.tendon_actfrcrange[index, 0]))
         high = min(high, float(original.tendon_actfrcrange[index, 1]))
@@ -437,7 +432,7 @@ def _moved_plastic(
     """
     before, after = _plastic_parts(original), _plastic_parts(model)
     for winch in winches:
-        source = "tendon", original.tendon(winch.burden.tendon).id
+        source = "tendon", winch.burden.index
         target = "tendon", model.tendon(winch.burden.winch).id
         if source in before:
             before[target] = before.pop(source)

@@ -122,9 +122,12 @@ def find_burden(spec: mujoco.MjSpec, model: mujoco.MjModel, tendon: str) -> Burd
         for e in spec.equalities
     ]
     read = [s.type in MOVED_SENSORS and s.objname == tendon for s in spec.sensors]
-    acting = (tuple(np.flatnonzero(x).tolist()) for x in (pulled, held, read))
+    actuators, equalities, sensors = (
+        tuple(np.flatnonzero(x).tolist()) for x in (pulled, held, read)
+    )
     return Burden(
-        tendon, index, *acting, tuple(float(x) for x in own.stiffness),
+        tendon, index, actuators, equalities, sensors,
+        tuple(float(x) for x in own.stiffness),
         tuple(model.tendon_lengthspring[index].tolist()), _branches(own),
         float(model.tendon_length0[index]),
         tuple(name for name, present in features.items() if present),

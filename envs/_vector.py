@@ -77,31 +77,18 @@ class DeviceVectorEnv(
         backend: str = "mujoco",
         **unknown: Any,
     ) -> None:
-        """Load the scene.
+        """Load the scene; what is not listed is as in the single environment.
 
-        Args:
-            device: Name, file or `Device`.
-            num_envs: Number of environments.
-            trajectory: As in the single environment, and so are those that follow.
-            task: See there.
-            duration: See there.
-            frame_skip: See there.
-            wearer: See there.
-            render_mode: See there. Without one the model has nothing that is only seen,
-                and takes no time for it.
-            max_episode_steps: Truncates episodes that are longer.
-            threads: Threads that simulate; 0 means one per processor.
-            autoreset_mode: `NEXT_STEP`; `SAME_STEP`, where a step that ends an episode
-                begins the next and `info` has `final_obs` and `final_info`; or
-                `DISABLED`, where `reset(options={"reset_mask": over})` does.
-            hold: As in the single environment, and so are those that follow.
-            history: See there.
-            memory: See there.
-            randomise: See there.
-            smoothness: See there.
-            backend: "mujoco", or "warp" on the device that Warp uses,
-                `warp.set_device`; needs `pip install 'cc_mujoco[warp]'`.
-            unknown: Nothing; what else is given is refused.
+        - `num_envs`: number of environments;
+        - `render_mode`: without one the model has nothing that is only seen, and takes
+          no time for it;
+        - `max_episode_steps`: truncates episodes that are longer;
+        - `threads`: threads that simulate; 0 means one per processor;
+        - `autoreset_mode`: `NEXT_STEP`; `SAME_STEP`, where a step that ends an episode
+          begins the next and `info` has `final_obs` and `final_info`; or `DISABLED`,
+          where `reset(options={"reset_mask": over})` does;
+        - `backend`: "mujoco", or "warp" on the device that Warp uses,
+          `warp.set_device`; needs `pip install 'cc_mujoco[warp]'`.
 
         Raises:
             CableError: If an argument cannot be used.

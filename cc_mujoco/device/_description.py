@@ -38,7 +38,6 @@ PERIOD = 1e-3
 FREE_ROOTS = ("held", "free")
 """Choices for a body on a free joint."""
 
-
 SAFE_DEMANDS = 2.0
 """Least assumed safe torque over the largest that a task demands."""
 

@@ -109,11 +109,9 @@ class Plant:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Plant):
             return NotImplemented
-        mine, its = (
-            (p.description.scene, p.values, dict(p.cables), p.wearers)
-            for p in (self, other)
-        )
-        return mine == its
+        same = self.values == other.values and self.wearers == other.wearers
+        same = same and self.description.scene == other.description.scene
+        return same and dict(self.cables) == dict(other.cables)
 
     __hash__ = None  # type: ignore[assignment]
 
@@ -151,13 +149,12 @@ class Plant:
     @property
     def strength(self) -> dict[str, float]:
         """Breaking load of each cable [N]."""
-        thick = self.diameters
+        thick, nominal = self.diameters, self.description.diameter
         if (material := self.material) is not None:
             return {name: material.breaking_load(d) for name, d in thick.items()}
-        given = float(self.values.get("strength", self.description.strength))
-        nominal = self.description.diameter
+        load = float(self.values.get("strength", self.description.strength))
         return {
-            n: given * (d / nominal) ** 2 if math.isfinite(d) else given
+            n: load * (d / nominal) ** 2 if math.isfinite(d) else load
             for n, d in thick.items()
         }
 

@@ -44,7 +44,12 @@ def strip(whole: mujoco.MjSpec, kept: Collection[str] = ()) -> mujoco.MjSpec:
     `kept` tendons, see `route_tendons`.
     """
     spec = whole.copy()
-    _state_length_ranges(spec, whole)
+    if any(a.gaintype == mujoco.mjtGain.mjGAIN_MUSCLE for a in spec.actuators):
+        # The compiler finds the length ranges of muscles by simulation.
+        ranges = whole.copy().compile().actuator_lengthrange
+        for actuator, found in zip(spec.actuators, ranges, strict=True):
+            if found[0] < found[1]:
+                actuator.lengthrange = found
     disabled = mujoco.mjtDisableBit
     none = disabled.mjDSBL_CONTACT.value | disabled.mjDSBL_CONSTRAINT.value
     collides = not int(spec.option.disableflags) & none
@@ -117,17 +122,6 @@ def _counts(spec: mujoco.MjSpec) -> list[int]:
     elements = [spec.joints, spec.actuators, spec.tendons, spec.equalities, spec.keys]
     elements += [spec.pairs, spec.excludes, spec.sensors, spec.flexes, spec.plugins]
     return [len(found) for found in elements]
-
-
-def _state_length_ranges(spec: mujoco.MjSpec, whole: mujoco.MjSpec) -> None:
-    """Write the length ranges that the compiler finds by simulation, for muscles."""
-    if any(a.gaintype == mujoco.mjtGain.mjGAIN_MUSCLE for a in spec.actuators):
-        model = whole.copy().compile()
-        for actuator, found in zip(
-            spec.actuators, model.actuator_lengthrange, strict=True
-        ):
-            if found[0] < found[1]:
-                actuator.lengthrange = found
 
 
 def _state_inertias(spec: mujoco.MjSpec, needed: Names, collides: bool) -> None:
@@ -232,10 +226,8 @@ def _needed_names(spec: mujoco.MjSpec) -> Names:
     for flex in spec.flexes:
         needed[body] |= {*flex.nodebody, *flex.vertbody}
     for sensor in spec.sensors:
-        for kind, name in (
-            (sensor.objtype, sensor.objname),
-            (sensor.reftype, sensor.refname),
-        ):
+        ends = (sensor.objtype, sensor.objname), (sensor.reftype, sensor.refname)
+        for kind, name in ends:
             needed[body if kind == mujoco.mjtObj.mjOBJ_XBODY else kind].add(name)
     for kind in (body, site, geom, mujoco.mjtObj.mjOBJ_CAMERA):
         needed[kind].discard("")

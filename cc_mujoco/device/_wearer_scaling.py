@@ -32,10 +32,8 @@ WALK, ASSIST = "walk", "assist"
 
 
 def body_of(design: Mapping[str, Value]) -> Body:
-    return Body(
-        float(design.get(BODY_MASS, WEARER_MASS)),
-        float(design.get(LEG_LENGTH, WEARER_LEG_LENGTH)),
-    )
+    mass = float(design.get(BODY_MASS, WEARER_MASS))
+    return Body(mass, float(design.get(LEG_LENGTH, WEARER_LEG_LENGTH)))
 
 
 def pace_of(design: Mapping[str, Value]) -> Pace:
@@ -69,11 +67,8 @@ def require_possible(device: Description, design: Mapping[str, Value]) -> None:
     """Refuse walks and profiles that a scene cannot have."""
     require_scene(device, design)
     pace_of(design)
-    profile = profile_of(design)
-    helped = helped_axis(device)
-    if profile is None or helped is None:
-        return
-    if profile.peak_torque > helped.safe_torque:
+    profile, helped = profile_of(design), helped_axis(device)
+    if profile and helped and profile.peak_torque > helped.safe_torque:
         raise CableError(
             f"`peak_torque` is {profile.peak_torque:g} N m; it must be at most the "
             f"{helped.safe_torque:g} N m that the cables may put into joint "

@@ -81,14 +81,11 @@ class Walk(Scripted):
         """Return a sentence that says which joints of the device walk."""
         each = []
         for joint in self.joints:
-            words = [f"as {joint.part}"]
-            if joint.other_leg:
-                words.append("half a cycle later")
-            if joint.turned:
-                words.append("turned")
-            if joint.shift:
-                words.append(f"shifted by {joint.shift:g} rad")
-            each.append(f"{joint.name} ({', '.join(words)})")
+            words = f"as {joint.part}"
+            words += ", half a cycle later" if joint.other_leg else ""
+            words += ", turned" if joint.turned else ""
+            words += f", shifted by {joint.shift:g} rad" if joint.shift else ""
+            each.append(f"{joint.name} ({words})")
         return f"the walk moves {', '.join(each or gait.GAIT_ANGLES)}"
 
     @property

@@ -220,12 +220,10 @@ class Screen:
             self._sliders.read(self._data)
         font = mujoco.mjtFont.mjFONT_NORMAL
         places = mujoco.mjtGridPos.mjGRID_TOPLEFT, mujoco.mjtGridPos.mjGRID_BOTTOMLEFT
-        viewer.set_texts(
-            [
-                (font, place, *map("\n".join, zip(*rows, strict=True)))
-                for place, rows in zip(places, frame.texts, strict=True)
-            ]
-        )
+        texts = []
+        for place, rows in zip(places, frame.texts, strict=True):
+            texts.append((font, place, *map("\n".join, zip(*rows, strict=True))))
+        viewer.set_texts(texts)
 
 
 def round_up_tension(tension: float) -> float:

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from scipy.signal import butter, lfilter, sosfilt
 
 from rig.engine import COLUMNS, RECORD_TIME
-from rig.motions import LEAD
 from rig.nominal import Rig
+from rig.trials import LEAD
 
 Array = NDArray[np.float64]
 

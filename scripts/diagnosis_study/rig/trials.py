@@ -1,4 +1,8 @@
-"""Trials of a session: commands of the motor and loads of the handle."""
+"""Trials of a session: commands of the motor and loads of the handle.
+
+Motions of either are angles [rad] at 1 kHz over `DURATION`. Corners are rounded over
+20 ms, as the motion profile of any drive does.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +12,97 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from rig import motions as go
-
 Array = NDArray[np.float64]
+
+RATE = 1000
+LEAD = 0.6
+"""Unrecorded time before each trial [s], in which the drive approaches its start."""
+DURATION = 8.0  # recorded length of a trial [s]
+
+TIME: Array = np.arange(int(RATE * DURATION) + 1) / RATE
+
+
+def rounded(path: Array, width: float = 0.02) -> Array:
+    """Return the path with its corners rounded over `width` seconds."""
+    size = int(width * RATE) // 2 * 2 + 1
+    window = np.hanning(size + 2)[1:-1]
+    padded = np.pad(path, size // 2, mode="edge")
+    return np.convolve(padded, window / window.sum(), mode="valid")
+
+
+def via(times: Array, angles: Array) -> Array:
+    """Return straight lines through points, with rounded corners."""
+    return rounded(np.interp(TIME, times, angles))
+
+
+def speed_ladder(speeds: Array, reach: float) -> Array:
+    """Return constant speeds to and fro, as many as time allows.
+
+    Each rung lasts equally long; slow ones turn short of `reach`.
+    """
+    rung = DURATION / len(speeds)
+    angle = np.zeros_like(TIME)
+    for k, speed in enumerate(speeds):
+        inside = TIME >= k * rung
+        # A triangle that starts and, as rungs hold whole periods, ends at zero.
+        periods = max(1, round(rung * speed / (4 * reach)))
+        height = min(reach, speed * rung / (4 * periods))
+        phase = (TIME[inside] - k * rung) / rung * periods
+        triangle = 1 - 4 * np.abs((phase + 0.25) % 1 - 0.5)
+        angle[inside] = height * triangle
+    return rounded(angle)
+
+
+def multisine(rng: Generator, low: float, high: float, rms: float) -> Array:
+    """Return a multisine of random phases at multiples of 1/8 Hz, limited in speed.
+
+    Amplitudes fall as 1 / frequency, so that every line adds the same speed.
+    """
+    lines = np.unique(np.round(np.geomspace(low, high, 9) * DURATION)) / DURATION
+    phases = rng.uniform(0, 2 * np.pi, lines.size)
+    wave = np.sin(2 * np.pi * np.outer(TIME, lines) + phases) / lines
+    path = wave.sum(axis=1)
+    return np.asarray(path * rms / np.std(path))
+
+
+def minimum_jerk(rng: Generator, reach: float, dwells: Array) -> Array:
+    """Return minimum-jerk moves within `reach` [rad] with a rest [s] after each."""
+    moves = len(dwells)
+    weights = rng.uniform(0.7, 1.3, moves)
+    lengths = weights / weights.sum() * (DURATION - float(np.sum(dwells)))
+    ends = reach * rng.uniform(0.4, 1.0, moves) * np.where(np.arange(moves) % 2, -1, 1)
+    angle = np.zeros_like(TIME)
+    start, clock = 0.0, 0.0
+    for length, end, dwell in zip(lengths, ends, dwells, strict=True):
+        s = np.clip((TIME - clock) / length, 0, 1)
+        share = s**3 * (10 - 15 * s + 6 * s**2)
+        angle = np.where(clock <= TIME, start + (end - start) * share, angle)
+        start, clock = end, clock + length + dwell
+    return angle
+
+
+def chirp(low: float, high: float, reach: float) -> Array:
+    """Return a sine of rising frequency and constant peak speed."""
+    growth = np.log(high / low) / DURATION
+    phase = 2 * np.pi * low * (np.exp(growth * TIME) - 1) / growth
+    return np.asarray(reach * np.exp(-0.75 * growth * TIME) * np.sin(phase))
+
+
+def micro_reversals(rng: Generator, reach: float, speed: float) -> Array:
+    """Return a slow triangle, each flank broken by backward steps of many sizes."""
+    times, angles, direction = [0.0], [0.0], 1.0
+    sizes = np.geomspace(0.004, 0.12, 12)
+    rng.shuffle(sizes)
+    k = 0
+    while times[-1] < DURATION:
+        for change in (0.28 * reach, -sizes[k % sizes.size]):
+            angles.append(angles[-1] + direction * change)
+            times.append(times[-1] + abs(change) / speed)
+        if abs(angles[-1]) > reach:
+            direction = -np.sign(angles[-1])
+        k += 1
+    return via(np.array(times), np.array(angles))
+
 
 STIFF = (500.0, 0.55)
 """Position loop of the motor: stiffness [N m/rad], damping [N m s/rad]."""
@@ -49,11 +141,11 @@ class Trial:
 
 def _led(path: Array, approach: float) -> Array:
     """Return the path after a lead-in that starts `approach` away from it."""
-    s = np.arange(round(go.LEAD * go.RATE)) / (0.8 * go.LEAD * go.RATE)
+    s = np.arange(round(LEAD * RATE)) / (0.8 * LEAD * RATE)
     s = np.minimum(s, 1.0)
     lead = path[0] - approach * (1 - s**3 * (10 - 15 * s + 6 * s**2))
     angle = np.concatenate([lead, path])
-    return np.stack([angle, np.gradient(angle, 1 / go.RATE)], axis=1)
+    return np.stack([angle, np.gradient(angle, 1 / RATE)], axis=1)
 
 
 def _trial(
@@ -78,7 +170,7 @@ def _trial(
 def asked(motor: Array, joint: Array, load: str) -> Trial:
     """Return a trial with given motions of motor and environment at 1 kHz [rad]."""
     held = {"free": FREE, "locked": LOCKED, "human": FIRM}[load]
-    command, target = _led(go.rounded(motor), 0.08), _led(go.rounded(joint), 0.0)
+    command, target = _led(rounded(motor), 0.08), _led(rounded(joint), 0.0)
     return Trial("asked for", load, command, target, STIFF, held)
 
 
@@ -87,7 +179,7 @@ def standard(trials: list[Trial]) -> list[Trial]:
 
     The second of these has known weights in place of the cables.
     """
-    sweep = go.speed_ladder(np.full(2, 0.4), 0.8)
+    sweep = speed_ladder(np.full(2, 0.4), 0.8)
     turned = replace(asked(sweep, sweep, "free"), tilt=0.5 * np.pi, motion="turned")
     off = replace(asked(sweep, -sweep, "human"), unhooked=True, motion="cables off")
     weights = replace(off, known_torques=WEIGHTS, motion="cables off, weights")
@@ -96,24 +188,24 @@ def standard(trials: list[Trial]) -> list[Trial]:
 
 def rich(rng: Generator) -> list[Trial]:
     """Return eight trials that show something of everything, both ends moving."""
-    zero = np.zeros_like(go.TIME)
+    zero = np.zeros_like(TIME)
     speeds = np.array([0.06, 0.15, 0.4, 1.0, 2.5]) * rng.uniform(0.9, 1.1)
     dwells = np.array([0.1, 0.3, 1.0, 0.2, 1.8])
-    reach = go.minimum_jerk(rng, 1.1, dwells)
-    reach_hand = go.multisine(rng, 0.25, 1.0, 0.35)
-    walk = go.multisine(rng, 0.125, 3.0, 0.5)
-    walk_hand = 0.5 * walk + go.multisine(rng, 0.25, 2.0, 0.3)
-    loose = go.multisine(rng, 0.125, 2.0, 0.5)
-    loose_hand = go.multisine(rng, 0.25, 1.5, 0.5)
-    pushed = go.multisine(rng, 0.25, 2.0, 0.55)
+    reach = minimum_jerk(rng, 1.1, dwells)
+    reach_hand = multisine(rng, 0.25, 1.0, 0.35)
+    walk = multisine(rng, 0.125, 3.0, 0.5)
+    walk_hand = 0.5 * walk + multisine(rng, 0.25, 2.0, 0.3)
+    loose = multisine(rng, 0.125, 2.0, 0.5)
+    loose_hand = multisine(rng, 0.25, 1.5, 0.5)
+    pushed = multisine(rng, 0.25, 2.0, 0.55)
     return [
-        _trial(rng, "speed ladder", "spring", go.speed_ladder(speeds, 0.9), zero,
+        _trial(rng, "speed ladder", "spring", speed_ladder(speeds, 0.9), zero,
                SPRING),
         _trial(rng, "multisine", "human", walk, walk_hand, HUMAN),
         _trial(rng, "minimum jerk with dwells", "human", reach, reach_hand, HUMAN),
-        _trial(rng, "chirp", "free", go.chirp(0.25, 5.0, 0.8), zero, FREE),
+        _trial(rng, "chirp", "free", chirp(0.25, 5.0, 0.8), zero, FREE),
         _trial(rng, "triangle with micro-reversals", "spring",
-               go.micro_reversals(rng, 0.8, 0.5), zero, SPRING),
+               micro_reversals(rng, 0.8, 0.5), zero, SPRING),
         _trial(rng, "multisine", "human", loose, loose_hand, HUMAN, tightness=0.65),
         _trial(rng, "compliant motor, handle driven", "human", 0.3 * walk, pushed,
                FIRM, servo=COMPLIANT),
@@ -124,17 +216,17 @@ def rich(rng: Generator) -> list[Trial]:
 
 def ramps(rng: Generator) -> list[Trial]:
     """Return eight trials of constant speeds only."""
-    zero = np.zeros_like(go.TIME)
+    zero = np.zeros_like(TIME)
     out = []
     for k, speed in enumerate([0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 0.03]):
         reach = 0.04 if speed < 0.1 else 0.9
-        path = go.speed_ladder(np.full(2, speed * rng.uniform(0.9, 1.1)), reach)
+        path = speed_ladder(np.full(2, speed * rng.uniform(0.9, 1.1)), reach)
         load, held = (("spring", SPRING), ("human", HUMAN))[k % 2]
         if speed < 0.1:
             load, held = "locked", LOCKED
         out.append(_trial(rng, "triangle", load, path, zero, held))
     first = out[2]
-    path = first.command[-go.TIME.size :, 0]
+    path = first.command[-TIME.size :, 0]
     again = _trial(rng, first.motion, first.load, path, zero, first.environment,
                    repeat_of=2)  # fmt: skip
     return [*out, again]
@@ -145,7 +237,7 @@ def human(rng: Generator) -> list[Trial]:
     out = []
     for k in range(7):
         dwells = rng.uniform(0.1, 0.9, 5)
-        hand = go.minimum_jerk(rng, 1.0, dwells)
+        hand = minimum_jerk(rng, 1.0, dwells)
         help_along = np.roll(hand, 60) * rng.uniform(0.7, 1.0)
         help_along[:60] = 0.0
         servo = STIFF if k % 2 else COMPLIANT
@@ -154,7 +246,7 @@ def human(rng: Generator) -> list[Trial]:
             _trial(rng, "reaching", "human", help_along, hand, held, servo=servo)
         )
     first = out[1]
-    size = go.TIME.size
+    size = TIME.size
     again = _trial(rng, first.motion, first.load, first.command[-size:, 0],
                    first.target[-size:, 0], first.environment, servo=first.servo,
                    repeat_of=1)  # fmt: skip
@@ -168,12 +260,12 @@ def restful(rng: Generator) -> list[Trial]:
     between fast moves and about 0.01 rad/s, close to the resolution of the encoders.
     """
     trials = rich(rng)
-    zero = np.zeros_like(go.TIME)
+    zero = np.zeros_like(TIME)
     rests = np.array([1.6, 0.4, 2.6, 0.8])
-    reach = go.minimum_jerk(rng, 1.0, rests)
+    reach = minimum_jerk(rng, 1.0, rests)
     corners = np.array([0.0, 0.3, 2.3, 2.6, 4.6, 5.0, 7.0, 7.4, 8.0])
     way = rng.uniform(0.7, 1.3, 8) * [0.3, 0.02, 0.25, 0.04, -0.6, -0.01, -0.3, -0.08]
-    creeping = go.via(corners, np.concatenate([[0.0], np.cumsum(way)]))
+    creeping = via(corners, np.concatenate([[0.0], np.cumsum(way)]))
     moved = {
         2: _trial(rng, "minimum jerk with long rests", "human", reach, zero, HUMAN),
         4: _trial(rng, "slow creep", "spring", creeping, zero, SPRING),

@@ -33,10 +33,7 @@ CC_EXPORT void cc_use_python(void *const *found)
 
 
 def entries_text(library: CLibrary, functions: dict[str, Function]) -> str:
-    """Return the functions in C that Python calls by their names, and their table.
-
-    Python itself runs those that return views of arrays.
-    """
+    """Return the functions in C that Python calls, but for those that return views."""
     called = {
         name: function
         for name, function in functions.items()

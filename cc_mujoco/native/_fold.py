@@ -56,10 +56,7 @@ class Scope:
         return f"{module.rpartition('.')[2].strip('_')}_{name.strip('_')}".upper()
 
     def lookup(self, node: ast.expr) -> Any:
-        """Return the object that an expression names outside of the function, or None.
-
-        Entries of constant tuples are objects too.
-        """
+        """Return what an expression names outside of the function, or None."""
         if isinstance(node, ast.Constant):
             return node.value
         if isinstance(node, ast.Name) and node.id not in self._local:
@@ -76,10 +73,7 @@ class Scope:
 
 
 def _separate(node: ast.Assign) -> list[ast.stmt] | None:
-    """Return `a = c` and `b = d` of `a, b = c, d`.
-
-    None for another assignment, or where one part reads what another wrote.
-    """
+    """Return `a = c`, `b = d` of `a, b = c, d`; None where one reads what one wrote."""
     target, value = node.targets[0], node.value
     if not isinstance(target, ast.Tuple) or not isinstance(value, ast.Tuple):
         return None

@@ -196,10 +196,7 @@ def signature_of(function: types.FunctionType) -> FunctionTypes:
 
 
 def interrupted(step: int) -> bool:
-    """Return whether a long loop is to end, because Python has an exception to raise.
-
-    C asks Python at every 16384th `step` of the loop.
-    """
+    """Return whether a loop must end; C asks Python at every 16384th `step`."""
     return False
 
 

@@ -179,10 +179,7 @@ def _misfit(model: MjModel, actuator: int) -> ffi.Bytes:
 
 @internal
 def _is_clamped_by_joint(model: MjModel, actuator: int) -> bool:
-    """Return whether a joint clamps the force of an actuator.
-
-    MuJoCo clamps what all actuators of a joint, or of a tendon, make together.
-    """
+    """Return whether a joint clamps an end, that of the end or of its tendon."""
     own, tendon = _holding_joint(model, actuator), holding_tendon(model, actuator)
     if own >= 0:
         return bool(model.jnt_actfrclimited[own] != 0)
@@ -226,10 +223,7 @@ def _hold_same_target(model: MjModel, first: int, second: int) -> bool:
 def _has_affixes(
     candidate: ffi.Bytes, wanted: ffi.Bytes, name: ffi.Bytes, prefix: int, suffix: int
 ) -> bool:
-    """Return whether a name is `wanted` between a prefix and a suffix of `name`.
-
-    `prefix` and `suffix` are their sizes.
-    """
+    """Return whether a name is `wanted` within affixes, of these sizes, of `name`."""
     end = prefix + wanted.size
     return (
         candidate.size == end + suffix
@@ -314,10 +308,7 @@ def find_route(model: MjModel, instance: int, route: ffi.Bytes) -> int:
 def _is_named(
     model: MjModel, instance: int, tendon: int, place: int, wanted: ffi.Bytes
 ) -> bool:
-    """Return whether a place of an instance's route has a name that it gives.
-
-    With the prefix and suffix that the route's tendon bears.
-    """
+    """Return whether a place of a route is `wanted`, with the tendon's affixes."""
     attributes = mj_struct.attributes(model, instance)
     route = config.key_text(attributes, config.ROUTE)
     name = mj_struct.name(model, model.name_pluginadr[instance])
@@ -333,10 +324,7 @@ def _is_named(
 
 @internal
 def find_mouth(model: MjModel, instance: int, tendon: int) -> int:
-    """Return the place of an instance's mouth site in its route's path, or -1.
-
-    The first site and the last one are no mouths.
-    """
+    """Return the place of the mouth site inside an instance's route, or -1."""
     mouth = config.key_text(mj_struct.attributes(model, instance), config.MOUTH)
     start = model.tendon_adr[tendon]
     for i in range(1, model.tendon_num[tendon] - 1):
@@ -569,10 +557,7 @@ def only_pays_out(model: MjModel, instance: int, actuator: int) -> bool:
 
 @internal
 def _can_drive(model: MjModel, actuator: int, sense: float, rest: float) -> bool:
-    """Return whether an actuator can drive its joint from rest in a sense.
-
-    True where that cannot be seen from the model.
-    """
+    """Return whether an actuator can, as far as one sees, drive a joint in a sense."""
     if model.actuator_gaintype[actuator] != mjtGain.mjGAIN_FIXED:
         return True
     control = model.actuator_ctrladr[actuator]

@@ -304,10 +304,7 @@ def _sections(written: Bytes, sections: FloatMatrix) -> int:
 
 @internal
 def next_guide(written: Bytes, start: int) -> tuple[int, int, int]:
-    """Return begin and end of the next name in a list of guides, and its word's end.
-
-    The begin is -1 where there is no word.
-    """
+    """Return begin and end of the next guide's name, -1: none, and its word's end."""
     begin = start
     while begin < written.size and is_space(written[begin]):
         begin += 1

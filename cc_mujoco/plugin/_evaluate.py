@@ -110,10 +110,7 @@ def update_parameters(block: Block, model: MjModel, instance: int) -> bool:
 
 @internal
 def packed_block(model: MjModel, data: MjData, instance: int) -> Block:
-    """Return the block of an instance, its parameters up to date; 0 if there is none.
-
-    There is none either where the model or its configuration does not fit the block.
-    """
+    """Return the block of an instance, its parameters up to date; 0 if none fits."""
     block = blocks.block_of(model, data, instance)
     if block != 0 and not update_parameters(block, model, instance):
         block = 0
@@ -152,10 +149,7 @@ def origin(
 
 @internal
 def save_first_stage(block: Block, data: MjData, state: int) -> None:
-    """Keep the state that was found last as that of the first stage of RK4.
-
-    It began from the state at address `state`.
-    """
+    """Keep the new state, begun from `state`, as that of the first stage of RK4."""
     n, first = block.segments, block + block.first_stage
     copy(block + block.new_state, first, 8 * kernel.state_size(n))
     kept = blocks.committed(first, n)
@@ -344,10 +338,7 @@ def has_stiffened(block: Block) -> bool:
 
 @internal
 def follow_paths(model: MjModel, data: MjData, instance: int, evaluation: int) -> None:
-    """Lead all open cables along their paths that were not in this evaluation.
-
-    So their meshes are known. All of them are led where `evaluation` is below 0.
-    """
+    """Lead open cables along their paths unless done in an evaluation (-1: all)."""
     kind = model.plugin[instance]
     for other in range(model.nplugin):
         block = packed_block_of(model, data, other, kind)

@@ -197,10 +197,7 @@ def append(message: Message, part: Bytes) -> None:
 
 @internal
 def quote(message: Message, part: Bytes) -> None:
-    """Add text in quotes, at most `MAX_QUOTED` bytes of it and no split character.
-
-    What is no character in UTF-8 becomes a question mark.
-    """
+    """Add text in quotes: at most `MAX_QUOTED` bytes, `?` for what is no UTF-8."""
     append(message, "'")
     at = 0
     while at < part.size:
@@ -287,10 +284,7 @@ def append_thousandths(message: Message, value: float, unit: Bytes) -> None:
 
 @internal
 def warned_once(message: Message, about: int) -> bool:
-    """Return whether this process already issued `message` on `about`; record it.
-
-    A batch of a thousand simulations need not say the same a thousand times.
-    """
+    """Return whether this process already said a message `about` it; record it."""
     digest = 1469598103934665603 ^ about
     for i in range(message.used):
         digest = (digest ^ message.text[i]) * 1099511628211

@@ -31,10 +31,7 @@ _NEVER_TOUCHED = (
 def _mark_touched(
     model: MjModel, data: MjData, tendon: int, touched: ffi.Bytes
 ) -> None:
-    """Mark the places of a path that are sites, or geoms that it touches in some pose.
-
-    `touched` is 1 there, in and out. The data are left as they were.
-    """
+    """Mark with 1 sites in a path, and geoms that it touches in some pose."""
     start = model.tendon_adr[tendon]
     missing = 0
     for place in range(touched.size):

@@ -475,10 +475,7 @@ def predict_ends(
 def predict_known_motion(
     model: MjModel, data: MjData, block: Block, out: FloatArray
 ) -> None:
-    """Compute what `predict_ends` does (9,), by the acceleration in `data`.
-
-    It is the same where that acceleration is the one that MuJoCo finds; nothing yields.
-    """
+    """Compute what `predict_ends` does by the acceleration in `data`, not yielding."""
     ffi.mark_stack(data)
     row, none = ffi.borrow_floats(data, model.nv), ffi.borrow_floats(data, 0)
     answer, found = ffi.borrow_floats(data, model.nv), data.qacc[: model.nv]
@@ -524,10 +521,7 @@ def _predict_ends(
 
 @internal
 def _mobility(model: MjModel, data: MjData, kind: int, answer: FloatArray) -> float:
-    """Compute the acceleration of all cable ends together per tension [1/kg].
-
-    `answer` (nv,) is the acceleration of the degrees of freedom by it.
-    """
+    """Compute the acceleration of all ends per tension [1/kg], by `answer` (nv,)."""
     total = 0.0
     for other in range(model.nplugin):
         if model.plugin[other] != kind:

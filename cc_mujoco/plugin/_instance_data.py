@@ -166,10 +166,7 @@ def block_at(data: MjData, instance: int) -> Block:
 
 @internal
 def own_block(model: MjModel, data: MjData, instance: int) -> Block:
-    """Return the block of an instance of the plugin, or 0 where data have none.
-
-    It may be one for another model, see `fits`.
-    """
+    """Return an instance's block or 0; it may be one for another model, see `fits`."""
     if instance >= data.nplugin or data.plugin[instance] != model.plugin[instance]:
         return 0
     return block_at(data, instance)
@@ -177,10 +174,7 @@ def own_block(model: MjModel, data: MjData, instance: int) -> Block:
 
 @internal
 def block_of(model: MjModel, data: MjData, instance: int) -> Block:
-    """Return the block of an instance, or 0 where data have none that fits the model.
-
-    `instance` is one of the plugin.
-    """
+    """Return an instance's block, or 0 where data have none that fits the model."""
     block = own_block(model, data, instance)
     return block if block != 0 and fits(block, model, instance) else 0
 
@@ -302,10 +296,7 @@ def rest_displacement(model: MjModel, block: Block, end: int) -> float:
 def proximal_winding(
     model: MjModel, block: Block, length: float
 ) -> tuple[float, float]:
-    """Return the displacement of the proximal end [m] and the lever of its tension.
-
-    `length` is that of its actuator. The parameters must be up to date.
-    """
+    """Return displacement [m] and lever of the proximal end, by its `length`."""
     prm, gear = parameters(block), attachments.pulley_radius(model, block.outputs[0])
     return (
         eccentric.wound_length(prm, length, gear),

@@ -58,10 +58,7 @@ def checksum(positions: FloatArray) -> float:
 
 @internal
 def position_changed(positions: FloatArray, led: float) -> bool:
-    """Return whether `qpos` is another than that to which the last step led.
-
-    `led` is the checksum of that.
-    """
+    """Return whether `qpos` is another than that of checksum `led`."""
     size = 1.0
     for k in range(positions.size):
         size += abs(positions[k])
@@ -95,10 +92,7 @@ def _mocap(model: MjModel, body: int) -> int:
 
 @internal
 def _mocap_motion(model: MjModel, data: MjData, lead: Block, tendon: int) -> float:
-    """Return by how much mocap bodies can have moved a tendon since the last step [m].
-
-    `lead` is the block of the first cable of the model.
-    """
+    """Return how far mocap bodies can have moved a tendon in the last step [m]."""
     if lead.mocap_poses == 0:
         return 0.0
     count, total = model.nmocap, 0.0
@@ -156,10 +150,7 @@ def warn_jump(
     ends: tuple[float, float],
     stage: int,
 ) -> None:
-    """Warn, once, if an end or the path has jumped from where it is in the state.
-
-    `stage` is that of the path where it is now.
-    """
+    """Warn, once, of an end, or the path at a stage, that jumped from the state's."""
     block = blocks.block_at(data, instance)
     if block.explicit_ends != 0:  # which joints that are led by hand need
         return

@@ -63,10 +63,7 @@ def places_size(model: MjModel, tendon: int) -> int:
 
 @internal
 def read_places(model: MjModel, data: MjData, tendon: int, places: FloatArray) -> None:
-    """Write the places of a spatial tendon's path, see `cable/_path_geometry.py`.
-
-    The path is that of the last evaluated position.
-    """
+    """Write the places of a path as last evaluated, see `cable/_path_geometry.py`."""
     start, at = model.tendon_adr[tendon], data.ten_wrapadr[tendon]
     for k in range(model.tendon_num[tendon]):
         place = places[geometry.PLACE_SIZE * k :]
@@ -132,10 +129,7 @@ def default_segments(model: MjModel, tendon: int, mouth: int) -> int:
 
 @internal
 def measure_path(model: MjModel, data: MjData, path: OpenPath) -> float:
-    """Measure the open part of a path at the last evaluated position.
-
-    The result is that of `cable._open_path.measure`.
-    """
+    """Measure the open part of a path as last evaluated, as the cable's `measure`."""
     ffi.mark_stack(data)
     places = ffi.borrow_floats(data, places_size(model, path.tendon))
     read_places(model, data, path.tendon, places)

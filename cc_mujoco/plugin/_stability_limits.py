@@ -133,10 +133,7 @@ def node_moments(
     stiffness: FloatArray,
     out: ffi.FloatMatrix,
 ) -> None:
-    """Compute the moments of an open path's nodes, times sqrt(stiffness) (n + 1, nv).
-
-    `out` is 0 before.
-    """
+    """Add the moments of an open path's nodes, times sqrt(stiffness) (n + 1, nv)."""
     ffi.mark_stack(data)
     node = ffi.borrow_floats(data, led.n + 1)
     tried = ffi.borrow_floats(data, out.shape[1])

@@ -131,10 +131,7 @@ def _timestep(
 
 @compiled
 def read_guides(model: MjModel, instance: int, tendon: int, out: FloatArray) -> None:
-    """Read the guides of a cable by its route tendon, see `attachments.read_guides`.
-
-    For every place of the tendon between its ends (p,); 0 before the cable's mouth.
-    """
+    """Read the guides of a cable by its route (p,), 0 before the cable's mouth."""
     place = 0
     if config.is_mixed(mj_struct.attributes(model, instance)):
         place = attachments.find_mouth(model, instance, tendon)
@@ -202,10 +199,7 @@ def sweep(model: mujoco.MjModel, rest: FloatArray, tendon: int) -> FloatArray:
 def _range(
     model: mujoco.MjModel, rest: FloatArray, joint: int, reach: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return how far a joint goes from `rest` in each of its degrees of freedom.
-
-    Without a range a slide goes by `reach` [m].
-    """
+    """Return how far a joint goes from `rest`, a slide without a range by `reach`."""
     kind, limited = model.jnt_type[joint], bool(model.jnt_limited[joint])
     if kind == mujoco.mjtJoint.mjJNT_FREE:
         far = np.array(3 * [reach] + 3 * [math.pi])

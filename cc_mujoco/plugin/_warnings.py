@@ -306,10 +306,7 @@ def _end_point(
 
 @internal
 def warn_short_period(model: MjModel, block: Block, limits: FloatArray) -> None:
-    """Warn, once, of ends that the time step does not resolve.
-
-    `limits` are their limits of stability where friction holds them (2,) [s].
-    """
+    """Warn, once, of ends that a step does not resolve, by their limits (2,) [s]."""
     slower = 0.0
     for end in range(2):
         if limits[end] < np.inf:

@@ -174,10 +174,7 @@ def kernels(
 
     @wp.func
     def asks_again(rows: CableRows, row: int, n: int, attempt: int):
-        """Return whether an end becomes taut or slack, and aim the next attempt.
-
-        See `plugin/_slack_passage.py`.
-        """
+        """Aim the next attempt, if one is due; see `plugin/_slack_passage.py`."""
         if attempt == ATTEMPTS - 1:
             return False
         now, doubtful, passing = rows.now[row], bool(False), bool(False)

@@ -158,10 +158,7 @@ def lengths_in_qpos0(model: mujoco.MjModel) -> FloatArray:
 def end_rate(
     model: mujoco.MjModel, prm: FloatArray, n: int, actuator: int, end: int
 ) -> float:
-    """Return the square of the frequency of an end that friction holds [1/s^2].
-
-    `prm` are the packed parameters of a cable of n segments.
-    """
+    """Return the square of the frequency of an end that friction holds [1/s^2]."""
     target = model.actuator_trnid[actuator, 0]
     if model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT:
         dof = model.jnt_dofadr[target]

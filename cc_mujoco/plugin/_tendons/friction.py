@@ -288,10 +288,7 @@ def _plan(
     takeovers: list[_Takeover],
     guides: Any,
 ) -> tuple[mujoco.MjModel, mujoco.MjModel]:
-    """Choose the winches and cables of tendons; `start` is not changed.
-
-    Return models with the winches, and with the cables too.
-    """
+    """Choose winches and cables; return models with the winches, and with all."""
     at_guides = _checked_guides(guides, [takeover.burden for takeover in takeovers])
     for takeover in takeovers:
         burden = takeover.burden

@@ -534,10 +534,7 @@ def _obstacle(model: mujoco.MjModel, tendon: int) -> str:
 
 
 def _role(model: mujoco.MjModel, tendon: int, on: dict[int, str]) -> str:
-    """Return why a tendon is left out, as the end of a sentence, or "".
-
-    `on` has the cables that have a tendon as their route.
-    """
+    """Return why a tendon, `on` which cables are, is left out, or ""."""
     cables = instances(model)
     if tendon in on:
         guided = cable_of(model, cables[on[tendon]], on[tendon]).path == PATHS[0]

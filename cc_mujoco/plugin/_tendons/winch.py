@@ -242,10 +242,7 @@ def largest_pull(original: mujoco.MjModel, burden: Burden) -> float:
 def _drive_slopes(
     model: mujoco.MjModel, winch: Winch, lengths: FloatArray
 ) -> tuple[float, float]:
-    """Return the stiffness [N/m] and damping [N s/m] of what acts on a winch.
-
-    The largest over commands and over the lengths of its branches (branches, poses).
-    """
+    """Return the largest stiffness [N/m] and damping [N s/m] of a winch's load."""
     data = mujoco.MjData(model)
     joints = [model.joint(name) for name in winch.names]
     index = model.tendon(winch.burden.winch).id
@@ -426,10 +423,7 @@ def _pose_keyframes(
 def _moved_plastic(
     original: mujoco.MjModel, model: mujoco.MjModel, winches: list[Winch], key: int
 ) -> FloatArray:
-    """Return the plastic state of a keyframe, which MuJoCo keeps by its place alone.
-
-    `original` is the model before its tendons were taken over, `model` the one after.
-    """
+    """Return a keyframe's plastic state, which MuJoCo keeps by its place alone."""
     before, after = _plastic_parts(original), _plastic_parts(model)
     for winch in winches:
         source = "tendon", winch.burden.index

@@ -12,7 +12,7 @@ import copy
 import operator
 import types
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from cc_mujoco.native._kinds import LoadedInt
@@ -150,16 +150,12 @@ def _jumps(body: list[ast.stmt]) -> bool:
     )
 
 
+@dataclass
 class _Folder(ast.NodeTransformer):
-    def __init__(
-        self,
-        scope: Scope,
-        known: Known,
-        constants: Mapping[str, ast.Constant],
-        constant_result: Callable[[Any], ast.Constant | None],
-    ) -> None:
-        self._scope, self._known, self._constants = scope, known, constants
-        self._constant_result = constant_result
+    _scope: Scope
+    _known: Known
+    _constants: Mapping[str, ast.Constant]
+    _constant_result: Callable[[Any], ast.Constant | None]
 
     def statements(self, body: list[ast.stmt]) -> list[ast.stmt]:
         """Fold a block; what follows a return, break or continue is left out."""
@@ -190,10 +186,8 @@ class _Folder(ast.NodeTransformer):
         node.test = self.visit(node.test)
         if isinstance(node.test, ast.Constant):
             return self.statements(node.body if node.test.value else node.orelse)
-        node.body, node.orelse = (
-            self.statements(node.body),
-            self.statements(node.orelse),
-        )
+        node.body = self.statements(node.body)
+        node.orelse = self.statements(node.orelse)
         return node if node.body or node.orelse else None
 
     def visit_For(self, node: ast.For) -> Any:
@@ -221,10 +215,7 @@ class _Folder(ast.NodeTransformer):
                 for name, value in zip(names, entries, strict=True)
                 if isinstance(name, ast.Name)
             }
-            inner = _Folder(
-                self._scope, self._known, {**self._constants, **given},
-                self._constant_result,
-            )  # fmt: skip
+            inner = replace(self, _constants={**self._constants, **given})
             repeated += inner.statements(copy.deepcopy(node.body))
         return repeated
 

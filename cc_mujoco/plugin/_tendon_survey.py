@@ -188,12 +188,11 @@ def sweep(model: mujoco.MjModel, rest: FloatArray, tendon: int) -> FloatArray:
         moves.append(low + shares * (high - low))
         random = np.random.default_rng(0).random((RANDOM_POSES, model.nv))
         moves.append(low + random * (high - low))
-    poses = []
-    for move in np.concatenate(moves):
-        pose = rest.copy()
+    whole = np.concatenate(moves)
+    poses = np.tile(rest, (len(whole), 1))
+    for pose, move in zip(poses, whole, strict=True):
         mujoco.mj_integratePos(model, pose, move, 1.0)
-        poses.append(pose)
-    return np.array(poses)
+    return poses
 
 
 def _range(

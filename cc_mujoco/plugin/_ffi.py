@@ -23,7 +23,7 @@ from cc_mujoco.native._functions import reinterpret as reinterpret
 from cc_mujoco.native._kinds import BYTE, INT, Array, Memory
 from cc_mujoco.native._kinds import CInt as CInt
 from cc_mujoco.plugin._engine import LIBRARY
-from cc_mujoco.plugin._mj_offsets import MjLogMessage, size, structure
+from cc_mujoco.plugin._mj_offsets import MjLogMessage, place, structure
 
 Bytes = Annotated[Any, Array(BYTE)]
 """Text: an array of bytes, or a literal."""
@@ -63,7 +63,7 @@ mark_stack = Engine("mj_markStack", None, _AT)
 free_stack = Engine("mj_freeStack", None, _AT)
 borrow = Engine("mj_stackAllocNum", _AT, _AT, ctypes.c_size_t)
 
-_RECORD_SIZE = size("mjLogMessage")
+_RECORD_SIZE = place("mjLogMessage")
 _WARNING = int(ENUMS["mjtLogLevel"].values["mjLOG_WARNING"])
 _CAPACITY = structure("mjLogMessage").subject.size
 """Longest message in bytes, its final zero included."""

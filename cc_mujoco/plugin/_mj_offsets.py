@@ -52,27 +52,16 @@ def structure(name: str) -> type[ctypes.Structure]:
     return _structures[name]
 
 
-def offset(path: str) -> LoadedInt:
-    """Return the offset of a field, such as `mjModel.opt.timestep` [bytes]."""
-    return _loaded(path, _find(path)[0])
-
-
-def size(name: str) -> LoadedInt:
-    """Return the size of a structure, such as `mjContact` [bytes]."""
-    return _loaded(name, ctypes.sizeof(structure(name)))
-
-
-def place(path: str) -> LoadedInt:
-    return offset(path) if "." in path else size(path)
-
-
 LOADED: dict[str, LoadedInt] = {}
 """Offsets and sizes that compiled code reads from its table `layout`, by path."""
 
 
-def _loaded(path: str, value: int) -> LoadedInt:
-    found = LOADED[path] = LoadedInt(value)
+def place(path: str) -> LoadedInt:
+    """Return the offset of a field, as `mjModel.opt.timestep`, or a size [bytes]."""
+    is_field = "." in path
+    found = LoadedInt(_find(path)[0] if is_field else ctypes.sizeof(structure(path)))
     found.c = f"layout.{member(path)}"
+    LOADED[path] = found
     return found
 
 

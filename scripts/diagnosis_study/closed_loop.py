@@ -210,21 +210,17 @@ def summary(records: list[Mapping[str, Any]]) -> str:
             size = f"+{10 * r['strength']:.0f} %"
         said = f"{r['verdict']}: {', '.join(r['named']) or '-'}"
         for law, before in r["before"].items():
-            falls = (
-                _fall(before[key], r["after"][law][key]) for key in ("rms", "between")
-            )
+            falls = []  # errors in mN m, and how often the second goes into the first
+            for key in ("rms", "between"):
+                old, new = before[key], r["after"][law][key]
+                better = f" ({old / new:.1f})" if new else ""
+                falls.append(f"{1e3 * old:.0f} to {1e3 * new:.0f}{better}")
             rows.append((r["effect"], size, str(r["seed"]), said, law, *falls))
     head = (
         "hidden", "R", "seed", "verdict", "controller", "error [mN m] (better by)",
         "error between turns",
     )  # fmt: skip
     return table(head, rows)
-
-
-def _fall(old: float, new: float) -> str:
-    """Return two errors [N m] in mN m, and how often the second goes into the first."""
-    better = f" ({old / new:.1f})" if new else ""
-    return f"{1e3 * old:.0f} to {1e3 * new:.0f}{better}"
 
 
 def main(

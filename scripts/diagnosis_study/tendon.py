@@ -99,19 +99,12 @@ def shown(
         torques = played(Tendon(**own), dt, motor, joint)
     else:
         cables = tuple(cable.replace(**values) for cable in bench.cables)
-        torques = rollout_of(bench, cables, dt, motor, joint)
+        with tempfile.TemporaryDirectory() as folder:
+            scene = Path(folder) / "scene.xml"
+            scene.write_text(repair_scene(bench, cables, {}).to_xml(), encoding="utf-8")
+            torques = rollout(scene, dt * np.arange(motor.size), motor, joint)
     kept = slice(2 * ramp.size, None, FINE)
     return torques[0][kept], torques[1][kept] + bias
-
-
-def rollout_of(
-    bench: Bench, cables: Any, dt: float, motor: Array, joint: Array
-) -> tuple[Array, Array]:
-    """Return the torques of the scene with other cables, by MuJoCo."""
-    with tempfile.TemporaryDirectory() as folder:
-        scene = Path(folder) / "scene.xml"
-        scene.write_text(repair_scene(bench, cables, {}).to_xml(), encoding="utf-8")
-        return rollout(scene, dt * np.arange(motor.size), motor, joint)
 
 
 def recorded(
@@ -133,18 +126,11 @@ def recorded(
         )
         trials.append(
             Trial(
-                notes,
-                STEP * np.arange(motor.size),
-                digits[0],
-                loud[0],
-                digits[1],
-                loud[1],
-                (slice(0, motor.size),),
-                STEP,
-                facts=facts,
+                notes, STEP * np.arange(motor.size), digits[0], loud[0], digits[1],
+                loud[1], (slice(0, motor.size),), STEP, facts=facts,
                 path=f"{notes}.csv",
             )
-        )
+        )  # fmt: skip
     noise = {name: Noise(size, 0.0, "declared") for name, size in TORQUE.items()}
     for name in ("motor_angle_rad", "joint_angle_rad"):
         noise[name] = Noise(DIGIT / np.sqrt(12.0), DIGIT, "declared")

@@ -47,6 +47,7 @@ from cc_mujoco.diagnosis._phrases import (
     plain_name,
 )
 from cc_mujoco.diagnosis._rig import simulation
+from cc_mujoco.diagnosis._rig.records import Arrays
 from cc_mujoco.diagnosis._search import candidates as screening
 from cc_mujoco.diagnosis._search.candidates import Changes, Round
 from cc_mujoco.diagnosis._search.search import Found, Search
@@ -99,9 +100,7 @@ class Stretch(NamedTuple):
         )
 
 
-def worst_stretch(
-    problem: Problem, x: FloatArray, torques: Sequence[FloatArray]
-) -> Stretch | None:
+def worst_stretch(problem: Problem, x: FloatArray, torques: Arrays) -> Stretch | None:
     """Return the stretch that exceeds its limit by most, or None.
 
     Its size, and the misfit of all other data, are those of a fit without it. `torques`
@@ -158,7 +157,7 @@ def worst_stretch(
 
 
 def _squares(
-    problem: Problem, torques: Sequence[FloatArray], masks: Masks
+    problem: Problem, torques: Arrays, masks: Masks
 ) -> list[tuple[FloatArray, FloatArray]]:
     records, sensed = problem.plant.records, problem.sensed
     return [

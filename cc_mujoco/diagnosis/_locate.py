@@ -40,6 +40,7 @@ from cc_mujoco.diagnosis._phrases import (
     format_share,
     format_signed,
 )
+from cc_mujoco.diagnosis._rig.records import Arrays
 from cc_mujoco.diagnosis._search.candidates import signature_cosine
 from cc_mujoco.diagnosis._search.search import Found
 from cc_mujoco.diagnosis._thresholds import Limit
@@ -358,7 +359,7 @@ def _map(
     traces: Sequence[TrialTrace],
     axis: str,
     unit: str,
-    values: Sequence[FloatArray],
+    values: Arrays,
     channel: str,
     random: Generator,
 ) -> Map | None:
@@ -383,7 +384,7 @@ def _map(
     mean = np.bincount(place, weights=whole, minlength=bins) / np.maximum(inside, 1)
     centre = np.where(inside > 0, mean, 0.5 * (edges[:-1] + edges[1:]))
 
-    def sums(error: Sequence[FloatArray]) -> FloatArray:
+    def sums(error: Arrays) -> FloatArray:
         found = np.bincount(cell, np.concatenate(error), 2 * bins)
         return found.reshape(2, bins).astype(np.float64)
 
@@ -528,7 +529,7 @@ def error_places(
     return (first, *(where for _, where in [*found, *remaining]), *mapped)
 
 
-def _noise_ratios(problem: Problem, played: Sequence[FloatArray]) -> dict[str, float]:
+def _noise_ratios(problem: Problem, played: Arrays) -> dict[str, float]:
     """Return the weighted RMS error of each channel over that of the sensors' noise."""
     squares = np.zeros((2, len(problem.plant.instruments.channels)))
     for record, torque, sensed, floor in zip(

@@ -43,7 +43,7 @@ from cc_mujoco.diagnosis._fit.problem import (
 )
 from cc_mujoco.diagnosis._fit.trials import exchanged_torques
 from cc_mujoco.diagnosis._rig import simulation
-from cc_mujoco.diagnosis._rig.records import Filtering, Record, prepare
+from cc_mujoco.diagnosis._rig.records import Arrays, Filtering, Record, prepare
 from cc_mujoco.diagnosis._rig.simulation import SimulatedRig, Values
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis._verdict import Diagnosis, Gap, TrialTrace, Verdict
@@ -462,8 +462,8 @@ def predicted(
 
 def gaps(
     problem: Problem,
-    before: Sequence[FloatArray],
-    after: Sequence[FloatArray],
+    before: Arrays,
+    after: Arrays,
     division: Sequence[Fold],
     seed: int = 0,
 ) -> dict[str, Gap]:
@@ -525,9 +525,7 @@ def floor_ratios(found: Mapping[str, Gap]) -> tuple[float, float]:
     return math.sqrt(np.mean(before)), math.sqrt(np.mean(after))
 
 
-def traces(
-    problem: Problem, before: Sequence[FloatArray], after: Sequence[FloatArray]
-) -> tuple[TrialTrace, ...]:
+def traces(problem: Problem, before: Arrays, after: Arrays) -> tuple[TrialTrace, ...]:
     names = problem.plant.instruments.channels
     return tuple(
         TrialTrace(
@@ -799,18 +797,14 @@ def unit_or_sign_error(
     )
 
 
-def _residual_square(
-    measured: Sequence[FloatArray], simulated: Sequence[FloatArray]
-) -> float:
+def _residual_square(measured: Arrays, simulated: Arrays) -> float:
     return sum(
         float(np.sum((one - other - np.mean(one - other)) ** 2))
         for one, other in zip(measured, simulated, strict=True)
     )
 
 
-def _torque_factor(
-    measured: Sequence[FloatArray], simulated: Sequence[FloatArray]
-) -> float | None:
+def _torque_factor(measured: Arrays, simulated: Arrays) -> float | None:
     """Return measured over simulated torque during sliding, None if dissimilar."""
     one, other = (
         np.concatenate([torque - torque.mean() for torque in torques])

@@ -30,7 +30,13 @@ from cc_mujoco.datasets import _channels as channels
 from cc_mujoco.datasets._quantization import reconstruct_angle
 from cc_mujoco.datasets._trials import Dataset, Noise, Trial, TrialFacts
 from cc_mujoco.diagnosis._checks.content import repeat_scatter as scatter_of
-from cc_mujoco.diagnosis._rig.records import Filtering, Record, low_pass, play_filter
+from cc_mujoco.diagnosis._rig.records import (
+    Arrays,
+    Filtering,
+    Record,
+    low_pass,
+    play_filter,
+)
 from cc_mujoco.diagnosis._rig.simulation import SimulatedRig, Values
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.native import FloatArray
@@ -67,9 +73,7 @@ def noise_floor(
     true = [likely(record, filtering) for record in plant.records]
     exact = plant.limited(true).simulate(values)
 
-    def scatter(
-        records: Sequence[Record], about: Sequence[FloatArray]
-    ) -> list[FloatArray]:
+    def scatter(records: Sequence[Record], about: Arrays) -> list[FloatArray]:
         played = plant.limited(records).simulate(values)
         pairs = zip(played, about, strict=True)
         return [(a - b) ** 2 / Limit.noise_draws for a, b in pairs]
@@ -125,9 +129,7 @@ def _cell_noise(
     return found
 
 
-def _unexplained(
-    plant: SimulatedRig, clean: Sequence[FloatArray], noise: Sequence[FloatArray]
-) -> FloatArray:
+def _unexplained(plant: SimulatedRig, clean: Arrays, noise: Arrays) -> FloatArray:
     """Return the variance between repetitions beyond noise (rows,).
 
     It is that of the model's residuals: a servo never repeats a motion to the digit,

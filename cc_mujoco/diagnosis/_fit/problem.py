@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.diagnosis._rig import simulation
-from cc_mujoco.diagnosis._rig.records import Record, Setting
+from cc_mujoco.diagnosis._rig.records import Arrays, Record, Setting
 from cc_mujoco.diagnosis._rig.simulation import SimulatedRig
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis.effects._effect import EffectParameter, form_key
@@ -77,11 +77,7 @@ class TorqueDerivatives:
         self._inner: list[bool] = []
 
     def of(
-        self,
-        problem: Problem,
-        x: FloatArray,
-        seen: Sequence[int],
-        torques: Sequence[FloatArray],
+        self, problem: Problem, x: FloatArray, seen: Sequence[int], torques: Arrays
     ) -> list[FloatArray]:
         """Return the slopes of the records `seen` (parameters, 2, samples) [N m].
 
@@ -171,7 +167,7 @@ def jacobian(
 
 
 def residual_slopes(
-    problem: Problem, torques: Sequence[FloatArray] | None, masks: Masks
+    problem: Problem, torques: Arrays | None, masks: Masks
 ) -> list[tuple[FloatArray, NDArray[np.bool_]]]:
     """Return changes of residuals (2, samples) per torque [1/N m], and counted samples.
 
@@ -193,7 +189,7 @@ def residual_slopes(
 
 
 def residual_changes(
-    steep: Sequence[tuple[FloatArray, NDArray[np.bool_]]], changes: Sequence[FloatArray]
+    steep: Sequence[tuple[FloatArray, NDArray[np.bool_]]], changes: Arrays
 ) -> FloatArray:
     """Return first-order changes (k, residuals) by changes of torques [N m]."""
     parts = [
@@ -462,7 +458,7 @@ def plain_error(residual: FloatArray) -> FloatArray:
     return np.where(size <= Limit.huber_delta, residual, np.sign(residual) * large)
 
 
-def independence_weight(errors: Sequence[FloatArray], masks: Masks) -> float:
+def independence_weight(errors: Arrays, masks: Masks) -> float:
     """Return the weight that makes squared errors count as independent.
 
     The root of the share of samples that are independent (the sum of autocorrelations,
@@ -694,7 +690,7 @@ class CrossValidation(NamedTuple):
 
 
 def cross_validate(
-    problem: Problem, division: Sequence[Fold], starts: Sequence[FloatArray]
+    problem: Problem, division: Sequence[Fold], starts: Arrays
 ) -> CrossValidation:
     fits: list[Fit] = []
     errors = [np.full(r.measured.shape, np.nan) for r in problem.plant.records]
@@ -710,9 +706,7 @@ def cross_validate(
     return CrossValidation(problem, tuple(fits), tuple(errors), division)
 
 
-def blocks(
-    crossed: CrossValidation, parts: Sequence[FloatArray] | None = None
-) -> FloatArray:
+def blocks(crossed: CrossValidation, parts: Arrays | None = None) -> FloatArray:
     """Return sums of held-out squares in blocks of a second (blocks,).
 
     `parts` are (2, samples) of every record; by default they are the errors.
@@ -723,9 +717,7 @@ def blocks(
     return np.asarray(block_sums(crossed.problem, masks, squares).sum(axis=1))
 
 
-def block_sums(
-    problem: Problem, masks: Masks, parts: Sequence[FloatArray]
-) -> FloatArray:
+def block_sums(problem: Problem, masks: Masks, parts: Arrays) -> FloatArray:
     """Return sums of parts (k, samples) in blocks of a second (blocks, k)."""
     found = []
     for record, mask, part in zip(problem.plant.records, masks, parts, strict=True):

@@ -37,7 +37,7 @@ from cc_mujoco.diagnosis._phrases import (
     plain_name,
 )
 from cc_mujoco.diagnosis._rig import simulation
-from cc_mujoco.diagnosis._rig.records import Record
+from cc_mujoco.diagnosis._rig.records import Arrays, Record
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis._verdict import (
     OccasionChange,
@@ -52,10 +52,7 @@ from cc_mujoco.report._html import list_words
 
 
 def trial_errors(
-    problem: Problem,
-    before: Sequence[FloatArray],
-    after: Sequence[FloatArray],
-    final: tuple[Problem, FloatArray],
+    problem: Problem, before: Arrays, after: Arrays, final: tuple[Problem, FloatArray]
 ) -> tuple[TrialError, ...]:
     """Return the errors of every trial that has counted samples, in order.
 
@@ -327,9 +324,7 @@ def _errors(problem: Problem, x: FloatArray) -> list[FloatArray]:
     return [record.measured - torque for record, torque in pairs]
 
 
-def _rms(
-    problem: Problem, places: Sequence[int], errors: Sequence[FloatArray]
-) -> dict[str, float]:
+def _rms(problem: Problem, places: Sequence[int], errors: Arrays) -> dict[str, float]:
     """Return each channel's RMS error, weighted by 1 / floor^2 [N m]."""
     records = problem.plant.records
     weights = [records[k].counts / np.square(problem.floor[k]) for k in places]
@@ -340,9 +335,7 @@ def _rms(
     return dict(zip(problem.plant.instruments.channels, found, strict=True))
 
 
-def _misfit(
-    problem: Problem, places: Sequence[int], errors: Sequence[FloatArray]
-) -> float:
+def _misfit(problem: Problem, places: Sequence[int], errors: Arrays) -> float:
     """Return the RMS error, by Huber as in fits, over that of noise alone."""
     masks = [problem.plant.records[k].counts for k in places]
     noise, floor = problem.noise_over_floor, problem.floor
@@ -501,7 +494,7 @@ class _ByTrial:
             return 0.0
         return 1.0 - (float(error @ error) - self.noise) / self._beyond
 
-    def plain(self, torques: Sequence[FloatArray]) -> list[FloatArray]:
+    def plain(self, torques: Arrays) -> list[FloatArray]:
         """Return Huber's errors of every record, 0 in those left out (1, samples)."""
         found = [np.zeros(mask.size)[None] for mask in self.masks]
         for k, torque in zip(self.seen, torques, strict=True):
@@ -509,12 +502,12 @@ class _ByTrial:
             found[k] = fitting.huber_residual(off / self.problem.floor[k])
         return found
 
-    def residual(self, torques: Sequence[FloatArray]) -> FloatArray:
+    def residual(self, torques: Arrays) -> FloatArray:
         """Return the residuals of the samples that count (rows,), without priors."""
         kept = fitting.kept_samples(self.plain(torques), self.masks)
         return self.problem.weight * kept
 
-    def derivatives(self, torques: Sequence[FloatArray]) -> FloatArray:
+    def derivatives(self, torques: Arrays) -> FloatArray:
         """Return the derivatives of the residuals (rows, parameters)."""
         steep = fitting.residual_slopes(self.problem, torques, self.masks)
         return fitting.residual_changes(steep, self._slopes).T

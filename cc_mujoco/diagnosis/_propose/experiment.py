@@ -18,7 +18,7 @@ from cc_mujoco.datasets._trials import TORQUE_SENSORS, Instruments
 from cc_mujoco.diagnosis._fit import problem as fitting
 from cc_mujoco.diagnosis._fit.problem import CrossValidation, Problem, TorqueDerivatives
 from cc_mujoco.diagnosis._phrases import effect_name, format_number
-from cc_mujoco.diagnosis._rig.records import Record, wind_up_angle
+from cc_mujoco.diagnosis._rig.records import Arrays, Record, wind_up_angle
 from cc_mujoco.diagnosis._rig.simulation import occasions_of
 from cc_mujoco.diagnosis._search.candidates import are_confusable, tie_reason
 from cc_mujoco.diagnosis._search.search import Found, Search
@@ -459,7 +459,7 @@ def next_trial_name(records: Sequence[Record]) -> str:
 def _describe_difference(
     problem: Problem,
     ids: tuple[str, str],
-    shown: Sequence[FloatArray],
+    shown: Arrays,
     left: FloatArray,
     noise: FloatArray,
 ) -> str:
@@ -581,13 +581,11 @@ def _with_trial(
     return crossed._replace(problem=wider, errors=(*crossed.errors, off))
 
 
-def _row_medians(each: Sequence[FloatArray]) -> FloatArray:
+def _row_medians(each: Arrays) -> FloatArray:
     return np.median(np.concatenate(each, axis=1), axis=1)[:, None]
 
 
-def form_error(
-    shown: Sequence[FloatArray], without: Sequence[FloatArray], noise: FloatArray
-) -> FloatArray:
+def form_error(shown: Arrays, without: Arrays, noise: FloatArray) -> FloatArray:
     """Compute the model-form error of an effect, relative to the noise (rows, 1).
 
     `shown` are torques of a trial (rows, samples) by each model [N m], `without` those

@@ -35,7 +35,7 @@ from cc_mujoco.diagnosis._judge import declared_sentence
 from cc_mujoco.diagnosis._phrases import format_number, format_share, format_size
 from cc_mujoco.diagnosis._propose import experiment
 from cc_mujoco.diagnosis._propose.experiment import CataloguedTrial
-from cc_mujoco.diagnosis._rig.records import Record, load_values
+from cc_mujoco.diagnosis._rig.records import Arrays, Record, load_values
 from cc_mujoco.diagnosis._rig.simulation import SimulatedRig, baseline_parameters
 from cc_mujoco.diagnosis._scene.repair import require_repairable
 from cc_mujoco.diagnosis._search.candidates import effect_amplitudes, screen
@@ -106,7 +106,7 @@ def planned(
     records = tuple(experiment.motion_record(m, bench, rows, tension) for m in every)
     plant = SimulatedRig(bench, records, 16, 1, instruments, constants)
 
-    def read(torques: Sequence[FloatArray]) -> tuple[Record, ...]:
+    def read(torques: Arrays) -> tuple[Record, ...]:
         """Return the records with these torques, which scale the tuning."""
         pairs = zip(plant.records, torques, strict=True)
         return tuple(replace(record, measured=torque) for record, torque in pairs)
@@ -202,9 +202,7 @@ def _gram_matrices(
 
 
 def _choose_records(
-    grams: Sequence[FloatArray],
-    owners: Sequence[tuple[str, float]],
-    standard: Sequence[int],
+    grams: Arrays, owners: Sequence[tuple[str, float]], standard: Sequence[int]
 ) -> list[int]:
     """Return the standard records and those that improve the design, greedily."""
     chosen, best = list(standard), 0.0

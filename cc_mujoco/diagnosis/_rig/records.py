@@ -53,6 +53,8 @@ from cc_mujoco.diagnosis.effects._effect import (
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled
 
+Arrays = Sequence[FloatArray]
+"""Arrays of records, (rows, samples) each if not otherwise said."""
 _EDGE_SAMPLES = 9
 """Samples by which a signal is continued, turned over, at either end."""
 

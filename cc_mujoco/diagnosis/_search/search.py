@@ -26,7 +26,7 @@ from cc_mujoco.diagnosis._fit.intervals import Spread
 from cc_mujoco.diagnosis._fit.problem import CrossValidation, Fold, Masks, Problem
 from cc_mujoco.diagnosis._fit.trials import TrialDifferences
 from cc_mujoco.diagnosis._phrases import Progress, no_progress, part_of
-from cc_mujoco.diagnosis._rig.records import Record
+from cc_mujoco.diagnosis._rig.records import Arrays, Record
 from cc_mujoco.diagnosis._rig.simulation import occasions_of
 from cc_mujoco.diagnosis._search import candidates as screening
 from cc_mujoco.diagnosis._search.candidates import Candidate, Changes, Round, Signature
@@ -304,9 +304,7 @@ class _Additions:
                 return self._refit(now, wider, [model.x] * len(now.division))
         return None
 
-    def _refit(
-        self, now: CrossValidation, wider: Problem, starts: Sequence[FloatArray]
-    ) -> Candidate:
+    def _refit(self, now: CrossValidation, wider: Problem, starts: Arrays) -> Candidate:
         """Return the last effect of a wider model, refitted."""
         name = wider.effects[-1]
         try:

@@ -132,9 +132,8 @@ def infer(
             findings += readings.check_bench(dataset.trials, known)
             if not errors(findings):
                 findings += check_lead(dataset.trials, known)
-        findings += readings.check_known_torques(dataset) + readings.check_load_cells(
-            dataset, known
-        )
+        findings += readings.check_known_torques(dataset)
+        findings += readings.check_load_cells(dataset, known)
         wrong = errors(findings)
         if wrong or not dataset.trials:
             first = wrong[0].statement if wrong else "No trial can be read."

@@ -820,11 +820,8 @@ def _alternatives(
 ) -> dict[str, float]:
     """Return z of an effect against all that may stand in its place, by id."""
     beside = {*found.after.problem.effects, *group}
-    errors = {
-        c.id: fitting.blocks(c.crossed)
-        for c in step.candidates
-        if c.crossed is not step.before
-    }
+    tried = [c for c in step.candidates if c.crossed is not step.before]
+    errors = {c.id: fitting.blocks(c.crossed) for c in tried}
     best, start = errors[leader], fitting.blocks(step.before)
     before = float(start.sum())
     found_z = {"nothing": screening.comparison_z(best, start, before)}

@@ -667,7 +667,6 @@ def _describe_constants(seen: Mapping[str, Samples]) -> list[tuple[str, Where]]:
             f"error {format_number(scatter)})."
         )
         found.append(Where(name, "all data", takes, text))
-    short = (
-        f"it is nearly constant, measured minus simulated {list_words(sizes.values())}"
-    )
+    sized = list_words(sizes.values())
+    short = f"it is nearly constant, measured minus simulated {sized}"
     return [(short, each) for each in found]

@@ -149,9 +149,8 @@ def repeat_scatter(trials: Sequence[Trial], channels: Sequence[str]) -> Scatter:
         for original, trial in _repeat_pairs(trials)
         if (pair := _compare_trials(original, trial)) is not None
     ]
-    pairs = pairs or [
-        ({trial.name}, pair) for trial in trials for pair in period_differences(trial)
-    ]
+    periods = ((trial, pair) for trial in trials for pair in period_differences(trial))
+    pairs = pairs or [({trial.name}, pair) for trial, pair in periods]
     if not pairs:
         return Scatter(np.zeros(len(channels)), frozenset())
     squares = [[_rms_difference(pair, n) ** 2 for n in channels] for _, pair in pairs]

@@ -49,6 +49,8 @@ from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.native import FloatArray
 from cc_mujoco.report._html import list_words
 
+Findings = list[DataFinding]
+
 
 class Mechanics(NamedTuple):
     """Relations between the two sides of a trial."""
@@ -234,7 +236,7 @@ def _pool_mechanics(members: list[tuple[Trial, Mechanics]]) -> Mechanics:
     )
 
 
-def check_signs(group: Group) -> list[DataFinding]:
+def check_signs(group: Group) -> Findings:
     """Find channels with inverted sign, and swapped sides."""
     trials, m = group
     follows = _sign(m.follows, Limit.min_angle_correlation)
@@ -321,7 +323,7 @@ def _fewest_inversions(m: Mechanics, follows: float, torques: float) -> list[str
     return ways or ["check the signs"]
 
 
-def check_units(group: Group) -> list[DataFinding]:
+def check_units(group: Group) -> Findings:
     """Find units that contradict virtual work."""
     trials, m = group
     # The ratio of two torques means a unit only where both are nearly proportional.
@@ -351,9 +353,7 @@ def check_units(group: Group) -> list[DataFinding]:
     return [error(sentence, _single_trial_name(trials))]
 
 
-def check_sizes(
-    trials: Sequence[Trial], known: Sequence[Mechanics]
-) -> list[DataFinding]:
+def check_sizes(trials: Sequence[Trial], known: Sequence[Mechanics]) -> Findings:
     """Find trials with torques hundreds of times as large as in the others.
 
     A free joint carries next to nothing, so a loaded trial may well leap over the
@@ -391,9 +391,7 @@ def check_sizes(
     return findings
 
 
-def check_ratios(
-    trials: Sequence[Trial], known: Sequence[Mechanics]
-) -> list[DataFinding]:
+def check_ratios(trials: Sequence[Trial], known: Sequence[Mechanics]) -> Findings:
     certain = [
         (trial, m.ratio)
         for trial, m in zip(trials, known, strict=True)
@@ -546,7 +544,7 @@ def _nearest_peak(match: FloatArray, expected: float, step: float) -> float | No
     return (k - len(match) // 2 + offset) * step
 
 
-def check_alignment(trial: Trial, alone: bool = False) -> list[DataFinding]:
+def check_alignment(trial: Trial, alone: bool = False) -> Findings:
     """Find drifting clocks and delays; one cable `alone` makes delays by slack, too."""
     a = measure_alignment(trial)
     grown = a.drift * (trial.time[-1] - trial.time[0])
@@ -577,7 +575,7 @@ def check_alignment(trial: Trial, alone: bool = False) -> list[DataFinding]:
     return [finding(f"{trial.path}: {message}", trial.name, JOINT_ANGLE)]
 
 
-def check_lead(trials: Sequence[Trial], bench: Bench) -> list[DataFinding]:
+def check_lead(trials: Sequence[Trial], bench: Bench) -> Findings:
     """Find channels that come late, and angles that belong to the other side.
 
     The speeds of both angles, and the rates of each torque and of the lead, are
@@ -588,7 +586,7 @@ def check_lead(trials: Sequence[Trial], bench: Bench) -> list[DataFinding]:
     hooked = [trial for trial in trials if not trial.facts.unhooked]
     if bench.others or not hooked:
         return []
-    late: list[DataFinding] = []
+    late: Findings = []
     if len(bench.cables) > 1:  # slack lets either side move by itself
         late = _late_channel(hooked, bench, JOINT_ANGLE, MOTOR_ANGLE)
     leads = [(trial, _lead_correlation(trial, bench)) for trial in hooked]
@@ -601,7 +599,7 @@ def check_lead(trials: Sequence[Trial], bench: Bench) -> list[DataFinding]:
     return late or in_all[:1] or _swapped_angles(sure) or torques[:1]
 
 
-def _swapped_angles(sure: Sequence[tuple[Trial, float]]) -> list[DataFinding]:
+def _swapped_angles(sure: Sequence[tuple[Trial, float]]) -> Findings:
     reverse = [trial for trial, lead in sure if lead < 0.0]
     if not reverse:
         return []
@@ -619,7 +617,7 @@ def _swapped_angles(sure: Sequence[tuple[Trial, float]]) -> list[DataFinding]:
 
 def _late_channel(
     trials: Sequence[Trial], bench: Bench, channel: str, reference: str = ""
-) -> list[DataFinding]:
+) -> Findings:
     known = [
         (trial, fits)
         for trial in trials
@@ -732,9 +730,8 @@ def _lead_correlation(trial: Trial, bench: Bench) -> float:
     speed = velocity(trial.motor_angle, trial.step, trial.segments)[used]
     inside = [(used >= part.start) & (used < part.stop) for part in parts]
     usual = [speed, *(part.astype(np.float64) for part in inside)]
-    fixed, free = (
-        _partial_correlation(lead, torque, known) for known in (usual, [*usual, along])
-    )
+    both = usual, [*usual, along]
+    fixed, free = (_partial_correlation(lead, torque, known) for known in both)
     return min(fixed, free, key=abs) if fixed * free > 0.0 else 0.0
 
 

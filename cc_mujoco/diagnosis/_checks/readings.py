@@ -30,7 +30,7 @@ from cc_mujoco.datasets._trials import (
     TrialFacts,
 )
 from cc_mujoco.diagnosis._checks import mechanics
-from cc_mujoco.diagnosis._checks.mechanics import Mechanics
+from cc_mujoco.diagnosis._checks.mechanics import Findings, Mechanics
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.errors import CableError
 from cc_mujoco.report._html import list_words
@@ -43,7 +43,7 @@ _CLOCK_PATTERN = re.compile(r"time|clock|stamp", re.I)
 
 def check_recording(
     recording: Recording, facts: TrialFacts, file: DatasetFile
-) -> list[DataFinding]:
+) -> Findings:
     return [
         *_check_locked(recording, facts),
         *_check_constants(recording, facts),
@@ -57,7 +57,7 @@ def check_recording(
     ]
 
 
-def check_trials(trials: Sequence[Trial], alone: bool = False) -> list[DataFinding]:
+def check_trials(trials: Sequence[Trial], alone: bool = False) -> Findings:
     """Run all checks of one rig's trials; `alone` if it has a single cable."""
     hooked = [trial for trial in trials if not trial.facts.unhooked]
     known = [mechanics.measure_mechanics(trial) for trial in hooked]
@@ -70,11 +70,11 @@ def check_trials(trials: Sequence[Trial], alone: bool = False) -> list[DataFindi
     return findings + check_motions(trials)
 
 
-def check_motions(trials: Sequence[Trial]) -> list[DataFinding]:
+def check_motions(trials: Sequence[Trial]) -> Findings:
     return [finding for trial in trials for finding in _check_motion(trial)]
 
 
-def check_ratio(trial: Trial, ratio: float, several: bool = False) -> list[DataFinding]:
+def check_ratio(trial: Trial, ratio: float, several: bool = False) -> Findings:
     """Compare the measured ratio of the angles with the `ratio` of a scene.
 
     `trial` is the one that comes closest to the scene; `ratio` is motor angle per joint
@@ -103,20 +103,19 @@ def check_ratio(trial: Trial, ratio: float, several: bool = False) -> list[DataF
         f"{trial.path}: the motor turns {1.0 / known.ratio:.3g} rad per joint radian, "
         f"but {ratio:.3g} in the scene; perhaps {likely}."
     )
-    impossible = not 0.25 < ratio_error < 4.0 or (
-        several and ratio_error > Limit.impossible_lead
-    )
+    far = several and ratio_error > Limit.impossible_lead
+    impossible = far or not 0.25 < ratio_error < 4.0
     return [(error if impossible else warning)(message, trial.name)]
 
 
-def check_bench(trials: Sequence[Trial], bench: Bench) -> list[DataFinding]:
+def check_bench(trials: Sequence[Trial], bench: Bench) -> Findings:
     """Compare trials with a scene: the ratio of the angles, the size of the torques.
 
     A cable that winds up moves the joint less than its pulleys would, so the trial that
     comes closest to the scene counts.
     """
     checks = [_check_overload, _check_known_range]
-    findings: list[DataFinding] = []
+    findings: Findings = []
     if bench.others:  # the ends do not turn by one ratio
         checks.append(_check_others_range)
     else:
@@ -137,9 +136,7 @@ def check_bench(trials: Sequence[Trial], bench: Bench) -> list[DataFinding]:
     return findings
 
 
-def _check_inverse(
-    trials: Sequence[tuple[Trial, Mechanics]], ratio: float
-) -> list[DataFinding]:
+def _check_inverse(trials: Sequence[tuple[Trial, Mechanics]], ratio: float) -> Findings:
     """Find trials in which the angles turn by the inverse ratio of a scene.
 
     A joint that turns further than its pulleys is impossible. One that turns less may
@@ -166,7 +163,7 @@ def _check_inverse(
     return [error(message, trial.name if len(wrong) == 1 else "")]
 
 
-def check_load_cells(dataset: Dataset, bench: Bench) -> list[DataFinding]:
+def check_load_cells(dataset: Dataset, bench: Bench) -> Findings:
     findings, rows = [], dataset.instruments.rows
     for trial in dataset.trials:
         channel, problem = trial.facts.load_cell, ""
@@ -188,7 +185,7 @@ def check_load_cells(dataset: Dataset, bench: Bench) -> list[DataFinding]:
     return findings
 
 
-def check_known_torques(dataset: Dataset) -> list[DataFinding]:
+def check_known_torques(dataset: Dataset) -> Findings:
     known = dataset.instruments
     able = {
         "known_motor_torque": known.motor in ("torque sensor", "motor current"),
@@ -436,7 +433,7 @@ def _robust_range(values: FloatArray) -> float:
     return float(high - low)
 
 
-def _check_second_clock(recording: Recording, file: DatasetFile) -> list[DataFinding]:
+def _check_second_clock(recording: Recording, file: DatasetFile) -> Findings:
     declared = {file.source(channel).clock for channel in recording.values}
     used = {*declared, *recording.labels.values()}
     return [

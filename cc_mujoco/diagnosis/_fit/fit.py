@@ -136,9 +136,8 @@ def _thin_record(record: Record) -> Record:
     every = max(1, round(0.04 / record.dt))
     moved = np.abs(np.diff(record.motor_angle)) + np.abs(np.diff(record.joint_angle))
     travel = np.concatenate([[0.0], np.cumsum(moved)])
-    counts = (travel > Limit.start_values_settling_share * travel[-1]) & (
-        record.split != "test"
-    )
+    moved = travel > Limit.start_values_settling_share * travel[-1]
+    counts = moved & (record.split != "test")
     return replace(
         record,
         dt=every * record.dt,
@@ -335,10 +334,8 @@ def refinement_change(
     seen = [k for k, mask in enumerate(masks) if mask.any()]
     here = problem.torques(x, seen)
     tried: list[tuple[float, SimulatedRig | None]] = []
-    for name, most in (
-        ("segments", Limit.max_cable_segments),
-        ("substeps", Limit.max_substeps),
-    ):
+    limits = {"segments": Limit.max_cable_segments, "substeps": Limit.max_substeps}
+    for name, most in limits.items():
         count = 2 * getattr(plant, name)
         finer = replace(plant, **{name: count})
         there = replace(problem, plant=finer).torques(x, seen)
@@ -429,9 +426,8 @@ def fit_baseline(
         )
         problem = problem.with_inflated_noise(x, counts)
         x = fitting.fit(problem, x, counts).x
-        problem = replace(
-            problem, weight=fitting.independence_weight(problem.errors(x), counts)
-        )
+        weight = fitting.independence_weight(problem.errors(x), counts)
+        problem = replace(problem, weight=weight)
         whole = fitting.fit(problem, x, counts)
         change, finer = refinement_change(problem, whole.x, [r.counts for r in records])
         if change <= Limit.max_numerical_error or finer is None:
@@ -743,7 +739,7 @@ def unit_or_sign_error(
     the plant with estimates in place of values that the data contradict; `values` are
     those that come with the estimates.
     """
-    contradictions: list[str] = []
+    wrong: list[str] = []
     units: set[str] = set()
     played = plant.simulate({})
     better = start.simulate(values) if start and values else played
@@ -778,20 +774,18 @@ def unit_or_sign_error(
             pushes = bool(np.mean(against) > Limit.push_share)
         name = words.channel_name(channel)
         if pushes or (times is not None and _is_near_one(-times)):
-            contradictions.append(f"the {name} is the negative of")
+            wrong.append(f"the {name} is the negative of")
         elif times is not None:
             factors = TORQUE.factors.items()
             other = [unit for unit, si in factors if _is_near_one(times * si)]
             if other and "Nm" not in other:
-                contradictions.append(
-                    f"the {name} is {words.format_number(times)} times"
-                )
+                wrong.append(f"the {name} is {words.format_number(times)} times")
                 units.update(other)
-    if not contradictions:
+    if not wrong:
         return ""
     guess = f"; readings in {list_words(sorted(units), 'or')} would be" if units else ""
     return words.capitalise(
-        f"{list_words(contradictions)} what the scene predicts before anything is "
+        f"{list_words(wrong)} what the scene predicts before anything is "
         f"tuned{guess}. Declare unit or sign of the columns in dataset.toml, or put "
         "pretension, friction and pulleys of the scene right."
     )

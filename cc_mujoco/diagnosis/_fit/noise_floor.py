@@ -65,10 +65,8 @@ def noise_floor(
     from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
     random, other = np.random.default_rng(seed), np.random.default_rng((seed, 1))
-    noise = {
-        n: dataset.noise.get(n, _NO_NOISE)
-        for n in (channels.MOTOR_ANGLE, channels.JOINT_ANGLE)
-    }
+    names = channels.MOTOR_ANGLE, channels.JOINT_ANGLE
+    noise = {name: dataset.noise.get(name, _NO_NOISE) for name in names}
     clean = plant.simulate(values)
     true = [likely(record, filtering) for record in plant.records]
     exact = plant.limited(true).simulate(values)
@@ -183,12 +181,8 @@ def _residual_trial(
 
 def likely(record: Record, filtering: Filtering) -> Record:
     """Return the record along a likely motion behind its reading."""
-    angles = zip(
-        (record.motor_angle, record.joint_angle),
-        record.read,
-        filtering.still,
-        strict=True,
-    )
+    both = record.motor_angle, record.joint_angle
+    angles = zip(both, record.read, filtering.still, strict=True)
     band = filtering.motion_band
     motor, joint = (_likely(*angle, record.dt, band) for angle in angles)
     return replace(record, motor_angle=motor, joint_angle=joint)

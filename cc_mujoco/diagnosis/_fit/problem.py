@@ -38,11 +38,7 @@ from cc_mujoco.estimation._least_squares import (
 )
 from cc_mujoco.native import FloatArray
 
-_PARAMETER_STEPS = {
-    "clock_offset": 0.05,
-    "joint_angle_offset": 0.02,
-    "pretension": 0.03,
-}
+_STEPS = {"clock_offset": 0.05, "joint_angle_offset": 0.02, "pretension": 0.03}
 
 
 @dataclass
@@ -86,7 +82,7 @@ class TorqueDerivatives:
         steps = []  # changes for differences, within the parameters' bounds
         for tuned, place in zip(problem.tuned, x, strict=True):
             usual = FACTOR_STEP if tuned.factor else 0.05
-            step = _PARAMETER_STEPS.get(simulation.base_name(tuned.name), usual)
+            step = _STEPS.get(simulation.base_name(tuned.name), usual)
             steps.append(-step if place + step > tuned.high else step)
         inner = self._inner = self._inner or _need_replay(problem, x, steps)
         records = [problem.plant.records[k] for k in seen]
@@ -214,6 +210,7 @@ def _need_replay(problem: Problem, x: FloatArray, steps: Sequence[float]) -> lis
     return [here != settings(x + step * one[k]) for k, step in enumerate(steps)]
 
 
+Indices = Sequence[int]
 Masks = Sequence[NDArray[np.bool_]]
 """For every record the samples that take part."""
 
@@ -287,9 +284,8 @@ class Problem:
         usual = self.inflation * float(np.median(kept)) / Limit.normal_median
         factor = max(1.0, usual / Limit.huber_delta)
         change = factor / self.inflation
-        return replace(
-            self, floor=tuple(change * floor for floor in self.floor), inflation=factor
-        )
+        floor = tuple(change * floor for floor in self.floor)
+        return replace(self, floor=floor, inflation=factor)
 
     def with_updated_floor(self, x: FloatArray, masks: Masks) -> Problem:
         """Return the problem with floor and weight by the errors of this model.
@@ -375,10 +371,8 @@ class Problem:
 
     def placed(self, x: FloatArray, start: Mapping[str, float]) -> FloatArray:
         """Return the start of a fit that adds an effect's `start` to another."""
-        new = [
-            0.0 if p.factor else (start[p.name] - p.start) / p.scale
-            for p in self.tuned[x.size :]
-        ]
+        more = self.tuned[x.size :]
+        new = [0.0 if p.factor else (start[p.name] - p.start) / p.scale for p in more]
         return np.concatenate([x, new])
 
     def without(self, name: str) -> Problem:
@@ -404,9 +398,7 @@ class Problem:
             found[k] = huber_residual(error)
         return found
 
-    def plainly(
-        self, x: FloatArray, only: Sequence[int] | None = None
-    ) -> list[FloatArray]:
+    def plainly(self, x: FloatArray, only: Indices | None = None) -> list[FloatArray]:
         """Return measured minus simulated over the floor, (2, samples) per record."""
         chosen = range(len(self.floor)) if only is None else only
         return [
@@ -414,9 +406,7 @@ class Problem:
             for k, torque in zip(chosen, self.torques(x, chosen), strict=True)
         ]
 
-    def torques(
-        self, x: FloatArray, only: Sequence[int] | None = None
-    ) -> list[FloatArray]:
+    def torques(self, x: FloatArray, only: Indices | None = None) -> list[FloatArray]:
         """Return the simulated torques of each record (2, samples) [N m]."""
         played = self.plant.simulate(self.values(x), self.effects, only)
         if not self.defect:
@@ -553,7 +543,10 @@ class Fold(NamedTuple):
     test: tuple[NDArray[np.bool_], ...]
 
 
-def divided_samples(division: Sequence[Fold]) -> Masks:
+Folds = Sequence[Fold]
+
+
+def divided_samples(division: Folds) -> Masks:
     """Return the samples that a division holds, (samples,) of every record."""
     parts = [part for fold in division for part in fold]
     return tuple(np.any(own, axis=0) for own in zip(*parts, strict=True))
@@ -629,9 +622,7 @@ def trial_kinds(records: Sequence[Record]) -> dict[str, tuple[object, ...]]:
     return kinds
 
 
-def never_held_out(
-    division: Sequence[Fold], records: Sequence[Record]
-) -> tuple[str, ...]:
+def never_held_out(division: Folds, records: Sequence[Record]) -> tuple[str, ...]:
     """Return the trials that are in every training part, none if some are reserved."""
     if any(record.split == "test" for record in records):
         return ()
@@ -649,7 +640,7 @@ class CrossValidation(NamedTuple):
     # (2, samples) of every record, over the floor and by Huber as in fits: of the
     # fit that has not seen the sample, NaN where no fit was held out
     errors: tuple[FloatArray, ...]
-    division: Sequence[Fold] = ()  # folds that it was fitted on
+    division: Folds = ()  # folds that it was fitted on
 
     @property
     def x(self) -> FloatArray:
@@ -683,14 +674,13 @@ class CrossValidation(NamedTuple):
         ratio = self.problem.inflation / inflation
         if ratio == 1.0:
             return math.sqrt(self.held_out_mse / self.noise_mse)
-        mean = self.mean_square(
-            huber_residual(ratio * plain_error(error)) for error in self.errors
-        )
+        parts = (huber_residual(ratio * plain_error(error)) for error in self.errors)
+        mean = self.mean_square(parts)
         return math.sqrt(mean / self.noise_mse) / ratio
 
 
 def cross_validate(
-    problem: Problem, division: Sequence[Fold], starts: Arrays
+    problem: Problem, division: Folds, starts: Arrays
 ) -> CrossValidation:
     fits: list[Fit] = []
     errors = [np.full(r.measured.shape, np.nan) for r in problem.plant.records]

@@ -63,10 +63,8 @@ def trial_errors(
     found, records, (model, x) = [], problem.plant.records, final
     values, plant = model.values(x), model.plant
     for name, places in _record_indices(problem).items():
-        off, left = (
-            [records[k].measured - torques[k] for k in places]
-            for torques in (before, after)
-        )
+        sides = before, after
+        off, left = ([records[k].measured - side[k] for k in places] for side in sides)
         noise = [problem.noise[k] for k in places]
         rmse = [_rms(problem, places, errors) for errors in (off, left, noise)]
         misfits = _misfit(problem, places, off), _misfit(problem, places, left)
@@ -737,15 +735,14 @@ def compare_occasions(
     tuned = {parameter.name: parameter for parameter in problem.tuned}
     reported = ("friction", "pretension", "axial_stiffness", "friction_balance")
     changes = []
-    for since in reversed(names[:-1]):
+    *earlier, last = names
+    for since in reversed(earlier):
         for base in dict.fromkeys((*reported, *tuned)):
             name = simulation.change_name(base, since)
             if name in tuned and not simulation.is_change(base):
                 change, words = describe_change(tuned[name], estimated[name])
                 factor = tuned[name].factor
-                changes.append(
-                    OccasionChange(base, since, names[-1], change, factor, words)
-                )
+                changes.append(OccasionChange(base, since, last, change, factor, words))
     sizes = []
     for effect in problem.effects:
         indices = [
@@ -756,12 +753,12 @@ def compare_occasions(
         for each in constants_by_occasion(problem, x, indices):
             shared = each.parameter.value(float(x[problem.tuned.index(each.parameter)]))
             sizes.append(compare_size(effect, each, shared))
-    own = [e for e in changes if e.since == names[-2] and e.parameter in reported]
+    own = [e for e in changes if e.since == earlier[-1] and e.parameter in reported]
     own.sort(key=lambda each: each.change.holds(0.0))
     words = list_words(each.statement for each in own)
     if all(each.change.holds(0.0) for each in own):
         words = f"nothing that these data show; {words}"
-    statement = f"Since {names[-2]}: {words}."
+    statement = f"Since {earlier[-1]}: {words}."
     return Occasions(names, tuple(changes), tuple(sizes), statement)
 
 

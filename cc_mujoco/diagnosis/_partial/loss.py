@@ -272,9 +272,8 @@ def fit_loss(
     weights = np.zeros((_DRAWS, len(blocks)))
     for way in (1.0, -1.0):
         own = np.flatnonzero(signs == way)
-        weights[:, own] = random.multinomial(
-            own.size, np.full(own.size, 1.0 / own.size), _DRAWS
-        )
+        even = np.full(own.size, 1.0 / own.size)
+        weights[:, own] = random.multinomial(own.size, even, _DRAWS)
     derived, drawn = _derived(best, law), _derived(law.solve(weights), law, weights)
     wider = math.sqrt(few / (few - 1.0))
     values = {}
@@ -427,10 +426,8 @@ class _Profile(NamedTuple):
             loss = each.sign * (lossless - columns @ law)
             bins = np.searchsorted(edges, each.travel, side="right") - 1
             inside = (bins >= 0) & (bins < _TRAVEL_BINS)
-            sums += [
-                np.bincount(bins[inside], values[inside], _TRAVEL_BINS)
-                for values in (more, loss)
-            ]
+            both = more, loss
+            sums += [np.bincount(bins[inside], v[inside], _TRAVEL_BINS) for v in both]
         table = np.array(sums, dtype=np.float64).reshape(-1, _TRAVEL_BINS)
         return cls(edges, table[0::2], table[1::2])
 
@@ -469,10 +466,8 @@ def _breakaway(profile: _Profile, random: Generator) -> tuple[Estimate | None, f
     halves = [np.arange(count)[k::2] for k in range(2)]
 
     def largest(rows: Sequence[NDArray[np.int_]]) -> tuple[float, int]:
-        parts = [
-            profile._replace(excess=profile.excess[r], sliding=profile.sliding[r])
-            for r in rows
-        ]
+        excess, sliding = profile.excess, profile.sliding
+        parts = [profile._replace(excess=excess[r], sliding=sliding[r]) for r in rows]
         sums = np.zeros(2)
         for chosen, other in (parts, parts[::-1]):
             ratio = chosen.ratio()[0]

@@ -244,11 +244,8 @@ def motions(
             known |= {"standard": asked, "hard": True}
             found.append(play(words, ladder, against, **known))
     if instruments.joint != "torque sensor":  # which alone sees weights and springs
-        found = [
-            replace(each, standard=each.load_cell in cells)
-            for each in found
-            if each.pretension
-        ]
+        hooked = [each for each in found if each.pretension]
+        found = [replace(each, standard=each.load_cell in cells) for each in hooked]
     if len(bench.cables) == 1:  # which a free joint leaves slack
         for place, each in enumerate(found):
             torque = each.pretension * cable.pretension * bench.joint_radius
@@ -391,10 +388,8 @@ def best_trial(rivals: Rivals) -> Proposal | None:
     records, bench = problem.plant.records, problem.plant.bench
     noise = _row_medians(problem.noise)
     floor = _row_medians(rivals.before.problem.floor)  # of held-out errors
-    known = [
-        fitting.jacobian(other, x, [r.free for r in other.plant.records])
-        for other, x in fitted
-    ]
+    masks = [[record.free for record in other.plant.records] for other, _ in fitted]
+    known = [fitting.jacobian(*f, m) for f, m in zip(fitted, masks, strict=True)]
     weight = min(other.weight for other, _ in fitted)
     best: tuple[tuple[bool, bool, float], Proposal] | None = None
     trial = next_trial_name(records)

@@ -51,6 +51,10 @@ SATURATED_CLARITY = 10.0 * Limit.min_clarity
 """Clarity above which more is of no further use: noise is not the only error."""
 
 
+Owners = Sequence[tuple[str, float]]
+"""Effect and plausible size, which makes the change, of every amplitude."""
+
+
 class Resolved(NamedTuple):
     """Information that a set of trials gives about one effect."""
 
@@ -202,7 +206,7 @@ def _gram_matrices(
 
 
 def _choose_records(
-    grams: Arrays, owners: Sequence[tuple[str, float]], standard: Sequence[int]
+    grams: Arrays, owners: Owners, standard: Sequence[int]
 ) -> list[int]:
     """Return the standard records and those that improve the design, greedily."""
     chosen, best = list(standard), 0.0
@@ -223,9 +227,7 @@ def _choose_records(
     return chosen
 
 
-def _resolved_effects(
-    gram: FloatArray, owners: Sequence[tuple[str, float]]
-) -> list[Resolved]:
+def _resolved_effects(gram: FloatArray, owners: Owners) -> list[Resolved]:
     base = len(gram) - len(owners)
     known = gram[:base, :base]
     cross = gram[:base, base:]
@@ -372,11 +374,9 @@ def _require_possible(bench: Bench, reach: float) -> None:
     elif (bench.lever is not None or math.isfinite(bench.reach)) and reach > (
         most := _half_range(bench)
     ):
-        where = (
-            "beyond its stops"
-            if bench.lever is None
-            else "to where its lever is not known"
-        )
+        where = "beyond its stops"
+        if bench.lever is not None:
+            where = "to where its lever is not known"
         limit = (
             f", which takes joint {bench.joint!r} {where}; it must be at most "
             f"{most:.3g}, in radians of the motor."

@@ -233,9 +233,8 @@ def draw_excerpt(excerpt: Excerpt, both: bool) -> Figure:
     time = trace.time[part]
     heights = [1.6, 1.0] * len(trace.measured) + [1.1]
     drawing = figure(Limit.figure_width, 1.35 * sum(heights))
-    panels = drawing.subplots(
-        len(heights), squeeze=False, sharex=True, height_ratios=heights
-    )[:, 0]
+    how: Any = {"squeeze": False, "sharex": True, "height_ratios": heights}
+    panels = drawing.subplots(len(heights), **how)[:, 0]
     for row, (name, measured) in enumerate(trace.measured.items()):
         whole, rest = panels[2 * row : 2 * row + 2]
         whole.plot(*_broken(time, measured[part]), color=BLACK, label="measured")

@@ -489,9 +489,8 @@ def rollout_difference(result: DiagnosisResult, path: Path) -> tuple[str, float,
         driven=result.bench.joint,
         others=others,
     )
-    quiet = values | dict.fromkeys(
-        (*simulation.TORQUE_OFFSETS, *simulation.CLOCK_PARAMETERS), 0.0
-    )
+    zero = (*simulation.TORQUE_OFFSETS, *simulation.CLOCK_PARAMETERS)
+    quiet = values | dict.fromkeys(zero, 0.0)
     # The sensors of a scene show both torques, even if those of the rig do not.
     whole = replace(
         problem.plant,

@@ -310,10 +310,7 @@ def occasions(diagnosis: Diagnosis) -> Html | None:
     found = diagnosis.occasions
     if found is None:
         return None
-    rows = [
-        (f"{each.since} to {each.until}", capitalise(each.statement))
-        for each in found.changes
-    ]
+    rows = [(f"{e.since} to {e.until}", capitalise(e.statement)) for e in found.changes]
     parts = [paragraph(found.statement), table(("between", "change"), rows)]
     for each in found.sizes:
         verb = "agrees" if each.agree else "does not agree"

@@ -443,10 +443,8 @@ def _motor_parameters(
 def _angle_offset(bench: Bench, records: Sequence[Record]) -> float:
     """Estimate the joint angle at which the motor at zero is in balance [rad]."""
     ratio = bench.motor_radius / bench.joint_radius
-    gaps = [
-        np.median(ratio * r.motor_angle - bench.turned(r.joint_angle, r.path))
-        for r in records
-    ]
+    pairs = [(r.motor_angle, bench.turned(r.joint_angle, r.path)) for r in records]
+    gaps = [np.median(ratio * motor - turned) for motor, turned in pairs]
     return float(np.median(gaps))
 
 

@@ -71,9 +71,8 @@ def read_channels(model: MjModel, data: MjData) -> Measured:
         CableError: the scene has no instruments.
     """
     motor, joint = torque_weights(model) @ data.sensordata
-    proximal, distal = (
-        data.sensordata[model.sensor_adr[sensor]] for sensor in angle_sensors(model)
-    )
+    places = (model.sensor_adr[sensor] for sensor in angle_sensors(model))
+    proximal, distal = (data.sensordata[place] for place in places)
     return Measured(float(proximal), float(motor), float(distal), float(joint))
 
 
@@ -446,9 +445,8 @@ def stiffness(spec: MjSpec, bench: Bench, values: Values) -> None:
             "one cannot be added to; take it out of the scene"
         )
     elif moment != 0.0:  # a spring that is not linear stays where it rests
-        _add_periodic_torque(
-            spec, "joint_stiffness_moment", bench.joint, 0.0, 0.0, -sign * moment
-        )
+        name = "joint_stiffness_moment"
+        _add_periodic_torque(spec, name, bench.joint, 0.0, 0.0, -sign * moment)
     if bench.lever is not None:
         return
     angle, kind = "joint_stiffness_angle", mjtSensor.mjSENS_JOINTPOS

@@ -119,9 +119,8 @@ class _Place:
         shapes = [p for p in effect.parameters if not p.linear and p.name in start]
         if not shapes:
             return start
-        here, bare = (
-            plant.cables(values, effects)[0] for effects in (self.problem.effects, ())
-        )
+        both = self.problem.effects, ()
+        here, bare = (plant.cables(values, effects)[0] for effects in both)
         for shape in shapes:
             own = getattr(here, shape.name, None)
             if own is not None and own != getattr(bare, shape.name):

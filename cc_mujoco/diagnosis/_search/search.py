@@ -179,9 +179,8 @@ class _Additions:
                 first = first or tuple(signatures)
                 same = [k for k, step in enumerate(past) if step.before is now][:1]
                 refitted = {c.id: c for k in same for c in past[k].candidates}
-                candidates = self._candidates(
-                    now, signatures if hopeful else [], refitted, progress
-                )
+                hoped = signatures if hopeful else []
+                candidates = self._candidates(now, hoped, refitted, progress)
                 if names := resembling(candidates, (*left, *now.problem.effects), rare):
                     least = Limit.min_rival_share * signatures[0].explained
                     more = [
@@ -523,9 +522,8 @@ def _drop_doubtful(
     holding = Holdout(baseline_fit)
     while problem.effects:
         x = fitting.fit_until_settled(problem, start, counts).x
-        idle = intervals.doubtful_effects(
-            problem, x, *intervals.noise_covariance(problem, x, counts)
-        )
+        least = intervals.noise_covariance(problem, x, counts)
+        idle = intervals.doubtful_effects(problem, x, *least)
         if not idle:
             wide = intervals.fit_covariance(problem, x, counts)
             idle = intervals.doubtful_effects(problem, x, *wide)

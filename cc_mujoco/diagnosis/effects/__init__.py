@@ -110,11 +110,8 @@ def _require_new(effect: Effect) -> None:
             f"effect {effect.id!r} is in the library already; give the class another "
             "name, or an attribute `id`"
         )
-    owners = {
-        parameter.name: other.id
-        for other in EFFECTS.values()
-        for parameter in other.parameters
-    }
+    others = ((each, p.name) for each in EFFECTS.values() for p in each.parameters)
+    owners = {name: each.id for each, name in others}
     for parameter in effect.parameters:
         if parameter.name in owners:
             raise CableError(

@@ -18,11 +18,7 @@ from cc_mujoco.diagnosis.effects._effect import (
     sized,
 )
 
-_STRIBECK_FORMS = {
-    "exponential": (1.0, 0.0),
-    "Gaussian": (2.0, 0.0),
-    "Lorentzian": (2.0, 1.0),
-}
+_FORMS = {"exponential": (1.0, 0.0), "Gaussian": (2.0, 0.0), "Lorentzian": (2.0, 1.0)}
 """Exponent and tail of the forms of Stribeck friction."""
 _END_FRICTION_SHARE = 0.015
 """Friction of uneven bends and ends over the pretension."""
@@ -31,7 +27,7 @@ _END_FRICTION_SHARE = 0.015
 def _stribeck(given: Cables, values: Values, _: RigGeometry) -> Cables:
     # A contact has one slip that renews it: with ageing, that of the ageing law.
     form = round(values.get(form_key("stribeck_friction"), 0.0))
-    exponent, tail = tuple(_STRIBECK_FORMS.values())[form]
+    exponent, tail = tuple(_FORMS.values())[form]
     return tuple(
         cable.replace(
             stribeck_friction=values["stribeck_friction"],
@@ -119,7 +115,7 @@ FRICTION_EFFECTS = (
         confounded_with=("viscous_friction", "presliding", "dwell_dependent_stiction"),
         source="Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994",
         cables=_stribeck,
-        forms=tuple(_STRIBECK_FORMS),
+        forms=tuple(_FORMS),
     ),
     Effect(
         id="presliding",

@@ -190,9 +190,8 @@ class Signals:
 
         The end at the motor comes first; the antagonist has the opposite speeds.
         """
-        return np.array(
-            [self.motor_radius * self.motor_speed, self.joint_radius * self.joint_speed]
-        )
+        rims = self.motor_radius, self.joint_radius
+        return np.array([rims[0] * self.motor_speed, rims[1] * self.joint_speed])
 
 
 class RigGeometry(NamedTuple):

@@ -361,10 +361,8 @@ def _confounded_effect(
     if far and least < share < most:
         explains = f"about {format_size(first.name, share * size, first.unit)}"
     # Parameters of effects that are in the model have no remedy of their own.
-    remedy = REMEDIES.get(
-        simulation.base_name(parameter.name),
-        f"record {change.effect.required_excitation}",
-    )
+    record = f"record {change.effect.required_excitation}"
+    remedy = REMEDIES.get(simulation.base_name(parameter.name), record)
     return Confounded(change.effect.id, parameter.name, statement, explains, remedy)
 
 
@@ -378,10 +376,8 @@ def deviating_parameters(
     found = []
     for parameter, place in zip(problem.tuned, x.tolist(), strict=True):
         name, known, home = parameter.name, parameter.prior, 0.0  # place of the given
-        if simulation.is_change(name) or name in (
-            *simulation.TORQUE_OFFSETS,
-            *simulation.CLOCK_PARAMETERS,
-        ):
+        apart = (*simulation.TORQUE_OFFSETS, *simulation.CLOCK_PARAMETERS)
+        if simulation.is_change(name) or name in apart:
             continue  # reported as such
         if not math.isfinite(known) and name in ("friction", "axial_stiffness"):
             known = 0.4 / parameter.scale  # of the logarithm, where none is declared
@@ -402,11 +398,8 @@ def deviating_parameters(
                 deviation = off / parameter.scale / known
         if deviation < Limit.max_prior_sigmas or estimated[name].holds(given):
             continue
-        others = [
-            f"{effect_name(each.id)} ({each.explains})"
-            for each in hidden
-            if each.parameter == name and each.explains
-        ]
+        able = [each for each in hidden if each.parameter == name and each.explains]
+        others = [f"{effect_name(each.id)} ({each.explains})" for each in able]
         statement = (
             f"{plain_name(name)} had to be tuned to {_with_unit(tuned, parameter)}, "
             f"where {_with_unit(given, parameter)} is given: either it is so"
@@ -841,10 +834,8 @@ def _alternatives(
 def _worded(
     kind: Verdict, probability: float, others: Sequence[Alternative], left: float
 ) -> VerdictOdds:
-    shown = sorted(
-        (each for each in others if each.probability >= Limit.min_shown),
-        key=lambda each: -each.probability,
-    )[:3]
+    shown = [each for each in others if each.probability >= Limit.min_shown]
+    shown = sorted(shown, key=lambda each: -each.probability)[:3]
     words = {"nothing": "nothing is missing", "outside": "something else acts"}
     names = [words.get(each.id) or effect_name(each.id) for each in shown]
     rest = names

@@ -68,10 +68,8 @@ def load(
     files = data_folders.data_files(paths)
     folders = data_folders.occasion_folders(paths)
     if dataset_toml is None:
-        declared = [
-            data_folders.find_dataset_file(data_folders.data_files([each]))
-            for each in folders.values()
-        ]
+        files_of = [data_folders.data_files([folder]) for folder in folders.values()]
+        declared = [data_folders.find_dataset_file(own) for own in files_of]
         if sum(path is not None for path in declared) > 1:
             return _load_each(folders, bench, columns)
     findings: list[DataFinding] = []
@@ -183,10 +181,8 @@ def _load_each(
     parts, findings = {}, []
     for name, folder in folders.items():
         part, found = load(folder, None, bench, columns)
-        own = [
-            replace(t, facts=replace(t.facts, occasion=t.facts.occasion or name))
-            for t in part.trials
-        ]
+        facts = [(t, t.facts.occasion or name) for t in part.trials]
+        own = [replace(t, facts=replace(t.facts, occasion=day)) for t, day in facts]
         parts[name] = replace(part, trials=tuple(own))
         findings += found
     if errors(findings):

@@ -143,10 +143,8 @@ class _Prepared:
         usual = Limit.clip_sigmas * middle / Limit.normal_median
         if usual > 0.0:
             plain = np.clip(plain, -usual, usual)
-        smooth = np.concatenate(
-            [_smooth_functions(samples, angle) for angle in samples.angles.values()],
-            axis=1,
-        )
+        parts = [_smooth_functions(samples, angle) for angle in samples.angles.values()]
+        smooth = np.concatenate(parts, axis=1)
         # Collinear columns (both angles of a stiff cable) are dropped.
         left, sizes, _ = np.linalg.svd(smooth * root[:, None], full_matrices=False)
         self._basis = left[:, sizes > 1e-8 * sizes[0]]
@@ -286,10 +284,8 @@ def _background(taken: FloatArray) -> FloatArray:
 
 def _lower_medians(taken: FloatArray) -> FloatArray:
     """Return the median of lower orders without the nearest (orders,), NaN if few."""
-    own, width, least = (
-        count * Limit.order_oversampling
-        for count in (1, Limit.background_orders, Limit.min_background_orders)
-    )
+    counts = 1, Limit.background_orders, Limit.min_background_orders
+    own, width, least = (count * Limit.order_oversampling for count in counts)
     found = np.full(taken.size, np.nan)
     for k in range(own + least, min(own + width, taken.size)):
         found[k] = np.median(taken[: k - own])
@@ -364,10 +360,9 @@ def _map(
     random: Generator,
 ) -> Map | None:
     """Return the map along an axis with these values of the samples that count."""
-    before, after = (
-        [trace.error(channel, model)[trace.counts > 0.0] for trace in traces]
-        for model in MODELS
-    )
+    kept = [trace.counts > 0.0 for trace in traces]
+    pairs = list(zip(traces, kept, strict=True))
+    before, after = ([t.error(channel, m)[k] for t, k in pairs] for m in MODELS)
     whole = np.concatenate(values)
     if whole.size < 10 * BINS or np.ptp(whole) == 0.0:
         return None
@@ -511,11 +506,8 @@ def error_places(
         found += differences.described(worst)
     found.sort(key=lambda each: -each[1].share_of_error)
     # Maps that chance does not explain.
-    mapped = tuple(
-        Where(m.channel, m.axis, m.share, describe_map(m))
-        for m in drawn
-        if m.share > max(m.chance, 0.02)
-    )[:6]
+    real = [each for each in drawn if each.share > max(each.chance, 0.02)][:6]
+    mapped = tuple(Where(m.channel, m.axis, m.share, describe_map(m)) for m in real)
     share = off[worst] ** 2 / sum(size**2 for size in off.values())
     first = Where(worst, "channel", share, _main_sentence(off, worst, found, mapped))
     remaining = [
@@ -584,10 +576,8 @@ def _main_sentence(
         name: format_number(size, 1.0 if size < 100.0 else math.nan)
         for name, size in off.items()
     }
-    sizes, beside = (
-        list_words([f"{channel_name(name)} {over[name]}" for name in names])
-        for names in (off, others)
-    )
+    sized = {name: f"{channel_name(name)} {size}" for name, size in over.items()}
+    sizes, beside = (list_words([sized[n] for n in names]) for names in (off, others))
     floors = f"({sizes} times the noise floor)"
     beyond = {name: max(size**2 - 1.0, 0.0) for name, size in off.items()}
     mostly = all(beyond[worst] > Limit.dominant_ratio * beyond[name] for name in others)

@@ -72,11 +72,8 @@ def noise_of(dataset: Dataset, file: DatasetFile) -> dict[str, Noise]:
         if source.noise is not None:
             found[channel] = Noise(source.noise * factor, step, "declared")
             continue
-        spans = [
-            float(np.ptp(trial.channel(channel)[part]))
-            for trial in trials
-            for part in trial.segments
-        ]
+        parts = ((trial, part) for trial in trials for part in trial.segments)
+        spans = [float(np.ptp(trial.channel(channel)[part])) for trial, part in parts]
         least = max(step / math.sqrt(12.0), (1e-6) * max(spans, default=0.0))
         held = [
             scatter

@@ -102,10 +102,9 @@ def sliding_torque_ratio(
         if np.count_nonzero(rows) < 50:
             return 0.0, 0.0
         one, other = (torque[rows] - torque[rows].mean() for torque in (motor, joint))
-        if not all(
-            part.std() > Limit.min_spread_share * whole.std()
-            for part, whole in ((one, motor), (other, joint))
-        ):
+        pairs = (one, motor), (other, joint)
+        least = Limit.min_spread_share
+        if not all(part.std() > least * whole.std() for part, whole in pairs):
             return 0.0, 0.0
         slopes.append(float(one @ other) / float(other @ other))
         matches.append(_correlation(one, other))
@@ -193,10 +192,8 @@ def group_trials(trials: Sequence[Trial], known: Sequence[Mechanics]) -> list[Gr
             _sign(m.follows, Limit.min_angle_correlation),
             _sign(m.torque_correlation, _MIN_TORQUE_CORRELATION),
         ].append((trial, m))
-    return [
-        Group([trial for trial, _ in members], _pool_mechanics(members))
-        for members in by_signs.values()
-    ]
+    pooled = ((members, _pool_mechanics(members)) for members in by_signs.values())
+    return [Group([trial for trial, _ in members], m) for members, m in pooled]
 
 
 def _sign(correlation: float, least: float) -> float:

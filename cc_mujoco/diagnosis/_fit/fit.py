@@ -97,20 +97,14 @@ def _estimate_start(dataset: Dataset, bench: Bench, records: Sequence[Record]) -
         if min(factors) >= Limit.pretension_off_factor:
             bench = _with_parameters(bench, {"pretension": float(np.median(declared))})
             scene = bench.cables[0]
-    thin = [
-        _thin_record(record)
-        for record in records
-        if not record.unhooked and record.load_cell is None
-    ]
+    whole = [r for r in records if not r.unhooked and r.load_cell is None]
+    thin = [_thin_record(record) for record in whole]
     if _count(thin) < Limit.start_values_min_samples:
         return Start(bench)
     known = bool(declared) or "pretension" in dataset.constants
     best = _Grid(dataset, bench, thin).best(known)
-    least = {
-        "friction": Limit.off_factor,
-        "axial_stiffness": Limit.off_factor,
-        "pretension": Limit.pretension_off_factor,
-    }
+    least = dict.fromkeys(("friction", "axial_stiffness"), Limit.off_factor)
+    least["pretension"] = Limit.pretension_off_factor
     given = {
         name: getattr(scene, name)
         for name, factor in least.items()
@@ -136,8 +130,8 @@ def _thin_record(record: Record) -> Record:
     every = max(1, round(0.04 / record.dt))
     moved = np.abs(np.diff(record.motor_angle)) + np.abs(np.diff(record.joint_angle))
     travel = np.concatenate([[0.0], np.cumsum(moved)])
-    moved = travel > Limit.start_values_settling_share * travel[-1]
-    counts = moved & (record.split != "test")
+    settled = travel > Limit.start_values_settling_share * travel[-1]
+    counts = settled & (record.split != "test")
     return replace(
         record,
         dt=every * record.dt,
@@ -262,9 +256,8 @@ class _Grid:
         costs = [self._cost(problem, self._place(problem, each)) for each in grid]
         known = self._scene.pretension > 0.0
         given = {name: getattr(self._scene, name) for name in tried}
-        if known and min(costs) > Limit.max_cost_ratio * self._cost(
-            problem, self._place(problem, given)
-        ):
+        plain = self._cost(problem, self._place(problem, given))
+        if known and min(costs) > Limit.max_cost_ratio * plain:
             return {}, math.inf
         order = np.argsort(costs)[:3]
         best, cost = self._refined(problem, [grid[k] for k in order])
@@ -413,10 +406,9 @@ def fit_baseline(
                 starts.append(np.zeros(len(free)))
                 starts[-1][k] = math.log(factor) / p.scale
     while True:
-        flat = tuple(
-            np.full(r.measured.shape, 0.02 * float(np.std(r.measured)) + 1e-9)
-            for r in records
-        )
+        spreads = [0.02 * float(np.std(record.measured)) + 1e-9 for record in records]
+        pairs = zip(records, spreads, strict=True)
+        flat = tuple(np.full(r.measured.shape, spread) for r, spread in pairs)
         problem = Problem(plant, free, (), flat, flat, 0.2, slopes=slopes)
         tried = [fitting.fit(problem, start, counts) for start in starts]
         x = min(tried, key=lambda found: found.cost).x
@@ -675,8 +667,8 @@ def check_effects(
 def _check(effect: Effect, plant: SimulatedRig, values: Mapping[str, float]) -> bool:
     """Check one effect; return whether a typical size changes a torque."""
     shows, plain = False, plant.simulate(values)
-    whole = np.concatenate([torque.ravel() for torque in plain])
-    least = Limit.rounding * float(np.linalg.norm(whole))
+    every = np.concatenate([torque.ravel() for torque in plain])
+    least = Limit.rounding * float(np.linalg.norm(every))
 
     def changes(given: Mapping[str, float]) -> list[FloatArray]:
         """Return the change of the torques of each record [N m]."""
@@ -792,18 +784,15 @@ def unit_or_sign_error(
 
 
 def _residual_square(measured: Arrays, simulated: Arrays) -> float:
-    return sum(
-        float(np.sum((one - other - np.mean(one - other)) ** 2))
-        for one, other in zip(measured, simulated, strict=True)
-    )
+    pairs = zip(measured, simulated, strict=True)
+    left = (one - other for one, other in pairs)
+    return sum(float(np.sum((each - np.mean(each)) ** 2)) for each in left)
 
 
 def _torque_factor(measured: Arrays, simulated: Arrays) -> float | None:
     """Return measured over simulated torque during sliding, None if dissimilar."""
-    one, other = (
-        np.concatenate([torque - torque.mean() for torque in torques])
-        for torques in (measured, simulated)
-    )
+    pair = measured, simulated
+    one, other = (np.concatenate([t - t.mean() for t in torques]) for torques in pair)
     own, its, both = float(one @ one), float(other @ other), float(one @ other)
     scale = math.sqrt(own * its)
     if not scale > 0.0 or abs(both) < Limit.prerequisites_min_correlation * scale:

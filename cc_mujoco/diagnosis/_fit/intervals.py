@@ -369,10 +369,8 @@ def disagreement(
     freedom = np.full(slopes.shape[1], np.inf)
     for k in range(factor.size):
         row = [each[k] for each in without]
-        shares, moved = (
-            np.array([a @ b for a, b in zip(row, other, strict=True)])
-            for other in (square, pull)
-        )
+        pairs = (zip(row, other, strict=True) for other in (square, pull))
+        shares, moved = (np.array([a @ b for a, b in each]) for each in pairs)
         joint = -shares @ whole @ shares.T
         joint[np.diag_indices_from(joint)] += np.sum(shares * np.array(row), axis=1)
         size = np.diag(joint)

@@ -105,11 +105,8 @@ def noise_floor(
         size = max(3, round(0.04 / record.dt))
         mean = uniform_filter1d(total, size, axis=1)
         tolerance.append(np.sqrt(maximum_filter1d(mean, size, axis=1) + base))
-    return NoiseFloor(
-        tuple(np.sqrt(each + short[:, None]) for each in alone),
-        tuple(tolerance),
-        np.sqrt(short)[:, None],
-    )
+    unexplained = tuple(np.sqrt(each + short[:, None]) for each in alone)
+    return NoiseFloor(unexplained, tuple(tolerance), np.sqrt(short)[:, None])
 
 
 def _cell_noise(
@@ -143,11 +140,9 @@ def _unexplained(plant: SimulatedRig, clean: Arrays, noise: Arrays) -> FloatArra
             trials.setdefault(record.trial, []).append((record, left))
         every = [_residual_trial(parts, names) for parts in trials.values()]
         found.append(scatter_of(every, names))
-    there = [
-        each[:, record.counts]
-        for each, record in zip(noise, plant.records, strict=True)
-        if record.trial in found[0].trials
-    ]
+    pairs = zip(plant.records, noise, strict=True)
+    repeated = [pair for pair in pairs if pair[0].trial in found[0].trials]
+    there = [each[:, record.counts] for record, each in repeated]
     if not sum(each.shape[1] for each in there):  # none of them moves enough
         return np.zeros(len(names))
     deviation = np.minimum(found[0].deviation, found[1].deviation)

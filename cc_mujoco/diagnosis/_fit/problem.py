@@ -188,10 +188,8 @@ def residual_changes(
     steep: Sequence[tuple[FloatArray, NDArray[np.bool_]]], changes: Arrays
 ) -> FloatArray:
     """Return first-order changes (k, residuals) by changes of torques [N m]."""
-    parts = [
-        (change[:, :, mask] * each).reshape(len(change), -1)
-        for (each, mask), change in zip(steep, changes, strict=True)
-    ]
+    pairs = zip(changes, steep, strict=True)
+    parts = [(c[:, :, mask] * each).reshape(len(c), -1) for c, (each, mask) in pairs]
     return np.concatenate(parts, axis=1)
 
 
@@ -201,10 +199,8 @@ def _need_replay(problem: Problem, x: FloatArray, steps: Sequence[float]) -> lis
 
     def settings(place: FloatArray) -> list[Setting]:
         values = problem.values(place)
-        return [
-            plant.setting(simulation.values_on(values, day), effects, None, own)
-            for own, day in seen
-        ]
+        on_days = [(own, simulation.values_on(values, day)) for own, day in seen]
+        return [plant.setting(there, effects, None, own) for own, there in on_days]
 
     here, one = settings(x), np.eye(x.size)
     return [here != settings(x + step * one[k]) for k, step in enumerate(steps)]
@@ -344,10 +340,8 @@ class Problem:
 
     def values(self, x: FloatArray) -> dict[str, float]:
         """Return the parameters at a place of the fit, even just beyond a bound."""
-        fitted = {
-            p.name: p.value(min(max(float(place), p.low), p.high))
-            for p, place in zip(self.tuned, x, strict=True)
-        }
+        pairs = [(p, float(place)) for p, place in zip(self.tuned, x, strict=True)]
+        fitted = {p.name: p.value(min(max(at, p.low), p.high)) for p, at in pairs}
         return {**self.forms, **fitted}
 
     def place(self, values: Mapping[str, float]) -> FloatArray:

@@ -192,11 +192,8 @@ def find_outlier_trial(
     left, words = _best_own_constant(problem, there, own, able)
     if left > Limit.max_remaining_ratio * max(suspect.rest, 1.0):
         return None
-    return suspect._replace(
-        tilt=tilt if turned else 0.0,
-        own=words,
-        extreme=_extreme_condition(problem, suspect.trials),
-    )
+    extreme = _extreme_condition(problem, suspect.trials)
+    return suspect._replace(tilt=tilt if turned else 0.0, own=words, extreme=extreme)
 
 
 def _extreme_condition(problem: Problem, names: Sequence[str]) -> str:
@@ -207,11 +204,8 @@ def _extreme_condition(problem: Problem, names: Sequence[str]) -> str:
         "load": [max(map(abs, record.known_torques)) for record in records],
     }
     for condition, sizes in conditions.items():
-        pairs = [
-            (size, record.trial in names)
-            for size, record in zip(sizes, records, strict=True)
-            if size
-        ]
+        every = zip(sizes, (record.trial in names for record in records), strict=True)
+        pairs = [(size, there) for size, there in every if size]
         own, others = (
             [s for s, there in pairs if there == side] for side in (True, False)
         )

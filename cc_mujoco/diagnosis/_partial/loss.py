@@ -196,11 +196,8 @@ class _Law(NamedTuple):
     @property
     def constant_load(self) -> bool:
         """True if the data do not distinguish one of their slopes from a loss."""
-        present = [
-            column
-            for column in (DRIVING, DRIVEN)
-            if any(np.any(b.columns[:, column]) for b in self.blocks)
-        ]
+        used = {k: any(np.any(b.columns[:, k]) for b in self.blocks) for k in range(2)}
+        present = [column for column in (DRIVING, DRIVEN) if used[column]]
         return not np.isin(present, self.active).all()
 
 
@@ -286,11 +283,8 @@ def fit_loss(
     expected = _Law.of(by_scene, 0.0)
     stated = _derived(expected.best(), expected)
     breakaway_at = math.nan
-    slides = [
-        values[name].ci95[0] > 0.0
-        for name in ("load_independent_loss", "friction_exponent")
-        if name in values
-    ]
+    losses = ("load_independent_loss", "friction_exponent")
+    slides = [values[name].ci95[0] > 0.0 for name in losses if name in values]
     if len(slides) == 2 and any(slides):
         profile = _Profile.of(strokes, best[0], usual)
         excess, breakaway_at = _breakaway(profile, random)
@@ -549,11 +543,8 @@ def diagnose_loss(dataset: Dataset, bench: Bench, seed: int = 0) -> Diagnosis:
             "diagnose each by itself"
         )
     special = "unhooked swapped load_cell known_joint_torque known_motor_torque".split()
-    used = [
-        trial
-        for trial in dataset.trials
-        if not any(getattr(trial.facts, fact) for fact in special)
-    ]
+    facts = [(t, [getattr(t.facts, fact) for fact in special]) for t in dataset.trials]
+    used = [trial for trial, own in facts if not any(own)]
     strokes = [s for k, t in enumerate(used) for s in _strokes(k, t, dataset, bench)]
     load, torque = _noise(used, dataset, bench)
     gains = dataset.constants.get("gain_uncertainty")

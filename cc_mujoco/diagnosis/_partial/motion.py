@@ -167,10 +167,8 @@ def diagnose_motion(dataset: Dataset, bench: Bench) -> Diagnosis:
     speed = rms([np.gradient(s.motor, s.step) for s in stretches])
     size = rms([s.motor - float(np.mean(s.motor)) for s in stretches])
     scales = (noise, 0.1, noise / max(speed, 1e-9), noise / max(size, 1e-9))
-    free = tuple(
-        Tuned(p, 0.0, scale, p.low / scale, p.high / scale)
-        for p, scale in zip(_PARAMETERS, scales, strict=True)
-    )
+    pairs = zip(_PARAMETERS, scales, strict=True)
+    free = tuple(Tuned(p, 0.0, size, p.low / size, p.high / size) for p, size in pairs)
 
     def residuals(x: FloatArray) -> list[FloatArray]:
         values = [p.value(place) for p, place in zip(free, x, strict=True)]
@@ -271,9 +269,8 @@ def _start(stretches: Sequence[_Stretch]) -> tuple[float, float, float, float]:
         rows.append(columns - columns.mean(axis=1, keepdims=True))
         gap = (own.joint - own.motor)[moves]
         wanted.append(gap - gap.mean())
-    zone, lag, change = np.linalg.lstsq(
-        np.concatenate(rows, axis=1).T, np.concatenate(wanted), rcond=1e-9
-    )[0].tolist()
+    table, gaps = np.concatenate(rows, axis=1).T, np.concatenate(wanted)
+    zone, lag, change = np.linalg.lstsq(table, gaps, rcond=1e-9)[0].tolist()
     return max(zone, 0.0), 0.0, min(max(lag, -Limit.max_lag), Limit.max_lag), change
 
 

@@ -495,11 +495,9 @@ def recorded(
             continue
         tension = usual if record.pretension is None else record.pretension
         own = float(np.ptp(bench.carried(record.motor_angle) - record.joint_angle))
-        matching = [
-            motion.description
-            for motion in every
-            if _matches_motion(motion, bench, record, tension / usual)
-        ]
+        ratio = tension / usual
+        able = [each for each in every if _matches_motion(each, bench, record, ratio)]
+        matching = [each.description for each in able]
         if matching:
             found.add(min(matching, key=lambda each: abs(lags[each] - own)))
     return found
@@ -586,10 +584,9 @@ def form_error(shown: Arrays, without: Arrays, noise: FloatArray) -> FloatArray:
     `shown` are torques of a trial (rows, samples) by each model [N m], `without` those
     without the effect; `noise` is (rows, 1) of the torques [N m].
     """
-    sizes = [
-        np.mean(((torque - rest) / noise) ** 2, axis=1, keepdims=True)
-        for torque, rest in zip(shown, without, strict=True)
-    ]
+    pairs = zip(shown, without, strict=True)
+    parts = [(torque - rest) / noise for torque, rest in pairs]
+    sizes = [np.mean(part**2, axis=1, keepdims=True) for part in parts]
     return np.asarray(np.sqrt(Limit.form_error_share * np.min(sizes, axis=0)))
 
 

@@ -444,10 +444,8 @@ def page(
     resolved = []
     for each in found.resolved:
         first = found.sizes[each.id]
-        least, usual = (
-            format_size(first.name, size, first.unit)
-            for size in (each.least, each.plausible)
-        )
+        both = each.least, each.plausible
+        least, usual = (format_size(first.name, size, first.unit) for size in both)
         separation = f"{each.separation:.0f} sd"
         if not each.separation >= Limit.min_clarity:
             separation += " (tied)"

@@ -250,10 +250,8 @@ def draw_excerpt(excerpt: Excerpt, both: bool) -> Figure:
         rest.set(ylabel=f"error [{words.TORQUE_UNIT}]")
         rest.axhline(0.0, color=GREY, linewidth=0.8)
     panels[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3)
-    for label, angle, color in (
-        ("motor", trace.motor_angle, GREEN),
-        ("joint", trace.joint_angle, PINK),
-    ):
+    angles = ("motor", trace.motor_angle, GREEN), ("joint", trace.joint_angle, PINK)
+    for label, angle, color in angles:
         panels[-1].plot(*_broken(time, angle[part]), color=color, label=label)
     panels[-1].set(title="Motion", ylabel="angle [rad]", xlabel="time [s]")
     panels[-1].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
@@ -273,10 +271,8 @@ def _draw_map(axes: Axes, each: Map, both: bool) -> None:
     if _has_equal_ratios(each.centre):
         axes.set_xscale("log")
     axis = words.plain_name(each.axis).replace("$", r"\$")
-    channel, share = (
-        words.capitalise(words.channel_name(each.channel)),
-        words.format_share(each.share),
-    )
+    channel = words.capitalise(words.channel_name(each.channel))
+    share = words.format_share(each.share)
     axes.set(
         title=f"{channel}: {share} of its error",
         xlabel=f"{axis} [{each.unit or '1'}]",

@@ -462,10 +462,8 @@ def effect_similarity(evidence: Evidence) -> Html | None:
 
 
 def untested_effects(diagnosis: Diagnosis) -> Html | None:
-    items = [
-        (each.id, f"hidden by tuning {plain_name(each.parameter)}; {each.remedy}.")
-        for each in diagnosis.confounded
-    ]
+    hidden = [(e.id, plain_name(e.parameter), e.remedy) for e in diagnosis.confounded]
+    items = [(name, f"hidden by tuning {other}; {how}.") for name, other, how in hidden]
     items += [(e.id, f"{e.reason.rstrip('.')}.") for e in diagnosis.not_testable]
     parts = [paragraph(diagnosis.instruments)] if diagnosis.instruments else []
     if items:

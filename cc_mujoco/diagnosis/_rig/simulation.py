@@ -105,11 +105,8 @@ def occasions_of(records: Sequence[Record]) -> tuple[str, ...]:
 
 
 def values_on(values: Mapping[str, float], occasion: str) -> Mapping[str, float]:
-    own = {
-        name: values[there]
-        for name in _CHANGING
-        if (there := change_name(name, occasion)) in values
-    }
+    there = {name: values.get(change_name(name, occasion)) for name in _CHANGING}
+    own = {name: change for name, change in there.items() if change is not None}
     if not own:
         return values
     found = dict(values)
@@ -468,12 +465,8 @@ class SimulatedRig:
 
     @cached_property
     def _absent(self) -> dict[str, float]:
-        return {
-            parameter.name: 0.0
-            for effect in EFFECTS.values()
-            for parameter in effect.parameters
-            if parameter.linear
-        }
+        every = (p for effect in EFFECTS.values() for p in effect.parameters)
+        return {parameter.name: 0.0 for parameter in every if parameter.linear}
 
     def simulate(
         self,
@@ -572,10 +565,9 @@ class SimulatedRig:
         return made
 
     def radii(self, values: Values) -> tuple[float, float]:
-        return (
-            values.get("motor_radius", self.bench.motor_radius),
-            values.get("joint_radius", self.bench.joint_radius),
-        )
+        bench = self.bench
+        motor = values.get("motor_radius", bench.motor_radius)
+        return motor, values.get("joint_radius", bench.joint_radius)
 
     def _shown(
         self, record: Record, setting: Setting, values: Values, effects: Sequence[str]
@@ -628,11 +620,8 @@ class SimulatedRig:
             speed = np.gradient(record.motor_angle, record.dt)
             wind_up = values.get("motor_wind_up", Limit.wind_up)
             share = dry_friction(record.motor_angle, wind_up)
-            motor = (
-                motor
-                + values.get("motor_friction", 0.0) * share
-                + values.get("motor_damping", 0.0) * speed
-            )
+            motor = motor + values.get("motor_friction", 0.0) * share
+            motor = motor + values.get("motor_damping", 0.0) * speed
             given = constants["torque_constant"].value
             motor = motor * (given / values.get("torque_constant", given))
         if known.joint == "load cells":

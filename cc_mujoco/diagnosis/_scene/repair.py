@@ -116,11 +116,8 @@ def repair_scene(
 def existing_effects(scene: str | os.PathLike[str]) -> tuple[str, ...]:
     """Return effects outside the cables that a scene has from an earlier diagnosis."""
     named = re.findall(r"^ {4}(\w+): ", read_spec(scene).comment, re.MULTILINE)
-    keyed = {
-        name
-        for name, effect in EFFECTS.items()
-        if name not in realisation.REALISATIONS and effect.edit_spec is None
-    }
+    able = realisation.REALISATIONS
+    keyed = {n for n, e in EFFECTS.items() if n not in able and e.edit_spec is None}
     return tuple(name for name in named if name not in keyed)
 
 

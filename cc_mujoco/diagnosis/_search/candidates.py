@@ -173,12 +173,8 @@ class _Screen(_Place):
         # Parameters without influence are left out, and those at a bound: they cannot
         # move further.
         margin = 1e-3
-        inside = np.array(
-            [
-                p.low + margin < place < p.high - margin
-                for p, place in zip(problem.tuned, x, strict=True)
-            ]
-        )
+        places = zip(problem.tuned, x, strict=True)
+        inside = np.array([p.low + margin < at < p.high - margin for p, at in places])
         free = inside & (size > 0.0)
         scaled = slopes[:, free] / size[free]
         # Orthonormal basis of the changes by tuning, and the rest of the error then
@@ -194,10 +190,8 @@ class _Screen(_Place):
             own = [np.tile(some[mask], rows) for some, mask in pairs]
             return np.concatenate([*own, of_priors])
 
-        self._halves = [
-            (residuals(fold.train, ~priors), residuals(fold.test, priors))
-            for fold in division
-        ]
+        folds = [(fold.train, fold.test) for fold in division]
+        self._halves = [(residuals(a, ~priors), residuals(b, priors)) for a, b in folds]
         self._parts = [[(scaled[r], error[r]) for r in half] for half in self._halves]
         self._before = self._left(scaled[:, :0])
 

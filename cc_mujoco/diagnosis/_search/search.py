@@ -408,12 +408,8 @@ def _split_rivals(rounds: Sequence[Round]) -> tuple[Round, ...]:
 
 
 def _is_redundant(name: str, candidates: Sequence[Candidate]) -> bool:
-    return any(
-        c.id in EFFECTS[name].generalises
-        and not c.reason
-        and c.crossed.misfit <= Limit.max_misfit
-        for c in candidates
-    )
+    able = [c for c in candidates if c.id in EFFECTS[name].generalises and not c.reason]
+    return any(c.crossed.misfit <= Limit.max_misfit for c in able)
 
 
 def _unrefitted_lookalikes(
@@ -463,9 +459,8 @@ def search_effects(fitted: BaselineFit, progress: Progress) -> Found:
     records, crossed = fitted.problem.plant.records, fitted.crossed
     several, by_trial = len(occasions_of(records)) > 1, ""
     if not several and crossed.misfit > Limit.max_explained_error:
-        by_trial = TrialDifferences.of(
-            fitted.problem, fitted.whole.x, fitted.temperatures
-        ).at_random(crossed.misfit)
+        constants = fitted.problem, fitted.whole.x, fitted.temperatures
+        by_trial = TrialDifferences.of(*constants).at_random(crossed.misfit)
     if by_trial:
         found = Search(crossed, crossed, (), (), {}, Changes(), (crossed,))
     else:

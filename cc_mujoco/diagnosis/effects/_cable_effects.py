@@ -46,10 +46,8 @@ def _asymmetric(given: Cables, values: Values, _: RigGeometry) -> Cables:
     # Liners wear one by one, so two cables may differ. The antagonist moves the
     # other way.
     each = (values["friction_asymmetry"], -values["asymmetry_antagonist"])
-    return tuple(
-        cable.replace(friction_asymmetry=asymmetry)
-        for cable, asymmetry in zip(given, each, strict=False)
-    )
+    pairs = zip(given, each, strict=False)
+    return tuple(cable.replace(friction_asymmetry=size) for cable, size in pairs)
 
 
 def _tension_dependent(given: Cables, values: Values, _: RigGeometry) -> Cables:
@@ -372,10 +370,9 @@ class ClampCreep:
 
 def _with_friction(cables: Cables, change: float) -> Cables:
     factor = min(max(1.0 + change, 0.0), 10.0)  # between trials of other conditions
-    return tuple(
-        cable.replace(friction=clamp_to_bounds("friction", factor * cable.friction))
-        for cable in cables
-    )
+    sizes = [clamp_to_bounds("friction", factor * cable.friction) for cable in cables]
+    pairs = zip(cables, sizes, strict=True)
+    return tuple(cable.replace(friction=size) for cable, size in pairs)
 
 
 class FrictionByOrder:

@@ -516,8 +516,7 @@ def _effect(made: Any, name: str, rare: bool) -> Effect:
     if forms:
         starts = tuple(
             {**start, form_key(name): float(k)}
-            for start in starts
-            for k in range(len(forms))
+            for start, k in itertools.product(starts, range(len(forms)))
         )
     signals, cables, joint_arm, motor_arm, editing = (
         getattr(made, method, None) for method in (*CHANGES, "edit_spec")

@@ -200,14 +200,9 @@ def run_inference(
         trials=located.trials,
         question=located.question,
     )
+    evidence, motion = located.evidence, proposal.motion
     return DiagnosisResult(
-        diagnosis,
-        bench,
-        located.evidence,
-        found.problem,
-        found.x,
-        fitted,
-        proposal.motion,
+        diagnosis, bench, evidence, found.problem, found.x, fitted, motion
     )
 
 

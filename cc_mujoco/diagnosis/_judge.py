@@ -285,12 +285,9 @@ def detectability(
     # Torques are compared up to a band: so many of the samples are independent.
     sizes = np.array([int(mask.sum()) for mask in masks])
     shares = np.array([min(1.0, 2.0 * r.band * r.dt) for r in records])
-    quiet = replace(
-        problem,
-        floor=tuple(floor / problem.inflation for floor in problem.floor),
-        inflation=1.0,
-        weight=float(np.sqrt(np.sum(shares * sizes) / np.sum(sizes))),
-    )
+    floor = tuple(floor / problem.inflation for floor in problem.floor)
+    weight = float(np.sqrt(np.sum(shares * sizes) / np.sum(sizes)))
+    quiet = replace(problem, floor=floor, inflation=1.0, weight=weight)
     rows = len(records[0].measured)
     scale = quiet.weight * math.sqrt(rows * int(np.sum(sizes)))
     slopes = fitting.jacobian(quiet, x, masks, explained=True) / scale
@@ -696,12 +693,8 @@ def _no_effect_verdict(
 
 
 def closest_sentence(found: Search) -> str:
-    tried = [
-        (candidate, step.before)
-        for step in found.rounds
-        for candidate in step.candidates
-        if candidate.reason and candidate.crossed is not step.before
-    ]
+    tried = [(c, step.before) for step in found.rounds for c in step.candidates]
+    tried = [(c, before) for c, before in tried if c.reason and c.crossed is not before]
     if not tried:
         return "To first order no effect of the library takes enough of it."
     closest, before = max(tried, key=lambda each: each[0].reduction)
@@ -718,12 +711,9 @@ def closest_sentence(found: Search) -> str:
 
 
 def _describe_implausible(found: Search) -> str:
-    statements = [
-        f"{effect_name(candidate.id)} {candidate.reason}"
-        for step in found.rounds[-1:]
-        for candidate in step.candidates
-        if candidate.reason.startswith(IMPLAUSIBLE_PREFIX)
-    ]
+    last = [c for step in found.rounds[-1:] for c in step.candidates]
+    able = [c for c in last if c.reason.startswith(IMPLAUSIBLE_PREFIX)]
+    statements = [f"{effect_name(c.id)} {c.reason}" for c in able]
     return f"; {list_words(statements)}" if statements else ""
 
 
@@ -788,11 +778,9 @@ def belief_in_verdict(
             names = [*missing]
             meaning = "something acted that the library does not have"
         share, rest = format_share(reliable), 1.0 - reliable
-        return VerdictOdds(
-            reliable,
-            f"On study rigs {share} of such verdicts were right: {meaning}.",
-            tuple(Alternative(name, rest / len(names)) for name in names),
-        )
+        instead = tuple(Alternative(name, rest / len(names)) for name in names)
+        text = f"On study rigs {share} of such verdicts were right: {meaning}."
+        return VerdictOdds(reliable, text, instead)
     if left > Limit.max_explained_error:
         reliable = (Limit.far_off_right + 1) / (Limit.far_off_names + 2)
     groups = {group[0]: set(group) for group in ties}

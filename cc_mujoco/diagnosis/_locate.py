@@ -121,14 +121,10 @@ def strongest_line(samples: Samples) -> PeriodicError | None:
     difference = other.left - best.left
     scatter = np.std(difference) * math.sqrt(difference.size)
     sure = difference.sum() > Limit.decision_sigmas * scatter
+    torque = best.by_torque if sure else None
     return PeriodicError(
-        best.angle,
-        best.order,
-        *fit.details(best),
-        best.by_torque if sure else None,
-        best.share,
-        best.statistic,
-        threshold,
+        *(best.angle, best.order, *fit.details(best), torque),
+        *(best.share, best.statistic, threshold),
     )
 
 
@@ -260,14 +256,9 @@ def _smooth_functions(samples: Samples, angle: FloatArray) -> FloatArray:
     size = float(np.max(np.abs(samples.torque))) or 1.0
     torque = samples.torque / size
     one = np.ones(u.size)
-    return np.stack(
-        [
-            *(one, u, u**2, u**3),
-            *(way, way * u, way * u**2),
-            *(speed, np.abs(speed), torque, np.abs(torque), torque * u),
-        ],
-        axis=1,
-    )
+    plain, turned = (one, u, u**2, u**3), (way, way * u, way * u**2)
+    sized = speed, np.abs(speed), torque, np.abs(torque), torque * u
+    return np.stack([*plain, *turned, *sized], axis=1)
 
 
 def _background(taken: FloatArray) -> FloatArray:
@@ -464,19 +455,14 @@ def locate_error(found: Found, judged: Diagnosis) -> Located:
     before, after = found.held.before, found.held.after
     signs = found.search.signatures
     table = np.array([[signature_cosine(a, b) for b in signs] for a in signs])
-    isolability = Isolability(
-        tuple(sign.id for sign in signs),
-        table.reshape(len(signs), len(signs)),
-        np.array([sign.visible for sign in signs]),
-    )
+    ids, visible = tuple(sign.id for sign in signs), [sign.visible for sign in signs]
+    table = table.reshape(len(signs), len(signs))
+    isolability = Isolability(ids, table, np.array(visible))
     shown = traces(found.problem, before, after)
     drawn = error_maps(shown, fitted.settings.seed)
-    return Located(
-        Evidence(shown, drawn, isolability),
-        error_places(found, drawn, differences),
-        trials.trial_errors(fitted.problem, before, after, model),
-        question,
-    )
+    places = error_places(found, drawn, differences)
+    errors = trials.trial_errors(fitted.problem, before, after, model)
+    return Located(Evidence(shown, drawn, isolability), places, errors, question)
 
 
 def error_places(
@@ -496,11 +482,8 @@ def error_places(
     worst = ranked[0]
     large = [name for name in off if off[name] > Limit.min_searched_error]
     samples = {name: error_samples(problem, seen, name) for name in large}
-    found = [
-        _period_text(line, name)
-        for name in ranked
-        if name in samples and (line := strongest_line(samples[name])) is not None
-    ]
+    lines = ((n, strongest_line(samples[n])) for n in ranked if n in samples)
+    found = [_period_text(line, name) for name, line in lines if line is not None]
     found += _describe_constants(samples)
     if worst in samples:
         found += differences.described(worst)

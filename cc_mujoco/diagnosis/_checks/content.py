@@ -75,12 +75,9 @@ def noise_of(dataset: Dataset, file: DatasetFile) -> dict[str, Noise]:
         parts = ((trial, part) for trial in trials for part in trial.segments)
         spans = [float(np.ptp(trial.channel(channel)[part])) for trial, part in parts]
         least = max(step / math.sqrt(12.0), (1e-6) * max(spans, default=0.0))
-        held = [
-            scatter
-            for trial in trials
-            for part in still[trial.name]
-            for scatter in _line_scatter(trial.channel(channel)[part], trial.step)
-        ]
+        holds = ((trial, part) for trial in trials for part in still[trial.name])
+        values = [(trial.channel(channel)[part], trial.step) for trial, part in holds]
+        held = [scatter for each in values for scatter in _line_scatter(*each)]
         seen = float(np.median(held or [_roughness(t, channel) for t in trials]))
         how: Literal["holds", "differences"] = "holds" if held else "differences"
         found[channel] = Noise(max(least, seen), step, how)
@@ -214,11 +211,8 @@ def period_differences(trial: Trial) -> Iterator[Pair]:
         row = np.arange(part.stop - part.start)
         # The first period contains the transient of the start.
         now = row[math.ceil(2.0 * length) :]
-        pair = {
-            name: values[now] - np.interp(now - length, row, values)
-            for name in trial.channels
-            for values in [trial.channel(name)[part]]
-        }
+        whole = {name: trial.channel(name)[part] for name in trial.channels}
+        pair = {n: v[now] - np.interp(now - length, row, v) for n, v in whole.items()}
         # A growing swing correlates with itself, yet it is another motion.
         spread = np.std(trial.motor_angle[part])
         if np.std(pair[MOTOR_ANGLE]) < Limit.period_tolerance * spread:

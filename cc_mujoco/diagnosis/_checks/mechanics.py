@@ -161,11 +161,9 @@ def _work_per_travel(
     scale = np.maximum(np.abs(known).max(axis=0), 1e-300)
     slopes = np.linalg.lstsq(known / scale, works, rcond=None)[0] / scale[:, None]
     lost = (works - known[:, 1:] @ slopes[1:]) @ [1.0, -1.0]
-    rates = [
-        np.polyfit(travel[block], lost[block], 1)[0]
-        for block in np.array_split(np.arange(len(used)), 8)
-        if len(block) > 2 and np.ptp(travel[block]) > 0.02 * travel[-1]
-    ]
+    blocks = [b for b in np.array_split(np.arange(len(used)), 8) if len(b) > 2]
+    blocks = [b for b in blocks if np.ptp(travel[b]) > 0.02 * travel[-1]]
+    rates = [np.polyfit(travel[b], lost[b], 1)[0] for b in blocks]
     doubt = np.std(rates) / math.sqrt(len(rates)) if len(rates) > 2 else math.inf
     power = float(np.abs(powers[:, :2]).sum() * trial.step / travel[-1])
     return float(slopes[0, 0]), float(slopes[0, 1]), float(doubt), max(power, 1e-300)
@@ -216,21 +214,15 @@ def _pool_mechanics(members: list[tuple[Trial, Mechanics]]) -> Mechanics:
         step = members[0][0].step
         pooled = sliding_torque_ratio(motor, joint, np.concatenate(omega), step)
         torques = max(pooled, torques, key=lambda each: abs(each[1]))
-    found = first._replace(
-        ratio=float(np.median([m.ratio for _, m in members])),
-        torque_ratio=torques[0],
-        torque_correlation=torques[1],
-    )
+    ratio = float(np.median([m.ratio for _, m in members]))
+    found = Mechanics(ratio, first.follows, *torques, *first[4:])
     usable = [m for _, m in members if math.isfinite(m.doubt)]
     if not usable:
         return found
     motor, joint, doubt, scale = np.array([m[4:] for m in usable]).T
-    return found._replace(
-        motor_work=float(motor.mean()),
-        joint_work=float(joint.mean()),
-        doubt=float(np.sqrt((doubt**2).sum())) / len(usable),
-        scale=float(scale.mean()),
-    )
+    lost = float(np.sqrt((doubt**2).sum())) / len(usable)
+    works = float(motor.mean()), float(joint.mean()), lost, float(scale.mean())
+    return Mechanics(*found[:4], *works)
 
 
 def check_signs(group: Group) -> Findings:
@@ -389,11 +381,8 @@ def check_sizes(trials: Sequence[Trial], known: Sequence[Mechanics]) -> Findings
 
 
 def check_ratios(trials: Sequence[Trial], known: Sequence[Mechanics]) -> Findings:
-    certain = [
-        (trial, m.ratio)
-        for trial, m in zip(trials, known, strict=True)
-        if abs(m.follows) > Limit.min_angle_correlation
-    ]
+    pairs, least = zip(trials, known, strict=True), Limit.min_angle_correlation
+    certain = [(trial, m.ratio) for trial, m in pairs if abs(m.follows) > least]
     if len(certain) < 3:
         return []
     usual, odd = float(np.median([abs(ratio) for _, ratio in certain])), 8.0
@@ -615,13 +604,9 @@ def _swapped_angles(sure: Sequence[tuple[Trial, float]]) -> Findings:
 def _late_channel(
     trials: Sequence[Trial], bench: Bench, channel: str, reference: str = ""
 ) -> Findings:
-    known = [
-        (trial, fits)
-        for trial in trials
-        if channel in trial.channels
-        for fits in [_fits_by_lag(trial, bench, channel, reference)]
-        if fits is not None
-    ]
+    able = [trial for trial in trials if channel in trial.channels]
+    tried = [(trial, _fits_by_lag(trial, bench, channel, reference)) for trial in able]
+    known = [(trial, fits) for trial, fits in tried if fits is not None]
     if not known:
         return []
     found, own = [], []

@@ -105,11 +105,9 @@ def _estimate_start(dataset: Dataset, bench: Bench, records: Sequence[Record]) -
     best = _Grid(dataset, bench, thin).best(known)
     least = dict.fromkeys(("friction", "axial_stiffness"), Limit.off_factor)
     least["pretension"] = Limit.pretension_off_factor
-    given = {
-        name: getattr(scene, name)
-        for name, factor in least.items()
-        if name in best and _factor_between(best[name], getattr(scene, name)) > factor
-    }
+    stated = {name: getattr(scene, name) for name in least if name in best}
+    off = {name: _factor_between(best[name], stated[name]) for name in stated}
+    given = {name: stated[name] for name in stated if off[name] > least[name]}
     if not given:
         return Start(bench)
     near = _with_parameters(bench, {name: best[name] for name in given})
@@ -378,14 +376,9 @@ def plant_of(
 
     `given` has values of the scene that the bench no longer has, see `SimulatedRig`.
     """
-    return SimulatedRig(
-        bench,
-        records,
-        Limit.min_segments,
-        instruments=dataset.instruments,
-        constants=dataset.constants,
-        given=given or {},
-    )
+    known, constants = dataset.instruments, dataset.constants
+    least = Limit.min_segments
+    return SimulatedRig(bench, records, least, 1, known, constants, given or {})
 
 
 def fit_baseline(
@@ -483,13 +476,9 @@ def _gap_of_sums(squares: FloatArray, random: Generator) -> Gap:
     low = high = math.nan
     if np.mean(np.isfinite(shares)) > Limit.min_draw_share:
         low, high = np.nanquantile(shares, [0.025, 0.975]).tolist()
-    return Gap(
-        float(np.sqrt(old / weights)),
-        float(np.sqrt(new / weights)),
-        float(np.sqrt(floor / weights)),
-        _closed_share(old, new, floor),
-        (low, high),
-    )
+    sizes = (float(np.sqrt(each / weights)) for each in (old, new, floor))
+    before, after, least = sizes
+    return Gap(before, after, least, _closed_share(old, new, floor), (low, high))
 
 
 def _closed_share(old: float, new: float, floor: float) -> float:
@@ -735,13 +724,9 @@ def unit_or_sign_error(
     units: set[str] = set()
     played = plant.simulate({})
     better = start.simulate(values) if start and values else played
-    used = [
-        place
-        for place, record in enumerate(plant.records)
-        if np.count_nonzero(record.free) > 1
-        and not record.unhooked
-        and record.load_cell is None
-    ]
+    hooked = [not (r.unhooked or r.load_cell is not None) for r in plant.records]
+    counts = [np.count_nonzero(record.free) > 1 for record in plant.records]
+    used = np.flatnonzero(np.logical_and(hooked, counts)).tolist()
     known = plant.instruments
     for place, (row, channel) in enumerate(
         zip(known.rows, known.channels, strict=True)

@@ -351,10 +351,9 @@ class Problem:
     def with_effect(self, name: str, start: Mapping[str, float]) -> Problem:
         """Return the problem with one more effect, its shape and form from `start`."""
         key = form_key(name)
-        more = [
-            tuned_effect_parameter(p, start.get(p.name, p.typical), self.plant)
-            for p in self.plant.library.effects[name].parameters
-        ]
+        parameters = self.plant.library.effects[name].parameters
+        starts = [(p, start.get(p.name, p.typical)) for p in parameters]
+        more = [tuned_effect_parameter(p, at, self.plant) for p, at in starts]
         return replace(
             self,
             tuned=(*self.tuned, *more),
@@ -395,10 +394,9 @@ class Problem:
     def plainly(self, x: FloatArray, only: Indices | None = None) -> list[FloatArray]:
         """Return measured minus simulated over the floor, (2, samples) per record."""
         chosen = range(len(self.floor)) if only is None else only
-        return [
-            (self.plant.records[k].measured - torque) / self.floor[k]
-            for k, torque in zip(chosen, self.torques(x, chosen), strict=True)
-        ]
+        pairs = zip(chosen, self.torques(x, chosen), strict=True)
+        records, floor = self.plant.records, self.floor
+        return [(records[k].measured - torque) / floor[k] for k, torque in pairs]
 
     def torques(self, x: FloatArray, only: Indices | None = None) -> list[FloatArray]:
         """Return the simulated torques of each record (2, samples) [N m]."""
@@ -410,11 +408,8 @@ class Problem:
 
     def residual(self, x: FloatArray, masks: Masks) -> FloatArray:
         """Return the weighted errors within the masks, then those of the priors."""
-        known = [
-            -place / parameter.prior
-            for parameter, place in zip(self.tuned, x, strict=True)
-            if math.isfinite(parameter.prior)
-        ]
+        pairs = zip(self.tuned, x, strict=True)
+        known = [-place / p.prior for p, place in pairs if math.isfinite(p.prior)]
         kept = self.weight * kept_samples(self.errors(x, masks), masks)
         return np.concatenate([kept, known])
 
@@ -603,15 +598,9 @@ def trial_kinds(records: Sequence[Record]) -> dict[str, tuple[object, ...]]:
     kinds: dict[str, tuple[object, ...]] = {}
     for record, sides in zip(used, moved.tolist(), strict=True):
         tension = record.pretension
-        kind = (
-            *sides,
-            round(math.log(tension) / 0.2) if tension else tension,
-            round(record.tilt, 1),
-            record.known_torques,
-            record.swapped,
-            record.load_cell,
-            record.occasion,
-        )
+        steps = round(math.log(tension) / 0.2) if tension else tension
+        facts = record.known_torques, record.swapped, record.load_cell, record.occasion
+        kind = (*sides, steps, round(record.tilt, 1), *facts)
         kinds.setdefault(record.group, kind)
     return kinds
 
@@ -706,11 +695,8 @@ def block_sums(problem: Problem, masks: Masks, parts: Arrays) -> FloatArray:
     found = []
     for record, mask, part in zip(problem.plant.records, masks, parts, strict=True):
         size = max(2, round(BOOTSTRAP_BLOCK / record.dt))
-        found += [
-            part[:, first : first + size].sum(axis=1)
-            for first in range(0, mask.size, size)
-            if mask[first : first + size].any()
-        ]
+        starts = (k for k in range(0, mask.size, size) if mask[k : k + size].any())
+        found += [part[:, first : first + size].sum(axis=1) for first in starts]
     return np.array(found)
 
 

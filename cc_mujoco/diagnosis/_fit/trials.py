@@ -119,12 +119,9 @@ class Odd(NamedTuple):
 def exchanged_torques(problem: Problem, x: FloatArray) -> str:
     """Return which trials fit once their torque columns are exchanged, or ""."""
     records, every = problem.plant.records, _record_indices(problem)
-    places = {
-        name: own
-        for name, own in every.items()
-        for first in [records[own[0]]]
-        if len(first.measured) == 2 and not (first.unhooked or first.load_cell)
-    }
+    firsts = {name: (own, records[own[0]]) for name, own in every.items()}
+    able = {n: own for n, (own, r) in firsts.items() if not (r.unhooked or r.load_cell)}
+    places = {n: own for n, own in able.items() if len(records[own[0]].measured) == 2}
 
     def suspicious(at: FloatArray, least: float, share: float) -> tuple[str, ...]:
         found = []
@@ -219,10 +216,8 @@ def _extreme_condition(problem: Problem, names: Sequence[str]) -> str:
 def misfits(problem: Problem, x: FloatArray) -> dict[str, float]:
     """Return every trial's RMS error, by Huber, over that of noise alone."""
     errors = _errors(problem, x)
-    return {
-        name: _misfit(problem, own, [errors[k] for k in own])
-        for name, own in _record_indices(problem).items()
-    }
+    places = _record_indices(problem).items()
+    return {n: _misfit(problem, own, [errors[k] for k in own]) for n, own in places}
 
 
 def _leave_out(
@@ -380,11 +375,9 @@ def trial_constants(problem: Problem, x: FloatArray) -> tuple[TrialConstants, ..
     by_trial = _ByTrial(problem, x, unhooked=False)
     if len(by_trial.trials) < Limit.min_trend_trials:
         return ()
-    able = [
-        _OneByTrial(by_trial, index)
-        for index, parameter in enumerate(problem.tuned)
-        if parameter.name in VARIED_PARAMETERS and by_trial.affects_every_trial(index)
-    ]
+    varied = [k for k, p in enumerate(problem.tuned) if p.name in VARIED_PARAMETERS]
+    indices = filter(by_trial.affects_every_trial, varied)
+    able = [_OneByTrial(by_trial, index) for index in indices]
     able.sort(key=lambda one: -one.foreseen)
     found = [one.fitted() for one in able[:2]]
     return tuple(sorted(found, key=lambda each: -each.share))
@@ -470,10 +463,9 @@ class _ByTrial:
         self.rows = np.repeat(places, sizes)
         self.error = self.residual(self.torques)
         self.jacobian = self.derivatives(self.torques)
-        self.noise = problem.weight**2 * sum(
-            float(np.sum(noise[:, mask] ** 2))
-            for noise, mask in zip(problem.noise_over_floor, self.masks, strict=True)
-        )
+        pairs = zip(problem.noise_over_floor, self.masks, strict=True)
+        squares = (float(np.sum(noise[:, mask] ** 2)) for noise, mask in pairs)
+        self.noise = problem.weight**2 * sum(squares)
         self._beyond = float(self.error @ self.error) - self.noise
 
     def affects_every_trial(self, index: int) -> bool:
@@ -565,14 +557,10 @@ class _OneByTrial:
         proposed = np.abs(self._first[-count:]) * parameter.scale
         if not place.any() and np.any(proposed > Limit.missed_sigmas * value_error):
             value = np.full(count, np.nan)
+        moved = parameter.scale * (centre @ place[-count:])
+        share = model.share(error)
         return TrialConstants(
-            parameter,
-            model.trials,
-            parameter.scale * (centre @ place[-count:]),
-            change,
-            model.share(error),
-            value,
-            value_error,
+            parameter, model.trials, moved, change, share, value, value_error
         )
 
     def _design(self, slopes: FloatArray) -> FloatArray:

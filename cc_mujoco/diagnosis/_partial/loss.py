@@ -342,10 +342,8 @@ def _derived(
         each = np.array([b.ideal.mean() - b.torque.mean() for b in law.blocks])
         signs = np.array([b.sign for b in law.blocks])
         used = np.ones((1, signs.size)) if weights is None else weights
-        forth, back = (
-            used[:, signs == w] @ each[signs == w] / used[:, signs == w].sum(axis=1)
-            for w in (1.0, -1.0)
-        )
+        parts = [(used[:, signs == way], each[signs == way]) for way in (1.0, -1.0)]
+        forth, back = (own @ mean / own.sum(axis=1) for own, mean in parts)
         values["total_loss"] = 0.5 * (forth - back)
     for name, column in (("drag", DRAG), ("rotor_inertia", INERTIA)):
         if column in known:
@@ -612,10 +610,8 @@ def _noise(trials: list[Trial], dataset: Dataset, bench: Bench) -> tuple[float, 
     """Return the noise of the torque without loss and of the joint's [N m]."""
     rate = min((trial.rate for trial in trials), default=1.0)
     passed = math.sqrt(min(1.0, 2.0 * compared_band(rate) / rate))
-    motor, joint = (
-        dataset.noise[name].deviation if name in dataset.noise else 0.0
-        for name in (MOTOR_TORQUE, JOINT_TORQUE)
-    )
+    known = [dataset.noise.get(name) for name in (MOTOR_TORQUE, JOINT_TORQUE)]
+    motor, joint = (each.deviation if each else 0.0 for each in known)
     ratio = bench.joint_radius / bench.motor_radius
     return passed * ratio * motor, max(passed * joint, 1e-9)
 

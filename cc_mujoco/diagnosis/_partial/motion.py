@@ -200,12 +200,8 @@ def diagnose_motion(dataset: Dataset, bench: Bench) -> Diagnosis:
     )
     known = least_squares.covariance(jacobian(best.x), residuals(best.x))
     spread = np.sqrt(np.diag(known))
-    values = {
-        p.name: least_squares.estimate(p, place, deviation)
-        for p, place, deviation in zip(
-            free, best.x.tolist(), spread.tolist(), strict=True
-        )
-    }
+    places = zip(free, best.x.tolist(), spread.tolist(), strict=True)
+    values = {each[0].name: least_squares.estimate(*each) for each in places}
     samples = residual(best.x).size
     before, after = (np.sqrt(2.0 * f.cost / samples).item() for f in (rigid, best))
     zone, lag = values["dead_zone"], values["lag"]
@@ -238,10 +234,8 @@ def _noise(dataset: Dataset, bench: Bench) -> float:
     """Return the noise of the difference of both angles, as compared [rad]."""
     rate = float(min(trial.rate for trial in dataset.trials))
     passed = min(1.0, 2.0 * compared_band(rate) / rate)
-    joint, motor = (
-        dataset.noise[name].deviation if name in dataset.noise else 0.0
-        for name in (JOINT_ANGLE, MOTOR_ANGLE)
-    )
+    known = [dataset.noise.get(name) for name in (JOINT_ANGLE, MOTOR_ANGLE)]
+    joint, motor = (each.deviation if each else 0.0 for each in known)
     whole = float(np.hypot(joint, bench.motor_radius / bench.joint_radius * motor))
     return max(whole * math.sqrt(passed), 1e-9)
 
@@ -317,14 +311,9 @@ def _statement(
     if kind == "none":
         return f"{off}: these data show neither a dead zone nor a lag."
     stands, late = sure
-    found = [
-        f"{what} of {format_estimate(values[name], f' {values[name].unit}')}"
-        for what, name, there in (
-            ("a dead zone", "dead_zone", stands),
-            ("a lag", "lag", late),
-        )
-        if there
-    ]
+    seen = ("a dead zone", "dead_zone", stands), ("a lag", "lag", late)
+    sizes = [(what, values[name]) for what, name, there in seen if there]
+    found = [f"{what} of {format_estimate(e, f' {e.unit}')}" for what, e in sizes]
     left = f"{format_number(after)} times the noise is left."
     if not found:
         return f"{off}, and neither a dead zone nor a lag explains it; {left}"

@@ -484,10 +484,9 @@ def recorded(
     """
     known = [r.pretension for r in records if r.pretension]
     usual = float(np.median(known)) if known else 1.0
-    lags = {
-        motion.description: float(np.ptp(bench.carried(motion.motor) - motion.joint))
-        for motion in every
-    }
+    spans = [bench.carried(motion.motor) - motion.joint for motion in every]
+    words = [motion.description for motion in every]
+    lags = {w: float(np.ptp(span)) for w, span in zip(words, spans, strict=True)}
     found = set()
     for record in records:
         if record.notes in lags:
@@ -557,18 +556,14 @@ def _with_trial(
     problem = crossed.problem
     base = problem.plant.records[0]
     times = max(1, round(record.dt / base.dt))
-    floor, noise = (
-        np.repeat(_row_medians(each), times * record.time.size, axis=1)
-        for each in (problem.floor, problem.noise)
-    )
+    size = times * record.time.size
+    both = map(_row_medians, (problem.floor, problem.noise))
+    floor, noise = (np.repeat(each, size, axis=1) for each in both)
     more = replace(record, dt=base.dt, group=record.trial)
-    wider = replace(
-        problem,
-        plant=problem.plant.limited([*problem.plant.records, more]),
-        floor=(*problem.floor, floor),
-        noise=(*problem.noise, noise),
-        slopes=TorqueDerivatives(),
-    )
+    plant = problem.plant.limited([*problem.plant.records, more])
+    floors, noises = (*problem.floor, floor), (*problem.noise, noise)
+    wider = replace(problem, plant=plant, floor=floors, noise=noises)
+    wider = replace(wider, slopes=TorqueDerivatives())
     wide = fitting.huber_residual(np.repeat(error, times, axis=1))
     off = np.hypot(wide, noise / floor)
     return crossed._replace(problem=wider, errors=(*crossed.errors, off))
@@ -657,13 +652,8 @@ def refit_difference(
     from scipy.optimize import lsq_linear
 
     wide = (np.broadcast_to(noise, difference.shape),)
-    new = replace(
-        problem,
-        plant=problem.plant.limited([record]),
-        noise=wide,
-        floor=wide,
-        slopes=TorqueDerivatives(),
-    )
+    plant, unknown = problem.plant.limited([record]), TorqueDerivatives()
+    new = replace(problem, plant=plant, noise=wide, floor=wide, slopes=unknown)
     every = [np.ones(record.counts.size, dtype=bool)]
     slopes = fitting.jacobian(new, x, every)[: difference.size]
     wanted = np.concatenate([problem.weight * difference.ravel(), np.zeros(len(known))])

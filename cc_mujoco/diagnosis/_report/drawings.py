@@ -96,12 +96,9 @@ def _windows(evidence: Evidence) -> list[Excerpt]:
 def confounded_pairs(isolability: Isolability) -> list[tuple[str, str, float]]:
     """Return the pairs of ids with similar signatures, by falling cosine."""
     ids, cosines = isolability.ids, isolability.cosines
-    pairs = [
-        (ids[row], ids[column], float(cosines[row, column]))
-        for row in range(len(ids))
-        for column in range(row)
-        if cosines[row, column] > Limit.confused_cosine
-    ]
+    places = [(r, c) for r, c in np.ndindex(cosines.shape) if c < r]
+    able = [(r, c) for r, c in places if cosines[r, c] > Limit.confused_cosine]
+    pairs = [(ids[r], ids[c], float(cosines[r, c])) for r, c in able]
     return sorted(pairs, key=lambda pair: -pair[2])
 
 

@@ -219,10 +219,8 @@ def _page(diagnosis: Diagnosis, evidence: Evidence, figures: Path) -> str:
         "the baseline is retuned (1: the same, 0: nothing in common). Right: size of a "
         "plausible effect over the noise, grey where it is smaller.",
     )
-    likeness = html.illustrated(
-        sections.effect_similarity(evidence),
-        fold("All effects", html.scrolled(figure) if figure else None),
-    )
+    whole = fold("All effects", html.scrolled(figure) if figure else None)
+    likeness = html.illustrated(sections.effect_similarity(evidence), whole)
     known = diagnosis.provenance
     listed = sections.nested_table(known) if known else None
     inputs = fold("Inputs, versions and settings", listed)
@@ -256,13 +254,9 @@ def _page(diagnosis: Diagnosis, evidence: Evidence, figures: Path) -> str:
     omitted = f"Left out, as there was nothing to show: {html.list_words(absent)}."
     gap = drawn("gap", "Weighted RMS error on held-out data, beside the noise floor.")
     titles = {key: title for key, (title, _) in parts.items()}
-    return html.page(
-        words.headline(diagnosis),
-        diagnosis.verdict,
-        sections.header(diagnosis, gap),
-        page_sections(titles, there),
-        html.paragraph(omitted, kind="small") if absent else Html(),
-    )
+    head, body = sections.header(diagnosis, gap), page_sections(titles, there)
+    foot = html.paragraph(omitted, kind="small") if absent else Html()
+    return html.page(words.headline(diagnosis), diagnosis.verdict, head, body, foot)
 
 
 SCENE_FILE = "scene.xml"
@@ -492,12 +486,9 @@ def rollout_difference(result: DiagnosisResult, path: Path) -> tuple[str, float,
     zero = (*simulation.TORQUE_OFFSETS, *simulation.CLOCK_PARAMETERS)
     quiet = values | dict.fromkeys(zero, 0.0)
     # The sensors of a scene show both torques, even if those of the rig do not.
-    whole = replace(
-        problem.plant,
-        records=tuple(replace(each, load_cell=None) for each in records),
-        instruments=TORQUE_SENSORS,
-        bench=replace(problem.plant.bench, arm=()),
-    )
+    whole = replace(problem.plant, instruments=TORQUE_SENSORS)
+    whole = whole.limited([replace(each, load_cell=None) for each in records])
+    whole = replace(whole, bench=replace(whole.bench, arm=()))
     shows = [n for n in problem.effects if realisation.is_realisable(result.bench, n)]
     if lever is not None:  # MuJoCo shows of it what the cable does
         shows = [name for name in shows if name not in realisation.realisations()]

@@ -73,15 +73,10 @@ def low_pass(signals: FloatArray, band: float, rate: float) -> FloatArray:
     if band >= 0.45 * rate:
         return signals
     first, last = signals[..., :1], signals[..., -1:]
-    passed: FloatArray = np.concatenate(
-        [
-            2.0 * first - signals[..., _EDGE_SAMPLES:0:-1],
-            signals,
-            2.0 * last - signals[..., -2 : -_EDGE_SAMPLES - 2 : -1],
-        ],
-        axis=-1,
-        dtype=np.float64,
-    )
+    head = 2.0 * first - signals[..., _EDGE_SAMPLES:0:-1]
+    tail = 2.0 * last - signals[..., -2 : -_EDGE_SAMPLES - 2 : -1]
+    whole = [head, signals, tail]
+    passed: FloatArray = np.concatenate(whole, axis=-1, dtype=np.float64)
     rows = passed.reshape(-1, passed.shape[-1])
     _pass_both_ways(*_coefficients(band / rate), rows)
     return rows.reshape(passed.shape)[..., _EDGE_SAMPLES:-_EDGE_SAMPLES]
@@ -96,11 +91,9 @@ def _coefficients(band: float) -> tuple[float, float, float]:
     """
     k = math.tan(math.pi * band)
     whole = 1.0 + math.sqrt(2.0) * k + k * k
-    return (
-        k * k / whole,
-        2.0 * (k * k - 1.0) / whole,
-        (1.0 - math.sqrt(2.0) * k + k * k) / whole,
-    )
+    first = k * k / whole
+    last = (1.0 - math.sqrt(2.0) * k + k * k) / whole
+    return first, 2.0 * (k * k - 1.0) / whole, last
 
 
 @compiled
@@ -299,12 +292,9 @@ def _record(
     tilt = facts.tilt or 0.0
     thin = max(1, int(trial.rate / Limit.min_kept_rate + 1e-9))
     band, motion_band = bands
-    angles = np.array(
-        [
-            reconstruct_angle(trial.channel(name)[part], noise.get(name))
-            for name in (MOTOR_ANGLE, JOINT_ANGLE, *map(other_angle, bench.others))
-        ]
-    )
+    played = (MOTOR_ANGLE, JOINT_ANGLE, *map(other_angle, bench.others))
+    seen = ((trial.channel(name)[part], noise.get(name)) for name in played)
+    angles = np.array([reconstruct_angle(values, own) for values, own in seen])
     passed = low_pass(angles, motion_band, trial.rate)
     torques = np.array(
         [
@@ -505,12 +495,8 @@ def replay(record: Record, setting: Setting) -> Played:
     elif setting.motor_arm:
         torques = _wound(setting, dt, motor, turned)
     else:
-        pulleys = Transmission(
-            setting.cables,
-            setting.motor_radius,
-            setting.joint_radius,
-            backlash=setting.backlash,
-        )
+        radii = setting.motor_radius, setting.joint_radius
+        pulleys = Transmission(setting.cables, *radii, backlash=setting.backlash)
         pulley_angle = setting.turned(turned)
         torques = pulleys.replay(dt, motor_angle=motor, joint_angle=pulley_angle)
         if setting.lever is not None or setting.arm:
@@ -541,14 +527,9 @@ def _wound(setting: Setting, dt: float, motor: FloatArray, joint: FloatArray) ->
     arm = Polynomial((1.0, *setting.motor_arm))
     pulleys = Transmission(setting.cables, setting.motor_radius, setting.joint_radius)
     signs = (1.0, -1.0)[: len(setting.cables)]
-    parts = [
-        pulleys.replay(
-            dt,
-            motor_angle=sign * arm.integ()(sign * motor),
-            joint_angle=setting.turned(joint),
-        )
-        for sign in signs
-    ]
+    wound = [sign * arm.integ()(sign * motor) for sign in signs]
+    turned = setting.turned(joint)
+    parts = [pulleys.replay(dt, motor_angle=w, joint_angle=turned) for w in wound]
     proximal = np.array([p.tension_proximal[k] for k, p in enumerate(parts)])
     distal = np.array([p.tension_distal[k] for k, p in enumerate(parts)])
     levers = np.array([sign * arm(sign * motor) for sign in signs])

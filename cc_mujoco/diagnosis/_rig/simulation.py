@@ -73,13 +73,8 @@ A pretension that is declared for every trial changes by its own uncertainty onl
 """
 _CHANGING = (
     *_CHANGE_DEVIATIONS,
-    "motor_torque_offset",
-    "joint_torque_offset",
-    "joint_angle_offset",
-    "clock_offset",
-    "motor_torque_late",
-    "joint_torque_late",
-    "friction_balance",
+    *("motor_torque_offset", "joint_torque_offset", "joint_angle_offset"),
+    *("clock_offset", "motor_torque_late", "joint_torque_late", "friction_balance"),
 )
 """Parameters of the baseline that may change between occasions."""
 _LARGEST = {p.name: p.high for p in PARAMETERS if p.name in _CHANGE_DEVIATIONS}
@@ -125,10 +120,8 @@ def change_parameters(
     *earlier, last = occasions_of(records)
     found = []
     for occasion in earlier:
-        before, after = (
-            [record for record in records if record.occasion == name]
-            for name in (occasion, last)
-        )
+        pair = occasion, last
+        before, after = ([r for r in records if r.occasion == day] for day in pair)
         declared = all(record.pretension is not None for record in before + after)
         for tuned in baseline:
             if tuned.name not in _CHANGING:
@@ -245,10 +238,7 @@ def _with_parameters(
     names = {parameter.name for parameter in kept}
     if forms:
         names.add(key)
-    starts = tuple(
-        {name: value for name, value in start.items() if name in names}
-        for start in starts
-    )
+    starts = tuple({k: v for k, v in start.items() if k in names} for start in starts)
     return replace(effect, parameters=kept, starts=starts, forms=forms)
 
 
@@ -343,13 +333,10 @@ def baseline_parameters(
         given = constants.get(name, Constant(value)).uncertainty
         return given / value if given > 0.0 and value > 0.0 else otherwise
 
-    known = unsure(
-        "pretension",
-        cable.pretension,
-        Limit.guessed_pretension_deviation
-        if "pretension" in guessed
-        else Limit.pretension_deviation,
-    )
+    usual = Limit.pretension_deviation
+    if "pretension" in guessed:
+        usual = Limit.guessed_pretension_deviation
+    known = unsure("pretension", cable.pretension, usual)
     wide = math.log(100.0)
     stiffest = min(wide, math.log(MAX_FITTED_STIFFNESS / cable.axial_stiffness))
     whole = np.concatenate([record.measured for record in records], axis=1)

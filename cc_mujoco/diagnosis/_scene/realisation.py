@@ -116,20 +116,13 @@ def add_instruments(spec: MjSpec, bench: Bench) -> None:
                 f"scene {bench.path}: the sensor {name!r} must be a <jointpos> of "
                 f"joint {joint!r}; rename it"
             )
-    for channel, end, radius in (
-        (MOTOR_TORQUE, 0, bench.motor_radius),
-        (JOINT_TORQUE, 1, -bench.joint_radius),
-    ):
+    rims = (MOTOR_TORQUE, 0, bench.motor_radius), (JOINT_TORQUE, 1, -bench.joint_radius)
+    for channel, end, radius in rims:
         actuators = [_ends(spec, cable)[end] for cable in bench.names]
-        ends = [
-            (force_sensor(spec, actuator), sign * radius)
-            for actuator, sign in zip(actuators, (1.0, -1.0), strict=False)
-        ]
-        others = [
-            part
-            for part in torque_parts(spec, channel)
-            if not _shows_force_of(spec.sensor(part[0]), actuators)
-        ]
+        signed = zip(actuators, (radius, -radius), strict=False)
+        ends = [(force_sensor(spec, actuator), weight) for actuator, weight in signed]
+        parts = [(part, spec.sensor(part[0])) for part in torque_parts(spec, channel)]
+        others = [part for part, own in parts if not _shows_force_of(own, actuators)]
         set_torque_parts(spec, channel, [*ends, *others])
 
 

@@ -392,13 +392,8 @@ class _Forces(_Sensors):
         self._moment = np.zeros((MjData(model).moment_rownnz.size, model.nv))
 
     def measure(self, data: MjData) -> FloatArray:
-        mujoco.mju_sparse2dense(
-            self._moment,
-            data.actuator_moment,
-            data.moment_rownnz,
-            data.moment_rowadr,
-            data.moment_colind,
-        )
+        sparse = data.moment_rownnz, data.moment_rowadr, data.moment_colind
+        mujoco.mju_sparse2dense(self._moment, data.actuator_moment, *sparse)
         ends = self._moment[self._ends].T @ data.actuator_force[self._ends]
         others = (
             data.qfrc_spring + data.qfrc_damper + data.qfrc_gravcomp + data.qfrc_fluid
@@ -432,10 +427,9 @@ def _play(
     samples = angles.shape[1]
     count = (samples - 1 + more) * substeps + 1
     at = np.arange(count) / substeps  # the last sample is held
-    position, velocity, drive = (
-        np.column_stack([np.interp(at, np.arange(samples), row) for row in signal])
-        for signal in (angles, speed, force)
-    )
+    old, signals = np.arange(samples), (angles, speed, force)
+    filled = ([np.interp(at, old, row) for row in signal] for signal in signals)
+    position, velocity, drive = map(np.column_stack, filled)
     for signal in (velocity, drive):
         signal[(samples - 1) * substeps + 1 :] = 0.0
     data = _laid(model, view, angles[:, 0], start)
@@ -466,12 +460,10 @@ def _laid(model: MjModel, view: _Sensors, angles: FloatArray, start: float) -> M
     data = MjData(model)
     hinged = not isinstance(view, _Forces)
     held = ends[model.actuator_trntype[ends] == mujoco.mjtTrn.mjTRN_JOINT]
-    pulleys = [
-        target
-        for target in set(model.actuator_trnid[held, 0].tolist()) - {motor, joint}
-        if hinged
-        and driven_joint(model, model.joint(target).name) == model.joint(joint).name
-    ]
+    others = set(model.actuator_trnid[held, 0].tolist()) - {motor, joint}
+    own = model.joint(joint).name
+    driven = (t for t in others if driven_joint(model, model.joint(t).name) == own)
+    pulleys = list(driven) if hinged else []
 
     def lay() -> None:
         data.qpos[model.jnt_qposadr[list(view.joints)]] = angles

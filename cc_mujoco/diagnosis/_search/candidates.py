@@ -221,12 +221,10 @@ class _Screen(_Place):
             np.array([getattr(k, side) for k in known])[kept]
             for side in ("low", "high")
         )
-        solved[kept] = bounded_least_squares(
-            np.concatenate([signature[:, kept], priors]),
-            -np.concatenate([rest, np.zeros(len(known))]),
-            np.maximum(low, -20.0),
-            np.minimum(high, 20.0),
-        )
+        table = np.concatenate([signature[:, kept], priors])
+        wanted = -np.concatenate([rest, np.zeros(len(known))])
+        limits = np.maximum(low, -20.0), np.minimum(high, 20.0)
+        solved[kept] = bounded_least_squares(table, wanted, *limits)
         left = rest + signature @ solved
         beyond = max(float(error @ error), 1e-300)
         gained = (float(rest @ rest) - float(left @ left)) / beyond

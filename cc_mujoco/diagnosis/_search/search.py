@@ -183,12 +183,9 @@ class _Additions:
                 candidates = self._candidates(now, hoped, refitted, progress)
                 if names := resembling(candidates, (*left, *now.problem.effects), rare):
                     least = Limit.min_rival_share * signatures[0].explained
-                    more = [
-                        sign
-                        for sign in self.screened(now, names, changes)
-                        if max(sign.explained, sign.foreseen) >= least
-                        and not _is_redundant(sign.id, candidates)
-                    ]
+                    more = self.screened(now, names, changes)
+                    more = [s for s in more if max(s.explained, s.foreseen) >= least]
+                    more = [s for s in more if not _is_redundant(s.id, candidates)]
                     candidates += self._candidates(now, more, refitted, progress)
                     signatures = [*signatures, *more]
                 step = screening.decide(now, candidates, signatures)
@@ -233,11 +230,9 @@ class _Additions:
         if signatures:
             hopeful = Limit.min_predicted_share * Limit.min_reduction
             least = max(Limit.min_leader_share * signatures[0].explained, hopeful)
-            chosen = [
-                s
-                for s in signatures
-                if s.explained > 0.0 and max(s.explained, s.foreseen) >= least
-            ][: Limit.max_refitted]
+            chosen = [s for s in signatures if s.explained > 0.0]
+            chosen = [s for s in chosen if max(s.explained, s.foreseen) >= least]
+            chosen = chosen[: Limit.max_refitted]
         candidates: list[Candidate] = []
         while chosen:
             for place, signature in enumerate(chosen):
@@ -270,11 +265,8 @@ class _Additions:
         if best.reason:
             return best
         effect = now.problem.plant.library.effects[signature.id]
-        others = [
-            {**given, key: float(form)}
-            for form in range(len(effect.forms))
-            if form != given.get(key, 0.0)
-        ]
+        forms = [k for k in range(len(effect.forms)) if k != given.get(key, 0.0)]
+        others = [{**given, key: float(form)} for form in forms]
         if best.crossed.misfit > Limit.max_explained_error:
             sizes = [each.name for each in effect.parameters if each.linear]
             own = {tuple(start[name] for name in sizes) for start in effect.starts}
@@ -294,12 +286,8 @@ class _Additions:
             if known.effects != (*now.problem.effects, name):
                 continue
             if known.tuned[: len(now.problem.tuned)] == now.problem.tuned:
-                wider = replace(
-                    now.problem,
-                    tuned=known.tuned,
-                    effects=known.effects,
-                    forms=known.forms,
-                ).sharing([known])
+                wider = replace(now.problem, tuned=known.tuned, effects=known.effects)
+                wider = replace(wider, forms=known.forms).sharing([known])
                 return self._refit(now, wider, [model.x] * len(now.division))
         return None
 

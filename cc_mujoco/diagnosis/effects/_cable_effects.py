@@ -211,10 +211,8 @@ FRICTION_EFFECTS = (
 _LOOSE_END_SHARE = 0.03
 """Largest share of a cable that is straight at either end, where nothing holds it."""
 _FITTING_COMPLIANCES = (
-    "end_compliance",
-    "end_compliance_antagonist",
-    "proximal_compliance",
-    "proximal_compliance_antagonist",
+    *("end_compliance", "end_compliance_antagonist"),
+    *("proximal_compliance", "proximal_compliance_antagonist"),
 )
 """Compliances of the cables' fasteners, at the joint and at the motor."""
 
@@ -223,10 +221,8 @@ def _change_wrap(given: Cables, values: Values, rig: RigGeometry) -> Cables:
     # The distal end of the agonist moves by minus the joint's rim.
     growth = clamp_to_bounds("wrap_growth", values["wrap_per_angle"] / rig.joint_radius)
     signs = (-1.0, 1.0)
-    return tuple(
-        cable.replace(wrap_growth=sign * growth, wrap_reach=values["wrap_reach"])
-        for cable, sign in zip(given, signs, strict=False)
-    )
+    reach, pairs = values["wrap_reach"], zip(given, signs, strict=False)
+    return tuple(c.replace(wrap_growth=s * growth, wrap_reach=reach) for c, s in pairs)
 
 
 def _stiffening(given: Cables, values: Values, _: RigGeometry) -> Cables:
@@ -240,13 +236,9 @@ def _stiffening(given: Cables, values: Values, _: RigGeometry) -> Cables:
         soft = cable.axial_stiffness * strain * half / (usual + half) ** 2
         # A tenth of the compliance at rest, or more, is not bedding.
         stiff = cable.axial_stiffness / max(1.0 - soft, 0.1)
-        found.append(
-            cable.replace(
-                bedding_strain=strain,
-                bedding_tension=half,
-                axial_stiffness=clamp_to_bounds("axial_stiffness", stiff),
-            )
-        )
+        stiff = clamp_to_bounds("axial_stiffness", stiff)
+        bedding = {"bedding_strain": strain, "bedding_tension": half}
+        found.append(cable.replace(axial_stiffness=stiff, **bedding))
     return tuple(found)
 
 

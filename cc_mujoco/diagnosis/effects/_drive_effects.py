@@ -63,15 +63,10 @@ def _soft_play(given: Cables, values: Values, rig: RigGeometry) -> Cables:
     if play == 0.0 or round(values.get(form_key("backlash"), 0.0)) == 0:
         return given
     edge = 0.25 * play * rig.joint_radius
-    return tuple(
-        cable.replace(
-            end_compliance=clamp_to_bounds(
-                "end_compliance",
-                cable.end_compliance + edge / max(cable.pretension, 1e-9),
-            )
-        )
-        for cable in given
-    )
+    soft = [c.end_compliance + edge / max(c.pretension, 1e-9) for c in given]
+    ends = [clamp_to_bounds("end_compliance", each) for each in soft]
+    pairs = zip(given, ends, strict=True)
+    return tuple(cable.replace(end_compliance=each) for cable, each in pairs)
 
 
 def _rotate_phase(phase: float, angle: float) -> float:
@@ -419,10 +414,8 @@ class CoupledNeighbour:
     def signals(self, signals: Signals, values: Values) -> Signals:
         (column,) = self.columns
         other = signals.columns[column]
-        return signals.added(
-            motor=values["neighbour_at_motor"] * other,
-            joint=values["neighbour_at_joint"] * other,
-        )
+        motor, joint = values["neighbour_at_motor"], values["neighbour_at_joint"]
+        return signals.added(motor=motor * other, joint=joint * other)
 
 
 class LeverGeometry:
@@ -463,11 +456,9 @@ def _gain(s: Signals, v: Values) -> Signals:
 
 
 def _delay(s: Signals, v: Values) -> Signals:
-    return replace(
-        s,
-        motor=delay_signal(s.motor, v["motor_torque_delay"], s.dt),
-        joint=delay_signal(s.joint, v["joint_torque_delay"], s.dt),
-    )
+    motor = delay_signal(s.motor, v["motor_torque_delay"], s.dt)
+    joint = delay_signal(s.joint, v["joint_torque_delay"], s.dt)
+    return replace(s, motor=motor, joint=joint)
 
 
 SENSOR_EFFECTS = (

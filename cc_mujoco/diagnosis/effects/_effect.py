@@ -296,14 +296,9 @@ def of_cable(
     With a lower bound above 0, it is fitted as a logarithm; `called` is the name in the
     effect, if it differs.
     """
-    known = replace(
-        _OF_CABLES[name],
-        name=called or name,
-        low=low,
-        high=high,
-        low_open=False,
-        scale="log" if low > 0.0 else "linear",
-    )
+    scale: Any = "log" if low > 0.0 else "linear"
+    bounds: Any = {"low": low, "high": high, "low_open": False}
+    known = replace(_OF_CABLES[name], name=called or name, scale=scale, **bounds)
     return EffectParameter(known, typical, **more)
 
 
@@ -440,14 +435,9 @@ class Shape:
                 f"[{self.low:g}, {self.high:g}]"
             )
         positive = self.low > 0.0
-        known = Parameter(
-            self.name,
-            self.unit,
-            self.meaning or self.name,
-            self.low,
-            self.high,
-            scale="log" if positive else "linear",
-        )
+        scale: Any = "log" if positive else "linear"
+        described = self.name, self.unit, self.meaning or self.name
+        known = Parameter(*described, self.low, self.high, scale=scale)
         typical = values[0] if positive else 0.1 * (self.high - self.low)
         found = EffectParameter(known, typical, shape=not positive)
         if math.isfinite(self.within):
@@ -514,10 +504,8 @@ def _effect(made: Any, name: str, rare: bool) -> Effect:
     parameters, starts = _parameters(made)
     forms = tuple(getattr(made, "forms", ()))
     if forms:
-        starts = tuple(
-            {**start, form_key(name): float(k)}
-            for start, k in itertools.product(starts, range(len(forms)))
-        )
+        every = itertools.product(starts, range(len(forms)))
+        starts = tuple({**start, form_key(name): float(k)} for start, k in every)
     signals, cables, joint_arm, motor_arm, editing = (
         getattr(made, method, None) for method in (*CHANGES, "edit_spec")
     )

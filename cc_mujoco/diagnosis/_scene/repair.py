@@ -538,7 +538,9 @@ def _instrumented_model(
     """
     if isinstance(scene, MjSpec):
         return scene.copy().compile(), None
-    spec = _spec(scene)
+    if not os.path.isfile(scene):
+        raise CableError(f"scene {scene} is no file; give an MJCF file")
+    spec = read_spec(scene)
     try:
         if realisation.has_instruments(spec):
             return spec.compile(), None
@@ -550,18 +552,8 @@ def _instrumented_model(
     except CableError:
         raise
     except ValueError as error:
-        raise _unloadable(scene, error) from None
-
-
-def _spec(scene: str | os.PathLike[str]) -> MjSpec:
-    if not os.path.isfile(scene):
-        raise CableError(f"scene {scene} is no file; give an MJCF file")
-    return read_spec(scene)
-
-
-def _unloadable(scene: str | os.PathLike[str], error: ValueError) -> CableError:
-    reason = str(error).strip().splitlines()[0]
-    return CableError(f"scene {scene} does not load: {reason}")
+        reason = str(error).strip().splitlines()[0]
+        raise CableError(f"scene {scene} does not load: {reason}") from None
 
 
 def _motion(

@@ -83,14 +83,8 @@ def diagnose(
         given = _paths(data)
         output.require_ours(Path(out), bench.path, given)
         output.preload_drawing()
-        result, dataset = infer(
-            bench,
-            given,
-            dataset_toml=dataset_toml,
-            seed=seed,
-            effects=requested,
-            progress=progress,
-        )
+        known: Any = {"dataset_toml": dataset_toml, "seed": seed, "progress": progress}
+        result, dataset = infer(bench, given, effects=requested, **known)
         names = [name for name in effects if isinstance(name, str)]
         return output.write(result, dataset, Path(out), command, seed, names)
 

@@ -830,10 +830,8 @@ def _worded(
     if len(shown) != 1 or not math.isclose(
         shown[0].probability, 1.0 - probability, abs_tol=Limit.min_shown
     ):
-        rest = [
-            f"{name} (odds {format_odds(each.probability)})"
-            for name, each in zip(names, shown, strict=True)
-        ]
+        odds = [format_odds(each.probability) for each in shown]
+        rest = [f"{name} (odds {o})" for name, o in zip(names, odds, strict=True)]
     complete = not left > Limit.max_explained_error
     subject = "one of the tied effects acts"
     if kind == "named":

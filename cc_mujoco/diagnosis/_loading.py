@@ -73,11 +73,8 @@ def load(
         if sum(path is not None for path in declared) > 1:
             return _load_each(folders, bench, columns)
     findings: list[DataFinding] = []
-    toml = (
-        Path(dataset_toml)
-        if dataset_toml is not None
-        else data_folders.find_dataset_file(files)
-    )
+    given = None if dataset_toml is None else Path(dataset_toml)
+    toml = given or data_folders.find_dataset_file(files)
     file = DatasetFile() if toml is None else read_dataset_file(toml)
     if toml is not None and dataset_toml is None:
         findings.append(warning(f"The columns are read as {toml} declares them."))

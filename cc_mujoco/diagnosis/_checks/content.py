@@ -37,11 +37,9 @@ def find_holds(trial: Trial) -> list[slice]:
     found = []
     for part in trial.segments:
         edges = np.flatnonzero(np.diff(still[part], prepend=False, append=False))
-        found += [
-            slice(part.start + int(a), part.start + int(b))
-            for a, b in edges.reshape(-1, 2)
-            if (b - a) * trial.step >= Limit.min_hold_time
-        ]
+        rests, least = edges.reshape(-1, 2).tolist(), Limit.min_hold_time
+        long = [(a, b) for a, b in rests if (b - a) * trial.step >= least]
+        found += [slice(part.start + a, part.start + b) for a, b in long]
     return found
 
 

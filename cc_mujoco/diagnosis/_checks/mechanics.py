@@ -186,10 +186,9 @@ class Group(NamedTuple):
 def group_trials(trials: Sequence[Trial], known: Sequence[Mechanics]) -> list[Group]:
     by_signs = defaultdict(list)
     for trial, m in zip(trials, known, strict=True):
-        by_signs[
-            _sign(m.follows, Limit.min_angle_correlation),
-            _sign(m.torque_correlation, _MIN_TORQUE_CORRELATION),
-        ].append((trial, m))
+        angles = _sign(m.follows, Limit.min_angle_correlation)
+        torques = _sign(m.torque_correlation, _MIN_TORQUE_CORRELATION)
+        by_signs[angles, torques].append((trial, m))
     pooled = ((members, _pool_mechanics(members)) for members in by_signs.values())
     return [Group([trial for trial, _ in members], m) for members, m in pooled]
 
@@ -207,10 +206,9 @@ def _pool_mechanics(members: list[tuple[Trial, Mechanics]]) -> Mechanics:
     if not any(t.motor_torque is None or t.joint_torque is None for t, _ in members):
         parts = [(trial, part) for trial, _ in members for part in trial.segments]
         omega = [velocity(trial.motor_angle[part], trial.step) for trial, part in parts]
-        motor, joint = (
-            np.concatenate([trial.channel(name)[part] for trial, part in parts])
-            for name in (MOTOR_TORQUE, JOINT_TORQUE)
-        )
+        both = MOTOR_TORQUE, JOINT_TORQUE
+        signals = [[trial.channel(n)[part] for trial, part in parts] for n in both]
+        motor, joint = map(np.concatenate, signals)
         step = members[0][0].step
         pooled = sliding_torque_ratio(motor, joint, np.concatenate(omega), step)
         torques = max(pooled, torques, key=lambda each: abs(each[1]))
@@ -255,9 +253,8 @@ def check_signs(group: Group) -> Findings:
         # A wrong gain of a torque sensor makes a little power; only a wrong sign makes
         # much.
         net = abs(m.motor_work) + abs(m.joint_work)
-        certain = torque_correlation < 0.0 or -friction > max(
-            Limit.large_generated_share * m.scale, Limit.clear_work_share * net
-        )
+        large = max(Limit.large_generated_share * m.scale, Limit.clear_work_share * net)
+        certain = torque_correlation < 0.0 or -friction > large
     else:
         # Torques also oppose each other where both sides drive against friction.
         known = friction < Limit.max_friction_share * m.scale and math.isfinite(m.doubt)
@@ -300,10 +297,8 @@ def _fewest_inversions(m: Mechanics, follows: float, torques: float) -> list[str
         motor_angle, motor_torque, joint_angle, joint_torque = flips
         made = motor_angle * motor_torque * m.motor_work
         friction = made - joint_angle * joint_torque * m.joint_work
-        agrees = (
-            follows * motor_angle * joint_angle >= 0.0
-            and torques * motor_torque * joint_torque >= 0.0
-        )
+        opposed = torques * motor_torque * joint_torque < 0.0
+        agrees = follows * motor_angle * joint_angle >= 0.0 and not opposed
         if agrees and friction > least:
             signs = zip(MAIN_CHANNELS, flips, strict=True)
             possible.append([f"{{{name}}}" for name, flip in signs if flip < 0])

@@ -313,10 +313,8 @@ def _check_clipping(recording: Recording) -> Iterator[DataFinding]:
 
 
 def _check_degrees(recording: Recording, file: DatasetFile) -> Iterator[DataFinding]:
-    for channel, most in (
-        (channels.JOINT_ANGLE, Limit.max_joint_turns),
-        (channels.MOTOR_ANGLE, Limit.max_motor_turns),
-    ):
+    turns_of = (Limit.max_joint_turns, Limit.max_motor_turns)
+    for channel, most in zip(channels.ANGLES[::-1], turns_of, strict=True):
         values = recording.values.get(channel, np.zeros(0))
         turns = _robust_range(values) / math.tau
         if turns <= most:

@@ -298,10 +298,8 @@ class _Grid:
 def refine_simulation(problem: Problem, x: FloatArray, masks: Masks) -> Problem | None:
     """Return the problem simulated finer, None where that changes or can do nothing."""
     plant = problem.plant
-    if (
-        2 * plant.segments > Limit.max_cable_segments
-        and 2 * plant.substeps > Limit.max_substeps
-    ):
+    counts = plant.segments, plant.substeps
+    if 2 * counts[0] > Limit.max_cable_segments and 2 * counts[1] > Limit.max_substeps:
         return None
     change, finer = refinement_change(problem, x, masks)
     kept = fitting.kept_samples(problem.errors(x, masks), masks)
@@ -330,10 +328,9 @@ def refinement_change(
         count = 2 * getattr(plant, name)
         finer = replace(plant, **{name: count})
         there = replace(problem, plant=finer).torques(x, seen)
-        changes = [
-            fitting.huber_residual((a - b) / problem.floor[k])
-            for k, a, b in zip(seen, here, there, strict=True)
-        ]
+        pairs = zip(seen, here, there, strict=True)
+        over = ((a - b) / problem.floor[k] for k, a, b in pairs)
+        changes = [fitting.huber_residual(each) for each in over]
         kept = fitting.kept_samples(changes, [masks[k] for k in seen])
         change = float(np.sqrt(np.mean(kept**2)))
         tried.append((change, None if count > most else finer))
@@ -386,9 +383,8 @@ def fit_baseline(
 ) -> BaselineFit:
     """Fit the baseline on the coarsest simulation that is accurate enough."""
     records = plant.records
-    free = simulation.baseline_parameters(
-        plant.bench, records, dataset.constants, dataset.instruments, plant.given
-    )
+    known = dataset.constants, dataset.instruments, plant.given
+    free = simulation.baseline_parameters(plant.bench, records, *known)
     counts = [record.free for record in records]
     starts, slopes = [np.zeros(len(free))], TorqueDerivatives()
     # Where the pretension is unknown, fits end in different minima, depending on
@@ -557,10 +553,8 @@ class Holdout:
             before = self._before[place]
             after = predicted(problem, x, division) if problem.effects else before
             gap = gaps(baseline, before, after, division, settings.seed)
-            better = sum(
-                (g.rmse_before**2 - g.rmse_after**2) / g.noise_floor**2
-                for g in gap.values()
-            )
+            squares = [(g.rmse_before**2 - g.rmse_after**2, g) for g in gap.values()]
+            better = sum(square / g.noise_floor**2 for square, g in squares)
             if not problem.effects or better >= 0.0:
                 never = fitting.never_held_out(division, problem.plant.records)
                 return Held(before, after, gap, never)

@@ -359,12 +359,8 @@ def disagreement(
     pull = [slopes[rows].T @ residual[rows] for rows in every]
     square = [each.T @ each for each in root]
     known = slopes[parts.size :]
-    without = [
-        least_squares.covariance(
-            np.concatenate([*root[:place], *root[place + 1 :], known])
-        )
-        for place in range(len(root))
-    ]
+    others = [[*root[:k], *root[k + 1 :], known] for k in range(len(root))]
+    without = [least_squares.covariance(np.concatenate(each)) for each in others]
     factor = np.ones(slopes.shape[1])
     freedom = np.full(slopes.shape[1], np.inf)
     for k in range(factor.size):

@@ -156,10 +156,9 @@ def _residual_trial(
     records = [record for record, _ in parts]
     first, left = records[0], np.concatenate([left for _, left in parts], axis=1)
     torques = dict(zip(names, left, strict=True))
-    time, motor, joint = (
-        np.concatenate([getattr(record, name) for record in records])
-        for name in ("time", "motor_angle", "joint_angle")
-    )
+    kept = ("time", "motor_angle", "joint_angle")
+    signals = ([getattr(record, name) for record in records] for name in kept)
+    time, motor, joint = map(np.concatenate, signals)
     ends = np.cumsum([0, *(record.time.size for record in records)]).tolist()
     return Trial(
         first.trial,

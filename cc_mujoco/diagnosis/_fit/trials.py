@@ -617,12 +617,8 @@ class TrialDifferences(NamedTuple):
         constants = trial_constants(problem, x)
         names = constants[0].trials if constants else ()
         own = [[r for r in problem.plant.records if r.trial == name] for name in names]
-        speeds = [
-            math.sqrt(
-                np.mean([np.mean(np.gradient(r.motor_angle, r.dt) ** 2) for r in each])
-            )
-            for each in own
-        ]
+        steps = [[np.gradient(r.motor_angle, r.dt) for r in each] for each in own]
+        speeds = [math.sqrt(np.mean([np.mean(s**2) for s in each])) for each in steps]
         order, clock = SEQUENCE_ORDINATES
         starts, ends = (np.array([each[k].time[k] for each in own]) for k in (0, -1))
         one_clock = bool(np.all(ends[:-1] < starts[1:]))
@@ -782,9 +778,8 @@ def compare_size(effect: str, found: TrialConstants, shared: float) -> OccasionS
         text = f"{name}: the fit to each occasion fails, so agreement is not known."
         return OccasionSize(effect, parameter, {}, True, text)
     sizes, able = {}, []
-    for occasion, value, error in zip(
-        found.trials, found.value.tolist(), found.value_error.tolist(), strict=True
-    ):
+    sized = found.value.tolist(), found.value_error.tolist()
+    for occasion, value, error in zip(found.trials, *sized, strict=True):
         reach = Limit.sigmas * error
         sizes[occasion] = Estimate(value, unit, (value - reach, value + reach))
         if Limit.visible_ratio * error < abs(shared):

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -470,10 +470,8 @@ def _breakaway(profile: _Profile, random: Generator) -> tuple[Estimate | None, f
         return float(sums[0] / sums[1]) if sums[1] > 0.0 else math.nan, best
 
     value, place = largest(halves)
-    draws = [
-        largest([random.choice(half, half.size) for half in halves])[0]
-        for _ in range(_DRAWS)
-    ]
+    resampled = ([random.choice(h, h.size) for h in halves] for _ in range(_DRAWS))
+    draws = [largest(rows)[0] for rows in resampled]
     if not math.isfinite(value):
         return None, math.nan
     spread = float(np.nanstd(draws)) * math.sqrt(count / (count - 2.0))
@@ -555,13 +553,10 @@ def diagnose_loss(dataset: Dataset, bench: Bench, seed: int = 0) -> Diagnosis:
     no_scene = f"{NO_SCENE_PREFIX}: without the motor's angle no cable can be played."
     if found.refused:
         reason = f"{capitalise(found.refused)}."
-        return Diagnosis(
-            "fix-data",
-            f"{DATA_PREFIX}: {found.refused}.",
-            baseline=Baseline({}, (reason,)),
-            problems=(reason, no_scene),
-            instruments=mode,
-        )
+        baseline, problems = Baseline({}, (reason,)), (reason, no_scene)
+        refusal = Diagnosis("fix-data", f"{DATA_PREFIX}: {found.refused}.")
+        refusal = replace(refusal, baseline=baseline, problems=problems)
+        return replace(refusal, instruments=mode)
     noise = math.hypot(load, torque)
     before, after = found.scene_error / noise, found.error / noise
     ties = () if before <= Limit.max_misfit else _ties(found)

@@ -246,11 +246,8 @@ def _resolved_effects(gram: FloatArray, owners: Owners) -> list[Resolved]:
     found = []
     for name, own in index.items():
         clarity = float(np.sqrt(np.max(np.diag(left)[own])))
-        cosines = {
-            other: _cosine(left[np.ix_(own, theirs)], white[name], white[other])
-            for other, theirs in index.items()
-            if other != name
-        }
+        others = [(n, np.ix_(own, theirs)) for n, theirs in index.items() if n != name]
+        cosines = {n: _cosine(left[part], white[name], white[n]) for n, part in others}
         likest = max(cosines, key=lambda other: cosines[other], default="nothing")
         separation = clarity * float(np.sqrt(1.0 - cosines.get(likest, 0.0) ** 2))
         plausible = owners[own[0]][1]

@@ -193,11 +193,9 @@ def draw_gap(gaps: Mapping[str, Gap]) -> Figure:
     drawing = figure(0.88 * Limit.figure_width, 0.5 + 1.25 * len(gaps))  # in the header
     panels = drawing.subplots(len(gaps), squeeze=False)[:, 0]
     for axes, (name, gap) in zip(panels, gaps.items(), strict=True):
-        bars = [
-            ("noise floor", gap.noise_floor, GREY),
-            ("before", gap.rmse_before, ORANGE),
-            ("after", gap.rmse_after, BLUE),
-        ]
+        floor, before = gap.noise_floor, gap.rmse_before
+        bars = [("noise floor", floor, GREY), ("before", before, ORANGE)]
+        bars.append(("after", gap.rmse_after, BLUE))
         if gap.rmse_after == gap.rmse_before:
             bars[1:] = [("simulation", gap.rmse_before, ORANGE)]
         titles, values, colors = zip(*bars, strict=True)

@@ -304,11 +304,8 @@ def _provenance(folder: Path) -> Mapping[str, Any] | None:
 
 def preload_drawing() -> None:
     def load() -> None:
-        for name in (
-            "matplotlib.backends.backend_agg",
-            "cc_mujoco.diagnosis._report.recording",
-            "scipy.cluster.hierarchy",
-        ):
+        drawing = "matplotlib.backends.backend_agg", "scipy.cluster.hierarchy"
+        for name in (*drawing, "cc_mujoco.diagnosis._report.recording"):
             with suppress(Exception):  # reported where it is used
                 import_module(name)
 

@@ -134,11 +134,9 @@ def _blueprint(evidence: Evidence) -> rrb.Blueprint:
     most = drawings.worst_excerpt(evidence)
     trials = [trace.trial for trace in evidence.traces]
     first = trials.index(most.trace.trial) if most is not None else 0
-    return rrb.Blueprint(
-        rrb.Tabs(*tabs, about, active_tab=first),
-        rrb.TimePanel(state="collapsed", timeline=TIMELINE),
-        collapse_panels=True,
-    )
+    whole = rrb.Tabs(*tabs, about, active_tab=first)
+    panel = rrb.TimePanel(state="collapsed", timeline=TIMELINE)
+    return rrb.Blueprint(whole, panel, collapse_panels=True)
 
 
 def _ranked(evidence: Evidence) -> list[Map]:

@@ -133,10 +133,8 @@ def _growing_with(diagnosis: Diagnosis) -> str:
     if not found:
         return "With nothing that was recorded, beyond chance."
     ranked = sorted(found.items(), key=lambda each: -each[1])[:2]
-    words = [
-        f"{plain_name(axis)} ({format_share(share)} of the squared error)"
-        for axis, share in ranked
-    ]
+    takes = [(plain_name(axis), format_share(share)) for axis, share in ranked]
+    words = [f"{axis} ({share} of the squared error)" for axis, share in takes]
     return capitalise(list_words(words)) + "."
 
 

@@ -240,12 +240,9 @@ def prepare(dataset: Dataset, bench: Bench) -> tuple[tuple[Record, ...], Filteri
     passed = [float(np.sum(low_pass(impulse, band, first.rate) ** 2)) for band in bands]
     # Angles that are played, motor and joint first.
     angle_channels = [MOTOR_ANGLE, JOINT_ANGLE, *map(other_angle, bench.others)]
-    still = tuple(
-        Limit.still_sigmas * dataset.noise[name].deviation * passed[1] ** 0.5
-        if name in dataset.noise
-        else 0.0
-        for name in angle_channels
-    )
+    known = [dataset.noise.get(name) for name in angle_channels]
+    sizes = [Limit.still_sigmas * each.deviation if each else 0.0 for each in known]
+    still = tuple(size * passed[1] ** 0.5 for size in sizes)
     records = []
     conditions = _conditions(dataset.trials)
     for trial in dataset.trials:

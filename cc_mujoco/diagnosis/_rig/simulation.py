@@ -619,10 +619,8 @@ class SimulatedRig:
         elif known.joint == "known load":
             declared = {"load_rest_angle": 0.0, **load_values(constants)}
             here = {k: values.get(k, v) for k, v in declared.items()}
-            tuned, usual = (
-                load_torque(joint_angle, record.dt, load, record.tilt)
-                for load in (here, declared)
-            )
+            both = ((here, record.tilt), (declared, record.tilt))
+            tuned, usual = (load_torque(joint_angle, record.dt, *load) for load in both)
             joint = joint - (tuned - usual)
         # A lever has its arm by the joint's own angle, and so have weights and springs.
         # With pulleys, the offset is the motor's zero as much as the joint's.

@@ -262,12 +262,9 @@ def delay(spec: MjSpec, bench: Bench, values: Values) -> None:
     In MuJoCo a sensor is late by a time step or more; by less than half, it is not.
     """
     side = values["joint_delay"]
-    late = {
-        MOTOR_ANGLE: 0.0,
-        JOINT_ANGLE: side,
-        MOTOR_TORQUE: values["motor_torque_delay"],
-        JOINT_TORQUE: side + values["joint_torque_delay"],
-    }
+    motor, joint = values["motor_torque_delay"], values["joint_torque_delay"]
+    late = {MOTOR_ANGLE: 0.0, JOINT_ANGLE: side}
+    late |= {MOTOR_TORQUE: motor, JOINT_TORQUE: side + joint}
     common = max(0.0, -min(late.values()))
     for channel, own in late.items():
         if own + common < 0.5 * spec.option.timestep:
@@ -331,9 +328,8 @@ def backlash(spec: MjSpec, bench: Bench, values: Values) -> None:
     model = spec.compile()
     index = model.joint(bench.joint).id
     body = model.jnt_bodyid[index]
-    pulley = joint.parent.parent.add_body(
-        name=name, pos=model.body_pos[body], quat=model.body_quat[body]
-    )
+    place, turn = model.body_pos[body], model.body_quat[body]
+    pulley = joint.parent.parent.add_body(name=name, pos=place, quat=turn)
     _set_isotropic_inertia(pulley, model.jnt_pos[index], inertia)
     # All attributes are set, because a scene may have defaults.
     hinge = pulley.add_joint(
@@ -415,9 +411,8 @@ def _add_periodic_torque(
     actuator.gear, actuator.forcelimited = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0], False
     wave = [math.hypot(sine, cosine), order, math.atan2(cosine, sine)]
     # Without an input the motor constant has no effect, but MuJoCo 3 refuses zero.
-    actuator.set_to_dcmotor(
-        motorconst=[1e-300, 0.0], resistance=1.0, cogging=wave, ctrlspec=Limit.no_input
-    )
+    still: Any = {"motorconst": [1e-300, 0.0], "resistance": 1.0}
+    actuator.set_to_dcmotor(cogging=wave, ctrlspec=Limit.no_input, **still)
 
 
 def stiffness(spec: MjSpec, bench: Bench, values: Values) -> None:
@@ -586,10 +581,7 @@ def unrealisable_reason(bench: Bench, name: str) -> str:
                 "it takes pulleys at both ends, and the joint of this scene has a lever"
             )
         return ""
-    if (
-        effect is None
-        or effect.cables is None
-        or (effect.torques or effect.joint_arm or effect.motor_arm)
-    ):
+    outside = effect and (effect.torques or effect.joint_arm or effect.motor_arm)
+    if effect is None or effect.cables is None or outside:
         return "nothing says how MuJoCo has it (method `edit_spec` of its class)"
     return ""  # keys of the cables

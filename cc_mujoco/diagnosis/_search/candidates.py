@@ -217,10 +217,8 @@ class _Screen(_Place):
         wider = problem.with_effect(name, start).tuned[self.x.size :]
         known = [k for k in wider if k.name in {p.name for p in linear}]
         priors = np.diag([1.0 / k.prior for k in known])[:, kept]
-        low, high = (
-            np.array([getattr(k, side) for k in known])[kept]
-            for side in ("low", "high")
-        )
+        both = ([getattr(k, side) for k in known] for side in ("low", "high"))
+        low, high = (np.array(each)[kept] for each in both)
         table = np.concatenate([signature[:, kept], priors])
         wanted = -np.concatenate([rest, np.zeros(len(known))])
         limits = np.maximum(low, -20.0), np.minimum(high, 20.0)
@@ -306,11 +304,9 @@ def changes_by_effects(
     library = problem.plant.library.effects
     able = [name for name in ids if name in library]
     made = in_threads(lambda name: place.columns(name, 0), able)
-    return {
-        name: columns[:, [p.size for p in library[name].parameters if p.linear]]
-        for name, columns in zip(able, made, strict=True)
-        if columns is not None
-    }
+    found = [(n, own) for n, own in zip(able, made, strict=True) if own is not None]
+    sizes = {n: [p.size for p in library[n].parameters if p.linear] for n, _ in found}
+    return {name: columns[:, sizes[name]] for name, columns in found}
 
 
 def bounded_least_squares(
@@ -391,10 +387,8 @@ def comparison_z(
 
 
 def are_confusable(one: Signature, other: Signature) -> bool:
-    return (
-        signature_cosine(one, other) > Limit.lookalike_cosine
-        or other.id in EFFECTS[one.id].confounded_with
-    )
+    alike = signature_cosine(one, other) > Limit.lookalike_cosine
+    return alike or other.id in EFFECTS[one.id].confounded_with
 
 
 def rejection_reason(

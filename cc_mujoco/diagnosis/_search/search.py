@@ -239,11 +239,8 @@ class _Additions:
                 if _is_redundant(signature.id, candidates):
                     continue
                 progress(place / len(chosen), f"refitting {signature.id}")
-                candidates.append(
-                    refitted.get(signature.id)
-                    or self._like(now, signature.id)
-                    or self._best_form(now, signature)
-                )
+                known = refitted.get(signature.id) or self._like(now, signature.id)
+                candidates.append(known or self._best_form(now, signature))
             chosen = _unrefitted_lookalikes(signatures, candidates)
         return candidates
 

@@ -51,10 +51,8 @@ EFFECTS: dict[str, Effect] = {
 
 def table_rows(effects: Iterable[Effect]) -> list[list[str]]:
     """Return effects as rows of text; rare ones have a star."""
-    rows = [
-        [each.id + ("*" if each.rare else ""), each.equation, each.required_excitation]
-        for each in effects
-    ]
+    named = [(each.id + ("*" if each.rare else ""), each) for each in effects]
+    rows = [[name, each.equation, each.required_excitation] for name, each in named]
     return [["effect", "term", "required excitation"], *rows]
 
 

@@ -374,10 +374,9 @@ class JointFriction:
     def parameters(self) -> list[Size | Shape]:
         meaning = "dry friction of the joint"
         turn = "turn of the joint over which its friction builds up"
-        return [
-            Size("joint_friction", "N m", 0.05, meaning, 0.0, 100.0),
-            Shape("joint_wind_up", "rad", [3e-4, 5e-3], *WIND_UP_BOUNDS, turn),
-        ]
+        size = Size("joint_friction", "N m", 0.05, meaning, 0.0, 100.0)
+        shape = Shape("joint_wind_up", "rad", [3e-4, 5e-3], *WIND_UP_BOUNDS, turn)
+        return [size, shape]
 
     def signals(self, signals: Signals, values: Values) -> Signals:
         if round(values.get(form_key("joint_friction"), 0.0)) == 0:
@@ -406,10 +405,9 @@ class CoupledNeighbour:
         self.columns = (column,)
 
     def parameters(self) -> list[Size | Shape]:
-        return [
-            Size("neighbour_at_joint", "1", 0.05, "share that acts on the joint"),
-            Size("neighbour_at_motor", "1", 0.05, "share that acts on the motor"),
-        ]
+        sides = ("joint", "motor")
+        names = {side: f"neighbour_at_{side}" for side in sides}
+        return [Size(names[s], "1", 0.05, f"share that acts on the {s}") for s in sides]
 
     def signals(self, signals: Signals, values: Values) -> Signals:
         (column,) = self.columns

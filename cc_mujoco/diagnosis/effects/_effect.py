@@ -506,9 +506,8 @@ def _effect(made: Any, name: str, rare: bool) -> Effect:
     if forms:
         every = itertools.product(starts, range(len(forms)))
         starts = tuple({**start, form_key(name): float(k)} for start, k in every)
-    signals, cables, joint_arm, motor_arm, editing = (
-        getattr(made, method, None) for method in (*CHANGES, "edit_spec")
-    )
+    methods = (getattr(made, method, None) for method in (*CHANGES, "edit_spec"))
+    signals, cables, joint_arm, motor_arm, editing = methods
     in_keys = changes == ["cables"]
     return Effect(
         id=name,

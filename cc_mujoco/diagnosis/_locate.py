@@ -67,8 +67,7 @@ class Samples(NamedTuple):
     angles: Mapping[str, FloatArray]  # by name, "motor angle" first [rad]
     torque: FloatArray  # simulated, of the same channel [N m]
     speed: FloatArray  # of the motor [rad/s]
-    # Index of the stretch of about a second, by which samples are independent
-    block: NDArray[np.intp]
+    block: NDArray[np.intp]  # stretch of about a second; these are independent
     band: float  # highest frequency that the errors contain [Hz]
 
 
@@ -80,11 +79,9 @@ class PeriodicError(NamedTuple):
     # Whether the amplitude is proportional to the torque; None where these data do not
     # determine that
     by_torque: bool | None
-    # Share of the squared error that it explains on samples it was not fitted to
-    share: float
+    share: float  # of the squared error that it explains on samples not fitted to
     statistic: float  # error that it explains, over that of the adjacent orders
-    # Largest statistic that chance reaches with `Limit.false_alarm_rate`
-    threshold: float
+    threshold: float  # statistic that chance reaches with `Limit.false_alarm_rate`
 
     @property
     def whole_order(self) -> bool:

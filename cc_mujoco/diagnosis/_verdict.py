@@ -33,8 +33,7 @@ class TrialTrace:
     # Channel to the baseline's prediction by parameters that were fitted to other data
     # [N m]
     before: Mapping[str, FloatArray]
-    # The same of the model with the named effects [N m]
-    after: Mapping[str, FloatArray]
+    after: Mapping[str, FloatArray]  # of the model with the named effects [N m]
     counts: FloatArray  # 1 where a sample counts; 0 in the run-in after the start
 
     def error(self, channel: str, model: Model = "before") -> FloatArray:
@@ -51,8 +50,7 @@ class Map:
     axis: str  # name of the quantity
     unit: str  # its unit
     centre: FloatArray  # (bins,) of the bins
-    # (bins,) mean error of the baseline [N m], NaN where there are no data
-    before: FloatArray
+    before: FloatArray  # (bins,) mean error of the baseline [N m], NaN without data
     after: FloatArray  # (bins,) mean error with the named effects
     # (bins,) half width within which chance keeps it in 95 % of cases [N m]
     band: FloatArray
@@ -161,8 +159,7 @@ class NextExperiment:
 
     description: str  # what to do on the rig
     separates: tuple[str, ...]  # ids of the rivals
-    # Difference of their predictions, in words with numbers and units
-    predicted_difference: str
+    predicted_difference: str  # of their predictions, with numbers and units
     trial: str = ""  # name for the recording
     facts: tuple[str, ...] = ()  # lines of `dataset.toml` for it
 
@@ -196,8 +193,7 @@ class Gap:
     # 1 - (RMS after - floor)/(RMS before - floor); more than 1 below the floor, NaN
     # where the error before is not above it
     gap_closed: float
-    # Of `gap_closed`, block bootstrap; NaN where there is hardly a gap
-    ci95: tuple[float, float]
+    ci95: tuple[float, float]  # of `gap_closed`, block bootstrap; NaN without a gap
 
 
 @dataclass(frozen=True)
@@ -227,10 +223,8 @@ class OccasionSize:
 class Occasions:
     """Comparison of the occasions on which one rig was recorded."""
 
-    # In order; the baseline and the repaired scene are those of the last
-    names: tuple[str, ...]
-    # Of the baseline, from every earlier occasion to the last
-    changes: tuple[OccasionChange, ...]
+    names: tuple[str, ...]  # in order; baseline and repaired scene are of the last
+    changes: tuple[OccasionChange, ...]  # from every earlier occasion to the last
     sizes: tuple[OccasionSize, ...]  # of the effects in the model
     statement: str  # changes from the last but one to the last
 
@@ -240,15 +234,12 @@ class TrialError:
     """Error of one trial, before and after; by channel, weighted as in `Gap` [N m]."""
 
     trial: str  # its name
-    # Of the baseline, by parameters fitted to other data
-    rmse_before: Mapping[str, float]
+    rmse_before: Mapping[str, float]  # of the baseline, fitted to other data
     rmse_after: Mapping[str, float]  # of the model with the named effects
     noise_floor: Mapping[str, float]  # RMS error that the noise of the sensors makes
-    # Of both channels over the noise floor, large errors huber_residual
-    misfit_before: float
+    misfit_before: float  # of both channels over the noise floor, by Huber
     misfit_after: float  # the same with the named effects
-    # Share of its samples in which a cable of the final model is slack
-    slack: float = 0.0
+    slack: float = 0.0  # share of samples in which a cable of the final model is slack
 
 
 @dataclass(frozen=True)
@@ -256,8 +247,7 @@ class Baseline:
     """Model without any effect, tuned as well as possible."""
 
     parameters: Mapping[str, Estimate]  # fitted values by name
-    # One sentence for each combination that the data leave open
-    not_identifiable: tuple[str, ...]
+    not_identifiable: tuple[str, ...]  # a sentence on each open combination
 
 
 @dataclass(frozen=True)

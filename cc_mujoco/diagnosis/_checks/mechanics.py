@@ -59,8 +59,7 @@ class Mechanics(NamedTuple):
     follows: float  # correlation of the speeds, 0 if one side stands still
     torque_ratio: float  # motor torque per joint torque, friction aside
     torque_correlation: float  # of both torques while the cable slides, 0 if unknown
-    # Work of the motor per travel of the motor, less the stored energy [N m]
-    motor_work: float
+    motor_work: float  # work of the motor per its travel, less the stored energy [N m]
     joint_work: float  # the same of the joint; their difference is friction
     doubt: float  # standard deviation of that difference
     scale: float  # transmitted power per speed of the motor [N m]
@@ -397,8 +396,7 @@ class Alignment(NamedTuple):
 
     delay: float  # delay of the joint [s], NaN if it cannot be seen
     drift: float  # change of the delay per time [s/s], 0 if none can be seen
-    # Standard deviation of the drift; infinite if there are too few windows
-    doubt: float
+    doubt: float  # standard deviation of the drift; infinite with too few windows
     gain: float  # rise of the correlation of the speeds when the delay is undone
     drift_gain: float  # further rise when the drift is undone as well
 

@@ -36,7 +36,7 @@ from cc_mujoco.diagnosis._fit import problem as fitting
 from cc_mujoco.diagnosis._fit.noise_floor import noise_floor
 from cc_mujoco.diagnosis._fit.problem import (
     CrossValidation,
-    Fold,
+    Folds,
     Masks,
     Problem,
     TorqueDerivatives,
@@ -187,9 +187,7 @@ def _mean_tension(dataset: Dataset, bench: Bench, record: Record) -> FloatArray:
 
 
 class _Grid:
-    def __init__(
-        self, dataset: Dataset, bench: Bench, records: Sequence[Record]
-    ) -> None:
+    def __init__(self, dataset: Dataset, bench: Bench, records: list[Record]) -> None:
         self._dataset, self._bench, self._records = dataset, bench, records
         self._line = line = _fit_line(dataset, bench, records)
         self._scene = scene = bench.cables[0]
@@ -357,8 +355,7 @@ class BaselineFit:
     crossed: CrossValidation
     change: float  # RMS change by a finer simulation, over the floor
     settings: Options = Options()
-    # Sentences on requested effects that the data cannot show
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # on requested effects that the data cannot show
     # Mean temperature of trials by name, where it is known [degC]
     temperatures: Mapping[str, float] = field(default_factory=dict)
 
@@ -421,7 +418,7 @@ def fit_baseline(
 
 
 def predicted(
-    problem: Problem, start: FloatArray, division: Sequence[Fold]
+    problem: Problem, start: FloatArray, division: Folds
 ) -> tuple[FloatArray, ...]:
     """Return torques of every record predicted from other samples (2, samples).
 
@@ -438,11 +435,7 @@ def predicted(
 
 
 def gaps(
-    problem: Problem,
-    before: Arrays,
-    after: Arrays,
-    division: Sequence[Fold],
-    seed: int = 0,
+    problem: Problem, before: Arrays, after: Arrays, division: Folds, seed: int = 0
 ) -> dict[str, Gap]:
     """Return the gap of each channel on the held-out samples."""
     records = problem.plant.records

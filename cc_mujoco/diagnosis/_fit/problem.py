@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.diagnosis._rig import simulation
-from cc_mujoco.diagnosis._rig.records import Arrays, Record, Setting
+from cc_mujoco.diagnosis._rig.records import Arrays, Indices, Record, Setting
 from cc_mujoco.diagnosis._rig.simulation import SimulatedRig
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis.effects._effect import EffectParameter, form_key
@@ -206,7 +206,6 @@ def _need_replay(problem: Problem, x: FloatArray, steps: Sequence[float]) -> lis
     return [here != settings(x + step * one[k]) for k, step in enumerate(steps)]
 
 
-Indices = Sequence[int]
 Masks = Sequence[NDArray[np.bool_]]
 """For every record the samples that take part."""
 
@@ -247,8 +246,7 @@ class Problem:
     plant: SimulatedRig  # simulates
     tuned: tuple[Tuned, ...]  # every free parameter, baseline first
     effects: tuple[str, ...]  # ids that are present
-    # (2, samples) of every record, unexplained by any model [N m]
-    noise: tuple[FloatArray, ...]
+    noise: tuple[FloatArray, ...]  # (2, samples) each, unexplained by any model [N m]
     # The same, by which errors are divided, see `noise_floor.NoiseFloor` [N m]
     floor: tuple[FloatArray, ...]
     # Of a residual over its floor; below 1 where neighbours are not independent or
@@ -662,12 +660,10 @@ class CrossValidation(NamedTuple):
         return math.sqrt(mean / self.noise_mse) / ratio
 
 
-def cross_validate(
-    problem: Problem, division: Folds, starts: Arrays
-) -> CrossValidation:
+def cross_validate(problem: Problem, folds: Folds, starts: Arrays) -> CrossValidation:
     fits: list[Fit] = []
     errors = [np.full(r.measured.shape, np.nan) for r in problem.plant.records]
-    for fold, start in zip(division, starts, strict=True):
+    for fold, start in zip(folds, starts, strict=True):
         if fits:  # what one fold has learnt
             start = start + fits[0].x - starts[0]
         found = fit(problem, start, fold.train)
@@ -676,7 +672,7 @@ def cross_validate(
             errors, problem.errors(found.x, fold.test), fold.test, strict=True
         ):
             kept[:, mask] = error[:, mask]
-    return CrossValidation(problem, tuple(fits), tuple(errors), division)
+    return CrossValidation(problem, tuple(fits), tuple(errors), folds)
 
 
 def blocks(crossed: CrossValidation, parts: Arrays | None = None) -> FloatArray:

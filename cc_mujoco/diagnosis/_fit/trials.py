@@ -83,8 +83,7 @@ class Odd(NamedTuple):
     rest: float  # the same of the others
     tilt: float = 0.0  # declared tilt, where all trials of that tilt are meant [rad]
     own: str = ""  # required value of a constant of its own, in words
-    # Declared condition of which the trial is the only extreme one, or ""
-    extreme: str = ""
+    extreme: str = ""  # declared condition of which it is the only extreme one, or ""
 
     @property
     def least(self) -> float:
@@ -354,8 +353,7 @@ class TrialConstants(NamedTuple):
     # (trials,) from their mean: of the logarithm where `Tuned.factor`, else in its unit
     change: FloatArray
     error: FloatArray  # (trials,) standard errors of `change`
-    # Share of the squared error beyond the floor that these values explain
-    share: float
+    share: float  # of the squared error beyond the floor that these values explain
     # (trials,) in the unit of the parameter, if it is no logarithm; NaN where the fit
     # by trial fails
     value: FloatArray = np.zeros(0)
@@ -574,18 +572,14 @@ class _OneByTrial:
         return float(error @ error + off @ off)
 
     def _step(
-        self,
-        design: FloatArray,
-        error: FloatArray,
-        place: FloatArray,
-        damping: float = 0.0,
+        self, design: FloatArray, error: FloatArray, at: FloatArray, damp: float = 0.0
     ) -> FloatArray:
         square = design.T @ design + np.diag(self._known**2)
-        slope = design.T @ error + self._known * (self._known * (self._home + place))
+        slope = design.T @ error + self._known * (self._known * (self._home + at))
         size = np.sqrt(np.diag(square))
         size[size == 0.0] = 1.0
         scaled = square / np.outer(size, size)
-        scaled[np.diag_indices_from(scaled)] *= 1.0 + damping
+        scaled[np.diag_indices_from(scaled)] *= 1.0 + damp
         return np.asarray(-np.linalg.lstsq(scaled, slope / size, 1e-10)[0] / size)
 
     def _simulated(self, place: FloatArray) -> list[FloatArray]:

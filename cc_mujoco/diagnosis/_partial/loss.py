@@ -76,12 +76,9 @@ class Stroke(NamedTuple):
 @dataclass(frozen=True)
 class LossFit:
     values: dict[str, Estimate]  # estimates by name, where the data determine them
-    # Travel after a reversal until the cable slides [rad]; NaN if unknown
-    settling: float = math.nan
-    # Travel at which the break-away loss is largest [rad]
-    breakaway_at: float = math.nan
-    # RMS of the joint torque beyond this law while sliding [N m]
-    error: float = math.nan
+    settling: float = math.nan  # travel after a reversal until the cable slides [rad]
+    breakaway_at: float = math.nan  # travel of the largest break-away loss [rad]
+    error: float = math.nan  # RMS torque of the joint beyond this law in sliding [N m]
     scene_error: float = math.nan  # the same beyond the law of the scene [N m]
     # Values that the law of the scene would have shown, by name
     scene: Mapping[str, float] = field(default_factory=dict)
@@ -95,8 +92,7 @@ class SceneLaw(NamedTuple):
     """Friction that a scene states, of one cable or of a pull-pull pair."""
 
     exponent: float  # mu theta of a cable
-    # Torque at the joint of the pretension of one cable [N m]; 0 of one cable
-    pretension: float
+    pretension: float  # of one cable, as torque at the joint [N m]; 0 of one cable
 
     def torque(self, ideal: FloatArray, sign: float) -> FloatArray:
         less, more = math.exp(-sign * self.exponent), math.exp(sign * self.exponent)
@@ -398,8 +394,7 @@ class _Profile(NamedTuple):
 
     edges: FloatArray  # of the bins of travel (bins + 1,) [rad]
     excess: FloatArray  # sum of the excess by reversal and bin (reversals, bins) [N m]
-    # Sum of the loss of sliding without drag (reversals, bins) [N m]
-    sliding: FloatArray
+    sliding: FloatArray  # sum of the loss of sliding (reversals, bins) [N m]
 
     @classmethod
     def of(cls, strokes: Sequence[Stroke], found: FloatArray, usual: float) -> _Profile:
@@ -653,7 +648,7 @@ def _statement(
     before: float,
     after: float,
     pair: bool,
-    constants: Mapping[str, Constant],
+    known: Mapping[str, Constant],
 ) -> str:
     values = found.values
     said = {name: format_estimate(value) for name, value in values.items()}
@@ -670,8 +665,8 @@ def _statement(
             f"With exact gains it is {said['exponent_driving']} where the motor drives "
             f"the load and {said['exponent_driven']} where the load drives the motor."
         )
-        if "gain_uncertainty" in constants:
-            doubt = 2.0 * math.sqrt(2.0) * constants["gain_uncertainty"].value
+        if "gain_uncertainty" in known:
+            doubt = 2.0 * math.sqrt(2.0) * known["gain_uncertainty"].value
             low, high = values["gain"].ci95
             if low > 1.0 + doubt or high < 1.0 - doubt:
                 text.append(

@@ -47,8 +47,7 @@ class CataloguedTrial:
     known_torques: tuple[float, float] = (0.0, 0.0)
     swapped: bool = False  # whether the torque sensors change places
     load_cell: str = ""  # channel of a load cell in one cable, or ""; see `TrialFacts`
-    # Whether it is proposed only where no other trial settles the tie
-    hard: bool = False
+    hard: bool = False  # whether it is proposed only if no other settles the tie
     usual: bool = True  # whether a plan considers it; others are proposed for a tie
     # Whether a plan always has it: no other trial separates the effects of weights,
     # springs and sensors

@@ -205,11 +205,9 @@ def _gram_matrices(
     return [gram + share / len(grams) for gram in grams], owners
 
 
-def _choose_records(
-    grams: Arrays, owners: Owners, standard: Sequence[int]
-) -> list[int]:
+def _choose_records(grams: Arrays, owners: Owners, fixed: Sequence[int]) -> list[int]:
     """Return the standard records and those that improve the design, greedily."""
-    chosen, best = list(standard), 0.0
+    chosen, best = list(fixed), 0.0
     while len(chosen) < len(grams):
         tried = {}  # number of effects that would be identified, in part or whole
         for k in sorted(set(range(len(grams))) - set(chosen)):

@@ -66,8 +66,7 @@ class Earlier(NamedTuple):
     dataset: Path | None  # file with the meaning of the columns, or None
     axis: str | None = None  # recorded axis; None for a device with one
     effects: tuple[str, ...] = ()  # requested effects, as they were named
-    # Facts of these trials and of the proposed one, or None
-    proposed: Path | None = None
+    proposed: Path | None = None  # facts of these trials and the proposed one
 
     @classmethod
     def of(cls, folder: str | os.PathLike[str]) -> Earlier:
@@ -167,13 +166,10 @@ class DiagnosisResult:
 
     diagnosis: Diagnosis  # verdict, in numbers and sentences
     bench: Bench  # rig as the scene has it
-    # Signals and maps that the report draws
-    evidence: Evidence = field(default_factory=Evidence)
+    evidence: Evidence = field(default_factory=Evidence)  # that the report draws
     problem: Problem | None = None  # final model, or None where there is none
-    # Parameters of the final model
-    x: FloatArray = field(default_factory=lambda: np.zeros(0))
-    # Fit of the baseline, or None where there is none
-    baseline_fit: BaselineFit | None = None
+    x: FloatArray = field(default_factory=lambda: np.zeros(0))  # where it is fitted
+    baseline_fit: BaselineFit | None = None  # None where nothing was fitted
     motion: CataloguedTrial | None = None  # motion of the proposed trial, or None
 
 

@@ -53,6 +53,7 @@ from cc_mujoco.diagnosis.effects._effect import (
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled
 
+Indices = Sequence[int]
 Arrays = Sequence[FloatArray]
 """Arrays of records, (rows, samples) each if not otherwise said."""
 _EDGE_SAMPLES = 9
@@ -177,14 +178,11 @@ class Record:
     time: FloatArray  # time of every sample as recorded [s]
     motor_angle: FloatArray  # angle of the motor, without movements by noise [rad]
     joint_angle: FloatArray  # angle of the joint, without movements by noise [rad]
-    # Angles (2, samples) of motor and joint with movements by noise [rad]
-    read: FloatArray
-    # Torques (rows, samples) of motor and joint, those that are known [N m]
-    measured: FloatArray
+    read: FloatArray  # angles (2, samples) of both with movements by noise [rad]
+    measured: FloatArray  # torques (rows, samples) that are known, motor first [N m]
     band: float  # cut-off of the low-pass of the torques [Hz]
     counts: np.ndarray[tuple[int], np.dtype[np.bool_]]  # true where a sample counts
-    # Pretension of the trial if known [N], else None; 0 without the cables
-    pretension: float | None
+    pretension: float | None  # None if unknown; 0 without the cables [N]
     start: float  # time from the beginning of the trial to the first sample [s]
     split: str | None  # purpose that `dataset.toml` reserves the trial for, else None
     # Name of the trials that repeat each other; they are never on both sides of a
@@ -227,8 +225,7 @@ class Filtering:
     motion_band: float  # cut-off of the low-pass of angles [Hz]
     passed: float  # variance that passes of white noise of a torque, over its own
     still: tuple[float, ...]  # movement of motor and joint that counts as none [rad]
-    # Noise of the torque of a known load by that of the joint's angle [N m]
-    load: float = 0.0
+    load: float = 0.0  # noise of a known load's torque by that of the angle [N m]
 
 
 def prepare(dataset: Dataset, bench: Bench) -> tuple[tuple[Record, ...], Filtering]:
@@ -397,8 +394,7 @@ class Setting(NamedTuple):
     offset: float  # of the joint's angle [rad]
     substeps: int  # simulation steps per sample
     lever: Lever | None = None  # in place of the joint's pulley, or None
-    # Of cables that the joint leads, see `Bench.courses`
-    courses: tuple[CoupledPath, ...] = ()
+    courses: tuple[CoupledPath, ...] = ()  # of led cables, see `Bench.courses`
     share: float = 1.0  # of the courses' distal displacements
     # Coefficients of the joint's moment arm over the nominal one, 1 + a q + b q^2 +
     # ..., or none

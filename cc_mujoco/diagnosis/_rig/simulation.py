@@ -34,6 +34,7 @@ from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._rig_table import LOAD_CONSTANTS, RATIO_KEY
 from cc_mujoco.datasets._trials import TORQUE_SENSORS, Constant, Instrument, Instruments
 from cc_mujoco.diagnosis._rig.records import (
+    Indices,
     Record,
     Setting,
     agonist_less_antagonist,
@@ -158,11 +159,9 @@ _SENSOR_INSTRUMENTS: dict[str, tuple[Instrument, ...]] = {
 
 
 class Library(NamedTuple):
-    # Effects by id, with the parameters that can change the residuals
-    effects: Mapping[str, Effect]
+    effects: Mapping[str, Effect]  # by id, with parameters that show
     hidden: Mapping[str, str]  # reason why each other effect is not detectable, by id
-    # Facts of the rig that remove an effect or bound it, by id, in words
-    declared: Mapping[str, str]
+    declared: Mapping[str, str]  # facts that remove or bound an effect, by id
 
 
 def available_effects(plant: SimulatedRig) -> Library:
@@ -438,8 +437,7 @@ class SimulatedRig:
     records: tuple[Record, ...]  # records to simulate
     segments: int  # segments per cable
     substeps: int = 1  # simulation steps per sample
-    # Instruments that measure the torques of the records
-    instruments: Instruments = TORQUE_SENSORS
+    instruments: Instruments = TORQUE_SENSORS  # of the torques of the records
     # Constants of motor and load in the rig's file
     constants: Mapping[str, Constant] = field(default_factory=dict)
     # Values of the scene that the data contradict, by name; the bench has estimates in
@@ -456,10 +454,7 @@ class SimulatedRig:
         return {parameter.name: 0.0 for parameter in every if parameter.linear}
 
     def simulate(
-        self,
-        values: Values,
-        effects: Sequence[str] = (),
-        only: Sequence[int] | None = None,
+        self, values: Values, effects: Sequence[str] = (), only: Indices | None = None
     ) -> list[FloatArray]:
         """Return the torques (rows, samples) of every record, or `only` of some."""
         chosen = self.records if only is None else [self.records[k] for k in only]

@@ -46,8 +46,7 @@ class Signature(NamedTuple):
     """Contribution that one start of one effect could make to the error."""
 
     id: str  # of the effect
-    # Its parameters where it would explain most, amplitudes solved for
-    start: dict[str, float]
+    start: dict[str, float]  # where it would explain most, amplitudes solved for
     explained: float  # share of the squared error that it would explain, to first order
     # Share of the held-out squared error that it would explain, to first order: fitted
     # to each fold's part and tested on its other
@@ -391,11 +390,9 @@ def are_confusable(one: Signature, other: Signature) -> bool:
     return alike or other.id in EFFECTS[one.id].confounded_with
 
 
-def rejection_reason(
-    crossed: CrossValidation, name: str, reduction: float, z: float
-) -> str:
+def rejection_reason(crossed: CrossValidation, name: str, gain: float, z: float) -> str:
     if z < Limit.min_z:
-        taken = round(reduction, 2) + 0.0  # no minus before a zero
+        taken = round(gain, 2) + 0.0  # no minus before a zero
         return (
             f"takes {taken:.0%} of the error, {format_number(z, 1.0)} standard errors "
             f"of noise and model form; {Limit.min_z:g} are needed"

@@ -425,8 +425,7 @@ class Found:
     x: FloatArray  # where it was fitted to all data
     held: Held  # its predictions of held-out data
     estimated: Mapping[str, Estimate]  # value and interval of every parameter
-    # Of the model, in the order in which they were added
-    effects: tuple[FoundEffect, ...]
+    effects: tuple[FoundEffect, ...]  # in the order in which they were added
     # Groups of ids that the data do not distinguish, of missing effects
     ties: tuple[tuple[str, ...], ...]
     occasions: Occasions | None  # comparison of occasions, None where there is one

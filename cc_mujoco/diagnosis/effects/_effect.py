@@ -224,8 +224,7 @@ class Effect:
     cables: Callable[[Cables, Values, RigGeometry], Cables] | None = None
     # The signals with the effect, in the order motor, joint, sensors
     torques: Callable[[Signals, Values], Signals] | None = None
-    # True for an effect of a sensor, applied after the mechanical ones
-    sensor: bool = False
+    sensor: bool = False  # True of a sensor, applied after the mechanical ones
     # Ids that are special cases of it; where one of them does as well, this one is no
     # rival
     generalises: tuple[str, ...] = ()

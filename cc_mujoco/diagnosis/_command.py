@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import tyro
 
@@ -162,14 +162,9 @@ class Diagnose:
         from cc_mujoco.diagnosis._propose.planning import PLAN_PAGE, plan
         from cc_mujoco.diagnosis._thresholds import Limit
 
-        found = plan(
-            scene,
-            self.out,
-            axis=self.axis,
-            reach=self.reach,
-            speed=Limit.default_speed if self.speed is None else self.speed,
-            dataset_toml=self.dataset,
-        )
+        speed = Limit.default_speed if self.speed is None else self.speed
+        limits: Any = {"axis": self.axis, "reach": self.reach, "speed": speed}
+        found = plan(scene, self.out, dataset_toml=self.dataset, **limits)
         for motion in found.trials:
             print(f"  {motion.description}")
         weak = [each for each in found.resolved if each.separation < Limit.min_clarity]

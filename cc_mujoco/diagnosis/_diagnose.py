@@ -182,15 +182,14 @@ def run_inference(
     progress(0.95, "writing it down")
     baseline = fitted.problem
     counts = [record.counts for record in found.problem.plant.records]
+    values = {p.name: found.estimated[p.name] for p in baseline.tuned}
+    open_ones = undetermined(baseline, fitted.whole.x, counts)
     diagnosis = replace(
         judged,
         statement=judged.statement + proposal.statement,
         next_experiment=proposal.experiment,
         where=located.where,
-        baseline=Baseline(
-            {p.name: found.estimated[p.name] for p in baseline.tuned},
-            undetermined(baseline, fitted.whole.x, counts),
-        ),
+        baseline=Baseline(values, open_ones),
         trials=located.trials,
         question=located.question,
     )

@@ -160,13 +160,11 @@ def _squares(
     problem: Problem, torques: Arrays, masks: Masks
 ) -> list[tuple[FloatArray, FloatArray]]:
     records, sensed = problem.plant.records, problem.sensed
-    return [
-        (
-            np.where(mask, (records[k].measured - torques[k]) / floor, 0.0) ** 2,
-            np.where(mask, sensed[k] / floor, 0.0) ** 2,
-        )
-        for k, (floor, mask) in enumerate(zip(problem.floor, masks, strict=True))
-    ]
+    found, pairs = [], zip(problem.floor, masks, strict=True)
+    for k, (floor, mask) in enumerate(pairs):
+        error, noise = (records[k].measured - torques[k]) / floor, sensed[k] / floor
+        found.append((np.where(mask, error, 0.0) ** 2, np.where(mask, noise, 0.0) ** 2))
+    return found
 
 
 def _largest_ratio(

@@ -187,11 +187,9 @@ def check_load_cells(dataset: Dataset, bench: Bench) -> Findings:
 
 def check_known_torques(dataset: Dataset) -> Findings:
     known = dataset.instruments
-    able = {
-        "known_motor_torque": known.motor in ("torque sensor", "motor current"),
-        "known_joint_torque": known.joint == "torque sensor",
-        "swapped": known == TORQUE_SENSORS,
-    }
+    motor = known.motor in ("torque sensor", "motor current")
+    able = {"known_motor_torque": motor, "swapped": known == TORQUE_SENSORS}
+    able["known_joint_torque"] = known.joint == "torque sensor"
     return [
         error(
             f"[trials.{trial.name!r}] declares `{fact}`, but that torque is not of a "

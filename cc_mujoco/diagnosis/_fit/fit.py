@@ -196,15 +196,13 @@ class _Grid:
             stiff = scene.axial_stiffness
         wrap = max(scene.wrap, 0.1)
         friction = np.divide((0.01, 0.03, 0.1, 0.3, 1.0, 3.0), wrap)
+        stiffest = simulation.MAX_FITTED_STIFFNESS
+        stiff_ones = np.multiply((0.25, 0.5, 1.0, 2.0, 4.0), stiff)
+        taut = np.multiply((0.1, 0.3, 1.0, 3.0, 10.0), max(line.spread, 1e-3))
         points = {
             "friction": np.minimum(friction, Limit.max_fitted_friction),
-            "axial_stiffness": np.minimum(
-                np.multiply((0.25, 0.5, 1.0, 2.0, 4.0), stiff),
-                simulation.MAX_FITTED_STIFFNESS,
-            ),
-            "pretension": np.multiply(
-                (0.1, 0.3, 1.0, 3.0, 10.0), max(line.spread, 1e-3)
-            ),
+            "axial_stiffness": np.minimum(stiff_ones, stiffest),
+            "pretension": taut,
         }
         known = dataset.constants
         self._points = {n: p.tolist() for n, p in points.items() if n not in known}
@@ -720,10 +718,9 @@ def unit_or_sign_error(
     ):
         if known[row] != "torque sensor" or not used:
             continue
-        measured, simulated, others = (
-            [torques[k][place, plant.records[k].free] for k in used]
-            for torques in ([r.measured for r in plant.records], played, better)
-        )
+        sets = [r.measured for r in plant.records], played, better
+        kept = [(k, plant.records[k].free) for k in used]
+        measured, simulated, others = ([t[k][place, m] for k, m in kept] for t in sets)
         times = _torque_factor(measured, simulated)
         if better is not played:
             scaled = [(times or 0.0) * torque for torque in simulated]

@@ -153,15 +153,11 @@ def plausible_size(
     ends = ("motor_", "cogging_", "eccentricity_", "ovality_")
     at_motor = parameter.name.startswith(ends)
     radius = (bench.motor_radius if at_motor else bench.joint_radius) / Limit.radius
-    scales = {
-        **dict.fromkeys(("N m", "N m/s", "N m/rad", "kg m^2"), tension * radius),
-        "N": tension,
-        "N/m": tension / length,
-        "N s/m^2": tension / length / radius,
-        "m/N": soft * length,
-        "m": radius,
-        "1/J": 1.0 / max(tension * radius, 1e-300),
-    }
+    torques = ("N m", "N m/s", "N m/rad", "kg m^2")
+    scales = dict.fromkeys(torques, tension * radius)
+    scales |= {"N": tension, "N/m": tension / length, "m/N": soft * length, "m": radius}
+    scales |= {"N s/m^2": tension / length / radius}
+    scales |= {"1/J": 1.0 / max(tension * radius, 1e-300)}
     scale = scales.get(parameter.unit, 1.0)
     if parameter.name == "bristle_length":
         scale = tension * soft * length

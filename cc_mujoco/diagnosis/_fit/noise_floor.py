@@ -87,12 +87,10 @@ def noise_floor(
         for total, square in zip(wide, scatter(moved, clean), strict=True):
             total += square
     known = plant.instruments
-    own = [
-        filtering.load**2
-        if name == channels.JOINT_TORQUE and known.joint == "known load"
-        else dataset.noise.get(name, _NO_NOISE).deviation ** 2 * filtering.passed
-        for name in known.channels
-    ]
+    noises = [dataset.noise.get(name, _NO_NOISE).deviation for name in known.channels]
+    own = [deviation**2 * filtering.passed for deviation in noises]
+    if known.joint == "known load":
+        own[known.channels.index(channels.JOINT_TORQUE)] = filtering.load**2
     whole = np.concatenate([record.measured for record in plant.records], axis=1)
     least = (Limit.min_floor_share * np.std(whole, axis=1)) ** 2
     base = np.maximum(np.array(own), least)[:, None]
@@ -160,17 +158,11 @@ def _residual_trial(
     signals = ([getattr(record, name) for record in records] for name in kept)
     time, motor, joint = map(np.concatenate, signals)
     ends = np.cumsum([0, *(record.time.size for record in records)]).tolist()
-    return Trial(
-        first.trial,
-        time,
-        motor,
-        torques.get(channels.MOTOR_TORQUE),
-        joint,
-        torques.get(channels.JOINT_TORQUE),
-        tuple(slice(a, b) for a, b in pairwise(ends)),
-        first.dt,
-        facts=TrialFacts(repeat_of=None if first.group == first.trial else first.group),
-    )
+    shown = torques.get(channels.MOTOR_TORQUE), torques.get(channels.JOINT_TORQUE)
+    segments = tuple(slice(a, b) for a, b in pairwise(ends))
+    facts = TrialFacts(repeat_of=None if first.group == first.trial else first.group)
+    known = first.trial, time, motor, shown[0], joint, shown[1]
+    return Trial(*known, segments, first.dt, facts=facts)
 
 
 def likely(record: Record, filtering: Filtering) -> Record:

@@ -352,13 +352,10 @@ class Problem:
         parameters = self.plant.library.effects[name].parameters
         starts = [(p, start.get(p.name, p.typical)) for p in parameters]
         more = [tuned_effect_parameter(p, at, self.plant) for p, at in starts]
-        return replace(
-            self,
-            tuned=(*self.tuned, *more),
-            effects=(*self.effects, name),
-            forms={**self.forms, **{k: v for k, v in start.items() if k == key}},
-            slopes=TorqueDerivatives(self.slopes),
-        )
+        tuned, effects = (*self.tuned, *more), (*self.effects, name)
+        forms = {**self.forms, **{k: v for k, v in start.items() if k == key}}
+        wider = replace(self, tuned=tuned, effects=effects, forms=forms)
+        return replace(wider, slopes=TorqueDerivatives(self.slopes))
 
     def placed(self, x: FloatArray, start: Mapping[str, float]) -> FloatArray:
         """Return the start of a fit that adds an effect's `start` to another."""
@@ -370,13 +367,11 @@ class Problem:
         """Return the problem without an effect."""
         effect = self.plant.library.effects[name]
         gone = {parameter.name for parameter in effect.parameters}
-        return replace(
-            self,
-            tuned=tuple(p for p in self.tuned if p.name not in gone),
-            effects=tuple(e for e in self.effects if e != name),
-            forms={k: v for k, v in self.forms.items() if k != form_key(name)},
-            slopes=TorqueDerivatives(),
-        )
+        tuned = tuple(p for p in self.tuned if p.name not in gone)
+        effects = tuple(e for e in self.effects if e != name)
+        forms = {k: v for k, v in self.forms.items() if k != form_key(name)}
+        slim = replace(self, tuned=tuned, effects=effects, forms=forms)
+        return replace(slim, slopes=TorqueDerivatives())
 
     def errors(self, x: FloatArray, masks: Masks | None = None) -> list[FloatArray]:
         """Return Huber's errors relative to the floor, (2, samples) per record.

@@ -333,13 +333,8 @@ def _misfit(problem: Problem, places: Sequence[int], errors: Arrays) -> float:
 
 
 VARIED_PARAMETERS = (
-    "friction",
-    "pretension",
-    "axial_stiffness",
-    "friction_balance",
-    "motor_torque_offset",
-    "joint_torque_offset",
-    "joint_angle_offset",
+    *("friction", "pretension", "axial_stiffness", "friction_balance"),
+    *("motor_torque_offset", "joint_torque_offset", "joint_angle_offset"),
 )
 """Parameters that a rig may change between trials."""
 SEQUENCE_ORDINATES = ("order of the trials", "time of the trials")
@@ -655,12 +650,9 @@ class TrialDifferences(NamedTuple):
         if len(table) > 12:
             table = [*table[:3], "...", *table[-3:]]
         unit = "times the mean" if factor else f"{best.parameter.unit} from the mean"
-        rivals = [
-            f"{plain_name(each.parameter.name)} by trial would take "
-            f"{format_share(each.share)}"
-            for each in others
-            if each.share > best.share - Limit.rival_margin
-        ]
+        able = [each for each in others if each.share > best.share - Limit.rival_margin]
+        shares = [(plain_name(e.parameter.name), format_share(e.share)) for e in able]
+        rivals = [f"{other} by trial would take {share}" for other, share in shares]
         takes = (
             f"A {name} of its own for every trial takes {format_share(best.share)} of "
             f"the squared error beyond the noise ({', '.join(table)}; "

@@ -210,13 +210,11 @@ def motions(
         ),
     ]
     force = Limit.weight_share * cable.pretension
-    weights = tuple(
-        float(f"{force * radius:.2g}") if instrument in able else 0.0
-        for radius, instrument, able in (
-            (bench.motor_radius, instruments.motor, ("torque sensor", "motor current")),
-            (bench.joint_radius, instruments.joint, ("torque sensor",)),
-        )
-    )
+    sensors = ("torque sensor", "motor current"), ("torque sensor",)
+    radii = bench.motor_radius, bench.joint_radius
+    able = [kind in own for kind, own in zip(instruments, sensors, strict=True)]
+    sizes = [force * r if there else 0.0 for r, there in zip(radii, able, strict=True)]
+    weights = tuple(float(f"{size:.2g}") for size in sizes)
     if any(weights):
         pairs = zip(("motor", "joint"), weights, strict=True)
         sides = list_words(f"{s:g} N m at the {side}" for side, s in pairs if s)
@@ -406,12 +404,9 @@ def best_trial(rivals: Rivals) -> Proposal | None:
             rest = [each for each in other.effects if each != name]
             without += plant.simulate(other.values(x), rest)
         difference = (shown[0] - shown[1]) / noise
-        lefts = [
-            refit_difference(
-                other, x, replace(record, measured=torque), noise, old, difference
-            )
-            for (other, x), torque, old in zip(fitted, shown, known, strict=True)
-        ]
+        played = [replace(record, measured=torque) for torque in shown]
+        pairs = zip(fitted, played, known, strict=True)
+        lefts = [refit_difference(*f, r, noise, old, difference) for f, r, old in pairs]
         left = min(lefts, key=np.linalg.norm)
         unsure = np.hypot(1.0, form_error(shown, without, noise))
         score = weight * float(np.linalg.norm(left / unsure))

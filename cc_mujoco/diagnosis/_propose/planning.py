@@ -212,11 +212,9 @@ def _choose_records(grams: Arrays, owners: Owners, fixed: Sequence[int]) -> list
         tried = {}  # number of effects that would be identified, in part or whole
         for k in sorted(set(range(len(grams))) - set(chosen)):
             gram = np.sum([grams[j] for j in (*chosen, k)], axis=0)
-            tried[k] = sum(
-                0.5 * min(each.clarity / SATURATED_CLARITY, 1.0)
-                + 0.5 * min(each.separation / SATURATED_CLARITY, 1.0)
-                for each in _resolved_effects(gram, owners)
-            )
+            most, resolved = SATURATED_CLARITY, _resolved_effects(gram, owners)
+            pairs = [(each.clarity / most, each.separation / most) for each in resolved]
+            tried[k] = sum(0.5 * min(a, 1.0) + 0.5 * min(b, 1.0) for a, b in pairs)
         k = max(tried, key=lambda each: tried[each])
         if tried[k] < best + 0.02:
             break

@@ -117,14 +117,11 @@ class Earlier(NamedTuple):
         trial = planned.get("trial") if isinstance(planned, dict) else ""
         proposed = Path(folder, f"next_{trial}", DATASET_FILE)
         effects = known.get("effects", ())
-        return cls(
-            tuple(here[path] for path in data),
-            here[scene["path"]],
-            here.get(dataset["path"]),
-            scene.get("axis"),
-            tuple(named_in_file(str(each), place, "effects") for each in effects),
-            proposed if proposed.is_file() else None,
-        )
+        code = [named_in_file(str(each), place, "effects") for each in effects]
+        known_data = tuple(here[path] for path in data)
+        files = known_data, here[scene["path"]], here.get(dataset["path"])
+        more = proposed if proposed.is_file() else None
+        return cls(*files, scene.get("axis"), tuple(code), more)
 
     def with_more(self, data: Sequence[str | os.PathLike[str]]) -> Path | None:
         """Return one `dataset.toml` for the earlier and the new trials.
@@ -423,12 +420,9 @@ def write_and_compare_scene(result: DiagnosisResult, path: Path) -> list[str]:
         trial, difference, size = rollout_difference(result, path)
     except CableError as error:
         return [*statements, f"scene.xml is written, but cannot be compared: {error}."]
-    return [
-        *statements,
-        f"scene.xml, played by MuJoCo along the first seconds of {trial}, "
-        f"differs from the replay by {difference:.2g} N m RMS, with torques of "
-        f"{size:.2g} N m RMS.",
-    ]
+    sizes = f"{difference:.2g} N m RMS, with torques of {size:.2g} N m RMS."
+    played = f"scene.xml, played by MuJoCo along the first seconds of {trial}, "
+    return [*statements, f"{played}differs from the replay by {sizes}"]
 
 
 def _use_scene_angle(effects: dict[str, dict[str, float]], offset: float) -> None:
@@ -465,17 +459,12 @@ def rollout_difference(result: DiagnosisResult, path: Path) -> tuple[str, float,
     if record.path is not None:
         angles = record.path.angles[:, :short]
         others = dict(zip(record.path.others, angles, strict=True))
-    shown = rollout(
-        path,
-        record.start + record.dt * np.arange(short),
-        record.motor_angle[:short],
-        shift_signal(record.joint_angle, ahead)[:short] + offset,
-        lead_in=distal / proximal,
-        tilt=record.tilt,
-        cables=result.bench.names,
-        driven=result.bench.joint,
-        others=others,
-    )
+    clock = record.start + record.dt * np.arange(short)
+    joint = shift_signal(record.joint_angle, ahead)[:short] + offset
+    motion = clock, record.motor_angle[:short], joint
+    own: Any = {"cables": result.bench.names, "driven": result.bench.joint}
+    own |= {"lead_in": distal / proximal, "tilt": record.tilt, "others": others}
+    shown = rollout(path, *motion, **own)
     zero = (*simulation.TORQUE_OFFSETS, *simulation.CLOCK_PARAMETERS)
     quiet = values | dict.fromkeys(zero, 0.0)
     # The sensors of a scene show both torques, even if those of the rig do not.

@@ -225,15 +225,10 @@ def _model_change_step(diagnosis: Diagnosis) -> Html:
         added = "the added effects and "
         notes = [p for p in diagnosis.problems if p.startswith(NOT_IN_SCENE_PREFIX)]
         notes += [gap_sentence(n, gap) for n, gap in [*diagnosis.gap.items()][:1]]
-    return join_pieces(
-        [
-            element("strong", "What to change: "),
-            "simulate with ",
-            element("code", "scene.xml"),
-            f" beside this report, which contains {added}the tuned values. ",
-            " ".join(notes),
-        ]
-    )
+    scene = element("code", "scene.xml")
+    what = f" beside this report, which contains {added}the tuned values. "
+    title = element("strong", "What to change: ")
+    return join_pieces([title, "simulate with ", scene, what, " ".join(notes)])
 
 
 def _question_step(diagnosis: Diagnosis) -> Html:
@@ -339,14 +334,10 @@ def trials(diagnosis: Diagnosis) -> Html | None:
     rows = []
     for each in ranked:
         errors = each.rmse_before, each.rmse_after, each.noise_floor
-        rows.append(
-            (
-                element("code", each.trial),
-                change(each.misfit_before, each.misfit_after),
-                *(change(*(e[name] for e in errors)) for name in each.rmse_before),
-                *([format_share(each.slack)] if slack else []),
-            )
-        )
+        misfit = change(each.misfit_before, each.misfit_after)
+        sizes = (change(*(e[name] for e in errors)) for name in each.rmse_before)
+        slack_share = [format_share(each.slack)] if slack else []
+        rows.append((element("code", each.trial), misfit, *sizes, *slack_share))
     torques = [f"{channel_name(name)} [N m]" for name in ranked[0].rmse_before]
     key = (
         "Each trial is predicted by parameters fitted to the others or, where trials "

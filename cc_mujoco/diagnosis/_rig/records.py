@@ -264,14 +264,11 @@ def _conditions(trials: Sequence[Trial]) -> dict[str, TrialConditions]:
             spread = time - time.mean()
             rates[trial.name] = float(spread @ celsius / max(spread @ spread, 1e-300))
     usual = float(np.mean(list(means.values()))) if means else 0.0
-    return {
-        trial.name: TrialConditions(
-            place - 0.5 * (len(trials) - 1),
-            means.get(trial.name, usual) - usual,
-            rates.get(trial.name, 0.0),
-        )
-        for place, trial in enumerate(trials)
-    }
+    middle = 0.5 * (len(trials) - 1)
+    order = {trial.name: place - middle for place, trial in enumerate(trials)}
+    warmth = {name: means.get(name, usual) - usual for name in order}
+    rise = {name: rates.get(name, 0.0) for name in order}
+    return {n: TrialConditions(order[n], warmth[n], rise[n]) for n in order}
 
 
 def _record(
@@ -496,13 +493,9 @@ def replay(record: Record, setting: Setting) -> Played:
             share = setting.moment_share(turned)
             torques = replace(torques, joint_torque=torques.joint_torque * share)
     keep = slice(LEAD_SAMPLES * substeps, None, substeps)
-    return Played(
-        joint - setting.offset,
-        torques.motor_torque[keep].copy(),
-        torques.joint_torque[keep].copy(),
-        torques.tension_proximal[:, keep].copy(),
-        torques.tension_distal[:, keep].copy(),
-    )
+    ends = torques.motor_torque[keep].copy(), torques.joint_torque[keep].copy()
+    cables = torques.tension_proximal[:, keep], torques.tension_distal[:, keep]
+    return Played(joint - setting.offset, *ends, *(each.copy() for each in cables))
 
 
 def _wound(setting: Setting, dt: float, motor: FloatArray, joint: FloatArray) -> Driven:

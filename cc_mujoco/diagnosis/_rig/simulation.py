@@ -404,16 +404,11 @@ def _motor_parameters(
 ) -> list[Tuned]:
     speeds = [np.abs(np.gradient(r.motor_angle, r.dt))[r.counts] for r in records]
     speed = max(float(np.quantile(np.concatenate(speeds), 0.95)), 1e-6)
+    low, high = (math.log(each / Limit.wind_up) for each in WIND_UP_BOUNDS)
+    wind_up = BASELINE["motor_wind_up"], Limit.wind_up
     found = [
         Tuned(BASELINE["motor_friction"], 0.0, 0.1 * rms, 0.0, 100.0),
-        Tuned(
-            BASELINE["motor_wind_up"],
-            Limit.wind_up,
-            1.0,
-            math.log(WIND_UP_BOUNDS[0] / Limit.wind_up),
-            math.log(WIND_UP_BOUNDS[1] / Limit.wind_up),
-            2.0,
-        ),
+        Tuned(*wind_up, 1.0, low, high, 2.0),
         Tuned(BASELINE["motor_damping"], 0.0, 0.1 * rms / speed, 0.0, 100.0),
     ]
     known = constants["torque_constant"]

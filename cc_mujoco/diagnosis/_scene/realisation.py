@@ -332,16 +332,10 @@ def backlash(spec: MjSpec, bench: Bench, values: Values) -> None:
     pulley = joint.parent.parent.add_body(name=name, pos=place, quat=turn)
     _set_isotropic_inertia(pulley, model.jnt_pos[index], inertia)
     # All attributes are set, because a scene may have defaults.
-    hinge = pulley.add_joint(
-        name=name,
-        type=mujoco.mjtJoint.mjJNT_HINGE,
-        pos=model.jnt_pos[index],
-        axis=model.jnt_axis[index],
-        ref=joint.ref,
-        limited=False,
-        armature=0.0,
-        frictionloss=0.0,
-    )
+    place, axis = model.jnt_pos[index], model.jnt_axis[index]
+    free: Any = {"limited": False, "armature": 0.0, "frictionloss": 0.0}
+    free |= {"type": mujoco.mjtJoint.mjJNT_HINGE, "ref": joint.ref}
+    hinge = pulley.add_joint(name=name, pos=place, axis=axis, **free)
     hinge.damping[:] = 0.0
     hinge.stiffness[:] = 0.0
     for actuator in spec.actuators:

@@ -109,13 +109,10 @@ def drop_redundant(course: Search) -> Search:
     except KeyboardInterrupt:
         now, interrupted = course.after, True
         _forget_derivatives(known)
-    return course._replace(
-        after=now,
-        rounds=_split_rivals(course.rounds),
-        shares=shares or gap_shares(course.before, now, known),
-        known=tuple(known),
-        interrupted=interrupted,
-    )
+    shares = shares or gap_shares(course.before, now, known)
+    course = course._replace(after=now, shares=shares, known=tuple(known))
+    rounds = _split_rivals(course.rounds)
+    return course._replace(rounds=rounds, interrupted=interrupted)
 
 
 def search(
@@ -406,15 +403,11 @@ def _unrefitted_lookalikes(
         return []
     sign = next(s for s in signatures if s.id == leader.id)
     done = {candidate.id for candidate in candidates}
-    return [
-        s
-        for s in signatures
-        if s.id not in done
-        and max(s.explained, s.foreseen) >= Limit.min_leader_share * leader.reduction
-        and s.explained > 0.0
-        and not _is_redundant(s.id, candidates)
-        and screening.are_confusable(sign, s)
-    ]
+    least = Limit.min_leader_share * leader.reduction
+    able = [s for s in signatures if s.id not in done and s.explained > 0.0]
+    able = [s for s in able if max(s.explained, s.foreseen) >= least]
+    able = [s for s in able if not _is_redundant(s.id, candidates)]
+    return [s for s in able if screening.are_confusable(sign, s)]
 
 
 @dataclass(frozen=True)

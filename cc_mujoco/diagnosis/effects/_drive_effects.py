@@ -557,7 +557,6 @@ class SensorCrossTalk:
         ]
 
     def signals(self, signals: Signals, values: Values) -> Signals:
-        return signals.added(
-            motor=values.get("motor_torque_cross_talk", 0.0) * signals.joint,
-            joint=values.get("joint_torque_cross_talk", 0.0) * signals.motor,
-        )
+        motor = values.get("motor_torque_cross_talk", 0.0) * signals.joint
+        joint = values.get("joint_torque_cross_talk", 0.0) * signals.motor
+        return signals.added(motor=motor, joint=joint)

@@ -98,9 +98,7 @@ def infer(
     effects: Sequence[Any] = (),
     progress: Progress = no_progress,
 ) -> tuple[DiagnosisResult, Dataset]:
-    """Diagnose as `diagnose` does, but write no files.
-
-    Arguments as in `diagnose`, but `bench` is that of the scene.
+    """Diagnose as `diagnose` does, with the bench of the scene, but write no files.
 
     Raises:
         CableError: an effect that cannot be used, no data, a wrong dataset file or a
@@ -163,14 +161,7 @@ def run_inference(
     settings: Options = Options(),  # noqa: B008
     progress: Progress = no_progress,
 ) -> DiagnosisResult:
-    """Return the verdict on checked trials, without any file.
-
-    Args:
-        dataset: trials of `_loading.load`, without anything to fix.
-        bench: rig as the scene has it.
-        settings: choices besides data and scene.
-        progress: called with the share done and the present step.
-    """
+    """Return the verdict on trials that `_loading.load` finds nothing to fix in."""
     bench = replace(bench.known(dataset.constants), ends_held=dataset.ends_held)
     fitted = fit_scene(dataset, bench, settings, progress)
     if isinstance(fitted, Diagnosis):
@@ -184,15 +175,10 @@ def run_inference(
     counts = [record.counts for record in found.problem.plant.records]
     values = {p.name: found.estimated[p.name] for p in baseline.tuned}
     open_ones = undetermined(baseline, fitted.whole.x, counts)
-    diagnosis = replace(
-        judged,
-        statement=judged.statement + proposal.statement,
-        next_experiment=proposal.experiment,
-        where=located.where,
-        baseline=Baseline(values, open_ones),
-        trials=located.trials,
-        question=located.question,
-    )
+    told: Any = {key: getattr(located, key) for key in ("where", "trials", "question")}
+    told |= {"baseline": Baseline(values, open_ones)}
+    told |= {"statement": judged.statement + proposal.statement}
+    diagnosis = replace(judged, next_experiment=proposal.experiment, **told)
     evidence, motion = located.evidence, proposal.motion
     return DiagnosisResult(
         diagnosis, bench, evidence, found.problem, found.x, fitted, motion

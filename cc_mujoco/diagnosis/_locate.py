@@ -381,17 +381,11 @@ def _map(
         moved = sums([np.roll(e, by) for e, by in zip(before, shifts, strict=True)])
         shares.append(_share(moved, count, square))
         means.append(_means(moved, count))
-    return Map(
-        channel,
-        axis,
-        unit,
-        centre,
-        before=_means(own, count),
-        after=_means(rest, count),
-        band=Limit.sigmas * np.std(np.nan_to_num(np.array(means)), axis=0),
-        share=max(_share(own, count, square), 0.0),
-        chance=max(float(np.quantile(shares, 0.95)), 0.0),
-    )
+    band = Limit.sigmas * np.std(np.nan_to_num(np.array(means)), axis=0)
+    lines = _means(own, count), _means(rest, count), band
+    both = _share(own, count, square), float(np.quantile(shares, 0.95))
+    share, chance = (max(each, 0.0) for each in both)
+    return Map(channel, axis, unit, centre, *lines, share, chance)
 
 
 def _means(sums: FloatArray, count: NDArray[np.intp]) -> FloatArray:

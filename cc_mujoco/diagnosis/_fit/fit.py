@@ -490,20 +490,14 @@ def floor_ratios(found: Mapping[str, Gap]) -> tuple[float, float]:
 
 
 def traces(problem: Problem, before: Arrays, after: Arrays) -> tuple[TrialTrace, ...]:
-    names = problem.plant.instruments.channels
-    return tuple(
-        TrialTrace(
-            record.trial,
-            record.time,
-            record.motor_angle,
-            record.joint_angle,
-            dict(zip(names, record.measured, strict=True)),
-            dict(zip(names, old, strict=True)),
-            dict(zip(names, new, strict=True)),
-            record.counts.astype(float),
-        )
-        for record, old, new in zip(problem.plant.records, before, after, strict=True)
-    )
+    names, found = problem.plant.instruments.channels, []
+    for record, *torques in zip(problem.plant.records, before, after, strict=True):
+        rows = record.measured, *torques
+        seen, old, new = (dict(zip(names, each, strict=True)) for each in rows)
+        motion = record.time, record.motor_angle, record.joint_angle
+        counts = record.counts.astype(float)
+        found.append(TrialTrace(record.trial, *motion, seen, old, new, counts))
+    return tuple(found)
 
 
 class Held(NamedTuple):

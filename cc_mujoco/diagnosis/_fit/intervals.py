@@ -272,12 +272,9 @@ def form_error(
     H^-1 J^T Q c. Along no direction is v more than the largest of the controls makes:
     what is larger than any rig has is no form but something that is missing.
 
-    Args:
-        slopes: (data, parameters) J, those of priors left out.
-        residual: (data,) in units of their noise.
-        spread: (parameters, parameters) H^-1, priors included.
-        controls: (data, controls) changes of the residuals by each, as large as a rig
-            may have it.
+    `slopes` (data, parameters) are J, those of priors left out, `residual` (data,) in
+    units of their noise, `spread` H^-1, priors included, and `controls` (data,
+    controls) changes of the residuals by each, as large as a rig may have it.
     """
     nothing = np.zeros_like(spread)
     size = np.linalg.norm(controls, axis=0)
@@ -343,10 +340,8 @@ def disagreement(
     freedom is Satterthwaite's, G^2 over the sum of the squared correlations of the
     moves (Bell and McCaffrey, Survey Methodology 28, 2002): G - 1 for G equal parts.
 
-    Args:
-        slopes: (residuals, parameters) of the residuals, priors last.
-        residual: (residuals,) in units of their noise.
-        parts: (data,) number of the part of each residual; those of priors have none.
+    `slopes` (residuals, parameters) are J, priors last, `residual` (residuals,) in
+    units of their noise; `parts` (data,) number the part of each, without the priors.
     """
     whole = least_squares.covariance(slopes)
     every = [np.flatnonzero(parts == part) for part in np.unique(parts)]

@@ -459,17 +459,11 @@ def fit(
     evaluations: int = Limit.fitting_max_evaluations,
     tolerance: float = Limit.relative_tolerance,
 ) -> Fit:
-    """Fit least squares within bounds from a start.
+    """Fit least squares within bounds to the samples of masks, from a start.
 
     Where the rig is simulated finely, `Problem.corrected` is fitted until the fine
-    simulation confirms its end.
-
-    Args:
-        problem: model and records.
-        start: place of the parameters.
-        masks: samples that take part.
-        evaluations: most of them.
-        tolerance: relative change of the cost at which the fit ends.
+    simulation confirms its end. `tolerance` is the relative change of the cost at which
+    a fit ends.
     """
     if problem.coarse is problem:
         return least_squares.fit(

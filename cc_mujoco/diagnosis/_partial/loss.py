@@ -272,7 +272,7 @@ def fit_loss(
     values = {}
     for name, value in derived.items():
         spread = float(np.nanstd(drawn[name])) * wider
-        fitted = _estimate(float(value[0]), _UNITS[name], spread, few - 2)
+        fitted = _estimate(float(value[0]), _UNITS.get(name, "1"), spread, few - 2)
         if name not in ("drag", "rotor_inertia") or fitted.ci95[0] > 0.0:
             values[name] = fitted
     by_scene = [b._replace(torque=scene.torque(b.ideal, b.sign)) for b in blocks]
@@ -288,33 +288,18 @@ def fit_loss(
             values["breakaway_excess"] = excess
     left = [b.torque - b.columns @ np.nan_to_num(best[0]) for b in blocks]
     off = [b.torque - each.torque for b, each in zip(blocks, by_scene, strict=True)]
-    return LossFit(
-        values,
-        settling,
-        breakaway_at,
-        rms(left) if "friction_exponent" in derived else math.nan,
-        rms(off),
-        {name: float(value[0]) for name, value in stated.items()},
-        rms([b.torque for b in blocks]),
-        rms([b.columns[:, DRAG] for b in blocks]),
-        _undetermined(law, gain_uncertainty, breakaway_at),
-    )
+    misfit = rms(left) if "friction_exponent" in derived else math.nan
+    given = {name: float(value[0]) for name, value in stated.items()}
+    signals = rms([b.torque for b in blocks]), rms([b.columns[:, DRAG] for b in blocks])
+    unknown = _undetermined(law, gain_uncertainty, breakaway_at)
+    found = values, settling, breakaway_at, misfit, rms(off), given
+    return LossFit(*found, *signals, unknown)
 
 
-_UNITS = {
-    "friction_exponent": "1",
-    "exponent_driving": "1",
-    "exponent_driven": "1",
-    "load_independent_loss": "N m",
-    "load_independent_positive": "N m",
-    "load_independent_negative": "N m",
-    "gain": "1",
-    "zero": "N m",
-    "total_loss": "N m",
-    "drag": "N m s/rad",
-    "rotor_inertia": "kg m^2",
-    "breakaway_excess": "1",
-}
+# Of all that is not a ratio
+_UNITS = {"drag": "N m s/rad", "rotor_inertia": "kg m^2"}
+_UNITS |= dict.fromkeys(("zero", "total_loss", "load_independent_loss"), "N m")
+_UNITS |= {f"load_independent_{way}": "N m" for way in ("positive", "negative")}
 
 
 def _derived(

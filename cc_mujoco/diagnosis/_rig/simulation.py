@@ -557,17 +557,10 @@ class SimulatedRig:
             if effect.torques is not None:
                 shown = effect.torques(shown, values)
         motor, joint = (values.get(name, 0.0) for name in TORQUE_DELAYS)
-        both = np.array(
-            [
-                shift_signal(torque, -late / record.dt) + values.get(offset, 0.0)
-                for torque, late, offset in zip(
-                    (shown.motor, shown.joint),
-                    (motor, setting.late + joint),
-                    TORQUE_OFFSETS,
-                    strict=True,
-                )
-            ]
-        )
+        lags = (shown.motor, motor), (shown.joint, setting.late + joint)
+        moved = [shift_signal(torque, -late / record.dt) for torque, late in lags]
+        offsets = [values.get(name, 0.0) for name in TORQUE_OFFSETS]
+        both = np.array([row + by for row, by in zip(moved, offsets, strict=True)])
         if (cell := record.load_cell) is not None:  # no torque sensor shows its fault
             late = setting.late if cell.row else 0.0
             ends = (shown.tension_proximal, shown.tension_distal)[cell.row]

@@ -341,14 +341,10 @@ def backlash(spec: MjSpec, bench: Bench, values: Values) -> None:
     for actuator in spec.actuators:
         if actuator.plugin.name in bench.names and actuator.target == bench.joint:
             actuator.target = name
-    tendon = spec.add_tendon(
-        name=f"{bench.joint}_backlash",
-        limited=True,
-        range=[-play / 2.0, play / 2.0],
-        margin=0.0,
-        solref_limit=[4.0 * step, 1.0],
-        solimp_limit=[0.999, 0.9999, play / 1000.0, 0.5, 2.0],
-    )
+    stop: Any = {"limited": True, "range": [-play / 2.0, play / 2.0], "margin": 0.0}
+    stop["solref_limit"] = [4.0 * step, 1.0]
+    stop["solimp_limit"] = [0.999, 0.9999, play / 1000.0, 0.5, 2.0]
+    tendon = spec.add_tendon(name=f"{bench.joint}_backlash", **stop)
     tendon.frictionloss, tendon.armature = 0.0, 0.0
     tendon.stiffness[:] = 0.0
     tendon.damping[:] = 0.0

@@ -48,15 +48,11 @@ def repair_scene(
     effects: Mapping[str, Values],
     left_out: Mapping[str, Values] | None = None,
 ) -> MjSpec:
-    """Return the scene of a bench with other cables, and with effects.
+    """Return the scene of a bench with its radii as gears, other cables and effects.
 
-    Args:
-        bench: whose scene it is; its radii become the gears.
-        cables: in place of `Bench.cables`, already with what effects change in them.
-        effects: parameters by id; those that act in the cables are only named in the
-            comment of the file.
-        left_out: parameters, by id, of effects that the scene cannot have, for the
-            comment of the file.
+    The cables have already what effects change in them. Effects are parameters by id;
+    those in the cables, and `left_out`, which the scene cannot have, are only named in
+    the comment of the file.
 
     Raises:
         CableError: another number of cables, a value that is missing, unknown or not

@@ -263,14 +263,8 @@ def screen(
 ) -> list[Signature]:
     """Return the signatures of effects, the most helpful first; the best start of each.
 
-    Args:
-        problem: the model so far.
-        x: fitted parameters.
-        masks: samples that count.
-        ids: ids of the effects to try.
-        division: division of these samples into folds; without any nothing is foreseen.
-        changes: cache of earlier rounds.
-        starts: most starts of every effect; default all.
+    Without a division of the samples into folds nothing is foreseen. `starts` is the
+    most of every effect (default all), `changes` the cache of earlier rounds.
     """
     given = _Screen(problem, x, masks, changes or Changes(), division)
     library = problem.plant.library.effects

@@ -28,18 +28,10 @@ def _stribeck(given: Cables, values: Values, _: RigGeometry) -> Cables:
     # A contact has one slip that renews it: with ageing, that of the ageing law.
     form = round(values.get(form_key("stribeck_friction"), 0.0))
     exponent, tail = tuple(_FORMS.values())[form]
-    return tuple(
-        cable.replace(
-            stribeck_friction=values["stribeck_friction"],
-            stribeck_speed=values["stribeck_speed"],
-            stribeck_exponent=exponent,
-            stribeck_tail=tail,
-            critical_slip_distance=cable.critical_slip_distance
-            if cable.ageing_friction > 0.0
-            else values["stribeck_slip"],
-        )
-        for cable in given
-    )
+    own = {name: values[name] for name in ("stribeck_friction", "stribeck_speed")}
+    own |= {"stribeck_exponent": exponent, "stribeck_tail": tail}
+    fresh = {**own, "critical_slip_distance": values["stribeck_slip"]}
+    return tuple(c.replace(**own if c.ageing_friction > 0.0 else fresh) for c in given)
 
 
 def _asymmetric(given: Cables, values: Values, _: RigGeometry) -> Cables:
@@ -55,17 +47,13 @@ def _tension_dependent(given: Cables, values: Values, _: RigGeometry) -> Cables:
     # baseline's friction stays that of a cable in the scene's.
     usual = max(values.get("pretension", given[0].pretension), 1e-9)
     exponent = values["tension_exponent"]
-    return tuple(
-        cable.replace(
-            tension_exponent=exponent,
-            friction=clamp_to_bounds(
-                "friction", cable.friction * (cable.pretension / usual) ** exponent
-            ),
-        )
-        if cable.pretension > 0.0
-        else cable
-        for cable in given
-    )
+    made = list(given)
+    for k, cable in enumerate(given):
+        if cable.pretension > 0.0:
+            friction = cable.friction * (cable.pretension / usual) ** exponent
+            friction = clamp_to_bounds("friction", friction)
+            made[k] = cable.replace(tension_exponent=exponent, friction=friction)
+    return tuple(made)
 
 
 FRICTION_EFFECTS = (
@@ -350,14 +338,12 @@ class ClampCreep:
         return [*sizes, Shape("clamp_force", "N", forces, 1.0, 1e4, held)]
 
     def cables(self, cables: Cables, values: Values, rig: RigGeometry) -> Cables:
-        return tuple(
-            cable.replace(
-                clamp_creep_distal=values.get(f"clamp_creep_distal{one}", 0.0),
-                clamp_creep_proximal=values.get(f"clamp_creep_proximal{one}", 0.0),
-                clamp_force=values["clamp_force"],
-            )
-            for cable, one in zip(cables, ("", f"_{ANTAGONIST}"), strict=False)
-        )
+        ends, made = ("clamp_creep_distal", "clamp_creep_proximal"), []
+        for cable, one in zip(cables, ("", f"_{ANTAGONIST}"), strict=False):
+            sizes = {name: values.get(f"{name}{one}", 0.0) for name in ends}
+            sizes["clamp_force"] = values["clamp_force"]
+            made.append(cable.replace(**sizes))
+        return tuple(made)
 
 
 def _with_friction(cables: Cables, change: float) -> Cables:

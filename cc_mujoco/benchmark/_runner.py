@@ -7,7 +7,6 @@ skips it. Cells share nothing, so the place of their run changes no bit.
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import hashlib
 import os
 import time
@@ -20,8 +19,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from cc_mujoco._utils.atomic_io import is_marked, replacing, require_unmodified
-from cc_mujoco._utils.atomic_io import require_ours as require_ours_in
+from cc_mujoco._utils import atomic_io
+from cc_mujoco._utils.atomic_io import is_marked, replacing
 from cc_mujoco._utils.provenance import (
     earlier_results_message,
     file_digests,
@@ -45,7 +44,7 @@ from cc_mujoco.benchmark._conditions import (
 )
 from cc_mujoco.benchmark._plant import require_key
 from cc_mujoco.benchmark._position import WITH_SENSOR
-from cc_mujoco.benchmark._suites import SUITES
+from cc_mujoco.benchmark._suites import SUITES, Suite
 from cc_mujoco.benchmark._user_entry import Entry, controller_provenance
 from cc_mujoco.control._registry import batched_controller
 from cc_mujoco.device import find_device
@@ -59,7 +58,10 @@ TEXT_FILES = REPORT_FILE, TABLES_FILE = "report.html", "table.md"
 
 @dataclass(frozen=True)
 class BenchmarkPlan:
-    """Choice of cells to run; empty is everything that the suite has."""
+    """Choice of cells to run; empty is everything that the suite has.
+
+    As a `_workers.Job` its pieces are groups of cells.
+    """
 
     controllers: tuple[str, ...]
     suite: str = "v1"
@@ -76,10 +78,14 @@ class BenchmarkPlan:
     """Secret of the run, see `_plant.new_key`; none where plants follow from the seeds
     alone."""
 
+    @property
+    def _suite(self) -> Suite:
+        return look_up("suite", self.suite, SUITES)
+
     def players(self) -> tuple[str, ...]:
         """Return the references, `none` and the controllers, each once."""
-        references = look_up("suite", self.suite, SUITES).references
-        return tuple(dict.fromkeys((*references, SCALE_CONTROLLER, *self.controllers)))
+        names = *self._suite.references, SCALE_CONTROLLER, *self.controllers
+        return tuple(dict.fromkeys(names))
 
     def played(self) -> list[Condition]:
         """Return all conditions.
@@ -87,8 +93,7 @@ class BenchmarkPlan:
         Raises:
             CableError: If a name is unknown.
         """
-        suite = look_up("suite", self.suite, SUITES)
-        scenes = tuple(dict.fromkeys(self.scenes or suite.scenes))
+        scenes = tuple(dict.fromkeys(self.scenes or self._suite.scenes))
         labels: dict[str, str] = {}
         for scene in scenes:
             other = labels.setdefault(device_label(scene), scene)
@@ -97,18 +102,18 @@ class BenchmarkPlan:
                     f"devices {other!r} and {scene!r} would have the same name, "
                     f"{device_label(scene)!r}, in tables and files; rename one."
                 )
-        found = [one for scene in scenes for one in suite.conditions(scene)]
+        found = [one for scene in scenes for one in self._suite.conditions(scene)]
         names = {condition.name: None for condition in found}
         for name in self.conditions:
             look_up("condition", name, names)
         if self.conditions:
             found = [c for c in found if c.name in self.conditions]
         if self.duration is not None:
-            found = [dataclasses.replace(c, duration=self.duration) for c in found]
+            found = [replace(c, duration=self.duration) for c in found]
         return found
 
     def left_out(self) -> Mapping[str, str]:
-        return {} if self.scenes else look_up("suite", self.suite, SUITES).left_out
+        return {} if self.scenes else self._suite.left_out
 
     def made_by(self) -> dict[str, Any]:
         return provenance(self.controllers, [at.scene for at in self.played()])
@@ -128,9 +133,7 @@ class BenchmarkPlan:
                     f"{name!r} is a reference, which every table has; it is no "
                     "controller"
                 )
-        count = look_up("suite", self.suite, SUITES).seeds
-        if self.seeds is not None:
-            count = self.seeds
+        count = self._suite.seeds if self.seeds is None else self.seeds
         if not 1 <= count <= 1000:  # more results are not listed quickly
             raise CableError(f"a benchmark has 1 to 1,000 seeds, not {count:,}.")
         most = 2**31
@@ -153,32 +156,18 @@ class BenchmarkPlan:
                     )
         return list(found.values())
 
-
-@dataclass(frozen=True)
-class Playing:
-    """A plan as a `_workers.Job` whose pieces are groups of cells."""
-
-    plan: BenchmarkPlan
-
     def rehearse(self) -> None:
         """Build every condition and controller once: a bad name fails here."""
-        shortest = {
-            c.scene: dataclasses.replace(c, duration=1.1) for c in self.plan.played()
-        }
-        self.plan.cells()
+        shortest = {c.scene: replace(c, duration=1.1) for c in self.played()}
+        self.cells()
         for condition in shortest.values():
             made = prepare_episodes([Cell(condition, SCALE_CONTROLLER)])
-            for name in self.plan.controllers:
-                drives = made.drives
-                if name in WITH_SENSOR:
-                    drives = [
-                        tuple(replace(one, joint_sensor=True) for one in own)
-                        for own in drives
-                    ]
+            for name in self.controllers:
+                sensor = {"joint_sensor": True} if name in WITH_SENSOR else {}
+                drives = [
+                    tuple(replace(d, **sensor) for d in own) for own in made.drives
+                ]
                 batched_controller(name, drives, made.batch.prefixes, Entry)
-
-    def made_by(self) -> dict[str, Any]:
-        return self.plan.made_by()
 
     def size(self, piece: Sequence[Cell]) -> int:
         return len(piece)
@@ -206,11 +195,9 @@ def provenance(controllers: Iterable[str], scenes: Iterable[str]) -> dict[str, A
 
 def require_ours(out: str | os.PathLike[str]) -> None:
     """Check before long work that results may be written to a folder."""
-    require_ours_in(
-        out,
-        lambda place: any(map(is_marked, (place / CELLS_FOLDER).glob("*.parquet"))),
-    )
-    require_unmodified(out, TEXT_FILES)
+    cells = Path(out, CELLS_FOLDER)
+    atomic_io.require_ours(out, lambda _: any(map(is_marked, cells.glob("*.parquet"))))
+    atomic_io.require_unmodified(out, TEXT_FILES)
 
 
 def run(
@@ -241,8 +228,7 @@ def run(
             cannot be written or holds files that are not a benchmark's.
     """
     require_ours(out)
-    job = Playing(plan)
-    job.rehearse()
+    plan.rehearse()
     folder = Path(out) / CELLS_FOLDER
     folder.mkdir(parents=True, exist_ok=True)
     cells = plan.cells()
@@ -263,9 +249,9 @@ def run(
         progress(kept + done)
 
     if scheduler is None:
-        playing = run_here(job, pieces, count, count=workers, processes=True)
+        playing = run_here(plan, pieces, count, count=workers, processes=True)
     else:
-        playing = run_on_cluster(job, pieces, scheduler, count, worker_timeout)
+        playing = run_on_cluster(plan, pieces, scheduler, count, worker_timeout)
     with contextlib.closing(playing):
         for number, found in playing if pieces else ():
             for cell, tables in zip(pieces[number], found, strict=True):
@@ -341,10 +327,8 @@ def time_steps(cell: Cell) -> tuple[float, float]:
     time of the processor, so that other work on the machine does not count.
     """
     # 1.1 s are timed, after compilation.
-    short = dataclasses.replace(cell.condition, duration=1.1)
-    made = prepare_episodes(
-        [dataclasses.replace(cell, condition=short, seeds=cell.seeds[:1])]
-    )
+    short = replace(cell.condition, duration=1.1)
+    made = prepare_episodes([replace(cell, condition=short, seeds=cell.seeds[:1])])
     law = batched_controller(cell.controller, made.drives, made.batch.prefixes, Entry)
     law.reset()
     taken: list[float] = []

@@ -21,7 +21,7 @@ from cc_mujoco.benchmark._cell import Cell, play
 from cc_mujoco.benchmark._conditions import REFERENCES, Condition
 from cc_mujoco.benchmark._ranking import normalise_errors
 from cc_mujoco.benchmark._results import read_results, read_rows
-from cc_mujoco.benchmark._runner import BenchmarkPlan, Playing
+from cc_mujoco.benchmark._runner import BenchmarkPlan
 from cc_mujoco.benchmark._suites import SUITES
 from cc_mujoco.errors import CableError, look_up
 
@@ -50,7 +50,7 @@ def verify(path: str | os.PathLike[str], count: int) -> str:
         about["suite"],
         tuple(dict.fromkeys(_source(about, row["scene"]) for row in rows)),
     )
-    Playing(plan).rehearse()
+    plan.rehearse()
     if other := provenance_differences(about["made_by"], plan.made_by()):
         raise CableError(
             f"{path} was made by other code, which differs in {', '.join(other)}; "

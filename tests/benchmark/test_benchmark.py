@@ -32,7 +32,6 @@ from cc_mujoco.benchmark._figures import pareto
 from cc_mujoco.benchmark._page import CAPTIONS, write
 from cc_mujoco.benchmark._plant import sample_plants
 from cc_mujoco.benchmark._results import by_device, read_results
-from cc_mujoco.benchmark._runner import Playing
 from cc_mujoco.cable import Cable
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Hold, Spring
@@ -313,7 +312,7 @@ def test_what_cannot_be_played_is_refused() -> None:
     twice = dataclasses.replace(SHORT, controllers=("pi", "pi"))
     assert len(twice.cells()) == len(REFERENCES) + 2
     with pytest.raises(CableError, match="unknown controller"):
-        Playing(dataclasses.replace(SHORT, controllers=("pid",))).rehearse()
+        dataclasses.replace(SHORT, controllers=("pid",)).rehearse()
 
 
 def test_a_hand_that_reverses_at_the_ankle_is_asked_to_hold() -> None:

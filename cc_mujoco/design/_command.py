@@ -47,9 +47,8 @@ class WhatIf:
         from cc_mujoco.design import carry_out
         from cc_mujoco.design._evaluation import beyond_motor
         from cc_mujoco.design._execution import search, wait_sentences
-        from cc_mujoco.design._local_sensitivity import analyse_best_design
+        from cc_mujoco.design._follow_up import analyse_best_design, check_timestep
         from cc_mujoco.design._report import write_report
-        from cc_mujoco.design._timestep_check import check_timestep
 
         for row in sorted({0, len(plan.designs) - 1}) if plan.search is None else ():
             if beyond := beyond_motor(plan.protocol, plan.designs[row]):

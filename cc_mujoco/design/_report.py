@@ -14,7 +14,7 @@ from cc_mujoco._utils import provenance
 from cc_mujoco._utils.atomic_io import MANIFEST, replacing, write_manifest
 from cc_mujoco.design import _charts as charts
 from cc_mujoco.design import _report_text as report_text
-from cc_mujoco.design._local_sensitivity import Around
+from cc_mujoco.design._follow_up import Around
 from cc_mujoco.design._protocol import metric_of
 from cc_mujoco.design._report_text import RankedStudy
 from cc_mujoco.design._results_store import CONTROLLER_COLUMN

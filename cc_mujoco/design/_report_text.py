@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 from cc_mujoco.cable._cable import PARAMETERS
 from cc_mujoco.design import _pareto as pareto
 from cc_mujoco.design._designs import Range
-from cc_mujoco.design._local_sensitivity import (
+from cc_mujoco.design._follow_up import (
     OBJECTIVE_TOLERANCE,
     Around,
+    Halved,
     Price,
     Slope,
 )
@@ -33,7 +34,6 @@ from cc_mujoco.design._protocol import (
 from cc_mujoco.design._results_store import CONTROLLER_COLUMN, failure_columns
 from cc_mujoco.design._scenarios import WORST_CASE_SUFFIX
 from cc_mujoco.design._sensitivity import Sensitivity, sensitivity
-from cc_mujoco.design._timestep_check import Halved
 from cc_mujoco.device import Device
 from cc_mujoco.device._materials import ENDS
 from cc_mujoco.device._plant import FRICTION, RADII

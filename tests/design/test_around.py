@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cc_mujoco.design import Plan, StudySpec, make_plan, read_limits
-from cc_mujoco.design._local_sensitivity import TRUST_REGION, analyse_best_design
+from cc_mujoco.design._follow_up import TRUST_REGION, analyse_best_design
 from cc_mujoco.errors import CableError
 
 Law = Callable[[Mapping[str, Any]], Mapping[str, float]]

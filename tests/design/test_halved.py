@@ -16,12 +16,12 @@ from cc_mujoco.design import (
     make_plan,
     read_objectives,
 )
-from cc_mujoco.design._report_text import timestep_sentence
-from cc_mujoco.design._timestep_check import (
+from cc_mujoco.design._follow_up import (
     MAX_CHECKED_DESIGNS,
     TOLERATED_CHANGE,
     check_timestep,
 )
+from cc_mujoco.design._report_text import timestep_sentence
 
 MEASURED = ("rms_torque_error", "peak_tension")
 PLAN = make_plan(

@@ -13,7 +13,7 @@ import pyarrow as pa
 import pytest
 
 from cc_mujoco.design import StudySpec, make_plan, read_limits
-from cc_mujoco.design._local_sensitivity import Around, Price
+from cc_mujoco.design._follow_up import Around, Price
 from cc_mujoco.design._protocol import DEFAULT_OBJECTIVES
 from cc_mujoco.design._report import write_report
 from cc_mujoco.design._report_text import (

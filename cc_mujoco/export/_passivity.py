@@ -325,34 +325,21 @@ def play(
     for limb in limbs:
         loaded = copy.copy(model)
         loaded.dof_armature[dof] += limb.inertia
-        exos.append(
-            WornDevice(
-                about,
-                loaded,
-                aside,
-                tasks,
-                EPISODE_TIME,
-                wearer={own.limb: Wearer(limb.stiffness, limb.damping)},
-            )
-        )
-    exo = exos[0]
+        wearer = {own.limb: Wearer(limb.stiffness, limb.damping)}
+        exo = WornDevice(about, loaded, aside, tasks, EPISODE_TIME, wearer=wearer)
+        exos.append(exo)
     seeds, prefixes = [seed] * len(limbs), exo.device.prefixes
     batch = Batch(exos, seeds, name=law)
     drives = tuple(_believing(about.sensing.equip(d), believed) for d in exo.drives)
-    measuring = AxesMeasuring(
-        prefixes,
-        [
-            Measuring(about.sensing, drive, driven, seeds, batch.steps)
-            for drive, driven in zip(drives, exo.device.driven, strict=True)
-        ],
-    )
+    sensors = [
+        Measuring(about.sensing, drive, driven, seeds, batch.steps)
+        for drive, driven in zip(drives, exo.device.driven, strict=True)
+    ]
     columns = [prefixes[place] + name for name in PORT_COLUMNS]
     control = _control(law, drives, place, prefixes)
+    measure = AxesMeasuring(prefixes, sensors).measure
     found = batch.play(
-        control,
-        measuring.measure,
-        columns,
-        lambda step, *_: progress(step * exo.period),
+        control, measure, columns, lambda step, *_: progress(step * exo.period)
     )
     kept = {n: found[c] for n, c in zip(PORT_COLUMNS, columns, strict=True)}
     angle, velocity = kept["joint_angle_rad"], kept["joint_velocity_rad_s"]

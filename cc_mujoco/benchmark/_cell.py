@@ -224,15 +224,10 @@ def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
         beliefs += [(reference and reference.belief) or own] * len(cell.seeds)
     description, seeds = draws[0].plant.description, [drawn.seed for drawn in draws]
     tasks = at.tasks(description)
+    models = [changed(drawn.plant, reference).model() for drawn in draws]
     exos = [
-        WornDevice(
-            description,
-            changed(drawn.plant, reference).model(),
-            drawn.trajectory,
-            tasks,
-            at.duration,
-        )
-        for drawn in draws
+        WornDevice(description, model, drawn.trajectory, tasks, at.duration)
+        for model, drawn in zip(models, draws, strict=True)
     ]
     exo, prefixes = exos[0], exos[0].device.prefixes
     batch = Batch(exos, seeds, name=one.controller)
@@ -273,19 +268,14 @@ def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
         law = PlantsController(each)
     else:
         law = batched_controller(name, drives, prefixes, Entry)
+    biases = []
+    for n, drive in enumerate(drives[0]):
+        count = 1 + sum(len(own.nodes) for own in drive.sensors)
+        biases.append([drawn.bias[n][:count] for drawn in draws])
+    delay = [drawn.plant.delay for drawn in draws]
+    noise = [drawn.plant.noise for drawn in draws]
     whole = exo.controller_sensors(
-        sensing,
-        drives[0],
-        seeds,
-        [
-            [
-                drawn.bias[n][: 1 + sum(len(one.nodes) for one in drive.sensors)]
-                for drawn in draws
-            ]
-            for n, drive in enumerate(drives[0])
-        ],
-        delay=[drawn.plant.delay for drawn in draws],
-        noise=[drawn.plant.noise for drawn in draws],
+        sensing, drives[0], seeds, biases, delay=delay, noise=noise
     )
     sensors: AxesMeasuring | faults.FaultySensors = whole
     if at.structure in faults.FAULTS:
@@ -382,13 +372,11 @@ def _scores(
             columns[f"tension_{cable}_proximal_n"] = ends[:, 2 * place]
             columns[f"tension_{cable}_distal_n"] = ends[:, 2 * place + 1]
             columns[f"tension_{cable}_nodes_n"] = least[:, [place]]
-        of_axes = [
-            episode_scores(
-                ArrayLog(axis_columns(columns, prefix, prefixes), cables, f),
-                scores,
-            )
-            for prefix, f in zip(prefixes, facts, strict=True)
+        logs = [
+            ArrayLog(axis_columns(columns, prefix, prefixes), cables, own)
+            for prefix, own in zip(prefixes, facts, strict=True)
         ]
+        of_axes = [episode_scores(log, scores) for log in logs]
         episodes.append(_device_scores(of_axes, prefixes))
     return {name: np.array([e[name] for e in episodes]) for name in episodes[0]}
 

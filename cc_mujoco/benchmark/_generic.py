@@ -95,14 +95,8 @@ def _other_motions(
     ]
     # A reversal has no gait: what followed it is held.
     still = tuple(map(_held, tasks)) if is_walk(plain.trajectory) else tasks
-    found = [
-        named_condition(
-            plain,
-            "reversals",
-            trajectory=joint_trajectory(description, reversals),
-            task=still,
-        )
-    ]
+    turning = joint_trajectory(description, reversals)
+    found = [named_condition(plain, "reversals", trajectory=turning, task=still)]
     sizes = [
         _jolt(plain.trajectory, model, axis.limb, axis.reach)
         for axis in description.axes

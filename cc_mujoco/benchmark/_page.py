@@ -81,13 +81,9 @@ def _report_page(
     times = text.times_table(results)
     if times[1]:
         parts["times"] = html.short_table(*_marked(times))
-    parts["words"] = html.folded(
-        "References and scores",
-        html.bullet_list(
-            html.inline_markdown(line.removeprefix("- "))
-            for line in text.definitions(results).splitlines()
-        ),
-    )
+    lines = [line.removeprefix("- ") for line in text.definitions(results).splitlines()]
+    words = html.bullet_list(map(html.inline_markdown, lines))
+    parts["words"] = html.folded("References and scores", words)
     parts["made"] = _provenance()
     return html.page(
         f"Benchmark of controllers: suite {plan.suite}",

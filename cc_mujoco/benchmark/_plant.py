@@ -377,17 +377,14 @@ def _sample_plant(condition: Condition, seed: int, device: Device, key: str) -> 
     plant = known
     if effect or changed is not device:
         plant = Plant(changed, _with_effect(values, effect))
-    return Draw(
-        plant=plant,
-        known=plant if condition.known else known,
-        seed=own,
-        trajectory=_with_period_factor(source, cadence),
-        bias=tuple(
-            tuple(condition.noise * BIAS * clipped_normal(random) for _ in range(own))
-            for own in sensors
-        ),
-        actuation=actuation,
+    if condition.known:
+        known = plant
+    bias = tuple(
+        tuple(condition.noise * BIAS * clipped_normal(random) for _ in range(count))
+        for count in sensors
     )
+    source = _with_period_factor(source, cadence)
+    return Draw(plant, known, own, source, bias, actuation)
 
 
 def _with_effect(

@@ -49,14 +49,11 @@ def structure_conditions(scene: str) -> list[Condition]:
             continue  # instead of one lag `varied-lag` has a range
         changes: dict[str, object] = {"structure": name}
         if name == "tremor":
-            parts = [
-                human.Tremor(
-                    trajectory_of(plain.trajectory, axis.limb),
-                    axis.limb,
-                    plants.TREMOR_SHARE * axis.reach,
-                )
-                for axis in device.description.axes
-            ]
+            parts = []
+            for axis in device.description.axes:
+                source, size = plain.trajectory, plants.TREMOR_SHARE * axis.reach
+                source = trajectory_of(source, axis.limb)
+                parts.append(human.Tremor(source, axis.limb, size))
             changes["trajectory"] = joint_trajectory(device.description, parts)
         found.append(named_condition(plain, STRUCTURE + name, **changes))
     return found

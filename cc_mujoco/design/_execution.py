@@ -240,15 +240,14 @@ def search(
         evaluations = math.prod(levels)
         say(f"The ranges have {evaluations} designs, so all of them are tried.")
     optuna = require_optuna()
-    study = optuna.create_study(
-        directions=["minimize"] * len(goals),
-        sampler=optuna.samplers.TPESampler(
-            seed=plan.protocol.seed,
-            multivariate=True,
-            constant_liar=True,
-            n_startup_trials=GENERATION,
-        ),
+    sampler = optuna.samplers.TPESampler(
+        seed=plan.protocol.seed,
+        multivariate=True,
+        constant_liar=True,
+        n_startup_trials=GENERATION,
     )
+    directions = ["minimize"] * len(goals)
+    study = optuna.create_study(directions=directions, sampler=sampler)
     space = {name: _distribution(optuna, r) for name, r in plan.ranges.items()}
     worst = [0.0] * len(goals)
     tried: set[tuple[Any, ...]] = set()
@@ -403,17 +402,12 @@ def _with_designs(
     together = batches_of(plan.protocol, possible, PIECE)
     batches = [*together, *((index,) for index in refused)]
     none = dict.fromkeys(number_columns(plan.protocol), math.nan)
-    return (
-        dataclasses.replace(
-            plan,
-            designs=(*plan.designs, *checked),
-            batches=(*plan.batches, *batches),
-        ),
-        {
-            batch + len(batches) - len(refused) + place: DesignResult(none, why)
-            for place, why in enumerate(refused.values())
-        },
+    first = batch + len(together)
+    results = {n: DesignResult(none, w) for n, w in enumerate(refused.values(), first)}
+    plan = dataclasses.replace(
+        plan, designs=(*plan.designs, *checked), batches=(*plan.batches, *batches)
     )
+    return plan, results
 
 
 def fit_profile(

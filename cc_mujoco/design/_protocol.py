@@ -54,10 +54,9 @@ REQUIRED_VARIABLES = {
     "material": ("material",),
     "rope_density": ("material", "rope_density"),
     "motor_mass": ("motor", "motor_mass"),
-    **{
-        k: ("motor", k)
-        for k in (CONTINUOUS_TORQUE, WINDING_RESISTANCE, TORQUE_CONSTANT)
-    },
+    CONTINUOUS_TORQUE: ("motor", CONTINUOUS_TORQUE),
+    WINDING_RESISTANCE: ("motor", WINDING_RESISTANCE),
+    TORQUE_CONSTANT: ("motor", TORQUE_CONSTANT),
 }
 """Variables of which a design must have one for a metric that needs this constant,
 since no scene has it."""

@@ -528,17 +528,10 @@ def limit_slack(found: RankedStudy) -> Html | None:
 def local_values(found: Around | None) -> Html | None:
     if found is None:
         return None
-    return join_pieces(
-        [
-            paragraph(SLOPES_NOTE),
-            short_table(*slope_table(found)),
-            *(
-                [paragraph(PRICES_NOTE), short_table(*price_table(found))]
-                if found.prices
-                else ()
-            ),
-        ]
-    )
+    parts = [paragraph(SLOPES_NOTE), short_table(*slope_table(found))]
+    if found.prices:
+        parts += [paragraph(PRICES_NOTE), short_table(*price_table(found))]
+    return join_pieces(parts)
 
 
 def slope_table(found: Around) -> tuple[list[str], list[list[str]]]:
@@ -653,17 +646,13 @@ def common_values(found: RankedStudy) -> Html:
             }:
                 text = "in the scene's proportion to friction"
             rows.append((owner + plain_name(key), text))
-    return join_pieces(
-        [
-            paragraph(
-                "Everything that was not varied is as in the scene; effects of cables "
-                "that are off are left out. A conduit is lengths and bend radii in "
-                "metres; loops, wrap or length, where varied, bend it otherwise, and a "
-                "diameter makes the cable stiffer."
-            ),
-            table(("what", "value"), rows),
-        ]
+    note = (
+        "Everything that was not varied is as in the scene; effects of cables that are "
+        "off are left out. A conduit is lengths and bend radii in metres; loops, wrap "
+        "or length, where varied, bend it otherwise, and a diameter makes the cable "
+        "stiffer."
     )
+    return join_pieces([paragraph(note), table(("what", "value"), rows)])
 
 
 def _of_scene(device: Device) -> Iterator[tuple[str, str, object]]:

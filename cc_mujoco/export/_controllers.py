@@ -318,14 +318,9 @@ def _joint_torques(
         divided = int(axis.law.is_round and leverage >= 0)
         rows.append((own, torque, desired, leverage, divided))
         if coupling is not None:
-            shared += [
-                (
-                    coupling.joints.index(joint),
-                    place,
-                    others[RATIO_COLUMN.format(joint=joint)],
-                )
-                for joint in drive.shared_ratios
-            ]
+            for joint in drive.shared_ratios:
+                column = others[RATIO_COLUMN.format(joint=joint)]
+                shared.append((coupling.joints.index(joint), place, column))
         start += len(axis.seen)
     if coupling is None:
         return JointTorques(start, tuple(rows))

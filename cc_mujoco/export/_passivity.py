@@ -69,11 +69,8 @@ finger, 2 kg at a foot 0.9 m from the hip (assumed).
 """
 
 PORT_COLUMNS = (
-    "joint_torque_nm",
-    "desired_torque_nm",
-    "joint_angle_rad",
-    "joint_velocity_rad_s",
-)
+    "joint_torque_nm", "desired_torque_nm", "joint_angle_rad", "joint_velocity_rad_s",
+)  # fmt: skip
 """Columns that `extracted_energy` needs, in its order."""
 PASSIVITY_REFERENCES = "ideal", "motor-off"
 PASSIVITY_TASKS = "spring", "transparent"
@@ -116,17 +113,13 @@ class _Aside(Trajectory):
 
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
         to, step, still = self.angle, minimum_jerk(time / MOVE_TIME), 0.0 * time
-        return Motion(
-            time,
-            to * step.value + self.centre,
-            to * step.rate / MOVE_TIME,
-            to * step.curvature / MOVE_TIME**2,
-            still,
-            {
-                joint: Motion(time, still + angle, still, still, still)
-                for joint, angle in self.resting
-            },
-        )
+        resting = {
+            joint: Motion(time, still + angle, still, still, still)
+            for joint, angle in self.resting
+        }
+        angle, velocity = to * step.value + self.centre, to * step.rate / MOVE_TIME
+        acceleration = to * step.curvature / MOVE_TIME**2
+        return Motion(time, angle, velocity, acceleration, still, resting)
 
 
 class WearerEnergy(NamedTuple):

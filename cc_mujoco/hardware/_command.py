@@ -181,13 +181,8 @@ class RunRig:
         }
         with watch_for_stop() as stop:
             driven = axes.driven(axes.connect(), desired)
-            log = RunLog(
-                self.out,
-                about,
-                max(1, round(BLOCK_TIME / period)),
-                name or DEFAULT_LOG_NAME,
-                axes.log_names,
-            )
+            rows, names = max(1, round(BLOCK_TIME / period)), axes.log_names
+            log = RunLog(self.out, about, rows, name or DEFAULT_LOG_NAME, names)
             clock, windings = SystemClock(), axes.windings
             loop = Loop(driven, law, clock=clock, log=log, stop=stop, windings=windings)
             try:

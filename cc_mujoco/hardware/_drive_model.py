@@ -104,11 +104,12 @@ class Windings:
         self, angles: Sequence[float], velocities: Sequence[float]
     ) -> list[dict[str, float]]:
         """Return `WINDING_COLUMNS` of every axis, none on a round pulley or unknown."""
-        return [
-            {}
-            if each is None
-            else each[0].read(
-                [angles[k] for k in each[1]], [velocities[k] for k in each[1]]
-            )
-            for each in self._windings
-        ]
+        found: list[dict[str, float]] = []
+        for each in self._windings:
+            if each is None:
+                found.append({})
+                continue
+            winding, joints = each
+            own = [angles[k] for k in joints], [velocities[k] for k in joints]
+            found.append(winding.read(*own))
+        return found

@@ -236,13 +236,12 @@ class Loop:
         self._windings = windings
         self._period = law.drive.period
         alone = len(axes) == 1
+        unmeasured = [axis.drive.crossed for axis in axes]
+        if windings is not None:
+            unmeasured = windings.unmeasured
         self._axes = [
-            _AxisState(
-                axis,
-                axis.drive.crossed if windings is None else windings.unmeasured[k],
-                alone,
-            )
-            for k, axis in enumerate(axes)
+            _AxisState(axis, joints, alone)
+            for axis, joints in zip(axes, unmeasured, strict=True)
         ]
         self._wound: list[dict[str, float]] = [{} for _ in axes]
         self._deadline = 0.0

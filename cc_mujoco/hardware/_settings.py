@@ -284,18 +284,14 @@ def read_axes(
         raise CableError(
             f"{path}, [axes] has no axis that is driven; it needs a table [axes.NAME]."
         )
-    found = tuple(
-        dataclasses.replace(
-            _axis(path, scene, period, _merged(path, top, name, table), name),
-            named=tuple(tables),
-        )
-        for name, table in driven.items()
-    )
+    found = []
+    for name, table in driven.items():
+        one = _axis(path, scene, period, _merged(path, top, name, table), name)
+        found.append(dataclasses.replace(one, named=tuple(tables)))
     for one, other in itertools.combinations(found, 2):
-        require_distinct(
-            f"{path}, axes {one.axis} and {other.axis}", one.rig, other.rig
-        )
-    return found
+        pair = f"{path}, axes {one.axis} and {other.axis}"
+        require_distinct(pair, one.rig, other.rig)
+    return tuple(found)
 
 
 def _axis(

@@ -213,15 +213,10 @@ class Watch:
         self._times: tuple[float, float] | None = None
         self.has_stepped = False
         """True if the rig's clock has stepped: times of its readings are wrong."""
-        self._sensor = (
-            TorqueSensor(
-                drive,
-                watchdog.frozen_readings,
-                watchdog.frozen_torque * limits.torque * abs(drive.ratio),
-            )
-            if drive.cables and not unmeasured
-            else None
-        )
+        self._sensor: TorqueSensor | None = None
+        if drive.cables and not unmeasured:
+            swing = watchdog.frozen_torque * limits.torque * abs(drive.ratio)
+            self._sensor = TorqueSensor(drive, watchdog.frozen_readings, swing)
         # One cable may be slack.
         self._twists = not (unmeasured or drive.one_way)
 

@@ -319,8 +319,9 @@ def _columns(
     texts: dict[str, list[str | None]] = {}
     if len(protocol.controllers) > 1:
         texts[CONTROLLER_COLUMN] = [row.controller or None for row in results]
-    for place, column in enumerate(_worst_cases(protocol)):
-        texts[column] = [row.worst[place] if row.worst else None for row in results]
+    for place, name in enumerate(protocol.metrics if protocol.across.several else ()):
+        worst = [row.worst[place] if row.worst else None for row in results]
+        texts[f"{name}@{WORST_CASE_SUFFIX}"] = worst
     texts[FAILED_COLUMN] = [row.failed or None for row in results]
     for column, law in failure_columns(protocol).items():
         texts[column] = [row.out.get(law) for row in results]
@@ -331,12 +332,6 @@ def failure_columns(protocol: EpisodeProtocol) -> dict[str, str]:
     """Return the columns of failures of controllers, empty for a single controller."""
     laws = protocol.controllers if len(protocol.controllers) > 1 else ()
     return {f"{FAILED_COLUMN}@{law}": law for law in laws}
-
-
-def _worst_cases(protocol: EpisodeProtocol) -> list[str]:
-    """Return the columns of the worst case of every metric, empty without cases."""
-    names = protocol.metrics if protocol.across.several else ()
-    return [f"{name}@{WORST_CASE_SUFFIX}" for name in names]
 
 
 def _field(column: str, kind: pa.DataType, protocol: EpisodeProtocol) -> pa.Field:

@@ -16,18 +16,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cc_mujoco import human
 from cc_mujoco._validation import require_parameter
 from cc_mujoco.cable import Cable
 from cc_mujoco.device import UNPLUGGED, Value, find_device
 from cc_mujoco.device._description import Description, device_label
 from cc_mujoco.errors import CableError, look_up
-from cc_mujoco.human import (
-    Disturbed,
-    Motion,
-    Task,
-    Trajectory,
-    Walk,
-)
 
 
 class Liner(NamedTuple):
@@ -72,18 +66,18 @@ MIN_DURATION = 2.0 * WARM_UP
 
 
 @dataclass(frozen=True)
-class Together(Trajectory):
+class Together(human.Trajectory):
     """Motion of several joints, each by its own trajectory."""
 
-    parts: tuple[tuple[str, Trajectory], ...]
+    parts: tuple[tuple[str, human.Trajectory], ...]
     """Joints and their trajectories."""
 
     def _motion(
         self, time: NDArray[np.float64], duration: float, rng: np.random.Generator
-    ) -> Motion:
+    ) -> human.Motion:
         step = float(time[1] - time[0])
-        others: dict[str, Motion] = {}
-        own: dict[str, Motion] = {}
+        others: dict[str, human.Motion] = {}
+        own: dict[str, human.Motion] = {}
         for joint, source in self.parts:
             motion = source.sample(duration, step, rng)
             others |= motion.companions
@@ -100,9 +94,9 @@ class Condition:
     scene: str
     """Name or file of the device."""
     name: str
-    trajectory: Trajectory
+    trajectory: human.Trajectory
     """Motion of the wearer at all axes."""
-    task: Task | tuple[Task, ...]
+    task: human.Task | tuple[human.Task, ...]
     """Task of all axes, or of each."""
     transmission: str = DEFAULT_CONDITION[0]
     """A key of `TRANSMISSIONS`, or `OWN_LINER`."""
@@ -151,7 +145,7 @@ class Condition:
         """Text that is equal for equal conditions, wherever the file of a device is."""
         return repr(self).replace(repr(self.scene), repr(self.label), 1)
 
-    def tasks(self, description: Description) -> dict[str, Task]:
+    def tasks(self, description: Description) -> dict[str, human.Task]:
         """Return the task of every axis by its name."""
         axes = description.axes
         tasks = self.task if isinstance(self.task, tuple) else (self.task,) * len(axes)
@@ -163,13 +157,13 @@ class Condition:
         return self.name == "-".join(DEFAULT_CONDITION)
 
 
-def is_walk(source: Trajectory) -> bool:
+def is_walk(source: human.Trajectory) -> bool:
     """Return whether a trajectory is a walk, jolted or not."""
-    while isinstance(source, Disturbed):
+    while isinstance(source, human.Disturbed):
         source = source.base
     if isinstance(source, Together):
         return all(is_walk(part) for _, part in source.parts)
-    return isinstance(source, Walk)
+    return isinstance(source, human.Walk)
 
 
 def plant_key(name: str) -> str:

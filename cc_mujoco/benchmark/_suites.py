@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 from cc_mujoco import human
 from cc_mujoco.assets import SCENES
+from cc_mujoco.benchmark import _generic as generic
 from cc_mujoco.benchmark import _plant as plants
 from cc_mujoco.benchmark._conditions import (
     DEFAULT_CONDITION,
@@ -24,12 +25,6 @@ from cc_mujoco.benchmark._conditions import (
     varied_conditions,
 )
 from cc_mujoco.benchmark._faults import safety_conditions
-from cc_mujoco.benchmark._generic import (
-    generic_conditions,
-    joint_trajectory,
-    plain_condition,
-    trajectory_of,
-)
 from cc_mujoco.benchmark._position import position_conditions
 from cc_mujoco.control import CONTROLLERS, POSITION_CONTROLLERS
 from cc_mujoco.device import Axis, find_device
@@ -42,7 +37,7 @@ def structure_conditions(scene: str) -> list[Condition]:
 
     The first is the ordinary one, in which the model lacks nothing.
     """
-    device, plain = find_device(scene), plain_condition(scene)
+    device, plain = find_device(scene), generic.plain_condition(scene)
     found = [named_condition(plain, "-".join(DEFAULT_CONDITION))]
     for name in plants.STRUCTURES:
         if name == plants.LAG_NAME or not plants.has_effect(device, name):
@@ -52,9 +47,9 @@ def structure_conditions(scene: str) -> list[Condition]:
             parts = []
             for axis in device.description.axes:
                 source, size = plain.trajectory, plants.TREMOR_SHARE * axis.reach
-                source = trajectory_of(source, axis.limb)
+                source = generic.trajectory_of(source, axis.limb)
                 parts.append(human.Tremor(source, axis.limb, size))
-            changes["trajectory"] = joint_trajectory(device.description, parts)
+            changes["trajectory"] = generic.joint_trajectory(device.description, parts)
         found.append(named_condition(plain, STRUCTURE + name, **changes))
     return found
 
@@ -177,7 +172,7 @@ SUITES = {
     "generic": Suite(
         "any device in up to 24 conditions that follow from its description",
         tuple(name for name in SCENES if name not in POSITION_SCENES),
-        generic_conditions,
+        generic.generic_conditions,
         10,
     ),
     "v2": Suite(

@@ -16,15 +16,9 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from cc_mujoco.cable._cable import PARAMETERS
+from cc_mujoco.design import _follow_up as follow_up
 from cc_mujoco.design import _pareto as pareto
 from cc_mujoco.design._designs import Range
-from cc_mujoco.design._follow_up import (
-    OBJECTIVE_TOLERANCE,
-    Around,
-    Halved,
-    Price,
-    Slope,
-)
 from cc_mujoco.design._plan import Plan
 from cc_mujoco.design._protocol import (
     DEFAULT_OBJECTIVES,
@@ -91,8 +85,8 @@ class RankedStudy:
         self,
         plan: Plan,
         table: pa.Table,
-        nearby: Around | None = None,
-        half: Halved | None = None,
+        nearby: follow_up.Around | None = None,
+        half: follow_up.Halved | None = None,
     ) -> None:
         self.plan, self.limits, self.varied = plan, plan.limits, plan.varied
         self.protocol, self.table = plan.protocol, table
@@ -360,7 +354,7 @@ def material_sentence(plan: Plan) -> str:
     )
 
 
-def timestep_sentence(half: Halved) -> str:
+def timestep_sentence(half: follow_up.Halved) -> str:
     """State how half the time step changes the numbers."""
     step = f"half the time step, {1e3 * half.timestep:g} ms"
     if not half.unsettled:
@@ -389,14 +383,14 @@ def timestep_sentence(half: Halved) -> str:
     )
 
 
-def _better_neighbour(found: RankedStudy, price: Price) -> str:
+def _better_neighbour(found: RankedStudy, price: follow_up.Price) -> str:
     """State that a design near the best was better, and which one."""
     (goal,) = (goal for goal in found.goals if goal.name == price.objective)
     gain = goal.cost({goal.name: price.now}) - goal.cost({goal.name: price.found})
     if (
         price.limit is not None
         or not price.kept
-        or not gain > OBJECTIVE_TOLERANCE * abs(price.now)
+        or not gain > follow_up.OBJECTIVE_TOLERANCE * abs(price.now)
     ):
         return ""
     return (
@@ -525,7 +519,7 @@ def limit_slack(found: RankedStudy) -> Html | None:
     return short_table(head, rows)
 
 
-def local_values(found: Around | None) -> Html | None:
+def local_values(found: follow_up.Around | None) -> Html | None:
     if found is None:
         return None
     parts = [paragraph(SLOPES_NOTE), short_table(*slope_table(found))]
@@ -534,7 +528,7 @@ def local_values(found: Around | None) -> Html | None:
     return join_pieces(parts)
 
 
-def slope_table(found: Around) -> tuple[list[str], list[list[str]]]:
+def slope_table(found: follow_up.Around) -> tuple[list[str], list[list[str]]]:
     metrics = list(dict.fromkeys(slope.metric for slope in found.slopes))
     rows = []
     for name in dict.fromkeys(slope.variable for slope in found.slopes):
@@ -544,7 +538,7 @@ def slope_table(found: Around) -> tuple[list[str], list[list[str]]]:
     return ["variable", "tried", *map(column_title, metrics)], rows
 
 
-def price_table(found: Around) -> tuple[list[str], list[list[str]]]:
+def price_table(found: follow_up.Around) -> tuple[list[str], list[list[str]]]:
     rows = []
     for price in found.prices:
         name = price.objective
@@ -570,7 +564,7 @@ def price_table(found: Around) -> tuple[list[str], list[list[str]]]:
     return head, rows
 
 
-def _slope(slope: Slope) -> str:
+def _slope(slope: follow_up.Slope) -> str:
     if np.isnan(slope.change):
         return "-"
     error = "" if np.isnan(slope.error) else f" ± {slope.error:.2g}"

@@ -30,15 +30,10 @@ from cc_mujoco._utils.provenance import (
 )
 from cc_mujoco._utils.user_code import named_in_file
 from cc_mujoco.design import _protocol as protocols
+from cc_mujoco.design import _scenarios as scenarios
 from cc_mujoco.design._evaluation import DesignResult
 from cc_mujoco.design._plan import VALUES_KEY, Plan
 from cc_mujoco.design._protocol import EpisodeProtocol
-from cc_mujoco.design._scenarios import (
-    LEAST_SUFFIX,
-    MOST_SUFFIX,
-    RANK_NAMES,
-    WORST_CASE_SUFFIX,
-)
 from cc_mujoco.device._variables import describe
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import TASKS, TRAJECTORIES
@@ -321,7 +316,7 @@ def _columns(
         texts[CONTROLLER_COLUMN] = [row.controller or None for row in results]
     for place, name in enumerate(protocol.metrics if protocol.across.several else ()):
         worst = [row.worst[place] if row.worst else None for row in results]
-        texts[f"{name}@{WORST_CASE_SUFFIX}"] = worst
+        texts[f"{name}@{scenarios.WORST_CASE_SUFFIX}"] = worst
     texts[FAILED_COLUMN] = [row.failed or None for row in results]
     for column, law in failure_columns(protocol).items():
         texts[column] = [row.out.get(law) for row in results]
@@ -344,16 +339,16 @@ def _field(column: str, kind: pa.DataType, protocol: EpisodeProtocol) -> pa.Fiel
     elif name == FAILED_COLUMN:
         by = f" with controller {law}" if law else ""
         meaning = f"why the simulation failed{by}, if it did"
-    elif law == WORST_CASE_SUFFIX:
+    elif law == scenarios.WORST_CASE_SUFFIX:
         meaning = "case in which it is worst, or the first in which it has no number: "
         meaning += protocols.metric_of(name).meaning
     else:
         metric = protocols.known_metric(name)
         thing = metric or describe(name)
-        of = f"{RANK_NAMES[protocol.across.rank]} over the cases: "
-        if law in (LEAST_SUFFIX, MOST_SUFFIX):
-            of = f"{'least' if law == LEAST_SUFFIX else 'greatest'} over the cases: "
-        elif metric is None or not protocol.across.several:
+        ends = {scenarios.LEAST_SUFFIX: "least", scenarios.MOST_SUFFIX: "greatest"}
+        rank = scenarios.RANK_NAMES[protocol.across.rank]
+        of = f"{ends.get(law, rank)} over the cases: "
+        if law not in ends and (metric is None or not protocol.across.several):
             of = ""
         if metric is not None and protocol.axes and metric.of_axis and "." not in name:
             of += "worst axis: "

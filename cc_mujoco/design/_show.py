@@ -9,13 +9,7 @@ from typing import Any, NamedTuple
 import gymnasium
 import mujoco
 
-from cc_mujoco._utils import atomic_io, user_code
-from cc_mujoco._utils.provenance import (
-    code_provenance,
-    is_user_controller,
-    provenance_differences,
-    read_provenance,
-)
+from cc_mujoco._utils import atomic_io, provenance, user_code
 from cc_mujoco._utils.tables import is_table
 from cc_mujoco.control import axes_controller
 from cc_mujoco.design._protocol import device_digests, split_axes, tasks_of_axes
@@ -86,7 +80,7 @@ class FinishedStudy:
 
     def find_user_metrics(self) -> None:
         for name, known in self.protocol["own"].items():
-            if not is_user_controller(known):
+            if not provenance.is_user_controller(known):
                 raise CableError(
                     f"the study in {self.folder} measures metric {name!r}, which was "
                     "given as a Python object; its designs can be shown only where "
@@ -156,10 +150,12 @@ def show(
     law = laws[chosen]
     names: dict[str, Any] = {key: protocol[key] for key in ("trajectory", "task")}
     made = split_axes([*laws, *names.values()], axes)
-    makers = code_provenance(
+    makers = provenance.code_provenance(
         *made, *protocol["own"].values(), files=device_digests(device)
     )
-    if changed := provenance_differences(read_provenance(study.table), makers):
+    if changed := provenance.provenance_differences(
+        provenance.read_provenance(study.table), makers
+    ):
         raise CableError(
             f"design {row} would not be the one in the table of {folder}, which was "
             f"made otherwise: it differs in {', '.join(changed)}; `cc-mujoco whatif` "

@@ -9,14 +9,8 @@ from cc_mujoco._utils.atomic_io import MANIFEST, replacing, write_manifest
 from cc_mujoco._utils.provenance import versions
 from cc_mujoco.benchmark import _figures as figures
 from cc_mujoco.benchmark import _report as text
+from cc_mujoco.benchmark import _results as stored
 from cc_mujoco.benchmark import _runner as runner
-from cc_mujoco.benchmark._results import (
-    DeviceResults,
-    Results,
-    by_device,
-    describe_machine,
-    write_results,
-)
 from cc_mujoco.benchmark._runner import BenchmarkPlan
 from cc_mujoco.report import _html as html
 from cc_mujoco.report._figures import save, style
@@ -35,15 +29,15 @@ CAPTIONS = {
 def write(
     out: str | os.PathLike[str],
     plan: BenchmarkPlan,
-    results: Results,
+    results: stored.Results,
     baseline: str = text.DEFAULT_BASELINE,
 ) -> str:
     """Write `results.parquet`, figures, `table.md`, `report.html`; return a summary."""
     out = Path(out)
     makers = plan.made_by()
-    write_results(out / runner.RESULTS_FILE, results, plan.suite, makers)
+    stored.write_results(out / runner.RESULTS_FILE, results, plan.suite, makers)
     (out / MANIFEST).unlink(missing_ok=True)  # until all is written
-    for own in by_device(results):
+    for own in stored.by_device(results):
         for stem in CAPTIONS:
             with style():
                 save(out / f"{own.label}-{stem}.png", getattr(figures, stem)(own))
@@ -59,14 +53,14 @@ def write(
 
 
 def _report_page(
-    folder: Path, plan: BenchmarkPlan, results: Results, baseline: str
+    folder: Path, plan: BenchmarkPlan, results: stored.Results, baseline: str
 ) -> str:
     """Return the page of a benchmark.
 
     `folder` holds the figures; `baseline` is the controller that the others are
     compared with.
     """
-    devices = by_device(results)
+    devices = stored.by_device(results)
     titles: dict[str, str] = {}
     parts: dict[str, Html] = {}
     for number, own in enumerate(devices):
@@ -108,7 +102,9 @@ def _report_page(
     )
 
 
-def _device(folder: Path, own: DeviceResults, baseline: str, first: bool) -> Html:
+def _device(
+    folder: Path, own: stored.DeviceResults, baseline: str, first: bool
+) -> Html:
     ranks = text.ranks_table(own.rms, baseline)
     return html.join_pieces(
         [
@@ -124,7 +120,7 @@ def _device(folder: Path, own: DeviceResults, baseline: str, first: bool) -> Htm
     )
 
 
-def _figure(folder: Path, own: DeviceResults, stem: str) -> Html:
+def _figure(folder: Path, own: stored.DeviceResults, stem: str) -> Html:
     return html.embed_picture(folder / f"{own.label}-{stem}.png", CAPTIONS[stem])
 
 
@@ -143,7 +139,7 @@ def _marked(cells: text.Cells) -> tuple[list[Html], list[list[Html]]]:
 
 def _provenance() -> Html:
     listed = ", ".join(f"{name} {number}" for name, number in versions().items())
-    machine = describe_machine()
+    machine = stored.describe_machine()
     return html.paragraph(
         html.element("code", runner.RESULTS_FILE),
         f" beside this page has a row per episode. {listed}. "

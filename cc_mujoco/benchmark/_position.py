@@ -15,13 +15,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
-from cc_mujoco.benchmark._conditions import (
-    FITTED_ANEW,
-    OWN_LINER,
-    STALE,
-    Condition,
-    named_condition,
-)
+from cc_mujoco.benchmark import _conditions as conditions
 from cc_mujoco.benchmark._generic import device_model, device_motion
 from cc_mujoco.benchmark._plant import POSITION_EFFECTS, sample_plants
 from cc_mujoco.control import fit_hysteresis
@@ -36,7 +30,7 @@ WITH_SENSOR = ("distal_feedback",)
 
 
 @dataclass(frozen=True)
-class PositionCondition(Condition):
+class PositionCondition(conditions.Condition):
     """Condition whose task commands an angle."""
 
     fitted: bool = False
@@ -44,10 +38,10 @@ class PositionCondition(Condition):
 
     @property
     def usual(self) -> bool:
-        return self.name == f"ordinary{FITTED_ANEW}"
+        return self.name == f"ordinary{conditions.FITTED_ANEW}"
 
 
-def position_conditions(scene: str) -> list[Condition]:
+def position_conditions(scene: str) -> list[conditions.Condition]:
     motion, tasks = device_motion(device_model(scene))
     if len(tasks) != 1 or not tasks[0].commands_angle:
         raise CableError(
@@ -55,18 +49,21 @@ def position_conditions(scene: str) -> list[Condition]:
             f"angle, and that of {scene} does not; `--suite generic` plays it."
         )
     plain = PositionCondition(
-        scene, "", motion, tasks, OWN_LINER, "exact", duration=1.5
+        scene, "", motion, tasks, conditions.OWN_LINER, "exact", duration=1.5
     )
     return [
-        named_condition(
-            plain, f"{name}{ending}", structure=effect, fitted=ending == FITTED_ANEW
+        conditions.named_condition(
+            plain,
+            f"{name}{ending}",
+            structure=effect,
+            fitted=ending == conditions.FITTED_ANEW,
         )
         for name, effect in (("ordinary", ""), *((n, n) for n in EFFECTS))
-        for ending in (STALE, FITTED_ANEW)
+        for ending in (conditions.STALE, conditions.FITTED_ANEW)
     ]
 
 
-def nominal_drive(condition: Condition) -> Drive:
+def nominal_drive(condition: conditions.Condition) -> Drive:
     """Return the drive of a device by the data sheet and the trial of the scene."""
     model = device_model(condition.scene)
     drive = model.drives(model.description.period)[0]
@@ -84,7 +81,7 @@ def fresh_fits(
     return tuple(fit_hysteresis(trial, nominal) for trial in trials)
 
 
-def position_drive(condition: Condition, drive: Drive) -> Drive:
+def position_drive(condition: conditions.Condition, drive: Drive) -> Drive:
     """Return the drive of a controller with the knowledge of the scene."""
     nominal = nominal_drive(condition)
     return dataclasses.replace(
@@ -93,7 +90,7 @@ def position_drive(condition: Condition, drive: Drive) -> Drive:
 
 
 def fitted_drives(
-    cells: Sequence[tuple[Condition, tuple[int, ...], str]], drive: Drive
+    cells: Sequence[tuple[conditions.Condition, tuple[int, ...], str]], drive: Drive
 ) -> list[Drive]:
     """Return the drive of `position_drive` with the parameters of every episode.
 

@@ -20,12 +20,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from cc_mujoco._utils import provenance as origins
 from cc_mujoco._utils.atomic_io import replacing
-from cc_mujoco._utils.provenance import (
-    provenance_differences,
-    read_provenance,
-    with_provenance,
-)
 from cc_mujoco.benchmark._cell import Cell, CellResult, axis_errors, ranked_score
 from cc_mujoco.benchmark._conditions import REFERENCES, SCALE_CONTROLLER
 from cc_mujoco.benchmark._ranking import normalise_errors
@@ -135,7 +131,7 @@ def write_results(
     }
     about["digest"] = _digest(table, about)
     with replacing(path) as partial:
-        pq.write_table(with_provenance(table, about), partial)
+        pq.write_table(origins.with_provenance(table, about), partial)
 
 
 def _digest(table: pa.Table, about: Mapping[str, Any]) -> str:
@@ -159,7 +155,7 @@ def read_rows(path: str | os.PathLike[str]) -> tuple[pa.Table, dict[str, Any]]:
         table = pq.read_table(path)
     except (OSError, pa.ArrowException):
         raise CableError(f"{path} is no Parquet file that can be read.") from None
-    about = read_provenance(table)
+    about = origins.read_provenance(table)
     if not (isinstance(about, dict) and {"suite", "conditions"} <= about.keys()):
         raise CableError(f"{path} is no file of results of `cc-mujoco benchmark`.")
     if "digest" not in about:
@@ -254,4 +250,4 @@ def join_results(
         own.setdefault(SCALE_CONTROLLER, a[SCALE_CONTROLLER])
         for name in (*REFERENCES, f"{SCALE_CONTROLLER} (a)", f"{SCALE_CONTROLLER} (b)"):
             own.pop(name, None)
-    return found, provenance_differences(about["made_by"], of_other["made_by"])
+    return found, origins.provenance_differences(about["made_by"], of_other["made_by"])

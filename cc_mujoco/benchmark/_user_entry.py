@@ -28,13 +28,8 @@ from numpy.typing import NDArray
 
 from cc_mujoco._utils.provenance import code_provenance
 from cc_mujoco.control import Controller
+from cc_mujoco.control import _registry as registry
 from cc_mujoco.control._controller import limit_torques
-from cc_mujoco.control._registry import (
-    batched_controller,
-    controller_errors,
-    named_laws,
-    runs_code,
-)
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.errors import CableError
 
@@ -57,9 +52,11 @@ def controller_provenance(*names: str) -> dict[str, Any]:
     They were made in this process; entries that run in a process of their own
     contribute the files they loaded there.
     """
-    others = [name for name in names if not runs_code(name)]
-    found = code_provenance(*(law for name in others for law in named_laws(name)))
-    for name in filter(runs_code, names):
+    others = [name for name in names if not registry.runs_code(name)]
+    found = code_provenance(
+        *(law for name in others for law in registry.named_laws(name))
+    )
+    for name in filter(registry.runs_code, names):
         found["files"] |= _processes[name].files
     return found
 
@@ -183,12 +180,12 @@ def serve() -> None:
 def _answer(laws: list[Controller], what: str, key: int, about: Any) -> bytes:
     if what == "make":
         name, drives, prefixes = about
-        laws.append(batched_controller(name, drives, prefixes))
-        files = code_provenance(*named_laws(name))["files"]
+        laws.append(registry.batched_controller(name, drives, prefixes))
+        files = code_provenance(*registry.named_laws(name))["files"]
         reply = {"key": len(laws) - 1, "files": files}
         return json.dumps(reply).encode()
     law = laws[key]
-    with controller_errors(law.name or type(law).__name__):
+    with registry.controller_errors(law.name or type(law).__name__):
         if what == "reset":
             law.reset(about)
             return b""

@@ -24,13 +24,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.human import Task, Trajectory
 from cc_mujoco.human._by_text import user_classes
 from cc_mujoco.metrics import METRICS, Metric, find_metric
-from cc_mujoco.metrics._metric import (
-    CONTINUOUS_TORQUE,
-    PACE,
-    STRENGTH,
-    TORQUE_CONSTANT,
-    WINDING_RESISTANCE,
-)
+from cc_mujoco.metrics import _metric as constants
 
 DEFAULT_METRICS = (
     "efficiency", "held_backlash", "rms_torque_error", "peak_wearer_torque",
@@ -54,9 +48,9 @@ REQUIRED_VARIABLES = {
     "material": ("material",),
     "rope_density": ("material", "rope_density"),
     "motor_mass": ("motor", "motor_mass"),
-    CONTINUOUS_TORQUE: ("motor", CONTINUOUS_TORQUE),
-    WINDING_RESISTANCE: ("motor", WINDING_RESISTANCE),
-    TORQUE_CONSTANT: ("motor", TORQUE_CONSTANT),
+    constants.CONTINUOUS_TORQUE: ("motor", constants.CONTINUOUS_TORQUE),
+    constants.WINDING_RESISTANCE: ("motor", constants.WINDING_RESISTANCE),
+    constants.TORQUE_CONSTANT: ("motor", constants.TORQUE_CONSTANT),
 }
 """Variables of which a design must have one for a metric that needs this constant,
 since no scene has it."""
@@ -253,7 +247,7 @@ def missing_fact(
     own = metric.name.rpartition(".")[2]
     if own in ("cable_mass", "mass", "bend_ratio", "bending_stress") and rope:
         return "the diameter of the rope: write `diameter` in [rope]"
-    if STRENGTH in metric.needs and math.isnan(device.strength):
+    if constants.STRENGTH in metric.needs and math.isnan(device.strength):
         if not {"strength", "material"} & set(names):
             return "the breaking load of the rope: write `strength` in [rope]"
     if own == "mass" and not all(axis.motor_pulley for axis in device.axes):
@@ -263,7 +257,7 @@ def missing_fact(
 
 def is_stride_metric(name: str) -> bool:
     """Return whether a metric is of the strides of a joint that walks."""
-    return PACE in metric_of(name).needs
+    return constants.PACE in metric_of(name).needs
 
 
 def by_axis(protocol: EpisodeProtocol) -> dict[str, str]:

@@ -20,14 +20,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from cc_mujoco._utils import atomic_io
+from cc_mujoco._utils import atomic_io, provenance
 from cc_mujoco._utils.atomic_io import replacing
 from cc_mujoco._utils.parsing import parse_json
-from cc_mujoco._utils.provenance import (
-    provenance_differences,
-    read_provenance,
-    with_provenance,
-)
 from cc_mujoco._utils.user_code import named_in_file
 from cc_mujoco.design import _protocol as protocols
 from cc_mujoco.design import _scenarios as scenarios
@@ -117,7 +112,9 @@ class Store:
             )
 
     def _differences(self, table: pa.Table) -> list[str]:
-        return provenance_differences(read_provenance(table), self._code_provenance)
+        return provenance.provenance_differences(
+            provenance.read_provenance(table), self._code_provenance
+        )
 
     @property
     def kept(self) -> int:
@@ -149,7 +146,7 @@ class Store:
             return
         place = _part(self._folder, batch)
         place.parent.mkdir(exist_ok=True)
-        table = with_provenance(pa.table(columns), self._code_provenance)
+        table = provenance.with_provenance(pa.table(columns), self._code_provenance)
         with replacing(place) as partial:
             pq.write_table(table, partial)
 
@@ -169,7 +166,7 @@ class Store:
     def table(self) -> pa.Table:
         """Return the table of all designs in order; `missing` must be empty."""
         if self.whole is None:
-            self.whole = with_provenance(self._join(), self._code_provenance)
+            self.whole = provenance.with_provenance(self._join(), self._code_provenance)
             if self._folder is not None:
                 with replacing(self._folder / TABLE_FILE) as partial:
                     pq.write_table(self.whole, partial, compression="zstd")

@@ -163,9 +163,10 @@ class BenchmarkPlan:
         for condition in shortest.values():
             made = prepare_episodes([Cell(condition, SCALE_CONTROLLER)])
             for name in self.controllers:
-                sensor = {"joint_sensor": True} if name in WITH_SENSOR else {}
+                has = name in WITH_SENSOR
                 drives = [
-                    tuple(replace(d, **sensor) for d in own) for own in made.drives
+                    tuple(replace(d, joint_sensor=d.joint_sensor or has) for d in own)
+                    for own in made.drives
                 ]
                 batched_controller(name, drives, made.batch.prefixes, Entry)
 

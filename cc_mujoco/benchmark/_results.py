@@ -96,13 +96,12 @@ def write_results(
     makers: Mapping[str, Any],
 ) -> None:
     """Write the file of results; `makers` see `_utils.provenance.code_provenance`."""
-    scaled = {own.label: own.errors for own in by_device(results)}
-    places: dict[tuple[str, str], int] = {}
+    devices = {own.label: own for own in by_device(results)}
     entries: list[dict[str, Any]] = []
     for cell, played in results:
-        at = cell.condition
-        place = places.get((at.label, cell.controller), 0)
-        places[at.label, cell.controller] = place + 1
+        at, own = cell.condition, devices[cell.condition.label]
+        place = list(own.rms[SCALE_CONTROLLER]).index(at.name)
+        errors = own.errors[cell.controller][place]
         for row, seed in enumerate(cell.seeds):
             entry: dict[str, Any] = {
                 "scene": at.label,
@@ -111,7 +110,7 @@ def write_results(
                 "model_error": at.error,
                 "controller": cell.controller,
                 "seed": seed,
-                "error": float(scaled[at.label][cell.controller][place, row]),
+                "error": float(errors[row]),
             }
             entry |= {name: float(v[row]) for name, v in played.scores.items()}
             entry |= {name: v[row] for name, v in played.plants.items()}

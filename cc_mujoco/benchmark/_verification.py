@@ -18,7 +18,7 @@ import pyarrow as pa
 from cc_mujoco._utils import user_code
 from cc_mujoco._utils.provenance import provenance_differences
 from cc_mujoco.benchmark._cell import Cell, play
-from cc_mujoco.benchmark._conditions import REFERENCES, Condition
+from cc_mujoco.benchmark._conditions import REFERENCES, SCALE_CONTROLLER, Condition
 from cc_mujoco.benchmark._ranking import normalise_errors
 from cc_mujoco.benchmark._results import read_results, read_rows
 from cc_mujoco.benchmark._runner import BenchmarkPlan
@@ -115,20 +115,13 @@ def _conditions(
 
 
 def _require_normalised(path: str | os.PathLike[str], table: pa.Table) -> None:
-    errors, _ = read_results(path)
+    errors, about = read_results(path)
     scaled = {scene: normalise_errors(own) for scene, own in errors.items()}
-    places: dict[tuple[str, str], dict[str, int]] = {}
-    seeds: dict[tuple[str, str, str], list[int]] = {}
-    rows = table.to_pylist()
-    for row in rows:
+    for row in table.to_pylist():
         scene, condition, law = _cell_of_row(row)
-        known = places.setdefault((scene, law), {})
-        known.setdefault(condition, len(known))
-        seeds.setdefault((scene, condition, law), []).append(row["seed"])
-    for row in rows:
-        scene, condition, law = _cell_of_row(row)
-        rank = sorted(seeds[scene, condition, law]).index(row["seed"])
-        own = scaled[scene][law][places[scene, law][condition], rank]
+        place = list(errors[scene][SCALE_CONTROLLER]).index(condition)
+        rank = about["seeds"][f"{scene} {condition}"].index(row["seed"])
+        own = scaled[scene][law][place, rank]
         if not _entries_equal(row["error"], float(own)):
             raise CableError(
                 f"{path}: the normalised error of {law} in {scene} {condition}, seed "

@@ -119,9 +119,8 @@ class Play:
                 )
 
         messages: list[str] = []
-        with options.video_progress_bar(
-            self.duration if self.video else 0.0
-        ) as progress:
+        filmed = self.duration if self.video else 0.0  # [s]
+        with options.video_progress_bar(filmed) as progress:
             found = write_episode(
                 out,
                 episode,
@@ -153,9 +152,7 @@ class Play:
 
         device = find_device(self.scene).description
         return {
-            "trajectory": device.trajectory
-            if self.trajectory is None
-            else self.trajectory,
+            "trajectory": self.trajectory or device.trajectory,
             "task": task_label(device, self.task),
             "controller": self.controller or default_controller(device, self.task),
         }

@@ -2,10 +2,10 @@ from ._registration import BACKENDS as BACKENDS
 from ._registration import IDS as IDS
 from ._registration import WALKING as WALKING
 from ._registration import register as register
+from ._render import RecordVideo as RecordVideo
 from ._rsl_rl import RslRl as RslRl
 from ._save_policy import save_policy as save_policy
 from ._scalar import DeviceEnv as DeviceEnv
 from ._stable_baselines import StableBaselines as StableBaselines
 from ._vector import DeviceVectorEnv as DeviceVectorEnv
-from ._video import RecordVideo as RecordVideo
 from ._walking import WalkingEnv as WalkingEnv

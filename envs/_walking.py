@@ -18,11 +18,7 @@ from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.human import Task, WalkingController, WalkingPolicy
 from cc_mujoco.human import _walking_body as walking_body
 from cc_mujoco.human._walking_body import DRUM
-from cc_mujoco.human._walking_policy import (
-    MUSCLE_PERIOD,
-    WALKING_SIDES,
-    ExpectedHelp,
-)
+from cc_mujoco.human._walking_policy import MUSCLE_PERIOD, WALKING_SIDES, ExpectedHelp
 from cc_mujoco.plugin import add_cable, settle
 
 from ._render import RENDER_METADATA, SceneRenderer, check_mode

@@ -421,10 +421,7 @@ def _require_parts(description: Description, model: mujoco.MjModel) -> None:
 
 
 def _other_torques(
-    model: mujoco.MjModel,
-    places: Places,
-    mover: Mover | None,
-    rivals: Collection[int],
+    model: mujoco.MjModel, places: Places, mover: Mover | None, rivals: Collection[int]
 ) -> tuple[tuple[int, float, int], ...]:
     """Return the actuators other than the axis's cables and wearer at the joint.
 

@@ -11,10 +11,7 @@ from numpy.typing import NDArray
 
 from cc_mujoco.human import Wearer
 
-FILTERS = (
-    mujoco.mjtDyn.mjDYN_FILTER.value,
-    mujoco.mjtDyn.mjDYN_FILTEREXACT.value,
-)
+FILTERS = (mujoco.mjtDyn.mjDYN_FILTER.value, mujoco.mjtDyn.mjDYN_FILTEREXACT.value)
 """Types of the dynamics of a motor whose torque lags behind its control."""
 
 

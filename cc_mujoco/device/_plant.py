@@ -75,9 +75,7 @@ class Plant:
     """
 
     def __init__(
-        self,
-        device: str | Path | Nominal,
-        values: Mapping[str, object] | None = None,
+        self, device: str | Path | Nominal, values: Mapping[str, object] | None = None
     ) -> None:
         """Change the values of a device.
 

@@ -25,8 +25,7 @@ DURATION = 12.0
 
 
 def calibration_trials(
-    plants: Sequence[str | Path | Device | Plant],
-    duration: float = DURATION,
+    plants: Sequence[str | Path | Device | Plant], duration: float = DURATION
 ) -> list[HysteresisTrial]:
     """Play a slow course of the joint in loops of many sizes.
 

@@ -16,14 +16,7 @@ from numpy.typing import NDArray
 from cc_mujoco.device._model import DeviceModel, joint_range
 from cc_mujoco.device._mover import Mover
 from cc_mujoco.errors import CableError, CableWarning
-from cc_mujoco.human import (
-    Motion,
-    Recorded,
-    Task,
-    TimeTorque,
-    Trajectory,
-    Walk,
-)
+from cc_mujoco.human import Motion, Recorded, Task, TimeTorque, Trajectory, Walk
 from cc_mujoco.human._motion import SampledMotion
 from cc_mujoco.human._perturbed import unperturbed
 from cc_mujoco.human._tasks import task_torque

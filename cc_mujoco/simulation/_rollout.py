@@ -30,13 +30,6 @@ from cc_mujoco.human import Task, Trajectory, Wearer
 from cc_mujoco.plugin import Reader
 from cc_mujoco.simulation import _compiled_episode as compiled
 from cc_mujoco.simulation._batch import Batch
-from cc_mujoco.simulation._compiled_episode import (
-    KEPT,
-    PER_CABLE,
-    READ_COLUMNS,
-    RECORD,
-    attend,
-)
 from cc_mujoco.simulation._loop import Columns, missing_torque_error
 from cc_mujoco.simulation._reference_motion import MARKS
 from cc_mujoco.simulation._wiring import OF_PHASE, TASK_CODES, parameters_of
@@ -100,7 +93,7 @@ def attended(plant: Plant) -> mujoco.MjModel:
     """Compile the bare model of a plant that may be played inside MuJoCo's steps."""
     spec = plant.spec()
     with _ONE:  # two threads would register the plugin twice
-        attend(spec)  # at last, as a copy loses what no element refers to
+        compiled.attend(spec)  # at last, as a copy loses what no element refers to
     return spec.compile()
 
 
@@ -134,7 +127,7 @@ def play(
         if name is not None:
             law = batched_controller(name, drives, prefixes)
         measuring = exo.controller_sensors(PERFECT_SENSING, drives[0], episode.seed)
-        names = [prefix + name for prefix in prefixes for name in KEPT]
+        names = [prefix + name for prefix in prefixes for name in compiled.KEPT]
 
         def report(step: int, _: Columns, __: object) -> None:
             if step % TICK_STEPS == 0:
@@ -199,9 +192,9 @@ def _play_inside(
     """
     exo, count = batch.exo, len(batch.devices)
     simulations, failed, going = batch.simulations, batch.failed, batch.going
-    width = len(KEPT) + PER_CABLE * len(batch.cables)
+    width = len(compiled.KEPT) + compiled.PER_CABLE * len(batch.cables)
     kept = np.full((count, width, exo.steps + 1), np.nan)
-    records = np.zeros(count, RECORD)
+    records = np.zeros(count, compiled.RECORD)
     common, desired = _shared_record(batch)
     for row, law in enumerate(controllers):
         found = common | _law_record(batch, law)
@@ -245,8 +238,8 @@ def _play_inside(
             )
             first = step_of(row, -1 if is_counted else 0) + 1
             fail(row, simulations.why(row, first * exo.period), first)
-    columns = {name: kept[:, place] for place, name in enumerate(KEPT)}
-    first = len(KEPT)
+    columns = {name: kept[:, place] for place, name in enumerate(compiled.KEPT)}
+    first = len(compiled.KEPT)
     for name, each in zip(CABLE_NAMES, (2, 1, 1), strict=True):
         columns[name] = kept[:, first : first + each * len(batch.cables)]
         first += each * len(batch.cables)
@@ -287,7 +280,7 @@ def _law_record(batch: Batch, made: Controller | None) -> dict[str, Any]:
         for name, nodes in zip(cables, made.taps.nodes, strict=True):
             first = Reader(batch.devices[0].model, name).nodes.start
             taps += (first + nodes).tolist()
-    sources = [READ_COLUMNS.index(name) for name in law.wound]
+    sources = [compiled.READ_COLUMNS.index(name) for name in law.wound]
     found = {"law": place, "is_round": law.is_round}
     for name, size, array in (
         ("memory", "memory_size", memory),

@@ -245,9 +245,7 @@ def _seeds(given: Any, count: int) -> list[int]:
 
 
 def _law(
-    given: Any,
-    drives: Sequence[Sequence[Drive]],
-    prefixes: Sequence[str],
+    given: Any, drives: Sequence[Sequence[Drive]], prefixes: Sequence[str]
 ) -> Controller:
     if isinstance(given, Controller):
         period = drives[0][0].period

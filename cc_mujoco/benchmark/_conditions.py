@@ -260,8 +260,7 @@ SCALE_CONTROLLER = "none"
 
 REFERENCES = {
     "unplugged": Reference(
-        "the device without its cables: the joint feels nothing",
-        changes=UNPLUGGED,
+        "the device without its cables: the joint feels nothing", changes=UNPLUGGED
     ),
     "motor-off": Reference("the cables are there and the motor gives no torque"),
     "ideal-transmission": Reference(

@@ -26,15 +26,7 @@ from cc_mujoco.benchmark._plant import GENERIC_STRUCTURES, has_effect
 from cc_mujoco.device import Description, DeviceModel, Plant, find_device
 from cc_mujoco.device._model import joint_range
 from cc_mujoco.errors import CableError
-from cc_mujoco.human import (
-    TASKS,
-    Hold,
-    Perturbed,
-    Task,
-    Trajectory,
-    task,
-    trajectory,
-)
+from cc_mujoco.human import TASKS, Hold, Perturbed, Task, Trajectory, task, trajectory
 from cc_mujoco.simulation._worn_device import axis_trajectories
 
 SAMPLES = np.linspace(0.0, 1.0, 1001)

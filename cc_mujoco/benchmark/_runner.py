@@ -37,11 +37,7 @@ from cc_mujoco.benchmark._cell import (
     prepare_episodes,
     score_columns,
 )
-from cc_mujoco.benchmark._conditions import (
-    REFERENCES,
-    SCALE_CONTROLLER,
-    Condition,
-)
+from cc_mujoco.benchmark._conditions import REFERENCES, SCALE_CONTROLLER, Condition
 from cc_mujoco.benchmark._plant import require_key
 from cc_mujoco.benchmark._position import WITH_SENSOR
 from cc_mujoco.benchmark._suites import SUITES, Suite

@@ -39,10 +39,7 @@ class Calibrate:
 
         locate(self.scene)
         from cc_mujoco.device import DeviceModel, Plant, find_device
-        from cc_mujoco.device._device_files import (
-            HYSTERESIS_ENDING,
-            write_hysteresis,
-        )
+        from cc_mujoco.device._device_files import HYSTERESIS_ENDING, write_hysteresis
 
         device = find_device(self.scene)
         out = self.out

@@ -157,8 +157,7 @@ def _heat_map(axes: Axes, study: RankedStudy, one: Sensitivity) -> None:
         shown = np.unique(np.linspace(0, count - 1, min(count, 5)).round().astype(int))
         texts = (ticks[name][i] for i in shown)
         axis.set_ticks(
-            list(shown),
-            [f"{t:.3g}" if isinstance(t, float) else str(t) for t in texts],
+            list(shown), [f"{t:.3g}" if isinstance(t, float) else str(t) for t in texts]
         )
     axes.set(xlabel=_variable(across), ylabel=_variable(up))
     metric = metric_of(one.metric)

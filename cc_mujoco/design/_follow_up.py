@@ -213,10 +213,7 @@ def _metric_slope(
 
 
 def _prices(
-    plan: Plan,
-    base: Design,
-    centre: Mapping[str, object],
-    slopes: Sequence[Slope],
+    plan: Plan, base: Design, centre: Mapping[str, object], slopes: Sequence[Slope]
 ) -> list[Price]:
     """Price each objective, as things are and with each limit relaxed.
 

@@ -64,9 +64,7 @@ class MetricLimit:
 
 
 def read_limits(
-    texts: Iterable[str],
-    measured: Sequence[str] | None = None,
-    across: bool = False,
+    texts: Iterable[str], measured: Sequence[str] | None = None, across: bool = False
 ) -> tuple[MetricLimit, ...]:
     """Parse `METRIC>=NUMBER` and `METRIC<=NUMBER`.
 

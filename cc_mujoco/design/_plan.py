@@ -37,12 +37,7 @@ from cc_mujoco.design._designs import (
     read_range,
     require_count,
 )
-from cc_mujoco.design._evaluation import (
-    CHIRP_TIME,
-    Design,
-    DesignJob,
-    joints_of_gait,
-)
+from cc_mujoco.design._evaluation import CHIRP_TIME, Design, DesignJob, joints_of_gait
 from cc_mujoco.design._pareto import (
     MetricLimit,
     Objective,

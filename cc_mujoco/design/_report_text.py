@@ -20,11 +20,7 @@ from cc_mujoco.design import _follow_up as follow_up
 from cc_mujoco.design import _pareto as pareto
 from cc_mujoco.design._designs import Range
 from cc_mujoco.design._plan import Plan
-from cc_mujoco.design._protocol import (
-    DEFAULT_OBJECTIVES,
-    known_metric,
-    metric_of,
-)
+from cc_mujoco.design._protocol import DEFAULT_OBJECTIVES, known_metric, metric_of
 from cc_mujoco.design._results_store import CONTROLLER_COLUMN, failure_columns
 from cc_mujoco.design._scenarios import WORST_CASE_SUFFIX
 from cc_mujoco.design._sensitivity import Sensitivity, sensitivity

@@ -62,8 +62,7 @@ class StudySpec:
     vary: Annotated[Assignments, _repeated("VARIABLE=VALUES")] = ()
     """VALUES are low:high:count, low:high:count:log or a,b,c; once per variable."""
     designs: Annotated[
-        str | Path | Sequence[Mapping[str, object]] | None,
-        _option("FILE", Path | None),
+        str | Path | Sequence[Mapping[str, object]] | None, _option("FILE", Path | None)
     ] = None
     """CSV or TOML file of designs, instead of --vary."""
     sampling: Annotated[str, tyro.conf.arg(metavar="NAME")] = "grid"

@@ -20,11 +20,7 @@ import numpy as np
 from cc_mujoco._utils.provenance import POLICY_ENDING, is_user_controller
 from cc_mujoco.cable import PARAMETERS
 from cc_mujoco.cable._cable import TERMS
-from cc_mujoco.control import (
-    CONTROLLERS,
-    Controller,
-    PredictiveCompensation,
-)
+from cc_mujoco.control import CONTROLLERS, Controller, PredictiveCompensation
 from cc_mujoco.control import _friction_slope as friction_slope
 from cc_mujoco.control import _registry as registry
 from cc_mujoco.control._controller import LawTables, SteppedLaw, stepped_law

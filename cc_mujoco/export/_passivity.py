@@ -140,12 +140,7 @@ class WearerEnergy(NamedTuple):
 
 
 def extracted_energy(
-    torque: Array,
-    desired: Array,
-    angle: Array,
-    velocity: Array,
-    step: float,
-    skip: int,
+    torque: Array, desired: Array, angle: Array, velocity: Array, step: float, skip: int
 ) -> Array:
     """Return the largest energy that a port gave beyond that of a virtual spring.
 

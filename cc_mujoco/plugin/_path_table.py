@@ -106,6 +106,10 @@ class _Walk:
         n = cable_of(model, self._instance, cable).segments
         self.wrap, self.contact = np.empty((2, n))
         self.longer, self.length = np.empty((2, n + 1))
+        self._given = (
+            model._address, self._data._address, self._instance, self.wrap,
+            self.contact, self.longer, self.length,
+        )  # fmt: skip
         self.lay(model.qpos0)
 
     def lay(self, pose: FloatArray, stay: bool = False) -> float:
@@ -115,18 +119,7 @@ class _Walk:
         """
         self._data.qpos[:] = pose
         mujoco.mj_fwdPosition(self._model, self._data)
-        return float(
-            _lay_path(
-                self._model._address,
-                self._data._address,
-                self._instance,
-                self.wrap,
-                self.contact,
-                self.longer,
-                self.length,
-                stay,
-            )
-        )
+        return float(_lay_path(*self._given, stay))
 
     def make_course(self, joint: FloatArray, slopes: bool = False) -> CoupledPath:
         """Make a course without values, at angles or numbers of poses."""

@@ -228,12 +228,8 @@ def add_friction(
     if not several:
         return parts[0]
     pairs = zip(takeovers, parts, strict=True)
-    return AddedCables(
-        tuple(laid),
-        "",
-        tuple(summary_line(original, own.burden, part) for own, part in pairs),
-        parts,
-    )
+    lines = [summary_line(original, own.burden, part) for own, part in pairs]
+    return AddedCables(tuple(laid), "", tuple(lines), parts)
 
 
 @dataclasses.dataclass

@@ -129,16 +129,9 @@ def plan_winches(
         own = np.array([measured[branch.name] for branch in burden.branches])
         moved = own[:, 1].min(axis=1)
         moved[np.isinf(moved)] = 1.0
-        trials.append(
-            Winch(
-                burden,
-                names,
-                drum[0] if drum else 0.0,
-                tuple(own[:, 0, 0].tolist()),
-                tuple(moved.tolist()),
-                (0.0,) * count,
-            )
-        )
+        radius, rest = drum[0] if drum else 0.0, tuple(own[:, 0, 0].tolist())
+        inertias, damping = tuple(moved.tolist()), (0.0,) * count
+        trials.append(Winch(burden, names, radius, rest, inertias, damping))
         ways.append(own[:, 0])
     probe = spec.copy()
     for trial in trials:

@@ -94,24 +94,14 @@ def learn(
             design[j, 0] = 0.0
             for i in range(taps.nodes[k, j]):
                 design[j, 0] += angles[i]
+        nodes, noise = taps.nodes[k], taps.noise[k]
         equations = tension_slope.SlopeEquations(
-            design,
-            taps.nodes[k],
-            taps.noise[k],
-            rows,
-            right,
-            clear,
-            information,
-            target,
+            design, nodes, noise, rows, right, clear, information, target
         )
         believed = known[k, COEFFICIENT : COEFFICIENT + 1]
         _, count = tension_slope.run_equations(equations, believed, readings[k], sign)
-        if count > 0 and information[0, 0] > 0.0:
+        gained, least = information[0, 0], 1.0 / FIRST_VARIANCE
+        if count > 0 and gained > 0.0:
             recursive.update_estimate(
-                known[k],
-                1.0 / FIRST_VARIANCE,
-                taps.fading,
-                0.0,
-                information[0, 0],
-                target[0],
+                known[k], least, taps.fading, 0.0, gained, target[0]
             )

@@ -281,7 +281,7 @@ class PrandtlIshlinskii(HysteresisModel):
     """Curve S' at these [rad]; the end pieces extend beyond."""
 
     def __post_init__(self) -> None:
-        r, w = np.array(self.thresholds), np.array(self.weights)
+        r, w, knots, values = map(np.array, dataclasses.astuple(self))
         if not (r.size and r.size == w.size and r[0] == 0.0 and np.all(np.diff(r) > 0)):
             raise CableError(
                 "PrandtlIshlinskii.thresholds must begin with 0 and increase, with a "
@@ -291,13 +291,8 @@ class PrandtlIshlinskii(HysteresisModel):
             raise CableError(
                 "PrandtlIshlinskii.weights must be at least 0, and the first above 0."
             )
-        knots, values = np.array(self.knots), np.array(self.values)
-        if not (
-            knots.size >= 2
-            and knots.size == values.size
-            and np.all(np.diff(knots) > 0)
-            and np.all(np.diff(values) > 0)
-        ):
+        are_as_many = 2 <= knots.size == values.size
+        if not (are_as_many and np.all(np.diff([knots, values]) > 0)):
             raise CableError(
                 "PrandtlIshlinskii.knots and values must be at least two and increase."
             )
@@ -338,11 +333,9 @@ class PrandtlIshlinskii(HysteresisModel):
         return np.zeros((count, len(self.thresholds)))
 
     def invert(self, state: Array, joint: Array) -> Array:
-        thresholds, weights = inverse_plays(
-            np.array(self.thresholds), np.array(self.weights)
-        )
+        *plays, knots, values = map(np.array, dataclasses.astuple(self))
+        thresholds, weights = inverse_plays(*plays)
         # The curve is extrapolated by its end pieces.
-        knots, values = np.array(self.knots), np.array(self.values)
         piece = np.clip(np.searchsorted(knots, joint) - 1, 0, knots.size - 2)
         slope = np.diff(values) / np.diff(knots)
         at = (values[piece] + slope[piece] * (joint - knots[piece]))[:, None]

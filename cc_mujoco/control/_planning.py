@@ -148,9 +148,8 @@ def optimise_commands(planner: Planner, push: FloatArray, load: float) -> None:
         unit = _motor_response(unit, 1.0, 0.0, tune)
         off.step[i] = unit.angle
         last, lasting, before = path[i], planner.load[i], need
-    cost = _cost(off, x)
+    cost = _cost(off, x, slope)
     for _ in range(12):  # Newton steps
-        _slope(off, x, slope)
         for k in range(n):
             is_bound = (x[k] >= most[k] and slope[k] < 0.0) or (
                 x[k] <= -most[k] and slope[k] > 0.0
@@ -162,7 +161,7 @@ def optimise_commands(planner: Planner, push: FloatArray, load: float) -> None:
         for _ in range(6):  # halvings of a step
             for k in range(n):
                 trial[k] = min(max(x[k] - share * move[k], -most[k]), most[k])
-            found = _cost(off, trial)
+            found = _cost(off, trial, slope)
             if found < cost:
                 break
             share *= 0.5
@@ -184,8 +183,12 @@ def optimise_commands(planner: Planner, push: FloatArray, load: float) -> None:
 
 
 @internal
-def _cost(off: _Deviations, x: FloatArray) -> float:
-    """Return half of the cost of increments `x` [rad^2]; see `optimise_commands`."""
+def _cost(off: _Deviations, x: FloatArray, slope: FloatArray) -> float:
+    """Return half of the cost of increments `x` [rad^2]; see `optimise_commands`.
+
+    Its derivative by every increment is written to `slope`.
+    """
+    slope[:] = 0.0
     cost, above = 0.0, 0.0
     for i in range(x.size):
         error = off.angle[i]
@@ -193,21 +196,9 @@ def _cost(off: _Deviations, x: FloatArray) -> float:
             error += off.step[i - k] * x[k]
         above += x[i]
         cost += error * error + off.weight * (off.command[i] + above) ** 2
-    return 0.5 * cost
-
-
-@internal
-def _slope(off: _Deviations, x: FloatArray, slope: FloatArray) -> None:
-    """Write the derivative of `_cost` by every increment to `slope`."""
-    slope[:] = 0.0
-    above = 0.0
-    for i in range(x.size):
-        error = off.angle[i]
-        for k in range(i + 1):
-            error += off.step[i - k] * x[k]
-        above += x[i]
         for k in range(i + 1):
             slope[k] += error * off.step[i - k] + off.weight * (off.command[i] + above)
+    return 0.5 * cost
 
 
 @internal

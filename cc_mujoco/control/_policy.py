@@ -51,19 +51,18 @@ POLICY_METADATA_KEY = "cc_mujoco"
 RELEASE, WHOLE, GAINS = range(guard.LIMITS, guard.LIMITS + 3)
 """Places of the gains behind `DriveLimits`, and their number: damping of a motor that
 is let go [N m s/rad], torque of the motor at a share of 1 [N m]."""
-_WINDING, _WINDING_SPEED, _LEVERAGE = range(len(WINDING_COLUMNS))
 
 
 class PolicyAxis:
-    """An axis that a policy drives, and its guard."""
+    """An axis that a policy drives, its observations and its guard."""
 
-    def __init__(self, drive: Drive, whole: float) -> None:
+    def __init__(self, drive: Drive, observed: Observed, whole: float) -> None:
         """Prepare, with the torque of the motor at a share of 1 [N m].
 
         A task that commands an angle says nothing of torques, so the guard of its
         policy only bridges missing readings.
         """
-        self.drive = drive
+        self.drive, self.observed = drive, observed
         self.is_wound = drive.lever or bool(drive.crossed)
         """True if the guard reads `device.WINDING_COLUMNS` of the joint."""
         self.limits = motor_limits(drive)
@@ -79,15 +78,22 @@ class PolicyAxis:
         damping = settling * self.spring[guard.STIFFNESS] / drive.ratio**2
         self.gains = np.array([*self.limits, damping, whole])
         """`DriveLimits`, then `RELEASE` and `WHOLE`."""
-        self.memory: FloatArray = np.zeros((0, guard.MEMORY_SIZE))
+        self.begin(0)
 
-    def unguarded(self, columns: Sequence[str]) -> tuple[str, ...]:
-        """Return which columns of an observation the guard does not read."""
+    def begin(self, count: int) -> None:
+        """Make room for a number of environments."""
+        self.history = ObservationHistory(self.observed, count)
+        self.memory: FloatArray = np.zeros((count, guard.MEMORY_SIZE))
+
+    @property
+    def unguarded(self) -> tuple[str, ...]:
+        """Columns of an observation that the guard does not read."""
+        columns = self.observed.columns
         others = tuple(columns[guard.READINGS :])
         if not self.is_wound:
             return others
         joint = columns[JOINT_ANGLE], columns[JOINT_VELOCITY]
-        return (*joint, WINDING_COLUMNS[_LEVERAGE], *others)
+        return (*joint, WINDING_COLUMNS[2], *others)
 
 
 class Policy(Controller):
@@ -127,7 +133,7 @@ class Policy(Controller):
                 "controller of the device of its training."
             )
         self.axes = [
-            PolicyAxis(drive, _same_device(name, observed, drive).torque)
+            PolicyAxis(drive, observed, _same_device(name, observed, drive).torque)
             for observed, drive in zip(self.observed, self._drives, strict=True)
         ]
         self._begin(0)
@@ -148,12 +154,11 @@ class Policy(Controller):
 
     def _begin(self, count: int) -> None:
         """Make room for a number of environments, all before their first sample."""
-        self._histories = [ObservationHistory(own, count) for own in self.observed]
         self._fresh = np.ones(count, dtype=np.bool_)
         self._samples = np.zeros(count, dtype=np.intp)
         self._shares = np.zeros((count, len(self.axes)))
         for axis in self.axes:
-            axis.memory = np.zeros((count, guard.MEMORY_SIZE))
+            axis.begin(count)
 
     def given(self, torque: Any) -> None:
         each = [torque] if len(self.axes) == 1 else np.moveaxis(np.array(torque), -1, 0)
@@ -169,22 +174,21 @@ class Policy(Controller):
         changes nothing.
         """
         seen = columns_of_axes(observation, self._prefixes)
-        measured = [
-            readings(own, observed.columns)
-            for own, observed in zip(seen, self.observed, strict=True)
-        ]
+        each = list(zip(self.axes, seen, strict=True))
+        measured = [readings(own, axis.observed.columns) for axis, own in each]
         count = len(measured[0])
         if len(self._fresh) != count:
             self._begin(count)
         heard = np.ones(count, dtype=np.bool_)
-        for axis, own, observed in zip(self.axes, seen, self.observed, strict=True):
+        for axis, own in each:
             needs_winding(own, axis.drive)
-            if others := axis.unguarded(observed.columns):
+            if others := axis.unguarded:
                 heard &= guard.is_heard(readings(own, others)).all(axis=1)
         rows, started = np.flatnonzero(heard), heard.copy()
-        for axis, own, taken in zip(self.axes, seen, measured, strict=True):
-            wound = WINDING_COLUMNS if axis.is_wound else ()
-            winding = readings(own, wound) if wound else np.zeros((count, 0))
+        for (axis, own), taken in zip(each, measured, strict=True):
+            winding = np.zeros((count, 0))
+            if axis.is_wound:
+                winding = readings(own, WINDING_COLUMNS)
             _admit_all(axis.gains, axis.spring, axis.memory, taken, winding, rows)
             started &= axis.memory[:, guard.STARTED] != 0.0
         self._decide(measured, rows, started)
@@ -202,21 +206,19 @@ class Policy(Controller):
     ) -> None:
         """Compute the actions that are due from the measurements, by axis (n, k)."""
         begins = self._fresh & started
-        for history, own in zip(self._histories, measured, strict=True):
-            history.add(own[rows], rows)
+        for axis, own in zip(self.axes, measured, strict=True):
+            axis.history.add(own[rows], rows)
             if begins.any():
-                history.begin(own[begins], begins)
+                axis.history.begin(own[begins], begins)
         self._samples[begins] = 0
         self._fresh &= ~begins
         due = started & (self._samples % self.observed[0].hold == 0)
         if due.any():
-            rounded = np.concatenate(
-                [one.observation() for one in self._histories], axis=1
-            )
-            shares = self.network(rounded[due].astype(np.float64))
+            rounded = [axis.history.observation() for axis in self.axes]
+            shares = self.network(np.concatenate(rounded, axis=1)[due].astype(float))
             self._shares[due] = shares.astype(np.float32)
-            for axis, history in enumerate(self._histories):
-                history.act(self._shares[:, axis], due)
+            for axis, own in zip(self.axes, self._shares.T, strict=True):
+                axis.history.act(own, due)
         self._samples[started] += 1
 
 

@@ -20,7 +20,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -32,8 +32,6 @@ from cc_mujoco.native import FloatArray
 THREADS = max(1, min(os.cpu_count() or 1, 8))
 FACTOR_STEP = 3e-3
 """Step of a parameter's logarithm over which simulations are differenced."""
-_MAX_LOG_STEP = math.log(2.0)
-"""Most by which a step changes a logarithm: beyond, derivatives say nothing."""
 MAX_FREEDOM = 1e9
 """Degrees of freedom from which on the variance counts as known (t, F)."""
 _Item = TypeVar("_Item")
@@ -41,23 +39,14 @@ _Found = TypeVar("_Found")
 
 
 class Tuned(NamedTuple):
-    """A parameter of a fit and its coordinate there, the place.
+    """A parameter of a fit and its coordinate there, the place."""
 
-    Attributes:
-        parameter: its descriptor; fitted as a logarithm where its scale is.
-        start: value where the place is 0.
-        scale: size of one unit of the place; relative where `factor`.
-        low: lower bound of the place.
-        high: upper bound of the place.
-        prior: standard deviation of the place; infinite where only data count.
-    """
-
-    parameter: Parameter
-    start: float
-    scale: float
-    low: float
+    parameter: Parameter  # fitted as a logarithm where its scale is
+    start: float  # value where the place is 0
+    scale: float  # size of one unit of the place; relative where `factor`
+    low: float  # bounds of the place
     high: float
-    prior: float = math.inf
+    prior: float = math.inf  # standard deviation of the place; inf: only data count
 
     @property
     def name(self) -> str:
@@ -103,15 +92,10 @@ class Estimate:
 
 
 class Fit(NamedTuple):
-    """End point of a fit.
+    """End point of a fit."""
 
-    Attributes:
-        x: place of the parameters.
-        cost: half the sum of squares there.
-    """
-
-    x: FloatArray
-    cost: float
+    x: FloatArray  # place of the parameters
+    cost: float  # half the sum of squares there
 
 
 def fit(
@@ -134,36 +118,31 @@ def fit(
     promise, the share `tolerance` of the cost for the fit to go on; the residual is
     evaluated `evaluations` times at most.
     """
-    low, high = (
-        np.array([getattr(parameter, side) for parameter in free])
-        for side in ("low", "high")
-    )
+    low, high = np.array([p.low for p in free]), np.array([p.high for p in free])
     factors = np.array([p.scale if p.factor else 0.0 for p in free])
     x: FloatArray = np.clip(start, low, high)
     error = residual(x)
     # The damping is relative to the diagonal of the normal equations.
-    cost, damping, left = _half_square(error), 1e-4, evaluations - 1
+    cost, damping, left = 0.5 * float(error @ error), 1e-4, evaluations - 1
     while left > 0:
         slopes = jacobian(x)
         square, slope = slopes.T @ slopes, slopes.T @ error
         shorter, failures = True, 0
         while shorter and left > 0:
             step = bounded_step(square, slope, damping, low - x, high - x)
-            step /= max(1.0, float(np.max(np.abs(step) * factors)) / _MAX_LOG_STEP)
+            # Beyond a factor of 2 derivatives say nothing.
+            step /= max(1.0, float(np.max(np.abs(step) * factors)) / math.log(2.0))
             promised = -float(slope @ step + 0.5 * step @ square @ step)
             if promised <= tolerance * cost:
                 return Fit(x, cost)
             there = residual(x + step)
-            taken = cost - _half_square(there)
+            taken = cost - 0.5 * float(there @ there)
             left -= 1
             shorter = taken <= 0.0
             if shorter:
                 failures += 1
-                # Promise, over the one that ends a fit, of a step whose failure ends it
-                # as well: by as much the cost jumps with friction.
+                # By as much the cost jumps with friction.
                 flat = promised <= 4.0 * tolerance * cost
-                # Shorter steps from one place of a fit, none of which lowers the cost,
-                # that end it.
                 if flat or failures == 4:
                     return Fit(x, cost)
                 damping = max(30.0 * damping, 0.01)
@@ -175,10 +154,6 @@ def fit(
         if taken < tolerance * cost and taken > 0.25 * promised:
             break
     return Fit(x, cost)
-
-
-def _half_square(error: FloatArray) -> float:
-    return 0.5 * float(error @ error)
 
 
 def bounded_step(
@@ -267,10 +242,8 @@ _THREAD_STATE = threading.local()
 
 @cache
 def _thread_pool() -> ThreadPoolExecutor:
-    def begin() -> None:
-        _THREAD_STATE.inside = True
-
-    return ThreadPoolExecutor(THREADS, initializer=begin)
+    mark = partial(setattr, _THREAD_STATE, "inside", True)
+    return ThreadPoolExecutor(THREADS, initializer=mark)
 
 
 def covariance(

@@ -88,7 +88,7 @@ class SteppedPolicy(Policy):
             step_policy,
             fixed=frozenset({"ratio", "period", "one_way", "inertia"}),
             seen=(*observed.columns, *(WINDING_COLUMNS if axis.is_wound else ())),
-            unguarded=frozenset(axis.unguarded(observed.columns)),
+            unguarded=frozenset(axis.unguarded),
             is_round=False,
             is_policy=True,
         )

@@ -20,8 +20,7 @@ from cc_mujoco.cable._friction import PLACE
 from cc_mujoco.cable._stepper import Cables
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 
-SCRATCH_ROWS = 6
-"""Rows of the scratch of these functions, with a number for each cable."""
+SCRATCH_ROWS = 6  # rows of the scratch of these functions, with a number for each cable
 _DRAG_TERMS = tuple(place for place, _, _ in law.DRAG_TERMS)
 
 

@@ -17,17 +17,10 @@ from cc_mujoco.cable._parameter import Parameter, parameter, parameters_of
 from cc_mujoco.control import _compensation as compensation
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control._cable_model import full_slip_balance
+from cc_mujoco.device._sensors import MEASURED_COLUMNS
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 
-LAW_INPUTS = (
-    "motor_angle_rad",
-    "motor_velocity_rad_s",
-    "joint_angle_rad",
-    "joint_velocity_rad_s",
-    "joint_torque_nm",
-    "desired_torque_nm",
-)
-"""Columns of `device.MEASURED_COLUMNS` that the laws read, as `guard.READINGS`."""
+LAW_INPUTS = MEASURED_COLUMNS[: guard.READINGS]  # columns that the laws read
 ANGLE, VELOCITY, JOINT_ANGLE, JOINT_VELOCITY, TORQUE, DESIRED = range(len(LAW_INPUTS))
 
 INTEGRAL_TORQUE, MOTOR_DIRECTION, GUARD = range(3)
@@ -35,8 +28,7 @@ INTEGRAL_TORQUE, MOTOR_DIRECTION, GUARD = range(3)
 shall turn; first of the numbers of the guard."""
 RELEASED = GUARD + guard.STATE
 """Column of the state of the guard, 0 while the law drives."""
-MEMORY_SIZE = GUARD + guard.MEMORY_SIZE
-"""Size of the memory of a law."""
+MEMORY_SIZE = GUARD + guard.MEMORY_SIZE  # size of the memory of a law
 
 
 def gain(
@@ -206,10 +198,10 @@ def proportional_integral(law: Law) -> float:
 
 
 @internal
-def damped_feedback(law: Law, feedforward: float) -> float:
-    """Return the torque of feedback with a damper around a feed-forward, both [N m]."""
+def damped_feedback(law: Law, feedforward: float, error: float) -> float:
+    """Return the torque of `_guarded`, with a damper added to the feed-forward."""
     feedforward -= _damping(law) * _relative_velocity(law)
-    return _guarded(law, feedforward, law.seen[DESIRED] - law.seen[TORQUE])
+    return _guarded(law, feedforward, error)
 
 
 @internal
@@ -220,7 +212,7 @@ def model_based(law: Law, model: compensation.Model, disturbance: float) -> floa
     """
     velocity, desired = law.seen[JOINT_VELOCITY], law.seen[DESIRED]
     feedforward = compensation.dynamic(model, velocity, desired) + disturbance
-    return damped_feedback(law, feedforward)
+    return damped_feedback(law, feedforward, desired - law.seen[TORQUE])
 
 
 @internal
@@ -239,9 +231,8 @@ def stiction(law: Law, model: compensation.Model) -> float:
     feedforward = compensation.full_slip_torque(
         model, memory[MOTOR_DIRECTION], seen[JOINT_VELOCITY], seen[DESIRED]
     )
-    feedforward -= _damping(law) * _relative_velocity(law)
     # Where the direction has just changed, the feed-forward corrects the error.
-    return _guarded(law, feedforward, 0.0 if turned else error)
+    return damped_feedback(law, feedforward, 0.0 if turned else error)
 
 
 (
@@ -297,11 +288,10 @@ def tuned_torque(
     if width > 0.0:
         off = np.sign(off) * max(abs(off) - width, 0.0)
         seen[TORQUE] = desired + off
-    return damped_feedback(law, ahead)
+    return damped_feedback(law, ahead, seen[DESIRED] - seen[TORQUE])
 
 
-BAND_SIGMAS = 0.34
-"""Motion that is none, in standard deviations of the torque sensor."""
+BAND_SIGMAS = 0.34  # motion that is none, in standard deviations of the torque sensor
 
 
 class InverseGains(NamedTuple):
@@ -323,8 +313,7 @@ class InverseGains(NamedTuple):
 _INVERSE_STARTED, _MOTOR_0, _JOINT_0, _SENSE, _EXTREME, _ANGLE_OFFSET, INVERSE_GUARD = (
     range(7)
 )
-INVERSE_SIZE = INVERSE_GUARD + guard.MEMORY_SIZE
-"""Size of the memory of the law."""
+INVERSE_SIZE = INVERSE_GUARD + guard.MEMORY_SIZE  # size of the memory of the law
 
 
 @compiled

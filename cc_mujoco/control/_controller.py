@@ -271,19 +271,14 @@ class SteppedLaw:
     step: Callable[..., Any]
     store_parameters: Callable[..., Any] = law_steps.store_limits
     has_model: bool = False
-    unread: frozenset[str] = frozenset()
-    """Gains that it does not read."""
-    fixed: frozenset[str] = frozenset()
-    """Gains that what it was made with depends on."""
+    unread: frozenset[str] = frozenset()  # gains that it does not read
+    fixed: frozenset[str] = frozenset()  # gains that what it was made with depends on
     gains: tuple[Parameter, ...] = LIMITS
-    seen: tuple[str, ...] = LAW_INPUTS
-    """Readings that it uses."""
+    seen: tuple[str, ...] = LAW_INPUTS  # readings that it uses
     needs_slope: bool = False
     """True if cables may only have friction terms that `_tension_slope` supports."""
-    is_round: bool = True
-    """True if it reads torques as of a round pulley."""
-    unguarded: frozenset[str] = frozenset()
-    """Readings at which its guard does not look."""
+    is_round: bool = True  # True if it reads torques as of a round pulley
+    unguarded: frozenset[str] = frozenset()  # readings at which its guard does not look
     is_policy: bool = False
     """True if it reads the columns of an observation, as they are."""
 

@@ -266,15 +266,21 @@ class Coupling:
         )
         self.noise = np.abs(own) * np.sqrt(np.linalg.inv(mixing) ** 2 @ noise**2)
         """Noise of the torque of each cable at its own joint (axes,) [N m]."""
-        pretension = np.array([_pretension(drive) for drive in drives])
+        # Torques of motors that hold the pretension of their cables [N m].
+        ends = [drive.cables[0] if drive.cables else None for drive in drives]
+        held = [
+            abs(end.proximal) * end.cable.pretension if end else 0.0 for end in ends
+        ]
         pulled = antagonists(neutral, one_way)
         safe, scales = np.full((2, len(self.joints)), math.inf)
         for place, drive in zip(self._own, drives, strict=True):
             safe[place] = min(safe[place], drive.safe_torque)
-            scales[place] = min(scales[place], _scale(drive))
+            seen = drive.observed
+            scale = max(map(abs, drive.reach)) if seen is None else seen.units[4]
+            scales[place] = min(scales[place], scale)
         self.tables = CouplingTables(
             np.array(self._own),
-            np.where(one_way, np.where(pulled, pretension, 0.0), -math.inf),
+            np.where(one_way, np.where(pulled, held, 0.0), -math.inf),
             high.astype(float),
             safe,
             scales,
@@ -320,18 +326,3 @@ def coupled(tables: CouplingTables, ratios: Array) -> Coupled:
     axes = tables.own.size
     matrices, vectors = (WORK_MATRICES, axes, axes), (WORK_VECTORS, axes)
     return Coupled(tables, ratios, np.empty(matrices), np.empty(vectors))
-
-
-def _pretension(drive: Drive) -> float:
-    """Return the torque of a motor that holds the pretension of its cable [N m]."""
-    if not drive.cables:
-        return 0.0
-    first = drive.cables[0]
-    return abs(first.proximal) * first.cable.pretension
-
-
-def _scale(drive: Drive) -> float:
-    """Return the torque error of an axis that counts as 1 [N m]."""
-    if drive.observed is not None:
-        return drive.observed.units[4]
-    return max(map(abs, drive.reach))

@@ -25,8 +25,7 @@ from cc_mujoco.errors import CableError
 
 Array = NDArray[np.float64]
 
-PLAYS, PIECES = 12, 8
-"""Numbers of plays, and of straight pieces of the curve, of a fit."""
+PLAYS, PIECES = 12, 8  # numbers of plays, and of straight pieces of the curve, of a fit
 
 
 @dataclass(frozen=True)
@@ -164,10 +163,8 @@ class HysteresisModel(ABC):
 class Line(HysteresisModel):
     """Straight line: mean stretch, without hysteresis."""
 
-    slope: float
-    """Motor angle per joint angle [-]."""
-    offset: float
-    """Motor angle at joint angle 0 [rad]."""
+    slope: float  # motor angle per joint angle [-]
+    offset: float  # motor angle at joint angle 0 [rad]
 
     @classmethod
     def fit(cls, trial: HysteresisTrial) -> Line:
@@ -197,14 +194,10 @@ class SmoothBacklash(HysteresisModel):
        \operatorname{sign}(\dot q) \]
     """
 
-    slope_up: float
-    """Motor angle per joint angle while the joint moves up, a+ [-]."""
-    slope_down: float
-    """Motor angle per joint angle while the joint moves down, a- [-]."""
-    offset_up: float
-    """Motor angle at joint angle 0 on the way up, c+ [rad]."""
-    offset_down: float
-    """Motor angle at joint angle 0 on the way down, c- [rad]."""
+    slope_up: float  # motor angle per joint angle while the joint moves up, a+ [-]
+    slope_down: float  # motor angle per joint angle while the joint moves down, a- [-]
+    offset_up: float  # motor angle at joint angle 0 on the way up, c+ [rad]
+    offset_down: float  # motor angle at joint angle 0 on the way down, c- [rad]
     transition: float
     """Distance of the joint over which one line changes into the other [rad]."""
 
@@ -277,8 +270,7 @@ class PrandtlIshlinskii(HysteresisModel):
     """Weight of each play [-]; the first above 0, no other below."""
     knots: tuple[float, ...]
     """Joint angles at which pieces of the curve S' meet, increasing [rad]."""
-    values: tuple[float, ...]
-    """Curve S' at these [rad]; the end pieces extend beyond."""
+    values: tuple[float, ...]  # curve S' at these [rad]; the end pieces extend beyond
 
     def __post_init__(self) -> None:
         r, w, knots, values = map(np.array, dataclasses.astuple(self))
@@ -383,16 +375,11 @@ class BoucWen(HysteresisModel):
     dz/d\theta)\).
     """
 
-    gain: float
-    """Joint angle per motor angle while z is constant, a [-]."""
-    hysteresis: float
-    """Joint angle per z, b [-]; at least 0: the joint lags."""
-    offset: float
-    """Joint angle at motor angle 0 and z = 0, c [rad]."""
-    beta: float
-    """Symmetric saturation of z [1/rad]."""
-    gamma: float
-    """Asymmetric saturation of z [1/rad]; between -beta and beta."""
+    gain: float  # joint angle per motor angle while z is constant, a [-]
+    hysteresis: float  # joint angle per z, b [-]; at least 0: the joint lags
+    offset: float  # joint angle at motor angle 0 and z = 0, c [rad]
+    beta: float  # symmetric saturation of z [1/rad]
+    gamma: float  # asymmetric saturation of z [1/rad]; between -beta and beta
 
     def __post_init__(self) -> None:
         require_parameter(self, "gain", 1e-6, 1e6, "")

@@ -38,8 +38,6 @@ from cc_mujoco.device._drive import CableDrive, Drive
 from cc_mujoco.errors import CableError, look_up
 
 CABLE_INVERSE = "cable_inverse"
-"""Name of the controller with the model of the cables."""
-
 FITTED = (*MODELS, CABLE_INVERSE)
 """Controllers with parameters of a trial."""
 
@@ -142,12 +140,9 @@ class BoucWenFeedForward(HysteresisInverse):
 class CableParameters:
     """Parameters of the cables and of the joint's spring, identified from a trial."""
 
-    friction: float
-    """Friction coefficient over that of the data sheet [-]."""
-    pretension: float
-    """Pretension over that of the data sheet [-]."""
-    joint_stiffness: float
-    """Stiffness of the spring at the joint [N m/rad]."""
+    friction: float  # friction coefficient over that of the data sheet [-]
+    pretension: float  # pretension over that of the data sheet [-]
+    joint_stiffness: float  # stiffness of the spring at the joint [N m/rad]
 
     def __post_init__(self) -> None:
         require_parameter(self, "friction", 0.0, 100.0, "")

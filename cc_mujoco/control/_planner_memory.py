@@ -30,16 +30,11 @@ from typing import NamedTuple
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.cable._parameter import Parameter, parameters_of
 from cc_mujoco.control import _guard as guard
-from cc_mujoco.control._compiled_laws import DriveGains, gain
+from cc_mujoco.control._compiled_laws import LAW_INPUTS, DriveGains, gain
 from cc_mujoco.native import FloatArray, FloatCube, FloatMatrix, internal
 
-PLANNER_INPUTS = (
-    "motor_angle_rad",
-    "joint_angle_rad",
-    "joint_torque_nm",
-    "desired_torque_nm",
-)
-"""Columns of `device.MEASURED_COLUMNS` that the controller reads."""
+PLANNER_INPUTS = (LAW_INPUTS[0], LAW_INPUTS[2], *LAW_INPUTS[4:])
+"""Columns that the controller reads: angles of motor and joint, torques."""
 ANGLE, VELOCITY, DISTURBANCE, LOAD = 0, 1, 2, 3
 JOINT, DESIRED_TORQUE, DIRECTION, STARTED, FILTERED_TORQUE = 4, 7, 10, 11, 12
 BELIEVED_DELAY, ENERGY, BIAS, MOTOR_TORQUE, COMMAND = 13, 14, 15, 16, 17
@@ -55,8 +50,7 @@ observer of the rotor `OBSERVER_SIZE`."""
 OBSERVER_ERROR, OBSERVER_SIZE = 3, 4
 """Place of the mean squared error of an observer of the rotor, behind angle, velocity
 and unexplained torque; size of an observer."""
-WORK_ROWS = 9
-"""Vectors of a plan of commands."""
+WORK_ROWS = 9  # vectors of a plan of commands
 
 
 @dataclass(frozen=True)

@@ -28,8 +28,7 @@ from cc_mujoco.control._planner_memory import Planner, copy_states
 from cc_mujoco.control._rollout import MAX_EVALUATIONS
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 
-_MODEL_MEMORY = 0.3
-"""Time over which the errors of both models are compared [s]."""
+_MODEL_MEMORY = 0.3  # time over which the errors of both models are compared [s]
 
 
 @internal

@@ -34,8 +34,7 @@ _RATE_TERMS = tuple(
     place for place, term, _ in law.DRAG_TERMS if "rate" in term.depends_on
 )
 """Parameters of friction that depends on speed."""
-_LINEARIZATIONS = 2
-"""Linearisations of the load in a plan of commands."""
+_LINEARIZATIONS = 2  # linearisations of the load in a plan of commands
 
 
 class _Motor(NamedTuple):
@@ -297,7 +296,7 @@ def _plan(
     )  # fmt: skip
     last = joint
     simulated = 1 + _LINEARIZATIONS if tune[at.RATE] < np.inf else 1
-    most = rollout.most_steps(drags) + simulated * count
+    most = rollout.MAX_EVALUATIONS * (2 if drags else 1) + simulated * count
     for i in range(count):
         if planner.spent[0] + most > tune[at.ITERATIONS]:
             return np.inf

@@ -20,15 +20,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco._validation import require_number
-from cc_mujoco.control._controller import Controller
+from cc_mujoco.control._controller import Controller, readings, total_delay
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._sensors import REFERENCE_COLUMN
 from cc_mujoco.errors import CableError
 
 Array = NDArray[np.float64]
 
-BANDWIDTH = 150.0
-"""Bandwidth of the servo without delay [rad/s]."""
+BANDWIDTH = 150.0  # bandwidth of the servo without delay [rad/s]
 
 
 class PositionController(Controller):
@@ -63,9 +62,8 @@ class PositionController(Controller):
                 "a position controller needs the inertia of the motor; Drive.inertia "
                 f"is {drive.inertia:g} kg m^2."
             )
-        late = (1.5 + drive.delay) * drive.period + drive.motor_lag
         # The servo's bandwidth times the delay of the loop is at most 0.4 rad.
-        self.bandwidth = min(bandwidth, 0.4 / late)
+        self.bandwidth = min(bandwidth, 0.4 / total_delay(drive))
         most = min(abs(drive.low) or math.inf, abs(drive.high) or math.inf)
         # A quarter of the motor's torque is used to follow a change of rate.
         self._acceleration = 0.25 * most / drive.inertia
@@ -92,9 +90,8 @@ class PositionController(Controller):
         """
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
-        reference = np.atleast_1d(np.asarray(observation[REFERENCE_COLUMN], float))
-        angle = np.atleast_1d(np.asarray(observation["motor_angle_rad"], float))
-        velocity = np.atleast_1d(np.asarray(observation["motor_velocity_rad_s"], float))
+        names = REFERENCE_COLUMN, "motor_angle_rad", "motor_velocity_rad_s"
+        reference, angle, velocity = readings(observation, names).T
         count = reference.size
         if self._rows != count:
             self._rows, self._fresh = count, np.ones(count, dtype=np.bool_)
@@ -105,7 +102,7 @@ class PositionController(Controller):
             self._start[fresh] = angle[fresh]
             self._memory[:, fresh] = 0.0
             if self.drive.joint_sensor:
-                joint = np.atleast_1d(np.asarray(observation["joint_angle_rad"], float))
+                (joint,) = readings(observation, ["joint_angle_rad"]).T
                 self.joint_start[fresh] = joint[fresh]
             self.begin(np.flatnonzero(fresh), count)
         wanted = self.motor_angle(reference - self.joint_start, observation)

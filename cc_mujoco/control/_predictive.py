@@ -217,7 +217,7 @@ class PredictiveCompensation(SteppedController):
         require_number("yielding", yielding, 0.0, 0.1, "s")
         require_number("damper", damper, 0.0, 1.0, "s")
         require_number("caution", caution, 0.0, 1.0, "")
-        least = rollout.most_steps(True) + 5 * knots
+        least = 2 * rollout.MAX_EVALUATIONS + 5 * knots
         if not iterations >= least:
             raise CableError(
                 f"iterations is {iterations!r}; {knots} knots need {least} or more."

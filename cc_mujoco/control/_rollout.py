@@ -11,8 +11,7 @@ from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.cable._layout import node_stiffness, tensions
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 
-MAX_EVALUATIONS = 12
-"""Most evaluations of a torque in a search for an angle of the motor."""
+MAX_EVALUATIONS = 12  # of a torque in a search for an angle of the motor
 
 
 class MotorSearch(NamedTuple):
@@ -23,7 +22,7 @@ class MotorSearch(NamedTuple):
     new: FloatMatrix  # out, after the step
     leapt: FloatMatrix  # scratch, as `state`
     work: FloatArray  # scratch
-    spent: FloatArray  # steps of the model (1,); counted, at most `most_steps`
+    spent: FloatArray  # steps of the model (1,); counted, two where friction drags
     dt: float  # [s]
     rise: float  # torque per angle of the motor while all stretches [N m/rad]
     tolerance: float  # of the torque [N m]
@@ -81,12 +80,6 @@ def _torque_deficit(search: MotorSearch, motor: float, torque: float) -> float:
     if cables.distal[0] > 0.0:
         return float(min(lack, held + search.slack))
     return float(max(lack, held - search.slack))
-
-
-@internal
-def most_steps(drags: bool) -> int:
-    """Return the most steps of the model that `find_motor_angle` takes."""
-    return 2 * MAX_EVALUATIONS if drags else MAX_EVALUATIONS
 
 
 @compiled

@@ -47,8 +47,7 @@ Weights = Literal["variance", "mean"]
 AtRest = Literal["average", "hold"]
 """Treatment of nodes at rest: go on averaging, or hold as the thesis does."""
 
-UNKNOWN_DEVIATION = 1e6
-"""Standard deviation of an unknown tension [N]."""
+UNKNOWN_DEVIATION = 1e6  # standard deviation of an unknown tension [N]
 
 
 class Fused(NamedTuple):
@@ -235,13 +234,8 @@ class TensionFusion(NoisySensors):
             CableError: shapes that fit neither the sensors nor the cable, a reading
                 that is not finite, or another direction.
         """
-        reading, sign = checked_sample(
-            reading,
-            direction,
-            self._nodes.size,
-            self.mesh.segments,
-            self.tension.shape[:-1],
-        )
+        sizes, leading = (self._nodes.size, self.mesh.segments), self.tension.shape[:-1]
+        reading, sign = checked_sample(reading, direction, *sizes, leading)
         moves = np.zeros(self.tension.shape, dtype=bool)
         moves[..., :-1] |= sign != 0.0
         moves[..., 1:] |= sign != 0.0
@@ -249,9 +243,15 @@ class TensionFusion(NoisySensors):
         fused = fuse(reading, gain, self.noise, self.weights)
         found = moves & np.isfinite(fused.tension)
         self.tension = np.where(found, fused.tension, self.tension)
-        self._move(
-            moves, found, np.where(found, fused.deviation, UNKNOWN_DEVIATION), sign
-        )
+        # The errors of moving nodes are renewed, in one run all in proportion.
+        deviation = np.where(found, fused.deviation, UNKNOWN_DEVIATION)
+        run = _cumulative_sums((sign == 0.0).astype(float))
+        together = run[..., :, None] == run[..., None, :]
+        together &= found[..., :, None] & found[..., None, :]
+        together |= np.eye(self.mesh.segments + 1, dtype=bool)
+        new = together * deviation[..., :, None] * deviation[..., None, :]
+        either = moves[..., :, None] | moves[..., None, :]
+        self._covariance = np.where(either, new, self._covariance)
         if self.at_rest == "average":
             self._average(reading, ~moves[..., self._nodes])
         return self.tension
@@ -275,22 +275,6 @@ class TensionFusion(NoisySensors):
         ]
         whole = np.reshape(found, (-1, 2, *self.tension.shape))
         return Fused(whole[:, 0], whole[:, 1])
-
-    def _move(
-        self,
-        moves: NDArray[np.bool_],
-        found: NDArray[np.bool_],
-        deviation: FloatArray,
-        sign: FloatArray,
-    ) -> None:
-        """Renew the errors of moving nodes, in one run all in proportion."""
-        run = _cumulative_sums((sign == 0.0).astype(float))
-        together = run[..., :, None] == run[..., None, :]
-        together &= found[..., :, None] & found[..., None, :]
-        together |= np.eye(moves.shape[-1], dtype=bool)
-        new = together * deviation[..., :, None] * deviation[..., None, :]
-        either = moves[..., :, None] | moves[..., None, :]
-        self._covariance = np.where(either, new, self._covariance)
 
     def _average(self, reading: FloatArray, rests: NDArray[np.bool_]) -> None:
         """Apply Kalman's update by the sensors of nodes at rest, one after another.

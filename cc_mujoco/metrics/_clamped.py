@@ -11,10 +11,8 @@ from cc_mujoco.metrics._signals import loop_width
 
 SWING_PERIODS = 2
 """Periods of the slow swing; the last but a quarter is measured, trough to trough."""
-CHIRP_LOW, CHIRP_HIGH = 0.5, 60.0
-"""Range of the chirp [Hz]."""
-MIN_GAIN = 0.05
-"""Joint torque per desired torque; below it nothing arrives."""
+CHIRP_LOW, CHIRP_HIGH = 0.5, 60.0  # range of the chirp [Hz]
+MIN_GAIN = 0.05  # joint torque per desired torque; below it nothing arrives
 
 
 def held_backlash(log: LogLike) -> float:

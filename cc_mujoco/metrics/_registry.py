@@ -17,7 +17,6 @@ import sys
 from collections.abc import Iterable, Iterator
 from functools import partial
 from numbers import Real
-from typing import NamedTuple
 
 import numpy as np
 
@@ -38,8 +37,11 @@ ANKLE = GaitJoint("ankle", "ankle")
 """Joint whose strides are measured where the metadata name none."""
 
 
-class Strides(NamedTuple):
-    """Numbers of a joint over the whole strides of an episode; NaN without one.
+def stride_metrics(log: LogLike) -> dict[str, float]:
+    """Return numbers of the assisted joint over the whole strides of an episode.
+
+    Strides go from heel strike to heel strike. The first, in which the walk begins, is
+    left out. There is no number without a stride.
 
     The scripted wearer is a spring and a damper to the measured motion, on a leg that
     swings free of the floor: its resistance does not show what it would save. So the
@@ -49,30 +51,15 @@ class Strides(NamedTuple):
     all stay as they were without help, which people change; and work is not metabolic
     cost.
     """
-
-    wearer_work: float = math.nan
-    wearer_work_change: float = math.nan
-    assistance_work: float = math.nan
-    peak_assistance: float = math.nan
-    torque_rate: float = math.nan
-    swing_torque: float = math.nan
-
-
-def stride_metrics(log: LogLike) -> Strides:
-    """Return the numbers of the assisted joint over the whole strides of an episode.
-
-    Strides go from heel strike to heel strike. The first, in which the walk begins, is
-    left out.
-    """
     if keys.PACE not in log.metadata:
-        return Strides()
+        return {}
     pace: Pace = log.metadata[keys.PACE]
     size = log.metadata.get(keys.MOMENT_RATIO, 1.0)
     time = log["time_s"]
     phase = np.mod(np.arctan2(log["phase_sine"], log["phase_cosine"]) / math.tau, 1.0)
     strikes = np.flatnonzero(np.diff(phase) < -0.5) + 1
     if strikes.size < 2:
-        return Strides()
+        return {}
     step, count = float(time[1] - time[0]), strikes.size - 1
     whole = slice(int(strikes[0]), int(strikes[-1]))
     phase, given = phase[whole], log["joint_torque_nm"][whole]
@@ -89,14 +76,14 @@ def stride_metrics(log: LogLike) -> Strides:
 
     alone, helped = work(own, meant), work(own - given, meant)
     swing = phase > pace.toe_off
-    return Strides(
-        helped,
-        (helped - alone) / alone,
-        work(given, log["joint_velocity_rad_s"][whole]),
-        float(np.max(helps * given)),
-        peak_rate(given, step),
-        float(np.max(np.abs(given[swing]))),
-    )
+    return {
+        "wearer_work": helped,
+        "wearer_work_change": (helped - alone) / alone,
+        "assistance_work": work(given, log["joint_velocity_rad_s"][whole]),
+        "peak_assistance": float(np.max(helps * given)),
+        "torque_rate": peak_rate(given, step),
+        "swing_torque": float(np.max(np.abs(given[swing]))),
+    }
 
 
 WINDING_KEYS = (keys.WINDING_RESISTANCE, keys.TORQUE_CONSTANT)
@@ -115,9 +102,8 @@ def _constant(
 
 
 def _stride(name: str, unit: str, meaning: str, better: Better = "low") -> Metric:
-
     def compute(log: LogLike) -> float:
-        return float(getattr(stride_metrics(log), name))
+        return float(stride_metrics(log).get(name, math.nan))
 
     return Metric(name, unit, meaning, compute, better, needs=(keys.PACE,))
 

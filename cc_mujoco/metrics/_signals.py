@@ -9,8 +9,7 @@ import numpy as np
 
 from cc_mujoco.metrics._metric import Array
 
-MEAN_WINDOW = 0.05
-"""Window of `moving_mean` [s]."""
+MEAN_WINDOW = 0.05  # window of `moving_mean` [s]
 
 
 def moving_mean(values: Array, period: float, window: float = MEAN_WINDOW) -> Array:

@@ -20,12 +20,9 @@ MIN_TASK_WORK_SHARE = 0.01
 class Efficiency:
     """Efficiency of a transmission that either side may drive; NaN where undefined."""
 
-    overall: float
-    """Both directions together, in (0, 1]."""
-    motor_drives: float
-    """Motor to joint, in (0, 1]."""
-    wearer_drives: float
-    """Joint to motor (the device is backdriven), in (0, 1]."""
+    overall: float  # both directions together, in (0, 1]
+    motor_drives: float  # motor to joint, in (0, 1]
+    wearer_drives: float  # joint to motor (the device is backdriven), in (0, 1]
     motor_share: float
     """Work put in by the motor over work put in by both sides, in [0, 1]."""
 
@@ -96,13 +93,11 @@ def _divide(part: float, whole: float) -> float:
 
 TAUT_SHARE = 0.1
 """Share of the largest desired torque above which a cable that only pulls is taut."""
-RATE_WINDOW = 0.01
-"""Time over which the rate of a torque is taken [s]."""
+RATE_WINDOW = 0.01  # time over which the rate of a torque is taken [s]
 SWING_WINDOW, SWING_SHARE, SWING_SCALE = 0.1, 0.25, 0.05
 """Window of the moving mean that a swinging torque deviates from [s], and deviations
 above which it swings, see `is_unstable`."""
-MAX_UNSAFE_TIME = 0.01
-"""Time from which a torque beyond the safe one is a failure [s]."""
+MAX_UNSAFE_TIME = 0.01  # time from which a torque beyond the safe one is a failure [s]
 
 
 def torque_lag(log: LogLike) -> float:

@@ -121,10 +121,10 @@ GAINS: tuple[Parameter, ...] = parameters_of(FeedbackGains)
 """Gains of a law without and with feedback, in order."""
 
 _RATIO, PERIOD = guard.RATIO, guard.PERIOD
-(
-    _FEED_FORWARD, _PROPORTIONAL, _INTEGRAL, _SETTLING, _PREVIEW, _TOLERANCE,
-    STIFFNESS, REST_TORQUE, WRAP_FRICTION,
-) = range(guard.LIMITS, len(GAINS))  # fmt: skip
+_FEED_FORWARD, _PROPORTIONAL, _INTEGRAL, _SETTLING, _PREVIEW, _TOLERANCE, STIFFNESS = (
+    range(guard.LIMITS, len(GAINS) - guard.SPRING_SIZE + 1)
+)
+"""Their places behind `DriveLimits`; the spring of the cables is last."""
 
 
 class Law(NamedTuple):

@@ -40,7 +40,7 @@ from cc_mujoco.device._sensors import WINDING_COLUMNS
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray, FloatMatrix, IntArray, compiled, internal
 
-_WOUND = dict(zip(LAW_INPUTS[2:4], WINDING_COLUMNS, strict=False))
+WOUND = dict(zip(LAW_INPUTS[2:4], WINDING_COLUMNS[:2], strict=True))
 """Motion of the joint as it winds the cables."""
 
 STEPS = (
@@ -180,10 +180,10 @@ def as_round_pulley(observation: Mapping[str, Any], drive: Drive) -> Mapping[str
     """
     if not needs_winding(observation, drive):
         return observation
-    *motion, leverage = (observation[name] for name in WINDING_COLUMNS)
-    changed = dict(zip(LAW_INPUTS[2:4], motion, strict=True))
+    changed = {name: observation[wound] for name, wound in WOUND.items()}
+    leverage = observation[WINDING_COLUMNS[2]]
     with np.errstate(all="ignore"):  # a torque over an arm of 0 is none
-        for name in ("joint_torque_nm", "desired_torque_nm"):
+        for name in LAW_INPUTS[4:]:
             changed[name] = np.divide(observation[name], leverage)
     return {**observation, **changed}
 
@@ -292,7 +292,7 @@ class SteppedLaw:
         """Those readings where the arm of the cables changes."""
         if self.is_policy:
             return self.seen
-        return tuple(_WOUND.get(name, name) for name in self.seen)
+        return tuple(WOUND.get(name, name) for name in self.seen)
 
 
 def stepped_law(kind: type[Controller]) -> SteppedLaw | None:

@@ -26,6 +26,7 @@ from cc_mujoco.control import _law_steps as law_steps
 from cc_mujoco.control._cable_model import cable_table, joint_spring, joint_stiffness
 from cc_mujoco.control._compiled_laws import GAINS, LAW_INPUTS
 from cc_mujoco.control._controller import (
+    WOUND,
     LawTables,
     SteppedController,
     SteppedLaw,
@@ -40,6 +41,9 @@ from cc_mujoco.native import FloatArray
 
 _DELAY_SHARE = 0.35
 """Share of what a delay allows that damping and proportional gain take."""
+_DEAD_SIGMAS = 6.0
+"""Error at no desired torque that a single cable does not answer, in standard
+deviations of the torque sensor: three times those of its bias in the benchmark."""
 
 
 class FeedForward(SteppedController):
@@ -148,8 +152,7 @@ class ProportionalIntegral(SteppedController):
         names = LAW_INPUTS if is_guarded else LAW_INPUTS[compiled_laws.TORQUE :]
         if WINDING_COLUMNS[1] in observation:
             # Levers, and cables that other joints wind.
-            moved = (observation[name] for name in WINDING_COLUMNS[:2])
-            joint = dict(zip(LAW_INPUTS[2:4], moved, strict=True))
+            joint = {name: observation[wound] for name, wound in WOUND.items()}
             observation = {**observation, **joint}
         part = readings(observation, names)
         seen = np.zeros((len(part), len(LAW_INPUTS)))
@@ -278,8 +281,7 @@ class TunedFeedback(ProportionalIntegral):
         found = loop_gains(drive, self.integral_share)
         super().__init__(drive, found.proportional, found.integral)
         self.settling = found.settling
-        # Three times the standard deviations of its bias in the benchmark.
-        self.dead_sigmas = 6.0 if drive.one_way else 0.0
+        self.dead_sigmas = _DEAD_SIGMAS if drive.one_way else 0.0
         """Error at no desired torque that is none, over the sensor's noise."""
 
     def law_tables(self) -> LawTables:

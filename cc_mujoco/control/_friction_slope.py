@@ -1,7 +1,6 @@
 """Friction of every cable from tension sensors along it, compiled.
 
-    found = taps(drive.sensors, drive.cables, memory=200.0)
-    learn(cables, state, found, tensions, known, scratch)    # known[:, COEFFICIENT]
+    learn(cables, state, taps, tensions, known, scratch)    # known[:, COEFFICIENT]
 
 This is the compiled form of `estimation._tension_slope`. The estimate of a cable is the
 state that `estimation._recursive.update_estimate` keeps.
@@ -9,8 +8,6 @@ state that `estimation._recursive.update_estimate` keeps.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -18,9 +15,6 @@ import numpy as np
 from cc_mujoco.cable._layout import segment_angles, slips
 from cc_mujoco.cable._stepper import Cables
 from cc_mujoco.control._law_steps import part, rows_of
-from cc_mujoco.device._drive import CableDrive
-from cc_mujoco.device._sensors import Sensors
-from cc_mujoco.errors import CableError
 from cc_mujoco.estimation import _recursive as recursive
 from cc_mujoco.estimation import _tension_slope as tension_slope
 from cc_mujoco.native import FloatArray, FloatMatrix, IntMatrix, internal
@@ -38,28 +32,6 @@ class Taps(NamedTuple):
     nodes: IntMatrix  # (cables, sensors)
     noise: FloatMatrix  # standard deviations (cables, sensors) [N]
     fading: float  # share of the information that fades with each reading
-
-
-def taps(
-    sensors: Sequence[Sensors], cables: Sequence[CableDrive], memory: float
-) -> Taps:
-    """Return the sensors along the cables of a device.
-
-    `memory` is the number of readings after which one has faded to 1/e. Sensors that
-    are not as many along every cable, or cannot determine friction, are refused.
-    """
-    if len({len(own.nodes) for own in sensors}) > 1:
-        raise CableError(
-            "Drive.sensors must be as many along every cable, not "
-            f"{', '.join(str(len(own.nodes)) for own in sensors)}."
-        )
-    for own, one in zip(sensors, cables, strict=True):
-        tension_slope.require_bend_between(one.cable, own)
-    return Taps(
-        np.array([own.nodes for own in sensors], dtype=np.int64),
-        np.array([own.deviation for own in sensors]),
-        1.0 - math.exp(-1.0 / memory),
-    )
 
 
 @internal

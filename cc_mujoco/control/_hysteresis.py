@@ -119,16 +119,9 @@ class HysteresisModel(ABC):
 
     @abstractmethod
     def invert(self, state: Array, joint: Array) -> Array:
-        """Return the motor angles for the next joint angles.
+        """Return the motor angles for the next joint angles, (n,) [rad] both.
 
-        The course between two calls is monotone.
-
-        Args:
-            state: State as `rest` returns it; changed.
-            joint: Desired joint angles (n,) [rad].
-
-        Returns:
-            Motor angles (n,) [rad].
+        The course between two calls is monotone; the state of `rest` is changed.
         """
 
     def to_dict(self) -> dict[str, Any]:

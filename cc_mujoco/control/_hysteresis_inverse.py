@@ -84,11 +84,7 @@ class HysteresisInverse(PositionController):
     """Key of `FITTED`."""
 
     def __init__(self, drive: Drive, bandwidth: float = BANDWIDTH) -> None:
-        """Prepare for the first episode.
-
-        Args:
-            drive: The device to be driven; its `hysteresis` has the parameters.
-            bandwidth: Bandwidth of the servo, see `PositionController` [rad/s].
+        """Prepare for the first episode with the parameters of `Drive.hysteresis`.
 
         Raises:
             CableError: The device has no parameters of this model.

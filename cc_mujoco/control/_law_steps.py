@@ -190,9 +190,8 @@ def store_limits(memory: FloatArray, shape: IntArray, parameters: FloatArray) ->
 def store_gains(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> None:
     for i in range(GAIN_COUNT):
         memory[GAINS + i] = parameters[i]
-    memory[SPRING + guard.STIFFNESS] = parameters[compiled_laws.STIFFNESS]
-    memory[SPRING + guard.REST] = parameters[compiled_laws.REST_TORQUE]
-    memory[SPRING + guard.FRICTION] = parameters[compiled_laws.WRAP_FRICTION]
+    for i in range(guard.SPRING_SIZE):
+        memory[SPRING + i] = parameters[compiled_laws.STIFFNESS + i]
 
 
 @compiled

@@ -129,7 +129,7 @@ class ModelBased(ProportionalIntegral):
 
     def _scale_friction(self, row: int, factor: float) -> None:
         """Scale the friction of the model of an environment."""
-        if factor == self._played[row][1]:
+        if self._played and factor == self._played[row][1]:
             return
         own = law_steps.model_memory(self._memory[row], self._shape)
         cables = [one.cable for one in self.drive.cables]

@@ -165,9 +165,7 @@ class Network:
 def shares_of(net: PackedNetwork, work: FloatMatrix) -> int:
     """Compute the share of each motor's torque, and return the row that begins with it.
 
-    Args:
-        net: The network.
-        work: (2, widest layer); the first row begins with the observation, changed.
+    The first row of `work` (2, widest layer) begins with the observation, changed.
     """
     size, layers = net.sizes[WIDTHS], net.sizes.size - WIDTHS - 1
     numbers, far = net.numbers, net.numbers[0]

@@ -29,11 +29,6 @@ from cc_mujoco.device._drive import Drive
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
 
-_FIXED_TUNING = frozenset(
-    "period span rotor_0 rotor_1 motion_0 motion_1 motion_2 forgetting leak "
-    "late lag creep".split()
-)
-
 
 class PredictiveCompensation(SteppedController):
     r"""Model-predictive: the motor's path is planned, and rolled out with the kernel.
@@ -104,7 +99,10 @@ class PredictiveCompensation(SteppedController):
         planner_steps.step_plan,
         planner_steps.store_plan,
         has_model=True,
-        fixed=_FIXED_TUNING,
+        fixed=frozenset(
+            "period span rotor_0 rotor_1 motion_0 motion_1 motion_2 forgetting leak "
+            "late lag creep".split()
+        ),
         gains=TUNING,
         seen=PLANNER_INPUTS,
     )

@@ -99,13 +99,8 @@ def find_motor_angle(
     the motor gets there slowly and goes on with the joint: the torque is that of cables
     drawn at that speed, not that of a jump.
 
-    Args:
-        search: cables before the step, and how to search.
-        start: angle of the motor before [rad].
-        way: direction in which it may turn, 1 or -1.
-        joint: angle of the joint after the step [rad].
-        turned: change of that angle in the step [rad].
-        torque: to be made [N m].
+    The motor has the angle `start` before [rad] and may turn one `way`, 1 or -1. The
+    joint has an angle after the step, and `turned` in it [rad]; the torque is in [N m].
     """
     cables, drags, work = search.cables, search.drags, search.work
     before = search.leapt if drags else search.state

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -24,7 +25,7 @@ from cc_mujoco.device._drive import CableDrive, Drive
 from cc_mujoco.device._sensors import TENSION_COLUMN
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation._fusion import fuse, tension_gains
-from cc_mujoco.estimation._tension_slope import require_slope
+from cc_mujoco.estimation._tension_slope import require_bend_between, require_slope
 from cc_mujoco.native import FloatArray
 
 
@@ -152,7 +153,19 @@ class AdaptiveModel(PredictiveCompensation):
         super().__init__(drive, **{**settings, "learning": 0.0})
         _require_sensors(drive, 2)
         require_number("memory", memory, 1.0, 1e9, "readings")
-        self.taps = friction_slope.taps(drive.sensors, drive.cables, memory)
+        counts = [len(own.nodes) for own in drive.sensors]
+        if len(set(counts)) > 1:
+            raise CableError(
+                "Drive.sensors must be as many along every cable, not "
+                f"{', '.join(map(str, counts))}."
+            )
+        for own, one in zip(drive.sensors, drive.cables, strict=True):
+            require_bend_between(one.cable, own)
+        self.taps = friction_slope.Taps(
+            np.array([own.nodes for own in drive.sensors], dtype=np.int64),
+            np.array([own.deviation for own in drive.sensors]),
+            1.0 - math.exp(-1.0 / memory),
+        )
         """Places of the sensors, and the estimates by them."""
 
     def parameters(self) -> list[float]:

@@ -128,9 +128,7 @@ class RecursiveLeastSquares:
     def update(self, information: FloatArray, target: FloatArray) -> None:
         r"""Take the equations :math:`\Phi\theta = y` of a sample, noise of variance 1.
 
-        Args:
-            information: :math:`\Phi^T \Phi` (p, p).
-            target: :math:`\Phi^T y` (p,).
+        The information is :math:`\Phi^T \Phi` (p, p), the target :math:`\Phi^T y` (p,).
         """
         if self.value.size == 1:
             if not information[0, 0] > 0.0:

@@ -33,17 +33,9 @@ import numpy as np
 from cc_mujoco.cable._cable import KEYS, Cable, Section
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
+from cc_mujoco.plugin import _spec as specs
 from cc_mujoco.plugin._engine import PLUGIN
 from cc_mujoco.plugin._mjcf import to_mjcf
-from cc_mujoco.plugin._spec import (
-    add_element,
-    compile_spec,
-    delete_actuator,
-    find_element,
-    muted_warnings,
-    plain_errors,
-    require_spec,
-)
 from cc_mujoco.plugin._tendons.account import (
     ENDS,
     AddedCables,
@@ -163,7 +155,7 @@ def add_cable(
             a route to draw one, a sensor reads the actuator to replace, a number is out
             of its range, or the model does not compile. The specification is as before.
     """
-    require_spec(spec)
+    specs.require_spec(spec)
     if not isinstance(name, str) or not name:
         raise CableError(f"name must be the name of the new cable, not {name!r}.")
     if any(p.plugin_name == PLUGIN and p.name == name for p in spec.plugins):
@@ -209,13 +201,13 @@ def add_cable(
             f"cable {name!r} needs conduit=, e.g. '0.5:0.2 0.3:inf', or a route of at "
             "least two points that draws one."
         )
-    model = compile_spec(spec)  # from now on its keyframes follow what is added
+    model = specs.compile_spec(spec)  # from now on its keyframes follow what is added
     cable = _cable(spec, drive, conduit, parameters)
     tried = spec.copy()
-    with plain_errors():
+    with specs.plain_errors():
         _write(tried, model, drive, cable)
-    with muted_warnings():
-        after = compile_spec(tried)
+    with specs.muted_warnings():
+        after = specs.compile_spec(tried)
     if drive.lever is not None:
         _require_arm(after, drive, drive.lever.name)
     _write(spec, model, drive, cable)
@@ -296,9 +288,9 @@ def _cable(
         given["conduit"] = tuple(conduit)
     else:
         drawn = spec.copy()
-        with plain_errors():
+        with specs.plain_errors():
             _write_path(drawn, drive)
-        model = compile_spec(drawn)
+        model = specs.compile_spec(drawn)
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
         points = np.array([data.site(site.name).xpos for site in drive.route])
@@ -353,7 +345,7 @@ def _write(
     spec: mujoco.MjSpec, model: mujoco.MjModel, drive: _Drive, cable: Cable
 ) -> None:
     if drive.replace is not None:
-        delete_actuator(spec, model, drive.replace)
+        specs.delete_actuator(spec, model, drive.replace)
     _write_path(spec, drive)
     motor = drive.motor
     if drive.mount is not None:
@@ -372,7 +364,7 @@ def _write(
 def _write_path(spec: mujoco.MjSpec, drive: _Drive) -> None:
     for site in (*drive.route, drive.lever):
         if site is not None and site.body:
-            add_element(
+            specs.add_element(
                 spec.body(site.body),
                 "site",
                 name=site.name,
@@ -384,7 +376,7 @@ def _write_path(spec: mujoco.MjSpec, drive: _Drive) -> None:
         paths["rope"] = (drive.route[-1], drive.lever)
     for kind, sites in paths.items():
         width, shade = (0.003, 0.1) if kind == "route" else (0.0015, 0.7)  # m, of grey
-        tendon = add_element(
+        tendon = specs.add_element(
             spec, "tendon", name=f"{drive.name}_{kind}", width=width,
             rgba=[shade, shade, shade, 1.0],
         )  # fmt: skip
@@ -399,12 +391,12 @@ def _write_winch(spec: mujoco.MjSpec, drive: _Drive, mount: _Site, name: str) ->
     body = spec.body(mount.body).add_body(name=name, pos=mount.position)
     body.explicitinertial = True
     body.mass, body.ipos, body.inertia = mass, [0.0] * 3, [across, about, across]
-    add_element(
+    specs.add_element(
         body, "joint", name=name, axis=[0.0, 1.0, 0.0],
         limited=mujoco.mjtLimited.mjLIMITED_FALSE, armature=drive.rotor_inertia,
         damping=[drive.rotor_damping, 0.0, 0.0],
     )  # fmt: skip
-    add_element(
+    specs.add_element(
         body,
         "geom",
         name=name,
@@ -416,7 +408,7 @@ def _write_winch(spec: mujoco.MjSpec, drive: _Drive, mount: _Site, name: str) ->
         conaffinity=0,
         rgba=[0.2, 0.2, 0.25, 1.0],
     )
-    add_element(
+    specs.add_element(
         spec, "actuator", name=f"{drive.name}_motor", trntype=mujoco.mjtTrn.mjTRN_JOINT,
         target=name, ctrllimited=mujoco.mjtLimited.mjLIMITED_TRUE,
         ctrlrange=[-drive.torque_limit, drive.torque_limit],
@@ -535,7 +527,7 @@ def _replaced(spec: mujoco.MjSpec, actuator: Any, driven: str) -> int | None:
         return None
     if isinstance(actuator, mujoco.MjsActuator):
         actuator = actuator.name or actuator.id
-    found = find_element("actuator", actuator, spec.actuators)
+    found = specs.find_element("actuator", actuator, spec.actuators)
     on_joint = found.trntype in (
         mujoco.mjtTrn.mjTRN_JOINT,
         mujoco.mjtTrn.mjTRN_JOINTINPARENT,

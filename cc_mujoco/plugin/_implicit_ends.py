@@ -38,15 +38,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from mujoco import (
-    mjtBias,
-    mjtConstraint,
-    mjtDisableBit,
-    mjtGain,
-    mjtIntegrator,
-    mjtJoint,
-    mjtTrn,
-)
+import mujoco
 
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as layout
@@ -122,7 +114,7 @@ def is_implicit(model: MjModel, block: Block) -> bool:
     if (
         block.explicit_ends != 0
         or model.nv > MAX_DOFS
-        or model.opt.integrator == mjtIntegrator.mjINT_DISCRETE
+        or model.opt.integrator == mujoco.mjtIntegrator.mjINT_DISCRETE
     ):
         return False
     step = model.opt.timestep
@@ -132,7 +124,7 @@ def is_implicit(model: MjModel, block: Block) -> bool:
             continue
         actuator, mobility = block.actuators[end], 0.0
         target = model.actuator_trnid[actuator, 0]
-        if model.actuator_trntype[actuator] == mjtTrn.mjTRN_JOINT:
+        if model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT:
             dof = model.jnt_dofadr[target]
             mobility = model.dof_invweight0[dof]
             armature = model.dof_armature[dof]
@@ -254,7 +246,7 @@ def _smooth_forces(
             path.apply_pulls(model, data, led, node, 0.0, -1, sum_at)
     for joint in range(model.njnt):
         dof = model.jnt_dofadr[joint]
-        if model.jnt_type[joint] < mjtJoint.mjJNT_SLIDE:
+        if model.jnt_type[joint] < mujoco.mjtJoint.mjJNT_SLIDE:
             continue
         if model.jnt_actgravcomp[joint] != 0:
             acted[dof] += data.qfrc_gravcomp[dof]
@@ -325,9 +317,11 @@ def _damping_matrix(
     out[:] = 0.0
     if is_rk4(model):
         return False
-    euler = model.opt.integrator == mjtIntegrator.mjINT_EULER
-    undamped = disabled(model, mjtDisableBit.mjDSBL_DAMPER)
-    if not undamped and not (euler and disabled(model, mjtDisableBit.mjDSBL_EULERDAMP)):
+    euler = model.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER
+    undamped = disabled(model, mujoco.mjtDisableBit.mjDSBL_DAMPER)
+    if not undamped and not (
+        euler and disabled(model, mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
+    ):
         for i in range(nv):
             out[i * nv + i] = model.dof_damping[i]
             any_damping = any_damping or out[i * nv + i] != 0.0
@@ -337,9 +331,9 @@ def _damping_matrix(
         if model.actuator_plugin[actuator] >= 0:
             continue
         rate = 0.0
-        if model.actuator_biastype[actuator] == mjtBias.mjBIAS_AFFINE:
+        if model.actuator_biastype[actuator] == mujoco.mjtBias.mjBIAS_AFFINE:
             rate -= model.actuator_biasprm[actuator, 2]
-        if model.actuator_gaintype[actuator] == mjtGain.mjGAIN_AFFINE:
+        if model.actuator_gaintype[actuator] == mujoco.mjtGain.mjGAIN_AFFINE:
             control = data.ctrl[model.actuator_ctrladr[actuator]]
             rate -= model.actuator_gainprm[actuator, 2] * control
         if rate > 0.0 and not _is_clamped(model, data, actuator):
@@ -430,18 +424,18 @@ def _constraint_force(
     """
     force, kind = given[i], data.efc_type[i]
     state[i] = 1.0
-    if kind == mjtConstraint.mjCNSTR_EQUALITY:
+    if kind == mujoco.mjtConstraint.mjCNSTR_EQUALITY:
         return 0.0
     if (
-        kind == mjtConstraint.mjCNSTR_FRICTION_DOF
-        or kind == mjtConstraint.mjCNSTR_FRICTION_TENDON
+        kind == mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF
+        or kind == mujoco.mjtConstraint.mjCNSTR_FRICTION_TENDON
     ):
         most = data.efc_frictionloss[i]
         if abs(force) < most:
             return 0.0
         state[i] = 0.0
         return math.copysign(most, force)
-    if kind == mjtConstraint.mjCNSTR_CONTACT_ELLIPTIC:
+    if kind == mujoco.mjtConstraint.mjCNSTR_CONTACT_ELLIPTIC:
         contact = data.contact[data.efc_id[i]]
         first = contact.efc_address
         if i > first:

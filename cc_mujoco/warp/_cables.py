@@ -14,20 +14,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as at
+from cc_mujoco.cable import _reading as reading
 from cc_mujoco.cable._cable import ENDS, PATHS, TERMS, Cable
 from cc_mujoco.cable._conduit import packed_parameters
 from cc_mujoco.cable._friction import INDEX
 from cc_mujoco.cable._newmark import IMPLICIT_LIMIT, STABILITY_LIMIT
-from cc_mujoco.cable._reading import (
-    PATH_MEMORY,
-    CableReading,
-    guided_compliance,
-    read_states,
-    slack_compliance,
-)
 from cc_mujoco.cable._route import Route
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
+from cc_mujoco.warp import _model as models
 from cc_mujoco.warp._implicit_kernels import look_ahead_kernel
 from cc_mujoco.warp._kernels import (
     ATTEMPTS,
@@ -39,16 +34,6 @@ from cc_mujoco.warp._kernels import (
     write_rows,
 )
 from cc_mujoco.warp._look_ahead import LookAhead, moments_of
-from cc_mujoco.warp._model import (
-    HeldCable,
-    actuators_of,
-    end_rate,
-    lengths_in_qpos0,
-    require_plain,
-    require_routes,
-    require_shared_positions,
-    require_supported,
-)
 from cc_mujoco.warp._paths import LedCables
 from cc_mujoco.warp._variants import paths_of
 
@@ -74,7 +59,7 @@ class AttachedCables:
         m: mjw.Model,
         d: mjw.Data,
         model: mujoco.MjModel,
-        cables: Mapping[str, HeldCable],
+        cables: Mapping[str, models.HeldCable],
         routes: Mapping[str, Route],
         terms: tuple[str, ...],
         rest_in_pose: bool,
@@ -83,15 +68,15 @@ class AttachedCables:
         if not cables:
             raise CableError("the scene has no cable to attach to mujoco_warp")
         plain = {name: held.cable for name, held in cables.items()}
-        require_supported(int(m.opt.integrator))
-        require_routes(plain, routes)
+        models.require_supported(int(m.opt.integrator))
+        models.require_routes(plain, routes)
         self._model, self.names = model, tuple(cables)
         self._cables, self._worlds = tuple(plain.values()), int(d.nworld)
         self._routes = [routes.get(name) for name in cables]
         self.terms = _terms_in_use(self._cables, terms)
         self._rest_in_pose = bool(rest_in_pose)
-        actuators = actuators_of(model, cables)
-        require_plain(m, model, actuators)
+        actuators = models.actuators_of(model, cables)
+        models.require_plain(m, model, actuators)
         self._actuators_of = actuators
         self._step: float | None = None
         if int(m.opt.integrator) != _DISCRETE:
@@ -119,7 +104,7 @@ class AttachedCables:
             return 0.0
         route, prm = self._routes[index], self._packed(index, cable)
         rates = (
-            end_rate(self._model, prm, cable.segments, actuator, end)
+            models.end_rate(self._model, prm, cable.segments, actuator, end)
             for end, actuator in enumerate(self._actuators_of[index])
             if route is None or not route.tied[end]
         )
@@ -151,7 +136,7 @@ class AttachedCables:
         trn_tendon = int(mujoco.mjtTrn.mjTRN_TENDON)
         held = self._model.actuator_trntype[actuators] == trn_tendon
         tied = np.array([r.tied if r else (False, False) for r in self._routes])
-        rest = np.where(tied, 0.0, lengths_in_qpos0(self._model)[actuators])
+        rest = np.where(tied, 0.0, models.lengths_in_qpos0(self._model)[actuators])
         followed = np.where(tied, TIED, np.where(held, FOLLOWED, 0))
         ints: dict[str, Any] = {"dtype": int, "device": device}
         reals: dict[str, Any] = {"dtype": float, "device": device}
@@ -207,7 +192,7 @@ class AttachedCables:
                 f"{self._worlds}; attach them to a model of its own"
             )
         if self._needs_qpos0:
-            require_shared_positions(m)
+            models.require_shared_positions(m)
         given = [
             self._rows, d.time, m.opt.timestep, d.actuator_length, d.qvel,
             *moments_of(d), m.actuator_gear, self._followed, self._rest,
@@ -396,7 +381,7 @@ class AttachedCables:
                 f"pulley, {radius:g} m"
             )
 
-    def read(self, name: str) -> CableReading:
+    def read(self, name: str) -> reading.CableReading:
         """Return the state of a cable in all worlds, as `cc_mujoco.read` does.
 
         Arrays have the worlds as their first axis; they are copies.
@@ -407,11 +392,11 @@ class AttachedCables:
         index = self._index(name)
         cable, states = self._cables[index], self._pending(index)
         if cable.path == PATHS[0] or self._led is None:
-            return read_states(states, 0, guided_compliance(cable))
+            return reading.read_states(states, 0, reading.guided_compliance(cable))
         lengths = self._pending_path(index)[:, : cable.segments + 1]
-        compliance, strain = slack_compliance(cable)
+        compliance, strain = reading.slack_compliance(cable)
         start = states.shape[1]
-        return read_states(
+        return reading.read_states(
             np.hstack([states, lengths]), 0, compliance, strain, lengths=start
         )
 
@@ -436,7 +421,7 @@ class AttachedCables:
             found[:, ends : ends + 2] = state[:, :2]
             if self._cables[index].path != PATHS[0]:
                 path = self._pending_path(index)
-                start += state.shape[1] + PATH_MEMORY
+                start += state.shape[1] + reading.PATH_MEMORY
                 found[:, start : start + path.shape[1]] = path
         return found
 
@@ -482,7 +467,7 @@ def attach(
     d: mjw.Data,
     source: mujoco.MjSpec | mujoco.MjModel,
     *,
-    cables: Mapping[str, HeldCable] | None = None,
+    cables: Mapping[str, models.HeldCable] | None = None,
     terms: tuple[str, ...] = (),
     rest_in_pose: bool = False,
 ) -> AttachedCables:

@@ -47,29 +47,10 @@ from cc_mujoco.plugin._spec import (
     muted_warnings,
     require_spec,
 )
-from cc_mujoco.plugin._tendons.account import (
-    AddedCables,
-    describe_band,
-    describe_winch,
-    order_line,
-    range_lines,
-    summary_line,
-)
-from cc_mujoco.plugin._tendons.burden import (
-    Burden,
-    find_burden,
-    held_tension,
-    slacken,
-    write_branches,
-)
+from cc_mujoco.plugin._tendons import account as accounts
+from cc_mujoco.plugin._tendons import burden as burdens
+from cc_mujoco.plugin._tendons import winch as winching
 from cc_mujoco.plugin._tendons.report import TendonSummary, tendon_report
-from cc_mujoco.plugin._tendons.winch import (
-    Winch,
-    largest_pull,
-    plan_winches,
-    sample_poses,
-    write_winches,
-)
 
 _ALLOWED_KEYS = [
     key for key in KEYS if key not in ("route", "bend", "path", "mouth", "guides")
@@ -99,7 +80,7 @@ def add_friction(
     guides: Mapping[str, float | str] | None = None,
     report: bool = False,
     **parameters: Any,
-) -> AddedCables:
+) -> accounts.AddedCables:
     """Make spatial tendons cables with friction wherever they bend.
 
     A tendon becomes a cable on an open path, of its own name: its first site is the
@@ -196,7 +177,7 @@ def add_friction(
     with muted_warnings():
         original = compile_spec(start.copy())
         takeovers = [
-            _Takeover(find_burden(start, original, name), *request)
+            _Takeover(burdens.find_burden(start, original, name), *request)
             for name, *request in requests
         ]
         moved, model = _plan(
@@ -209,11 +190,13 @@ def add_friction(
             compile_spec(spec)  # from now on its keyframes follow what is added
         _write_branches(spec, takeovers)
         if winches := [x.winch for x in takeovers if x.winch is not None]:
-            write_winches(spec, original, winches, moved)
+            winching.write_winches(spec, original, winches, moved)
         _write_cables(spec, takeovers)
         laid = [cable.route for takeover in takeovers for cable in takeover.cables]
         turns = tendon_report(model, laid)
-    concerns = [x for own in takeovers for x in range_lines(own.burden, original)]
+    concerns = [
+        x for own in takeovers for x in accounts.range_lines(own.burden, original)
+    ]
     concerns += [
         _soft_warning(x) for x in takeovers if x.stiffens and x.stiffness < 100
     ]
@@ -228,21 +211,21 @@ def add_friction(
     if not several:
         return parts[0]
     pairs = zip(takeovers, parts, strict=True)
-    lines = [summary_line(original, own.burden, part) for own, part in pairs]
-    return AddedCables(tuple(laid), "", tuple(lines), parts)
+    lines = [accounts.summary_line(original, own.burden, part) for own, part in pairs]
+    return accounts.AddedCables(tuple(laid), "", tuple(lines), parts)
 
 
 @dataclasses.dataclass
 class _Takeover:
     """A tendon that becomes cables."""
 
-    burden: Burden  # loads on the tendon
+    burden: burdens.Burden  # loads on the tendon
     motor: tuple[Any, float] | None  # drum at its proximal end, if any
     joint: tuple[Any, float] | None  # drum at its distal end, if any
     # Radius [m] and inertia [kg m^2] of the drum of its winch, if given.
     drum: tuple[float, float] | None
     given: dict[str, Any]  # parameters of its cables, by name
-    winch: Winch | None = None  # winch that takes over its burden, if needed
+    winch: winching.Winch | None = None  # winch that takes over its burden, if needed
     # Cables of its branches, each with the name of its branch as `route`.
     cables: list[Cable] = dataclasses.field(default_factory=list)
     bearable: float = math.inf  # axial stiffness that the time step bears [N]
@@ -300,10 +283,12 @@ def _plan(
     _write_branches(tried, takeovers)
     loaded = [takeover for takeover in takeovers if takeover.burden.needs_winch]
     if loaded:
-        winches = plan_winches(tried, original, {x.burden: x.drum for x in loaded})
+        winches = winching.plan_winches(
+            tried, original, {x.burden: x.drum for x in loaded}
+        )
         for takeover, winch in zip(loaded, winches, strict=True):
             takeover.winch = winch
-        moved = write_winches(tried, original, winches)
+        moved = winching.write_winches(tried, original, winches)
     data = mujoco.MjData(moved)
     mujoco.mj_fwdPosition(moved, data)
     for takeover in takeovers:
@@ -313,7 +298,7 @@ def _plan(
     for takeover in loaded:
         if takeover.stiffens:
             stiffness = min(takeover.bearable, MAX_STIFFNESS)
-            pull = largest_pull(original, takeover.burden)
+            pull = winching.largest_pull(original, takeover.burden)
             _refuse_soft(takeover.burden, stiffness, pull, original.opt.timestep)
             takeover.cables = [
                 cable.replace(axial_stiffness=stiffness) for cable in takeover.cables
@@ -325,9 +310,9 @@ def _plan(
 def _write_branches(spec: mujoco.MjSpec, takeovers: list[_Takeover]) -> None:
     for takeover in takeovers:
         if takeover.burden.needs_winch:
-            write_branches(spec, takeover.burden)
+            burdens.write_branches(spec, takeover.burden)
         elif takeover.burden.is_band:
-            slacken(spec, takeover.burden.tendon)
+            burdens.slacken(spec, takeover.burden.tendon)
 
 
 def _require_ends(spec: mujoco.MjSpec, motor: Any, joint: Any, winch: Any) -> None:
@@ -356,7 +341,7 @@ def _require_ends(spec: mujoco.MjSpec, motor: Any, joint: Any, winch: Any) -> No
         )
 
 
-def _refuse_drums(burden: Burden, motor: Any, joint: Any) -> None:
+def _refuse_drums(burden: burdens.Burden, motor: Any, joint: Any) -> None:
     """Refuse drums for a tendon whose length they would change."""
     for name, end in (("motor", motor), ("joint", joint)):
         if end is not None:
@@ -382,7 +367,7 @@ def _lay(
     burden, values = takeover.burden, {"path": "open", **takeover.given}
     if takeover.winch is not None:
         # Without it what friction holds would fall into the cable, and shake it.
-        held = float(f"{held_tension(original, burden):.3g}")
+        held = float(f"{burdens.held_tension(original, burden):.3g}")
         values = {"pretension": held, "axial_stiffness": MAX_STIFFNESS, **values}
     elif burden.is_band:
         for key in ("axial_stiffness", "pretension"):
@@ -415,7 +400,7 @@ def _lay(
 
 
 def _checked_guides(
-    given: Any, burdens: Collection[Burden]
+    given: Any, burdens: Collection[burdens.Burden]
 ) -> tuple[tuple[str, Any], ...]:
     if not isinstance(given, Mapping):
         raise CableError(
@@ -466,7 +451,9 @@ def _joint(spec: mujoco.MjSpec, joint: Any) -> Any:
     return spec.joint(joint) or joint if isinstance(joint, str) else joint
 
 
-def _refuse_soft(burden: Burden, stiffness: float, pull: float, step: float) -> None:
+def _refuse_soft(
+    burden: burdens.Burden, stiffness: float, pull: float, step: float
+) -> None:
     """Refuse a default stiffness [N] that a pull of the actuators [N] overloads."""
     bearable = _MAX_STRAIN * stiffness
     if pull > bearable:
@@ -492,7 +479,7 @@ def _find_bearable(spec: mujoco.MjSpec, takeovers: list[_Takeover]) -> None:
     data = mujoco.MjData(model)
     names = [cable.route for takeover in takeovers for cable in takeover.cables]
     shortest = dict.fromkeys(names, math.inf)
-    for pose in sample_poses(model):
+    for pose in winching.sample_poses(model):
         data.qpos[:] = pose
         limits = step_limits(model, data)
         for name, least in shortest.items():
@@ -521,7 +508,7 @@ def _account(
     model: mujoco.MjModel,
     takeover: _Takeover,
     summaries: dict[str, TendonSummary],
-) -> AddedCables:
+) -> accounts.AddedCables:
     burden, winch, cables = takeover.burden, takeover.winch, takeover.cables
     names = tuple(cable.route for cable in cables)
     count = sum(cable.segments for cable in cables)
@@ -532,13 +519,13 @@ def _account(
     ]
     held = cables[0].pretension
     if burden.is_band:
-        lines.append(describe_band(burden, takeover.stiffness, held))
+        lines.append(accounts.describe_band(burden, takeover.stiffness, held))
     if winch is not None:
-        lines += describe_winch(original, spec, winch)
+        lines += accounts.describe_winch(original, spec, winch)
         if held > 0.0 and "pretension" not in takeover.given:
             lines.append(f"pretension {held:g} N: what the dry friction holds in qpos0")
         lines.append(_stretch_line(takeover, original.opt.timestep))
-    lines.append(order_line(model, names, original.nu))
+    lines.append(accounts.order_line(model, names, original.nu))
     for summary in (summaries[name] for name in names):
         if summary.step_limit <= summary.timestep:
             lines.append(
@@ -547,7 +534,9 @@ def _account(
                 f"is stable only below {1e3 * summary.step_limit:.3g} ms, and it is "
                 f"{1e3 * summary.timestep:.3g} ms"
             )
-    return AddedCables(names, "" if winch is None else burden.winch, tuple(lines))
+    return accounts.AddedCables(
+        names, "" if winch is None else burden.winch, tuple(lines)
+    )
 
 
 def _stretch_line(takeover: _Takeover, step: float) -> str:

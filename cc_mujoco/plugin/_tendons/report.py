@@ -23,20 +23,13 @@ from cc_mujoco.cable._cable import PATHS, ROLLER, Cable
 from cc_mujoco.cable._open_path import MIN_NODE_LENGTH
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
+from cc_mujoco.plugin import _tendon_survey as surveys
 from cc_mujoco.plugin._config import ROLLING
 from cc_mujoco.plugin._guides import RANDOM_POSES
 from cc_mujoco.plugin._mjcf import cable_of, from_mjcf, instances
 from cc_mujoco.plugin._readings import require_data_of, route_tendon
 from cc_mujoco.plugin._settle import shortest_piece_step
 from cc_mujoco.plugin._spec import compile_spec
-from cc_mujoco.plugin._tendon_survey import (
-    SWEEP_POSES,
-    piece_timesteps,
-    read_guides,
-    spanned_joints,
-    survey,
-    sweep,
-)
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -323,8 +316,9 @@ class TendonReport:
             return "\n".join((*lines, "There is no spatial tendon to report on."))
         lines.append(
             "now: the pose that was given, `qpos0` by default. min, max, at most: also "
-            f"{SWEEP_POSES} poses of\neach joint over its range, {SWEEP_POSES} of all "
-            f"together and {RANDOM_POSES} random ones; equalities are ignored."
+            f"{surveys.SWEEP_POSES} poses of\neach joint over its range, "
+            f"{surveys.SWEEP_POSES} of all together and {RANDOM_POSES} random ones; "
+            "equalities are ignored."
         )
         if any(tendon.cable is None for tendon in self.tendons):
             lines.append(
@@ -427,20 +421,25 @@ def _summarize(
 
     Where there is no cable, or it is in a conduit, the material is that of `given`.
     """
-    joints, poses = spanned_joints(model, tendon), sweep(model, rest, tendon)
-    turn, touching, length = survey(model, data, tendon, poses)
+    joints, poses = (
+        surveys.spanned_joints(model, tendon),
+        surveys.sweep(model, rest, tendon),
+    )
+    turn, touching, length = surveys.survey(model, data, tendon, poses)
     own, mu, source, in_conduit = given, given.friction, "assumed", False
     guides = np.zeros(turn.shape[1])
     if cable is not None:
         instance = instances(model)[cable]
         own = cable_of(model, instance, cable)
         mu, source, in_conduit = own.friction, "cable", own.path != PATHS[1]
-        read_guides(model._address, instance, tendon, guides)
+        surveys.read_guides(model._address, instance, tendon, guides)
     if friction is not None:
         mu, source = given.friction, "given"
     if cable is None or in_conduit:
         stiffness = given.axial_stiffness
-        limit = float(piece_timesteps(model, data, tendon, stiffness, poses).min())
+        limit = float(
+            surveys.piece_timesteps(model, data, tendon, stiffness, poses).min()
+        )
     else:
         stiffness = own.axial_stiffness
         limit = shortest_piece_step(model, data, cable, poses)

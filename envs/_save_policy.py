@@ -7,6 +7,7 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium import wrappers
 
 from cc_mujoco.control import Network, write_policy
 from cc_mujoco.errors import CableError
@@ -15,17 +16,11 @@ from ._scalar import DeviceEnv
 from ._vector import DeviceVectorEnv
 
 PLAIN_WRAPPERS = (
-    gymnasium.wrappers.Autoreset,
-    gymnasium.wrappers.ClipAction,
-    gymnasium.wrappers.OrderEnforcing,
-    gymnasium.wrappers.PassiveEnvChecker,
-    gymnasium.wrappers.RecordEpisodeStatistics,
-    gymnasium.wrappers.RecordVideo,
-    gymnasium.wrappers.TimeLimit,
-    gymnasium.RewardWrapper,
-    gymnasium.vector.VectorRewardWrapper,
-    gymnasium.wrappers.vector.RecordEpisodeStatistics,
-)
+    wrappers.Autoreset, wrappers.ClipAction, wrappers.OrderEnforcing,
+    wrappers.PassiveEnvChecker, wrappers.RecordEpisodeStatistics, wrappers.RecordVideo,
+    wrappers.TimeLimit, wrappers.vector.RecordEpisodeStatistics,
+    gymnasium.RewardWrapper, gymnasium.vector.VectorRewardWrapper,
+)  # fmt: skip
 """Wrappers of Gymnasium that change neither observations nor what an action does."""
 
 
@@ -120,8 +115,7 @@ def _of_stable_baselines(model: Any) -> tuple[Network, Any]:
         mean = np.array(normal.obs_rms.mean, dtype=float)
         deviation = np.sqrt(normal.obs_rms.var + normal.epsilon)
         far = float(normal.clip_obs)
-    network = Network.of_layers(layers, mean, deviation, squashed, far)
-    return network, observed
+    return Network.of_layers(layers, mean, deviation, squashed, far), observed
 
 
 def _layers(policy: Any) -> tuple[list[Any], bool]:

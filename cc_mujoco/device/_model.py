@@ -177,14 +177,13 @@ class AxisModel:
     def drive(self, cables: Mapping[str, Any], device: str, period: float) -> Drive:
         """Return the prior knowledge of a controller, without sensors."""
         model, places = self.model, self.places
+        wound = {name: self.sense * self._proximal[name] for name in self.driven}
         known = tuple(
-            CableDrive(
-                cables[name], self.sense * self._proximal[name], self._distal[name]
-            )
-            for name in self.driven
+            CableDrive(cables[name], arm, self._distal[name])
+            for name, arm in wound.items()
             if not self._unknown
         )
-        pulls = all(self.sense * self._proximal[n] < 0.0 for n in self.driven)
+        pulls = all(arm < 0.0 for arm in wound.values())
         lags = int(model.actuator_dyntype[self._motor]) in FILTERS
         return Drive(
             self.ratio,

@@ -12,6 +12,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from cc_mujoco.control import DistalFeedback, HysteresisTrial
 from cc_mujoco.device import Device, DeviceModel, Drive, Plant
@@ -53,14 +54,9 @@ def calibration_trials(
     # The swing is 15 % beyond the reach of the device, and 5 % short of the stops.
     room = 0.95 * min(high - axis.centre, axis.centre - low)
     course = Loops(min(1.15 * axis.reach, room), axis.centre)
-    logs = simulate(
-        made,
-        _uncalibrated,
-        trajectory=course,
-        task=Position(),
-        duration=duration,
-        sensing=dataclasses.replace(description.sensing, joint_sensor=True),
-    )
+    sensing = dataclasses.replace(description.sensing, joint_sensor=True)
+    played: Any = {"trajectory": course, "task": Position(), "duration": duration}
+    logs = simulate(made, _uncalibrated, sensing=sensing, **played)
     ratio = model.axes[0].ratio
     return [
         HysteresisTrial.of(log["motor_angle_rad"], log["joint_angle_rad"], ratio)

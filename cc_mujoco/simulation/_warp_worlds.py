@@ -6,8 +6,6 @@ rounded; plants, scripts and sensors are those of `_batch.Simulations`.
 
 from __future__ import annotations
 
-from typing import Any
-
 import mujoco
 import mujoco_warp as mjw
 import numpy as np
@@ -55,7 +53,8 @@ class WarpWorlds:
             plain = without_plugin(spec).compile()
         except CableError as error:
             raise _refusal(device, error) from None
-        cabled = self._cabled = _cable_actuators(spec)
+        plugins = [actuator.plugin.plugin_name for actuator in spec.actuators]
+        cabled = self._cabled = np.array([name == PLUGIN for name in plugins], np.bool_)
         for name in _ACTUATORS:
             getattr(plain, name)[~cabled] = getattr(model, name)[~cabled]
         try:
@@ -130,8 +129,7 @@ class WarpWorlds:
         for name, value in self._begun.items():
             value[row] = getattr(data, name)
         self._fresh[row] = True
-        now = physics_of(data)
-        for field, own in zip(self.physics, now, strict=True):
+        for field, own in zip(self.physics, physics_of(data), strict=True):
             field[row] = own
 
     def advance(self, control: Array, going: Mask) -> None:
@@ -150,12 +148,12 @@ class WarpWorlds:
         self._control[...] = np.swapaxes(control, 0, 1)
         self._controls.assign(self._control)
         self._take_sample()
+        state = self.cables.plugin_state()
+        which = slice(None) if going.all() else going
         for name, field in zip(Physics._fields, self.physics, strict=True):
-            now = self._read(name)
-            if going.all():
-                field[...] = now
-            else:
-                field[going] = now[going]
+            its_own = name != "plugin_state"
+            now = getattr(self.data, name).numpy() if its_own else state
+            field[which] = now[which]
         self._notice(going)
 
     def _take_sample(self) -> None:
@@ -165,11 +163,6 @@ class WarpWorlds:
         for step in range(self._skip):
             wp.copy(self.data.ctrl, self._controls[step])
             mjw.step(self.model, self.data)
-
-    def _read(self, name: str) -> Any:
-        if name == "plugin_state":
-            return self.cables.plugin_state()
-        return getattr(self.data, name).numpy()
 
     def _give_plants(self) -> None:
         for name in self.cables.names:
@@ -215,11 +208,6 @@ def _refusal(device: Device, error: Exception) -> CableError:
         f"device {device.name!r} cannot be simulated with backend='warp': "
         f"{str(error).rstrip('.')}."
     )
-
-
-def _cable_actuators(spec: mujoco.MjSpec) -> Mask:
-    names = [actuator.plugin.plugin_name for actuator in spec.actuators]
-    return np.array([name == PLUGIN for name in names], dtype=np.bool_)
 
 
 def _terms(exo: WornDevice) -> tuple[str, ...]:

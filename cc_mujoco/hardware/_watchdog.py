@@ -207,7 +207,7 @@ class Watch:
         self._disabled = 0
         self._last: Readings | None = None
         self._equal = 0
-        self._asked = (0.0, 0.0)
+        self._commanded = (0.0, 0.0)
         self._still = [0, 0]
         self._held = [0.0, 0.0]
         self._times: tuple[float, float] | None = None
@@ -324,10 +324,13 @@ class Watch:
             return None
         if found[1:6] == last[1:6]:
             self._equal += 1
-            self._asked = min(self._asked[0], torque), max(self._asked[1], torque)
+            self._commanded = (
+                min(self._commanded[0], torque),
+                max(self._commanded[1], torque),
+            )
         else:
-            self._equal, self._asked = 0, (torque, torque)
-        change = self._asked[1] - self._asked[0]
+            self._equal, self._commanded = 0, (torque, torque)
+        change = self._commanded[1] - self._commanded[0]
         dog = self._watchdog
         if (
             self._equal >= dog.frozen_readings

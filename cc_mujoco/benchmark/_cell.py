@@ -249,9 +249,8 @@ def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
         drive = position_drive(at, sensing.equip(known[0]))
         drives = [(drive,)] * len(draws)
         if name not in (None, conditions.SCALE_CONTROLLER):  # which have no parameters
-            fitted = fitted_drives(
-                [(c.condition, c.seeds, c.key) for c in cells], drive
-            )
+            for cell in cells:
+                fitted += fitted_drives(drive, cell.condition, cell.seeds, cell.key)
     else:
         if at.structure:
             plain = draws[0].known

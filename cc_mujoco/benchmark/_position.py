@@ -90,16 +90,10 @@ def position_drive(condition: conditions.Condition, drive: Drive) -> Drive:
 
 
 def fitted_drives(
-    cells: Sequence[tuple[conditions.Condition, tuple[int, ...], str]], drive: Drive
+    drive: Drive, condition: conditions.Condition, seeds: tuple[int, ...], key: str
 ) -> list[Drive]:
-    """Return the drive of `position_drive` with the parameters of every episode.
-
-    `cells` are condition, seeds and key of each.
-    """
-    found: list[Drive] = []
-    for condition, seeds, key in cells:
-        fits: Sequence[Any] = [drive.hysteresis] * len(seeds)
-        if isinstance(condition, PositionCondition) and condition.fitted:
-            fits = fresh_fits(condition, seeds, key)
-        found += [dataclasses.replace(drive, hysteresis=fit) for fit in fits]
-    return found
+    """Return the drive of `position_drive` with the parameters of every episode."""
+    fits: Sequence[Any] = [drive.hysteresis] * len(seeds)
+    if isinstance(condition, PositionCondition) and condition.fitted:
+        fits = fresh_fits(condition, seeds, key)
+    return [dataclasses.replace(drive, hysteresis=fit) for fit in fits]

@@ -198,14 +198,14 @@ def own_torques(
     for i in range(count):
         torque = min(motor[i], tables.most[i])
         for joint in range(joints):
-            felt, safe = total[joint], tables.safe[joint]
+            sensed, safe = total[joint], tables.safe[joint]
             if safe == math.inf:
                 continue
-            along = min(max(aim[joint] * np.sign(felt), 0.0), safe)
+            along = min(max(aim[joint] * np.sign(sensed), 0.0), safe)
             # Half-way from the desired to the safe torque of a joint, the cables that
             # add to it are released, as in `_guard`.
-            unsafe = abs(felt) > along + 0.5 * (safe - along)
-            if unsafe and ratios[joint, i] * np.sign(felt) > 0.0:
+            unsafe = abs(sensed) > along + 0.5 * (safe - along)
+            if unsafe and ratios[joint, i] * np.sign(sensed) > 0.0:
                 torque = 0.0
         own = ratios[tables.own[i], i]
         given[i], wanted[i] = own * given[i], own * torque

@@ -118,11 +118,11 @@ class PositionController(Controller):
         """
         period, omega, inertia = self.drive.period, self.bandwidth, self.drive.inertia
         before, rate, left, leaving, total = self._memory
-        asked_rate = (wanted - before) / period
+        demanded_rate = (wanted - before) / period
         most = self._acceleration * period
-        rate = np.clip(asked_rate, rate - most, rate + most)
+        rate = np.clip(demanded_rate, rate - most, rate + most)
         # The part that is too fast remains, and decays without overshoot.
-        left = left + (asked_rate - rate) * period
+        left = left + (demanded_rate - rate) * period
         kept, turn = math.exp(-omega * period), omega * period
         left, leaving = (
             kept * ((1.0 + turn) * left + period * leaving),

@@ -236,9 +236,8 @@ def _log_scene(
         for some in frame_slices(len(time)):
             nodes = log.rows(f"tension_{line.cable}_nodes_n", frames[some])
             colors = tension_colors(line.tensions(nodes), highest)
-            log_conduit(
-                rec, path, time[some], line.all_points(model, qpos[some]), colors
-            )
+            points = line.all_points(model, qpos[some])
+            log_conduit(rec, path, time[some], points, colors)
 
 
 def _log_nodes(rec: Branch, log: EpisodeLog, frames: NDArray[np.intp]) -> None:

@@ -127,10 +127,13 @@ class Policy(Controller):
         self.network, self.observed = read_policy(path)
         name = os.fspath(path)
         if len(self.observed) != len(self._drives):
+            its, here = (
+                "one axis" if len(one) == 1 else f"{len(one)} axes"
+                for one in (self.observed, self._drives)
+            )
             raise CableError(
-                f"policy {name!r} drives {_axes_text(len(self.observed))} at once, "
-                f"and is given {_axes_text(len(self._drives))}: play it as the one "
-                "controller of the device of its training."
+                f"policy {name!r} drives {its} at once, and is given {here}: play it "
+                "as the one controller of the device of its training."
             )
         self.axes = [
             PolicyAxis(drive, observed, _same_device(name, observed, drive).torque)
@@ -275,10 +278,6 @@ def _torques(
         own = guard.Guarded(guard.limits_of(gains), spring, memory[row])
         torque = shares[row] * gains[WHOLE]
         found[row] = guard.passed(gains, own, gains[RELEASE], torque)
-
-
-def _axes_text(count: int) -> str:
-    return "one axis" if count == 1 else f"{count} axes"
 
 
 def _same_device(name: str, observed: Observed, drive: Drive) -> Observed:

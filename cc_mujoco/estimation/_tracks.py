@@ -31,10 +31,8 @@ class EstimateTrack(NamedTuple):
 
 def wrap_angles(cable: Cable) -> FloatArray:
     """Wrap angle from the proximal end to every node (n + 1,) [rad]."""
-    n = cable.segments
-    return np.concatenate(
-        [[0.0], np.cumsum(segment_angles(packed_parameters(cable), n))]
-    )
+    angles = segment_angles(packed_parameters(cable), cable.segments)
+    return np.concatenate([[0.0], np.cumsum(angles)])
 
 
 def checked_sample(
@@ -85,8 +83,7 @@ def rows(**columns: ArrayLike) -> Iterator[tuple[FloatArray, ...]]:
     for name, array in arrays.items():
         if array.ndim == 0:
             raise CableError(f"{name} is {array}; it must have one row per sample")
-    lengths = {name: len(array) for name, array in arrays.items()}
-    if len(set(lengths.values())) > 1:
-        listing = ", ".join(f"{name} {length}" for name, length in lengths.items())
+    if len(set(map(len, arrays.values()))) > 1:
+        listing = ", ".join(f"{name} {len(array)}" for name, array in arrays.items())
         raise CableError(f"samples are unequal in number: {listing}")
     return zip(*arrays.values(), strict=True)

@@ -83,11 +83,6 @@ class PeriodicError(NamedTuple):
     statistic: float  # error that it explains, over that of the adjacent orders
     threshold: float  # statistic that chance reaches with `Limit.false_alarm_rate`
 
-    @property
-    def whole_order(self) -> bool:
-        """True if the order is a whole number within its uncertainty."""
-        return abs(self.order - round(self.order)) < max(2.0 * self.order_error, 0.02)
-
 
 class _Candidate(NamedTuple):
     angle: str
@@ -590,7 +585,8 @@ def _main_sentence(
 
 def _period_text(line: PeriodicError, name: str, which: str = "") -> tuple[str, Where]:
     exactly = format_number(line.order, 2.0 * line.order_error)
-    order = str(round(line.order)) if line.whole_order else exactly
+    whole = abs(line.order - round(line.order)) < max(2.0 * line.order_error, 0.02)
+    order = str(round(line.order)) if whole else exactly
     size = "constant or proportional to the torque, which these data do not show"
     if line.by_torque is not None:
         size = f"the same at every torque ({format_number(line.amplitude)} N m)"

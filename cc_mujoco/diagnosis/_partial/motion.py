@@ -14,6 +14,7 @@ torque distinguishes them.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -207,14 +208,8 @@ def diagnose_motion(dataset: Dataset, bench: Bench) -> Diagnosis:
     zone, lag = values["dead_zone"], values["lag"]
     stands = zone.ci95[0] > noise
     late = min(lag.ci95) > clock or max(lag.ci95) < -clock
-    ties = tuple(
-        tie
-        for tie, sure in (
-            (("backlash", "end_compliance"), stands),
-            (("sensor_delay", "viscous_friction"), late),
-        )
-        if sure
-    )
+    alike = ("backlash", "end_compliance"), ("sensor_delay", "viscous_friction")
+    ties = tuple(itertools.compress(alike, (stands, late)))
     kind: Verdict = "tie" if ties else "unknown"
     if before <= Limit.max_misfit:
         kind, ties = "none", ()

@@ -519,12 +519,11 @@ def _wound(setting: Setting, dt: float, motor: FloatArray, joint: FloatArray) ->
     proximal = np.array([p.tension_proximal[k] for k, p in enumerate(parts)])
     distal = np.array([p.tension_distal[k] for k, p in enumerate(parts)])
     levers = np.array([sign * arm(sign * motor) for sign in signs])
+    lever = setting.joint_radius * setting.moment_share(joint)
     return replace(
         parts[0],
         motor_torque=setting.motor_radius * np.sum(levers * proximal, axis=0),
-        joint_torque=setting.joint_radius
-        * setting.moment_share(joint)
-        * agonist_less_antagonist(distal),
+        joint_torque=lever * agonist_less_antagonist(distal),
         tension_proximal=proximal,
         tension_distal=distal,
     )

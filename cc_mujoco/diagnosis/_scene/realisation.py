@@ -23,8 +23,7 @@ before sensors.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple
 
@@ -93,10 +92,6 @@ def angle_sensors(model: MjModel) -> tuple[int, int]:
     kind = mjtObj.mjOBJ_SENSOR
     motor, joint = (_index(model, kind, name, "sensor") for name in ANGLES)
     return motor, joint
-
-
-def has_instruments(spec: MjSpec) -> bool:
-    return all(map(spec.tuple, TORQUES)) and all(map(spec.sensor, ANGLES))
 
 
 def add_instruments(spec: MjSpec, bench: Bench) -> None:
@@ -168,17 +163,6 @@ def set_torque_parts(spec: MjSpec, channel: str, wanted: list[SensorShare]) -> N
 def add_torque_part(spec: MjSpec, channel: str, sensor: str, weight: float) -> None:
     """Add a sensor to the sum of a torque, as `torque_parts` has it."""
     set_torque_parts(spec, channel, [*torque_parts(spec, channel), (sensor, weight)])
-
-
-@contextmanager
-def without_delay(model: MjModel) -> Iterator[None]:
-    """Make all sensors of a model show the present while the block runs."""
-    delay = model.sensor_delay.copy()
-    model.sensor_delay[:] = 0.0
-    try:
-        yield
-    finally:
-        model.sensor_delay[:] = delay
 
 
 def _ends(spec: MjSpec, cable: str) -> tuple[str, str]:

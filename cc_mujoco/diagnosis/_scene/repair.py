@@ -29,6 +29,7 @@ from numpy.typing import ArrayLike
 from cc_mujoco._utils.atomic_io import replacing
 from cc_mujoco.cable import Cable
 from cc_mujoco.datasets._bench import Bench, driven_joint
+from cc_mujoco.datasets._channels import ANGLES, TORQUES
 from cc_mujoco.diagnosis._rig.records import LEAD_SAMPLES, with_lead_in
 from cc_mujoco.diagnosis._scene import realisation
 from cc_mujoco.diagnosis._scene.realisation import Values
@@ -482,8 +483,9 @@ def _laid(model: MjModel, view: _Sensors, angles: FloatArray, start: float) -> M
 
 def _fill_sensor_history(model: MjModel, data: MjData) -> None:
     """Fill the memory of delayed sensors with their present readings."""
-    with realisation.without_delay(model):
-        mujoco.mj_forward(model, data)
+    delay, model.sensor_delay[:] = model.sensor_delay.copy(), 0.0
+    mujoco.mj_forward(model, data)
+    model.sensor_delay[:] = delay
     for sensor in np.flatnonzero(model.sensor_history[:, 0]):
         count, first = int(model.sensor_history[sensor, 0]), model.sensor_adr[sensor]
         seen = data.sensordata[first : first + model.sensor_dim[sensor]]
@@ -538,7 +540,7 @@ def _instrumented_model(
         raise CableError(f"scene {scene} is no file; give an MJCF file")
     spec = read_spec(scene)
     try:
-        if realisation.has_instruments(spec):
+        if all(map(spec.tuple, TORQUES)) and all(map(spec.sensor, ANGLES)):
             return spec.compile(), None
         bench = Bench.of(os.fspath(scene), cables=cables, driven=driven)
         if bench.lever is not None:

@@ -457,7 +457,8 @@ def effect_of_class(given: Any, rare: bool = False) -> Effect:
             code of the class raises.
     """
     kind = given if inspect.isclass(given) else type(given)
-    name = getattr(given, "id", "") or _snake_case(kind.__name__)
+    in_words = re.sub("(?<=[a-z0-9])(?=[A-Z])", "_", kind.__name__).lower()
+    name = getattr(given, "id", "") or in_words
     try:
         with user_errors(f"effect {name!r}"):
             return _effect(given() if inspect.isclass(given) else given, name, rare)
@@ -673,7 +674,3 @@ def _first_line(kind: type, name: str) -> str:
     if not line:
         return name.replace("_", " ")
     return line[0].lower() + line[1:] if line[1:2].islower() else line
-
-
-def _snake_case(name: str) -> str:
-    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()

@@ -33,11 +33,10 @@ from cc_mujoco.diagnosis._fit import problem as fitting
 from cc_mujoco.diagnosis._fit.fit import floor_ratios, overall_share
 from cc_mujoco.diagnosis._fit.intervals import IMPLAUSIBLE_PREFIX, plausible_size
 from cc_mujoco.diagnosis._fit.problem import CrossValidation, Masks, Problem
-from cc_mujoco.diagnosis._fit.trials import misfits
-from cc_mujoco.diagnosis._partial.motion import describe_mode
 from cc_mujoco.diagnosis._phrases import (
     capitalise,
     channel_name,
+    describe_mode,
     effect_name,
     effect_names,
     format_number,
@@ -473,9 +472,8 @@ def judge(found: Found) -> Diagnosis:
     hidden = confounded_effects(shown_by)
     beyond = deviating_parameters(problem, x, found.estimated, hidden)
     stretch = worst_stretch(problem, x, found.held.after)
-    off = misfits(problem, x)
-    unhooked = {r.trial for r in plant.records if r.unhooked} & set(off)
-    most = max((off[name] for name in unhooked), default=0.0)
+    unhooked = {r.trial for r in plant.records if r.unhooked} & set(found.misfits)
+    most = max((found.misfits[name] for name in unhooked), default=0.0)
     kind, statement = verdict_of(found, beyond, stretch, most)
     statement += declared_sentence(plant.library.declared)
     left = floor_ratios(found.held.gap)[1]

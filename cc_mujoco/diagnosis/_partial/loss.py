@@ -35,11 +35,12 @@ from cc_mujoco.datasets._bench import Bench
 from cc_mujoco.datasets._channels import JOINT_ANGLE, JOINT_TORQUE, MOTOR_TORQUE
 from cc_mujoco.datasets._smoothing import velocity, velocity_noise
 from cc_mujoco.datasets._trials import Constant, Dataset, Trial
-from cc_mujoco.diagnosis._partial.motion import describe_mode, rms
+from cc_mujoco.diagnosis._partial.motion import rms
 from cc_mujoco.diagnosis._phrases import (
     DATA_PREFIX,
     NO_SCENE_PREFIX,
     capitalise,
+    describe_mode,
     format_estimate,
     format_number,
     format_share,

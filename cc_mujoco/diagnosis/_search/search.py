@@ -424,6 +424,7 @@ class Found:
     occasions: Occasions | None  # comparison of occasions, None where there is one
     # Sentence on what constants by trial explain, or ""; effects are not searched then
     by_trial: str
+    misfits: Mapping[str, float]  # RMS error of every trial over that of noise
 
     @property
     def missing(self) -> tuple[str, ...]:
@@ -471,9 +472,8 @@ def search_effects(fitted: BaselineFit, progress: Progress) -> Found:
     effects = _found_effects(found, problem, x, estimated, shares, groups)
     missing = [effect.id for effect in effects if effect.missing]
     ties = tuple(rivals for name, rivals in groups.items() if name in missing)
-    return Found(
-        fitted, found, problem, x, held, estimated, effects, ties, compared, by_trial
-    )
+    model, off = (problem, x, held, estimated), trials.misfits(problem, x)
+    return Found(fitted, found, *model, effects, ties, compared, by_trial, off)
 
 
 def _drop_doubtful(

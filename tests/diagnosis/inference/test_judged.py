@@ -62,9 +62,8 @@ def found_effects(
     """Return the result of a search without its course and its model."""
     unused: Any = None
     held: Any = SimpleNamespace(gap=gap)
-    return Found(
-        unused, unused, unused, unused, held, {}, tuple(effects), ties, None, ""
-    )
+    course = unused, unused, unused, unused
+    return Found(*course, held, {}, tuple(effects), ties, None, "", {})
 
 
 def verdict(course: Any, found: Found, **more: Any) -> tuple[str, str]:

@@ -11,7 +11,7 @@ import pytest
 from cc_mujoco.datasets._rig_table import fit_angle_pairs
 from cc_mujoco.datasets._trials import TORQUE_SENSORS, Instruments
 from cc_mujoco.diagnosis import Options, run_inference
-from cc_mujoco.diagnosis._partial.motion import describe_mode
+from cc_mujoco.diagnosis._phrases import describe_mode
 from diagnosis.instrumented import angles_only, loaded
 from diagnosis.recorded import BENCH, DT, dataset, motions
 

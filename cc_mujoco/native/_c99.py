@@ -679,7 +679,8 @@ class _CWriter(Writer):
 
     def _field(self, owner: Value, kind: Memory, node: ast.Attribute) -> Value:
         """Return a field of a structure in memory: a number, array or structure."""
-        found, name = kind.type_of(node.attr), f"{kind.name}.{node.attr}"
+        fields: dict[str, Any] = {each[0]: each[1] for each in kind.layout._fields_}
+        found, name = fields[node.attr], f"{kind.name}.{node.attr}"
         if issubclass(found, ctypes.Structure):
             return replace(owner, kind=replace(kind, name=name, layout=found))
         offset = self._constant(kind.place(name), node).text

@@ -45,9 +45,6 @@ class Memory(Scalar):
     # structure [bytes].
     place: Callable[[str], int] = field(compare=False)
 
-    def type_of(self, name: str) -> Any:
-        return {each[0]: each[1] for each in self.layout._fields_}[name]
-
 
 @dataclass(frozen=True)
 class Array:

@@ -250,7 +250,10 @@ def kept(kind: str, follows: Iterable[str], make: Callable[[], Any]) -> Any:
     found = make()
     with suppress(OSError):  # it is made anew another time
         path.parent.mkdir(parents=True, exist_ok=True)
-        _write_whole(path, json.dumps(found).encode())
+        handle, partial = tempfile.mkstemp(dir=path.parent, prefix=path.name)
+        with os.fdopen(handle, "w") as file:
+            json.dump(found, file)
+        Path(partial).replace(path)
     return found
 
 
@@ -285,13 +288,6 @@ def _sources() -> Iterator[tuple[str, bytes]]:
         if place.parts[0] in _ELSEWHERE or path.suffix not in (".py", ".h", ".c"):
             continue
         yield place.as_posix(), path.read_bytes()
-
-
-def _write_whole(path: Path, content: bytes) -> None:
-    handle, partial = tempfile.mkstemp(dir=path.parent, prefix=path.name)
-    with os.fdopen(handle, "wb") as file:
-        file.write(content)
-    Path(partial).replace(path)
 
 
 def _tree_digest(content: bytes) -> str:

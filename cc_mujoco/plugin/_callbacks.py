@@ -549,7 +549,9 @@ def advance(model: MjModel, data: MjData, instance: ffi.CInt) -> None:
         kept = blocks.committed(state, n)
         kept.time = time
         kept.pose = jump_warnings.checksum(data.qpos[: model.nq])
-        jump_warnings.save_ends(data, block, kept, ends)
+        kept.ends[0], kept.ends[1] = ends
+        for part in range(3):
+            kept.velocities[part] = jump_warnings.velocity(data, block, part)
         if blocks.is_open(block):
             shape = blocks.shape(block, stage)
             open_path.save_path(shape, n, blocks.path_memory(state, n))

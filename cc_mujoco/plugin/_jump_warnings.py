@@ -27,7 +27,7 @@ from cc_mujoco.plugin import _ffi as ffi
 from cc_mujoco.plugin import _instance_data as blocks
 from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin._ffi import floats
-from cc_mujoco.plugin._instance_data import Block, Committed
+from cc_mujoco.plugin._instance_data import Block
 from cc_mujoco.plugin._mj_struct import MjData, MjModel
 from cc_mujoco.plugin._warnings import begin_message
 
@@ -123,22 +123,12 @@ def _mocap_motion(model: MjModel, data: MjData, lead: Block, tendon: int) -> flo
 
 
 @internal
-def _velocity(data: MjData, block: Block, part: int) -> float:
+def velocity(data: MjData, block: Block, part: int) -> float:
     if part == _PATH:
         return data.ten_velocity[block.route] if block.route >= 0 else 0.0
     if block.tied[part] != 0:
         return 0.0
     return float(data.actuator_velocity[block.outputs[part]])
-
-
-@internal
-def save_ends(
-    data: MjData, block: Block, kept: Committed, ends: tuple[float, float]
-) -> None:
-    """Save where the ends are in a committed state, and the velocities of all parts."""
-    kept.ends[0], kept.ends[1] = ends
-    for part in range(3):
-        kept.velocities[part] = _velocity(data, block, part)
 
 
 @internal
@@ -187,7 +177,7 @@ def warn_jump(
         carried = 0.0
         if tendon >= 0:
             carried = share * _mocap_motion(model, data, lead, tendon)
-        speed = max(abs(_velocity(data, block, part)), abs(kept.velocities[part]))
+        speed = max(abs(velocity(data, block, part)), abs(kept.velocities[part]))
         least, factor = _MIN_JUMP, _VELOCITY_FACTOR
         if by_hand:
             least = min(_MIN_TENSION_CHANGE * soft, _MIN_JUMP)

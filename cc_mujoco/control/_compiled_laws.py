@@ -138,7 +138,7 @@ class Law(NamedTuple):
 
 @internal
 def _watched(law: Law) -> guard.Guarded:
-    return guard.Guarded(guard.limits_of(law.gains), law.spring, law.memory[GUARD:])
+    return guard.Guarded(law.gains, law.spring, law.memory[GUARD:])
 
 
 @compiled
@@ -175,11 +175,11 @@ def _guarded(law: Law, feedforward: float, error: float) -> float:
     following = (
         memory[INTEGRAL_TORQUE] + gains[_INTEGRAL] * gains[PERIOD] * error / ratio
     )
-    if own.limits.one_way != 0.0:
+    if guard.limits_of(gains).one_way != 0.0:
         following = max(following, -max(feedforward, 0.0))
     torque = feedforward + gains[_PROPORTIONAL] * error / ratio + following
     limited = guard.limited(gains, torque)
-    most = guard.command_limit(own.limits, spring)
+    most = guard.command_limit(guard.limits_of(gains), spring)
     if abs(limited) > most:
         limited = math.copysign(most, limited)
     # At a limit, with an error that would push beyond.
@@ -336,7 +336,7 @@ def inverse_torque(law: Law, cables: FloatMatrix) -> float:
     """Return the motor torque of `BacklashInverse` [N m]; see `cable_table`."""
     gains, spring, memory, seen = law
     limits = guard.limits_of(gains)
-    own = guard.Guarded(limits, spring, memory[INVERSE_GUARD:])
+    own = guard.Guarded(gains, spring, memory[INVERSE_GUARD:])
     ratio, stiffness = limits.ratio, gains[_INVERSE_STIFFNESS]
     guard.admit(own, seen)
     if memory[_INVERSE_STARTED] == 0.0:
@@ -420,7 +420,7 @@ def gaussian_torque(law: Law, design: Design, scratch: FloatMatrix) -> float:
     """
     gains, spring, memory, seen = law
     limits = guard.limits_of(gains)
-    own = guard.Guarded(limits, spring, memory[GAUSSIAN_GUARD:HEADER])
+    own = guard.Guarded(gains, spring, memory[GAUSSIAN_GUARD:HEADER])
     model, read, kalman, regulator = design
     ratio, ahead, new = limits.ratio, scratch[0], scratch[1]
     guard.admit(own, seen)
@@ -451,7 +451,7 @@ def gaussian_torque(law: Law, design: Design, scratch: FloatMatrix) -> float:
         wanted = max(wanted, least)
     hold = gains[_RIGIDITY] / ratio**2 * wanted - ahead[LOAD]
     off = regulator[0] * (ahead[STRETCH] - wanted) + regulator[1] * ahead[SPEED]
-    torque = guard.passed(gains, own, gains[_GAUSSIAN_RELEASE], hold - off)
+    torque = guard.passed(own, gains[_GAUSSIAN_RELEASE], hold - off)
     for i in range(applied.size - 1):
         applied[i] = applied[i + 1]
     applied[applied.size - 1] = torque

@@ -232,7 +232,7 @@ class DriveLimits(NamedTuple):
 class Guarded(NamedTuple):
     """A drive under guard."""
 
-    limits: DriveLimits
+    gains: FloatArray  # `DriveLimits` first
     spring: FloatArray  # see `STIFFNESS`; a stiffness of 0 is not known
     memory: FloatArray  # (`MEMORY_SIZE`,), 0 at the start
 
@@ -334,7 +334,7 @@ def spring_edges(
 @internal
 def _predict(own: Guarded, moved: float) -> None:
     """Predict the torque of the stretch after the joint has moved [rad]."""
-    limits, spring, memory = own
+    limits, spring, memory = limits_of(own.gains), own.spring, own.memory
     ratio, one_way = limits.ratio, limits.one_way != 0.0
     sign = np.sign(ratio) if one_way else 1.0
     stretch = memory[_GOOD + MOTOR] / ratio - memory[_GOOD + JOINT]
@@ -369,7 +369,7 @@ def _start(own: Guarded, seen: FloatArray) -> bool:
 
     The cables are at rest where their stretch makes the measured torque.
     """
-    limits, spring, memory = own
+    limits, spring, memory = limits_of(own.gains), own.spring, own.memory
     for i in range(READINGS):
         if not is_reading(seen[i]):
             memory[_MISSING] += 1.0
@@ -404,8 +404,9 @@ def stop(memory: FloatArray, state: float) -> None:
 
 
 @internal
-def _fill_missing(limits: DriveLimits, memory: FloatArray, seen: FloatArray) -> None:
+def _fill_missing(own: Guarded, seen: FloatArray) -> None:
     """Replace readings that are none by the last good ones, for a short time."""
+    limits, memory = limits_of(own.gains), own.memory
     missing, angles = False, False
     for i in range(READINGS):
         if not is_reading(seen[i]):
@@ -423,7 +424,7 @@ def _fill_missing(limits: DriveLimits, memory: FloatArray, seen: FloatArray) -> 
 @internal
 def _skip_spikes(own: Guarded, seen: FloatArray) -> None:
     """Replace a single sample that no motion explains; stop if it was no single one."""
-    limits, spring, memory = own
+    limits, spring, memory = limits_of(own.gains), own.spring, own.memory
     least = _SET.jump_share * limits.safe_torque
     turn = least / spring[STIFFNESS]
     for i in (MOTOR, JOINT, TORQUE):
@@ -453,7 +454,7 @@ def _skip_spikes(own: Guarded, seen: FloatArray) -> None:
 @internal
 def _check_frozen(own: Guarded, seen: FloatArray) -> None:
     """Stop if a reading stays the same while the others say that it cannot."""
-    limits, spring, memory = own
+    limits, spring, memory = limits_of(own.gains), own.spring, own.memory
     torque, predicted = seen[TORQUE], memory[_GAIN] * memory[_PREDICTED]
     if limits.shared != 0.0:
         torque = predicted
@@ -496,11 +497,12 @@ def _check_frozen(own: Guarded, seen: FloatArray) -> None:
 
 
 @internal
-def _watch_motor(limits: DriveLimits, memory: FloatArray, seen: FloatArray) -> None:
+def _watch_motor(own: Guarded, seen: FloatArray) -> None:
     """Low-pass the motor torque that is left after accelerating its own inertia.
 
     It is referred to the joint.
     """
+    limits, memory = limits_of(own.gains), own.memory
     rate = (seen[MOTOR_SPEED] - memory[_GOOD + MOTOR_SPEED]) / limits.period
     given = limits.ratio * (memory[COMMAND] - limits.inertia * rate)
     share = min(limits.period / _SET.motor_time, 1.0)
@@ -519,7 +521,7 @@ def _behind_friction(own: Guarded, torque: float, friction: float) -> float:
         friction: friction coefficient times wrap, negative where the torque at the
             other end is the smaller.
     """
-    limits, spring = own.limits, own.spring
+    limits, spring = limits_of(own.gains), own.spring
     grown = np.exp(0.5 * friction)
     if limits.one_way != 0.0:
         sign = np.sign(limits.ratio)
@@ -551,7 +553,7 @@ def _beyond(own: Guarded, given: float, torque: float, friction: float) -> float
         torque: torque at the joint [N m].
         friction: most friction coefficient times wrap between them.
     """
-    limits = own.limits
+    limits = limits_of(own.gains)
     least = _SET.motor_share * limits.safe_torque
     above = given - _behind_friction(own, torque, friction) - least
     below = given - _behind_friction(own, torque, -friction) + least
@@ -573,8 +575,9 @@ def _deviation(memory: FloatArray) -> float:
 
 
 @internal
-def _learn(limits: DriveLimits, memory: FloatArray) -> None:
+def _learn(own: Guarded) -> None:
     """Learn the gain of sensor to stretch, and how well it explains the torque."""
+    limits, memory = limits_of(own.gains), own.memory
     torque, predicted = memory[_GOOD + TORQUE], memory[_PREDICTED]
     share = limits.period / _SET.mean_time
     memory[_MEAN] += share * (torque - memory[_MEAN])
@@ -600,7 +603,7 @@ def _learn(limits: DriveLimits, memory: FloatArray) -> None:
 @internal
 def _compare(own: Guarded) -> None:
     """Stop where two of sensor, stretch and motor contradict the third."""
-    limits, spring, memory = own
+    limits, spring, memory = limits_of(own.gains), own.spring, own.memory
     torque, scaled = memory[_GOOD + TORQUE], memory[_GAIN] * memory[_PREDICTED]
     gap = abs(scaled - torque) - _SET.gap_factor * max(abs(torque), abs(scaled))
     given, friction = memory[_GIVEN], _most_friction(spring)
@@ -628,7 +631,7 @@ def _compare(own: Guarded) -> None:
     if beyond == 0.0 and abs(torque) > _SET.known_share * limits.safe_torque:
         memory[_AGREED] += limits.period
     if not agrees and memory[_EQUAL + TORQUE] < _SET.still_samples:
-        _learn(limits, memory)
+        _learn(own)
 
 
 @compiled
@@ -639,17 +642,17 @@ def admit(own: Guarded, seen: FloatArray) -> None:
         own: drive under guard.
         seen: readings in the order of `READINGS`; changed.
     """
-    limits, spring, memory = own
+    limits, spring, memory = limits_of(own.gains), own.spring, own.memory
     if memory[STARTED] == 0.0 and not _start(own, seen):
         return
-    _fill_missing(limits, memory, seen)
+    _fill_missing(own, seen)
     is_known = spring[STIFFNESS] > 0.0 and limits.safe_torque < NO_TORQUE_LIMIT
     if is_known:
         _skip_spikes(own, seen)
         _check_frozen(own, seen)
     rate = (seen[TORQUE] - memory[_GOOD + TORQUE]) / limits.period
     memory[_RUSH] += _SET.rate_filter * (rate - memory[_RUSH])
-    _watch_motor(limits, memory, seen)
+    _watch_motor(own, seen)
     kept = max(1.0 - limits.period / _SET.unsafe_memory, 0.0)
     memory[_UNSAFE] *= kept
     memory[_RELEASES] *= kept
@@ -680,7 +683,7 @@ def _has_fallen(memory: FloatArray) -> bool:
 @internal
 def _credible(own: Guarded) -> float:
     """Return the part of the stretch torque that is credible [N m]."""
-    limits, spring, memory = own
+    limits, spring, memory = limits_of(own.gains), own.spring, own.memory
     predicted = max(memory[_GAIN], 1.0) * memory[_PREDICTED]
     if _explains(memory, _SET.max_misfit):
         # A gain below 1 may be that of the sensor, once the motor can be unsafe.
@@ -697,8 +700,9 @@ def _credible(own: Guarded) -> float:
 
 
 @internal
-def _is_too_fast(limits: DriveLimits, memory: FloatArray) -> bool:
+def _is_too_fast(own: Guarded) -> bool:
     """Return whether speed of, or power into, the joint is beyond its limit."""
+    limits, memory = limits_of(own.gains), own.memory
     share = 1.0 if memory[STATE] != BRAKED else _SET.release_share
     speed = memory[_GOOD + JOINT_SPEED]
     power = speed * memory[_GOOD + TORQUE]
@@ -716,7 +720,7 @@ def state(own: Guarded, ahead: float, planned: float) -> float:
         ahead: velocity of the motor relative to the joint [rad/s].
         planned: torque desired at the joint [N m].
     """
-    limits, spring, memory = own
+    limits, spring, memory = limits_of(own.gains), own.spring, own.memory
     if memory[STATE] >= STOPPED:
         return float(memory[STATE])
     ratio, stiffness, safe = limits.ratio, spring[STIFFNESS], limits.safe_torque
@@ -737,7 +741,7 @@ def state(own: Guarded, ahead: float, planned: float) -> float:
                 released, release_state(before, measured, rushing, planned, safe)
             )
     memory[STATE] = released
-    if _is_too_fast(limits, memory):
+    if _is_too_fast(own):
         memory[STATE] = BRAKED
     if _has_fallen(memory) and released != 0.0 and before == 0.0 and sensed == 0.0:
         memory[_RELEASES] += 1.0
@@ -786,7 +790,7 @@ def let_go_torque(own: Guarded, damping: float, ahead: float) -> float:
         damping: damping of a motor that is let go [N m s/rad].
         ahead: velocity of the motor relative to the joint [rad/s].
     """
-    limits, spring, memory = own
+    limits, spring, memory = limits_of(own.gains), own.spring, own.memory
     if memory[STATE] == LIMP:
         return 0.0
     share = damper_share(limits, spring)
@@ -828,7 +832,7 @@ def _swing_bounds(
         rushing: torque that stopping the rotor would add, see `impact_torque` [N m].
         most: greatest torque [N m].
     """
-    limits, spring = own.limits, own.spring
+    limits, spring = limits_of(own.gains), own.spring
     turned = min(_turn_of_answer(limits, spring), np.pi)
     short = 2.0 * np.sin(0.5 * turned) ** 2  # 1 - cos
     both = 0.5 * (torque * short - rushing * np.sin(turned)) / short
@@ -840,7 +844,7 @@ def _swing_bounds(
 @internal
 def _swing_limited(own: Guarded, torque: float) -> float:
     """Return a command that keeps the joint torque safe until the motor can answer."""
-    limits, spring, memory = own
+    limits, spring, memory = limits_of(own.gains), own.spring, own.memory
     is_quick = damper_share(limits, spring) < 1.0  # else it is let go in time
     is_known = limits.safe_torque < NO_TORQUE_LIMIT
     if not (is_quick and is_known) or memory[STATE] != FREE:
@@ -863,7 +867,7 @@ def _swing_limited(own: Guarded, torque: float) -> float:
 @compiled
 def bounded(own: Guarded, torque: float) -> float:
     """Store and return a command that makes no unsafe torque [N m]."""
-    limits, spring, memory = own
+    limits, spring, memory = limits_of(own.gains), own.spring, own.memory
     most = command_limit(limits, spring)
     torque = _swing_limited(own, torque)
     if abs(torque) > most:
@@ -873,17 +877,16 @@ def bounded(own: Guarded, torque: float) -> float:
 
 
 @internal
-def passed(gains: FloatArray, own: Guarded, damping: float, torque: float) -> float:
+def passed(own: Guarded, damping: float, torque: float) -> float:
     """Return the torque of the motor for that of a law, after `admit` [N m].
 
     Args:
-        gains: `DriveLimits` first.
         own: drive under guard.
         damping: damping of a motor that is let go [N m s/rad].
         torque: torque of the law [N m].
     """
-    limits, seen = own.limits, own.memory[_GOOD : _GOOD + READINGS]
+    limits, seen = limits_of(own.gains), own.memory[_GOOD : _GOOD + READINGS]
     ahead = seen[MOTOR_SPEED] - limits.ratio * seen[JOINT_SPEED]
     if state(own, ahead, seen[DESIRED]) != FREE:
         torque = let_go_torque(own, damping, ahead)
-    return bounded(own, limited(gains, torque))
+    return bounded(own, limited(own.gains, torque))

@@ -364,7 +364,7 @@ def motor_torque(planner: Planner, seen: FloatArray) -> float:
     cables, tune, own = planner.cables, planner.tune, planner.memory
     applied, ahead, dt = planner.applied, planner.ahead, planner.tune[at.PERIOD]
     watched = own[at.GUARD : at.FRICTION]
-    guarded = guard.Guarded(guard.limits_of(tune), tune[at.STIFFNESS :], watched)
+    guarded = guard.Guarded(tune, tune[at.STIFFNESS :], watched)
     read = watched[guard.SEEN :]
     read[guard.MOTOR], read[guard.MOTOR_SPEED] = seen[0], own[at.VELOCITY]
     read[guard.JOINT], read[guard.JOINT_SPEED] = seen[1], own[at.JOINT + 1] / dt

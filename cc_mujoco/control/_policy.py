@@ -260,7 +260,7 @@ def _admit_all(
 ) -> None:
     for i in range(rows.size):
         row = rows[i]
-        own = guard.Guarded(guard.limits_of(gains), spring, memory[row])
+        own = guard.Guarded(gains, spring, memory[row])
         admit_measured(own, measured[row], winding[row])
 
 
@@ -275,9 +275,9 @@ def _torques(
 ) -> None:
     for i in range(rows.size):
         row = rows[i]
-        own = guard.Guarded(guard.limits_of(gains), spring, memory[row])
+        own = guard.Guarded(gains, spring, memory[row])
         torque = shares[row] * gains[WHOLE]
-        found[row] = guard.passed(gains, own, gains[RELEASE], torque)
+        found[row] = guard.passed(own, gains[RELEASE], torque)
 
 
 def _same_device(name: str, observed: Observed, drive: Drive) -> Observed:

@@ -42,7 +42,7 @@ def step_policy(data: LawData) -> float:
     for i in range(columns):
         measured[i] = readings[i]
     wound = len(WINDING_COLUMNS) if shape[_IS_WOUND] != 0 else 0
-    guarded = guard.Guarded(guard.limits_of(gains), spring, law)
+    guarded = guard.Guarded(gains, spring, law)
     policy.admit_measured(guarded, measured, part(readings, columns, wound))
     past = observation.Past(
         tables[_NUMBERS],
@@ -75,7 +75,7 @@ def step_policy(data: LawData) -> float:
         if law[_SAMPLE] >= shape[_HOLD]:
             law[_SAMPLE] = 0.0
     torque = law[_SHARE] * gains[policy.WHOLE]
-    return guard.passed(gains, guarded, gains[policy.RELEASE], torque)
+    return guard.passed(guarded, gains[policy.RELEASE], torque)
 
 
 class SteppedPolicy(Policy):

@@ -97,8 +97,9 @@ class _Simulation:
         builder.color()
         self.model = builder.finalize(device="cpu")
         solver = getattr(newton.solvers, f"Solver{setting['solver']}")
-        joints = {"VBD": {"rigid_joint_linear_ke": 1e6}}.get(setting["solver"], {})
-        self.solver = solver(self.model, iterations=setting["iterations"], **joints)
+        self.solver = solver(
+            self.model, iterations=setting["iterations"], **setting["joints"]
+        )
         self.states = [self.model.state(), self.model.state()]
         self.joints = [
             wp.zeros(len(bodies), dtype=float, device="cpu") for _ in range(2)
@@ -119,22 +120,25 @@ class _Simulation:
 
 
 _FIRST = {"timestep": 1e-3, "iterations": 8, "damping": 1.0, "pinholes": 0, "mu": 0.0}
+_FULL = {"joint_linear_relaxation": 1.0, "joint_angular_relaxation": 1.0}
 _XPBD = {
-    "": {"solver": "XPBD", "compliance": 1e-5},
+    "": {"solver": "XPBD", "compliance": 1e-5, "joints": {}},
     "turning pulley": {"mu": 10.0},
-    "helix": {"pinholes": 9},
+    "helix": {"pinholes": 5},
+    "finger": {"compliance": 1e-3, "damping": 0.0, "joints": _FULL},
     "hoist": {"timestep": 2e-4, "compliance": 2e-4},
 }
 _VBD = {
-    "": {"solver": "VBD", "compliance": 1e-4},
+    "": {"solver": "VBD", "compliance": 1e-4, "joints": {"rigid_joint_linear_ke": 1e6}},
     "turning pulley": {"mu": 10.0},
+    "ladder": {"compliance": 1e-5},
     "cycles": {"compliance": 3e-5},
-    "helix": {"pinholes": 9},
+    "helix": {"pinholes": 5, "compliance": 1e-5},
     "hoist": {"timestep": 2e-4, "compliance": 2e-4},
 }
 _TRIED = [
     {"iterations": 4}, {"iterations": 32}, {"timestep": 5e-4}, {"timestep": 2e-4},
-    {"compliance": 1e-5}, {"compliance": 1e-4}, {"pinholes": 9}, {"mu": 10.0},
+    {"compliance": 1e-5}, {"compliance": 1e-4}, {"pinholes": 5}, {"mu": 10.0},
 ]  # fmt: skip
 
 

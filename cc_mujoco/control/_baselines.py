@@ -55,17 +55,20 @@ class BacklashInverse(_KnownMotor):
     """
 
     stepped = SteppedLaw(law_steps.step_inverse, fixed=_FIXED)
+    # Free numbers, see `scripts/benchmarks/tune_baselines.py`.
+    delay_share, max_bandwidth, integral_share = 0.2, 200.0, 1.2
 
     def law_tables(self) -> LawTables:
         drive = self.drive
         stiffness, late = joint_stiffness(drive.cables), total_delay(drive)
-        bandwidth = min(0.2 / late, 200.0)  # of the motor's position [rad/s]
+        # Of the motor's position [rad/s].
+        bandwidth = min(self.delay_share / late, self.max_bandwidth)
         noise = laws.BAND_SIGMAS * drive.torque_noise / stiffness
         gains = laws.InverseGains(
             late,
             drive.inertia * bandwidth**2,
             2.0 * drive.inertia * bandwidth,
-            1.2 * bandwidth,
+            self.integral_share * bandwidth,
             stiffness,
             max(noise, 5e-4),  # motion of the joint below which it is still [rad]
             loop_gains(drive).settling * stiffness / drive.ratio**2,
@@ -98,12 +101,15 @@ class LinearQuadraticGaussian(_KnownMotor):
     """
 
     stepped = SteppedLaw(law_steps.step_gaussian, fixed=_FIXED)
+    # Free numbers likewise: weight of the motor's torque, that with one cable; random
+    # walks in a second, over the greatest torque.
+    effort, single_effort, load_walk, lack_walk = 1.0, 0.4, 0.2, 0.5
 
     def __init__(self, drive: Drive) -> None:
         super().__init__(drive)
         rigidity = joint_stiffness(drive.cables)
         with single_threaded_blas():  # its threads take 30 times as long
-            self.design, slip = _design(drive, rigidity)
+            self.design, slip = _design(self, rigidity)
         release = loop_gains(drive).settling * rigidity / drive.ratio**2
         self._own_gains = laws.GaussianGains(rigidity, release, slip)
         self._late = round(total_delay(drive) / drive.period - 0.5)
@@ -121,10 +127,11 @@ class LinearQuadraticGaussian(_KnownMotor):
         )
 
 
-def _design(drive: Drive, rigidity: float) -> tuple[Design, float]:
+def _design(law: LinearQuadraticGaussian, rigidity: float) -> tuple[Design, float]:
     """Return observer and regulator, and `GaussianGains.slip`, of a stiffness."""
     from scipy.linalg import expm, solve_discrete_are
 
+    drive = law.drive
     ratio, period, inertia = drive.ratio, drive.period, drive.inertia
     most = max(map(abs, drive.reach))
     drift = np.zeros((STATES + 1, STATES + 1))
@@ -144,9 +151,8 @@ def _design(drive: Drive, rigidity: float) -> tuple[Design, float]:
         ]
     )
     walk = np.zeros(STATES)
-    # Random walks in a second, over the greatest torque.
-    walk[LOAD] = (0.2 * most / ratio) ** 2 * period
-    walk[LACK] = (0.5 * most) ** 2 * period
+    walk[LOAD] = (law.load_walk * most / ratio) ** 2 * period
+    walk[LACK] = (law.lack_walk * most) ** 2 * period
     walk[SPEED] = 1e-9 * (most / ratio / inertia) ** 2 * period
     spread = solve_discrete_are(a.T, seen.T, np.diag(walk), noise)
     gain = spread @ seen.T @ np.linalg.inv(seen @ spread @ seen.T + noise)
@@ -158,7 +164,7 @@ def _design(drive: Drive, rigidity: float) -> tuple[Design, float]:
     cost = np.diag([(rigidity / ratio / most) ** 2, 0.0])
     # Of motor torque to torque error at the joint, both over the greatest: with less of
     # a single cable the ankle is passive.
-    weight = 0.4 if drive.one_way else 1.0
+    weight = law.single_effort if drive.one_way else law.effort
     effort = np.array([[(weight * ratio / most) ** 2]])
     value = solve_discrete_are(a[:2, :2], b[:2], cost, effort)
     own = b[:2].T @ value

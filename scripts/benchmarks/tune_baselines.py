@@ -33,6 +33,8 @@ STEP = 0.7  # factor of a number from one try to the next
 SCORES = "rms_torque_error", "chatter"
 _TUNED = "feedback.TunedFeedback"
 _FORWARD = "feedback.FrictionFeedForward"
+_GAUSSIAN = "baselines.LinearQuadraticGaussian"
+_INVERSE = "baselines.BacklashInverse"
 NUMBERS = {
     "pi_tuned": (
         "feedback._DELAY_SHARE",
@@ -43,17 +45,15 @@ NUMBERS = {
         f"{_FORWARD}.{name}"
         for name in ("integral_share", "friction_share", "slip_speed")
     ),
-    "lqg": (
-        "gaussian._EFFORT",
-        "gaussian._SINGLE_EFFORT",
-        "gaussian._LOAD_WALK",
-        "gaussian._LACK_WALK",
+    "lqg": tuple(
+        f"{_GAUSSIAN}.{name}"
+        for name in ("effort", "single_effort", "load_walk", "lack_walk")
     ),
     "inverse": (
-        "backlash_inverse._DELAY_SHARE",
-        "backlash_inverse._MAX_BANDWIDTH",
-        "backlash_inverse._INTEGRAL_SHARE",
-        "backlash_inverse.BAND_SIGMAS",
+        f"{_INVERSE}.delay_share",
+        f"{_INVERSE}.max_bandwidth",
+        f"{_INVERSE}.integral_share",
+        "compiled_laws.BAND_SIGMAS",
     ),
 }
 """Free numbers of each baseline, and where they are in `cc_mujoco.control`."""

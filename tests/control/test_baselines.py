@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+from itertools import product
 from typing import Any
 
 import numpy as np
 import pytest
+import tune_baselines
 
 from cc_mujoco.benchmark import SUITES, Cell, play
 from cc_mujoco.benchmark._cell import prepare_episodes
@@ -18,6 +20,7 @@ from cc_mujoco.control import (
     FrictionFeedForward,
     LinearQuadraticGaussian,
     TunedFeedback,
+    controller,
 )
 from cc_mujoco.control._cable_model import cable_table, full_slip_balance
 from cc_mujoco.control._feedback import loop_gains
@@ -103,3 +106,28 @@ def test_a_rotor_of_a_tenth_of_the_inertia_does_not_swing() -> None:
         measure=made.sensors.measure,
     )
     assert np.std(np.diff(torques[300:])) < 0.05
+
+
+@pytest.mark.parametrize("law", tune_baselines.NUMBERS)
+def test_every_number_that_is_tuned_changes_its_law(
+    law: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of two cables or of one, noisy enough for a dead zone, at 1 or 5 kHz."""
+
+    def numbers() -> list[Any]:
+        found = []
+        for drive, period in product((pull_pull(), single()), (1e-3, 2e-4)):
+            own = dataclasses.replace(
+                drive, torque_noise=0.2, inertia=1e-3, delay=0, period=period
+            )
+            law_of: Any = controller(law, own)
+            gains = [each for each in vars(law_of).values() if isinstance(each, float)]
+            found.append((gains, law_of.law_tables().numbers))
+        return found
+
+    usual = numbers()
+    for number in tune_baselines.NUMBERS[law]:
+        owner, name = tune_baselines.place(number)
+        with monkeypatch.context() as changed:
+            changed.setattr(owner, name, 0.7 * getattr(owner, name))
+            assert numbers() != usual, number

@@ -8,6 +8,7 @@ that are those of the readings, however uneven, the error is that of the chord.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,7 +22,7 @@ from cc_mujoco.datasets._channels import (
     VALID,
     is_further,
 )
-from cc_mujoco.datasets._data_findings import DataFinding, doubt, error, warning
+from cc_mujoco.datasets._data_findings import Severity, warning
 from cc_mujoco.datasets._dataset_file import DatasetFile
 from cc_mujoco.datasets._quantization import interpolate_readings, resolution
 from cc_mujoco.datasets._reading import Recording
@@ -31,7 +32,7 @@ MAX_MISSING_SHARE = 0.3
 _MIN_RUN = 20  # rows in order that are a recording of their own
 
 
-def sort_rows(recording: Recording) -> tuple[Recording | None, list[DataFinding]]:
+def sort_rows(recording: Recording) -> Recording | None:
     """Bring the rows of every clock of a recording into order.
 
     Rows that a logger wrote late or a database returned in any order are sorted. None
@@ -40,84 +41,86 @@ def sort_rows(recording: Recording) -> tuple[Recording | None, list[DataFinding]
     backwards, the rows may be reversed, or the clock may count down. Rows without a
     time or with that of another are left out.
     """
-    rows, findings = _row_order(recording, TIME, recording.values[TIME])
-    if rows is None:
-        return None, findings
-    values, clocks = {}, {}
-    for channel, value in recording.values.items():
-        clock = recording.clocks.get(channel)
-        if clock is None:
-            values[channel] = value[rows]
-            continue
-        own, found = _row_order(recording, channel, clock)
-        findings += found
-        if own is None:
-            return None, findings
-        values[channel], clocks[channel] = value[own], clock[own]
-    return replace(recording, values=values, clocks=clocks), findings
+    times = {TIME: recording.values[TIME], **recording.clocks}
+    orders = {}
+    for channel in recording.values:
+        if channel in times:
+            order = _row_order(recording, channel, times[channel])
+            if order is None:
+                return None
+            orders[channel] = order
+    return replace(
+        recording,
+        values={
+            channel: value[orders.get(channel, orders[TIME])]
+            for channel, value in recording.values.items()
+        },
+        clocks={channel: t[orders[channel]] for channel, t in recording.clocks.items()},
+    )
 
 
 def _row_order(
     recording: Recording, channel: str, time: FloatArray
-) -> tuple[NDArray[np.intp] | slice | None, list[DataFinding]]:
+) -> NDArray[np.intp] | slice | None:
     """Return rows of a clock by increasing time, or None if it is unreliable."""
     if (np.diff(time) > 0).all() and np.isfinite(time).all():
-        return slice(None), []
-    name, where = recording.name, recording.column(channel)
-    if channel != TIME:
-        where += ", its clock"
-    findings: list[DataFinding] = []
+        return slice(None)
+
+    def report(severity: Severity, problem: str) -> None:
+        clock = "" if channel == TIME else ", its clock"
+        recording.report(severity, f"{clock} {problem}", channel)
+
     rows = np.flatnonzero(~np.isnan(time))
     if lost := len(time) - len(rows):
         if lost > MAX_MISSING_SHARE * len(time) or len(rows) < 2:
-            message = f"{where} lacks {lost} of {len(time)} times; every row needs one."
-            return None, [error(message, name, channel)]
-        message = f"{where} lacks {lost} times; their rows are left out."
-        findings.append(warning(message, name, channel))
+            report("error", f"lacks {lost} of {len(time)} times; every row needs one.")
+            return None
+        report("warning", f"lacks {lost} times; their rows are left out.")
     back = np.flatnonzero(np.diff(time[rows]) < 0)
     if len(back):
         k = back[0]
-        message = (
-            f"{where} goes back from {time[rows[k]]:.6g} to {time[rows[k + 1]]:.6g} s "
-            f"at row {rows[k + 1] + 1}"
+        problem = (
+            f"goes back from {time[rows[k]]:.6g} to {time[rows[k + 1]]:.6g} s at row "
+            f"{rows[k + 1] + 1}"
             f"{f', and {len(back) - 1} more times' if len(back) > 1 else ''}"
         )
         if _covers_time_twice(time[rows], back):
-            message += (
+            advice = (
                 "; time must increase, so split recordings that were joined and bring "
                 "channels to one clock."
             )
-            return None, [*findings, error(message, name, channel)]
+            report("error", problem + advice)
+            return None
         if len(back) > 0.9 * (len(rows) - 1):
-            message += (
+            advice = (
                 ": time runs backwards; reverse the rows, or correct the clock if it "
                 "counts down."
             )
-            return None, [*findings, error(message, name, channel)]
-        message += "; the rows were put in the order of their times."
+            report("error", problem + advice)
+            return None
         order = np.argsort(time[rows], kind="stable")
         far = int(np.abs(order - np.arange(len(rows))).max()) >= _MIN_RUN
-        findings.append((doubt if far else warning)(message, name, channel))
+        advice = "; the rows were put in the order of their times."
+        report("doubt" if far else "warning", problem + advice)
         rows = rows[order]
     kept = np.diff(time[rows], prepend=-np.inf) > 0
     same = len(rows) - int(np.count_nonzero(kept))
     if same and same == len(rows) - 1:
-        message = f"{where} is {time[rows[0]]:.6g} s in every row; time must increase."
-        return None, [*findings, error(message, name, channel)]
+        report("error", f"is {time[rows[0]]:.6g} s in every row; time must increase.")
+        return None
     if same and channel == TIME:  # a slower sensor's stamp may stand in several rows
         first = rows[np.flatnonzero(~kept)[0]] + 1
-        message = (
-            f"{where} repeats the time of another row in {same} rows, the first of "
-            f"them row {first}"
+        problem = (
+            f"repeats the time of another row in {same} rows, the first of them row "
+            f"{first}"
         )
         if same > 0.01 * len(rows):
             advice = "write times with more digits, or the clock is too coarse."
-            findings.append(error(f"{message}; {advice}", name, channel))
+            report("error", f"{problem}; {advice}")
         else:
-            advice = "the first of each is used."
-            findings.append(warning(f"{message}; {advice}", name, channel))
+            report("warning", f"{problem}; the first of each is used.")
     rows = rows[kept]
-    return (slice(None) if len(rows) == len(time) and not len(back) else rows), findings
+    return slice(None) if len(rows) == len(time) and not len(back) else rows
 
 
 def _covers_time_twice(time: FloatArray, back: NDArray[np.intp]) -> bool:
@@ -160,64 +163,84 @@ class SampledTrack:
     # quantisation step of the readings by channel, 0 if they show none
     digits: dict[str, float]
 
+    @property
+    def counts(self) -> list[int]:
+        """Number of samples of each segment."""
+        return [part.stop - part.start for part in self.segments]
+
+    def thinned(
+        self, thin: Callable[[FloatArray], FloatArray], counts: Iterable[int]
+    ) -> SampledTrack:
+        """Return fewer samples of all signals, in segments of these sizes."""
+        values = {channel: thin(value) for channel, value in self.values.items()}
+        segments = tuple(part for part in _slices(counts) if part.stop > part.start)
+        return replace(self, time=thin(self.time), values=values, segments=segments)
+
+
+def _slices(counts: Iterable[int]) -> tuple[slice, ...]:
+    """Return the slices of parts that follow each other, by their sizes."""
+    ends = itertools.accumulate(counts, initial=0)
+    return tuple(slice(a, b) for a, b in itertools.pairwise(ends))
+
 
 def find_segments(
     recording: Recording, facts: TrialFacts, file: DatasetFile
-) -> tuple[SampledTrack | None, list[DataFinding]]:
+) -> SampledTrack | None:
     """Find the stretches of a recording that can be used, None if there are none.
 
     Its times must increase (see `sort_rows`).
     """
-    name = recording.name
-    findings = [warning(message, name) for message in recording.remarks]
+    for remark in recording.remarks:
+        recording.findings.append(warning(remark, recording.name))
     if recording.rows < 2:
         rows = "one row of data" if recording.rows else "no rows of data"
-        message = (
-            f"{recording.path} has {rows}; a trial needs at least {MIN_SEGMENT_TIME} s."
-        )
-        return None, [error(message, name)]
+        problem = f" has {rows}; a trial needs at least {MIN_SEGMENT_TIME} s."
+        recording.report("error", problem)
+        return None
     time = recording.values[TIME]
     step = float(np.median(np.diff(time)))
     lasts = float(time[-1] - time[0])
-    rate, found = _rate(recording, file, step, lasts)
-    findings += found
+    rate = 1.0 / step
+    other_unit = _suggest_time_unit(recording, file, rate, lasts)
+    pace = f": {rate:.4g} samples per second"
+    if rate < MIN_RATE:
+        pace += " are too few to see friction at reversals; record at 200 or more"
+        more = f", or {other_unit}" if other_unit else ""
+        recording.report("error", f"{pace}{more}.", TIME)
+    elif rate < LOW_RATE:
+        pace += " blur what happens at reversals; 200 or more are better."
+        recording.report("warning", pace, TIME)
     digits = {
         channel: resolution(value)
         for channel, value in recording.values.items()
         if channel not in (TIME, VALID)
     }
     values = _on_one_clock(recording, file, digits)
-    good, found = _counted_samples(recording, time, values, facts)
-    findings += found
-    breaks, found = _gaps(recording, time, step)
-    findings += found
-    segments = _counted_runs(
-        good, breaks, max(MIN_SEGMENT_SAMPLES, round(MIN_SEGMENT_TIME * rate))
-    )
+    good = _counted_samples(recording, values, facts)
+    fewest = max(MIN_SEGMENT_SAMPLES, round(MIN_SEGMENT_TIME * rate))
+    segments = _counted_runs(good, _gaps(recording, time, step), fewest)
     if not segments:
-        message = f"lasts {lasts:.3g} s; a trial needs at least {MIN_SEGMENT_TIME} s."
-        if other := _suggest_time_unit(recording, file, rate, lasts):
-            message = (
+        problem = f"lasts {lasts:.3g} s; a trial needs at least {MIN_SEGMENT_TIME} s."
+        if other_unit:
+            problem = (
                 f"lasts {lasts:.3g} s with {len(time)} samples, {rate:.3g} per second; "
-                f"{other}."
+                f"{other_unit}."
             )
         elif lasts >= MIN_SEGMENT_TIME and len(time) < MIN_SEGMENT_SAMPLES:
-            message = (
+            problem = (
                 f"has {len(time)} samples; "
                 f"a trial needs at least {MIN_SEGMENT_SAMPLES}."
             )
         elif lasts >= MIN_SEGMENT_TIME:
-            message = (
+            problem = (
                 f"has no stretch of {MIN_SEGMENT_TIME} s without a gap or a missing "
                 "reading; record without interruption."
             )
-        findings.append(error(f"{recording.path} {message}", name))
-        return None, findings
+        recording.report("error", f" {problem}")
+        return None
     values.pop(VALID, None)
-    track, found = _resample_evenly(
-        recording, SampledTrack(time, values, segments, step, digits)
-    )
-    return track, findings + found
+    track = SampledTrack(time, values, segments, step, digits)
+    return _resample_evenly(recording, track)
 
 
 def _suggest_time_unit(
@@ -238,25 +261,6 @@ def _suggest_time_unit(
                 "holds"
             )
     return ""
-
-
-def _rate(
-    recording: Recording, file: DatasetFile, step: float, lasts: float
-) -> tuple[float, list[DataFinding]]:
-    """Return the sampling rate [Hz], with a finding if it is too low."""
-    rate = 1.0 / step
-    message = f"{recording.column(TIME)}: {rate:.4g} samples per second"
-    if rate < MIN_RATE:
-        text = (
-            f"{message} are too few to see friction at reversals; record at 200 or more"
-        )
-        if other := _suggest_time_unit(recording, file, rate, lasts):
-            text += f", or {other}"
-        return rate, [error(f"{text}.", recording.name, TIME)]
-    if rate < LOW_RATE:
-        text = f"{message} blur what happens at reversals; 200 or more are better."
-        return rate, [warning(text, recording.name, TIME)]
-    return rate, []
 
 
 def _on_one_clock(
@@ -294,32 +298,28 @@ def _interpolate(
 
 
 def _counted_samples(
-    recording: Recording,
-    time: FloatArray,
-    values: dict[str, FloatArray],
-    facts: TrialFacts,
-) -> tuple[NDArray[np.bool_], list[DataFinding]]:
+    recording: Recording, values: dict[str, FloatArray], facts: TrialFacts
+) -> NDArray[np.bool_]:
     """Return which samples count: none missing or masked, in declared stretches."""
-    name = recording.name
-    findings = []
+    time = recording.values[TIME]
     good = np.ones(len(time), dtype=bool)
     mask = values.get(VALID)
     if mask is not None:
         if not np.isin(mask[~np.isnan(mask)], (0.0, 1.0)).all():
-            problem = "holds other numbers than 0 and 1; 1 means that the row counts."
-            findings.append(error(f"{recording.column(VALID)} {problem}", name, VALID))
+            problem = " holds other numbers than 0 and 1; 1 means that the row counts."
+            recording.report("error", problem, VALID)
         good &= mask == 1.0
         if not good.any():
-            problem = "is 1 in no row; 1 means that the row counts."
-            findings.append(error(f"{recording.column(VALID)} {problem}", name, VALID))
+            problem = " is 1 in no row; 1 means that the row counts."
+            recording.report("error", problem, VALID)
     if facts.valid is not None:
         inside = np.zeros(len(time), dtype=bool)
         for start, stop in facts.valid:
             inside |= (time >= start) & (time <= stop)
         if not inside.any():
-            problem = f"has no sample in the stretches declared valid, {facts.valid}"
+            problem = f" has no sample in the stretches declared valid, {facts.valid}"
             ends = f"its times are {time[0]:.6g} to {time[-1]:.6g} s"
-            findings.append(error(f"{recording.path} {problem}; {ends}.", name))
+            recording.report("error", f"{problem}; {ends}.")
         good &= inside
     total = max(1, int(np.count_nonzero(good)))
     for channel, value in tuple(values.items()):
@@ -327,55 +327,44 @@ def _counted_samples(
         lost = int(np.count_nonzero(missing & good)) if missing.any() else 0
         if channel == VALID or not lost:
             continue
-        problem = f"{recording.column(channel)} lacks {lost} of {total} usable readings"
+        severity: Severity = "warning"
+        advice = "the trial is split there and nothing is filled in."
         # A column that is not compared is worth no trial.
         if channel == TEMPERATURE or is_further(channel):
             del values[channel]
-            findings.append(warning(f"{problem}; it is left out.", name, channel))
+            advice = "it is left out."
         elif lost > MAX_MISSING_SHARE * total:
-            advice = "repair the sensor or leave the trial out."
-            findings.append(error(f"{problem}; {advice}", name, channel))
-        else:
-            advice = "the trial is split there and nothing is filled in."
-            findings.append(warning(f"{problem}; {advice}", name, channel))
+            severity, advice = "error", "repair the sensor or leave the trial out."
+        problem = f" lacks {lost} of {total} usable readings; {advice}"
+        recording.report(severity, problem, channel)
     for channel, value in values.items():
         if channel != VALID:
             good &= ~np.isnan(value)
-    return good, findings
+    return good
 
 
-def _gaps(
-    recording: Recording, time: FloatArray, step: float
-) -> tuple[NDArray[np.intp], list[DataFinding]]:
-    """Return the rows after a gap, and whether the rest comes in bunches."""
-    name = recording.name
+def _gaps(recording: Recording, time: FloatArray, step: float) -> NDArray[np.intp]:
+    """Return the rows after a gap, and report gaps and rows that come in bunches."""
     change = np.diff(time)
     gap = change > GAP_FACTOR * step
-    findings = []
     if gap.any():
         longest = int(np.argmax(change))
-        findings.append(
-            warning(
-                f"{recording.column(TIME)} has {np.count_nonzero(gap)} gaps, the "
-                f"longest of {change[longest]:.4g} s at {time[longest]:.6g} s; the "
-                "trial is split there and nothing is filled in.",
-                name,
-                TIME,
-            )
+        problem = (
+            f" has {np.count_nonzero(gap)} gaps, the longest of "
+            f"{change[longest]:.4g} s at {time[longest]:.6g} s; the trial is split "
+            "there and nothing is filled in."
         )
+        recording.report("warning", problem, TIME)
     bunched = np.count_nonzero((change < 0.1 * step) | gap)
     if bunched > 0.05 * len(change):
-        findings.append(
-            error(
-                f"{recording.column(TIME)}: {bunched / len(change):.0%} of the "
-                f"intervals are less than a tenth of the usual {1e3 * step:.4g} ms or "
-                f"more than {GAP_FACTOR:g} times as long, as where readings arrive in "
-                "bunches; use the times of the sampling clock, not those of arrival.",
-                name,
-                TIME,
-            )
+        problem = (
+            f": {bunched / len(change):.0%} of the intervals are less than a tenth of "
+            f"the usual {1e3 * step:.4g} ms or more than {GAP_FACTOR:g} times as long, "
+            "as where readings arrive in bunches; use the times of the sampling clock, "
+            "not those of arrival."
         )
-    return np.flatnonzero(gap) + 1, findings
+        recording.report("error", problem, TIME)
+    return np.flatnonzero(gap) + 1
 
 
 def _counted_runs(
@@ -391,9 +380,7 @@ def _counted_runs(
     return tuple(slice(int(a), int(b)) for a, b in runs if b - a >= fewest)
 
 
-def _resample_evenly(
-    recording: Recording, track: SampledTrack
-) -> tuple[SampledTrack, list[DataFinding]]:
+def _resample_evenly(recording: Recording, track: SampledTrack) -> SampledTrack:
     time, segments = track.time, track.segments
     spans = [
         (time[part][0], time[part][-1], part.stop - part.start) for part in segments
@@ -404,30 +391,28 @@ def _resample_evenly(
         for part, (a, _, n) in zip(segments, spans, strict=True)
     )
     if off <= 0.1 * step:
-        return replace(track, step=step), []
+        return replace(track, step=step)
     # By rounding the last time may lie beyond the last reading.
     grids = [
         np.minimum(a + step * np.arange(int((b - a) / step + 1e-6) + 1), b)
         for a, b, _ in spans
     ]
-    values = {
-        channel: np.concatenate(
+    values = {}
+    for channel, value in track.values.items():
+        digit = track.digits.get(channel, 0.0) if channel in ANGLES else 0.0
+        values[channel] = np.concatenate(
             [
                 interpolate_readings(grid, time[part], value[part], digit)
                 for grid, part in zip(grids, segments, strict=True)
             ]
         )
-        for channel, value in track.values.items()
-        for digit in [track.digits.get(channel, 0.0) if channel in ANGLES else 0.0]
-    }
-    ends = np.cumsum([0, *(len(grid) for grid in grids)])
-    parts = tuple(slice(int(a), int(b)) for a, b in itertools.pairwise(ends))
-    message = (
-        f"{recording.column(TIME)} is off an even clock by up to {1e3 * off:.3g} ms; "
-        f"the readings were interpolated at {1 / step:.5g} Hz."
+    problem = (
+        f" is off an even clock by up to {1e3 * off:.3g} ms; the readings were "
+        f"interpolated at {1 / step:.5g} Hz."
     )
-    even = SampledTrack(np.concatenate(grids), values, parts, step, track.digits)
-    return even, [warning(message, recording.name, TIME)]
+    recording.report("warning", problem, TIME)
+    parts = _slices(map(len, grids))
+    return SampledTrack(np.concatenate(grids), values, parts, step, track.digits)
 
 
 MAX_TRIAL_SAMPLES = 60_000
@@ -438,13 +423,11 @@ WINDOW_COUNT = 12
 """Evenly spread stretches that are kept where averaging is not enough."""
 
 
-def decimate(
-    track: SampledTrack, path: str, name: str
-) -> tuple[SampledTrack, list[DataFinding]]:
+def decimate(recording: Recording, track: SampledTrack) -> SampledTrack:
     """Average neighbours, then keep evenly spread stretches, to few samples."""
-    before, rate = _sample_count(track), 1.0 / track.step
+    before, rate = sum(track.counts), 1.0 / track.step
     if before <= MAX_TRIAL_SAMPLES:
-        return track, []
+        return track
     remarks = []
     block = int(min(-(-before // MAX_TRIAL_SAMPLES), rate // MIN_AVERAGED_RATE))
     if block > 1:
@@ -452,62 +435,41 @@ def decimate(
         remarks.append(
             f"every {block} samples were averaged, to {1.0 / track.step:.5g} Hz"
         )
-    if _sample_count(track) > MAX_TRIAL_SAMPLES:
+    if sum(track.counts) > MAX_TRIAL_SAMPLES:
         length = MAX_TRIAL_SAMPLES // WINDOW_COUNT
         track = _even_windows(track, length)
         remarks.append(
             f"{WINDOW_COUNT} evenly spread stretches of {length * track.step:.4g} s "
             "are used"
         )
-    sentence = f"{path} has {before} samples at {rate:.5g} Hz; {' and '.join(remarks)}."
-    return track, [warning(sentence, name)]
-
-
-def _sample_count(track: SampledTrack) -> int:
-    return sum(part.stop - part.start for part in track.segments)
+    done = " and ".join(remarks)
+    recording.report("warning", f" has {before} samples at {rate:.5g} Hz; {done}.")
+    return track
 
 
 def _average_neighbours(track: SampledTrack, block: int) -> SampledTrack:
     """Return means over blocks of samples, never across the end of a segment."""
-    counts = [(part.stop - part.start) // block for part in track.segments]
+    blocks = [count // block for count in track.counts]
+    whole = [
+        slice(part.start, part.start + count * block)
+        for part, count in zip(track.segments, blocks, strict=True)
+    ]
 
     def means(values: FloatArray) -> FloatArray:
-        return np.concatenate(
-            [
-                values[part.start : part.start + count * block]
-                .reshape(count, block)
-                .mean(axis=1)
-                for part, count in zip(track.segments, counts, strict=True)
-            ]
-        )
+        kept = np.concatenate([values[part] for part in whole])
+        return np.asarray(kept.reshape(-1, block).mean(axis=1))
 
-    ends = np.cumsum([0, *counts])
-    parts = (slice(int(a), int(b)) for a, b in itertools.pairwise(ends))
-    return replace(
-        track,
-        time=means(track.time),
-        values={channel: means(value) for channel, value in track.values.items()},
-        segments=tuple(part for part in parts if part.stop > part.start),
-        step=track.step * block,
-    )
+    return replace(track.thinned(means, blocks), step=track.step * block)
 
 
 def _even_windows(track: SampledTrack, length: int) -> SampledTrack:
     """Return the first `length` samples of each of `WINDOW_COUNT` equal parts."""
-    total = _sample_count(track)
-    cuts = np.linspace(0, total, WINDOW_COUNT + 1).astype(int)[:-1]
-    rows, parts, passed, kept = [], [], 0, 0
-    for part in track.segments:
-        count = part.stop - part.start
-        for cut in cuts:
-            start = max(cut, passed)
-            stop = min(cut + length, passed + count)
-            if stop > start:
-                shift = part.start - passed
-                rows.append(np.arange(start + shift, stop + shift))
-                parts.append(slice(kept, kept + int(stop - start)))
-                kept += int(stop - start)
-        passed += count
-    index = np.concatenate(rows)
-    values = {channel: value[index] for channel, value in track.values.items()}
-    return replace(track, time=track.time[index], values=values, segments=tuple(parts))
+    rows = np.concatenate([np.arange(part.start, part.stop) for part in track.segments])
+    segment = np.repeat(np.arange(len(track.segments)), track.counts)
+    pieces: list[NDArray[np.intp]] = []
+    for cut in np.linspace(0, rows.size, WINDOW_COUNT + 1).astype(int)[:-1]:
+        window = slice(cut, cut + length)
+        ends = np.flatnonzero(np.diff(segment[window])) + 1
+        pieces += np.split(rows[window], ends)
+    index = np.concatenate(pieces)
+    return track.thinned(lambda values: values[index], map(len, pieces))

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from typing import Literal, NamedTuple
 
+Severity = Literal["error", "warning", "doubt"]
+"""`error` where nothing may be concluded before it is put right, `warning` where the
+program has dealt with it or can live with it, `doubt` where it can, too, but the owner
+should settle it before anything else."""
+
 
 class DataFinding(NamedTuple):
     """Something about the data that its owner should know."""
 
-    # `error` where nothing may be concluded before it is put right, `warning` where the
-    # program has dealt with it or can live with it, `doubt` where it can, too, but the
-    # owner should settle it before anything else
-    severity: Literal["error", "warning", "doubt"]
+    severity: Severity
     statement: str  # one sentence with file and column, and what would be right
     trial: str = ""  # name of the trial, empty if the finding is about all of them
     # name of the channel (see `channels`), empty if it is about several

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.datasets import _channels as channels
-from cc_mujoco.datasets._data_findings import DataFinding, warning
 from cc_mujoco.datasets._quantization import resolution
 from cc_mujoco.datasets._reading import Recording
 from cc_mujoco.datasets._trials import FloatArray
@@ -30,9 +29,9 @@ _MAX_COUNTED = 100_000
 """Most readings from which sizes are estimated."""
 
 
-def drop_glitches(recording: Recording) -> tuple[Recording, list[DataFinding]]:
-    """Return a recording whose glitches are missing readings, and what was found."""
-    values, findings = dict(recording.values), []
+def drop_glitches(recording: Recording) -> Recording:
+    """Return a recording whose glitches are missing readings, and report them."""
+    changed = {}
     for channel, readings in recording.values.items():
         kind = channels.kind_of(channel)
         # A model is compared with these; others would lose a column by a gap.
@@ -45,35 +44,34 @@ def drop_glitches(recording: Recording) -> tuple[Recording, list[DataFinding]]:
             frozen = _frozen(readings)
         if not lone.size and not frozen:
             continue
-        kept = readings.copy()
+        kept = changed[channel] = readings.copy()
         if lone.size:
             first, end = int(lone[0]), int(lone[0]) + 1
             end += end in lone
             more = f", and {lone.size - 1} more" if lone.size > 1 else ""
-            message = (
-                f"{recording.column(channel)} reads {readings[first]:.4g} at "
-                f"{time[first]:.6g} s (row {first + 1}), between "
-                f"{readings[first - 1]:.4g} and {readings[end]:.4g}{more}: no motion "
-                "does that, so it is left out as a glitch."
+            problem = (
+                f" reads {readings[first]:.4g} at {time[first]:.6g} s (row "
+                f"{first + 1}), between {readings[first - 1]:.4g} and "
+                f"{readings[end]:.4g}{more}: no motion does that, so it is left out as "
+                "a glitch."
             )
-            findings.append(warning(message, recording.name, channel))
+            recording.report("warning", problem, channel)
             kept[lone] = np.nan
         if frozen:
             longest = max(frozen, key=lambda rows: rows.stop - rows.start)
+            start, count = longest.start, longest.stop - longest.start
             more = f", and {len(frozen) - 1} times more" if len(frozen) > 1 else ""
-            message = (
-                f"{recording.column(channel)} repeats {readings[longest.start]:.4g} in "
-                f"{longest.stop - longest.start} rows from {time[longest.start]:.6g} s "
-                f"(row {longest.start + 1}) on{more}: its noise stops there, so these "
-                "are left out; check the sensor and its driver."
+            problem = (
+                f" repeats {readings[start]:.4g} in {count} rows from "
+                f"{time[start]:.6g} s (row {start + 1}) on{more}: its noise stops "
+                "there, so these are left out; check the sensor and its driver."
             )
-            findings.append(warning(message, recording.name, channel))
+            recording.report("warning", problem, channel)
             for rows in frozen:
                 kept[rows] = np.nan
-        values[channel] = kept
-    if not findings:
-        return recording, []
-    return replace(recording, values=values), findings
+    if not changed:
+        return recording
+    return replace(recording, values=recording.values | changed)
 
 
 def _usual_change(readings: FloatArray) -> float:

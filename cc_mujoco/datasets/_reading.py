@@ -19,6 +19,7 @@ from cc_mujoco._utils import tables
 from cc_mujoco.datasets import _channels as channels
 from cc_mujoco.datasets import _columns as columns
 from cc_mujoco.datasets._columns import DATASET_FILE
+from cc_mujoco.datasets._data_findings import DataFinding, Severity
 from cc_mujoco.datasets._dataset_file import DatasetFile, PartFile, TrialFile
 from cc_mujoco.datasets._trials import FloatArray
 from cc_mujoco.errors import CableError
@@ -149,6 +150,14 @@ class Recording:
     paths: dict[str, Path] = field(default_factory=dict)
     # sentences on how channels were brought to one clock
     remarks: list[str] = field(default_factory=list)
+    # noticed in the rows, in order
+    findings: list[DataFinding] = field(default_factory=list)
+
+    def report(self, severity: Severity, problem: str, channel: str = "") -> None:
+        """Add a finding: the file, with the column of a channel, and the problem."""
+        place = self.column(channel) if channel else str(self.path)
+        finding = DataFinding(severity, place + problem, self.name, channel)
+        self.findings.append(finding)
 
     @property
     def rows(self) -> int:

@@ -209,24 +209,21 @@ class OtherAxes:
     # variances by trial of the noise of their tensions [N^2 m^2]
     scatter: list[float] = field(default_factory=list)
 
-    def take_off(self, recording: Recording, track: SampledTrack) -> list[DataFinding]:
+    def take_off(self, recording: Recording, track: SampledTrack) -> None:
         """Take the torque of other axes' cables off that of the joint, in place.
 
         Tensions of other axes' cables are then left out.
         """
-        findings = []
         if channels.JOINT_TORQUE in track.values:
             for cable in self.bench.pulled_by:
-                findings.append(self._take_off(cable, recording, track))
-        ends = ("proximal", "distal")
+                self._take_off(cable, recording, track)
         for name in self.bench.strangers:
-            for end in ends:
+            for end in ("proximal", "distal"):
                 track.values.pop(f"tension_{name}_{end}_n", None)
-        return findings
 
     def _take_off(
         self, cable: PullingCable, recording: Recording, track: SampledTrack
-    ) -> DataFinding:
+    ) -> None:
         bench, values = self.bench, track.values
         names = [f"tension_{cable.name}_{end}_n" for end in ("proximal", "distal")]
         there = [name for name in names if name in values]
@@ -238,7 +235,9 @@ class OtherAxes:
                 f"({' and '.join(names)}), take it off the rig and out of the scene, "
                 f"or declare [columns.{channels.JOINT_TORQUE}] measured = false."
             )
-            return error(message, recording.name, channels.JOINT_TORQUE)
+            finding = error(message, recording.name, channels.JOINT_TORQUE)
+            recording.findings.append(finding)
+            return
         lead = np.linspace(0.0, 1.0, _LEAD_ROWS + 1)[:-1]
 
         def led(name: str) -> FloatArray:
@@ -281,7 +280,8 @@ class OtherAxes:
                 f", known to {unsure:.2g} N m RMS by the friction of the scene, which "
                 "counts as noise"
             )
-        return warning(f"{message}.", recording.name, channels.JOINT_TORQUE)
+        finding = warning(f"{message}.", recording.name, channels.JOINT_TORQUE)
+        recording.findings.append(finding)
 
     def noise(self, known: Noise, passed: float) -> Noise:
         """Return the noise of the joint torque, contributions of others included.

@@ -108,16 +108,14 @@ def load(
         if not facts.occasion:
             facts = replace(facts, occasion=data_folders.occasion_of(path, folders))
         findings += _check_origin(recording, bench)
-        ordered, found = sort_rows(recording)
-        findings += found
+        recording.findings = findings
+        ordered = sort_rows(recording)
         if ordered is None:
             continue
-        recording, found = drop_glitches(ordered)
-        findings += found
+        recording = drop_glitches(ordered)
         if bench is not None and is_log(path):
             _count_as_data(recording, bench, file)
-        track, found = find_segments(recording, facts, file)
-        findings += found
+        track = find_segments(recording, facts, file)
         if track is None:
             continue
         if why := truncation_reason(path).rstrip("."):
@@ -127,10 +125,9 @@ def load(
             )
             findings.append(warning(message, name))
         findings += readings.check_recording(recording, facts, file)
-        track, found = decimate(track, str(path), name)
-        findings += found
+        track = decimate(recording, track)
         if bench is not None:
-            findings += other_axes.take_off(recording, track)
+            other_axes.take_off(recording, track)
         trials.append(_trial(recording, track, facts))
     known_bench = bench.known(file.rig) if bench else None
     trials, instruments, found = add_derived_torques(trials, file, known_bench)

@@ -10,6 +10,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from cc_mujoco.datasets import _channels as channels
+from cc_mujoco.datasets._data_findings import DataFinding
 from cc_mujoco.datasets._glitches import drop_glitches, leaps
 from cc_mujoco.datasets._reading import Recording
 
@@ -39,6 +40,11 @@ def missing(found: Recording, channel: str = TORQUE) -> list[int]:
     return np.flatnonzero(np.isnan(found.values[channel])).tolist()
 
 
+def without_glitches(given: Recording) -> tuple[Recording, list[DataFinding]]:
+    kept = drop_glitches(given)
+    return kept, kept.findings
+
+
 @given(
     seed=st.integers(0, 2**31),
     row=st.integers(1, TIME.size - 3),
@@ -52,7 +58,7 @@ def test_a_glitch_is_found_and_nothing_beside_it(seed, row, length, size, sign):
     near = np.abs(np.diff(np.sign(np.cos(3.0 * TIME))))[max(row - 12, 0) : row + 13]
     size += 6.0 * bool(near.any())
     torque[row : row + length] += sign * size
-    kept, findings = drop_glitches(recording(**{TORQUE: torque}))
+    kept, findings = without_glitches(recording(**{TORQUE: torque}))
     assert missing(kept) == list(range(row, row + length))
     (finding,) = findings
     assert f"(row {row + 1})" in finding.statement
@@ -62,21 +68,21 @@ def test_a_glitch_is_found_and_nothing_beside_it(seed, row, length, size, sign):
 @given(seed=st.integers(0, 2**31), noise=st.sampled_from((0.0, 1e-4, 0.02, 1.0)))
 def test_nothing_is_dropped_where_there_is_no_glitch(seed, noise):
     given_values = recording(**{TORQUE: swing(seed, noise)})
-    kept, findings = drop_glitches(given_values)
+    kept, findings = without_glitches(given_values)
     assert kept is given_values
     assert not findings
 
 
 def test_a_transient_that_rings_stays():
     ringing = 3.0 * np.exp(-TIME / 0.02) * np.cos(800.0 * TIME)
-    kept, findings = drop_glitches(recording(**{TORQUE: swing(1) * 0.05 + ringing}))
+    kept, findings = without_glitches(recording(**{TORQUE: swing(1) * 0.05 + ringing}))
     assert not findings
     assert not missing(kept)
 
 
 def test_a_step_stays():
     step = np.where(TIME > 2.0, 50.0, 0.0) + swing(2)
-    assert not drop_glitches(recording(**{TORQUE: step}))[1]
+    assert not without_glitches(recording(**{TORQUE: step}))[1]
 
 
 def test_an_impact_that_both_torques_feel_stays():
@@ -84,13 +90,13 @@ def test_an_impact_that_both_torques_feel_stays():
     motor[700] += 5.0
     joint[700] += 9.0
     both = {channels.MOTOR_TORQUE: motor, TORQUE: joint}
-    assert not drop_glitches(recording(**both))[1]
+    assert not without_glitches(recording(**both))[1]
 
 
 def test_several_glitches_take_one_sentence():
     torque = swing(5)
     torque[[100, 500, 900]] = 1e4
-    kept, (finding,) = drop_glitches(recording(**{TORQUE: torque}))
+    kept, (finding,) = without_glitches(recording(**{TORQUE: torque}))
     assert missing(kept) == [100, 500, 900]
     assert "and 2 more" in finding.statement
     assert finding.statement.startswith("slow.csv, column joint_torque_nm reads 1e+04")
@@ -101,13 +107,13 @@ def test_a_coarse_encoder_may_jump_by_some_digits():
     angle[300] += 1.0
     values = recording(**{TORQUE: swing(6)})
     values.values[channels.MOTOR_ANGLE] = angle
-    assert not missing(drop_glitches(values)[0], channels.MOTOR_ANGLE)
+    assert not missing(without_glitches(values)[0], channels.MOTOR_ANGLE)
 
 
 def test_an_angle_that_leaps_for_a_reading_is_a_glitch():
     values = recording(**{TORQUE: swing(7)})
     values.values[channels.MOTOR_ANGLE][1234] = -3.0
-    kept, (finding,) = drop_glitches(values)
+    kept, (finding,) = without_glitches(values)
     assert missing(kept, channels.MOTOR_ANGLE) == [1234]
     assert "motor_angle_rad reads -3 at 2.468 s" in finding.statement
 
@@ -115,14 +121,14 @@ def test_an_angle_that_leaps_for_a_reading_is_a_glitch():
 def test_a_slow_sensor_between_missing_readings_is_left_alone():
     torque = swing(13)
     torque[1::2] = np.nan
-    assert not drop_glitches(recording(**{TORQUE: torque}))[1]
+    assert not without_glitches(recording(**{TORQUE: torque}))[1]
 
 
 def test_a_column_that_is_not_compared_is_left_alone():
     values = recording(**{TORQUE: swing(11)})
     values.values[channels.TEMPERATURE] = np.where(TIME == TIME[500], 200.0, 21.0)
     values.values[channels.further("load")] = swing(12) + 1e3 * (TIME == TIME[9])
-    assert not drop_glitches(values)[1]
+    assert not without_glitches(values)[1]
 
 
 @given(
@@ -136,7 +142,7 @@ def test_a_stretch_without_noise_is_left_out(seed, start, length):
     assume(torque.min() < torque[start] < torque.max())
     assume(abs(torque[start] - torque[start - 1]) < 1.0 if start else True)
     torque[start + 1 : start + length] = torque[start]
-    kept, findings = drop_glitches(recording(**{TORQUE: torque}))
+    kept, findings = without_glitches(recording(**{TORQUE: torque}))
     frozen = set(range(start + 1, start + length))
     assert frozen <= set(missing(kept))
     assert len(missing(kept)) <= len(frozen) + 1
@@ -149,26 +155,26 @@ def test_a_torque_at_rest_in_a_simulation_stays(noise):
     torque = np.where(np.cos(3.0 * TIME) > 0.0, 8.0 * np.sin(3.0 * TIME), 8.0)
     torque += noise * random.normal(size=TIME.size) * (torque != 8.0)
     torque[:100] = 1.0
-    assert not drop_glitches(recording(**{TORQUE: torque}))[1]
+    assert not without_glitches(recording(**{TORQUE: torque}))[1]
 
 
 def test_coarse_readings_may_repeat():
     torque = np.round(swing(9), 1)
     torque[600:640] = torque[600]
-    assert not drop_glitches(recording(**{TORQUE: torque}))[1]
+    assert not without_glitches(recording(**{TORQUE: torque}))[1]
 
 
 def test_a_torque_that_drops_out_to_an_extreme_is_left_out():
     torque = swing(14) + 15.0
     torque[800:815] = 0.0
-    kept, (finding,) = drop_glitches(recording(**{TORQUE: torque}))
+    kept, (finding,) = without_glitches(recording(**{TORQUE: torque}))
     assert missing(kept) == list(range(800, 815))
     assert "repeats 0 in 15 rows from 1.6 s (row 801) on" in finding.statement
 
 
 def test_clipped_readings_are_left_to_their_own_check():
     torque = np.minimum(swing(10), 7.0)
-    assert not drop_glitches(recording(**{TORQUE: torque}))[1]
+    assert not without_glitches(recording(**{TORQUE: torque}))[1]
 
 
 @pytest.mark.parametrize("rows", [3, 49])
@@ -179,7 +185,7 @@ def test_few_readings_are_left_alone(rows):
         "short", Path("s.csv"), "", {channels.TIME: TIME[:rows], TORQUE: torque}, {},
         {}, [],
     )  # fmt: skip
-    assert not drop_glitches(short)[1]
+    assert not without_glitches(short)[1]
 
 
 @given(

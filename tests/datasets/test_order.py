@@ -36,11 +36,10 @@ def recorded(time: FloatArray, values: FloatArray | None = None) -> Recording:
 
 
 def read_out(recording: Recording) -> tuple[SampledTrack | None, list[DataFinding]]:
-    ordered, findings = sort_rows(recording)
+    ordered = sort_rows(recording)
     if ordered is None:
-        return None, findings
-    track, found = find_segments(ordered, TrialFacts(), DatasetFile())
-    return track, findings + found
+        return None, recording.findings
+    return find_segments(ordered, TrialFacts(), DatasetFile()), recording.findings
 
 
 def jittered(seed: int, jitter: float, rows: int = 400) -> FloatArray:

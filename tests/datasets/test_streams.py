@@ -35,10 +35,10 @@ def sampled(names: tuple[str, ...], time: FloatArray) -> Table:
 
 
 def laid(recorded: Recording, file: DatasetFile) -> SampledTrack:
-    ordered, _ = sort_rows(recorded)
+    ordered = sort_rows(recorded)
     assert ordered is not None
-    track, findings = find_segments(ordered, TrialFacts(), file)
-    assert track is not None and not [f for f in findings if f.severity == "error"]
+    track, found = find_segments(ordered, TrialFacts(), file), recorded.findings
+    assert track is not None and not [f for f in found if f.severity == "error"]
     return track
 
 

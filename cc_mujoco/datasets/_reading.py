@@ -31,6 +31,7 @@ class Stream(NamedTuple):
     time: FloatArray  # (rows,) [s]
     values: FloatArray  # (rows,) in the channel's unit
     path: Path  # the file
+    clock: str  # the column of these times
 
     @property
     def interval(self) -> float:
@@ -46,21 +47,7 @@ class Stream(NamedTuple):
         return (float(known.min()), float(known.max())) if len(known) else (np.nan,) * 2
 
 
-class Joined(NamedTuple):
-    """Channels on one clock, or with the times of their own."""
-
-    leader: str  # the channel whose times are those of the trial
-    time: FloatArray  # (rows,) [s], its times within what all of the drive share
-    # values by channel; (rows,) those of the leader's rows, else as recorded
-    values: dict[str, FloatArray]
-    # [s], times of the channels that are not in the leader's rows
-    clocks: dict[str, FloatArray]
-    remarks: list[str]  # a sentence each on what was done
-
-
-def topic_rows(
-    values: Mapping[str, FloatArray],
-) -> dict[str, NDArray[np.bool_]]:
+def _topic_rows(values: Mapping[str, FloatArray]) -> dict[str, NDArray[np.bool_]]:
     """Return the rows of each channel, if a row belongs to one topic.
 
     That is so if few rows hold all channels of the drive, or one of them is in every
@@ -79,8 +66,134 @@ def topic_rows(
     return filled if complete < 0.5 * fewest or max(spacing) >= 2.0 else {}
 
 
-def merge_streams(where: str, streams: Mapping[str, Stream]) -> Joined:
-    """Return the channels of several clocks on that of the slowest of the drive.
+@dataclass
+class Recording:
+    """Contents of a data file before checks and segmentation."""
+
+    name: str  # name of the trial
+    path: Path  # the file, or the first of several
+    sha256: str  # SHA-256 of its bytes
+    # (rows,) by channel in SI units, with signs and offsets applied; of a channel with
+    # a clock of its own perhaps another number of rows
+    values: dict[str, FloatArray]
+    # [s], times of the channels that have a clock of their own
+    clocks: dict[str, FloatArray]
+    labels: dict[str, str]  # name in the file of every channel
+    names: list[str]  # all columns of the file
+    # files of the channels that are in another than `path`
+    paths: dict[str, Path] = field(default_factory=dict)
+    # sentences on how channels were brought to one clock
+    remarks: list[str] = field(default_factory=list)
+    # noticed in the rows, in order
+    findings: list[DataFinding] = field(default_factory=list)
+
+    def report(self, severity: Severity, problem: str, channel: str = "") -> None:
+        """Add a finding: the file, with the column of a channel, and the problem."""
+        place = self.column(channel) if channel else str(self.path)
+        finding = DataFinding(severity, place + problem, self.name, channel)
+        self.findings.append(finding)
+
+    @property
+    def rows(self) -> int:
+        return len(self.values[channels.TIME])
+
+    def column(self, channel: str) -> str:
+        path = self.paths.get(channel, self.path)
+        return f"{path}, column {self.labels.get(channel, channel)}"
+
+
+def read(
+    trial: Path | Sequence[TrialFile],
+    file: DatasetFile,
+    name: str | None = None,
+    axis: str = "",
+    others: Mapping[str, str] | None = None,
+    further: Collection[str] = (),
+    other_axes: Collection[str] = (),
+) -> Recording:
+    """Read the channels of a trial from its file, or several.
+
+    It is called `name`, by default as its file. In logs of several axes the columns
+    may begin with the `axis`; those that begin with one of `other_axes` are left out.
+    `others` are joints whose angles are needed besides that of the driven one, with
+    their columns in such logs, and `further` columns are read where the file has them.
+
+    Raises:
+        CableError: a file cannot be read, lacks a column or holds text, or clocks of
+            several share no time, or do not say how they are related.
+    """
+    parts = (TrialFile("", trial, PartFile("")),) if isinstance(trial, Path) else trial
+    name = name or parts[0].path.stem
+    where = " and ".join(str(part.path) for part in parts)
+    tabled = [_Table.of(part, file) for part in parts]
+    # In full where there are several: their columns may have the same names.
+    start = f"{axis}." if axis else ""
+    others = others or {}
+    logged = {column: channels.other_angle(joint) for joint, column in others.items()}
+    strange = tuple(f"{each}." for each in other_axes)
+    kept = {*logged, *(file.source(channel).name for channel in file.columns)}
+    placed = [
+        (
+            f"{table.part.key}.{column}"
+            if len(parts) > 1
+            else logged.get(column, column.removeprefix(start)),
+            (table, column),
+        )
+        for table in tabled
+        for column in table.names
+        if (len(parts) == 1 or column != table.time)
+        and (column in kept or not column.startswith(strange))
+    ]
+    alone = all(column == table.time for _, (table, column) in placed)
+    if alone and (
+        left := [c for t in tabled for c in t.names if c.startswith(strange)]
+    ):
+        raise CableError(
+            f"{where} has columns of other axes alone, such as {left[-1]}; give the "
+            f"axis of these data, or data of {axis!r}."
+        )
+    homes = dict(placed)
+    # With what is there twice, which may be why another is missing.
+    names = [column for column, _ in placed]
+    found = columns.channel_sources(where, names, file, others)
+    for column in further:
+        if places := columns.columns_named(column, list(homes)):
+            found[channels.further(column)] = places[0]
+    for channel, column in found.items():
+        table, own = homes[column]
+        table.channels[channel] = own
+    streams: dict[str, Stream] = {}
+    for table in tabled:
+        streams |= table.streams(file)
+    first, several = tabled[0], len(parts) > 1
+    topical = any(table.topical for table in tabled)
+    recording = Recording(
+        name=name,
+        path=first.part.path,
+        sha256=_sha256([part.path for part in parts]),
+        values={channels.TIME: first.stamps}
+        | {channel: streams[channel].values for channel in found},
+        clocks={
+            channel: stream.time
+            for channel, stream in streams.items()
+            if file.source(channel).clock is not None
+        },
+        labels={channels.TIME: first.time}
+        | {c: column for table in tabled for c, column in table.channels.items()},
+        names=[n for table in tabled for n in table.plain(topical, several)],
+        paths={channel: stream.path for channel, stream in streams.items()},
+    )
+    if not several and not topical:
+        return recording
+    if several:
+        _require_common_zero(where, tabled, name)
+    return _merge_streams(recording, name if several else where, streams)
+
+
+def _merge_streams(
+    recording: Recording, where: str, streams: Mapping[str, Stream]
+) -> Recording:
+    """Return a recording of several clocks on that of the slowest of the drive.
 
     Its readings stay as they are, and the others, which are denser, are read between
     neighbours. On the faster clock most samples of the slow channel would be
@@ -129,146 +242,13 @@ def merge_streams(where: str, streams: Mapping[str, Stream]) -> Joined:
             values[channel] = stream.values[rows]
         else:
             values[channel], clocks[channel] = stream.values, stream.time
-    return Joined(leader, own.time[rows], values, clocks, remarks)
-
-
-@dataclass
-class Recording:
-    """Contents of a data file before checks and segmentation."""
-
-    name: str  # name of the trial
-    path: Path  # the file, or the first of several
-    sha256: str  # SHA-256 of its bytes
-    # (rows,) by channel in SI units, with signs and offsets applied; of a channel with
-    # a clock of its own perhaps another number of rows
-    values: dict[str, FloatArray]
-    # [s], times of the channels that have a clock of their own
-    clocks: dict[str, FloatArray]
-    labels: dict[str, str]  # name in the file of every channel
-    names: list[str]  # all columns of the file
-    # files of the channels that are in another than `path`
-    paths: dict[str, Path] = field(default_factory=dict)
-    # sentences on how channels were brought to one clock
-    remarks: list[str] = field(default_factory=list)
-    # noticed in the rows, in order
-    findings: list[DataFinding] = field(default_factory=list)
-
-    def report(self, severity: Severity, problem: str, channel: str = "") -> None:
-        """Add a finding: the file, with the column of a channel, and the problem."""
-        place = self.column(channel) if channel else str(self.path)
-        finding = DataFinding(severity, place + problem, self.name, channel)
-        self.findings.append(finding)
-
-    @property
-    def rows(self) -> int:
-        return len(self.values[channels.TIME])
-
-    def column(self, channel: str) -> str:
-        path = self.paths.get(channel, self.path)
-        return f"{path}, column {self.labels.get(channel, channel)}"
-
-
-def read(
-    trial: Path | Sequence[TrialFile],
-    file: DatasetFile,
-    name: str | None = None,
-    axis: str = "",
-    others: Mapping[str, str] | None = None,
-    further: Collection[str] = (),
-    other_axes: Collection[str] = (),
-) -> Recording:
-    """Read the channels of a trial.
-
-    Args:
-        trial: its file, or several.
-        file: meaning of the columns.
-        name: name of the trial; None is the file's name without ending.
-        axis: name that may precede those of columns, as in logs of several axes.
-        others: joints whose angles are needed besides that of the driven one, with
-            their columns in such logs.
-        further: columns to read besides, where the file has them.
-        other_axes: names of the device's other axes, whose columns are left out.
-
-    Raises:
-        CableError: a file cannot be read, lacks a column or holds text, or clocks of
-            several share no time, or do not say how they are related.
-    """
-    parts = (TrialFile("", trial, PartFile("")),) if isinstance(trial, Path) else trial
-    name = name or parts[0].path.stem
-    where = " and ".join(str(part.path) for part in parts)
-    tabled = [_Table.of(part, file) for part in parts]
-    # In full where there are several: their columns may have the same names.
-    start = f"{axis}." if axis else ""
-    others = others or {}
-    logged = {column: channels.other_angle(joint) for joint, column in others.items()}
-    strange = tuple(f"{each}." for each in other_axes)
-    kept = {*logged, *(file.source(channel).name for channel in file.columns)}
-    placed = [
-        (
-            f"{table.part.key}.{column}"
-            if len(parts) > 1
-            else logged.get(column, column.removeprefix(start)),
-            (table, column),
-        )
-        for table in tabled
-        for column in table.names
-        if (len(parts) == 1 or column != table.time)
-        and (column in kept or not column.startswith(strange))
-    ]
-    alone = all(column == table.time for _, (table, column) in placed)
-    if alone and (
-        left := [c for t in tabled for c in t.names if c.startswith(strange)]
-    ):
-        raise CableError(
-            f"{where} has columns of other axes alone, such as {left[-1]}; give the "
-            f"axis of these data, or data of {axis!r}."
-        )
-    homes = dict(placed)
-    # With what is there twice, which may be why another is missing.
-    names = [column for column, _ in placed]
-    found = columns.channel_sources(where, names, file, others)
-    for column in further:
-        if places := columns.columns_named(column, list(homes)):
-            found[channels.further(column)] = places[0]
-    for channel, column in found.items():
-        table, own = homes[column]
-        table.channels[channel] = own
-    streams: dict[str, Stream] = {}
-    topical = False
-    for table in tabled:
-        read_here, of_topics = table.streams(file)
-        streams.update(read_here)
-        topical |= of_topics
-    first = tabled[0]
-    labels = {c: column for table in tabled for c, column in table.channels.items()}
-    recording = Recording(
-        name=name,
-        path=first.part.path,
-        sha256=_sha256([part.path for part in parts]),
-        values={channels.TIME: first.stamps}
-        | {channel: streams[channel].values for channel in found},
-        clocks={
-            channel: stream.time
-            for channel, stream in streams.items()
-            if file.source(channel).clock is not None
-        },
-        labels={channels.TIME: first.time} | labels,
-        names=[n for table in tabled for n in table.plain(topical, len(parts) > 1)],
-        paths={channel: stream.path for channel, stream in streams.items()},
-    )
-    if len(parts) == 1 and not topical:
-        return recording
-    if len(parts) > 1:
-        _require_common_zero(where, tabled, name)
-    together = merge_streams(name if len(parts) > 1 else where, streams)
-    of = next(table for table in tabled if together.leader in table.channels)
     return replace(
         recording,
-        values={channels.TIME: together.time} | together.values,
-        clocks=together.clocks,
-        labels=labels | {channels.TIME: file.source(together.leader).clock or of.time},
-        paths=recording.paths | {channels.TIME: of.part.path},
-        remarks=together.remarks,
+        values={channels.TIME: own.time[rows]} | values,
+        clocks=clocks,
+        labels=recording.labels | {channels.TIME: own.clock},
+        paths=recording.paths | {channels.TIME: own.path},
+        remarks=remarks,
     )
 
 
@@ -284,6 +264,7 @@ class _Table:
     channels: dict[str, str] = field(default_factory=dict)  # column by channel
     # (rows,) [s], once they are read
     stamps: FloatArray = field(default_factory=lambda: np.empty(0))
+    topical: bool = False  # whether its rows belong to topics
 
     @classmethod
     def of(cls, part: TrialFile, file: DatasetFile) -> _Table:
@@ -298,8 +279,8 @@ class _Table:
         offset = source.offset if given.offset is None else given.offset
         return cls(part, names, time, channels.CLOCK.factors[unit], offset)
 
-    def streams(self, file: DatasetFile) -> tuple[dict[str, Stream], bool]:
-        """Read the channels; whether the rows belong to topics."""
+    def streams(self, file: DatasetFile) -> dict[str, Stream]:
+        """Read the channels."""
         path = self.part.path
         clocks = {
             channel: columns.find_column(
@@ -308,43 +289,37 @@ class _Table:
             for channel in self.channels
             if (clock := file.source(channel).clock) is not None
         }
-        used = [self.time, *self.channels.values()]
-        raw = self._read([*used, *clocks.values()])
-        # The clocks first: conversion may happen in place.
-        times = {channel: raw[clock] * self.second for channel, clock in clocks.items()}
+        raw = self._read([self.time, *self.channels.values(), *clocks.values()])
         # What is farther than these limits is taken for missing.
         self.stamps = _scale(raw[self.time], self.offset, self.second, 1e11)
-        values = {
-            channel: _scale(
-                raw[column],
-                source.offset,
-                source.sign * file.factor(channel, column),
-                1e6,
-            )
-            for channel, column in self.channels.items()
-            for source in [file.source(channel)]
-        }
-        for channel, value in values.items():
-            time = times.get(channel, self.stamps)
-            if len(value) != len(time):
-                stamps = clocks.get(channel, self.time)
-                raise CableError(
-                    f"{path}, column {self.channels[channel]} has {len(value)} "
-                    f"readings, but its times, column {stamps}, are {len(time)}; "
-                    "every reading needs one."
-                )
-        rows = len(self.stamps)
-        logged = topic_rows({c: v for c, v in values.items() if len(v) == rows})
         streams = {}
-        for channel, value in values.items():
-            time = times.get(channel, self.stamps)
-            if channel in logged:
-                time, value = time[logged[channel]], value[logged[channel]]
-            elif channel in times:  # which may have fewer rows than the file
-                known = ~(np.isnan(time) & np.isnan(value))
-                time, value = time[known], value[known]
-            streams[channel] = Stream(time, value, path)
-        return streams, bool(logged)
+        for channel, column in self.channels.items():
+            source, time, clock = file.source(channel), self.stamps, self.time
+            if channel in clocks:
+                clock = clocks[channel]
+                time = raw[clock] * self.second
+            factor = source.sign * file.factor(channel, column)
+            value = _scale(raw[column], source.offset, factor, 1e6)
+            if len(value) != len(time):
+                raise CableError(
+                    f"{path}, column {column} has {len(value)} readings, but its "
+                    f"times, column {clock}, are {len(time)}; every reading needs one."
+                )
+            label = source.clock or self.time
+            streams[channel] = Stream(time, value, path, label)
+        rows = len(self.stamps)
+        known = {c: s.values for c, s in streams.items() if len(s.values) == rows}
+        kept = _topic_rows(known)
+        self.topical = bool(kept)
+        for channel in clocks.keys() - kept.keys():  # may have fewer rows than the file
+            stream = streams[channel]
+            kept[channel] = ~(np.isnan(stream.time) & np.isnan(stream.values))
+        for channel, mask in kept.items():
+            stream = streams[channel]
+            streams[channel] = stream._replace(
+                time=stream.time[mask], values=stream.values[mask]
+            )
+        return streams
 
     def plain(self, topical: bool, several: bool) -> list[str]:
         """Return the columns that are no times of the file nor stamps of messages."""

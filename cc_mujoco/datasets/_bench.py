@@ -26,7 +26,6 @@ from cc_mujoco.datasets._coupled_route import (
     Leading,
     PullingCable,
     RecordedPath,
-    is_tied_to_path,
     other_movers,
     path_motion,
     path_tables,
@@ -34,12 +33,7 @@ from cc_mujoco.datasets._coupled_route import (
     tied_joint,
 )
 from cc_mujoco.datasets._moment_arm import Lever, lever_of, swept_angles
-from cc_mujoco.datasets._rig_table import (
-    RATIO_KEY,
-    arm_share,
-    known_arm,
-    wound_angle,
-)
+from cc_mujoco.datasets._rig_table import RATIO_KEY, MomentArm, known_arm
 from cc_mujoco.datasets._trials import Constant
 from cc_mujoco.device import Axis, load_device
 from cc_mujoco.device._derivation import excursion, known_torque_noise
@@ -47,7 +41,7 @@ from cc_mujoco.device._device_files import locate
 from cc_mujoco.device._model import joint_range
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
-from cc_mujoco.plugin import from_mjcf
+from cc_mujoco.plugin import from_mjcf, route_tendon
 from cc_mujoco.plugin._engine import PLUGIN
 from cc_mujoco.plugin._spec import read_spec
 
@@ -120,6 +114,11 @@ class Bench:
         return Transmission(self.cables, self.motor_radius, self.joint_radius)
 
     @property
+    def profile(self) -> Lever | MomentArm | None:
+        """The arm at the joint by its angle; None where a pulley keeps its radius."""
+        return MomentArm(*self.arm) if self.arm else self.lever
+
+    @property
     def tied(self) -> bool:
         """Return whether the end of an open path is where the cable pulls the joint."""
         return self.led in OPEN_PATHS and self.lever is not None
@@ -183,9 +182,7 @@ class Bench:
         if path is not None:
             course = path.along(joint, self.min_cable_segments)[0]
             return np.asarray(-course.reach[2 * path.ramp :] / self.drawn_radius)
-        if self.arm:
-            return wound_angle(self.arm, joint)
-        return joint if self.lever is None else self.lever.turned(joint)
+        return joint if self.profile is None else self.profile.turned(joint)
 
     def along_lead_in(self, path: RecordedPath) -> FloatArray:
         """Return `turned` in the first part of a path's lead-in (ramp + 1,)."""
@@ -197,9 +194,7 @@ class Bench:
         if path is not None:
             course = path.along(joint, self.min_cable_segments)[0]
             return np.asarray(-course.slope[2 * path.ramp :] / self.drawn_radius)
-        if self.arm:
-            return arm_share(self.arm, joint)
-        return np.ones(1) if self.lever is None else self.lever.share(joint)
+        return np.ones(1) if self.profile is None else self.profile.share(joint)
 
     def following(
         self, joint: FloatArray, path: RecordedPath | None = None
@@ -213,13 +208,10 @@ class Bench:
 
         At the ends of what the scene is known for it stays.
         """
-        if self.lever is None and not self.arm:
+        if self.profile is None:
             return np.asarray(self.motor_radius / self.joint_radius * motor)
-        known = np.linspace(-2.0, 2.0, 401) if self.lever is None else self.lever.joint
-        if self.arm:
-            known = known[arm_share(self.arm, known) > 0.0]
-        found = np.interp(motor, self.following(known), known)
-        return found
+        known = self.profile.joint
+        return np.interp(motor, self.following(known), known)
 
     def replay(
         self,
@@ -237,25 +229,21 @@ class Bench:
             others: (others, samples) of the other joints [rad]; None leaves them where
                 they are in the scene.
         """
+        segments = max(cable.segments for cable in self.cables)
         if others is not None and self.others:
-            segments = max(cable.segments for cable in self.cables)
             path = RecordedPath(self.coupled, self.others, joint_angle, others)
-            drive = CoupledCables(
-                self.cables, path.along(joint_angle, segments), self.motor_radius
-            )
-            rows = np.arange(joint_angle.size, dtype=np.float64)
-            return replace(
-                drive.replay(dt, motor_angle=motor_angle, joint_angle=rows),
-                joint_angle=joint_angle,
-            )
-        own = self.courses(max(cable.segments for cable in self.cables))
-        if own:
-            drive = CoupledCables(self.cables, own, self.motor_radius)
-            return drive.replay(dt, motor_angle=motor_angle, joint_angle=joint_angle)
+            courses = path.along(joint_angle, segments)
+            places = np.arange(joint_angle.size, dtype=np.float64)
+        else:
+            courses, places = self.courses(segments), joint_angle
+        if courses:
+            drive = CoupledCables(self.cables, courses, self.motor_radius)
+            played = drive.replay(dt, motor_angle=motor_angle, joint_angle=places)
+            return replace(played, joint_angle=joint_angle)
         played = self.transmission.replay(
             dt, motor_angle=motor_angle, joint_angle=self.turned(joint_angle)
         )
-        if self.lever is None and not self.arm:
+        if self.profile is None:
             return played
         share = self.share(joint_angle)
         return replace(
@@ -353,10 +341,9 @@ class Bench:
         }
         if len({ends.motor for ends in found.values()}) > 1:
             _require_axis(source)
-        levers = {name: found[name].lever for name in cables}
         # Positive motor rotation draws the agonist towards the motor: negative gear.
-        order = sorted(found, key=lambda name: found[name][1])
-        (motor, proximal, joint, distal, lever) = found[order[0]]
+        order = sorted(found, key=lambda name: found[name].proximal)
+        motor, proximal, joint, distal, lever = found[order[0]]
         neutral = float(model.joint(joint).qpos0[0])
         if lever is not None and neutral != 0.0:
             raise CableError(
@@ -372,14 +359,11 @@ class Bench:
                 "`bend`); a diagnosis takes a pull-pull pair of like cables"
             )
         (led,) = kinds
-        moved = {
-            other: None
-            for name in order
-            if led or lever is not None
-            for other in other_movers(
-                model, name, found[name].joint, f"scene {path}: cable {name}"
-            )
-        }
+        moved: dict[str, None] = {}
+        for name in order if led or lever is not None else ():
+            where = f"scene {path}: cable {name}"
+            others = other_movers(model, name, found[name].joint, where)
+            moved |= dict.fromkeys(others)
         if moved and lever is None:
             raise CableError(
                 f"scene {path}: cable {order[0]} ends on a pulley and lies along a "
@@ -396,13 +380,13 @@ class Bench:
                 f"scene {path}: its two cables have unlike `segments`; give them as "
                 "many each"
             )
-        if len(order) == 2 and any(levers.values()):
+        if len(order) == 2 and any(ends.lever for ends in found.values()):
             raise CableError(
                 f"scene {path} has two cables, and {order[0] if lever else order[1]} "
                 "pulls a lever; a diagnosis takes one cable to a lever, or a pull-pull "
                 "pair on pulleys"
             )
-        signs = [(found[n][1] < 0.0, found[n][3] < 0.0) for n in order]
+        signs = [(found[n].proximal < 0.0, found[n].distal < 0.0) for n in order]
         wanted = [(True, True), (False, False)][: len(order)]
         if signs != wanted:
             raise CableError(
@@ -411,12 +395,12 @@ class Bench:
                 "gears negative, the antagonist both positive"
             )
         for name in order[1:]:
-            if (found[name][0], found[name][2]) != (motor, joint):
+            if (found[name].motor, found[name].joint) != (motor, joint):
                 raise CableError(
                     f"scene {path}: cables {order[0]} and {name} connect different "
                     "joints; a pull-pull pair has both in common"
                 )
-            if (-found[name][1], -found[name][3]) != (proximal, distal):
+            if (-found[name].proximal, -found[name].distal) != (proximal, distal):
                 raise CableError(
                     f"scene {path}: cables {order[0]} and {name} have pulleys of "
                     "different radii; a pull-pull pair shares both pulleys"
@@ -497,7 +481,11 @@ def _cable_connections(
         if ends and actuator.trntype == mujoco.mjtTrn.mjTRN_TENDON:
             where = f"scene {path}: cable {name}"
             gear, tendon = float(actuator.gear[0]), str(actuator.target)
-            if is_tied_to_path(model, name, cable, tendon):
+            row, is_open = (
+                int(model.tendon(tendon).id),
+                path_motion(cable) in OPEN_PATHS,
+            )
+            if is_open and route_tendon(model, name) == row:
                 turned, arm, lever = tied_joint(model, name, where, driven)
             else:
                 turned, arm, lever = lever_of(model, tendon, gear, where, driven)

@@ -8,9 +8,9 @@ sample of a recording, see `RecordedPath`.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from functools import lru_cache
-from typing import Literal, NamedTuple
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
+from typing import Any, Literal, NamedTuple
 
 import mujoco
 import numpy as np
@@ -22,7 +22,7 @@ from cc_mujoco.datasets._channels import ANGLES, other_angle
 from cc_mujoco.datasets._moment_arm import Lever, make_lever, single_hinge, swept_angles
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
-from cc_mujoco.plugin import from_mjcf, route_tendon, to_mjcf
+from cc_mujoco.plugin import from_mjcf, to_mjcf
 from cc_mujoco.plugin._path_table import (
     compute_path_table,
     compute_recorded_path,
@@ -44,15 +44,6 @@ def path_motion(cable: Cable) -> Leading:
     if cable.path == "open":
         return "open"
     return "bent" if cable.bend == "route" else ""
-
-
-def is_tied_to_path(
-    model: mujoco.MjModel, name: str, cable: Cable, tendon: str
-) -> bool:
-    """Return whether a cable ends at the tendon that draws its own path."""
-    if path_motion(cable) not in OPEN_PATHS:
-        return False
-    return route_tendon(model, name) == int(model.tendon(tendon).id)
 
 
 def tied_joint(
@@ -126,6 +117,7 @@ class CoupledScene(NamedTuple):
     sign: float  # sign of the scene's angle relative to that of the data
 
 
+@dataclass(eq=False)
 class RecordedPath:
     """The paths of cables along recorded angles of all joints that move them.
 
@@ -135,31 +127,27 @@ class RecordedPath:
     of the scene to the first sample.
     """
 
-    def __init__(
-        self,
-        scene: CoupledScene,
-        others: Sequence[str],
-        joint: FloatArray,
-        angles: FloatArray,
-        ramp: int = 0,
-    ) -> None:
-        """Keep the angles; nothing is tabulated yet.
+    scene: CoupledScene
+    others: tuple[str, ...]  # joints besides the driven one
+    joint: FloatArray  # (samples,) of the driven joint, in the count of the data [rad]
+    # (others, samples) of the other joints, in the count of the scene [rad]
+    angles: FloatArray
+    # rows in which the joints go to the first sample, and stay there as long
+    ramp: int = 0
+    _known: dict[tuple[int, int], tuple[CoupledPath, ...]] = field(
+        default_factory=dict, init=False
+    )
 
-        `joint` (samples,) is that of the driven joint in the count of the data,
-        `angles` (others, samples) are those of the other joints in that of the scene
-        [rad]. In `ramp` rows the joints go to the first sample, and stay there as long;
-        0 begins there.
-        """
-        self.scene, self.others, self.ramp = scene, tuple(others), ramp
-        self.joint, self.angles = joint, angles
-        ahead = np.linspace(0.0, 1.0, ramp + 1)[:-1] if ramp else np.empty(0)
-        self._share = np.concatenate([ahead, np.ones(ramp + joint.size)])
-        self._known: dict[tuple[int, int], tuple[CoupledPath, ...]] = {}
+    @cached_property
+    def _share(self) -> FloatArray:
+        """Share of the way from the pose of the scene (rows,)."""
+        ahead = np.linspace(0.0, 1.0, self.ramp + 1)[:-1]
+        return np.concatenate([ahead, np.ones(self.ramp + self.joint.size)])
 
     def thinned(self, every: int) -> RecordedPath:
         """Return the path with one in `every` samples."""
         joint, angles = self.joint[::every].copy(), self.angles[:, ::every].copy()
-        return RecordedPath(self.scene, self.others, joint, angles, self.ramp)
+        return replace(self, joint=joint, angles=angles)
 
     def with_lead_in(self, signal: FloatArray) -> FloatArray:
         """Return a signal of the samples with the rows that lead in from 0 (rows,)."""
@@ -173,19 +161,16 @@ class RecordedPath:
         steps = np.floor(aside / _ASIDE_STEP).astype(int)
         share = aside / _ASIDE_STEP - steps
         parts = [(k, np.flatnonzero(steps == k)) for k in np.unique(steps).tolist()]
-        before, after = (
-            [
-                _joined([(rows, own[cable]) for rows, own in known])
-                for cable in range(len(self.scene.names))
-            ]
-            for ahead in (0, 1)
-            for known in [
-                [(rows, self._tabulated(segments, k + ahead)) for k, rows in parts]
-            ]
-        )
+
+        def joined(cable: int, ahead: int) -> CoupledPath:
+            return _joined(
+                [(r, self._tabulated(segments, k + ahead)[cable]) for k, r in parts]
+            )
+
+        turn = _ASIDE_STEP * self._share
         return tuple(
-            _between(a, b, share, _ASIDE_STEP * self._share)
-            for a, b in zip(before, after, strict=True)
+            _between(joined(cable, 0), joined(cable, 1), share, turn)
+            for cable in range(len(self.scene.names))
         )
 
     def _tabulated(self, segments: int, step: int) -> tuple[CoupledPath, ...]:
@@ -194,16 +179,12 @@ class RecordedPath:
         if key not in self._known:
             scene = self.scene
             model = _model_of(scene, segments)
+            angles = {}
+            for name, angle in zip(self.others, self.angles, strict=True):
+                rest = float(model.qpos0[model.joint(name).qposadr[0]])
+                angles[name] = rest + self.with_lead_in(angle - rest)
             turned = self.with_lead_in(self.joint + _ASIDE_STEP * step)
-            places = [int(model.joint(name).qposadr[0]) for name in self.others]
-            rests = model.qpos0[places].tolist()
-            angles = [
-                rest + self.with_lead_in(angle - rest)
-                for rest, angle in zip(rests, self.angles, strict=True)
-            ]
-            poses = _poses(
-                model, scene, turned, dict(zip(self.others, angles, strict=True))
-            )
+            poses = _poses(model, scene, turned, angles)
             found = (
                 compute_recorded_path(model, name, scene.joint, poses)
                 for name in scene.names
@@ -272,6 +253,8 @@ def pulling_torque(
 
 _MAX_ASIDE, _ASIDE_STEP = 0.5, 0.02
 """Range and step of the driven joint's deviations from its recorded angle [rad]."""
+_BY_ROW = ("wrap", "contact", "gained", "distal", "length")
+"""Arrays of a path by row, besides the slopes."""
 
 
 def _joined(parts: Sequence[tuple[NDArray[np.intp], CoupledPath]]) -> CoupledPath:
@@ -279,8 +262,7 @@ def _joined(parts: Sequence[tuple[NDArray[np.intp], CoupledPath]]) -> CoupledPat
     first = parts[0][1]
     if len(parts) == 1:
         return first
-    by_row = ("wrap", "contact", "gained", "distal", "length", "gain", "arm")
-    made = {name: getattr(first, name).copy() for name in by_row}
+    made = {name: getattr(first, name).copy() for name in (*_BY_ROW, "gain", "arm")}
     for rows, course in parts[1:]:
         for name, values in made.items():
             if len(values):  # the lengths of a conduit are those of its sections
@@ -296,33 +278,23 @@ def _between(
     `share` (rows,) is the way from `here`, with the joint less far aside, to `there`,
     and `turn` (rows,) that of the joint [rad].
     """
-    assert here.gain is not None and there.gain is not None
-    assert here.arm is not None and there.arm is not None
 
-    def linear(a: FloatArray, b: FloatArray) -> FloatArray:
-        return np.asarray(a + _as_rows(share, a) * (b - a))
+    def linear(name: str) -> FloatArray:
+        a, b = getattr(here, name), getattr(there, name)
+        part = share if a.ndim == 1 else share[:, None]
+        return np.asarray(a + part * (b - a))
 
-    def hermite(
-        a: FloatArray, b: FloatArray, slope: FloatArray, end: FloatArray
-    ) -> FloatArray:
-        part, angle, rise = _as_rows(share, a), _as_rows(turn, a), b - a
+    def hermite(name: str, slopes: str) -> FloatArray:
+        a, slope = getattr(here, name), getattr(here, slopes)
+        rise, end = getattr(there, name) - a, getattr(there, slopes)
+        part, angle = (x if a.ndim == 1 else x[:, None] for x in (share, turn))
         bend = (1.0 - part) * (angle * slope - rise) - part * (angle * end - rise)
         return np.asarray(a + part * rise + part * (1.0 - part) * bend)
 
-    return replace(
-        here,
-        wrap=linear(here.wrap, there.wrap),
-        contact=linear(here.contact, there.contact),
-        gained=hermite(here.gained, there.gained, here.gain, there.gain),
-        distal=hermite(here.distal, there.distal, here.arm, there.arm),
-        length=linear(here.length, there.length) if here.open else here.length,
-        gain=linear(here.gain, there.gain),
-        arm=linear(here.arm, there.arm),
-    )
-
-
-def _as_rows(signal: FloatArray, like: FloatArray) -> FloatArray:
-    return signal if like.ndim == 1 else signal[:, None]
+    made: dict[str, Any] = {n: linear(n) for n in ("wrap", "contact", "gain", "arm")}
+    made |= {"gained": hermite("gained", "gain"), "distal": hermite("distal", "arm")}
+    made["length"] = linear("length") if here.open else here.length
+    return replace(here, **made)
 
 
 def _negate_slopes(course: CoupledPath) -> CoupledPath:
@@ -358,12 +330,5 @@ def path_tables(scene: CoupledScene, segments: int) -> tuple[CoupledPath, ...]:
 
 def _reverse_angles(course: CoupledPath) -> CoupledPath:
     """Return the same course over angles that count the other way."""
-    return replace(
-        course,
-        joint=-course.joint[::-1],
-        wrap=course.wrap[::-1].copy(),
-        contact=course.contact[::-1].copy(),
-        length=course.length[::-1].copy(),
-        gained=course.gained[::-1].copy(),
-        distal=course.distal[::-1].copy(),
-    )
+    back = {name: getattr(course, name)[::-1].copy() for name in _BY_ROW}
+    return replace(course, joint=-course.joint[::-1], **back)

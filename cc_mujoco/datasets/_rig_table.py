@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import Polynomial
@@ -168,18 +169,31 @@ def fit_angle_pairs(
     }
 
 
+@dataclass(frozen=True)
+class MomentArm:
+    """Moment arm 1 + a q + b q^2 at a joint angle q, over that at 0."""
+
+    slope: float  # a [1/rad]
+    curve: float  # b [1/rad^2]
+
+    @property
+    def joint(self) -> FloatArray:
+        """Angles of the joint at which there is an arm, increasing (angles,) [rad]."""
+        angles = np.linspace(-2.0, 2.0, 401)
+        return angles[self.share(angles) > 0.0]
+
+    def turned(self, joint: FloatArray) -> FloatArray:
+        """Return a pulley's angle that takes as much cable as the joint (samples,)."""
+        share = Polynomial((1.0, self.slope, self.curve))
+        return np.asarray(share.integ()(joint))
+
+    def share(self, joint: FloatArray) -> FloatArray:
+        """Return the arm over that at 0 (samples,)."""
+        return np.asarray(Polynomial((1.0, self.slope, self.curve))(joint))
+
+
 def known_arm(constants: Mapping[str, Constant]) -> tuple[float, ...]:
-    """Return the coefficients of a known arm, () without angle pairs."""
+    """Return the coefficients of a `MomentArm`, () without angle pairs."""
     if RATIO_KEY not in constants:
         return ()
     return constants[SLOPE_KEY].value, constants[CURVE_KEY].value
-
-
-def wound_angle(arm: Sequence[float], joint: FloatArray) -> FloatArray:
-    """Return a pulley's angle that takes as much cable as the joint (samples,)."""
-    return np.asarray(Polynomial((1.0, *arm)).integ()(joint))
-
-
-def arm_share(arm: Sequence[float], joint: FloatArray) -> FloatArray:
-    """Return the arm over that at 0 (samples,)."""
-    return np.asarray(Polynomial((1.0, *arm))(joint))

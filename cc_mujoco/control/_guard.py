@@ -104,11 +104,8 @@ class _Thresholds(NamedTuple):
     gap_factor: float = 0.4
     gap_time: float = 0.05
     # time for which a torque may be beyond the safe one while the joint is let go, as
-    # by an unstable controller [s]; how often the joint may be let go that its torque
-    # sensor does not ask for, while the gain has fallen; and time over which both are
-    # forgotten [s]
+    # by an unstable controller [s], and time over which it is forgotten [s]
     unsafe_time: float = 0.02
-    most_releases: float = 5.0
     unsafe_memory: float = 1.0
     # power of the stretch, over that from which a gain is learned, that proves a gain,
     # and share of the largest proven gain below which it has fallen, as that of a
@@ -187,9 +184,9 @@ READINGS = 6
     _AGREED, _MOST,  # time the motor explained the torque [s]; its recent peak
     _TAKEN, _TAKEN_PREDICTED,  # sensor and stretch torque, low-passed as `_GIVEN`
     _LEARNT, _UNSAFE,  # times [s]: stretch learned; torque unsafe lately
-    _RELEASES, _PROVEN,  # releases without the sensor; largest proven gain
+    _PROVEN,  # largest proven gain
     _GOOD,  # readings of the last step, as they were used
-) = range(28)  # fmt: skip
+) = range(27)  # fmt: skip
 (
     _JUMPED, _EQUAL,  # by reading: last one a spike; number of equal ones
     _AT, _AT_PREDICTED,  # by reading: both torques when it last changed [N m]
@@ -653,9 +650,7 @@ def admit(own: Guarded, seen: FloatArray) -> None:
     rate = (seen[TORQUE] - memory[_GOOD + TORQUE]) / limits.period
     memory[_RUSH] += _SET.rate_filter * (rate - memory[_RUSH])
     _watch_motor(own, seen)
-    kept = max(1.0 - limits.period / _SET.unsafe_memory, 0.0)
-    memory[_UNSAFE] *= kept
-    memory[_RELEASES] *= kept
+    memory[_UNSAFE] *= max(1.0 - limits.period / _SET.unsafe_memory, 0.0)
     if abs(seen[TORQUE]) > limits.safe_torque:
         memory[_UNSAFE] += limits.period
         if memory[_UNSAFE] > _SET.unsafe_time:
@@ -675,12 +670,6 @@ def admit(own: Guarded, seen: FloatArray) -> None:
 
 
 @internal
-def _has_fallen(memory: FloatArray) -> bool:
-    """Return whether the gain is far below one that was proven."""
-    return bool(memory[_GAIN] < _SET.fallen_share * memory[_PROVEN])
-
-
-@internal
 def _credible(own: Guarded) -> float:
     """Return the part of the stretch torque that is credible [N m]."""
     limits, spring, memory = limits_of(own.gains), own.spring, own.memory
@@ -690,8 +679,8 @@ def _credible(own: Guarded) -> float:
         if memory[_MOST] > limits.safe_torque:
             return float(predicted)
         gain = memory[_GAIN]
-        if _has_fallen(memory):
-            gain = memory[_PROVEN]
+        if gain < _SET.fallen_share * memory[_PROVEN]:
+            gain = memory[_PROVEN]  # the cables pull as before: it is the sensor's
         return float(gain * memory[_PREDICTED])
     friction = _most_friction(spring)
     high = _behind_friction(own, memory[_MOST], friction)
@@ -727,8 +716,7 @@ def state(own: Guarded, ahead: float, planned: float) -> float:
     before = 1.0 if memory[STATE] != FREE else 0.0
     rushing = impact_torque(ahead, ratio, stiffness, limits.inertia)
     measured = memory[_GOOD + TORQUE]
-    sensed = release_state(before, measured, rushing, planned, safe)
-    released = sensed
+    released = release_state(before, measured, rushing, planned, safe)
     if safe < NO_TORQUE_LIMIT and stiffness > 0.0:
         predicted = _credible(own)
         released = max(
@@ -743,10 +731,6 @@ def state(own: Guarded, ahead: float, planned: float) -> float:
     memory[STATE] = released
     if _is_too_fast(own):
         memory[STATE] = BRAKED
-    if _has_fallen(memory) and released != 0.0 and before == 0.0 and sensed == 0.0:
-        memory[_RELEASES] += 1.0
-        if memory[_RELEASES] > _SET.most_releases:
-            stop(memory, STOPPED)
     return float(memory[STATE])
 
 

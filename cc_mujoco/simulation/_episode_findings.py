@@ -37,8 +37,7 @@ LET_GO = {
     "would stop its motor, came too close to the safe {1:g} N m",
     guard.BRAKED: "braked joint {0!r}, as it was too fast or its sensors were silent",
     guard.STOPPED: "stopped the motor of joint {0!r}, which then follows the joint, as "
-    "it was unsafe or let go again and again, or as motor and cables contradict the "
-    "torque measured there",
+    "it was unsafe, or as motor and cables contradict the torque measured there",
     guard.LIMP: "left joint {0!r} without torque, as an angle measured there is not "
     "credible",
 }

@@ -112,7 +112,7 @@ def test_a_rotor_of_a_tenth_of_the_inertia_does_not_swing() -> None:
 def test_every_number_that_is_tuned_changes_its_law(
     law: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of two cables or of one, noisy enough for a dead zone, at 1 or 5 kHz."""
+    """With two cables or one, noisy enough for a dead zone, at 1 or 5 kHz."""
 
     def numbers() -> list[Any]:
         found = []

@@ -523,13 +523,6 @@ def test_no_controller_stops_a_rig_that_is_not_as_believed_while_it_is_safe(
         assert not stopped_while_safe(found, own.safe), (truth, noise)
 
 
-def test_a_joint_that_is_let_go_again_and_again_is_stopped() -> None:
-    """A sensor of half the gain and a steady torque, of which a guard learns little."""
-    for fault in ("", "halved"):
-        found = driven(KNEE, Truth(), "lqg", fault, steady=True)
-        assert (found.state.max() == guard.STOPPED) == bool(fault)
-
-
 @pytest.mark.parametrize(
     ("believed", "name"),
     study_but(

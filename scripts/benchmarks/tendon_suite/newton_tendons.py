@@ -98,7 +98,7 @@ class _Simulation:
         self.model = builder.finalize(device="cpu")
         solver = getattr(newton.solvers, f"Solver{setting['solver']}")
         self.solver = solver(
-            self.model, iterations=setting["iterations"], **setting["joints"]
+            self.model, iterations=setting["iterations"], **setting["options"]
         )
         self.states = [self.model.state(), self.model.state()]
         self.joints = [
@@ -120,21 +120,24 @@ class _Simulation:
 
 
 _FIRST = {"timestep": 1e-3, "iterations": 8, "damping": 1.0, "pinholes": 0, "mu": 0.0}
+_FINE = {"tendon_settle_tol": 1e-6}
+_STIFF = {"rigid_joint_linear_ke": 1e6}
 _FULL = {"joint_linear_relaxation": 1.0, "joint_angular_relaxation": 1.0}
 _XPBD = {
-    "": {"solver": "XPBD", "compliance": 1e-5, "joints": {}},
+    "": {"solver": "XPBD", "compliance": 1e-5, "options": {}},
     "turning pulley": {"mu": 10.0},
+    "ladder": {"options": _FINE},
     "helix": {"pinholes": 5},
-    "finger": {"compliance": 1e-3, "damping": 0.0, "joints": _FULL},
+    "finger": {"compliance": 1e-3, "damping": 0.0, "options": _FULL},
     "hoist": {"timestep": 2e-4, "compliance": 2e-4},
 }
 _VBD = {
-    "": {"solver": "VBD", "compliance": 1e-4, "joints": {"rigid_joint_linear_ke": 1e6}},
+    "": {"solver": "VBD", "compliance": 1e-4, "options": _STIFF},
     "turning pulley": {"mu": 10.0},
-    "ladder": {"compliance": 1e-5},
+    "ladder": {"compliance": 1e-5, "options": _STIFF | _FINE},
     "cycles": {"compliance": 3e-5},
     "helix": {"pinholes": 5, "compliance": 1e-5},
-    "hoist": {"timestep": 2e-4, "compliance": 2e-4},
+    "hoist": {"compliance": 5e-4},
 }
 _TRIED = [
     {"iterations": 4}, {"iterations": 32}, {"timestep": 5e-4}, {"timestep": 2e-4},

@@ -3,11 +3,11 @@
     python scripts/benchmarks/tendon_suite/run.py [--engine NAME] [--task NAME]
         [--tune] [--out FILE.json] [--speed STEPS]
 
-The error is the largest relative one of a task's quantities. `--out` adds to results
-that the file holds, of other interpreters too, and prints all. `--tune` plays every
-setting that an engine tries, and keeps the best. `--speed` only times the first steps
-of tasks that the file holds. Another engine is a module in `MODULES` with `ENGINES`,
-see `Engine` in `tasks.py`.
+The error is the largest relative one of a task's quantities; speeds are steps per
+second of processor time. `--out` adds to results that the file holds, of other
+interpreters too, and prints all. `--tune` plays every setting that an engine tries, and
+keeps the best. `--speed` only times the first steps of tasks that the file holds.
+Another engine is a module in `MODULES` with `ENGINES`, see `Engine` in `tasks.py`.
 """
 
 from __future__ import annotations
@@ -53,9 +53,9 @@ def score(task: str, engine: Engine, setting: Setting, steps: int) -> dict[str, 
         advance = sim.step
 
         def step(forces: Array) -> None:
-            start = time.perf_counter()
+            start = time.process_time()
             advance(forces)
-            seconds.append(time.perf_counter() - start)
+            seconds.append(time.process_time() - start)
             if len(seconds) == steps:
                 raise Enough
 

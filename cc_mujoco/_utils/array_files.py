@@ -51,32 +51,29 @@ def column_names(path: Path) -> list[str]:
         return list(_columns(path, arrays))
 
 
-def read_columns(path: Path, names: Iterable[str]) -> dict[str, FloatArray]:
+def read_columns(
+    path: Path, names: Iterable[str], _switches: Iterable[str] = ()
+) -> dict[str, FloatArray]:
     """Return the columns of a file (rows,) by name, which may differ in length."""
     with _arrays(path) as arrays:
         places = _columns(path, arrays)
-        return {
-            name: arrays[place].column(index)
-            for name in names
-            for place, index in (places[name],)
-        }
+        return {name: places[name][0].column(places[name][1]) for name in names}
 
 
 def _columns(
     path: Path, arrays: Mapping[str, _Array]
-) -> dict[str, tuple[str, int | None]]:
+) -> dict[str, tuple[_Array, int | None]]:
     """Return the array and index of every column, by its name."""
-    columns: dict[str, tuple[str, int | None]] = {}
-    form, first = (
-        ("{}(:,{})", 1) if path.suffix.lower() == MATLAB_ENDING else ("{}[:,{}]", 0)
-    )
+    columns: dict[str, tuple[_Array, int | None]] = {}
+    matlab = path.suffix.lower() == MATLAB_ENDING
     for place, array in arrays.items():
         if len(array.shape) == 1:
-            columns[place] = (place, None)
+            columns[place] = array, None
         # Wider ones are no signals.
         elif len(array.shape) == 2 and array.shape[1] <= 64:
             for k in range(array.shape[1]):
-                columns[form.format(place, k + first)] = (place, k)
+                index = f"(:,{k + 1})" if matlab else f"[:,{k}]"
+                columns[place + index] = array, k
     if not columns:
         raise CableError(
             f"{path} holds no vector of numbers; a trial needs one per channel, as a "

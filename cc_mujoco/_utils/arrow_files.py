@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +18,7 @@ import pyarrow.parquet as pq
 
 from cc_mujoco._utils.array_files import FloatArray
 from cc_mujoco._utils.csv_files import HEAD_BYTES, Layout, is_number, layout
+from cc_mujoco._utils.parsing import one_sentence
 from cc_mujoco.errors import CableError
 
 PARQUET_ENDING = ".parquet"
@@ -31,7 +31,7 @@ _BOOLEAN_VALUES = {"true": "1", "false": "0"}
 
 def column_names(path: Path) -> list[str]:
     """Return the names of the columns of a file, in order."""
-    with _whole(path):
+    with one_sentence(path, kind=pa.ArrowException):
         if path.suffix.lower() == PARQUET_ENDING:
             return [str(name) for name in pq.ParquetFile(path).schema_arrow.names]
         return _layout(path).names
@@ -41,7 +41,7 @@ def read_columns(
     path: Path, names: list[str], switches: Iterable[str] = ()
 ) -> dict[str, FloatArray]:
     """Return the columns of a file as numbers, NaN where missing; see `tables`."""
-    with _whole(path):
+    with one_sentence(path, kind=pa.ArrowException):
         if path.suffix.lower() == PARQUET_ENDING:
             return _join_batches(names, _parquet_batches(path, names))
         form = _layout(path)
@@ -160,17 +160,3 @@ def _csv_error(
         f"{path} is not a table: {message[:160]}; every line must have the "
         f"{len(form.names)} cells that the first line names."
     )
-
-
-@contextmanager
-def _whole(path: Path) -> Iterator[None]:
-    """Turn an error of pyarrow into one sentence."""
-    try:
-        yield
-    except OSError:
-        raise
-    except pa.ArrowException as error:
-        message = " ".join(str(error).split())[:160].rstrip(".")
-        raise CableError(
-            f"{path} is not a whole {path.suffix[1:]} file: {message}."
-        ) from None

@@ -19,6 +19,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
+from cc_mujoco._utils.parsing import unreadable
 from cc_mujoco.errors import CableError
 
 HEAD_BYTES = 1 << 16
@@ -74,9 +75,7 @@ def read_sheet(
         reader = csv.reader(lines, delimiter=form.separator)
         found = [(form.top + reader.line_num, row) for row in reader]
     except OSError as error:
-        reason = error.strerror or str(error)
-        named = f"{what} {path}".lstrip()
-        raise CableError(f"cannot read {named}: {reason}.") from None
+        raise unreadable(f"{what} {path}".lstrip(), error) from None
     except (UnicodeDecodeError, csv.Error) as error:
         raise CableError(f"{path} is not a CSV text file: {error}.") from None
     names = list(form.names)

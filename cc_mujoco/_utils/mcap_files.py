@@ -31,7 +31,9 @@ def column_names(path: Path) -> list[str]:
     return list(_table(path))
 
 
-def read_columns(path: Path, names: Iterable[str]) -> dict[str, FloatArray]:
+def read_columns(
+    path: Path, names: Iterable[str], _switches: Iterable[str] = ()
+) -> dict[str, FloatArray]:
     """Return columns of a file (rows,) by name."""
     table = _table(path)
     return {name: table[name].copy() for name in names}
@@ -48,55 +50,33 @@ def _table(path: Path) -> dict[str, FloatArray]:
 def _read_table(path: Path, _modified: int, _size: int) -> dict[str, FloatArray]:
     """Return all columns of a file as it is now."""
     times: list[float] = []
-    rows: dict[str, list[int]] = {}
-    values: dict[str, list[float]] = {}
-    undecoded: dict[str, str] = {}
+    cells: dict[str, dict[int, float]] = {}  # by column and row
+    undecoded: set[str] = set()
     for topic, encoding, time, message in _messages(path):
         if message is None:
-            undecoded[topic] = encoding
+            undecoded.add(encoding)
             continue
-        found = False
-        for name, value in _numbers(topic, message):
-            rows.setdefault(name, []).append(len(times))
-            values.setdefault(name, []).append(value)
-            found = True
-        if found:
+        numbers = list(_numbers(topic, message))
+        for name, value in numbers:
+            cells.setdefault(name, {})[len(times)] = value
+        if numbers:
             times.append(1e-9 * time)
     if not times:
-        kinds = ", ".join(sorted(set(undecoded.values())))
+        kinds = ", ".join(sorted(undecoded))
         reason = f"its messages are {kinds}" if kinds else "it has none with numbers"
         raise CableError(
             f"{path} holds no message of ROS 2 (cdr) or in JSON that has numbers: "
             f"{reason}."
         )
     table = {TIME: np.array(times)}
-    for name, places in rows.items():
-        column = np.full(len(times), np.nan)
-        column[places] = values[name]
-        table[name] = column
+    for name, found in cells.items():
+        table[name] = np.full(len(times), np.nan)
+        table[name][[*found]] = [*found.values()]
     return table
 
 
 def _messages(path: Path) -> Iterator[tuple[str, str, int, Any]]:
     """Yield topic, encoding, time [ns] and content of each message, None if unknown."""
-    make_reader, factory = _readers(path)
-    decoders: dict[int, Callable[[bytes], Any] | None] = {}
-    with path.open("rb") as file:
-        for schema, channel, message in make_reader(file).iter_messages():
-            encoding = channel.message_encoding
-            if channel.id not in decoders:
-                decoders[channel.id] = (
-                    parse_json
-                    if encoding == "json"
-                    else factory.decoder_for(encoding, schema)
-                )
-            decode = decoders[channel.id]
-            content = None if decode is None else decode(message.data)
-            yield channel.topic, encoding, message.log_time, content
-
-
-def _readers(path: Path) -> tuple[Any, Any]:
-    """Return the function that makes a reader, and the decoders of ROS 2."""
     try:
         from mcap.reader import make_reader
         from mcap_ros2.decoder import DecoderFactory
@@ -105,7 +85,18 @@ def _readers(path: Path) -> tuple[Any, Any]:
             f"{path} needs mcap to be read: pip install 'cc_mujoco[mcap]', or "
             "convert it to CSV."
         ) from None
-    return make_reader, DecoderFactory()
+    factory = DecoderFactory()
+    decoders: dict[int, Callable[[bytes], Any] | None] = {}
+    with path.open("rb") as file:
+        for schema, channel, message in make_reader(file).iter_messages():
+            encoding = channel.message_encoding
+            if encoding == "json":
+                decoders[channel.id] = parse_json
+            elif channel.id not in decoders:
+                decoders[channel.id] = factory.decoder_for(encoding, schema)
+            decode = decoders[channel.id]
+            content = None if decode is None else decode(message.data)
+            yield channel.topic, encoding, message.log_time, content
 
 
 def _numbers(name: str, value: Any) -> Iterator[tuple[str, float]]:
@@ -119,22 +110,16 @@ def _numbers(name: str, value: Any) -> Iterator[tuple[str, float]]:
             for k, element in enumerate(value):
                 yield from _numbers(f"{name}[{k}]", element)
     else:
-        yield from _fields(name, value)
-
-
-def _fields(name: str, message: Any) -> Iterator[tuple[str, float]]:
-    fields = (
-        message
-        if isinstance(message, dict)
-        else {slot: getattr(message, slot) for slot in message.__slots__}
-    )
-    labels = _labels(fields.get("name"))
-    for key, value in fields.items():
-        if labels and isinstance(value, list) and len(value) == len(labels):
-            for label, element in zip(labels, value, strict=True):
-                yield from _numbers(f"{name}/{key}/{label}", element)
-        else:
-            yield from _numbers(f"{name}/{key}", value)
+        fields = value
+        if not isinstance(value, dict):
+            fields = {slot: getattr(value, slot) for slot in value.__slots__}
+        labels = _labels(fields.get("name"))
+        for key, inner in fields.items():
+            if labels and isinstance(inner, list) and len(inner) == len(labels):
+                for label, element in zip(labels, inner, strict=True):
+                    yield from _numbers(f"{name}/{key}/{label}", element)
+            else:
+                yield from _numbers(f"{name}/{key}", inner)
 
 
 def _labels(names: object) -> list[str]:

@@ -11,7 +11,7 @@ controls keep theirs.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -65,7 +65,9 @@ def column_names(path: Path) -> list[str]:
     return _header(path)[0]
 
 
-def read_columns(path: Path, wanted: Sequence[str]) -> dict[str, FloatArray]:
+def read_columns(
+    path: Path, wanted: Iterable[str], _switches: Iterable[str] = ()
+) -> dict[str, FloatArray]:
     """Return columns of a file (rows,) by name."""
     names, top = _header(path)
     rows: list[list[float]] = []

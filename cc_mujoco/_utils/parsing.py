@@ -37,21 +37,27 @@ def parse_json(text: str | bytes) -> Any:
         raise ValueError(_TOO_DEEP) from None
 
 
+def unreadable(what: str | Path, error: OSError) -> CableError:
+    """Return the error for a file that the system does not let us read."""
+    return CableError(f"cannot read {what}: {error.strerror or error}.")
+
+
 @contextmanager
-def one_sentence(path: Path, advice: str = "") -> Iterator[None]:
-    """Turn whatever a parser raises for a file into one sentence that names the file.
+def one_sentence(
+    path: Path, advice: str = "", kind: type[Exception] = Exception
+) -> Iterator[None]:
+    """Turn what a parser raises for a file into one sentence that names the file.
 
     It has the system's reason where there is one, and else the `advice`, a part of a
-    sentence on what would be right.
+    sentence on what would be right. `kind` are the errors that are turned.
     """
     try:
         yield
     except CableError:
         raise
-    except Exception as error:
-        reason = getattr(error, "strerror", None)
-        if reason:
-            raise CableError(f"cannot read {path}: {reason}.") from None
+    except kind as error:
+        if isinstance(error, OSError) and error.strerror:
+            raise unreadable(path, error) from None
         text = " ".join(str(error).split())[:160].rstrip(".") or type(error).__name__
         more = f"; {advice}" if advice else ""
         raise CableError(

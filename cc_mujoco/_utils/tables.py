@@ -17,12 +17,13 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from cc_mujoco._utils import array_files, mcap_files, opensim_files
 from cc_mujoco._utils.array_files import FloatArray
+from cc_mujoco._utils.parsing import unreadable
 from cc_mujoco._utils.units import Kind, unit_of, words
 from cc_mujoco.errors import CableError
 
@@ -39,16 +40,21 @@ def is_table(name: str | Path) -> bool:
     return Path(name).suffix.lower() in ENDINGS
 
 
+def _reader(path: Path) -> Any:
+    """Return the module that reads a file."""
+    for reader in _FORMATS:
+        if path.suffix.lower() in reader.ENDINGS:
+            return reader
+    from cc_mujoco._utils import arrow_files  # pyarrow takes long to load
+
+    return arrow_files
+
+
 def column_names(path: Path) -> list[str]:
     """Return the names of the columns of a file, in order."""
     with _readable(path):
-        for reader in _FORMATS:
-            if path.suffix.lower() in reader.ENDINGS:
-                names: list[str] = reader.column_names(path)
-                return names
-        from cc_mujoco._utils import arrow_files  # pyarrow takes long to load
-
-        return arrow_files.column_names(path)
+        names: list[str] = _reader(path).column_names(path)
+    return names
 
 
 def read_columns(
@@ -56,18 +62,13 @@ def read_columns(
 ) -> dict[str, FloatArray]:
     """Return the columns of a file as numbers (rows,) by name, NaN where missing.
 
-    The file has each name once; columns of `switches` may hold true and false, read as
-    1 and 0. Those of MATLAB and HDF5 files may differ in length.
+    The file has each name once; columns of `switches` may hold true and false in CSV,
+    read as 1 and 0. Those of MATLAB and HDF5 files may differ in length.
     """
-    names = list(names)
     with _readable(path):
-        for reader in _FORMATS:
-            if path.suffix.lower() in reader.ENDINGS:
-                read: dict[str, FloatArray] = reader.read_columns(path, names)
-                return read
-        from cc_mujoco._utils import arrow_files  # pyarrow takes long to load
-
-        return arrow_files.read_columns(path, names, switches)
+        read: dict[str, FloatArray]
+        read = _reader(path).read_columns(path, list(names), switches)
+    return read
 
 
 @contextmanager
@@ -78,8 +79,7 @@ def _readable(path: Path) -> Iterator[None]:
     except (UnicodeError, csv.Error) as error:
         raise CableError(f"{path} is not a text file: {error}.") from None
     except OSError as error:
-        reason = error.strerror or str(error)
-        raise CableError(f"cannot read {path}: {reason}.") from None
+        raise unreadable(path, error) from None
 
 
 def quantity_column(

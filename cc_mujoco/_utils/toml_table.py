@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cc_mujoco._utils.parsing import parse_toml
+from cc_mujoco._utils.parsing import parse_toml, unreadable
 from cc_mujoco._utils.user_code import named_in_file
 from cc_mujoco.errors import CableError
 
@@ -81,6 +81,19 @@ class Table:
             raise self.wrong(key, f"a finite number{least}")
         return value
 
+    def pairs(self, key: str, right: str) -> list[tuple[float, float]] | None:
+        """Return pairs of finite numbers, or None if they are absent."""
+        if key not in self.content:
+            return None
+        given, found = self.content[key], []
+        for pair in given if isinstance(given, list) else [given]:
+            match [finite(each) for each in pair] if isinstance(pair, list) else []:
+                case [float(first), float(second)]:
+                    found.append((first, second))
+                case _:
+                    raise self.wrong(key, right)
+        return found
+
     def choice(self, key: str, allowed: Iterable[str]) -> str | None:
         """Return one of the allowed words, or None if it is absent."""
         value = self.text(key)
@@ -105,8 +118,7 @@ def read_toml(path: Path, what: str = "") -> Table:
     try:
         content = parse_toml(path.read_bytes().decode("utf-8-sig"))
     except OSError as error:
-        reason = error.strerror or str(error)
-        raise CableError(f"cannot read {what}{path}: {reason}.") from None
+        raise unreadable(f"{what}{path}", error) from None
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise CableError(f"{path} is not a TOML file: {error}.") from None
     return Table(str(path), content)

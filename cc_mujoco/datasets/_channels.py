@@ -27,8 +27,6 @@ ANGLES = (MOTOR_ANGLE, JOINT_ANGLE)
 TORQUES = (MOTOR_TORQUE, JOINT_TORQUE)
 MAIN_CHANNELS = (MOTOR_ANGLE, MOTOR_TORQUE, JOINT_ANGLE, JOINT_TORQUE)
 REQUIRED_CHANNELS = (TIME, *MAIN_CHANNELS)
-NON_TENSION_CHANNELS = (*MAIN_CHANNELS, MOTOR_CURRENT, TEMPERATURE)
-"""Channels of a trial other than tensions and time."""
 
 TENSION_TEMPLATE = "tension_<cable>_<proximal|distal>_n"
 _TENSION_PATTERN = re.compile(r"tension_(?:(.+)_)?(proximal|distal)_n")

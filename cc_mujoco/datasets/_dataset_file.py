@@ -94,7 +94,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 from cc_mujoco._utils.tables import ENDINGS
-from cc_mujoco._utils.toml_table import Table, finite, read_toml
+from cc_mujoco._utils.toml_table import Table, read_toml
 from cc_mujoco.datasets import _channels as channels
 from cc_mujoco.datasets._data_findings import DataFinding, warning
 from cc_mujoco.datasets._rig_table import LOAD_CONSTANTS, read_rig
@@ -211,12 +211,10 @@ class DatasetFile:
         that were not given but may be meant; only looked at where none of the trials
         is.
         """
-        unread = (
-            {path: self._trial_of(path) for path in others}
-            if self._names_unknown_trial(names)
-            else {}
-        )
-        everything = {**unread, **names}
+        repeated = [k["repeat_of"] for k in self.facts.values() if "repeat_of" in k]
+        everything = dict(names)
+        if not all(_matches_any(names, name) for name in (*self.facts, *repeated)):
+            everything = {path: self._trial_of(path) for path in others} | everything
         absent: list[DataFinding] = []
         for pattern, known in self.facts.items():
             where = f"{self.path}, [trials.{pattern!r}]"
@@ -246,16 +244,6 @@ class DatasetFile:
                 if found := part.match_wildcard(path):
                     return trial.replace("*", found[1])
         return path.stem
-
-    def _names_unknown_trial(self, names: Mapping[Path, str]) -> bool:
-        """Return whether the file mentions a trial that is not among these."""
-        mentioned = [
-            *self.facts,
-            *(known.get("repeat_of") for known in self.facts.values()),
-        ]
-        return not all(
-            _matches_any(names, name) for name in mentioned if name is not None
-        )
 
 
 def read_dataset_file(path: str | Path) -> DatasetFile:
@@ -396,20 +384,12 @@ def _facts(table: Table) -> dict[str, Any]:
 
 def _time_stretches(table: Table) -> tuple[tuple[float, float], ...] | None:
     """Return the stretches of time, or None if they are not there."""
-    given = table.content.get("valid")
-    if given is None:
+    right = "a list of [from, to] in seconds, from before to"
+    stretches = table.pairs("valid", right)
+    if stretches is None:
         return None
-    error = table.wrong("valid", "a list of [from, to] in seconds, from before to")
-    if not isinstance(given, list):
-        raise error
-    stretches = []
-    for pair in given:
-        if not isinstance(pair, list) or len(pair) != 2:
-            raise error
-        start, stop = finite(pair[0]), finite(pair[1])
-        if start is None or stop is None or not start < stop:
-            raise error
-        stretches.append((start, stop))
+    if any(start >= stop for start, stop in stretches):
+        raise table.wrong("valid", right)
     return tuple(stretches)
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from cc_mujoco._utils.toml_table import Table, finite
+from cc_mujoco._utils.toml_table import Table
 from cc_mujoco.datasets import _channels as channels
 from cc_mujoco.datasets._trials import Constant
 from cc_mujoco.errors import CableError
@@ -108,21 +108,16 @@ def read_rig(table: Table) -> dict[str, Constant]:
 
 
 def _angle_pairs(table: Table) -> dict[str, Constant]:
-    given = table.content["angle_pairs"]
-    pairs = given if isinstance(given, list) else []
-    known = [
-        [float(each) for each in pair if finite(each) is not None]
-        for pair in pairs
-        if isinstance(pair, list)
-    ]
-    if not pairs or [len(pair) for pair in known] != [2] * len(pairs):
-        raise table.wrong("angle_pairs", "a list of [motor, joint] angles in radians")
+    right = "a list of [motor, joint] angles in radians"
+    pairs = table.pairs("angle_pairs", right)
+    if not pairs:
+        raise table.wrong("angle_pairs", right)
     if "joint_radius" in table.content:
         raise CableError(
             f"{table.where}: `angle_pairs` give the radius at the joint; leave "
             "`joint_radius` out."
         )
-    return fit_angle_pairs(known, f"{table.where}, angle_pairs")
+    return fit_angle_pairs(pairs, f"{table.where}, angle_pairs")
 
 
 MIN_PAIRS = 5

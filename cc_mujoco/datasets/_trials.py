@@ -19,7 +19,7 @@ from typing import Literal, NamedTuple
 
 from cc_mujoco.datasets import _channels as channels
 from cc_mujoco.datasets._channels import TORQUES
-from cc_mujoco.errors import CableError
+from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.native import FloatArray as FloatArray
 
 Instrument = Literal["torque sensor", "load cells", "motor current", "known load"]
@@ -185,19 +185,24 @@ class Trial:
         return self.samples * self.step
 
     @property
+    def _signals(self) -> dict[str, FloatArray]:
+        """The measured channels by name, time aside."""
+        signals = {
+            channels.MOTOR_ANGLE: self.motor_angle if self.motor_angle.size else None,
+            channels.MOTOR_TORQUE: self.motor_torque,
+            channels.JOINT_ANGLE: self.joint_angle,
+            channels.JOINT_TORQUE: self.joint_torque,
+            **self.tensions,
+            **self.others,
+            channels.MOTOR_CURRENT: self.motor_current,
+            channels.TEMPERATURE: self.temperature,
+        }
+        return {name: value for name, value in signals.items() if value is not None}
+
+    @property
     def channels(self) -> tuple[str, ...]:
         """Names of the measured channels, time aside."""
-        own = {name: self._plain(name) for name in channels.NON_TENSION_CHANNELS}
-        return (
-            *(name for name in channels.MAIN_CHANNELS if own[name] is not None),
-            *self.tensions,
-            *self.others,
-            *(
-                name
-                for name in (channels.MOTOR_CURRENT, channels.TEMPERATURE)
-                if own[name] is not None
-            ),
-        )
+        return tuple(self._signals)
 
     def channel(self, name: str) -> FloatArray:
         """Return the samples of a channel by its name, for example `joint_torque_nm`.
@@ -205,24 +210,9 @@ class Trial:
         Raises:
             CableError: the trial has no such channel.
         """
-        for kind in (self.tensions, self.others):
-            if name in kind:
-                return kind[name]
-        found = self._plain(name)
-        if found is None:
-            raise CableError.unknown("channel", name, self.channels)
-        return found
-
-    def _plain(self, name: str) -> FloatArray | None:
-        return {
-            channels.TIME: self.time,
-            channels.MOTOR_ANGLE: self.motor_angle if self.motor_angle.size else None,
-            channels.MOTOR_TORQUE: self.motor_torque,
-            channels.MOTOR_CURRENT: self.motor_current,
-            channels.JOINT_ANGLE: self.joint_angle,
-            channels.JOINT_TORQUE: self.joint_torque,
-            channels.TEMPERATURE: self.temperature,
-        }.get(name)
+        if name == channels.TIME:
+            return self.time
+        return look_up("channel", name, self._signals)
 
     @property
     def ends_held(self) -> bool:

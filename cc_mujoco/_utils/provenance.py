@@ -155,13 +155,8 @@ def is_user_controller(controller: str) -> bool:
 
 
 @cache
-def _is_user_file(path: str) -> bool:
-    """Return whether a path is a user's file: not of Python, nor of a package."""
-    return os.path.isabs(path) and not path.startswith(_library_folders())
-
-
-@cache
 def _library_folders() -> tuple[str, ...]:
+    """Return the folders of Python and of packages, whose files are no user's."""
     places = [sysconfig.get_path(n) for n in ("stdlib", "platstdlib", "purelib",
               "platlib")]  # fmt: skip
     places += [*site.getsitepackages(), site.getusersitepackages()]
@@ -239,8 +234,12 @@ def _imported(path: str) -> set[str]:
                 names |= {start, *(f"{start}.{alias.name}" for alias in node.names)}
     # A package runs before what lies in it.
     names |= {n[:i] for n in names for i, c in enumerate(n) if c == "."}
-    found = {_source_path(sys.modules.get(name)) for name in names}
-    return {source for source in found if source and _is_user_file(source)}
+    found = {_source_path(sys.modules.get(name)) or "" for name in names}
+    return {
+        source
+        for source in found
+        if os.path.isabs(source) and not source.startswith(_library_folders())
+    }
 
 
 def _source_path(module: ModuleType | None) -> str | None:

@@ -51,27 +51,16 @@ _KINDS = {
 }
 
 _UNIT_HINTS = {
-    **dict.fromkeys(
-        ("mm", "cm"), "a length; over the radius of its pulley it is an angle in rad"
-    ),
-    **dict.fromkeys(("rpm", "rps"), "a speed; its integral over time is an angle"),
-    **dict.fromkeys(
-        ("kg", "lb", "lbs"), "a mass; its weight is a force, in kgf or in lbf"
-    ),
-    **dict.fromkeys(
-        ("ma", "amp"),
-        "a current; times the torque constant it is a motor's torque: call it "
-        "motor_current_a or motor_current_ma and declare [rig] torque_constant",
-    ),
-    **dict.fromkeys(
-        ("mv", "volt"), "a voltage; apply the calibration of its sensor first"
-    ),
-    **dict.fromkeys(
-        map(str.lower, FORCE.factors),
-        "a force; times the radius of its pulley it is a torque",
-    ),
+    "mm cm": "a length; over the radius of its pulley it is an angle in rad",
+    "rpm rps": "a speed; its integral over time is an angle",
+    "kg lb lbs": "a mass; its weight is a force, in kgf or in lbf",
+    "ma amp": "a current; times the torque constant it is a motor's torque: call it "
+    "motor_current_a or motor_current_ma and declare [rig] torque_constant",
+    "mv volt": "a voltage; apply the calibration of its sensor first",
+    " ".join(FORCE.factors).lower(): "a force; times the radius of its pulley it is a "
+    "torque",
 }
-"""Hint by unit suffix: the quantity of the reading, and its conversion to a channel."""
+"""Hint by unit suffixes: the quantity of the reading, and its conversion."""
 
 
 def kind_of(channel: str) -> Kind:
@@ -150,4 +139,7 @@ def tension_channel(column: str) -> str:
 
 def explain_unknown_column(column: str) -> str:
     """Return the quantity of a column without a channel by its unit, and advice."""
-    return _UNIT_HINTS.get(last_word(column), "")
+    unit = last_word(column)
+    return next(
+        (hint for units, hint in _UNIT_HINTS.items() if unit in units.split()), ""
+    )

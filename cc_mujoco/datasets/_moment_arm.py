@@ -58,16 +58,15 @@ def lever_of(
     joint = single_hinge(model, names, what, driven)
     dof = int(model.joint(joint).dofadr[0])
     place = int(model.joint(joint).qposadr[0])
-    angles = swept_angles(model, joint)
-    lengths, arms = np.empty((2, LEVER_ANGLE_COUNT))
-    for k, angle in enumerate(angles):
+    poses = np.append(swept_angles(model, joint), 0.0)
+    lengths, arms = np.empty((2, poses.size))
+    for k, angle in enumerate(poses):
         data.qpos[place] = angle
-        arms[k], lengths[k] = _tendon_state(model, data, row, dof)
-    data.qpos[place] = 0.0
-    arm, length = _tendon_state(model, data, row, dof)
-    radius, lever = make_lever(
-        angles, gear * (lengths - length), gear * arms, gear * arm, where
-    )
+        mujoco.mj_fwdPosition(model, data)
+        arms[k], lengths[k] = _tendon_arms(model, data, row)[dof], data.ten_length[row]
+    arms *= gear
+    let = gear * (lengths[:-1] - lengths[-1])
+    radius, lever = make_lever(poses[:-1], let, arms[:-1], float(arms[-1]), where)
     return joint, radius, lever
 
 
@@ -130,14 +129,6 @@ def make_lever(
         np.ascontiguousarray(arms[kept][::way] / arm),
         sign,
     )
-
-
-def _tendon_state(
-    model: mujoco.MjModel, data: mujoco.MjData, row: int, dof: int
-) -> tuple[float, float]:
-    """Change of a tendon's length with a joint, and the length."""
-    mujoco.mj_fwdPosition(model, data)
-    return float(_tendon_arms(model, data, row)[dof]), float(data.ten_length[row])
 
 
 def _tendon_arms(model: mujoco.MjModel, data: mujoco.MjData, row: int) -> FloatArray:

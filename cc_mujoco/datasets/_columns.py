@@ -66,15 +66,14 @@ def _only_column(where: str, places: Sequence[str], channel: str) -> str | None:
 def time_column(where: str, names: Sequence[str], given: PartFile) -> tuple[str, str]:
     """Return the column and unit of the times of a file."""
     if given.time is not None:
-        name = find_column(where, channels.TIME, given.time, names)
+        places = [find_column(where, channels.TIME, given.time, names)]
     else:
         places = _spelled_columns(channels.TIME, names)
         # PlotJuggler calls it `__time`.
         places = places or columns_named("__time", names) or [*stamp_columns(names)]
-        column = _only_column(where, places, channels.TIME)
-        if column is None:
-            raise _missing_column(where, channels.TIME, channels.TIME, names)
-        name = column
+    name = _only_column(where, places, channels.TIME)
+    if name is None:
+        raise _missing_column(where, channels.TIME, channels.TIME, names)
     spelled = channels.spellings(channels.TIME).get(channels.bare_name(name))
     return name, given.unit or spelled or channels.CLOCK.unit
 
@@ -94,10 +93,10 @@ def channel_sources(
     found: dict[str, str] = {}
     absent = []
     needed = [channels.other_angle(joint) for joint in others]
-    if strange := [c for c in file.columns if channels.is_other_angle(c)]:
-        if unknown := [c for c in strange if c not in needed]:
+    for channel in file.columns:
+        if channels.is_other_angle(channel) and channel not in needed:
             known = [*channels.REQUIRED_CHANNELS, *needed]
-            raise CableError.unknown(f"channel in {file.path}", unknown[0], known)
+            raise CableError.unknown(f"channel in {file.path}", channel, known)
     needed += channels.MAIN_CHANNELS
     for channel in dict.fromkeys([*needed, *file.columns, *optional]):
         source = file.source(channel)
@@ -187,11 +186,9 @@ def _missing_column(
 def _names_other_side(column: str, channel: str) -> bool:
     """Return whether the name of a column speaks of the other end of the cable only."""
     word = column.lower()
-    sides = {
-        side: any(each in word for each in words) for side, words in _SIDE_WORDS.items()
-    }
+    named = [s for s, words in _SIDE_WORDS.items() if any(w in word for w in words)]
     own = channel.partition("_")[0]
-    return own in sides and not sides[own] and any(sides.values())
+    return own in _SIDE_WORDS and bool(named) and own not in named
 
 
 def _nearest_name(name: str, names: Sequence[str], cutoff: float = 0.6) -> str:

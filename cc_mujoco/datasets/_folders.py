@@ -105,11 +105,11 @@ def occasion_folders(paths: Sequence[str | os.PathLike[str]]) -> dict[str, Path]
 
 def occasion_of(path: Path, folders: Mapping[str, Path]) -> str:
     """Return the occasion of a file in one of the folders, "" without folders."""
-    here = path.resolve()
-    inside = [
-        n for n, folder in folders.items() if here.is_relative_to(folder.resolve())
-    ]
-    return inside[-1] if inside else ""
+    here, occasion = path.resolve(), ""
+    for name, folder in folders.items():
+        if here.is_relative_to(folder.resolve()):
+            occasion = name
+    return occasion
 
 
 def check_occasions(trials: Sequence[Trial]) -> list[DataFinding]:

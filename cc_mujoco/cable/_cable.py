@@ -120,11 +120,7 @@ class Cable:
     friction: float = parameter(
         unit="1", bounds=(0.0, 5.0), default=0.15,
         meaning="kinetic Coulomb coefficient mu_d (2.6)",
-        term=Term(
-            equation="dT/dx = s mu_d T/R",
-            source="thesis 2.6, 2.10",
-            acts_on="coefficient",
-        ),
+        term=Term("dT/dx = s mu_d T/R", "thesis 2.6, 2.10", "coefficient"),
     )  # fmt: skip
     static_friction: float = parameter(
         unit="1", bounds=(0.0, 5.0), default=0.0,
@@ -133,15 +129,12 @@ class Cable:
             "`friction`"
         ),
         term=Term(
-            equation=(
+            (
                 "mu_s holds a segment at rest; mu_d + (mu_s - mu_d) "
                 "exp(-slip/critical_slip_distance)"
             ),
-            source=(
-                "thesis 2.7, 2.17; slip weakening after Ida, J. Geophys. Res. 77, 1972"
-            ),
-            acts_on="coefficient", depends_on=("history",),
-            constant_without="critical_slip_distance",
+            "thesis 2.7, 2.17; slip weakening after Ida, J. Geophys. Res. 77, 1972",
+            "coefficient", ("history",), "critical_slip_distance",
         ),
     )  # fmt: skip
     critical_slip_distance: float = parameter(
@@ -153,19 +146,15 @@ class Cable:
     viscous_friction: float = parameter(
         unit="N s/m^2", bounds=(0.0, 1e6), default=0.0,
         meaning="drag per conduit length and slip speed; 0 is off",
-        term=Term(
-            equation="dT/dx = c v",
-            source="thesis 2.4.4, Fig. 2.13",
-            acts_on="drag", depends_on=("rate",),
-        ),
+        term=Term("dT/dx = c v", "thesis 2.4.4, Fig. 2.13", "drag", ("rate",)),
     )  # fmt: skip
     stribeck_friction: float = parameter(
         unit="1", bounds=(0.0, 5.0), default=0.0,
         meaning="extra friction coefficient at vanishing slip speed; 0 is off",
         term=Term(
-            equation="mu += mu_b ((1 - q) exp(-d) + q/(1 + d)), d = (|v|/v_b)^p",
-            source=("Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994"),
-            acts_on="coefficient", depends_on=("rate",),
+            "mu += mu_b ((1 - q) exp(-d) + q/(1 + d)), d = (|v|/v_b)^p",
+            "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994",
+            "coefficient", ("rate",),
         ),
     )  # fmt: skip
     stribeck_speed: float = parameter(
@@ -184,27 +173,24 @@ class Cable:
         unit="N/m", bounds=(0.0, 1e5), default=0.0,
         meaning="drag per conduit length that needs no tension; 0 is off",
         term=Term(
-            equation="dT/dx = s f_0",
-            source=("capstan intercept; Palli and Melchiorri, Mechatronics 24, 2014"),
-            acts_on="drag",
+            "dT/dx = s f_0",
+            "capstan intercept; Palli and Melchiorri, Mechatronics 24, 2014", "drag",
         ),
     )  # fmt: skip
     seal_proximal: float = parameter(
         unit="N", bounds=(0.0, 1e5), default=0.0,
         meaning="drag of the seal at the proximal end; needs no tension; 0 is off",
         term=Term(
-            equation="T jumps by s F at the proximal end",
-            source="dry friction of wipers and ferrules",
-            acts_on="drag",
+            "T jumps by s F at the proximal end", "dry friction of wipers and ferrules",
+            "drag",
         ),
     )  # fmt: skip
     seal_distal: float = parameter(
         unit="N", bounds=(0.0, 1e5), default=0.0,
         meaning="the same at the distal end of the conduit",
         term=Term(
-            equation="T jumps by s F at the distal end",
-            source="dry friction of wipers and ferrules",
-            acts_on="drag",
+            "T jumps by s F at the distal end", "dry friction of wipers and ferrules",
+            "drag",
         ),
     )  # fmt: skip
     friction_asymmetry: float = parameter(
@@ -213,32 +199,23 @@ class Cable:
             "a: friction times 1 + a for slip towards proximal, 1 - a towards distal"
         ),
         term=Term(
-            equation="mu *= 1 + a towards proximal, 1 - a towards distal",
-            source=(
-                "direction-dependent efficiency, e.g. the drive and "
-                "backdrive friction of Duclusaud et al., arXiv 2410.08650, "
-                "2024"
+            "mu *= 1 + a towards proximal, 1 - a towards distal",
+            (
+                "direction-dependent efficiency, e.g. the drive and backdrive friction "
+                "of Duclusaud et al., arXiv 2410.08650, 2024"
             ),
-            acts_on="coefficient", depends_on=("direction",),
+            "coefficient", ("direction",),
         ),
     )  # fmt: skip
     end_compliance: float = parameter(
         unit="m/N", bounds=(0.0, 1.0), default=0.0,
         meaning="spring between the cable and its distal end; 0 is off",
-        term=Term(
-            equation="u_distal += C T_distal",
-            source="springs in series",
-            acts_on="elasticity",
-        ),
+        term=Term("u_distal += C T_distal", "springs in series", "elasticity"),
     )  # fmt: skip
     proximal_compliance: float = parameter(
         unit="m/N", bounds=(0.0, 1.0), default=0.0,
         meaning="the same at the proximal end",
-        term=Term(
-            equation="u_proximal -= C T_proximal",
-            source="springs in series",
-            acts_on="elasticity",
-        ),
+        term=Term("u_proximal -= C T_proximal", "springs in series", "elasticity"),
     )  # fmt: skip
     bristle_length: float = parameter(
         unit="m", bounds=(0.0, 1.0), default=0.0,
@@ -246,13 +223,12 @@ class Cable:
             "elastic displacement over which friction builds up (presliding); 0 is off"
         ),
         term=Term(
-            equation="dF/dw = F_Coulomb/z_b until F = F_Coulomb",
-            source=(
-                "elastic-plastic limit of Dahl, Aerospace Corp. TOR-0158, "
-                "1968; with normal force, Palli and Melchiorri, "
-                "Mechatronics 24, 2014"
+            "dF/dw = F_Coulomb/z_b until F = F_Coulomb",
+            (
+                "elastic-plastic limit of Dahl, Aerospace Corp. TOR-0158, 1968; with "
+                "normal force, Palli and Melchiorri, Mechatronics 24, 2014"
             ),
-            acts_on="elasticity", depends_on=("history",),
+            "elasticity", ("history",),
         ),
     )  # fmt: skip
     tension_exponent: float = parameter(
@@ -261,11 +237,9 @@ class Cable:
             "e: friction times (T / pretension)^e, T at least 1 % of the pretension"
         ),
         term=Term(
-            equation="mu *= (T/T_0)^e",
-            source=(
-                "Howell's F = a N^n, e.g. Jung, Pan, Kang, Tribology Int. 41, 2008"
-            ),
-            acts_on="coefficient", depends_on=("load",),
+            "mu *= (T/T_0)^e",
+            "Howell's F = a N^n, e.g. Jung, Pan, Kang, Tribology Int. 41, 2008",
+            "coefficient", ("load",),
         ),
     )  # fmt: skip
     ageing_friction: float = parameter(
@@ -276,12 +250,12 @@ class Cable:
             "off"
         ),
         term=Term(
-            equation="mu += beta ln(1 + t/t_0) with contacts of age t",
-            source=(
-                "Dieterich, Pure Appl. Geophys. 116, 1978; Ruina, J. "
-                "Geophys. Res. 88, 1983"
+            "mu += beta ln(1 + t/t_0) with contacts of age t",
+            (
+                "Dieterich, Pure Appl. Geophys. 116, 1978; Ruina, J. Geophys. Res. 88, "
+                "1983"
             ),
-            acts_on="coefficient", depends_on=("history", "time"),
+            "coefficient", ("history", "time"),
         ),
     )  # fmt: skip
     ageing_time: float = parameter(
@@ -294,9 +268,9 @@ class Cable:
             "g: wrap angles times 1 + g u, u the distal displacement from the rest pose"
         ),
         term=Term(
-            equation=("wrap angle *= 1 + g u_distal, in the last part of the conduit"),
-            source="a routing that bends with the joint; thesis Experiment 1b",
-            acts_on="coefficient", depends_on=("place",),
+            "wrap angle *= 1 + g u_distal, in the last part of the conduit",
+            "a routing that bends with the joint; thesis Experiment 1b", "coefficient",
+            ("place",),
         ),
     )  # fmt: skip
     wrap_reach: float = parameter(
@@ -307,18 +281,16 @@ class Cable:
         unit="1/s", bounds=(-1e3, 1e3), default=0.0,
         meaning="d: friction times 1 + d t + h W, t the time since the start",
         term=Term(
-            equation="mu *= 1 + d t",
-            source="wear and weather, thesis 3.2.3",
-            acts_on="coefficient", depends_on=("time",),
+            "mu *= 1 + d t", "wear and weather, thesis 3.2.3", "coefficient", ("time",),
         ),
     )  # fmt: skip
     friction_heating: float = parameter(
         unit="1/J", bounds=(-1e3, 1e3), default=0.0,
         meaning="h: of the heat W that friction left in the conduit; 0 is off",
         term=Term(
-            equation="mu *= 1 + h W, dW/dt = friction power - W/t_c",
-            source="a liner that warms up by its own friction, one thermal mass",
-            acts_on="coefficient", depends_on=("time",),
+            "mu *= 1 + h W, dW/dt = friction power - W/t_c",
+            "a liner that warms up by its own friction, one thermal mass",
+            "coefficient", ("time",),
         ),
     )  # fmt: skip
     cooling_time: float = parameter(
@@ -332,9 +304,9 @@ class Cable:
             "`axial_stiffness` is that of the taut cable; 0 is off"
         ),
         term=Term(
-            equation="strain = T / EA + e T / (T + T_b)",
-            source="constructional stretch of ropes, as their makers give it",
-            acts_on="elasticity", depends_on=("load",),
+            "strain = T / EA + e T / (T + T_b)",
+            "constructional stretch of ropes, as their makers give it", "elasticity",
+            ("load",),
         ),
     )  # fmt: skip
     bedding_tension: float = parameter(
@@ -348,9 +320,9 @@ class Cable:
             "wrap where it is taut; 0 is off"
         ),
         term=Term(
-            equation="path -= c theta T / (T + T_c)",
-            source="geometry: slack cable lies at the outer wall, taut at the inner",
-            acts_on="elasticity", depends_on=("load",),
+            "path -= c theta T / (T + T_c)",
+            "geometry: slack cable lies at the outer wall, taut at the inner",
+            "elasticity", ("load",),
         ),
     )  # fmt: skip
     seating_tension: float = parameter(
@@ -364,9 +336,8 @@ class Cable:
             "the cable grows longer; 0 is off"
         ),
         term=Term(
-            equation="T_0 *= 1 - c (1 - exp(-t/t_c))",
-            source="standard linear solid",
-            acts_on="elasticity", depends_on=("time",),
+            "T_0 *= 1 - c (1 - exp(-t/t_c))", "standard linear solid", "elasticity",
+            ("time",),
         ),
     )  # fmt: skip
     relaxation_time: float = parameter(
@@ -380,18 +351,18 @@ class Cable:
             "proximal end, per tension above `clamp_force`; 0 is off"
         ),
         term=Term(
-            equation="ds/dt = c max(T_proximal - F, 0), the path shorter by s",
-            source="plastic flow above a yield force, Bingham 1922",
-            acts_on="elasticity", depends_on=("history", "time"),
+            "ds/dt = c max(T_proximal - F, 0), the path shorter by s",
+            "plastic flow above a yield force, Bingham 1922", "elasticity",
+            ("history", "time"),
         ),
     )  # fmt: skip
     clamp_creep_distal: float = parameter(
         unit="m/(N s)", bounds=(0.0, 1.0), default=0.0,
         meaning="the same at the distal end",
         term=Term(
-            equation="ds/dt = c max(T_distal - F, 0), the path shorter by s",
-            source="plastic flow above a yield force, Bingham 1922",
-            acts_on="elasticity", depends_on=("history", "time"),
+            "ds/dt = c max(T_distal - F, 0), the path shorter by s",
+            "plastic flow above a yield force, Bingham 1922", "elasticity",
+            ("history", "time"),
         ),
     )  # fmt: skip
     clamp_force: float = parameter(
@@ -404,11 +375,7 @@ class Cable:
             "e: lever of the cable on the proximal pulley plus e cos(q - phase) at "
             "its angle q; 0 is off"
         ),
-        term=Term(
-            equation="r + e cos(q - phase)",
-            source="geometry",
-            acts_on="pulley", depends_on=("place",),
-        ),
+        term=Term("r + e cos(q - phase)", "geometry", "pulley", ("place",)),
     )  # fmt: skip
     eccentricity_phase: float = parameter(
         unit="rad", bounds=(-10.0, 10.0), default=0.0,
@@ -420,11 +387,7 @@ class Cable:
     ovality: float = parameter(
         unit="m", bounds=(0.0, 0.1), default=0.0,
         meaning="o: radius of the proximal pulley plus o cos(2 q - phase); 0 is off",
-        term=Term(
-            equation="r + o cos(2 q - phase)",
-            source="geometry",
-            acts_on="pulley", depends_on=("place",),
-        ),
+        term=Term("r + o cos(2 q - phase)", "geometry", "pulley", ("place",)),
     )  # fmt: skip
     ovality_phase: float = parameter(
         unit="rad", bounds=(-10.0, 10.0), default=0.0,
@@ -434,12 +397,12 @@ class Cable:
         unit="N/m", bounds=(0.0, 1e6), default=0.0,
         meaning="g: drag of grease per conduit length at a slip of 1 m/s; 0 is off",
         term=Term(
-            equation="dT/dx = s g |v|^n",
-            source=(
+            "dT/dx = s g |v|^n",
+            (
                 "Herschel and Bulkley, Kolloid-Zeitschrift 39, 1926; its yield stress "
                 "is `load_independent_friction`"
             ),
-            acts_on="drag", depends_on=("rate",),
+            "drag", ("rate",),
         ),
     )  # fmt: skip
     grease_exponent: float = parameter(

@@ -104,14 +104,8 @@ class CoupledCables:
             raise CableError("the angles of a motion must be finite")
         if not (math.isfinite(dt) and dt > 0.0):
             raise CableError(f"time step is {dt!r} s; it must be positive and finite")
-        played = np.array(
-            [
-                self._played(cable, course, sign, dt, motor, joint)
-                for cable, course, sign in zip(
-                    self.cables, self.courses, (-1.0, 1.0), strict=False
-                )
-            ]
-        )
+        each = zip(self.cables, self.courses, (-1.0, 1.0), strict=False)
+        played = np.array([self._played(*own, dt, motor, joint) for own in each])
         proximal, distal, torque, pull, lost = np.moveaxis(played, 0, 1)
         torques = pull.sum(axis=0), torque.sum(axis=0)
         return Driven(motor, torques[0], joint, torques[1], proximal, distal, lost)

@@ -20,6 +20,8 @@ it does while coefficients are constant. It says so when it fails, and
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from cc_mujoco.native import FloatArray, compiled, internal
 
 LIMIT_TOLERANCE = 1e-11
@@ -46,28 +48,52 @@ def overcome_direction(
     return 0
 
 
-@internal
-def _carry_relation(
-    c: float,
-    e: float,
-    growth: float,
-    drag: float,
-    compliance: float,
-    before: float,
-    inward: bool,
-) -> tuple[float, float, float, float]:
-    """Carry w = c T - e across a segment slipping inward or outward and a spring.
+class CoulombChain(NamedTuple):
+    """Nodes (n + 1,) and segments (n,) of a step in which friction is constant."""
 
-    Returns the relation at the segment's other node before that node's spring, of
-    `compliance` and tension `before` the step, and after it.
+    tension: FloatArray  # of the nodes before the step, negative where slack [N]
+    compliance: FloatArray  # of the nodes [m/N]
+    half: FloatArray  # compliance of half of each segment [m/N]
+    growth: FloatArray  # E of the segments, see `_friction.py`
+    hold_distal: FloatArray  # H of the segments against motion that way
+    hold_proximal: FloatArray
+    drag: FloatArray  # B of the segments [N]
+
+
+class _Front(NamedTuple):
+    """Relations of displacement and tension behind a front, from one end.
+
+    They are w = c T - e behind the spring of a node, and w = a T - b at the far end of
+    a segment before the spring there; from the distal end of -w, mirrored.
     """
-    if inward:
-        a = c * (1.0 / growth)
-        b = e + a * drag
+
+    a: FloatArray
+    b: FloatArray
+    c: FloatArray
+    e: FloatArray
+
+
+@internal
+def _front(work: FloatArray, m: int) -> _Front:
+    return _Front(work[:m], work[m : 2 * m], work[2 * m : 3 * m], work[3 * m :])
+
+
+@internal
+def _carry(front: _Front, near: int, far: int, chain: CoulombChain, way: int) -> None:
+    """Carry a front from one node to the next, across a segment that slips.
+
+    `way` is above 0 where it slips inward.
+    """
+    s, c, e = min(near, far), front.c[near], front.e[near]
+    growth, drag = chain.growth[s], chain.drag[s]
+    if way > 0:
+        front.a[s] = c * (1.0 / growth)
+        front.b[s] = e + front.a[s] * drag
     else:
-        a = c * growth
-        b = e - c * drag
-    return a, b, a + compliance, b + compliance * before
+        front.a[s] = c * growth
+        front.b[s] = e - c * drag
+    front.c[far] = front.a[s] + chain.compliance[far]
+    front.e[far] = front.b[s] + chain.compliance[far] * chain.tension[far]
 
 
 @internal
@@ -134,13 +160,7 @@ def _null_slip(
 @compiled
 def march(
     n: int,
-    tension: FloatArray,
-    compliance: FloatArray,
-    half: FloatArray,
-    growth: FloatArray,
-    hold_distal: FloatArray,
-    hold_proximal: FloatArray,
-    drag: FloatArray,
+    chain: CoulombChain,
     proximal: float,
     distal: float,
     shift: FloatArray,
@@ -149,23 +169,18 @@ def march(
 ) -> bool:
     """Solve one step by marching the two fronts; return whether that applies.
 
-    Nodes (n + 1,) have `tension` before the step [N], negative where slack, and
-    `compliance` [m/N]. Segments (n,) have half of theirs, `growth` E, `hold_distal` and
-    `hold_proximal` H against motion that way, and `drag` B [N], see `_friction.py`. The
-    ends move by `proximal` and `distal` [m]. Out, undefined where the march does not
-    apply: `shift` (n,), slip in this step [m], and the tensions `node`. `work` holds (8
-    (n + 1),).
+    The ends move by `proximal` and `distal` [m]. Out, undefined where the march does
+    not apply: `shift` (n,), slip in this step [m], and the tensions `node`. `work`
+    holds (8 (n + 1),).
     """
     m = n + 1
-    # w_i = proximal_c T_i - proximal_e after the spring of node i and proximal_a
-    # T_{i+1} - proximal_b before that of node i + 1; from the distal end the same for
-    # -w, mirrored.
-    proximal_a, proximal_b = work[:m], work[m : 2 * m]
-    proximal_c, proximal_e = work[2 * m : 3 * m], work[3 * m : 4 * m]
-    distal_a, distal_b = work[4 * m : 5 * m], work[5 * m : 6 * m]
-    distal_c, distal_e = work[6 * m : 7 * m], work[7 * m : 8 * m]
-    proximal_c[0], proximal_e[0] = compliance[0], compliance[0] * tension[0] - proximal
-    distal_c[n], distal_e[n] = compliance[n], compliance[n] * tension[n] + distal
+    tension, compliance, half = chain.tension, chain.compliance, chain.half
+    growth, drag = chain.growth, chain.drag
+    hold_distal, hold_proximal = chain.hold_distal, chain.hold_proximal
+    left = _front(work[: 4 * m], m)  # of the proximal end
+    right = _front(work[4 * m : 8 * m], m)
+    left.c[0], left.e[0] = compliance[0], compliance[0] * tension[0] - proximal
+    right.c[n], right.e[n] = compliance[n], compliance[n] * tension[n] + distal
     i, j = 0, n  # segments < i belong to the proximal front, >= j to the distal one
     proximal_direction, distal_direction = 0, 0
     at_meeting, inner, outer = 0.0, 0.0, 0.0
@@ -174,14 +189,14 @@ def march(
         if i == j:
             # Every segment slips: the two relations meet at node i.
             if i < n:
-                whole = proximal_c[i] + distal_a[i]
-                at_meeting = (proximal_e[i] + distal_b[i]) / whole
-                outer = proximal_c[i] * at_meeting - proximal_e[i]
+                whole = left.c[i] + right.a[i]
+                at_meeting = (left.e[i] + right.b[i]) / whole
+                outer = left.c[i] * at_meeting - left.e[i]
             else:
-                whole = proximal_a[n - 1] + distal_c[n]
-                at_meeting = (proximal_b[n - 1] + distal_e[n]) / whole
+                whole = left.a[n - 1] + right.c[n]
+                at_meeting = (left.b[n - 1] + right.e[n]) / whole
             if i > 0:
-                inner = proximal_a[i - 1] * at_meeting - proximal_b[i - 1]
+                inner = left.a[i - 1] * at_meeting - left.b[i - 1]
             if i > 0 and inner * float(proximal_direction) < 0.0:
                 i -= 1
                 if i == 0:
@@ -196,9 +211,9 @@ def march(
             break
         s = i
         last = i + 1 == j
-        ahead = distal_e[j] / distal_c[j] if last else tension[i + 1]
+        ahead = right.e[j] / right.c[j] if last else tension[i + 1]
         slip_direction = overcome_direction(
-            max(proximal_e[i] / proximal_c[i], 0.0), max(ahead, 0.0), hold_distal[i],
+            max(left.e[i] / left.c[i], 0.0), max(ahead, 0.0), hold_distal[i],
             hold_proximal[i], drag[i],
         )  # fmt: skip
         from_proximal = slip_direction != 0
@@ -210,7 +225,7 @@ def march(
             if not last:
                 s = j - 1
                 slip_direction = overcome_direction(
-                    max(tension[s], 0.0), max(distal_e[j] / distal_c[j], 0.0),
+                    max(tension[s], 0.0), max(right.e[j] / right.c[j], 0.0),
                     hold_distal[s], hold_proximal[s], drag[s],
                 )  # fmt: skip
             if slip_direction == 0:
@@ -221,20 +236,12 @@ def march(
                 return False
             proximal_direction = slip_direction
             i += 1
-            proximal_a[s], proximal_b[s], proximal_c[i], proximal_e[i] = (
-                _carry_relation(
-                    proximal_c[s], proximal_e[s], growth[s], drag[s],
-                    compliance[i], tension[i], slip_direction > 0,
-                )
-            )  # fmt: skip
+            _carry(left, s, i, chain, slip_direction)
         else:
             if distal_direction == -slip_direction:
                 return False
             distal_direction = slip_direction
-            distal_a[s], distal_b[s], distal_c[s], distal_e[s] = _carry_relation(
-                distal_c[j], distal_e[j], growth[s], drag[s],
-                compliance[s], tension[s], slip_direction < 0,
-            )  # fmt: skip
+            _carry(right, j, s, chain, -slip_direction)
             j -= 1
     if not settled:
         return False
@@ -250,49 +257,39 @@ def march(
                     i -= 1
             elif proximal * float(slip_direction) < 0.0:
                 for s in range(j - 1, 0, -1):
-                    distal_a[s], distal_b[s], distal_c[s], distal_e[s] = (
-                        _carry_relation(
-                            distal_c[s + 1], distal_e[s + 1], growth[s], drag[s],
-                            compliance[s], tension[s], slip_direction < 0,
-                        )
-                    )  # fmt: skip
+                    _carry(right, s + 1, s, chain, -slip_direction)
                 distal_direction = slip_direction
                 i = 0
             else:
                 for s in range(i, n - 1):
-                    after = _carry_relation(
-                        proximal_c[s], proximal_e[s], growth[s], drag[s],
-                        compliance[s + 1], tension[s + 1], slip_direction > 0,
-                    )  # fmt: skip
-                    proximal_a[s], proximal_b[s] = after[0], after[1]
-                    proximal_c[s + 1], proximal_e[s + 1] = after[2], after[3]
+                    _carry(left, s, s + 1, chain, slip_direction)
                 proximal_direction = slip_direction
                 i = n - 1
             j = i + 1
         # Fronts come to the null point from both sides, so friction there is kinetic,
         # unless only static friction holds the segment as a whole.
         turning = met or not overcome_direction(
-            max(proximal_e[i] / proximal_c[i], 0.0),
-            max(distal_e[j] / distal_c[j], 0.0), growth[i], growth[i], drag[i],
+            max(left.e[i] / left.c[i], 0.0),
+            max(right.e[j] / right.c[j], 0.0), growth[i], growth[i], drag[i],
         )  # fmt: skip
         moved = 0
         while turning:
             at_null = _null_slip(
-                proximal_e[i] / proximal_c[i], 1.0 / proximal_c[i],
-                distal_e[j] / distal_c[j], 1.0 / distal_c[j],
+                left.e[i] / left.c[i], 1.0 / left.c[i],
+                right.e[j] / right.c[j], 1.0 / right.c[j],
                 1.0 if distal > 0.0 else -1.0,
                 tension[i], tension[j], growth[i], drag[i], 1.0 / half[i],
             )  # fmt: skip
             # A neighbour that would slip against its front has the null point.
             beyond = 0
             if j < n:
-                at = (distal_e[j] - at_null) / distal_c[j]
-                slip = (distal_b[j] - distal_a[j] * at) * float(distal_direction)
+                at = (right.e[j] - at_null) / right.c[j]
+                slip = (right.b[j] - right.a[j] * at) * float(distal_direction)
                 if slip < -LIMIT_TOLERANCE * abs(at) * compliance[j]:
                     beyond = 1
             if i > 0:
-                at = (proximal_e[i] + at_null) / proximal_c[i]
-                slip = proximal_a[i - 1] * at - proximal_b[i - 1]
+                at = (left.e[i] + at_null) / left.c[i]
+                slip = left.a[i - 1] * at - left.b[i - 1]
                 slip *= float(proximal_direction)
                 if slip < -LIMIT_TOLERANCE * abs(at) * compliance[i]:
                     beyond = -1 if beyond == 0 else 2
@@ -305,46 +302,36 @@ def march(
                 proximal_direction = (
                     -distal_direction if proximal_direction == 0 else proximal_direction
                 )
-                proximal_a[i], proximal_b[i], proximal_c[j], proximal_e[j] = (
-                    _carry_relation(
-                        proximal_c[i], proximal_e[i], growth[i], drag[i],
-                        compliance[j], tension[j], proximal_direction > 0,
-                    )
-                )  # fmt: skip
+                _carry(left, i, j, chain, proximal_direction)
             else:
                 distal_direction = (
                     -proximal_direction if distal_direction == 0 else distal_direction
                 )
-                distal_a[i], distal_b[i], distal_c[i], distal_e[i] = _carry_relation(
-                    distal_c[j], distal_e[j], growth[i], drag[i],
-                    compliance[i], tension[i], distal_direction < 0,
-                )  # fmt: skip
+                _carry(right, j, i, chain, -distal_direction)
             i, j = i + beyond, j + beyond
     for s in range(i, j):
         shift[s] = at_null
     for s in range(i + 1, j):
         node[s] = tension[s]
     if i < j:
-        node[i] = (proximal_e[i] + at_null) / proximal_c[i]
-        node[j] = (distal_e[j] - at_null) / distal_c[j]
+        node[i] = (left.e[i] + at_null) / left.c[i]
+        node[j] = (right.e[j] - at_null) / right.c[j]
     else:
         node[i] = at_meeting
     at = node[i]
     for s in range(i - 1, -1, -1):
-        shift[s] = proximal_a[s] * at - proximal_b[s]
-        at = (
-            (at - drag[s]) / growth[s]
-            if proximal_direction > 0
-            else growth[s] * at + drag[s]
-        )
+        shift[s] = left.a[s] * at - left.b[s]
+        if proximal_direction > 0:
+            at = (at - drag[s]) / growth[s]
+        else:
+            at = growth[s] * at + drag[s]
         node[s] = at
     at = node[j]
     for s in range(j, n):
-        shift[s] = distal_b[s] - distal_a[s] * at
-        at = (
-            (at - drag[s]) / growth[s]
-            if distal_direction < 0
-            else growth[s] * at + drag[s]
-        )
+        shift[s] = right.b[s] - right.a[s] * at
+        if distal_direction < 0:
+            at = (at - drag[s]) / growth[s]
+        else:
+            at = growth[s] * at + drag[s]
         node[s + 1] = at
     return True

@@ -29,13 +29,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco.cable._chain_solve import (
-    Chain,
-    break_away,
-    lay_slack,
-    slipping,
-    solve,
-)
+from cc_mujoco.cable._chain_solve import Chain, break_away, lay_slack, slipping, solve
 from cc_mujoco.cable._fronts import LIMIT_TOLERANCE, overcome_direction
 from cc_mujoco.native import FloatArray, compiled, internal
 

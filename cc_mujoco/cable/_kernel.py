@@ -40,7 +40,7 @@ from cc_mujoco.cable._coefficients import (
 )
 from cc_mujoco.cable._coefficients import written_size as written_size
 from cc_mujoco.cable._friction import PLACE
-from cc_mujoco.cable._fronts import march
+from cc_mujoco.cable._fronts import CoulombChain, march
 from cc_mujoco.cable._graph import sweep
 from cc_mujoco.cable._layout import STATE_HEADER as STATE_HEADER
 from cc_mujoco.cable._layout import node_stiffness as node_stiffness
@@ -251,13 +251,16 @@ def begin_step(
         for i in range(n + 1):
             stretch += nodes.node_stretch(prm, n, i, tension[i])
     stretch += distal_moved - proximal_moved
+    chain = CoulombChain(
+        tension, at.node_compliance(prm, n), at.half_compliance(prm, n), growth,
+        hold_distal, hold_proximal, drag,
+    )  # fmt: skip
     free = prm[PLACE.load_independent_friction] + prm[PLACE.seal_proximal]
     dragged = free + prm[PLACE.seal_distal] > 0.0  # by friction that needs no tension
     if nodes.is_curved(prm):
         solved = stretch > 0.0 and nonlinear_elasticity.march_linearized(
-            prm, n, tension, growth, hold_distal, hold_proximal, drag,
-            proximal_moved, distal_moved, shift, node, work,
-        )  # fmt: skip
+            prm, n, chain, proximal_moved, distal_moved, shift, node, work
+        )
     elif stretch <= 0.0 and not dragged:
         lay_evenly(
             0, n, tension, at.node_stiffness(prm, n), proximal_moved, True,
@@ -266,11 +269,7 @@ def begin_step(
         node[:] = 0.0
         solved = True
     else:
-        solved = march(
-            n, tension, at.node_compliance(prm, n), at.half_compliance(prm, n),
-            growth, hold_distal, hold_proximal, drag, proximal_moved, distal_moved,
-            shift, node, work,
-        )  # fmt: skip
+        solved = march(n, chain, proximal_moved, distal_moved, shift, node, work)
     return MARCHED if solved and node[0] >= 0.0 and node[n] >= 0.0 else UNSOLVED
 
 

@@ -11,16 +11,13 @@ from __future__ import annotations
 from cc_mujoco.cable import _elasticity as elastic
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable import _nodes as nodes
-from cc_mujoco.cable._fronts import march
+from cc_mujoco.cable._fronts import CoulombChain, march
 from cc_mujoco.native import FloatArray, internal
 
 LINEARIZATION_TOLERANCE = 1e-5
 """Error of a tension, of the largest one, up to which a straight line will do."""
-_MAX_MARCHES = 8
-_LINE_ROW, _HALF_ROW = (
-    1,
-    2,
-)  # rows of scratch: the line of every node, half of every segment
+# Rows of scratch: the line of every node, half of every segment.
+_LINE_ROW, _HALF_ROW = 1, 2
 
 
 @internal
@@ -39,11 +36,7 @@ def tangent_stiffness(
 def march_linearized(
     prm: FloatArray,
     n: int,
-    tension: FloatArray,
-    growth: FloatArray,
-    hold_distal: FloatArray,
-    hold_proximal: FloatArray,
-    drag: FloatArray,
+    chain: CoulombChain,
     proximal: float,
     distal: float,
     shift: FloatArray,
@@ -54,18 +47,19 @@ def march_linearized(
 
     Return False where the march does not apply or its rounds do not settle.
     """
+    tension, growth, drag = chain.tension, chain.growth, chain.drag
     compliance, half = at.node_row(work, n, _LINE_ROW), at.node_row(work, n, _HALF_ROW)
+    line = CoulombChain(
+        tension, compliance, half, growth, chain.hold_distal, chain.hold_proximal, drag
+    )
     for i in range(n + 1):
         compliance[i] = elastic.compliance_at(nodes.node_piece(prm, n, i), tension[i])
     if proximal * distal < 0.0:
         for j in range(n):
             mean = 0.5 * (tension[j] + tension[j + 1])
             half[j] = elastic.compliance_at(nodes.half_piece(prm, n, j), mean)
-    for _ in range(_MAX_MARCHES):
-        if not march(
-            n, tension, compliance, half, growth, hold_distal, hold_proximal, drag,
-            proximal, distal, shift, node, work,
-        ):  # fmt: skip
+    for _ in range(8):  # rounds
+        if not march(n, line, proximal, distal, shift, node, work):
             return False
         largest = 0.0
         for i in range(n + 1):

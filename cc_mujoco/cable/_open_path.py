@@ -64,14 +64,8 @@ from cc_mujoco.cable._path_geometry import (
 from cc_mujoco.native import FloatArray, compiled, internal
 
 _CONTACT, _EXTENT = 1, 2
-_LENGTH, _TOTAL, _TOUCH, _LENGTH_BEFORE, _TOUCH_POINT, _TOUCH_DIRECTION = (
-    3,
-    4,
-    5,
-    6,
-    7,
-    10,
-)
+_LENGTH, _TOTAL, _TOUCH, _LENGTH_BEFORE = 3, 4, 5, 6
+_TOUCH_POINT, _TOUCH_DIRECTION = 7, 10
 _ROWS = _TOUCH_DIRECTION + 3
 """Rows of a shape, for every node; those of a span are at its first node. From
 `_LENGTH` on they are remembered: length of the node, length of the span, what is

@@ -21,13 +21,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco.cable._chain_solve import (
-    Chain,
-    break_away,
-    lay_slack,
-    slipping,
-    solve,
-)
+from cc_mujoco.cable._chain_solve import Chain, break_away, lay_slack, slipping, solve
 from cc_mujoco.native import FloatArray, compiled, internal
 
 _MAX_ROUNDS = 20
@@ -44,10 +38,9 @@ _MIN_STIFFNESS_RATIO = 1e-9
 @internal
 def _limits(chain: Chain, s: int, proximal: float, w: float) -> tuple[float, float]:
     """Return the least and most tension on the right that Coulomb friction allows."""
-    drag, c = chain.drag[s], chain.viscosity[s]
-    return (proximal - drag + c * w) / chain.hold_proximal[s], chain.hold_distal[
-        s
-    ] * proximal + drag + c * w
+    drag, viscous = chain.drag[s], chain.viscosity[s] * w
+    least = (proximal - drag + viscous) / chain.hold_proximal[s]
+    return least, chain.hold_distal[s] * proximal + drag + viscous
 
 
 @internal

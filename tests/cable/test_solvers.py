@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cc_mujoco.cable._chain_solve import Chain
-from cc_mujoco.cable._fronts import march
+from cc_mujoco.cable._fronts import CoulombChain, march
 from cc_mujoco.cable._graph import solve_by_graph, solve_with_slack, sweep
 from cc_mujoco.native import FloatArray
 
@@ -26,10 +26,9 @@ def chain(rng, n, drag):
 
 def by_march(n, tension, stiffness, growth, drag, proximal, distal):
     shift, node, work = np.empty(n), np.empty(n + 1), np.zeros(10 * (n + 1))
-    ok = march(
-        n, tension, 1.0 / stiffness, np.full(n, 1.0 / stiffness[0]), growth, growth,
-        growth, drag, proximal, distal, shift, node, work,
-    )  # fmt: skip
+    half = np.full(n, 1.0 / stiffness[0])
+    given = CoulombChain(tension, 1.0 / stiffness, half, growth, growth, growth, drag)
+    ok = march(n, given, proximal, distal, shift, node, work)
     return ok, shift, node
 
 

@@ -144,12 +144,8 @@ def _design(law: LinearQuadraticGaussian, rigidity: float) -> tuple[Design, floa
     seen = np.zeros((2, STATES))
     seen[0, STRETCH] = 1.0
     seen[1, STRETCH], seen[1, LACK] = rigidity / ratio, 1.0
-    noise = np.diag(
-        [
-            (3e-4 * (1.0 + abs(ratio))) ** 2,  # 3e-4 rad: deviation of an angle
-            max(drive.torque_noise, 1e-4 * most) ** 2,
-        ]
-    )
+    angles = 3e-4 * (1.0 + abs(ratio))  # 3e-4 rad: deviation of an angle
+    noise = np.diag([angles**2, max(drive.torque_noise, 1e-4 * most) ** 2])
     walk = np.zeros(STATES)
     walk[LOAD] = (law.load_walk * most / ratio) ** 2 * period
     walk[LACK] = (law.lack_walk * most) ** 2 * period
@@ -169,10 +165,5 @@ def _design(law: LinearQuadraticGaussian, rigidity: float) -> tuple[Design, floa
     value = solve_discrete_are(a[:2, :2], b[:2], cost, effort)
     own = b[:2].T @ value
     regulator = np.linalg.solve(effort + own @ b[:2], own @ a[:2, :2])
-    design = Design(
-        np.ascontiguousarray(step[:STATES]),
-        seen,
-        np.ascontiguousarray(gain),
-        np.ascontiguousarray(regulator[0]),
-    )
-    return design, slip
+    parts = step[:STATES], seen, gain, regulator[0]
+    return Design(*map(np.ascontiguousarray, parts)), slip

@@ -132,11 +132,9 @@ class CableModel:
         self.gain: FloatArray = np.ones((rows, cables))
         self._fresh: NDArray[np.bool_] = np.ones(rows, dtype=np.bool_)
         scratch = np.empty((SCRATCH_ROWS, cables))
+        each = zip(self.state, self.arm, self.slip_direction, self.gain, strict=True)
         self._models = [
-            Model(self.cables, *own, scratch, self.new, self.work)
-            for own in zip(
-                self.state, self.arm, self.slip_direction, self.gain, strict=True
-            )
+            Model(self.cables, *own, scratch, self.new, self.work) for own in each
         ]
 
 

@@ -278,13 +278,9 @@ class Coupling:
             seen = drive.observed
             scale = max(map(abs, drive.reach)) if seen is None else seen.units[4]
             scales[place] = min(scales[place], scale)
-        self.tables = CouplingTables(
-            np.array(self._own),
-            np.where(one_way, np.where(pulled, held, 0.0), -math.inf),
-            high.astype(float),
-            safe,
-            scales,
-        )
+        least = np.where(one_way, np.where(pulled, held, 0.0), -math.inf)
+        own_joints, most = np.array(self._own), high.astype(float)
+        self.tables = CouplingTables(own_joints, least, most, safe, scales)
 
     def ratios(self, seen: Sequence[Mapping[str, Any]], count: int) -> Array:
         """Return the present torque ratios, (n, joints, axes), of n environments.

@@ -304,12 +304,9 @@ class PrandtlIshlinskii(HysteresisModel):
         slope = np.ptp(joint) / np.ptp(motor)
         low = np.zeros(columns.shape[1])
         low[0], low[PLAYS:-1], low[-1] = 0.1 * slope, 0.1, -np.inf
-        found = lsq_linear(
-            np.vstack([columns, heavy * fixed]),
-            np.append(np.zeros(joint.size), heavy),
-            bounds=(low, np.full(low.size, np.inf)),
-            tol=1e-12,
-        ).x
+        matrix = np.vstack([columns, heavy * fixed])
+        right = np.append(np.zeros(joint.size), heavy)
+        found = lsq_linear(matrix, right, bounds=(low, np.inf), tol=1e-12).x
         weights = np.maximum(found[:PLAYS], 0.0)
         values = found[-1] + width * np.concatenate([[0.0], np.cumsum(found[PLAYS:-1])])
         return cls(*(tuple(v.tolist()) for v in (thresholds, weights, knots, values)))

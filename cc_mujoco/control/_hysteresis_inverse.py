@@ -153,17 +153,14 @@ class CableCourse:
         self, cables: Sequence[CableDrive], parameters: CableParameters
     ) -> None:
         """Prepare at rest; `cables` are those of the data sheet."""
-        own = [
-            dataclasses.replace(
-                one,
-                cable=one.cable.replace(
-                    friction=parameters.friction * one.cable.friction,
-                    static_friction=parameters.friction * one.cable.static_friction,
-                    pretension=parameters.pretension * one.cable.pretension,
-                ),
+        own = []
+        for one in cables:
+            cable = one.cable.replace(
+                friction=parameters.friction * one.cable.friction,
+                static_friction=parameters.friction * one.cable.static_friction,
+                pretension=parameters.pretension * one.cable.pretension,
             )
-            for one in cables
-        ]
+            own.append(dataclasses.replace(one, cable=cable))
         self._cables = stepper_cables(own)
         self._ratio = cables[0].distal / cables[0].proximal
         self._stiffness = parameters.joint_stiffness

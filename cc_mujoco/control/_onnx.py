@@ -87,9 +87,8 @@ def _graph(onnx: Any, network: Network) -> Any:
         far = constant("least", -network.far), constant("most", network.far)
         x = node("Min", node("Max", x, far[0]), far[1])
     last = len(network.weights) - 1
-    for place, (weights, biases) in enumerate(
-        zip(network.weights, network.biases, strict=True)
-    ):
+    layers = zip(network.weights, network.biases, strict=True)
+    for place, (weights, biases) in enumerate(layers):
         x = node("MatMul", x, constant(f"{place}.weight", weights.T))
         x = node("Add", x, constant(f"{place}.bias", biases))
         if place < last and network.activation in _OPERATORS:

@@ -329,9 +329,8 @@ def write_policy(
     each = (observed,) if isinstance(observed, Observed) else tuple(observed)
     _require_fit(network, each)
     tensors = {"mean": network.mean, "deviation": network.deviation}
-    for place, (weights, biases) in enumerate(
-        zip(network.weights, network.biases, strict=True)
-    ):
+    layers = zip(network.weights, network.biases, strict=True)
+    for place, (weights, biases) in enumerate(layers):
         tensors |= {f"{place}.weight": weights, f"{place}.bias": biases}
     about = {
         "observed": [own.to_dict() for own in each],

@@ -189,11 +189,9 @@ class PredictiveCompensation(SteppedController):
         require_known_cables(drive)
         pair = len(drive.cables) > 1
         usual = (300.0, 900.0, 0.12, 0.5) if pair else (200.0, 600.0, 0.0, 2.0)
+        given = zip((bandwidth, rotor, caution, tolerance), usual, strict=True)
         bandwidth, rotor, caution, tolerance = (
-            by_default if given is None else given
-            for given, by_default in zip(
-                (bandwidth, rotor, caution, tolerance), usual, strict=True
-            )
+            by_default if own is None else own for own, by_default in given
         )
         require_number("bandwidth", bandwidth, 1.0, 1e5, "rad/s")
         require_number("horizon", horizon, drive.period, 10.0, "s")

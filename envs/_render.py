@@ -48,11 +48,8 @@ def free_view(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjvCamera:
     moving = solid & (model.body_weldid[model.geom_bodyid] > 0)
     lows = data.geom_xpos - model.geom_rbound[:, None]
     highs = data.geom_xpos + model.geom_rbound[:, None]
-    boxes = [
-        (lows[shown].min(axis=0), highs[shown].max(axis=0))
-        for shown in (moving, solid)
-        if shown.any()
-    ]
+    parts = [shown for shown in (moving, solid) if shown.any()]
+    boxes = [(lows[shown].min(axis=0), highs[shown].max(axis=0)) for shown in parts]
     if not boxes:
         return camera
     spans = [float(np.linalg.norm(high - low)) for low, high in boxes]

@@ -88,9 +88,6 @@ class RslRl(VecEnv):  # type: ignore[misc]
         if over.any():
             self._seen, _ = self.env.reset(options={"reset_mask": over})
             self.episode_length_buf[torch.from_numpy(over)] = 0
-        return (
-            self.get_observations(),
-            torch.from_numpy(rewards.astype(np.float32)),
-            torch.from_numpy(over).long(),
-            {"time_outs": torch.from_numpy(over & ~failed)},
-        )
+        gained = torch.from_numpy(rewards.astype(np.float32))
+        extras = {"time_outs": torch.from_numpy(over & ~failed)}
+        return self.get_observations(), gained, torch.from_numpy(over).long(), extras

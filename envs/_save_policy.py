@@ -84,25 +84,19 @@ def _of_rsl_rl(runner: Any) -> tuple[Network, Any]:
 
 
 def _of_stable_baselines(model: Any) -> tuple[Network, Any]:
-    from stable_baselines3.common.vec_env import (
-        SubprocVecEnv,
-        VecEnvWrapper,
-        VecMonitor,
-        VecNormalize,
-        VecVideoRecorder,
-    )
+    from stable_baselines3.common import vec_env
 
     inner, normal = model.get_env(), None
-    while isinstance(inner, VecEnvWrapper):
-        if isinstance(inner, VecNormalize):
+    while isinstance(inner, vec_env.VecEnvWrapper):
+        if isinstance(inner, vec_env.VecNormalize):
             normal = inner
-        elif not isinstance(inner, (VecMonitor, VecVideoRecorder)):
+        elif not isinstance(inner, (vec_env.VecMonitor, vec_env.VecVideoRecorder)):
             raise CableError(
                 f"save_policy cannot save through {type(inner).__name__}, which may "
                 "change observations; train without it."
             )
         inner = inner.venv
-    if isinstance(inner, SubprocVecEnv):
+    if isinstance(inner, vec_env.SubprocVecEnv):
         raise CableError(
             "save_policy cannot look into the processes of SubprocVecEnv; train on "
             "DummyVecEnv, or on StableBaselines, which is faster."

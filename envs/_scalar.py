@@ -18,14 +18,10 @@ from cc_mujoco.device import Device, Plant, find_device
 from cc_mujoco.device._model import load
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Trajectory, Wearer
+from cc_mujoco.simulation import _worn_device as worn_device
 from cc_mujoco.simulation._batch import Simulation
 from cc_mujoco.simulation._episodes import REWARD, REWARD_TERMS, Episodes
-from cc_mujoco.simulation._worn_device import (
-    DrivenEnvironment,
-    TaskChoice,
-    WornDevice,
-    refuse_unknown,
-)
+from cc_mujoco.simulation._worn_device import DrivenEnvironment, TaskChoice
 
 from ._info import LazyInfo
 from ._render import RENDER_METADATA, SceneRenderer, check_mode
@@ -168,7 +164,7 @@ class DeviceEnv(
         **unknown: Any,
     ) -> None:
         """Load the scene; see the class for the arguments."""
-        refuse_unknown(unknown, DeviceEnv)
+        worn_device.refuse_unknown(unknown, DeviceEnv)
         given = trajectory, task, duration, frame_skip, wearer
         more = hold, history, memory, randomise, smoothness
         EzPickle.__init__(self, device, *given, render_mode, model, *more)
@@ -176,7 +172,7 @@ class DeviceEnv(
         found = find_device(device)
         model = load(found) if model is None else copy.copy(model)
         self.device: Device = found
-        self.exo = WornDevice(found.description, model, *given, *more)
+        self.exo = worn_device.WornDevice(found.description, model, *given, *more)
         self.metadata = {**self.metadata, "render_fps": round(1 / self.exo.period)}
         self.render_mode = render_mode
         self.observation_space: Any = self.exo.observation_space

@@ -10,6 +10,7 @@ Needs `pip install 'cc_mujoco[policy]'`.
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import gymnasium
@@ -114,11 +115,8 @@ class StableBaselines(VecEnv):  # type: ignore[misc]
 
     def get_images(self) -> list[NDArray[np.uint8] | None]:
         """Return a picture of each (height, width, 3), or None without a mode."""
-        return [
-            picture
-            for env in self.envs
-            for picture in env.render() or [None] * env.num_envs
-        ]
+        drawn = (env.render() or [None] * env.num_envs for env in self.envs)
+        return list(itertools.chain.from_iterable(drawn))
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
         """Return an attribute of the vector environment that each one is in."""

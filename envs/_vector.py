@@ -20,14 +20,10 @@ from cc_mujoco.device import Device, find_device
 from cc_mujoco.device._model import Array, load
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Trajectory, Wearer
+from cc_mujoco.simulation import _worn_device as worn_device
 from cc_mujoco.simulation._batch import Simulations, Worlds
 from cc_mujoco.simulation._episodes import REWARD, REWARD_TERMS, TERMS, Episodes
-from cc_mujoco.simulation._worn_device import (
-    DrivenEnvironment,
-    TaskChoice,
-    WornDevice,
-    refuse_unknown,
-)
+from cc_mujoco.simulation._worn_device import DrivenEnvironment, TaskChoice
 
 from ._info import LazyInfo
 from ._registration import BACKENDS
@@ -93,7 +89,7 @@ class DeviceVectorEnv(
         Raises:
             CableError: If an argument cannot be used.
         """
-        refuse_unknown(unknown, DeviceVectorEnv)
+        worn_device.refuse_unknown(unknown, DeviceVectorEnv)
         given = trajectory, task, duration, frame_skip, wearer
         more = hold, history, memory, randomise, smoothness
         how = render_mode, max_episode_steps, threads, autoreset_mode
@@ -124,7 +120,7 @@ class DeviceVectorEnv(
         found = find_device(device)
         model = load(found, drawn=render_mode is not None)
         self.device: Device = found
-        self.exo = exo = WornDevice(found.description, model, *given, *more)
+        self.exo = exo = worn_device.WornDevice(found.description, model, *given, *more)
         rate = {"render_fps": round(1 / self.exo.period)}
         self.metadata = {**self.metadata, **rate, "autoreset_mode": self.mode}
         self.render_mode = render_mode
@@ -265,9 +261,8 @@ class DeviceVectorEnv(
 
         Drawn 30 times per simulated second; in between they are the last ones again.
         """
-        return self._screen.render(
-            self.simulations.physics.qpos, self._episodes.samples
-        )
+        poses = self.simulations.physics.qpos
+        return self._screen.render(poses, self._episodes.samples)
 
     def close_extras(self, **kwargs: Any) -> None:
         """Free the renderer."""
@@ -299,9 +294,8 @@ class DeviceVectorEnv(
             masks &= described
         info: dict[str, Any] = {}
         numbers = np.empty((len(columns), self.num_envs))
-        for (name, value), mask, row in zip(
-            columns.items(), masks, numbers, strict=True
-        ):
+        each = zip(columns.items(), masks, numbers, strict=True)
+        for (name, value), mask, row in each:
             if value.ndim == 1:
                 row[:] = value
                 value = row

@@ -113,9 +113,8 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
         render_mode: str | None = None,
     ) -> None:
         """Load the scene; see the class for the arguments."""
-        EzPickle.__init__(
-            self, transmission, cable, adaptation, policy, duration, render_mode
-        )
+        given = transmission, cable, adaptation, policy, duration, render_mode
+        EzPickle.__init__(self, *given)
         check_mode(render_mode)
         look_up("transmission", transmission, TRANSMISSIONS)
         if not isinstance(cable, Cable):
@@ -225,17 +224,13 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
             help_ = self._help()
             motors = self._ropes.motor_power(data)
             self._meter.add(power, help_ * data.qvel[ankles], motors, period)
-            energy += period * walking_body.metabolic_energy(
-                np.maximum(power, 0.0).sum(), np.minimum(power, 0.0).sum()
-            )
+            work = np.maximum(power, 0.0).sum(), np.minimum(power, 0.0).sum()
+            energy += period * walking_body.metabolic_energy(*work)
         self._expected.observe(phase, self._help()[None])
         self._sample += 1
         fallen = body.has_fallen(data) or bool(data.warning.number.any())
-        terms = (
-            MUSCLE_PERIOD - 10.0 * fallen,
-            -energy / 500.0,
-            -0.05 * MUSCLE_PERIOD * float(np.mean(given**2)),
-        )
+        effort = -0.05 * MUSCLE_PERIOD * float(np.mean(given**2))
+        terms = MUSCLE_PERIOD - 10.0 * fallen, -energy / 500.0, effort
         over = self._sample * MUSCLE_PERIOD >= self.duration - 1e-9
         return self._observation(), sum(terms), fallen, over, self._info(*terms)
 
@@ -252,9 +247,8 @@ class WalkingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], EzPick
         ankle = data.qpos[body.qpos[:, 2]] / 0.2, data.qvel[body.dof[:, 2]] / 2.0
         motor = ropes.wound(data) / 0.02, data.qvel[ropes.dof] / 5.0
         pull = ropes.tensions(data)[0] / 300.0
-        frame = np.stack(
-            (np.sin(turn), np.cos(turn), *ankle, *motor, pull, load), axis=1
-        )
+        columns = np.sin(turn), np.cos(turn), *ankle, *motor, pull, load
+        frame = np.stack(columns, axis=1)
         return np.asarray(np.clip(frame.ravel(), -10.0, 10.0), np.float32)
 
     def _info(self, alive: float, person: float, effort: float) -> dict[str, Any]:
@@ -298,25 +292,17 @@ def _walking_model(transmission: str, cable: Cable) -> mujoco.MjModel:
             "and `bend` as they are."
         )
     # Fields of a cable that follow from where it lies in the scene
-    numbers = {
-        field.name: getattr(cable, field.name)
-        for field in dataclasses.fields(cable)
-        if field.name not in ("conduit", "route", "path", "mouth", "guides")
-    }
+    placed = "conduit", "route", "path", "mouth", "guides"
+    names = [one.name for one in dataclasses.fields(cable) if one.name not in placed]
+    numbers = {name: getattr(cable, name) for name in names}
     spec = mujoco.MjSpec.from_file(str(walking_body.SCENE))
     for side in WALKING_SIDES:
         if transmission == "cable":
-            add_cable(
-                spec,
-                f"{side}_cable",
-                motor=f"{side}_motor",
-                joint=f"{side}_ankle",
-                drum=DRUM,
-                lever=f"{side}_lever",
-                route=[f"{side}_conduit_end"],
-                conduit=[(one.length, one.radius) for one in cable.conduit],
-                **numbers,
-            )
+            conduit = [(one.length, one.radius) for one in cable.conduit]
+            where: Any = {"motor": f"{side}_motor", "joint": f"{side}_ankle"}
+            where |= {"lever": f"{side}_lever", "route": [f"{side}_conduit_end"]}
+            where |= {"drum": DRUM, "conduit": conduit}
+            add_cable(spec, f"{side}_cable", **where, **numbers)
             drive = spec.add_actuator(name=f"{side}_drive", target=f"{side}_motor")
             drive.trntype = mujoco.mjtTrn.mjTRN_JOINT
         if transmission == "ideal":
@@ -339,18 +325,16 @@ class _Ropes:
         motors = [model.joint(f"{side}_motor") for side in WALKING_SIDES]
         self._qpos = np.array([joint.qposadr[0] for joint in motors])
         self.dof = np.array([joint.dofadr[0] for joint in motors])
-        self._sites = [
-            [model.site(f"{side}_{name}").id for side in WALKING_SIDES]
-            for name in ("conduit_end", "lever")
-        ]
+        ends = [model.site(f"{side}_conduit_end").id for side in WALKING_SIDES]
+        levers = [model.site(f"{side}_lever").id for side in WALKING_SIDES]
+        self._sites = ends, levers
         self._feet = [model.body(f"{side}_foot").id for side in WALKING_SIDES]
         if self._hooked:
             self._drives = [model.actuator(f"{s}_drive").id for s in WALKING_SIDES]
         if self._cabled:
-            self._ends = [
-                [model.actuator(f"{side}_cable_{end}").id for side in WALKING_SIDES]
-                for end in ("proximal", "distal")
-            ]
+            cables = [f"{side}_cable" for side in WALKING_SIDES]
+            near = [model.actuator(f"{cable}_proximal").id for cable in cables]
+            self._ends = [near, [model.actuator(f"{c}_distal").id for c in cables]]
         self._length = model.tendon_length0[self._ropes]
 
     def start(self, data: mujoco.MjData) -> None:

@@ -37,7 +37,6 @@ from cc_mujoco.device._moment_arm import Arms, moments
 from cc_mujoco.device._mover import FILTERS, MotorLimits, Mover, joint_actuators
 from cc_mujoco.device._sensors import Sensing
 from cc_mujoco.errors import CableError, CableWarning
-from cc_mujoco.human import Wearer
 from cc_mujoco.plugin._engine import PLUGIN
 from cc_mujoco.plugin._mjcf import instances
 from cc_mujoco.plugin._spec import add_element, error_sentence
@@ -101,10 +100,8 @@ class _Found(NamedTuple):
 
     axis: Axis
     keys: Keys
-    largest: float
-    """Largest torque at the joint without friction [N m]."""
-    arm: float
-    """Arm of the cable at the joint in the neutral pose [m/rad]."""
+    largest: float  # torque at the joint without friction [N m]
+    arm: float  # of the cable at the joint in the neutral pose [m/rad]
 
 
 def describe(spec: mujoco.MjSpec, scene: str, table: Table) -> Description:
@@ -139,12 +136,7 @@ def describe(spec: mujoco.MjSpec, scene: str, table: Table) -> Description:
         label = f"{one.axis.name}." if len(found) > 1 else ""
         keys.sources.update((label + k, v) for k, v in one.keys.sources.items())
     movers = _movers(whole, [one.axis for one in found], keys)
-    axes = [
-        _add_cuff(whole, one.axis, one.keys.table.table("cuff"))
-        if "cuff" in one.keys.table.content
-        else one.axis
-        for one in found
-    ]
+    axes = [_with_cuff(whole, one) for one in found]
     rope = Keys(table.table("rope"), keys.sources)
     rope.table.only("strength", "diameter")
     hysteresis = hysteresis_of(table.table("hysteresis"))
@@ -314,12 +306,10 @@ def _axes(scene: _Scene, file: Table) -> list[_Found]:
         )
     given = _axis_tables(file, wound)
     # The order of the file, then that of the scene.
-    tables = given | {
-        name: Table(f"scene {scene.name}, motor {name!r}", {})
-        for name in wound
-        if name not in given
-    }
-    found = [_axis(scene, name, wound[name], own) for name, own in tables.items()]
+    where = f"scene {scene.name}, motor"
+    tables = {n: Table(f"{where} {n!r}", {}) for n in wound if n not in given}
+    each = (given | tables).items()
+    found = [_axis(scene, name, wound[name], own) for name, own in each]
     found = _separated(found, scene.cables)
     names = [one.axis.name for one in found]
     for twice in names:
@@ -376,16 +366,13 @@ def _axis(scene: _Scene, name: str, wound: Sequence[str], table: Table) -> _Foun
     one_way = len({arm < 0.0 for arm in drums.values()}) == 1
     # Two cables that turn the joint the same way hold each other taut.
     against = [n for n in own if joints[n] * drums[n] * distal * proximal < 0.0]
-    one_sense = not against
     if against:
-        warnings.warn(
+        _warn(
             f"motor {name!r} turns joint {moved!r} one way by cable {own[0]!r} and the "
             f"other way by cable {against[0]!r}, so that they only pull against each "
-            "other; one of their gears has the wrong sign.",
-            CableWarning,
-            stacklevel=2,
+            "other; one of their gears has the wrong sign."
         )
-    pull_pull = len(own) == 2 and not one_way and one_sense
+    pull_pull = len(own) == 2 and not (one_way or against)
     centre, reach = excursion(model, joint, table.number("reach", 1e-3))
     reach = keys.number("reach", reach, SCENE, low=1e-3, high=2.0 * math.pi)
     centre = keys.number("centre", centre, SCENE, low=-math.inf)
@@ -393,11 +380,10 @@ def _axis(scene: _Scene, name: str, wound: Sequence[str], table: Table) -> _Foun
     # A cable pulls its joint against its own arm.
     way = -math.copysign(1.0, distal) if one_way else 1.0
     demanded = rounded(TORQUE_SHARE * largest)
-    cables = scene.cables
-    slip = Slip(
-        max(cables[n].friction * cables[n].wrap for n in own),
-        sum(abs(joints[n]) * cables[n].pretension for n in own) if pull_pull else 0.0,
-    )
+    cables = {n: scene.cables[n] for n in own}
+    friction = max(cable.friction * cable.wrap for cable in cables.values())
+    rest = sum(abs(joints[n]) * cable.pretension for n, cable in cables.items())
+    slip = Slip(friction, rest if pull_pull else 0.0)
     observation = Keys(table.table("observation"), keys.sources, "axis.observation.")
     units = _units(observation, reach, largest)
     axis = Axis(
@@ -498,8 +484,7 @@ def _make_motor(scene: _Scene, motor: int, torque: float | None) -> float:
     both ways.
     """
     model = scene.model
-    name = model.actuator(motor).name
-    gear = abs(float(model.actuator_gear[motor, 0]))
+    name, gear = model.actuator(motor).name, abs(float(model.actuator_gear[motor, 0]))
     if torque is None:
         if not model.actuator_ctrllimited[motor]:
             raise CableError(
@@ -529,12 +514,8 @@ def _make_motor(scene: _Scene, motor: int, torque: float | None) -> float:
 def _driven_joint(scene: _Scene, wound: Sequence[str], drum: int, keys: Keys) -> int:
     model = scene.model
     ends = [scene.ends[name][1] for name in wound]
-    joints = {
-        model.joint(joint).name: joint
-        for end in ends
-        for joint in end.joints
-        if joint != drum
-    }
+    moved = [joint for end in ends for joint in end.joints if joint != drum]
+    joints = {model.joint(joint).name: joint for joint in moved}
     if not joints:
         raise CableError(
             f"cable {wound[0]!r} moves no joint: attach its distal end to a joint, or "
@@ -584,9 +565,7 @@ def _units(keys: Keys, reach: float, largest: float) -> dict[str, float]:
         "torque_error": rounded(0.05 * largest),
         "desired_torque": rounded(TORQUE_SHARE * largest),
     }
-    units = {
-        UNITS[key]: keys.number(key, value, low=1e-9) for key, value in defaults.items()
-    }
+    units = {UNITS[key]: keys.number(key, v, low=1e-9) for key, v in defaults.items()}
     phase = keys.given("phase", keys.table.flag("phase"), False)
     return units | dict.fromkeys(PHASE, 1.0) if phase else units
 
@@ -702,11 +681,9 @@ def _movers(scene: _Scene, axes: Sequence[Axis], keys: Keys) -> dict[str, str]:
             added.biasprm[:3] = (0.0, -stiffness, -damping)
         elif stiffness is not None or damping is not None:
             mover = Mover.of(model, name)
-            own_stiffness, own_damping = dataclasses.astuple(mover.wearer)
-            wearer = Wearer(
-                own_stiffness if stiffness is None else stiffness,
-                own_damping if damping is None else damping,
-            )
+            given = {"stiffness": stiffness, "damping": damping}
+            known = {key: value for key, value in given.items() if value is not None}
+            wearer = dataclasses.replace(mover.wearer, **known)
             mover.impose(spec.actuator(name), wearer)
         found[joint] = name
     return found
@@ -733,14 +710,17 @@ def _is_moved(arms: Arms, joint: str) -> bool:
     return bool((others & (model.actuator_plugin < 0) & (reach > 1e-9)).any())
 
 
-def _add_cuff(scene: _Scene, axis: Axis, table: Table) -> Axis:
-    """Put the cables of an axis on a frame of its own, strapped to the limb.
+def _with_cuff(scene: _Scene, found: _Found) -> Axis:
+    """Put the cables of an axis that has a cuff on a frame, strapped to the limb.
 
-    The scene gets a body, a hinge and a tendon by `stiffness`, `damping` and `inertia`
-    of `table`. Returns the axis with the frame's joint in place of the limb's. A cable
-    that wraps around the limb itself is refused.
+    The scene gets a body, a hinge and a tendon by `stiffness`, `damping` and `inertia`.
+    Returns the axis with the frame's joint in place of the limb's. A cable that wraps
+    around the limb itself is refused.
     """
-    spec, model = scene.spec, scene.model
+    spec, model, axis = scene.spec, scene.model, found.axis
+    if "cuff" not in found.keys.table.content:
+        return axis
+    table = found.keys.table.table("cuff")
     table.only("stiffness", "damping", "inertia")
     stiffness = table.number("stiffness", 1e-6)
     if stiffness is None:

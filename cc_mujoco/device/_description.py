@@ -18,6 +18,7 @@ Every key is optional; `_derivation` finds or assumes what is missing.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -196,12 +197,9 @@ class Description:
 
     def rivals(self, axis: Axis) -> tuple[str, ...]:
         """Return the cables of other axes that drive the joint of this one."""
-        return tuple(
-            name
-            for other in self.axes
-            if other.motor != axis.motor and other.joint == axis.joint
-            for name in other.cables
-        )
+        others = [one for one in self.axes if one.motor != axis.motor]
+        rivals = [one.cables for one in others if one.joint == axis.joint]
+        return tuple(itertools.chain.from_iterable(rivals))
 
     @property
     def prefixes(self) -> tuple[str, ...]:
@@ -223,10 +221,8 @@ class Keys(NamedTuple):
     """Keys of a table, whose values or defaults are noted with their origin."""
 
     table: Table
-    sources: dict[str, str]
-    """Origins by key, written."""
-    label: str = ""
-    """Beginning of the keys in `sources`."""
+    sources: dict[str, str]  # origins by key, written
+    label: str = ""  # beginning of the keys in `sources`
 
     def given(self, key: str, value: Any, default: Any, origin: str = ASSUMED) -> Any:
         """Return a value of the file or, where it is None, a default of an origin."""

@@ -42,16 +42,12 @@ Array = NDArray[np.float64]
 class Places(NamedTuple):
     """Indices of motor and joint in the arrays of a simulation."""
 
-    motor_q: int
-    """Index of the motor in `qpos`."""
-    motor_v: int
-    """Index of its velocity and torques, in `qvel` and `qfrc_actuator`."""
+    motor_q: int  # in `qpos`
+    motor_v: int  # of velocity and torques, in `qvel` and `qfrc_actuator`
     joint_q: int
     joint_v: int
-    motor_out: int
-    """Index of the motor in `actuator_force`."""
-    wearer_out: int
-    """Index of the wearer in it; -1 where the body is moved otherwise."""
+    motor_out: int  # in `actuator_force`
+    wearer_out: int  # in it, too; -1 where the body is moved otherwise
 
 
 VARIED_FIELDS = ("plugin_attr", "actuator_gainprm", "actuator_biasprm")
@@ -129,20 +125,16 @@ class AxisModel:
             motor_arm = self.sense * self.proximal_arm
             joints = {other.joint for other in description.axes}
             self.winding = self.winding.sharing(model, joints, motor_arm)
-            self.shared_ratios = {
-                joint: float(arms[self.first[1], model.joint(joint).dofadr[0]])
-                / motor_arm
-                for joint in self.winding.others(model)
-                if joint in joints
-            }
+            for other in filter(joints.__contains__, self.winding.others(model)):
+                arm = float(arms[self.first[1], model.joint(other).dofadr[0]])
+                self.shared_ratios[other] = arm / motor_arm
         self.ratio = self._distal[name] / (self.sense * self.proximal_arm)
         """Joint torque per motor torque without friction in the neutral pose [-]."""
         self._mover = mover
         rivals = [ends[name][1] for name in description.rivals(axis)]
         self._others = _other_torques(model, self.places, mover, rivals)
-        self._weightless = bool(
-            np.any(model.body_gravcomp) or model.opt.density or model.opt.viscosity
-        )
+        medium = model.opt.density or model.opt.viscosity
+        self._weightless = bool(np.any(model.body_gravcomp) or medium)
 
     def paid_out(self, data: mujoco.MjData) -> float:
         """Return the length that the joint has drawn since the neutral pose [m]."""
@@ -178,10 +170,9 @@ class AxisModel:
         """Return the prior knowledge of a controller, without sensors."""
         model, places = self.model, self.places
         wound = {name: self.sense * self._proximal[name] for name in self.driven}
-        known = tuple(
-            CableDrive(cables[name], arm, self._distal[name])
-            for name, arm in wound.items()
-            if not self._unknown
+        named = {} if self._unknown else wound
+        known = (
+            CableDrive(cables[n], arm, self._distal[n]) for n, arm in named.items()
         )
         pulls = all(arm < 0.0 for arm in wound.values())
         lags = int(model.actuator_dyntype[self._motor]) in FILTERS
@@ -190,7 +181,7 @@ class AxisModel:
             *self._torques,
             period,
             pulls,
-            known,
+            tuple(known),
             inertia=float(model.dof_M0[places.motor_v]),
             damping=float(model.dof_damping[places.motor_v]),
             joint_inertia=float(model.dof_M0[places.joint_v]),
@@ -325,17 +316,13 @@ class DeviceModel:
         """
         about = self.description
         made = [axis.drive(self.cables, about.scene, period) for axis in self.axes]
-        turned = Counter(
-            j for drive in made for j in (drive.joint, *drive.shared_ratios)
-        )
-        return tuple(
-            dataclasses.replace(
-                about.sensing.equip(drive),
-                shared_joint=turned[drive.joint] > 1,
-                hysteresis=about.hysteresis.get(axis.name, {}),
-            )
-            for axis, drive in zip(about.axes, made, strict=True)
-        )
+        turned = Counter(j for one in made for j in (one.joint, *one.shared_ratios))
+        drives = []
+        for axis, drive in zip(about.axes, made, strict=True):
+            own: Any = {"shared_joint": turned[drive.joint] > 1}
+            own["hysteresis"] = about.hysteresis.get(axis.name, {})
+            drives.append(dataclasses.replace(about.sensing.equip(drive), **own))
+        return tuple(drives)
 
     def apply_plant(self, plant: Plant) -> None:
         """Change the model, in place, into that of a plant.

@@ -34,20 +34,13 @@ ARM_TOLERANCE = 1e-9
 class Winding(NamedTuple):
     """Indices of a distal end in the arrays of a simulation, and its neutral pose."""
 
-    end: int
-    """Index of the end in `actuator_length`."""
-    step: float
-    """Time step [s]."""
-    places: tuple[int, ...]
-    """Indices of the arms of the end in `actuator_moment`."""
-    dofs: tuple[int, ...]
-    """Indices of the velocities that they belong to."""
-    own: int
-    """Place of the joint's among these."""
-    length: float
-    """Length in the neutral pose [m]."""
-    arm: float
-    """Arm in the neutral pose [m/rad]."""
+    end: int  # in `actuator_length`
+    step: float  # time step [s]
+    places: tuple[int, ...]  # of the arms of the end, in `actuator_moment`
+    dofs: tuple[int, ...]  # of the velocities that they belong to
+    own: int  # place of the joint's among these
+    length: float  # in the neutral pose [m]
+    arm: float  # in the neutral pose [m/rad]
     shared: tuple[tuple[str, int, float], ...] = ()
     """`RATIO_COLUMN` of every joint of another axis that the cable turns, the place of
     its arm in `actuator_moment`, and the ratio per arm [rad/m]."""
@@ -94,12 +87,11 @@ class Winding(NamedTuple):
         """
         others = self.places[: self.own] + self.places[self.own + 1 :]
         places = dict(zip(self.others(model), others, strict=True))
-        shared = tuple(
-            (RATIO_COLUMN.format(joint=joint), place, 1.0 / motor)
-            for joint, place in places.items()
-            if joint in joints
-        )
-        return self._replace(shared=shared)
+        shared = [joint for joint in places if joint in joints]
+        names = [RATIO_COLUMN.format(joint=joint) for joint in shared]
+        named = zip(names, shared, strict=True)
+        readings = ((name, places[joint], 1.0 / motor) for name, joint in named)
+        return self._replace(shared=tuple(readings))
 
     def others(self, model: mujoco.MjModel) -> tuple[str, ...]:
         """Return the names of the other joints that wind the cable."""
@@ -114,15 +106,11 @@ class TabledWinding(NamedTuple):
     of the cable.
     """
 
-    joint_q: int
-    """Index of the joint in `qpos`."""
+    joint_q: int  # in `qpos`
     joint_v: int
-    angles: Array
-    """Joint angles, rising, (k,) [rad]."""
-    wound: Array
-    """Angle that is wound there, (k,) [rad]."""
-    leverage: Array
-    """Its derivative, (k,)."""
+    angles: Array  # of the joint, rising (k,) [rad]
+    wound: Array  # angle that is wound there (k,) [rad]
+    leverage: Array  # its derivative (k,)
 
     def read(self, physics: Any) -> dict[str, Any]:
         angle = physics.qpos.T[self.joint_q]

@@ -33,20 +33,13 @@ def _control_range(model: mujoco.MjModel, actuator: int) -> tuple[float, float]:
 class Mover(NamedTuple):
     """An actuator by which the wearer moves a joint, as a spring and a damper."""
 
-    wearer: Wearer
-    """Impedance at the joint."""
-    control: int
-    """Index in `ctrl`."""
-    out: int
-    """Index in `actuator_force`."""
-    gear: float
-    """Torque at the joint per force of the actuator."""
-    scale: float
-    """Control per angle of the joint; 1 where the control is that angle."""
-    offset: float
-    """Control at an angle of 0."""
-    low: float
-    """Least control; infinite where there is no limit."""
+    wearer: Wearer  # impedance at the joint
+    control: int  # index in `ctrl`
+    out: int  # index in `actuator_force`
+    gear: float  # torque at the joint per force of the actuator
+    scale: float  # control per angle of the joint; 1 where it is that angle
+    offset: float  # control at an angle of 0
+    low: float  # least control; infinite where there is no limit
     high: float
 
     @classmethod
@@ -57,14 +50,12 @@ class Mover(NamedTuple):
         gain = float(model.actuator_gainprm[actuator, 0])
         bias = model.actuator_biasprm[actuator]
         stiffness = gear * gear * -float(bias[1])
+        wearer = Wearer(stiffness, gear * gear * -float(bias[2]))
+        control = int(model.actuator_ctrladr[actuator])
+        out, scale = int(model.actuator_outadr[actuator]), stiffness / (gear * gain)
+        limits = _control_range(model, actuator)
         return cls(
-            Wearer(stiffness, gear * gear * -float(bias[2])),
-            int(model.actuator_ctrladr[actuator]),
-            int(model.actuator_outadr[actuator]),
-            gear,
-            stiffness / (gear * gain),
-            0.0 - float(bias[0]) / gain,
-            *_control_range(model, actuator),
+            wearer, control, out, gear, scale, 0.0 - float(bias[0]) / gain, *limits
         )
 
     def command(self, angle: Any, velocity: Any) -> Any:
@@ -78,23 +69,17 @@ class Mover(NamedTuple):
         gain = wearer.stiffness / share
         # The control keeps its meaning.
         actuator.gainprm[0] = gain / (self.scale * self.gear)
-        actuator.biasprm[:3] = (
-            0.0 - self.offset * actuator.gainprm[0],
-            -gain,
-            -wearer.damping / share,
-        )
+        rest = 0.0 - self.offset * actuator.gainprm[0]
+        actuator.biasprm[:3] = rest, -gain, -wearer.damping / share
         return self._replace(wearer=wearer)
 
 
 class MotorLimits(NamedTuple):
     """Largest control and torques of an actuator that is a source of torque."""
 
-    control: float
-    """Control of the largest positive torque; infinite where there is no limit."""
-    torque: float
-    """Largest torque, either way [N m]."""
-    torques: tuple[float, float]
-    """Torques at both ends of its range [N m]."""
+    control: float  # of the largest positive torque; infinite without a limit
+    torque: float  # largest, either way [N m]
+    torques: tuple[float, float]  # at both ends of its range [N m]
 
     @classmethod
     def of(cls, model: mujoco.MjModel, actuator: int) -> MotorLimits:

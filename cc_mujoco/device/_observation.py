@@ -112,17 +112,14 @@ class Observed:
 
     def with_reference(self) -> Observed:
         """Return the observation with the angle that a task commands, in last place."""
-        return dataclasses.replace(
-            self,
-            columns=(*self.columns, "reference_angle_rad"),
-            units=(*self.units, self.units[JOINT_ANGLE]),
-        )
+        columns = *self.columns, "reference_angle_rad"
+        units = *self.units, self.units[JOINT_ANGLE]
+        return dataclasses.replace(self, columns=columns, units=units)
 
     def of(self, columns: Mapping[str, Any]) -> Array:
         """Return the observation: (k,) for numbers, (n, k) for n environments."""
-        return np.ascontiguousarray(
-            np.array([columns[name] for name in self.columns]).T
-        )
+        found = np.array([columns[name] for name in self.columns])
+        return np.ascontiguousarray(found.T)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the fields as plain JSON."""
@@ -147,14 +144,10 @@ class Past(NamedTuple):
 
     ratio: float
     units: FloatArray
-    reach: FloatArray
-    """Half width of every play, those of the motor first; empty without plays [rad]."""
-    measured: FloatMatrix
-    """Last measurements (n, k)."""
-    plays: FloatMatrix
-    """Positions of the plays (n, plays) [rad]."""
-    frames: FloatCube
-    """Earlier frames, each with its action, newest first (n, history, k + 1)."""
+    reach: FloatArray  # half width of every play, the motor's first [rad]; or empty
+    measured: FloatMatrix  # last measurements (n, k)
+    plays: FloatMatrix  # positions of the plays (n, plays) [rad]
+    frames: FloatCube  # earlier, with their actions, newest first (n, history, k + 1)
 
 
 class ObservationHistory:

@@ -11,6 +11,7 @@ it to either of two cables. A lever keeps its inertia.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -89,9 +90,8 @@ class Plant:
         """
         self.device = device if isinstance(device, Nominal) else find_device(device)
         cables = self.device.cables
-        self.values: dict[str, Value] = read_values(
-            require_dictionary("values", values), cables, self.device.axis_cables
-        )
+        given = require_dictionary("values", values)
+        self.values = read_values(given, cables, self.device.axis_cables)
         if FRICTION in self.values and "material" not in self.values:
             raise CableError(
                 f"variable {FRICTION!r} says where in the range of a material, and "
@@ -123,9 +123,9 @@ class Plant:
         """Wearer at the joints that the cables drive, by joint."""
         factor, nominal = float(self.values.get(WEARER.name, 1.0)), self.device.wearers
         limbs = [axis.limb for axis in self.description.axes if axis.limb in nominal]
+        own = {limb: nominal[limb] for limb in limbs}
         return {
-            n: Wearer(factor * nominal[n].stiffness, factor * nominal[n].damping)
-            for n in limbs
+            n: Wearer(factor * w.stiffness, factor * w.damping) for n, w in own.items()
         }
 
     @property
@@ -151,30 +151,24 @@ class Plant:
         if (material := self.material) is not None:
             return {name: material.breaking_load(d) for name, d in thick.items()}
         load = float(self.values.get("strength", self.description.strength))
-        return {
-            n: load * (d / nominal) ** 2 if math.isfinite(d) else load
-            for n, d in thick.items()
-        }
+        shares = {n: d / nominal if math.isfinite(d) else 1.0 for n, d in thick.items()}
+        return {name: load * share**2 for name, share in shares.items()}
 
     @property
     def diameters(self) -> dict[str, float]:
         """Diameter of each cable [m]."""
-        return {
-            name: float(self._own(name).get("diameter", self.description.diameter))
-            for name in self.cables
-        }
+        nominal = self.description.diameter
+        return {n: float(self._own(n).get("diameter", nominal)) for n in self.cables}
 
     def motor(self, axis: Axis) -> Motor:
         """Return the motor of an axis, with what the values determine."""
         values = self._of_axis(axis)
         if "motor" in values:
             return MOTORS[str(values["motor"])]
-        return Motor(
-            resistance=float(values.get("winding_resistance", math.nan)),
-            torque_constant=float(values.get("torque_constant", math.nan)),
-            continuous_torque=float(values.get("continuous_torque", math.nan)),
-            mass=float(values.get("motor_mass", math.nan)),
+        resistance, constant, continuous, mass = (
+            float(values.get(name, math.nan)) for name in (*GEARED[1:], "motor_mass")
         )
+        return Motor("", resistance, constant, continuous, mass)
 
     def gearing(self, axis: Axis) -> float:
         """Return rotor turns per turn of the pulley; NaN where unknown."""
@@ -196,15 +190,13 @@ class Plant:
     @property
     def pulleys(self) -> dict[str, tuple[float, ...]]:
         """Radii of the pulleys that each cable winds on [m]; a lever is none."""
-        scene, on_joint = self.scene, mujoco.mjtTrn.mjTRN_JOINT
-        return {
-            name: tuple(
-                float(self._own(name).get(key, abs(float(end.gear[0]))))
-                for key, end in zip(RADII, ends, strict=True)
-                if end.trntype == on_joint
-            )
-            for name, ends in scene.ends.items()
-        }
+        scene, found = self.scene, {}
+        for name, ends in scene.ends.items():
+            own, each = self._own(name), zip(RADII, scene.radii[name], strict=True)
+            radii = [float(own.get(key, radius)) for key, radius in each]
+            on_joint = (end.trntype == mujoco.mjtTrn.mjTRN_JOINT for end in ends)
+            found[name] = tuple(itertools.compress(radii, on_joint))
+        return found
 
     @property
     def discs(self) -> list[float]:
@@ -212,14 +204,12 @@ class Plant:
 
         NaN where nobody knows that.
         """
-        return [
-            sum(
-                2.0 * (disc or math.nan) / len(radii) * radius**2 / nominal**4
-                for nominal, radius in radii
-            )
-            for _, disc, radii in self._pulley_inertias()
-            if radii
-        ]
+        found = []
+        for _, disc, radii in self._pulley_inertias():
+            if radii:
+                each = 2.0 * (disc or math.nan) / len(radii)
+                found.append(sum(each * new**2 / old**4 for old, new in radii))
+        return found
 
     @property
     def layout(self) -> tuple[object, ...]:
@@ -239,9 +229,8 @@ class Plant:
         """
         scene, values = self.scene, self.values
         wearer_scaling.require_possible(self.description, values)
-        if wearer_scaling.LEG_LENGTH in values and stripping.route_tendons(
-            self.cables.values()
-        ):
+        bending = stripping.route_tendons(self.cables.values())
+        if wearer_scaling.LEG_LENGTH in values and bending:
             raise CableError(
                 f"variable {wearer_scaling.LEG_LENGTH!r} moves knee and ankle apart, "
                 "but a cable bends as the scene draws its route along a leg; leave "
@@ -345,9 +334,8 @@ class Plant:
 
     def _cable(self, name: str) -> Cable:
         cable, own = self.device.cables[name], self._own(name)
-        changes: dict[str, object] = {
-            key: own[key] for key in KEYS if key in own and key != "friction"
-        }
+        kept = [key for key in KEYS if key in own and key != "friction"]
+        changes: dict[str, object] = {key: own[key] for key in kept}
         _require_guided(name, cable, own)
         where = f"cable {name!r}"
         if "conduit" in own:
@@ -404,23 +392,19 @@ class Plant:
         for axis in self.description.axes:
             discs = (axis.drum, axis.motor_pulley), (axis.joint, axis.joint_pulley)
             for place, (joint, disc) in enumerate(discs):
-                nominal = {
-                    name: radii[place]
-                    for name, radii in scene.radii.items()
-                    if scene.ends[name][place].target == joint
-                }
-                radii = [
-                    (radius, float(self._own(name).get(RADII[place], radius)))
-                    for name, radius in nominal.items()
-                ]
+                radii = []
+                for name, ends in scene.ends.items():
+                    if ends[place].target == joint:
+                        nominal = scene.radii[name][place]
+                        own = self._own(name).get(RADII[place], nominal)
+                        radii.append((nominal, float(own)))
                 found.append((joint, disc, radii))
         return found
 
     def _apply(self, spec: mujoco.MjSpec, whole: bool) -> None:
         for name, cable in self.cables.items():
-            plugin.to_mjcf(
-                spec, name, cable if whole else stripping.remaining_cable(spec, cable)
-            )
+            cable = cable if whole else stripping.remaining_cable(spec, cable)
+            plugin.to_mjcf(spec, name, cable)
             own = self._own(name)
             ends = (a for a in spec.actuators if a.plugin.name == name)
             for end, key in zip(ends, RADII, strict=True):
@@ -429,9 +413,8 @@ class Plant:
         self._resize(spec, wearer_scaling.body_of(self.values))
         if WEARER.name in self.values:
             for name, wearer in self.wearers.items():
-                self.scene.movers[name].impose(
-                    spec.actuator(self.description.movers[name]), wearer
-                )
+                actuator = spec.actuator(self.description.movers[name])
+                self.scene.movers[name].impose(actuator, wearer)
         for axis in self.description.axes:
             self._apply_motor(spec, axis)
         for name, disc, radii in self._pulley_inertias():
@@ -487,9 +470,8 @@ class Plant:
             total = worn + limb_now
             part.ipos = place + limb_now / total * offset
             part.mass = total
-            part.inertia = (worn + limb_now * body.longer**2) * spread + (
-                worn * limb_now / total * (offset @ offset - offset**2)
-            )
+            apart = worn * limb_now / total * (offset @ offset - offset**2)
+            part.inertia = (worn + limb_now * body.longer**2) * spread + apart
         for name in ("shank", "foot"):
             part = spec.body(name)
             down = (body.longer - 1.0) * np.array(part.pos)
@@ -559,7 +541,7 @@ def _conduit(cable: Cable, own: Mapping[str, Value]) -> Cable:
     if "length" in own:
         longer = float(own["length"]) / cable.length
         sections = tuple(
-            Section(longer * s.length, longer * s.radius) for s in sections
+            Section(longer * x.length, longer * x.radius) for x in sections
         )
     total = sum(s.length for s in sections)
     if "loops" in own:

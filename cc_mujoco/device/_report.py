@@ -27,15 +27,12 @@ IMPEDANCE = (("stiffness", "N m/rad"), ("damping", "N m s/rad"))
 
 
 class Property(NamedTuple):
-    table: str
-    """Table of the file; empty for the top."""
+    table: str  # of the file; empty for the top
     key: str
-    value: object
-    """None or NaN where unknown."""
+    value: object  # None or NaN where unknown
     unit: str
     meaning: str
-    origin: str
-    """One of `ORIGINS`."""
+    origin: str  # one of `ORIGINS`
 
     @property
     def known(self) -> bool:

@@ -209,13 +209,10 @@ class Sensing:
         """
         changed: dict[str, Any] = {"delay": self.delay, "sensors": ()}
         if self.joint_sensor:
-            deviation = max(self.tension_noise, 1e-6)
-            changed["sensors"] = tuple(
-                Sensors(
-                    (0, _middle_node(one.cable), one.cable.segments), (deviation,) * 3
-                )
-                for one in drive.cables
-            )
+            deviations = (max(self.tension_noise, 1e-6),) * 3
+            cables = [one.cable for one in drive.cables]
+            nodes = [(0, _middle_node(cable), cable.segments) for cable in cables]
+            changed["sensors"] = tuple(Sensors(three, deviations) for three in nodes)
             changed["torque_noise"] = self.torque_noise
         return dataclasses.replace(drive, joint_sensor=self.joint_sensor, **changed)
 
@@ -272,10 +269,8 @@ class Measuring:
         self._commands_angle = drive.commands_angle
         self._ratios = tuple(RATIO_COLUMN.format(joint=j) for j in drive.shared_ratios)
         sensors = zip(cables, drive.sensors, strict=True) if drive.sensors else ()
-        self._taps = [
-            (f"tension_{name}_nodes_n", _node_index(s.nodes))
-            for name, s in (sensors if cables else ())
-        ]
+        tapped = sensors if cables else ()
+        self._taps = [(f"tension_{n}_nodes_n", _node_index(s.nodes)) for n, s in tapped]
         self._shape = len(self._taps), len(drive.sensors[0].nodes) if self._taps else 0
         self._period = drive.period
         self._share = -math.expm1(-2.0 * math.pi * sensing.cutoff * drive.period)

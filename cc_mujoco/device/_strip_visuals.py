@@ -96,11 +96,8 @@ def strip(whole: mujoco.MjSpec, kept: Collection[str] = ()) -> mujoco.MjSpec:
 
 def route_tendons(cables: Iterable[Cable]) -> tuple[str, ...]:
     """Return the tendons that bend or guide a cable, which the physics needs."""
-    return tuple(
-        cable.route
-        for cable in cables
-        if cable.bend != BENDS[0] or cable.path != PATHS[0]
-    )
+    plain = BENDS[0], PATHS[0]
+    return tuple(one.route for one in cables if (one.bend, one.path) != plain)
 
 
 def reserve_memory(spec: mujoco.MjSpec, cables: Iterable[Cable]) -> None:
@@ -177,11 +174,8 @@ def _pulls(spec: mujoco.MjSpec, tendon: Any) -> bool:
         and tendon.range[0] < tendon.range[1]
     )
     own = [*tendon.stiffness, *tendon.damping, tendon.frictionloss, tendon.armature]
-    users = [
-        actuator.target
-        for actuator in spec.actuators
-        if actuator.trntype == mujoco.mjtTrn.mjTRN_TENDON
-    ]
+    kind = mujoco.mjtTrn.mjTRN_TENDON
+    users = [actuator.target for actuator in spec.actuators if actuator.trntype == kind]
     for equality in spec.equalities:
         if equality.type == mujoco.mjtEq.mjEQ_TENDON:
             users += [equality.name1, equality.name2]
@@ -190,13 +184,9 @@ def _pulls(spec: mujoco.MjSpec, tendon: Any) -> bool:
 
 def _configured_names(spec: mujoco.MjSpec) -> set[str]:
     """Return all words in the configurations of plugins other than cables."""
-    return {
-        word
-        for plugin in spec.plugins
-        if plugin.plugin_name != PLUGIN
-        for text in dict(plugin.config).values()
-        for word in text.split()
-    }
+    others = [plugin for plugin in spec.plugins if plugin.plugin_name != PLUGIN]
+    texts = [text for plugin in others for text in dict(plugin.config).values()]
+    return {word for text in texts for word in text.split()}
 
 
 def _needed_names(spec: mujoco.MjSpec) -> Names:

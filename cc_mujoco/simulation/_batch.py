@@ -28,14 +28,8 @@ from cc_mujoco.device._axis_record import Physics
 from cc_mujoco.device._model import VARIED_FIELDS, DeviceModel, physics_of
 from cc_mujoco.errors import CableError
 from cc_mujoco.plugin import Reader, cables, untimed
-from cc_mujoco.simulation._loop import (
-    Columns,
-    Observer,
-    Trace,
-    missing_torque_error,
-    run,
-    unstable,
-)
+from cc_mujoco.simulation import _loop as loop
+from cc_mujoco.simulation._loop import Columns, Observer
 from cc_mujoco.simulation._reference_motion import Script
 from cc_mujoco.simulation._wiring import Wiring
 from cc_mujoco.simulation._worn_device import WornDevice
@@ -299,9 +293,9 @@ class Batch:
         Returns:
             Columns by name, (steps + 1, n, ...).
         """
-        trace = Trace(names, self.steps, self.going)
+        trace = loop.Trace(names, self.steps, self.going)
         with np.errstate(all="ignore"):  # what diverged is not a number
-            run(self, law, trace.keep, *observers, measure=measure, name=self.name)
+            loop.run(self, law, trace.keep, *observers, measure=measure, name=self.name)
         return trace.columns
 
     def reload(self) -> None:
@@ -336,7 +330,7 @@ class Batch:
         if not finite.all():
             for row in np.flatnonzero(self.going & ~finite).tolist():
                 time = self._step * self.exo.period
-                self.failed[row] = missing_torque_error(self.name, time)
+                self.failed[row] = loop.missing_torque_error(self.name, time)
             self.going &= finite
         # `np.clip` takes several times as long for small arrays.
         share = np.minimum(np.maximum(torque / self._limit, -1.0), 1.0)
@@ -354,7 +348,7 @@ class Batch:
                 self.failed[row] = self.simulations.why(row, time)
             self.going &= ~fell
         if self._alone and self.failed[0]:
-            raise unstable(self.failed[0])
+            raise loop.unstable(self.failed[0])
         return self._read(self.simulations.physics)
 
     def _read(self, now: Physics) -> Columns:

@@ -103,12 +103,11 @@ def _desired_torque(record: EpisodeRecord, step: int, angle: float) -> float:
 def _torque(record: EpisodeRecord) -> float:
     if record.law == UNPOWERED:
         return 0.0
-    data = LawData(
-        floats(record.memory, record.memory_size),
-        words(record.shape, record.shape_size),
-        floats(record.tables, record.tables_size),
-        floats(record.seen, record.source_count + record.tap_count),
-    )
+    memory = floats(record.memory, record.memory_size)
+    shape = words(record.shape, record.shape_size)
+    tables = floats(record.tables, record.tables_size)
+    seen = floats(record.seen, record.source_count + record.tap_count)
+    data = LawData(memory, shape, tables, seen)
     return controller.step(record.law, data)
 
 
@@ -193,13 +192,8 @@ def attend(spec: mujoco.MjSpec) -> None:
     Its instance has neither state nor force, so that nothing else becomes of them.
     """
     if not LIBRARY.mjp_getPlugin(PLUGIN.encode(), None):
-        add_plugin(
-            PLUGIN,
-            {
-                "nstate": "cc_mujoco_episode_nstate",
-                "advance": "cc_mujoco_episode_advance",
-            },
-        )
+        names = "nstate", "advance"
+        add_plugin(PLUGIN, {name: f"cc_mujoco_episode_{name}" for name in names})
     spec.nuserdata = 1
     spec.activate_plugin(PLUGIN)
     spec.add_plugin(name="episode", plugin_name=PLUGIN)

@@ -49,10 +49,9 @@ class Guards:
 
     def __init__(self, law: Controller, description: Description) -> None:
         laws = law.laws if isinstance(law, AxesController) else (law,)
+        each = zip(description.axes, laws, strict=False)
         self._watched = [
-            (axis, one)
-            for axis, one in zip(description.axes, laws, strict=False)
-            if isinstance(one, SteppedController)
+            (a, one) for a, one in each if isinstance(one, SteppedController)
         ]
         self._steps = 0
         self._begun: dict[tuple[str, float], list[float]] = {}

@@ -33,13 +33,8 @@ from cc_mujoco._utils.atomic_io import METADATA_KEY, replacing
 from cc_mujoco._utils.parsing import parse_json
 from cc_mujoco._validation import require_dictionary
 from cc_mujoco.errors import CableError
-from cc_mujoco.simulation._log_columns import (
-    AXES,
-    LogColumn,
-    cables_in,
-    columns_for,
-    prefixes_in,
-)
+from cc_mujoco.simulation import _log_columns as log_columns
+from cc_mujoco.simulation._log_columns import AXES, LogColumn, columns_for
 
 PIECE_ROWS = 16_384
 """Samples in a row group of a log's file, and so in a piece of a column."""
@@ -71,12 +66,10 @@ class EpisodeLog:
         for name in columns:
             if name not in names:
                 raise CableError.unknown("log column", name, names)
-        arrays = {
-            column.name: _frozen_array(
-                column, _require_column(columns, column.name, "log")
-            )
-            for column in self.schema
-        }
+        arrays = {}
+        for column in self.schema:
+            array = _require_column(columns, column.name, "log")
+            arrays[column.name] = _frozen_array(column, array)
         rows = {name: len(array) for name, array in arrays.items()}
         if len(set(rows.values())) > 1:
             raise CableError(f"log columns must have equal lengths, not {rows}.")
@@ -84,8 +77,8 @@ class EpisodeLog:
         self.metadata: dict[str, Any] = json.loads(_to_json(metadata))
 
     def _take_names(self, names: Iterable[str]) -> None:
-        self.cables = cables_in(names)
-        self.prefixes = prefixes_in(names) or ("",)
+        self.cables = log_columns.cables_in(names)
+        self.prefixes = log_columns.prefixes_in(names) or ("",)
         """Beginnings of the columns of each axis; empty where there is only one."""
         self.schema = columns_for(self.cables, self.prefixes)
 
@@ -111,14 +104,13 @@ class EpisodeLog:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, EpisodeLog):
             return NotImplemented
-        return (
-            self.metadata == other.metadata
-            and self._columns.keys() == other._columns.keys()
-            and all(
-                array.shape == other[name].shape
-                and array.tobytes() == other[name].tobytes()
-                for name, array in self._columns.items()
-            )
+        names = self._columns.keys()
+        if self.metadata != other.metadata or names != other._columns.keys():
+            return False
+        pairs = ((self[name], other[name]) for name in names)
+        return all(
+            one.shape == its.shape and one.tobytes() == its.tobytes()
+            for one, its in pairs
         )
 
     __hash__ = None  # type: ignore[assignment]
@@ -360,12 +352,9 @@ class LogFile:
     def keep(self, step: int, columns: Mapping[str, Any], _: Any) -> None:
         """Append the columns of a control step; an `Observer` of an episode."""
         if not self._pending:
-            self._pending = {
-                column.name: np.empty(
-                    (PIECE_ROWS, *np.shape(columns[column.name])), column.dtype
-                )
-                for column in self._schema
-            }
+            for column in self._schema:
+                shape = PIECE_ROWS, *np.shape(columns[column.name])
+                self._pending[column.name] = np.empty(shape, column.dtype)
         for name, kept in self._pending.items():
             kept[self._count] = columns[name]
         self._count += 1
@@ -496,9 +485,8 @@ class Recorder:
         """
         row = []
         for column in self._schema:
-            value = np.array(
-                _require_column(info, column.name, "sample"), dtype=column.dtype
-            )
+            given = _require_column(info, column.name, "sample")
+            value = np.array(given, dtype=column.dtype)
             earlier = self._rows[column.name]
             shape = earlier[0].shape if earlier else value.shape
             if value.ndim != column.listed or value.shape != shape:

@@ -18,14 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cc_mujoco.device import Plant
-from cc_mujoco.device._observation import (
-    JOINT_TORQUE,
-    ObservationHistory,
-    Past,
-    begin_past,
-    follow_past,
-    write_row,
-)
+from cc_mujoco.device import _observation as observation
+from cc_mujoco.device._observation import ObservationHistory, Past
 from cc_mujoco.device._sensors import BIAS, REFERENCE_COLUMN
 from cc_mujoco.device._variables import DELAY, NOISE
 from cc_mujoco.errors import CableError
@@ -60,19 +54,13 @@ _TRACKING, _EFFORT, _SMOOTHNESS, REWARD = range(TERMS)
 class AxisSensors(NamedTuple):
     """Sensors of an axis in n environments, and the cost of its error."""
 
-    places: IntArray
-    """Rows of the table that are measured (k,)."""
-    actual: int
-    """Row of the table that should be as `wanted`."""
+    places: IntArray  # rows of the table that are measured (k,)
+    actual: int  # row of the table that should be as `wanted`
     wanted: int
-    scale: float
-    """Error that costs 1 per second."""
-    delays: IntArray
-    """Samples by which measurements are late (n,)."""
-    late: FloatCube
-    """Latest measurements (n, samples, k), each at its sample modulo delay + 1."""
-    errors: FloatMatrix
-    """Errors of torque by sample (n, samples), or of no sample [N m]."""
+    scale: float  # error that costs 1 per second
+    delays: IntArray  # samples by which measurements are late (n,)
+    late: FloatCube  # latest (n, samples, k), each at its sample modulo delay + 1
+    errors: FloatMatrix  # of torque by sample (n, samples), or of no sample [N m]
 
 
 class Episodes:
@@ -108,11 +96,11 @@ class Episodes:
         exo, count = self.exo, len(self.samples)
         prefix, axis = exo.device.prefixes[n], exo.description.axes[n]
         place = {name: row for row, name in enumerate(self.wiring.names)}
-        actual, wanted, scale = (
-            ("joint_angle_rad", REFERENCE_COLUMN, axis.units["motor_angle_rad"])
-            if exo.tasks[n].commands_angle
-            else ("joint_torque_nm", "desired_torque_nm", axis.torque_scale)
-        )
+        actual, wanted = "joint_torque_nm", "desired_torque_nm"
+        scale = axis.torque_scale
+        if exo.tasks[n].commands_angle:
+            actual, wanted = "joint_angle_rad", REFERENCE_COLUMN
+            scale = axis.units["motor_angle_rad"]
         names = exo.observed[n].columns
         measured = np.array([place[prefix + name] for name in names])
         error = place[prefix + actual], place[prefix + wanted], scale
@@ -318,7 +306,7 @@ def _sense(
         step, ring = samples[row], sensors.delays[row] + 1
         for i in range(sensors.places.size):
             value = table[sensors.places[i], row]
-            if i == JOINT_TORQUE and last >= 0:
+            if i == observation.JOINT_TORQUE and last >= 0:
                 value = value + sensors.errors[row, min(step, last)]
             if ring > 1:
                 # Before the first measurement arrives there is the one at rest.
@@ -327,11 +315,11 @@ def _sense(
                 value = sensors.late[row, (step + 1) % ring, i]
             past.measured[row, i] = value
         if fresh[row]:
-            begin_past(past, row)
-            write_row(past, row, observed, first)
+            observation.begin_past(past, row)
+            observation.write_row(past, row, observed, first)
             continue
-        follow_past(past, row)
-        write_row(past, row, observed, first)
+        observation.follow_past(past, row)
+        observation.write_row(past, row, observed, first)
         error = abs(table[sensors.actual, row] - table[sensors.wanted, row])
         cost = min(error / sensors.scale, MAX_ERROR_COST)
         costs[row] = cost if n == 0 else costs[row] + cost

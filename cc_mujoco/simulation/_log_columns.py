@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from itertools import product
 
 
 @dataclass(frozen=True)
@@ -82,17 +83,13 @@ def columns_for(
     cables: Iterable[str], prefixes: Iterable[str] = ("",)
 ) -> tuple[LogColumn, ...]:
     """Return the columns of a log with these cables and axes, in file order."""
-    axes = [
-        replace(column, name=prefix + column.name)
-        for prefix in prefixes
-        for column in AXIS_COLUMNS
-    ]
-    own = [
-        replace(column, name=column.name.format(cable=cable))
-        for cable in cables
-        for column in CABLE_COLUMNS
-    ]
-    return (TIME_COLUMN, *axes, POSE_COLUMN, *own)
+    axes, own = product(prefixes, AXIS_COLUMNS), product(cables, CABLE_COLUMNS)
+    return (
+        TIME_COLUMN,
+        *(replace(column, name=prefix + column.name) for prefix, column in axes),
+        POSE_COLUMN,
+        *(replace(column, name=column.name.format(cable=c)) for c, column in own),
+    )
 
 
 def prefixes_in(names: Iterable[str]) -> tuple[str, ...]:
@@ -104,8 +101,5 @@ def prefixes_in(names: Iterable[str]) -> tuple[str, ...]:
 def cables_in(names: Iterable[str]) -> tuple[str, ...]:
     """Return the cables whose columns are among these names, in order."""
     start, end = CABLE_COLUMNS[-2].name.split("{cable}")
-    return tuple(
-        name[len(start) : -len(end)]
-        for name in names
-        if name.startswith(start) and name.endswith(end)
-    )
+    own = [name for name in names if name.startswith(start) and name.endswith(end)]
+    return tuple(name[len(start) : -len(end)] for name in own)

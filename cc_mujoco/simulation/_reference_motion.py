@@ -158,9 +158,8 @@ class Author:
         def motions(number: int) -> tuple[dict[str, Motion], list[Motion]]:
             first = number * rows
             end = min(first + rows, self._steps * skip + 1)
-            return self._motions(
-                {key: one.part(first, end) for key, one in sampled.items()}
-            )
+            parts = {key: one.part(first, end) for key, one in sampled.items()}
+            return self._motions(parts)
 
         def work_out(number: int) -> ScriptPart:
             return self._part(movers, *motions(number))
@@ -193,18 +192,13 @@ class Author:
     def _first_angles(
         self, movers: Mapping[str, Mover], moved: Mapping[str, Motion]
     ) -> dict[str, float]:
-        first = {
-            joint: float(moved[joint].angle[0])
-            if joint in moved
-            else self._device.neutral(joint)
-            for joint in movers
-        }
+        first = {joint: self._device.neutral(joint) for joint in movers}
+        known = [joint for joint in movers if joint in moved]
+        first |= {joint: float(moved[joint].angle[0]) for joint in known}
         # A frame starts where its limb does.
         limbs = {one.axis.joint: one.axis.limb for one in self._device.axes}
-        return {
-            joint: first.get(limb, self._device.neutral(limb))
-            for joint, limb in limbs.items()
-        } | first
+        rest = {joint: self._device.neutral(limb) for joint, limb in limbs.items()}
+        return {j: first.get(limbs[j], angle) for j, angle in rest.items()} | first
 
     def _motions(
         self, sampled: Mapping[int, Motion]
@@ -216,9 +210,8 @@ class Author:
         device = self._device
         moved: dict[str, Motion] = {}
         motions: list[Motion] = []
-        for axis, source, commanded in zip(
-            device.axes, self._sources, self._commanded, strict=True
-        ):
+        each = zip(device.axes, self._sources, self._commanded, strict=True)
+        for axis, source, commanded in each:
             motion = sampled[id(source)]
             moved.update(motion.companions)
             joint = axis.axis.limb
@@ -246,10 +239,8 @@ class Author:
             commands[:, place] = mover.command(*aim)
         marks = []
         for motion, (task, is_scripted) in zip(motions, self._tasks, strict=True):
-            time, angle, phase = (
-                each[:: self.frame_skip]
-                for each in (motion.time, motion.angle, motion.phase)
-            )
+            each = motion.time, motion.angle, motion.phase
+            time, angle, phase = (one[:: self.frame_skip] for one in each)
             turn = 2 * np.pi * phase
             clock = time if task.of_time else phase
             demand = nothing = np.zeros_like(phase)

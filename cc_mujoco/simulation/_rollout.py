@@ -109,10 +109,8 @@ def play(
     """
     exo = episode.exo(models[0])
     devices = [exo.device, *(episode.device(model) for model in models[1:])]
-    drives = [
-        [PERFECT_SENSING.equip(drive) for drive in exo.drives_of(one)]
-        for one in devices
-    ]
+    each = [exo.drives_of(one) for one in devices]
+    drives = [[PERFECT_SENSING.equip(drive) for drive in own] for own in each]
     name, driven, prefixes = episode.controller, exo.device.driven, exo.device.prefixes
     ratio = np.array([[1.0 / drive.ratio for drive in own] for own in drives])
     called = name if isinstance(name, str) else ""
@@ -233,9 +231,8 @@ def _play_inside(
         for row in np.flatnonzero(simulations.fell & going).tolist():
             # What MuJoCo resets is attended no more; what raised is as it was.
             over = last == exo.steps and step_of(row) == last
-            is_counted = simulations.batch.status[row] == 0 and (
-                over or attended[row] != 0.0
-            )
+            raised = simulations.batch.status[row] != 0
+            is_counted = not raised and (over or attended[row] != 0.0)
             first = step_of(row, -1 if is_counted else 0) + 1
             fail(row, simulations.why(row, first * exo.period), first)
     columns = {name: kept[:, place] for place, name in enumerate(compiled.KEPT)}

@@ -21,11 +21,7 @@ import numpy as np
 from cc_mujoco import plugin
 from cc_mujoco._utils.provenance import versions
 from cc_mujoco.control import Controller
-from cc_mujoco.control._registry import (
-    batched_controller,
-    default_controller,
-    law_drives,
-)
+from cc_mujoco.control import _registry as registry
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._sensors import Sensing
 from cc_mujoco.errors import CableError, shown, with_known_names
@@ -140,12 +136,13 @@ def simulate(
         raise CableError(f"threads must be an integer >= 0, not {threads!r}.")
     device = made[0].description
     if controller is None:
-        controller = default_controller(device, task)
+        controller = registry.default_controller(device, task)
     trajectory = device.trajectory if trajectory is None else trajectory
-    exos = {
-        key: WornDevice(device, plant.model(), trajectory, task, duration)
-        for key, plant in {id(plant): plant for plant in made}.items()
-    }
+    exos: dict[int, WornDevice] = {}
+    for plant in made:
+        if id(plant) not in exos:
+            played_as = trajectory, task, duration
+            exos[id(plant)] = WornDevice(device, plant.model(), *played_as)
     played = [exos[id(plant)] for plant in made]
     exo = played[0]
     sensing = device.sensing if sensing is None else sensing
@@ -153,19 +150,16 @@ def simulate(
         raise CableError(f"sensing must be a Sensing, not {sensing!r}.")
     drives = [[sensing.equip(drive) for drive in one.drives] for one in played]
     law = _law(controller, drives, exo.device.prefixes)
-    given = {
-        "trajectory": _label(trajectory),
-        "task": task_label(device, task),
-        "controller": _label(controller),
-    }
-    about = given | dict(about or {})
+    labels = _label(trajectory), task_label(device, task), _label(controller)
+    given = zip(("trajectory", "task", "controller"), labels, strict=True)
+    about = dict(given) | dict(about or {})
     called = str(about["controller"])
     batch = Batch(played, seeds, threads=threads, name=called, whole=True, alone=alone)
     late = [plant.values.get("delay", sensing.delay) for plant in made]
     noise = [plant.noise for plant in made]
     which: Any = 0 if alone else slice(None)
     errors = {"delay": late[which], "noise": noise[which]}
-    known = law_drives(law, exo.drives)
+    known = registry.law_drives(law, exo.drives)
     measuring = exo.controller_sensors(sensing, known, seeds[which], **errors)
 
     def check(step: int, _: Columns, __: object) -> None:
@@ -260,7 +254,7 @@ def _law(
             "controller must be a name, a Controller or a function of a Drive, not "
             f"{given!r}."
         )
-    return batched_controller(given, drives, prefixes)
+    return registry.batched_controller(given, drives, prefixes)
 
 
 def task_label(device: Description, given: Any) -> str:
@@ -317,7 +311,7 @@ def play(
     sensing = sensing or exo.description.sensing
     plant = Single(env, seed)
     device = exo.device
-    known = law_drives(controller, exo.drives)
+    known = registry.law_drives(controller, exo.drives)
     measuring = exo.controller_sensors(sensing, known, seed)
     recorder = Recorder(plugin.cables(device.model), {}, device.prefixes)
 

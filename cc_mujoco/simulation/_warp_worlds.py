@@ -6,6 +6,8 @@ rounded; plants, scripts and sensors are those of `_batch.Simulations`.
 
 from __future__ import annotations
 
+from typing import Any
+
 import mujoco
 import mujoco_warp as mjw
 import numpy as np
@@ -62,34 +64,31 @@ class WarpWorlds:
         except NotImplementedError as error:  # a feature that mujoco_warp lacks
             raise _refusal(device, error) from None
         self.data = mjw.make_data(plain, nworld=count)
-        self.cables = attach(
-            self.model, self.data, spec, terms=_terms(exo), rest_in_pose=True
-        )
+        laid: Any = {"terms": _terms(exo), "rest_in_pose": True}
+        self.cables = attach(self.model, self.data, spec, **laid)
         self._skip, self._count = exo.frame_skip, count
         self._control = np.zeros((self._skip, count, model.nu), np.float32)
         self._controls = wp.zeros(self._control.shape, dtype=float)
-        self._impedances = {
-            name: np.repeat(getattr(plain, name)[None], count, axis=0)
-            for name in _ACTUATORS
-        }
-        for name, value in self._impedances.items():
-            field = getattr(self.model, name)
-            setattr(self.model, name, wp.array(value, dtype=field.dtype))
+        self._impedances = {}
+        for name in _ACTUATORS:
+            value = np.repeat(getattr(plain, name)[None], count, axis=0)
+            dtype = getattr(self.model, name).dtype
+            setattr(self.model, name, wp.array(value, dtype=dtype))
+            self._impedances[name] = value
         self._plants: dict[int, Plant] = {}
         """Plants that are not written to the worlds yet."""
         self._mj_data = mujoco.MjData(model)
         neutral = mujoco.MjData(model)
         mujoco.mj_forward(model, neutral)
         self._neutral = physics_of(neutral)
-        self.physics = Physics(
-            *(np.zeros((count, *field.shape)) for field in self._neutral)
-        )
+        shapes = ((count, *field.shape) for field in self._neutral)
+        self.physics = Physics(*map(np.zeros, shapes))
         """Positions, velocities and the results of the last physics step, (n, ...)."""
         # Initial fields of an episode; others follow from them or are 0
-        self._begun = {
-            name: np.zeros((count, *getattr(neutral, name).shape), np.float32)
-            for name in ("qpos", "qvel", "act", "qacc_warmstart")
-        }
+        self._begun = {}
+        for name in ("qpos", "qvel", "act", "qacc_warmstart"):
+            shape = count, *getattr(neutral, name).shape
+            self._begun[name] = np.zeros(shape, np.float32)
         self._fresh = np.zeros(count, dtype=np.bool_)
         self._warned = np.zeros(count, dtype=np.bool_)
         self._step_sample()  # compiles

@@ -67,15 +67,14 @@ class Wiring:
         """
         self._held: list[NDArray[Any]] = []
         first = devices[0]
-        self._records = np.concatenate(
-            [axis.record(self.hold) for device in devices for axis in device.axes]
-        )
+        axes = [axis for device in devices for axis in device.axes]
+        self._records = np.concatenate([axis.record(self.hold) for axis in axes])
         self._address = int(self._records.ctypes.data)
         self._devices, self._axes = len(devices), len(first.axes)
-        codes = [
-            TASK_CODES.get(type(task), OF_PHASE if scripted(task) else OTHER)
-            for task in exo.tasks
-        ]
+        codes = []
+        for task in exo.tasks:
+            other = OF_PHASE if scripted(task) else OTHER
+            codes.append(TASK_CODES.get(type(task), other))
         self._codes = np.array(codes, np.int64)
         self._parameters = np.array([parameters_of(task) for task in exo.tasks])
         self._script_controls = np.array(first.script_controls, np.int64)
@@ -96,11 +95,9 @@ class Wiring:
             starts.append(len(self.names))
             own = (*axis_record.READING_COLUMNS, *_MOTION, *axis.ratio_columns)
             self.names += [prefix + name for name in own]
-        self._python_tasks = [
-            (task, start, len(self.names) + n)
-            for n, (task, start) in enumerate(zip(exo.tasks, starts, strict=True))
-            if codes[n] == OTHER
-        ]
+        others = [n for n, code in enumerate(codes) if code == OTHER]
+        after = len(self.names)
+        self._python_tasks = [(exo.tasks[n], starts[n], after + n) for n in others]
 
     def hold(self, array: NDArray[Any]) -> int:
         """Keep a reference to the array; return its address, valid as long as this."""
@@ -170,10 +167,8 @@ class Wiring:
             self._turn(samples)
             _read(*given)
         for task, start, clock in self._python_tasks:
-            angle, velocity = (
-                table[start + axis_record.JOINT_ANGLE],
-                table[start + axis_record.JOINT_VELOCITY],
-            )
+            angle = table[start + axis_record.JOINT_ANGLE]
+            velocity = table[start + axis_record.JOINT_VELOCITY]
             if task.about_reference:
                 angle = angle - table[start + _WIDTH - 1]
             table[start + _DESIRED] = task_torque(task, angle, velocity, table[clock])

@@ -112,15 +112,12 @@ class WornDevice:
         """Task of every axis."""
         self.description = _with_safe_torques(description, self.tasks)
         own: dict[str, Any] = {"hold": hold, "history": history, "memory": memory}
-        frames = (
-            axis.observed(description.scene, self.sampling) for axis in self.device.axes
-        )
-        self.observed = tuple(
-            dataclasses.replace(
-                frame.with_reference() if one.commands_angle else frame, **own
-            )
-            for frame, one in zip(frames, self.tasks, strict=True)
-        )
+        observed = []
+        for axis, one in zip(self.device.axes, self.tasks, strict=True):
+            frame = axis.observed(description.scene, self.sampling)
+            frame = frame.with_reference() if one.commands_angle else frame
+            observed.append(dataclasses.replace(frame, **own))
+        self.observed = tuple(observed)
         """Observation of every axis."""
         self.author = Author(
             self.device, sources, self.tasks, self.samples, self.frame_skip
@@ -137,12 +134,13 @@ class WornDevice:
     def drives_of(self, device: DeviceModel) -> tuple[Drive, ...]:
         """Return what controllers may know of each axis of this device or a variant."""
         drives, axes = device.drives(self.period), self.description.axes
-        return tuple(
-            dataclasses.replace(
-                drive, commands_angle=task.commands_angle, safe_torque=axis.safe_torque
+        found = []
+        for drive, task, axis in zip(drives, self.tasks, axes, strict=True):
+            own: Any = {"commands_angle": task.commands_angle}
+            found.append(
+                dataclasses.replace(drive, safe_torque=axis.safe_torque, **own)
             )
-            for drive, task, axis in zip(drives, self.tasks, axes, strict=True)
-        )
+        return tuple(found)
 
     @property
     def drive(self) -> Drive:

@@ -12,6 +12,7 @@ that holds the end, or one that begins where the conduit ends.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
@@ -32,16 +33,12 @@ CONDUIT, MOTOR_END, JOINT_END = "conduit", "motor_end", "joint_end"
 
 @dataclass(frozen=True)
 class _Straight:
-    ends: tuple[int, int]
-    """Actuators of the ends, proximal and distal."""
-    first: tuple[bool, bool]
-    """True where a tendon that holds an end is met at its first point."""
+    ends: tuple[int, int]  # actuators, proximal and distal
+    first: tuple[bool, bool]  # where a tendon that holds an end is met at its start
 
     def path(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-        places = [
-            _place(model, data, end, first)
-            for end, first in zip(self.ends, self.first, strict=True)
-        ]
+        each = zip(self.ends, self.first, strict=True)
+        places = [_place(model, data, end, first) for end, first in each]
         along = places[1] - places[0]
         along /= max(float(np.linalg.norm(along)), 1e-12)
         for number, end in enumerate(self.ends):
@@ -60,24 +57,19 @@ class CableLine:
     """Line that is coloured by the tension in a part of a cable."""
 
     cable: str
-    part: str
-    """`CONDUIT`, `MOTOR_END` or `JOINT_END`."""
-    source: int | _Straight
-    """Spatial tendon that it follows, or a straight line."""
-    radius: float
-    """Radius [m]."""
-    shares: Array
-    """Places of the nodes, see `conduit_shares`; unused for a rope."""
-    fine: Array
-    """Places of its points, as shares of its length (P,)."""
+    part: str  # `CONDUIT`, `MOTOR_END` or `JOINT_END`
+    source: int | _Straight  # spatial tendon that it follows, or a straight line
+    radius: float  # [m]
+    shares: Array  # places of the nodes, see `conduit_shares`; unused for a rope
+    fine: Array  # places of its points, as shares of its length (P,)
 
     def points(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
         """Return the points (P, 3) [m] in a pose for which `mj_tendon` was called."""
         if isinstance(self.source, int):
-            return conduit3d.resample(
-                scene3d.tendon_points(data, self.source), self.fine
-            )
-        return conduit3d.resample(self.source.path(model, data), self.fine)
+            path = scene3d.tendon_points(data, self.source)
+        else:
+            path = self.source.path(model, data)
+        return conduit3d.resample(path, self.fine)
 
     def all_points(self, model: mujoco.MjModel, qpos: Array) -> Array:
         """Return the points (T, P, 3) [m] in the poses `qpos` (T, nq)."""
@@ -125,10 +117,7 @@ def cable_lines(model: mujoco.MjModel, cables: Iterable[str]) -> list[CableLine]
         for part, rope in _ropes(model, cable, tendon):
             if rope not in taken:
                 taken.add(rope)
-                radius, fine = (
-                    float(model.tendon_width[rope]),
-                    np.linspace(0.0, 1.0, 40),
-                )
+                radius, fine = float(model.tendon_width[rope]), np.linspace(0, 1, 40)
                 found.append(CableLine(cable, part, rope, radius, shares, fine))
     return found
 
@@ -161,31 +150,22 @@ def _conduit(model: mujoco.MjModel, cable: str) -> int | _Straight | None:
     held = {int(model.actuator_trnid[end, 0]) for end in ends if _on_tendon(model, end)}
     sites = {site for tendon in held for site in _end_sites(model, tendon)} - {-1}
     by_tendon = model.actuator_trntype == mujoco.mjtTrn.mjTRN_TENDON
-    users = model.actuator_trnid[by_tendon, 0]
-    near = [
-        tendon
-        for tendon in range(model.ntendon)
-        if scene3d.is_spatial(model, tendon)
-        and tendon not in users
-        and sites & {*_end_sites(model, tendon)}
-        and scene3d.tendon_color(model, tendon)[3] > 0
-    ]
+    users = model.actuator_trnid[by_tendon, 0].tolist()
+    visible = [tendon for tendon, _ in scene3d.visible_tendons(model, users)]
+    near = [tendon for tendon in visible if sites & {*_end_sites(model, tendon)}]
     if len(near) == 1:
         return near[0]
     data = mujoco.MjData(model)
     scene3d.set_pose(model, data, model.qpos0)
-    near_end, far_end = (
-        {
-            first: _place(model, data, end, first)
-            for first in ((True, False) if _on_tendon(model, end) else (True,))
-        }
-        for end in ends
-    )
-    lengths = {
-        (one, other): float(np.linalg.norm(far_end[other] - near_end[one]))
-        for one in near_end
-        for other in far_end
-    }
+    places = []
+    for end in ends:
+        firsts = (True, False) if _on_tendon(model, end) else (True,)
+        places.append({first: _place(model, data, end, first) for first in firsts})
+    near_end, far_end = places
+    lengths = {}
+    for one, other in itertools.product(near_end, far_end):
+        apart = np.linalg.norm(far_end[other] - near_end[one])
+        lengths[one, other] = float(apart)
     straight = _Straight(ends, min(lengths, key=lambda sides: lengths[sides]))
     path = straight.path(model, data)
     short = 1e-3 * float(model.stat.extent)
@@ -198,14 +178,10 @@ def _ropes(
     ends = _actuators(model, cable)
     sites = (-1, -1) if conduit < 0 else _end_sites(model, conduit)
     for part, end, site in zip((MOTOR_END, JOINT_END), ends, sites, strict=True):
-        for tendon in range(model.ntendon):
+        for tendon, _ in scene3d.visible_tendons(model, [conduit]):
             holds = _on_tendon(model, end) and model.actuator_trnid[end, 0] == tendon
             begins = site >= 0 and site in _end_sites(model, tendon)
-            visible = (
-                scene3d.is_spatial(model, tendon)
-                and scene3d.tendon_color(model, tendon)[3] > 0
-            )
-            if tendon != conduit and visible and (holds or begins):
+            if holds or begins:
                 yield part, tendon
 
 

@@ -18,8 +18,8 @@ from cc_mujoco.simulation._episode_log import EpisodeLog
 from cc_mujoco.viz._axis import axis_limits, plot
 from cc_mujoco.viz._panels import draw_lines, highest_tension, tensions
 from cc_mujoco.viz._rerun_file import log_episode, recording, recording_id
-from cc_mujoco.viz._rerun_plots import line_values, scene_view
-from cc_mujoco.viz._scene3d import TIMELINE, Branch
+from cc_mujoco.viz._rerun_plots import line_values, playing, scene_view
+from cc_mujoco.viz._scene3d import Branch
 from cc_mujoco.viz._summary import draw_loop
 
 if TYPE_CHECKING:
@@ -130,8 +130,4 @@ def _blueprint(episodes: Sequence[LabelledEpisode]) -> rrb.Blueprint:
     shares = [3, *(2 for _ in rows[1:])]
     together = rrb.Vertical(*rows, row_shares=shares, name="Side by side")
     about = rrb.TextDocumentView(origin="/about", name="About")
-    return rrb.Blueprint(
-        rrb.Tabs(together, about),
-        rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="playing"),
-        collapse_panels=True,
-    )
+    return playing(rrb.Tabs(together, about))

@@ -95,10 +95,8 @@ def write_episode(
         else:
             log = log(partial / LOG_FILE)
         every = expand_cable_metrics(chosen, log.cables)
-        found = {
-            _of_axis(metric, axis): value
-            for axis, metric, value in measure_axes(log, every)
-        }
+        measured = measure_axes(log, every)
+        found = {_of_axis(metric, axis): value for axis, metric, value in measured}
         write_metrics(partial / "metrics.json", found)
         write_summary(partial / "summary.png", log)
         write_recording(partial / "recording.rrd", log, model, found)

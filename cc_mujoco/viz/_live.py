@@ -16,13 +16,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco import plugin
-from cc_mujoco.control import (
-    CONTROLLERS,
-    POSITION_CONTROLLERS,
-    Controller,
-    axes_controller,
-)
+from cc_mujoco import control, plugin
+from cc_mujoco.control import Controller
 from cc_mujoco.control._registry import controller_errors
 from cc_mujoco.device import Plant
 from cc_mujoco.device._drive import Drive
@@ -56,9 +51,8 @@ def live(
     law = Exchangeable(inner.drives, inner.exo.device.prefixes, name)
     cables = inner.exo.device.cables
     angles = all(drive.commands_angle for drive in inner.drives)
-    knobs = live_controls.Knobs(
-        cables, name, POSITION_CONTROLLERS if angles else CONTROLLERS
-    )
+    laws = control.POSITION_CONTROLLERS if angles else control.CONTROLLERS
+    knobs = live_controls.Knobs(cables, name, laws)
     highest = round_up_tension(max(cable.pretension for cable in cables.values()))
     model = inner.model
     sliders = live_controls.Sliders(knobs, inner.device.spec.copy())
@@ -85,7 +79,7 @@ class Exchangeable(Controller):
             CableError: If it cannot.
         """
         with controller_errors(name):
-            law = axes_controller(name, self._drives, self._prefixes)
+            law = control.axes_controller(name, self._drives, self._prefixes)
             law.reset()
         self._law, self.name = law, name
 
@@ -199,15 +193,9 @@ class Show:
         if columns is None:
             return
         cables = tuple(self._exo.device.cables)
-        how = {"factor": self._pace.factor, "highest": self._window.highest}
-        rows = live_controls.state_rows(
-            self._knobs,
-            columns,
-            cables,
-            pretension=self._laid,
-            controller=self._law.name,
-            **how,
-        )
+        how: Any = {"factor": self._pace.factor, "highest": self._window.highest}
+        how |= {"pretension": self._laid, "controller": self._law.name}
+        rows = live_controls.state_rows(self._knobs, columns, cables, **how)
         tensions = {cable: columns[f"tension_{cable}_nodes_n"] for cable in cables}
         texts = (*rows, *live_controls.wrap_sentence(self._note)), self._knobs.help
         self._window.show(Frame(columns["qpos"], tensions, texts))

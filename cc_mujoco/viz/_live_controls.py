@@ -236,9 +236,8 @@ def state_rows(
     brightest colour [N].
     """
     speed = "" if math.isnan(factor) else f", {factor:.2f} of real time"
-    rows = [
-        ("time", f"{columns['time_s']:.1f} s{', paused' if knobs.paused else speed}")
-    ]
+    pace = ", paused" if knobs.paused else speed
+    rows = [("time", f"{columns['time_s']:.1f} s{pace}")]
     laid = _factor_text(pretension)
     if knobs.pretension != pretension:
         laid += f"; {_factor_text(knobs.pretension)} at the next start"

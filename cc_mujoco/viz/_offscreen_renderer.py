@@ -33,14 +33,10 @@ Picture = NDArray[np.uint8]
 class Exposure(NamedTuple):
     """Moving parts, drawn and not yet put into the picture; the lowest row first."""
 
-    rows: slice
-    """Rows of what was drawn that hold any of it."""
-    tiles: list[tuple[slice, slice]]
-    """Rows and columns of all parts of the picture that hold any of it."""
-    colors: Picture
-    """Colours of these rows [drawn pixels]."""
-    depth: NDArray[np.float32]
-    """Depth of these rows [drawn pixels]."""
+    rows: slice  # of what was drawn that hold any of it
+    tiles: list[tuple[slice, slice]]  # rows and columns of parts that hold any of it
+    colors: Picture  # of these rows [drawn pixels]
+    depth: NDArray[np.float32]  # of these rows [drawn pixels]
 
 
 SUPERSAMPLING = 2
@@ -180,10 +176,8 @@ class OffscreenRenderer:
         np.copyto(merged[rows].view("V3"), colors.view("V3"), where=nearer[..., None])
         picture = self._still.copy()
         for tile in tiles:
-            drawn = tuple(
-                slice(SUPERSAMPLING * side.start, SUPERSAMPLING * side.stop)
-                for side in tile
-            )
+            ends = (np.array([side.start, side.stop]) for side in tile)
+            drawn = tuple(slice(*(SUPERSAMPLING * both)) for both in ends)
             picture[tile] = _downsample(merged[drawn])
         return picture[::-1]
 
@@ -255,10 +249,8 @@ def _screen_boxes(scene: mujoco.MjvScene) -> Array:
     turns = np.array([geom.mat for geom in geoms], dtype=np.float64)
     halves = np.array([geom.size for geom in geoms], dtype=np.float64)
     # Between the two eyes, as MuJoCo draws a picture for one.
-    position, forward, up = (
-        np.mean([getattr(eye, name) for eye in scene.camera], axis=0, dtype=np.float64)
-        for name in ("pos", "forward", "up")
-    )
+    eyes = np.array([[one.pos, one.forward, one.up] for one in scene.camera], float)
+    position, forward, up = eyes.mean(axis=0)
     axes = np.stack([np.cross(forward, up), up, forward])
     place = (places - position) @ axes.T
     reach = np.einsum("gij,gj->gi", np.abs(axes @ turns.reshape(-1, 3, 3)), halves)

@@ -18,6 +18,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -139,9 +140,8 @@ def recording(
     Windows, which has no such pipe, all of it is held until the end.
     """
     with replacing(path) as partial, strict():
-        rec = rr.RecordingStream(
-            "cc_mujoco", recording_id=identity, send_properties=False
-        )
+        own: Any = {"recording_id": identity, "send_properties": False}
+        rec = rr.RecordingStream("cc_mujoco", **own)
         with _saved_on_windows(rec, partial) if WINDOWS else _saved(rec, partial):
             rec.send_blueprint(blueprint, make_active=False, make_default=True)
             yield rec

@@ -94,11 +94,13 @@ def blueprint(log: EpisodeLog, model: mujoco.MjModel) -> rrb.Blueprint:
     else:
         parts = [*_axis_plots(log, ""), *_cable_plots(log, log.cables)]
         plots = rrb.Vertical(*parts, row_shares=ROW_SHARES)
-    return rrb.Blueprint(
-        rrb.Horizontal(rrb.Tabs(scene, about), plots, column_shares=[1, 1]),
-        rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="playing"),
-        collapse_panels=True,
-    )
+    return playing(rrb.Horizontal(rrb.Tabs(scene, about), plots, column_shares=[1, 1]))
+
+
+def playing(content: rrb.Container) -> rrb.Blueprint:
+    """Return a layout of which only the content is seen, and which plays at once."""
+    time = rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="playing")
+    return rrb.Blueprint(content, time, collapse_panels=True)
 
 
 ROW_SHARES = (6, 4, 6, 6, 7)
@@ -112,10 +114,8 @@ def _axis_plots(log: EpisodeLog, axis: str) -> list[View]:
         paths = [f"torque{of}/{name}" for name in names]
         return lines(log, f"{title} [N m]", "torque", paths)
 
-    motor, wearer = (
-        torques("Motor torque", "motor"),
-        torques("Wearer's torque", "wearer"),
-    )
+    motor = torques("Motor torque", "motor")
+    wearer = torques("Wearer's torque", "wearer")
     joint = torques("Joint torque", "joint", "desired")
     return [joint, rrb.Tabs(motor, wearer), lines(log, "Angle [deg]", f"angle{of}")]
 

@@ -114,10 +114,8 @@ def log_motion(rec: Branch, model: mujoco.MjModel, time: Array, qpos: Array) -> 
         position, quaternion = body_poses(model, qpos[some])
         for body in moving.tolist():
             path = rr.new_entity_path(_body_path(model, body))
-            columns = rr.Transform3D.columns(
-                translation=position[:, body],
-                quaternion=np.roll(quaternion[:, body], -1, axis=1),
-            )
+            turn, place = np.roll(quaternion[:, body], -1, axis=1), position[:, body]
+            columns = rr.Transform3D.columns(translation=place, quaternion=turn)
             rec.send_series(path, time[some], [*columns])
 
 
@@ -174,17 +172,14 @@ def _shape(model: mujoco.MjModel, geom: int, rgba: Array) -> Any:
     if kind == _SHAPE.mjGEOM_PLANE:
         # A side of size 0 is infinite and drawn as large as fits.
         x, y = (half if half > 0 else 2 * model.stat.extent for half in size[:2])
-        return rr.Mesh3D(
-            vertex_positions=[[-x, -y, 0], [x, -y, 0], [x, y, 0], [-x, y, 0]],
-            vertex_normals=[[0, 0, 1]] * 4,
-            triangle_indices=[[0, 1, 2], [0, 2, 3]],
-            albedo_factor=rgba,
-        )
+        corners = [[-x, -y, 0], [x, -y, 0], [x, y, 0], [-x, y, 0]]
+        triangles = [[0, 1, 2], [0, 2, 3]]
+        mesh: Any = {"vertex_positions": corners, "triangle_indices": triangles}
+        return rr.Mesh3D(**mesh, vertex_normals=[[0, 0, 1]] * 4, albedo_factor=rgba)
     if kind == _SHAPE.mjGEOM_MESH:
         points, faces = mesh_arrays(model, geom)
-        return rr.Mesh3D(
-            vertex_positions=points, triangle_indices=faces, albedo_factor=rgba
-        )
+        mesh = {"vertex_positions": points, "triangle_indices": faces}
+        return rr.Mesh3D(**mesh, albedo_factor=rgba)
     if kind == _SHAPE.mjGEOM_SPHERE:
         return rr.Ellipsoids3D(half_sizes=[[size[0]] * 3], **look)
     if kind == _SHAPE.mjGEOM_ELLIPSOID:

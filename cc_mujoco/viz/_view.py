@@ -119,11 +119,9 @@ class Viewing:
         self._friction = self._knobs.friction
         options = self._knobs.options(self._laid)
         for name, cable in self._cables.items():
-            values = {
-                key: options[f"{name}.{key}"]
-                for key in ("friction", "static_friction", "pretension")
-                if f"{name}.{key}" in options
-            }
+            keys = ("friction", "static_friction", "pretension")
+            own = [key for key in keys if f"{name}.{key}" in options]
+            values = {key: options[f"{name}.{key}"] for key in own}
             write_cable(self._model, name, cable.replace(**values))
 
     def _step(self, window: Any) -> None:

@@ -46,12 +46,9 @@ LAST_FRAME_TIMEOUT = 2.0
 class Frame(NamedTuple):
     """Content of the window at one time."""
 
-    qpos: Array
-    """Pose (nq,)."""
-    tensions: Mapping[str, Array]
-    """Tension at the nodes of each cable (n,) [N]."""
-    texts: tuple[Rows, Rows]
-    """Texts at the top left and at the bottom left."""
+    qpos: Array  # pose (nq,)
+    tensions: Mapping[str, Array]  # at the nodes of each cable (n,) [N]
+    texts: tuple[Rows, Rows]  # at the top left and at the bottom left
 
 
 def require_screen(what: str = "--live") -> None:

@@ -39,7 +39,6 @@ MAX_PLOT_SAMPLES = 10_000
 """Most samples of each line of a plot; of more, evenly chosen ones are shown."""
 DATA_ID = "episode"
 """Id of the element that holds the data."""
-WEB_FOLDER = Path(__file__).parent
 
 
 def require_page() -> None:
@@ -62,22 +61,23 @@ def write_page(
     samples = plots.frame_samples(log["time_s"], rate)
     panels = [*plots.torques(log), *plots.angles(log), *plots.tensions(log)]
     every = math.ceil(len(log) / MAX_PLOT_SAMPLES)
+    time = log["time_s"]
     data = {
-        "time": encode_array(log["time_s"][::every]),
-        "frames": encode_array(log["time_s"][samples]),
-        "panels": [_panel(panel, log["time_s"], every) for panel in panels],
+        "time": encode_array(time[::every]),
+        "frames": encode_array(time[samples]),
+        "panels": [_panel(panel, time, every) for panel in panels],
         "scene": web_scene(log, model, samples),
         "highest": highest,
         "colors": _colors(),
     }
-    text = html.page(
-        episode_title(log),
-        "episode",
-        _body(log, panels, metrics, highest, _shares(log, count, every, rate)),
-        style=(WEB_FOLDER / "web_page.css").read_text(encoding="utf-8"),
-        scripts=(library, (WEB_FOLDER / "web_page.js").read_text(encoding="utf-8")),
-        data={DATA_ID: json.dumps(data, separators=(",", ":"), allow_nan=False)},
+    style, script = (
+        Path(__file__).with_name(f"web_page.{kind}").read_text(encoding="utf-8")
+        for kind in ("css", "js")
     )
+    shown = json.dumps(data, separators=(",", ":"), allow_nan=False)
+    body = _body(log, panels, metrics, highest, _shares(log, count, every, rate))
+    own: Any = {"style": style, "scripts": (library, script), "data": {DATA_ID: shown}}
+    text = html.page(episode_title(log), "episode", body, **own)
     with replacing(path) as partial:
         partial.write_text(text, encoding="utf-8")
 
@@ -158,14 +158,11 @@ def _body(
             look, label = "dashed" if line.dashed else "line", escape(line.label)
             keys += _KEY.substitute(look=look, color=line.color, label=label)
         figures.append(_FIGURE.substitute(title=title, unit=panel.unit, keys=keys))
-    body = _BODY.substitute(
-        title=escape(episode_title(log)),
-        gradient=f"linear-gradient(90deg,{','.join(c for _, c in _colors()[2:])})",
-        highest=f"{highest:.3g}",
-        slack=_rgb(SLACK_COLOR),
-        plots="".join(figures),
-        shares=escape(shares),
-    )
+    colors = ",".join(color for _, color in _colors()[2:])
+    gradient, slack = f"linear-gradient(90deg,{colors})", _rgb(SLACK_COLOR)
+    scale = {"gradient": gradient, "highest": f"{highest:.3g}", "slack": slack}
+    title, parts = escape(episode_title(log)), "".join(figures)
+    body = _BODY.substitute(title=title, plots=parts, shares=escape(shares), **scale)
     if not metrics:
         return html.Html(body)
     rows = []

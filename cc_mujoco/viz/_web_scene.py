@@ -23,10 +23,8 @@ SHAPE = mujoco.mjtGeom
 class TriangleMesh(NamedTuple):
     """Triangles of a geom or cable, in its own frame."""
 
-    vertices: Array
-    """Points (V, 3) [m]."""
-    triangles: NDArray[np.int32]
-    """Numbers of their corners (F, 3), anticlockwise as seen from outside."""
+    vertices: Array  # points (V, 3) [m]
+    triangles: NDArray[np.int32]  # their corners (F, 3), anticlockwise from outside
 
 
 def geom_mesh(model: mujoco.MjModel, geom: int, reach: float) -> TriangleMesh:
@@ -156,17 +154,13 @@ def web_scene(
     # Nothing may be flat: the page scales by the sides.
     half = 0.51 * np.maximum(high - low, max(0.05 * float((high - low).max()), 1e-3))
     box = 0.5 * (low + high)[:, None] + np.stack([-half, half], axis=1)
+    shapes = []
+    for body, rgba, mesh in meshes:
+        look: dict[str, Any] = {"body": body, "color": _hex(rgba)}
+        look |= {"opacity": float(rgba[3]), "vertices": encode_array(mesh.vertices)}
+        shapes.append({**look, "triangles": encode_array(mesh.triangles, "i4")})
     return {
-        "meshes": [
-            {
-                "body": body,
-                "color": _hex(rgba),
-                "opacity": float(rgba[3]),
-                "vertices": encode_array(mesh.vertices),
-                "triangles": encode_array(mesh.triangles, "i4"),
-            }
-            for body, rgba, mesh in meshes
-        ],
+        "meshes": shapes,
         "poses": encode_array(poses.reshape(len(samples), len(moving), 12)),
         "lines": [{"points": encode_array(points)} | about for points, about in lines],
         "box": box.tolist(),
@@ -238,12 +232,11 @@ def _cables(
         if not conduit:  # one tension for all of a rope
             tension = tension[:, [0, 0] if line.part == MOTOR_END else [-1, -1]]
         # In pixels: a conduit, a rope coloured by tension, any other tendon
-        about = {
-            "name" if conduit else "rope": line.cable,
-            "width": 9 if conduit else 5,
-            "tension": encode_array(tension),
-            "nodes": encode_array(line.nodes(tension.shape[1])),
-        }
+        about: dict[str, Any] = {"name": line.cable, "width": 9}
+        if not conduit:
+            about = {"rope": line.cable, "width": 5}
+        about["tension"] = encode_array(tension)
+        about["nodes"] = encode_array(line.nodes(tension.shape[1]))
         found.append((_without_repeats(line.all_points(model, qpos)), about))
     return found
 

@@ -171,9 +171,8 @@ class _Prepared:
         finer = orders[place] + step * np.linspace(-1.0, 1.0, 41)
         near = self._spectrum(angle, by_torque, finer, self._error)
         best = int(np.argmax(near))
-        if near[best] < Limit.min_error_share * self._total or not np.isfinite(
-            background[place]
-        ):
+        is_weak = near[best] < Limit.min_error_share * self._total
+        if is_weak or not np.isfinite(background[place]):
             return None
         # A short motion smears a period over the adjacent orders, so they are judged
         # without it.

@@ -657,9 +657,8 @@ def cross_validate(problem: Problem, folds: Folds, starts: Arrays) -> CrossValid
             start = start + fits[0].x - starts[0]
         found = fit(problem, start, fold.train)
         fits.append(found)
-        for kept, error, mask in zip(
-            errors, problem.errors(found.x, fold.test), fold.test, strict=True
-        ):
+        tested = problem.errors(found.x, fold.test)
+        for kept, error, mask in zip(errors, tested, fold.test, strict=True):
             kept[:, mask] = error[:, mask]
     return CrossValidation(problem, tuple(fits), tuple(errors), folds)
 

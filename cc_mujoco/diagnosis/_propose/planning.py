@@ -128,14 +128,12 @@ def planned(
     able = [name for name in wanted if name in library.effects]
     usual = Problem(plant, free, (), (), ()).values(place)
     torques = plant.simulate(usual)
-    sizes = {
-        name: noise[name].deviation
-        if name in noise
-        else Limit.default_torque_noise * float(np.std(row))
-        for name, row in zip(
-            instruments.channels, np.concatenate(torques, axis=1), strict=True
-        )
-    }
+    sizes = {}
+    whole = np.concatenate(torques, axis=1)
+    for name, row in zip(instruments.channels, whole, strict=True):
+        sizes[name] = Limit.default_torque_noise * float(np.std(row))
+        if name in noise:
+            sizes[name] = noise[name].deviation
     floor: tuple[FloatArray, ...] = ()
     for record, torque in zip(records, torques, strict=True):
         (there,) = plant.limited([_shaken(record, noise)]).simulate(usual)

@@ -255,9 +255,8 @@ def _rehearse_motion(scene: MjSpec | Path, step: float, bench: Bench) -> None:
     cables, driven = bench.names, bench.joint
     shown = rollout(scene, time, motor, joint, cables=cables, driven=driven)
     alone = bench.replay(step, motor, joint)
-    for side, torque, own in zip(
-        ("motor", "joint"), shown, (alone.motor_torque, alone.joint_torque), strict=True
-    ):
+    torques = alone.motor_torque, alone.joint_torque
+    for side, torque, own in zip(("motor", "joint"), shown, torques, strict=True):
         difference, most = np.abs(torque - own).max(), np.abs(own).max()
         if not difference <= 1e-3 * most:
             parts = f", and other parts of the <tuple> {side}_torque_nm"

@@ -29,10 +29,8 @@ class UdpAddress:
 class CanPlace:
     """A CAN bus."""
 
-    channel: str
-    """Name of the channel at the interface, such as `can0`."""
-    interface: str = "socketcan"
-    """Interface of python-can."""
+    channel: str  # name of the channel at the interface, such as `can0`
+    interface: str = "socketcan"  # interface of python-can
     bus: Mapping[str, Any] = field(default_factory=dict)
     """Further arguments of the interface, such as its bit rates."""
 

@@ -26,8 +26,7 @@ from cc_mujoco.hardware._rig import MAX_PENDING, PacketRig, pending
 if TYPE_CHECKING:
     import can
 
-MAX_FAILURES = 5
-"""Number of errors in a row from which the bus counts as gone."""
+MAX_FAILURES = 5  # number of errors in a row from which the bus counts as gone
 NETWORK_FOLDER = Path("/sys/class/net")
 
 
@@ -36,8 +35,7 @@ class _SharedBus:
     """An open bus with the frames that came for each of its ports."""
 
     bus: can.BusABC
-    fd: bool
-    """True if it was opened as one of CAN FD."""
+    fd: bool  # true if it was opened as one of CAN FD
     waiting: dict[int, deque[can.Message]] = field(default_factory=dict)
     """Frames by identifier; some ports hear several."""
 

@@ -45,10 +45,8 @@ from cc_mujoco.hardware._rig import TURN, Enabling, MotorState, Now, pending
 class CanDrive(ABC):
     """Connection to a drive on a CAN bus; a subclass makes it a `MotorDrive`."""
 
-    title: ClassVar[str]
-    """Name of the kind of drive in sentences."""
-    fd: ClassVar[bool]
-    """True if its frames are those of CAN FD."""
+    title: ClassVar[str]  # name of the kind of drive in sentences
+    fd: ClassVar[bool]  # true if its frames are those of CAN FD
 
     def __init__(
         self,
@@ -57,11 +55,7 @@ class CanDrive(ABC):
         buses: CanBuses | None = None,
         now: Now = time.perf_counter,
     ) -> None:
-        """Open the bus, unless it is open already; nothing is sent yet.
-
-        `node` is the number of the drive on it, see `DRIVE_NODES`; for `buses` see
-        `CanPort`, `now` is the clock of the host [s].
-        """
+        """Open the bus, see `CanPort`, for the drive of a number in `DRIVE_NODES`."""
         heard = self.identifiers(node)
         self._port = CanPort(place, heard, fd=self.fd, buses=buses)
         self.ignored = self._port.ignored
@@ -208,14 +202,11 @@ class Moteus(CanDrive):
         return self._enabling.status(mode == POSITION_MODE)
 
 
-HEARTBEAT, ESTIMATES = 0x01, 0x09
-"""Commands that the drive sends by itself."""
+HEARTBEAT, ESTIMATES = 0x01, 0x09  # commands that the drive sends by itself
 SET_AXIS_STATE, SET_CONTROLLER_MODE = 0x07, 0x0B
 SET_INPUT_TORQUE, CLEAR_ERRORS = 0x0E, 0x18
-IDLE, CLOSED_LOOP_CONTROL = 1, 8
-"""States of an axis."""
-TORQUE_CONTROL, PASSTHROUGH = 1, 1
-"""Control mode and input mode."""
+IDLE, CLOSED_LOOP_CONTROL = 1, 8  # states of an axis
+TORQUE_CONTROL, PASSTHROUGH = 1, 1  # control mode and input mode
 
 
 def identifier(node: int, command: int) -> int:
@@ -227,8 +218,7 @@ class Odrive(CanDrive):
 
     title, fd = "ODrive", False
     _cleared = _requested = -math.inf
-    _beat = (-math.inf, 0, 0)
-    """Time, errors and state of the last heartbeat."""
+    _beat = (-math.inf, 0, 0)  # time, errors and state of the last heartbeat
 
     @staticmethod
     def identifiers(node: int) -> list[int]:

@@ -171,7 +171,7 @@ class RunRig:
         from cc_mujoco.hardware._run_log import BLOCK_TIME
         from cc_mujoco.hardware._run_report import ReportedRun, write_run_report
 
-        period = law.drive.period
+        period, stem = law.drive.period, name or DEFAULT_LOG_NAME
         about = {
             "controller" if name is None else "plan": what,
             "duration_s": duration,
@@ -182,7 +182,7 @@ class RunRig:
         with watch_for_stop() as stop:
             driven = axes.driven(axes.connect(), desired)
             rows, names = max(1, round(BLOCK_TIME / period)), axes.log_names
-            log = RunLog(self.out, about, rows, name or DEFAULT_LOG_NAME, names)
+            log = RunLog(self.out, about, rows, stem, names)
             clock, windings = SystemClock(), axes.windings
             loop = Loop(driven, law, clock=clock, log=log, stop=stop, windings=windings)
             try:
@@ -191,15 +191,13 @@ class RunRig:
                 _close_log(log, loop.outcome)
         first = axes.settings[0]
         file = first.path.parent / first.scene
-        run = ReportedRun(
-            self.out / f"{name or DEFAULT_LOG_NAME}.csv",
-            loop.outcome,
-            name or what,
-            first.scene if first.scene in SCENES or not file.is_file() else str(file),
-            period,
-            dict(zip(axes.log_names, (s.limits for s in axes.settings), strict=True)),
-            name is not None,
-        )
+        is_own = first.scene not in SCENES and file.is_file()
+        scene = str(file) if is_own else first.scene
+        limits = [each.limits for each in axes.settings]
+        kept = dict(zip(axes.log_names, limits, strict=True))
+        path, is_trial = self.out / f"{stem}.csv", name is not None
+        about_run = name or what, scene, period, kept, is_trial
+        run = ReportedRun(path, loop.outcome, *about_run)
         try:
             print(f"report:     {write_run_report(run)}")
         except (CableError, OSError) as error:  # a run without a page is a run
@@ -221,18 +219,10 @@ class RunRig:
                 f"{late['longest_us']:g} (longest); at work for {work['p50_us']:g} us, "
                 f"{work['p99_us']:g}, {work['longest_us']:g}"
             )
-        for reached, what, more in (
-            (
-                found.limited,
-                "a motor got all that [limits] torque",
-                ", or ask for less",
-            ),
-            (
-                found.rate_limited,
-                "a torque changed as fast as [limits] torque_rate",
-                "",
-            ),
-        ):
+        torque = "a motor got all that [limits] torque", ", or ask for less"
+        rate = "a torque changed as fast as [limits] torque_rate", ""
+        counts = found.limited, found.rate_limited
+        for reached, (what, more) in zip(counts, (torque, rate), strict=True):
             if reached > AT_LIMIT_SHARE * found.cycles:
                 print(
                     f"in {reached / found.cycles:.0%} of the cycles {what} allows, and "

@@ -31,14 +31,11 @@ HEADER = b"\xff\xff\xfd\x00"
 READ, STATUS, SYNC_WRITE = 0x02, 0x55, 0x83
 OPERATING_MODE, CURRENT_LIMIT = 11, 38
 TORQUE_ENABLE, BUS_WATCHDOG, GOAL_CURRENT = 64, 98, 102
-PRESENT_VELOCITY, PRESENT_POSITION = 128, 132
-"""Addresses in the control table."""
-CURRENT_CONTROL = 0
-"""Operating mode."""
+PRESENT_VELOCITY, PRESENT_POSITION = 128, 132  # addresses in the control table
+CURRENT_CONTROL = 0  # operating mode
 AMPERE, VELOCITY = 2.69e-3, 0.229 * TURN / 60.0
 """Units of a current [A] and of a velocity [rad/s]."""
-COUNTS = 4096
-"""Positions in a turn."""
+COUNTS = 4096  # positions in a turn
 WATCHDOG_UNITS, WATCHDOG_TRIPPED = 3, 0xFF
 """The watchdog in units of 20 ms, and its value after it has stopped the servo."""
 REPLY_TIME = 0.01
@@ -143,8 +140,7 @@ class Dynamixel:
         """Bytes that a reply is expected to hold."""
         self._requested_at = -math.inf
         self._mode: int | None = None
-        self._limit = 0
-        """Current limit, in units of a current."""
+        self._limit = 0  # current limit, in units of a current
         self._heard = self._confirmed = False
         self._failures = 0
 
@@ -159,10 +155,8 @@ class Dynamixel:
         return newest
 
     def write(self, torque: float) -> None:
-        if (
-            self._requested is not None
-            and self._now() - self._requested_at < REPLY_TIME
-        ):
+        waits = self._requested is not None
+        if waits and self._now() - self._requested_at < REPLY_TIME:
             raise OSError("the servo's reply is still under way")
         if self._mode != CURRENT_CONTROL:
             writes = [(TORQUE_ENABLE, b"\0")]  # the mode changes only without torque
@@ -219,9 +213,8 @@ class Dynamixel:
         self._heard = True
         self._confirmed |= requested == _WHOLE and data[0] == 1
         tripped = data[BUS_WATCHDOG - first] == WATCHDOG_TRIPPED
-        enabled = self._confirmed and not tripped
-        if requested == _WHOLE:
-            enabled = enabled and data[0] == 1
+        is_off = requested == _WHOLE and data[0] != 1
+        enabled = self._confirmed and not (tripped or is_off)
         velocity, position = struct.unpack_from("<ii", data, PRESENT_VELOCITY - first)
         status = Status.FAULT if error & 0x80 else self._enabling.status(enabled)
         angle = position * TURN / COUNTS

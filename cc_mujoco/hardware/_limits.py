@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from cc_mujoco._validation import require_parameter
 from cc_mujoco.errors import CableError
 
-MAX_PERIOD, MIN_PERIOD = 1.0 / 500.0, 1.0 / 2000.0
-"""Periods of a loop [s]."""
+MAX_PERIOD, MIN_PERIOD = 1.0 / 500.0, 1.0 / 2000.0  # periods of a loop [s]
 
 
 @dataclass(frozen=True)
@@ -99,8 +98,7 @@ class Limiter:
         self._stop_steps = limits.stop_steps(period)
         self._cycles = 0
         self._stop_rate = 0.0
-        self.torque = 0.0
-        """The last that was given out [N m]."""
+        self.torque = 0.0  # the last that was given out [N m]
         self.is_rate_limited = False
         """True if the limit of the rate kept it from where it was to go."""
 

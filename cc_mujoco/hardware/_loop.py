@@ -62,10 +62,8 @@ class SystemClock:
             pass
 
 
-CONNECT_TIME = 3.0
-"""Longest time that a rig may take until its first reading [s]."""
-ZERO_TORQUE_CYCLES = 5
-"""Cycles at zero torque after the ramp of a stop."""
+CONNECT_TIME = 3.0  # longest time that a rig may take until its first reading [s]
+ZERO_TORQUE_CYCLES = 5  # cycles at zero torque after the ramp of a stop
 
 
 class Ending(Exception):
@@ -89,8 +87,7 @@ class TimeHistogram:
 
     def __init__(self) -> None:
         self._bins: NDArray[np.int64] = np.zeros(20_001, dtype=np.int64)
-        self.longest = 0.0
-        """[s]"""
+        self.longest = 0.0  # [s]
 
     def add(self, time: float) -> None:
         self.longest = max(self.longest, time)
@@ -177,13 +174,11 @@ class _AxisState:
         self.limiter = Limiter(axis.limits, axis.drive.period)
         self.watch = Watch(axis.limits, axis.watchdog, axis.drive, unmeasured)
         self.prefix = "" if alone else f"{axis.name}."
-        self.seen: Readings | None = None
-        """The newest reading."""
+        self.seen: Readings | None = None  # the newest reading
         self.fresh: Readings | None = None
         """The reading of this cycle, None if none came."""
 
     def sentence(self, text: str) -> str:
-        """Return a sentence about the axis, with its name if there are several."""
         return f"axis {self.axis.name}: {text}" if self.prefix else text
 
     def read(self) -> None:
@@ -235,10 +230,8 @@ class Loop:
         unmeasured = [axis.drive.crossed for axis in axes]
         if windings is not None:
             unmeasured = windings.unmeasured
-        self._axes = [
-            _AxisState(axis, joints, alone)
-            for axis, joints in zip(axes, unmeasured, strict=True)
-        ]
+        pairs = zip(axes, unmeasured, strict=True)
+        self._axes = [_AxisState(axis, joints, alone) for axis, joints in pairs]
         self._wound: list[dict[str, float]] = [{} for _ in axes]
         self._deadline = 0.0
         self._late = 0.0
@@ -313,18 +306,14 @@ class Loop:
         desired, wishes = self._control_torques(time, seen)
         # Whatever came while the controller was at work: a stop always wins.
         self._stop_requested()
-        torques = [
-            one.limiter.limited(wish)
-            for one, wish in zip(self._axes, wishes, strict=True)
-        ]
+        pairs = zip(self._axes, wishes, strict=True)
+        torques = [one.limiter.limited(wish) for one, wish in pairs]
         self._write(torques)
         outcome.rate_limited += any(one.limiter.is_rate_limited for one in self._axes)
         if torques != wishes:
             self._law.given(torques if len(torques) > 1 else torques[0])
-        outcome.limited += any(
-            abs(torque) >= one.axis.limits.torque
-            for one, torque in zip(self._axes, torques, strict=True)
-        )
+        pairs = zip(self._axes, torques, strict=True)
+        outcome.limited += any(abs(t) >= one.axis.limits.torque for one, t in pairs)
         work = self._clock.now() - began
         outcome.cycles += 1
         outcome.work.add(work)
@@ -418,10 +407,9 @@ class Loop:
 
     def _wind(self, seen: Sequence[Readings]) -> None:
         if self._windings is not None:
-            self._wound = self._windings.read(
-                [each.joint_angle for each in seen],
-                [each.joint_velocity for each in seen],
-            )
+            angles = [each.joint_angle for each in seen]
+            velocities = [each.joint_velocity for each in seen]
+            self._wound = self._windings.read(angles, velocities)
 
     def _control_torques(
         self, time: float, seen: Sequence[Readings]

@@ -20,8 +20,7 @@ PROTOCOL_VERSION = 1
 _READING = struct.Struct("<4sHHIQ5d")
 _COMMAND = struct.Struct("<4sHHIQd")
 _CHECKSUM = struct.Struct("<I")
-SEQUENCE_MODULUS = 1 << 32
-"""Sequence numbers begin again after this many."""
+SEQUENCE_MODULUS = 1 << 32  # sequence numbers begin again after this many
 
 
 class Status(IntFlag):
@@ -59,8 +58,7 @@ class Command(NamedTuple):
     """Command of the host to a rig."""
 
     sequence: int
-    echo: int
-    """Time stamp of the newest reading that the host had [ns]; 0 before any."""
+    echo: int  # time stamp of the newest reading that the host had [ns]; 0 before any
     torque: float
     status: Status
 
@@ -69,8 +67,7 @@ class Packet(NamedTuple):
     """A reading with the sequence number and time stamp of its packet."""
 
     sequence: int
-    stamp: int
-    """[ns]"""
+    stamp: int  # [ns]
     readings: Readings
 
 

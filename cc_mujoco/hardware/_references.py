@@ -96,11 +96,7 @@ class Virtual:
 
     @classmethod
     def named(cls, name: str) -> Virtual:
-        """Return the virtual environment of a name.
-
-        One that follows a gait, which no rig measures, or an angle, which no rig is
-        given, is refused.
-        """
+        """Return the virtual environment of a name; refuse one of a gait or angle."""
         found = task(name)
         if found.about_reference or found.commands_angle:
             raise CableError(
@@ -137,15 +133,9 @@ def course_from_csv(path: Path) -> TorqueTable:
 
 
 def read_columns(path: Path, columns: Mapping[str, Kind]) -> tuple[Array, ...]:
-    """Read the named columns of a table (n,) each.
-
-    `columns` are their names and what they measure; the first is time and must rise.
-    """
+    """Read the named columns of a table (n,) each; the first is time and must rise."""
     names = tables.column_names(path)
-    found = [
-        tables.quantity_column(path, names, name, measured)
-        for name, measured in columns.items()
-    ]
+    found = [tables.quantity_column(path, names, *each) for each in columns.items()]
     read = tables.read_course(path, found)
     if not read[0].size:
         raise CableError(f"{path} has no row of data below its header.")
@@ -231,9 +221,8 @@ class Servo:
         if time < APPROACH_TIME:
             turn = math.pi * time / APPROACH_TIME
             half = 0.5 * (first - begin)
-            return begin + half * (1.0 - math.cos(turn)), (
-                half * math.pi / APPROACH_TIME * math.sin(turn)
-            )
+            speed = half * math.pi / APPROACH_TIME * math.sin(turn)
+            return begin + half * (1.0 - math.cos(turn)), speed
         now = time - APPROACH_TIME
         step = self._drive.period
         angle, later = np.interp((now, now + step), self._times, self._angles)
@@ -245,16 +234,11 @@ class Planned:
     """Motion to be played on a rig: where its log goes, and both angles over time."""
 
     path: Path
-    name: str
-    """Name that its log gets, and that `dataset.toml` knows."""
-    notes: str
-    """Instructions before it is played."""
-    times: Array
-    """(n,) from 0 [s]."""
-    motor: Array
-    """Angle of the motor to be played (n,) [rad]."""
-    joint: Array
-    """Angle of the joint that is expected (n,) [rad]."""
+    name: str  # name that its log gets, and that `dataset.toml` knows
+    notes: str  # instructions before it is played
+    times: Array  # (n,) from 0 [s]
+    motor: Array  # angle of the motor to be played (n,) [rad]
+    joint: Array  # angle of the joint that is expected (n,) [rad]
 
     @property
     def duration(self) -> float:
@@ -297,12 +281,11 @@ def read_plan(folder: str | os.PathLike[str]) -> list[Planned]:
             f"{DATASET_FILE}; give the folder that `cc-mujoco diagnose --plan` wrote."
         )
     facts = read_dataset_file(toml)
+    columns = {"time_s": CLOCK, "motor_angle_rad": ANGLE, "joint_angle_rad": ANGLE}
     found = []
     for path in paths:
         name = path.stem.replace(MOTION_FILE.split("_")[0], "trial")
-        times, motor, joint = read_columns(
-            path, {"time_s": CLOCK, "motor_angle_rad": ANGLE, "joint_angle_rad": ANGLE}
-        )
+        times, motor, joint = read_columns(path, columns)
         if times.size < 2:
             raise CableError(f"{path} has one line of data; a motion has two or more.")
         notes = facts.facts_of(Path(f"{name}.csv")).notes
@@ -318,9 +301,8 @@ def add_trial_facts(plan: Path, trial: str, out: Path, inertia: float) -> None:
     command of the motor, part of which accelerates its rotor, of `inertia` at its
     pulley [kg m^2]; 0 is not known.
     """
-    head, *tables = re.split(
-        r"(?m)^(?=\[trials\b)", (plan / DATASET_FILE).read_text(encoding="utf-8")
-    )
+    planned = (plan / DATASET_FILE).read_text(encoding="utf-8")
+    head, *tables = re.split(r"(?m)^(?=\[trials\b)", planned)
     if inertia > 0.0 and "rig" not in parse_toml(head):
         head = f"{head.rstrip()}\n\n[rig]\nrotor_inertia = {inertia:g}\n"
     place = out / DATASET_FILE

@@ -29,15 +29,8 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.hardware._drive_model import Windings
 from cc_mujoco.hardware._run_log import RUN_COLUMNS, files_of
 from cc_mujoco.metrics._metric import RATIO
+from cc_mujoco.simulation import _log_columns as log_columns
 from cc_mujoco.simulation._episode_log import EpisodeLog
-from cc_mujoco.simulation._log_columns import (
-    AXES,
-    AXIS_COLUMNS,
-    MODEL_XML,
-    POSE_COLUMN,
-    TIME_COLUMN,
-    prefixes_in,
-)
 
 Array = NDArray[np.float64]
 
@@ -100,10 +93,9 @@ def read_rows(path: Path) -> dict[str, Array]:
     except (OSError, UnicodeDecodeError, pa.ArrowInvalid) as error:
         reason = " ".join(str(error).split())
         raise CableError(f"cannot read {path} as the log of a run: {reason}") from None
-    required = [
-        TIME_COLUMN.name,
-        *(prefix + name for prefix in _prefixes(names) for name in REQUIRED_COLUMNS),
-    ]
+    required = ["time_s"]
+    for prefix in _prefixes(names):
+        required += [prefix + name for name in REQUIRED_COLUMNS]
     missing = [name for name in required if name not in names]
     if missing:
         raise CableError(
@@ -119,16 +111,17 @@ def read_rows(path: Path) -> dict[str, Array]:
         except pa.ArrowInvalid as error:
             raise CableError(f"{path}, column {name}: {error}") from None
         may_lack = name.endswith("desired_torque_nm")  # none while a run is stopped
-        if not may_lack and not np.isfinite(values).all():
-            row = int(np.flatnonzero(~np.isfinite(values))[0])
+        wrong = np.flatnonzero(~np.isfinite(values))
+        if wrong.size and not may_lack:
+            row = int(wrong[0])
             raise CableError(
                 f"{path}, line {row + 2}, column {name}: {values[row]} must be a "
                 "finite number."
             )
         found[name] = np.asarray(values, dtype=np.float64)
-    if (np.diff(found["time_s"]) <= 0.0).any():
-        row = int(np.flatnonzero(np.diff(found["time_s"]) <= 0.0)[0])
-        raise CableError(f"{path}, line {row + 3}, column time_s: time must rise.")
+    wrong = np.flatnonzero(np.diff(found["time_s"]) <= 0.0)
+    if wrong.size:
+        raise CableError(f"{path}, line {wrong[0] + 3}, column time_s: time must rise.")
     return found
 
 
@@ -144,11 +137,10 @@ def as_episode(
     description = device.description
     model = device.spec.copy().compile()
     made = DeviceModel(description, model)
-    driven = [
-        made.axes[description.axes.index(description.axis(prefix.rstrip(".") or None))]
-        for prefix in _prefixes(rows)
-    ]
-    time = rows[TIME_COLUMN.name]
+    names = [prefix.rstrip(".") or None for prefix in _prefixes(rows)]
+    places = [description.axes.index(description.axis(name)) for name in names]
+    driven = [made.axes[place] for place in places]
+    time = rows["time_s"]
     count, period = time.size, float(np.median(np.diff(time)))
     windings = Windings(driven)
     each = [{n: rows[p + n] for n in REQUIRED_COLUMNS} for p in _prefixes(rows)]
@@ -161,17 +153,17 @@ def as_episode(
             )
     _add_wound(each, windings)
     nothing = np.full(count, np.nan)
-    columns: dict[str, NDArray[Any]] = {TIME_COLUMN.name: time}
+    columns: dict[str, NDArray[Any]] = {"time_s": time}
     for axis, start in zip(description.axes, made.prefixes, strict=True):
         own_rows = found.get(axis.name, {})
-        for column in AXIS_COLUMNS:
+        for column in log_columns.AXIS_COLUMNS:
             columns[start + column.name] = own_rows.get(column.name, nothing)
     qpos = np.tile(model.qpos0, (count, 1))
     for own in driven:
         own_rows = found[own.axis.name]
         qpos[:, own.places.motor_q] += own.sense * own_rows["motor_angle_rad"]
         qpos[:, own.places.joint_q] = own_rows["joint_angle_rad"]
-    columns[POSE_COLUMN.name] = qpos
+    columns[log_columns.POSE_COLUMN.name] = qpos
     for name, cable in device.cables.items():
         nodes = np.full((count, cable.segments + 1), np.nan)  # unless it was driven
         slip = np.zeros((count, cable.segments), np.int8)
@@ -181,27 +173,25 @@ def as_episode(
         own_rows = found[own.axis.name]
         drive = own.drive(device.cables, device.name, period)
         _require_ratio(own_rows, drive, scene, path)
-        columns |= _observed(
-            drive,
-            own.driven,
-            own_rows["motor_angle_rad"],
-            own_rows["joint_torque_nm"] / own_rows["leverage_ratio"],
-        )
+        torque = own_rows["joint_torque_nm"] / own_rows["leverage_ratio"]
+        columns |= _observed(drive, own.driven, own_rows["motor_angle_rad"], torque)
         facts[own.axis.name] = {RATIO: 1.0 / drive.ratio}
+    alone = next(iter(facts.values()))
     about = {
         "scene": scene,
         "run": str(path),
         "tensions": "by the scene's model, from motor angle and joint torque",
-        **({AXES: facts} if len(description.axes) > 1 else next(iter(facts.values()))),
+        **({log_columns.AXES: facts} if len(description.axes) > 1 else alone),
         "cables": {name: cable.to_config() for name, cable in device.cables.items()},
-        MODEL_XML: device.xml(),
+        log_columns.MODEL_XML: device.xml(),
     }
     return model, EpisodeLog(columns, about)
 
 
 def _prefixes(names: Iterable[str]) -> tuple[str, ...]:
     """Return the beginnings of the columns of each axis in a log."""
-    found = [name for name in prefixes_in(names) if not name or name.endswith(".")]
+    known = log_columns.prefixes_in(names)
+    found = [name for name in known if not name or name.endswith(".")]
     return tuple(found) or ("",)
 
 
@@ -225,10 +215,7 @@ def _require_ratio(
 def _add_wound(axes: Sequence[dict[str, Array]], windings: Windings) -> None:
     angles = np.column_stack([rows["joint_angle_rad"] for rows in axes])
     velocities = np.column_stack([rows["joint_velocity_rad_s"] for rows in axes])
-    wound = [
-        windings.read(angle, velocity)
-        for angle, velocity in zip(angles.tolist(), velocities.tolist(), strict=True)
-    ]
+    wound = list(map(windings.read, angles.tolist(), velocities.tolist()))
     for place, rows in enumerate(axes):
         round_pulley = angles[:, place], velocities[:, place], np.ones(len(angles))
         for name, usual in zip(WINDING_COLUMNS, round_pulley, strict=True):
@@ -239,11 +226,7 @@ def _add_wound(axes: Sequence[dict[str, Array]], windings: Windings) -> None:
 def _observed(
     drive: Drive, names: Sequence[str], motor: Array, torque: Array
 ) -> dict[str, NDArray[Any]]:
-    """Return the columns of cables as the model finds them, by motor and joint.
-
-    `motor` is its angle (T,) [rad], `torque` that at the joint with a round pulley (T,)
-    [N m].
-    """
+    """Return cable columns by angle of the motor [rad], torque at the joint [N m]."""
     observer = CableModel(drive)
     states = []
     for angle, load in zip(motor.tolist(), torque.tolist(), strict=True):
@@ -262,7 +245,5 @@ def _observed(
 def _reading(
     nodes: Array, slip: NDArray[np.int8], slack: Array, dissipated: Array
 ) -> CableReading:
-    moving = np.mean(slip != 0, axis=1)
-    return CableReading(
-        nodes, slip, nodes[:, 0], nodes[:, -1], moving, slack, dissipated
-    )
+    ends, moving = (nodes[:, 0], nodes[:, -1]), np.mean(slip != 0, axis=1)
+    return CableReading(nodes, slip, *ends, moving, slack, dissipated)

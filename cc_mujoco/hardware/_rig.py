@@ -21,10 +21,8 @@ from cc_mujoco.hardware._packet import Command, Readings, Status
 
 Item = TypeVar("Item")
 
-MAX_PENDING = 200
-"""Most packets or frames that are looked at in a cycle."""
-END_PACKETS = 10
-"""Packets that say that the run is over; some may be lost."""
+MAX_PENDING = 200  # most packets or frames that are looked at in a cycle
+END_PACKETS = 10  # packets that say that the run is over; some may be lost
 
 
 @runtime_checkable
@@ -56,8 +54,7 @@ class Connection(Protocol):
 
     ignored: Counter[str]
     """Packets that were received and not used, or not sent, by why."""
-    where: str
-    """The address of the other end."""
+    where: str  # the address of the other end
 
     def close(self) -> None:
         """Disconnect from the rig; a second call does nothing."""
@@ -112,8 +109,7 @@ class PacketRig:
         self.ignored = link.ignored
         """Packets that were not used: corrupt, repeated, reordered, overtaken; and
         what the link did not carry."""
-        self.where = link.where
-        """The address at which it is looked for."""
+        self.where = link.where  # the address at which it is looked for
         self._link = link
         self._sequence = 0
         self._last: packet.Packet | None = None
@@ -174,7 +170,6 @@ class _UdpLink:
     """A packet in a datagram; those of others never reach it."""
 
     def __init__(self, host: str, port: int) -> None:
-        """Open a socket; nothing is sent yet."""
         self.ignored: Counter[str] = Counter()
         self.where = f"{host}:{port}"
         try:
@@ -215,23 +210,17 @@ class UdpRig(PacketRig):
         super().__init__(_UdpLink(host, port))
 
 
-TURN = 2.0 * math.pi
-"""A turn, in which drives measure angles [rad]."""
-Now = Callable[[], float]
-"""Clock of the host [s]."""
+TURN = 2.0 * math.pi  # a turn, in which drives measure angles [rad]
+Now = Callable[[], float]  # clock of the host [s]
 
 
 class MotorState(NamedTuple):
     """Reading of a drive, at its own shaft."""
 
-    time: float
-    """Time at which the host received it [s]."""
-    angle: float
-    """[rad]"""
-    velocity: float
-    """[rad/s]"""
-    status: Status | None
-    """None while the drive prepares to enable its motor."""
+    time: float  # time at which the host received it [s]
+    angle: float  # [rad]
+    velocity: float  # [rad/s]
+    status: Status | None  # None while the drive prepares to enable its motor
 
 
 class MotorDrive(Connection, Protocol):

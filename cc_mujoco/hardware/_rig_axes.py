@@ -95,12 +95,9 @@ class RigAxes:
     def driven(
         self, rigs: Sequence[Rig], desired: Sequence[Desired]
     ) -> list[DrivenAxis]:
-        return [
-            DrivenAxis(rig, drive, goal, each.limits, each.watchdog, name)
-            for rig, drive, goal, each, name in zip(
-                rigs, self.drives, desired, self.settings, self.names, strict=True
-            )
-        ]
+        limits = [each.limits for each in self.settings]
+        dogs = [each.watchdog for each in self.settings]
+        return [*map(DrivenAxis, rigs, self.drives, desired, limits, dogs, self.names)]
 
     def connect(self) -> list[Rig]:
         """Make the rig of every axis; those on one CAN bus share it."""

@@ -35,8 +35,7 @@ _AXIS_COLUMNS = RUN_COLUMNS[1:-3]
 SAMPLE_TIME = "sample_time_s"
 """Column of each of several axes: time of its reading by the clock of its own rig,
 since its first reading in the log. `time_s` is that of the first axis."""
-BLOCK_TIME = 0.1
-"""Length of a block [s]."""
+BLOCK_TIME = 0.1  # length of a block [s]
 
 
 class AxisRow(NamedTuple):
@@ -171,10 +170,8 @@ class RunLog:
         """
         if not self._starts:
             self._starts = [axis.seen.time for axis in axes]
-        times = [
-            axis.seen.time - start
-            for axis, start in zip(axes, self._starts, strict=True)
-        ]
+        pairs = zip(axes, self._starts, strict=True)
+        times = [axis.seen.time - start for axis, start in pairs]
         row = [times[0]]
         for time, (seen, before, *others) in zip(times, axes, strict=True):
             if len(axes) > 1:

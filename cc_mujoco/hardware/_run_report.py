@@ -42,12 +42,9 @@ class ReportedRun:
 
     log: Path
     outcome: RunOutcome
-    what: str
-    """Name of its controller, or of its trial."""
-    scene: str
-    """Name of a device, or the file of one."""
-    period: float
-    """Period of the loop [s]."""
+    what: str  # name of its controller, or of its trial
+    scene: str  # name of a device, or the file of one
+    period: float  # period of the loop [s]
     limits: Mapping[str, Limits]
     """Limits by the name of the axis in the log, empty of a device with one."""
     is_trial: bool = False
@@ -62,33 +59,21 @@ def write_run_report(run: ReportedRun) -> Path:
     """Write the page of a run beside its log, and return its path."""
     rows = read_rows(run.log)
     time = rows["time_s"]
-    axes = {
-        name: {
-            key.removeprefix(f"{name}.") if name else key: column
-            for key, column in rows.items()
-            if key.startswith(f"{name}." if name else "")
-        }
-        for name in run.limits
-    }
+    axes = {}
+    for name in run.limits:
+        start = f"{name}." if name else ""
+        own = {key: rows[key] for key in rows if key.startswith(start)}
+        axes[name] = {key.removeprefix(start): own[key] for key in own}
     errors = {name: _errors(time, axes[name], run.limits[name]) for name in axes}
-    order = sorted(axes, key=lambda name: -errors[name][0])
+    first, *others = order = sorted(axes, key=lambda name: -errors[name][0])
     pictures = {n: _picture(n, time, axes[n], run.limits[n]) for n in order}
-    title = _sentence(run, float(time[-1]), errors[order[0]], order[0])
+    title = _sentence(run, float(time[-1]), errors[first], first)
     kind = "fix-data" if run.outcome.code else "named" if _touched(run) else "none"
-    text = page(
-        title,
-        kind,
-        element(
-            "header",
-            paragraph("Run of a rig", kind="small"),
-            element("h1", title),
-            pictures[order[0]],
-            _next(run, order[0]),
-        ),
-        *(folded(f"Axis {name}", pictures[name]) for name in order[1:]),
-        *(_used(name, axes[name], run.limits[name]) for name in order),
-        _timing(run),
-    )
+    head = paragraph("Run of a rig", kind="small"), element("h1", title)
+    header = element("header", *head, pictures[first], _next(run, first))
+    folds = [folded(f"Axis {name}", pictures[name]) for name in others]
+    used = [_used(name, axes[name], run.limits[name]) for name in order]
+    text = page(title, kind, header, *folds, *used, _timing(run))
     with replacing(run.page) as place:
         place.write_text(text, encoding="utf-8")
     return run.page
@@ -104,10 +89,9 @@ def _errors(
         counted = np.isfinite(desired)
     if not counted.any():
         return math.nan, math.nan
-    off = rows["joint_torque_nm"][counted] - desired[counted]
-    return float(np.sqrt(np.mean(off**2))), float(
-        np.sqrt(np.mean(desired[counted] ** 2))
-    )
+    wanted = desired[counted]
+    off = rows["joint_torque_nm"][counted] - wanted
+    return float(np.sqrt(np.mean(off**2))), float(np.sqrt(np.mean(wanted**2)))
 
 
 def _touched(run: ReportedRun) -> list[str]:
@@ -150,9 +134,8 @@ def _picture(name: str, time: Array, rows: Mapping[str, Array], limits: Limits) 
     with style(), tempfile.TemporaryDirectory() as folder:
         drawing = figure(7.0, 6.0)
         parts = drawing.subplots(len(shown), sharex=True)
-        for axes, (title, columns), ends in zip(
-            parts, shown.items(), bounds, strict=True
-        ):
+        every = zip(parts, shown.items(), bounds, strict=True)
+        for axes, (title, columns), ends in every:
             for column, color in zip(columns, (BLUE, ORANGE), strict=False):
                 words = column.partition("_torque")[0].replace("joint", "measured")
                 axes.plot(time, rows[column], color=color, label=words)
@@ -173,47 +156,36 @@ def _picture(name: str, time: Array, rows: Mapping[str, Array], limits: Limits) 
 def _next(run: ReportedRun, axis: str) -> Html:
     folder = run.log.parent
     if run.outcome.code:
+        why = "To see what led to it: "
         words = ["cc-mujoco", "play", run.scene, "--replay", str(run.log)]
-        return paragraph(
-            "To see what led to it: ", element("code", shlex.join(words)), kind="lead"
-        )
-    source = folder if run.is_trial else run.log
-    words = ["cc-mujoco", "diagnose", run.scene, str(source)]
-    words += ["--axis", axis] if axis else []
-    words += ["--out", str(folder.with_name(f"{folder.name}_diagnosis"))]
-    why = (
-        "Next, with all trials: "
-        if run.is_trial
-        else "Next, ask what the scene lacks: "
-    )
+    else:
+        goal = "with all trials" if run.is_trial else "ask what the scene lacks"
+        why = f"Next, {goal}: "
+        source = folder if run.is_trial else run.log
+        words = ["cc-mujoco", "diagnose", run.scene, str(source)]
+        words += ["--axis", axis] if axis else []
+        words += ["--out", str(folder.with_name(f"{folder.name}_diagnosis"))]
     return paragraph(why, element("code", shlex.join(words)), kind="lead")
 
 
 def _used(name: str, rows: Mapping[str, Array], limits: Limits) -> Html:
     low, high = limits.joint_range
     angle = rows["joint_angle_rad"]
+    least, most = angle.min(), angle.max()
 
-    def largest(key: str) -> float:
-        return float(np.abs(rows[key]).max())
-
-    def row(title: str, value: float, limit: float, unit: str) -> list[str]:
+    def row(title: str, column: str, limit: float, unit: str) -> list[str]:
+        largest = float(np.abs(rows[column]).max())
+        shown = [title, f"{largest:.3g} {unit}"]
         if not math.isfinite(limit):
-            return [title, f"{value:.3g} {unit}", "none", "-"]
-        shown = [title, f"{value:.3g} {unit}", f"{limit:.3g} {unit}"]
-        return [*shown, f"{value / limit:.0%}"]
+            return [*shown, "none", "-"]
+        return [*shown, f"{limit:.3g} {unit}", f"{largest / limit:.0%}"]
 
+    ranges = f"{least:.3g} to {most:.3g} rad", f"{low:.3g} to {high:.3g} rad"
     lines = [
-        row("motor torque", largest("motor_torque_nm"), limits.torque, "N m"),
-        row(
-            "motor speed", largest("motor_velocity_rad_s"), limits.motor_speed, "rad/s"
-        ),
-        row("joint torque", largest("joint_torque_nm"), limits.joint_torque, "N m"),
-        [
-            "joint angle",
-            f"{angle.min():.3g} to {angle.max():.3g} rad",
-            f"{low:.3g} to {high:.3g} rad",
-            f"{(angle.max() - angle.min()) / (high - low):.0%}",
-        ],
+        row("motor torque", "motor_torque_nm", limits.torque, "N m"),
+        row("motor speed", "motor_velocity_rad_s", limits.motor_speed, "rad/s"),
+        row("joint torque", "joint_torque_nm", limits.joint_torque, "N m"),
+        ["joint angle", *ranges, f"{(most - least) / (high - low):.0%}"],
     ]
     title = f"Limits of {name}" if name else "Limits"
     head = ("", "largest", "limit", "used")
@@ -231,7 +203,6 @@ def _timing(run: ReportedRun) -> Html:
             f"Late by {late['p50_us']:g} us (median), {late['p99_us']:g} us (99 %), "
             f"{late['longest_us']:g} us (longest)."
         )
-    sentences += [
-        f"{n} packets ignored: {why}." for why, n in sorted(found.ignored.items())
-    ]
+    ignored = sorted(found.ignored.items())
+    sentences += [f"{count} packets ignored: {why}." for why, count in ignored]
     return join_pieces([element("h2", "Timing"), *map(paragraph, sentences)])

@@ -218,9 +218,8 @@ class Settings:
             if (name := table.code("name", TASKS)) is not None:
                 return references.Virtual.named(name)
             shape = table.text("trajectory") or ""
-            return references.course_from_trajectory(
-                shape, table.number("amplitude") or 0.0, duration
-            )
+            size = table.number("amplitude") or 0.0
+            return references.course_from_trajectory(shape, size, duration)
 
 
 def read_settings(path: str | Path, allow: str | Iterable[str] = ()) -> Settings:
@@ -266,9 +265,8 @@ def read_axes(
     scene = _require_value(top, "scene", top.text("scene"))
     period = _require_value(top, "period", top.number("period"))
     if not MIN_PERIOD * (1 - 1e-9) <= period <= MAX_PERIOD * (1 + 1e-9):
-        raise top.wrong(
-            "period", f"{MIN_PERIOD:g} to {MAX_PERIOD:g} s (500 Hz to 2 kHz)"
-        )
+        allowed = f"{MIN_PERIOD:g} to {MAX_PERIOD:g} s (500 Hz to 2 kHz)"
+        raise top.wrong("period", allowed)
     if "axes" not in top.content:
         return (_axis(path, scene, period, top, top.text("axis")),)
     if "axis" in top.content:
@@ -306,18 +304,10 @@ def _axis(
         limits.stop_steps(period)
     dog, servo = top.table("watchdog"), top.table("servo")
     _numbers(servo, Stiffness)  # refuses what it cannot have
-    return Settings(
-        path,
-        scene,
-        period,
-        _rig(top.table("rig")),
-        limits,
-        _construct(Watchdog, dog, _numbers(dog, Watchdog)),
-        _task(top.table("task")),
-        servo,
-        lag,
-        name,
-    )
+    rig = _rig(top.table("rig"))
+    watchdog = _construct(Watchdog, dog, _numbers(dog, Watchdog))
+    task = _task(top.table("task"))
+    return Settings(path, scene, period, rig, limits, watchdog, task, servo, lag, name)
 
 
 def _merged(path: Path, top: Table, name: str, own: Table) -> Table:
@@ -396,10 +386,7 @@ def rig_address(table: Table) -> Address | None:
 
 
 def connect_rig(table: Table, buses: CanBuses) -> Rig:
-    """Make the rig of a table with an address or a class; nothing is sent yet.
-
-    `buses` are open CAN buses that it shares with other rigs.
-    """
+    """Make the rig of a table, on open `buses` if it shares one; nothing is sent."""
     address = rig_address(table)
     if address is None:
         return _user_rig(table, table.code("class") or "")

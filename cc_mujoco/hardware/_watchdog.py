@@ -82,11 +82,7 @@ class TorqueSensor:
         )
 
     def _is_reversed(self, torque: float, predicted: float) -> str | None:
-        """Return that the measured torque falls where the predicted one rises.
-
-        Means and moments are exponential averages of `STATISTICS_TIME`.
-        """
-        moments = self._moments
+        moments = self._moments  # exponential averages of `STATISTICS_TIME`
         if self._count == 1:
             moments[:2] = torque, predicted
         off = np.array([torque, predicted]) - moments[:2]
@@ -243,7 +239,6 @@ class Watch:
         )
 
     def _stepped(self, time: float, now: float) -> str | None:
-        """Return that the rig's clock went on by another time than the host's."""
         before, self._times = self._times, (time, now)
         if before is None:
             return None
@@ -324,18 +319,14 @@ class Watch:
             return None
         if found[1:6] == last[1:6]:
             self._equal += 1
-            self._commanded = (
-                min(self._commanded[0], torque),
-                max(self._commanded[1], torque),
-            )
+            least, most = self._commanded
+            self._commanded = min(least, torque), max(most, torque)
         else:
             self._equal, self._commanded = 0, (torque, torque)
         change = self._commanded[1] - self._commanded[0]
         dog = self._watchdog
-        if (
-            self._equal >= dog.frozen_readings
-            and change >= dog.frozen_torque * self._limits.torque
-        ):
+        changed = change >= dog.frozen_torque * self._limits.torque
+        if changed and self._equal >= dog.frozen_readings:
             return (
                 f"the sensors are frozen: {self._equal} equal readings while the "
                 f"torque changed by {change:.3g} N m."
@@ -343,7 +334,7 @@ class Watch:
         return self._frozen_encoder_fault(found, last)
 
     def _frozen_encoder_fault(self, found: Readings, last: Readings) -> str | None:
-        """Return the fault if one encoder stands still while the other goes on."""
+        dog = self._watchdog
         now = found.motor_angle, found.joint_angle
         before = last.motor_angle, last.joint_angle
         for one, scale in ((0, 1.0), (1, 1.0 / self._drive.ratio)):
@@ -354,10 +345,7 @@ class Watch:
                 continue
             self._still[one] += 1
             turned = abs((now[other] - self._held[other]) * scale)
-            if (
-                self._still[one] >= self._watchdog.frozen_readings
-                and turned > self._watchdog.frozen_angle
-            ):
+            if turned > dog.frozen_angle and self._still[one] >= dog.frozen_readings:
                 names = ("motor", "joint")
                 return (
                     f"the encoder of the {names[one]} is frozen: that of the "
@@ -381,10 +369,10 @@ class Watch:
         return None
 
     def _twist_fault(self, motor: float, angle: float) -> str | None:
-        drive = self._drive
         if not self._twists:
             return None
-        twist = motor / drive.ratio - angle
+        ratio = self._drive.ratio
+        twist = motor / ratio - angle
         if self._twist is None:
             self._twist = twist
         parted = abs(twist - self._twist)
@@ -393,5 +381,5 @@ class Watch:
         return (
             f"motor and joint have gone {parted:.3g} rad apart, at the joint, "
             f"beyond twist = {self._watchdog.twist:g}: a cable is off, or the sign of "
-            f"an encoder or the scene's ratio of {drive.ratio:g} is wrong."
+            f"an encoder or the scene's ratio of {ratio:g} is wrong."
         )

@@ -20,13 +20,11 @@ from cc_mujoco._utils.provenance import code_provenance, provenance_differences
 from cc_mujoco._workers.local_executor import Job, Progress
 from cc_mujoco.errors import CableError
 
-CONNECT_TIMEOUT = 5.0
-"""Time that a scheduler has to answer [s]."""
+CONNECT_TIMEOUT = 5.0  # time that a scheduler has to answer [s]
 WORKER_TIMEOUT = 60.0
 """Time without any worker after which a study gives up [s]."""
 
-Answer = tuple[Any, str]
-"""Answer of a worker: a result, and why it has none."""
+Answer = tuple[Any, str]  # answer of a worker: a result, and why it has none
 
 
 def run_on_cluster(
@@ -57,9 +55,8 @@ def run_on_cluster(
     lost = (distributed.KilledWorker, CancelledError, asyncio.CancelledError, OSError)
     done = 0
     try:
-        with distributed.Client(
-            scheduler, timeout=CONNECT_TIMEOUT, set_as_default=False
-        ) as client:
+        own = {"timeout": CONNECT_TIMEOUT, "set_as_default": False}
+        with distributed.Client(scheduler, **own) as client:
             look = _watchdog(client, scheduler, worker_timeout)
             while not client.nthreads():
                 look()
@@ -70,9 +67,8 @@ def run_on_cluster(
             numbers = {}
             for number, piece in pieces.items():
                 # Not pure: Dask must not take it for a piece of an earlier run.
-                future = client.submit(
-                    ask, makers, pickled_job, pickle.dumps(piece), pure=False
-                )
+                question = makers, pickled_job, pickle.dumps(piece)
+                future = client.submit(ask, *question, pure=False)
                 numbers[future] = number
             completed = distributed.as_completed(list(numbers), loop=client.loop)
             while numbers:

@@ -8,14 +8,7 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Generator, Iterator, Mapping
-from concurrent.futures import (
-    FIRST_COMPLETED,
-    Executor,
-    Future,
-    ProcessPoolExecutor,
-    ThreadPoolExecutor,
-    wait,
-)
+from concurrent import futures
 from typing import Any, Protocol
 
 from cc_mujoco._utils import user_code
@@ -47,8 +40,7 @@ _SAFE_PATH = "PYTHONSAFEPATH"
 """Variable by which a new interpreter takes no module from the current folder."""
 
 
-class _StoppedError(Exception):
-    """Exception that ends a piece that is no longer wanted."""
+class _StoppedError(Exception): ...  # ends a piece that is no longer wanted
 
 
 def run_here(
@@ -92,22 +84,18 @@ def run_here(
 
         return job.do(pieces[number], tick)
 
-    pool: Executor
+    pool: futures.Executor
     unsafe = _SAFE_PATH not in os.environ
     others = set(multiprocessing.active_children())
     if processes:
         os.environ[_SAFE_PATH] = "1"
         # A fresh interpreter each: threads of the parent would not survive a fork.
-        pool = ProcessPoolExecutor(
-            count,
-            multiprocessing.get_context("spawn"),
-            initializer=user_code.allow,
-            initargs=(user_code.allowed(),),
-        )
+        spawn, allowed = multiprocessing.get_context("spawn"), user_code.allowed()
+        pool = futures.ProcessPoolExecutor(count, spawn, user_code.allow, (allowed,))
     else:
-        pool = ThreadPoolExecutor(count)
+        pool = futures.ThreadPoolExecutor(count)
     # Never more in the queue than is under way, so that an end comes soon.
-    queue: dict[Future[Any], int] = {}
+    queue: dict[futures.Future[Any], int] = {}
     try:
         while waiting or queue:
             with _late_interrupts() as interrupts:
@@ -120,9 +108,9 @@ def run_here(
                     else:
                         future = pool.submit(work, number)
                     queue[future] = number
-                finished: set[Future[Any]] = set()
+                finished: set[futures.Future[Any]] = set()
                 while not (finished or interrupts):
-                    finished = wait(queue, 0.2, FIRST_COMPLETED).done
+                    finished = futures.wait(queue, 0.2, futures.FIRST_COMPLETED).done
             for future in finished:
                 number = queue.pop(future)
                 result = future.result()

@@ -78,10 +78,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"{PROGRAM}: {error}", file=sys.stderr)
         return 2
     except MemoryError as error:
-        print(
-            f"{PROGRAM}: out of memory ({error}); shorter episodes need less.",
-            file=sys.stderr,
-        )
+        hint = "shorter episodes need less."
+        print(f"{PROGRAM}: out of memory ({error}); {hint}", file=sys.stderr)
         return 2
     except Exception:
         # What an import makes of an interruption need not be a KeyboardInterrupt.

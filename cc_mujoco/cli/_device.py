@@ -31,13 +31,9 @@ class ShowDevice:
 
         locate(self.scene)
         from cc_mujoco.assets import SCENES
+        from cc_mujoco.device import _report as report
         from cc_mujoco.device import find_device
         from cc_mujoco.device._description import ENDING
-        from cc_mujoco.device._report import (
-            account,
-            require_new_file,
-            write_description,
-        )
 
         device = find_device(self.scene)
         beside, out = Path(self.scene), self.out
@@ -45,13 +41,13 @@ class ShowDevice:
             out = beside.with_suffix(ENDING)
         was_read = self.out is None and out is not None and out.exists()
         if out is not None and not was_read:
-            require_new_file(out)
-        print(account(device))
+            report.require_new_file(out)
+        print(report.account(device))
         if was_read:
             print(f"\n{out} is there and was read; edit it.")
         if out is None or was_read:
             return
-        write_description(device, out)
+        report.write_description(device, out)
         print(f"\nwrote {out}: edit it, {_use(device, out)}.")
 
 

@@ -150,10 +150,9 @@ def _plays(device: Device) -> str:
     from cc_mujoco._utils.user_code import without_mark
 
     about = device.description
-    tasks = {
-        f"{axis.name}={axis.task}" if len(about.axes) > 1 else axis.task
-        for axis in about.axes
-    }
+    tasks = {axis.task for axis in about.axes}
+    if len(about.axes) > 1:
+        tasks = {f"{axis.name}={axis.task}" for axis in about.axes}
     played = f"{about.trajectory}, {', '.join(sorted(tasks))}"
     return f"{about.meaning}; plays {without_mark(played)}"
 

@@ -68,9 +68,7 @@ def parse(program: str, arguments: Sequence[str]) -> CommandOptions:
     _require_own_options(arguments)
     for word in arguments:
         require_new_name(word.partition("=")[0])
-    words = list(arguments)
-    if about is None:  # the first word is the command
-        words = words[1:]
+    words = list(arguments[1:] if about is None else arguments)  # behind a command
     captured = io.StringIO()
     try:
         with contextlib.redirect_stderr(captured):
@@ -112,10 +110,10 @@ def _error_sentence(box: str) -> str:
     """
     bare = [line.strip("│") for line in box.splitlines() if line[:1] not in "╭╰"]
     lines = [line.strip() for line in bare]
-    if missing := [
-        n for n, line in enumerate(lines) if line.startswith("Missing from ")
-    ]:
-        lines[missing[0] + 1 :] = _described(bare[missing[0] + 1 :])
+    missing = [line.startswith("Missing from ") for line in lines]
+    if any(missing):
+        first = missing.index(True) + 1
+        lines[first:] = _described(bare[first:])
     text = " ".join("\n" if line and not line.strip("─-") else line for line in lines)
     paragraphs = re.sub(r" +", " ", text).split("\n")
     what, *more = paragraphs if "╭" in box else paragraphs[1:]
@@ -132,9 +130,8 @@ def _error_sentence(box: str) -> str:
 def _require_own_options(arguments: Sequence[str]) -> None:
     """Refuse a second value after an option that is given once for each of them."""
     repeated = ("--vary", "--across", "--subject-to")
-    for option, value, stray in zip(
-        arguments, arguments[1:], arguments[2:], strict=False
-    ):
+    values, strays = arguments[1:], arguments[2:]
+    for option, value, stray in zip(arguments, values, strays, strict=False):
         if option in repeated and "=" in value and "=" in stray and stray[0] != "-":
             raise CableError(f"each value needs its own option, {option} {stray}.")
 

@@ -201,10 +201,9 @@ class Play:
         env.close()
 
     def _show_log(self, log: Path) -> None:
-        names = (field.name for field in dataclasses.fields(self))
-        self._refuse_other_options(
-            "replay", *(n for n in names if n not in ("scene", "replay"))
-        )
+        names = [field.name for field in dataclasses.fields(self)]
+        others = [name for name in names if name not in ("scene", "replay")]
+        self._refuse_other_options("replay", *others)
 
         from cc_mujoco.hardware._replay import replay
 
@@ -238,8 +237,6 @@ def _table(found: Mapping[Metric, float], prefixes: Sequence[str]) -> Iterator[s
         if "" in row:
             yield f"{name:32} {number(row['']):>10} {unit}"
             continue
-        values = " ".join(
-            f"{number(row[prefix]):>{width}}"
-            for prefix, width in zip(prefixes, widths, strict=True)
-        )
+        own = zip(prefixes, widths, strict=True)
+        values = " ".join(f"{number(row[prefix]):>{width}}" for prefix, width in own)
         yield f"{name:32} {values} {unit}"

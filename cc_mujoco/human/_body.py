@@ -24,12 +24,10 @@ from cc_mujoco._validation import bounded, require_bounds
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import _pace as walking
 
-WEARER_MASS = 75.0
-"""Mass of the scenes' wearer [kg]."""
+WEARER_MASS = 75.0  # mass of the scenes' wearer [kg]
 WEARER_LEG_LENGTH = round(0.530 * walking.WEARER_HEIGHT, 4)
 """Leg length of the scenes' wearer: hip to sole, by Winter for that height [m]."""
-MIN_MASS, MAX_MASS = 40.0, 130.0
-"""Masses of adults [kg]."""
+MIN_MASS, MAX_MASS = 40.0, 130.0  # masses of adults [kg]
 MIN_LEG_LENGTH, MAX_LEG_LENGTH = 0.75, 1.05
 """Lengths of their legs, of heights from 1.42 to 1.98 m [m]."""
 SEGMENT_MASS_SHARES = {"thigh": 0.100, "shank": 0.0465, "foot": 0.0145}
@@ -83,10 +81,8 @@ class Body:
         if speed is None:
             return walking.Pace(walking.MEASURED_SPEED)
         equivalent_speed = speed / self.time
-        if (
-            not walking.MIN_SPEED <= equivalent_speed <= walking.MAX_SPEED
-            and self.leg != WEARER_LEG_LENGTH
-        ):
+        is_known = walking.MIN_SPEED <= equivalent_speed <= walking.MAX_SPEED
+        if not is_known and self.leg != WEARER_LEG_LENGTH:
             # Rounded inwards, so that the ends in the message can be walked.
             low = math.ceil(1e3 * walking.MIN_SPEED * self.time) / 1e3
             high = math.floor(1e3 * walking.MAX_SPEED * self.time) / 1e3

@@ -52,10 +52,8 @@ Entry = TypeVar("Entry")
 class Centred(Trajectory):
     """Scripted trajectory about an angle other than 0, starting there at rest."""
 
-    base: Trajectory
-    """Trajectory about 0."""
-    centre: float
-    """Angle that is added [rad]."""
+    base: Trajectory  # trajectory about 0
+    centre: float  # angle that is added [rad]
 
     @property
     def is_pointwise(self) -> bool:
@@ -70,8 +68,7 @@ class Centred(Trajectory):
 class UserTrajectory(Trajectory):
     """A trajectory of the user's own class, whose errors are reported in a sentence."""
 
-    name: str
-    """`MODULE:NAME`."""
+    name: str  # `MODULE:NAME`
     own: Trajectory
 
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
@@ -286,8 +283,7 @@ def _torque_column(
 class UserTask(Task):
     """A task of the user's own class, whose errors are reported in one sentence."""
 
-    name: str
-    """`MODULE:NAME`."""
+    name: str  # `MODULE:NAME`
     own: Task
 
     def __post_init__(self) -> None:
@@ -337,11 +333,9 @@ def with_numbers(kind: str, text: str, registry: Mapping[str, Entry]) -> Entry:
     found: Any = look_up(kind, name, registry)
     if not colon:
         return registry[name]
-    kinds = {
-        own.name: int if isinstance(getattr(found, own.name), int) else float
-        for own in dataclasses.fields(found)
-        if isinstance(getattr(found, own.name), (int, float))
-    }
+    values = {own.name: getattr(found, own.name) for own in dataclasses.fields(found)}
+    numeric = {key: v for key, v in values.items() if isinstance(v, (int, float))}
+    kinds = {key: int if isinstance(v, int) else float for key, v in numeric.items()}
     if not kinds:
         raise CableError(f"{kind} {text!r}: {name!r} takes no numbers; write {name!r}.")
     numbers: dict[str, float] = {}
@@ -375,12 +369,9 @@ def _object(
     base: type[Any],
     wrap: Callable[[str, Any], Any],
 ) -> Any:
-    """Return what is meant other than by a name in the registry; else None.
+    """Return an object of `base`, or that of a text `MODULE:NAME`; else None.
 
-    It is an object of the class `base`, or the text `MODULE:NAME` of one or of a
-    function that returns one. `wrap` is called with such a text and an object of a
-    class of the user; what it returns reports errors of the user's code by file and
-    line.
+    `wrap` makes an object of a user's class report errors by file and line.
     """
     if isinstance(given, base):
         return given

@@ -28,8 +28,7 @@ class Harmonics:
     f(p) = sum over k of a_k cos(2 pi k p) + b_k sin(2 pi k p), k = 0 .. n.
     """
 
-    coefficients: tuple[tuple[float, float], ...]
-    """Pairs (a_k, b_k), from k = 0."""
+    coefficients: tuple[tuple[float, float], ...]  # pairs (a_k, b_k), from k = 0
 
     def __call__(self, phase: Real) -> Real:
         """Evaluate f, elementwise; scalars and arrays give the same bits."""
@@ -42,10 +41,9 @@ class Harmonics:
         last_a, last_b = self.coefficients[-1]
         real, imaginary = last_a + 0 * cosine, -last_b + 0 * cosine
         for a, b in reversed(self.coefficients[:-1]):
-            real, imaginary = (
-                real * cosine - imaginary * sine + a,
-                real * sine + imaginary * cosine - b,
-            )
+            before = real
+            real = before * cosine - imaginary * sine + a
+            imaginary = before * sine + imaginary * cosine - b
         return real
 
     def derivative(self) -> Harmonics:

@@ -27,21 +27,13 @@ _OTHER_AXES = {
 
 
 class GaitJoint(NamedTuple):
-    """Joint of a device, and the measured joint that moves it.
-
-    Attributes:
-        name: name of the joint.
-        part: part of the measured leg, `ankle`, `knee` or `hip`.
-        other_leg: True if it is half a cycle behind the first leg.
-        turned: True if its positive direction is opposite to that of the data.
-        shift: angle that is added to its angle, so that it stays in the range [rad].
-    """
+    """Joint of a device, and the measured joint that moves it."""
 
     name: str
-    part: str
-    other_leg: bool = False
-    turned: bool = False
-    shift: float = 0.0
+    part: str  # of the measured leg: `ankle`, `knee` or `hip`
+    other_leg: bool = False  # half a cycle behind the first leg
+    turned: bool = False  # its positive direction is opposite to that of the data
+    shift: float = 0.0  # added to its angle, so that it stays in the range [rad]
 
 
 def gait_joints(joints: Mapping[str, tuple[float, float]]) -> tuple[GaitJoint, ...]:
@@ -64,9 +56,8 @@ def gait_joints(joints: Mapping[str, tuple[float, float]]) -> tuple[GaitJoint, .
             continue
         side = next((_SIDES[word] for word in words if word in _SIDES), "")
         lead = lead or side
-        found.append(
-            GaitJoint(name, part, bool(side and side != lead), *_fit(part, ends))
-        )
+        is_other = bool(side and side != lead)
+        found.append(GaitJoint(name, part, is_other, *_fit(part, ends)))
     return tuple(found)
 
 

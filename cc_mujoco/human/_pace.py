@@ -29,13 +29,11 @@ from cc_mujoco._validation import bounded, require_bounds
 
 Real = TypeVar("Real", float, NDArray[np.float64])
 
-MIN_SPEED, MAX_SPEED = 0.8, 1.6
-"""Speeds that can be walked [m/s]."""
+MIN_SPEED, MAX_SPEED = 0.8, 1.6  # speeds that can be walked [m/s]
 MEASURED_SPEED = 1.03
 """Speed of the measured walk [m/s]. Its source does not state it; at this one adults of
 the height of the wearer have its stride time."""
-WEARER_HEIGHT = 1.75
-"""Height of the wearer, as the scenes have it [m]."""
+WEARER_HEIGHT = 1.75  # height of the wearer, as the scenes have it [m]
 TOE_OFF = 0.66
 """Phase of the measured walk at which the moment of its ankle has fallen to nothing."""
 

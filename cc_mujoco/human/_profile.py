@@ -19,8 +19,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.human._pace import TOE_OFF, Real
 from cc_mujoco.human._tasks import Task
 
-MAX_PEAK_TORQUE = 1e3
-"""Largest peak torque [N m]."""
+MAX_PEAK_TORQUE = 1e3  # largest peak torque [N m]
 
 
 @dataclass(frozen=True)

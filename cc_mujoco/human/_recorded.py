@@ -65,11 +65,10 @@ class Recorded(Trajectory):
     def describe(self) -> str:
         """Return a sentence on the column, its range and its sign for each joint."""
         every = [(self.joint, self.angles), *self.others]
-        each = [
-            f"{joint or 'the driven joint'} by {column!r}, "
-            f"{min(angles):.3g} to {max(angles):.3g} rad"
-            for (joint, angles), column in zip(every, self.columns, strict=True)
-        ]
+        each = []
+        for (joint, angles), column in zip(every, self.columns, strict=True):
+            ends = f"{min(angles):.3g} to {max(angles):.3g} rad"
+            each.append(f"{joint or 'the driven joint'} by {column!r}, {ends}")
         return f"{self.source} moves {', '.join(each)}, with the signs of the file"
 
     def on_joints(self, joints: Sequence[str]) -> Recorded:
@@ -79,10 +78,10 @@ class Recorded(Trajectory):
             CableError: If there is no motion of the first joint.
         """
         every = [(self.joint, self.angles), *self.others]
-        keys = {
-            quantity_words(name, ANGLE)[0]: (angles, self.columns[k : k + 1])
-            for k, (name, angles) in enumerate(every)
-        }
+        keys = {}
+        for k, (name, angles) in enumerate(every):
+            words = quantity_words(name, ANGLE)[0]
+            keys[words] = angles, self.columns[k : k + 1]
         found = match_joints(keys, joints)
         if joints[0] not in found:
             names = " and ".join(repr(name) for name, _ in every)
@@ -100,9 +99,7 @@ class Recorded(Trajectory):
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
         phase = episode_fraction(time, duration)
         own = self._played(self.angles, time, phase)
-        companions = {
-            name: self._played(angles, time, phase) for name, angles in self.others
-        }
+        companions = {name: self._played(a, time, phase) for name, a in self.others}
         if companions and self.joint:
             companions[self.joint] = own
         return replace(own, companions=companions)

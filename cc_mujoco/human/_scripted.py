@@ -208,13 +208,11 @@ class Loops(Scripted):
         rise, full, fall = 0.15 * duration, 0.4 * duration, (1.0 - 0.4) * duration
         up, down = minimum_jerk(time / rise), minimum_jerk((time - full) / fall)
         lost = 1.0 - 0.15
-        share = up.value * (1.0 - lost * down.value)
-        rate = (
-            up.rate / rise * (1.0 - lost * down.value)
-            - up.value * lost * down.rate / fall
-        )
+        kept = 1.0 - lost * down.value
+        share = up.value * kept
+        rate = up.rate / rise * kept - up.value * lost * down.rate / fall
         curvature = (
-            up.curvature / rise**2 * (1.0 - lost * down.value)
+            up.curvature / rise**2 * kept
             - 2.0 * lost * up.rate / rise * down.rate / fall
             - up.value * lost * down.curvature / fall**2
         )
@@ -281,14 +279,12 @@ class Ramp(Scripted):
         speed = self.amplitude / (self.leg - self.corner)
         signed = np.where(back, -speed, speed)
         travel = speed * self.corner * (rise.integral - fall.integral)
-        return Motion(
-            time,
-            # The integral of the corners rounds; the amplitude is a promise.
-            np.clip(np.where(back, self.amplitude - travel, travel), 0, self.amplitude),
-            signed * (rise.value - fall.value),
-            signed * (rise.rate - fall.rate) / self.corner,
-            cycle_fraction(time, 2 * self.leg),
-        )
+        # The integral of the corners rounds; the amplitude is a promise.
+        far = np.where(back, self.amplitude - travel, travel)
+        angle = np.clip(far, 0, self.amplitude)
+        velocity = signed * (rise.value - fall.value)
+        bent = signed * (rise.rate - fall.rate) / self.corner
+        return Motion(time, angle, velocity, bent, cycle_fraction(time, 2 * self.leg))
 
 
 @dataclass(frozen=True)

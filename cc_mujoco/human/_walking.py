@@ -72,9 +72,8 @@ class Walk(Scripted):
                 f"a walk moves {', '.join(gait.GAIT_ANGLES)}, and the device drives "
                 f"the joint {driven!r}; choose another trajectory, such as 'sine'."
             )
-        same = driven in gait.GAIT_ANGLES and all(
-            joint == GaitJoint(joint.name, joint.name) for joint in found
-        )
+        plain = tuple(GaitJoint(joint.name, joint.name) for joint in found)
+        same = driven in gait.GAIT_ANGLES and found == plain
         return self if same else replace(self, joints=found)
 
     def describe(self) -> str:

@@ -19,8 +19,7 @@ from cc_mujoco.human._walking_policy import (
     WalkingPolicy,
 )
 
-DRUM = 0.025
-"""Radius of the drums [m]."""
+DRUM = 0.025  # radius of the drums [m]
 MOTOR_TORQUE = 15.0
 """Largest torque of a motor, as of the heel's in the scene `bilateral` [N m]."""
 CABLE = Cable(
@@ -41,42 +40,29 @@ FOLDER = Path(assets.__file__).resolve().parent / "walking"
 """Folder of the scene and of the policy that ships."""
 SCENE = FOLDER / "level_ground.xml"
 POLICY = FOLDER / "policy.safetensors"
-LEGS = FOLDER / "legs.xml"
-"""The person without ground and muscles."""
+LEGS = FOLDER / "legs.xml"  # the person without ground and muscles
 
 
 class WalkingBody:
-    """Addresses of legs and muscles in a compiled model.
+    """Addresses of joints and muscles (legs, joints) in a compiled model."""
 
-    Attributes:
-        qpos: addresses of the joints' angles (legs, joints).
-        dof: addresses of their velocities (legs, joints).
-        muscles: their actuators (legs, joints).
-        heels: geoms of the heels (legs,).
-        weight: weight of the whole body [N].
-    """
-
-    MAX_PITCH = 0.7
-    """Pitch of a trunk that falls [rad]."""
-    MAX_DROP = 0.25
-    """Change of the hips' height of a person who falls [m]."""
+    MAX_PITCH = 0.7  # pitch of a trunk that falls [rad]
+    MAX_DROP = 0.25  # change of the hips' height of a person who falls [m]
 
     def __init__(self, model: mujoco.MjModel) -> None:
         legs = [[f"{side}_{part}" for part in WALKING_JOINTS] for side in WALKING_SIDES]
-        soles = [
-            f"{side}_{part}" for side in WALKING_SIDES for part in ("heel", "ball")
-        ]
+        parts = ("heel", "ball")
+        soles = [f"{side}_{part}" for side in WALKING_SIDES for part in parts]
         joints = [[model.joint(name) for name in leg] for leg in legs]
         self.qpos = np.array([[one.qposadr[0] for one in leg] for leg in joints])
         self.dof = np.array([[one.dofadr[0] for one in leg] for leg in joints])
         self.muscles = np.array([[model.actuator(n).id for n in leg] for leg in legs])
         self._soles = [model.geom(name).id for name in soles]
-        self.heels = np.array(self._soles[::2])
+        self.heels = np.array(self._soles[::2])  # geoms (legs,)
         self._loads = np.array([model.sensor(f"{one}_load").adr[0] for one in soles])
-        self._forward, self._height, self._pitch = (
-            int(model.joint(name).qposadr[0]) for name in ("forward", "height", "pitch")
-        )
-        self.weight = float(model.body_mass.sum()) * 9.81
+        trunk = [model.joint(name) for name in ("forward", "height", "pitch")]
+        self._forward, self._height, self._pitch = (int(j.qposadr[0]) for j in trunk)
+        self.weight = float(model.body_mass.sum()) * 9.81  # [N]
 
     def set_muscles(self, model: mujoco.MjModel, policy: WalkingPolicy) -> None:
         """Give the muscles the stiffness and damping of a policy."""

@@ -34,12 +34,9 @@ from cc_mujoco.human._motion import Array
 
 WALKING_SIDES = ("right", "left")
 WALKING_JOINTS = ("hip", "knee", "ankle")
-MUSCLE_PERIOD = 0.004
-"""Time between two commands to the muscles [s]."""
-_ROWS = 512
-"""Rows of the table of a gait cycle."""
-_BINS = 50
-"""Parts of the gait cycle for each of which a person expects a torque."""
+MUSCLE_PERIOD = 0.004  # time between two commands to the muscles [s]
+_ROWS = 512  # rows of the table of a gait cycle
+_BINS = 50  # parts of the gait cycle for each of which a person expects a torque
 LEARNING_RATE = 0.3
 """Part of the difference that a person learns with every stride, assumed."""
 
@@ -82,9 +79,7 @@ class WalkingPolicy:
         """
         try:
             tensors, _ = safetensors.from_bytes(Path(path).read_bytes())
-            numbers: dict[str, Any] = {
-                one.name: tensors[one.name] for one in fields(cls)
-            }
+            numbers: dict[str, Any] = {f.name: tensors[f.name] for f in fields(cls)}
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise CableError(
                 f"{str(path)!r} is no walking policy that `WalkingPolicy.write` wrote: "
@@ -102,10 +97,8 @@ class WalkingPolicy:
 
     def desired(self, phase: Array) -> tuple[Array, Array, Array]:
         """Return angles [rad], rates [rad/s] and torques [N m], each (phases, 3)."""
-        angles, torques = (
-            [Harmonics(tuple(map(tuple, series))) for series in each]
-            for each in (self.angles, self.torques)
-        )
+        angles = [Harmonics(tuple(map(tuple, series))) for series in self.angles]
+        torques = [Harmonics(tuple(map(tuple, series))) for series in self.torques]
         rates = [angle.derivative()(phase) / self.stride_time for angle in angles]
         desired = [one(phase) for one in angles], rates, [one(phase) for one in torques]
         angle, rate, torque = (np.array(values).T for values in desired)
@@ -121,14 +114,10 @@ class WalkingPolicy:
 class Senses(NamedTuple):
     """Feelings of the person: arrays of NumPy or PyTorch."""
 
-    angles: Any
-    """Angles of the joints (worlds, legs, joints) [rad]."""
-    pitch: Any
-    """Pitch of the trunk (worlds,), positive forwards [rad]."""
-    pitch_rate: Any
-    """Its rate (worlds,) [rad/s]."""
-    speed: Any
-    """Speed of the trunk (worlds,) [m/s]."""
+    angles: Any  # angles of the joints (worlds, legs, joints) [rad]
+    pitch: Any  # pitch of the trunk (worlds,), positive forwards [rad]
+    pitch_rate: Any  # its rate (worlds,) [rad/s]
+    speed: Any  # speed of the trunk (worlds,) [m/s]
     load: Any
     """Force of the ground on the feet over the body's weight (worlds, legs) [-]."""
 
@@ -214,10 +203,9 @@ class WalkingController:
         swinging = 1.0 - leads
         rows = arrays.asarray(self.phase * _ROWS, dtype=arrays.int64)
         row = self._table[self._world, rows]
-        lean = (
-            policy["trunk_stiffness"] * (senses.pitch - policy["trunk_pitch"])
-            + policy["trunk_damping"] * senses.pitch_rate
-        )
+        tilt = senses.pitch - policy["trunk_pitch"]
+        righting = policy["trunk_damping"] * senses.pitch_rate
+        lean = policy["trunk_stiffness"] * tilt + righting
         thigh = senses.angles[:, :, 0] - senses.pitch[:, None]
         shank = thigh + senses.angles[:, :, 1]
         # 0.429 m and 0.431 m: thigh and shank of the scene
@@ -251,9 +239,7 @@ class ExpectedHelp:
         self._count = arrays.zeros((worlds, 2, _BINS), **placement)
 
     def _bins(self, phase: Any) -> Any:
-        """Return the parts of the cycle as an index into the tables."""
-        arrays = self._arrays
-        part = arrays.asarray(phase * _BINS, dtype=arrays.int64)
+        part = self._arrays.asarray(phase * _BINS, dtype=self._arrays.int64)
         return self._world, self._leg, part
 
     def at(self, phase: Any) -> Any:

@@ -121,6 +121,5 @@ class Wearer:
         Returns:
             K (reference - angle) + D (reference velocity - velocity) [N m].
         """
-        return self.stiffness * (reference_angle - angle) + self.damping * (
-            reference_velocity - velocity
-        )
+        error, slip = reference_angle - angle, reference_velocity - velocity
+        return self.stiffness * error + self.damping * slip

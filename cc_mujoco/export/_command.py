@@ -55,15 +55,9 @@ class Export:
         from cc_mujoco.device._device_files import locate
 
         locate(self.scene)
+        from cc_mujoco import export
         from cc_mujoco.device import DeviceModel, find_device
         from cc_mujoco.device._device import bare_model
-        from cc_mujoco.export import (
-            ExportPlan,
-            measure,
-            require_ours,
-            require_ros2_states,
-            write,
-        )
 
         if look_up("target", self.target, dict.fromkeys(TARGETS, self.target)) == ONNX:
             self._write_onnx()
@@ -77,21 +71,19 @@ class Export:
                     f"{self.model} is no variant of the scene {self.scene!r}: {error}"
                 ) from None
         description = device.description
-        places = list(range(len(description.axes)))
+        axes = description.axes
         if self.axis is not None:
-            places = [description.axes.index(description.axis(self.axis))]
-        require_ours(self.out)
+            axes = (description.axis(self.axis),)
+        places = [description.axes.index(axis) for axis in axes]
+        export.require_ours(self.out)
         made = DeviceModel(description, bare_model(device).compile())
         drives = made.drives(description.period)
-        plan = ExportPlan.of(
-            self.controller,
-            [drives[place] for place in places],
-            [made.driven[place] for place in places],
-            [""] if self.axis else made.prefixes,
-            self.iterations,
-        )
+        own, cables = [drives[k] for k in places], [made.driven[k] for k in places]
+        prefixes = [""] if self.axis else made.prefixes
+        named = self.controller, own, cables, prefixes, self.iterations
+        plan = export.ExportPlan.of(*named)
         if self.ros2_control:
-            require_ros2_states(plan)
+            export.require_ros2_states(plan)
         what = f"{self.controller} for {self.scene}"
         print(f"exporting {what}", file=sys.stderr, flush=True)
         notes = ["passivity: NOT CHECKED"]
@@ -102,25 +94,22 @@ class Export:
                 f"iterations: {self.iterations:g} for the plans of a step, then the "
                 "last plan goes on; passivity is that without a limit"
             )
-        for axis in (description.axes[place] for place in places):
+        for axis in axes:
             if axis.safe_is_assumed:
                 notes.append(
                     f"safe torque at joint {axis.limb!r}: {axis.safe_torque:g} N m, "
                     "ASSUMED; give `safe_torque` in [axis] of the description"
                 )
-        notes += measure(plan).lines()
+        notes += export.measure(plan).lines()
         scene = f"axis {self.axis} of the scene" if self.axis else "the scene"
         what = f"{self.controller} for {scene} {self.scene}"
-        write(self.out, plan, what, notes, ros2_control=self.ros2_control)
+        export.write(self.out, plan, what, notes, ros2_control=self.ros2_control)
         build = f"cmake -B build {self.out} && cmake --build build"
         if self.ros2_control:
             build = f"colcon build --base-paths {self.out}"
-        print(
-            f"{len(plan.fields)} parameters, {8 * plan.memory_size} bytes of memory",
-            *notes,
-            f"build with:  {build}",
-            sep="\n",
-        )
+        size = f"{8 * plan.memory_size} bytes of memory"
+        print(f"{len(plan.fields)} parameters, {size}", *notes, sep="\n")
+        print(f"build with:  {build}")
 
     def _write_onnx(self) -> None:
         from cc_mujoco._utils.atomic_io import require_ours

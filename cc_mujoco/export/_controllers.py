@@ -55,14 +55,11 @@ class AxisPlan:
 
     law: SteppedLaw
     tables: LawTables
-    fields: tuple[Field, ...]
-    """Parameters in the order in which C has them."""
-    columns: tuple[str, ...]
-    """Columns that the law reads, but for tensions."""
+    fields: tuple[Field, ...]  # parameters in the order in which C has them
+    columns: tuple[str, ...]  # columns that the law reads, but for tensions
     other_columns: tuple[str, ...]
     """Columns from which the torques that it reads are computed."""
-    cables: tuple[str, ...]
-    """Names of the cables that the controller has a model of."""
+    cables: tuple[str, ...]  # names of the cables that the controller has a model of
     taps: friction_slope.Taps | None = None
     """Tension sensors, of a controller that reads them."""
     prefix: str = ""
@@ -104,23 +101,20 @@ class AxisPlan:
         names, taps = tuple(cable for cable, _ in rows), getattr(made, "taps", None)
         if taps is not None:
             fields += _sensor_parameters(names, taps, values)
-        return cls(
-            law,
-            made.law_tables(),
-            tuple(fields),
-            law.wound if drive.lever or drive.crossed else law.seen,
-            _other_columns(law, drive, decoupled),
-            names,
-            taps,
-            prefix,
-        )
+        is_wound = drive.lever or drive.crossed
+        # Columns from which the torques that the law reads are computed
+        others: list[str] = []
+        if is_wound and (law.is_round or decoupled):
+            others.append(WINDING_COLUMNS[2])
+        if decoupled:
+            others += [RATIO_COLUMN.format(joint=one) for one in drive.shared_ratios]
+        numbers = made.law_tables(), tuple(fields)
+        columns = law.wound if is_wound else law.seen, tuple(others)
+        return cls(law, *numbers, *columns, names, taps, prefix)
 
     @property
     def guarded(self) -> tuple[bool, ...]:
-        """True for every reading at which the guard looks.
-
-        It looks at a leverage ratio by the torques over it.
-        """
+        """True for readings at which the guard looks; leverage by torques over it."""
         own = [name not in self.law.unguarded for name in self.columns]
         tensions, others = len(self.tension_names), len(self.other_columns)
         return (*own, *[False] * tensions, *[True] * others)
@@ -128,10 +122,8 @@ class AxisPlan:
     @property
     def seen(self) -> tuple[str, ...]:
         """Names of its readings in C."""
-        own, other = (
-            [self.prefix + _identifier(name) for name in names]
-            for names in (self.columns, self.other_columns)
-        )
+        own = [self.prefix + _identifier(name) for name in self.columns]
+        other = [self.prefix + _identifier(name) for name in self.other_columns]
         return (*own, *self.tension_names, *other)
 
     @property
@@ -193,21 +185,12 @@ class ExportPlan:
         if registry.is_decoupled(given):
             drives, coupling = registry.decoupled_drives(drives, prefixes)
         # A name in C does not begin with a digit.
-        names = tuple(
-            re.sub(r"^(?=\d)", "_", _identifier(prefix.rstrip(".")))
-            for prefix in prefixes
-        )
-        axes = tuple(
-            AxisPlan.of(
-                law,
-                drive,
-                own,
-                f"{name}_" if name else "",
-                coupling is not None,
-                iterations,
-            )
-            for law, drive, own, name in zip(laws, drives, cables, names, strict=True)
-        )
+        plain = [_identifier(prefix.rstrip(".")) for prefix in prefixes]
+        names = tuple(re.sub(r"^(?=\d)", "_", name) for name in plain)
+        axes, is_decoupled = [], coupling is not None
+        for law, drive, own, name in zip(laws, drives, cables, names, strict=True):
+            start = f"{name}_" if name else ""
+            axes.append(AxisPlan.of(law, drive, own, start, is_decoupled, iterations))
         if iterations < math.inf and not any(axis.law.plans for axis in axes):
             raise CableError(f"controller {given!r} plans nothing: no iterations.")
         for what, found in (
@@ -220,7 +203,7 @@ class ExportPlan:
                 raise CableError(
                     f"several {what} have the name {name} in C; rename a cable or axis."
                 )
-        return cls(axes, names, _joint_torques(axes, drives, coupling))
+        return cls(tuple(axes), names, _joint_torques(axes, drives, coupling))
 
     @property
     def fields(self) -> tuple[Field, ...]:
@@ -281,16 +264,6 @@ def _law_of(name: str, drive: Drive, iterations: float) -> tuple[Any, SteppedLaw
     return make(drive), law
 
 
-def _other_columns(law: SteppedLaw, drive: Drive, decoupled: bool) -> tuple[str, ...]:
-    """Return the columns from which the torques that a law reads are computed."""
-    found = []
-    if (drive.lever or drive.crossed) and (law.is_round or decoupled):
-        found.append(WINDING_COLUMNS[2])
-    if decoupled:
-        found += [RATIO_COLUMN.format(joint=joint) for joint in drive.shared_ratios]
-    return tuple(found)
-
-
 def _joint_torques(
     axes: Sequence[AxisPlan], drives: Sequence[Drive], coupling: Coupling | None
 ) -> JointTorques:
@@ -301,16 +274,13 @@ def _joint_torques(
         others = {name: first + i for i, name in enumerate(axis.other_columns)}
         own = 0 if coupling is None else int(coupling.tables.own[place])
         leverage = others.get(WINDING_COLUMNS[2], -1)
-        own_torques = [name for name in registry.OWN_COLUMNS if name in axis.columns]
-        if coupling is not None and len(own_torques) < len(registry.OWN_COLUMNS):
+        if coupling is not None and not set(registry.OWN_COLUMNS) <= set(axis.columns):
             raise CableError(
                 "axes whose controllers do not read the torque of their joint cannot "
                 "be decoupled."
             )
-        torque, desired = (
-            start + axis.columns.index(name) if name in own_torques else -1
-            for name in registry.OWN_COLUMNS
-        )
+        columns = {name: start + k for k, name in enumerate(axis.columns)}
+        torque, desired = (columns.get(name, -1) for name in registry.OWN_COLUMNS)
         divided = int(axis.law.is_round and leverage >= 0)
         rows.append((own, torque, desired, leverage, divided))
         if coupling is not None:
@@ -329,10 +299,8 @@ def _identifier(name: str) -> str:
 
 
 def _bounds(parameter: Any) -> tuple[float, float]:
-    low = parameter.low
-    return (
-        math.nextafter(low, math.inf) if parameter.low_open else low
-    ), parameter.high
+    low, high = parameter.low, parameter.high
+    return (math.nextafter(low, math.inf) if parameter.low_open else low), high
 
 
 def _sensor_parameters(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,8 @@ from cc_mujoco.control import _guard as guard
 from cc_mujoco.control import _law_steps as law_steps
 from cc_mujoco.export._controllers import AxisPlan, ExportPlan
 from cc_mujoco.export._joint_torques import own_readings
-from cc_mujoco.export._ros2_control import CMAKE_BLOCK, ROS2_FILES, ros2_texts
+from cc_mujoco.export._ros2_control import ROS2_FILES, ros2_texts
+from cc_mujoco.export._templates import fill
 from cc_mujoco.native import _library as native_library
 from cc_mujoco.native._c99 import CLibrary, literal
 from cc_mujoco.native._kinds import python_function
@@ -27,8 +28,7 @@ EXPORT_FILES = (HEADER_FILE, *SOURCE_FILES, *TEXT_FILES, atomic_io.MANIFEST)
 """Files that a folder holds; the manifest is the last."""
 
 
-HEADER_MARK = "/* Written by cc-mujoco export: "
-"""First words of the header."""
+HEADER_MARK = "/* Written by cc-mujoco export: "  # first words of the header
 
 _READING_MEANINGS = {
     "motor_angle_rad": "angle of the motor; of a round pulley only its changes matter",
@@ -91,88 +91,26 @@ def header(plan: ExportPlan, what: str, notes: Sequence[str] = ()) -> str:
         least = "above 0" if 0.0 < field.low < 1e-300 else f"{field.low:g}"
         indices += f"    CC_{field.name.upper()}, /* {meaning}, {least} to "
         indices += f"{field.high:g} */\n"
-    axes = "".join(
-        f"CC_AXIS_{name.upper()} = {place}, "
-        for place, name in enumerate(plan.names)
-        if name
+    named = [f"CC_AXIS_{n.upper()} = {k}, " for k, n in enumerate(plan.names) if n]
+    axes = "".join(named)
+    return fill(
+        "cc_controller.h",
+        mark=HEADER_MARK,
+        what=what,
+        comments=comments,
+        memory=plan.memory_size,
+        parameters=len(plan.fields),
+        axes=axes,
+        axis_count=len(plan.axes),
+        readings=readings,
+        indices=indices,
+        limit=f"{guard.MAX_READING:g}",
+        ride=f"{1e3 * guard.RIDE_TIME:g}",
+        given=given,
+        most=f"{guard.MAX_READING:.1f}",
+        least=f"{-guard.MAX_READING:.1f}",
+        observer=_observer_functions(plan),
     )
-    return f"""{HEADER_MARK}{what}. */
-{comments}#ifndef CC_CONTROLLER_H
-#define CC_CONTROLLER_H
-
-#include <stddef.h>
-
-#ifdef __cplusplus
-extern "C" {{
-#endif
-
-#define CC_CONTROLLER_DOUBLES {plan.memory_size}
-#define CC_CONTROLLER_PARAMETERS {len(plan.fields)}
-
-/* All that a controller keeps. It is yours: static, on the stack or on the heap, with
- * the alignment of a double. Nothing is allocated, locked, printed or thrown; there is
- * no global state, so that threads may step controllers of their own. It holds no
- * pointers and may be copied. */
-typedef struct {{
-    double number[CC_CONTROLLER_DOUBLES];
-}} cc_controller;
-
-/* Axes, each with a motor. */
-enum {{ {axes}CC_AXES = {len(plan.axes)} }};
-
-/* What is measured once a period, in SI units and with the signs of the scene. */
-typedef struct {{
-{readings}
-}} cc_readings;
-
-/* Places of the parameters: meaning [unit], range. */
-enum {{
-{indices}}};
-
-/* The parameters of the scene; pass a copy with other numbers in it if you like. */
-extern const double cc_controller_parameters[CC_CONTROLLER_PARAMETERS];
-
-/* sizeof(cc_controller), of the library that is linked. */
-size_t cc_controller_size(void);
-
-/* Begin. Returns 0, or 1 + the place of the first parameter that is out of its range
- * or contradicts another; then nothing is written. */
-int cc_controller_init(cc_controller *controller, const double *parameters);
-
-/* Take other parameters from the next step on, and go on from the present state.
- * Returns as cc_controller_init; of parameters that cannot be none is taken. Call it
- * between two steps, from the thread that takes them. */
-int cc_controller_set_parameters(cc_controller *controller, const double *parameters);
-
-/* Forget the past: the next step begins an episode, at rest in the pretension. */
-void cc_controller_reset(cc_controller *controller);
-
-/* Torques of the motors (CC_AXES) [N m] until the next reading, within their limits.
- * The guard rides through a reading that is no number, infinite or beyond
- * {guard.MAX_READING:g} of its unit, for {1e3 * guard.RIDE_TIME:g} ms; then it stops.
- * Returns 0, or 1 + the place of such a reading at which no guard looks: then all
- * torques are 0 and the state stays as it was. */
-int cc_controller_step(cc_controller *controller, const cc_readings *readings,
-                       double *torques);
-
-/* Tell, after a step, what the motors got (CC_AXES) instead of these torques, where a
- * limit of yours (of rate, a soft start) allowed no more. What is no number, or beyond
- * {guard.MAX_READING:g} N m, is not heard. */
-static inline void cc_controller_given(cc_controller *controller, const double *torques)
-{{
-    static const int place[CC_AXES][2] = {{{given}}};
-    for (int i = 0; i < CC_AXES; i++)
-        for (int k = 0; k < 2; k++)
-            if (place[i][k] >= 0 && torques[i] <= {guard.MAX_READING:.1f} &&
-                torques[i] >= {-guard.MAX_READING:.1f})
-                controller->number[place[i][k]] = torques[i];
-}}
-{_observer_functions(plan)}
-#ifdef __cplusplus
-}}
-#endif
-#endif
-"""
 
 
 def _meanings(axis: AxisPlan) -> Iterator[str]:
@@ -193,50 +131,20 @@ def _observer_functions(plan: ExportPlan) -> str:
         return ""
     first: list[int] = []
     joints: list[int] = []
+    nodes: list[int] = []
     for start, axis in zip(plan.starts, plan.axes, strict=False):
         joints.append(start + law_steps.JOINT_ANGLE if axis.cables else -1)
         if not axis.cables:
             continue
+        segments = axis.tables.shape[1 : 1 + len(axis.cables)]
+        nodes += (1 + each for each in segments)
         state = start + axis.tables.states + STATE_HEADER
-        width = state_size(max(axis.tables.shape[1 : 1 + len(axis.cables)]))
+        width = state_size(max(segments))
         first += (state + k * width for k in range(len(axis.cables)))
     names = ", ".join(f"CC_CABLE_{name.upper()} = {k}" for k, name in enumerate(cables))
-    nodes = _number_lines(
-        1 + segments
-        for axis in plan.axes
-        for segments in axis.tables.shape[1 : 1 + len(axis.cables)]
-    )
-    return f"""
-/* What the observer finds after a step. */
-enum {{ {names}, CC_CABLES = {len(cables)} }};
-
-/* Nodes of a cable, from the motor to the joint. */
-static inline int cc_controller_nodes(int cable)
-{{
-    static const int nodes[CC_CABLES] = {{{nodes}}};
-    return nodes[cable];
-}}
-
-/* Their tensions [N]; a negative one is slack: the cable carries nothing there. */
-static inline const double *cc_controller_tensions(const cc_controller *controller,
-                                                   int cable)
-{{
-    static const int first[CC_CABLES] = {{{_number_lines(first)}}};
-    return controller->number + first[cable];
-}}
-
-/* Angle of the joint of an axis since the first step [rad]; 0 without a model. */
-static inline double cc_controller_joint_angle(const cc_controller *controller,
-                                               int axis)
-{{
-    static const int place[CC_AXES] = {{{_number_lines(joints)}}};
-    return place[axis] < 0 ? 0.0 : controller->number[place[axis]];
-}}
-"""
-
-
-def _number_lines(numbers: Iterable[int]) -> str:
-    return ", ".join(map(str, numbers))
+    numbers = {"nodes": nodes, "first": first, "joints": joints}
+    listed = {key: ", ".join(map(str, own)) for key, own in numbers.items()}
+    return fill("observer.h", names=names, count=len(cables), **listed)
 
 
 def parameters(plan: ExportPlan) -> str:
@@ -245,92 +153,22 @@ def parameters(plan: ExportPlan) -> str:
         value = repr(float(field.value)).replace("inf", "INFINITY")
         unit = "-" if field.unit == "1" else field.unit
         rows += f"    [CC_{field.name.upper()}] = {value}, /* {unit} */\n"
-    return f"""#include <math.h>
-
-#include "cc_controller.h"
-
-const double cc_controller_parameters[CC_CONTROLLER_PARAMETERS] = {{
-{rows}}};
-"""
+    return fill("cc_parameters.c", rows=rows)
 
 
 def example(plan: ExportPlan) -> str:
     """Return a program that reads measurements and writes torques."""
     seen = plan.seen
-    names = ",".join(seen)
-    numbers = ",".join("%lf" for _ in seen)
-    arguments = ", ".join(f"&r.{name}" for name in seen)
     motors = [f"{name}_" if name else "" for name in plan.names]
-    torques = ",".join(f"{motor}motor_torque_nm" for motor in motors)
-    return f"""/* Torques of recorded readings: cc_example < readings.csv
- *
- * One line per period: {names}
- * In a real-time loop the call of cc_controller_step stands between reading the sensors
- * and setting the currents of the motors; nothing else of this file does. */
-#include <stdio.h>
-#include <string.h>
-
-#include "cc_controller.h"
-
-static cc_controller controller;
-
-int main(void)
-{{
-    char line[{max(512, 40 * len(seen))}];
-    int end = 0;
-    cc_readings r;
-    double torques[CC_AXES];
-    int wrong = cc_controller_init(&controller, cc_controller_parameters);
-    if (wrong) {{
-        fprintf(stderr, "parameter %d cannot be %.17g\\n", wrong - 1,
-                cc_controller_parameters[wrong - 1]);
-        return 2;
-    }}
-    if (!fgets(line, sizeof line, stdin)) {{
-        fprintf(stderr, "no header on standard input\\n");
-        return 2;
-    }}
-    line[strcspn(line, "\\r\\n")] = 0;
-    if (strcmp(line, "{names}")) {{
-        fprintf(stderr, "the header must be {names}\\n");
-        return 2;
-    }}
-    puts("{torques}");
-    for (long row = 2; fgets(line, sizeof line, stdin); row++) {{
-        int count = sscanf(line, "{numbers} %n", {arguments}, &end);
-        if (count != {len(seen)} || line[end]) {{
-            fprintf(stderr, "line %ld has not just {len(seen)} numbers\\n", row);
-            return 2;
-        }}
-        if (cc_controller_step(&controller, &r, torques))
-            fprintf(stderr, "line %ld has a reading that cannot be\\n", row);
-        for (int i = 0; i < CC_AXES; i++)
-            printf("%.17g%c", torques[i], i + 1 < CC_AXES ? ',' : '\\n');
-    }}
-    return 0;
-}}
-"""
-
-
-CMAKE_TEXT = """cmake_minimum_required(VERSION 3.13)
-project(cc_controller C)
-
-add_library(cc_controller STATIC cc_controller.c cc_parameters.c)
-target_include_directories(cc_controller PUBLIC ${CMAKE_CURRENT_SOURCE_DIR})
-if(NOT MSVC)
-  # No contraction of a product and a sum: every machine gives the same bits.
-  target_compile_options(cc_controller PRIVATE -O2 -ffp-contract=off)
-endif()
-set_target_properties(cc_controller PROPERTIES C_STANDARD 99
-                      POSITION_INDEPENDENT_CODE ON)
-if(NOT WIN32)
-  target_link_libraries(cc_controller PUBLIC m)
-endif()
-
-add_executable(cc_example cc_example.c)
-set_target_properties(cc_example PROPERTIES C_STANDARD 99)
-target_link_libraries(cc_example PRIVATE cc_controller)
-"""
+    return fill(
+        "cc_example.c",
+        names=",".join(seen),
+        size=max(512, 40 * len(seen)),
+        torques=",".join(f"{motor}motor_torque_nm" for motor in motors),
+        numbers=",".join("%lf" for _ in seen),
+        arguments=", ".join(f"&r.{name}" for name in seen),
+        count=len(seen),
+    )
 
 
 def controller_source(plan: ExportPlan, what: str) -> str:
@@ -348,85 +186,39 @@ def controller_source(plan: ExportPlan, what: str) -> str:
         listed = (",\n" + " " * depth).join(arguments)
         return f"{library.require(plain).name}(\n{' ' * depth}{listed});"
 
-    lines = [
+    tables = [
         _table("double", "least", [field.low for field in plan.fields]),
         _table("double", "most", [field.high for field in plan.fields]),
         _table("int64_t", "guarded", plan.guarded),
     ]
     if plan.torques.changes:
-        lines.append(_table("int64_t", "shape", plan.torques.shape))
-        lines.append(_table("double", "tables", plan.torques.tables))
+        tables.append(_table("int64_t", "shape", plan.torques.shape))
+        tables.append(_table("double", "tables", plan.torques.tables))
     for k, axis in enumerate(plan.axes):
-        lines.append(_table("int64_t", f"shape{k}", axis.tables.shape))
-        lines.append(_table("double", f"tables{k}", axis.tables.numbers))
-    memories = [
-        _view("Reals", f"memory + {first}", end - first)
-        for first, end in itertools.pairwise(plan.starts)
-    ]
-    shapes = [
-        _view("Ints", f"shape{k}", len(axis.tables.shape))
-        for k, axis in enumerate(plan.axes)
-    ]
-    lines.append("""
-size_t cc_controller_size(void) { return sizeof(cc_controller); }
-
-int cc_controller_set_parameters(
-    cc_controller *controller, const double *given)
-{
-    double *memory = controller->number;
-    int64_t wrong = 0;""")
-    counts = [len(axis.fields) for axis in plan.axes]
-    starts = list(itertools.accumulate(counts, initial=0))
-    # All are looked at before those of one axis are taken.
-    for axis, first, count, shape in zip(
-        plan.axes, starts, counts, shapes, strict=False
-    ):
-        own = [
-            _view("Reals", f"{name} + {first}", count)
-            for name in ("given", "least", "most")
-        ]
+        tables.append(_table("int64_t", f"shape{k}", axis.tables.shape))
+        tables.append(_table("double", f"tables{k}", axis.tables.numbers))
+    ends = itertools.pairwise(plan.starts)
+    memories = [_view("Reals", f"memory + {a}", b - a) for a, b in ends]
+    lengths = [len(axis.tables.shape) for axis in plan.axes]
+    shapes = [_view("Ints", f"shape{k}", count) for k, count in enumerate(lengths)]
+    # The parameters of all axes are looked at before those of one are taken.
+    checks, stores, first = [], [], 0
+    for axis, shape, memory in zip(plan.axes, shapes, memories, strict=True):
+        count, names = len(axis.fields), ("given", "least", "most")
+        own = [_view("Reals", f"{name} + {first}", count) for name in names]
         gains = str(len(axis.law.gains))
-        checked = called(law_steps.wrong_parameters, shape, *own, gains)
-        lines.append(f"    wrong = {checked}")
-        lines.append(
-            f"    if (wrong != 0) {{\n        return (int)(wrong + {first});\n    }}"
-        )
-    for axis, first, count, shape, memory in zip(
-        plan.axes, starts, counts, shapes, memories, strict=False
-    ):
-        own = [memory, shape, _view("Reals", f"given + {first}", count)]
-        lines.append(f"    {called(axis.law.store_parameters, *own)}")
-    restarts = "".join(
-        f"    controller->number[{start + law_steps.FIRST_STEP}] = 1.0;\n"
-        for start in plan.starts[:-1]
-    )
-    lines.append(f"""    return 0;
-}}
-
-void cc_controller_reset(cc_controller *controller)
-{{
-{restarts}}}
-
-int cc_controller_init(cc_controller *controller, const double *given)
-{{
-    const int wrong = cc_controller_set_parameters(controller, given);
-    if (wrong == 0) {{
-        cc_controller_reset(controller);
-    }}
-    return wrong;
-}}
-
-int cc_controller_step(cc_controller *controller,
-                       const cc_readings *readings, double *torques)
-{{
-    double *memory = controller->number;
-    double seen[sizeof(cc_readings) / sizeof(double)];
-    memcpy(seen, readings, sizeof seen);""")
+        wrong = called(law_steps.wrong_parameters, shape, *own, gains)
+        checks.append(f"""    wrong = {wrong}
+    if (wrong != 0) {{
+        return (int)(wrong + {first});
+    }}""")
+        store = called(axis.law.store_parameters, memory, shape, own[0])
+        stores.append(f"    {store}")
+        first += count
     # An impossible reading of any axis is refused before a state changes.
     count, start = len(plan.seen), plan.starts[-1]
     given, guarded = _view("Reals", "seen", count), _view("Ints", "guarded", count)
-    check = called(law_steps.impossible, given, str(count), guarded)
-    lines.append(f"    int64_t wrong = {check}")
+    wrong, changed = called(law_steps.impossible, given, str(count), guarded), ""
     if plan.torques.changes:
         own = [
             _view("Reals", f"memory + {start}", plan.memory_size - start),
@@ -434,37 +226,35 @@ int cc_controller_step(cc_controller *controller,
             _view("Reals", "tables", len(plan.torques.tables)),
             given,
         ]
-        lines.append(f"""    if (wrong == 0) {{
+        changed = f"""    if (wrong == 0) {{
         {called(own_readings, *own, depth=12)}
         memcpy(seen, memory + {start}, sizeof seen);
         /* It may be over an arm of 0. */
-        wrong = {check}
-    }}""")
-    none = "".join(f"        torques[{k}] = 0.0;\n" for k in range(len(plan.axes)))
-    lines.append(f"    if (wrong != 0) {{\n{none}        return (int)wrong;\n    }}")
-    counts = [len(axis.seen) for axis in plan.axes]
-    starts = list(itertools.accumulate(counts, initial=0))
-    for k, (axis, first, count) in enumerate(
-        zip(plan.axes, starts, counts, strict=False)
-    ):
+        wrong = {wrong}
+    }}
+"""
+    steps, first = [], 0
+    for k, axis in enumerate(plan.axes):
         numbers = _view("Reals", f"tables{k}", len(axis.tables.numbers))
-        own = [
-            memories[k],
-            shapes[k],
-            numbers,
-            _view("Reals", f"seen + {first}", count),
-        ]
-        data = f"(LawData){{{', '.join(own)}}}"
-        lines.append(f"    torques[{k}] = {called(axis.law.step, data)}")
-    lines.append("    return 0;\n}")
-    return (
-        f'/* {what}. */\n#include "cc_controller.h"\n\n#include "cc_native.h"\n\n'
-        f"{library.text()}\n" + "\n".join(lines) + "\n"
-    )
+        own_seen = _view("Reals", f"seen + {first}", len(axis.seen))
+        data = f"(LawData){{{memories[k]}, {shapes[k]}, {numbers}, {own_seen}}}"
+        first += len(axis.seen)
+        steps.append(f"    torques[{k}] = {called(axis.law.step, data)}")
+    flags = [begin + law_steps.FIRST_STEP for begin in plan.starts[:-1]]
+    lines = {
+        "tables": tables,
+        "checks": checks,
+        "stores": stores,
+        "restarts": [f"    controller->number[{k}] = 1.0;" for k in flags],
+        "nothing": [f"        torques[{k}] = 0.0;" for k in range(len(plan.axes))],
+        "steps": steps,
+    }
+    texts = {name: "\n".join(own) for name, own in lines.items()} | {"own": changed}
+    functions = library.text()
+    return fill("cc_controller.c", what=what, functions=functions, wrong=wrong, **texts)
 
 
 def _view(kind: str, place: str, count: int) -> str:
-    """Return an array of C's functions, of a constant or a part of a memory."""
     element = {"Reals": "double", "Ints": "int64_t"}[kind]
     place = place.removesuffix(" + 0")
     if " " in place:
@@ -474,9 +264,8 @@ def _view(kind: str, place: str, count: int) -> str:
 
 def _table(kind: str, name: str, numbers: Sequence[float]) -> str:
     """Return C text of a constant array, bit for bit; one zero if it is empty."""
-    cells = [
-        str(n) if kind == "int64_t" else literal(float(n)).text for n in numbers
-    ] or ["0"]
+    is_whole = kind == "int64_t"
+    cells = [str(n) if is_whole else literal(float(n)).text for n in numbers] or ["0"]
     rows = [", ".join(cells[i : i + 8]) for i in range(0, len(cells), 8)]
     return f"static const {kind} {name}[] = {{\n    " + ",\n    ".join(rows) + "\n};"
 
@@ -520,12 +309,12 @@ def write(
         "cc_native.h": (native_library.PACKAGE / "native/native.h").read_text(),
         "cc_parameters.c": parameters(plan),
         "cc_example.c": example(plan),
-        "CMakeLists.txt": CMAKE_TEXT,
+        "CMakeLists.txt": fill("CMakeLists.txt"),
         "README.md": readme(plan, what, notes),
     }
     if ros2_control:
         texts |= ros2_texts(plan)
-        texts["CMakeLists.txt"] += CMAKE_BLOCK
+        texts["CMakeLists.txt"] += fill("CMakeLists_ros2.txt")
     with atomic_io.replacing_folder(folder) as partial:
         for name, text in texts.items():
             (partial / name).write_text(text, encoding="utf-8", newline="\n")

@@ -37,8 +37,7 @@ class JointTorques:
     """Rows of every axis, see `_ROWS`; the joint is 0 without a coupling."""
     shared: tuple[tuple[int, int, int], ...] = ()
     """Joint, axis and place among the readings of every shared ratio."""
-    ratios: tuple[float, ...] = ()
-    """Joint torque per motor torque of every axis [-]."""
+    ratios: tuple[float, ...] = ()  # joint torque per motor torque of every axis [-]
     coupling: decoupling.CouplingTables | None = None
 
     @property

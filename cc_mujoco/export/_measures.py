@@ -21,43 +21,19 @@ import numpy as np
 
 from cc_mujoco.export import _files as files
 from cc_mujoco.export._controllers import ExportPlan
+from cc_mujoco.export._templates import fill
 from cc_mujoco.native import FloatArray
 from cc_mujoco.native import _library as native_library
 
 FLAGS = "-std=c99", "-O2", "-ffp-contract=off"
 _STEPS = 1500
-_PROGRAM = """#include <stdio.h>
-#include "cc_controller.h"
-
-static unsigned long blocks;
-void __sanitizer_cov_trace_pc(void);
-__attribute__((no_sanitize_coverage)) void __sanitizer_cov_trace_pc(void) { blocks++; }
-
-int main(void)
-{
-    static cc_controller controller;
-    cc_readings seen;
-    double torques[CC_AXES];
-    unsigned long most = 0;
-    if (cc_controller_init(&controller, cc_controller_parameters)) return 2;
-    while (fread(&seen, sizeof seen, 1, stdin) == 1) {
-        blocks = 0;
-        cc_controller_step(&controller, &seen, torques);
-        if (blocks > most) most = blocks;
-    }
-    printf("%lu\\n", most);
-    return 0;
-}
-"""
 
 
 class Measures(NamedTuple):
     """Stack and work of a controller; None where unknown."""
 
-    stack: int | None
-    """[bytes], without that of the C library's functions."""
-    blocks: int | None
-    """Most basic blocks of a step."""
+    stack: int | None  # [bytes], without that of the C library's functions
+    blocks: int | None  # most basic blocks of a step
 
     def lines(self) -> list[str]:
         machine = platform.machine()
@@ -79,9 +55,7 @@ def measure(plan: ExportPlan) -> Measures:
     if gcc is None:
         return Measures(None, None)
     about = subprocess.run([gcc, "--version"], capture_output=True, text=True)
-    axes = [
-        (axis.law.step.__qualname__, axis.fields, axis.tables[:2]) for axis in plan.axes
-    ]
+    axes = [(a.law.step.__qualname__, a.fields, a.tables[:2]) for a in plan.axes]
     follows = repr((axes, plan.torques.shape, plan.torques.tables))
 
     def found() -> list[int | None]:
@@ -135,6 +109,7 @@ def _most_blocks(folder: Path, plan: ExportPlan, gcc: str) -> int | None:
     with tempfile.TemporaryDirectory() as place:
         program, built = Path(place) / "count", Path(place) / "cc_controller.o"
         source = folder / "cc_controller.c"
+        counting = fill("count_blocks.c").encode()
         for words in (
             [*FLAGS, "-fsanitize-coverage=trace-pc", "-c", source, "-o", built],
             [
@@ -142,9 +117,8 @@ def _most_blocks(folder: Path, plan: ExportPlan, gcc: str) -> int | None:
                 folder / "cc_parameters.c", "-lm",
             ],
         ):  # fmt: skip
-            done = subprocess.run(
-                [gcc, *map(str, words)], input=_PROGRAM.encode(), capture_output=True
-            )
+            command = [gcc, *map(str, words)]
+            done = subprocess.run(command, input=counting, capture_output=True)
             if done.returncode:
                 return None
         rows = swinging_readings(plan, _STEPS).tobytes()
@@ -165,9 +139,7 @@ def swinging_readings(plan: ExportPlan, count: int) -> FloatArray:
     angle[still], speed[still] = 0.2, 0.0
     found = []
     for axis in plan.axes:
-        value = {
-            field.name.removeprefix(axis.prefix): field.value for field in axis.fields
-        }
+        value = {f.name.removeprefix(axis.prefix): f.value for f in axis.fields}
         ratio, most = value.get("ratio", 1.0), value["high"]
         torque = 0.5 * most * abs(ratio) * np.sin(23.0 * t)
         for name in axis.seen:

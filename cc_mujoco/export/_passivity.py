@@ -93,8 +93,7 @@ class _Centred(Task):
     """A virtual environment about another angle than 0."""
 
     task: Task
-    centre: float
-    """[rad]."""
+    centre: float  # [rad]
 
     def torque(self, angle: Any, velocity: Any, phase: Any) -> Any:
         return self.task.torque(angle - self.centre, velocity, phase)
@@ -104,19 +103,15 @@ class _Centred(Task):
 class _Aside(Trajectory):
     """A minimum-jerk move from the middle to one side, and then rest."""
 
-    angle: float
-    """From the middle [rad]."""
-    centre: float
-    """The middle [rad]."""
+    angle: float  # from the middle [rad]
+    centre: float  # the middle [rad]
     resting: tuple[tuple[str, float], ...]
     """Other joints that are driven, and their angles [rad]."""
 
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
         to, step, still = self.angle, minimum_jerk(time / MOVE_TIME), 0.0 * time
-        resting = {
-            joint: Motion(time, still + angle, still, still, still)
-            for joint, angle in self.resting
-        }
+        rest = still, still, still
+        resting = {name: Motion(time, still + a, *rest) for name, a in self.resting}
         angle, velocity = to * step.value + self.centre, to * step.rate / MOVE_TIME
         acceleration = to * step.curvature / MOVE_TIME**2
         return Motion(time, angle, velocity, acceleration, still, resting)
@@ -195,9 +190,8 @@ def wearer_bounds(device: str | Path | Device, axis: str | None = None) -> Array
     """Return logarithms of the bounds of wearers, (3, 2); see `limb_of`."""
     found = find_device(device)
     own = found.description.axis(axis)
-    name = (
-        found.name if len(found.description.axes) == 1 else f"{found.name}.{own.name}"
-    )
+    is_alone = len(found.description.axes) == 1
+    name = found.name if is_alone else f"{found.name}.{own.name}"
     if name in LIMB_RANGES:
         soft, stiff, heavy = LIMB_RANGES[name]
     else:
@@ -234,10 +228,7 @@ def inertia_of(device: str | Path | Device, axis: str | None = None) -> float:
 
 
 def task_of(axis: Axis, name: str) -> Task:
-    """Return the virtual environment: a spring that suits the axis, or nothing.
-
-    `name` is one of `PASSIVITY_TASKS`.
-    """
+    """Return the virtual environment of a name in `PASSIVITY_TASKS`, for an axis."""
     if name != "spring":
         return Transparent()
     spring = Spring(spring_stiffness(axis))
@@ -319,10 +310,8 @@ def play(
     seeds, prefixes = [seed] * len(limbs), exo.device.prefixes
     batch = Batch(exos, seeds, name=law)
     drives = tuple(_believing(about.sensing.equip(d), believed) for d in exo.drives)
-    sensors = [
-        Measuring(about.sensing, drive, driven, seeds, batch.steps)
-        for drive, driven in zip(drives, exo.device.driven, strict=True)
-    ]
+    driven = zip(drives, exo.device.driven, strict=True)
+    sensors = [Measuring(about.sensing, *own, seeds, batch.steps) for own in driven]
     columns = [prefixes[place] + name for name in PORT_COLUMNS]
     control = _control(law, drives, place, prefixes)
     measure = AxesMeasuring(prefixes, sensors).measure
@@ -338,9 +327,8 @@ def play(
         kept["joint_torque_nm"] = spring.torque(before, nothing, nothing)
     else:
         # What a cable cannot give, as a push, is no part of the virtual spring.
-        kept["desired_torque_nm"] = np.clip(
-            kept["desired_torque_nm"], *drives[place].reach
-        )
+        wanted = kept["desired_torque_nm"]
+        kept["desired_torque_nm"] = np.clip(wanted, *drives[place].reach)
     energy = evaluate_ports(kept, exo.period, exo.frame_skip)
     return WearerEnergy(*(np.where(batch.going, values, np.inf) for values in energy))
 
@@ -358,11 +346,9 @@ def _add_spring(model: mujoco.MjModel, axis: Axis) -> None:
 def _believing(drive: Drive, believed: float) -> Drive:
     cables = []
     for one in drive.cables:
-        cable = one.cable
-        cable = cable.replace(
-            friction=believed * cable.friction,
-            static_friction=believed * cable.static_friction,
-        )
+        names = "friction", "static_friction"
+        scaled = {name: believed * getattr(one.cable, name) for name in names}
+        cable = one.cable.replace(**scaled)
         cables.append(dataclasses.replace(one, cable=cable))
     return dataclasses.replace(drive, cables=tuple(cables))
 
@@ -370,21 +356,15 @@ def _believing(drive: Drive, believed: float) -> Drive:
 def _control(
     law: str, drives: Sequence[Drive], place: int, prefixes: Sequence[str]
 ) -> Controller:
-    """Return the controller of one axis, or of all axes if it decouples them.
-
-    Other axes follow their commands.
-    """
+    """Return a controller of one axis or all; other axes follow their commands."""
     if law in PASSIVITY_REFERENCES:
         return Unpowered(drives[0], axes=len(drives))
     if len(drives) == 1:
         return controller(law, drives[0])
     if is_decoupled(law):
         return axes_controller(law, drives, prefixes)
-    laws = [
-        controller(law if n == place else "none", drive)
-        for n, drive in enumerate(drives)
-    ]
-    return AxesController(laws, prefixes)
+    names = [law if n == place else "none" for n in range(len(drives))]
+    return AxesController(list(map(controller, names, drives)), prefixes)
 
 
 MAX_ACTIVE_SHARE = 0.1
@@ -395,10 +375,8 @@ spring of `task_of` holds at the end of his move [-]."""
 class Activity(NamedTuple):
     """Energy that a controller puts into the worst of a few wearers who hold still."""
 
-    energy: float
-    """[J]."""
-    allowed: float
-    """[J]; see `MAX_ACTIVE_SHARE`."""
+    energy: float  # [J]
+    allowed: float  # [J]; see `MAX_ACTIVE_SHARE`
     limb: Limb
 
 

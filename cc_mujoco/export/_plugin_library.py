@@ -13,24 +13,12 @@ from pathlib import Path
 
 from cc_mujoco._utils import atomic_io
 from cc_mujoco.errors import CableError
+from cc_mujoco.export._templates import fill
 from cc_mujoco.native import _library as native_library
 from cc_mujoco.native._functions import FUNCTIONS
 from cc_mujoco.plugin._registration import PLUGIN_LIBRARY
 
 PLUGIN_SOURCE = "cc_mujoco_cable.c"
-_CMAKE = f"""cmake_minimum_required(VERSION 3.13)
-project(cc_mujoco_cable C)
-
-# MuJoCo's functions are found in the process that loads the library.
-add_library(cc_mujoco_cable SHARED {PLUGIN_SOURCE})
-set_target_properties(cc_mujoco_cable PROPERTIES C_STANDARD 99
-                      C_VISIBILITY_PRESET hidden)
-if(NOT MSVC)
-  target_compile_options(cc_mujoco_cable PRIVATE -O3 -ffp-contract=off -fwrapv
-                         -fno-strict-aliasing -fno-math-errno)
-  target_link_libraries(cc_mujoco_cable PRIVATE m ${{CMAKE_DL_LIBS}})
-endif()
-"""
 
 
 def write_plugin(folder: str | os.PathLike[str]) -> Path:
@@ -69,9 +57,10 @@ def write_plugin_source(folder: str | os.PathLike[str]) -> Path:
     """
     path = _place(folder, PLUGIN_SOURCE)
     _place(folder, "CMakeLists.txt")
+    cmake = fill("CMakeLists_plugin.txt")
     with atomic_io.replacing_folder(folder) as partial:
         (partial / PLUGIN_SOURCE).write_text(_source(), encoding="utf-8")
-        (partial / "CMakeLists.txt").write_text(_CMAKE, encoding="utf-8")
+        (partial / "CMakeLists.txt").write_text(cmake, encoding="utf-8")
     return path
 
 

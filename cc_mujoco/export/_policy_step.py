@@ -102,13 +102,8 @@ class SteppedPolicy(Policy):
         numbers = axis.gains[guard.LIMITS :], axis.spring, [past.ratio], past.units
         kept = past.measured.size + past.plays.size + past.frames.size
         first = OWN_MEMORY + policy.GAINS
-        return LawTables(
-            (
-                *(own.frame, own.hold, own.history, past.reach.size),
-                int(axis.is_wound),
-                *net.sizes.tolist(),
-            ),
-            tuple(map(float, np.concatenate([*numbers, past.reach, net.numbers]))),
-            first + _POLICY_SIZE + kept + 2 * int(net.sizes[WIDTHS:].max()),
-            (first + guard.COMMAND,),
-        )
+        counts = own.frame, own.hold, own.history, past.reach.size, int(axis.is_wound)
+        every = np.concatenate([*numbers, past.reach, net.numbers])
+        size = first + _POLICY_SIZE + kept + 2 * int(net.sizes[WIDTHS:].max())
+        shape, given = (*counts, *net.sizes.tolist()), (first + guard.COMMAND,)
+        return LawTables(shape, tuple(map(float, every)), size, given)

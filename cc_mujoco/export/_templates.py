@@ -1,0 +1,12 @@
+"""Files that are written, with places for the numbers and names of a controller."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from string import Template
+
+
+def fill(file: str, **values: object) -> str:
+    """Return the text of a file in `templates`, `$NAME` replaced by the values."""
+    text = (Path(__file__).with_name("templates") / file).read_text(encoding="utf-8")
+    return Template(text).substitute(values) if values else text

@@ -51,23 +51,20 @@ from cc_mujoco.simulation._worn_device import WornDevice
 
 Array = NDArray[np.float64]
 
+_TORQUE_NAMES = ("rms_torque_error", "peak_torque_error", "torque_lag",
+                 "spring_backlash")  # fmt: skip
+_MOTOR_NAMES = ("rms_motor_torque", "peak_motor_torque", "chatter")
+
 SCORES = tuple(
     METRICS[name]
-    for name in (
-        "rms_torque_error", "peak_torque_error", "torque_lag", "spring_backlash",
-        "rms_motor_torque", "peak_motor_torque", "chatter", "slack_under_load",
-        "failed",
-    )
-)  # fmt: skip
+    for name in (*_TORQUE_NAMES, *_MOTOR_NAMES, "slack_under_load", "failed")
+)
 """All scores of an episode, in the order of tables; the nearer to 0, the better."""
 
 ANGLE_SCORES = tuple(
     METRICS[name]
-    for name in (
-        "rms_angle_error", "peak_angle_error", "rms_motor_torque",
-        "peak_motor_torque", "chatter", "failed",
-    )
-)  # fmt: skip
+    for name in ("rms_angle_error", "peak_angle_error", *_MOTOR_NAMES, "failed")
+)
 """Scores of an episode whose task commands an angle."""
 
 SAFETY_SCORES = (METRICS["peak_over_safe"], *SCORES)
@@ -84,8 +81,7 @@ TRACE_COLUMNS = ("joint_angle_rad", "joint_torque_nm", "desired_torque_nm")
 PHASE_COLUMNS = ("phase_sine", "phase_cosine")
 AXIS_COLUMNS = (*TRACE_COLUMNS, *PHASE_COLUMNS, "motor_torque_nm")
 """Recorded columns of every axis."""
-CABLE_COLUMNS = ("least_tension_n", "tension_n")
-"""Recorded columns of all cables."""
+CABLE_COLUMNS = ("least_tension_n", "tension_n")  # recorded columns of all cables
 
 
 @dataclass(frozen=True)
@@ -138,12 +134,12 @@ class CellSetup(NamedTuple):
 
     draws: list[Draw]
     batch: Batch
-    drives: Sequence[tuple[Drive, ...]]
-    """Drives of every axis as the controller knows them, of each plant."""
+    drives: Sequence[
+        tuple[Drive, ...]
+    ]  # every axis of each plant, as controllers know it
     law: Controller
     sensors: AxesMeasuring | faults.FaultySensors
-    torque_noise: float
-    """Standard deviation of the device's joint torque sensor [N m]."""
+    torque_noise: float  # standard deviation of the device's joint torque sensor [N m]
 
 
 def batch_groups(cells: Iterable[Cell]) -> list[list[Cell]]:
@@ -190,10 +186,9 @@ def believed_drives(
         cables = drawn.known.cables
         own = []
         for drive, names in zip(drives, driven, strict=True):
-            known = tuple(
-                CableDrive(belief.of(cables[name], random), s.proximal, s.distal)
-                for name, s in zip(names, drive.cables, strict=True)
-            )
+            believed = [belief.of(cables[name], random) for name in names]
+            pairs = zip(believed, drive.cables, strict=True)
+            known = tuple(CableDrive(c, s.proximal, s.distal) for c, s in pairs)
             own.append(dataclasses.replace(drive, cables=known))
         found.append(tuple(own))
     return found
@@ -202,12 +197,10 @@ def believed_drives(
 def changed(plant: Plant, reference: conditions.Reference | None) -> Plant:
     if reference is None:
         return plant
-    changes = {
-        f"{cable}.{key}": value
-        for cable in plant.cables
-        for key, value in reference.changes.items()
-    }
-    return Plant(plant.device, {**plant.values, **changes})
+    values = dict(plant.values)
+    for cable in plant.cables:
+        values |= {f"{cable}.{key}": v for key, v in reference.changes.items()}
+    return Plant(plant.device, values)
 
 
 def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
@@ -218,22 +211,18 @@ def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
     beliefs: list[conditions.Belief] = []
     for cell in cells:
         draws += sample_plants(cell.condition, cell.seeds, cell.key)
-        own = cell.belief or conditions.Belief(
-            conditions.MODEL_ERRORS[cell.condition.error]
-        )
+        error = conditions.MODEL_ERRORS[cell.condition.error]
+        own = cell.belief or conditions.Belief(error)
         beliefs += [(reference and reference.belief) or own] * len(cell.seeds)
     description, seeds = draws[0].plant.description, [drawn.seed for drawn in draws]
     tasks = at.tasks(description)
     models = [changed(drawn.plant, reference).model() for drawn in draws]
-    exos = [
-        WornDevice(description, model, drawn.trajectory, tasks, at.duration)
-        for model, drawn in zip(models, draws, strict=True)
-    ]
+    pairs = zip(models, [drawn.trajectory for drawn in draws], strict=True)
+    exos = [WornDevice(description, m, t, tasks, at.duration) for m, t in pairs]
     exo, prefixes = exos[0], exos[0].device.prefixes
     batch = Batch(exos, seeds, name=one.controller)
-    onsets = (
-        faults.fault_onsets(seeds, exo.period) if at.structure in faults.FAULTS else []
-    )
+    fails = at.structure in faults.FAULTS
+    onsets = faults.fault_onsets(seeds, exo.period) if fails else []
     hindered = [drawn.actuation for drawn in draws]
     if at.structure == faults.STRAP:
         batch.actuate = faults.StrapOpening(batch, onsets)
@@ -261,10 +250,8 @@ def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
     if name is None:
         law = Unpowered(drives[0][0], len(prefixes))
     elif fitted:
-        each = [
-            batched_controller(name, [(drive,)], prefixes, Entry) for drive in fitted
-        ]
-        law = PlantsController(each)
+        made = (batched_controller(name, [(d,)], prefixes, Entry) for d in fitted)
+        law = PlantsController(list(made))
     else:
         law = batched_controller(name, drives, prefixes, Entry)
     biases = []
@@ -277,11 +264,9 @@ def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
         sensing, drives[0], seeds, biases, delay=delay, noise=noise
     )
     sensors: AxesMeasuring | faults.FaultySensors = whole
-    if at.structure in faults.FAULTS:
-        ratios = [drive.ratio for drive in drives[0]]
-        sensors = faults.FaultySensors(
-            at.structure, onsets, whole, prefixes, ratios, exo.period
-        )
+    if fails:
+        ratios = {p: drive.ratio for p, drive in zip(prefixes, drives[0], strict=True)}
+        sensors = faults.FaultySensors(at.structure, onsets, whole, ratios, exo.period)
     return CellSetup(draws, batch, drives, law, sensors, sensing.torque_noise)
 
 
@@ -320,12 +305,10 @@ def play_group(cells: Sequence[Cell]) -> list[CellResult]:
     for place, cell in enumerate(cells):
         own = slice(place * count, (place + 1) * count)
         part = {name: values[:, own] for name, values in rows.items()}
-        trace = {}
-        if cell.condition.usual:
-            trace = _trace_columns(cell, part, batch.prefixes)
-        found.append(
-            CellResult(_scores(cell, part, made), _plant_columns(made, own), trace)
-        )
+        usual = cell.condition.usual
+        trace = _trace_columns(cell, part, batch.prefixes) if usual else {}
+        scores = _scores(cell, part, made)
+        found.append(CellResult(scores, _plant_columns(made, own), trace))
     return found
 
 
@@ -348,15 +331,11 @@ def _scores(
     cables = made.batch.cables
     tasks = cell.condition.tasks(description)
     strength = dict.fromkeys(cables, description.strength)
-    facts = [
-        {
-            SAFE_TORQUE: math.inf,  # where it is unknown, no torque is a failure
-            **facts_of(axis, strength),
-            DRIVEN: driven,
-            SPRING: isinstance(tasks[axis.name], Spring),
-        }
-        for axis, driven in zip(description.axes, device.driven, strict=True)
-    ]
+    facts = []
+    for axis, driven in zip(description.axes, device.driven, strict=True):
+        # Where the safe torque is unknown, no torque is a failure.
+        known = {SAFE_TORQUE: math.inf, **facts_of(axis, strength), DRIVEN: driven}
+        facts.append(known | {SPRING: isinstance(tasks[axis.name], Spring)})
     prefixes = device.prefixes
     of_angle = isinstance(cell.condition, PositionCondition)
     scores = ANGLE_SCORES if of_angle else SCORES
@@ -371,11 +350,10 @@ def _scores(
             columns[f"tension_{cable}_proximal_n"] = ends[:, 2 * place]
             columns[f"tension_{cable}_distal_n"] = ends[:, 2 * place + 1]
             columns[f"tension_{cable}_nodes_n"] = least[:, [place]]
-        logs = [
-            ArrayLog(axis_columns(columns, prefix, prefixes), cables, own)
-            for prefix, own in zip(prefixes, facts, strict=True)
-        ]
-        of_axes = [episode_scores(log, scores) for log in logs]
+        of_axes = []
+        for prefix, own in zip(prefixes, facts, strict=True):
+            log = ArrayLog(axis_columns(columns, prefix, prefixes), cables, own)
+            of_axes.append(episode_scores(log, scores))
         episodes.append(_device_scores(of_axes, prefixes))
     return {name: np.array([e[name] for e in episodes]) for name in episodes[0]}
 
@@ -410,18 +388,16 @@ def _plant_columns(made: CellSetup, own: slice) -> dict[str, list[Any]]:
         plant = drawn.plant
         actual = [plant.cables[name] for name in names]
         known = [one.cable for drive in drives for one in drive.cables]
-        wearers = [wearer.stiffness for wearer in plant.wearers.values()]
-        columns: dict[str, Any] = {
-            f"{who}_{key}": [getattr(cable, key) for cable in cables]
-            for who, cables in (("plant", actual), ("believed", known))
-            for key in ("friction", "axial_stiffness", "pretension")
-        }
+        columns: dict[str, Any] = {}
+        for who, cables in (("plant", actual), ("believed", known)):
+            for key in ("friction", "axial_stiffness", "pretension"):
+                columns[f"{who}_{key}"] = [getattr(cable, key) for cable in cables]
         columns |= {
             "plant_wrap": [cable.wrap for cable in actual],
             "plant_delay": plant.delay,
             "plant_noise": plant.noise,
             "plant_bias": [bias[0] * made.torque_noise for bias in drawn.bias],
-            "plant_wearer": wearers,
+            "plant_wearer": [one.stiffness for one in plant.wearers.values()],
         }
         for name, value in columns.items():
             found.setdefault(name, []).append(value)
@@ -436,11 +412,8 @@ def _trace_columns(
     for prefix in prefixes:
         sine, cosine = (rows[prefix + name] for name in PHASE_COLUMNS)
         phase = np.arctan2(sine, cosine)[thin] / (2.0 * np.pi) % 1.0
-        found |= {
-            prefix + name: rows[prefix + name][thin].ravel()
-            for name in (*TRACE_COLUMNS, REFERENCE_COLUMN)
-            if prefix + name in rows
-        }
+        names = (prefix + name for name in (*TRACE_COLUMNS, REFERENCE_COLUMN))
+        found |= {name: rows[name][thin].ravel() for name in names if name in rows}
         found[f"{prefix}phase"] = phase.ravel()
     time = rows["time_s"][thin]
     found["time_s"] = time.ravel()

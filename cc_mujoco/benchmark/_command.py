@@ -127,12 +127,9 @@ class Benchmark:
 
             def progress(done: float) -> None:
                 if done == 0.0:
-                    print(
-                        f"{count} cells, each a controller in a condition on every "
-                        "plant; the first ones may take a minute",
-                        file=sys.stderr,
-                        flush=True,
-                    )
+                    first = "each a controller in a condition on every plant; the first"
+                    note = f"{count} cells, {first} ones may take a minute"
+                    print(note, file=sys.stderr, flush=True)
                 bar.update(done - bar.n)
 
             results = run(

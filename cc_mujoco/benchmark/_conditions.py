@@ -27,10 +27,8 @@ from cc_mujoco.errors import CableError, look_up
 class Liner(NamedTuple):
     """Friction coefficients of a cable in its liner."""
 
-    friction: float
-    """Kinetic [-]."""
-    static_friction: float
-    """Break-away, across a segment as in the thesis [-]."""
+    friction: float  # kinetic [-]
+    static_friction: float  # break-away, across a segment as in the thesis [-]
 
 
 TRANSMISSIONS = {
@@ -40,8 +38,7 @@ TRANSMISSIONS = {
 }
 """Good and ordinary liner (assumed), and that of Table 2.2 of the thesis."""
 
-OWN_LINER = "own"
-"""Transmission with the friction of the scene."""
+OWN_LINER = "own"  # transmission with the friction of the scene
 
 MODEL_ERRORS = {"exact": 0.0, "rough": 0.1, "bad": 0.3}
 """Standard deviations of the relative errors of a controller's parameters."""
@@ -61,16 +58,14 @@ the controllers: one on the scene, or one on the plant itself."""
 WARM_UP = 0.5
 """Time at the start of an episode that has no score [s]."""
 
-MIN_DURATION = 2.0 * WARM_UP
-"""Length that an episode must exceed [s]."""
+MIN_DURATION = 2.0 * WARM_UP  # length that an episode must exceed [s]
 
 
 @dataclass(frozen=True)
 class Together(human.Trajectory):
     """Motion of several joints, each by its own trajectory."""
 
-    parts: tuple[tuple[str, human.Trajectory], ...]
-    """Joints and their trajectories."""
+    parts: tuple[tuple[str, human.Trajectory], ...]  # joints and their trajectories
 
     def _motion(
         self, time: NDArray[np.float64], duration: float, rng: np.random.Generator

@@ -1,6 +1,6 @@
 """Faults of sensors and straps that begin during an episode: the suite `safety`.
 
-sensors = FaultySensors("torque-dead", onsets, sensors, prefixes)
+sensors = FaultySensors("torque-dead", onsets, sensors, ratios, period)
 torque = controller.torque(sensors.measure(columns))
 """
 
@@ -25,8 +25,7 @@ Array = NDArray[np.float64]
 
 STRAP = "strap-open"
 """Fault in which the wearer leaves the device: nothing holds the joint any more."""
-LATE = 0.05
-"""Delay of `torque-late` [s]."""
+LATE = 0.05  # delay of `torque-late` [s]
 _TORQUE, _MOTOR = "joint_torque_nm", "motor_angle_rad"
 _JOINT = "joint_angle_rad", "winding_angle_rad"
 _VELOCITIES = "motor_velocity_rad_s", "joint_velocity_rad_s", "winding_velocity_rad_s"
@@ -43,8 +42,7 @@ TORQUE_FAULTS: dict[str, Callable[[Any, Any], Any]] = {
 """Reading of the torque sensor from the true reading now, and from an earlier one: that
 of the onset, or of `LATE` before."""
 ENCODER_FAULTS = ("motor-frozen", "joint-frozen", "motor-jumped", "joint-jumped")
-FAULTS = (*TORQUE_FAULTS, *ENCODER_FAULTS, STRAP)
-"""Every fault by name."""
+FAULTS = (*TORQUE_FAULTS, *ENCODER_FAULTS, STRAP)  # every fault by name
 
 
 def safety_conditions(scene: str) -> list[Condition]:
@@ -71,18 +69,16 @@ class FaultySensors:
         fault: str,
         onsets: Sequence[int],
         sensors: AxesMeasuring,
-        prefixes: Sequence[str],
-        ratios: Sequence[float],
+        ratios: Mapping[str, float],
         period: float,
     ) -> None:
         """Prepare one of `FAULTS`, which begins at the control steps `onsets`.
 
-        `sensors` are those of all axes without it, `ratios` see `Drive.ratio`, and
-        `period` is that of the controller [s].
+        `sensors` are those of all axes without it, `ratios` see `Drive.ratio`, by the
+        prefix of the axis, and `period` is that of the controller [s].
         """
-        self._fault, self._sensors = fault, sensors
+        self._fault, self._sensors, self._ratios = fault, sensors, ratios
         self._onset = np.array(onsets)
-        self._ratios = dict(zip(prefixes, ratios, strict=True))
         self._late = round(LATE / period)
         self._interval = round(0.1 / period)
         self._step = 0
@@ -97,9 +93,8 @@ class FaultySensors:
         if self._fault in TORQUE_FAULTS:
             for prefix in self._ratios:
                 name = prefix + _TORQUE
-                seen[name] = np.where(
-                    failed, self._torque(name, seen[name]), seen[name]
-                )
+                now = seen[name]
+                seen[name] = np.where(failed, self._torque(name, now), now)
         self._step += 1
         return seen
 
@@ -135,12 +130,9 @@ class FaultySensors:
                 jump = 0.3 * (abs(ratio) if side == "motor" else 1.0)
                 wrong = self._hold(name, now) if kind == "frozen" else now + jump
                 found[name] = np.where(failed, wrong, now)
-            for name in (prefix + each for each in _VELOCITIES):
-                if (
-                    kind == "frozen"
-                    and name in columns
-                    and (side == "motor") == (name == prefix + _VELOCITIES[0])
-                ):
+            still = _VELOCITIES[:1] if side == "motor" else _VELOCITIES[1:]
+            for name in (prefix + each for each in still if kind == "frozen"):
+                if name in columns:
                     found[name] = np.where(failed, 0.0, columns[name])
         return found
 

@@ -20,14 +20,10 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-CYCLE_BINS = 30
-"""Bins of a cycle, or of the time after a reversal."""
-PHONE_WIDTH = 4.9
-"""Width of a figure that is legible at 390 pixels [inch]."""
-HEAT_DECADES = 1.5
-"""Decades of error on either side of 1 in a heat map."""
-PASSIVE_REFERENCES = ("unplugged", "motor-off")
-"""References whose motor does nothing."""
+CYCLE_BINS = 30  # bins of a cycle, or of the time after a reversal
+PHONE_WIDTH = 4.9  # width of a figure that is legible at 390 pixels [inch]
+HEAT_DECADES = 1.5  # decades of error on either side of 1 in a heat map
+PASSIVE_REFERENCES = ("unplugged", "motor-off")  # references whose motor does nothing
 
 
 def pareto(own: DeviceResults) -> Figure:
@@ -89,12 +85,9 @@ def cycle(own: DeviceResults) -> Figure:
             at = most * (np.arange(CYCLE_BINS) + 0.5) / CYCLE_BINS
             axes.plot(at, rms, label=law, **looks[law] | {"marker": "", "lw": 1.1})
         name = ", ".join((own.label, *([prefix.rstrip(".")] if prefix else [])))
-        axes.set(
-            title=f"{name}: error over the cycle",
-            xlabel=label,
-            ylabel="RMS error [rad]" if is_angle else "RMS error [N m]",
-            ylim=(0.0, None),
-        )
+        y_label = "RMS error [rad]" if is_angle else "RMS error [N m]"
+        axes.set(xlabel=label, ylabel=y_label, ylim=(0.0, None))
+        axes.set_title(f"{name}: error over the cycle")
     if shown:
         labels = panels[-1].get_legend_handles_labels()
         drawing.legend(*labels, loc="outside lower center", ncols=3)
@@ -114,13 +107,8 @@ def robustness(own: DeviceResults) -> Figure:
     tall = 0.21 * len(conditions) + 1.7
     drawing = figure(PHONE_WIDTH, tall)
     axes = drawing.add_subplot()
-    picture = axes.imshow(
-        np.log10(np.maximum(means, 1e-9)),
-        cmap="RdBu_r",
-        vmin=-HEAT_DECADES,
-        vmax=HEAT_DECADES,
-        aspect="auto",
-    )
+    logarithms, ends = np.log10(np.maximum(means, 1e-9)), (-HEAT_DECADES, HEAT_DECADES)
+    picture = axes.imshow(logarithms, cmap="RdBu_r", clim=ends, aspect="auto")
     axes.grid(visible=False)
     axes.set_xticks(range(len(shown)), shown, rotation=60, ha="right")
     axes.set_yticks(range(len(conditions)), conditions)
@@ -129,15 +117,9 @@ def robustness(own: DeviceResults) -> Figure:
     for (row, column), mean in np.ndenumerate(means):
         pale = abs(math.log10(max(mean, 1e-9))) < 0.6 * HEAT_DECADES
         text = f"{mean:.2f}" if mean < 9.995 else f"{mean:.0f}"
-        axes.text(
-            column,
-            row,
-            text if mean >= 1.0 else text.removeprefix("0"),
-            ha="center",
-            va="center",
-            size=max(size, 5.0),
-            color=BLACK if pale else "white",
-        )
+        shown_text = text if mean >= 1.0 else text.removeprefix("0")
+        drawn = axes.text(column, row, shown_text, ha="center", va="center")
+        drawn.set(size=max(size, 5.0), color=BLACK if pale else "white")
     bar = drawing.colorbar(picture, location="bottom", aspect=40, pad=0.02)
     ticks = [-1.0, -0.5, 0.0, 0.5, 1.0]
     bar.set_ticks(ticks, labels=[f"{10.0**tick:.2g}" for tick in ticks])
@@ -166,9 +148,8 @@ def _binned_rms(place: Array, trace: Mapping[str, Array]) -> Array:
         pair = "joint_angle_rad", REFERENCE_COLUMN
     error = (trace[pair[0]] - trace[pair[1]])[counted]
     with np.errstate(invalid="ignore", divide="ignore"):
-        square = np.bincount(bins, error**2, CYCLE_BINS) / np.bincount(
-            bins, minlength=CYCLE_BINS
-        )
+        count = np.bincount(bins, minlength=CYCLE_BINS)
+        square = np.bincount(bins, error**2, CYCLE_BINS) / count
     return np.asarray(np.sqrt(square))
 
 

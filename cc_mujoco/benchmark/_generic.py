@@ -51,9 +51,8 @@ def generic_conditions(scene: str) -> list[Condition]:
         for name in GENERIC_STRUCTURES
         if has_effect(device, name)
     ]
-    own = named_condition(
-        plain, f"{OWN_LINER}-{DEFAULT_CONDITION[1]}", transmission=OWN_LINER
-    )
+    name = f"{OWN_LINER}-{DEFAULT_CONDITION[1]}"
+    own = named_condition(plain, name, transmission=OWN_LINER)
     return [*found, own, *crossed_conditions(plain)]
 
 
@@ -81,31 +80,23 @@ def device_motion(model: DeviceModel) -> tuple[Trajectory, tuple[Task, ...]]:
 def _other_motions(
     plain: Condition, model: DeviceModel, tasks: tuple[Task, ...]
 ) -> list[Condition]:
-    description = model.description
-    reversals = [
-        trajectory("reversals", axis.reach, axis.centre) for axis in description.axes
-    ]
+    description, axes = model.description, model.description.axes
+    reversals = [trajectory("reversals", axis.reach, axis.centre) for axis in axes]
     # A reversal has no gait: what followed it is held.
     still = tuple(map(_held, tasks)) if is_walk(plain.trajectory) else tasks
     turning = joint_trajectory(description, reversals)
     found = [named_condition(plain, "reversals", trajectory=turning, task=still)]
-    sizes = [
-        _jolt(plain.trajectory, model, axis.limb, axis.reach)
-        for axis in description.axes
-    ]
+    plain_motion = plain.trajectory
+    sizes = [_jolt(plain_motion, model, axis.limb, axis.reach) for axis in axes]
     # A bump needs room between the motion and the stops.
     if min(sizes) < 1e-3:  # [rad]
         return found
+    pairs = zip([axis.limb for axis in axes], sizes, strict=True)
     jolted = [
-        Perturbed(trajectory_of(plain.trajectory, axis.limb), axis.limb, size)
-        for axis, size in zip(description.axes, sizes, strict=True)
+        Perturbed(trajectory_of(plain_motion, limb), limb, size) for limb, size in pairs
     ]
-    found.append(
-        named_condition(
-            plain, "jolted", trajectory=joint_trajectory(description, jolted)
-        )
-    )
-    return found
+    bumpy = joint_trajectory(description, jolted)
+    return [*found, named_condition(plain, "jolted", trajectory=bumpy)]
 
 
 def joint_trajectory(

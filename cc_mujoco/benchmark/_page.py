@@ -55,18 +55,14 @@ def write(
 def _report_page(
     folder: Path, plan: BenchmarkPlan, results: stored.Results, baseline: str
 ) -> str:
-    """Return the page of a benchmark.
-
-    `folder` holds the figures; `baseline` is the controller that the others are
-    compared with.
-    """
-    devices = stored.by_device(results)
-    titles: dict[str, str] = {}
+    """Return the page of a benchmark, whose figures are in `folder`."""
+    devices = {f"device{n}": own for n, own in enumerate(stored.by_device(results))}
+    titles = {
+        k: f"{own.label[:1].upper()}{own.label[1:]}" for k, own in devices.items()
+    }
     parts: dict[str, Html] = {}
-    for number, own in enumerate(devices):
-        key = f"device{number}"
-        titles[key] = f"{own.label[:1].upper()}{own.label[1:]}"
-        parts[key] = _device(folder, own, baseline, own is devices[0])
+    for key, own in devices.items():
+        parts[key] = _device(folder, own, baseline, key == "device0")
     titles |= {"all": "All controllers and references", "words": "What the names mean"}
     titles |= {"times": text.TIMES_TITLE, "made": "How this was made"}
     notes = (*text.divergence_sentences(results), *text.assumed_limits(results))
@@ -79,27 +75,18 @@ def _report_page(
     words = html.bullet_list(map(html.inline_markdown, lines))
     parts["words"] = html.folded("References and scores", words)
     parts["made"] = _provenance()
-    return html.page(
-        f"Benchmark of controllers: suite {plan.suite}",
-        "named",
-        html.element(
-            "header",
-            html.element("h1", f"Benchmark of controllers, suite {plan.suite}"),
-            html.paragraph(
-                html.inline_markdown(text.best_sentence(results, baseline)), kind="lead"
-            ),
-            _figure(folder, devices[0], "pareto"),
-            html.paragraph(
-                html.element("b", "Next: "),
-                html.element("code", text.next_command(results)),
-            ),
-            *(
-                html.paragraph(html.inline_markdown(note), kind="small")
-                for note in notes
-            ),
-        ),
-        html.sections(titles, parts),
+    best = html.inline_markdown(text.best_sentence(results, baseline))
+    command = html.element("code", text.next_command(results))
+    header = html.element(
+        "header",
+        html.element("h1", f"Benchmark of controllers, suite {plan.suite}"),
+        html.paragraph(best, kind="lead"),
+        _figure(folder, devices["device0"], "pareto"),
+        html.paragraph(html.element("b", "Next: "), command),
+        *(html.paragraph(html.inline_markdown(n), kind="small") for n in notes),
     )
+    title = f"Benchmark of controllers: suite {plan.suite}"
+    return html.page(title, "named", header, html.sections(titles, parts))
 
 
 def _device(
@@ -131,10 +118,8 @@ def _folded_table(heading: str, cells: text.Cells) -> Html:
 
 def _marked(cells: text.Cells) -> tuple[list[Html], list[list[Html]]]:
     """Return a table whose code and emphasis are elements."""
-    head, rows = cells
-    return [*map(html.inline_markdown, head)], [
-        [*map(html.inline_markdown, r)] for r in rows
-    ]
+    head, *rows = ([*map(html.inline_markdown, r)] for r in (cells[0], *cells[1]))
+    return head, rows
 
 
 def _provenance() -> Html:

@@ -54,32 +54,23 @@ SPREAD = {
 """Relative standard deviations: of the cables of a plant around their nominal values,
 of the wearer's impedance, and of a gait's period."""
 
-KEY_BYTES = 16
-"""Length of the secret key of a run."""
+KEY_BYTES = 16  # length of the secret key of a run
 
-LAG = 0.005
-"""Time constant of a motor that lags [s], beside that of the scene."""
-LAG_NAME = "motor-lag"
-"""Name of that effect, which is in the motor and in no cable."""
+LAG = 0.005  # time constant of a motor that lags [s], beside that of the scene
+LAG_NAME = "motor-lag"  # name of that effect, which is in the motor and in no cable
 INERTIA_FACTORS = 0.6, 1.6
 """Inertia of a rotor over its assumed value; seeds take the levels in turn."""
-TREMOR_SHARE = 0.05
-"""Amplitude of a tremor, as a share of the reach of a device."""
+TREMOR_SHARE = 0.05  # amplitude of a tremor, as a share of the reach of a device
 
 
 class _Scale(NamedTuple):
     """Sizes of a cable that effects are scaled with."""
 
-    tension: float
-    """Tension of the desired torque that counts as 1 [N]."""
-    speed: float
-    """Speed of the cable at the velocity of the joint that counts as 1 [m/s]."""
-    travel: float
-    """Travel of the cable over the reach of named trajectories [m]."""
-    length: float
-    """Length of the cable [m]."""
-    radius: float
-    """Radius of the motor's pulley [m]."""
+    tension: float  # tension of the desired torque that counts as 1 [N]
+    speed: float  # speed of the cable at the joint's velocity that counts as 1 [m/s]
+    travel: float  # travel of the cable over the reach of named trajectories [m]
+    length: float  # length of the cable [m]
+    radius: float  # radius of the motor's pulley [m]
 
 
 def _concentrated(own: _Scale, cable: Cable) -> dict[str, Value]:
@@ -153,14 +144,10 @@ STRUCTURES = (
 class Actuation:
     """Imperfections of the motor: a command delay and a cogging torque by its angle."""
 
-    delay: int = 0
-    """Control steps by which a command is late."""
-    cogging: tuple[float, ...] = ()
-    """Amplitude of the torque of every motor [N m]; none by default."""
-    order: int = 1
-    """Periods of that torque in a turn of the motor's pulley."""
-    phase: float = 0.0
-    """Phase of that torque at an angle of 0 [rad]."""
+    delay: int = 0  # control steps by which a command is late
+    cogging: tuple[float, ...] = ()  # amplitude of the torque of every motor [N m]
+    order: int = 1  # periods of that torque in a turn of the motor's pulley
+    phase: float = 0.0  # phase of that torque at an angle of 0 [rad]
 
     @property
     def is_plain(self) -> bool:
@@ -168,17 +155,15 @@ class Actuation:
         return not self.delay and not self.cogging
 
 
-PLAIN = Actuation()
-"""Actuation of a motor that applies the command of its controller."""
+PLAIN = Actuation()  # actuation of a motor that applies the command of its controller
 
 
 @lru_cache(maxsize=64)
 def _scales(device: Device) -> dict[str, _Scale]:
     model = DeviceModel(device.description, Plant(device).model())
     found: dict[str, _Scale] = {}
-    for axis, own, drive in zip(
-        device.description.axes, model.axes, model.drives(1.0), strict=True
-    ):
+    axes, drives = device.description.axes, model.drives(1.0)
+    for axis, own, drive in zip(axes, model.axes, drives, strict=True):
         for name, one in zip(own.driven, drive.cables, strict=False):
             arm = abs(one.distal)
             found[name] = _Scale(
@@ -204,11 +189,11 @@ def _cable_values(known: Plant, name: str) -> dict[str, Value]:
     device, effects = known.scene, {**EFFECTS, **POSITION_EFFECTS}
     if name not in effects:
         return {}
-    return {
-        f"{cable}.{key}": value
-        for cable, scale in _scales(device).items()
-        for key, value in effects[name](scale, known.cables[cable]).items()
-    }
+    found: dict[str, Value] = {}
+    for cable, scale in _scales(device).items():
+        own = effects[name](scale, known.cables[cable])
+        found |= {f"{cable}.{key}": value for key, value in own.items()}
+    return found
 
 
 def hidden_effect(
@@ -238,15 +223,12 @@ def hidden_effect(
     if values or name == "tremor":  # which is in the motion
         return device, values, PLAIN
     drives = DeviceModel(known.description, known.model()).drives(1.0)
-    unit = [
-        abs(axis.units["desired_torque_nm"] / drive.ratio)
-        for axis, drive in zip(axes, drives, strict=True)
-    ]
+    pairs = zip(axes, drives, strict=True)
+    unit = [abs(a.units["desired_torque_nm"] / drive.ratio) for a, drive in pairs]
     if name == "cogging":
         # A share of the torque that counts as 1, in 12 waves in a turn of the pulley.
-        phase = random.uniform(-math.pi, math.pi)
-        size = tuple(0.05 * one for one in unit)
-        return device, {}, Actuation(0, size, 12, phase)
+        phase, size = random.uniform(-math.pi, math.pi), [0.05 * one for one in unit]
+        return device, {}, Actuation(0, tuple(size), 12, phase)
     if name == "late-commands":
         return device, {}, Actuation(1 + seed % 3)  # 1 to 3 control steps, in turn
     if name == "cuff":
@@ -286,18 +268,14 @@ def has_effect(device: Device, name: str) -> bool:
 class Draw:
     """Sampled plant with the bias and actuation of its episode."""
 
-    plant: Plant
-    """The device with its cables, wearer, delay and noise."""
-    known: Plant
-    """Plant as its controller may know it, without the errors of the model."""
-    seed: int
-    """Seed of its motion and noise, from the episode and its condition."""
+    plant: Plant  # the device with its cables, wearer, delay and noise
+    known: Plant  # plant as its controller may know it, without the errors of the model
+    seed: int  # seed of its motion and noise, from the episode and its condition
     trajectory: Trajectory
+    # Of the joint torque sensor, then of every tension sensor, of each axis, as a
+    # multiple of the standard deviation of the device's noise.
     bias: tuple[tuple[float, ...], ...]
-    """Bias of the joint torque sensor, then of every tension sensor, of each axis, as a
-    multiple of the standard deviation of the device's noise."""
-    actuation: Actuation = PLAIN
-    """Effects between the controller and the motor."""
+    actuation: Actuation = PLAIN  # effects between the controller and the motor
 
 
 def sample_plants(
@@ -341,27 +319,26 @@ def _sample_plant(condition: Condition, seed: int, device: Device, key: str) -> 
     random = np.random.default_rng([own, 2])
     values: dict[str, Value] = {}
     for name, cable in device.cables.items():
-        factors = {
-            key: 1.0 + SPREAD[key] * clipped_normal(random)
-            for key in ("friction", "axial_stiffness", "pretension", "wrap")
-        }
+        names = ("friction", "axial_stiffness", "pretension", "wrap")
+        friction, stiffness, pretension, wrap = (
+            1.0 + SPREAD[key] * clipped_normal(random) for key in names
+        )
         unchanged = Liner(cable.friction, cable.static_friction)
         liner = TRANSMISSIONS.get(condition.transmission, unchanged)
         drawn: dict[str, Value] = {
-            "friction": factors["friction"] * liner.friction,
-            "static_friction": factors["friction"] * liner.static_friction,
-            "axial_stiffness": factors["axial_stiffness"] * cable.axial_stiffness,
-            "pretension": factors["pretension"] * cable.pretension,
+            "friction": friction * liner.friction,
+            "static_friction": friction * liner.static_friction,
+            "axial_stiffness": stiffness * cable.axial_stiffness,
+            "pretension": pretension * cable.pretension,
         }
         if cable.path == PATHS[0] and condition.moving_route:
             drawn["bend"] = BENDS[1]
         elif cable.path == PATHS[0]:
-            drawn["wrap"] = factors["wrap"] * cable.wrap
+            drawn["wrap"] = wrap * cable.wrap
         values |= {f"{name}.{key}": value for key, value in drawn.items()}
     impedance = 1.0 + SPREAD["impedance"] * clipped_normal(random)
     if device.wearers:
         values["wearer"] = condition.impedance * impedance
-    source = condition.trajectory
     cadence = 1.0 + SPREAD["cadence"] * clipped_normal(random)
     low, high = condition.delay
     # In turns: of few seeds each delay has its share, as so much depends on it.
@@ -370,21 +347,17 @@ def _sample_plant(condition: Condition, seed: int, device: Device, key: str) -> 
     # Tension sensors on a cable, see `Sensing.equip`
     sensors = [1 + 3 * len(axis.cables) for axis in device.description.axes]
     known = Plant(device, values)
-    aside = np.random.default_rng([own, 4])
-    changed, effect, actuation = hidden_effect(
-        known, condition.structure, seed + place, aside
-    )
-    plant = known
+    aside, level = np.random.default_rng([own, 4]), seed + place
+    hidden = hidden_effect(known, condition.structure, level, aside)
+    (changed, effect, actuation), plant = hidden, known
     if effect or changed is not device:
         plant = Plant(changed, _with_effect(values, effect))
     if condition.known:
         known = plant
-    bias = tuple(
-        tuple(condition.noise * BIAS * clipped_normal(random) for _ in range(count))
-        for count in sensors
-    )
-    source = _with_period_factor(source, cadence)
-    return Draw(plant, known, own, source, bias, actuation)
+    size = condition.noise * BIAS
+    bias = [tuple(size * clipped_normal(random) for _ in range(n)) for n in sensors]
+    trajectory = _with_period_factor(condition.trajectory, cadence)
+    return Draw(plant, known, own, trajectory, tuple(bias), actuation)
 
 
 def _with_effect(
@@ -404,14 +377,11 @@ def _with_period_factor(source: Trajectory, factor: float) -> Trajectory:
     if isinstance(source, Walk):
         return dataclasses.replace(source, period=factor * source.period)
     if isinstance(source, Together):
-        parts = tuple(
-            (joint, _with_period_factor(part, factor)) for joint, part in source.parts
-        )
-        return Together(parts)
+        parts = ((name, _with_period_factor(p, factor)) for name, p in source.parts)
+        return Together(tuple(parts))
     if isinstance(source, Disturbed):
-        return dataclasses.replace(
-            source, base=_with_period_factor(source.base, factor)
-        )
+        base = _with_period_factor(source.base, factor)
+        return dataclasses.replace(source, base=base)
     return source
 
 

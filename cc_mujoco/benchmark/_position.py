@@ -33,8 +33,7 @@ WITH_SENSOR = ("distal_feedback",)
 class PositionCondition(conditions.Condition):
     """Condition whose task commands an angle."""
 
-    fitted: bool = False
-    """True if a trial on the plant itself fits the controller's parameters."""
+    fitted: bool = False  # true if a trial on the plant itself fits the controller
 
     @property
     def usual(self) -> bool:
@@ -51,16 +50,13 @@ def position_conditions(scene: str) -> list[conditions.Condition]:
     plain = PositionCondition(
         scene, "", motion, tasks, conditions.OWN_LINER, "exact", duration=1.5
     )
-    return [
-        conditions.named_condition(
-            plain,
-            f"{name}{ending}",
-            structure=effect,
-            fitted=ending == conditions.FITTED_ANEW,
-        )
-        for name, effect in (("ordinary", ""), *((n, n) for n in EFFECTS))
-        for ending in (conditions.STALE, conditions.FITTED_ANEW)
-    ]
+    found = []
+    for effect in ("", *EFFECTS):
+        for ending in (conditions.STALE, conditions.FITTED_ANEW):
+            own = {"structure": effect, "fitted": ending == conditions.FITTED_ANEW}
+            name = f"{effect or 'ordinary'}{ending}"
+            found.append(conditions.named_condition(plain, name, **own))
+    return found
 
 
 def nominal_drive(condition: conditions.Condition) -> Drive:
@@ -83,10 +79,8 @@ def fresh_fits(
 
 def position_drive(condition: conditions.Condition, drive: Drive) -> Drive:
     """Return the drive of a controller with the knowledge of the scene."""
-    nominal = nominal_drive(condition)
-    return dataclasses.replace(
-        drive, cables=nominal.cables, hysteresis=nominal.hysteresis
-    )
+    known = nominal_drive(condition)
+    return dataclasses.replace(drive, cables=known.cables, hysteresis=known.hysteresis)
 
 
 def fitted_drives(

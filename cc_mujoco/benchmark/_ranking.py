@@ -31,14 +31,11 @@ class Place(NamedTuple):
     """Place of a controller; NaN where one seed gives no interval."""
 
     name: str
-    score: float
-    """Mean normalised error."""
+    score: float  # mean normalised error
     low: float
-    high: float
-    """Upper end of its interval."""
+    high: float  # upper end of its interval
     first: int
-    last: int
-    """Last of its possible ranks, 1 is the best."""
+    last: int  # last of its possible ranks, 1 is the best
     better_than: tuple[str, ...]
 
 
@@ -79,10 +76,8 @@ def normalise_errors(rms: Mapping[str, Mapping[str, Array]]) -> dict[str, Array]
     found = {}
     for name, own in rms.items():
         rows = np.array([own[condition] / unit[condition] for condition in unit])
-        limited = np.minimum(
-            np.where(np.isfinite(rows), rows, MAX_NORMALISED_ERROR),
-            MAX_NORMALISED_ERROR,
-        )
+        most = MAX_NORMALISED_ERROR
+        limited = np.minimum(np.where(np.isfinite(rows), rows, most), most)
         found[name] = limited.mean(axis=-1)
     return found
 
@@ -145,17 +140,9 @@ def rank_controllers(
     tail = 50.0 * (1.0 - CONFIDENCE)
     places = []
     for name in sorted(errors, key=lambda n: means[n]):
-        low, high = np.percentile(draws[name], [tail, 100.0 - tail])
-        beaten_by = sum(name in losers for losers in better.values())
-        places.append(
-            Place(
-                name,
-                means[name],
-                max(float(low), 0.0),  # no error is negative, whatever few seeds say
-                float(high),
-                1 + beaten_by,
-                len(errors) - len(better[name]),
-                tuple(better[name]),
-            )
-        )
+        low, high = map(float, np.percentile(draws[name], [tail, 100.0 - tail]))
+        low = max(low, 0.0)  # no error is negative, whatever few seeds say
+        first = 1 + sum(name in losers for losers in better.values())
+        last, worse = len(errors) - len(better[name]), tuple(better[name])
+        places.append(Place(name, means[name], low, high, first, last, worse))
     return places

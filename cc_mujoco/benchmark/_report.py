@@ -114,9 +114,8 @@ def summary(results: Results, baseline: str = DEFAULT_BASELINE) -> str:
 
 def best_sentence(results: Results, baseline: str = DEFAULT_BASELINE) -> str:
     """Name the best controllers of the first devices, and the number of seeds."""
-    parts = [
-        _best_at(scene, own, baseline) for scene, own in rms_errors(results).items()
-    ]
+    errors = rms_errors(results)
+    parts = [_best_at(scene, own, baseline) for scene, own in errors.items()]
     shown = parts[:5]
     if parts[5:]:
         shown.append(f"{len(parts) - 5} more devices")
@@ -177,13 +176,8 @@ def assumed_limits(results: Results) -> list[str]:
     """Return a sentence for each device with joints of assumed `safe_torque`."""
     found = []
     for scene in dict.fromkeys(cell.condition.scene for cell, _ in results):
-        axes = find_device(scene).description.axes
-        limits = [
-            f"{axis.safe_torque:g} N m at joint {axis.joint}"
-            for axis in axes
-            if axis.safe_is_assumed
-        ]
-        if limits:
+        axes = [a for a in find_device(scene).description.axes if a.safe_is_assumed]
+        if limits := [f"{a.safe_torque:g} N m at joint {a.joint}" for a in axes]:
             found.append(
                 f"The safe torque of device {device_label(scene)} is assumed: "
                 f"{', '.join(limits)}, or twice what the task demands, if that is "
@@ -288,12 +282,8 @@ def conditions_table(own: DeviceResults) -> Cells:
 
 
 def scores_table(own: DeviceResults) -> Cells:
-    had = own.played[0][1].scores
-    found = {
-        score: {law: own.finite_scores(law, score.name) for law in own.rms}
-        for score in EVERY_SCORE
-        if score.name in had
-    }
+    had = [score for score in EVERY_SCORE if score.name in own.played[0][1].scores]
+    found = {s: {law: own.finite_scores(law, s.name) for law in own.rms} for s in had}
     found = {s: each for s, each in found.items() if any(map(np.size, each.values()))}
     rows = []
     for law in own.rms:
@@ -302,10 +292,8 @@ def scores_table(own: DeviceResults) -> Cells:
             form = ".1%" if score.unit == "1" else ".3g"
             cells.append(f"{np.mean(each[law]):{form}}" if each[law].size else "-")
         rows.append(cells)
-    heads = [
-        score.name.replace("_", " ") + (f" [{score.unit}]" if score.unit != "1" else "")
-        for score in found
-    ]
+    units = {score: f" [{score.unit}]" if score.unit != "1" else "" for score in found}
+    heads = [score.name.replace("_", " ") + unit for score, unit in units.items()]
     return ["controller", *heads], rows
 
 
@@ -325,19 +313,12 @@ def plants_table(own: DeviceResults) -> Cells:
     def each(name: str, row: int, form: str = ".3g") -> str:
         return ", ".join(f"{value:{form}}" for value in drawn[f"plant_{name}"][row])
 
-    rows = [
-        [
-            str(seed),
-            both("friction", row),
-            both("axial_stiffness", row, 1e-3),
-            both("pretension", row),
-            each("wrap", row),
-            each("wearer", row) or "-",
-            str(drawn["plant_delay"][row]),
-            each("bias", row, ".2g"),
-        ]
-        for row, seed in enumerate(cell.seeds)
-    ]
+    rows = []
+    for row, seed in enumerate(cell.seeds):
+        cables = [both("friction", row), both("axial_stiffness", row, 1e-3)]
+        cables += [both("pretension", row), each("wrap", row)]
+        sensors = [str(drawn["plant_delay"][row]), each("bias", row, ".2g")]
+        rows.append([str(seed), *cables, each("wearer", row) or "-", *sensors])
     return heads, rows
 
 

@@ -47,10 +47,9 @@ class DeviceResults:
 
     def __init__(self, label: str, played: Results) -> None:
         self.label, self.played = label, played
+        # By controller and condition (seeds, axes), by controller (conditions, seeds).
         self.rms = rms_errors(played)[label]
-        """RMS errors by controller and condition, (seeds, axes)."""
         self.errors = normalise_errors(self.rms)
-        """Normalised errors by controller, (conditions, seeds)."""
 
     def finite_scores(self, law: str, name: str) -> Array:
         """Return a score of a controller in all conditions and seeds that have it."""
@@ -102,16 +101,15 @@ def write_results(
         at, own = cell.condition, devices[cell.condition.label]
         place = list(own.rms[SCALE_CONTROLLER]).index(at.name)
         errors = own.errors[cell.controller][place]
+        about_cell: dict[str, Any] = {
+            "scene": at.label,
+            "condition": at.name,
+            "transmission": at.transmission,
+            "model_error": at.error,
+            "controller": cell.controller,
+        }
         for row, seed in enumerate(cell.seeds):
-            entry: dict[str, Any] = {
-                "scene": at.label,
-                "condition": at.name,
-                "transmission": at.transmission,
-                "model_error": at.error,
-                "controller": cell.controller,
-                "seed": seed,
-                "error": float(errors[row]),
-            }
+            entry = {**about_cell, "seed": seed, "error": float(errors[row])}
             entry |= {name: float(v[row]) for name, v in played.scores.items()}
             entry |= {name: v[row] for name, v in played.plants.items()}
             entries.append(entry)

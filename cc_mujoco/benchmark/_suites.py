@@ -55,13 +55,11 @@ def structure_conditions(scene: str) -> list[Condition]:
 
 
 def known_conditions(scene: str) -> list[Condition]:
-    found = structure_conditions(scene)
-    pairs = [
-        (one, named_condition(one, KNOWN + one.structure, known=True))
-        for one in found
-        if one.structure in plants.EFFECTS
-    ]
-    return [found[0], *(one for pair in pairs for one in pair)]
+    first, *others = structure_conditions(scene)
+    found = [first]
+    for one in (one for one in others if one.structure in plants.EFFECTS):
+        found += [one, named_condition(one, KNOWN + one.structure, known=True)]
+    return found
 
 
 def _wrist() -> list[Condition]:
@@ -72,9 +70,8 @@ def _wrist() -> list[Condition]:
 def _ankle() -> list[Condition]:
     plain = Condition("ankle", "", human.TRAJECTORIES["walk"], human.TASKS["assist"])
     reversing = human.trajectory("reversals", _axis("ankle").reach)
-    still = named_condition(
-        plain, "reversals", trajectory=reversing, task=human.Hold(-15.0)
-    )
+    held = human.Hold(-15.0)
+    still = named_condition(plain, "reversals", trajectory=reversing, task=held)
     common = [still if c.name == "reversals" else c for c in _single_changes(plain)]
     route = named_condition(plain, "moving-route", moving_route=True)
     return [*common, route, *crossed_conditions(plain)]
@@ -94,13 +91,11 @@ def _axis(scene: str) -> Axis:
 
 
 def _single_changes(plain: Condition) -> list[Condition]:
-    joint = _axis(plain.scene).joint
+    jolted = human.Perturbed(plain.trajectory, _axis(plain.scene).joint)
     return [
         *varied_conditions(plain),
         named_condition(plain, "reversals", trajectory=human.TRAJECTORIES["reversals"]),
-        named_condition(
-            plain, "jolted", trajectory=human.Perturbed(plain.trajectory, joint)
-        ),
+        named_condition(plain, "jolted", trajectory=jolted),
         named_condition(plain, "zero-torque", task=human.TASKS["transparent"]),
     ]
 
@@ -144,8 +139,7 @@ class Suite:
         return self.maker(scene)
 
 
-POSITION_SCENES = ("endoscope",)
-"""Built-in devices whose task commands an angle."""
+POSITION_SCENES = ("endoscope",)  # built-in devices whose task commands an angle
 
 _V1 = {"wrist": _wrist, "ankle": _ankle, "finger": _finger}
 

@@ -42,8 +42,7 @@ _PROGRAM = (
     "from cc_mujoco.benchmark._user_entry import serve; serve()"
 )
 
-_processes: dict[str, _Process] = {}
-"""Process of every entry that this process judges."""
+_processes: dict[str, _Process] = {}  # process of every entry that this process judges
 
 
 def controller_provenance(*names: str) -> dict[str, Any]:
@@ -54,7 +53,7 @@ def controller_provenance(*names: str) -> dict[str, Any]:
     """
     others = [name for name in names if not registry.runs_code(name)]
     found = code_provenance(
-        *(law for name in others for law in registry.named_laws(name))
+        *(n for other in others for n in registry.named_laws(other))
     )
     for name in filter(registry.runs_code, names):
         found["files"] |= _processes[name].files
@@ -79,8 +78,7 @@ class Entry(Controller):
             _processes[name] = _Process(name)
         self._process = _processes[name]
         self._key = self._process.make(drives, prefixes)
-        self.spent = 0.0
-        """Time of the processor that the last torque took, by the entry [s]."""
+        self.spent = 0.0  # processor time of the last torque, by the entry [s]
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
         self._process.ask("reset", self._key, where)

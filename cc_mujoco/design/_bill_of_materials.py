@@ -29,20 +29,10 @@ from cc_mujoco.errors import CableError
 EXAMPLE = Path(__file__).with_name("costs.csv")
 """The table that holds unless another is given."""
 
-PARTS = {
-    "motor": "piece",
-    "pulley": "piece",
-    "rope": "m",
-    "conduit": "m",
-    "fittings": "cable",
-}
+PARTS = dict(motor="piece", pulley="piece", rope="m", conduit="m", fittings="cable")
 """Parts that every table has, and what a cost is per."""
 
-_ALLOWED = (
-    PARTS
-    | dict.fromkeys(MOTORS, PARTS["motor"])
-    | dict.fromkeys(MATERIALS, PARTS["rope"])
-)
+_ALLOWED = PARTS | dict.fromkeys(MOTORS, "piece") | dict.fromkeys(MATERIALS, "m")
 _HEAD = ["part", "per", "cost"]
 
 

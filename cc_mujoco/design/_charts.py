@@ -35,8 +35,8 @@ def answer_plot(study: RankedStudy, x: str) -> Figure:
     axes = drawing.add_subplot()
     y = column(table, objective.name)
     levels: list[object] = []
-    if any(isinstance(value, str) for value in table[x].to_pylist()):
-        places = table[x].to_pylist()
+    places = table[x].to_pylist()
+    if any(isinstance(value, str) for value in places):
         levels = list(dict.fromkeys(places))
         across = np.array([levels.index(place) for place in places], dtype=float)
     else:
@@ -51,11 +51,9 @@ def answer_plot(study: RankedStudy, x: str) -> Figure:
             str(table["design"][row].as_py()), (across[row], y[row]),
             xytext=(6, 6), textcoords="offset points", fontsize=9, fontweight="bold",
         )  # fmt: skip
-    known = x in table.column_names and known_metric(x) is not None
-    axes.set(
-        xlabel=_label(x, metric_of(x).high) if known else _variable(x),
-        ylabel=_label(objective.name, objective.high),
-    )
+    known = known_metric(x)
+    axes.set_xlabel(_label(x, known.high) if known is not None else _variable(x))
+    axes.set_ylabel(_label(objective.name, objective.high))
     if levels:
         axes.set_xticks(range(len(levels)), [str(level) for level in levels])
     else:
@@ -72,9 +70,8 @@ def pareto_plot(study: RankedStudy) -> Figure:
     for axes, (one, other) in zip(panels, pairs, strict=True):
         x, y = (column(study.table, o.name) for o in (one, other))
         _scatter(axes, x, y, best)
-        axes.set(
-            xlabel=_label(one.name, one.high), ylabel=_label(other.name, other.high)
-        )
+        axes.set_xlabel(_label(one.name, one.high))
+        axes.set_ylabel(_label(other.name, other.high))
         _log_where_wide(axes, x, y)
     panels[0].legend(loc="best")
     panels[0].set_title(f"Pareto set: {int(best.sum())} of {len(best)} designs")
@@ -93,9 +90,8 @@ def effects_plot(found: Sequence[Sensitivity], most: int | None = None) -> Figur
 
     Of `most` variables those with the largest shares are drawn; None is all.
     """
-    names = sorted(
-        found[0].effects, key=lambda name: -max(one.total[name] for one in found)
-    )[:most]
+    largest = {n: max(one.total[n] for one in found) for n in found[0].effects}
+    names = sorted(largest, key=lambda name: -largest[name])[:most]
     width = 1.2 + 2.1 * len(names) if most is None else PAGE_WIDTH
     drawing = figures.figure(width, 0.9 + 1.35 * len(found))
     panels = drawing.subplots(len(found), len(names), squeeze=False, sharey="row")
@@ -155,10 +151,9 @@ def _heat_map(axes: Axes, study: RankedStudy, one: Sensitivity) -> None:
     for axis, name in ((axes.xaxis, across), (axes.yaxis, up)):
         count = len(ticks[name])
         shown = np.unique(np.linspace(0, count - 1, min(count, 5)).round().astype(int))
-        texts = (ticks[name][i] for i in shown)
-        axis.set_ticks(
-            list(shown), [f"{t:.3g}" if isinstance(t, float) else str(t) for t in texts]
-        )
+        values_shown = (ticks[name][i] for i in shown)
+        texts = [f"{t:.3g}" if isinstance(t, float) else str(t) for t in values_shown]
+        axis.set_ticks(list(shown), texts)
     axes.set(xlabel=_variable(across), ylabel=_variable(up))
     metric = metric_of(one.metric)
     axes.set_title(metric.name.replace("_", " "), y=1.0)
@@ -194,15 +189,11 @@ def _surface_grid(
     values = surface(np.stack(columns, axis=-1)).reshape(x.shape)
     good = np.flatnonzero(np.isfinite(column(study.table, one.metric)))
     designs = [study.plan.designs[place] for place in good]
-    places = np.stack(
-        [axes[n].code([d[n] for d in designs]) for n in (across, up)], axis=-1
-    )
-    shown = [columns[names.index(n)] for n in (across, up)]
-    values[outside_hull(places, np.stack(shown, axis=-1)).reshape(x.shape)] = np.nan
-    ticks: dict[str, Sequence[object]] = {
-        name: axes[name].at(shares[name]) for name in (across, up)
-    }
-    return values, ticks
+    places = [axes[n].code([d[n] for d in designs]) for n in shares]
+    shown = np.stack([columns[names.index(n)] for n in shares], axis=-1)
+    outside = outside_hull(np.stack(places, axis=-1), shown)
+    values[outside.reshape(x.shape)] = np.nan
+    return values, {name: axes[name].at(share) for name, share in shares.items()}
 
 
 def outside_hull(places: Array, points: Array) -> NDArray[np.bool_]:
@@ -230,10 +221,8 @@ def _variable(name: str) -> str:
 
 def _log_where_wide(axes: Axes, x: Array, y: Array) -> None:
     """Set logarithmic scales for positive values over more than a factor of 30."""
-    for axis, values, scale in (
-        (axes.xaxis, x, axes.set_xscale),
-        (axes.yaxis, y, axes.set_yscale),
-    ):
+    pair = (axes.xaxis, x, axes.set_xscale), (axes.yaxis, y, axes.set_yscale)
+    for axis, values, scale in pair:
         found = values[np.isfinite(values)]
         if found.size and found.min() > 0.0 and found.max() > 30.0 * found.min():
             scale("log")

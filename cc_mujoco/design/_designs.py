@@ -36,10 +36,8 @@ MAX_DESIGNS = 1_000_000
 class Range:
     """The values that a variable may take: levels, or all between two ends."""
 
-    levels: tuple[Value, ...]
-    """Levels of a grid; empty where a range has no count."""
-    ends: tuple[float, float] | None = None
-    """Lowest and highest value of a range; None where only the levels are meant."""
+    levels: tuple[Value, ...]  # levels of a grid; empty where a range has no count
+    ends: tuple[float, float] | None = None  # None where only the levels are meant
     log: bool = False
 
     def at(self, share: NDArray[np.float64]) -> list[Value]:
@@ -89,13 +87,9 @@ def read_range(
             whole = dict.fromkeys(round(float(level)) for level in found.levels)
             return Range(tuple(whole))
         return found
-    words: Iterable[object]
+    words: Iterable[object] = given if isinstance(given, Iterable) else [given]
     if isinstance(given, str):
         words = [word.strip() for word in given.split(",")]
-    elif isinstance(given, Iterable):
-        words = list(given)
-    else:
-        words = [given]
     levels = tuple(variable.read(word, label) for word in words)
     if not levels:
         raise CableError(f"variable {name!r} has no values; give one or more.")
@@ -131,9 +125,8 @@ def latin_hypercube(
     from scipy.stats import qmc
 
     require_count(count)
-    unit = qmc.LatinHypercube(len(ranges), rng=np.random.default_rng(seed)).random(
-        count
-    )
+    sampler = qmc.LatinHypercube(len(ranges), rng=np.random.default_rng(seed))
+    unit = sampler.random(count)
     columns = [values.at(unit[:, i]) for i, values in enumerate(ranges.values())]
     return [dict(zip(ranges, row, strict=True)) for row in zip(*columns, strict=True)]
 
@@ -145,11 +138,10 @@ def from_file(path: str | Path) -> list[dict[str, object]]:
     `[[design]]` for each.
     """
     path = Path(path)
-    if path.suffix.lower() not in (".csv", ".toml"):
+    read = {".csv": _from_csv, ".toml": _from_toml}.get(path.suffix.lower())
+    if read is None:
         raise CableError(f"{path} is neither .csv nor .toml.")
-    read = _from_toml if path.suffix.lower() == ".toml" else _from_csv
-    designs = read(path)
-    if not designs:
+    if not (designs := read(path)):
         raise CableError(f"{path} has no designs.")
     names = list(designs[0])
     for number, design in enumerate(designs, 1):
@@ -221,10 +213,7 @@ def _between(
     ends: tuple[float, float], log: bool, share: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     low, high = ends
-    if log:
-        inside = low * (high / low) ** share
-    else:
-        inside = low + (high - low) * share
+    inside = low * (high / low) ** share if log else low + (high - low) * share
     found: NDArray[np.float64] = np.where(share == 1.0, high, inside)
     return found
 

@@ -53,33 +53,26 @@ SWING_TIME = 2.0
 """Length of a swing of the backlash test [s]. Swings go as far as the scene's own motor
 would if nothing rubbed."""
 
-CHIRP_TIME = 6.0
-"""Duration of the chirp that the bandwidth is measured with [s]."""
+CHIRP_TIME = 6.0  # duration of the chirp that the bandwidth is measured with [s]
 
 
 @dataclass(frozen=True)
 class NoMotion(Trajectory):
     """Motion at rest: joints keep their angle. Phase: fraction of the episode."""
 
-    angles: tuple[tuple[str, float], ...] = ()
-    """Joints and their angles [rad]; those of others are 0."""
+    angles: tuple[tuple[str, float], ...] = ()  # of joints [rad], 0 for all others
 
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
         still, phase = np.zeros_like(time), episode_fraction(time, duration)
-        held = {
-            joint: Motion(time, still + angle, still, still, phase)
-            for joint, angle in self.angles
-        }
+        held = {n: Motion(time, still + a, still, still, phase) for n, a in self.angles}
         return Motion(time, still, still, still, phase, held)
 
 
 @dataclass(frozen=True)
 class _HeldTorque(Task):
     of_phase = True
-    amplitude: float
-    """Signed [N m]."""
-    bias: float
-    """Constant part [N m]; a cable that only pulls needs one."""
+    amplitude: float  # signed [N m]
+    bias: float  # constant part [N m]; a cable that only pulls needs one
 
 
 @dataclass(frozen=True)
@@ -109,17 +102,11 @@ class ChirpTorque(_HeldTorque):
 class DesignResult(NamedTuple):
     """Result of simulating one design: metrics, failure, controller they belong to."""
 
-    metrics: dict[str, float]
-    """All `number_columns`; NaN where one cannot be had."""
-    failed: str
-    """Why it failed in simulation, where it diverged or put more into the joint than is
-    safe; empty where it did not."""
-    controller: str = ""
-    """The one that metrics are of; empty where the design failed."""
-    worst: tuple[str, ...] = ()
-    """The worst case of every metric; empty where there are none or it failed."""
-    out: Mapping[str, str] = MappingProxyType({})
-    """Why controllers are out, by name; of one that is not there is none."""
+    metrics: dict[str, float]  # all `number_columns`; NaN where one cannot be had
+    failed: str  # why it diverged or was unsafe for the joint; empty where it was not
+    controller: str = ""  # the one that metrics are of; empty where the design failed
+    worst: tuple[str, ...] = ()  # the worst case of every metric, if there are any
+    out: Mapping[str, str] = MappingProxyType({})  # why controllers are out, by name
 
 
 def evaluate(
@@ -217,16 +204,12 @@ class _Scores:
             return {m.name: value for m, value in measure(logs[0], chosen).items()}
         whole = [metric for metric in chosen if not metric.of_axis]
         found = {m.name: value for m, value in measure(logs[0], whole).items()}
-        owns = dict.fromkeys(
-            protocols.split_metric(m.name)[1] for m in chosen if m.of_axis
-        )
+        names = (protocols.split_metric(m.name)[1] for m in chosen if m.of_axis)
+        owns = dict.fromkeys(names)
         for axis, log in zip(protocol.axes, logs, strict=True):
             # A stride is that of one joint, which the others do not have.
-            there = [
-                n
-                for n in owns
-                if constants.PACE in log.metadata or not is_stride_metric(n)
-            ]
+            walks = constants.PACE in log.metadata
+            there = [name for name in owns if walks or not is_stride_metric(name)]
             values = measure(log, map(metric_of, there))
             found |= {f"{axis}.{m.name}": value for m, value in values.items()}
         return found | protocols.over_axes(protocol, found)
@@ -280,11 +263,9 @@ def _facts(
         facts = plant.facts(axis)
         facts[constants.SPRING] = isinstance(find_task(task, (axis.limb,)), Spring)
         if axis.name in strides:
-            facts |= {
-                constants.GAIT_JOINT: strides[axis.name],
-                constants.PACE: pace_of(plant.values),
-                constants.MOMENT_RATIO: body_of(plant.values).moment,
-            }
+            facts[constants.GAIT_JOINT] = strides[axis.name]
+            facts[constants.PACE] = pace_of(plant.values)
+            facts[constants.MOMENT_RATIO] = body_of(plant.values).moment
         found.append(facts)
     return found
 
@@ -318,10 +299,8 @@ def _result(protocol: EpisodeProtocol, tried: Sequence[_Tried]) -> DesignResult:
     for column, name in protocols.by_case(protocol).items():
         end = np.min if column.endswith(LEAST_SUFFIX) else np.max
         metrics[column] = float(end(each(name, best)))
-    worst = tuple(
-        across.worst(each(name, best), protocols.wants_high(protocol, name))
-        for name in protocol.metrics
-    )
+    high = {name: protocols.wants_high(protocol, name) for name in protocol.metrics}
+    worst = tuple(across.worst(each(name, best), high[name]) for name in high)
     return DesignResult(metrics, "", best, worst, failed)
 
 
@@ -347,13 +326,14 @@ def episodes(
     held, swings, chirps = main, None, None
     if needed & {"backlash", "bandwidth"}:
         held, swings, chirps = _held_episode(main, Plant(protocol.device).model())
-    slow = SWING_PERIODS * SWING_TIME
+    slow, unpowered = (
+        SWING_PERIODS * SWING_TIME,
+        dataclasses.replace(held, controller="none"),
+    )
     tests: dict[Test, Episode] = {
         "episode": main,
         "backdrive": dataclasses.replace(main, task="transparent"),
-        "backlash": dataclasses.replace(
-            held, task=swings, duration=slow, controller="none"
-        ),
+        "backlash": dataclasses.replace(unpowered, task=swings, duration=slow),
         "bandwidth": dataclasses.replace(held, task=chirps, duration=CHIRP_TIME),
     }
     driven = ("episode", "bandwidth")

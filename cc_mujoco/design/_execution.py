@@ -124,14 +124,8 @@ def optimise(
         CableError: something about the search is impossible, or Optuna is not
             installed; raised before it runs.
     """
-    return study(
-        scene,
-        vary,
-        objectives=objectives,
-        subject_to=subject_to,
-        evaluations=evaluations,
-        **fields,
-    )
+    fields |= {"objectives": objectives, "subject_to": subject_to}
+    return study(scene, vary, evaluations=evaluations, **fields)
 
 
 def carry_out(
@@ -158,8 +152,7 @@ def carry_out(
     return store.table()
 
 
-SAMPLE_TIME = 0.1
-"""Simulated time of a sample [s]."""
+SAMPLE_TIME = 0.1  # simulated time of a sample [s]
 
 
 def wait_sentences(plan: Plan, threads: int) -> Iterator[str]:
@@ -168,11 +161,9 @@ def wait_sentences(plan: Plan, threads: int) -> Iterator[str]:
     Of a search nothing is known in advance. 0 `threads` means one per processor.
     """
     known = {law: stepped_law(kind) for law, kind in CONTROLLERS.items()}
-    slow = [  # policies and users' laws, too
-        law
-        for law in plan.protocol.controllers
-        if (own := known.get(law)) is None or own.plans
-    ]
+    fast_laws = {law for law, own in known.items() if own is not None and not own.plans}
+    # Policies and users' laws are slow, too.
+    slow = [law for law in plan.protocol.controllers if law not in fast_laws]
     if not slow or not plan.designs:
         return
     yield f"timing {', '.join(slow)} for an estimate"
@@ -230,22 +221,16 @@ def search(
         )
         evaluations = store.finished
     elif store.kept:
-        say(
-            earlier_results_message(
-                min(store.kept, evaluations), evaluations, "designs"
-            )
-        )
+        kept = min(store.kept, evaluations)
+        say(earlier_results_message(kept, evaluations, "designs"))
     levels = [len(values.levels) for values in plan.ranges.values()]
     if all(levels) and math.prod(levels) < evaluations:
         evaluations = math.prod(levels)
         say(f"The ranges have {evaluations} designs, so all of them are tried.")
     optuna = require_optuna()
-    sampler = optuna.samplers.TPESampler(
-        seed=plan.protocol.seed,
-        multivariate=True,
-        constant_liar=True,
-        n_startup_trials=GENERATION,
-    )
+    options: dict[str, Any] = {"multivariate": True, "constant_liar": True}
+    options |= {"seed": plan.protocol.seed, "n_startup_trials": GENERATION}
+    sampler = optuna.samplers.TPESampler(**options)
     directions = ["minimize"] * len(goals)
     study = optuna.create_study(directions=directions, sampler=sampler)
     space = {name: _distribution(optuna, r) for name, r in plan.ranges.items()}
@@ -299,12 +284,11 @@ def run_batches(
     plan = store.plan
     trial = DesignJob(plan.protocol)
     pieces = {n: [plan.designs[i] for i in plan.batches[n]] for n in batches}
-    if execution.scheduler is None:
+    scheduler, timeout = execution.scheduler, execution.worker_timeout
+    if scheduler is None:
         found = run_here(trial, pieces, progress, count=execution.threads)
     else:
-        found = run_on_cluster(
-            trial, pieces, execution.scheduler, progress, execution.worker_timeout
-        )
+        found = run_on_cluster(trial, pieces, scheduler, progress, timeout)
     # Closed at once if it is interrupted here, so that what is under way ends too.
     with contextlib.closing(found):
         for number, results in found:
@@ -326,9 +310,7 @@ def _new_trial(
             return trial
         study.tell(trial, state=out)
     while True:
-        params = {
-            name: _random_choice(values, random) for name, values in space.items()
-        }
+        params = {name: _random_choice(each, random) for name, each in space.items()}
         if (place := tuple(params.values())) not in tried:
             tried.add(place)
             study.enqueue_trial(params)
@@ -404,10 +386,8 @@ def _with_designs(
     none = dict.fromkeys(number_columns(plan.protocol), math.nan)
     first = batch + len(together)
     results = {n: DesignResult(none, w) for n, w in enumerate(refused.values(), first)}
-    plan = dataclasses.replace(
-        plan, designs=(*plan.designs, *checked), batches=(*plan.batches, *batches)
-    )
-    return plan, results
+    designs, every = (*plan.designs, *checked), (*plan.batches, *batches)
+    return dataclasses.replace(plan, designs=designs, batches=every), results
 
 
 def fit_profile(
@@ -435,9 +415,8 @@ def fit_profile(
     least = ranges["fall"][0] if "fall" in ranges else design.get("fall", SHORTEST)
     peak = float(design.get("peak_time", Profile.peak_time))
     if "peak_time" in ranges:
-        found["peak_time"] = peak = _rescale(
-            peak, *ranges["peak_time"], toe_off - float(least)
-        )
+        peak = _rescale(peak, *ranges["peak_time"], toe_off - float(least))
+        found["peak_time"] = peak
     for name, most in (("fall", toe_off - peak), ("onset", peak - SHORTEST)):
         if name in ranges:
             found[name] = _rescale(float(design[name]), *ranges[name], most)

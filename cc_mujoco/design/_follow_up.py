@@ -46,51 +46,30 @@ OBJECTIVE_TOLERANCE = 0.01
 
 @dataclass(frozen=True)
 class Slope:
-    """Change of a metric with a variable.
-
-    Attributes:
-        metric: its name.
-        variable: its name.
-        low: value of the variable below the best one; the best where there is none.
-        high: value above the best one, likewise.
-        change: change of the metric for `TRUST_REGION` of the range more, or from `low`
-            to `high` where only some values are allowed; NaN where it cannot be had.
-        error: half the difference between the slopes to either side, in the same
-            measure; NaN where there is one side.
-    """
+    """Change of a metric with a variable."""
 
     metric: str
     variable: str
-    low: Value
-    high: Value
+    low: Value  # value of the variable below the best one; the best where there is none
+    high: Value  # value above the best one, likewise
+    # For `TRUST_REGION` of the range more, or from `low` to `high` where only some
+    # values are allowed; NaN where it cannot be had.
     change: float
-    error: float
+    error: float  # half the difference between the two sides; NaN where there is one
 
 
 @dataclass(frozen=True)
 class Price:
-    """Possible gain near the best design.
+    """Possible gain near the best design."""
 
-    Attributes:
-        objective: name of the metric.
-        limit: the relaxed limit; None if all stay as they are.
-        price: shadow price, objective per unit of the limit, NaN without a limit.
-        now: the objective at the best design.
-        promised: objective by the linear program.
-        found: objective simulated at the proposed design; NaN where it failed.
-        kept: whether that design keeps the limits, the relaxed one among them, and is
-            no worse in the other objectives.
-        design: the changed design.
-    """
-
-    objective: str
-    limit: pareto.MetricLimit | None
-    price: float
-    now: float
-    promised: float
-    found: float
-    kept: bool
-    design: Mapping[str, Value]
+    objective: str  # name of the metric
+    limit: pareto.MetricLimit | None  # the relaxed one; None if all stay as they are
+    price: float  # shadow price, objective per unit of the limit; NaN without a limit
+    now: float  # objective at the best design
+    promised: float  # objective by the linear program
+    found: float  # objective simulated at the proposed design; NaN where it failed
+    kept: bool  # keeps the limits, the relaxed one too; other objectives are no worse
+    design: Mapping[str, Value]  # the proposed one
 
 
 @dataclass(frozen=True)
@@ -124,13 +103,10 @@ def analyse_best_design(
         except CableError:  # promised by a range or by slopes alone
             return None
 
-    sides = {
-        name: [
-            None if value is None else possible({**base, name: value})
-            for value in _neighbours(plan.ranges[name], base[name])
-        ]
-        for name in plan.varied
-    }
+    sides: dict[str, list[Design | None]] = {}
+    for name in plan.varied:
+        near = _neighbours(plan.ranges[name], base[name])
+        sides[name] = [None if v is None else possible({**base, name: v}) for v in near]
     tried = [base, *(d for pair in sides.values() for d in pair if d is not None)]
     if len(tried) == 1:
         return None
@@ -144,12 +120,8 @@ def analyse_best_design(
             for metric in pareto.decisive_columns(plan.objectives, plan.limits)
         ]
     prices = _prices(plan, base, centre, slopes)
-    proposed = {
-        place: design
-        for place, price in enumerate(prices)
-        if (design := possible(price.design)) is not None
-    }
-    if proposed:
+    checked = {place: possible(price.design) for place, price in enumerate(prices)}
+    if proposed := {n: design for n, design in checked.items() if design is not None}:
         there = run(plan.with_few_designs([*proposed.values()])).to_pylist()
         for place, row in zip(proposed, there, strict=True):
             prices[place] = _checked(plan, prices[place], row, centre)
@@ -224,12 +196,8 @@ def _prices(
 
     change = {(s.metric, s.variable): s.change for s in slopes}
     names, ranges, limits = {s.metric for s in slopes}, plan.ranges, plan.limits
-    free = [
-        variable
-        for variable in plan.varied
-        if ranges[variable].ends is not None
-        and all(math.isfinite(change[metric, variable]) for metric in names)
-    ]
+    moving = [variable for variable in plan.varied if ranges[variable].ends is not None]
+    free = [v for v in moving if all(math.isfinite(change[m, v]) for m in names)]
     if not free:
         return []
     shares = [_range_position(ranges[v], base[v]) / TRUST_REGION for v in free]
@@ -249,13 +217,9 @@ def _prices(
         others = [other for other in plan.objectives if other is not goal]
         rows += [slope_row(other.name, other.high) for other in others]
         bounds += [0.0] * len(others)
-        found = linprog(
-            slope_row(goal.name, goal.high),
-            np.array(rows) if rows else None,
-            np.array(bounds) if rows else None,
-            bounds=room,
-            method="highs",
-        )
+        limited = (np.array(rows), np.array(bounds)) if rows else ()
+        aim = slope_row(goal.name, goal.high)
+        found = linprog(aim, *limited, bounds=room, method="highs")
         now, worth = _number(centre[goal.name]), math.nan
         if relaxed is not None:
             worth = abs(float(found.ineqlin.marginals[limits.index(relaxed)]))
@@ -263,16 +227,10 @@ def _prices(
             name: _shift_value(ranges[name], base[name], TRUST_REGION * float(by))
             for name, by in zip(free, found.x, strict=True)
         }
-        return Price(
-            goal.name,
-            None if relaxed is None else relax_limit(relaxed),
-            worth,
-            now,
-            now + (-1.0 if goal.high else 1.0) * float(found.fun),
-            math.nan,
-            False,
-            {**base, **moved},
-        )
+        easier = None if relaxed is None else relax_limit(relaxed)
+        promised = now + (-1.0 if goal.high else 1.0) * float(found.fun)
+        design = {**base, **moved}
+        return Price(goal.name, easier, worth, now, promised, math.nan, False, design)
 
     return [price(goal, one) for goal in plan.objectives for one in (None, *limits)]
 
@@ -280,9 +238,7 @@ def _prices(
 def relax_limit(limit: pareto.MetricLimit) -> pareto.MetricLimit:
     """Relax a limit by a tenth of its size; by 1 of its unit where that is 0."""
     by = 0.1 * abs(limit.bound) or 1.0
-    return dataclasses.replace(
-        limit, bound=limit.bound - by if limit.least else limit.bound + by
-    )
+    return dataclasses.replace(limit, bound=limit.bound + (-by if limit.least else by))
 
 
 def _checked(
@@ -305,10 +261,8 @@ def _number(value: object) -> float:
     return math.nan if value is None else float(str(value))
 
 
-MAX_CHECKED_DESIGNS = 6
-"""Designs that are tried at most."""
-TOLERATED_CHANGE = 0.05
-"""Change of a number that is not worth a word."""
+MAX_CHECKED_DESIGNS = 6  # designs that are tried at most
+TOLERATED_CHANGE = 0.05  # change of a number that is not worth a word
 MIN_RANGE_SHARE = 0.05
 """Part of the range of all designs; the change of a smaller number is over this."""
 
@@ -319,24 +273,18 @@ class TimestepChange:
 
     metric: str
     design: int
-    value: float
-    """In the study."""
-    half_step_value: float
-    """At half the time step; NaN where there is no such number."""
-    share: float
-    """Difference over the number or `MIN_RANGE_SHARE` of the range; inf without one."""
+    value: float  # in the study
+    half_step_value: float  # at half the time step; NaN where there is no such number
+    share: float  # difference over the number or `MIN_RANGE_SHARE`; inf without one
 
 
 @dataclass(frozen=True)
 class Halved:
     """Designs at half the time step."""
 
-    timestep: float
-    """That half [s]."""
-    designs: tuple[int, ...]
-    """Numbers of the designs, the best first."""
-    changes: tuple[TimestepChange, ...]
-    """The largest of every metric, the largest of all first."""
+    timestep: float  # that half [s]
+    designs: tuple[int, ...]  # numbers of the designs, the best first
+    changes: tuple[TimestepChange, ...]  # largest of every metric, in falling order
 
     @property
     def unsettled(self) -> tuple[TimestepChange, ...]:
@@ -364,19 +312,16 @@ def check_timestep(
     wanted = max(3, math.ceil(len(ranked) / 4))
     count = min(MAX_CHECKED_DESIGNS, wanted, len(ranked))
     places = np.linspace(0, len(ranked) - 1, count).round().astype(int)
-    best = int(
-        pareto.rank_designs(pareto.objective_costs(table, goals, plan.limits))[0]
-    )
+    within = pareto.objective_costs(table, goals, plan.limits)
+    best = int(pareto.rank_designs(within)[0])
     tried = tuple(dict.fromkeys([best, *(ranked[place] for place in places)]))
     columns = pareto.decisive_columns(goals, plan.limits)
     measured = {name.partition("@")[0] for name in columns}
     if len(plan.protocol.controllers) > 1:
         measured.add(CONTROLLER_METRIC)
-    protocol = dataclasses.replace(
-        plan.protocol,
-        timestep=0.5 * plan.protocol.timestep,
-        metrics=tuple(name for name in plan.protocol.metrics if name in measured),
-    )
+    step, metrics = 0.5 * plan.protocol.timestep, plan.protocol.metrics
+    metrics = tuple(name for name in metrics if name in measured)
+    protocol = dataclasses.replace(plan.protocol, timestep=step, metrics=metrics)
     again = dataclasses.replace(plan, protocol=protocol)
     few = again.with_few_designs([plan.designs[i] for i in tried])
     rows = run(few).to_pylist()
@@ -385,10 +330,8 @@ def check_timestep(
         every = table[name].to_pylist()
         known = [value for value in every if value is not None]
         least = MIN_RANGE_SHARE * float(np.ptp(known)) if known else 0.0
-        found = [
-            _change(name, i, every[i], row[name], least)
-            for i, row in zip(tried, rows, strict=True)
-        ]
+        pairs = zip(tried, rows, strict=True)
+        found = [_change(name, i, every[i], row[name], least) for i, row in pairs]
         changes.append(max(found, key=lambda one: one.share))
     changes.sort(key=lambda one: -one.share)
     return Halved(protocol.timestep, tried, tuple(changes))

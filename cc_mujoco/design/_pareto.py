@@ -42,10 +42,8 @@ class MetricLimit:
 
     name: str
     bound: float
-    least: bool
-    """True if the number is the least."""
-    across: bool = False
-    """True if it must hold in every case of a design."""
+    least: bool  # true if the number is the least
+    across: bool = False  # true if it must hold in every case of a design
 
     @property
     def column(self) -> str:
@@ -184,10 +182,8 @@ def pareto_rows(cost: Array) -> NDArray[np.bool_]:
     best = np.zeros(len(cost), dtype=np.bool_)
     left = np.flatnonzero(~np.isnan(cost).any(axis=1))
     # Whatever beats a row has a smaller sum of ranks, so the first of the rest is in.
-    ranks = np.sum(
-        [rankdata(column, method="dense") for column in cost[left].T], axis=0
-    )
-    left = left[np.argsort(ranks, kind="stable")]
+    ranks = [rankdata(column, method="dense") for column in cost[left].T]
+    left = left[np.argsort(np.sum(ranks, axis=0), kind="stable")]
     while left.size:
         first, left = left[0], left[1:]
         best[first] = True
@@ -204,6 +200,5 @@ def rank_designs(cost: Array) -> NDArray[np.intp]:
     """
     from scipy.stats import rankdata
 
-    ranks = np.mean([rankdata(column) for column in np.nan_to_num(cost, nan=np.inf).T],
-                    axis=0)  # fmt: skip
-    return np.lexsort((ranks, ~pareto_rows(cost)))
+    ranks = [rankdata(column) for column in np.nan_to_num(cost, nan=np.inf).T]
+    return np.lexsort((np.mean(ranks, axis=0), ~pareto_rows(cost)))

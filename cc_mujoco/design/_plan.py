@@ -63,10 +63,8 @@ _LONGEST_TEXT = 200
 VALUES_KEY = "values"
 """Key of a study's description: a digest of each variable's values."""
 
-GENERATION = 32
-"""Designs per generation of a search."""
-PIECE = 8
-"""Designs of a generation per batch of simulations."""
+GENERATION = 32  # designs per generation of a search
+PIECE = 8  # designs of a generation per batch of simulations
 
 
 @dataclass(frozen=True)
@@ -93,11 +91,8 @@ class Plan:
     @property
     def varied(self) -> tuple[str, ...]:
         """Variables that take more than one value."""
-        return tuple(
-            name
-            for name in self.ranges
-            if any(d[name] != self.designs[0][name] for d in self.designs)
-        )
+        used = {n: {design[n] for design in self.designs} for n in self.ranges}
+        return tuple(name for name, values in used.items() if len(values) > 1)
 
     def describe(self) -> dict[str, Any]:
         """Describe the study as plain JSON, equal for equal studies."""
@@ -131,9 +126,8 @@ class Plan:
     def with_few_designs(self, designs: Sequence[Design]) -> Plan:
         """Return the study with a few other designs, in batches of eight."""
         batches = batches_of(self.protocol, dict(enumerate(designs)), 8)
-        return replace(
-            self, designs=tuple(designs), full=False, batches=batches, search=None
-        )
+        few = replace(self, designs=tuple(designs), batches=batches)
+        return replace(few, full=False, search=None)
 
     def made_by(self) -> dict[str, Any]:
         """Return the provenance of the table besides its settings."""
@@ -165,9 +159,8 @@ def make_plan(spec: StudySpec) -> Plan:
     elif spec.designs is not None:
         if isinstance(spec.designs, Mapping) or not isinstance(spec.designs, Iterable):
             raise CableError(f"designs must be a file or a list, not {spec.designs!r}.")
-        rows = [
-            require_dictionary(f"design {i}", row) for i, row in enumerate(spec.designs)
-        ]
+        each = enumerate(spec.designs)
+        rows = [require_dictionary(f"design {i}", row) for i, row in each]
     variables_given = dict.fromkeys(vary or (name for row in rows[:1] for name in row))
     protocol = _make_protocol(spec, goals, variables_given)
     look_up("sampling", spec.sampling, dict.fromkeys(("grid", "lhs")))
@@ -177,10 +170,10 @@ def make_plan(spec: StudySpec) -> Plan:
     if spec.designs is None:
         device = protocol.device
         ranges = {name: read_range(name, v, device) for name, v in vary.items()}
-        if spec.samples is not None:
-            rows = latin_hypercube(ranges, spec.samples, spec.seed)
-        else:
-            rows = grid(ranges)
+        samples, seed = spec.samples, spec.seed
+        rows = (
+            grid(ranges) if samples is None else latin_hypercube(ranges, samples, seed)
+        )
     cases = protocol.across
     cases.require_disjoint(dict.fromkeys(name for row in rows for name in row))
     require_count(len(rows) * len(cases.cases))
@@ -345,16 +338,16 @@ def _make_protocol(
             )
     if chosen and len(laws) > 1 and protocols.CONTROLLER_METRIC not in chosen:
         chosen = (*chosen, protocols.CONTROLLER_METRIC)
-    usual = (
-        *protocols.DEFAULT_METRICS,
-        *((protocols.COST_METRIC,) if spec.costs is not None else ()),
-    )
-    measured = chosen or tuple(
-        name
-        for name in usual
-        if not protocols.missing_variables(metric_of(name), variables_named)
-        and not (unheld and metric_of(name).test in protocols.HELD_TESTS)
-    )
+    usual: tuple[str, ...] = protocols.DEFAULT_METRICS
+    if spec.costs is not None:
+        usual = (*usual, protocols.COST_METRIC)
+
+    def can_be_had(metric: Metric) -> bool:
+        held = metric.test in protocols.HELD_TESTS
+        known = not protocols.missing_variables(metric, variables_named)
+        return known and not (unheld and held)
+
+    measured = chosen or tuple(name for name in usual if can_be_had(metric_of(name)))
     # A number of one axis that decides is measured where that of all axes is.
     measured += tuple(
         name
@@ -405,11 +398,9 @@ def _warn_of_pulleys(named: Collection[str], builder: Device) -> None:
         return any(end.trntype == mujoco.mjtTrn.mjTRN_JOINT for end in distal)
 
     axes = builder.description.axes
-    known = {
-        "motor": all(axis.motor_pulley for axis in axes),
-        "joint": all(axis.joint_pulley or not on_pulley(axis) for axis in axes),
-    }
-    for end, is_known in known.items():
+    motor = all(axis.motor_pulley for axis in axes)
+    joint = all(axis.joint_pulley or not on_pulley(axis) for axis in axes)
+    for end, is_known in (("motor", motor), ("joint", joint)):
         if f"{end}_radius" in named and not is_known:
             warnings.warn(
                 f"variable '{end}_radius' leaves the inertia of the pulley as it is, "
@@ -508,11 +499,8 @@ def batches_of(
     layouts: dict[tuple[object, ...], list[int]] = {}
     for index, design in designs.items():
         layouts.setdefault(across.layout(device, design), []).append(index)
-    return tuple(
-        tuple(members[i : i + size])
-        for members in layouts.values()
-        for i in range(0, len(members), size)
-    )
+    pieces = (m[i : i + size] for m in layouts.values() for i in range(0, len(m), size))
+    return tuple(map(tuple, pieces))
 
 
 def _require_played(

@@ -40,17 +40,15 @@ DEFAULT_OBJECTIVES = ("rms_torque_error", "reflected_torque", "rms_motor_torque"
 how well the task is done, how the device feels without power, how large its motor is.
 """
 HELD_TESTS = ("backlash", "bandwidth")
-COST_METRIC = "cost"
-"""Metric that a table of costs is for."""
+COST_METRIC = "cost"  # metric that a table of costs is for
 CONTROLLER_METRIC = "rms_torque_error"
 """Metric that is least with the best of several controllers."""
+_OF_MOTOR = ("motor_mass", constants.CONTINUOUS_TORQUE, constants.WINDING_RESISTANCE,
+             constants.TORQUE_CONSTANT)  # fmt: skip
 REQUIRED_VARIABLES = {
     "material": ("material",),
     "rope_density": ("material", "rope_density"),
-    "motor_mass": ("motor", "motor_mass"),
-    constants.CONTINUOUS_TORQUE: ("motor", constants.CONTINUOUS_TORQUE),
-    constants.WINDING_RESISTANCE: ("motor", constants.WINDING_RESISTANCE),
-    constants.TORQUE_CONSTANT: ("motor", constants.TORQUE_CONSTANT),
+    **{name: ("motor", name) for name in _OF_MOTOR},
 }
 """Variables of which a design must have one for a metric that needs this constant,
 since no scene has it."""
@@ -60,34 +58,21 @@ since no scene has it."""
 class EpisodeProtocol:
     """Protocol by which each design of a study is tried."""
 
-    scene: str
-    """Name of a built-in device, or path of the file of another."""
-    trajectory: str | Trajectory
-    """Text, or what a table holds."""
-    task: str | Task | Mapping[str, str | Task]
-    """Text, or what a table holds; of several axes by their names."""
-    controllers: tuple[str, ...]
-    """Controllers of the motors, each in an episode of its own."""
-    duration: float
-    """Length of the episode [s]."""
+    scene: str  # name of a built-in device, or path of the file of another
+    trajectory: str | Trajectory  # text, or what a table holds
+    task: str | Task | Mapping[str, str | Task]  # likewise; of several axes by name
+    controllers: tuple[str, ...]  # of the motors, each in an episode of its own
+    duration: float  # length of the episode [s]
     seed: int
-    timestep: float
-    """Time step of the physics [s]."""
-    metrics: tuple[str, ...]
-    """Names of `METRICS`, also `AXIS.NAME` where there are several axes."""
-    across: Across = Across()  # noqa: RUF009
-    """Cases over which a design is judged."""
-    costs: tuple[tuple[str, float], ...] = ()
-    """Cost of each part, where that is measured."""
-    own: tuple[str | Metric, ...] = ()
-    """Metrics of the user among them, as they were given."""
+    timestep: float  # time step of the physics [s]
+    metrics: tuple[str, ...]  # names of `METRICS`, also `AXIS.NAME` of several axes
+    across: Across = Across()  # noqa: RUF009 - cases over which a design is judged
+    costs: tuple[tuple[str, float], ...] = ()  # of each part, where that is measured
+    own: tuple[str | Metric, ...] = ()  # metrics of the user among them, as given
+    # Trajectory and task as given, the path of a table, or description of an object.
     sources: tuple[str, str] = ("", "")
-    """Texts by which trajectory and task are known: as given, the path of a table, or
-    description of an object."""
-    axes: tuple[str, ...] = ()
-    """Names of the axes where there are several."""
-    files: tuple[tuple[str, str], ...] = ()
-    """Names and digests of the user's files that define the scene."""
+    axes: tuple[str, ...] = ()  # names of the axes where there are several
+    files: tuple[tuple[str, str], ...] = ()  # names and digests that define the scene
 
     @property
     def device(self) -> Device:
@@ -262,13 +247,9 @@ def is_stride_metric(name: str) -> bool:
 
 def by_axis(protocol: EpisodeProtocol) -> dict[str, str]:
     """Return the metric of each column of the axes, `AXIS.METRIC`; {} for one axis."""
-    return {
-        f"{axis}.{name}": name
-        for name in protocol.metrics
-        if "." not in name and METRICS[name].of_axis
-        for axis in protocol.axes
-        if f"{axis}.{name}" not in protocol.metrics
-    }
+    names = (n for n in protocol.metrics if "." not in n and METRICS[n].of_axis)
+    columns = {f"{axis}.{name}": name for name in names for axis in protocol.axes}
+    return {c: name for c, name in columns.items() if c not in protocol.metrics}
 
 
 def over_axes(
@@ -291,12 +272,9 @@ def by_controller(protocol: EpisodeProtocol) -> dict[str, tuple[str, str]]:
     """Return metric and controller of each column `METRIC@CONTROLLER`; {} for one."""
     if len(protocol.controllers) == 1:
         return {}
-    return {
-        f"{name}@{law}": (name, law)
-        for law in protocol.controllers
-        for name in protocol.metrics
-        if metric_of(name).driven
-    }
+    driven = [name for name in protocol.metrics if metric_of(name).driven]
+    pairs = ((name, law) for law in protocol.controllers for name in driven)
+    return {f"{name}@{law}": (name, law) for name, law in pairs}
 
 
 def by_case(protocol: EpisodeProtocol) -> dict[str, str]:
@@ -308,12 +286,8 @@ def by_case(protocol: EpisodeProtocol) -> dict[str, str]:
 
 
 def number_columns(protocol: EpisodeProtocol) -> tuple[str, ...]:
-    return (
-        *protocol.metrics,
-        *by_axis(protocol),
-        *by_controller(protocol),
-        *by_case(protocol),
-    )
+    more = (*by_axis(protocol), *by_controller(protocol), *by_case(protocol))
+    return (*protocol.metrics, *more)
 
 
 def wants_high(protocol: EpisodeProtocol, name: str) -> bool:

@@ -130,24 +130,19 @@ def _page(found: RankedStudy, folder: Path, drawn: Container[str], command: str)
             picture = html.scrolled(picture)
         return html.folded(title, picture) if name in drawn else html.Html()
 
-    versions = ", ".join(
-        f"{name} {text}" for name, text in provenance.versions().items()
-    )
+    versions = ", ".join(map(" ".join, provenance.versions().items()))
     note = f"The table of all designs lies beside this page. {versions}."
     made = [html.paragraph(html.element("code", command))] if command else []
+    pairs = more("Every pair of objectives", "pareto.png")
+    unfolded = more("All metrics and variables", "effects_all.png")
+    maps = more("Maps over the two variables that matter most", "heatmaps.png")
     parts = {
         "best": report_text.best_designs(found),
         "sure": report_text.confidence(found),
         "controllers": report_text.controllers(found),
-        "trade": html.illustrated(
-            report_text.trade_offs(found),
-            more("Every pair of objectives", "pareto.png"),
-        ),
+        "trade": html.illustrated(report_text.trade_offs(found), pairs),
         "matters": html.illustrated(
-            report_text.deciding_variables(found),
-            shown("effects.png"),
-            more("All metrics and variables", "effects_all.png"),
-            more("Maps over the two variables that matter most", "heatmaps.png"),
+            report_text.deciding_variables(found), shown("effects.png"), unfolded, maps
         ),
         "limits": report_text.limit_slack(found),
         "nearby": report_text.local_values(found.nearby),
@@ -229,15 +224,10 @@ def markdown(found: RankedStudy) -> str:
 
 
 def _slopes_table(found: Around) -> pa.Table:
-    rows = [
-        {
-            **vars(one),
-            "design": found.design,
-            "low": report_text.format_cell(one.low),
-            "high": report_text.format_cell(one.high),
-        }
-        for one in found.slopes
-    ]
+    rows = []
+    for one in found.slopes:
+        ends = {k: report_text.format_cell(getattr(one, k)) for k in ("low", "high")}
+        rows.append({**vars(one), "design": found.design, **ends})
     return _table(rows, design=pa.int64(), metric=_TEXT, variable=_TEXT, low=_TEXT,
                   high=_TEXT, change=_NUMBER, error=_NUMBER)  # fmt: skip
 
@@ -252,10 +242,8 @@ def sobol_table(found: Iterable[Sensitivity]) -> pa.Table:
         about = {"metric": one.metric, "how": one.how}
         first, total, pairs = one.errors
         for name in one.first:
-            for kind, shares, errors in (
-                ("first", one.first, first),
-                ("total", one.total, total),
-            ):
+            kinds = ("first", one.first, first), ("total", one.total, total)
+            for kind, shares, errors in kinds:
                 index = {"share": shares[name], "error": errors.get(name, 0.0)}
                 rows.append({**about, "kind": kind, "variable": name, **index})
         for (name, other), share in one.pairs.items():
@@ -304,27 +292,18 @@ def _sensitivity(one: Sensitivity) -> str:
     rows = []
     for name in sorted(one.total, key=lambda n: one.total[n], reverse=True):
         means, text = one.effects[name][1], one.value_texts(name, "{:.4g}".format)
+        ends = map(int, (np.argmin(means), np.argmax(means)))
+        first = report_text.index_text(one.first[name], one.errors[0].get(name))
+        total = report_text.index_text(one.total[name], one.errors[1].get(name))
         rows.append(
-            (
-                name,
-                report_text.index_text(one.first[name], one.errors[0].get(name)),
-                report_text.index_text(one.total[name], one.errors[1].get(name)),
-                *(
-                    f"{means[place]:.4g} at {text[place]}"
-                    for place in map(int, (np.argmin(means), np.argmax(means)))
-                ),
-            )
+            (name, first, total, *(f"{means[k]:.4g} at {text[k]}" for k in ends))
         )
     unit = metric_of(one.metric).unit
     head = ("variable", "first order", "total", f"least mean [{unit}]",
             f"greatest mean [{unit}]")  # fmt: skip
     parts = [f"### {one.metric}", f"Sobol's indices: {one.how}.", table_of(head, rows)]
     large = sorted(one.pairs.items(), key=lambda item: -item[1])[:5]
-    pairs = [
-        f"{a} with {b} {report_text.index_text(share, one.errors[2].get((a, b)))}"
-        for (a, b), share in large
-        if share >= 0.005
-    ]
-    if pairs:
+    texts = ((p, s, report_text.index_text(s, one.errors[2].get(p))) for p, s in large)
+    if pairs := [f"{a} with {b} {text}" for (a, b), s, text in texts if s >= 0.005]:
         parts.append(f"Together only: {'; '.join(pairs)}.")
     return "\n\n".join(parts)

@@ -6,7 +6,7 @@ import math
 import re
 import shlex
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 
@@ -87,23 +87,16 @@ class RankedStudy:
         self.plan, self.limits, self.varied = plan, plan.limits, plan.varied
         self.protocol, self.table = plan.protocol, table
         self.nearby, self.half = nearby, half
-        """Sensitivities at the best design, and results with half the time step."""
         self.rows: tuple[Row, ...] = tuple(table.to_pylist())
-        """Its table, a mapping per design."""
-        self.chosen = bool(plan.objectives)
-        """True if objectives were given; otherwise they are usual ones."""
+        self.chosen = bool(plan.objectives)  # otherwise they are usual ones
         self.goals = goals_of(plan, table)
         self.cost = pareto.objective_costs(table, self.goals, self.limits)
-        self.kept = pareto.within_limits(table, self.limits)
-        """Mask of the designs that keep the limits."""
-        self.order = pareto.rank_designs(self.cost)
-        """Designs from best to worst."""
-        self.front = pareto.pareto_rows(self.cost)
-        """Mask of the Pareto set."""
+        self.kept = pareto.within_limits(table, self.limits)  # mask of designs
+        self.order = pareto.rank_designs(self.cost)  # designs from best to worst
+        self.front = pareto.pareto_rows(self.cost)  # mask of the Pareto set
         first = int(self.order[0])
-        good = not np.isnan(self.cost[first]).any()
-        self.best = self.rows[first] if good else None
-        """The first design; None where none has all numbers and keeps the limits."""
+        # None where no design has all numbers and keeps the limits.
+        self.best = None if np.isnan(self.cost[first]).any() else self.rows[first]
 
     @cached_property
     def sensitivities(self) -> list[Sensitivity]:
@@ -147,8 +140,7 @@ def header(found: RankedStudy, picture: Html, folder: Path) -> Html:
     """
     meaning = found.protocol.device.description.meaning
     title = element("h1", f"What if? {meaning[:1].upper()}{meaning[1:]}")
-    goals = list_words([f"{'most' if g.high else 'least'} {plain_name(g.name)}"
-                    for g in found.goals])  # fmt: skip
+    goals = list_words(list(map(_wish, found.goals)))
     if not found.chosen:
         goals += " (no objective was given; --objective METRIC chooses others)"
     count = len(found.rows)
@@ -170,6 +162,10 @@ def header(found: RankedStudy, picture: Html, folder: Path) -> Html:
     )
 
 
+def _wish(goal: pareto.Objective) -> str:
+    return f"{'most' if goal.high else 'least'} {plain_name(goal.name)}"
+
+
 def answer_sentence(found: RankedStudy) -> str:
     """State the best design and what it gives."""
     best = found.best
@@ -182,9 +178,8 @@ def answer_sentence(found: RankedStudy) -> str:
             first = "The only design"
         elif int(found.front.sum()) == 1:
             first = "Best in all objectives of those tried"
-    gives = list_words([f"{plain_name(g.name)} {format_quantity(g.name, best[g.name])}"
-                    for g in found.goals])  # fmt: skip
-    setting = _setting_text(found, best)
+    gives = _quantities(best, [goal.name for goal in found.goals])
+    setting = _quantities(best, found.varied)
     which = f"design {best['design']}" + (f", {setting}" if setting else "")
     return f"{first} is {which}: {gives}."
 
@@ -213,28 +208,21 @@ def near_best_sentence(found: RankedStudy) -> str:
     span = np.ptp(found.cost[good], axis=0)
     near = good & (found.cost <= found.cost[first] + NEAR_BEST_SHARE * span).all(axis=1)
     others = int(near.sum()) - 1
-    many = {0: "No other design is", 1: "1 other design is"}.get(
-        others, f"{others} other designs are"
-    )
-    meaning = (
-        "what they have in common matters, not the last digit of the best"
-        if others
-        else "it stands alone, so small differences from it cost something"
-    )
+    many = f"{others or 'No'} other design{' is' if others < 2 else 's are'}"
+    meaning = "it stands alone, so small differences from it cost something"
+    if others:
+        meaning = "what they have in common matters, not the last digit of the best"
     within = f"within {NEAR_BEST_SHARE:.0%} of the range of every objective"
     return f"{many} as good to {within}: {meaning}"
 
 
 def variables_at_ends(found: RankedStudy) -> list[tuple[str, str]]:
     """Return the variables that are at an end of their range in the best design."""
-    row = found.best
+    row, ranges = found.best, found.plan.ranges
     if row is None:
         return []
-    return [
-        (name, end)
-        for name in found.varied
-        if (end := _range_end(found.plan.ranges[name], row[name]))
-    ]
+    ends = ((name, _range_end(ranges[name], row[name])) for name in found.varied)
+    return [(name, end) for name, end in ends if end]
 
 
 def axes_sentence(axes: Sequence[str]) -> str:
@@ -253,22 +241,20 @@ def cases_sentence(plan: Plan) -> str:
 
 
 def _least_violating(found: RankedStudy) -> list[Html]:
-    beyond = {}
-    for number, row in enumerate(found.rows):
-        if found.limits and all(
-            row[limit.column] is not None for limit in found.limits
-        ):
-            metrics = {n.column: float(str(row[n.column])) for n in found.limits}
-            beyond[number] = max(limit.beyond(metrics) for limit in found.limits)
-    if not beyond:
+    limits = found.limits
+    known = [r for r in found.rows if all(r[n.column] is not None for n in limits)]
+    if not limits or not known:
         return []
-    row = found.rows[min(beyond, key=lambda number: beyond[number])]
+
+    def beyond(row: Row) -> float:
+        metrics = {limit.column: float(str(row[limit.column])) for limit in limits}
+        return max(limit.beyond(metrics) for limit in limits)
+
+    row = min(known, key=beyond)
     gives = list_words([f"{plain_name(n.name)} {format_quantity(n.name, row[n.column])}"
-                    for n in found.limits])  # fmt: skip
-    lead = (
-        f"The nearest is design {row['design']}, {_setting_text(found, row)}: {gives}."
-    )
-    return [paragraph(lead, kind="lead")]
+                    for n in limits])  # fmt: skip
+    nearest = f"design {row['design']}, {_quantities(row, found.varied)}"
+    return [paragraph(f"The nearest is {nearest}: {gives}.", kind="lead")]
 
 
 def best_designs(found: RankedStudy) -> Html | None:
@@ -289,25 +275,21 @@ def best_designs(found: RankedStudy) -> Html | None:
         row = found.rows[int(place)]
         cells = [format_cell(row[name]) for name in columns]
         rows.append([cells[0] + ("*" if found.front[place] else ""), *cells[1:]])
-    words = (
-        "The order is by mean rank in the objectives, after the designs that no other "
-        "beats in all of them (marked *)."
-        if len(found.goals) > 1
-        else "The order is by the objective."
-    )
-    return join_pieces(
-        [paragraph(words), short_table([_heading(n) for n in columns], rows)]
-    )
+    words = "The order is by the objective."
+    if goals > 1:
+        words = (
+            "The order is by mean rank in the objectives, after the designs that no "
+            "other beats in all of them (marked *)."
+        )
+    return join_pieces([paragraph(words), short_table([*map(_heading, columns)], rows)])
 
 
 def confidence(found: RankedStudy) -> Html | None:
     if found.best is None:
         return None
     sentences = [f"{near_best_sentence(found)}."]
-    edges = [
-        f"{plain_name(name)} at the {end} end" for name, end in variables_at_ends(found)
-    ]
-    if edges:
+    ends = variables_at_ends(found)
+    if edges := [f"{plain_name(name)} at the {end} end" for name, end in ends]:
         sentences.append(
             f"It has {list_words(edges)} of what was tried; a wider range may hold "
             "something better."
@@ -362,16 +344,13 @@ def timestep_sentence(half: follow_up.Halved) -> str:
             f"At {step}, {what} the same numbers to within {most.share:.1%} "
             f"({plain_name(most.metric)})."
         )
-    largest = [
-        f"{plain_name(one.metric)} of design {one.design} is "
-        + (
-            f"{format_quantity(one.metric, one.half_step_value)} instead of "
-            f"{format_cell(one.value)}"
-            if math.isfinite(one.half_step_value)
-            else f"none instead of {format_quantity(one.metric, one.value)}"
-        )
-        for one in half.unsettled
-    ]
+    largest = []
+    for each in half.unsettled:
+        name, value, other = each.metric, each.value, each.half_step_value
+        pair = f"none instead of {format_quantity(name, value)}"
+        if math.isfinite(other):
+            pair = f"{format_quantity(name, other)} instead of {format_cell(value)}"
+        largest.append(f"{plain_name(name)} of design {each.design} is {pair}")
     return (
         f"At {step}, {list_words(largest)}: such numbers say more of the step than of "
         f"the design. --timestep {half.timestep:g} repeats the study there; where that "
@@ -383,14 +362,12 @@ def _better_neighbour(found: RankedStudy, price: follow_up.Price) -> str:
     """State that a design near the best was better, and which one."""
     (goal,) = (goal for goal in found.goals if goal.name == price.objective)
     gain = goal.cost({goal.name: price.now}) - goal.cost({goal.name: price.found})
-    if (
-        price.limit is not None
-        or not price.kept
-        or not gain > follow_up.OBJECTIVE_TOLERANCE * abs(price.now)
-    ):
+    better = gain > follow_up.OBJECTIVE_TOLERANCE * abs(price.now)
+    if price.limit is not None or not price.kept or not better:
         return ""
+    beside = _quantities(price.design, found.varied)
     return (
-        f"It is not the optimum: beside it, {_setting_text(found, price.design)} gives "
+        f"It is not the optimum: beside it, {beside} gives "
         f"{plain_name(goal.name)} {format_quantity(goal.name, price.found)} instead of "
         f"{format_cell(price.now)} and keeps the limits; more designs are worth trying."
     )
@@ -420,10 +397,9 @@ def controllers(found: RankedStudy) -> Html | None:
         rows.append(cells)
     head = ["controller", "tracks best in"]
     for goal in goals:
-        own = [] if found.best is None else [f"design {found.best['design']}"]
-        head += [
-            f"{column_title(goal.name)}, {text}" for text in (*own, "rank correlation")
-        ]
+        texts = [] if found.best is None else [f"design {found.best['design']}"]
+        texts.append("rank correlation")
+        head += [f"{column_title(goal.name)}, {text}" for text in texts]
     words = (
         "A design is ranked with the controller that tracks best with it. The rank "
         "correlation (Spearman's, 1 is the same order) shows whether another "
@@ -440,21 +416,17 @@ def trade_offs(found: RankedStudy) -> Html | None:
         return None
     ends = {"best compromise": int(found.order[0])}
     for column, goal in enumerate(found.goals):
-        title = f"{'most' if goal.high else 'least'} {plain_name(goal.name)}"
-        ends[title] = int(members[np.argmin(found.cost[members, column])])
-    names = [goal.name for goal in found.goals]
-    columns = ["design", *names, *found.varied]
-    rows = [
-        [title, *(format_cell(found.rows[row][name]) for name in columns)]
-        for title, row in ends.items()
-    ]
+        ends[_wish(goal)] = int(members[np.argmin(found.cost[members, column])])
+    columns = ["design", *(goal.name for goal in found.goals), *found.varied]
+    rows = []
+    for title, row in ends.items():
+        rows.append([title, *(format_cell(found.rows[row][name]) for name in columns)])
     opening = (
         f"No design beats the {members.size} of the Pareto set in all objectives: to "
         "gain in one, another has to give."
     )
-    return join_pieces(
-        [paragraph(opening), short_table(["", *map(_heading, columns)], rows)]
-    )
+    head = ["", *map(_heading, columns)]
+    return join_pieces([paragraph(opening), short_table(head, rows)])
 
 
 def deciding_variables(found: RankedStudy) -> Html:
@@ -477,9 +449,8 @@ def deciding_variables(found: RankedStudy) -> Html:
                 ends = ["-", "-"]
             share = one.total[name]
             share_text = index_text(share, one.errors[1].get(name), ".0%")
-            rows.append(
-                [plain_name(name), join_pieces([share_text, share_bar(share)]), *ends]
-            )
+            bar = join_pieces([share_text, share_bar(share)])
+            rows.append([plain_name(name), bar, *ends])
         unit = metric_of(one.metric).unit
         head = ("variable", "share", f"least mean [{unit}]", f"greatest mean [{unit}]")
         how = paragraph(f"{one.how[:1].upper()}{one.how[1:]}.", kind="small")
@@ -537,24 +508,16 @@ def slope_table(found: follow_up.Around) -> tuple[list[str], list[list[str]]]:
 def price_table(found: follow_up.Around) -> tuple[list[str], list[list[str]]]:
     rows = []
     for price in found.prices:
-        name = price.objective
-        worth = "-"
+        name, limit, worth = price.objective, "as they are", "-"
         if price.limit is not None:
-            worth = "does not bind"
+            limit, worth = price.limit.text, "does not bind"
             if price.price > 0.0:
                 own, other = unit_of(name) or "1", unit_of(price.limit.name) or "1"
                 worth = f"{price.price:.3g} {own} per {other}"
-        rows.append(
-            [
-                plain_name(name),
-                "as they are" if price.limit is None else price.limit.text,
-                worth,
-                format_cell(price.now),
-                format_cell(price.promised),
-                "fails" if np.isnan(price.found) else format_cell(price.found),
-                "yes" if price.kept else "no",
-            ]
-        )
+        numbers = [format_cell(price.now), format_cell(price.promised)]
+        found_text = "fails" if np.isnan(price.found) else format_cell(price.found)
+        kept = "yes" if price.kept else "no"
+        rows.append([plain_name(name), limit, worth, *numbers, found_text, kept])
     head = ["objective", "limits", "shadow price", "now", "promised", "simulated",
             "keeps the rest"]  # fmt: skip
     return head, rows
@@ -581,14 +544,11 @@ def controllers_out(found: RankedStudy) -> list[str]:
 
 def failure_reasons(found: RankedStudy) -> list[str]:
     """Return how many designs fail for each reason, the most frequent first."""
-    reasons = Counter(
-        re.sub(r"-?\d[\d.,e+-]*", "…", str(row["failed"]).rstrip("."))
-        for row in found.rows
-        if row["failed"]
-    )
+    failed = (str(row["failed"]).rstrip(".") for row in found.rows if row["failed"])
+    counts = Counter(re.sub(r"-?\d[\d.,e+-]*", "…", why) for why in failed)
     return [
         f"{many} design{'s' if many > 1 else ''}: {why}."
-        for why, many in reasons.most_common()
+        for why, many in counts.most_common()
     ]
 
 
@@ -598,9 +558,8 @@ def failures(found: RankedStudy) -> Html | None:
     for name in found.protocol.metrics:
         lacking = sum(row[name] is None and not row["failed"] for row in found.rows)
         if lacking:
-            which = "1 design ran, but has" if lacking == 1 else ""
-            which = which or f"{lacking} designs ran, but have"
-            sentences.append(f"{which} no {plain_name(name)}.")
+            which = "design ran, but has" if lacking == 1 else "designs ran, but have"
+            sentences.append(f"{lacking} {which} no {plain_name(name)}.")
     return bullet_list(sentences) if sentences else None
 
 
@@ -616,24 +575,19 @@ def common_values(found: RankedStudy) -> Html:
     ]
     for name in plan.ranges:
         if name not in found.varied:
-            rows.append(
-                (plain_name(name), format_quantity(name, plan.designs[0][name]))
-            )
+            same = format_quantity(name, plan.designs[0][name])
+            rows.append((plain_name(name), same))
     for name, values in protocol.across.levels:
-        each = ", ".join(format_cell(value) for value in values)
-        rows.append(
-            (f"{plain_name(name)}, from case to case", f"{each} {unit_of(name)}")
-        )
+        each = f"{', '.join(map(format_cell, values))} {unit_of(name)}"
+        rows.append((f"{plain_name(name)}, from case to case", each))
     mentioned = {*plan.ranges, *protocol.across.names}
     mentioned |= {one for name in mentioned for one in SETS.get(name, ())}
     for cable, key, value in _of_scene(protocol.device):
         if key not in mentioned and f"{cable}.{key}" not in mentioned:
             owner = f"{cable}: " if cable else ""
             text = format_quantity(key, value)
-            if key == "static_friction" and mentioned & {
-                "friction",
-                f"{cable}.friction",
-            }:
+            friction = {"friction", f"{cable}.friction"}
+            if key == "static_friction" and mentioned & friction:
                 text = "in the scene's proportion to friction"
             rows.append((owner + plain_name(key), text))
     note = (
@@ -671,10 +625,10 @@ def _of_scene(device: Device) -> Iterator[tuple[str, str, object]]:
 
 
 def variable_meanings(found: RankedStudy) -> Html:
-    protocol, rows = found.protocol, []
-    for name in (*protocol.metrics, *found.plan.ranges, *protocol.across.names):
-        thing = known_metric(name) or describe(name)
-        rows.append((name, thing.unit, thing.meaning))
+    protocol = found.protocol
+    names = (*protocol.metrics, *found.plan.ranges, *protocol.across.names)
+    things = {name: known_metric(name) or describe(name) for name in names}
+    rows = [(name, thing.unit, thing.meaning) for name, thing in things.items()]
     return table(("name", "unit", "meaning"), rows)
 
 
@@ -682,10 +636,8 @@ def _heading(name: str) -> str:
     return column_title(name).replace("@", ", ").replace("_", " ")
 
 
-def _setting_text(found: RankedStudy, row: Row) -> str:
-    return list_words(
-        [f"{plain_name(n)} {format_quantity(n, row[n])}" for n in found.varied]
-    )
+def _quantities(row: Row, names: Iterable[str]) -> str:
+    return list_words([f"{plain_name(n)} {format_quantity(n, row[n])}" for n in names])
 
 
 def _range_end(values: Range, value: object) -> str:

@@ -34,8 +34,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.human import TASKS, TRAJECTORIES
 
 STUDY_FILE, PARTS_FOLDER, TABLE_FILE = "study.json", "parts", "table.parquet"
-_DESIGN_COLUMN = "design_json"
-"""Column of a part: the variables of its designs."""
+_DESIGN_COLUMN = "design_json"  # column of a part: the variables of its designs
 _KEY_NAMES = {
     VALUES_KEY: "designs",
     "batches": "designs",
@@ -60,16 +59,12 @@ class Store:
         takes its place. A folder that holds another study, or what other code made, is
         refused.
         """
-        self.plan, self._folder = plan, folder
-        """The study; that of a search grows."""
+        self.plan, self._folder = plan, folder  # the study; that of a search grows
         self._code_provenance = plan.made_by()
         self._done: dict[int, tuple[int, bytes]] = {}
-        self._tables: dict[int, pa.Table] = {}
-        """Without a folder."""
-        self.whole: pa.Table | None = None
-        """The table of an earlier run that finished."""
-        self.finished = 0
-        """Designs of a search that an earlier run finished."""
+        self._tables: dict[int, pa.Table] = {}  # without a folder
+        self.whole: pa.Table | None = None  # the table of an earlier run that finished
+        self.finished = 0  # designs of a search that an earlier run finished
         if folder is None:
             return
         require_ours(folder)
@@ -126,11 +121,8 @@ class Store:
         if self.whole is not None:
             return []
         # A search that goes on beyond an incomplete generation has other batches.
-        return [
-            n
-            for n in range(len(self.plan.batches))
-            if self._done.get(n) != _design_digest(self._written(n))
-        ]
+        digests = map(_design_digest, map(self._written, range(len(self.plan.batches))))
+        return [n for n, digest in enumerate(digests) if self._done.get(n) != digest]
 
     def _written(self, batch: int) -> list[str]:
         designs = self.plan.designs
@@ -188,11 +180,10 @@ class Store:
 
     def _join(self) -> pa.Table:
         plan, batches = self.plan, self.plan.batches
-        parts = [
-            self._kept(n).replace_schema_metadata(None) for n in range(len(batches))
-        ]
+        kept = map(self._kept, range(len(batches)))
+        whole = pa.concat_tables([part.replace_schema_metadata(None) for part in kept])
         order = np.argsort([index for members in batches for index in members])
-        found = pa.concat_tables(parts).take(pa.array(order))
+        found = whole.take(pa.array(order))
         found = found.drop_columns([_DESIGN_COLUMN])
         columns: dict[str, Any] = {"design": pa.array(range(len(found)))}
         for name in plan.ranges:
@@ -302,12 +293,10 @@ def _columns(
 
     The controller is named if there are several.
     """
-    columns = {
-        name: pa.array(
-            [row.metrics[name] for row in results], pa.float64(), from_pandas=True
-        )
-        for name in protocols.number_columns(protocol)
-    }
+    columns = {}
+    for name in protocols.number_columns(protocol):
+        values = [row.metrics[name] for row in results]
+        columns[name] = pa.array(values, pa.float64(), from_pandas=True)
     texts: dict[str, list[str | None]] = {}
     if len(protocol.controllers) > 1:
         texts[CONTROLLER_COLUMN] = [row.controller or None for row in results]

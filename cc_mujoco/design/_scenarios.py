@@ -39,12 +39,9 @@ which is the first without a number where there is one."""
 class Across:
     """Cases of every design, and the aggregation of its metrics over them."""
 
-    levels: tuple[tuple[str, tuple[Value, ...]], ...] = ()
-    """Names and their values; the cases are every combination, the last fastest."""
-    rank: str = "worst"
-    """Key of `RANK_NAMES`."""
-    turned: tuple[str, ...] = ()
-    """Metrics whose objective reverses their better direction."""
+    levels: tuple[tuple[str, tuple[Value, ...]], ...] = ()  # names and their values
+    rank: str = "worst"  # key of `RANK_NAMES`
+    turned: tuple[str, ...] = ()  # metrics whose objective reverses their direction
 
     @property
     def several(self) -> bool:
@@ -56,7 +53,7 @@ class Across:
 
     @cached_property
     def cases(self) -> tuple[Case, ...]:
-        """Every case; one that changes nothing where there are none."""
+        """Every combination, the last fastest; without levels one without changes."""
         return tuple(grid({name: Range(values) for name, values in self.levels}))
 
     def of(self, values: Sequence[float], high: bool) -> float:
@@ -78,18 +75,13 @@ class Across:
 
     @staticmethod
     def label(case: Mapping[str, object]) -> str:
-        return ", ".join(
-            f"{name}={format_short(value)}" for name, value in case.items()
-        )
+        return ", ".join(f"{name}={format_short(v)}" for name, v in case.items())
 
     def aggregation(self) -> str:
         """Describe how a number of a design is aggregated, and over which cases."""
-        values = "; ".join(
-            f"{name} {', '.join(map(format_short, values))}"
-            for name, values in self.levels
-        )
+        texts = [f"{n} {', '.join(map(format_short, v))}" for n, v in self.levels]
         many = f"{len(self.cases)} cases" if len(self.cases) > 1 else "1 case"
-        return f"the {RANK_NAMES[self.rank]} over {many} ({values})"
+        return f"the {RANK_NAMES[self.rank]} over {many} ({'; '.join(texts)})"
 
     def check(self, device: Device, design: Mapping[str, object]) -> dict[str, Value]:
         """Return the design after the checks of `Plant.check`."""
@@ -144,11 +136,8 @@ def read_across(
                 f"a rank, {rank!r}, needs cases to rank over, --across NAME=VALUES."
             )
         return Across()
-    variables = VARIABLES | {WEARER.name: WEARER}
-    ranges = {
-        name: read_range(name, values, device, variables, "case")
-        for name, values in given.items()
-    }
+    among = VARIABLES | {WEARER.name: WEARER}
+    ranges = {n: read_range(n, v, device, among, "case") for n, v in given.items()}
     for name, values in ranges.items():
         if not values.levels:
             raise CableError(

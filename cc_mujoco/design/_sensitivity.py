@@ -41,21 +41,13 @@ LOG2_POINTS = 11
 
 @dataclass(frozen=True)
 class Surface:
-    """Smooth fit of a metric over the design variables.
+    """Smooth fit of a metric over the design variables."""
 
-    Attributes:
-        x: (n, variables) places of the designs on the scales of the variables.
-        y: (n,) metric of the designs.
-        active: columns of `x` that the fit uses.
-        smoothing: smoothing of the spline; 0 interpolates.
-        r_squared: share of the variance explained in cross-validation.
-    """
-
-    x: Array
-    y: Array
-    active: tuple[int, ...]
-    smoothing: float
-    r_squared: float
+    x: Array  # (n, variables) places of the designs on the scales of the variables
+    y: Array  # (n,) metric of the designs
+    active: tuple[int, ...]  # columns of `x` that the fit uses
+    smoothing: float  # of the spline; 0 interpolates
+    r_squared: float  # share of the variance explained in cross-validation
 
     @cached_property
     def _fitted(self) -> RBFInterpolator:
@@ -80,22 +72,16 @@ class Sensitivity:
     """Dependence of one metric on the variables."""
 
     metric: str
-    how: str
-    """Origin of the numbers, for a reader."""
-    first: dict[str, float]
-    """Part of the variance that each variable makes alone."""
-    total: dict[str, float]
-    """Part that each variable makes with all its interactions."""
-    pairs: dict[tuple[str, str], float]
-    """Part that two variables make only together."""
-    effects: dict[str, tuple[Array, Array]]
-    """Values of each variable and mean of the metric there."""
-    levels: dict[str, tuple[str, ...]]
-    """Texts of the values of variables that are no numbers."""
-    surface: Surface | None = None
-    """Surface that the numbers are of, where they are not exact."""
-    errors: Indices = ({}, {}, {})
-    """Errors of `first`, `total` and `pairs`, where they are not exact."""
+    how: str  # origin of the numbers, for a reader
+    first: dict[str, float]  # part of the variance that each variable makes alone
+    total: dict[str, float]  # part that each variable makes with all its interactions
+    pairs: dict[tuple[str, str], float]  # part that two variables make only together
+    effects: dict[
+        str, tuple[Array, Array]
+    ]  # values of a variable and mean metric there
+    levels: dict[str, tuple[str, ...]]  # texts of values that are no numbers
+    surface: Surface | None = None  # that the numbers are of, where they are not exact
+    errors: Indices = ({}, {}, {})  # of `first`, `total`, `pairs`, if not exact
 
     def value_texts(self, name: str, text: Callable[[float], str]) -> Sequence[str]:
         """Return the values of a variable in its effect, numbers by `text`."""
@@ -110,11 +96,9 @@ def sensitivity(plan: Plan, table: pa.Table, metric: str) -> Sensitivity | None:
     y = np.asarray(table[metric].to_numpy(zero_copy_only=False), dtype=np.float64)
     varied = plan.varied
     good = np.isfinite(y)
-    if (
-        not varied
-        or good.sum() < 2
-        or not np.ptp(y[good]) > 1e-12 * np.abs(y[good]).max()
-    ):
+    if not varied or good.sum() < 2:
+        return None
+    if not np.ptp(y[good]) > 1e-12 * np.abs(y[good]).max():
         return None
     if plan.full and good.all():
         return _exact_indices(plan, metric, y)
@@ -124,10 +108,8 @@ def sensitivity(plan: Plan, table: pa.Table, metric: str) -> Sensitivity | None:
         return None
     found = _surface_indices(plan, metric, surface)
     if lacking := int((~good).sum()):
-        how = (
-            f"{found.how}; {lacking} designs have no number, and it says nothing there"
-        )
-        found = dataclasses.replace(found, how=how)
+        gap = f"{lacking} designs have no number, and it says nothing there"
+        found = dataclasses.replace(found, how=f"{found.how}; {gap}")
     return found
 
 
@@ -148,14 +130,11 @@ def _exact_indices(plan: Plan, metric: str, y: Array) -> Sensitivity:
     total = {name: 1.0 - closed(*(every - {i})) for i, name in enumerate(names)}
     if len(names) == 1:
         total = {names[0]: 1.0}
-    pairs = {
-        (names[i], names[j]): closed(i, j) - first[names[i]] - first[names[j]]
-        for i, j in itertools.combinations(range(len(names)), 2)
-    }
-    means = {
-        name: (plan.ranges[name].levels, cube.mean(axis=tuple(every - {i})))
-        for i, name in enumerate(names)
-    }
+    pairs, means = {}, {}
+    for (i, one), (j, other) in itertools.combinations(enumerate(names), 2):
+        pairs[one, other] = closed(i, j) - first[one] - first[other]
+    for i, name in enumerate(names):
+        means[name] = plan.ranges[name].levels, cube.mean(axis=tuple(every - {i}))
     how = f"exact over the grid of {len(y)} designs"
     return Sensitivity(metric, how, first, total, pairs, *_main_effects(means))
 
@@ -166,10 +145,9 @@ def _surface_indices(plan: Plan, metric: str, surface: Surface) -> Sensitivity:
     names, axes = plan.varied, [plan.ranges[name] for name in plan.varied]
     estimate = _indices(surface, axes, LOG2_POINTS, 0)
     # Surfaces through random halves of the designs, by which errors are found
-    spread = [
-        _indices(half, axes, LOG2_POINTS - 2, seed) - estimate
-        for seed, half in enumerate(surface.halves(6), 1)
-    ]
+    halves = enumerate(surface.halves(6), 1)
+    less = LOG2_POINTS - 2
+    spread = [_indices(half, axes, less, seed) - estimate for seed, half in halves]
     moved = np.sqrt(np.mean(np.square(spread), axis=0)) if spread else 1.0
     # What the surface does not explain may belong to any variable.
     errors = np.hypot(moved, 1.0 - surface.r_squared) + 0.0 * estimate
@@ -190,14 +168,8 @@ def _surface_indices(plan: Plan, metric: str, surface: Surface) -> Sensitivity:
         f"designs, R^2 = {surface.r_squared:.3f} at designs left out; what is below "
         "its error is -"
     )
-    return Sensitivity(
-        metric,
-        how,
-        *_named_indices(names, estimate),
-        *_main_effects(means),
-        surface,
-        _named_indices(names, errors),
-    )
+    found, errors_of = (_named_indices(names, each) for each in (estimate, errors))
+    return Sensitivity(metric, how, *found, *_main_effects(means), surface, errors_of)
 
 
 def _main_effects(

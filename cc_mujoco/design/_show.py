@@ -142,12 +142,9 @@ def show(
     )
     exo = env.unwrapped.exo
     drives = [PERFECT_SENSING.equip(drive) for drive in exo.drives]
-    laws = {
-        name: axes_controller(name, drives, exo.device.prefixes)
-        for name in protocol["controllers"]
-    }
-    chosen = found.get(CONTROLLER_COLUMN) or protocol["controllers"][0]
-    law = laws[chosen]
+    laws, prefixes = protocol["controllers"], exo.device.prefixes
+    made_laws = {name: axes_controller(name, drives, prefixes) for name in laws}
+    chosen = found.get(CONTROLLER_COLUMN) or laws[0]
     names: dict[str, Any] = {key: protocol[key] for key in ("trajectory", "task")}
     made = split_axes([*laws, *names.values()], axes)
     makers = provenance.code_provenance(
@@ -163,7 +160,7 @@ def show(
         )
     log = play(
         env,
-        law,
+        made_laws[chosen],
         sensing=PERFECT_SENSING,
         seed=protocol["seed"],
         about=names | {"controller": chosen, "design": row, "variables": plant.values},
@@ -183,8 +180,7 @@ def show(
 class Pair(NamedTuple):
     """A variable or a metric of two designs."""
 
-    name: str
-    """With its unit, if it has one."""
+    name: str  # with its unit, if it has one
     one: object
     other: object
 
@@ -246,11 +242,7 @@ def write_comparison(
     `out` is a folder for `FILES`, made if need be; differences are taken from
     `against`. `case` and `progress` are as in `show`. Returns what the table holds.
     """
-    from cc_mujoco.viz._comparison import (
-        LabelledEpisode,
-        draw_side_by_side,
-        write_side_by_side,
-    )
+    from cc_mujoco.viz import _comparison as comparison
 
     study = FinishedStudy(folder)
     protocol, pairs = study.protocol, compare(study, row, against, case)
@@ -264,21 +256,18 @@ def write_comparison(
                 progress(before + time)
 
         log, model = show(folder, design, passed, case)
-        episodes.append(LabelledEpisode(f"design {design}", log, model))
+        episodes.append(comparison.LabelledEpisode(f"design {design}", log, model))
     scene, trajectory, task = (protocol[k] for k in ("scene", "trajectory", "task"))
-    body = markdown.table(
-        ("", *head(row, against)),
-        [(pair.name, *pair.cells) for pair in pairs],
-        numbers=(1, 2, 3),
-    )
+    rows = [(pair.name, *pair.cells) for pair in pairs]
+    body = markdown.table(("", *head(row, against)), rows, numbers=(1, 2, 3))
     text = (
         f"# Design {row} against design {against}\n\n"
         f"Scene {scene}, trajectory {trajectory}, task {task}, {duration:g} s.\n\n"
         f"{body}"
     )
     with atomic_io.replacing_folder(out) as partial:
-        figures.save(partial / PICTURE, draw_side_by_side(episodes))
-        write_side_by_side(partial / RECORDING, episodes, text)
+        figures.save(partial / PICTURE, comparison.draw_side_by_side(episodes))
+        comparison.write_side_by_side(partial / RECORDING, episodes, text)
         picture = f"![Torque-angle loops, and tension at both ends]({PICTURE})"
         page = f"{text}\n\n{picture}\n"
         (partial / TABLE).write_text(page, encoding="utf-8")

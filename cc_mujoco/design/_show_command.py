@@ -46,12 +46,7 @@ class WhatIfShow:
             self._compare(self.against)
 
     def _compare(self, against: int) -> None:
-        from cc_mujoco.design._show import (
-            RECORDING,
-            FinishedStudy,
-            head,
-            write_comparison,
-        )
+        from cc_mujoco.design import _show as show
         from cc_mujoco.errors import CableError
 
         if self.video or self.html:
@@ -60,15 +55,14 @@ class WhatIfShow:
             )
         row = self.row
         out = self.out or self.folder / f"design-{row}-against-{against}"
-        duration = float(FinishedStudy(self.folder).protocol["duration"])
+        study, case = self.folder, self.case
+        duration = float(show.FinishedStudy(study).protocol["duration"])
         with options.progress_bar(2.0 * duration) as progress:
-            pairs = write_comparison(
-                out, self.folder, row, against, self.case, progress
-            )
-        lines = [("", *head(row, against)), *((p.name, *p.cells) for p in pairs)]
+            pairs = show.write_comparison(out, study, row, against, case, progress)
+        lines = [("", *show.head(row, against)), *((p.name, *p.cells) for p in pairs)]
         for name, *cells in lines:
             print(f"{name:36}", *(f"{each:>12}" for each in cells))
-        print(f"\nopen with:  rerun {out / RECORDING}\nsee also:   {out}")
+        print(f"\nopen with:  rerun {out / show.RECORDING}\nsee also:   {out}")
 
     def _show(self) -> None:
         from cc_mujoco.design._protocol import metric_of

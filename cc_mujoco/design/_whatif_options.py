@@ -125,5 +125,4 @@ class Execution:
     """Simulate also what an earlier run has finished, and replace its table."""
 
 
-HERE = Execution()
-"""Execution on every processor of this machine."""
+HERE = Execution()  # execution on every processor of this machine

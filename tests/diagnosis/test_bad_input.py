@@ -199,7 +199,7 @@ def test_bad_data_are_a_verdict_a_report_and_exit_code_2(
     (out / "verdict.json").write_text('{"verdict": "none", "provenance": {}}')
     assert diagnose(data, out) == 2
     said = capsys.readouterr().err
-    assert said.startswith("cc-mujoco: fix-data: The data must be put right first: ")
+    assert "cc-mujoco: fix-data: The data must be put right first: " in said
     assert "empty.csv is empty" in said
     assert "1 more" in said
     # What an earlier verdict came with is gone; what is not ours stays.

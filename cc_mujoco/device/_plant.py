@@ -43,6 +43,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.human import Body, Wearer
 from cc_mujoco.human._body import SCENE_WEARER, SEGMENT_MASS_SHARES, WEARER_MASS
 from cc_mujoco.metrics import _metric as metric
+from cc_mujoco.plugin._spec import compile_spec
 
 RADII = ("motor_radius", "joint_radius")
 """Variables of a cable's proximal and distal end."""
@@ -284,15 +285,17 @@ class Plant:
         Raises:
             CableError: the plant cannot be compiled.
         """
-        return self.spec(whole).compile()
+        return compile_spec(self.spec(whole))
 
     def spec(self, whole: bool = False) -> mujoco.MjSpec:
         """Return the scene with the values, bare unless it is to be whole.
 
         Raises:
-            CableError: it is the plant of an environment, which has no scene.
+            CableError: it is the plant of an environment, which has no scene, or its
+                scene has nobody who could be as is given.
         """
         scene = self.scene
+        wearer_scaling.require_scene(self.description, self.values)
         if whole:
             spec = scene.spec.copy()
         else:
@@ -302,9 +305,13 @@ class Plant:
         return spec
 
     def xml(self) -> str:
-        """Return the MJCF of the scene with the values, whole."""
+        """Return the MJCF of the scene with the values, whole.
+
+        Raises:
+            CableError: the plant cannot be compiled.
+        """
         spec = self.spec(whole=True)
-        spec.compile()
+        compile_spec(spec)
         return str(spec.to_xml())
 
     @property

@@ -60,3 +60,19 @@ def test_the_plant_of_an_environment_has_no_scene_to_change() -> None:
 def test_values_that_are_no_mapping_are_refused() -> None:
     with pytest.raises(CableError, match=r"^values must be"):
         Plant("wrist", ["friction"])  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("values", "made", "wrong"),
+    [
+        ({"body_mass": 90.0}, "model", "'body_mass' needs a wearer who walks"),
+        ({"body_mass": 90.0}, "spec", "'body_mass' needs a wearer who walks"),
+        ({"body_mass": 90.0}, "xml", "'body_mass' needs a wearer who walks"),
+        ({"route": "none_such"}, "xml", "none_such"),
+    ],
+)
+def test_a_plant_that_cannot_be_made_is_refused_in_a_sentence(
+    values: dict[str, object], made: str, wrong: str
+) -> None:
+    with pytest.raises(CableError, match=wrong):
+        getattr(Plant("wrist", values), made)()

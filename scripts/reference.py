@@ -75,9 +75,12 @@ def found(name: str) -> ModuleType | None:
 
 def resolve(module: ModuleType) -> None:
     """Resolve annotations of named tuples, whose names pdoc does not find."""
-    for item in vars(module).values():
-        if isinstance(item, type) and hasattr(item, "_field_defaults"):
-            item.__new__.__annotations__ = get_type_hints(item)
+    shown = [item for item in vars(module).values() if isinstance(item, type)]
+    homes = {sys.modules[item.__module__] for item in shown if item.__module__}
+    for home in homes | {module}:
+        for item in vars(home).values():
+            if isinstance(item, type) and hasattr(item, "_field_defaults"):
+                item.__new__.__annotations__ = get_type_hints(item)
 
 
 def equations(text: str) -> str:

@@ -15,33 +15,32 @@ from contextlib import contextmanager
 from typing import Any
 
 from cc_mujoco._utils.user_code import named_object
-from cc_mujoco.diagnosis.effects import _cable_effects as cable
-from cc_mujoco.diagnosis.effects import _drive_effects as drive
+from cc_mujoco.diagnosis.effects import _cable_effects, _drive_effects
 from cc_mujoco.diagnosis.effects._effect import Effect, effect_of_class
 from cc_mujoco.errors import CableError
 
 EFFECTS: dict[str, Effect] = {
     effect.id: effect
     for effect in (
-        *cable.FRICTION_EFFECTS,
-        *cable.CABLE_EFFECTS,
-        *drive.DRIVE_EFFECTS,
-        *drive.SENSOR_EFFECTS,
+        *_cable_effects.FRICTION_EFFECTS,
+        *_cable_effects.CABLE_EFFECTS,
+        *_drive_effects.DRIVE_EFFECTS,
+        *_drive_effects.SENSOR_EFFECTS,
         # Rare ones: searched on request, and where these leave the error unexplained
         *(
             effect_of_class(kind, rare=True)
             for kind in (
-                cable.ClampCreep,
-                drive.DrumWinding,
-                drive.UpperJointStop,
-                drive.LowerJointStop,
-                drive.CurrentRipple,
-                cable.FrictionByOrder,
-                cable.FrictionByTemperature,
-                drive.SensorCrossTalk,
-                drive.JointFriction,
-                drive.CoupledNeighbour,
-                drive.LeverGeometry,
+                _cable_effects.ClampCreep,
+                _drive_effects.DrumWinding,
+                _drive_effects.UpperJointStop,
+                _drive_effects.LowerJointStop,
+                _drive_effects.CurrentRipple,
+                _cable_effects.FrictionByOrder,
+                _cable_effects.FrictionByTemperature,
+                _drive_effects.SensorCrossTalk,
+                _drive_effects.JointFriction,
+                _drive_effects.CoupledNeighbour,
+                _drive_effects.LeverGeometry,
             )
         ),
     )

@@ -84,3 +84,27 @@ def test_the_report_says_which_way_an_error_lies(side: float) -> None:
     assert "(1 is forwards, \u22121 backwards)" in describe_map(turning)
     nothing = Isolability((), np.zeros((0, 0)), np.zeros(0))
     assert SIGN_NOTE in str(sections.maps(Evidence((trace,), drawn, nothing)))
+
+
+def test_a_cable_of_another_stiffness_and_friction_keeps_its_ratio() -> None:
+    """A baseline has one value of each; of equal cables it would name a difference."""
+    one, two = BENCH.cables
+    other = two.replace(
+        axial_stiffness=0.8 * one.axial_stiffness, friction=1.5 * one.friction
+    )
+    bench = replace(BENCH, cables=(one, other))
+    records, _ = prepare(dataset(duration=1.0, chosen=(0,)), bench)
+    plant = SimulatedRig(bench, records, 8)
+    for scale in (1.0, 1.3):
+        first, second = plant.cables(
+            {
+                "axial_stiffness": scale * one.axial_stiffness,
+                "friction": scale * one.friction,
+                "friction_balance": 0.1,
+            },
+            (),
+        )
+        assert first.axial_stiffness == scale * one.axial_stiffness
+        assert second.axial_stiffness == pytest.approx(scale * other.axial_stiffness)
+        assert first.friction == pytest.approx(1.1 * scale * one.friction)
+        assert second.friction == pytest.approx(0.9 * scale * other.friction)

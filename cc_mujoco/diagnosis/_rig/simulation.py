@@ -60,6 +60,7 @@ from cc_mujoco.diagnosis.effects._effect import (
     RigGeometry,
     Signals,
     TrialConditions,
+    clamp_to_bounds,
     dry_friction,
     form_key,
 )
@@ -515,20 +516,23 @@ class SimulatedRig:
     ) -> tuple[Cable, ...]:
         """Return the cables with these parameter values.
 
-        A `pretension` of a trial replaces the scene's [N]; all cables are scaled
-        equally.
+        Values are those of the first cable; another keeps its ratio to that. A
+        `pretension` of a trial replaces the scene's [N].
         """
-        start = self.bench.cables[0].pretension
-        tension = values.get("pretension", start)
-        if pretension is not None and start > 0.0:
-            tension *= pretension / start
+        first = self.bench.cables[0]
+        tension = values.get("pretension", first.pretension)
+        if pretension is not None and first.pretension > 0.0:
+            tension *= pretension / first.pretension
         balance = values.get("friction_balance", 0.0)
+        stiffness = values.get("axial_stiffness", first.axial_stiffness)
+        coulomb = values.get("friction", first.friction)
         made: tuple[Cable, ...] = ()
         for cable, side in zip(self.bench.cables, (balance, -balance), strict=False):
-            friction = values.get("friction", cable.friction) * (1.0 + side)
+            friction = coulomb * _ratio(cable.friction, first.friction) * (1.0 + side)
+            stiff = stiffness * _ratio(cable.axial_stiffness, first.axial_stiffness)
             own = cable.replace(
                 friction=max(friction, 0.0),
-                axial_stiffness=values.get("axial_stiffness", cable.axial_stiffness),
+                axial_stiffness=clamp_to_bounds("axial_stiffness", stiff),
                 pretension=max(tension, 0.0),
                 segments=max(self.segments, self.bench.min_cable_segments),
                 static_friction=0.0,
@@ -640,6 +644,10 @@ class SimulatedRig:
 
     def limited(self, records: Sequence[Record]) -> SimulatedRig:
         return replace(self, records=tuple(records))
+
+
+def _ratio(own: float, first: float) -> float:
+    return own / first if first > 0.0 else 1.0
 
 
 def _moment_arm(

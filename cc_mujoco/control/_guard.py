@@ -1,8 +1,8 @@
 """Guard of controllers with feedback, compiled: it checks sensors and lets a joint go.
 
-    guard.admit(own, seen)          # readings, in place
-    state = guard.state(own, ahead, planned)
-    if state != guard.FREE:
+    own = guard.Guarded(gains, spring, memory)
+    guard.admit(own, seen)  # readings, in place
+    if guard.state(own, ahead, planned) != guard.FREE:
         torque = guard.let_go_torque(own, damping, ahead)
     torque = guard.bounded(own, torque)
 
@@ -14,7 +14,8 @@ so no single sensor that fails is trusted.
 The torque of the stretch is that of springs whose tension at the joint lies between
 the values of a cable that slips as a whole to either side (`full_slip_balance`). It
 follows the joint between these edges, as a play does. A gain that is learned from the
-torque sensor, within bounds, takes up a wrong stiffness.
+torque sensor, within bounds, takes up a wrong stiffness. Where it falls far below what
+it was proven to be, it is the sensor that shows less.
 
 A cable may stretch otherwise than believed. So the stretch contradicts a sensor only
 where it has explained the torque before, or where a third witness agrees with it: the

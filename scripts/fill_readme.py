@@ -49,7 +49,7 @@ from cc_mujoco.diagnosis import effects as of_effects
 from cc_mujoco.metrics import METRICS
 from cc_mujoco.metrics import _registry as of_metrics
 from cc_mujoco.report import table
-from thesis._outcome import Claim
+from thesis._outcome import CLAIM_FILE, Claim
 from thesis.reproduce import reproduce
 
 sys.path.insert(0, str(Path(__file__).resolve().parent / "diagnosis_study"))
@@ -260,7 +260,7 @@ def main() -> None:
         records = reproduce([], options.results)
         claims = {record.name: record.claims for record in records}
         write("claims", block(claims))
-        write_csv(PAGES["claims"].with_name("claims.csv"), claim_rows(claims))
+        write_csv(CLAIM_FILE, claim_rows(claims))
     if "benchmark" in options.blocks:
         results = played(options.benchmark, options.seeds)
         write("benchmark", tables(results))

@@ -10,7 +10,6 @@ the same code.
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import importlib
 import json
 import os
@@ -36,7 +35,15 @@ from cc_mujoco.report._figures import save, style
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from thesis._outcome import Claim, ExperimentOutcome, Progress, drawn, write_data
+from thesis._outcome import (
+    Claim,
+    ExperimentOutcome,
+    Finding,
+    Progress,
+    claims_of,
+    drawn,
+    write_data,
+)
 
 FOLDER = Path(__file__).resolve().parent
 
@@ -115,7 +122,7 @@ def reproduce(
         if fresh := claims is None:
             outcome = run(name, partial(progress, name))
             _write(out / name, outcome)
-            claims = outcome.claims
+            claims = claims_of(name, outcome.findings)
         progress(name, 1.0)
         _summarize(out)
         records.append(FinishedExperiment(name, claims, fresh))
@@ -141,7 +148,7 @@ def _write(folder: Path, outcome: ExperimentOutcome) -> None:
         for stem, panels in outcome.figures.items():
             save(place / f"{stem}.png", drawn(panels))
             write_data(place / f"{stem}.csv", panels)
-        claims = [dataclasses.asdict(claim) for claim in outcome.claims]
+        claims = [finding._asdict() for finding in outcome.findings]
         text = json.dumps({"made_by": _provenance(), "claims": claims}, indent=1)
         (place / RESULT_FILE).write_text(text, encoding="utf-8")
 
@@ -163,7 +170,8 @@ def _is_ours(folder: Path) -> bool:
 def _read(folder: Path) -> tuple[object, tuple[Claim, ...]] | None:
     try:
         found = parse_json((folder / RESULT_FILE).read_text(encoding="utf-8"))
-        return found["made_by"], tuple(Claim(**claim) for claim in found["claims"])
+        findings = [Finding(**claim) for claim in found["claims"]]
+        return found["made_by"], claims_of(folder.name, findings)
     except (OSError, ValueError, TypeError, KeyError):
         return None
 

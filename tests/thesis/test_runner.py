@@ -12,7 +12,7 @@ import pytest
 
 from cc_mujoco.errors import CableError
 from thesis import reproduce as runner
-from thesis._outcome import Claim, ExperimentOutcome, Panel
+from thesis._outcome import Claim, ExperimentOutcome, Finding, Panel
 from thesis.reproduce import reproduce
 
 CLAIM = Claim("Fig. 0", "two", "2.0 N m", "agrees", "a | b")
@@ -35,7 +35,7 @@ class Experiments:
                 raise KeyboardInterrupt
             self.ran.append(name)
             progress(0.5)
-            return ExperimentOutcome((CLAIM,), {"loop": PANELS})
+            return ExperimentOutcome((Finding(*CLAIM[2:5]),), {"loop": PANELS})
 
         return SimpleNamespace(run=run)
 
@@ -43,6 +43,9 @@ class Experiments:
 @pytest.fixture
 def experiments(monkeypatch: pytest.MonkeyPatch, undrawn: None) -> Experiments:
     standing_in = Experiments()
+    row = dict(zip(Claim._fields, CLAIM, strict=True))
+    rows = [{"experiment": name, **row} for name in ("loops", "pretension")]
+    monkeypatch.setattr("thesis._outcome.claim_table", lambda: rows)
     for name in ("loops", "pretension"):
         path = f"thesis._experiments.{name}"
         monkeypatch.setitem(sys.modules, path, standing_in.module(name))

@@ -25,9 +25,9 @@ from cc_mujoco.device._sensors import Sensors
 from cc_mujoco.estimation._fusion import TensionFusion, tension_gains
 from cc_mujoco.native import FloatArray
 from thesis._outcome import (
-    Claim,
     Curve,
     ExperimentOutcome,
+    Finding,
     Panel,
     Progress,
     Verdict,
@@ -214,53 +214,36 @@ def run(progress: Progress) -> ExperimentOutcome:
     if printed < RUN_NOISE:
         verdict = "agrees"
     claims = (
-        Claim(
-            "Fig. 3.7",
-            "sensors that read too low take wrong directions, always after the sensor",
+        Finding(
             f"wrong {min(after):.1%} to {max(after):.0%} of segments after it, at most "
             f"{before:.2%} before; moving distally {low:.0%} of these read too low",
             "agrees" if 20.0 * before < min(after) and low > 0.95 else "in part",
             "after the sensor a wrong direction confirms itself: up to "
             f"{several:.0%} of solutions have several consistent patterns",
         ),
-        Claim(
-            "Fig. 3.8",
-            "RMS error is significantly worse extrapolated, in 4 movement conditions",
+        Finding(
             f"RMS per noise carried with true directions: {min(outer):.1f} to "
             f"{max(outer):.0f} times after the sensor, {min(inner):.2f} to "
             f"{max(inner):.2f} before",
             "agrees" if min(outer) > 1.2 * max(inner) else "in part",
-            "worst where the ends move against each other; Listing 2.2 swaps the names "
-            "of these two: + before - compresses",
         ),
-        Claim(
-            "3.2.2",
-            "a steeper tension profile makes large extrapolation errors less likely",
+        Finding(
             f"wrong segments after the sensor: {slope[0]:.2%} at mu = {SLOPES[0]:g}, "
             f"{slope[-1]:.2%} at {SLOPES[-1]:g}",
             "agrees" if slope[-1] < slope[0] else "disagrees",
-            "same noise, motion and largest tension: a steeper profile multiplies a "
-            "sensor's noise more, and a wrong direction costs more",
         ),
-        Claim(
-            "3.2.2",
-            "using only sensors that agree biases; one matrix A for all does not",
+        Finding(
             f"output off by {biased.agreeing:+.3f} N +- {biased.uncertain[0]:.3f} with "
             f"only these, {biased.shared:+.3f} N +- {biased.uncertain[1]:.3f} with all",
             "agrees" if significant and unbiased else "in part",
             f"{NOISE:g} N noise on {TENSION:g} N, consensus wrong in "
             f"{biased.consensus:.2%} of segments",
         ),
-        Claim(
-            "footnote 4",
-            "last-moving nodes 6 7 9 7 0 0 0: mean 4, which none believes; median 6",
+        Finding(
             f"mean {np.mean(LAST_MOVING):.1f}, median {middle}",
             "agrees" if middle == 6 else "disagrees",
-            "of an even number we take the lower one of the middle two",
         ),
-        Claim(
-            "3.2.2",
-            "a consensus of noisy sensors can replace known directions",
+        Finding(
             f"output RMS: vote {printed:.1f} N, all readings at once {mended:.2f} N, "
             f"kernel as observer {min(ours):.2f} to {max(ours):.2f} N; known "
             f"{rms['directions known']:.2f} N; one sensor {RUN_NOISE:g} N",

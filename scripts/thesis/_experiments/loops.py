@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cc_mujoco.cable import Cable
-from thesis._outcome import Claim, ExperimentOutcome, Panel, Progress
+from thesis._outcome import ExperimentOutcome, Finding, Panel, Progress
 from thesis._rig import (
     RECONCILED_CABLE,
     Blocked,
@@ -33,9 +33,7 @@ def run(progress: Progress) -> ExperimentOutcome:
     expected = np.array([2.0 * onset_torque(_cable(n)) for n in LOOPS])
     apart = float(np.max(np.abs(backlash / expected - 1.0)))
     claims = (
-        Claim(
-            "2.4.3, Fig. 2.10",
-            "more loops: backlash widens, efficiency falls",
+        Finding(
             "1 to 3 loops: loop at the motor "
             + ", ".join(f"{width:.3f}" for width in backlash)
             + " N m wide, efficiency "
@@ -46,20 +44,11 @@ def run(progress: Progress) -> ExperimentOutcome:
             f"width within {apart:.0%} of twice the torque at which the first front "
             "arrives; friction is ours, see `magnitudes`",
         ),
-        Claim(
-            "2.4.3",
-            "modelled peak within 0.03 N m, backlash within 0.02 N m of measured",
-            "no measured values are printed",
-            "cannot",
-            "the figure is not in the text",
-        ),
-        Claim(
-            "Table 2.2, 2.4.4",
-            "R = 0.28 m on 2 m; Experiment 2 has one loop",
+        Finding("no measured values are printed", "cannot"),
+        Finding(
             f"R = 0.28 m makes {RECONCILED_CABLE.wrap / (2.0 * np.pi):.2f} loops; one "
             f"loop is R = {conduit_in_loops(1)[0].radius:.3f} m",
             "in part",
-            "14 % more wrap than one loop; perhaps the leads to the mounts are bent",
         ),
     )
     named = {f"{n} loop{'s' if n > 1 else ''}": row for n, row in found.items()}

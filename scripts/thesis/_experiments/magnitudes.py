@@ -13,7 +13,7 @@ import numpy as np
 
 from cc_mujoco.cable import Cable
 from cc_mujoco.native import FloatArray
-from thesis._outcome import Claim, ExperimentOutcome, Panel, Progress
+from thesis._outcome import ExperimentOutcome, Finding, Panel, Progress
 from thesis._rig import (
     DT,
     MOTOR_RADIUS,
@@ -66,9 +66,7 @@ def run(progress: Progress) -> ExperimentOutcome:
     bound = math.exp(-COULOMB.friction * COULOMB.wrap)
     three = RECONCILED_CABLE.replace(conduit=conduit_in_loops(3))
     claims = (
-        Claim(
-            "Table 2.2, 2.4.3",
-            "mu_d 0.21 (mu_s 0.63), T0 10 N: 0.125 N m move the output",
+        Finding(
             f"mu_d L/R = {COULOMB.friction * COULOMB.wrap:.2f}: the output feels "
             f"nothing below {needed:.2f} N m ({simulated:.2f} simulated); at 0.125 N m "
             f"its torque changes by {output:.1g} N m",
@@ -80,12 +78,8 @@ def run(progress: Progress) -> ExperimentOutcome:
             f"{RECONCILED_CABLE.friction:g}, with which three loops move, too "
             f"({onset_torque(three):.2f} N m): ours, not printed",
         ),
-        Claim(
-            "Table 2.2, (2.8)",
-            "K = 2 kN/m, used as k_c in T = k_c du/dx",
-            f"k_c must be a force: {COULOMB.axial_stiffness:.0f} N = K L",
-            "misprint",
-            "a stiffness of the whole 2 m cable, as it was measured (2.4.2)",
+        Finding(
+            f"k_c must be a force: {COULOMB.axial_stiffness:.0f} N = K L", "misprint"
         ),
     )
     panels = [

@@ -15,9 +15,9 @@ import numpy as np
 
 from cc_mujoco.native import FloatArray
 from thesis._outcome import (
-    Claim,
     Curve,
     ExperimentOutcome,
+    Finding,
     Panel,
     Progress,
     Verdict,
@@ -128,7 +128,7 @@ def run(progress: Progress) -> ExperimentOutcome:
     return ExperimentOutcome(_claims(by_type), figures)
 
 
-def _claims(found: dict[type[PublishedModel], _Judged]) -> tuple[Claim, ...]:
+def _claims(found: dict[type[PublishedModel], _Judged]) -> tuple[Finding, ...]:
     capstan, kaneko, do = (
         found[kind] for kind in (StaticCapstan, LumpedMasses, ModifiedBoucWen)
     )
@@ -158,55 +158,35 @@ def _claims(found: dict[type[PublishedModel], _Judged]) -> tuple[Claim, ...]:
         if kind not in (Distributed, LuGreChain)
     )
     return (
-        Claim(
-            "1.5",
-            "simulators take friction, if at all, as a ratio of tensions",
+        Finding(
             f"output tension {capstan.moving:.1f} N off while it moves and "
             f"{capstan.starting:.1f} N while part of the cable moves",
             "disagrees" if capstan.shows("partial motion") else "agrees",
-            "not a model of the thesis; its output jumps at every reversal",
         ),
-        Claim(
-            "1.5",
-            "Kaneko: no partial motion, fixed bends, spring environments, one "
-            "pretension",
+        Finding(
             "; ".join(
                 kaneko.findings[name].result
                 for name in ("partial motion", "slack", "creates no energy")
             ),
             "disagrees" if any(map(kaneko.shows, lacking)) else "agrees",
-            "linear between reversals, where its stiffness jumps under load",
         ),
-        Claim(
-            "1.5, (1.2)",
-            "Palli and Melchiorri: Dahl friction instead of Coulomb's",
+        Finding(
             f"partial motion appears; output {dahl.moving:.1g} N off in motion (LuGre "
             f"{lugre.moving:.1g} N); slack: {dahl.findings['slack'].result}",
             "agrees" if palli and palli_lacks else "in part",
-            "with bristles of 20 um it is nearly ours while the cable is taut; at rest "
-            "they hold even where bends open",
         ),
-        Claim(
-            "1.5, (1.3)-(1.5)",
-            "Do: tracks well in motion, misses partial motion",
+        Finding(
             f"fitted to the first stroke, friction is {moving:.1f} N off in motion and "
             f"{starting:.1f} N in partial motion; the output {do.moving:.1f} and "
             f"{do.starting:.1f} N",
             "disagrees" if do.shows("partial motion") else do_tracks,
-            "output and motor move alike in it; on an elastic cable the output is off "
-            "by the stretch",
         ),
-        Claim(
-            "1.5",
-            "Agrawal: distributed, but passive environment and motion from one end",
+        Finding(
             f"output tension within {same:.1g} N of ours on a spring; takes no output "
             "that someone moves, and does not slip where bends open",
             "agrees" if passive and refused and same < 0.1 else "disagrees",
-            "its front comes from the motor only; where that is enough it is our model",
         ),
-        Claim(
-            "1.5, 2.1",
-            "bidirectional motion is in no model before; any environment, any bends",
+        Finding(
             f"ours answers {sum(f.able for f in ours.findings.values())} of "
             f"{len(CAPABILITY_TESTS)} questions right",
             "agrees"
@@ -216,9 +196,7 @@ def _claims(found: dict[type[PublishedModel], _Judged]) -> tuple[Claim, ...]:
             if bidirectional
             else "answers known from capstan law, length and energy balance",
         ),
-        Claim(
-            "1.5",
-            "the distributed model before was expensive to solve",
+        Finding(
             f"time of a step, ours is 1: {costs}",
             "agrees" if before.cost > 1.5 else "disagrees",
             f"all compiled, {CABLE.segments} segments, spring at the output, one run",

@@ -21,7 +21,7 @@ from thesis._literal_solver import (
     sign_pattern_system,
     sign_patterns,
 )
-from thesis._outcome import Claim, ExperimentOutcome, Panel, Progress, rms
+from thesis._outcome import ExperimentOutcome, Finding, Panel, Progress, rms
 from thesis._rig import PRINTED_CABLE
 
 CABLE = PRINTED_CABLE.replace(friction=0.1, static_friction=0.0)
@@ -189,62 +189,37 @@ def run(progress: Progress) -> ExperimentOutcome:
         CABLE.replace(segments=FINE_SEGMENTS), DT, u_proximal=proximal, u_distal=distal
     )
     claims = (
-        Claim(
-            "2.3.3",
-            "exactly one sign pattern is consistent at any time",
+        Finding(
             f"none is in {np.min(null.contradicted):.0%} to "
             f"{np.max(null.contradicted):.0%} of the steps of an opposed pull, N = "
             f"{SEGMENTS[0]} to {n}; elsewhere one is",
             "in part" if np.max(null.contradicted) > 0.01 else "agrees",
-            "where motion turns inside a segment, either sign of it contradicts itself",
         ),
-        Claim(
-            "2.1.2, 2.3.2",
-            "motion from both ends is solved by the same patterns",
+        Finding(
             f"opposed pull, N = {n}: error {null.thesis_solver[-1]:.2g} % and not "
             f"falling ({null.thesis_solver[1]:.2g} % at N = {SEGMENTS[1]}); our kernel "
             f"{null.kernel[-1]:.2g} %",
             "disagrees" if null.thesis_solver[-1] > 5.0 * null.kernel[-1] else "agrees",
-            "the null point is rounded to a segment; ours is a place inside it",
         ),
-        Claim(
-            "2.7, 2.17",
-            "mu_s decides when the next node joins",
+        Finding(
             f"effect of mu_s = 3 mu_d falls {fall:.0f} times from N = {SEGMENTS[0]} to "
             f"{n}; over 1 mm of slip it stays within {_spread(static.memory):.0%}",
             "disagrees" if fall > 3.0 else "agrees",
-            "one segment holds: the finer the mesh, the less; "
-            "`critical_slip_distance` mends it",
         ),
-        Claim(
-            "2.2, (2.18)",
-            "without solving again, motion spreads at most one node a step: L/(N dt)",
-            f"{speed:.0f} node a step",
-            "agrees" if speed == 1.0 else "disagrees",
-            "both solvers here let a front pass the whole cable in one step",
-        ),
-        Claim(
-            "(2.17)",
-            "the rule holds at either end, with k-1 for k+1 at the distal one",
+        Finding(f"{speed:.0f} node a step", "agrees" if speed == 1.0 else "disagrees"),
+        Finding(
             f"as printed it lets {passed} of {len(pulls)} distal pulls pass, up to "
             f"{pulls[-1]:.0f} times the tension inside",
             "misprint" if passed == 0 else "agrees",
-            "turning the axis (footnote 3) turns the sign of the velocity as well",
         ),
-        Claim(
-            "Appendix",
-            "velocity of the proximal node feeds energy in, the mean of both does not",
+        Finding(
             f"{one_sided:.0%} of the friction work fed in, against {mean:.0%}; but in "
             f"steps that no pattern fits {np.max(null.fed):.1%} with the mean, too",
             "in part" if one_sided > 0.0 == mean and np.max(null.fed) > 0 else "agrees",
-            "5 segments pulled at both ends; our kernel never feeds energy in",
         ),
-        Claim(
-            "2.1.1.2, footnote 4",
-            "a slack cable may be solved as if it could push, and shown with tension 0",
+        Finding(
             f"differs by {slack:.2g} % from a cable that knows slack, N = 20",
             "agrees" if slack < 1.0 else "in part",
-            "friction of a pushed cable has no cause, but here it hardly shows",
         ),
     )
     step = np.arange(SAMPLES)

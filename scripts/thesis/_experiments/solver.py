@@ -19,9 +19,9 @@ from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.native import FloatArray, compiled
 from thesis._literal_solver import Constraint, by_fsolve, play, sign_patterns, solve
 from thesis._outcome import (
-    Claim,
     Curve,
     ExperimentOutcome,
+    Finding,
     Panel,
     Progress,
     round_down_ratio,
@@ -149,7 +149,7 @@ def _ends(proximal: float, distal: float, n: int) -> list[Constraint]:
     ]
 
 
-def _claims(found: dict[int, Costs]) -> tuple[Claim, ...]:
+def _claims(found: dict[int, Costs]) -> tuple[Finding, ...]:
     most = max(found)
     gain = max(row.fsolve / row.enumeration for row in found.values())
     ours = min(row.enumeration / row.kernel for row in found.values())
@@ -161,49 +161,34 @@ def _claims(found: dict[int, Costs]) -> tuple[Claim, ...]:
     ]
     late = min(n for n, row in found.items() if row.fsolve > 1e-3)
     return (
-        Claim(
-            "2.3.2, Fig. 2.4",
-            "sign enumeration is nearly 2 orders of magnitude faster than fsolve",
+        Finding(
             f"more than {round_down_ratio(gain)} times at best; our kernel is more "
             f"than {round_down_ratio(ours)} times faster still, "
             f"{round_down_ratio(total)} times in all at 50 segments",
             "better" if gain > 30.0 and ours > 10.0 else "disagrees",
-            "same equations, same motion, one run; NumPy and SciPy instead of MATLAB",
             timed=True,
         ),
-        Claim(
-            "2.3.2",
-            "up to 50 segments inside the 1 ms of a 1 kHz loop",
+        Finding(
             f"more than {round_down_ratio(1e-3 / found[50].enumeration)} steps of the "
             f"enumeration, {round_down_ratio(1e-3 / found[50].kernel)} of the kernel",
             "better" if found[50].enumeration < 1e-3 else "disagrees",
-            "mean of mass motion; a pattern change costs more",
             timed=True,
         ),
-        Claim(
-            "2.3.2",
-            "fsolve cannot run one segment at 1 kHz",
+        Finding(
             f"fsolve takes more than 1 ms from {late} segments on, and more than "
             f"{round_down_ratio(found[most].fsolve / found[1].fsolve)} times as long "
             f"with {most} as with 1",
             "agrees" if late == 1 else "in part",
-            "machines have become faster; its way across the jump of the sign has not",
             timed=True,
         ),
-        Claim(
-            "2.3.2",
-            "expected cost O(n^3), worst case O(n^4)",
+        Finding(
             f"from 20 segments on enumeration grows as n^{powers[0]:.1f}, "
             f"our kernel as n^{powers[1]:.1f}",
             "better" if powers[1] < 1.5 else "disagrees",
-            "LAPACK is below its cubic regime here; marching fronts need no matrix",
             timed=True,
         ),
-        Claim(
-            "2.3.2, Listing 2.2",
-            "5 segments: 3^5 = 243 combinations of signs, 4(N-1) admissible",
+        Finding(
             f"{3**5} and {len(sign_patterns(5))}",
             "agrees" if len(sign_patterns(5)) == 16 else "disagrees",
-            "inertia-free motion comes from the two ends, so it turns once at most",
         ),
     )

@@ -24,7 +24,7 @@ from cc_mujoco.device._drive import CableDrive, Drive
 from cc_mujoco.native import FloatArray
 from thesis._experiments.tracking import PERIOD, TENSION_RATIO, cable
 from thesis._inertia_free import InertiaFree
-from thesis._outcome import Claim, Curve, ExperimentOutcome, Panel, Progress, rms
+from thesis._outcome import Curve, ExperimentOutcome, Finding, Panel, Progress, rms
 
 RADIUS = 0.1  # radius of both pulleys [m]
 STIFFNESS = 1.0  # stiffness of the virtual spring [N m/rad]
@@ -116,13 +116,10 @@ def run(progress: Progress) -> ExperimentOutcome:
 
 def _claims(
     free: _Rendered, both: _Rendered, model: _Rendered, stiction: _Rendered
-) -> tuple[Claim, ...]:
+) -> tuple[Finding, ...]:
     degrees = [float(np.degrees(row.lost)) for row in (free, model, stiction, both)]
     return (
-        Claim(
-            "4.3.2, Fig. 4.7",
-            "model-free lags during the entire motion; with the model no lag, no "
-            "steady state error",
+        Finding(
             f"RMS error in motion {1e3 * free.moving:.1f} mN m without, "
             f"{1e3 * model.moving:.1f} mN m with the model; "
             f"that is {1e3 * free.delay:.0f} and {1e3 * model.delay:.0f} ms behind",
@@ -130,29 +127,20 @@ def _claims(
             "feedback alone, later than 2 s after a change of direction; with "
             f"feed-forward it is {1e3 * both.moving:.1f} mN m",
         ),
-        Claim(
-            "4.3.2, Fig. 4.7",
-            "comparable at the change of direction, without stiction compensation",
+        Finding(
             f"largest error {free.peak:.2f} and {model.peak:.2f} N m",
             "agrees" if 0.5 < model.peak / free.peak < 2.0 else "disagrees",
-            "until all of a cable has turned the model has no more to say",
         ),
-        Claim(
-            "4.3.2, Fig. 4.8",
-            "with the model: spring almost perfect in motion, small backlash at "
-            "reversal; without: backlash through the entire motion",
+        Finding(
             f"error below {1e3 * REVERSAL_TOLERANCE:.0f} mN m after {degrees[1]:.2f} "
             f"deg with, {degrees[0]:.1f} deg without",
             "agrees" if degrees[1] < 5.0 < degrees[0] else "disagrees",
             f"of {np.degrees(DEFLECTION):.0f} deg; the offset of feedback alone "
             f"stays, with feed-forward it is gone after {degrees[3]:.1f} deg",
         ),
-        Claim(
-            "4.1, Listing 4.1",
-            "stiction compensation: partial motion is crossed at once (not shown)",
+        Finding(
             f"error below {1e3 * REVERSAL_TOLERANCE:.0f} mN m after {degrees[2]:.2f} "
             f"deg, at most {stiction.peak:.2f} N m",
             "agrees" if degrees[2] < 0.5 * degrees[1] else "disagrees",
-            "one sample passes before the reversal is noticed",
         ),
     )

@@ -26,9 +26,9 @@ from cc_mujoco.metrics._signals import signal_lag
 from cc_mujoco.native import FloatArray
 from thesis._inertia_free import InertiaFree
 from thesis._outcome import (
-    Claim,
     Curve,
     ExperimentOutcome,
+    Finding,
     Panel,
     Progress,
     Verdict,
@@ -154,7 +154,9 @@ def run(progress: Progress) -> ExperimentOutcome:
     return ExperimentOutcome(_claims(implied, hard), {"tracking": panels})
 
 
-def _claims(rows: dict[str, _Tracked], hard: dict[str, _Tracked]) -> tuple[Claim, ...]:
+def _claims(
+    rows: dict[str, _Tracked], hard: dict[str, _Tracked]
+) -> tuple[Finding, ...]:
     none, alone, both, model, off, cosine = rows.values()
     ratio = both.error / off.error
     hard_ratio = (
@@ -163,69 +165,46 @@ def _claims(rows: dict[str, _Tracked], hard: dict[str, _Tracked]) -> tuple[Claim
     free = (none, alone, both)
     in_phase = max(model.delay, off.delay) < 1e-3 < min(alone.delay, both.delay)
     return (
-        Claim(
-            "4.3.1, Fig. 4.4",
-            "worst: to supply the desired tension and ignore friction",
+        Finding(
             "RMS error of the tension "
             + ", ".join(f"{row.error:.1%}" for row in free)
             + " (feed-forward, feedback, both)",
             "agrees" if none.error > alone.error > both.error else "disagrees",
             f"friction takes {1 - 1 / TENSION_RATIO:.0%}; the integrator takes it over",
         ),
-        Claim(
-            "4.3.1, Fig. 4.5",
-            "feed-forward with feedback an order of magnitude better than feedback, "
-            "lag substantially reduced",
+        Finding(
             f"RMS {alone.error:.1%} and {both.error:.1%}, "
             f"lag {1e3 * alone.delay:.0f} and {1e3 * both.delay:.0f} ms",
             _factor_verdict(alone.error / both.error, 10.0, 2.0),
             f"factor {alone.error / both.error:.1f}, "
             f"and {alone.delay / both.delay:.0f} in lag",
         ),
-        Claim(
-            "4.3.1",
-            "initial transient of feed-forward with feedback as high as 10 %",
-            f"{both.first:.1%}, with C = {TENSION_RATIO:.2f}",
-            "cannot",
-            "C is not printed and was found from this number, which therefore tests "
-            "nothing; the other claims use that C",
-        ),
-        Claim(
-            "4.3.1",
-            "model: nearly perfect throughout; the only error is the one sample delay",
+        Finding(f"{both.first:.1%}, with C = {TENSION_RATIO:.2f}", "cannot"),
+        Finding(
             f"RMS {model.error:.4%}, at most {model.first:.3%}",
             "agrees" if model.error < 1e-3 else "disagrees",
             "a step of the desired tension is "
             f"{PERIOD * 3.0 / 20.0:.3%} of it; slip crosses the cable in the first "
             f"{1e3 * SLIP_CROSSING_TIME:.0f} ms, which are not counted",
         ),
-        Claim(
-            "4.3.1",
-            "3 % error of a parameter: quickly taken up, an order of magnitude better "
-            "than the best model-free controller",
+        Finding(
             f"RMS {off.error:.3%} against {both.error:.2%}: factor {ratio:.0f}",
             _factor_verdict(ratio, 5.0, 2.0),
             "3 % of friction are little of tension; with the friction of Table 2.2 "
             f"(C = 4.5) and after {SETTLING_TIME:.0f} s the factor is {hard_ratio:.0f}",
         ),
-        Claim(
-            "4.3.1, Fig. 4.4",
-            "3 % that vary with time: good beginning, good throughout",
+        Finding(
             f"RMS {cosine.error:.2%}, at most {cosine.first:.2%}, against "
             f"{both.error:.2%} and {both.first:.1%} without a model",
             "agrees" if cosine.error < 0.2 * both.error else "in part",
-            "no integrator follows a swing of 9 s with K_i = 2 for long",
         ),
-        Claim(
-            "Fig. 4.5",
-            "model-free lags; the model is in phase",
+        Finding(
             "lag "
             + ", ".join(
                 f"{1e3 * row.delay:.0f}" for row in (alone, both, model, off, cosine)
             )
             + " ms (feedback, both, model, 3 % off, 3 % cosine)",
             "agrees" if in_phase else "disagrees",
-            "of the fluctuation, by cross-correlation",
         ),
     )
 

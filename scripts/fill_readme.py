@@ -43,7 +43,7 @@ from cc_mujoco.benchmark import (
 from cc_mujoco.cable import PARAMETERS
 from cc_mujoco.cable import _parameter as of_parameters
 from cc_mujoco.device import MATERIALS
-from cc_mujoco.device import _materials as of_materials
+from cc_mujoco.device._materials import Figure
 from cc_mujoco.diagnosis import EFFECTS
 from cc_mujoco.diagnosis import effects as of_effects
 from cc_mujoco.metrics import METRICS
@@ -70,7 +70,6 @@ TABLES = {
     for name, folder in {
         "parameters": "cable",
         "materials": "design",
-        "material_sources": "design",
         "metrics": "metrics",
         "effects": "diagnosis",
     }.items()
@@ -118,11 +117,37 @@ def plain(table: tuple[Sequence[str], Sequence[Sequence[str]]]) -> list[list[str
     return [[re.sub(r"[`*]", "", entry) for entry in row] for row in (head, *rows)]
 
 
+def material_rows() -> list[list[str]]:
+    """Return pairs of materials as rows of text below the heads of the columns."""
+    head = ["material", "rope and conduit", "friction", "modulus [GPa]"]
+    head += ["density [kg/m^3]", "strength [GPa]", "hottest [degC]"]
+    rows = [
+        [
+            one.name,
+            one.meaning,
+            interval_text(one.friction),
+            interval_text(one.modulus, 1e-9),
+            interval_text(one.density),
+            interval_text(one.strength, 1e-9),
+            "-" if one.hottest is None else interval_text(one.hottest),
+        ]
+        for one in MATERIALS.values()
+    ]
+    return [head, *rows]
+
+
+def interval_text(figure: Figure, scale: float = 1.0) -> str:
+    """`typical (low to high; sources)`, without a range where there is none."""
+    values = (figure.low, figure.typical, figure.high)
+    low, typical, high = (f"{float(f'{scale * value:.3g}'):g}" for value in values)
+    span = "" if low == high else f"{low} to {high}; "
+    return f"{typical} ({span}{', '.join(figure.sources)})"
+
+
 def package_tables() -> dict[str, list[list[str]]]:
     return {
         "parameters": of_parameters.table_rows(PARAMETERS),
-        "materials": of_materials.table_rows(MATERIALS.values()),
-        "material_sources": of_materials.source_rows(MATERIALS.values()),
+        "materials": material_rows(),
         "metrics": of_metrics.table_rows(METRICS.values()),
         "effects": of_effects.table_rows(EFFECTS.values()),
     }

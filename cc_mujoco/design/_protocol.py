@@ -19,7 +19,7 @@ from cc_mujoco._utils.provenance import file_digests
 from cc_mujoco.design._scenarios import LEAST_SUFFIX, MOST_SUFFIX, Across
 from cc_mujoco.device import Description, Device, load_device
 from cc_mujoco.device._axis_columns import split_by_axis
-from cc_mujoco.device._variables import VARIABLES, WEARER
+from cc_mujoco.device._variables import VARIABLES
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Task, Trajectory
 from cc_mujoco.human._by_text import user_classes
@@ -181,7 +181,7 @@ def metric_of_designs(given: str | Metric) -> Metric:
     if isinstance(given, str) and ":" not in given:
         axis, given = split_metric(given)
     metric = find_metric(given)
-    if metric.name in ("design", "failed", "controller", WEARER.name, *VARIABLES):
+    if metric.name in ("design", "failed", "controller", "wearer", *VARIABLES):
         raise CableError(
             f"metric {metric.name!r} cannot be measured in a what-if, whose table "
             "has another column of that name."

@@ -30,9 +30,6 @@ from cc_mujoco.device._device import Device, Nominal, find_device
 from cc_mujoco.device._materials import ENDS, MATERIALS, Material
 from cc_mujoco.device._motors import MOTORS, Motor
 from cc_mujoco.device._variables import (
-    DELAY,
-    NOISE,
-    WEARER,
     Value,
     of_owner,
     owner_axes,
@@ -122,7 +119,7 @@ class Plant:
     @property
     def wearers(self) -> dict[str, Wearer]:
         """Wearer at the joints that the cables drive, by joint."""
-        factor, nominal = float(self.values.get(WEARER.name, 1.0)), self.device.wearers
+        factor, nominal = float(self.values.get("wearer", 1.0)), self.device.wearers
         limbs = [axis.limb for axis in self.description.axes if axis.limb in nominal]
         own = {limb: nominal[limb] for limb in limbs}
         return {
@@ -132,12 +129,12 @@ class Plant:
     @property
     def delay(self) -> int:
         """Samples by which measurements are late; those of the device by default."""
-        return int(self.values.get(DELAY.name, self.description.sensing.delay))
+        return int(self.values.get("delay", self.description.sensing.delay))
 
     @property
     def noise(self) -> float:
         """Noise of the sensors over that of the device; 1 by default."""
-        return float(self.values.get(NOISE.name, 1.0))
+        return float(self.values.get("noise", 1.0))
 
     @property
     def material(self) -> Material | None:
@@ -418,7 +415,7 @@ class Plant:
                 if key in own:
                     self._set_radius(spec, name, end, float(own[key]))
         self._resize(spec, wearer_scaling.body_of(self.values))
-        if WEARER.name in self.values:
+        if "wearer" in self.values:
             for name, wearer in self.wearers.items():
                 actuator = spec.actuator(self.description.movers[name])
                 self.scene.movers[name].impose(actuator, wearer)

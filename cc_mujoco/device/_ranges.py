@@ -18,7 +18,7 @@ import numpy as np
 
 from cc_mujoco._validation import require_dictionary, require_number
 from cc_mujoco.device import IN_EPISODES, Nominal, Plant
-from cc_mujoco.device._variables import DELAY, OF_CABLES, find
+from cc_mujoco.device._variables import OF_CABLES, find
 from cc_mujoco.errors import CableError
 
 Range = tuple[float, float]
@@ -91,7 +91,7 @@ class Ranges:
                     tosses[of_all] = rng.uniform()
                 if tosses[of_all] >= probability:
                     continue
-            if name == DELAY.name:
+            if name == "delay":
                 values[name] = int(rng.integers(int(low), int(high), endpoint=True))
             elif low > 0.0:
                 values[name] = float(np.exp(rng.uniform(math.log(low), math.log(high))))

@@ -1,4 +1,4 @@
-"""Everything that can be hidden in a rig, by id.
+"""Everything that can be hidden in a rig, by make and id, of `effects.toml`.
 
 An effect has one amount, off at 0, and turns the truth without it into the truth with
 it. What else it needs (phases, signs, places) is drawn from the generator it is given.
@@ -8,7 +8,9 @@ The forms differ on purpose from those a model library would choose first.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from numpy.random import Generator
@@ -21,52 +23,52 @@ class Truth(NamedTuple):
     chain: Any
 
 
-Hide = Callable[[Truth, float, Generator], Truth]
-
-
 class Effect(NamedTuple):
-    """One thing that can be hidden."""
+    """One thing that can be hidden, see `effects.toml`."""
 
     parameter: str  # what `amount` measures
     unit: str  # of the amount
-    typical: float  # an amount that shows clearly, R about 2 in rich trials
-    limit: float  # the largest amount that is still physics
-    hide: Hide  # (truth, amount, generator) -> truth with the effect
+    typical: float
+    limit: float
+    plant: str = ""  # field that is the amount
+    chain: str = ""
+    adds_to: str = ""
+    uneven: str = ""
+    signed: bool = False
+    drawn: Mapping[str, Any] = {}
 
-
-Drawn = tuple[float, float] | Callable[[Generator], Any]
-"""Draw of another field: evenly between two numbers, or by a function."""
-
-
-def plant(name: str, signed: bool = False, **drawn: Drawn) -> Hide:
-    """Return an effect that is one field of the plant, of either sign if `signed`."""
-    return _field("plant", name, signed, drawn)
-
-
-def chain(name: str, signed: bool = False, **drawn: Drawn) -> Hide:
-    """Return an effect that is one field of the sensors, of either sign if `signed`."""
-    return _field("chain", name, signed, drawn)
-
-
-def _field(part: str, name: str, signed: bool, drawn: dict[str, Drawn]) -> Hide:
-    def hide(truth: Truth, amount: float, random: Generator) -> Truth:
-        size = float(random.choice([-1.0, 1.0])) * amount if signed else amount
-        changes = {name: size}
-        for key, how in drawn.items():
-            changes[key] = how(random) if callable(how) else random.uniform(*how)
+    def hide(self, truth: Truth, amount: float, random: Generator) -> Truth:
+        """Return the truth with the effect."""
+        size = float(random.choice([-1.0, 1.0])) * amount if self.signed else amount
+        changes: dict[str, Any] = {self.plant or self.chain: size}
+        if self.uneven:
+            each = amount * random.uniform(0.5, 1.5, truth.plant.mass.shape)
+            changes = {self.uneven: getattr(truth.plant, self.uneven) + each}
+        elif self.adds_to:
+            changes = {self.adds_to: getattr(truth.plant, self.adds_to) + amount}
+        changes |= {key: _draw(how, random) for key, how in self.drawn.items()}
+        part = "chain" if self.chain else "plant"
         return truth._replace(**{part: getattr(truth, part)._replace(**changes)})
 
-    return hide
+
+def _draw(how: Any, random: Generator) -> Any:
+    match how:
+        case "turn":
+            return random.uniform(-math.pi, math.pi)
+        case "around":
+            return random.uniform(0.0, 2.0 * math.pi)
+        case {"choice": values}:
+            return float(random.choice(values))
+        case {"integers": ends}:
+            return float(random.integers(*ends))
+        case {"uniform": ends, "size": size}:
+            return random.uniform(*ends, size)
+    return random.uniform(*how)
 
 
-def softer(name: str) -> Hide:
-    """Return an effect that adds to the travel up to sliding, a field of the plant."""
-
-    def hide(truth: Truth, amount: float, _random: Generator) -> Truth:
-        travel = getattr(truth.plant, name) + amount
-        return truth._replace(plant=truth.plant._replace(**{name: travel}))
-
-    return hide
-
-
-TURN = (-math.pi, math.pi)  # bounds of a phase [rad]
+EFFECTS: dict[str, dict[str, Effect]] = {
+    make: {name: Effect(**fields) for name, fields in effects.items()}
+    for make, effects in tomllib.loads(
+        Path(__file__).with_suffix(".toml").read_text(encoding="utf-8")
+    ).items()
+}

@@ -7,7 +7,7 @@ from types import ModuleType
 from typing import Any, NamedTuple
 
 from rig import bristles, elements, guides, instruments, sensors
-from rig.effects import Effect
+from rig.effects import EFFECTS, Effect
 from rig.engine import Law
 from rig.nominal import Rig
 
@@ -23,10 +23,13 @@ class Make(NamedTuple):
 
 
 def _make(of: ModuleType, chain_of: Callable[[Rig], Any]) -> Make:
+    effects = EFFECTS[of.__name__.rpartition(".")[2]]
+    unknown = tuple(name for name in effects if name.startswith("unknown_"))
+    named = tuple(name for name in effects if name not in unknown)
     # Rests and creep are what is hard for coarse encoders.
     return Make(
-        of.plant_of, of.LAW, of.NAMED | of.UNKNOWN, tuple(of.NAMED), tuple(of.UNKNOWN),
-        chain_of, lambda rig: "restful" if chain_of(rig).coarse else "rich",
+        of.plant_of, of.LAW, effects, named, unknown, chain_of,
+        lambda rig: "restful" if chain_of(rig).coarse else "rich",
     )  # fmt: skip
 
 

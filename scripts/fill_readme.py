@@ -4,7 +4,7 @@ r"""Put tables of the package, claims and both benchmarks beside or into their p
     python scripts/benchmarks/check_structure.py ...   # see there
     python scripts/fill_readme.py [tables] [claims] [benchmark] [structure] [diagnosis]
 
-Writes the tables of parameters, materials, metrics and effects as CSV files, runs what
+Writes the tables of parameters, materials and effects as CSV files, runs what
 is not done yet of claims and benchmark, and replaces what stands between the marks of
 each block, on its page and, in short, on the front page; claims and the benchmark's
 scores by condition also go into CSV files. The benchmark is what `cc-mujoco benchmark`
@@ -46,8 +46,6 @@ from cc_mujoco.device import MATERIALS
 from cc_mujoco.device._materials import Figure
 from cc_mujoco.diagnosis import EFFECTS
 from cc_mujoco.diagnosis import effects as of_effects
-from cc_mujoco.metrics import METRICS
-from cc_mujoco.metrics import _registry as of_metrics
 from cc_mujoco.report import table
 from thesis._outcome import CLAIM_FILE, Claim
 from thesis.reproduce import reproduce
@@ -70,7 +68,6 @@ TABLES = {
     for name, folder in {
         "parameters": "cable",
         "materials": "design",
-        "metrics": "metrics",
         "effects": "diagnosis",
     }.items()
 }
@@ -148,7 +145,6 @@ def package_tables() -> dict[str, list[list[str]]]:
     return {
         "parameters": of_parameters.table_rows(PARAMETERS),
         "materials": material_rows(),
-        "metrics": of_metrics.table_rows(METRICS.values()),
         "effects": of_effects.table_rows(EFFECTS.values()),
     }
 

@@ -39,7 +39,7 @@ from cc_mujoco.device._variables import (
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Body, Wearer
 from cc_mujoco.human._body import SCENE_WEARER, SEGMENT_MASS_SHARES, WEARER_MASS
-from cc_mujoco.metrics import _metric as metric
+from cc_mujoco.metrics._metric import Key
 from cc_mujoco.plugin._spec import compile_spec
 
 RADII = ("motor_radius", "joint_radius")
@@ -177,10 +177,10 @@ class Plant:
         """Return the constants of an axis that metrics need, as far as known."""
         motor = self.motor(axis)
         found = {
-            metric.GEARING: self.gearing(axis),
-            metric.WINDING_RESISTANCE: motor.resistance,
-            metric.TORQUE_CONSTANT: motor.torque_constant,
-            metric.CONTINUOUS_TORQUE: motor.continuous_torque,
+            Key.GEARING: self.gearing(axis),
+            Key.WINDING_RESISTANCE: motor.resistance,
+            Key.TORQUE_CONSTANT: motor.torque_constant,
+            Key.CONTINUOUS_TORQUE: motor.continuous_torque,
         }
         known = {key: value for key, value in found.items() if not math.isnan(value)}
         return facts_of(axis, self.strength) | known
@@ -503,12 +503,12 @@ class Plant:
 
 def facts_of(axis: Axis, strength: Mapping[str, float]) -> dict[str, Any]:
     """Return the constants of an axis that metrics need, as far as known."""
-    found: dict[str, Any] = {metric.PULL_PULL: axis.pull_pull}
+    found: dict[str, Any] = {Key.PULL_PULL: axis.pull_pull}
     known = {name: load for name, load in strength.items() if not math.isnan(load)}
     if known:
-        found[metric.STRENGTH] = known
+        found[Key.STRENGTH] = known
     if math.isfinite(axis.safe_torque):
-        found[metric.SAFE_TORQUE] = axis.safe_torque
+        found[Key.SAFE_TORQUE] = axis.safe_torque
     return found
 
 

@@ -9,10 +9,8 @@ import numpy as np
 
 from cc_mujoco.metrics._metric import Array
 
-MEAN_WINDOW = 0.05  # window of `moving_mean` [s]
 
-
-def moving_mean(values: Array, period: float, window: float = MEAN_WINDOW) -> Array:
+def moving_mean(values: Array, period: float, window: float = 0.05) -> Array:
     """Return the mean over a window [s], where the window fits; `period` in [s]."""
     width = min(max(1, round(window / period)), len(values))
     return np.convolve(values, np.full(width, 1.0 / width), mode="valid")

@@ -16,7 +16,13 @@ from cc_mujoco.metrics._metric import (
     metadata_constant,
     rms,
 )
-from cc_mujoco.metrics._signals import loop_opening, loop_width, moving_mean, signal_lag
+from cc_mujoco.metrics._signals import (
+    correlation,
+    loop_opening,
+    loop_width,
+    moving_mean,
+    signal_lag,
+)
 
 
 @dataclass(frozen=True)
@@ -115,11 +121,18 @@ def mean_positive(power: Array) -> float:
 
 
 def torque_lag(log: LogLike) -> float:
-    """Return the lag of the joint torque behind the desired torque [s]."""
+    """Return the lag of the joint torque behind the desired torque [s].
+
+    NaN where the torques correlate by less than 0.8 as they are: then the one is not
+    the other early or late, but friction for example, out of phase by some 40 degrees.
+    """
     # Steps of 5 ms suffice: `signal_lag` interpolates between them.
     thin = slice(None, None, max(1, round(5e-3 / period_of(log))))
     names = ("time_s", "desired_torque_nm", "joint_torque_nm")
-    return signal_lag(*(log[name][thin] for name in names), signed=True)
+    time, desired, actual = (log[name][thin] for name in names)
+    if not correlation(desired, actual) >= 0.8:
+        return math.nan
+    return signal_lag(time, desired, actual, signed=True)
 
 
 def twist_backlash(log: LogLike) -> float:

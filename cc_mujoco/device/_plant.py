@@ -38,7 +38,6 @@ from cc_mujoco.device._variables import (
 )
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Body, Wearer
-from cc_mujoco.human._body import SCENE_WEARER, SEGMENT_MASS_SHARES, WEARER_MASS
 from cc_mujoco.metrics._metric import Key
 from cc_mujoco.plugin._spec import compile_spec
 
@@ -463,11 +462,11 @@ class Plant:
         of the free rope stay where they are about the ankle. All joints of a leg turn
         about y, so that products of inertia are felt nowhere and are left out.
         """
-        if body == SCENE_WEARER:
+        if body == Body():
             return
-        for name, share in SEGMENT_MASS_SHARES.items():
+        for name, share in Body.SEGMENTS.items():
             part = spec.body(name)
-            limb, place = share * WEARER_MASS, np.array(part.ipos)
+            limb, place = share * Body.mass, np.array(part.ipos)
             worn, limb_now = part.mass - limb, body.heavier * limb
             spread = np.array(part.inertia) / part.mass
             offset = (body.longer - 1.0) * place

@@ -16,7 +16,6 @@ from cc_mujoco.device._variables import Value
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Body, Pace, Profile, Task, Trajectory, Walk, scale_task
 from cc_mujoco.human import task as find_task
-from cc_mujoco.human._body import WEARER_LEG_LENGTH, WEARER_MASS
 from cc_mujoco.human._profile import Profiles
 
 SPEED = "gait_speed"
@@ -32,8 +31,8 @@ WALK, ASSIST = "walk", "assist"
 
 
 def body_of(design: Mapping[str, Value]) -> Body:
-    mass = float(design.get(BODY_MASS, WEARER_MASS))
-    return Body(mass, float(design.get(LEG_LENGTH, WEARER_LEG_LENGTH)))
+    mass = float(design.get(BODY_MASS, Body.mass))
+    return Body(mass, float(design.get(LEG_LENGTH, Body.leg)))
 
 
 def pace_of(design: Mapping[str, Value]) -> Pace:
@@ -97,7 +96,7 @@ def require_scene(device: Description, names: Collection[str]) -> None:
         raise CableError(
             f"variable {LEG_LENGTH!r} moves knee and ankle apart, but the scene "
             f"{device.scene!r} draws the paths of its cables along a leg of "
-            f"{WEARER_LEG_LENGTH:g} m; vary {BODY_MASS!r} alone, or choose the scene "
+            f"{Body.leg:g} m; vary {BODY_MASS!r} alone, or choose the scene "
             "'ankle'."
         )
 

@@ -20,6 +20,7 @@ import numpy as np
 from cc_mujoco._utils import opensim_files, tables
 from cc_mujoco._utils.units import ANGLE, CLOCK, quantity_words
 from cc_mujoco.errors import CableError
+from cc_mujoco.human._gait_joints import SIDES
 from cc_mujoco.human._motion import (
     Array,
     Motion,
@@ -33,7 +34,6 @@ Entry = TypeVar("Entry")
 
 _DRIVEN_NAMES: tuple[Words, ...] = ((), ("joint",))
 """Names of the joint that the device drives, in words without `angle`."""
-_SIDES = {"r": "right", "right": "right", "l": "left", "left": "left"}
 
 
 @dataclass(frozen=True)
@@ -139,8 +139,8 @@ def match_joints(
 
 def _side_and_limb(words: Words) -> tuple[str, Words]:
     """Return the side, or "", and the other words without that for flexion."""
-    sides = [_SIDES[word] for word in words if word in _SIDES]
-    rest = tuple(w for w in words if w not in _SIDES and w not in ("flexion", "flex"))
+    sides = [SIDES[word] for word in words if word in SIDES]
+    rest = tuple(w for w in words if w not in SIDES and w not in ("flexion", "flex"))
     return sides[0] if len(sides) == 1 else "", rest
 
 

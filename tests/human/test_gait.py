@@ -102,6 +102,11 @@ def test_walk_has_the_gait_period_and_companions() -> None:
         assert joint.velocity[0] == 0
 
 
+def test_the_amplitude_of_a_walk_is_the_peak_of_the_ankle_rounded_up() -> None:
+    peak = np.abs(GAIT_ANGLES["ankle"](np.linspace(0.0, 1.0, 10_001))).max()
+    assert Walk.amplitude == np.ceil(1e3 * peak) / 1e3
+
+
 def test_walk_scales_all_joints() -> None:
     rng = np.random.default_rng(0)
     full, half = Walk(), Walk(amplitude=Walk().amplitude / 2)

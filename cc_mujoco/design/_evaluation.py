@@ -308,14 +308,9 @@ def episodes(
 ) -> list[tuple[Test, str, Episode]]:
     """Return the episodes that the metrics of a protocol need.
 
-    Args:
-        protocol: protocol by which designs are tried.
-        designs: designs to play; the wearer of the first walks as fast as was measured
-            by default.
-
-    Returns:
-        Test, name of the controller, episode; no name where the test is of the
-        hardware alone.
+    Each has its test and the name of its controller, which is empty where the test is
+    of the hardware alone. The wearer of the first of the `designs` walks, by default as
+    fast as was measured.
 
     Raises:
         CableError: the trajectory or the task cannot be played.

@@ -243,13 +243,10 @@ class DeviceModel:
         model: mujoco.MjModel,
         wearer: Wearer | Mapping[str, Wearer] | None = None,
     ) -> None:
-        """Find the parts.
+        """Find the parts of a device in a model of its scene, or of a variant.
 
-        Args:
-            description: The device.
-            model: Its scene, or a variant.
-            wearer: Impedance of the wearer at the driven joint, or by joint; that of
-                the model by default.
+        `wearer` is the impedance of the wearer at the driven joint, or by joint; that
+        of the model by default.
 
         Raises:
             CableError: One wearer is given for several joints, nobody moves such a

@@ -64,23 +64,16 @@ class Plant:
     """A device with some of its values changed.
 
     It has the names and bounds of the table; `check` finds out, too, whether the scene
-    can have the values.
-
-    Attributes:
-        device: the device without the changes.
-        values: the changes, checked, in the order given.
-        cables: all cables of the device, by name.
+    can have the values. `device` is the one without the changes, `values` are these,
+    checked, in the order given, and `cables` all cables by name.
     """
 
     def __init__(
         self, device: str | Path | Nominal, values: Mapping[str, object] | None = None
     ) -> None:
-        """Change the values of a device.
+        """Change the values of a device, given by its name or file, too.
 
-        Args:
-            device: a `Device`, or what one is made of: name or file.
-            values: values by `NAME` or, for one cable alone, `CABLE.NAME`; see
-                `VALUES`.
+        `values` are by `NAME` or, for one cable alone, `CABLE.NAME`; see `VALUES`.
 
         Raises:
             CableError: names, values or their combination are impossible.

@@ -77,16 +77,10 @@ it."""
 
 
 def assistance(phase: Real) -> Real:
-    """Return the plantarflexion assistance over the gait cycle, 0 to 1, elementwise.
+    """Return the plantarflexion assistance by the fraction of the gait cycle [-].
 
-    It is the square of a harmonic series, hence smooth and never negative: at most 0.01
-    where the source has none.
-
-    Args:
-        phase: Fraction of the gait cycle [-].
-
-    Returns:
-        Assistance as a fraction of its peak [-].
+    It is a fraction of its peak [-], elementwise, and the square of a harmonic series,
+    hence smooth and never negative: at most 0.01 where the source has none.
     """
     root = _PROFILES["assistance_root"](phase)
     return root * root

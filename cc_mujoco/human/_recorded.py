@@ -150,16 +150,11 @@ def read_trajectory(path: str | Path, joints: Sequence[str] = ()) -> Recorded:
     Time is `time_s`, `time_ms`, `time_us` or `time_ns`; it must increase from row to
     row and may start anywhere. Angles are `angle_rad`, `angle_deg`, `angle_mrad` or
     `angle_rev`, with the name of a joint before or instead of `angle`. OpenSim files
-    have their units in the header. Columns of no joint are ignored.
+    have their units in the header. The motion is as recorded, shifted to start at 0.
 
-    Args:
-        path: The file.
-        joints: Names of the device's joints, that which it drives first. By default
-            every column of angles is read, and the first or that without a name of a
-            joint is of the driven one.
-
-    Returns:
-        The motion, as recorded and shifted to start at time 0.
+    Columns are those of the device's `joints`, that which it drives first. By default
+    every column of angles is read, and the first or that without a name of a joint is
+    of the driven one.
 
     Raises:
         CableError: If the file cannot be read or used, or an angle has no unit; names

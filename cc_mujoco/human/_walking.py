@@ -40,12 +40,11 @@ class Walk(Scripted):
 
     @classmethod
     def at(cls, speed: float | None, body: Body = SCENE_WEARER) -> Walk:
-        """Return the walk at a speed, with the stride time that goes with it.
+        """Return the walk at a speed [m/s], with the stride time that goes with it.
 
-        Args:
-            speed: Speed of the wearer [m/s]; see `Body.pace`.
-            body: Body that walks. If its size is not that of the wearer of the scenes,
-                the `speed` of the walk is that at which the latter walks similarly.
+        For the speed see `Body.pace`. If the size of the body is not that of the wearer
+        of the scenes, the `speed` of the walk is that at which the latter walks
+        similarly.
 
         Raises:
             CableError: If no data cover walking at that speed.
@@ -56,8 +55,7 @@ class Walk(Scripted):
     def on_joints(self, joints: Mapping[str, tuple[float, float]]) -> Walk:
         """Return the walk of a device's joints; see `gait_joints`.
 
-        Args:
-            joints: Range [rad] by name, that of the driven joint first.
+        `joints` are their ranges [rad] by name, that of the driven joint first.
 
         Raises:
             CableError: If the driven joint is none that walks.

@@ -179,11 +179,8 @@ class WalkingController:
     def act(self, senses: Senses, period: float) -> Any:
         """Return the control of the muscles (worlds, legs, joints) [N m].
 
-        Muscles give the control less K angle + D rate.
-
-        Args:
-            senses: sensory signals of the present.
-            period: time since the last call [s].
+        Muscles give the control less K angle + D rate. `senses` are those of the
+        present, `period` is the time since the last call [s].
         """
         arrays, policy = self._arrays, self._policy
         swinging = 1.0 - self._leads()

@@ -5,10 +5,10 @@ from __future__ import annotations
 import csv
 import itertools
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -86,6 +86,13 @@ class ExperimentOutcome:
     # of the claims that `claims.csv` has of it, in their order
     findings: tuple[Finding, ...]
     figures: Mapping[str, Sequence[Panel]]  # file stem to diagrams
+
+
+def passing(items: Sequence[Any], progress: Progress) -> Iterator[Any]:
+    """Yield items; tell progress the share of them that is done."""
+    for count, item in enumerate(items, start=1):
+        yield item
+        progress(count / len(items))
 
 
 def rms(values: ArrayLike) -> float:

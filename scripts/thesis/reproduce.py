@@ -67,8 +67,13 @@ EXPERIMENTS: dict[str, str] = {
 }
 """Names that `reproduce` takes, in the order of the thesis, with what they are.
 
-The module `thesis._experiments.NAME` has `run(progress) -> Outcome`.
+The module `thesis._experiments.NAME` has `run(progress) -> ExperimentOutcome`.
 """
+TOGETHER = {
+    "pretension": "blocked", "loops": "blocked", "magnitudes": "blocked",
+    "tracking": "simulations", "spring": "simulations",
+}  # fmt: skip
+"""Modules that have several experiments, each a function of its name."""
 
 RESULT_FILE = "result.json"
 SUMMARY_FILE = "summary.md"
@@ -130,10 +135,15 @@ def reproduce(
     return records
 
 
+def function_of(name: str) -> Callable[[Progress], ExperimentOutcome]:
+    module = importlib.import_module(f"thesis._experiments.{TOGETHER.get(name, name)}")
+    found: Callable[[Progress], ExperimentOutcome]
+    found = getattr(module, name if name in TOGETHER else "run")
+    return found
+
+
 def run(name: str, progress: Progress = lambda share: None) -> ExperimentOutcome:
-    module = importlib.import_module(f"thesis._experiments.{name}")
-    outcome: ExperimentOutcome = module.run(progress)
-    return outcome
+    return function_of(name)(progress)
 
 
 def table(claims: Iterable[Claim]) -> str:

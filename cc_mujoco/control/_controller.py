@@ -31,8 +31,7 @@ from cc_mujoco.cable._parameter import Parameter
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control import _law_steps as law_steps
 from cc_mujoco.control import _planner_steps as planner_steps
-from cc_mujoco.control._compiled_laws import LAW_INPUTS, LIMITS
-from cc_mujoco.control._law_steps import FIRST_STEP, LawData
+from cc_mujoco.control._law_steps import FIRST_STEP, LAW_INPUTS, LIMITS, LawData
 from cc_mujoco.control._planner_memory import TUNING
 from cc_mujoco.device._axis_columns import axis_columns
 from cc_mujoco.device._drive import CableDrive, Drive

@@ -129,7 +129,7 @@ def test_every_controller_that_measures_lets_go_of_what_it_should_not_pull(
         for measured in np.linspace(0.0, 1.2 * SAFE, 30):
             torque = law.torque(seen(law, float(measured)))
         if isinstance(law, PredictiveCompensation):
-            released_now = kept(law)[planner_memory.RELEASED] != guard.FREE
+            released_now = kept(law)[planner_memory.GUARD + guard.STATE] != guard.FREE
         else:
             # Motor and joint are at rest, so there is nothing to follow.
             released_now = torque == 0.0

@@ -23,19 +23,13 @@ from cc_mujoco.control._law_steps import LACK, LOAD, SPEED, STATES, STRETCH, Des
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.estimation._least_squares import single_threaded_blas
 
-_FIXED = frozenset({"ratio", "period", "one_way", "inertia"})
-
 
 class _KnownMotor(SteppedController):
+    fixed = frozenset({"ratio", "period", "one_way", "inertia"})
+    """Gains that the tables depend on."""
+
     def __init__(self, drive: Drive) -> None:
-        """Prepare for the first episode.
-
-        Args:
-            drive: The device; its `cables` and the motor's inertia must be known.
-
-        Raises:
-            CableError: They are not known.
-        """
+        """Prepare; refuse a drive whose cables or rotor are not known."""
         super().__init__(drive)
         require_known_motor(drive)
 
@@ -53,7 +47,7 @@ class BacklashInverse(_KnownMotor):
     Mechatronics 24, 2014, for a torque.
     """
 
-    stepped = SteppedLaw(laws.step_inverse, fixed=_FIXED)
+    stepped = SteppedLaw(laws.step_inverse, fixed=_KnownMotor.fixed)
     # Free numbers, see `scripts/benchmarks/tune_baselines.py`.
     delay_share, max_bandwidth, integral_share = 0.2, 200.0, 1.2
 
@@ -99,7 +93,7 @@ class LinearQuadraticGaussian(_KnownMotor):
     IEEE/ASME Trans. Mechatronics 1, 1996.
     """
 
-    stepped = SteppedLaw(laws.step_gaussian, fixed=_FIXED)
+    stepped = SteppedLaw(laws.step_gaussian, fixed=_KnownMotor.fixed)
     # Free numbers likewise: weight of the motor's torque, that with one cable; random
     # walks in a second, over the greatest torque.
     effort, single_effort, load_walk, lack_walk = 1.0, 0.4, 0.2, 0.5

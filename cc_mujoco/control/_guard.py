@@ -252,10 +252,13 @@ def release_state(
     planned one and the largest safe one.
     """
     share = _SET.release_share if before == 0.0 else _SET.recovery_share
-    is_unsafe = _exceeds(measured, planned, safe, share)
-    share *= _SET.predicted_factor
-    is_unsafe = is_unsafe or _exceeds(measured + rushing, planned, safe, share)
-    return 1.0 if is_unsafe else 0.0
+    if _exceeds(measured, planned, safe, share):
+        return 1.0
+    return (
+        1.0
+        if _exceeds(measured + rushing, planned, safe, _SET.predicted_factor * share)
+        else 0.0
+    )
 
 
 @compiled

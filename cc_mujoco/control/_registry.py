@@ -485,8 +485,9 @@ def runs_code(given: Law | Mapping[str, Law]) -> bool:
 
 def _is_code(law: Law) -> bool:
     """Return whether a controller of an axis is `module:name`, or a function."""
-    is_named = isinstance(law, str)
-    return not is_named or (is_user_controller(law) and not law.endswith(POLICY_ENDING))
+    if not isinstance(law, str):
+        return True
+    return is_user_controller(law) and not law.endswith(POLICY_ENDING)
 
 
 def require_decoupling(given: Law | Mapping[str, Law], axes: int) -> None:

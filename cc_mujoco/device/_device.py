@@ -35,9 +35,6 @@ from cc_mujoco.plugin._spec import read_spec
 
 _ONE = threading.Lock()
 
-QUOTED = r"""\s*=\s*["']([^"']*)["']"""
-"""Value of an attribute in XML, as a regular expression."""
-
 
 class Nominal:
     """A device as it is, with no value changed."""
@@ -284,8 +281,9 @@ def _files_of(scene: Path) -> list[Path]:
         if path.suffix != ".xml":
             continue
         text = path.read_text(encoding="utf-8", errors="replace")
-        folders = {"", *re.findall(rf"(?:mesh|texture|asset)dir{QUOTED}", text)}
-        for name in re.findall(rf"\bfile{QUOTED}", text):
+        value = r"""\s*=\s*["']([^"']*)["']"""  # of an attribute in XML
+        folders = {"", *re.findall(rf"(?:mesh|texture|asset)dir{value}", text)}
+        for name in re.findall(rf"\bfile{value}", text):
             for folder in folders:
                 for base in (scene.parent, path.parent):
                     if (base / folder / name).is_file():

@@ -44,17 +44,11 @@ from cc_mujoco.plugin._spec import compile_spec
 RADII = ("motor_radius", "joint_radius")
 """Variables of a cable's proximal and distal end."""
 
-DRAWN = ("conduit", "loops", "wrap", "bend_radius", "length", "route", "path", "mouth")
-"""Variables of what leads a cable, which of an open one the scene draws."""
-
 GEARED = ("motor", "winding_resistance", "torque_constant", "continuous_torque")
 """Variables of the motor before its gear."""
 
 CUFFED = ("cuff_stiffness", "cuff_damping")
 """Variables of the cuff between frame and limb."""
-
-FRICTION = "material_friction"
-"""Variable that says which of `ENDS` the friction of a material is."""
 
 UNPLUGGED: dict[str, Value] = {"axial_stiffness": 1e-6, "pretension": 0.0}
 """Values of a cable that does nothing."""
@@ -82,10 +76,10 @@ class Plant:
         cables = self.device.cables
         given = require_dictionary("values", values)
         self.values = read_values(given, cables, self.device.axis_cables)
-        if FRICTION in self.values and "material" not in self.values:
+        if "material_friction" in self.values and "material" not in self.values:
             raise CableError(
-                f"variable {FRICTION!r} says where in the range of a material, and "
-                "needs a `material`."
+                "variable 'material_friction' says where in the range of a material, "
+                "and needs a `material`."
             )
         self.cables: Mapping[str, Cable] = cables
         if self.values:
@@ -220,10 +214,9 @@ class Plant:
         scene, values = self.scene, self.values
         wearer_scaling.require_possible(self.description, values)
         bending = stripping.route_tendons(self.cables.values())
-        if wearer_scaling.LEG_LENGTH in values and bending:
+        if "leg_length" in values and bending:
             raise CableError(
-                f"variable {wearer_scaling.LEG_LENGTH!r} moves knee and ankle apart, "
-                "but a cable bends as the scene draws its route along a leg; leave "
+                "variable 'leg_length' moves knee and ankle apart, but a cable bends as the scene draws its route along a leg; leave "
                 "`bend` as it is."
             )
         for axis in self.description.axes:
@@ -353,7 +346,8 @@ class Plant:
         friction = own.get("friction")
         if (material := self.material) is not None:
             # Sources do not tell the two frictions apart; the scene does.
-            friction = material.friction.at(str(self.values.get(FRICTION, ENDS[1])))
+            end = str(self.values.get("material_friction", ENDS[1]))
+            friction = material.friction.at(end)
             stiffness = material.axial_stiffness(diameter)
         changes.setdefault("axial_stiffness", stiffness)
         kinetic = cable.friction if friction is None else float(friction)
@@ -519,7 +513,8 @@ def _require_guided(name: str, cable: Cable, own: Mapping[str, Value]) -> None:
     """Refuse to vary what the drawing of a scene decides of an open cable."""
     if cable.path == PATHS[0]:
         return
-    wrong = [key for key in DRAWN if key in own]
+    drawn = ("conduit", "loops", "wrap", "bend_radius", "length")
+    wrong = [key for key in (*drawn, "route", "path", "mouth") if key in own]
     if wrong:
         raise CableError(
             f"variable {wrong[0]!r} cannot be varied for cable {name!r}, which "

@@ -216,8 +216,8 @@ class Plant:
         bending = stripping.route_tendons(self.cables.values())
         if "leg_length" in values and bending:
             raise CableError(
-                "variable 'leg_length' moves knee and ankle apart, but a cable bends as the scene draws its route along a leg; leave "
-                "`bend` as it is."
+                "variable 'leg_length' moves knee and ankle apart, but a cable bends "
+                "as the scene draws its route along a leg; leave `bend` as it is."
             )
         for axis in self.description.axes:
             # Variables of the motor before its gear

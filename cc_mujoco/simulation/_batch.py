@@ -82,7 +82,7 @@ class Simulations:
         """
         device = exo.device
         # Different cables in one simulation's memory would be read anew in every step.
-        own = exo.plants.any or models is not None
+        own = bool(exo.plants.varied) or models is not None
         self.batch = mujoco_batch.Batch(device.model, count, threads, persistent=own)
         if models is not None:
             self.batch.set_models(models)

@@ -17,10 +17,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-Array = NDArray[np.float64]
+from cc_mujoco.native import FloatArray as Array
 
 HARMONICS = 8
 HEEL_STRIKE = 0.60

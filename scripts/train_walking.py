@@ -27,14 +27,12 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from cc_mujoco.human import WalkingController, WalkingPolicy
 from cc_mujoco.human._gait import GAIT_ANGLES, GAIT_MOMENTS
 from cc_mujoco.human._walking_body import SCENE, WalkingBody, metabolic_energy
 from cc_mujoco.human._walking_policy import MUSCLE_PERIOD, WALKING_JOINTS
-
-Array = NDArray[np.float64]
+from cc_mujoco.native import FloatArray as Array
 
 POPULATION = 16
 EPISODE = 5.0  # time for which a candidate walks [s]

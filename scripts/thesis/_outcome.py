@@ -82,7 +82,7 @@ class Panel:
 
 
 @dataclass(frozen=True)
-class ExperimentOutcome:
+class Outcome:
     # of the claims that `claims.csv` has of it, in their order
     findings: tuple[Finding, ...]
     figures: Mapping[str, Sequence[Panel]]  # file stem to diagrams

@@ -37,8 +37,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from thesis._outcome import (
     Claim,
-    ExperimentOutcome,
     Finding,
+    Outcome,
     Progress,
     claims_of,
     drawn,
@@ -67,7 +67,7 @@ EXPERIMENTS: dict[str, str] = {
 }
 """Names that `reproduce` takes, in the order of the thesis, with what they are.
 
-The module `thesis._experiments.NAME` has `run(progress) -> ExperimentOutcome`.
+The module `thesis._experiments.NAME` has `run(progress) -> Outcome`.
 """
 TOGETHER = {
     "pretension": "blocked", "loops": "blocked", "magnitudes": "blocked",
@@ -135,14 +135,14 @@ def reproduce(
     return records
 
 
-def function_of(name: str) -> Callable[[Progress], ExperimentOutcome]:
+def function_of(name: str) -> Callable[[Progress], Outcome]:
     module = importlib.import_module(f"thesis._experiments.{TOGETHER.get(name, name)}")
-    found: Callable[[Progress], ExperimentOutcome]
+    found: Callable[[Progress], Outcome]
     found = getattr(module, name if name in TOGETHER else "run")
     return found
 
 
-def run(name: str, progress: Progress = lambda share: None) -> ExperimentOutcome:
+def run(name: str, progress: Progress = lambda share: None) -> Outcome:
     return function_of(name)(progress)
 
 
@@ -153,7 +153,7 @@ def table(claims: Iterable[Claim]) -> str:
     )
 
 
-def _write(folder: Path, outcome: ExperimentOutcome) -> None:
+def _write(folder: Path, outcome: Outcome) -> None:
     with replacing_folder(folder) as place, style():
         for stem, panels in outcome.figures.items():
             save(place / f"{stem}.png", drawn(panels))

@@ -10,7 +10,7 @@ import pytest
 
 from cc_mujoco.errors import CableError
 from thesis import reproduce as runner
-from thesis._outcome import Claim, ExperimentOutcome, Finding, Panel
+from thesis._outcome import Claim, Finding, Outcome, Panel
 from thesis.reproduce import reproduce
 
 CLAIM = Claim("Fig. 0", "two", "2.0 N m", "agrees", "a | b")
@@ -28,12 +28,12 @@ class Experiments:
         self.failing = ""
 
     def function(self, name: str) -> Any:
-        def run(progress: Any) -> ExperimentOutcome:
+        def run(progress: Any) -> Outcome:
             if name == self.failing:
                 raise KeyboardInterrupt
             self.ran.append(name)
             progress(0.5)
-            return ExperimentOutcome((Finding(*CLAIM[2:5]),), {"loop": PANELS})
+            return Outcome((Finding(*CLAIM[2:5]),), {"loop": PANELS})
 
         return run
 

@@ -24,14 +24,11 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 from rig import engine
 from rig.engine import HUB, HUB_SPEED, JOINT, JOINT_SPEED, MOTOR, copy, total
 from rig.nominal import Rig
-
-Array = NDArray[np.float64]
 
 ELEMENTS = 40  # elements per cable, with a node between two
 FINER = 0.7  # length per node at the ends over the mean length per node
@@ -152,12 +149,12 @@ def plant_of(rig: Rig, elements: int = ELEMENTS) -> Plant:
     )
 
 
-def _swaying(border: Array, random: Generator) -> Array:
+def _swaying(border: FloatArray, random: Generator) -> FloatArray:
     phase = random.uniform(-math.pi, math.pi)
     size = SWAY * random.uniform(0.3, 1.0)
     turn = 3.0 * math.pi
 
-    def till(s: Array) -> Array:
+    def till(s: FloatArray) -> FloatArray:
         return s - size / turn * (np.cos(turn * s + phase) - math.cos(phase))
 
     part = np.diff(till(border))

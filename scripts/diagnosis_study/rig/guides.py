@@ -17,7 +17,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cc_mujoco.native import FloatArray, FloatCube, FloatMatrix, compiled, internal
 from rig import engine
@@ -32,8 +31,6 @@ from rig.engine import (
     total,
 )
 from rig.nominal import Rig
-
-Array = NDArray[np.float64]
 
 GUIDES = 36  # guide rings per cable, which bend it between straight pieces
 UNEVEN = 0.15  # largest relative deviation of bends and pieces from their mean
@@ -121,7 +118,7 @@ def plant_of(rig: Rig) -> Plant:
     """
     random = np.random.default_rng([rig.seed, 0x6D1])
 
-    def drawn(count: int, whole: float) -> Array:
+    def drawn(count: int, whole: float) -> FloatArray:
         parts = 1.0 + UNEVEN * random.uniform(-1.0, 1.0, (2, count))
         return np.asarray(whole * parts / parts.sum(axis=1, keepdims=True))
 

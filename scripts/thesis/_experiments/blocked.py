@@ -16,14 +16,7 @@ import numpy as np
 from cc_mujoco.cable import Cable
 from cc_mujoco.native import FloatArray
 from thesis import _rig as rig
-from thesis._outcome import (
-    ExperimentOutcome,
-    Finding,
-    Panel,
-    Progress,
-    Verdict,
-    passing,
-)
+from thesis._outcome import Finding, Outcome, Panel, Progress, Verdict, passing
 from thesis._rig import PEAK_TORQUE, RECONCILED_CABLE, onset_torque
 
 PRETENSIONS = (5.0, 10.0, 15.0, 20.0)  # pretensions [N]
@@ -31,7 +24,7 @@ LOOPS = (1, 2, 3)
 NOT_PRINTED = Finding("no measured values are printed", "cannot")
 
 
-def pretension(progress: Progress) -> ExperimentOutcome:
+def pretension(progress: Progress) -> Outcome:
     rows = [
         rig.blocked_output_test(RECONCILED_CABLE.replace(pretension=tension))
         for tension in passing(PRETENSIONS, progress)
@@ -76,7 +69,7 @@ def pretension(progress: Progress) -> ExperimentOutcome:
             },
         ),
     ]  # fmt: skip
-    return ExperimentOutcome(findings, {"pretension": panels})
+    return Outcome(findings, {"pretension": panels})
 
 
 def _widens(backlash: FloatArray | list[float], efficiency: list[float]) -> Verdict:
@@ -88,7 +81,7 @@ def _laid(loops: float) -> Cable:
     return RECONCILED_CABLE.replace(conduit=rig.conduit_in_loops(loops))
 
 
-def loops(progress: Progress) -> ExperimentOutcome:
+def loops(progress: Progress) -> Outcome:
     rows = [rig.blocked_output_test(_laid(n)) for n in passing(LOOPS, progress)]
     efficiency = [row.efficiency for row in rows]
     backlash = np.array([row.backlash for row in rows])
@@ -126,7 +119,7 @@ def loops(progress: Progress) -> ExperimentOutcome:
             },
         ),
     ]  # fmt: skip
-    return ExperimentOutcome(findings, {"loops": panels})
+    return Outcome(findings, {"loops": panels})
 
 
 COULOMB = rig.PRINTED_CABLE.replace(static_friction=0.0)
@@ -142,7 +135,7 @@ def simulated_onset(cable: Cable) -> float:
     return float(torque[np.argmax(np.abs(found.joint_torque) > 1e-3)])
 
 
-def magnitudes(progress: Progress) -> ExperimentOutcome:
+def magnitudes(progress: Progress) -> Outcome:
     """Prove that Table 2.2 is silent at 0.125 N m, and vary one parameter at a time."""
     needed = onset_torque(COULOMB)
     simulated = simulated_onset(COULOMB.replace(segments=200))
@@ -193,4 +186,4 @@ def magnitudes(progress: Progress) -> ExperimentOutcome:
         )
         for name, label in labels.items()
     ]  # fmt: skip
-    return ExperimentOutcome(findings, {"magnitudes": panels})
+    return Outcome(findings, {"magnitudes": panels})

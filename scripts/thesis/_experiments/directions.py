@@ -24,15 +24,7 @@ from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.device._sensors import Sensors
 from cc_mujoco.estimation._fusion import TensionFusion, tension_gains
 from cc_mujoco.native import FloatArray
-from thesis._outcome import (
-    Curve,
-    ExperimentOutcome,
-    Finding,
-    Panel,
-    Progress,
-    Verdict,
-    rms,
-)
+from thesis._outcome import Finding, Outcome, Panel, Progress, rms
 from thesis._rig import PRINTED_CABLE
 from thesis.estimators._directions import (
     CONDITIONS,
@@ -180,7 +172,7 @@ def simulate_run(seconds: float = 6.0) -> _Run:
     return _Run(time, true.tension[:, -1], output, everywhere, right)
 
 
-def run(progress: Progress) -> ExperimentOutcome:
+def run(progress: Progress) -> Outcome:
     """Reproduce Figs. 3.7 and 3.8, and the consensus."""
     found = {name: sensor_votes(CABLE, name, 2000) for name in CONDITIONS}
     progress(0.2)
@@ -210,7 +202,7 @@ def run(progress: Progress) -> ExperimentOutcome:
     inside = [series.everywhere[observer_name(agility)] for agility in AGILITIES]
     middle = median_last_moving(LAST_MOVING)
     # A consensus should be worth more than one sensor at the output.
-    verdict: Verdict = "in part" if mended < RUN_NOISE else "disagrees"
+    verdict = "in part" if mended < RUN_NOISE else "disagrees"
     if printed < RUN_NOISE:
         verdict = "agrees"
     claims = (
@@ -261,7 +253,7 @@ def run(progress: Progress) -> ExperimentOutcome:
         "error_matrices": [_error_matrix(name, one) for name, one in found.items()],
         "in_time": _in_time(series),
     }
-    return ExperimentOutcome(claims, figures)
+    return Outcome(claims, figures)
 
 
 def _excess_error(found: _Votes) -> tuple[float, float]:
@@ -278,7 +270,7 @@ NODES = np.arange(1, SEGMENTS + 2)
 
 def _worst_solutions(name: str, votes: _Votes) -> Panel:
     """Return Fig. 3.7: some of the worst solutions of single sensors."""
-    curves: dict[str, Curve] = {"truth": (NODES, votes.moment.tension, ".")}
+    curves = {"truth": (NODES, votes.moment.tension, ".")}
     for sensor in (1, 3, 5, 7):
         worst = int(np.argmax(np.sum(votes.wrong[:, sensor], axis=1)))
         line = votes.own.tension[worst, sensor]
@@ -308,12 +300,12 @@ def _in_time(series: _Run) -> list[Panel]:
     shown = (
         printed, "all readings at once", observer_name(AGILITIES[1]), "directions known"
     )  # fmt: skip
-    tensions: dict[str, Curve] = {"truth": (series.time, series.truth)}
+    tensions = {"truth": (series.time, series.truth)}
     tensions |= {
         f"{name}: RMS {series.rms(name):.2f} N": (series.time, series.output[name])
         for name in shown
     }
-    errors: dict[str, Curve] = {
+    errors = {
         name: (series.time, series.output[name] - series.truth) for name in shown[1:]
     }
     title = f"Output tension from 11 sensors with {RUN_NOISE:g} N noise"

@@ -15,7 +15,7 @@ import numpy as np
 
 from cc_mujoco.cable import Cable, Conduit, Section
 from cc_mujoco.native import FloatArray
-from thesis._outcome import ExperimentOutcome, Finding, Panel, Progress
+from thesis._outcome import Finding, Outcome, Panel, Progress
 from thesis._rig import LENGTH, MOTOR_RADIUS, RECONCILED_CABLE, conduit_in_loops, drive
 
 CABLE = RECONCILED_CABLE.replace(conduit=conduit_in_loops(1))
@@ -79,7 +79,7 @@ def follow(cable: Cable, angle: FloatArray) -> FloatArray:
     return reached
 
 
-def run(progress: Progress) -> ExperimentOutcome:
+def run(progress: Progress) -> Outcome:
     angle = handle_angle()
     ratio = drive(CABLE).ratio
     ideal = share_efforts(CABLE, ratio * angle, angle)
@@ -133,4 +133,4 @@ def run(progress: Progress) -> ExperimentOutcome:
             )
         ),
     ]  # fmt: skip
-    return ExperimentOutcome(claims, {"follower": panels})
+    return Outcome(claims, {"follower": panels})

@@ -14,7 +14,7 @@ import numpy as np
 from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.native import FloatArray
 from thesis._literal_solver import Constraint, sign_patterns, solve
-from thesis._outcome import ExperimentOutcome, Finding, Panel, Progress
+from thesis._outcome import Finding, Outcome, Panel, Progress
 from thesis._rig import PRINTED_CABLE
 
 CABLE = PRINTED_CABLE.replace(friction=0.1, static_friction=0.0)
@@ -107,7 +107,7 @@ def filter_error(printed: str = "", steps: int = 20_000) -> tuple[float, float]:
     return float(np.mean(np.square(errors))), believed
 
 
-def run(progress: Progress) -> ExperimentOutcome:
+def run(progress: Progress) -> Outcome:
     matrix = transition_matrix()
     velocity = np.linspace(-0.05, 0.05, 20_001)
     curves = {
@@ -196,4 +196,4 @@ def run(progress: Progress) -> ExperimentOutcome:
             "mean number of changes", {"mean of 400 runs": (100.0 * levels, counts)},
         ),
     ]  # fmt: skip
-    return ExperimentOutcome(claims, {"kalman": panels})
+    return Outcome(claims, {"kalman": panels})

@@ -21,15 +21,7 @@ from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.device._sensors import Sensors
 from cc_mujoco.estimation._fusion import TensionFusion, tension_gains
 from cc_mujoco.native import FloatArray
-from thesis._outcome import (
-    Curve,
-    ExperimentOutcome,
-    Finding,
-    Panel,
-    Progress,
-    rms,
-    round_down_ratio,
-)
+from thesis._outcome import Finding, Outcome, Panel, Progress, rms, round_down_ratio
 from thesis._rig import PRINTED_CABLE
 from thesis.estimators._directions import (
     CONDITIONS,
@@ -195,7 +187,7 @@ def weighted_errors(samples: int = 2000, seed: int = 42) -> dict[str, FloatArray
     equal = Sensors(NODES, (float(np.sqrt(np.mean(unequal**2))),) * len(NODES))
     learnt = _learn(unequal, seed)
     as_learnt = Sensors(NODES, tuple(learnt.tolist()))
-    rows: dict[str, list[float]] = {name: [] for name in WEIGHTS}
+    rows = {name: [] for name in WEIGHTS}
     for place, directions in enumerate(CONDITIONS.values()):
         moment = Moment.of(mesh, directions(SEGMENTS), TENSION, MOTION)
         simulated = own_errors(mesh, moment, equal, samples, seed + 10 + place)
@@ -221,7 +213,7 @@ def weighted_errors(samples: int = 2000, seed: int = 42) -> dict[str, FloatArray
     return {name: np.array(values) for name, values in rows.items()}
 
 
-def run(progress: Progress) -> ExperimentOutcome:
+def run(progress: Progress) -> Outcome:
     found = statistics()
     progress(0.4)
     drifting = drift()
@@ -279,8 +271,8 @@ def run(progress: Progress) -> ExperimentOutcome:
             f"at the learnt noise: {_listed(ours)} N",
         ),
     )
-    variances: dict[str, Curve] = {}
-    deviations: dict[str, Curve] = {}
+    variances = {}
+    deviations = {}
     for column, node in enumerate(NODES):
         middle = found.free[..., column].mean(axis=1)
         variances[f"node {node + 1}"] = (LENGTHS, middle, "o-")
@@ -311,7 +303,7 @@ def run(progress: Progress) -> ExperimentOutcome:
             "bar",
         ),
     ]  # fmt: skip
-    return ExperimentOutcome(claims, {"noise": panels})
+    return Outcome(claims, {"noise": panels})
 
 
 def _listed(values: FloatArray) -> str:

@@ -27,7 +27,7 @@ from cc_mujoco.estimation._fusion import tension_gains
 from cc_mujoco.estimation._tension_slope import FrictionEstimator
 from cc_mujoco.estimation._tracks import EstimateTrack
 from cc_mujoco.native import FloatArray
-from thesis._outcome import Curve, ExperimentOutcome, Finding, Panel, Progress, rms
+from thesis._outcome import Finding, Outcome, Panel, Progress, rms
 from thesis._rig import PRINTED_CABLE
 from thesis.estimators._parameters import (
     Bend,
@@ -380,7 +380,7 @@ def estimate_softening(duration: float = DRIFT_END, seed: int = 43) -> Softening
     )  # fmt: skip
 
 
-def run(progress: Progress) -> ExperimentOutcome:
+def run(progress: Progress) -> Outcome:
     instant = slopes()
     printed = laws()
     progress(0.3)
@@ -410,7 +410,7 @@ def run(progress: Progress) -> ExperimentOutcome:
         "tracking": _tracking(truth.time, friction, tracks),
         "bend_and_stiffness": [_bend(bend), _stiffness(soft)],
     }
-    return ExperimentOutcome(claims, figures)
+    return Outcome(claims, figures)
 
 
 def _claim_slopes(found: MassMotion) -> Finding:
@@ -483,15 +483,13 @@ def claim_stiffness(found: Softening) -> Finding:
 def _slopes(instant: MassMotion, printed: PrintedLaws) -> list[Panel]:
     """Return Fig. 3.9, and the laws that use it."""
     nodes = np.arange(1, instant.reading.size + 1)
-    models: dict[str, Curve] = {
+    models = {
         f"mean of models with {model:g} mu": (nodes, carried.mean(axis=0))
         for model, carried in zip(MODEL_FRICTIONS, instant.models, strict=True)
     }
     models["line fitted"] = (nodes, instant.line)
     models["sensors"] = (nodes, instant.reading, "o")
-    laws: dict[str, Curve] = {
-        name: (printed.time, track) for name, track in printed.tracks.items()
-    }
+    laws = {name: (printed.time, track) for name, track in printed.tracks.items()}
     laws["truth"] = (printed.time, np.full(printed.time.size, CABLE.friction), "--")
     return [
         Panel(
@@ -510,8 +508,8 @@ def _tracking(
     friction: FloatArray,
     tracks: dict[str, tuple[FloatArray, FloatArray]],
 ) -> list[Panel]:
-    values: dict[str, Curve] = {"truth": (time, friction)}
-    errors: dict[str, Curve] = {}
+    values = {"truth": (time, friction)}
+    errors = {}
     for name, (value, deviation) in tracks.items():
         values[name] = (time, value)
         errors[name] = (time, 100.0 * (value / friction - 1.0))
@@ -530,7 +528,7 @@ def _tracking(
 
 
 def _bend(bend: Bends) -> Panel:
-    curves: dict[str, Curve] = {}
+    curves = {}
     moments = {
         f"after {DRIFT_START:g} s": round(DRIFT_START / DT) - 1,
         "at the end, friction grown by half": -1,

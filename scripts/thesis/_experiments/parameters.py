@@ -14,7 +14,7 @@ import numpy as np
 from cc_mujoco.cable import Cable
 from cc_mujoco.estimation._calibration import Calibration, Measurement, calibrate
 from cc_mujoco.native import FloatArray
-from thesis._outcome import ExperimentOutcome, Finding, Panel, Progress
+from thesis._outcome import Finding, Outcome, Panel, Progress
 from thesis._rig import LENGTH, MOTOR_RADIUS, RECONCILED_CABLE, STIFFNESS, drive
 
 DT = 0.005
@@ -84,7 +84,7 @@ def valley(
     return found
 
 
-def run(progress: Progress) -> ExperimentOutcome:
+def run(progress: Progress) -> Outcome:
     """Fit, determine what cannot be known, and count how often the intervals hold."""
     trial = blocked_trial(CABLE, 1)
     naive = by_slope(trial)
@@ -166,7 +166,7 @@ def run(progress: Progress) -> ExperimentOutcome:
             "semilogy",
         ),
     ]  # fmt: skip
-    return ExperimentOutcome(claims, {"parameters": panels})
+    return Outcome(claims, {"parameters": panels})
 
 
 def _static_fit(segments: int) -> float:

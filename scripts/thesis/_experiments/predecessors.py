@@ -14,15 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cc_mujoco.native import FloatArray
-from thesis._outcome import (
-    Curve,
-    ExperimentOutcome,
-    Finding,
-    Panel,
-    Progress,
-    Verdict,
-    rms,
-)
+from thesis._outcome import Finding, Outcome, Panel, Progress, rms
 from thesis.predecessors import (
     Answer,
     BristleChain,
@@ -110,7 +102,7 @@ def cost(model: PublishedModel, proximal: FloatArray) -> float:
     return best / proximal.size
 
 
-def run(progress: Progress) -> ExperimentOutcome:
+def run(progress: Progress) -> Outcome:
     proximal = motion()
     truth = Distributed(CABLE.replace(segments=REFERENCE_SEGMENTS)).replay(
         DT, proximal, SPRING
@@ -125,7 +117,7 @@ def run(progress: Progress) -> ExperimentOutcome:
         progress((place + 1) / len(asked))
     by_type = {type(judged.model): judged for judged in found}
     figures = {"capabilities": _capabilities(found), "motion": _motion(found, truth)}
-    return ExperimentOutcome(_claims(by_type), figures)
+    return Outcome(_claims(by_type), figures)
 
 
 def _claims(found: dict[type[PublishedModel], _Judged]) -> tuple[Finding, ...]:
@@ -141,7 +133,7 @@ def _claims(found: dict[type[PublishedModel], _Judged]) -> tuple[Finding, ...]:
     palli = dahl.shows("partial motion") and lugre.shows("partial motion")
     palli_lacks = not dahl.shows("slack") and not dahl.shows("changing curvature")
     moving, starting = do.friction
-    do_tracks: Verdict = "agrees" if moving < 0.5 * starting else "in part"
+    do_tracks = "agrees" if moving < 0.5 * starting else "in part"
     same = np.max(
         np.abs(np.subtract(ours.answer.tension_distal, before.answer.tension_distal))
     )
@@ -207,11 +199,11 @@ def _claims(found: dict[type[PublishedModel], _Judged]) -> tuple[Finding, ...]:
 
 def _capabilities(found: list[_Judged]) -> list[Panel]:
     names = [judged.model.name for judged in found]
-    able: dict[str, Curve] = {}
+    able = {}
     for number, question in enumerate(CAPABILITY_TESTS, start=1):
         good = [j.model.name for j in found if j.shows(question)]
         able[f"{number}: {question}"] = ([number] * len(good), good, "o")
-    numbers: dict[str, Curve] = {
+    numbers = {
         "RMS error of the output in motion [N]": (
             [j.moving for j in found],
             names,

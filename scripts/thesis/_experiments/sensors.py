@@ -17,7 +17,7 @@ from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.device._sensors import Sensors
 from cc_mujoco.estimation._fusion import TensionFusion, Weights, fuse, tension_gains
 from cc_mujoco.native import FloatArray
-from thesis._outcome import Curve, ExperimentOutcome, Finding, Panel, Progress, rms
+from thesis._outcome import Finding, Outcome, Panel, Progress, rms
 from thesis._rig import PRINTED_CABLE, RECONCILED_CABLE
 
 SEGMENTS = 10
@@ -142,7 +142,7 @@ def rest_drift(run: _Run) -> float:
     return float(np.max(np.abs(np.diff(error)[still])))
 
 
-def run(progress: Progress) -> ExperimentOutcome:
+def run(progress: Progress) -> Outcome:
     """Reproduce Figs. 3.4, 3.5 and 3.6."""
     grid = error_grid()
     progress(0.6)
@@ -195,7 +195,7 @@ def run(progress: Progress) -> ExperimentOutcome:
         ),
     )
     counts = np.arange(1, SEGMENTS + 2)
-    curves: dict[str, Curve] = {}
+    curves = {}
     for row, noisy in enumerate(NOISE_LEVELS):
         curves[f"mean, noise {100 * noisy:g} %"] = (counts, grid.mean[row], "o-")
         weighted = (counts, grid.weighted[row], "--")
@@ -215,7 +215,7 @@ def run(progress: Progress) -> ExperimentOutcome:
             },
         ),
     ]  # fmt: skip
-    return ExperimentOutcome(claims, {"sensors": panels})
+    return Outcome(claims, {"sensors": panels})
 
 
 def _instant() -> Panel:

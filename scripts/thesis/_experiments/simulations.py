@@ -33,16 +33,7 @@ from cc_mujoco.device._drive import CableDrive, Drive
 from cc_mujoco.metrics._signals import signal_lag
 from cc_mujoco.native import FloatArray
 from thesis._inertia_free import InertiaFree
-from thesis._outcome import (
-    Curve,
-    ExperimentOutcome,
-    Finding,
-    Panel,
-    Progress,
-    Verdict,
-    passing,
-    rms,
-)
+from thesis._outcome import Finding, Outcome, Panel, Progress, Verdict, passing, rms
 from thesis._rig import PRINTED_CABLE
 
 PERIOD, DURATION = 1e-3, 30.0  # control period and duration of a run [s]
@@ -116,7 +107,7 @@ def track(device: Drive, law: Controller) -> _Tracked:
     )  # fmt: skip
 
 
-def tracking(progress: Progress) -> ExperimentOutcome:
+def tracking(progress: Progress) -> Outcome:
     table = math.exp(PRINTED_CABLE.friction * PRINTED_CABLE.wrap)
     devices = [one_cable(growth) for growth in (TENSION_RATIO, table)]
     cases = [(device, *case) for device in devices for case in schemes(device).items()]
@@ -137,13 +128,13 @@ def tracking(progress: Progress) -> ExperimentOutcome:
             ("When the controllers begin", slice(0, 150)),
         )
     ]  # fmt: skip
-    errors: dict[str, Curve] = {
+    errors = {
         name: (time, np.maximum(np.abs(row.tension / wanted - 1.0), 1e-6))
         for name, row in implied.items()
     }
     title = "Error, share of the desired tension"
     panels.append(Panel(title, "time [s]", "error [1]", errors, "semilogy"))
-    return ExperimentOutcome(_tracking_findings(implied, hard), {"tracking": panels})
+    return Outcome(_tracking_findings(implied, hard), {"tracking": panels})
 
 
 def _tracking_findings(
@@ -249,9 +240,9 @@ def render(device: Drive, law: Controller) -> _Rendered:
     )  # fmt: skip
 
 
-def spring(progress: Progress) -> ExperimentOutcome:
+def spring(progress: Progress) -> Outcome:
     device = pull_pull()
-    laws: dict[str, Controller] = {
+    laws = {
         "feedback": Feedback(device),
         "feed-forward and feedback": ProportionalIntegral(device),
         "with the model": ModelBased(device, settling=0.0),
@@ -264,7 +255,7 @@ def spring(progress: Progress) -> ExperimentOutcome:
     wanted = -STIFFNESS * angle
 
     def panel(title: str, x: FloatArray, label: str, shown: FloatArray) -> Panel:
-        curves: dict[str, Curve] = {"spring": (x[shown], wanted[shown], "--")}
+        curves = {"spring": (x[shown], wanted[shown], "--")}
         curves |= {name: (x[shown], row.torque[shown]) for name, row in found.items()}
         return Panel(title, label, "torque [N m]", curves)
 
@@ -277,7 +268,7 @@ def spring(progress: Progress) -> ExperimentOutcome:
         panel("The reversal", time, "time [s]", around),
         Panel("Error", "time [s]", "torque [N m]", errors, limits=(-0.2, 0.2)),
     ]
-    return ExperimentOutcome(_spring_findings(*found.values()), {"spring": panels})
+    return Outcome(_spring_findings(*found.values()), {"spring": panels})
 
 
 def _spring_findings(

@@ -21,7 +21,7 @@ from cc_mujoco.estimation._calibration import Calibration, Measurement, calibrat
 from cc_mujoco.human import task, trajectory
 from cc_mujoco.metrics._signals import signal_lag
 from cc_mujoco.native import FloatArray
-from thesis._outcome import ExperimentOutcome, Finding, Panel, Progress, rms
+from thesis._outcome import Finding, Outcome, Panel, Progress, rms
 from thesis._rig import RECONCILED_CABLE, conduit_in_loops, drive
 
 DT = 2e-3
@@ -123,7 +123,7 @@ def binned(
     return np.array(mean), np.array(size)
 
 
-def run(progress: Progress) -> ExperimentOutcome:
+def run(progress: Progress) -> Outcome:
     """Record, compare, bin by velocity, then mend the model itself."""
     recording = record(RIG)
     found = residual(recording)
@@ -235,4 +235,4 @@ def run(progress: Progress) -> ExperimentOutcome:
             limits=(0.0, None),
         ),
     ]  # fmt: skip
-    return ExperimentOutcome(claims, {"tunnel": panels})
+    return Outcome(claims, {"tunnel": panels})

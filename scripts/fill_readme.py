@@ -52,7 +52,7 @@ from thesis.reproduce import reproduce
 
 sys.path.insert(0, str(Path(__file__).resolve().parent / "diagnosis_study"))
 
-from diagnose_table import LAST
+from diagnose_benchmark import LAST
 
 ROOT = Path(__file__).resolve().parents[1]
 FRONT = ROOT / "README.md"

@@ -12,9 +12,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from cc_mujoco.native import FloatArray as Array
-from rig.effects import Truth
 from rig.engine import COLUMNS, Asked, integrate
-from rig.makes import MAKES
+from rig.makes import MAKES, Truth
 from rig.nominal import Rig
 from rig.sensors import BASIC, CHANNELS, logged, sampled
 from rig.trials import SETS, Trial

@@ -21,8 +21,7 @@ from scipy.optimize import lsq_linear
 
 from cc_mujoco.native import FloatArray as Array
 from rig.dataset import make_trials, run, truth_of
-from rig.effects import Truth
-from rig.makes import MAKES
+from rig.makes import MAKES, Truth
 from rig.nominal import Rig
 from rig.sensors import SAMPLE_RATE, sampled
 

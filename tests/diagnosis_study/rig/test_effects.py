@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from rig import strength
 from rig.dataset import run, truth_of
-from rig.effects import Truth
-from rig.makes import MAKES
+from rig.makes import MAKES, Truth
 from rig.nominal import Rig, make_rig
 from rig.sensors import BASIC, CHANNELS, Chain, logged, sampled
 from rig.trials import Trial

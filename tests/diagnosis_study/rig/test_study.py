@@ -8,8 +8,7 @@ from typing import Any
 
 import proposal_loop
 import pytest
-from diagnose_benchmark import cases, run
-from diagnose_table import is_right, judged, summary, went
+from diagnose_benchmark import cases, is_right, judged, run, summary, went
 from hypothesis import given
 from hypothesis import strategies as st
 

@@ -3,9 +3,16 @@
 The plugin and the kernels of mujoco_warp share them.
 """
 
-IMPLICIT_LIMIT = 1.0
-"""Square of step times frequency, in `qpos0`, above which an end may look ahead."""
-STABILITY_LIMIT = 2.5
-"""Square of step times frequency up to which looking ahead changes nothing."""
-VELOCITY_GAIN = 0.25
-"""Weight of the velocity of an end, over the square of s beta."""
+from typing import NamedTuple
+
+
+class Newmark(NamedTuple):
+    """Limits of a step, as squares of step times frequency, and what it damps."""
+
+    implicit_limit: float = 1.0  # in `qpos0`, above which an end may look ahead
+    stability_limit: float = 2.5  # up to which looking ahead changes nothing
+    # Weight of the velocity of an end, over the square of s beta.
+    velocity_gain: float = 0.25
+
+
+NEWMARK, NEWMARK_RK4 = Newmark(), Newmark(0.3, 5.8, 0.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,14 @@ from cc_mujoco.cable._conduit import packed_parameters
 
 Floats = NDArray[np.float64]
 """Numbers of double precision."""
+
+
+def ancestors(model: Any, body: int) -> list[int]:
+    """Return a body of an `mjModel` and all that carry it, the world last."""
+    found = [body]
+    while found[-1] != 0:
+        found.append(int(model.body_parentid[found[-1]]))
+    return found
 
 
 @dataclass(frozen=True)

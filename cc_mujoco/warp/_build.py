@@ -4,22 +4,96 @@ from __future__ import annotations
 
 import hashlib
 import linecache
+from collections.abc import Iterable
 from functools import lru_cache
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 import warp as wp
 
+from cc_mujoco.cable import _eccentric as eccentric
+from cc_mujoco.cable import _friction as law
+from cc_mujoco.cable import _kernel as kernel
+from cc_mujoco.cable import _layout as at
+from cc_mujoco.cable import _nodes as nodes
+from cc_mujoco.cable import _open_path as open_path
+from cc_mujoco.cable import _pack as pack
+from cc_mujoco.cable import _path_geometry as geometry
+from cc_mujoco.cable._cable import PARAMETERS, TERMS
+from cc_mujoco.cable._route import Route
+from cc_mujoco.native._fold import Known
 from cc_mujoco.native._warp import translate
-from cc_mujoco.warp._variants import (
-    FUNCTIONS,
-    GUIDED,
-    PATH_FUNCTIONS,
-    Paths,
-    known_values,
-)
 
-PRELUDE = '''
+FUNCTIONS: tuple[Any, ...] = (
+    kernel.step, kernel.begin_step, kernel.solve_step, kernel.finish_step,
+    pack.initialize, pack.pack_mesh, pack.expect_yielding, nodes.end_stiffness,
+    eccentric.wound_length, eccentric.lever_ratio,
+)  # fmt: skip
+"""Compiled functions that kernels call."""
+PATH_FUNCTIONS: tuple[Any, ...] = (
+    geometry.bend, open_path.measure, open_path.keep_conduit, open_path.lay,
+    open_path.contacts, open_path.save_path, open_path.pull_forces, pack.set_path,
+    open_path.pack_reference, pack.expect_change, at.contact_length, at.tensions,
+)  # fmt: skip
+"""Those that kernels of cables that a tendon leads call too."""
+
+
+class Paths(NamedTuple):
+    """Knowledge of the paths of some cables before any step."""
+
+    # Entry `BENDS_CHANGE` of their parameters; None if they differ.
+    bends: float | None = 0.0
+    lengthens: float | None = 0.0  # entry `PATH_LENGTHENS`; None if they differ
+    bent: bool = False  # whether a tendon bends the conduit of one of them
+
+    @property
+    def led(self) -> bool:
+        """True where a tendon leads one of the cables."""
+        return self.bends != 0.0
+
+
+GUIDED = Paths()
+"""Cables that no tendon leads."""
+
+
+def paths_of(segments: Iterable[int], routes: Iterable[Route | None]) -> Paths:
+    given = list(zip(segments, routes, strict=True))
+    bends = {0.0 if route is None else 1.0 for _, route in given}
+    lengthens = {
+        0.0 if route is None or route.guided == n else 1.0 for n, route in given
+    }
+    return Paths(
+        bends.pop() if len(bends) == 1 else None,
+        lengthens.pop() if len(lengthens) == 1 else None,
+        any(route is not None and route.bends for _, route in given),
+    )
+
+
+def known_values(
+    terms: frozenset[str], yields: bool, single: bool, paths: Paths = GUIDED
+) -> Known:
+    """Return the constants of cables that are known before any step."""
+    packed = {law.INDEX[name]: 0.0 for name in TERMS if name not in terms}
+    values = [packed.get(place, 1.0) for place, _ in enumerate(PARAMETERS)]
+    if paths.bends is not None:
+        packed[at.BENDS_CHANGE] = paths.bends
+    if paths.lengthens is not None:
+        packed[at.PATH_LENGTHENS] = paths.lengthens
+    # They depend on which terms are on, not on their sizes.
+    constant: Any = law.is_constant_coulomb
+    dependent: Any = law.is_state_dependent
+    if constant.py_func(values):
+        packed[at.CONSTANT_COULOMB] = 1.0
+    if not dependent.py_func(values):
+        packed[at.STATE_DEPENDENT] = 0.0
+    if not yields:
+        packed |= {at.YIELD_PROXIMAL: 0.0, at.YIELD_DISTAL: 0.0}
+    kinds = {"proximal_kind": kernel.POSITION, "distal_kind": kernel.POSITION}
+    rounding = {"LIMIT_TOLERANCE": 1e-6, "_ROUNDING": 1e-6, "_MIN_ARC_ANGLE": -1e-2}
+    return Known(packed, kinds, rounding if single else {})
+
+
+_PRELUDE = '''
 @wp.func_native("""
 wp::array_t<ELEMENT> part = whole;
 part.data = (ELEMENT*)((char*)whole.data + wp::int64(start) * whole.strides[0]);
@@ -89,9 +163,6 @@ and `log1p`; these are Kahan's forms.
 """
 
 
-_ELEMENTS = {wp.float32: "wp::float32", wp.float64: "wp::float64"}
-
-
 @lru_cache(maxsize=32)
 def functions(
     real: Any, terms: frozenset[str], yields: bool, paths: Paths = GUIDED
@@ -105,18 +176,14 @@ def functions(
     """
     wanted = FUNCTIONS + PATH_FUNCTIONS if paths.led else FUNCTIONS
     library = translate(wanted, known_values(terms, yields, real is wp.float32, paths))
-    source = f"{PRELUDE.replace('ELEMENT', _ELEMENTS[real])}\n\n{library.source}"
+    prelude = _PRELUDE.replace("ELEMENT", f"wp::{real.__name__}")
+    source = f"{prelude}\n\n{library.source}"
     digest = hashlib.sha256(source.encode()).hexdigest()[:16]
-    namespace = _run(source, f"cc_mujoco_{real.__name__}_{digest}", real)
-    return SimpleNamespace(
-        **{name.split(".")[1]: namespace[own] for name, own in library.names.items()}
-    )
-
-
-def _run(source: str, name: str, real: Any) -> dict[str, Any]:
-    """Run generated source so that Warp finds its text; return its names."""
-    file = f"<{name}>"
+    name = f"cc_mujoco_{real.__name__}_{digest}"
+    file = f"<{name}>"  # where Warp finds the text
     linecache.cache[file] = (len(source), None, source.splitlines(True), file)
     namespace: dict[str, Any] = {"wp": wp, "Real": real, "__name__": name}
     exec(compile(source, file, "exec", dont_inherit=True), namespace)
-    return namespace
+    return SimpleNamespace(
+        **{name.split(".")[1]: namespace[own] for name, own in library.names.items()}
+    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from copy import copy
 from importlib import import_module
 from typing import Any
 
@@ -18,27 +19,16 @@ from cc_mujoco.cable import _reading as reading
 from cc_mujoco.cable._cable import ENDS, PATHS, TERMS, Cable
 from cc_mujoco.cable._conduit import packed_parameters
 from cc_mujoco.cable._friction import INDEX
-from cc_mujoco.cable._newmark import IMPLICIT_LIMIT, STABILITY_LIMIT
+from cc_mujoco.cable._newmark import NEWMARK
 from cc_mujoco.cable._route import Route
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
+from cc_mujoco.warp import _implicit_kernels as implicit
+from cc_mujoco.warp import _kernels as of_cables
 from cc_mujoco.warp import _model as models
-from cc_mujoco.warp._implicit_kernels import look_ahead_kernel
-from cc_mujoco.warp._kernels import (
-    ATTEMPTS,
-    FOLLOWED,
-    TIED,
-    CableRows,
-    forget,
-    kernels,
-    write_rows,
-)
-from cc_mujoco.warp._look_ahead import LookAhead, moments_of
-from cc_mujoco.warp._paths import LedCables
-from cc_mujoco.warp._variants import paths_of
-
-_DISCRETE = getattr(mujoco.mjtIntegrator, "mjINT_DISCRETE", None)
-"""Integrator whose step holds ends by itself; older MuJoCo has none."""
+from cc_mujoco.warp._build import paths_of
+from cc_mujoco.warp._kernels import write_rows
+from cc_mujoco.warp._paths import LedCables, Views
 
 
 class AttachedCables:
@@ -74,29 +64,28 @@ class AttachedCables:
         self._cables, self._worlds = tuple(plain.values()), int(d.nworld)
         self._routes = [routes.get(name) for name in cables]
         self.terms = _terms_in_use(self._cables, terms)
-        self._rest_in_pose = bool(rest_in_pose)
         actuators = models.actuators_of(model, cables)
         models.require_plain(m, model, actuators)
         self._actuators_of = actuators
         self._step: float | None = None
-        if int(m.opt.integrator) != _DISCRETE:
+        # A step of this integrator holds ends by itself; older MuJoCo has none.
+        discrete = getattr(mujoco.mjtIntegrator, "mjINT_DISCRETE", None)
+        if int(m.opt.integrator) != discrete:
             self._step = float(m.opt.timestep.numpy().max())
         self._look = [
-            self._stiffness(cable, index) > IMPLICIT_LIMIT
+            self._stiffness(cable, index) > NEWMARK.implicit_limit
             for index, cable in enumerate(self._cables)
         ]
         self._implicit = any(self._look)
         segments = [cable.segments for cable in self._cables]
         self._paths = paths_of(segments, self._routes)
-        self._kernels = kernels(self.terms, self._implicit, self._paths)
-        self._allocate(d, actuators)
+        self._kernels = of_cables.kernels(self.terms, self._implicit, self._paths)
+        self._moments = Views(of_cables.Moments, of_data="moment_rownnz")
+        self._shape, self._device = (len(cables), self._worlds), d.time.device
+        self._allocate(d, bool(rest_in_pose))
         self.is_evaluated = False
         self._before: Callable[[Any, Any], None] | None = m.callback.act_bias
         m.callback.act_bias = self._act
-
-    @property
-    def _shape(self) -> tuple[int, int]:
-        return len(self._cables), self._worlds
 
     def _stiffness(self, cable: Cable, index: int) -> float:
         """Return the square of step times frequency of the ends; 0 if explicit."""
@@ -114,10 +103,10 @@ class AttachedCables:
         route = self._routes[index]
         return packed_parameters(cable) if route is None else route.packed(cable)
 
-    def _allocate(self, d: mjw.Data, actuators: NDArray[np.int32]) -> None:
-        count, worlds = self._shape
+    def _allocate(self, d: mjw.Data, rest_in_pose: bool) -> None:
+        (count, worlds), device = self._shape, self._device
         most = max(cable.segments for cable in self._cables)
-        device, height = d.time.device, count * worlds
+        actuators, height = self._actuators_of, count * worlds
         interleaved = _is_interleaved(device)
 
         def matrix(width: int, *planes: int, height: int = height) -> Any:
@@ -137,16 +126,18 @@ class AttachedCables:
         held = self._model.actuator_trntype[actuators] == trn_tendon
         tied = np.array([r.tied if r else (False, False) for r in self._routes])
         rest = np.where(tied, 0.0, models.lengths_in_qpos0(self._model)[actuators])
-        followed = np.where(tied, TIED, np.where(held, FOLLOWED, 0))
+        followed = np.where(held, of_cables.FOLLOWED, 0)
+        followed[tied] = of_cables.TIED
         ints: dict[str, Any] = {"dtype": int, "device": device}
         reals: dict[str, Any] = {"dtype": float, "device": device}
-        rows = self._rows = CableRows()
+        rows = self._rows = of_cables.CableRows()
+        rows.worlds, rows.rest_in_pose = worlds, rest_in_pose
         rows.looks = wp.array(self._look, **ints)
         rows.segments = wp.array([c.segments for c in self._cables], **ints)
         rows.actuators = wp.array(actuators, **ints)
-        self._followed = wp.array(followed.astype(np.int32), **ints)
+        rows.followed = wp.array(followed, **ints)
         rows.tied = wp.array(tied.astype(np.int32), **ints)
-        self._rest = wp.array(rest.astype(np.float32), **reals)
+        rows.rest = wp.array(rest.astype(np.float32), **reals)
         self.values = wp.array(values, **reals)
         rows.prm = matrix(packed.shape[1])
         rows.prm.assign(np.repeat(packed, worlds, axis=0))
@@ -154,32 +145,34 @@ class AttachedCables:
         self._is_split = interleaved
         rows.work = matrix(kernel.work_size(most), height=height if interleaved else 1)
         rows.trial, rows.status = matrix(8), wp.zeros(height, **ints)
-        self._place = wp.zeros((2, height, 2), **reals)
+        rows.place = wp.zeros((2, height, 2), **reals)
         nv = int(self._model.nv)
         is_followed = bool((held & ~tied).any())
-        self._needs_qpos0 = not self._rest_in_pose and (
+        self._needs_qpos0 = not rest_in_pose and (
             is_followed or self._paths.lengthens != 0.0
         )
-        self._slope = wp.zeros((2, 2 * height, nv if is_followed else 0), **reals)
+        rows.slope = wp.zeros((2, 2 * height, nv if is_followed else 0), **reals)
         rows.aim = wp.zeros((height, 9), **reals)
-        self._stamp = wp.full(height, np.inf, **reals)
-        rows.now, self._fresh = wp.zeros(height, **ints), wp.zeros(height, **ints)
+        rows.stamp = wp.full(height, np.inf, **reals)
+        rows.now, rows.fresh = wp.zeros(height, **ints), wp.zeros(height, **ints)
         self._flags = wp.ones(worlds, dtype=bool, device=device)
-        self.tensions = wp.zeros((worlds, count, 2), **reals)
-        rows.worlds, rows.tensions = worlds, self.tensions
+        self.tensions = rows.tensions = wp.zeros((worlds, count, 2), **reals)
         self._led: LedCables | None = None
         if self._paths.led:
             kinds = self.terms, self._implicit, self._paths
             self._led = LedCables(
-                self._model, self._cables, self._routes, worlds, matrix, device, kinds
+                self._model, self._cables, self._routes, rows, matrix, kinds
             )
-        self._ahead: LookAhead | None = None
+        self._ahead: _LookAhead | None = None
         if self._implicit:
             ends = np.full(self._model.nu, -1, np.int32)
             places = np.arange(actuators.size).reshape(actuators.shape)
             ends[actuators] = np.where(tied, -2, places)
-            own = look_ahead_kernel(self.terms, self._paths)
-            self._ahead = LookAhead(d, self._rows, self._fresh, ends, own, self._led)
+            look_ahead = implicit.look_ahead_kernel(self.terms, self._paths)
+            self._ahead = _LookAhead(d, rows, ends, look_ahead, self._led)
+
+    def _launch(self, kernel: Any, *given: Any) -> None:
+        wp.launch(kernel, self._shape, given, device=self._device)
 
     def _act(self, m: mjw.Model, d: mjw.Data) -> None:
         """Evaluate all cables at the positions in `d`, and write their forces."""
@@ -193,24 +186,26 @@ class AttachedCables:
             )
         if self._needs_qpos0:
             models.require_shared_positions(m)
-        given = [
-            self._rows, d.time, m.opt.timestep, d.actuator_length, d.qvel,
-            *moments_of(d), m.actuator_gear, self._followed, self._rest,
-            self._rest_in_pose, self._stamp, self._fresh, self._place, self._slope,
-        ]  # fmt: skip
-        wp.launch(self._kernels.begin, self._shape, given, device=d.time.device)
+        own, step = self._kernels, (self._rows, m.opt.timestep)
+        moments = self._moments.of(m, d)
+        self._launch(
+            own.begin, self._rows, d.time, m.opt.timestep, d.actuator_length, d.qvel,
+            moments, m.actuator_gear,
+        )  # fmt: skip
         if self._led is not None:
-            self._led.lead(self._rows, self._fresh, self._rest_in_pose, m, d)
+            self._led.lead(m, d)
         if self._ahead is not None:
-            self._ahead.aim(m, d)
-        if self._is_split:
-            self._evaluate_in_parts(m, d)
-        else:
-            given = [self._rows, m.opt.timestep, d.actuator_force]
-            wp.launch(self._kernels.evaluate, self._shape, given, device=d.time.device)
+            self._ahead.aim(m, d, moments)
+        if not self._is_split:
+            self._launch(own.evaluate, *step, d.actuator_force)
+        attempts = of_cables.ATTEMPTS if self._implicit else 1
+        for attempt in range(attempts if self._is_split else 0):
+            self._launch(own.fronts, *step, attempt)
+            self._launch(own.graph, *step)
+            self._launch(own.commit, *step, attempt, d.actuator_force)
         if self._led is not None:
             # `mujoco_warp` adds passive forces up after its actuators.
-            self._led.pull(self._rows, True, m, d, d.qfrc_passive)
+            self._led.pull(True, m, d, d.qfrc_passive)
 
     @property
     def kernels(self) -> dict[str, Any]:
@@ -222,16 +217,6 @@ class AttachedCables:
         if self._led is not None:
             used |= self._led.kernels
         return used | {"commit": own.commit}
-
-    def _evaluate_in_parts(self, m: mjw.Model, d: mjw.Data) -> None:
-        step, device = [self._rows, m.opt.timestep], d.time.device
-        for attempt in range(ATTEMPTS if self._implicit else 1):
-            wp.launch(
-                self._kernels.fronts, self._shape, [*step, attempt], device=device
-            )
-            wp.launch(self._kernels.graph, self._shape, step, device=device)
-            given = [*step, attempt, d.actuator_force]
-            wp.launch(self._kernels.commit, self._shape, given, device=device)
 
     def reset(self, worlds: ArrayLike | wp.array | None = None) -> None:
         """Lay the cables of some worlds at rest at their next evaluation.
@@ -254,9 +239,7 @@ class AttachedCables:
                 f"{self._worlds} worlds."
             )
         self._flags.assign(flags)
-        wp.launch(
-            forget, self._shape, [self._flags, self._stamp], device=self._stamp.device
-        )
+        self._launch(of_cables.forget, self._flags, self._rows.stamp)
 
     def vary(self, name: str, **parameters: ArrayLike) -> None:
         """Give a cable other parameters, in each world its own; nothing is compiled.
@@ -346,12 +329,10 @@ class AttachedCables:
 
     def repack(self) -> None:
         """Take over `values`, unchecked; can be captured in a graph."""
-        given = [self._rows.segments, self.values, self._rows.prm]
-        wp.launch(
-            self._kernels.repack, self._shape, given, device=self._rows.prm.device
-        )
+        rows = self._rows
+        self._launch(self._kernels.repack, rows.segments, self.values, rows.prm)
         if self._led is not None:
-            self._led.repack(self._rows, self.values)
+            self._led.repack(self.values)
 
     def _require_compiled(self, name: str, term: str) -> None:
         if term not in self.terms:
@@ -362,7 +343,10 @@ class AttachedCables:
 
     def _require_followed(self, index: int, cable: Cable) -> None:
         """Refuse ends that look ahead in the plugin where those attached do not."""
-        if self._look[index] or self._stiffness(cable, index) <= STABILITY_LIMIT:
+        if (
+            self._look[index]
+            or self._stiffness(cable, index) <= NEWMARK.stability_limit
+        ):
             return
         raise CableError(
             f"cable {self.names[index]!r}: an axial_stiffness of "
@@ -444,6 +428,66 @@ class AttachedCables:
         if name not in self.names:
             raise CableError.unknown("cable", name, list(self.names))
         return self.names.index(name)
+
+
+class _LookAhead:
+    """Ends that look ahead in a long step, see `plugin/_implicit_ends.py`.
+
+    Constraints are taken to act as in the step before.
+    """
+
+    def __init__(
+        self,
+        d: mjw.Data,
+        rows: of_cables.CableRows,
+        ends: NDArray[np.int32],
+        look_ahead: Any,
+        led: LedCables | None,
+    ) -> None:
+        """Make the arrays; `ends` is what each actuator holds, see `add_forces`."""
+        self._rows, self._led = rows, led
+        self.kernels = {
+            "add_forces": implicit.add_forces, "moment_row": implicit.moment_row,
+            "look_ahead": look_ahead,
+        }  # fmt: skip
+        count, worlds, self._device = rows.segments.shape[0], rows.worlds, d.time.device
+        self._shape = count, worlds
+        shape = 2 * count, worlds, d.qfrc_passive.shape[1]
+        self._answers = wp.zeros(shape, dtype=float, device=self._device)
+        self._right, self._found = (
+            wp.zeros(shape[1:], dtype=float, device=self._device) for _ in range(2)
+        )
+        self._ends = wp.array(ends, dtype=int, device=self._device)
+        # Inertia with the damping that the integrator takes implicitly, factors.
+        self._inertia = [wp.zeros_like(a) for a in (d.M, d.qLD, d.qLDiagInv)]
+
+    def aim(self, m: mjw.Model, d: mjw.Data, moments: Any) -> None:
+        damped, rows, right = copy(d), self._rows, self._right
+        (count, worlds), device = self._shape, self._device
+        damped.M, damped.qLD, damped.qLDiagInv = self._inertia
+        if int(m.opt.integrator) == mujoco.mjtIntegrator.mjINT_EULER:
+            wp.copy(damped.M, d.M)
+        else:
+            mjw.deriv_smooth_vel(m, d, damped.M)
+        mjw.factor_m(m, damped)
+        given = [
+            rows, self._ends, moments, d.qfrc_passive, d.qfrc_bias, d.qfrc_applied,
+            d.qfrc_constraint, d.actuator_force, right,
+        ]  # fmt: skip
+        wp.launch(implicit.add_forces, worlds, given, device=device)
+        if self._led is not None:
+            self._led.pull(False, m, d, right)
+        mjw.xfrc_accumulate(m, d, right)
+        mjw.solve_m(m, damped, self._found, right)
+        for cable in range(count):
+            for end in range(2):
+                given = [rows, cable, end, moments, right]
+                wp.launch(implicit.moment_row, worlds, given, device=device)
+                mjw.solve_m(m, damped, self._answers[2 * cable + end], right)
+        given = [rows, m.opt.timestep, moments, self._answers, self._found]
+        given.append(d.actuator_velocity)
+        kernel = self.kernels["look_ahead"]
+        wp.launch(kernel, self._shape, given, device=device)
 
 
 def _is_interleaved(device: Any) -> bool:

@@ -8,12 +8,36 @@ from typing import Any
 import warp as wp
 
 from cc_mujoco.cable import _layout as at
-from cc_mujoco.cable._newmark import STABILITY_LIMIT, VELOCITY_GAIN
-from cc_mujoco.warp._build import functions
-from cc_mujoco.warp._kernels import OPTIONS, CableRows
-from cc_mujoco.warp._variants import GUIDED, Paths
+from cc_mujoco.cable._newmark import NEWMARK
+from cc_mujoco.warp._build import GUIDED, Paths, functions
+from cc_mujoco.warp._kernels import OPTIONS, CableRows, Moments
 
-_TENSIONS = at.STATE_HEADER
+
+@wp.func
+def _along(
+    moments: Moments, world: int, actuator: int, lever: float,
+    vector: wp.array2d(dtype=float),
+):  # fmt: skip
+    """Return the product of an end's moment and lever with a vector (worlds, nv)."""
+    total = float(0.0)
+    for i in range(moments.moment_rownnz[world, actuator]):
+        k = moments.moment_rowadr[world, actuator] + i
+        column = moments.moment_colind[world, k]
+        total += lever * moments.actuator_moment[world, k] * vector[world, column]
+    return total
+
+
+@wp.func
+def _add_moment(
+    moments: Moments, world: int, actuator: int, force: float,
+    total: wp.array2d(dtype=float),
+):  # fmt: skip
+    """Add the generalised force of an actuator's force (worlds, nv)."""
+    for i in range(moments.moment_rownnz[world, actuator]):
+        k = moments.moment_rowadr[world, actuator] + i
+        column = moments.moment_colind[world, k]
+        pushed = moments.actuator_moment[world, k] * force
+        total[world, column] = total[world, column] + pushed
 
 
 @lru_cache(maxsize=16)
@@ -24,10 +48,7 @@ def look_ahead_kernel(terms: frozenset[str], paths: Paths = GUIDED) -> Any:
     def look_ahead(
         rows: CableRows,
         timestep: wp.array(dtype=float),
-        rownnz: wp.array2d(dtype=int),
-        rowadr: wp.array2d(dtype=int),
-        colind: wp.array2d(dtype=int),
-        moment: wp.array2d(dtype=float),
+        moments: Moments,
         answers: wp.array3d(dtype=float),
         found: wp.array2d(dtype=float),
         velocities: wp.array2d(dtype=float),
@@ -52,13 +73,7 @@ def look_ahead_kernel(terms: frozenset[str], paths: Paths = GUIDED) -> Any:
                 if rows.tied[other // 2, other % 2] != 0:
                     continue
                 a = rows.actuators[other // 2, other % 2]
-                moved = float(0.0)
-                for i in range(rownnz[world, a]):
-                    k = rowadr[world, a] + i
-                    moved += (
-                        moment[world, k]
-                        * answers[2 * cable + end, world, colind[world, k]]
-                    )
+                moved = _along(moments, world, a, 1.0, answers[2 * cable + end])
                 if other % 2 == 0:
                     moved *= aim[(other // 2) * worlds + world, 4]
                 mobility += wp.abs(moved)
@@ -66,20 +81,17 @@ def look_ahead_kernel(terms: frozenset[str], paths: Paths = GUIDED) -> Any:
             lever = float(1.0)
             if end == 0:
                 lever = aim[row, 4]
-            ahead = float(0.0)
-            for i in range(rownnz[world, actuator]):
-                k = rowadr[world, actuator] + i
-                ahead += lever * moment[world, k] * found[world, colind[world, k]]
+            ahead = _along(moments, world, actuator, lever, found)
             stiffness = end_stiffness(rows.prm[row], rows.segments[cable], end == 1)
             square = h * h * mobility * stiffness
-            share = float(0.0)
-            if square > STABILITY_LIMIT:
-                share = 1.0 - STABILITY_LIMIT / square
-            beta = share * h * h / STABILITY_LIMIT
+            share, stable = float(0.0), wp.static(NEWMARK.stability_limit)
+            if square > stable:
+                share = 1.0 - stable / square
+            beta = share * h * h / stable
             speed = lever * velocities[world, actuator]
             aim[row, 5 + end] = aim[row, end] + h * speed + h * h * ahead
             aim[row, 7 + end] = h * h * mobility
-            gain = VELOCITY_GAIN * share * share * h
+            gain = wp.static(NEWMARK.velocity_gain) * share * share * h
             aim[row, end] += gain * speed + beta * ahead
             aim[row, 2 + end] = beta * mobility
 
@@ -91,10 +103,7 @@ def moment_row(
     rows: CableRows,
     cable: int,
     end: int,
-    rownnz: wp.array2d(dtype=int),
-    rowadr: wp.array2d(dtype=int),
-    colind: wp.array2d(dtype=int),
-    moment: wp.array2d(dtype=float),
+    moments: Moments,
     right: wp.array2d(dtype=float),
 ):
     """Write the generalised force of a unit tension of one end (worlds, nv)."""
@@ -105,20 +114,14 @@ def moment_row(
     lever = float(1.0)
     if end == 0:
         lever = rows.aim[cable * rows.worlds + world, 4]
-    for i in range(rownnz[world, actuator]):
-        k = rowadr[world, actuator] + i
-        right[world, colind[world, k]] = lever * moment[world, k]
+    _add_moment(moments, world, actuator, lever, right)
 
 
 @wp.kernel(module="unique", enable_backward=False)
 def add_forces(
     rows: CableRows,
     ends: wp.array(dtype=int),
-    fresh: wp.array(dtype=int),
-    rownnz: wp.array2d(dtype=int),
-    rowadr: wp.array2d(dtype=int),
-    colind: wp.array2d(dtype=int),
-    moment: wp.array2d(dtype=float),
+    moments: Moments,
     passive: wp.array2d(dtype=float),
     bias: wp.array2d(dtype=float),
     applied: wp.array2d(dtype=float),
@@ -134,7 +137,7 @@ def add_forces(
     world = wp.tid()
     for i in range(total.shape[1]):
         total[world, i] = passive[world, i] - bias[world, i] + applied[world, i]
-        if fresh[world] == 0:
+        if rows.fresh[world] == 0:
             total[world, i] = total[world, i] + constraint[world, i]
     for actuator in range(ends.shape[0]):
         pull = float(force[world, actuator])
@@ -143,13 +146,10 @@ def add_forces(
         if ends[actuator] >= 0:
             cable, end = ends[actuator] // 2, ends[actuator] % 2
             row = cable * rows.worlds + world
-            place = _TENSIONS + end * rows.segments[cable]
+            place = wp.static(at.STATE_HEADER) + end * rows.segments[cable]
             pull = wp.max(rows.state[rows.now[row], row, place], 0.0)
             if end == 0:
                 pull = pull * rows.aim[row, 4]
             else:
                 pull = -pull
-        for i in range(rownnz[world, actuator]):
-            k = rowadr[world, actuator] + i
-            column = colind[world, k]
-            total[world, column] = total[world, column] + moment[world, k] * pull
+        _add_moment(moments, world, actuator, pull, total)

@@ -18,25 +18,31 @@ import warp as wp
 
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as at
-from cc_mujoco.warp._build import functions
-from cc_mujoco.warp._variants import GUIDED, Paths
+from cc_mujoco.warp._build import GUIDED, Paths, functions
 
-_PULLEY_TERMS = frozenset(["eccentricity", "ovality"])
 _TENSIONS = at.STATE_HEADER
-
 OPTIONS: Any = {"fuse_fp": False, "max_unroll": 1}
 """Options of all kernels: rounding as written, and loops that stay loops."""
-_OK, _NOT_FINITE, _UNSOLVED = kernel.OK, kernel.NOT_FINITE, kernel.UNSOLVED
-_DONE = -1
-"""Status of a cable whose forces are written."""
+_OK, _NOT_FINITE, _UNSOLVED, _DONE = (
+    kernel.OK, kernel.NOT_FINITE, kernel.UNSOLVED, -1,
+)  # fmt: skip
+"""Status of a cable; of one whose forces are written it is `_DONE`."""
 ATTEMPTS = 3
 """Most attempts at a step in which an end may become taut or slack."""
 RESET = 2
 """Freshness of a cable that this evaluation lays at rest; 1 until its first step."""
 FOLLOWED, TIED = 1, 2
 """Ends held by a tendon: followed by its velocity, or tied to the cable's own path."""
-_DRAW = 0.01
-"""Share of the error of a followed end that a step takes away."""
+
+
+@wp.struct
+class Moments:
+    """Moments of the actuators on the degrees of freedom, as mujoco_warp has them."""
+
+    moment_rownnz: wp.array2d(dtype=int)
+    moment_rowadr: wp.array2d(dtype=int)
+    moment_colind: wp.array2d(dtype=int)
+    actuator_moment: wp.array2d(dtype=float)
 
 
 @wp.struct
@@ -44,6 +50,7 @@ class CableRows:
     """Arrays that an evaluation reads and writes, a row for each cable and world."""
 
     worlds: int  # number of worlds
+    rest_in_pose: bool  # whether a reset lays cables at rest in the pose of the world
     segments: wp.array(dtype=int)  # segments of each cable (cables,)
     looks: wp.array(dtype=int)  # not 0 where the ends of a cable look ahead (cables,)
     actuators: wp.array2d(dtype=int)  # actuators at the ends (cables, 2)
@@ -57,6 +64,14 @@ class CableRows:
     trial: wp.array2d(dtype=float)
     status: wp.array(dtype=int)  # status of the attempt (rows,)
     now: wp.array(dtype=int)  # index of the committed one of two states (rows,)
+    stamp: wp.array(dtype=float)  # time of the last evaluation (rows,)
+    fresh: wp.array(dtype=int)  # 0 once a cable has taken a step, see `RESET` (rows,)
+    followed: wp.array2d(dtype=int)  # 0, `FOLLOWED` or `TIED` (cables, 2)
+    rest: wp.array2d(dtype=float)  # lengths of the ends in `qpos0` (cables, 2)
+    # Displacements and moments of followed ends in both states (2, rows, 2) and (2, two
+    # for each row, nv).
+    place: wp.array3d(dtype=float)
+    slope: wp.array3d(dtype=float)
     prm: wp.array2d(dtype=float)  # packed parameters
     state: wp.array3d(dtype=float)  # committed and pending
     work: wp.array2d(dtype=float)  # scratch
@@ -68,13 +83,8 @@ def kernels(
     terms: frozenset[str], implicit: bool, paths: Paths = GUIDED
 ) -> SimpleNamespace:
     own = functions(wp.float32, terms, implicit, paths)
-    begin_step, solve_step, finish_step = (
-        own.begin_step, own.solve_step, own.finish_step,
-    )  # fmt: skip
-    initialize, pack_mesh = own.initialize, own.pack_mesh
-    node_stiffness, expect_yielding = own.node_stiffness, own.expect_yielding
-    wound_length, lever_ratio = own.wound_length, own.lever_ratio
-    has_pulley = not _PULLEY_TERMS.isdisjoint(terms)
+    begin_step, finish_step = own.begin_step, own.finish_step
+    has_pulley = not terms.isdisjoint(["eccentricity", "ovality"])
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def begin(
@@ -83,21 +93,12 @@ def kernels(
         timestep: wp.array(dtype=float),
         lengths: wp.array2d(dtype=float),
         qvel: wp.array2d(dtype=float),
-        rownnz: wp.array2d(dtype=int),
-        rowadr: wp.array2d(dtype=int),
-        colind: wp.array2d(dtype=int),
-        moment: wp.array2d(dtype=float),
+        moments: Moments,
         gears: wp.array2d(dtype=wp.spatial_vector),
-        followed: wp.array2d(dtype=int),
-        rest: wp.array2d(dtype=float),
-        rest_in_pose: bool,
-        stamp: wp.array(dtype=float),
-        fresh: wp.array(dtype=int),
-        place: wp.array3d(dtype=float),
-        slope: wp.array3d(dtype=float),
     ):
         """Commit or reset by the time of the world, and find where the ends are."""
         cable, world = wp.tid()
+        fresh, stamp, rest, place = rows.fresh, rows.stamp, rows.rest, rows.place
         row = cable * time.shape[0] + world
         is_reset = time[world] < stamp[row]
         if is_reset:
@@ -112,39 +113,42 @@ def kernels(
             actuator = rows.actuators[cable, end]
             # Small numbers round less: displacements are from the pose `qpos0` on.
             u = lengths[world, actuator] - rest[cable, end]
-            if followed[cable, end] == TIED:
+            if rows.followed[cable, end] == TIED:
                 u = 0.0
-            if followed[cable, end] == FOLLOWED:
+            if rows.followed[cable, end] == FOLLOWED:
                 # By its velocity, at the mean slope of the length over the step.
                 moved = float(0.0)
-                line = 2 * row + end
-                for i in range(rownnz[world, actuator]):
-                    k = rowadr[world, actuator] + i
-                    column = colind[world, k]
-                    mean = 0.5 * (moment[world, k] + slope[rows.now[row], line, column])
+                line, slope = 2 * row + end, rows.slope
+                for i in range(moments.moment_rownnz[world, actuator]):
+                    k = moments.moment_rowadr[world, actuator] + i
+                    column = moments.moment_colind[world, k]
+                    moment = moments.actuator_moment[world, k]
+                    mean = 0.5 * (moment + slope[rows.now[row], line, column])
                     moved += mean * qvel[world, column]
-                    slope[1 - rows.now[row], line, column] = moment[world, k]
+                    slope[1 - rows.now[row], line, column] = moment
                 if fresh[row] == 0:
                     moved *= timestep[world % timestep.shape[0]]
                     moved += place[rows.now[row], row, end]
-                    u = moved + _DRAW * (u - moved)
+                    # A step takes away this share of the error.
+                    u = moved + 0.01 * (u - moved)
                 place[1 - rows.now[row], row, end] = u
             lever = float(1.0)
             if wp.static(has_pulley):
                 if end == 0:
                     gear = gears[world % gears.shape[0], actuator][0]
                     p, start = rows.prm[row], rest[cable, 0]
-                    lever = lever_ratio(p, u + start, gear)
-                    u = wound_length(p, u + start, gear) - wound_length(p, start, gear)
+                    lever = own.lever_ratio(p, u + start, gear)
+                    u = own.wound_length(p, u + start, gear)
+                    u -= own.wound_length(p, start, gear)
             rows.aim[row, end] = u
             if end == 0:
                 rows.aim[row, 4] = lever
             rows.aim[row, 2 + end] = 0.0
         if is_reset:
             first, second = float(0.0), float(0.0)
-            if rest_in_pose:
+            if rows.rest_in_pose:
                 first, second = float(rows.aim[row, 0]), float(rows.aim[row, 1])
-            initialize(
+            own.initialize(
                 rows.prm[row], rows.segments[cable], first, second,
                 rows.state[rows.now[row], row],
             )  # fmt: skip
@@ -156,7 +160,7 @@ def kernels(
                 rows.trial[row, i] = rows.aim[row, i]
                 rows.trial[row, 4 + i] = 0.0
         if wp.static(implicit):
-            expect_yielding(rows.prm[row], rows.trial[row, 2], rows.trial[row, 3])
+            own.expect_yielding(rows.prm[row], rows.trial[row, 2], rows.trial[row, 3])
         rows.status[row] = begin_step(
             rows.prm[row], n, rows.state[rows.now[row], row], 0, rows.trial[row, 0], 0,
             rows.trial[row, 1], h, rows.state[1 - rows.now[row], row],
@@ -166,7 +170,7 @@ def kernels(
     @wp.func
     def solve_rest(rows: CableRows, row: int, n: int, h: float):
         if rows.status[row] == _UNSOLVED:
-            solve_step(
+            own.solve_step(
                 rows.prm[row], n, rows.state[rows.now[row], row], 0, rows.trial[row, 0],
                 0, rows.trial[row, 1], h, rows.state[1 - rows.now[row], row],
                 rows.work[row % rows.work.shape[0]],
@@ -174,7 +178,7 @@ def kernels(
 
     @wp.func
     def asks_again(rows: CableRows, row: int, n: int, attempt: int):
-        """Aim the next attempt, if one is due; see `plugin/_slack_passage.py`."""
+        """Aim the next attempt, if one is due; see `plugin/_implicit_ends.py`."""
         if attempt == ATTEMPTS - 1:
             return False
         now, doubtful, passing = rows.now[row], bool(False), bool(False)
@@ -197,7 +201,7 @@ def kernels(
                         doubt = 1.0
                 elif before <= 0.0:
                     passes = 1.0
-                elif relaxes * node_stiffness(rows.prm[row], n)[end * n] > after:
+                elif relaxes * own.node_stiffness(rows.prm[row], n)[end * n] > after:
                     doubt = -1.0
                 rows.trial[row, 4 + end] = doubt
             elif doubt == 0.0:
@@ -300,9 +304,8 @@ def kernels(
         prm: wp.array2d(dtype=float),
     ):
         cable, world = wp.tid()
-        pack_mesh(
-            values[cable, world], segments[cable], prm[cable * values.shape[1] + world]
-        )
+        row = cable * values.shape[1] + world
+        own.pack_mesh(values[cable, world], segments[cable], prm[row])
 
     return SimpleNamespace(
         begin=begin, fronts=fronts, graph=graph, commit=commit, evaluate=evaluate,

@@ -12,15 +12,19 @@ from types import SimpleNamespace
 import warp as wp
 
 from cc_mujoco.cable import _layout as at
-from cc_mujoco.cable import _path_geometry as geometry
-from cc_mujoco.warp._build import functions
+from cc_mujoco.warp._build import Paths, functions
 from cc_mujoco.warp._kernels import OPTIONS, RESET, CableRows
-from cc_mujoco.warp._place_kernels import Links, Pose, read_places, vector_of
-from cc_mujoco.warp._variants import Paths
-
-_TENSIONS = at.STATE_HEADER
-_SIZE, _FIRST, _LAST = geometry.PLACE_SIZE, geometry.FIRST, geometry.LAST
-_TOUCHED, _SITE = geometry.TOUCHED, geometry.SITE
+from cc_mujoco.warp._place_kernels import (
+    FIRST,
+    LAST,
+    SITE,
+    SIZE,
+    TOUCHED,
+    Links,
+    Pose,
+    read_places,
+    vector_of,
+)
 
 
 @wp.struct
@@ -97,12 +101,6 @@ def _draw(
 @lru_cache(maxsize=16)
 def path_kernels(terms: frozenset[str], yields: bool, kind: Paths) -> SimpleNamespace:
     own = functions(wp.float32, terms, yields, kind)
-    bend, measure, lay, contacts = own.bend, own.measure, own.lay, own.contacts
-    keep_conduit, save_path, set_path = own.keep_conduit, own.save_path, own.set_path
-    contact_length, tensions, pull_forces = (
-        own.contact_length, own.tensions, own.pull_forces,
-    )  # fmt: skip
-    expect_change, pack_reference = own.expect_change, own.pack_reference
     has_open = kind.lengthens != 0.0
     has_bends = kind.bent
 
@@ -129,25 +127,23 @@ def path_kernels(terms: frozenset[str], yields: bool, kind: Paths) -> SimpleName
         if wp.static(has_open):
             if guided < n:
                 reference = paths.reference[row]
-                reach = measure(
+                reach = own.measure(
                     places, number, mouth, guided, n, paths.guides[cable], shape
                 )
-                keep_conduit(shape, reference, n, guided)
+                own.keep_conduit(shape, reference, n, guided)
                 if wp.static(has_bends):
                     if paths.bends[cable] != 0:
-                        bend(
+                        own.bend(
                             places, mouth + 1, lengths[world, tendon] - reach,
-                            contacts(reference, n), guided, shape,
+                            own.contacts(reference, n), guided, shape,
                         )  # fmt: skip
                 return
         if wp.static(has_bends):
-            inside = contact_length(rows.prm[row], n)
-            bend(places, number, lengths[world, tendon], inside, n, shape)
+            inside = own.contact_length(rows.prm[row], n)
+            own.bend(places, number, lengths[world, tendon], inside, n, shape)
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def lay_all(
-        rows: CableRows, paths: PathRows, fresh: wp.array(dtype=int), rest_in_pose: bool
-    ):
+    def lay(rows: CableRows, paths: PathRows):
         cable, world = wp.tid()
         if paths.tendons[cable] < 0:
             return
@@ -155,20 +151,20 @@ def path_kernels(terms: frozenset[str], yields: bool, kind: Paths) -> SimpleName
         prm, shape, now = rows.prm[row], paths.shape[row], rows.now[row]
         if wp.static(has_open):
             if paths.guided[cable] < n:
-                if fresh[row] == RESET:
-                    if rest_in_pose:
-                        save_path(shape, n, paths.memory[now, row])
+                if rows.fresh[row] == RESET:
+                    if rows.rest_in_pose:
+                        own.save_path(shape, n, paths.memory[now, row])
                     else:
                         for i in range(paths.memory.shape[2]):
                             paths.memory[now, row, i] = 0.0
-                lay(
-                    prm, n, tensions(rows.state[now, row], n), shape,
+                own.lay(
+                    prm, n, own.tensions(rows.state[now, row], n), shape,
                     paths.reference[row], paths.memory[now, row], paths.gained[row],
                 )  # fmt: skip
-                save_path(shape, n, paths.memory[1 - now, row])
+                own.save_path(shape, n, paths.memory[1 - now, row])
                 return
         if wp.static(has_bends):
-            set_path(prm, n, shape, contact_length(prm, n))
+            own.set_path(prm, n, shape, own.contact_length(prm, n))
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def pull(
@@ -196,34 +192,33 @@ def path_kernels(terms: frozenset[str], yields: bool, kind: Paths) -> SimpleName
                     gear = gears[world % gears.shape[0], rows.actuators[cable, end]][0]
                     if end == 1:
                         gear = -gear
-                    tied += gear * wp.max(
-                        rows.state[which, row, _TENSIONS + end * n], 0.0
-                    )
+                    place = wp.static(at.STATE_HEADER) + end * n
+                    tied += gear * wp.max(rows.state[which, row, place], 0.0)
         places, forces = paths.places[row], paths.forces[row]
         origin = vector_of(paths.near[row], 0)
         number = paths.numbers[cable]
-        pull_forces(
+        own.pull_forces(
             places, number, paths.mouths[cable], paths.shape[row], n, guided,
-            tensions(rows.state[which, row], n), tied, -1, forces,
+            own.tensions(rows.state[which, row], n), tied, -1, forces,
         )  # fmt: skip
         k = int(0)
         while k < number - 1:
             place = paths.starts[cable] + k
-            here, i = vector_of(places, _SIZE * k + _FIRST), 6 * k
+            here, i = vector_of(places, SIZE * k + FIRST), 6 * k
             body = int(paths.bodies[place])
-            if paths.kinds[place + 1] != _SITE:
+            if paths.kinds[place + 1] != SITE:
                 k += 1
-                if places[_SIZE * k + _TOUCHED] != 0.0:
+                if places[SIZE * k + TOUCHED] != 0.0:
                     on = int(paths.bodies[place + 1])
                     _draw(
                         paths, row, here, body,
-                        vector_of(places, _SIZE * k + _FIRST), on,
+                        vector_of(places, SIZE * k + FIRST), on,
                         vector_of(forces, i), origin, centres[world], motions[world],
                     )  # fmt: skip
-                    here, body, i = vector_of(places, _SIZE * k + _LAST), on, i + 3
+                    here, body, i = vector_of(places, SIZE * k + LAST), on, i + 3
             k += 1
             _draw(
-                paths, row, here, body, vector_of(places, _SIZE * k + _FIRST),
+                paths, row, here, body, vector_of(places, SIZE * k + FIRST),
                 paths.bodies[paths.starts[cable] + k], vector_of(forces, i),
                 origin, centres[world], motions[world],
             )  # fmt: skip
@@ -234,15 +229,15 @@ def path_kernels(terms: frozenset[str], yields: bool, kind: Paths) -> SimpleName
         cable, world = wp.tid()
         row, n = cable * rows.worlds + world, rows.segments[cable]
         if paths.tendons[cable] >= 0:
-            expect_change(rows.prm[row])
+            own.expect_change(rows.prm[row])
             if wp.static(has_open):
                 if paths.guided[cable] < n:
-                    pack_reference(
+                    own.pack_reference(
                         values[cable, world], n, paths.guided[cable],
                         paths.reference[row], rows.prm[row],
                     )  # fmt: skip
 
-    return SimpleNamespace(survey=survey, lay=lay_all, pull=pull, repack=repack)
+    return SimpleNamespace(survey=survey, lay=lay, pull=pull, repack=repack)
 
 
 @wp.kernel(module="unique", enable_backward=False)

@@ -14,32 +14,36 @@ from numpy.typing import NDArray
 from cc_mujoco.cable import _open_path as open_path
 from cc_mujoco.cable import _path_geometry as geometry
 from cc_mujoco.cable._cable import Cable
-from cc_mujoco.cable._route import Route
+from cc_mujoco.cable._route import Route, ancestors
+from cc_mujoco.warp._build import Paths
+from cc_mujoco.warp._kernels import CableRows
 from cc_mujoco.warp._path_kernels import PathRows, add_pulls, path_kernels
 from cc_mujoco.warp._place_kernels import Links, Pose
-from cc_mujoco.warp._variants import Paths
-
-_FIELDS: tuple[str, ...] = tuple(vars(Pose)["vars"])
-_OF_DATA = _FIELDS.index("qpos")
 
 
-class Poses:
-    """The `Pose` of a model and its data, made anew where an array is another one."""
+class Views:
+    """Structure of arrays of a model and, from a field on, its data.
 
-    def __init__(self) -> None:
+    It is made anew where an array is another one.
+    """
+
+    def __init__(self, kind: Any, of_data: str) -> None:
+        self._kind, self._names = kind, tuple(vars(kind)["vars"])
+        self._first = self._names.index(of_data)
         self._arrays: list[Any] = []
-        self._pose: Any = None
+        self._whole: Any = None
 
     def of(self, m: mjw.Model, d: mjw.Data) -> Any:
         arrays = [
-            getattr(m if i < _OF_DATA else d, name) for i, name in enumerate(_FIELDS)
+            getattr(m if i < self._first else d, name)
+            for i, name in enumerate(self._names)
         ]
         same = (one is other for one, other in zip(arrays, self._arrays, strict=True))
         if not self._arrays or not all(same):
-            self._arrays, self._pose = arrays, Pose()
-            for name, array in zip(_FIELDS, arrays, strict=True):
-                setattr(self._pose, name, array)
-        return self._pose
+            self._arrays, self._whole = arrays, self._kind()
+            for name, array in zip(self._names, arrays, strict=True):
+                setattr(self._whole, name, array)
+        return self._whole
 
 
 def links_of(
@@ -56,7 +60,7 @@ def links_of(
     for tendon in tendons:
         start = int(model.tendon_adr[tendon])
         own = range(start, start + int(model.tendon_num[tendon]))
-        lines = [_ancestors(model, int(bodies[place])) for place in own]
+        lines = [ancestors(model, int(bodies[place])) for place in own]
         common = max(set(lines[0]).intersection(*lines))
         # A body has a lower number than what it carries.
         found = sorted({body for line in lines for body in line if body > common})
@@ -76,22 +80,6 @@ def links_of(
     return links, int(numbers.max(initial=0))
 
 
-def _ancestors(model: mujoco.MjModel, body: int) -> list[int]:
-    """Return a body and all that carry it, the world last."""
-    found = [body]
-    while found[-1] != 0:
-        found.append(int(model.body_parentid[found[-1]]))
-    return found
-
-
-_KINDS = {
-    int(mujoco.mjtWrap.mjWRAP_SPHERE): geometry.SPHERE,
-    int(mujoco.mjtWrap.mjWRAP_CYLINDER): geometry.CYLINDER,
-}
-Matrix = Callable[..., Any]
-"""Function that returns an array with a row for each cable and world."""
-
-
 class LedCables:
     """Led cables of all worlds, among those that nothing leads.
 
@@ -107,75 +95,74 @@ class LedCables:
         model: mujoco.MjModel,
         cables: Sequence[Cable],
         routes: Sequence[Route | None],
-        worlds: int,
-        matrix: Matrix,
-        device: Any,
+        of_cables: CableRows,
+        matrix: Callable[..., Any],
         kernels: tuple[frozenset[str], bool, Paths],
     ) -> None:
         """Make the arrays.
 
         `routes` are None where no tendon leads the cable. `matrix` makes an array of so
-        many columns, and of planes before it; `kernels` are arguments of
-        `path_kernels`.
+        many columns, and of planes before it, with a row for each cable and world;
+        `kernels` are arguments of `path_kernels`.
         """
         own = path_kernels(*kernels)
-        self._own = own
+        self._own, self._of_cables = own, of_cables
         self.kernels = {"survey": own.survey, "lay": own.lay}
         self._has_open = kernels[2].lengthens != 0.0
         if self._has_open:
             self.kernels |= {"pull": own.pull, "add_pulls": add_pulls}
-        self._cables, self._worlds = len(cables), worlds
         self._segments = [cable.segments for cable in cables]
-        most = max(self._segments)
+        count, worlds, most = len(cables), of_cables.worlds, max(self._segments)
+        self._shape, self._device = (count, worlds), of_cables.segments.device
+        rows: Any = PathRows()
+        self._size = size = open_path.shape_size(most)
         led = [(i, route) for i, route in enumerate(routes) if route is not None]
-        numbers = np.zeros(self._cables, np.int32)
+        heads, numbers = np.zeros((5, count), np.int32), np.zeros(count, np.int32)
+        heads[0], heads[3] = -1, most
+        guides = np.zeros((count, most), np.float32)
+        reference = np.zeros((count, worlds, size), np.float32)
         for i, route in led:
             numbers[i] = model.tendon_num[route.tendon]
-        rows: Any = PathRows()
-        ints: dict[str, Any] = {"dtype": int, "device": device}
-
-        def by_cable(values: dict[int, int], other: int) -> Any:
-            found = [values.get(i, other) for i in range(self._cables)]
-            return wp.array(found, **ints)
-
-        rows.tendons = by_cable({i: route.tendon for i, route in led}, -1)
-        starts = {i: int(model.tendon_adr[route.tendon]) for i, route in led}
-        rows.starts, rows.numbers = by_cable(starts, 0), wp.array(numbers, **ints)
-        rows.mouths = by_cable({i: route.mouth for i, route in led}, 0)
-        rows.guided = by_cable({i: route.guided for i, route in led}, most)
-        rows.bends = by_cable({i: int(route.bends) for i, route in led}, 0)
-        guides = np.zeros((self._cables, most), np.float32)
-        for i, route in led:
+            start = int(model.tendon_adr[route.tendon])
+            heads[:, i] = route.tendon, start, route.mouth, route.guided, route.bends
             guides[i, : route.guides.size] = route.guides
-        rows.guides = wp.array(guides, dtype=float, device=device)
+            reference[i, :] = self.reference_row(route, cables[i])
+        rows.guides = self._array(guides, float)
         objects = np.maximum(model.wrap_objid, 0)
-        is_geom = np.isin(model.wrap_type, list(_KINDS))
+        kinds = np.full(objects.size, geometry.SITE)
+        kinds[model.wrap_type == int(mujoco.mjtWrap.mjWRAP_SPHERE)] = geometry.SPHERE
+        is_cylinder = model.wrap_type == int(mujoco.mjtWrap.mjWRAP_CYLINDER)
+        kinds[is_cylinder] = geometry.CYLINDER
+        is_geom = kinds != geometry.SITE
         is_site = model.wrap_type == int(mujoco.mjtWrap.mjWRAP_SITE)
         bodies = np.zeros(objects.size, np.int32)
         bodies[is_geom] = model.geom_bodyid[objects[is_geom]]
         bodies[is_site] = model.site_bodyid[objects[is_site]]
-        kinds = [_KINDS.get(int(kind), geometry.SITE) for kind in model.wrap_type]
-        rows.kinds = wp.array(kinds, dtype=float, device=device)
-        rows.objects, rows.bodies = wp.array(objects, **ints), wp.array(bodies, **ints)
-        rows.last_dofs = wp.array(_last_dofs(model), **ints)
-        rows.parents = wp.array(model.dof_parentid, **ints)
-        rows.roots = wp.array(model.body_rootid, **ints)
-        size, number = open_path.shape_size(most), int(numbers.max())
-        self._size = size
+        rows.kinds = self._array(kinds, float)
+        rows.tendons, rows.starts, rows.mouths, rows.guided, rows.bends = map(
+            self._array, heads
+        )
+        rows.numbers, rows.objects = self._array(numbers), self._array(objects)
+        rows.bodies, rows.last_dofs = (
+            self._array(bodies),
+            self._array(_last_dofs(model)),
+        )
+        rows.parents = self._array(model.dof_parentid)
+        rows.roots = self._array(model.body_rootid)
         rows.reference, rows.shape = matrix(size), matrix(size)
         rows.memory = matrix(open_path.memory_size(most), 2)
         tendons = [route.tendon for _, route in led]
-        self._links, most_links = links_of(model, tendons, bodies, device)
-        self._poses = Poses()
+        self._links, most_links = links_of(model, tendons, bodies, self._device)
+        self._poses = Views(Pose, of_data="qpos")
         rows.near = matrix(3 * most_links + 3)
-        rows.places = matrix(geometry.PLACE_SIZE * number)
-        rows.forces, rows.gained = matrix(6 * number), matrix(most + 1)
-        rows.pulls = matrix(int(model.nv))
+        rows.places = matrix(geometry.PLACE_SIZE * int(numbers.max()))
+        rows.forces = matrix(6 * int(numbers.max()))
+        rows.gained, rows.pulls = matrix(most + 1), matrix(int(model.nv))
         self.rows, self.reference, self.memory = rows, rows.reference, rows.memory
-        given = np.zeros((self._cables, worlds, size), np.float32)
-        for i, route in led:
-            given[i, :] = self.reference_row(route, cables[i])
-        self.reference.assign(given.reshape(-1, size))
+        self.reference.assign(reference.reshape(-1, size))
+
+    def _array(self, values: Any, dtype: type = int) -> Any:
+        return wp.array(values, dtype=dtype, device=self._device)
 
     def reference_row(self, route: Route, cable: Cable) -> NDArray[np.float32]:
         """Return a row of `reference` for a cable that may have another conduit."""
@@ -187,38 +174,30 @@ class LedCables:
     def memory_size(self, index: int) -> int:
         return int(open_path.memory_size(self._segments[index]))
 
-    def repack(self, rows: Any, values: Any) -> None:
-        given = [rows, self.rows, values]
-        wp.launch(
-            self._own.repack, (self._cables, self._worlds), given, device=values.device
-        )
+    def _launch(self, kernel: Any, *given: Any) -> None:
+        given = self._of_cables, self.rows, *given
+        wp.launch(kernel, self._shape, given, device=self._device)
 
-    def lead(
-        self, rows: Any, fresh: Any, rest_in_pose: bool, m: mjw.Model, d: mjw.Data
-    ) -> None:
-        size, device = (self._cables, self._worlds), d.time.device
-        given = [rows, self.rows, self._links, self._poses.of(m, d), d.ten_length]
-        wp.launch(self._own.survey, size, given, device=device)
-        wp.launch(
-            self._own.lay, size, [rows, self.rows, fresh, rest_in_pose], device=device
-        )
+    def repack(self, values: Any) -> None:
+        self._launch(self._own.repack, values)
 
-    def pull(
-        self, rows: Any, is_pending: bool, m: mjw.Model, d: mjw.Data, total: Any
-    ) -> None:
+    def lead(self, m: mjw.Model, d: mjw.Data) -> None:
+        pose = self._poses.of(m, d)
+        self._launch(self._own.survey, self._links, pose, d.ten_length)
+        self._launch(self._own.lay)
+
+    def pull(self, is_pending: bool, m: mjw.Model, d: mjw.Data, total: Any) -> None:
         """Add the forces of the pieces to those on the degrees of freedom (worlds, nv).
 
         With `is_pending` the tensions are those after the step, not before it.
         """
         if not self._has_open:
             return
-        device = d.time.device
-        given = [
-            rows, self.rows, int(is_pending), m.actuator_gear, d.subtree_com, d.cdof,
-        ]  # fmt: skip
-        wp.launch(self._own.pull, (self._cables, self._worlds), given, device=device)
-        given = [self._worlds, self._cables, self.rows.pulls, total]
-        wp.launch(add_pulls, total.shape, given, device=device)
+        given = int(is_pending), m.actuator_gear, d.subtree_com, d.cdof
+        self._launch(self._own.pull, *given)
+        count, worlds = self._shape
+        added = worlds, count, self.rows.pulls, total
+        wp.launch(add_pulls, total.shape, added, device=self._device)
 
 
 def _last_dofs(model: mujoco.MjModel) -> NDArray[np.int32]:

@@ -16,12 +16,11 @@ import warp as wp
 
 from cc_mujoco.cable import _path_geometry as geometry
 
-_SIZE, _FIRST, _LAST = geometry.PLACE_SIZE, geometry.FIRST, geometry.LAST
-_TOUCHED, _CENTRE, _AXES = geometry.TOUCHED, geometry.CENTRE, geometry.AXES
-_SITE, _SPHERE = geometry.SITE, geometry.SPHERE
-_FREE = int(mujoco.mjtJoint.mjJNT_FREE)
-_BALL = int(mujoco.mjtJoint.mjJNT_BALL)
-_SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)
+SIZE, TOUCHED, FIRST, LAST, SITE = (
+    geometry.PLACE_SIZE, geometry.TOUCHED, geometry.FIRST, geometry.LAST,
+    geometry.SITE,
+)  # fmt: skip
+"""Numbers of a place, for kernels."""
 
 
 @wp.struct
@@ -103,7 +102,9 @@ def _turn_about(axis: wp.vec3, angle: float):
 def _is_free(pose: Pose, body: int):
     if pose.body_jntnum[body] != 1:
         return False
-    return pose.jnt_type[pose.body_jntadr[body]] == wp.static(_FREE)
+    return pose.jnt_type[pose.body_jntadr[body]] == wp.static(
+        int(mujoco.mjtJoint.mjJNT_FREE)
+    )
 
 
 @wp.func
@@ -126,12 +127,12 @@ def _moved(pose: Pose, world: int, body: int, start: wp.vec3, parent_turn: wp.qu
         kind, i = pose.jnt_type[joint], pose.jnt_qposadr[joint]
         arm = pose.jnt_pos[world % pose.jnt_pos.shape[0], joint]
         axis = pose.jnt_axis[world % pose.jnt_axis.shape[0], joint]
-        if kind == wp.static(_SLIDE):
+        if kind == wp.static(int(mujoco.mjtJoint.mjJNT_SLIDE)):
             way = pose.qpos[world, i] - pose.qpos0[world % pose.qpos0.shape[0], i]
             at += wp.quat_rotate(turn, axis) * way
         else:
             at += wp.quat_rotate(turn, arm)
-            if kind == wp.static(_BALL):
+            if kind == wp.static(int(mujoco.mjtJoint.mjJNT_BALL)):
                 q = pose.qpos[world]
                 own = wp.quat(q[i + 1], q[i + 2], q[i + 3], q[i])
                 turn = turn * wp.normalize(own)
@@ -192,7 +193,7 @@ def _attached(
 def _on_surface(kind: float, radius: float, axis: wp.vec3, arm: wp.vec3):
     """Return the point of a sphere or a cylinder that is closest to one near it."""
     along = wp.vec3(0.0, 0.0, 0.0)
-    if kind != wp.static(_SPHERE):
+    if kind != wp.static(geometry.SPHERE):
         along = wp.dot(arm, axis) * axis
     return along + radius * wp.normalize(arm - along)
 
@@ -222,22 +223,22 @@ def read_places(
     points, wrapped = pose.wrap_xpos[world], pose.wrap_obj[world]
     point = int(pose.ten_wrapadr[world, tendon])
     for k in range(number):
-        place, i = start + k, _SIZE * k
+        place, i = start + k, SIZE * k
         kind, thing = kinds[place], objects[place]
         places[i] = kind
-        if kind == _SITE:
+        if kind == SITE:
             own = pose.site_pos[world % pose.site_pos.shape[0], thing]
             at = _attached(links, pose, tendon, world, place, own, near)
-            _write_vector(places, i + _FIRST, at)
+            _write_vector(places, i + FIRST, at)
             point += 1
         else:
-            places[i + _TOUCHED] = 0.0
+            places[i + TOUCHED] = 0.0
             pair = wrapped[point // 2]
             touched = pair[1]
             if point % 2 == 0:
                 touched = pair[0]
             if touched == thing:
-                places[i + _TOUCHED] = 1.0
+                places[i + TOUCHED] = 1.0
                 own = pose.geom_pos[world % pose.geom_pos.shape[0], thing]
                 centre = _attached(links, pose, tendon, world, place, own, near)
                 frame = wp.transpose(pose.geom_xmat[world, thing])
@@ -247,9 +248,10 @@ def read_places(
                     arm -= pose.geom_xpos[world, thing]
                     arm = _on_surface(kind, radius, frame[2], arm)
                     # The last point follows the first one.
-                    _write_vector(places, i + _FIRST + 3 * side, centre + arm)
+                    _write_vector(places, i + FIRST + 3 * side, centre + arm)
                 point += 2
-                _write_vector(places, i + _CENTRE, centre)
-                _write_vector(places, i + _AXES, frame[0])
-                _write_vector(places, i + _AXES + 3, frame[1])
-                _write_vector(places, i + _AXES + 6, frame[2])
+                _write_vector(places, i + wp.static(geometry.CENTRE), centre)
+                axes = i + wp.static(geometry.AXES)
+                _write_vector(places, axes, frame[0])
+                _write_vector(places, axes + 3, frame[1])
+                _write_vector(places, axes + 6, frame[2])

@@ -18,7 +18,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.native import compiled
 from cc_mujoco.native._fold import Known
 from cc_mujoco.native._warp import translate
-from cc_mujoco.warp._variants import FUNCTIONS, PATH_FUNCTIONS, Paths, known_values
+from cc_mujoco.warp._build import FUNCTIONS, PATH_FUNCTIONS, Paths, known_values
 from study_marks import study_but
 
 OTHERS = (

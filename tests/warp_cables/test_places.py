@@ -9,7 +9,7 @@ import pytest
 import warp as wp
 
 from cc_mujoco.cable import _path_geometry as geometry
-from cc_mujoco.warp._paths import Poses, links_of
+from cc_mujoco.warp._paths import Views, links_of
 from cc_mujoco.warp._place_kernels import Links, Pose, read_places
 
 ARM = """
@@ -87,8 +87,8 @@ def test_distances_in_a_path_are_right_100_m_from_the_origin(first, joint):
     wp.launch(
         _read, dim=1,
         inputs=[
-            links, Poses().of(m, d), start, number, wp.array(kinds, dtype=float),
-            wp.array(things, dtype=int), near, places,
+            links, Views(Pose, "qpos").of(m, d), start, number,
+            wp.array(kinds, dtype=float), wp.array(things, dtype=int), near, places,
         ],
     )  # fmt: skip
     found = places.numpy()[0].reshape(number, -1).astype(float)

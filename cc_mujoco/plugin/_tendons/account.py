@@ -10,7 +10,6 @@ import mujoco
 from cc_mujoco.plugin._tendons.burden import Burden, can_push, kind_of
 from cc_mujoco.plugin._tendons.winch import Winch
 
-_GAIN = mujoco.mjtGain
 ENDS = ("proximal", "distal")
 """Ends of a cable, as its actuators are called behind its name."""
 
@@ -74,7 +73,7 @@ def describe_winch(
     for i in burden.actuators:
         label = actuator_label(original, i)
         law = "the same command, gains and ranges"
-        if spec.actuators[i].gaintype == _GAIN.mjGAIN_MUSCLE:
+        if spec.actuators[i].gaintype == mujoco.mjtGain.mjGAIN_MUSCLE:
             low, high = original.actuator_lengthrange[original.actuator_outadr[i]]
             law = f"the same excitation and length range {low:.4g} to {high:.4g} m"
         lines.append(f"{label}: pulls at the first site, through {place}, by {law}")
@@ -177,9 +176,8 @@ def order_line(model: mujoco.MjModel, cables: Sequence[str], before: int) -> str
     """Return the line that tells where the ends of cables are among the actuators."""
     ends = [model.actuator(f"{name}_{end}").id for name in cables for end in ENDS]
     places = sorted(int(model.actuator_ctrladr[end]) for end in ends)
-    if places[0] >= before:
-        text = "the places of all others stay"
-    else:
+    text = "the places of all others stay"
+    if places[0] < before:
         text = "the places of those behind them change"
     return (
         f"ctrl: the ends of the cable are {places[0]} to {places[-1]}, which take no "

@@ -19,16 +19,7 @@ from cc_mujoco.native import FloatArray
 from cc_mujoco.plugin._engine import PLUGIN
 from cc_mujoco.plugin._spec import add_element, pristine_fields
 
-_TENDON = mujoco.mjtTrn.mjTRN_TENDON
 _GAIN, _BIAS, _DYN = mujoco.mjtGain, mujoco.mjtBias, mujoco.mjtDyn
-_SENSOR = mujoco.mjtSensor
-MOVED_SENSORS = (
-    _SENSOR.mjSENS_TENDONLIMITPOS,
-    _SENSOR.mjSENS_TENDONLIMITVEL,
-    _SENSOR.mjSENS_TENDONLIMITFRC,
-    _SENSOR.mjSENS_TENDONACTFRC,
-)
-"""Sensors that read the winch of a tendon instead of the tendon."""
 _YIELDS = hasattr(mujoco.MjsTendon, "springyield")  # from MuJoCo 4.0
 CARRIED = (
     "stiffness", "springlength", *["springyield"] * _YIELDS, "damping", "frictionloss",
@@ -116,12 +107,17 @@ def find_burden(spec: mujoco.MjSpec, model: mujoco.MjModel, tendon: str) -> Burd
         "armature": own.armature != 0.0,
         "actuatorfrcrange": bool(model.tendon_actfrclimited[index]),
     }
-    pulled = [a.trntype == _TENDON and a.target == tendon for a in spec.actuators]
+    pulled = [_pulls(actuator, tendon) for actuator in spec.actuators]
     held = [
         e.type == mujoco.mjtEq.mjEQ_TENDON and tendon in (e.name1, e.name2)
         for e in spec.equalities
     ]
-    read = [s.type in MOVED_SENSORS and s.objname == tendon for s in spec.sensors]
+    # They read the winch instead of the tendon.
+    moved = [
+        getattr(mujoco.mjtSensor, f"mjSENS_TENDON{name}")
+        for name in ("LIMITPOS", "LIMITVEL", "LIMITFRC", "ACTFRC")
+    ]
+    read = [s.type in moved and s.objname == tendon for s in spec.sensors]
     actuators, equalities, sensors = (
         tuple(np.flatnonzero(x).tolist()) for x in (pulled, held, read)
     )
@@ -137,11 +133,8 @@ def find_burden(spec: mujoco.MjSpec, model: mujoco.MjModel, tendon: str) -> Burd
 def _refuse_second_cable(spec: mujoco.MjSpec, tendon: str) -> None:
     cables = {p.name: dict(p.config) for p in spec.plugins if p.plugin_name == PLUGIN}
     users = [name for name, config in cables.items() if config.get("route") == tendon]
-    users += [
-        a.plugin.name
-        for a in spec.actuators
-        if a.plugin.name in cables and a.trntype == _TENDON and a.target == tendon
-    ]
+    ends = [a for a in spec.actuators if a.plugin.name in cables]
+    users += [end.plugin.name for end in ends if _pulls(end, tendon)]
     if tendon in cables or spec.tendon(f"{tendon}_winch") is not None:
         raise CableError(f"tendon {tendon!r} is a cable already.")
     if users:
@@ -149,6 +142,11 @@ def _refuse_second_cable(spec: mujoco.MjSpec, tendon: str) -> None:
             f"tendon {tendon!r} belongs to cable {users[0]!r} already; give the second "
             "cable a tendon of its own, over the same sites if need be."
         )
+
+
+def _pulls(actuator: Any, tendon: str) -> bool:
+    on_tendon = actuator.trntype == mujoco.mjtTrn.mjTRN_TENDON
+    return bool(on_tendon and actuator.target == tendon)
 
 
 def _branches(tendon: Any) -> tuple[TendonBranch, ...]:
@@ -203,12 +201,8 @@ def kind_of(model: mujoco.MjModel, actuator: int) -> str:
     gain, bias = model.actuator_gaintype[actuator], model.actuator_biastype[actuator]
     if model.actuator_plugin[actuator] >= 0:
         return "plugin"
-    for kind, law in (
-        ("muscle", _GAIN.mjGAIN_MUSCLE),
-        ("dcmotor", _GAIN.mjGAIN_DCMOTOR),
-        ("pid", _GAIN.mjGAIN_PID),
-    ):
-        if gain == law:
+    for kind in ("muscle", "dcmotor", "pid"):
+        if gain == getattr(_GAIN, f"mjGAIN_{kind.upper()}"):
             return kind
     dynamics = model.actuator_dyntype[actuator]
     own, law = model.actuator_gainprm[actuator], model.actuator_biasprm[actuator]

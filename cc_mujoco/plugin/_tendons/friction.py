@@ -55,7 +55,6 @@ from cc_mujoco.plugin._tendons.report import TendonSummary, tendon_report
 _ALLOWED_KEYS = [
     key for key in KEYS if key not in ("route", "bend", "path", "mouth", "guides")
 ]
-_HINGE = mujoco.mjtJoint.mjJNT_HINGE
 MAX_STIFFNESS = 50e3
 """Axial stiffness of a tendon taken over, where its time step bears it [N]."""
 _MAX_STRAIN = 0.2
@@ -180,9 +179,8 @@ def add_friction(
             _Takeover(burdens.find_burden(start, original, name), *request)
             for name, *request in requests
         ]
-        moved, model = _plan(
-            start, original, takeovers, {} if guides is None else guides
-        )
+        guides = {} if guides is None else guides
+        moved, model = _plan(start, original, takeovers, guides)
         for which, name in named.items():
             if isinstance(which, int):
                 spec.tendons[which].name = name
@@ -197,9 +195,16 @@ def add_friction(
     concerns = [
         x for own in takeovers for x in accounts.range_lines(own.burden, original)
     ]
-    concerns += [
-        _soft_warning(x) for x in takeovers if x.stiffens and x.stiffness < 100
-    ]
+    for takeover in takeovers:
+        stiffness = takeover.stiffness
+        if takeover.stiffens and stiffness < 100:
+            concerns.append(
+                f"tendon {takeover.burden.tendon!r} stretches by "
+                f"{100 / stiffness:.2g} % of its length per newton, and a pull above "
+                f"{_MAX_STRAIN * stiffness:.2g} N may make it unstable, because what "
+                "it pulls bears no stiffer one at this time step; shorten the "
+                "timestep, or give its joints more `armature`."
+            )
     if report:
         print(turns)
     else:
@@ -271,8 +276,15 @@ def _plan(
     at_guides = _checked_guides(guides, [takeover.burden for takeover in takeovers])
     for takeover in takeovers:
         burden = takeover.burden
-        if not burden.is_none:
-            _refuse_drums(burden, takeover.motor, takeover.joint)
+        for name in () if burden.is_none else ("motor", "joint"):
+            if getattr(takeover, name) is not None:
+                what = "actuators" if burden.actuators else "features of its own"
+                raise CableError(
+                    f"tendon {burden.tendon!r} has {what}, which a drum at its end "
+                    f"would change; leave {name}= out, so that they pull at its first "
+                    "site, or give winch=, the radius and inertia of a drum of their "
+                    "own."
+                )
         if takeover.drum is not None and not burden.needs_winch:
             raise CableError(
                 "winch= is the drum of the actuators of a tendon, and "
@@ -292,14 +304,16 @@ def _plan(
     data = mujoco.MjData(moved)
     mujoco.mj_fwdPosition(moved, data)
     for takeover in takeovers:
-        _lay(moved, data, original, takeover, at_guides)
+        held = 0.0
+        if takeover.winch is not None:
+            held = burdens.held_tension(original, takeover.burden)
+        _lay(moved, data, takeover, held, at_guides)
     if loaded:
         _find_bearable(tried, takeovers)
     for takeover in loaded:
         if takeover.stiffens:
             stiffness = min(takeover.bearable, MAX_STIFFNESS)
-            pull = winching.largest_pull(original, takeover.burden)
-            _refuse_soft(takeover.burden, stiffness, pull, original.opt.timestep)
+            _refuse_soft(original, takeover.burden, stiffness)
             takeover.cables = [
                 cable.replace(axial_stiffness=stiffness) for cable in takeover.cables
             ]
@@ -324,7 +338,8 @@ def _require_ends(spec: mujoco.MjSpec, motor: Any, joint: Any, winch: Any) -> No
                 f"('winch', 0.02), not {end!r}."
             )
         drum = spec.joint(end[0]) if end and isinstance(end[0], str) else end and end[0]
-        if isinstance(drum, mujoco.MjsJoint) and drum.type != _HINGE:
+        is_joint = isinstance(drum, mujoco.MjsJoint)
+        if is_joint and drum.type != mujoco.mjtJoint.mjJNT_HINGE:
             raise CableError(
                 f"{name} must be a hinge, which turns a drum, and joint {drum.name!r} "
                 "is none; what slides pulls a tendon by the site where it is tied."
@@ -341,34 +356,23 @@ def _require_ends(spec: mujoco.MjSpec, motor: Any, joint: Any, winch: Any) -> No
         )
 
 
-def _refuse_drums(burden: burdens.Burden, motor: Any, joint: Any) -> None:
-    """Refuse drums for a tendon whose length they would change."""
-    for name, end in (("motor", motor), ("joint", joint)):
-        if end is not None:
-            what = "actuators" if burden.actuators else "features of its own"
-            raise CableError(
-                f"tendon {burden.tendon!r} has {what}, which a drum at its end would "
-                f"change; leave {name}= out, so that they pull at its first site, or "
-                "give winch=, the radius and inertia of a drum of their own."
-            )
-
-
 def _lay(
     model: mujoco.MjModel,
     data: mujoco.MjData,
-    original: mujoco.MjModel,
     takeover: _Takeover,
+    held: float,
     guides: tuple[tuple[str, Any], ...],
 ) -> None:
     """Give a takeover cables as long and as bent as the paths of its branches.
 
-    `model` has its winch, `data` is at `qpos0`.
+    `model` has its winch, `data` is at `qpos0`, where dry friction `held` a tension
+    [N].
     """
     burden, values = takeover.burden, {"path": "open", **takeover.given}
     if takeover.winch is not None:
         # Without it what friction holds would fall into the cable, and shake it.
-        held = float(f"{burdens.held_tension(original, burden):.3g}")
-        values = {"pretension": held, "axial_stiffness": MAX_STIFFNESS, **values}
+        pretension = float(f"{held:.3g}")
+        values = {"pretension": pretension, "axial_stiffness": MAX_STIFFNESS} | values
     elif burden.is_band:
         for key in ("axial_stiffness", "pretension"):
             if key in takeover.given:
@@ -452,10 +456,11 @@ def _joint(spec: mujoco.MjSpec, joint: Any) -> Any:
 
 
 def _refuse_soft(
-    burden: burdens.Burden, stiffness: float, pull: float, step: float
+    original: mujoco.MjModel, burden: burdens.Burden, stiffness: float
 ) -> None:
-    """Refuse a default stiffness [N] that a pull of the actuators [N] overloads."""
-    bearable = _MAX_STRAIN * stiffness
+    """Refuse a default stiffness [N] that the pull of the actuators overloads."""
+    bearable, step = _MAX_STRAIN * stiffness, original.opt.timestep
+    pull = winching.largest_pull(original, burden)
     if pull > bearable:
         shorter = 0.9 * step * math.sqrt(bearable / pull)
         raise CableError(
@@ -490,16 +495,6 @@ def _find_bearable(spec: mujoco.MjSpec, takeovers: list[_Takeover]) -> None:
             float(f"{cable.axial_stiffness * (shortest[cable.route] / step) ** 2:.2g}")
             for cable in takeover.cables
         )
-
-
-def _soft_warning(takeover: _Takeover) -> str:
-    stiffness = takeover.stiffness
-    return (
-        f"tendon {takeover.burden.tendon!r} stretches by {100 / stiffness:.2g} % of "
-        f"its length per newton, and a pull above {_MAX_STRAIN * stiffness:.2g} N may "
-        "make it unstable, because what it pulls bears no stiffer one at this time "
-        "step; shorten the timestep, or give its joints more `armature`."
-    )
 
 
 def _account(

@@ -168,32 +168,17 @@ class TendonSummary:
             label = f"{place.kind} {place.name}"
             if place.guide == ROLLER:
                 label += ", roller"
-            if not place.touched:
-                rows.append((label, "never touched", "", "", "", "", "", ""))
-                continue
-            rows.append(
-                (
-                    label,
-                    *(f"{x:.2f}" for x in (place.turn, place.min_turn, place.max_turn)),
-                    f"{1e3 * place.contact:.1f}"
-                    if place.kind == "geom" or place.guide
-                    else "",
-                    _percent(place.loss),
-                    _percent(place.total_loss),
-                    _percent(place.max_total_loss),
-                )
-            )
+            cells = ["never touched", *[""] * 6]
+            if place.touched:
+                rubs = place.kind == "geom" or place.guide
+                losses = place.loss, place.total_loss, place.max_total_loss
+                cells = [*_turns(place), f"{1e3 * place.contact:.1f}" if rubs else ""]
+                cells += map(_percent, losses)
+            rows.append((label, *cells))
         contact = 1e3 * sum(place.contact for place in self.places)
-        rows.append(
-            (
-                "whole tendon",
-                *(f"{x:.2f}" for x in (self.turn, self.min_turn, self.max_turn)),
-                f"{contact:.1f}" if contact else "",
-                "",
-                _percent(self.loss),
-                _percent(self.max_loss),
-            )
-        )
+        whole = f"{contact:.1f}" if contact else ""
+        losses_of_all = _percent(self.loss), _percent(self.max_loss)
+        rows.append(("whole tendon", *_turns(self), whole, "", *losses_of_all))
         return "\n".join((self._head(), *_aligned(rows), *self._notes()))
 
     def _head(self) -> str:
@@ -203,11 +188,9 @@ class TendonSummary:
         if len(self.joints) > 4:  # too many for a line
             first, last = self.joints[0], self.joints[-1]
             joints = f"{len(self.joints)} joints, {first} to {last}"
-        cable = ""
-        if self.cable is not None:
-            cable = (
-                f"; cable {self.cable!r}{' in a conduit' if self.in_conduit else ''}"
-            )
+        cable = "" if self.cable is None else f"; cable {self.cable!r}"
+        if self.cable is not None and self.in_conduit:
+            cable += " in a conduit"
         return (
             f"tendon {self.name!r}: {1e3 * self.length:.1f} mm in {pieces}, "
             f"{1e3 * self.min_piece_length:.1f} mm or more each; friction "
@@ -258,32 +241,15 @@ class TendonReport:
             return self._foot()
         rows: list[tuple[str, ...]] = [
             ("", "", "turn", "[rad]", "", "", "loss", "", "step"),
-            (
-                "tendon",
-                "places",
-                "now",
-                "min",
-                "max",
-                "friction",
-                "now",
-                "at most",
-                "[ms]",
-            ),
+            tuple("tendon,places,now,min,max,friction,now,at most,[ms]".split(",")),
         ]
-        for tendon in self.tendons:
-            turns = (tendon.turn, tendon.min_turn, tendon.max_turn)
-            stable = tendon.step_limit
-            rows.append(
-                (
-                    tendon.name,
-                    str(len(tendon.places)),
-                    *(f"{turn:.2f}" for turn in turns),
-                    f"{tendon.friction:g}",
-                    _percent(tendon.loss),
-                    _percent(tendon.max_loss),
-                    f"{1e3 * stable:.3g}" if math.isfinite(stable) else "any",
-                )
-            )
+        for own in self.tendons:
+            losses = _percent(own.loss), _percent(own.max_loss)
+            step = "any"
+            if math.isfinite(own.step_limit):
+                step = f"{1e3 * own.step_limit:.3g}"
+            head = own.name, str(len(own.places)), *_turns(own)
+            rows.append((*head, f"{own.friction:g}", *losses, step))
         warnings = [f"warning: {t.warning}" for t in self.tendons if t.warning]
         untouched = [
             f"tendon {t.name!r} never touches geom {', '.join(t.untouched)}"
@@ -399,13 +365,11 @@ def tendon_report(
         require_data_of(model, data)
         data = copy.copy(data)
     rest = data.qpos.copy()
-    found = []
-    for name in chosen:
-        if name in skipped:
-            continue
-        cable = on.get(known[name])
-        found.append(_summarize(model, data, rest, known[name], cable, given, friction))
-    return TendonReport(tuple(found), skipped)
+    found = tuple(
+        _summarize(model, data, rest, index, on.get(index), given, friction)
+        for index in (known[name] for name in chosen if name not in skipped)
+    )
+    return TendonReport(found, skipped)
 
 
 def _summarize(
@@ -421,10 +385,8 @@ def _summarize(
 
     Where there is no cable, or it is in a conduit, the material is that of `given`.
     """
-    joints, poses = (
-        surveys.spanned_joints(model, tendon),
-        surveys.sweep(model, rest, tendon),
-    )
+    joints = surveys.spanned_joints(model, tendon)
+    poses = surveys.sweep(model, rest, tendon)
     turn, touching, length = surveys.survey(model, data, tendon, poses)
     own, mu, source, in_conduit = given, given.friction, "assumed", False
     guides = np.zeros(turn.shape[1])
@@ -437,9 +399,8 @@ def _summarize(
         mu, source = given.friction, "given"
     if cable is None or in_conduit:
         stiffness = given.axial_stiffness
-        limit = float(
-            surveys.piece_timesteps(model, data, tendon, stiffness, poses).min()
-        )
+        steps = surveys.piece_timesteps(model, data, tendon, stiffness, poses)
+        limit = float(steps.min())
     else:
         stiffness = own.axial_stiffness
         limit = shortest_piece_step(model, data, cable, poses)
@@ -452,21 +413,15 @@ def _summarize(
     places = []
     for k, guide in enumerate(guides.tolist()):
         kind = "site" if model.wrap_type[start + k] == _SITE else "geom"
-        places.append(
-            TendonPlace(
-                kind,
-                _label(model, kind, int(model.wrap_objid[start + k])),
-                float(turn[0, k]),
-                float(turn[:, k].min()),
-                float(turn[:, k].max()),
-                float(contact[0, k]),
-                _loss(mu, rubbing[0, k]),
-                _loss(mu, total[0, k]),
-                _loss(mu, total[:, k].max()),
-                kind == "site" or bool(touched[k]),
-                ROLLER if guide == ROLLING else guide or None,
-            )
-        )
+        name = _label(model, kind, int(model.wrap_objid[start + k]))
+        turned = turn[:, k]
+        place = TendonPlace(
+            kind, name, float(turned[0]), float(turned.min()), float(turned.max()),
+            float(contact[0, k]), _loss(mu, rubbing[0, k]), _loss(mu, total[0, k]),
+            _loss(mu, total[:, k].max()), kind == "site" or bool(touched[k]),
+            ROLLER if guide == ROLLING else guide or None,
+        )  # fmt: skip
+        places.append(place)
     data.qpos[:] = rest
     mujoco.mj_fwdPosition(model, data)
     sums = rubbing.sum(axis=1)
@@ -550,11 +505,13 @@ def _percent(share: float, digits: int = 1) -> str:
     return f"{100.0 * share:.{digits}f} %"
 
 
+def _turns(of: TendonPlace | TendonSummary) -> list[str]:
+    return [f"{turn:.2f}" for turn in (of.turn, of.min_turn, of.max_turn)]
+
+
 def _aligned(rows: list[tuple[str, ...]]) -> Iterable[str]:
     """Return rows as lines, their first cells flush left and the others right."""
     widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
     for row in rows:
-        cells = (cell.rjust(width) for cell, width in zip(row, widths, strict=True))
-        yield (
-            "  " + row[0].ljust(widths[0]) + "  " + "  ".join(list(cells)[1:])
-        ).rstrip()
+        cells = [cell.rjust(width) for cell, width in zip(row, widths, strict=True)]
+        yield "  ".join(["", row[0].ljust(widths[0]), *cells[1:]]).rstrip()

@@ -22,56 +22,55 @@ from typing import Any, NamedTuple
 from cc_mujoco.cable._parameter import Parameter, Term, parameter, parameters_of
 from cc_mujoco.errors import CableError
 
-MAX_SEGMENTS = 1000
-MAX_SECTIONS = 64
-MAX_LENGTH = 50.0
-"""Longest section [m]: a longer one was meant in millimetres."""
-MAX_WRAP = 100.0
-"""Most wrap of a section [rad], sixteen turns: a tighter bend was meant otherwise."""
-SEGMENTS_ALLOWED = f"a whole number in [1, {MAX_SEGMENTS}]"
-BLANKS = " \t\n\v\f\r"
-"""Around a value in MJCF these mean nothing."""
-CONDUIT_ALLOWED = (
-    f"1 to {MAX_SECTIONS} sections `length:radius` in metres, both positive, no length "
-    f"above {MAX_LENGTH:g} and no bend above {MAX_WRAP:g} rad, radius `inf` where "
-    "straight, e.g. `0.8:0.15 0.6:inf`"
-)
+MAX_SEGMENTS, MAX_SECTIONS = 1000, 64
+MAX_LENGTH, MAX_WRAP = 50.0, 100.0
+"""Longest section [m] and most wrap of one [rad], sixteen turns: what is longer was
+meant in millimetres, and a tighter bend otherwise."""
 BENDS = ("fixed", "route")
 """Sources of the bends of the conduit: its sections, or the route as it moves."""
-BEND_ALLOWED = (
-    "`fixed` (the sections of `conduit` bend it) or, with a `route` of one branch, "
-    "`route` (that spatial tendon does, as it moves)"
-)
-
 PATHS = ("guided", "open", "mixed")
 """Guides of the cable: a conduit, its tendon's sites and geoms, or one, then these."""
-PATH_ALLOWED = (
-    "`guided` (a conduit leads the cable from end to end) or, with a `route` of one "
-    "branch, `open` (only the sites and geoms of that spatial tendon do) or `mixed` (a "
-    "conduit as far as the site `mouth` of the route, then the tendon)"
-)
-MOUTH_ALLOWED = (
-    "with `path` = `mixed`, and only then, the name of a site of the route between its "
-    "first and its last one"
-)
 ROLLER = "roller"
 """Guide of an open cable that turns with it, so that it does not rub."""
-GUIDES_ALLOWED = (
-    "with `path` = `open` or `mixed`, and only then, words `site:radius` (positive, in "
-    f"metres, at most {MAX_LENGTH:g}) or, also of geoms, `name:roller` (no friction), "
-    "each the name without blanks of a site or geom of the route behind "
-    "`mouth` and between its ends, e.g. `palm:0.01 tip:roller`"
-)
 OF_A_CONDUIT = (
     "seal_proximal", "seal_distal", "clamp_creep_proximal", "clamp_creep_distal",
 )  # fmt: skip
 """Parameters of what only a conduit has; they are off where the whole path is open."""
 ENDS = ("auto", "explicit")
 """Ends of the cable in MuJoCo's step: implicit where it is long for them, or never."""
-ENDS_ALLOWED = (
-    "`auto` (the ends are implicit where the time step of the model is long for them) "
-    "or `explicit` (they never are)"
-)
+ALLOWED = {
+    "segments": f"a whole number in [1, {MAX_SEGMENTS}]",
+    "conduit": (
+        f"1 to {MAX_SECTIONS} sections `length:radius` in metres, both positive, no "
+        f"length above {MAX_LENGTH:g} and no bend above {MAX_WRAP:g} rad, radius `inf` "
+        "where straight, e.g. `0.8:0.15 0.6:inf`"
+    ),
+    "bend": (
+        "`fixed` (the sections of `conduit` bend it) or, with a `route` of one branch, "
+        "`route` (that spatial tendon does, as it moves)"
+    ),
+    "path": (
+        "`guided` (a conduit leads the cable from end to end) or, with a `route` of "
+        "one branch, `open` (only the sites and geoms of that spatial tendon do) or "
+        "`mixed` (a conduit as far as the site `mouth` of the route, then the tendon)"
+    ),
+    "mouth": (
+        "with `path` = `mixed`, and only then, the name of a site of the route between "
+        "its first and its last one"
+    ),
+    "ends": (
+        "`auto` (the ends are implicit where the time step of the model is long for "
+        "them) or `explicit` (they never are)"
+    ),
+    "guides": (
+        "with `path` = `open` or `mixed`, and only then, words `site:radius` "
+        f"(positive, in metres, at most {MAX_LENGTH:g}) or, also of geoms, "
+        "`name:roller` (no friction), each the name without blanks of a site or geom "
+        "of the route behind `mouth` and between its ends, e.g. "
+        "`palm:0.01 tip:roller`"
+    ),
+}
+"""Values of the keys that are no scalar parameters, in words."""
 
 
 class Section(NamedTuple):
@@ -437,7 +436,7 @@ class Cable:
             or isinstance(self.segments, bool)
             or not 1 <= self.segments <= MAX_SEGMENTS
         ):
-            raise self._refusal("segments", SEGMENTS_ALLOWED)
+            raise self._refusal("segments")
         try:
             sections = tuple(Section(float(a), float(b)) for a, b in self.conduit)
         except (TypeError, ValueError):
@@ -451,19 +450,19 @@ class Cable:
             for s in sections
         )
         if not valid or not 1 <= len(sections) <= MAX_SECTIONS:
-            raise self._refusal("conduit", CONDUIT_ALLOWED)
+            raise self._refusal("conduit")
         object.__setattr__(self, "conduit", sections)
         if self.bend not in BENDS:
-            raise self._refusal("bend", BEND_ALLOWED)
+            raise self._refusal("bend")
         if self.bend == "route" and not self.route:
             raise CableError(
                 "cable parameter `bend` is 'route' but `route` is empty; it must name "
                 "the spatial tendon that the conduit follows"
             )
         if self.ends not in ENDS:
-            raise self._refusal("ends", ENDS_ALLOWED)
+            raise self._refusal("ends")
         if self.path not in PATHS:
-            raise self._refusal("path", PATH_ALLOWED)
+            raise self._refusal("path")
         if self.path != PATHS[0] and not self.route:
             raise CableError(
                 f"cable parameter `path` is {self.path!r} but `route` is empty; it "
@@ -472,7 +471,7 @@ class Cable:
         if bool(self.mouth) != (self.path == "mixed"):
             raise CableError(
                 f"cable parameter `mouth` is {self.mouth!r} where `path` is "
-                f"{self.path!r}; it must be {MOUTH_ALLOWED}"
+                f"{self.path!r}; it must be {ALLOWED['mouth']}"
             )
         object.__setattr__(self, "guides", _valid_guides(self.guides, self.path))
         if self.clearance > 0.0 and self.path != PATHS[0]:
@@ -484,8 +483,8 @@ class Cable:
                     "(off) where `path` is 'open'"
                 )
 
-    def _refusal(self, name: str, allowed: str) -> CableError:
-        given = getattr(self, name)
+    def _refusal(self, name: str, allowed: str = "") -> CableError:
+        given, allowed = getattr(self, name), allowed or ALLOWED[name]
         return CableError(
             f"cable parameter `{name}` is {given!r}; it must be {allowed}"
         )
@@ -565,11 +564,11 @@ class Cable:
                 values[p.name] = number
         if "segments" in config:
             text = config["segments"]
-            digits = text.strip(BLANKS)
+            digits = text.strip(" \t\n\v\f\r")  # blanks in MJCF
             if not (digits.isascii() and digits.isdigit()):
                 raise CableError(
                     f"{where}: key `segments` is {text!r}; it must be "
-                    f"{SEGMENTS_ALLOWED}"
+                    f"{ALLOWED['segments']}"
                 )
             values["segments"] = int(digits)
         if "conduit" in config:
@@ -657,7 +656,7 @@ def _parse_sections(text: str, where: str) -> tuple[Section, ...]:
         bend = math.inf if radius == "inf" else _parse_decimal(radius)
         if number is None or bend is None:
             raise CableError(
-                f"{where}: key `conduit` is {text!r}; it must be {CONDUIT_ALLOWED}"
+                f"{where}: key `conduit` is {text!r}; it must be {ALLOWED['conduit']}"
             )
         sections.append(Section(number, bend))
     return tuple(sections)
@@ -670,7 +669,7 @@ def _parse_guides(text: str, where: str) -> tuple[Guide, ...]:
         radius = ROLLER if value == ROLLER else _parse_decimal(value)
         if not name or radius is None:
             raise CableError(
-                f"{where}: key `guides` is {text!r}; it must be {GUIDES_ALLOWED}"
+                f"{where}: key `guides` is {text!r}; it must be {ALLOWED['guides']}"
             )
         guides.append(Guide(name, radius))
     return tuple(guides)
@@ -691,6 +690,7 @@ def _valid_guides(given: Any, path: str) -> tuple[Guide, ...]:
     except (TypeError, ValueError):
         raise CableError(
             f"cable parameter `guides` is {given!r} where `path` is {path!r}; it must "
-            f"be pairs of a name and a radius or {ROLLER!r}, in MJCF {GUIDES_ALLOWED}"
+            f"be pairs of a name and a radius or {ROLLER!r}, in MJCF "
+            f"{ALLOWED['guides']}"
         ) from None
     return tuple(guides)

@@ -16,6 +16,15 @@ from cc_mujoco.errors import CableError, look_up, require_new_name, require_utf8
 GROUP = "cc_mujoco.commands"
 """Entry points of packages that have commands: `NAME = MODULE:DATACLASS`."""
 
+_WRONG_VALUE = re.compile(
+    r"^Error parsing (--[\w-]+): "
+    r"(?:.*\b(int|float)\b.*?: "
+    r"|no type matching \{None\}\|(.+?) could be instantiated from )"
+    r"(\[.*?\]|'.*')"
+)
+"""Sentence of tyro on a value that it cannot convert."""
+_KINDS = {"int": "a whole number", "float": "a number"}
+
 
 class CommandOptions(Protocol):
     """A dataclass whose fields are the options of a command.
@@ -111,18 +120,10 @@ def _error_sentence(box: str) -> str:
     what = what.replace("(required)", "").strip(" .:,")
     near = re.search(r"Perhaps you meant:.*?(--[\w-]+)", more[0] if more else "")
     hint = f"did you mean {near[1]}? " if near else ""
-    # A value that tyro cannot convert
-    if wrong := re.search(
-        r"^Error parsing (--[\w-]+): "
-        r"(?:.*\b(int|float)\b.*?: "
-        r"|no type matching \{None\}\|(.+?) could be instantiated from )"
-        r"(\[.*?\]|'.*')",
-        what,
-    ):
+    if wrong := _WRONG_VALUE.search(what):
         kind = (wrong[2] or wrong[3]).strip("{}")
-        kind = {"int": "a whole number", "float": "a number"}.get(kind.lower(), kind)
         given = wrong[4].replace("', '", " ").strip("[]")
-        return f"{wrong[1]} needs {kind}, not {given}; {hint}"
+        return f"{wrong[1]} needs {_KINDS.get(kind.lower(), kind)}, not {given}; {hint}"
     return f"{what[:1].lower()}{what[1:]}; {hint}"
 
 

@@ -46,12 +46,8 @@ from cc_mujoco.plugin._tendons.account import (
 Place: TypeAlias = str | mujoco.MjsSite | tuple[str | mujoco.MjsBody, Sequence[float]]
 """A site or its name, or a body or its name and a position in its frame [m]."""
 
-ROTOR_INERTIA = 5e-3
-"""Inertia of a new motor about its drum [kg m^2]."""
-ROTOR_DAMPING = 1e-2
-"""Damping of a new motor [N m s/rad]."""
-MOTOR_MASS = 0.5
-"""Mass of a new motor [kg]."""
+ROTOR_INERTIA, ROTOR_DAMPING, MOTOR_MASS = 5e-3, 1e-2, 0.5
+"""Inertia about its drum [kg m^2], damping [N m s/rad] and mass [kg] of a new motor."""
 
 _ALLOWED_KEYS = [k for k in KEYS if k not in ("route", "path", "mouth", "conduit")]
 _HINGE, _SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
@@ -166,11 +162,9 @@ def add_cable(
         if key not in _ALLOWED_KEYS:
             raise CableError.unknown("cable parameter", key, _ALLOWED_KEYS)
     winch = {
-        "torque_limit": torque_limit,
-        "rotor_inertia": rotor_inertia,
-        "rotor_damping": rotor_damping,
-        "motor_mass": motor_mass,
-    }
+        "torque_limit": torque_limit, "rotor_inertia": rotor_inertia,
+        "rotor_damping": rotor_damping, "motor_mass": motor_mass,
+    }  # fmt: skip
     points = tuple(
         _site(spec, place, f"route point {i}", f"{name}_route_{i}")
         for i, place in enumerate(route, start=1)
@@ -208,8 +202,7 @@ def add_cable(
         _write(tried, model, drive, cable)
     with specs.muted_warnings():
         after = specs.compile_spec(tried)
-    if drive.lever is not None:
-        _require_arm(after, drive, drive.lever.name)
+    _require_arm(after, drive)
     _write(spec, model, drive, cable)
     return _report(model, after, drive, cable)
 
@@ -328,11 +321,12 @@ def _same_place(cable: str, index: int) -> CableError:
     )
 
 
-def _require_arm(model: mujoco.MjModel, drive: _Drive, lever: str) -> None:
+def _require_arm(model: mujoco.MjModel, drive: _Drive) -> None:
     """Refuse a lever of which the joint does not change the length of the rope."""
     distal = model.actuator(f"{drive.name}_distal").id
-    if _arms(model, drive.joint)[distal] < mujoco.mjMINVAL:
-        sites = drive.route[-1].name, lever
+    lever = drive.lever
+    if lever is not None and _arms(model, drive.joint)[distal] < mujoco.mjMINVAL:
+        sites = drive.route[-1].name, lever.name
         bodies = [model.body(model.site(site).bodyid[0]).name for site in sites]
         raise CableError(
             f"joint {drive.joint!r} does not move the rope of cable {drive.name!r}, "
@@ -364,13 +358,8 @@ def _write(
 def _write_path(spec: mujoco.MjSpec, drive: _Drive) -> None:
     for site in (*drive.route, drive.lever):
         if site is not None and site.body:
-            specs.add_element(
-                spec.body(site.body),
-                "site",
-                name=site.name,
-                pos=site.position,
-                size=[0.004] * 3,
-            )
+            at = {"name": site.name, "pos": site.position, "size": [0.004] * 3}
+            specs.add_element(spec.body(site.body), "site", **at)
     paths = {"route": drive.route} if drive.drawn else {}
     if drive.lever is not None:
         paths["rope"] = (drive.route[-1], drive.lever)
@@ -396,18 +385,12 @@ def _write_winch(spec: mujoco.MjSpec, drive: _Drive, mount: _Site, name: str) ->
         limited=mujoco.mjtLimited.mjLIMITED_FALSE, armature=drive.rotor_inertia,
         damping=[drive.rotor_damping, 0.0, 0.0],
     )  # fmt: skip
+    # Its mass is for models that infer all inertias.
     specs.add_element(
-        body,
-        "geom",
-        name=name,
-        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-        size=[radius, width / 2.0, 0.0],
-        quat=[math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0],
-        mass=mass,  # where the model infers all inertias
-        contype=0,
-        conaffinity=0,
-        rgba=[0.2, 0.2, 0.25, 1.0],
-    )
+        body, "geom", name=name, type=mujoco.mjtGeom.mjGEOM_CYLINDER, mass=mass,
+        size=[radius, width / 2.0, 0.0], contype=0, conaffinity=0,
+        quat=[math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0], rgba=[0.2, 0.2, 0.25, 1.0],
+    )  # fmt: skip
     specs.add_element(
         spec, "actuator", name=f"{drive.name}_motor", trntype=mujoco.mjtTrn.mjTRN_JOINT,
         target=name, ctrllimited=mujoco.mjtLimited.mjLIMITED_TRUE,
@@ -528,11 +511,8 @@ def _replaced(spec: mujoco.MjSpec, actuator: Any, driven: str) -> int | None:
     if isinstance(actuator, mujoco.MjsActuator):
         actuator = actuator.name or actuator.id
     found = specs.find_element("actuator", actuator, spec.actuators)
-    on_joint = found.trntype in (
-        mujoco.mjtTrn.mjTRN_JOINT,
-        mujoco.mjtTrn.mjTRN_JOINTINPARENT,
-    )
-    if not on_joint or found.target != driven:
+    kinds = mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT
+    if found.trntype not in kinds or found.target != driven:
         here = [
             a.name or str(i) for i, a in enumerate(spec.actuators) if a.target == driven
         ]

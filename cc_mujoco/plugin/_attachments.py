@@ -18,14 +18,9 @@ from cc_mujoco.plugin import _mj_struct as mj_struct
 from cc_mujoco.plugin._mj_struct import MjModel
 
 _REST_TOLERANCE = 1e-9
-_MAX_LENGTH = float(mujoco.mjMAXVAL)
-"""Length from which MuJoCo takes a number for bad [m]."""
 NO_LENGTH = (
     " has no length in the pose `qpos0` that MuJoCo can use; it must be finite and at "
     "most 1e10 m"
-)
-_PASSES_FRICTION_BY = (
-    " of its own, which pulls it as a whole and passes friction by; take it away, and "
 )
 
 
@@ -57,7 +52,7 @@ def end_radius(model: MjModel, actuator: int) -> float:
 @internal
 def is_length(metres: float) -> bool:
     """Return whether a length is a finite number that MuJoCo does not take for bad."""
-    return abs(metres) <= _MAX_LENGTH
+    return abs(metres) <= float(mujoco.mjMAXVAL)
 
 
 @internal
@@ -83,14 +78,14 @@ def is_spatial(model: MjModel, tendon: int) -> bool:
 @internal
 def blame(message: ffi.Message, model: MjModel, actuator: int, why: ffi.Bytes) -> None:
     ffi.append(message, "its actuator ")
-    _append_actuator(message, model, actuator)
-    ffi.append(message, why)
+    _blame(message, model, actuator, why)
 
 
 @internal
-def _append_actuator(message: ffi.Message, model: MjModel, actuator: int) -> None:
+def _blame(message: ffi.Message, model: MjModel, actuator: int, why: ffi.Bytes) -> None:
     name = mj_struct.name(model, model.name_actuatoradr[actuator])
     ffi.append_label(message, name, actuator)
+    ffi.append(message, why)
 
 
 @internal
@@ -106,19 +101,23 @@ def explain(message: ffi.Message, model: MjModel, instance: int) -> None:
             "distal end",
         )
         return
-    for actuator in (first, second):
-        why = _misfit(model, actuator)
-        if why.size > 0:
-            blame(message, model, actuator, why)
-            return
-    if _hold_same_target(model, first, second):
-        blame(
-            message,
-            model,
-            second,
+    blamed, why = first, _misfit(model, first)
+    if why.size == 0:
+        blamed, why = second, _misfit(model, second)
+    is_joint = _holding_joint(model, first) >= 0
+    if (
+        why.size == 0
+        and model.actuator_trntype[first] == model.actuator_trntype[second]
+        and model.actuator_trnid[first, 0] == model.actuator_trnid[second, 0]
+        # On a tendon they may hold it in opposite directions.
+        and (is_joint or end_radius(model, first) * end_radius(model, second) > 0.0)
+    ):
+        why = (
             " is on the same joint or tendon as the other end; a cable needs two that "
-            "move against each other",
+            "move against each other"
         )
+    if why.size > 0:
+        blame(message, model, blamed, why)
 
 
 @internal
@@ -166,28 +165,17 @@ def _misfit(model: MjModel, actuator: int) -> ffi.Bytes:
             "default, which would clamp the tension of the cable; limit the motor by "
             "the `forcerange` of its actuator"
         )
-    if _is_clamped_by_joint(model, actuator):
-        return (
-            " pulls a joint that has an `actuatorfrcrange`, its own or that of a "
-            "default, which would clamp the tension of the cable; limit the motor by "
-            "the `forcerange` of its actuator"
-        )
+    for other in range(model.njnt):
+        moved = other == joint or (tendon >= 0 and _moves_part(model, other, tendon))
+        if model.jnt_actfrclimited[other] != 0 and moved:
+            return (
+                " pulls a joint that has an `actuatorfrcrange`, its own or that of a "
+                "default, which would clamp the tension of the cable; limit the motor "
+                "by the `forcerange` of its actuator"
+            )
     if not is_length(model.actuator_length0[model.actuator_outadr[actuator]]):
         return NO_LENGTH
     return ""
-
-
-@internal
-def _is_clamped_by_joint(model: MjModel, actuator: int) -> bool:
-    """Return whether a joint clamps an end, that of the end or of its tendon."""
-    own, tendon = _holding_joint(model, actuator), holding_tendon(model, actuator)
-    if own >= 0:
-        return bool(model.jnt_actfrclimited[own] != 0)
-    for joint in range(model.njnt):
-        limited = model.jnt_actfrclimited[joint] != 0
-        if limited and _moves_part(model, joint, tendon):
-            return True
-    return False
 
 
 @internal
@@ -205,18 +193,6 @@ def _moves_part(model: MjModel, joint: int, tendon: int) -> bool:
         else:
             outside += 1
     return inside > 0 and outside > 0
-
-
-@internal
-def _hold_same_target(model: MjModel, first: int, second: int) -> bool:
-    """Return whether one joint, or one tendon in one direction, holds both ends."""
-    if (
-        model.actuator_trntype[first] != model.actuator_trntype[second]
-        or model.actuator_trnid[first, 0] != model.actuator_trnid[second, 0]
-    ):
-        return False
-    one_way = end_radius(model, first) * end_radius(model, second) > 0.0
-    return one_way or _holding_joint(model, first) >= 0
 
 
 @internal
@@ -287,9 +263,9 @@ def find_route(model: MjModel, instance: int, route: ffi.Bytes) -> int:
     namesake = config.equal_text(route, name)
     best, longest = -1, -1
     for tendon in range(model.ntendon):
-        candidate = mj_struct.name(model, model.name_tendonadr[tendon])
         if not is_spatial(model, tendon):
             continue
+        candidate = mj_struct.name(model, model.name_tendonadr[tendon])
         if namesake and config.equal_text(candidate, name):
             return tendon
         extra = candidate.size - route.size
@@ -310,7 +286,7 @@ def _is_named(
 ) -> bool:
     """Return whether a place of a route is `wanted`, with the tendon's affixes."""
     attributes = mj_struct.attributes(model, instance)
-    route = config.key_text(attributes, config.ROUTE)
+    route = config.key_text(attributes, config.KEY.route)
     name = mj_struct.name(model, model.name_pluginadr[instance])
     own = mj_struct.name(model, model.name_tendonadr[tendon])
     candidate, extra = _wrap_name(model, place), own.size - route.size
@@ -325,12 +301,12 @@ def _is_named(
 @internal
 def find_mouth(model: MjModel, instance: int, tendon: int) -> int:
     """Return the place of the mouth site inside an instance's route, or -1."""
-    mouth = config.key_text(mj_struct.attributes(model, instance), config.MOUTH)
+    mouth = config.key_text(mj_struct.attributes(model, instance), config.KEY.mouth)
     start = model.tendon_adr[tendon]
     for i in range(1, model.tendon_num[tendon] - 1):
-        if model.wrap_type[start + i] == mjtWrap.mjWRAP_SITE:
-            if _is_named(model, instance, tendon, start + i, mouth):
-                return i
+        is_site = model.wrap_type[start + i] == mjtWrap.mjWRAP_SITE
+        if is_site and _is_named(model, instance, tendon, start + i, mouth):
+            return i
     return -1
 
 
@@ -345,7 +321,7 @@ def read_guides(
     [m]. Every name must be one of a site, or of a geom that is a roller.
     """
     out[:] = 0.0
-    written = config.key_text(mj_struct.attributes(model, instance), config.GUIDES)
+    written = config.key_text(mj_struct.attributes(model, instance), config.KEY.guides)
     first = max(mouth, 1)
     start = model.tendon_adr[tendon] + first
     begin, colon, end = config.next_guide(written, 0)
@@ -365,11 +341,6 @@ def read_guides(
 
 
 @internal
-def is_tied(model: MjModel, actuator: int, tendon: int) -> bool:
-    return holding_tendon(model, actuator) == tendon
-
-
-@internal
 def explain_bypass(
     message: ffi.Message, model: MjModel, instance: int, tendon: int
 ) -> None:
@@ -379,18 +350,21 @@ def explain_bypass(
             and model.actuator_plugin[actuator] != instance
         ):
             ffi.append(message, "actuator ")
-            _append_actuator(message, model, actuator)
-            ffi.append(
-                message,
+            why: ffi.Bytes = (
                 " pulls its tendon as a whole, which passes friction by; give it the "
-                "joint of a drum, and that joint to the proximal end",
+                "joint of a drum, and that joint to the proximal end"
             )
+            _blame(message, model, actuator, why)
             return
     feature = _tendon_feature(model, tendon)
     if feature.size > 0:
         ffi.append(message, "its tendon has ")
         ffi.append(message, feature)
-        ffi.append(message, _PASSES_FRICTION_BY)
+        ffi.append(
+            message,
+            " of its own, which pulls it as a whole and passes friction by; take it "
+            "away, and ",
+        )
         ffi.append(
             message,
             "give the cable an `axial_stiffness` of `stiffness` times the upper "
@@ -442,15 +416,13 @@ def explain_tied(
     """Append which end has a gear that would scale its tension, if one has."""
     _, first, second = find_actuators(model, instance)
     for actuator, wanted in ((first, -1.0), (second, 1.0)):
-        tied = is_tied(model, actuator, tendon)
+        tied = holding_tendon(model, actuator) == tendon
         if tied and end_radius(model, actuator) != wanted:
-            blame(
-                message,
-                model,
-                actuator,
+            why: ffi.Bytes = (
                 " ties the cable to its own tendon; its gear must be 1 (-1 at the "
-                "proximal end)",
+                "proximal end)"
             )
+            blame(message, model, actuator, why)
             return
 
 
@@ -581,7 +553,7 @@ def _can_drive(model: MjModel, actuator: int, sense: float, rest: float) -> bool
 @internal
 def ends_swapped(model: MjModel, instance: int) -> bool:
     _, first, second = find_actuators(model, instance)
-    written = config.key_text(mj_struct.attributes(model, instance), config.ROUTE)
+    written = config.key_text(mj_struct.attributes(model, instance), config.KEY.route)
     route = find_route(model, instance, written) if written.size > 0 else -1
     joint, other = _holding_joint(model, first), _holding_joint(model, second)
     if route < 0 or joint < 0 or other < 0:

@@ -37,7 +37,7 @@ from cc_mujoco.cable import _moving_path as moving_path
 from cc_mujoco.cable import _open_path as open_path
 from cc_mujoco.cable import _pack as prepare
 from cc_mujoco.cable._cable import MAX_SECTIONS
-from cc_mujoco.native import FloatArray, internal
+from cc_mujoco.native import internal
 from cc_mujoco.plugin import _attachments as attachments
 from cc_mujoco.plugin import _config as config
 from cc_mujoco.plugin import _evaluate as evaluating
@@ -53,9 +53,7 @@ from cc_mujoco.plugin import _warnings as messages
 from cc_mujoco.plugin._instance_data import Block
 from cc_mujoco.plugin._mj_struct import MjData, MjModel
 from cc_mujoco.plugin._routing import follow, lay, pull, seats_with_route, set_reference
-from cc_mujoco.plugin._slack_passage import evaluate_prediction
 
-_NO_ACTUATION = mjtDisableBit.mjDSBL_ACTUATION
 _PASSIVE = int(ENUMS["mjtPluginCapabilityBit"].values["mjPLUGIN_PASSIVE"])
 
 
@@ -74,17 +72,17 @@ def _refuse_values(message: ffi.Message, model: MjModel, instance: int) -> int:
         return key
     _, first, _ = attachments.find_actuators(model, instance)
     radius = abs(attachments.end_radius(model, first))
-    if values[config.ECCENTRICITY] + values[config.OVALITY] >= radius:
-        alone = values[config.ECCENTRICITY] >= radius
-        return config.ECCENTRICITY if alone else config.OVALITY
-    route = config.key_text(attributes, config.ROUTE)
+    if values[config.KEY.eccentricity] + values[config.KEY.ovality] >= radius:
+        alone = values[config.KEY.eccentricity] >= radius
+        return int(config.KEY.eccentricity if alone else config.KEY.ovality)
+    route = config.key_text(attributes, config.KEY.route)
     if route.size == 0:
         return key
     tendon = attachments.find_route(model, instance, route)
     if tendon < 0:
-        return config.ROUTE
+        return int(config.KEY.route)
     if config.bends_with_route(attributes) and path.has_branches(model, tendon):
-        return config.BEND
+        return int(config.KEY.bend)
     if not attachments.is_length(model.tendon_length0[tendon]):
         ffi.append(message, "its route")
         ffi.append(message, attachments.NO_LENGTH)
@@ -109,7 +107,7 @@ def _is_refused(model: MjModel, instance: int) -> bool:
         if key != config.VALID_CONFIGURATION:
             config.explain(message, attributes, key)
     if message.used == start:
-        route, tendon, mouth = config.key_text(attributes, config.ROUTE), -1, 0
+        route, tendon, mouth = config.key_text(attributes, config.KEY.route), -1, 0
         if config.is_open(attributes):
             tendon = attachments.find_route(model, instance, route)
         if config.is_mixed(attributes):
@@ -125,7 +123,7 @@ def _is_refused(model: MjModel, instance: int) -> bool:
 def route(model: MjModel, instance: ffi.CInt) -> ffi.CInt:
     """Return the spatial tendon that is the route of the instance, or -1."""
     attributes = mj_struct.attributes(model, instance)
-    written = config.key_text(attributes, config.ROUTE)
+    written = config.key_text(attributes, config.KEY.route)
     return attachments.find_route(model, instance, written)
 
 
@@ -197,18 +195,6 @@ def limits(model: MjModel, data: MjData, instance: ffi.CInt, out: int) -> None:
 
 
 @internal
-def _aim(
-    model: MjModel, data: MjData, block: Block, lead: Block, out: FloatArray
-) -> None:
-    kind = model.plugin[block.instance]
-    area = lead + lead.prediction
-    if implicit_ends.is_unknown(area):
-        evaluating.follow_paths(model, data, block.instance, lead.evaluation_count)
-        implicit_ends.predict_acceleration(model, data, kind, area)
-    implicit_ends.predict_ends(model, data, block, kind, area, out)
-
-
-@internal
 def _check(model: MjModel, data: MjData, block: Block) -> None:
     """Warn if the time step is too long for the instance, or its ends are not fit.
 
@@ -256,7 +242,8 @@ def _pull_early(model: MjModel, data: MjData, instance: int, block: Block) -> No
     `mj_inverse` evaluates passive forces, but no actuators. Where the acceleration
     is given, an implicit end looks ahead by that.
     """
-    if mj_struct.disabled(model, _NO_ACTUATION) or messages.has_no_passive(model):
+    idle = mj_struct.disabled(model, mjtDisableBit.mjDSBL_ACTUATION)
+    if idle or messages.has_no_passive(model):
         return
     if not evaluating.update_parameters(block, model, instance):
         return
@@ -271,7 +258,7 @@ def _pull_early(model: MjModel, data: MjData, instance: int, block: Block) -> No
     elif not evaluating.is_evaluated(block, data, state, ends):
         aim = np.empty(9)
         implicit_ends.predict_known_motion(model, data, block, aim)
-        known = evaluate_prediction(model, block, state, aim, dt)
+        known = implicit_ends.evaluate_prediction(model, block, state, aim, dt)
     if known:
         pull(block, model, data)
         block.early_pull = blocks.EARLY_REPLACED if looks else blocks.EARLY_KEPT
@@ -417,7 +404,7 @@ def compute(
     lead = blocks.block_at(data, mj_struct.first_cable(model, instance))
     if lead == block:
         lead.evaluation_count += 1
-        implicit_ends.forget_prediction(lead)
+        lead.known_step = 0
         _undo_early(model, data, instance)
     usable = evaluating.update_parameters(block, model, instance)
     block.evaluated_model = model if usable else 0
@@ -463,8 +450,8 @@ def compute(
     known = False
     if usable and not cut and looks:
         aim = np.empty(9)
-        _aim(model, data, block, lead, aim)
-        known = evaluate_prediction(model, block, state, aim, dt)
+        implicit_ends.predict_ends(model, data, block, lead, aim)
+        known = implicit_ends.evaluate_prediction(model, block, state, aim, dt)
     elif usable and not cut:
         known = evaluating.evaluate(block, state, ends, (0.0, 0.0), dt)
     # MuJoCo sees a bad acceleration, warns and resets, as for any other.
@@ -500,7 +487,8 @@ def advance(model: MjModel, data: MjData, instance: ffi.CInt) -> None:
     if block == 0:
         return
     # Without actuation that is of an evaluation before this step.
-    idle, rk4 = mj_struct.disabled(model, _NO_ACTUATION), evaluating.is_rk4(model)
+    idle = mj_struct.disabled(model, mjtDisableBit.mjDSBL_ACTUATION)
+    rk4 = evaluating.is_rk4(model)
     known = block.evaluated_model == model and not idle
     block.evaluated_model = 0
     if not known:
@@ -515,12 +503,20 @@ def advance(model: MjModel, data: MjData, instance: ffi.CInt) -> None:
     if not rk4:
         jump_warnings.warn_jump(model, data, instance, state, ends, 0)
     if attachments.in_disabled_group(model, instance):
-        messages.warn_once(model, instance, messages.GROUP_DISABLED)
+        messages.warn_once(
+            model, instance,
+            "an end is in a group of `actuatorgroupdisable`, which MuJoCo does not "
+            "heed for plugins; the cable pulls all the same",
+        )  # fmt: skip
     dt, time, yields, stage = model.opt.timestep, 0.0, (0.0, 0.0), 0
     at, given = block.input_positions, block.inputs
     if idle:
         # Nothing has evaluated the last position.
-        messages.warn_once(model, instance, messages.ACTUATION_DISABLED)
+        messages.warn_once(
+            model, instance,
+            "`actuation` is disabled in <flag>, so the cable does not pull; its "
+            "tensions are those that it would have",
+        )  # fmt: skip
         follow(block, model, data, state)
     elif not rk4 and at[0] == last[0] and at[1] == last[1]:
         # What was applied is what the step did, whatever it looked ahead to.

@@ -9,28 +9,18 @@ meaning, `REQUIRED`, must be given, and an empty one is refused with them.
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
-import numpy.typing as npt
 
 from cc_mujoco.cable import _cable as cable
-from cc_mujoco.cable._cable import KEYS
+from cc_mujoco.cable._cable import KEYS, PARAMETERS
 from cc_mujoco.cable._friction import DRAG_TERMS
+from cc_mujoco.cable._layout import SCALARS as SCALARS
 from cc_mujoco.cable._open_path import ROLLING as ROLLING
 from cc_mujoco.native import FloatArray, compiled, internal
 from cc_mujoco.plugin._engine import REQUIRED
 from cc_mujoco.plugin._ffi import Bytes, FloatMatrix, Message, append, quote, text
-
-Integers = npt.NDArray[np.int64]
-
-_BITS = 30
-_BASE = 1 << _BITS
-_PRECISION = 53
-_LOWEST = -1074
-_MAX_DIGITS = 800
-"""Digits that decide: a number half way between two floats has at most 767."""
-_MAX_LIMBS = 280
-"""Limbs of the integers below, at most."""
 
 
 @internal
@@ -53,162 +43,79 @@ def strip(text: Bytes) -> Bytes:
     return text[begin:end]
 
 
-@internal
-def _nearest(digits: Integers, count: int, exponent: int) -> float:
-    """Return the nearest float, ties to even, by exact integers.
-
-    The integer is kept in limbs of 30 bits, lowest first; a negative power of ten is
-    divided out of it after a shift that leaves more bits than a float holds.
-    """
-    if count == 0 or count + exponent < -330:
-        return 0.0
-    if count + exponent > 310:
-        return math.inf
-    shifted = 0 if exponent >= 0 else (-4 * exponent + 70) // _BITS + 1
-    size = shifted + (4 * (count + max(exponent, 0))) // _BITS + 2
-    limbs = np.zeros(_MAX_LIMBS, np.int64)
-    for k in range(count + max(exponent, 0)):
-        carry = digits[k] if k < count else 0
-        for limb in range(shifted, size):
-            carry += limbs[limb] * 10
-            limbs[limb] = carry % _BASE
-            carry //= _BASE
-    sticky = False
-    for _ in range(-exponent):
-        rest = 0
-        for limb in range(size - 1, -1, -1):
-            rest = rest * _BASE + limbs[limb]
-            limbs[limb] = rest // 10
-            rest %= 10
-        sticky = sticky or rest != 0
-    length = size * _BITS
-    while not _bit(limbs, length - 1):
-        length -= 1
-    lowest = max(length - _PRECISION, _LOWEST + shifted * _BITS)
-    mantissa = 0
-    for bit in range(length - 1, lowest - 1, -1):
-        mantissa = 2 * mantissa + (_bit(limbs, bit) if bit >= 0 else 0)
-    if lowest > 0 and _bit(limbs, lowest - 1):
-        for bit in range(lowest - 1):
-            sticky = sticky or _bit(limbs, bit) == 1
-        if sticky or mantissa % 2 == 1:
-            mantissa += 1
-    return math.ldexp(float(mantissa), lowest - shifted * _BITS)
-
-
-@internal
-def _bit(limbs: Integers, position: int) -> int:
-    return int(limbs[position // _BITS] >> (position % _BITS)) & 1
+def value_of(text: Bytes) -> float:
+    """Return the float nearest to a decimal number, ties to even."""
+    return float(bytes(text))
 
 
 @compiled
 def number(text: Bytes) -> float:
     """Return the number that `text` spells, or NaN if it spells no finite number.
 
-    The C library's `strtod` follows the locale and takes "4o" for 4, `nan` and `1e400`;
-    this takes decimal numbers in full and nothing else, and rounds as Python's `float`.
+    The C library takes "4o" for 4, `nan` and `1e400`; this takes decimal numbers in
+    full and nothing else, and rounds as Python's `float`.
     """
     text = strip(text)
-    i = 0
-    negative = False
-    if text.size > 0 and (text[0] == 43 or text[0] == 45):
-        negative = text[0] == 45
-        i = 1
-    digits = np.zeros(_MAX_DIGITS, np.int64)
-    count, seen, exponent, point = 0, 0, 0, False
+    i = 1 if text.size > 0 and (text[0] == 43 or text[0] == 45) else 0
+    seen, point = 0, False
     while i < text.size and (is_digit(text[i]) or (text[i] == 46 and not point)):
-        if text[i] == 46:
-            point = True
-        else:
-            seen += 1
-            if count == _MAX_DIGITS:
-                # A digit further back only tells that the number is not half way.
-                if text[i] != 48:
-                    digits[count - 1] = max(digits[count - 1], 1)
-                exponent += 1
-            elif count > 0 or text[i] != 48:
-                digits[count] = text[i] - 48
-                count += 1
-            if point:
-                exponent -= 1
+        point = point or text[i] == 46
+        seen += is_digit(text[i])
         i += 1
     if seen == 0:
         return math.nan
     if i < text.size and (text[i] == 101 or text[i] == 69):
         i += 1
-        down = i < text.size and text[i] == 45
         if i < text.size and (text[i] == 43 or text[i] == 45):
             i += 1
         if i == text.size:
             return math.nan
-        power = 0
         while i < text.size and is_digit(text[i]):
-            power = min(power * 10 + (text[i] - 48), 1_000_000_000)
             i += 1
-        exponent += -power if down else power
     if i != text.size:
         return math.nan
-    value = _nearest(digits, count, exponent)
-    if math.isinf(value):
-        return math.nan
-    return -value if negative else value
+    value = value_of(text)
+    return value if math.isfinite(value) else math.nan
 
 
 VALID_CONFIGURATION = -1
 """Key that `read` returns when the configuration can be used."""
 
-SCALARS = len(cable.PARAMETERS)
-(
-    SEGMENTS, CONDUIT, ROUTE, BEND, PATH, MOUTH, ENDS_KEY, GUIDES,
-    FRICTION, WRAP_GROWTH, CLEARANCE, _STATIC, _PRETENSION, _EXPONENT, ECCENTRICITY,
-    OVALITY,
-) = map(
-    KEYS.index,
-    (
-        "segments", "conduit", "route", "bend", "path", "mouth", "ends", "guides",
-        "friction", "wrap_growth", "clearance", "static_friction", "pretension",
-        "tension_exponent", "eccentricity", "ovality",
-    ),
-)  # fmt: skip
+KEY = SimpleNamespace(**{key: i for i, key in enumerate(KEYS)})
+"""Place of each key, for compiled code; those of scalar parameters come first."""
 _OF_A_CONDUIT = tuple(map(KEYS.index, cable.OF_A_CONDUIT))
 DRAGS_PER_LENGTH = tuple(place for place, _, unit in DRAG_TERMS if unit != "N")
 """Keys of drag along the conduit, which that of a seal is not."""
-_DEFAULT_SEGMENTS = cable.Cable.segments
-_LOW = np.array([p.low for p in cable.PARAMETERS])
-_HIGH = np.array([p.high for p in cable.PARAMETERS])
-_LOW_OPEN = np.array([p.low_open for p in cable.PARAMETERS])
-_DEFAULT = np.array([p.default for p in cable.PARAMETERS])
-_REQUIRED = np.array([key in REQUIRED for key in KEYS])
+_SCALARS = SimpleNamespace(
+    low=np.array([p.low for p in PARAMETERS]),
+    high=np.array([p.high for p in PARAMETERS]),
+    low_open=np.array([p.low_open for p in PARAMETERS]),
+    default=np.array([p.default for p in PARAMETERS]),
+    required=np.array([key in REQUIRED for key in KEYS]),
+)
+"""Bounds and defaults of scalar parameters, by their places."""
 
 
-_ALLOWED = {p.name: p.allowed for p in cable.PARAMETERS}
-_ALLOWED |= {
-    "static_friction": "0 (off) or at least `friction`, and "
-    + _ALLOWED["static_friction"],
-    "tension_exponent": "0 (off) where `pretension` is 0, and "
-    + _ALLOWED["tension_exponent"],
-    "clearance": f"{_ALLOWED['clearance']}, and 0 (off) where `path` is not `guided`",
-    "eccentricity": _ALLOWED["eccentricity"]
-    + ", less than the `gear` of the proximal end",
-    "ovality": _ALLOWED["ovality"]
-    + ", and its sum with `eccentricity` less than the `gear` of the proximal end",
-    "segments": cable.SEGMENTS_ALLOWED,
-    "conduit": cable.CONDUIT_ALLOWED,
-    "route": "the name of a spatial tendon of the model",
-    "bend": cable.BEND_ALLOWED,
-    "path": cable.PATH_ALLOWED,
-    "mouth": cable.MOUTH_ALLOWED,
-    "ends": cable.ENDS_ALLOWED,
-    "guides": cable.GUIDES_ALLOWED,
-    **{
-        k: f"{_ALLOWED[k]}, and 0 (off) where `path` is `open`"
-        for k in cable.OF_A_CONDUIT
-    },
-}
-_ALLOWED_VALUES = tuple(_ALLOWED[key] for key in KEYS)
-_FIXED, _ROUTED = cable.BENDS
-_AUTO, _EXPLICIT = cable.ENDS
-_GUIDED, _OPEN, _MIXED = cable.PATHS
+def _allowed_values() -> tuple[str, ...]:
+    """Return what each key may be, in words."""
+    own = {p.name: p.allowed for p in PARAMETERS} | cable.ALLOWED
+    own["route"] = "the name of a spatial tendon of the model"
+    for key in cable.OF_A_CONDUIT:
+        own[key] += ", and 0 (off) where `path` is `open`"
+    own["clearance"] += ", and 0 (off) where `path` is not `guided`"
+    own["eccentricity"] += ", less than the `gear` of the proximal end"
+    own["ovality"] += (
+        ", and its sum with `eccentricity` less than the `gear` of the proximal end"
+    )
+    for key, before in (
+        ("static_friction", "0 (off) or at least `friction`"),
+        ("tension_exponent", "0 (off) where `pretension` is 0"),
+    ):
+        own[key] = f"{before}, and {own[key]}"
+    return tuple(own[key] for key in KEYS)
+
+
+_ALLOWED_VALUES = _allowed_values()
 
 
 @internal
@@ -229,9 +136,9 @@ def block_size(block: int) -> int:
 @internal
 def segment_count(block: int) -> int:
     """Return the number of segments, or 0 if the text is no allowed number."""
-    written = strip(key_text(block, SEGMENTS))
-    if key_text(block, SEGMENTS).size == 0:
-        return _DEFAULT_SEGMENTS
+    written = strip(key_text(block, KEY.segments))
+    if key_text(block, KEY.segments).size == 0:
+        return cable.Cable.segments
     count = 0
     for k in range(written.size):
         if not is_digit(written[k]):
@@ -242,13 +149,13 @@ def segment_count(block: int) -> int:
 
 @internal
 def bends_with_route(block: int) -> bool:
-    return equal_text(key_text(block, BEND), _ROUTED)
+    return equal_text(key_text(block, KEY.bend), cable.BENDS[1])
 
 
 @internal
 def is_open(block: int) -> bool:
-    written = key_text(block, PATH)
-    return equal_text(written, _OPEN) or equal_text(written, _MIXED)
+    written = key_text(block, KEY.path)
+    return equal_text(written, cable.PATHS[1]) or equal_text(written, cable.PATHS[2])
 
 
 @internal
@@ -258,19 +165,19 @@ def path_kind(block: int) -> int:
 
 @internal
 def is_explicit(block: int) -> bool:
-    return equal_text(key_text(block, ENDS_KEY), _EXPLICIT)
+    return equal_text(key_text(block, KEY.ends), cable.ENDS[1])
 
 
 @internal
 def is_mixed(block: int) -> bool:
-    return equal_text(key_text(block, PATH), _MIXED)
+    return equal_text(key_text(block, KEY.path), cable.PATHS[2])
 
 
 @internal
 def length(block: int) -> float:
     """Return the length of the conduit [m]; the configuration must be valid."""
     sections = np.empty((cable.MAX_SECTIONS, 2))
-    count = _sections(key_text(block, CONDUIT), sections)
+    count = _sections(key_text(block, KEY.conduit), sections)
     total = 0.0
     for i in range(count):
         total += sections[i, 0]
@@ -339,9 +246,8 @@ def equal_text(a: Bytes, b: Bytes) -> bool:
 @internal
 def explain(message: Message, block: int, key: int) -> None:
     """Append why a key cannot be used: its name, its value and the allowed values."""
-    append(message, "key `")
-    append(message, KEYS[key])
-    append(message, "` is ")
+    for part in ("key `", KEYS[key], "` is "):
+        append(message, part)
     written = key_text(block, key)
     if written.size == 0:
         append(message, "missing or empty")
@@ -362,46 +268,46 @@ def read(block: int, values: FloatArray, sections: FloatMatrix) -> tuple[int, in
     for key in range(SCALARS):
         written = key_text(block, key)
         if written.size == 0:
-            if _REQUIRED[key]:
+            if _SCALARS.required[key]:
                 return key, 0
-            values[key] = _DEFAULT[key]
+            values[key] = _SCALARS.default[key]
             continue
-        x = number(written)
-        above = x > _LOW[key] if _LOW_OPEN[key] else x >= _LOW[key]
-        if not (above and x <= _HIGH[key]):
+        x, low = number(written), _SCALARS.low[key]
+        above = x > low if _SCALARS.low_open[key] else x >= low
+        if not (above and x <= _SCALARS.high[key]):
             return key, 0
         values[key] = x
-    if 0.0 < values[_STATIC] < values[FRICTION]:
-        return _STATIC, 0
-    if values[_EXPONENT] != 0.0 and values[_PRETENSION] == 0.0:
-        return _EXPONENT, 0
+    if 0.0 < values[KEY.static_friction] < values[KEY.friction]:
+        return KEY.static_friction, 0
+    if values[KEY.tension_exponent] != 0.0 and values[KEY.pretension] == 0.0:
+        return KEY.tension_exponent, 0
     if segment_count(block) == 0:
-        return SEGMENTS, 0
-    bend = key_text(block, BEND)
-    follows = bends_with_route(block) and key_text(block, ROUTE).size > 0
-    if not (bend.size == 0 or equal_text(bend, _FIXED) or follows):
-        return BEND, 0
-    path = key_text(block, PATH)
+        return KEY.segments, 0
+    bend = key_text(block, KEY.bend)
+    follows = bends_with_route(block) and key_text(block, KEY.route).size > 0
+    if not (bend.size == 0 or equal_text(bend, cable.BENDS[0]) or follows):
+        return KEY.bend, 0
+    path = key_text(block, KEY.path)
     free = is_open(block)
-    if not (path.size == 0 or equal_text(path, _GUIDED) or free):
-        return PATH, 0
-    if free and key_text(block, ROUTE).size == 0:
-        return PATH, 0
-    if (key_text(block, MOUTH).size > 0) != is_mixed(block):
-        return MOUTH, 0
-    ends = key_text(block, ENDS_KEY)
-    if not (ends.size == 0 or equal_text(ends, _AUTO) or is_explicit(block)):
-        return ENDS_KEY, 0
-    guides = key_text(block, GUIDES)
+    if not (path.size == 0 or equal_text(path, cable.PATHS[0]) or free):
+        return KEY.path, 0
+    if free and key_text(block, KEY.route).size == 0:
+        return KEY.path, 0
+    if (key_text(block, KEY.mouth).size > 0) != is_mixed(block):
+        return KEY.mouth, 0
+    ends = key_text(block, KEY.ends)
+    if not (ends.size == 0 or equal_text(ends, cable.ENDS[0]) or is_explicit(block)):
+        return KEY.ends, 0
+    guides = key_text(block, KEY.guides)
     begin, colon, end = next_guide(guides, 0)
     while begin >= 0:
         if colon == begin or guide_radius(guides[colon + 1 : end]) == 0.0 or not free:
-            return GUIDES, 0
+            return KEY.guides, 0
         begin, colon, end = next_guide(guides, end)
     for key in _OF_A_CONDUIT:
-        if values[key] != 0.0 and equal_text(path, _OPEN):
+        if values[key] != 0.0 and equal_text(path, cable.PATHS[1]):
             return key, 0
-    if values[CLEARANCE] > 0.0 and free:
-        return CLEARANCE, 0
-    count = _sections(key_text(block, CONDUIT), sections)
-    return (VALID_CONFIGURATION if count > 0 else CONDUIT), count
+    if values[KEY.clearance] > 0.0 and free:
+        return KEY.clearance, 0
+    count = _sections(key_text(block, KEY.conduit), sections)
+    return (VALID_CONFIGURATION if count > 0 else KEY.conduit), count

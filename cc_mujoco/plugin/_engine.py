@@ -19,12 +19,17 @@ PLUGIN = "cc_mujoco.cable"
 REQUIRED = ("axial_stiffness", "pretension", "friction", "conduit")
 """Keys that an MJCF instance must give; other effects are off unless given."""
 
-_PATTERNS = {"win32": "mujoco.dll", "darwin": "libmujoco*.dylib"}
-_FOLDER = Path(mujoco.__file__).parent
-_FILES = sorted(_FOLDER.glob(_PATTERNS.get(sys.platform, "libmujoco.so*")))
-if not _FILES:
-    raise NativeLibraryError(f"cc_mujoco finds no MuJoCo library in {_FOLDER}")
-LIBRARY = ctypes.CDLL(str(_FILES[-1]))
+
+def _load_library() -> ctypes.CDLL:
+    patterns = {"win32": "mujoco.dll", "darwin": "libmujoco*.dylib"}
+    folder = Path(mujoco.__file__).parent
+    files = sorted(folder.glob(patterns.get(sys.platform, "libmujoco.so*")))
+    if not files:
+        raise NativeLibraryError(f"cc_mujoco finds no MuJoCo library in {folder}")
+    return ctypes.CDLL(str(files[-1]))
+
+
+LIBRARY = _load_library()
 """The MuJoCo library that the Python bindings use."""
 
 _lock = threading.Lock()

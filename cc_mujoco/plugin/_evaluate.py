@@ -25,9 +25,6 @@ from cc_mujoco.plugin._mj_struct import MjData, MjModel
 from cc_mujoco.plugin._routing import follow, seats_with_route
 
 _SPRINGS = INDEX["proximal_compliance"], INDEX["end_compliance"]
-_MIN_ROPE_SHARE = 1e-3
-"""Least part of its path that a rope is long which drums have wound up entirely."""
-_BISECTIONS = 100
 
 
 @internal
@@ -55,7 +52,7 @@ def pack(block: Block, model: MjModel, instance: int) -> bool:
     tendon, mouth, guided = -1, 0, n
     follows = config.bends_with_route(attributes)
     if follows or free:
-        route = config.key_text(attributes, config.ROUTE)
+        route = config.key_text(attributes, config.KEY.route)
         tendon = attachments.find_route(model, instance, route)
         if tendon < 0 or path.has_branches(model, tendon):
             return False
@@ -74,8 +71,8 @@ def pack(block: Block, model: MjModel, instance: int) -> bool:
         if not attachments.read_guides(model, instance, tendon, mouth, guides):
             return False
     for end in range(2):
-        tied = free and attachments.is_tied(model, block.actuators[end], tendon)
-        block.tied[end] = int(tied)
+        held = attachments.holding_tendon(model, block.actuators[end])
+        block.tied[end] = int(free and held == tendon)
     block.route, block.mouth, block.guided = tendon, mouth, guided
     block.route_digest = path.digest(model, tendon)
     block.bends_with_route = int(follows and guided > 0)
@@ -302,7 +299,7 @@ def _even_tension(
         low *= 2.0
     while not _is_longer(prm, n, path, rope, wound, high):
         high *= 2.0
-    for _ in range(_BISECTIONS):
+    for _ in range(100):
         middle = 0.5 * (low + high)
         if _is_longer(prm, n, path, rope, wound, middle):
             high = middle
@@ -320,7 +317,8 @@ def _is_longer(
         return nodes.rest_stretch(prm, wrap, tension) >= rope
     ratio = moving_path.stretch_ratio(prm, tension)
     springs = prm[_SPRINGS[0]] + prm[_SPRINGS[1]]
-    left = max(rope - wound / _wound_ratio(prm, tension), _MIN_ROPE_SHARE * path)
+    # A rope that drums have wound up entirely is this part of its path long.
+    left = max(rope - wound / _wound_ratio(prm, tension), 1e-3 * path)
     return ratio > 0.0 and ratio * (left + springs * tension) >= path
 
 

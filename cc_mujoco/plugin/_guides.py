@@ -21,10 +21,6 @@ from cc_mujoco.plugin._mj_struct import MjData, MjModel
 from cc_mujoco.plugin._warnings import begin_message
 
 RANDOM_POSES = 200
-_NEVER_TOUCHED = (
-    f", neither in `qpos0` nor in {RANDOM_POSES} random poses of the joints, so "
-    "nothing rubs there; turn or move the geom, or take it from the path"
-)
 
 
 @internal
@@ -38,9 +34,7 @@ def _mark_touched(
         kind = model.wrap_type[start + place]
         plain = kind == mjtWrap.mjWRAP_SITE or kind == mjtWrap.mjWRAP_PULLEY
         touched[place] = 1 if plain else 0
-        missing += touched[place] == 0
-    if missing == 0:
-        return
+        missing += not plain
     missing -= _mark_touched_now(model, data, tendon, touched)
     if missing == 0:
         return
@@ -140,6 +134,12 @@ def warn_missed(model: MjModel, data: MjData, instance: int, tendon: int) -> Non
             name = mj_struct.name(model, model.name_geomadr[geom])
             ffi.append(message, "its path never touches geom ")
             ffi.append_label(message, name, geom)
-            ffi.append(message, _NEVER_TOUCHED)
+            ffi.append(message, ", neither in `qpos0` nor in ")
+            ffi.append_integer(message, RANDOM_POSES)
+            ffi.append(
+                message,
+                " random poses of the joints, so nothing rubs there; turn or move the "
+                "geom, or take it from the path",
+            )
             ffi.warn(message)
     ffi.free_stack(data)

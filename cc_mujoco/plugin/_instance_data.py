@@ -71,6 +71,7 @@ class _Block(ctypes.Structure):
         # from, and the path.
         ("first_stage", _INT),
         # Of a model's first cable, or 0: for `_implicit_ends.py`, `_jump_warnings.py`.
+        ("known_step", _INT),
         ("prediction", _INT),
         ("mocap_poses", _INT),
         # For what model it was made, see `fits`, and for what `path`.
@@ -79,10 +80,7 @@ class _Block(ctypes.Structure):
         ("mocaps", _INT),
         ("lead", _INT),
         ("path_kind", _INT),
-        (
-            "other_kind",
-            _INT,
-        ),  # whether the configuration has another, or other segments
+        ("other_kind", _INT),  # whether the configuration has another kind or segments
         ("route_digest", _INT),  # of the places of `route` when it was packed
         # Model that the actuators were evaluated with since the last step, or 0.
         ("evaluated_model", _INT),
@@ -220,7 +218,7 @@ def lay_out(block: Block, model: MjModel, first: bool) -> int:
     end += 8 * open_path.memory_size(n) if free else 0
     if first and model.nv <= MAX_DOFS:
         block.prediction = end
-        end += 8 * (1 + 5 * model.nv + 3 * model.nv * model.nv)
+        end += 8 * (5 * model.nv + 3 * model.nv * model.nv)
     if first and model.nmocap > 0:
         block.mocap_poses = end
         end += 2 * 7 * 8 * model.nmocap

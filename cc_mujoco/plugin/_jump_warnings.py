@@ -31,26 +31,15 @@ from cc_mujoco.plugin._instance_data import Block
 from cc_mujoco.plugin._mj_struct import MjData, MjModel
 from cc_mujoco.plugin._warnings import begin_message
 
-_MIN_JUMP = 2e-3
-"""Motion that a step allows an end whatever its velocity is [m]."""
-_VELOCITY_FACTOR, _VELOCITY_FACTOR_TOUCHED = 3.0, 1.5
-"""Factors by which the velocity may change within a step, for impacts."""
-_MIN_TENSION_CHANGE = 0.01
-"""Change of tension from which a motion by hand counts, as a part of the tension."""
-_POSE_TOLERANCE = 1e-9
-"""Difference of poses that rounding makes, as a part of them."""
-_GOLDEN = 0.6180339887498949
-
 _PATH = 2
 """The path of an open cable; 0 and 1 are the proximal and the distal end."""
-_PARTS = "its proximal end", "its distal end", "its path"
 
 
 @internal
 def checksum(positions: FloatArray) -> float:
     total, weight = 0.0, 0.0
     for i in range(positions.size):
-        weight += _GOLDEN
+        weight += 0.6180339887498949  # of the golden section
         weight = weight - 1.0 if weight >= 1.0 else weight
         total += (1.0 + weight) * positions[i]
     return total
@@ -62,7 +51,8 @@ def position_changed(positions: FloatArray, led: float) -> bool:
     size = 1.0
     for k in range(positions.size):
         size += abs(positions[k])
-    return not abs(checksum(positions) - led) <= _POSE_TOLERANCE * size
+    # Rounding makes a smaller difference.
+    return not abs(checksum(positions) - led) <= 1e-9 * size
 
 
 @internal
@@ -178,15 +168,17 @@ def warn_jump(
         if tendon >= 0:
             carried = share * _mocap_motion(model, data, lead, tendon)
         speed = max(abs(velocity(data, block, part)), abs(kept.velocities[part]))
-        least, factor = _MIN_JUMP, _VELOCITY_FACTOR
+        # What a step allows whatever the velocity is [m], and by how much that may
+        # change within a step, for impacts. A motion by hand counts by the tension.
+        least, factor = 2e-3, 3.0
         if by_hand:
-            least = min(_MIN_TENSION_CHANGE * soft, _MIN_JUMP)
-            factor = _VELOCITY_FACTOR_TOUCHED
+            least, factor = min(0.01 * soft, least), 1.5
         if not abs(moved) > least + factor * speed * model.opt.timestep + carried:
             continue
         room = np.zeros(ffi.MESSAGE_WORDS, np.int64)
         message = begin_message(room.ctypes.data, model, instance)
-        ffi.append(message, _PARTS[part])
+        parts = "its proximal end", "its distal end", "its path"
+        ffi.append(message, parts[part])
         ffi.append(message, " jumped, without the velocity for it: ")
         if part == _PATH:
             ffi.append(

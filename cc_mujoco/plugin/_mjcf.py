@@ -120,9 +120,8 @@ def to_mjcf(
         found = [spec.add_plugin(name=name, plugin_name=PLUGIN, active=True)]
         for end in ends:
             actuator = add_element(spec, "actuator", name=f"{name}_{end}")
-            actuator.plugin.name = name
-            actuator.plugin.plugin_name = PLUGIN
-            actuator.plugin.active = True
+            own = actuator.plugin
+            own.name, own.plugin_name, own.active = name, PLUGIN, True
             used.append(actuator)
     found[0].config = cable.to_config()
     for actuator, end in zip(used, ends, strict=True):

@@ -11,29 +11,28 @@ from pathlib import Path
 from typing import Any
 
 import mujoco
+from mujoco.introspect.enums import ENUMS
 
 from cc_mujoco.cable._cable import KEYS
 from cc_mujoco.native import _library as native_library
 from cc_mujoco.native._c99 import UNARY, CLibrary, Function, KnownCall
 from cc_mujoco.native._entries import entries_text
 from cc_mujoco.native._functions import FUNCTIONS, NativeFunction
-from cc_mujoco.native._kinds import BOOL, INT, INT32, NOTHING, REAL
+from cc_mujoco.native._kinds import BOOL, BYTE, INT, INT32, NOTHING, REAL, Array
 from cc_mujoco.plugin import _ffi as ffi
 from cc_mujoco.plugin import _mj_offsets as mj_offsets
 from cc_mujoco.plugin import _registration as registration
+from cc_mujoco.plugin._config import value_of
 from cc_mujoco.plugin._engine import PLUGIN
-
-_DECLARES = re.compile(
-    rb"^\s*@(compiled|internal|callback)\b|= (compiled|internal)\(", re.MULTILINE
-)
-_NATIVE = native_library.PACKAGE / "native"
-_HERE = Path(__file__).parent
-_ENUMERATOR = re.compile(r"\b(mjt\w+\.mj\w+)")
 
 
 def write(path: str) -> None:
+    declares = re.compile(
+        rb"^\s*@(compiled|internal|callback)\b|= (compiled|internal)\(", re.MULTILINE
+    )
+    compiler = native_library.PACKAGE / "native"
     for file in sorted(native_library.PACKAGE.rglob("*.py")):
-        if file.parent != _NATIVE and _DECLARES.search(file.read_bytes()):
+        if file.parent != compiler and declares.search(file.read_bytes()):
             place = file.relative_to(native_library.PACKAGE.parent)
             import_module(".".join(place.with_suffix("").parts))
     Path(path).write_text(source(FUNCTIONS, with_python=True))
@@ -83,38 +82,36 @@ def _in_unit(number: int, *parts: str) -> list[str]:
 
 
 def _read(name: str) -> str:
-    folder = _HERE if name.startswith("native_") else _NATIVE
-    return (folder / name).read_text()
+    folder = "plugin" if name.startswith("native_") else "native"
+    return (native_library.PACKAGE / folder / name).read_text()
 
 
 def _constants() -> dict[str, Any]:
+    numbers = sorted(map(int, re.findall(r"^ *\{(\d+),", _known_layouts(), re.M)))
+    known = ", ".join(f"{n // 1000000}.{n // 1000 % 1000}.{n % 1000}" for n in numbers)
+    other_version = (
+        f"{registration.PLUGIN_LIBRARY} is for MuJoCo {known}, not for this version; "
+        "write it anew with `cc-mujoco plugin` beside it. It registers no cables."
+    )
+    bits = ENUMS["mjtPluginCapabilityBit"].values
     return {
         "CC_DIGEST_SLOTS": ffi.DIGEST_SLOTS,
         "CC_ENGINE_NAMES": ", ".join(map(_quoted, registration.ENGINE_NAMES)),
         "CC_KEYS": ", ".join(map(_quoted, KEYS)),
-        "CC_OTHER_VERSION": _quoted(_other_version()),
+        "CC_OTHER_VERSION": _quoted(other_version),
         "CC_ENUMERATORS": _quoted(" ".join(_enumerators())),
         "CC_LAYOUT_PATHS": _quoted(" ".join(mj_offsets.LOADED)),
         "CC_PLUGIN": _quoted(PLUGIN),
-        "CC_CAPABILITIES": registration.plugin_capabilities(),
+        "CC_CAPABILITIES": bits["mjPLUGIN_ACTUATOR"] | bits["mjPLUGIN_PASSIVE"],
         "CC_STAGE": registration.NEEDED_STAGE,
     }
-
-
-def _other_version() -> str:
-    numbers = sorted(map(int, re.findall(r"^ *\{(\d+),", _known_layouts(), re.M)))
-    known = ", ".join(f"{n // 1000000}.{n // 1000 % 1000}.{n % 1000}" for n in numbers)
-    return (
-        f"{registration.PLUGIN_LIBRARY} is for MuJoCo {known}, not for this version; "
-        "write it anew with `cc-mujoco plugin` beside it. It registers no cables."
-    )
 
 
 def _enumerators() -> Iterator[str]:
     """Return the constants of MuJoCo that the plugin's modules name, with values."""
     names: set[str] = set()
-    for file in _HERE.glob("*.py"):
-        names.update(_ENUMERATOR.findall(file.read_text()))
+    for file in Path(__file__).parent.glob("*.py"):
+        names.update(re.findall(r"\b(mjt\w+\.mj\w+)", file.read_text()))
     for name in sorted(names):
         yield f"{name}={int(operator.attrgetter(name)(mujoco))}"
 
@@ -132,23 +129,22 @@ def _quoted(text: str) -> str:
 
 def _functions() -> dict[Any, KnownCall]:
     found: dict[Any, KnownCall] = {each: _engine_call(each) for each in ffi.ENGINE}
+    found[value_of] = "decimal_value", (Array(BYTE),), REAL
     found[ffi._digest_table] = "(int64_t)(intptr_t)cc_mujoco_said", (), INT
     for name, result in (("copy", NOTHING), ("clear", NOTHING), ("same", BOOL)):
         found[getattr(ffi, name)] = f"{name}_bytes", (INT, INT, INT), result
     return found
 
 
-_ADDRESS = f"(void *)(intptr_t){{:{UNARY}}}"
-_FIELDS = {
-    ctypes.c_double: "{}",
-    ctypes.c_int: f"(int){{:{UNARY}}}",
-    ctypes.c_size_t: f"(size_t){{:{UNARY}}}",
-}
-
-
 def _engine_call(function: ffi.Engine) -> KnownCall:
     result = {None: NOTHING, ctypes.c_int: INT32}.get(function.result, INT)
-    given = ", ".join(_FIELDS.get(kind, _ADDRESS) for kind in function.arguments)
+    fields = {
+        ctypes.c_double: "{}",
+        ctypes.c_int: f"(int){{:{UNARY}}}",
+        ctypes.c_size_t: f"(size_t){{:{UNARY}}}",
+    }
+    address = f"(void *)(intptr_t){{:{UNARY}}}"
+    given = ", ".join(fields.get(kind, address) for kind in function.arguments)
     text = f"engine.{function.name}({given})"
     kinds = (REAL if k is ctypes.c_double else INT for k in function.arguments)
     if result == INT:

@@ -165,51 +165,46 @@ def apply_pulls(
         places, number, path.mouth, path.measured, path.n, path.guided, node, tied,
         aside, forces,
     )  # fmt: skip
-    points, k = places.ctypes.data + 8 * geometry.FIRST, 0
+    points, stride, k = places.ctypes.data + 8 * geometry.FIRST, geometry.PLACE_SIZE, 0
     while k < number - 1:
-        here, body = (
-            points + 8 * geometry.PLACE_SIZE * k,
-            mj_struct.wrap_body(model, start + k),
-        )
-        i = 6 * k
-        if places[geometry.PLACE_SIZE * (k + 1) + geometry.KIND] != geometry.SITE:
+        body, i = mj_struct.wrap_body(model, start + k), 6 * k
+        here = _Anchor(points + 8 * stride * k, body)
+        if places[stride * (k + 1) + geometry.KIND] != geometry.SITE:
             k += 1
-            if places[geometry.PLACE_SIZE * k + geometry.TOUCHED] != 0.0:
-                on = mj_struct.wrap_body(model, start + k)
-                there = points + 8 * geometry.PLACE_SIZE * k
-                force = forces[i : i + 3]
-                _pull_together(model, data, here, body, there, on, force, target)
-                here, body, i = there + 8 * (geometry.LAST - geometry.FIRST), on, i + 3
+            if places[stride * k + geometry.TOUCHED] != 0.0:
+                body = mj_struct.wrap_body(model, start + k)
+                there = _Anchor(points + 8 * stride * k, body)
+                _pull_together(model, data, here, there, forces[i : i + 3], target)
+                leaves = there.point + 8 * (geometry.LAST - geometry.FIRST)
+                here, i = _Anchor(leaves, body), i + 3
         k += 1
-        there, on = (
-            points + 8 * geometry.PLACE_SIZE * k,
-            mj_struct.wrap_body(model, start + k),
-        )
-        force = forces[i : i + 3]
-        _pull_together(model, data, here, body, there, on, force, target)
+        body = mj_struct.wrap_body(model, start + k)
+        there = _Anchor(points + 8 * stride * k, body)
+        _pull_together(model, data, here, there, forces[i : i + 3], target)
     ffi.free_stack(data)
+
+
+class _Anchor(NamedTuple):
+    """An end of a piece: address of a point on a body, and the body."""
+
+    point: int
+    body: int
 
 
 @internal
 def _pull_together(
-    model: MjModel,
-    data: MjData,
-    first: int,
-    first_body: int,
-    second: int,
-    second_body: int,
-    force: FloatArray,
+    model: MjModel, data: MjData, one: _Anchor, other: _Anchor, force: FloatArray,
     target: int,
-) -> None:
-    """Draw two points, at addresses, on two bodies, by a force (3,)."""
-    if first_body == second_body or ffi.is_zero(force):
+) -> None:  # fmt: skip
+    """Draw two anchors by a force (3,)."""
+    if one.body == other.body or ffi.is_zero(force):
         return
     own, torque = np.empty(3), np.zeros(3)
     at, none = own.ctypes.data, torque.ctypes.data
-    if model.body_weldid[first_body] != 0:
+    if model.body_weldid[one.body] != 0:
         own[:] = force
-        ffi.apply_wrench(model, data, at, none, first, first_body, target)
-    if model.body_weldid[second_body] != 0:
+        ffi.apply_wrench(model, data, at, none, one.point, one.body, target)
+    if model.body_weldid[other.body] != 0:
         for i in range(3):
             own[i] = -force[i]
-        ffi.apply_wrench(model, data, at, none, second, second_body, target)
+        ffi.apply_wrench(model, data, at, none, other.point, other.body, target)

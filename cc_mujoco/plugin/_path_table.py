@@ -154,18 +154,14 @@ class _Walk:
             course.gained[k] = total
             if course.open:
                 course.length[k] = self.length
-            if (
-                turned is not None
-                and course.gain is not None
-                and course.arm is not None
-            ):
+            if turned is not None:
+                assert course.gain is not None and course.arm is not None
                 aside = poses[k].copy()
                 aside[turned] += turn
-                ahead = self.lay(aside, stay=True)
-                course.gain[k] = self.longer
+                ahead, longer = self.lay(aside, stay=True), self.longer.copy()
                 aside[turned] -= 2.0 * turn
                 course.arm[k] = (ahead - self.lay(aside, stay=True)) / (2.0 * turn)
-                course.gain[k] = (course.gain[k] - self.longer) / (2.0 * turn)
+                course.gain[k] = (longer - self.longer) / (2.0 * turn)
 
 
 @compiled

@@ -167,10 +167,7 @@ def segment_wrap(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> Float
     cable = cable_of(model, instance, name)
     if cable.bend == BENDS[0] and cable.path == PATHS[0]:
         return np.array(kernel.segment_angles(packed_parameters(cable), cable.segments))
-    call = plugin_function("wrap")
-    out = np.full(cable.segments, np.nan)
-    call(model._address, data._address, instance, out.ctypes.data)
-    return out
+    return numbers_of("wrap", model, data, instance, cable.segments)
 
 
 def stored_energy(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> float:
@@ -183,11 +180,18 @@ def stored_energy(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> floa
     """
     index = held_instance(model, data, name)
     segments = cable_of(model, index, name).segments
-    call = plugin_function("compliance")
     # The compliance of the nodes [m/N], then the energy.
-    out = np.full(segments + 2, np.nan)
-    call(model._address, data._address, index, out.ctypes.data)
-    return float(out[-1])
+    return float(numbers_of("compliance", model, data, index, segments + 2)[-1])
+
+
+def numbers_of(
+    name: str, model: mujoco.MjModel, data: mujoco.MjData, instance: int, count: int
+) -> FloatArray:
+    """Return what a compiled function of the plugin writes of an instance."""
+    out = np.full(count, np.nan)
+    call = plugin_function(name)
+    call(model._address, data._address, instance, out.ctypes.data)
+    return out
 
 
 def route_tendon(model: mujoco.MjModel, name: str) -> int:
@@ -205,8 +209,7 @@ def route_tendon(model: mujoco.MjModel, name: str) -> int:
         raise CableError(
             f"cable {name!r} has no route; set its key `route` to a spatial tendon"
         )
-    find = plugin_function("route")
-    tendon = int(find(model._address, index))
+    tendon = int(plugin_function("route")(model._address, index))
     if tendon < 0:
         raise CableError(f"cable {name!r}: the model has no spatial tendon {wanted!r}")
     return tendon

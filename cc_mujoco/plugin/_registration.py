@@ -17,11 +17,6 @@ from cc_mujoco.plugin._engine import LIBRARY, PLUGIN
 PLUGIN_LIBRARY = "libcc_mujoco_cable.so"
 """File name of the shared library of the plugin, for a host in C."""
 NEEDED_STAGE = int(mujoco.mjtStage.mjSTAGE_ACC)
-CALLBACK_FIELDS = (
-    "nstate", "nsensordata", "init", "destroy", "copy", "reset", "compute", "advance",
-    "visualize", "actuator_act_dot", "sdf_distance", "sdf_gradient",
-    "sdf_staticdistance", "sdf_attribute", "sdf_aabb",
-)  # fmt: skip
 
 _ADDRESS, _INTEGER = ctypes.c_ssize_t, ctypes.c_int32
 PYTHON_FUNCTIONS = {
@@ -54,8 +49,12 @@ class PluginRecord(ctypes.Structure):
         ("attributes", ctypes.POINTER(ctypes.c_char_p)),
         ("capabilityflags", ctypes.c_int),
         ("needstage", ctypes.c_int),
-        *((name, ctypes.c_void_p) for name in CALLBACK_FIELDS),
-    )
+        *((name, ctypes.c_void_p) for name in (
+            "nstate", "nsensordata", "init", "destroy", "copy", "reset", "compute",
+            "advance", "visualize", "actuator_act_dot", "sdf_distance", "sdf_gradient",
+            "sdf_staticdistance", "sdf_attribute", "sdf_aabb",
+        )),
+    )  # fmt: skip
 
 
 def register() -> None:
@@ -150,13 +149,6 @@ def _require_same_code(file: str) -> ctypes.CDLL:
             "do not load it"
         )
     return library
-
-
-def plugin_capabilities() -> int:
-    from mujoco.introspect.enums import ENUMS
-
-    bits = ENUMS["mjtPluginCapabilityBit"].values
-    return int(bits["mjPLUGIN_ACTUATOR"]) | int(bits["mjPLUGIN_PASSIVE"])
 
 
 def add_plugin(name: str, entries: Mapping[str, str]) -> None:

@@ -58,7 +58,7 @@ def _survey(
 @internal
 def seats_with_route(block: Block) -> bool:
     """Return whether a cable has clearance in bends that its route changes."""
-    clearance = blocks.parameters(block)[config.CLEARANCE]
+    clearance = blocks.parameters(block)[config.KEY.clearance]
     return bool(block.bends_with_route == 1 and clearance > 0.0)
 
 

@@ -17,14 +17,13 @@ from cc_mujoco._utils.arguments import require_kind
 from cc_mujoco.errors import look_up
 from cc_mujoco.native import FloatArray
 from cc_mujoco.plugin._mjcf import instances
-from cc_mujoco.plugin._readings import held_instance, require_data_of, route_tendon
+from cc_mujoco.plugin._readings import (
+    held_instance,
+    numbers_of,
+    require_data_of,
+    route_tendon,
+)
 from cc_mujoco.plugin._registration import plugin_function
-
-_WORST_POSES = 5
-"""Poses in which a cable is examined together with the others."""
-
-_KEEPS_ROPE = {"remount": 0, "keep": 1}
-"""Values of `rope` of `settle`, and what compiled code takes for them."""
 
 
 class StepLimits(NamedTuple):
@@ -72,7 +71,7 @@ def settle(
     Raises:
         CableError: `rope` is neither, or the data are of another model.
     """
-    keeps = look_up("rope", rope, _KEEPS_ROPE)
+    keeps = look_up("rope", rope, {"remount": 0, "keep": 1})
     require_kind("model", model, mujoco.MjModel)
     require_kind("data", data, mujoco.MjData)
     require_data_of(model, data)
@@ -120,9 +119,7 @@ def step_limits(
     require_data_of(model, data)
     held = {name: held_instance(model, data, name) for name in instances(model)}
     mujoco.mj_fwdPosition(model, data)
-    found = {
-        name: _limits_here(model, data, instance) for name, instance in held.items()
-    }
+    found = {name: _limits_here(model, data, own) for name, own in held.items()}
     for name, limits in found.items():
         if everywhere and math.isfinite(limits.pieces):
             poses = sweep(model, model.qpos0, route_tendon(model, name))
@@ -144,7 +141,7 @@ def shortest_piece_step(
     found = math.inf
     alone = piece_timesteps(model, data, route_tendon(model, name), 1.0, poses)
     # With what all cables do to each other only where it is shortest without.
-    for pose in (poses[0], *poses[np.argsort(alone)[:_WORST_POSES]]):
+    for pose in (poses[0], *poses[np.argsort(alone)[:5]]):
         data.qpos[:] = pose
         mujoco.mj_fwdPosition(model, data)
         found = min(found, _limits_here(model, data, instances(model)[name]).pieces)
@@ -154,7 +151,4 @@ def shortest_piece_step(
 def _limits_here(
     model: mujoco.MjModel, data: mujoco.MjData, instance: int
 ) -> StepLimits:
-    out = np.empty(3)
-    ask = plugin_function("limits")
-    ask(model._address, data._address, instance, out.ctypes.data)
-    return StepLimits(*out.tolist())
+    return StepLimits(*numbers_of("limits", model, data, instance, 3).tolist())

@@ -23,8 +23,6 @@ _OWN = {
     "path", "plugin", "signature", "userdata",
 }  # fmt: skip
 """Fields of an element that no default gives it."""
-_UNKNOWN_KEY = re.compile(rf"unrecognized attribute 'plugin:(.*?)' for plugin {PLUGIN}")
-"""MuJoCo's words for a key that the plugin does not have."""
 
 
 def add_element(owner: Any, kind: str, **fields: Any) -> Any:
@@ -154,7 +152,8 @@ def compile_spec(spec: mujoco.MjSpec) -> mujoco.MjModel:
 def error_sentence(error: ValueError) -> str:
     """Return MuJoCo's message, once, or the plugin's own sentence within it."""
     message = " ".join(dict.fromkeys(str(error).split("\n")))
-    if misspelt := _UNKNOWN_KEY.search(message):
+    unknown = rf"unrecognized attribute 'plugin:(.*?)' for plugin {PLUGIN}"
+    if misspelt := re.search(unknown, message):
         return str(CableError.unknown("key", misspelt[1], KEYS, "a cable"))
     _, found, own = message.partition(f"plugin `{PLUGIN}`, instance ")
     return f"cable {own}" if found else message

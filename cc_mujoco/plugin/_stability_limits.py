@@ -33,8 +33,6 @@ from cc_mujoco.plugin._instance_data import Block
 from cc_mujoco.plugin._mj_struct import MjData, MjModel
 from cc_mujoco.plugin._path import OpenPath
 
-_PARTS = "its proximal end", "its distal end", "its open path"
-
 
 @internal
 def stable_timesteps(
@@ -162,13 +160,14 @@ def warn_long_step(
     message: ffi.Message, model: MjModel, part: int, limit: float
 ) -> None:
     """Warn, once for a time step, that it is beyond the limit of a part [s]."""
+    parts = "its proximal end", "its distal end", "its open path"
     start, step = message.used, model.opt.timestep
-    ffi.append(message, _PARTS[part])
+    ffi.append(message, parts[part])
     ffi.append_thousandths(message, step, " ms")
     if ffi.warned_once(message, model.signature):
         return
     message.used = start
-    ffi.append(message, _PARTS[part])
+    ffi.append(message, parts[part])
     ffi.append(message, " is stable only with a `timestep` below ")
     ffi.append_thousandths(message, limit, " ms")
     ffi.append(message, ", but that is ")

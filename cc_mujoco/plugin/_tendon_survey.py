@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 
 from cc_mujoco.cable import _open_path as open_path
+from cc_mujoco.cable._route import ancestors
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 from cc_mujoco.plugin import _attachments as attachments
 from cc_mujoco.plugin import _config as config
@@ -26,7 +27,6 @@ from cc_mujoco.plugin._path import OpenPath
 
 SWEEP_POSES = 21
 """Poses of one joint, or of all together, from end to end."""
-_SITE = int(mujoco.mjtWrap.mjWRAP_SITE)
 
 
 def survey(
@@ -144,23 +144,14 @@ def spanned_joints(model: mujoco.MjModel, tendon: int) -> list[int]:
     start = int(model.tendon_adr[tendon])
     bodies = set()
     for k in range(start, start + int(model.tendon_num[tendon])):
-        thing, site = int(model.wrap_objid[k]), model.wrap_type[k] == _SITE
-        bodies.add(int(model.site_bodyid[thing] if site else model.geom_bodyid[thing]))
-        side = -1 if site else int(model.wrap_prm[k])
-        if side >= 0:
-            bodies.add(int(model.site_bodyid[side]))
-    chains = [_ancestors(model, body) for body in bodies]
-    shared = chains[0].intersection(*chains)
-    separate = chains[0].union(*chains) - shared
+        sites = [int(model.wrap_objid[k])]
+        if model.wrap_type[k] != mujoco.mjtWrap.mjWRAP_SITE:
+            bodies.add(int(model.geom_bodyid[sites[0]]))
+            sites = [int(model.wrap_prm[k])]  # the side site, -1: none
+        bodies.update(int(model.site_bodyid[site]) for site in sites if site >= 0)
+    chains = [set(ancestors(model, body)) for body in bodies]
+    separate = chains[0].union(*chains) - chains[0].intersection(*chains)
     return [j for j in range(model.njnt) if int(model.jnt_bodyid[j]) in separate]
-
-
-def _ancestors(model: mujoco.MjModel, body: int) -> set[int]:
-    found = set()
-    while body:
-        found.add(body)
-        body = int(model.body_parentid[body])
-    return found
 
 
 def sweep(model: mujoco.MjModel, rest: FloatArray, tendon: int) -> FloatArray:

@@ -21,17 +21,6 @@ from cc_mujoco.plugin._evaluate import is_rk4
 from cc_mujoco.plugin._instance_data import Block
 from cc_mujoco.plugin._mj_struct import MjData, MjModel
 
-_LENGTH_TOLERANCE = 0.02
-"""Part by which the length of `conduit` may differ from that of the path it is."""
-_MESSAGE_START = f"plugin `{PLUGIN}`, instance "
-ACTUATION_DISABLED = (
-    "`actuation` is disabled in <flag>, so the cable does not pull; its tensions are "
-    "those that it would have"
-)
-GROUP_DISABLED = (
-    "an end is in a group of `actuatorgroupdisable`, which MuJoCo does not heed for "
-    "plugins; the cable pulls all the same"
-)
 NO_PASSIVE = (
     "an open path pulls by passive forces; enable `spring` or `damper` in <flag>"
 )
@@ -39,27 +28,14 @@ NO_TIMESTEP = (
     "the `timestep` must be a positive finite number; with another one the cable does "
     "not pull"
 )
-_MIN_SPAN_SHARE = 0.8
-"""Part of the distance of its ends that a conduit must be long.
-
-Ends are known by the joints and tendons that they act on, not by the mouths of the
-conduit.
-"""
-_MIN_PERIOD, _MIN_PERIOD_RK4 = 10.0, 5.0
-"""Steps in a period of the slower end, on a cable that slips as a whole.
-
-Of 300 drawn rigs (EA 10 kN to 100 MN, motors of 1e-5 to 1e-2 kg m^2, steps of 0.5 to 10
-ms) a tension errs by more than 10 % RMS in 53 % of those with less than 1 step, 36 %
-with 1 to 3, 17 % with 3 to 8 and 7 % with 8 to 10. With more, and under RK4 with more
-than 5, only those do whose friction of 0.05 or less does not damp the vibration.
-"""
 
 
 @internal
 def begin_message(room: int, model: MjModel, instance: int) -> ffi.Message:
     """Begin a message at the address of its room with the name of its instance."""
     message = ffi.message_at(room)
-    ffi.append(message, _MESSAGE_START)
+    for part in ("plugin `", PLUGIN, "`, instance "):
+        ffi.append(message, part)
     ffi.quote(message, mj_struct.name(model, model.name_pluginadr[instance]))
     ffi.append(message, ": ")
     return message
@@ -120,13 +96,13 @@ def refuse_open_path(
     `_config.explain` cannot report.
     """
     if path.has_branches(model, tendon):
-        return config.PATH
+        return int(config.KEY.path)
     attributes, start = mj_struct.attributes(model, instance), message.used
     mouth = 0
     if config.is_mixed(attributes):
         mouth = attachments.find_mouth(model, instance, tendon)
         if mouth < 0:
-            return config.MOUTH
+            return int(config.KEY.mouth)
     least = path.min_segments(model, tendon, mouth) + (1 if mouth > 0 else 0)
     least = max(least, 1)
     if config.segment_count(attributes) < least:
@@ -138,10 +114,10 @@ def refuse_open_path(
     known = attachments.read_guides(model, instance, tendon, mouth, guides)
     ffi.release(at_guides)
     if not known:
-        return config.GUIDES
+        return int(config.KEY.guides)
     true = model.tendon_length0[tendon]
     off = abs(config.length(attributes) - true)
-    if mouth == 0 and not off <= _LENGTH_TOLERANCE * true:
+    if mouth == 0 and not off <= 0.02 * true:  # its tolerance
         ffi.append(
             message, "key `conduit` has the wrong length: the path of its tendon is "
         )
@@ -172,7 +148,7 @@ def _no_effect_reason(
     `mouth` is the place of the conduit's mouth in it, 0: none. `tied` tells of both
     ends whether they are tied to the tendon.
     """
-    if mouth == 0 and places == 0 and key == config.FRICTION:
+    if mouth == 0 and places == 0 and key == config.KEY.friction:
         return "the path rubs at no site and on no geom"
     if mouth == 0 and arcs == 0:
         for drag in config.DRAGS_PER_LENGTH:
@@ -181,12 +157,12 @@ def _no_effect_reason(
                     "it is drag per length of contact, and the path goes around no "
                     "geom and no guide with a radius"
                 )
-    if key == config.WRAP_GROWTH:
+    if key == config.KEY.wrap_growth:
         if tied[1] != 0:
             return "the distal end is tied to its tendon and does not move"
         if mouth == 0 and arcs == 0:
             return "the path has no conduit and goes around no geom"
-    if (key == config.ECCENTRICITY or key == config.OVALITY) and tied[0] != 0:
+    if (key == config.KEY.eccentricity or key == config.KEY.ovality) and tied[0] != 0:
         return "the proximal end is tied to its tendon, on no pulley"
     return ""
 
@@ -222,10 +198,8 @@ def warn_no_effect(model: MjModel, instance: int, block: Block) -> None:
             continue
         room = np.zeros(ffi.MESSAGE_WORDS, np.int64)
         message = begin_message(room.ctypes.data, model, instance)
-        ffi.append(message, "key `")
-        ffi.append(message, KEYS[key])
-        ffi.append(message, "` has no effect: ")
-        ffi.append(message, why)
+        for part in ("key `", KEYS[key], "` has no effect: ", why):
+            ffi.append(message, part)
         issue_once(message, model)
 
 
@@ -238,7 +212,8 @@ def warn_short_conduit(
         return
     length = config.length(mj_struct.attributes(model, instance))
     span = _conduit_span(model, data, block)
-    if length >= _MIN_SPAN_SHARE * span:
+    # Ends are known by the joints and tendons that they act on, not by its mouths.
+    if length >= 0.8 * span:
         return
     room = np.zeros(ffi.MESSAGE_WORDS, np.int64)
     message = begin_message(room.ctypes.data, model, instance)
@@ -260,7 +235,10 @@ def _conduit_span(model: MjModel, data: MjData, block: Block) -> float:
     tendons.
     """
     attributes = mj_struct.attributes(model, block.instance)
-    written, first = config.key_text(attributes, config.ROUTE), np.zeros(2, np.int64)
+    written, first = (
+        config.key_text(attributes, config.KEY.route),
+        np.zeros(2, np.int64),
+    )
     count, leeway = np.zeros(2, np.int64), 0.0
     of = np.zeros(2, np.int64)
     count[:] = 1
@@ -306,7 +284,15 @@ def _end_point(
 
 @internal
 def warn_short_period(model: MjModel, block: Block, limits: FloatArray) -> None:
-    """Warn, once, of ends that a step does not resolve, by their limits (2,) [s]."""
+    """Warn, once, of ends that a step does not resolve, by their limits (2,) [s].
+
+    Counted are the steps in a period of the slower end, on a cable that slips as a
+    whole. Of 300 drawn rigs (EA 10 kN to 100 MN, motors of 1e-5 to 1e-2 kg m^2, steps
+    of 0.5 to 10 ms) a tension errs by more than 10 % RMS in 53 % of those with less
+    than 1 step, 36 % with 1 to 3, 17 % with 3 to 8 and 7 % with 8 to 10. With more, and
+    under RK4 with more than 5, only those do whose friction of 0.05 or less does not
+    damp the vibration.
+    """
     slower = 0.0
     for end in range(2):
         if limits[end] < np.inf:
@@ -314,7 +300,7 @@ def warn_short_period(model: MjModel, block: Block, limits: FloatArray) -> None:
             ratio /= implicit_ends.slipping_stiffness(block)
             slower = max(slower, math.pi * limits[end] * math.sqrt(ratio))
     steps = slower / model.opt.timestep
-    if slower == 0.0 or steps >= (_MIN_PERIOD_RK4 if is_rk4(model) else _MIN_PERIOD):
+    if slower == 0.0 or steps >= (5.0 if is_rk4(model) else 10.0):
         return
     room = np.zeros(ffi.MESSAGE_WORDS, np.int64)
     message = begin_message(room.ctypes.data, model, block.instance)

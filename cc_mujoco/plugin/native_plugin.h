@@ -5,6 +5,9 @@
 
 #include "native.h"
 
+#include <locale.h>
+#include <stdlib.h>
+
 typedef struct {
     void *(*mju_malloc)(size_t);
     void (*mju_free)(void *);
@@ -41,6 +44,26 @@ extern Layout written_layout CC_LAYOUT;
 extern Layout layout;
 #define written_layout layout
 #endif
+
+/* Return the value of a decimal number, whose grammar is checked. The point of the host's
+   locale may be another one. */
+static double decimal_value(Bytes text)
+{
+    const char *point = localeconv()->decimal_point;
+    char *copy = engine.mju_malloc((size_t)text.n + strlen(point) + 1), *end = copy;
+    for (int64_t i = 0; i < text.n; i++) {
+        if (text.p[i] == '.') {
+            strcpy(end, point);
+            end += strlen(point);
+        } else {
+            *end++ = (char)text.p[i];
+        }
+    }
+    *end = 0;
+    double value = strtod(copy, NULL);
+    engine.mju_free(copy);
+    return value;
+}
 
 /* Digests of the warnings that this process has issued. */
 CC_EXPORT extern int64_t cc_mujoco_said[CC_DIGEST_SLOTS];

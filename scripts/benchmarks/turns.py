@@ -9,9 +9,9 @@ from collections.abc import Callable, Mapping
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
-from cc_mujoco.native import FloatArray as Array
-
+Array = NDArray[np.float64]
 Name = TypeVar("Name")
 
 

@@ -11,6 +11,7 @@ import pytest
 
 from cc_mujoco import assets, plugin
 from cc_mujoco.device._strip_visuals import (
+    ARENA_BYTES,
     remaining_cable,
     route_tendons,
     strip,
@@ -150,7 +151,7 @@ def test_scenes_with_stated_inertias_move_bit_for_bit(scene: str) -> None:
     whole = mujoco.MjSpec.from_file(str(BUILT_IN / scene))
     stripped = bare(whole)
     assert motion(stripped).tobytes() == motion(whole).tobytes()
-    assert 1 << 16 <= stripped.compile().narena < 20 << 16
+    assert ARENA_BYTES <= stripped.compile().narena < 20 * ARENA_BYTES
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import mujoco
 import pytest
 
 from cc_mujoco.cable import PARAMETERS
-from cc_mujoco.cable._cable import BEND_ALLOWED, CONDUIT_ALLOWED
+from cc_mujoco.cable._cable import ALLOWED
 from cc_mujoco.errors import CableError
 from cc_mujoco.plugin import PLUGIN, from_mjcf
 from cc_mujoco.plugin._engine import REQUIRED
@@ -35,10 +35,10 @@ for p in PARAMETERS:
     BAD[p.name] = [*numbers, *below, repr(p.high * 1.0001)]
 BAD["static_friction"].append("0.1499")
 ALLOWED = {p.name: p.allowed for p in PARAMETERS} | {
-    "conduit": CONDUIT_ALLOWED,
+    "conduit": ALLOWED["conduit"],
     "segments": "a whole number in [1, 1000]",
     "route": "the name of a spatial tendon of the model",
-    "bend": BEND_ALLOWED,
+    "bend": ALLOWED["bend"],
 }
 
 

@@ -22,16 +22,18 @@ from tempfile import mkdtemp
 from typing import Any
 
 import numpy as np
-
-from cc_mujoco.native import FloatArray as Array
+from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from rig.dataset import make_dataset, make_trials, truth_of
-from rig.makes import MAKES, Truth
+from rig.effects import Truth
+from rig.makes import MAKES
 from rig.nominal import NOMINAL, Rig, make_rig
 from rig.strength import calibrate, measure
 from rig.trials import SETS
+
+Array = NDArray[np.float64]
 
 FORMATS = {"time_s": "%.5f", "rad": "%.6f", "nm": "%.3f", "n": "%.1f", "a": "%.4f"}
 

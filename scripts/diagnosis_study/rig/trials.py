@@ -10,8 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.random import Generator
+from numpy.typing import NDArray
 
-from cc_mujoco.native import FloatArray as Array
+Array = NDArray[np.float64]
 
 RATE = 1000
 LEAD = 0.6

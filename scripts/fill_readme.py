@@ -4,7 +4,7 @@ r"""Put tables of the package, claims and both benchmarks beside or into their p
     python scripts/benchmarks/check_structure.py ...   # see there
     python scripts/fill_readme.py [tables] [claims] [benchmark] [structure] [diagnosis]
 
-Writes the tables of parameters, materials, metrics and effects as CSV files, runs what
+Writes the tables of parameters, materials and effects as CSV files, runs what
 is not done yet of claims and benchmark, and replaces what stands between the marks of
 each block, on its page and, in short, on the front page; claims and the benchmark's
 scores by condition also go into CSV files. The benchmark is what `cc-mujoco benchmark`
@@ -43,18 +43,16 @@ from cc_mujoco.benchmark import (
 from cc_mujoco.cable import PARAMETERS
 from cc_mujoco.cable import _parameter as of_parameters
 from cc_mujoco.device import MATERIALS
-from cc_mujoco.device import _materials as of_materials
+from cc_mujoco.device._materials import Figure
 from cc_mujoco.diagnosis import EFFECTS
 from cc_mujoco.diagnosis import effects as of_effects
-from cc_mujoco.metrics import METRICS
-from cc_mujoco.metrics import _registry as of_metrics
 from cc_mujoco.report import table
-from thesis._outcome import Claim
+from thesis._outcome import CLAIM_FILE, Claim
 from thesis.reproduce import reproduce
 
 sys.path.insert(0, str(Path(__file__).resolve().parent / "diagnosis_study"))
 
-from diagnose_table import LAST
+from diagnose_benchmark import LAST
 
 ROOT = Path(__file__).resolve().parents[1]
 FRONT = ROOT / "README.md"
@@ -70,8 +68,6 @@ TABLES = {
     for name, folder in {
         "parameters": "cable",
         "materials": "design",
-        "material_sources": "design",
-        "metrics": "metrics",
         "effects": "diagnosis",
     }.items()
 }
@@ -118,12 +114,37 @@ def plain(table: tuple[Sequence[str], Sequence[Sequence[str]]]) -> list[list[str
     return [[re.sub(r"[`*]", "", entry) for entry in row] for row in (head, *rows)]
 
 
+def material_rows() -> list[list[str]]:
+    """Return pairs of materials as rows of text below the heads of the columns."""
+    head = ["material", "rope and conduit", "friction", "modulus [GPa]"]
+    head += ["density [kg/m^3]", "strength [GPa]", "hottest [degC]"]
+    rows = [
+        [
+            one.name,
+            one.meaning,
+            interval_text(one.friction),
+            interval_text(one.modulus, 1e-9),
+            interval_text(one.density),
+            interval_text(one.strength, 1e-9),
+            "-" if one.hottest is None else interval_text(one.hottest),
+        ]
+        for one in MATERIALS.values()
+    ]
+    return [head, *rows]
+
+
+def interval_text(figure: Figure, scale: float = 1.0) -> str:
+    """`typical (low to high; sources)`, without a range where there is none."""
+    values = (figure.low, figure.typical, figure.high)
+    low, typical, high = (f"{float(f'{scale * value:.3g}'):g}" for value in values)
+    span = "" if low == high else f"{low} to {high}; "
+    return f"{typical} ({span}{', '.join(figure.sources)})"
+
+
 def package_tables() -> dict[str, list[list[str]]]:
     return {
         "parameters": of_parameters.table_rows(PARAMETERS),
-        "materials": of_materials.table_rows(MATERIALS.values()),
-        "material_sources": of_materials.source_rows(MATERIALS.values()),
-        "metrics": of_metrics.table_rows(METRICS.values()),
+        "materials": material_rows(),
         "effects": of_effects.table_rows(EFFECTS.values()),
     }
 
@@ -260,7 +281,7 @@ def main() -> None:
         records = reproduce([], options.results)
         claims = {record.name: record.claims for record in records}
         write("claims", block(claims))
-        write_csv(PAGES["claims"].with_name("claims.csv"), claim_rows(claims))
+        write_csv(CLAIM_FILE, claim_rows(claims))
     if "benchmark" in options.blocks:
         results = played(options.benchmark, options.seeds)
         write("benchmark", tables(results))

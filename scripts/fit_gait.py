@@ -1,4 +1,4 @@
-"""Fit the harmonic gait profiles and rewrite `cc_mujoco/human/_gait_table.py`.
+"""Fit the harmonic gait profiles and rewrite `cc_mujoco/human/gait.csv`.
 
     python scripts/fit_gait.py FOLDER
 
@@ -7,7 +7,7 @@ JOINT_r_moment_Nm of ankle, knee and hip, at equal steps, over more than one gai
 `ankle_assistance_shape.csv`: columns gait_cycle_fraction (0 to 1),
 assistance_normalised. The period is the one that leaves the least error of the angles
 over the whole recording; the coefficients are least squares over the one cycle that
-starts at heel strike. Prints coefficients and RMS errors.
+starts at heel strike. Prints the period (`GAIT_PERIOD`), coefficients and RMS errors.
 """
 
 from __future__ import annotations
@@ -17,37 +17,31 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-Array = NDArray[np.float64]
+from cc_mujoco.native import FloatArray as Array
 
 HARMONICS = 8
 HEEL_STRIKE = 0.60
 """Time of the right heel strike in the recording [s]: there the moment of the right
 ankle turns from about zero, in swing, to the dorsiflexion moment of loading."""
 JOINTS = ("ankle", "knee", "hip")
-TABLE = Path(__file__).parents[1] / "cc_mujoco" / "human" / "_gait_table.py"
+TABLE = Path(__file__).parents[1] / "cc_mujoco" / "human" / "gait.csv"
 DECIMALS = 6
-UNITS = {"assistance_root": "1"} | {f"{joint}_moment": "N m" for joint in JOINTS}
-"""Units of series that are no angles."""
-
-HEAD = '''\
-"""Coefficients of the harmonic gait profiles; written by `scripts/fit_gait.py`.
-
-Angles and moments by inverse dynamics: right leg of one walking subject, OpenSim
-Gait2354 example (subject01), one gait cycle, as repackaged in the public repository
-nickbianco/soft-exosuit-design (MIT licence). Assistance: shape of the ankle assistance
-of Quinlivan et al. 2017 (Science Robotics 2(2), eaah4416), digitised by the same
-repository; the series is that of its square root.
-
-RMS errors of the fit: {errors}.
+HEAD = """\
+# Coefficients of the harmonic gait profiles; written by `scripts/fit_gait.py`.
+#
+# Angles [rad] and moments [N m] by inverse dynamics: right leg of one walking
+# subject, OpenSim Gait2354 example (subject01), one gait cycle, as repackaged in the
+# public repository nickbianco/soft-exosuit-design (MIT licence). Assistance [1]: shape
+# of the ankle assistance of Quinlivan et al. 2017 (Science Robotics 2(2), eaah4416),
+# digitised by the same repository; the series is that of its square root.
+#
+# RMS errors of the fit: {errors}.
+#
+# Factors of cos(2 pi k p) and sin(2 pi k p) over the gait cycle p, from k = 0.
+profile,cosine,sine
 """
-
-from __future__ import annotations
-
-# Pairs (a_k, b_k) of cos(2 pi k p) and sin(2 pi k p) over the gait cycle p, from k = 0.
-'''
 
 
 def design(phase: Array) -> Array:
@@ -129,15 +123,13 @@ def summary(errors: dict[str, float]) -> str:
     return f"{angles} degrees;\n{moment}; {assistance}"
 
 
-def render(period: float, table: dict[str, Array], errors: dict[str, float]) -> str:
-    lines = [HEAD.format(errors=summary(errors)) + f"PERIOD = {period!r}  # s"]
+def render(table: dict[str, Array], errors: dict[str, float]) -> str:
+    text = HEAD.format(errors=summary(errors).replace("\n", "\n# "))
     for name, coefficients in table.items():
-        unit = UNITS.get(name, "rad")
-        lines.append(f"{name.upper()} = (  # {unit}")
         # Adding 0.0 turns -0.0 into 0.0.
-        lines += [f"    ({a + 0.0!r}, {b + 0.0!r})," for a, b in coefficients.tolist()]
-        lines.append(")")
-    return "\n".join(lines) + "\n"
+        for a, b in coefficients.tolist():
+            text += f"{name},{a + 0.0!r},{b + 0.0!r}\n"
+    return text
 
 
 def is_table(path: Path) -> bool:
@@ -159,7 +151,7 @@ def main(arguments: list[str] | None = None) -> None:
         for k, (a, b) in enumerate(coefficients.tolist()):
             print(f"  {k}  cos {a:+.6f}  sin {b:+.6f}")
     print("RMS errors: " + summary(errors).replace("\n", " "))
-    options.table.write_text(render(period, table, errors), encoding="utf-8")
+    options.table.write_text(render(table, errors), encoding="utf-8")
 
 
 if __name__ == "__main__":

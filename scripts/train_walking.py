@@ -27,15 +27,12 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from cc_mujoco.human import WalkingController, WalkingPolicy
-from cc_mujoco.human import _gait_table as gait
-from cc_mujoco.human._gait import GAIT_ANGLES
+from cc_mujoco.human._gait import GAIT_ANGLES, GAIT_MOMENTS
 from cc_mujoco.human._walking_body import SCENE, WalkingBody, metabolic_energy
-from cc_mujoco.human._walking_policy import MUSCLE_PERIOD
-
-Array = NDArray[np.float64]
+from cc_mujoco.human._walking_policy import MUSCLE_PERIOD, WALKING_JOINTS
+from cc_mujoco.native import FloatArray as Array
 
 POPULATION = 16
 EPISODE = 5.0  # time for which a candidate walks [s]
@@ -47,9 +44,9 @@ PUSH, PUSH_TIME = 120.0, 0.15  # force at the trunk [N], and its duration [s]
 STARTING = WalkingPolicy(
     stiffness=np.array([250.0, 200.0, 150.0]),
     damping=np.array([10.0, 8.0, 5.0]),
-    angles=np.array([gait.HIP, gait.KNEE, gait.ANKLE]),
+    angles=np.array([GAIT_ANGLES[name].coefficients for name in WALKING_JOINTS]),
     torques=np.array([0.5, 0.6, 0.9])[:, None, None]
-    * np.array([gait.HIP_MOMENT, gait.KNEE_MOMENT, gait.ANKLE_MOMENT]),
+    * np.array([GAIT_MOMENTS[name].coefficients for name in WALKING_JOINTS]),
     stride_time=1.15,
     trunk_stiffness=500.0,
     trunk_damping=60.0,

@@ -45,7 +45,7 @@ from cc_mujoco.device._sensors import REFERENCE_COLUMN, AxesMeasuring, Sensing
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Spring
 from cc_mujoco.metrics import METRICS, ArrayLog, LogLike, Metric, measure
-from cc_mujoco.metrics._metric import DRIVEN, SAFE_TORQUE, SPRING
+from cc_mujoco.metrics._metric import Key
 from cc_mujoco.simulation._batch import Batch
 from cc_mujoco.simulation._worn_device import WornDevice
 
@@ -334,8 +334,12 @@ def _scores(
     facts = []
     for axis, driven in zip(description.axes, device.driven, strict=True):
         # Where the safe torque is unknown, no torque is a failure.
-        known = {SAFE_TORQUE: math.inf, **facts_of(axis, strength), DRIVEN: driven}
-        facts.append(known | {SPRING: isinstance(tasks[axis.name], Spring)})
+        known = {
+            Key.SAFE_TORQUE: math.inf,
+            **facts_of(axis, strength),
+            Key.DRIVEN: driven,
+        }
+        facts.append(known | {Key.SPRING: isinstance(tasks[axis.name], Spring)})
     prefixes = device.prefixes
     of_angle = isinstance(cell.condition, PositionCondition)
     scores = ANGLE_SCORES if of_angle else SCORES

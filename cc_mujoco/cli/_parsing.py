@@ -16,15 +16,6 @@ from cc_mujoco.errors import CableError, look_up, require_new_name, require_utf8
 GROUP = "cc_mujoco.commands"
 """Entry points of packages that have commands: `NAME = MODULE:DATACLASS`."""
 
-_WRONG_VALUE = re.compile(
-    r"^Error parsing (--[\w-]+): "
-    r"(?:.*\b(int|float)\b.*?: "
-    r"|no type matching \{None\}\|(.+?) could be instantiated from )"
-    r"(\[.*?\]|'.*')"
-)
-"""Sentence of tyro on a value that it cannot convert."""
-_KINDS = {"int": "a whole number", "float": "a number"}
-
 
 class CommandOptions(Protocol):
     """A dataclass whose fields are the options of a command.
@@ -120,10 +111,18 @@ def _error_sentence(box: str) -> str:
     what = what.replace("(required)", "").strip(" .:,")
     near = re.search(r"Perhaps you meant:.*?(--[\w-]+)", more[0] if more else "")
     hint = f"did you mean {near[1]}? " if near else ""
-    if wrong := _WRONG_VALUE.search(what):
+    # A value that tyro cannot convert
+    if wrong := re.search(
+        r"^Error parsing (--[\w-]+): "
+        r"(?:.*\b(int|float)\b.*?: "
+        r"|no type matching \{None\}\|(.+?) could be instantiated from )"
+        r"(\[.*?\]|'.*')",
+        what,
+    ):
         kind = (wrong[2] or wrong[3]).strip("{}")
+        kind = {"int": "a whole number", "float": "a number"}.get(kind.lower(), kind)
         given = wrong[4].replace("', '", " ").strip("[]")
-        return f"{wrong[1]} needs {_KINDS.get(kind.lower(), kind)}, not {given}; {hint}"
+        return f"{wrong[1]} needs {kind}, not {given}; {hint}"
     return f"{what[:1].lower()}{what[1:]}; {hint}"
 
 

@@ -9,11 +9,9 @@ import math
 
 import numpy as np
 
-from cc_mujoco.control import _compiled_laws as laws
 from cc_mujoco.control import _guard as guard
-from cc_mujoco.control import _law_steps as law_steps
+from cc_mujoco.control import _law_steps as laws
 from cc_mujoco.control._cable_model import cable_table, joint_spring, joint_stiffness
-from cc_mujoco.control._compiled_laws import LACK, LOAD, SPEED, STATES, STRETCH, Design
 from cc_mujoco.control._controller import (
     LawTables,
     SteppedController,
@@ -21,22 +19,17 @@ from cc_mujoco.control._controller import (
     total_delay,
 )
 from cc_mujoco.control._feedback import loop_gains, require_known_motor
+from cc_mujoco.control._law_steps import LACK, LOAD, SPEED, STATES, STRETCH, Design
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.estimation._least_squares import single_threaded_blas
 
-_FIXED = frozenset({"ratio", "period", "one_way", "inertia"})
-
 
 class _KnownMotor(SteppedController):
+    fixed = frozenset({"ratio", "period", "one_way", "inertia"})
+    """Gains that the tables depend on."""
+
     def __init__(self, drive: Drive) -> None:
-        """Prepare for the first episode.
-
-        Args:
-            drive: The device; its `cables` and the motor's inertia must be known.
-
-        Raises:
-            CableError: They are not known.
-        """
+        """Prepare; refuse a drive whose cables or rotor are not known."""
         super().__init__(drive)
         require_known_motor(drive)
 
@@ -54,7 +47,7 @@ class BacklashInverse(_KnownMotor):
     Mechatronics 24, 2014, for a torque.
     """
 
-    stepped = SteppedLaw(law_steps.step_inverse, fixed=_FIXED)
+    stepped = SteppedLaw(laws.step_inverse, fixed=_KnownMotor.fixed)
     # Free numbers, see `scripts/benchmarks/tune_baselines.py`.
     delay_share, max_bandwidth, integral_share = 0.2, 200.0, 1.2
 
@@ -74,11 +67,11 @@ class BacklashInverse(_KnownMotor):
             loop_gains(drive).settling * stiffness / drive.ratio**2,
         )
         cables, spring = cable_table(drive.cables), joint_spring(drive.cables)
-        first = law_steps.OWN_MEMORY + laws.INVERSE_GAINS
+        first = laws.OWN_MEMORY + guard.LIMITS + len(gains)
         return LawTables(
             cables.shape,
             tuple(np.concatenate([gains, spring, cables.ravel()]).tolist()),
-            first + laws.INVERSE_SIZE,
+            first + laws.INVERSE_GUARD + guard.MEMORY_SIZE,
             (first + laws.INVERSE_GUARD + guard.COMMAND,),
         )
 
@@ -100,7 +93,7 @@ class LinearQuadraticGaussian(_KnownMotor):
     IEEE/ASME Trans. Mechatronics 1, 1996.
     """
 
-    stepped = SteppedLaw(law_steps.step_gaussian, fixed=_FIXED)
+    stepped = SteppedLaw(laws.step_gaussian, fixed=_KnownMotor.fixed)
     # Free numbers likewise: weight of the motor's torque, that with one cable; random
     # walks in a second, over the greatest torque.
     effort, single_effort, load_walk, lack_walk = 1.0, 0.4, 0.2, 0.5
@@ -117,7 +110,7 @@ class LinearQuadraticGaussian(_KnownMotor):
     def law_tables(self) -> LawTables:
         spring = joint_spring(self.drive.cables)
         numbers = np.array(self._own_gains), spring, *map(np.ravel, self.design)
-        first = law_steps.OWN_MEMORY + laws.GAUSSIAN_GAINS
+        first = laws.OWN_MEMORY + guard.LIMITS + len(self._own_gains)
         size = laws.HEADER + STATES + self._late
         return LawTables(
             (size,),

@@ -39,8 +39,6 @@ from cc_mujoco.device._drive import CableDrive, Drive
 from cc_mujoco.errors import CableError, CableWarning
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 
-_FRICTION_COEFFICIENTS = PLACE.friction, PLACE.static_friction
-
 PROXIMAL, DISTAL, FRICTION, COMPLIANCE, PRETENSION = range(5)
 """Columns of the table of cables: arms at motor and joint [m/rad], mu times wrap,
 length over axial stiffness [m/N], pretension [N]."""
@@ -62,11 +60,8 @@ class CableModel:
     def __init__(self, drive: Drive) -> None:
         """Prepare; the number of environments is that of the first observation.
 
-        Args:
-            drive: The device; its `cables` must be known.
-
         Raises:
-            CableError: `cables` are not known.
+            CableError: The `cables` of the drive are not known.
         """
         require_known_cables(drive)
         self.drive = drive
@@ -169,8 +164,9 @@ def pack(
     """
     for i in range(values.size):
         changed[i] = values[i]
-    for place in _FRICTION_COEFFICIENTS:
-        changed[place] = min(factor * changed[place], 5.0)  # of a `Cable`
+    # At most 5, as of a `Cable`.
+    changed[PLACE.friction] = min(factor * values[PLACE.friction], 5.0)
+    changed[PLACE.static_friction] = min(factor * values[PLACE.static_friction], 5.0)
     if not weakening:
         changed[PLACE.stribeck_friction] = 0.0
         if changed[PLACE.ageing_friction] > 0.0:
@@ -225,16 +221,13 @@ def add_preload(
     for i in range(sections.shape[0]):
         wrap += sections[i, 0] / sections[i, 1]
     spring[guard.REST] += abs(distal) * values[PLACE.pretension]
-    friction = values[_FRICTION_COEFFICIENTS[0]] * wrap
+    friction = values[PLACE.friction] * wrap
     spring[guard.FRICTION] = max(spring[guard.FRICTION], friction)
 
 
 @compiled
 def stiffness(prm: FloatMatrix, distal: FloatArray) -> float:
-    """Return `joint_stiffness` of packed cables (cables, numbers).
-
-    Their arms are `distal` (cables,) [m/rad].
-    """
+    """Return `joint_stiffness` of packed cables with these arms [m/rad]."""
     total = 0.0
     for k in range(distal.size):
         total += distal[k] ** 2 * prm[k, PLACE.axial_stiffness] / prm[k, LENGTH]
@@ -283,12 +276,12 @@ def motor_torque(model: Model) -> float:
 
 def cable_table(cables: Sequence[CableDrive]) -> FloatArray:
     """Return the table of cables (cables, 5)."""
-    rows = []
-    for one in cables:
+    table = np.empty((len(cables), 5))
+    for row, one in zip(table, cables, strict=True):
         cable, compliance = one.cable, one.cable.length / one.cable.axial_stiffness
         friction = cable.friction * cable.wrap
-        rows.append((one.proximal, one.distal, friction, compliance, cable.pretension))
-    return np.array(rows).reshape(-1, 5)
+        row[:] = one.proximal, one.distal, friction, compliance, cable.pretension
+    return table
 
 
 @compiled

@@ -31,10 +31,8 @@ from cc_mujoco.cable._parameter import Parameter
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control import _law_steps as law_steps
 from cc_mujoco.control import _planner_steps as planner_steps
-from cc_mujoco.control._compiled_laws import LAW_INPUTS, LIMITS
-from cc_mujoco.control._law_steps import FIRST_STEP, LawData
+from cc_mujoco.control._law_steps import FIRST_STEP, LAW_INPUTS, LIMITS, LawData
 from cc_mujoco.control._planner_memory import TUNING
-from cc_mujoco.device._axis_columns import axis_columns
 from cc_mujoco.device._drive import CableDrive, Drive
 from cc_mujoco.device._sensors import WINDING_COLUMNS
 from cc_mujoco.errors import CableError
@@ -188,13 +186,6 @@ def as_round_pulley(observation: Mapping[str, Any], drive: Drive) -> Mapping[str
     return {**observation, **changed}
 
 
-def columns_of_axes(
-    observation: Mapping[str, Any], prefixes: Sequence[str]
-) -> list[Mapping[str, Any]]:
-    """Return the measurements of each axis under plain names."""
-    return [axis_columns(observation, prefix, prefixes) for prefix in prefixes]
-
-
 def readings(observation: Mapping[str, Any], names: Sequence[str]) -> FloatArray:
     """Return the measurements of these names (rows, names); a number is its own row."""
     columns = [np.atleast_1d(np.asarray(observation[name], float)) for name in names]
@@ -304,8 +295,7 @@ class SteppedController(Controller):
     """Controller whose step is compiled, on a row of numbers for each environment."""
 
     stepped: ClassVar[SteppedLaw]
-    limits: guard.DriveLimits
-    """Motor and joint as the law knows them."""
+    limits: guard.DriveLimits  # motor and joint as the law knows them
 
     def __init__(self, drive: Drive) -> None:
         super().__init__(drive)

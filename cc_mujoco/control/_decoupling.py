@@ -31,7 +31,7 @@ from cc_mujoco.control._cholesky import solve_active
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._sensors import RATIO_COLUMN, WINDING_COLUMNS
 from cc_mujoco.errors import CableError
-from cc_mujoco.native import FloatArray, FloatCube, FloatMatrix, compiled, internal
+from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 
 Array = NDArray[np.float64]
 
@@ -46,39 +46,41 @@ class CouplingTables(NamedTuple):
     scales: FloatArray  # torque error of a joint that counts as 1 (joints,) [N m]
 
 
+WORK_MATRICES, WORK_VECTORS = 3, 7  # in the scratch of `Coupled`
+
+
 class Coupled(NamedTuple):
     """A device in a pose, and scratch; there are at most as many joints as axes."""
 
     tables: CouplingTables
     ratios: FloatMatrix  # joint torque per motor torque (joints, axes) [-]
-    matrices: FloatCube  # (`WORK_MATRICES`, axes, axes)
-    vectors: FloatMatrix  # (`WORK_VECTORS`, axes)
-
-
-WORK_MATRICES, WORK_VECTORS = 3, 7
-_NORMAL, _FACTOR, _COLUMNS = range(WORK_MATRICES)
-_UNIT, _WANTED, _USED, _LEFT, _MOTOR, _AIM, _TOTAL = range(WORK_VECTORS)
+    normal: FloatMatrix  # scratch (axes, axes): normal equations of least squares
+    factor: FloatMatrix
+    columns: FloatMatrix  # matrix of the least squares
+    unit: FloatArray  # scratch (axes,): scales of its columns
+    wanted: FloatArray  # right side of the normal equations
+    used: FloatArray  # 1 where an unknown is active, else 0
+    left: FloatArray
+    motor: FloatArray
+    aim: FloatArray
+    total: FloatArray
 
 
 @internal
 def _solve(work: Coupled, found: FloatArray) -> None:
     """Solve the equations of `_least_squares` for the active unknowns."""
-    found[:] = work.vectors[_WANTED]
-    normal, factor = work.matrices[_NORMAL], work.matrices[_FACTOR]
-    solve_active(normal, work.vectors[_USED], factor, found)
+    found[:] = work.wanted
+    solve_active(work.normal, work.used, work.factor, found)
 
 
 @internal
 def _least_squares(rows: int, right: FloatArray, weight: float, work: Coupled) -> None:
     """Compute the normal equations of least squares with a weight on the unknowns.
 
-    The matrix is the first `rows` of `_COLUMNS`; the equations are `_NORMAL` and
-    `_WANTED` of the scratch. The columns of the matrix are scaled first; their scales
-    are the row `_UNIT` of the vectors, and all unknowns are active.
+    The matrix is the first `rows` of `columns`, which are scaled first; the equations
+    are `normal` and `wanted`, and all unknowns are active.
     """
-    normal, columns = work.matrices[_NORMAL], work.matrices[_COLUMNS]
-    unit, wanted = work.vectors[_UNIT], work.vectors[_WANTED]
-    count = unit.size
+    columns, normal, unit, count = work.columns, work.normal, work.unit, work.unit.size
     for i in range(count):
         total = 0.0
         for row in range(rows):
@@ -86,7 +88,7 @@ def _least_squares(rows: int, right: FloatArray, weight: float, work: Coupled) -
         unit[i] = math.sqrt(total) if total > 0.0 else 1.0
         for row in range(rows):
             columns[row, i] /= unit[i]
-        work.vectors[_USED, i] = 1.0
+        work.used[i] = 1.0
     for i in range(count):
         for j in range(i + 1):
             total = 0.0
@@ -94,10 +96,9 @@ def _least_squares(rows: int, right: FloatArray, weight: float, work: Coupled) -
                 total += columns[row, i] * columns[row, j]
             normal[i, j] = normal[j, i] = total
         normal[i, i] += weight
-        total = 0.0
+        work.wanted[i] = 0.0
         for row in range(rows):
-            total += columns[row, i] * right[row]
-        wanted[i] = total
+            work.wanted[i] += columns[row, i] * right[row]
 
 
 @internal
@@ -107,17 +108,16 @@ def _motor_torques(work: Coupled, measured: FloatArray, found: FloatArray) -> No
     At a joint of two motors each measures the torque of its own cables. Torques are
     (axes,) [N m]; `found` is out.
     """
-    own, ratios = work.tables.own, work.ratios
-    count, columns = own.size, work.matrices[_COLUMNS]
+    own, count = work.tables.own, work.tables.own.size
     for i in range(count):
         for k in range(count):
             rival = i != k and own[i] == own[k]
-            columns[i, k] = 0.0 if rival else ratios[own[i], k]
+            work.columns[i, k] = 0.0 if rival else work.ratios[own[i], k]
     # Weight of the motor torques in the inverse of the ratios.
     _least_squares(count, measured, 1e-10, work)
     _solve(work, found)
     for i in range(count):
-        found[i] /= work.vectors[_UNIT, i]
+        found[i] /= work.unit[i]
 
 
 @compiled
@@ -131,17 +131,13 @@ def distribute(work: Coupled, torques: FloatArray, found: FloatArray) -> None:
     """
     ratios, scales, least = work.ratios, work.tables.scales, work.tables.least
     joints, count = ratios.shape[0], ratios.shape[1]
-    normal, columns = work.matrices[_NORMAL], work.matrices[_COLUMNS]
-    unit, wanted, used, left = (
-        work.vectors[_UNIT], work.vectors[_WANTED], work.vectors[_USED],
-        work.vectors[_LEFT],
-    )  # fmt: skip
+    wanted, used, left = work.wanted, work.used, work.left
     for joint in range(joints):
         left[joint] = torques[joint]
         for i in range(count):
             if least[i] > -math.inf:
                 left[joint] -= ratios[joint, i] * least[i]
-            columns[joint, i] = ratios[joint, i] / scales[joint]
+            work.columns[joint, i] = ratios[joint, i] / scales[joint]
         left[joint] /= scales[joint]
     # Weight of the motor torques in the distribution, over that of the errors.
     _least_squares(joints, left, 1e-6, work)
@@ -158,7 +154,7 @@ def distribute(work: Coupled, torques: FloatArray, found: FloatArray) -> None:
                 continue
             slope = -wanted[i]
             for k in range(count):
-                slope += normal[i, k] * found[k]
+                slope += work.normal[i, k] * found[k]
             if slope < -edge:
                 wrong = i
         if wrong < 0:
@@ -166,7 +162,7 @@ def distribute(work: Coupled, torques: FloatArray, found: FloatArray) -> None:
         used[wrong] = 1.0 - used[wrong]
     for i in range(count):
         lowest = least[i] if least[i] > -math.inf else 0.0
-        found[i] = lowest + found[i] / unit[i]
+        found[i] = lowest + found[i] / work.unit[i]
 
 
 @compiled
@@ -184,9 +180,7 @@ def own_torques(
     """
     tables, ratios = work.tables, work.ratios
     joints, count = ratios.shape[0], ratios.shape[1]
-    motor, aim, total = (
-        work.vectors[_MOTOR], work.vectors[_AIM], work.vectors[_TOTAL]
-    )  # fmt: skip
+    motor, aim, total = work.motor, work.aim, work.total
     _motor_torques(work, measured, given)
     aim[:] = 0.0
     total[:] = 0.0
@@ -320,5 +314,5 @@ class Coupling:
 def coupled(tables: CouplingTables, ratios: Array) -> Coupled:
     """Return a device in the pose of these ratios, with its own scratch."""
     axes = tables.own.size
-    matrices, vectors = (WORK_MATRICES, axes, axes), (WORK_VECTORS, axes)
-    return Coupled(tables, ratios, np.empty(matrices), np.empty(vectors))
+    matrices = np.empty((WORK_MATRICES, axes, axes))
+    return Coupled(tables, ratios, *matrices, *np.empty((WORK_VECTORS, axes)))

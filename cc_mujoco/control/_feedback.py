@@ -20,11 +20,9 @@ import numpy as np
 
 from cc_mujoco._utils.arguments import require_kind
 from cc_mujoco._validation import require_number
-from cc_mujoco.control import _compiled_laws as compiled_laws
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control import _law_steps as law_steps
 from cc_mujoco.control._cable_model import cable_table, joint_spring, joint_stiffness
-from cc_mujoco.control._compiled_laws import GAINS, LAW_INPUTS
 from cc_mujoco.control._controller import (
     WOUND,
     LawTables,
@@ -34,6 +32,7 @@ from cc_mujoco.control._controller import (
     readings,
     total_delay,
 )
+from cc_mujoco.control._law_steps import FEEDBACK, LAW_INPUTS, FeedbackGains
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._sensors import WINDING_COLUMNS
 from cc_mujoco.errors import CableError
@@ -93,7 +92,7 @@ class ProportionalIntegral(SteppedController):
         law_steps.step_proportional_integral,
         law_steps.store_gains,
         unread=frozenset({"preview", "tolerance"}),
-        gains=GAINS,
+        gains=FEEDBACK,
         is_round=False,
     )
 
@@ -128,9 +127,9 @@ class ProportionalIntegral(SteppedController):
         only while the guard releases the joint."""
 
     @property
-    def gains(self) -> compiled_laws.FeedbackGains:
+    def gains(self) -> FeedbackGains:
         """Present numbers of the law."""
-        return compiled_laws.FeedbackGains(
+        return FeedbackGains(
             **self.limits._asdict(),
             feed_forward=float(self.feed_forward),
             proportional=self.proportional,
@@ -149,7 +148,7 @@ class ProportionalIntegral(SteppedController):
             return super().measured(observation)
         # Without a safe torque there is no guard, which alone reads angles.
         is_guarded = self.drive.safe_torque < math.inf
-        names = LAW_INPUTS if is_guarded else LAW_INPUTS[compiled_laws.TORQUE :]
+        names = LAW_INPUTS if is_guarded else LAW_INPUTS[guard.TORQUE :]
         if WINDING_COLUMNS[1] in observation:
             # Levers, and cables that other joints wind.
             joint = {name: observation[wound] for name, wound in WOUND.items()}
@@ -290,7 +289,7 @@ class TunedFeedback(ProportionalIntegral):
         return LawTables(
             cables.shape,
             (*settings, *cables.ravel().tolist()),
-            law_steps.CABLES + compiled_laws.SIGNAL_SIZE,
+            law_steps.CABLES + law_steps.SIGNAL_SIZE,
             (law_steps.LAST_COMMAND,),
         )
 

@@ -42,20 +42,16 @@ import numpy as np
 
 from cc_mujoco.native import FloatArray, compiled, internal
 
-NO_TORQUE_LIMIT = 1e9
-"""Safe torque of a joint without a known one [N m]."""
-NO_SPEED_LIMIT, NO_POWER_LIMIT = 1e9, 1e12
-"""Safe speed [rad/s] and power [W] of a joint without known ones."""
+NO_TORQUE_LIMIT, NO_SPEED_LIMIT, NO_POWER_LIMIT = 1e9, 1e9, 1e12
+"""Safe torque [N m], speed [rad/s] and power [W] of a joint without known ones."""
 MAX_ANSWER_TIME = 1.0
 """Longest time from a reading to the answer of the motor that is distinguished [s]."""
 MAX_READING = 1e6
 """Largest plausible reading [rad, rad/s, N m, N]: a larger one would be learned and
 never forgotten."""
-RELEASE_TIME = 0.03
-"""Time in which a motor that is let go takes the speed of the joint [s]."""
-MAX_DAMPING_SHARE = 0.8
-"""Greatest damping of a motor over the one at the edge of stability, late as it acts.
-"""
+RELEASE_TIME, MAX_DAMPING_SHARE = 0.03, 0.8
+"""Time in which a motor that is let go takes the speed of the joint [s]; its greatest
+damping over the one at the edge of stability, late as it acts."""
 RIDE_TIME = 0.005
 """Time for which the last good reading stands in for missing ones [s]."""
 
@@ -162,13 +158,11 @@ FREE, RELEASED, BRAKED, STOPPED, LIMP = 0.0, 1.0, 2.0, 3.0, 4.0
 fast; it follows the joint until a reset, as torque is not measured; it has no torque
 until a reset, as an angle is not."""
 
-STIFFNESS, REST, FRICTION = range(3)
+STIFFNESS, REST, FRICTION, SPRING_SIZE = range(4)
 """Numbers of a spring: stiffness of all cables at the joint [N m/rad], torque there of
-the pretension of all [N m], friction coefficient times wrap."""
-SPRING_SIZE = 3
+the pretension of all [N m], friction coefficient times wrap; their number."""
 
-MOTOR, MOTOR_SPEED, JOINT, JOINT_SPEED, TORQUE, DESIRED = range(6)
-READINGS = 6
+MOTOR, MOTOR_SPEED, JOINT, JOINT_SPEED, TORQUE, DESIRED, READINGS = range(7)
 """Order of readings, and their number."""
 
 (
@@ -195,36 +189,22 @@ READINGS = 6
     MEMORY_SIZE,
 ) = range(_GOOD + READINGS, _GOOD + 7 * READINGS, READINGS)  # fmt: skip
 """Places in the memory, and its size."""
-_UNKNOWN = -1.0
-"""Misfit that is not known yet."""
 
 
 class DriveLimits(NamedTuple):
     """Motor and joint of a drive, as laws and guard know them."""
 
-    ratio: float
-    """See `Drive`."""
-    low: float
-    """Least torque of the motor [N m]."""
-    high: float
-    """Greatest torque of the motor [N m]."""
-    period: float
-    """Time between two steps [s]."""
-    one_way: float
-    """1 where the cables only pull one way, else 0."""
-    inertia: float
-    """Inertia of the motor [kg m^2]."""
-    safe_torque: float
-    """Most that the cables may put into the joint [N m]."""
-    safe_speed: float
-    """Speed of the joint beyond which it is let go [rad/s]."""
-    safe_power: float
-    """Power into the joint beyond which it is let go [W]."""
-    answer_time: float
-    """Time from a torque at the joint to the answer of the motor [s]."""
-    shared: float
-    """1 where other motors turn the joint, too, whose torque is measured there, else
-    0."""
+    ratio: float  # joint torque per motor torque without friction, signed [-]
+    low: float  # least torque of the motor [N m]
+    high: float  # greatest torque of the motor [N m]
+    period: float  # time between two steps [s]
+    one_way: float  # 1 where the cables only pull one way, else 0
+    inertia: float  # of the motor [kg m^2]
+    safe_torque: float  # most that the cables may put into the joint [N m]
+    safe_speed: float  # speed of the joint beyond which it is let go [rad/s]
+    safe_power: float  # power into the joint beyond which it is let go [W]
+    answer_time: float  # time from a torque at the joint to the motor's answer [s]
+    shared: float  # 1 where other motors turn the joint, too, and are measured there
 
 
 class Guarded(NamedTuple):
@@ -235,10 +215,8 @@ class Guarded(NamedTuple):
     memory: FloatArray  # (`MEMORY_SIZE`,), 0 at the start
 
 
-RATIO, LOW, HIGH, PERIOD = range(4)
-"""Places of the first of them."""
-LIMITS = len(DriveLimits._fields)
-"""Numbers of `DriveLimits`."""
+RATIO, LOW, HIGH, PERIOD, LIMITS = 0, 1, 2, 3, len(DriveLimits._fields)
+"""Places of the first of `DriveLimits`, and their number."""
 
 
 @internal
@@ -269,12 +247,9 @@ def release_state(
 ) -> float:
     """Return 1.0 while the motor is to follow the joint, else 0.0.
 
-    Args:
-        before: result of the previous step.
-        measured: torque at the joint [N m].
-        rushing: torque that stopping the rotor would add, see `impact_torque` [N m].
-        planned: torque desired there [N m].
-        safe: largest torque that the cables may put into the joint [N m].
+    The result was `before` in the previous step. Torques at the joint [N m] are the
+    measured one, the one that stopping the rotor would add (`impact_torque`), the
+    planned one and the largest safe one.
     """
     share = _SET.release_share if before == 0.0 else _SET.recovery_share
     if _exceeds(measured, planned, safe, share):
@@ -292,11 +267,8 @@ def impact_torque(
 ) -> float:
     """Return the joint torque at which cables stop a motor that runs ahead [N m].
 
-    Args:
-        ahead: velocity of the motor relative to the joint [rad/s].
-        ratio: ratio of the drive, see `Drive`.
-        stiffness: stiffness of all cables at the joint [N m/rad].
-        inertia: inertia of the motor [kg m^2].
+    Velocity of the motor relative to the joint [rad/s], ratio of the drive, stiffness
+    of all cables at the joint [N m/rad], inertia of the motor [kg m^2].
     """
     return float(np.sign(ratio) * ahead * np.sqrt(stiffness * inertia))
 
@@ -313,10 +285,8 @@ def spring_edges(
 ) -> tuple[float, float]:
     """Return the least and the greatest torque of stretched cables [N m].
 
-    Args:
-        spring: see `STIFFNESS`.
-        one_way: whether the cables only pull, towards a positive torque.
-        stretch: motor angle over the ratio, ahead of the joint, from rest [rad].
+    With `one_way` the cables only pull, towards a positive torque. The stretch is the
+    motor angle over the ratio, ahead of the joint, from rest [rad].
     """
     low = _least_share(spring[FRICTION])
     high = low * np.exp(spring[FRICTION])
@@ -379,7 +349,8 @@ def _start(own: Guarded, seen: FloatArray) -> bool:
     for i in range(READINGS):
         memory[_GOOD + i] = seen[i]
         memory[_AT + i] = seen[TORQUE]
-    memory[STARTED], memory[_GAIN], memory[_MISFIT] = 1.0, 1.0, _UNKNOWN
+    memory[STARTED], memory[_GAIN] = 1.0, 1.0
+    memory[_MISFIT] = -1.0  # not known yet
     memory[_PUSH] = -np.inf  # until the motor moves, as late readings begin equal
     memory[_REFERENCE] = seen[MOTOR] / limits.ratio - seen[JOINT]
     memory[_PREDICTED] = seen[TORQUE]
@@ -513,11 +484,8 @@ def _watch_motor(own: Guarded, seen: FloatArray) -> None:
 def _behind_friction(own: Guarded, torque: float, friction: float) -> float:
     """Return the torque at one end of cables that slip, from that at the other [N m].
 
-    Args:
-        own: drive under guard.
-        torque: torque at one end of springs between both [N m].
-        friction: friction coefficient times wrap, negative where the torque at the
-            other end is the smaller.
+    `friction` is the coefficient times wrap between both, negative where the torque
+    that is returned is the smaller.
     """
     limits, spring = limits_of(own.gains), own.spring
     grown = np.exp(0.5 * friction)
@@ -543,13 +511,8 @@ def _most_friction(spring: FloatArray) -> float:
 def _beyond(own: Guarded, given: float, torque: float, friction: float) -> float:
     """Return how far a motor torque lies outside the band of friction [N m].
 
-    The band is what friction allows around the joint torque; 0 inside.
-
-    Args:
-        own: drive under guard.
-        given: torque of the motor at the joint without friction [N m].
-        torque: torque at the joint [N m].
-        friction: most friction coefficient times wrap between them.
+    The band is what friction, of at most this coefficient times wrap, allows around
+    the joint torque; 0 inside. `given` is that of the motor at the joint without it.
     """
     limits = limits_of(own.gains)
     least = _SET.motor_share * limits.safe_torque
@@ -591,7 +554,7 @@ def _learn(own: Guarded) -> None:
     gain = min(max(gain, _SET.least_gain), _SET.most_gain)
     memory[_GAIN] = gain
     both = memory[_SENSED] + gain * gain * memory[_POWER]
-    memory[_MISFIT] = _UNKNOWN
+    memory[_MISFIT] = -1.0  # not known
     if both > known:
         memory[_MISFIT] = (both - 2.0 * gain * memory[_BOTH]) / (both + known)
         if memory[_POWER] > _SET.proof * known and memory[_MISFIT] < _SET.max_doubt:
@@ -634,12 +597,7 @@ def _compare(own: Guarded) -> None:
 
 @compiled
 def admit(own: Guarded, seen: FloatArray) -> None:
-    """Check the readings of a step, and replace those that are missing or spikes.
-
-    Args:
-        own: drive under guard.
-        seen: readings in the order of `READINGS`; changed.
-    """
+    """Check the readings of a step, and replace those that are missing or spikes."""
     limits, spring, memory = limits_of(own.gains), own.spring, own.memory
     if memory[STARTED] == 0.0 and not _start(own, seen):
         return
@@ -705,10 +663,7 @@ def _is_too_fast(own: Guarded) -> bool:
 def state(own: Guarded, ahead: float, planned: float) -> float:
     """Return the state of the guard after `admit`.
 
-    Args:
-        own: drive under guard.
-        ahead: velocity of the motor relative to the joint [rad/s].
-        planned: torque desired at the joint [N m].
+    The motor runs `ahead` of the joint [rad/s], where `planned` is desired [N m].
     """
     limits, spring, memory = limits_of(own.gains), own.spring, own.memory
     if memory[STATE] >= STOPPED:
@@ -770,10 +725,7 @@ def _period_share(limits: DriveLimits, spring: FloatArray) -> float:
 def let_go_torque(own: Guarded, damping: float, ahead: float) -> float:
     """Return the torque of a motor that the law does not drive [N m].
 
-    Args:
-        own: drive under guard.
-        damping: damping of a motor that is let go [N m s/rad].
-        ahead: velocity of the motor relative to the joint [rad/s].
+    It is damped [N m s/rad] where it runs `ahead` of the joint [rad/s].
     """
     limits, spring, memory = limits_of(own.gains), own.spring, own.memory
     if memory[STATE] == LIMP:
@@ -809,13 +761,7 @@ def _swing_bounds(
     holds. The guard sees late what it does, so that torque is held for the time T of an
     answer. Let go then, they swing by no more than the greatest torque M:
     g^2 |a|^2 + 2 g a b + |b|^2 <= M^2, where a = (1 - cos wT, sin wT), and b is the
-    present state (torque, rushing) turned by wT.
-
-    Args:
-        own: drive under guard.
-        torque: torque at the joint [N m].
-        rushing: torque that stopping the rotor would add, see `impact_torque` [N m].
-        most: greatest torque [N m].
+    present state (torque, rushing) turned by wT; `rushing` as of `release_state`.
     """
     limits, spring = limits_of(own.gains), own.spring
     turned = min(_turn_of_answer(limits, spring), np.pi)
@@ -865,10 +811,7 @@ def bounded(own: Guarded, torque: float) -> float:
 def passed(own: Guarded, damping: float, torque: float) -> float:
     """Return the torque of the motor for that of a law, after `admit` [N m].
 
-    Args:
-        own: drive under guard.
-        damping: damping of a motor that is let go [N m s/rad].
-        torque: torque of the law [N m].
+    `damping` is that of a motor that is let go [N m s/rad].
     """
     limits, seen = limits_of(own.gains), own.memory[_GOOD : _GOOD + READINGS]
     ahead = seen[MOTOR_SPEED] - limits.ratio * seen[JOINT_SPEED]

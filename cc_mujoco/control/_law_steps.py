@@ -1,10 +1,10 @@
-"""Steps of laws as compiled functions, on the memory of the caller.
+"""Laws of one control step of one axis, compiled, on the memory of the caller.
 
     wrong_parameters(shape, parameters, least, most, gains)   # 0, or 1 + its index
     store(memory, shape, parameters)
     torque = step(LawData(memory, shape, tables, readings))
 
-Each is of one axis. Compiled episodes and exported C run them.
+Compiled episodes and exported C run them; nothing allocates.
 
 `shape` says how many cables there are, then the segments of each, then the sections of
 each. `tables` are numbers of the controller that no parameter changes. `parameters` are
@@ -14,17 +14,27 @@ sections. Memory is numbers only.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.cable._friction import PLACE
 from cc_mujoco.cable._layout import SCALARS
-from cc_mujoco.control import _compiled_laws as compiled_laws
+from cc_mujoco.cable._parameter import Parameter, parameter, parameters_of
+from cc_mujoco.control import _compensation as compensation
 from cc_mujoco.control import _guard as guard
-from cc_mujoco.control._cable_model import add_preload, follow, stiffness
-from cc_mujoco.control._cable_model import motor_torque as cable_torque
-from cc_mujoco.control._compensation import SCRATCH_ROWS, Model
+from cc_mujoco.control._cable_model import (
+    add_preload,
+    follow,
+    full_slip_balance,
+    motor_torque,
+    stiffness,
+)
+from cc_mujoco.device._sensors import MEASURED_COLUMNS
 from cc_mujoco.native import (
     FloatArray,
     FloatCube,
@@ -36,17 +46,121 @@ from cc_mujoco.native import (
 )
 from cc_mujoco.native._functions import reinterpret_part
 
+LAW_INPUTS = MEASURED_COLUMNS[: guard.READINGS]
+"""Columns that the laws read, in the order of `guard.READINGS`."""
+
+
+def gain(
+    unit: str, low: float, high: float, default: float, meaning: str, **more: Any
+) -> float:
+    """Define a gain by its unit, bounds, default and meaning; see `parameter`."""
+    return parameter(
+        unit=unit, bounds=(low, high), default=default, meaning=meaning, **more
+    )
+
+
+@dataclass(frozen=True)
+class DriveGains:
+    """Parameters of motor and joint that every law begins with, as `DriveLimits`."""
+
+    ratio: float = gain(
+        "1", -1e6, 1e6, 1.0,
+        "joint torque per motor torque without friction, signed, not 0",
+    )  # fmt: skip
+    low: float = gain("N m", -1e9, 1e9, -1.0, "least torque of the motor")
+    high: float = gain(
+        "N m", -1e9, 1e9, 1.0, "greatest torque of the motor, above `low`"
+    )
+    period: float = gain(
+        "s", 0.0, 1e3, 1e-3, "time between two steps of the controller", low_open=True
+    )
+    one_way: float = gain(
+        "1", 0.0, 1.0, 0.0,
+        "1 where the cables only transmit positive motor torque, else 0",
+    )  # fmt: skip
+    inertia: float = gain(
+        "kg m^2", 0.0, 1e6, 0.0, "of the motor with its pulley; 0 is not known"
+    )
+    safe_torque: float = gain(
+        "N m", 0.0, guard.NO_TORQUE_LIMIT, guard.NO_TORQUE_LIMIT,
+        "most that the cables may put into the joint", low_open=True,
+    )  # fmt: skip
+    safe_speed: float = gain(
+        "rad/s", 0.0, guard.NO_SPEED_LIMIT, guard.NO_SPEED_LIMIT,
+        "speed of the joint beyond which it is let go", low_open=True,
+    )  # fmt: skip
+    safe_power: float = gain(
+        "W", 0.0, guard.NO_POWER_LIMIT, guard.NO_POWER_LIMIT,
+        "power into the joint beyond which it is let go", low_open=True,
+    )  # fmt: skip
+    answer_time: float = gain(
+        "s", 0.0, guard.MAX_ANSWER_TIME, 0.0,
+        "time from a torque at the joint to the answer of the motor; 0 is none",
+    )  # fmt: skip
+    shared: float = gain(
+        "1", 0.0, 1.0, 0.0, "1 where other motors turn the joint, too, else 0"
+    )
+
+
+@dataclass(frozen=True)
+class FeedbackGains(DriveGains):
+    """Parameters of a law with feedback."""
+
+    feed_forward: float = gain(
+        "1", 0.0, 1.0, 1.0, "1 where the desired torque is fed forward, else 0"
+    )
+    proportional: float = gain("1", 0.0, 1e6, 1.0, "K_p")
+    integral: float = gain("1/s", 0.0, 1e6, 2.0, "K_i")
+    settling: float = gain(
+        "s", 0.0, 10.0, 0.03,
+        "time in which the motor settles relative to the joint; 0 is undamped",
+    )  # fmt: skip
+    preview: float = gain(
+        "s", 0.0, 10.0, 0.02, "time by which the motion of the joint is looked ahead"
+    )
+    tolerance: float = gain(
+        "N m", 0.0, 1e6, 0.0, "torque at the joint below which the sense does not turn"
+    )
+    stiffness: float = gain(
+        "N m/rad", 0.0, 1e12, 0.0,
+        "of all cables at the joint, for the guard; 0 is not known",
+    )  # fmt: skip
+    rest_torque: float = gain(
+        "N m", 0.0, 1e9, 0.0,
+        "torque of the pretension of all cables at the joint, for the guard",
+    )  # fmt: skip
+    wrap_friction: float = gain(
+        "1", 0.0, 100.0, 0.0,
+        "friction coefficient times wrap of the cables, for the guard",
+    )  # fmt: skip
+
+
+LIMITS: tuple[Parameter, ...] = parameters_of(DriveGains)
+FEEDBACK: tuple[Parameter, ...] = parameters_of(FeedbackGains)
+"""Gains of a law without and with feedback, in order."""
+
+_FEED_FORWARD, _PROPORTIONAL, _INTEGRAL, _SETTLING, _PREVIEW, _TOLERANCE, STIFFNESS = (
+    range(guard.LIMITS, len(FEEDBACK) - guard.SPRING_SIZE + 1)
+)
+"""Their places behind `DriveLimits`; the spring of the cables is last."""
+
 FIRST_STEP, JOINT_ANGLE, SPRING = 0, 1, 2
 """Places in the memory: whether no step was taken yet, angle of the joint since the
 start as the model finds it [rad], all cables as a spring there (`guard.STIFFNESS`)."""
 OWN_MEMORY = SPRING + guard.SPRING_SIZE
 """Numbers before those that are a controller's own."""
-LAST_COMMAND = OWN_MEMORY + compiled_laws.GUARD + guard.COMMAND
-"""Place of the last torque of a controller that does not plan."""
-GAIN_COUNT = len(compiled_laws.GAINS)
-GAINS = OWN_MEMORY + compiled_laws.MEMORY_SIZE
-CABLES = GAINS + GAIN_COUNT
-_CABLE_ROWS = 5  # proximal and distal arm, arm now, direction of slip, gain
+INTEGRAL_TORQUE, MOTOR_DIRECTION, GUARD = range(3)
+"""Places of those of a law with feedback: torque of the integral [N m]; direction in
+which the motor shall turn; first of the numbers of the guard."""
+LAST_COMMAND, GAINS, CABLES = (
+    OWN_MEMORY + GUARD + guard.COMMAND,
+    OWN_MEMORY + GUARD + guard.MEMORY_SIZE,
+    OWN_MEMORY + GUARD + guard.MEMORY_SIZE + len(FEEDBACK),
+)
+"""Places in the memory of a controller that does not plan: its last torque; its gains;
+first of the rows of numbers of the cables, with a model."""
+_CABLE_ROWS = 5 + compensation.SCRATCH_ROWS
+"""Those rows: proximal and distal arm, arm now, direction of slip, gain, scratch."""
 
 MODEL, STICTION, DISTURBANCE = range(3)
 """Kinds of laws with a model."""
@@ -107,26 +221,26 @@ def longest_cable(shape: IntArray) -> int:
 def places(shape: IntArray) -> tuple[int, int]:
     """Return the places of the states of a model's cables, and behind the model."""
     cables, most = shape[0], longest_cable(shape)
-    of_cable = _CABLE_ROWS + SCRATCH_ROWS + kernel.parameter_size(most)
+    of_cable = _CABLE_ROWS + kernel.parameter_size(most)
     states = CABLES + cables * of_cable
     end = states + 2 * cables * kernel.state_size(most) + kernel.work_size(most)
     return int(states), int(end)
 
 
 @internal
-def model_memory(memory: FloatArray, shape: IntArray) -> Model:
+def model_memory(memory: FloatArray, shape: IntArray) -> compensation.Model:
     """Return the parts of the memory of a law with a model."""
     count, longest = shape[0], longest_cable(shape)
-    of_cables = rows_of(memory, CABLES, _CABLE_ROWS + SCRATCH_ROWS, count)
+    of_cables = rows_of(memory, CABLES, _CABLE_ROWS, count)
     place, end = places(shape)
     states = rows_of(memory, place, 2 * count, kernel.state_size(longest))
     packed, work = CABLES + of_cables.size, place + states.size
     prm = rows_of(memory, packed, count, kernel.parameter_size(longest))
     n, proximal = whole_part(shape, 1, count), of_cables[0]
-    return Model(
+    return compensation.Model(
         stepper.Cables(prm, n, proximal, proximal, of_cables[1]),
-        states[:count], of_cables[2], of_cables[3], of_cables[4],
-        of_cables[_CABLE_ROWS:], states[count:], part(memory, work, end - work),
+        states[:count], of_cables[2], of_cables[3], of_cables[4], of_cables[5:],
+        states[count:], part(memory, work, end - work),
     )  # fmt: skip
 
 
@@ -188,17 +302,17 @@ def store_limits(memory: FloatArray, shape: IntArray, parameters: FloatArray) ->
 
 @compiled
 def store_gains(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> None:
-    for i in range(GAIN_COUNT):
+    for i in range(CABLES - GAINS):
         memory[GAINS + i] = parameters[i]
     for i in range(guard.SPRING_SIZE):
-        memory[SPRING + i] = parameters[compiled_laws.STIFFNESS + i]
+        memory[SPRING + i] = parameters[STIFFNESS + i]
 
 
 @compiled
 def store_model(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> None:
     """Take the gains of a controller with a model, and its cables."""
     store_gains(memory, shape, parameters)
-    cables, first = model_memory(memory, shape).cables, GAIN_COUNT
+    cables, first = model_memory(memory, shape).cables, CABLES - GAINS
     spring = part(memory, SPRING, guard.SPRING_SIZE)
     spring[:] = 0.0
     for k in range(shape[0]):
@@ -225,34 +339,103 @@ def impossible(readings: FloatArray, count: int, guarded: IntArray) -> int:
     return 0
 
 
+class Law(NamedTuple):
+    """Numbers of a law with feedback, of one device."""
+
+    gains: FloatArray  # in the order of `FEEDBACK`, or of another law's own
+    spring: FloatArray  # all cables at the joint, see `guard.STIFFNESS`
+    memory: FloatArray  # state from one step to the next, 0 at the start
+    seen: FloatArray  # measurements as `LAW_INPUTS`, which a law may change
+
+
 @internal
-def _law_of(memory: FloatArray) -> compiled_laws.Law:
-    numbers = part(memory, OWN_MEMORY, compiled_laws.MEMORY_SIZE)
-    return compiled_laws.Law(
-        part(memory, GAINS, GAIN_COUNT),
+def _law_of(memory: FloatArray) -> Law:
+    numbers = part(memory, OWN_MEMORY, GAINS - OWN_MEMORY)
+    return Law(
+        part(memory, GAINS, CABLES - GAINS),
         part(memory, SPRING, guard.SPRING_SIZE),
         numbers,
-        numbers[compiled_laws.GUARD + guard.SEEN :],
+        numbers[GUARD + guard.SEEN :],
     )
 
 
 @internal
-def _admitted(data: LawData) -> compiled_laws.Law:
+def _watched(law: Law) -> guard.Guarded:
+    return guard.Guarded(law.gains, law.spring, law.memory[GUARD:])
+
+
+@compiled
+def admit(law: Law) -> None:
+    """Check measurements, and replace them where needed; see `guard.admit`."""
+    guard.admit(_watched(law), law.seen)
+
+
+@internal
+def _admitted(data: LawData) -> Law:
     """Return a law and what its guard lets through; begin where that is due."""
     law = _law_of(data.memory)
     if data.memory[FIRST_STEP] != 0.0:
         law.memory[:] = 0.0
     for i in range(guard.READINGS):
         law.seen[i] = data.readings[i]
-    compiled_laws.admit(law)
+    admit(law)
     return law
+
+
+@internal
+def _guarded(law: Law, feedforward: float, error: float, damped: bool) -> float:
+    """Return the motor torque of feedback around a feed-forward, guarded [N m].
+
+    The integral in the memory is updated. `error` is the desired less the measured
+    joint torque [N m]. With `damped` a damper is added to the feed-forward. While the
+    guard does not let the law drive, the integral restarts.
+    """
+    gains, spring, memory, seen = law
+    own, ratio = _watched(law), gains[guard.RATIO]
+    ahead = seen[guard.MOTOR_SPEED] - ratio * seen[guard.JOINT_SPEED]
+    damping = gains[_SETTLING] * spring[guard.STIFFNESS] / (ratio * ratio)
+    if damped:
+        feedforward -= damping * ahead
+    if guard.state(own, ahead, seen[guard.DESIRED]) != guard.FREE:
+        memory[INTEGRAL_TORQUE], memory[MOTOR_DIRECTION] = 0.0, 0.0
+        torque = guard.let_go_torque(own, damping, ahead)
+        return guard.bounded(own, guard.limited(gains, torque))
+    step = gains[_INTEGRAL] * gains[guard.PERIOD] * error / ratio
+    following = memory[INTEGRAL_TORQUE] + step
+    limits = guard.limits_of(gains)
+    if limits.one_way != 0.0:
+        following = max(following, -max(feedforward, 0.0))
+    torque = feedforward + gains[_PROPORTIONAL] * error / ratio + following
+    limited, most = guard.limited(gains, torque), guard.command_limit(limits, spring)
+    if abs(limited) > most:
+        limited = math.copysign(most, limited)
+    # At a limit, with an error that would push beyond.
+    if not (torque - limited) * (error / ratio) > 0.0:
+        memory[INTEGRAL_TORQUE] = following
+    return guard.bounded(own, limited)
+
+
+@internal
+def step_forward(data: LawData) -> float:
+    data.memory[FIRST_STEP] = 0.0
+    gains = part(data.memory, OWN_MEMORY, guard.LIMITS)
+    return guard.limited(gains, data.readings[0] / gains[guard.RATIO])
+
+
+@compiled
+def proportional_integral(law: Law) -> float:
+    """Return the motor torque of `ProportionalIntegral`, after `admit` [N m]."""
+    desired, feedforward = law.seen[guard.DESIRED], 0.0
+    if law.gains[_FEED_FORWARD] != 0.0:
+        feedforward = desired / law.gains[guard.RATIO]
+    return _guarded(law, feedforward, desired - law.seen[guard.TORQUE], False)
 
 
 @internal
 def step_proportional_integral(data: LawData) -> float:
     law = _admitted(data)
     data.memory[FIRST_STEP] = 0.0
-    return compiled_laws.proportional_integral(law)
+    return proportional_integral(law)
 
 
 @compiled
@@ -261,15 +444,15 @@ def follow_model(data: LawData) -> None:
     memory, seen = data.memory, _admitted(data).seen
     own = model_memory(memory, data.sizes)
     if memory[FIRST_STEP] != 0.0:
-        stepper.set_rest(own.cables, seen[compiled_laws.ANGLE], 0.0, own.state)
+        stepper.set_rest(own.cables, seen[guard.MOTOR], 0.0, own.state)
         own.direction[:] = 0.0
         own.gain[:] = 1.0
         for i in range(places(data.sizes)[1], memory.size):
             memory[i] = 0.0
         memory[JOINT_ANGLE], memory[FIRST_STEP] = 0.0, 0.0
     memory[JOINT_ANGLE] = follow(
-        own, seen[compiled_laws.ANGLE], seen[compiled_laws.TORQUE],
-        memory[JOINT_ANGLE], memory[GAINS + compiled_laws.PERIOD],
+        own, seen[guard.MOTOR], seen[guard.TORQUE], memory[JOINT_ANGLE],
+        memory[GAINS + guard.PERIOD],
     )  # fmt: skip
 
 
@@ -278,12 +461,34 @@ def model_torque(data: LawData, kind: int) -> float:
     """Return the motor torque of a kind of law, after `follow_model` [N m]."""
     own, law = model_memory(data.memory, data.sizes), _law_of(data.memory)
     if kind == STICTION:
-        return compiled_laws.stiction(law, own)
+        return _stiction(law, own)
     lacking = 0.0
     if kind == DISTURBANCE:
         known = part(data.memory, places(data.sizes)[1], LACK_SIZE)
-        lacking = _learn_lack(data.tables[0], cable_torque(own), law.memory, known)
-    return compiled_laws.model_based(law, own, lacking)
+        lacking = _learn_lack(data.tables[0], motor_torque(own), law.memory, known)
+    velocity, desired = law.seen[guard.JOINT_SPEED], law.seen[guard.DESIRED]
+    feedforward = compensation.dynamic(own, velocity, desired) + lacking
+    return _guarded(law, feedforward, desired - law.seen[guard.TORQUE], True)
+
+
+@internal
+def _stiction(law: Law, model: compensation.Model) -> float:
+    """Return the motor torque of `StictionCompensation` [N m]."""
+    gains, memory, seen = law.gains, law.memory, law.seen
+    speed, error = seen[guard.JOINT_SPEED], seen[guard.DESIRED] - seen[guard.TORQUE]
+    motion = law.spring[guard.STIFFNESS] * gains[_PREVIEW] * speed
+    # Positive at the motor is winding towards a positive ratio.
+    wanted = math.copysign(1.0, gains[guard.RATIO]) * (error + motion)
+    sense = memory[MOTOR_DIRECTION]
+    turns = wanted * (np.sign(wanted) if sense == 0.0 else -sense)
+    turned = turns > gains[_TOLERANCE]
+    if turned:
+        memory[MOTOR_DIRECTION] = np.sign(wanted)
+    feedforward = compensation.full_slip_torque(
+        model, memory[MOTOR_DIRECTION], speed, seen[guard.DESIRED]
+    )
+    # Where the direction has just changed, the feed-forward corrects the error.
+    return _guarded(law, feedforward, 0.0 if turned else error, True)
 
 
 @internal
@@ -295,11 +500,11 @@ def _learn_lack(
     `share` is the weight of the new value, `load` the motor torque that the model
     explains [N m]; `lack` (`LACK_SIZE`,), 0 at the start, is updated.
     """
-    if memory[compiled_laws.RELEASED] != 0.0:
+    if memory[GUARD + guard.STATE] != guard.FREE:
         lack[:] = 0.0
     unexplained = 0.0
     if lack[_KNOWN] != 0.0:
-        unexplained = memory[compiled_laws.GUARD + guard.COMMAND] - load
+        unexplained = memory[GUARD + guard.COMMAND] - load
     lack[_KNOWN] = 1.0
     lack[_TORQUE] += share * (unexplained - lack[_TORQUE])
     return float(lack[_TORQUE])
@@ -323,26 +528,67 @@ def step_disturbance(data: LawData) -> float:
     return model_torque(data, DISTURBANCE)
 
 
+(
+    _KNOWN_SIGNALS, _LAST_DESIRED, _DESIRED_RATE, _LAST_TORQUE, _LAST_CHANGE,
+    _NOISE_POWER, SIGNAL_SIZE,
+) = range(7)  # fmt: skip
+"""Places in the memory of the signals of `TunedFeedback`, and its size: desired torque
+and its filtered rate; measured torque, its change in the last step, and the power of
+its noise."""
+
+
 @internal
-def step_forward(data: LawData) -> float:
-    data.memory[FIRST_STEP] = 0.0
-    gains = part(data.memory, OWN_MEMORY, guard.LIMITS)
-    return guard.limited(gains, data.readings[0] / gains[guard.RATIO])
+def _noise(period: float, signals: FloatArray, torque: float) -> float:
+    """Return the standard deviation of the noise of the torque sensor [N m].
+
+    It is that of second differences: no motion bends a torque within three samples.
+    """
+    change = torque - signals[_LAST_TORQUE]
+    power = (change - signals[_LAST_CHANGE]) ** 2 / 6.0
+    signals[_LAST_TORQUE], signals[_LAST_CHANGE] = torque, change
+    share = min(period / 0.5, 1.0)  # it is measured over half a second
+    signals[_NOISE_POWER] += share * (power - signals[_NOISE_POWER])
+    return float(np.sqrt(signals[_NOISE_POWER]))
 
 
 @internal
 def step_tuned(data: LawData) -> float:
+    """Return the motor torque of `TunedFeedback` [N m].
+
+    The tables are the share of friction that is fed forward, the speed of slip [rad/s],
+    the dead zone in deviations, the deviation of the torque sensor [N m], and those of
+    `cable_table`.
+    """
     law, tables = _admitted(data), data.tables
-    signals = part(data.memory, CABLES, compiled_laws.SIGNAL_SIZE)
+    signals = part(data.memory, CABLES, SIGNAL_SIZE)
     if data.memory[FIRST_STEP] != 0.0:
         signals[:] = 0.0
         data.memory[FIRST_STEP] = 0.0
-    cables = rows_of(tables, 4, data.sizes[0], data.sizes[1])
-    return compiled_laws.tuned_torque(law, cables, part(tables, 0, 4), signals)
+    seen, desired, period = law.seen, law.seen[guard.DESIRED], law.gains[guard.PERIOD]
+    ahead = guard.limited(law.gains, desired / law.gains[guard.RATIO])
+    if signals[_KNOWN_SIGNALS] == 0.0:
+        signals[_KNOWN_SIGNALS], signals[_LAST_DESIRED] = 1.0, desired
+        signals[_LAST_TORQUE] = seen[guard.TORQUE]
+    if tables[0] > 0.0:
+        rate = (desired - signals[_LAST_DESIRED]) / period
+        signals[_LAST_DESIRED] = desired
+        signals[_DESIRED_RATE] += 0.2 * (rate - signals[_DESIRED_RATE])  # low-passed
+        stretching = signals[_DESIRED_RATE] / law.spring[guard.STIFFNESS]
+        # The smooth sense in which the motor has to turn.
+        sense = np.tanh((seen[guard.JOINT_SPEED] + stretching) / tables[1])
+        cables = rows_of(tables, 4, data.sizes[0], data.sizes[1])
+        ahead = full_slip_balance(cables, tables[0] * sense, desired)[0]
+    off = seen[guard.TORQUE] - desired
+    noise = _noise(period, signals, seen[guard.TORQUE])
+    width = tables[2] * max(noise, tables[3]) - 0.5 * abs(desired)
+    if width > 0.0:
+        off = np.sign(off) * max(abs(off) - width, 0.0)
+        seen[guard.TORQUE] = desired + off
+    return _guarded(law, ahead, desired - seen[guard.TORQUE], True)
 
 
 @internal
-def begun(data: LawData, gains: int, size: int, first: int) -> compiled_laws.Law:
+def begun(data: LawData, gains: int, size: int, first: int) -> Law:
     """Return a law with a copy of the measurements; begin an episode where due.
 
     The tables begin with the `gains` behind `DriveLimits` and the spring of the cables.
@@ -360,31 +606,181 @@ def begun(data: LawData, gains: int, size: int, first: int) -> compiled_laws.Law
     for i in range(guard.READINGS):
         seen[i] = data.readings[i]
     spring = part(data.tables, gains - guard.LIMITS, guard.SPRING_SIZE)
-    return compiled_laws.Law(part(memory, OWN_MEMORY, gains), spring, numbers, seen)
+    return Law(part(memory, OWN_MEMORY, gains), spring, numbers, seen)
+
+
+class InverseGains(NamedTuple):
+    """Gains of `BacklashInverse` behind `DriveLimits`."""
+
+    late: float  # time from a torque at the joint to the answer of the motor [s]
+    position: float  # [N m/rad]
+    damping: float  # [N m s/rad]
+    integral: float  # [1/s]
+    stiffness: float  # stiffness of all cables at the joint [N m/rad]
+    band: float  # motion of the joint that is none [rad]
+    release: float  # damping of a motor that is let go [N m s/rad]
+
+
+_INVERSE_STARTED, _MOTOR_0, _JOINT_0, _SENSE, _EXTREME, _ANGLE_OFFSET, INVERSE_GUARD = (
+    range(7)
+)
+"""Places in the memory of the law; the guard is last."""
+BAND_SIGMAS = 0.34  # motion that is none, in standard deviations of the torque sensor
+
+
+@compiled
+def _turn(memory: FloatArray, wanted: float, band: float) -> float:
+    """Return the sense in which an angle moves, which noise does not turn."""
+    sense = memory[_SENSE]
+    if sense == 0.0:
+        if abs(wanted - memory[_EXTREME]) > band:
+            memory[_SENSE] = np.sign(wanted - memory[_EXTREME])
+            memory[_EXTREME] = wanted
+    elif sense * (wanted - memory[_EXTREME]) > 0.0:
+        memory[_EXTREME] = wanted
+    elif sense * (wanted - memory[_EXTREME]) < -band:
+        memory[_SENSE], memory[_EXTREME] = -sense, wanted
+    return float(memory[_SENSE])
 
 
 @internal
 def step_inverse(data: LawData) -> float:
-    gains, size = compiled_laws.INVERSE_GAINS, compiled_laws.INVERSE_SIZE
-    law = begun(data, gains, size, compiled_laws.INVERSE_GUARD)
-    first = gains - guard.LIMITS + guard.SPRING_SIZE
-    cables = rows_of(data.tables, first, data.sizes[0], data.sizes[1])
-    return compiled_laws.inverse_torque(law, cables)
+    """Return the motor torque of `BacklashInverse` [N m].
+
+    The tables are those of `begun`, then those of `cable_table`.
+    """
+    count, tables = len(InverseGains._fields), data.tables
+    size, end = INVERSE_GUARD + guard.MEMORY_SIZE, guard.LIMITS + count
+    gains, spring, memory, seen = begun(data, end, size, INVERSE_GUARD)
+    tuned = InverseGains(
+        tables[0], tables[1], tables[2], tables[3], tables[4], tables[5], tables[6]
+    )
+    first = count + guard.SPRING_SIZE
+    cables = rows_of(tables, first, data.sizes[0], data.sizes[1])
+    own = guard.Guarded(gains, spring, memory[INVERSE_GUARD:])
+    limits, ratio = guard.limits_of(gains), gains[guard.RATIO]
+    guard.admit(own, seen)
+    desired, speed = seen[guard.DESIRED], seen[guard.JOINT_SPEED]
+    if memory[_INVERSE_STARTED] == 0.0:
+        memory[_INVERSE_STARTED], memory[_MOTOR_0] = 1.0, seen[guard.MOTOR]
+        memory[_JOINT_0] = seen[guard.JOINT]
+        memory[_EXTREME] = desired / tuned.stiffness
+    ahead = seen[guard.MOTOR_SPEED] - ratio * speed
+    if guard.state(own, ahead, desired) != guard.FREE:
+        memory[_ANGLE_OFFSET] = 0.0
+        torque = guard.let_go_torque(own, tuned.release, ahead)
+        return guard.bounded(own, guard.limited(gains, torque))
+    joint = seen[guard.JOINT] - memory[_JOINT_0] + tuned.late * speed
+    motor = seen[guard.MOTOR] - memory[_MOTOR_0] + tuned.late * seen[guard.MOTOR_SPEED]
+    sense = _turn(memory, joint + desired / tuned.stiffness, tuned.band)
+    balance, stretch = full_slip_balance(cables, sense, desired)
+    relative = ratio * (stretch + memory[_ANGLE_OFFSET])
+    error = (desired - seen[guard.TORQUE]) / tuned.stiffness
+    torque = balance + tuned.position * (relative + ratio * joint - motor)
+    torque += tuned.damping * (ratio * speed - seen[guard.MOTOR_SPEED])
+    limited = guard.bounded(own, guard.limited(gains, torque))
+    if not (torque - limited) * error * ratio > 0.0:
+        memory[_ANGLE_OFFSET] += tuned.integral * limits.period * error
+    if limits.one_way != 0.0:
+        # A torque that no paying out ends would pay out without an end: the integral
+        # pays out no more than the stretch.
+        least = -abs(stretch) - BAND_SIGMAS * tuned.band
+        memory[_ANGLE_OFFSET] = max(memory[_ANGLE_OFFSET], least)
+    return float(limited)
+
+
+STATES = 4
+STRETCH, SPEED, LOAD, LACK = range(STATES)
+"""Motor angle less ratio times joint angle; its rate; torque on the motor and torque at
+the joint that the linear model lacks."""
+
+
+class GaussianGains(NamedTuple):
+    """Gains of `LinearQuadraticGaussian` behind `DriveLimits`."""
+
+    rigidity: float  # stiffness of all cables at the joint [N m/rad]
+    release: float  # damping of a motor that is let go [N m s/rad]
+    slip: float  # change of the stretch's innovation where an encoder slipped [rad]
+
+
+_GAUSSIAN_STARTED, _STRETCH_OFFSET, _INNOVATION, GAUSSIAN_GUARD = range(4)
+HEADER = GAUSSIAN_GUARD + guard.MEMORY_SIZE
+"""Numbers of the memory before the state and the torques on their way."""
+
+
+class Design(NamedTuple):
+    """Model and gains of observer and regulator."""
+
+    model: FloatMatrix  # state after a step, from state and torque (4, 5)
+    read: FloatMatrix  # stretch and torque of the joint, from the state (2, 4)
+    kalman: FloatMatrix  # gains of the observer (4, 2)
+    regulator: FloatArray  # gains of stretch and its rate (2,)
+
+
+@compiled
+def _advance(
+    model: FloatMatrix, state: FloatArray, torque: float, new: FloatArray
+) -> None:
+    """Advance the state by a step with a torque of the motor."""
+    for i in range(STATES):
+        new[i] = model[i, STATES] * torque
+        for j in range(STATES):
+            new[i] += model[i, j] * state[j]
+    for i in range(STATES):
+        state[i] = new[i]
 
 
 @internal
 def step_gaussian(data: LawData) -> float:
-    gains, size, states = (
-        compiled_laws.GAUSSIAN_GAINS, data.sizes[0], compiled_laws.STATES
-    )  # fmt: skip
-    law, tables = begun(data, gains, size, compiled_laws.GAUSSIAN_GUARD), data.tables
-    model = gains - guard.LIMITS + guard.SPRING_SIZE
-    read = model + states * (states + 1)
-    design = compiled_laws.Design(
-        rows_of(tables, model, states, states + 1),
-        rows_of(tables, read, 2, states),
-        rows_of(tables, read + 2 * states, states, 2),
-        part(tables, read + 4 * states, 2),
-    )
-    scratch = rows_of(data.memory, OWN_MEMORY + gains + size, 2, states)
-    return compiled_laws.gaussian_torque(law, design, scratch)
+    """Return the motor torque of `LinearQuadraticGaussian` [N m].
+
+    The tables are those of `begun`, then those of `Design`. The memory has `HEADER`
+    numbers, `STATES` and the torques on their way, and scratch.
+    """
+    size, tables = data.sizes[0], data.tables
+    count = len(GaussianGains._fields)
+    end, place = guard.LIMITS + count, count + guard.SPRING_SIZE
+    gains, spring, memory, seen = begun(data, end, size, GAUSSIAN_GUARD)
+    tuned = GaussianGains(tables[0], tables[1], tables[2])
+    model = rows_of(tables, place, STATES, STATES + 1)
+    place += model.size
+    read = rows_of(tables, place, 2, STATES)
+    kalman = rows_of(tables, place + 2 * STATES, STATES, 2)
+    regulator = part(tables, place + 4 * STATES, 2)
+    scratch = rows_of(data.memory, OWN_MEMORY + end + size, 2, STATES)
+    limits = guard.limits_of(gains)
+    own = guard.Guarded(gains, spring, memory[GAUSSIAN_GUARD:HEADER])
+    ratio, ahead, new = limits.ratio, scratch[0], scratch[1]
+    guard.admit(own, seen)
+    state = memory[HEADER : HEADER + STATES]
+    applied = memory[HEADER + STATES :]
+    stretch = seen[guard.MOTOR] - ratio * seen[guard.JOINT]
+    if memory[_GAUSSIAN_STARTED] == 0.0:
+        memory[_GAUSSIAN_STARTED], memory[_STRETCH_OFFSET] = 1.0, stretch
+    _advance(model, state, applied[0], new)
+    off_0 = stretch - memory[_STRETCH_OFFSET] - state[STRETCH]
+    if abs(off_0 - memory[_INNOVATION]) > tuned.slip:
+        # No motion does that in a step: the encoder has slipped, the cable has not.
+        memory[_STRETCH_OFFSET] += off_0 - memory[_INNOVATION]
+        off_0 = memory[_INNOVATION]
+    memory[_INNOVATION] = off_0
+    off_1 = seen[guard.TORQUE]
+    for j in range(STATES):
+        off_1 -= read[1, j] * state[j]
+    for i in range(STATES):
+        state[i] += kalman[i, 0] * off_0 + kalman[i, 1] * off_1
+        ahead[i] = state[i]
+    for i in range(1, applied.size):
+        _advance(model, ahead, applied[i], new)
+    wanted = (seen[guard.DESIRED] - ahead[LACK]) * ratio / tuned.rigidity
+    if limits.one_way != 0.0:
+        # A single cable cannot push, and what hangs need not hang further.
+        least = -abs(seen[guard.DESIRED]) * abs(ratio) / tuned.rigidity
+        wanted = max(wanted, least)
+    hold = tuned.rigidity / ratio**2 * wanted - ahead[LOAD]
+    off = regulator[0] * (ahead[STRETCH] - wanted) + regulator[1] * ahead[SPEED]
+    torque = guard.passed(own, tuned.release, hold - off)
+    for i in range(applied.size - 1):
+        applied[i] = applied[i + 1]
+    applied[applied.size - 1] = torque
+    return float(torque)

@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 
 from cc_mujoco._validation import require_number
-from cc_mujoco.control import _compiled_laws as compiled_laws
 from cc_mujoco.control import _law_steps as law_steps
 from cc_mujoco.control._cable_model import pack, require_known_cables
 from cc_mujoco.control._controller import LawTables, SteppedLaw, cable_shape
@@ -59,7 +58,7 @@ class ModelBased(ProportionalIntegral):
         law_steps.store_model,
         has_model=True,
         unread=_FEED_FORWARD_GAINS | {"preview", "tolerance"},
-        gains=compiled_laws.GAINS,
+        gains=law_steps.FEEDBACK,
     )
     kind = law_steps.MODEL
     """Kind of the law, see `_law_steps.model_torque`."""
@@ -193,7 +192,7 @@ class StictionCompensation(ModelBased):
         require_number("tolerance", self.tolerance, 0.0, 1e6, "N m")
 
     @property
-    def gains(self) -> compiled_laws.FeedbackGains:
+    def gains(self) -> law_steps.FeedbackGains:
         return dataclasses.replace(
             super().gains, preview=self.preview, tolerance=self.tolerance
         )

@@ -22,9 +22,6 @@ from cc_mujoco.control._network import Network
 from cc_mujoco.control._policy import POLICY_METADATA_KEY, read_policy
 from cc_mujoco.errors import CableError
 
-_OPERATORS = {"tanh": "Tanh", "relu": "Relu"}
-"""Operators of `ACTIVATIONS`; the identity has none, and `elu` none in double."""
-
 
 def write_onnx(policy: str | os.PathLike[str], path: str | os.PathLike[str]) -> None:
     """Write a policy as an ONNX file.
@@ -87,12 +84,14 @@ def _graph(onnx: Any, network: Network) -> Any:
         far = constant("least", -network.far), constant("most", network.far)
         x = node("Min", node("Max", x, far[0]), far[1])
     last = len(network.weights) - 1
+    # The identity has no operator, and `elu` none in double.
+    operators = {"tanh": "Tanh", "relu": "Relu"}
     layers = zip(network.weights, network.biases, strict=True)
     for place, (weights, biases) in enumerate(layers):
         x = node("MatMul", x, constant(f"{place}.weight", weights.T))
         x = node("Add", x, constant(f"{place}.bias", biases))
-        if place < last and network.activation in _OPERATORS:
-            x = node(_OPERATORS[network.activation], x)
+        if place < last and network.activation in operators:
+            x = node(operators[network.activation], x)
         elif place < last and network.activation == "elu":
             zero, one = constant(f"{place}.zero", 0.0), constant(f"{place}.one", 1.0)
             below = node("Exp", node("Min", x, zero))

@@ -30,7 +30,7 @@ from typing import NamedTuple
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.cable._parameter import Parameter, parameters_of
 from cc_mujoco.control import _guard as guard
-from cc_mujoco.control._compiled_laws import LAW_INPUTS, DriveGains, gain
+from cc_mujoco.control._law_steps import LAW_INPUTS, DriveGains, gain
 from cc_mujoco.native import FloatArray, FloatCube, FloatMatrix, internal
 
 PLANNER_INPUTS = (LAW_INPUTS[0], LAW_INPUTS[2], *LAW_INPUTS[4:])
@@ -42,7 +42,6 @@ JOINT_SHIFT, TAUT_SHIFT = 18, 19
 OTHER_JOINT, MODEL_ERROR, BRISTLED = 22, 23, 25
 ROTOR_ERROR, MODEL_LOAD, MODEL_ROTOR, CAUTION, GUARD = 26, 28, 30, 38, 39
 FRICTION = GUARD + guard.MEMORY_SIZE
-RELEASED = GUARD + guard.STATE
 """Places in the memory; behind the last there is a number for every cable. Numbers of
 the model with bristles are one place behind those of the model, shifts two, the
 observer of the rotor `OBSERVER_SIZE`."""

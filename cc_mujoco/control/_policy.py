@@ -26,13 +26,13 @@ from cc_mujoco.control import _guard as guard
 from cc_mujoco.control._cable_model import joint_spring
 from cc_mujoco.control._controller import (
     Controller,
-    columns_of_axes,
     motor_limits,
     needs_winding,
     readings,
 )
 from cc_mujoco.control._feedback import stable_settling_time
 from cc_mujoco.control._network import Array, Network
+from cc_mujoco.device._axis_columns import axis_columns
 from cc_mujoco.device._description import device_label
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._observation import (
@@ -176,7 +176,8 @@ class Policy(Controller):
         reading that is no number, or beyond `guard.MAX_READING`, gives no torque and
         changes nothing.
         """
-        seen = columns_of_axes(observation, self._prefixes)
+        prefixes = self._prefixes
+        seen = [axis_columns(observation, prefix, prefixes) for prefix in prefixes]
         each = list(zip(self.axes, seen, strict=True))
         measured = [readings(own, axis.observed.columns) for axis, own in each]
         count = len(measured[0])

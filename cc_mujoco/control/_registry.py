@@ -21,7 +21,7 @@ import dataclasses
 import functools
 import inspect
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
@@ -36,12 +36,12 @@ from cc_mujoco.control import _feedback as feedback
 from cc_mujoco.control import _hysteresis_inverse as hysteresis_inverse
 from cc_mujoco.control import _model_based as model_based
 from cc_mujoco.control import _tension_feedback as tension_feedback
-from cc_mujoco.control._controller import Controller, columns_of_axes, limit_torques
+from cc_mujoco.control._controller import Controller, limit_torques
 from cc_mujoco.control._decoupling import Coupling
 from cc_mujoco.control._policy import Policy
 from cc_mujoco.control._position import IdealRatio
 from cc_mujoco.control._predictive import PredictiveCompensation
-from cc_mujoco.device._axis_columns import split_by_axis
+from cc_mujoco.device._axis_columns import axis_columns, split_by_axis
 from cc_mujoco.device._description import Description
 from cc_mujoco.device._device import Nominal
 from cc_mujoco.device._drive import Drive
@@ -82,11 +82,8 @@ POSITION_CONTROLLERS: dict[str, type[Controller]] = {
 Law = str | Callable[..., Any]
 """Name of a controller, or a function that makes one for a drive."""
 
-DECOUPLED = "decoupled_"
-"""Prefix of the name of a controller whose axes are decoupled."""
-
-OWN_COLUMNS = "joint_torque_nm", "desired_torque_nm"
-"""Columns that hold the torques of the own cable where axes are decoupled."""
+DECOUPLED = "decoupled_"  # prefix of the name of a controller of decoupled axes
+OWN_COLUMNS = "joint_torque_nm", "desired_torque_nm"  # of the own cable where decoupled
 
 
 class _Readings(dict[str, Any]):
@@ -116,18 +113,17 @@ class External(Controller):
         """
         self._drives = (drive,) if isinstance(drive, Drive) else drive
         super().__init__(self._drives[0])
-        self._make_law: Callable[[], Any] = functools.partial(make, drive)
         self.name = name
-        self._law = make(drive)
+        self._make_law: Callable[[], Any] = functools.partial(make, drive)
+        self._law = self._make_law()
 
     def reset(self, where: NDArray[np.bool_] | None = None) -> None:
         if where is None:
             self._law = self._make_law()
 
     def limited(self, torque: Any) -> Any:
-        if len(self._drives) == 1:
-            return super().limited(torque)
-        return limit_torques(torque, self._drives)
+        one = len(self._drives) == 1
+        return super().limited(torque) if one else limit_torques(torque, self._drives)
 
     def torque(self, observation: Mapping[str, Any]) -> Any:
         """Return the torque of the motor [N m]; see `Controller.torque`.
@@ -170,7 +166,8 @@ class AxesController(Controller):
 
     def _seen(self, observation: Mapping[str, Any]) -> list[Mapping[str, Any]]:
         """Return what the controller of each axis reads."""
-        return columns_of_axes(observation, self._prefixes)
+        prefixes = self._prefixes
+        return [axis_columns(observation, prefix, prefixes) for prefix in prefixes]
 
 
 class DecoupledController(AxesController):
@@ -273,11 +270,13 @@ def controller(
         )
     plant = drive if isinstance(drive, Plant) else Plant(drive)
     model = DeviceModel(plant.description, plant.model())
-    drives = list(model.drives(model.frame_skip * float(model.model.opt.timestep)))
-    for k, axis in enumerate(plant.description.axes):
-        commands_angle = find_task(axis.task, (axis.limb,)).commands_angle
-        drives[k] = dataclasses.replace(drives[k], commands_angle=commands_angle)
-    return axes_controller(name, drives, model.prefixes)
+    drives = model.drives(model.frame_skip * float(model.model.opt.timestep))
+    tasks = [find_task(axis.task, (axis.limb,)) for axis in plant.description.axes]
+    each = [
+        dataclasses.replace(own, commands_angle=task.commands_angle)
+        for own, task in zip(drives, tasks, strict=True)
+    ]
+    return axes_controller(name, each, model.prefixes)
 
 
 def _controller_of(name: Law, drive: Drive) -> Controller:
@@ -332,9 +331,8 @@ def from_callable(given: str | Callable[[Drive], Any], drive: Drive) -> Controll
     if isinstance(made, Controller):
         return made
     if callable(made):
-        _require_one_argument(
-            name, made, f"what {function!r} returns", "what is measured"
-        )
+        returned = f"what {function!r} returns"
+        _require_one_argument(name, made, returned, "what is measured")
         return External(drive, make, name)
     raise CableError(
         f"controller {name!r}: called with a Drive it must return a Controller or a "
@@ -471,11 +469,8 @@ def _for_all_axes(given: Law) -> Any:
 
 def is_policy(given: Law | Mapping[str, Law]) -> bool:
     """Return whether a controller is the file of a policy, which has all axes."""
-    return (
-        isinstance(given, str)
-        and named_laws(given) == [given]
-        and given.endswith(POLICY_ENDING)
-    )
+    alone = isinstance(given, str) and named_laws(given) == [given]
+    return alone and str(given).endswith(POLICY_ENDING)
 
 
 def runs_code(given: Law | Mapping[str, Law]) -> bool:
@@ -484,10 +479,8 @@ def runs_code(given: Law | Mapping[str, Law]) -> bool:
     The file of a policy has none: it is numbers.
     """
     if isinstance(given, str):
-        laws: Iterable[Law] = named_laws(given)
-    else:
-        laws = given.values() if isinstance(given, Mapping) else [given]
-    return any(map(_is_code, laws))
+        return any(map(_is_code, named_laws(given)))
+    return any(map(_is_code, given.values() if isinstance(given, Mapping) else [given]))
 
 
 def _is_code(law: Law) -> bool:

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from cc_mujoco._utils.arguments import require_kind
 from cc_mujoco._validation import require_number
 from cc_mujoco.cable._segments import Mesh
-from cc_mujoco.control import _compiled_laws as compiled_laws
 from cc_mujoco.control import _friction_slope as friction_slope
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control import _planner_steps as planner_steps
 from cc_mujoco.control._cable_model import CableModel
 from cc_mujoco.control._controller import LawTables, as_round_pulley, readings
 from cc_mujoco.control._feedback import ProportionalIntegral
+from cc_mujoco.control._law_steps import LAW_INPUTS
 from cc_mujoco.control._predictive import PredictiveCompensation
 from cc_mujoco.device._drive import CableDrive, Drive
 from cc_mujoco.device._sensors import TENSION_COLUMN
@@ -104,8 +104,8 @@ class FusedFeedback(ProportionalIntegral):
             found = fuse(tensions[:, k], gain, deviation).tension[..., 0]
             fused.append(np.where(np.isfinite(found), np.maximum(found, 0.0), last[k]))
         self._tensions = np.array(fused)
-        seen = readings(observation, compiled_laws.LAW_INPUTS)
-        seen[:, compiled_laws.TORQUE] = self._torque(len(tensions))
+        seen = readings(observation, LAW_INPUTS)
+        seen[:, guard.TORQUE] = self._torque(len(tensions))
         return seen
 
     def _torque(self, rows: int) -> FloatArray:

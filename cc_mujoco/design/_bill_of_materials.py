@@ -23,7 +23,7 @@ from cc_mujoco._utils.csv_files import read_sheet
 from cc_mujoco.cable._cable import PATHS
 from cc_mujoco.design._protocol import COST_METRIC
 from cc_mujoco.device import MATERIALS, MOTORS, DeviceModel, Plant
-from cc_mujoco.device._materials import WIRE_MODULUS, area
+from cc_mujoco.device._materials import area
 from cc_mujoco.errors import CableError
 
 EXAMPLE = Path(__file__).with_name("costs.csv")
@@ -65,12 +65,13 @@ def parts_of(plant: Plant, costs: Mapping[str, float]) -> dict[str, float]:
         ratios.append(2.0 * tightest / diameter)
     ratio = min(ratios)
     wires = 0 if material is None else material.wires
+    modulus = 207e9  # of the steel of a wire [N/m^2] (source `calqlata`)
     motors = [plant.motor(axis) for axis in plant.description.axes]
     found = {
         "cable_mass": ropes,
         "mass": ropes + sum(motor.mass for motor in motors) + sum(discs),
         "bend_ratio": ratio,
-        "bending_stress": WIRE_MODULUS / (wires * ratio) if wires else math.nan,
+        "bending_stress": modulus / (wires * ratio) if wires else math.nan,
     }
     if costs:
         per_metre = costs.get(str(values.get("material", "")), costs["rope"])

@@ -39,9 +39,8 @@ from cc_mujoco.human import task as find_task
 from cc_mujoco.human._gait_joints import GaitJoint, gait_joints
 from cc_mujoco.human._motion import Motion, episode_fraction
 from cc_mujoco.metrics import ArrayLog, measure
-from cc_mujoco.metrics import _metric as constants
 from cc_mujoco.metrics._clamped import CHIRP_HIGH, CHIRP_LOW, SWING_PERIODS
-from cc_mujoco.metrics._metric import Test
+from cc_mujoco.metrics._metric import Key, Test
 from cc_mujoco.metrics._torque import first_unsafe_sample
 from cc_mujoco.simulation._rollout import Episode, Rollout, attended, play
 
@@ -208,7 +207,7 @@ class _Scores:
         owns = dict.fromkeys(names)
         for axis, log in zip(protocol.axes, logs, strict=True):
             # A stride is that of one joint, which the others do not have.
-            walks = constants.PACE in log.metadata
+            walks = Key.PACE in log.metadata
             there = [name for name in owns if walks or not is_stride_metric(name)]
             values = measure(log, map(metric_of, there))
             found |= {f"{axis}.{m.name}": value for m, value in values.items()}
@@ -229,7 +228,7 @@ class _Scores:
             columns[f"tension_{cable}_distal_n"] = ends[2 * place + 1]
             columns[f"tension_{cable}_nodes_n"] = np.maximum(least[place], 0.0)[:, None]
         ratio, driven = float(played.ratio[row, axis]), played.driven[axis]
-        known = {constants.RATIO: ratio, constants.DRIVEN: driven}
+        known = {Key.RATIO: ratio, Key.DRIVEN: driven}
         return ArrayLog(columns, self._cables, known | self._facts[row][axis])
 
     def _unsafe_reason(self, played: Rollout, row: int) -> str:
@@ -261,11 +260,11 @@ def _facts(
         if isinstance(task, Mapping):
             task = task[axis.name]
         facts = plant.facts(axis)
-        facts[constants.SPRING] = isinstance(find_task(task, (axis.limb,)), Spring)
+        facts[Key.SPRING] = isinstance(find_task(task, (axis.limb,)), Spring)
         if axis.name in strides:
-            facts[constants.GAIT_JOINT] = strides[axis.name]
-            facts[constants.PACE] = pace_of(plant.values)
-            facts[constants.MOMENT_RATIO] = body_of(plant.values).moment
+            facts[Key.GAIT_JOINT] = strides[axis.name]
+            facts[Key.PACE] = pace_of(plant.values)
+            facts[Key.MOMENT_RATIO] = body_of(plant.values).moment
         found.append(facts)
     return found
 
@@ -309,14 +308,9 @@ def episodes(
 ) -> list[tuple[Test, str, Episode]]:
     """Return the episodes that the metrics of a protocol need.
 
-    Args:
-        protocol: protocol by which designs are tried.
-        designs: designs to play; the wearer of the first walks as fast as was measured
-            by default.
-
-    Returns:
-        Test, name of the controller, episode; no name where the test is of the
-        hardware alone.
+    Each has its test and the name of its controller, which is empty where the test is
+    of the hardware alone. The wearer of the first of the `designs` walks, by default as
+    fast as was measured.
 
     Raises:
         CableError: the trajectory or the task cannot be played.

@@ -44,7 +44,7 @@ from cc_mujoco.design._plan import (
 from cc_mujoco.design._protocol import number_columns
 from cc_mujoco.design._results_store import Store
 from cc_mujoco.device import Plant, Value
-from cc_mujoco.device._wearer_scaling import PROFILE, SHORTEST, pace_of
+from cc_mujoco.device._wearer_scaling import PROFILE, pace_of
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Profile
 from cc_mujoco.simulation._rollout import attended, play
@@ -412,12 +412,13 @@ def fit_profile(
         toe_off = min(100.0 * pace_of({**design, **case}).toe_off for case in cases)
     except CableError:  # impossible, which is reported where designs are checked
         return found
-    least = ranges["fall"][0] if "fall" in ranges else design.get("fall", SHORTEST)
+    shortest = 0.1  # rise and fall [% of the stride]
+    least = ranges["fall"][0] if "fall" in ranges else design.get("fall", shortest)
     peak = float(design.get("peak_time", Profile.peak_time))
     if "peak_time" in ranges:
         peak = _rescale(peak, *ranges["peak_time"], toe_off - float(least))
         found["peak_time"] = peak
-    for name, most in (("fall", toe_off - peak), ("onset", peak - SHORTEST)):
+    for name, most in (("fall", toe_off - peak), ("onset", peak - shortest)):
         if name in ranges:
             found[name] = _rescale(float(design[name]), *ranges[name], most)
     return found

@@ -66,11 +66,8 @@ def read_limits(
 ) -> tuple[MetricLimit, ...]:
     """Parse `METRIC>=NUMBER` and `METRIC<=NUMBER`.
 
-    Args:
-        texts: the limits.
-        measured: metrics that the study measures; None if it measures any that is
-            requested.
-        across: whether designs have several cases, in all of which they must hold.
+    `measured` are the metrics that the study measures, None if it measures any that is
+    requested; with `across` designs have several cases, in all of which limits hold.
 
     Raises:
         CableError: not of that form, no such metric, or not measured.
@@ -101,12 +98,8 @@ def read_objectives(
 ) -> tuple[Objective, ...]:
     """Parse `METRIC`, `min:METRIC` and `max:METRIC`.
 
-    A metric of the user is `MODULE:NAME`, or its name once it was found.
-
-    Args:
-        texts: the objectives.
-        measured: metrics that the study measures; None if it measures any that is
-            requested.
+    A metric of the user is `MODULE:NAME`, or its name once it was found. For `measured`
+    see `read_limits`.
 
     Raises:
         CableError: no such metric, not measured, or given twice.

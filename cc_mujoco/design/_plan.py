@@ -316,12 +316,12 @@ def _make_protocol(
     for name in chosen:
         metric = metric_of(name)
         if is_stride_metric(name) and not (
-            sources[0] == wearers.WALK and joints_of_gait(builder)
+            sources[0] == "walk" and joints_of_gait(builder)
         ):
             raise CableError(
                 f"metric {name!r} is of the strides of an assisted ankle, knee or hip; "
                 f"it needs a device that drives one, as 'ankle' and 'exosuit' do, and "
-                f"the trajectory {wearers.WALK!r}."
+                "the trajectory 'walk'."
             )
         if unheld and metric.test in protocols.HELD_TESTS:
             raise CableError(f"metric {name!r} holds the joints, but {unheld}.")
@@ -511,19 +511,18 @@ def _require_played(
 ) -> None:
     """Refuse to vary a walk or a profile that a study does not play."""
     wearers.require_scene(device, names)
-    for name in (wearers.SPEED, wearers.LEG_LENGTH):
-        if name in names and trajectory != wearers.WALK:
+    for name in ("gait_speed", "leg_length"):
+        if name in names and trajectory != "walk":
             raise CableError(
-                f"variable {name!r} is of trajectory {wearers.WALK!r}, but the study "
-                f"plays {trajectory!r}."
+                f"variable {name!r} is of trajectory 'walk', but the study plays "
+                f"{trajectory!r}."
             )
     helped = wearers.helped_axis(device)
     for name in wearers.PROFILE:
         task = "" if helped is None else tasks[helped.name]
-        if name in names and task.partition(":")[0] != wearers.ASSIST:
+        if name in names and task.partition(":")[0] != "assist":
             raise CableError(
-                f"variable {name!r} is of task {wearers.ASSIST!r}, but the study plays "
-                f"{task!r}."
+                f"variable {name!r} is of task 'assist', but the study plays {task!r}."
             )
 
 

@@ -19,12 +19,12 @@ from cc_mujoco._utils.provenance import file_digests
 from cc_mujoco.design._scenarios import LEAST_SUFFIX, MOST_SUFFIX, Across
 from cc_mujoco.device import Description, Device, load_device
 from cc_mujoco.device._axis_columns import split_by_axis
-from cc_mujoco.device._variables import VARIABLES, WEARER
+from cc_mujoco.device._variables import VARIABLES
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Task, Trajectory
 from cc_mujoco.human._by_text import user_classes
 from cc_mujoco.metrics import METRICS, Metric, find_metric
-from cc_mujoco.metrics import _metric as constants
+from cc_mujoco.metrics._metric import Key
 
 DEFAULT_METRICS = (
     "efficiency", "held_backlash", "rms_torque_error", "peak_wearer_torque",
@@ -43,8 +43,8 @@ HELD_TESTS = ("backlash", "bandwidth")
 COST_METRIC = "cost"  # metric that a table of costs is for
 CONTROLLER_METRIC = "rms_torque_error"
 """Metric that is least with the best of several controllers."""
-_OF_MOTOR = ("motor_mass", constants.CONTINUOUS_TORQUE, constants.WINDING_RESISTANCE,
-             constants.TORQUE_CONSTANT)  # fmt: skip
+_OF_MOTOR = ("motor_mass", Key.CONTINUOUS_TORQUE, Key.WINDING_RESISTANCE,
+             Key.TORQUE_CONSTANT)  # fmt: skip
 REQUIRED_VARIABLES = {
     "material": ("material",),
     "rope_density": ("material", "rope_density"),
@@ -181,7 +181,7 @@ def metric_of_designs(given: str | Metric) -> Metric:
     if isinstance(given, str) and ":" not in given:
         axis, given = split_metric(given)
     metric = find_metric(given)
-    if metric.name in ("design", "failed", "controller", WEARER.name, *VARIABLES):
+    if metric.name in ("design", "failed", "controller", "wearer", *VARIABLES):
         raise CableError(
             f"metric {metric.name!r} cannot be measured in a what-if, whose table "
             "has another column of that name."
@@ -232,7 +232,7 @@ def missing_fact(
     own = metric.name.rpartition(".")[2]
     if own in ("cable_mass", "mass", "bend_ratio", "bending_stress") and rope:
         return "the diameter of the rope: write `diameter` in [rope]"
-    if constants.STRENGTH in metric.needs and math.isnan(device.strength):
+    if Key.STRENGTH in metric.needs and math.isnan(device.strength):
         if not {"strength", "material"} & set(names):
             return "the breaking load of the rope: write `strength` in [rope]"
     if own == "mass" and not all(axis.motor_pulley for axis in device.axes):
@@ -242,7 +242,7 @@ def missing_fact(
 
 def is_stride_metric(name: str) -> bool:
     """Return whether a metric is of the strides of a joint that walks."""
-    return constants.PACE in metric_of(name).needs
+    return Key.PACE in metric_of(name).needs
 
 
 def by_axis(protocol: EpisodeProtocol) -> dict[str, str]:

@@ -26,7 +26,7 @@ from cc_mujoco.design._scenarios import WORST_CASE_SUFFIX
 from cc_mujoco.design._sensitivity import Sensitivity, sensitivity
 from cc_mujoco.device import Device
 from cc_mujoco.device._materials import ENDS
-from cc_mujoco.device._plant import FRICTION, RADII
+from cc_mujoco.device._plant import RADII
 from cc_mujoco.device._variables import SETS, VALUES, describe, split
 from cc_mujoco.report._html import (
     Html,
@@ -324,11 +324,11 @@ def material_sentence(plan: Plan) -> str:
     """Return how far the friction of varied materials is known; empty without any."""
     named = {name.rpartition(".")[2] for name in plan.ranges}
     covered = {*named, *plan.protocol.across.names}
-    if "material" not in named or FRICTION in covered:
+    if "material" not in named or "material_friction" in covered:
         return ""
     return (
         "The friction of a material is uncertain by a factor of two: judge designs "
-        f"with --across {FRICTION}={','.join(ENDS)}, and measure the pair."
+        f"with --across material_friction={','.join(ENDS)}, and measure the pair."
     )
 
 

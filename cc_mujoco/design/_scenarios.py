@@ -22,7 +22,7 @@ from cc_mujoco._validation import require_dictionary
 from cc_mujoco.design._designs import Range, grid, read_range, require_count
 from cc_mujoco.design._whatif_options import Given
 from cc_mujoco.device import Device, Nominal, Plant
-from cc_mujoco.device._variables import CONFLICTS, VARIABLES, WEARER, Value, find, split
+from cc_mujoco.device._variables import CONFLICTS, VALUES, VARIABLES, Value, find, split
 from cc_mujoco.errors import CableError, look_up
 
 Case = dict[str, Value]
@@ -136,7 +136,7 @@ def read_across(
                 f"a rank, {rank!r}, needs cases to rank over, --across NAME=VALUES."
             )
         return Across()
-    among = VARIABLES | {WEARER.name: WEARER}
+    among = VARIABLES | {"wearer": VALUES["wearer"]}
     ranges = {n: read_range(n, v, device, among, "case") for n, v in given.items()}
     for name, values in ranges.items():
         if not values.levels:

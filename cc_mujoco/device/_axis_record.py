@@ -71,6 +71,7 @@ class Physics(NamedTuple):
     qpos: Array
     qvel: Array
     plugin_state: Array
+    # Results, which a step leaves behind and no state has
     actuator_force: Array
     qfrc_actuator: Array
     qfrc_passive: Array
@@ -83,22 +84,19 @@ class Physics(NamedTuple):
 
     def detached(self) -> Physics:
         """Return a copy whose results are writable arrays of their own."""
-        return self._replace(
-            **{name: getattr(self, name).copy() for name in _RESULT_FIELDS}
-        )
+        found = {name: getattr(self, name).copy() for name in self._fields[3:]}
+        return self._replace(**found)
 
     def take(self, other: Physics, row: Any = slice(None)) -> None:
         """Copy the results of another record, for all simulations or one."""
-        for name in _RESULT_FIELDS:
+        for name in self._fields[3:]:
             getattr(self, name)[row] = getattr(other, name)
 
 
-_RESULT_FIELDS = Physics._fields[3:]
-"""Fields that a step leaves behind and no state has."""
-
-FIELDS = len(Physics._fields)
-_QPOS, _QVEL, _, _FORCE, _ACTUATOR, _PASSIVE, _SPRING, _DAMPER = range(8)
-_GRAVITY, _FLUID, _LENGTH, MOMENT = range(8, FIELDS)
+(
+    _QPOS, _QVEL, _, _FORCE, _ACTUATOR, _PASSIVE, _SPRING, _DAMPER, _GRAVITY, _FLUID,
+    _LENGTH, MOMENT,
+) = range(len(Physics._fields))  # fmt: skip
 
 READING_COLUMNS = (
     "motor_angle_rad", "motor_velocity_rad_s", "motor_torque_nm", "joint_angle_rad",

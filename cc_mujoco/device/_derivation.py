@@ -22,7 +22,6 @@ from cc_mujoco._utils.toml_table import Table
 from cc_mujoco.cable import PATHS, Cable
 from cc_mujoco.device._description import (
     ASSUMED,
-    FREE_ROOTS,
     PERIOD,
     SCENE,
     Axis,
@@ -41,13 +40,6 @@ from cc_mujoco.plugin._engine import PLUGIN
 from cc_mujoco.plugin._mjcf import instances
 from cc_mujoco.plugin._spec import add_element, error_sentence
 
-TORQUE_SHARE = 0.2
-"""Share of the largest torque at the joint that the default task demands."""
-NOISE_SHARE = 0.002
-"""Noise of the assumed torque sensor, as a share of the largest torque at the joint."""
-MARGIN = 0.1
-"""Share of the range of a joint that named trajectories keep from either stop."""
-
 UNITS = {
     "twist": "motor_angle_rad",
     "motor_velocity": "motor_velocity_rad_s",
@@ -57,22 +49,20 @@ UNITS = {
     "desired_torque": "desired_torque_nm",
 }
 """Keys of `[axis.observation]` and the columns whose unit they are."""
-PHASE = ("phase_sine", "phase_cosine")
-"""Columns that are observed where `phase` is true."""
 
-AXIS_KEYS = (
-    "name", "motor", "joint", "torque", "task", "reach", "centre", "safe_torque",
-    "safe_speed", "safe_power", "motor_pulley", "joint_pulley", "gearing", "lever",
-    "cuff", "observation",
-)  # fmt: skip
-KEYS = (
-    "scene", "meaning", "trajectory", "period", "root", "rope", "sensors", "axis",
-    "wearer", "hysteresis",
-)  # fmt: skip
-
-EVERY = "*"
-"""Name in `[wearer]` that stands for every joint that nothing else moves."""
-WEARER_KEYS = ("actuator", "stiffness", "damping", "none")
+KEYS = {
+    "": (
+        "scene", "meaning", "trajectory", "period", "root", "rope", "sensors", "axis",
+        "wearer", "hysteresis",
+    ),
+    "axis": (
+        "name", "motor", "joint", "torque", "task", "reach", "centre", "safe_torque",
+        "safe_speed", "safe_power", "motor_pulley", "joint_pulley", "gearing", "lever",
+        "cuff", "observation",
+    ),
+    "wearer": ("actuator", "stiffness", "damping", "none"),
+}  # fmt: skip
+"""Keys of the file and of tables in it."""
 
 
 class _End(NamedTuple):
@@ -110,7 +100,7 @@ def describe(spec: mujoco.MjSpec, scene: str, table: Table) -> Description:
     Bodies of `spec` that are to be held, names and wearers are changed. `table` is the
     file of the description, empty where there is none.
     """
-    table.only(*KEYS)
+    table.only(*KEYS[""])
     keys = Keys(table, {})
     _hold_root(spec, keys)
     _name_parts(spec)
@@ -169,7 +159,7 @@ def _names_of(elements: Iterable[Any]) -> list[str]:
 
 def _hold_root(spec: mujoco.MjSpec, keys: Keys) -> None:
     """Remove free joints, unless the description keeps them."""
-    choice = keys.table.choice("root", FREE_ROOTS)
+    choice = keys.table.choice("root", ("held", "free"))
     free = [j for j in spec.joints if j.type == mujoco.mjtJoint.mjJNT_FREE]
     if not free or keys.given("root", choice, "held") == "free":
         return
@@ -272,7 +262,7 @@ def _axis_tables(table: Table, motors: Iterable[str]) -> dict[str, Table]:
         if not isinstance(content, dict):
             raise table.wrong("axis", "a table, written as [axis] or [[axis]]")
         own = Table(f"{table.where}, {where}", content)
-        own.only(*AXIS_KEYS)
+        own.only(*KEYS["axis"])
         motor = own.text("motor")
         if motor is None and len(names) > 1:
             raise CableError(f"{own.where} needs `motor`, one of {', '.join(names)}.")
@@ -379,13 +369,13 @@ def _axis(scene: _Scene, name: str, wound: Sequence[str], table: Table) -> _Foun
     _warn_of_dead_centre(scene, own[0], joint, centre, reach)
     # A cable pulls its joint against its own arm.
     way = -math.copysign(1.0, distal) if one_way else 1.0
-    demanded = rounded(TORQUE_SHARE * largest)
+    demanded = rounded(0.2 * largest)
     cables = {n: scene.cables[n] for n in own}
     friction = max(cable.friction * cable.wrap for cable in cables.values())
     rest = sum(abs(joints[n]) * cable.pretension for n, cable in cables.items())
     slip = Slip(friction, rest if pull_pull else 0.0)
     observation = Keys(table.table("observation"), keys.sources, "axis.observation.")
-    units = _units(observation, reach, largest)
+    units = _units(observation, reach, largest, demanded)
     axis = Axis(
         name=table.text("name") or moved,
         motor=name,
@@ -546,14 +536,16 @@ def excursion(
     if given is not None and low <= neutral - given and neutral + given <= high:
         return neutral, given
     span = high - low
-    low, high = low + MARGIN * span, high - MARGIN * span
+    low, high = low + 0.1 * span, high - 0.1 * span  # a margin from either stop
     if min(high - neutral, neutral - low) < 0.25 * span:
         neutral = 0.5 * (low + high)
     reach = min(high - neutral, neutral - low)
     return rounded(neutral, 6), rounded(min(reach, 1.0), 3)
 
 
-def _units(keys: Keys, reach: float, largest: float) -> dict[str, float]:
+def _units(
+    keys: Keys, reach: float, largest: float, demanded: float
+) -> dict[str, float]:
     """Return the sizes that count as 1, by column."""
     keys.table.only(*UNITS, "phase")
     # Usual sizes of a motion within `reach`: observations of a policy are about 1.
@@ -563,11 +555,11 @@ def _units(keys: Keys, reach: float, largest: float) -> dict[str, float]:
         "joint_angle": rounded(0.5 * reach),
         "joint_velocity": 2.0,  # rad/s
         "torque_error": rounded(0.05 * largest),
-        "desired_torque": rounded(TORQUE_SHARE * largest),
+        "desired_torque": demanded,
     }
     units = {UNITS[key]: keys.number(key, v, low=1e-9) for key, v in defaults.items()}
     phase = keys.given("phase", keys.table.flag("phase"), False)
-    return units | dict.fromkeys(PHASE, 1.0) if phase else units
+    return units | {"phase_sine": 1.0, "phase_cosine": 1.0} if phase else units
 
 
 def _lever(scene: _Scene, end: _End, joint: int, keys: Keys) -> tuple[str, ...]:
@@ -601,8 +593,8 @@ def _sensing(table: Table, found: Sequence[_Found], file: Keys) -> Sensing:
     torque = min(one.largest for one in found)
     tension = min(one.largest / one.arm for one in found)
     values: dict[str, Any] = {
-        "torque_noise": rounded(NOISE_SHARE * torque),
-        "tension_noise": rounded(NOISE_SHARE * tension),
+        "torque_noise": rounded(0.002 * torque),
+        "tension_noise": rounded(0.002 * tension),
     }
     for name in names:
         read = table.flag if name == "joint_sensor" else partial(table.number, low=0.0)
@@ -632,10 +624,10 @@ def _movers(scene: _Scene, axes: Sequence[Axis], keys: Keys) -> dict[str, str]:
     joints = [name for name in dict.fromkeys(names) if name not in drums]
     wearers = keys.table.tables("wearer")
     for joint, own in wearers.items():
-        own.only(*WEARER_KEYS)
-        if joint not in (EVERY, *joints):
+        own.only(*KEYS["wearer"])
+        if joint not in ("*", *joints):
             raise CableError.unknown(f"joint of the body in {own.where}", joint, joints)
-    every = wearers.get(EVERY)
+    every = wearers.get("*")  # of every joint that nothing else moves
     found: dict[str, str] = {}
     for joint in joints:
         one = wearers.get(joint)

@@ -36,12 +36,6 @@ ENDING = ".device.toml"
 PERIOD = 1e-3
 """Time between two calls of a controller, unless a device says otherwise [s]."""
 
-FREE_ROOTS = ("held", "free")
-"""Choices for a body on a free joint."""
-
-SAFE_DEMANDS = 2.0
-"""Least assumed safe torque over the largest that a task demands."""
-
 
 @dataclass(frozen=True)
 class Slip:
@@ -61,13 +55,13 @@ class Slip:
         return max(torque * math.exp(self.friction), taut)
 
     def safe_torque(self, demand: float) -> float:
-        """Return a safe torque that leaves room for a demand [N m].
+        """Return a safe torque that leaves room for a demand [N m], twice it or more.
 
         A motor that holds the demand against friction makes more of it by twice that
         friction where the joint turns, before a controller answers.
         """
         turned = demand + 2.0 * (self.held(demand) - demand)
-        return rounded(max(SAFE_DEMANDS * demand, turned))
+        return rounded(max(2.0 * demand, turned))
 
 
 @dataclass(frozen=True)

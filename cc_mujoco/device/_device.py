@@ -35,9 +35,6 @@ from cc_mujoco.plugin._spec import read_spec
 
 _ONE = threading.Lock()
 
-QUOTED = r"""\s*=\s*["']([^"']*)["']"""
-"""Value of an attribute in XML, as a regular expression."""
-
 
 class Nominal:
     """A device as it is, with no value changed."""
@@ -110,12 +107,9 @@ class Device(Nominal):
     def from_spec(
         cls, spec: mujoco.MjSpec, name: str = "device", **given: Any
     ) -> Device:
-        """Make a device of a specification, for example of `add_cable`.
+        """Make a device of a specification, which is copied, as of `add_cable`.
 
-        Args:
-            spec: The scene; it is copied.
-            name: Name of the device.
-            given: Keys of a description, as of `Device`.
+        `given` are keys of a description, as of `Device`.
 
         Raises:
             CableError: It is no device.
@@ -129,8 +123,7 @@ class Device(Nominal):
     def variant(self, scene: str | Path) -> Device:
         """Return the device with another scene, described as this one is.
 
-        Args:
-            scene: Path of an MJCF file, for example of one that a diagnosis wrote.
+        `scene` is the path of an MJCF file, for example of one that a diagnosis wrote.
 
         Raises:
             CableError: It cannot be read, or lacks a part that the description names.
@@ -238,10 +231,8 @@ def load_device(
 ) -> Device:
     """Return a device, that of the call before where no file has changed since.
 
-    Args:
-        source: See `Device`.
-        timestep: See `Device`.
-        allow: `MODULE:NAME` of code that the file of the device may name.
+    For `source` and `timestep` see `Device`; `allow` is `MODULE:NAME` of code that the
+    file of the device may name.
 
     Raises:
         CableError: There is no such device.
@@ -290,8 +281,9 @@ def _files_of(scene: Path) -> list[Path]:
         if path.suffix != ".xml":
             continue
         text = path.read_text(encoding="utf-8", errors="replace")
-        folders = {"", *re.findall(rf"(?:mesh|texture|asset)dir{QUOTED}", text)}
-        for name in re.findall(rf"\bfile{QUOTED}", text):
+        value = r"""\s*=\s*["']([^"']*)["']"""  # of an attribute in XML
+        folders = {"", *re.findall(rf"(?:mesh|texture|asset)dir{value}", text)}
+        for name in re.findall(rf"\bfile{value}", text):
             for folder in folders:
                 for base in (scene.parent, path.parent):
                     if (base / folder / name).is_file():

@@ -50,13 +50,6 @@ class Places(NamedTuple):
     wearer_out: int  # in it, too; -1 where the body is moved otherwise
 
 
-VARIED_FIELDS = ("plugin_attr", "actuator_gainprm", "actuator_biasprm")
-"""Fields of a model that define what a plant is."""
-
-MIXED = PATHS[2]
-"""Path of a cable that leaves its conduit."""
-
-
 class AxisModel:
     """An axis of a device: its places in the arrays of a model, and its readings."""
 
@@ -113,7 +106,7 @@ class AxisModel:
         its open part; None on a round pulley."""
         # No controller knows a cable of which other joints wind an open part.
         self._unknown = False
-        if cable.path == MIXED:
+        if cable.path == PATHS[2]:  # it leaves its conduit
             tendon, mouth = model.tendon(cable.route).id, model.site(cable.mouth).id
             self.winding = open_winding(model, int(tendon), int(mouth), axis.joint)
             self._unknown = self.winding is None
@@ -243,13 +236,10 @@ class DeviceModel:
         model: mujoco.MjModel,
         wearer: Wearer | Mapping[str, Wearer] | None = None,
     ) -> None:
-        """Find the parts.
+        """Find the parts of a device in a model of its scene, or of a variant.
 
-        Args:
-            description: The device.
-            model: Its scene, or a variant.
-            wearer: Impedance of the wearer at the driven joint, or by joint; that of
-                the model by default.
+        `wearer` is the impedance of the wearer at the driven joint, or by joint; that
+        of the model by default.
 
         Raises:
             CableError: One wearer is given for several joints, nobody moves such a

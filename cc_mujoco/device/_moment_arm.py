@@ -25,11 +25,6 @@ from cc_mujoco.device._sensors import RATIO_COLUMN, WINDING_COLUMNS
 
 Array = NDArray[np.float64]
 
-POSE_SHARES = np.linspace(0.1, 0.9, 5)
-"""Shares of the ranges of all joints at which is looked for what moves an end."""
-ARM_TOLERANCE = 1e-9
-"""Share of an arm that is rounding."""
-
 
 class Winding(NamedTuple):
     """Indices of a distal end in the arrays of a simulation, and its neutral pose."""
@@ -221,12 +216,12 @@ def winding_of(model: mujoco.MjModel, end: int, joint: str) -> Winding | None:
     dofs = data.moment_colind[start : start + count].copy()
     own, length = dofs.tolist().index(dof), float(data.actuator_length[end])
     arm = float(data.actuator_moment[start + own])
-    arms = np.empty((len(POSE_SHARES), count))
-    for row, qpos in zip(arms, _poses(model), strict=True):
+    found = []
+    for qpos in _poses(model):
         data.qpos[:] = qpos
         mujoco.mj_fwdPosition(model, data)
-        row[:] = data.actuator_moment[start : start + count]
-    least = ARM_TOLERANCE * abs(arm)
+        found.append(data.actuator_moment[start : start + count].copy())
+    arms, least = np.array(found), 1e-9 * abs(arm)  # less is rounding
     moves = np.abs(arms).max(axis=0) > least
     if not np.delete(moves, own).any() and np.ptp(arms[:, own]) < least:
         return None
@@ -277,7 +272,7 @@ def _poses(model: mujoco.MjModel) -> list[Array]:
     swept = np.isin(model.jnt_type, single) & (model.jnt_limited != 0)
     places, (low, high) = model.jnt_qposadr[swept], model.jnt_range[swept].T
     poses = []
-    for share in POSE_SHARES:
+    for share in np.linspace(0.1, 0.9, 5):
         qpos = model.qpos0.copy()
         qpos[places] = low + share * (high - low)
         poses.append(qpos)

@@ -29,42 +29,25 @@ class Motor:
     source: str = ""
 
 
+_PITTMAN = "cdn.shopify.com/s/files/1/0568/0716/2056/files/Ametek_Pittman"
+
 MOTORS: dict[str, Motor] = {
     motor.name: motor
     for motor in (
         Motor(
-            "maxon_353297",
-            resistance=0.365,
-            torque_constant=0.123,
-            continuous_torque=0.8,
-            mass=2.1,
-            rotor_inertia=1.34e-4,
-            source="maxon DC motor of 65 mm, order number 353297, 48 V; its data sheet "
-            "as on pastebin.com/7kFwyXJK",
+            "maxon_353297", 0.365, 0.123, 0.8, 2.1, 1.34e-4,
+            "maxon DC motor of 65 mm, order number 353297, 48 V; its data sheet as on "
+            "pastebin.com/7kFwyXJK",
+        ),
+        # Their sheets have k and k / sqrt(R).
+        Motor(
+            "pittman_14204s004", (3.06e-2 / 6.09e-2) ** 2, 3.06e-2, 0.18, 1.083, 2.6e-5,
+            f"Ametek Pittman 14204S004, data sheet, {_PITTMAN}_14204S004.pdf",
         ),
         Motor(
-            "pittman_14204s004",
-            # The sheet has k and k / sqrt(R).
-            resistance=(3.06e-2 / 6.09e-2) ** 2,
-            torque_constant=3.06e-2,
-            continuous_torque=0.18,
-            mass=1.083,
-            rotor_inertia=2.6e-5,
-            source="Ametek Pittman 14204S004, data sheet, "
-            "cdn.shopify.com/s/files/1/0568/0716/2056/files/"
-            "Ametek_Pittman_14204S004.pdf",
-        ),
-        Motor(
-            "pittman_9233s013",
-            resistance=(3.73e-2 / 1.88e-2) ** 2,
-            torque_constant=3.73e-2,
-            continuous_torque=3.3e-2,
-            mass=0.252,
-            rotor_inertia=3.2e-6,
-            source="Ametek Pittman 9233S013, data sheet, "
-            "cdn.shopify.com/s/files/1/0568/0716/2056/files/"
-            "Ametek_Pittman_9233S013.pdf",
+            "pittman_9233s013", (3.73e-2 / 1.88e-2) ** 2, 3.73e-2, 3.3e-2, 0.252,
+            3.2e-6, f"Ametek Pittman 9233S013, data sheet, {_PITTMAN}_9233S013.pdf",
         ),
     )
-}
+}  # fmt: skip
 """Every motor by name."""

@@ -39,8 +39,10 @@ OBSERVATION_LIMIT = 10.0
 PLAY_HALF_WIDTHS = (0.1, 0.3, 1.0)
 """Half widths of the plays of `Observed.memory`, in units of the twist."""
 
-MOTOR_ANGLE, MOTOR_VELOCITY, JOINT_ANGLE, JOINT_VELOCITY = range(4)
-JOINT_TORQUE, DESIRED_TORQUE = range(4, 6)
+(
+    MOTOR_ANGLE, MOTOR_VELOCITY, JOINT_ANGLE, JOINT_VELOCITY, JOINT_TORQUE,
+    DESIRED_TORQUE,
+) = range(6)  # fmt: skip
 """Places of the measurements: angle and velocity of motor and joint; torques."""
 
 

@@ -30,9 +30,6 @@ from cc_mujoco.device._device import Device, Nominal, find_device
 from cc_mujoco.device._materials import ENDS, MATERIALS, Material
 from cc_mujoco.device._motors import MOTORS, Motor
 from cc_mujoco.device._variables import (
-    DELAY,
-    NOISE,
-    WEARER,
     Value,
     of_owner,
     owner_axes,
@@ -41,24 +38,17 @@ from cc_mujoco.device._variables import (
 )
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Body, Wearer
-from cc_mujoco.human._body import SCENE_WEARER, SEGMENT_MASS_SHARES, WEARER_MASS
-from cc_mujoco.metrics import _metric as metric
+from cc_mujoco.metrics._metric import Key
 from cc_mujoco.plugin._spec import compile_spec
 
 RADII = ("motor_radius", "joint_radius")
 """Variables of a cable's proximal and distal end."""
-
-DRAWN = ("conduit", "loops", "wrap", "bend_radius", "length", "route", "path", "mouth")
-"""Variables of what leads a cable, which of an open one the scene draws."""
 
 GEARED = ("motor", "winding_resistance", "torque_constant", "continuous_torque")
 """Variables of the motor before its gear."""
 
 CUFFED = ("cuff_stiffness", "cuff_damping")
 """Variables of the cuff between frame and limb."""
-
-FRICTION = "material_friction"
-"""Variable that says which of `ENDS` the friction of a material is."""
 
 UNPLUGGED: dict[str, Value] = {"axial_stiffness": 1e-6, "pretension": 0.0}
 """Values of a cable that does nothing."""
@@ -68,23 +58,16 @@ class Plant:
     """A device with some of its values changed.
 
     It has the names and bounds of the table; `check` finds out, too, whether the scene
-    can have the values.
-
-    Attributes:
-        device: the device without the changes.
-        values: the changes, checked, in the order given.
-        cables: all cables of the device, by name.
+    can have the values. `device` is the one without the changes, `values` are these,
+    checked, in the order given, and `cables` all cables by name.
     """
 
     def __init__(
         self, device: str | Path | Nominal, values: Mapping[str, object] | None = None
     ) -> None:
-        """Change the values of a device.
+        """Change the values of a device, given by its name or file, too.
 
-        Args:
-            device: a `Device`, or what one is made of: name or file.
-            values: values by `NAME` or, for one cable alone, `CABLE.NAME`; see
-                `VALUES`.
+        `values` are by `NAME` or, for one cable alone, `CABLE.NAME`; see `VALUES`.
 
         Raises:
             CableError: names, values or their combination are impossible.
@@ -93,10 +76,10 @@ class Plant:
         cables = self.device.cables
         given = require_dictionary("values", values)
         self.values = read_values(given, cables, self.device.axis_cables)
-        if FRICTION in self.values and "material" not in self.values:
+        if "material_friction" in self.values and "material" not in self.values:
             raise CableError(
-                f"variable {FRICTION!r} says where in the range of a material, and "
-                "needs a `material`."
+                "variable 'material_friction' says where in the range of a material, "
+                "and needs a `material`."
             )
         self.cables: Mapping[str, Cable] = cables
         if self.values:
@@ -122,7 +105,7 @@ class Plant:
     @property
     def wearers(self) -> dict[str, Wearer]:
         """Wearer at the joints that the cables drive, by joint."""
-        factor, nominal = float(self.values.get(WEARER.name, 1.0)), self.device.wearers
+        factor, nominal = float(self.values.get("wearer", 1.0)), self.device.wearers
         limbs = [axis.limb for axis in self.description.axes if axis.limb in nominal]
         own = {limb: nominal[limb] for limb in limbs}
         return {
@@ -132,12 +115,12 @@ class Plant:
     @property
     def delay(self) -> int:
         """Samples by which measurements are late; those of the device by default."""
-        return int(self.values.get(DELAY.name, self.description.sensing.delay))
+        return int(self.values.get("delay", self.description.sensing.delay))
 
     @property
     def noise(self) -> float:
         """Noise of the sensors over that of the device; 1 by default."""
-        return float(self.values.get(NOISE.name, 1.0))
+        return float(self.values.get("noise", 1.0))
 
     @property
     def material(self) -> Material | None:
@@ -180,10 +163,10 @@ class Plant:
         """Return the constants of an axis that metrics need, as far as known."""
         motor = self.motor(axis)
         found = {
-            metric.GEARING: self.gearing(axis),
-            metric.WINDING_RESISTANCE: motor.resistance,
-            metric.TORQUE_CONSTANT: motor.torque_constant,
-            metric.CONTINUOUS_TORQUE: motor.continuous_torque,
+            Key.GEARING: self.gearing(axis),
+            Key.WINDING_RESISTANCE: motor.resistance,
+            Key.TORQUE_CONSTANT: motor.torque_constant,
+            Key.CONTINUOUS_TORQUE: motor.continuous_torque,
         }
         known = {key: value for key, value in found.items() if not math.isnan(value)}
         return facts_of(axis, self.strength) | known
@@ -231,11 +214,10 @@ class Plant:
         scene, values = self.scene, self.values
         wearer_scaling.require_possible(self.description, values)
         bending = stripping.route_tendons(self.cables.values())
-        if wearer_scaling.LEG_LENGTH in values and bending:
+        if "leg_length" in values and bending:
             raise CableError(
-                f"variable {wearer_scaling.LEG_LENGTH!r} moves knee and ankle apart, "
-                "but a cable bends as the scene draws its route along a leg; leave "
-                "`bend` as it is."
+                "variable 'leg_length' moves knee and ankle apart, but a cable bends "
+                "as the scene draws its route along a leg; leave `bend` as it is."
             )
         for axis in self.description.axes:
             # Variables of the motor before its gear
@@ -364,7 +346,8 @@ class Plant:
         friction = own.get("friction")
         if (material := self.material) is not None:
             # Sources do not tell the two frictions apart; the scene does.
-            friction = material.friction.at(str(self.values.get(FRICTION, ENDS[1])))
+            end = str(self.values.get("material_friction", ENDS[1]))
+            friction = material.friction.at(end)
             stiffness = material.axial_stiffness(diameter)
         changes.setdefault("axial_stiffness", stiffness)
         kinetic = cable.friction if friction is None else float(friction)
@@ -418,7 +401,7 @@ class Plant:
                 if key in own:
                     self._set_radius(spec, name, end, float(own[key]))
         self._resize(spec, wearer_scaling.body_of(self.values))
-        if WEARER.name in self.values:
+        if "wearer" in self.values:
             for name, wearer in self.wearers.items():
                 actuator = spec.actuator(self.description.movers[name])
                 self.scene.movers[name].impose(actuator, wearer)
@@ -466,11 +449,11 @@ class Plant:
         of the free rope stay where they are about the ankle. All joints of a leg turn
         about y, so that products of inertia are felt nowhere and are left out.
         """
-        if body == SCENE_WEARER:
+        if body == Body():
             return
-        for name, share in SEGMENT_MASS_SHARES.items():
+        for name, share in Body.SEGMENTS.items():
             part = spec.body(name)
-            limb, place = share * WEARER_MASS, np.array(part.ipos)
+            limb, place = share * Body.mass, np.array(part.ipos)
             worn, limb_now = part.mass - limb, body.heavier * limb
             spread = np.array(part.inertia) / part.mass
             offset = (body.longer - 1.0) * place
@@ -506,12 +489,12 @@ class Plant:
 
 def facts_of(axis: Axis, strength: Mapping[str, float]) -> dict[str, Any]:
     """Return the constants of an axis that metrics need, as far as known."""
-    found: dict[str, Any] = {metric.PULL_PULL: axis.pull_pull}
+    found: dict[str, Any] = {Key.PULL_PULL: axis.pull_pull}
     known = {name: load for name, load in strength.items() if not math.isnan(load)}
     if known:
-        found[metric.STRENGTH] = known
+        found[Key.STRENGTH] = known
     if math.isfinite(axis.safe_torque):
-        found[metric.SAFE_TORQUE] = axis.safe_torque
+        found[Key.SAFE_TORQUE] = axis.safe_torque
     return found
 
 
@@ -530,7 +513,8 @@ def _require_guided(name: str, cable: Cable, own: Mapping[str, Value]) -> None:
     """Refuse to vary what the drawing of a scene decides of an open cable."""
     if cable.path == PATHS[0]:
         return
-    wrong = [key for key in DRAWN if key in own]
+    drawn = ("conduit", "loops", "wrap", "bend_radius", "length")
+    wrong = [key for key in (*drawn, "route", "path", "mouth") if key in own]
     if wrong:
         raise CableError(
             f"variable {wrong[0]!r} cannot be varied for cable {name!r}, which "

@@ -73,16 +73,14 @@ TENSION_COLUMN = "tension_sensors_n"
 class Sensors:
     """Tension sensors along a cable.
 
-    Attributes:
-        nodes: node of every sensor, 0 is the proximal end.
-        deviation: standard deviation of the noise of each [N].
-
     Raises:
         CableError: not one positive deviation per sensor, or no sensor.
     """
 
     nodes: tuple[int, ...]
+    """Node of every sensor, 0 is the proximal end."""
     deviation: tuple[float, ...]
+    """Standard deviation of the noise of each [N]."""
 
     def __post_init__(self) -> None:
         for name in ("nodes", "deviation"):
@@ -104,10 +102,7 @@ class Sensors:
     ) -> Sensors:
         """Return sensors at the nodes nearest to places [m] from the proximal end.
 
-        Args:
-            cable: the cable.
-            positions: positions of the sensors along the conduit [m].
-            deviation: standard deviation of each (m,), or one for all [N].
+        `deviation` is the standard deviation of each (m,), or one for all [N].
 
         Raises:
             CableError: a place off the cable.
@@ -298,16 +293,12 @@ class Measuring:
     def measure(self, columns: Mapping[str, Any]) -> dict[str, Any]:
         """Return the controller's readings of the columns of the next step.
 
-        Args:
-            columns: `MEASURED_COLUMNS`, perhaps `WINDING_COLUMNS` and, where the drive
-                has tension sensors, the tensions of the nodes of every cable, which may
-                be below 0 where it is slack: numbers and (nodes,), or of n environments
-                (n,) and (n, nodes).
-
-        Returns: `MEASURED_COLUMNS`, `WINDING_COLUMNS` if it was there and, where there
-            are such sensors, `TENSION_COLUMN`; `REFERENCE_COLUMN` where the drive
-            commands an angle. Without a joint sensor nothing of `JOINT_COLUMNS`.
-            Nothing in it is shared with the columns.
+        `columns` are `MEASURED_COLUMNS`, perhaps `WINDING_COLUMNS` and, where the drive
+        has tension sensors, the tensions of the nodes of every cable, which may be
+        below 0 where it is slack: numbers and (nodes,), or of n environments (n,) and
+        (n, nodes). The readings are those, with `TENSION_COLUMN` for the tensions and
+        `REFERENCE_COLUMN` where the drive commands an angle, and share nothing with
+        them. Without a joint sensor nothing of `JOINT_COLUMNS` is read.
         """
         self._last = seen = self._read(columns)
         late = seen if self._size == 1 else self._delayed(seen)

@@ -18,18 +18,7 @@ import mujoco
 from cc_mujoco.cable._cable import BENDS, PATHS, Cable
 from cc_mujoco.plugin import PLUGIN
 
-ARENA_BYTES = 1 << 16
-"""Least arena of a bare model without contacts [byte]. MuJoCo's own is 13 MB: the
-allocator would be left with holes as large whenever a batch of simulations ends, and a
-study would grow with its designs."""
-
 _ALWAYS_INFERRED = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
-
-_WRAPPED = {
-    mujoco.mjtWrap.mjWRAP_SITE: mujoco.mjtObj.mjOBJ_SITE,
-    mujoco.mjtWrap.mjWRAP_JOINT: mujoco.mjtObj.mjOBJ_JOINT,
-}
-"""Type of what a tendon passes; a geom where it is none of these."""
 
 Names = dict[mujoco.mjtObj, set[str]]
 """Names of elements by their type."""
@@ -195,9 +184,13 @@ def _needed_names(spec: mujoco.MjSpec) -> Names:
         mujoco.mjtObj.mjOBJ_BODY, mujoco.mjtObj.mjOBJ_SITE, mujoco.mjtObj.mjOBJ_GEOM
     )  # fmt: skip
     needed: Names = defaultdict(set)
+    passed = {
+        mujoco.mjtWrap.mjWRAP_SITE: site,
+        mujoco.mjtWrap.mjWRAP_JOINT: mujoco.mjtObj.mjOBJ_JOINT,
+    }
     for wrap in (wrap for tendon in spec.tendons for wrap in tendon.path):
         if wrap.target is not None:
-            needed[_WRAPPED.get(wrap.type, geom)].add(wrap.target.name)
+            needed[passed.get(wrap.type, geom)].add(wrap.target.name)
         if wrap.sidesite is not None:
             needed[site].add(wrap.sidesite.name)
     for actuator in spec.actuators:
@@ -235,8 +228,12 @@ def _delete_assets(spec: mujoco.MjSpec) -> None:
 
 
 def _arena_bytes(spec: mujoco.MjSpec) -> int:
-    """Return four times what joints and tendons can need without contacts."""
+    """Return four times what joints and tendons can need without contacts.
+
+    MuJoCo's own arena is 13 MB: the allocator would be left with holes as large
+    whenever a batch of simulations ends, and a study would grow with its designs.
+    """
     most = {mujoco.mjtJoint.mjJNT_FREE: 6, mujoco.mjtJoint.mjJNT_BALL: 3}
     dofs = sum(most.get(joint.type, 1) for joint in spec.joints)
     rows = 2 * (dofs + len(spec.tendons))
-    return max(ARENA_BYTES, 4 * 8 * (rows * (dofs + 40) + 26 * dofs**2))
+    return max(1 << 16, 4 * 8 * (rows * (dofs + 40) + 26 * dofs**2))

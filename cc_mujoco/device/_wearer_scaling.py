@@ -16,24 +16,17 @@ from cc_mujoco.device._variables import Value
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Body, Pace, Profile, Task, Trajectory, Walk, scale_task
 from cc_mujoco.human import task as find_task
-from cc_mujoco.human._body import WEARER_LEG_LENGTH, WEARER_MASS
 from cc_mujoco.human._profile import Profiles
 
-SPEED = "gait_speed"
-BODY_MASS, LEG_LENGTH = "body_mass", "leg_length"
-WALKER = (SPEED, BODY_MASS, LEG_LENGTH)
+WALKER = ("gait_speed", "body_mass", "leg_length")
 """Variables of who walks: designs that are simulated together have them in common."""
 PROFILE = ("onset", "peak_time", "peak_torque", "fall")
 """Fields of `human.Profile`, and variables."""
-SHORTEST = 0.1
-"""Shortest rise and fall of a profile [% of the stride]."""
-WALK, ASSIST = "walk", "assist"
-"""Trajectory whose speed is varied, and task whose profile is."""
 
 
 def body_of(design: Mapping[str, Value]) -> Body:
-    mass = float(design.get(BODY_MASS, WEARER_MASS))
-    return Body(mass, float(design.get(LEG_LENGTH, WEARER_LEG_LENGTH)))
+    mass = float(design.get("body_mass", Body.mass))
+    return Body(mass, float(design.get("leg_length", Body.leg)))
 
 
 def pace_of(design: Mapping[str, Value]) -> Pace:
@@ -42,7 +35,7 @@ def pace_of(design: Mapping[str, Value]) -> Pace:
 
 def speed_of(design: Mapping[str, Value]) -> float | None:
     """Return the walking speed that a design sets [m/s], or None."""
-    return float(design[SPEED]) if SPEED in design else None
+    return float(design["gait_speed"]) if "gait_speed" in design else None
 
 
 def profile_of(design: Mapping[str, Value]) -> Profile | None:
@@ -78,14 +71,14 @@ def require_possible(device: Description, design: Mapping[str, Value]) -> None:
 
 def helped_axis(device: Description) -> Axis | None:
     """Return the axis that helps the push-off of an ankle; None if there is none."""
-    helped = (axis for axis in device.axes if axis.task.partition(":")[0] == ASSIST)
+    helped = (axis for axis in device.axes if axis.task.partition(":")[0] == "assist")
     return next(helped, None)
 
 
 def require_scene(device: Description, names: Collection[str]) -> None:
     """Refuse to vary a walk or a profile in a scene without."""
     for name in (*WALKER, *PROFILE):
-        walks = device.trajectory == WALK
+        walks = device.trajectory == "walk"
         if name in names and not (walks if name in WALKER else helped_axis(device)):
             what = "walks" if name in WALKER else "is helped in push-off"
             scenes = "'ankle' and 'exosuit'" if name in WALKER else "'ankle'"
@@ -93,19 +86,18 @@ def require_scene(device: Description, names: Collection[str]) -> None:
                 f"variable {name!r} needs a wearer who {what}, as in {scenes}, but "
                 f"the scene is {device.scene!r}."
             )
-    if LEG_LENGTH in names and not any(axis.lever for axis in device.axes):
+    if "leg_length" in names and not any(axis.lever for axis in device.axes):
         raise CableError(
-            f"variable {LEG_LENGTH!r} moves knee and ankle apart, but the scene "
+            "variable 'leg_length' moves knee and ankle apart, but the scene "
             f"{device.scene!r} draws the paths of its cables along a leg of "
-            f"{WEARER_LEG_LENGTH:g} m; vary {BODY_MASS!r} alone, or choose the scene "
-            "'ankle'."
+            f"{Body.leg:g} m; vary 'body_mass' alone, or choose the scene 'ankle'."
         )
 
 
 def trajectory_of(
     design: Mapping[str, Value], trajectory: str | Trajectory
 ) -> str | Trajectory:
-    if SPEED in design or LEG_LENGTH in design:
+    if "gait_speed" in design or "leg_length" in design:
         return Walk.at(speed_of(design), body_of(design))
     return trajectory
 

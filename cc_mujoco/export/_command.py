@@ -17,10 +17,6 @@ if TYPE_CHECKING:
     from cc_mujoco.device import Device
 
 
-C, ONNX = TARGETS = "c", "onnx"
-"""Kinds of files: C99, or a policy without its observation."""
-
-
 @dataclass(frozen=True)
 class Export:
     """Write a controller as C99, with header, parameters and example."""
@@ -32,7 +28,7 @@ class Export:
     stiction, disturbance, predictive, adaptive or a policy."""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
     """Folder to write to."""
-    target: Annotated[str, tyro.conf.arg(metavar="KIND")] = C
+    target: Annotated[str, tyro.conf.arg(metavar="KIND")] = "c"
     """Kind of file: c, or onnx for a policy without its observation."""
     axis: Annotated[str | None, option_help("NAME")] = None
     """The only axis that the controller drives, of a device with several."""
@@ -59,7 +55,7 @@ class Export:
         from cc_mujoco.device import DeviceModel, find_device
         from cc_mujoco.device._device import bare_model
 
-        if look_up("target", self.target, dict.fromkeys(TARGETS, self.target)) == ONNX:
+        if look_up("target", self.target, {"c": False, "onnx": True}):
             self._write_onnx()
             return
         device = find_device(self.scene)
@@ -78,14 +74,17 @@ class Export:
         export.require_ours(self.out)
         made = DeviceModel(description, bare_model(device).compile())
         drives = made.drives(description.period)
-        own, cables = [drives[k] for k in places], [made.driven[k] for k in places]
-        prefixes = [""] if self.axis else made.prefixes
-        named = self.controller, own, cables, prefixes, self.iterations
-        plan = export.ExportPlan.of(*named)
+        plan = export.ExportPlan.of(
+            self.controller,
+            [drives[k] for k in places],
+            [made.driven[k] for k in places],
+            [""] if self.axis else made.prefixes,
+            self.iterations,
+        )
         if self.ros2_control:
             export.require_ros2_states(plan)
-        what = f"{self.controller} for {self.scene}"
-        print(f"exporting {what}", file=sys.stderr, flush=True)
+        told = f"exporting {self.controller} for {self.scene}"
+        print(told, file=sys.stderr, flush=True)
         notes = ["passivity: NOT CHECKED"]
         if not self.no_check:
             notes = self._require_passive(device, places)
@@ -119,7 +118,7 @@ class Export:
 
         if not self.controller.endswith(POLICY_ENDING):
             raise CableError(
-                f"--target {ONNX} is for policies, files that end in {POLICY_ENDING}, "
+                f"--target onnx is for policies, files that end in {POLICY_ENDING}, "
                 f"not for controller {self.controller!r}."
             )
         path = self.out / "policy.onnx"

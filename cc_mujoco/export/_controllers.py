@@ -6,12 +6,11 @@ plan.fields[0].name, plan.values()[0]      # "ratio", 5.2
 
 from __future__ import annotations
 
-import functools
 import itertools
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,7 +19,7 @@ import numpy as np
 from cc_mujoco._utils.provenance import POLICY_ENDING, is_user_controller
 from cc_mujoco.cable import PARAMETERS
 from cc_mujoco.cable._cable import TERMS
-from cc_mujoco.control import CONTROLLERS, Controller, PredictiveCompensation
+from cc_mujoco.control import CONTROLLERS, PredictiveCompensation
 from cc_mujoco.control import _friction_slope as friction_slope
 from cc_mujoco.control import _registry as registry
 from cc_mujoco.control._controller import LawTables, SteppedLaw, stepped_law
@@ -83,7 +82,7 @@ class AxisPlan:
         """
         made, law = _law_of(name, drive, iterations)
         known = made.drive.cables if law.has_model else ()
-        rows = tuple(zip(map(_identifier, cables), known, strict=False))
+        names = tuple(map(_identifier, cables))[: len(known)]
         values = iter(made.parameters())
         fields: list[Field] = []
         for gain in law.gains:
@@ -96,39 +95,34 @@ class AxisPlan:
                 low, high, meaning = value, value, f"{meaning}; fixed by the export"
             name = prefix + gain.name
             fields.append(Field(name, gain.unit, low, high, value, meaning))
-        for cable, own in rows:
+        for cable, own in zip(names, known, strict=True):
             fields += _cable_parameters(cable, own, values, law)
-        names, taps = tuple(cable for cable, _ in rows), getattr(made, "taps", None)
-        if taps is not None:
+        if (taps := getattr(made, "taps", None)) is not None:
             fields += _sensor_parameters(names, taps, values)
         is_wound = drive.lever or drive.crossed
-        # Columns from which the torques that the law reads are computed
         others: list[str] = []
         if is_wound and (law.is_round or decoupled):
             others.append(WINDING_COLUMNS[2])
         if decoupled:
             others += [RATIO_COLUMN.format(joint=one) for one in drive.shared_ratios]
-        numbers = made.law_tables(), tuple(fields)
         columns = law.wound if is_wound else law.seen, tuple(others)
-        return cls(law, *numbers, *columns, names, taps, prefix)
+        return cls(law, made.law_tables(), tuple(fields), *columns, names, taps, prefix)
 
     @property
     def guarded(self) -> tuple[bool, ...]:
         """True for readings at which the guard looks; leverage by torques over it."""
         own = [name not in self.law.unguarded for name in self.columns]
-        tensions, others = len(self.tension_names), len(self.other_columns)
-        return (*own, *[False] * tensions, *[True] * others)
+        tensions = [False for _ in self.tension_readings]
+        return (*own, *tensions, *[True for _ in self.other_columns])
 
     @property
     def seen(self) -> tuple[str, ...]:
         """Names of its readings in C."""
-        own = [self.prefix + _identifier(name) for name in self.columns]
-        other = [self.prefix + _identifier(name) for name in self.other_columns]
-        return (*own, *self.tension_names, *other)
-
-    @property
-    def tension_names(self) -> tuple[str, ...]:
-        return tuple(name for name, _, _ in self.tension_readings)
+        own, other = (
+            [self.prefix + _identifier(name) for name in names]
+            for names in (self.columns, self.other_columns)
+        )
+        return (*own, *(name for name, _, _ in self.tension_readings), *other)
 
     @property
     def tension_readings(self) -> tuple[tuple[str, str, int], ...]:
@@ -182,12 +176,12 @@ class ExportPlan:
         laws, coupling = [given], None
         if len(drives) > 1:
             laws = list(map(str, registry.by_axis(given, prefixes)))
-        if registry.is_decoupled(given):
+        if is_decoupled := registry.is_decoupled(given):
             drives, coupling = registry.decoupled_drives(drives, prefixes)
         # A name in C does not begin with a digit.
         plain = [_identifier(prefix.rstrip(".")) for prefix in prefixes]
         names = tuple(re.sub(r"^(?=\d)", "_", name) for name in plain)
-        axes, is_decoupled = [], coupling is not None
+        axes = []
         for law, drive, own, name in zip(laws, drives, cables, names, strict=True):
             start = f"{name}_" if name else ""
             axes.append(AxisPlan.of(law, drive, own, start, is_decoupled, iterations))
@@ -233,8 +227,8 @@ class ExportPlan:
     @property
     def starts(self) -> tuple[int, ...]:
         """Place of the first number of every axis in the memory, and behind all."""
-        sizes = [axis.tables.size for axis in self.axes]
-        return (0, *itertools.accumulate(sizes))
+        sizes = (axis.tables.size for axis in self.axes)
+        return tuple(itertools.accumulate(sizes, initial=0))
 
     @property
     def memory_size(self) -> int:
@@ -258,10 +252,9 @@ def _law_of(name: str, drive: Drive, iterations: float) -> tuple[Any, SteppedLaw
             f"controller {name!r} cannot be exported, for its step is not one "
             f"compiled function; {', '.join(EXPORTED)} can be."
         )
-    make: Callable[[Drive], Controller] = kind
     if issubclass(kind, PredictiveCompensation):
-        make = functools.partial(kind, iterations=iterations)
-    return make(drive), law
+        return kind(drive, iterations=iterations), law
+    return kind(drive), law
 
 
 def _joint_torques(
@@ -270,24 +263,24 @@ def _joint_torques(
     """Return the places of the torques of every axis among the readings."""
     rows, shared, start = [], [], 0
     for place, (axis, drive) in enumerate(zip(axes, drives, strict=True)):
-        first = start + len(axis.seen) - len(axis.other_columns)
-        others = {name: first + i for i, name in enumerate(axis.other_columns)}
-        own = 0 if coupling is None else int(coupling.tables.own[place])
-        leverage = others.get(WINDING_COLUMNS[2], -1)
-        if coupling is not None and not set(registry.OWN_COLUMNS) <= set(axis.columns):
-            raise CableError(
-                "axes whose controllers do not read the torque of their joint cannot "
-                "be decoupled."
-            )
+        end = start + len(axis.seen)
         columns = {name: start + k for k, name in enumerate(axis.columns)}
+        first = end - len(axis.other_columns)
+        others = {name: first + k for k, name in enumerate(axis.other_columns)}
+        start, leverage = end, others.get(WINDING_COLUMNS[2], -1)
         torque, desired = (columns.get(name, -1) for name in registry.OWN_COLUMNS)
-        divided = int(axis.law.is_round and leverage >= 0)
-        rows.append((own, torque, desired, leverage, divided))
+        divided, own = int(axis.law.is_round and leverage >= 0), 0
         if coupling is not None:
+            if min(torque, desired) < 0:
+                raise CableError(
+                    "axes whose controllers do not read the torque of their joint "
+                    "cannot be decoupled."
+                )
+            own = int(coupling.tables.own[place])
             for joint in drive.shared_ratios:
                 column = others[RATIO_COLUMN.format(joint=joint)]
                 shared.append((coupling.joints.index(joint), place, column))
-        start += len(axis.seen)
+        rows.append((own, torque, desired, leverage, divided))
     if coupling is None:
         return JointTorques(start, tuple(rows))
     ratios = tuple(drive.ratio for drive in drives)
@@ -299,8 +292,8 @@ def _identifier(name: str) -> str:
 
 
 def _bounds(parameter: Any) -> tuple[float, float]:
-    low, high = parameter.low, parameter.high
-    return (math.nextafter(low, math.inf) if parameter.low_open else low), high
+    low = parameter.low
+    return math.nextafter(low, math.inf) if parameter.low_open else low, parameter.high
 
 
 def _sensor_parameters(
@@ -338,9 +331,8 @@ def _cable_parameters(
         meaning = parameter.meaning
         if parameter.name in still:
             low, high, meaning = value, value, meaning + "; fixed by the export"
-        yield Field(
-            f"{name}_{parameter.name}", parameter.unit, low, high, value, meaning,
-        )  # fmt: skip
+        field = f"{name}_{parameter.name}"
+        yield Field(field, parameter.unit, low, high, value, meaning)
     for i in range(len(own.cable.conduit)):
         yield Field(
             f"{name}_length_{i}", "m", least, most, next(values),

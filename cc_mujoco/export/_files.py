@@ -20,39 +20,15 @@ from cc_mujoco.native import _library as native_library
 from cc_mujoco.native._c99 import CLibrary, literal
 from cc_mujoco.native._kinds import python_function
 
-HEADER_FILE = "cc_controller.h"
+HEADER_FILE, HEADER_MARK = "cc_controller.h", "/* Written by cc-mujoco export: "
+"""The header, and its first words."""
 SOURCE_FILES = ("cc_controller.c", "cc_parameters.c")
 """Files that are compiled into a user's program."""
-TEXT_FILES = ("cc_native.h", "cc_example.c", "CMakeLists.txt", "README.md")
-EXPORT_FILES = (HEADER_FILE, *SOURCE_FILES, *TEXT_FILES, atomic_io.MANIFEST)
+EXPORT_FILES = (
+    HEADER_FILE, *SOURCE_FILES, "cc_native.h", "cc_example.c", "CMakeLists.txt",
+    "README.md", atomic_io.MANIFEST,
+)  # fmt: skip
 """Files that a folder holds; the manifest is the last."""
-
-
-HEADER_MARK = "/* Written by cc-mujoco export: "  # first words of the header
-
-_READING_MEANINGS = {
-    "motor_angle_rad": "angle of the motor; of a round pulley only its changes matter",
-    "joint_angle_rad": "angle of the joint, from its encoder; likewise",
-    "motor_velocity_rad_s": "its velocity",
-    "joint_velocity_rad_s": "velocity of the joint, from its encoder",
-    "winding_angle_rad": "angle at which a pulley of the arm in the neutral pose would "
-    "wind the cables; likewise",
-    "winding_velocity_rad_s": "velocity at which a pulley of the neutral arm would "
-    "wind the cables",
-    "leverage_ratio": "arm of the cables at the joint over that of the neutral pose",
-    "joint_torque_nm": "measured torque of the cables on the joint",
-    "desired_torque_nm": "torque that the cables shall put into the joint",
-}
-
-
-_POLICY_MEANINGS = {
-    "motor_angle_rad": "angle of the motor, 0 where it is in the scene",
-    "joint_angle_rad": "angle of the joint, 0 where it is in the scene",
-    "phase_sine": "sine of the phase of the gait",
-    "phase_cosine": "its cosine",
-    "reference_angle_rad": "angle that the task commands",
-}
-"""Meanings of the readings of a policy, where they differ."""
 
 
 def readme(plan: ExportPlan, what: str, notes: Sequence[str]) -> str:
@@ -77,8 +53,6 @@ def header(plan: ExportPlan, what: str, notes: Sequence[str] = ()) -> str:
     for start, axis in zip(plan.starts, plan.axes, strict=False):
         first, second = [*(start + k for k in axis.tables.given), -1, -1][:2]
         places.append(f"{{{first}, {second}}}")
-    given = ", ".join(places)
-    comments = "".join(f"/* {note}. */\n" for note in notes)
     readings = "\n".join(
         f"    double {name}; /* {meaning} */"
         for axis in plan.axes
@@ -92,21 +66,20 @@ def header(plan: ExportPlan, what: str, notes: Sequence[str] = ()) -> str:
         indices += f"    CC_{field.name.upper()}, /* {meaning}, {least} to "
         indices += f"{field.high:g} */\n"
     named = [f"CC_AXIS_{n.upper()} = {k}, " for k, n in enumerate(plan.names) if n]
-    axes = "".join(named)
     return fill(
         "cc_controller.h",
         mark=HEADER_MARK,
         what=what,
-        comments=comments,
+        comments="".join(f"/* {note}. */\n" for note in notes),
         memory=plan.memory_size,
         parameters=len(plan.fields),
-        axes=axes,
+        axes="".join(named),
         axis_count=len(plan.axes),
         readings=readings,
         indices=indices,
         limit=f"{guard.MAX_READING:g}",
         ride=f"{1e3 * guard.RIDE_TIME:g}",
-        given=given,
+        given=", ".join(places),
         most=f"{guard.MAX_READING:.1f}",
         least=f"{-guard.MAX_READING:.1f}",
         observer=_observer_functions(plan),
@@ -114,9 +87,29 @@ def header(plan: ExportPlan, what: str, notes: Sequence[str] = ()) -> str:
 
 
 def _meanings(axis: AxisPlan) -> Iterator[str]:
-    known = _READING_MEANINGS
+    known = {
+        "motor_angle_rad": "angle of the motor; of a round pulley only its changes "
+        "matter",
+        "joint_angle_rad": "angle of the joint, from its encoder; likewise",
+        "motor_velocity_rad_s": "its velocity",
+        "joint_velocity_rad_s": "velocity of the joint, from its encoder",
+        "winding_angle_rad": "angle at which a pulley of the arm in the neutral pose "
+        "would wind the cables; likewise",
+        "winding_velocity_rad_s": "velocity at which a pulley of the neutral arm would "
+        "wind the cables",
+        "leverage_ratio": "arm of the cables at the joint over that of the neutral "
+        "pose",
+        "joint_torque_nm": "measured torque of the cables on the joint",
+        "desired_torque_nm": "torque that the cables shall put into the joint",
+    }
     if axis.law.is_policy:
-        known = known | _POLICY_MEANINGS
+        known |= {
+            "motor_angle_rad": "angle of the motor, 0 where it is in the scene",
+            "joint_angle_rad": "angle of the joint, 0 where it is in the scene",
+            "phase_sine": "sine of the phase of the gait",
+            "phase_cosine": "its cosine",
+            "reference_angle_rad": "angle that the task commands",
+        }
     for name in axis.columns:
         yield known[name]
     for _, cable, node in axis.tension_readings:
@@ -159,12 +152,12 @@ def parameters(plan: ExportPlan) -> str:
 def example(plan: ExportPlan) -> str:
     """Return a program that reads measurements and writes torques."""
     seen = plan.seen
-    motors = [f"{name}_" if name else "" for name in plan.names]
+    torques = [f"{n}_motor_torque_nm" if n else "motor_torque_nm" for n in plan.names]
     return fill(
         "cc_example.c",
         names=",".join(seen),
         size=max(512, 40 * len(seen)),
-        torques=",".join(f"{motor}motor_torque_nm" for motor in motors),
+        torques=",".join(torques),
         numbers=",".join("%lf" for _ in seen),
         arguments=", ".join(f"&r.{name}" for name in seen),
         count=len(seen),
@@ -199,12 +192,11 @@ def controller_source(plan: ExportPlan, what: str) -> str:
         tables.append(_table("double", f"tables{k}", axis.tables.numbers))
     ends = itertools.pairwise(plan.starts)
     memories = [_view("Reals", f"memory + {a}", b - a) for a, b in ends]
-    lengths = [len(axis.tables.shape) for axis in plan.axes]
-    shapes = [_view("Ints", f"shape{k}", count) for k, count in enumerate(lengths)]
     # The parameters of all axes are looked at before those of one are taken.
-    checks, stores, first = [], [], 0
-    for axis, shape, memory in zip(plan.axes, shapes, memories, strict=True):
+    checks, stores, steps, first, read = [], [], [], 0, 0
+    for k, (axis, memory) in enumerate(zip(plan.axes, memories, strict=True)):
         count, names = len(axis.fields), ("given", "least", "most")
+        shape = _view("Ints", f"shape{k}", len(axis.tables.shape))
         own = [_view("Reals", f"{name} + {first}", count) for name in names]
         gains = str(len(axis.law.gains))
         wrong = called(law_steps.wrong_parameters, shape, *own, gains)
@@ -214,7 +206,11 @@ def controller_source(plan: ExportPlan, what: str) -> str:
     }}""")
         store = called(axis.law.store_parameters, memory, shape, own[0])
         stores.append(f"    {store}")
-        first += count
+        numbers = _view("Reals", f"tables{k}", len(axis.tables.numbers))
+        own_seen = _view("Reals", f"seen + {read}", len(axis.seen))
+        data = f"(LawData){{{memory}, {shape}, {numbers}, {own_seen}}}"
+        steps.append(f"    torques[{k}] = {called(axis.law.step, data)}")
+        first, read = first + count, read + len(axis.seen)
     # An impossible reading of any axis is refused before a state changes.
     count, start = len(plan.seen), plan.starts[-1]
     given, guarded = _view("Reals", "seen", count), _view("Ints", "guarded", count)
@@ -233,13 +229,6 @@ def controller_source(plan: ExportPlan, what: str) -> str:
         wrong = {wrong}
     }}
 """
-    steps, first = [], 0
-    for k, axis in enumerate(plan.axes):
-        numbers = _view("Reals", f"tables{k}", len(axis.tables.numbers))
-        own_seen = _view("Reals", f"seen + {first}", len(axis.seen))
-        data = f"(LawData){{{memories[k]}, {shapes[k]}, {numbers}, {own_seen}}}"
-        first += len(axis.seen)
-        steps.append(f"    torques[{k}] = {called(axis.law.step, data)}")
     flags = [begin + law_steps.FIRST_STEP for begin in plan.starts[:-1]]
     lines = {
         "tables": tables,

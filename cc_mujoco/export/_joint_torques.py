@@ -17,15 +17,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from cc_mujoco.control import _decoupling as decoupling
-from cc_mujoco.control._law_steps import part, rows_of, tables_of, whole_rows_of
+from cc_mujoco.control._law_steps import part, rows_of, whole_rows_of
 from cc_mujoco.native import FloatArray, IntArray
 
-_COUNTS = 3
-_ROWS = 5
-_OWN, _TORQUE, _DESIRED, _LEVERAGE, _IS_DIVIDED = range(_ROWS)
+_OWN, _TORQUE, _DESIRED, _LEVERAGE, _IS_DIVIDED, _ROWS = range(6)
 """Joint of the axis; places of its torques, and of its leverage ratio or -1, among the
-readings; 1 where torques are divided by that ratio, else 0."""
-_RATIO, _LEAST, _MOST, _PER_AXIS = range(4)
+readings; 1 where torques are divided by that ratio, else 0; number of these rows."""
 
 
 @dataclass(frozen=True)
@@ -57,9 +54,7 @@ class JointTorques:
     def tables(self) -> tuple[float, ...]:
         if self.coupling is None:
             return ()
-        _, least, most, safe, scales = self.coupling
-        parts: list[FloatArray] = [np.array(self.ratios), least, most, safe, scales]
-        return tuple(np.concatenate(parts).tolist())
+        return tuple(np.concatenate([self.ratios, *self.coupling[1:]]).tolist())
 
     @property
     def memory_size(self) -> int:
@@ -77,7 +72,7 @@ def own_readings(
 ) -> None:
     """Write to the memory the readings in the order of each axis' law."""
     count, axes, joints = shape[0], shape[1], shape[2]
-    rows = whole_rows_of(shape, _COUNTS, _ROWS, axes)
+    rows = whole_rows_of(shape, 3, _ROWS, axes)  # behind the three numbers
     for i in range(count):
         memory[i] = readings[i]
     if joints > 0:
@@ -85,31 +80,31 @@ def own_readings(
         ratios = rows_of(memory, count, joints, axes)
         torques = rows_of(memory, place, 4, axes)
         place += 4 * axes
-        size = decoupling.WORK_MATRICES * axes * axes
+        scratch = rows_of(memory, place, decoupling.WORK_MATRICES * axes, axes)
+        vectors = rows_of(memory, place + scratch.size, decoupling.WORK_VECTORS, axes)
+        motors = rows_of(tables, 0, 3, axes)  # ratio, least and greatest torque
+        safe = part(tables, 3 * axes, joints)
+        scales = part(tables, 3 * axes + joints, joints)
         ratios[:] = 0.0
         for i in range(axes):
             leverage = 1.0
             if rows[_LEVERAGE, i] >= 0:
                 leverage = readings[rows[_LEVERAGE, i]]
-            ratios[rows[_OWN, i], i] = tables[_RATIO * axes + i] * leverage
+            ratios[rows[_OWN, i], i] = motors[0, i] * leverage
             torques[0, i] = readings[rows[_TORQUE, i]]
             torques[1, i] = readings[rows[_DESIRED, i]]
-        first = _COUNTS + _ROWS * axes
+        first = 3 + _ROWS * axes
         for k in range(shape[first]):
             one = first + 1 + 3 * k
             ratios[shape[one], shape[one + 1]] = readings[shape[one + 2]]
-        coupled = decoupling.Coupled(
-            decoupling.CouplingTables(
-                rows[_OWN],
-                part(tables, _LEAST * axes, axes),
-                part(tables, _MOST * axes, axes),
-                part(tables, _PER_AXIS * axes, joints),
-                part(tables, _PER_AXIS * axes + joints, joints),
-            ),
-            ratios,
-            tables_of(memory, place, decoupling.WORK_MATRICES, axes, axes),
-            rows_of(memory, place + size, decoupling.WORK_VECTORS, axes),
+        coupling = decoupling.CouplingTables(
+            rows[_OWN], motors[1], motors[2], safe, scales
         )
+        coupled = decoupling.Coupled(
+            coupling, ratios, scratch[:axes], scratch[axes : 2 * axes],
+            scratch[2 * axes :], vectors[0], vectors[1], vectors[2], vectors[3],
+            vectors[4], vectors[5], vectors[6],
+        )  # fmt: skip
         decoupling.own_torques(coupled, torques[0], torques[1], torques[2], torques[3])
         for i in range(axes):
             memory[rows[_TORQUE, i]] = torques[2, i]

@@ -26,7 +26,6 @@ from cc_mujoco.native import FloatArray
 from cc_mujoco.native import _library as native_library
 
 FLAGS = "-std=c99", "-O2", "-ffp-contract=off"
-_STEPS = 1500
 
 
 class Measures(NamedTuple):
@@ -36,16 +35,14 @@ class Measures(NamedTuple):
     blocks: int | None  # most basic blocks of a step
 
     def lines(self) -> list[str]:
-        machine = platform.machine()
-        unknown = "not known, as there is no gcc here"
-        stack, blocks = unknown, unknown
+        stack = blocks = "not known, as there is no gcc here"
         if self.stack is not None:
             stack = (
-                f"at most {self.stack} bytes (gcc -O2, {machine}), and what exp, log "
-                "and pow of the C library take"
+                f"at most {self.stack} bytes (gcc -O2, {platform.machine()}), and what "
+                "exp, log and pow of the C library take"
             )
         if self.blocks is not None:
-            blocks = f"at most {self.blocks} basic blocks, counted in {_STEPS} steps"
+            blocks = f"at most {self.blocks} basic blocks, counted in 1500 steps"
         return [f"stack: {stack}", f"work of a step: {blocks}"]
 
 
@@ -89,9 +86,9 @@ def stack_bound(folder: Path, compiler: Sequence[str]) -> int | None:
         if size and size[2] not in ("static", "dynamic,bounded"):
             return None
         sizes[title] = int(size[1]) if size else 0
-    edges = re.findall(r'edge: \{ sourcename: "(.*?)" targetname: "(.*?)"', text)
-    for source_name, target in edges:
-        calls.setdefault(source_name, []).append(target)
+    edges = r'edge: \{ sourcename: "(.*?)" targetname: "(.*?)"'
+    for caller, target in re.findall(edges, text):
+        calls.setdefault(caller, []).append(target)
 
     @functools.cache
     def deepest(name: str) -> int:
@@ -108,20 +105,17 @@ def stack_bound(folder: Path, compiler: Sequence[str]) -> int | None:
 def _most_blocks(folder: Path, plan: ExportPlan, gcc: str) -> int | None:
     with tempfile.TemporaryDirectory() as place:
         program, built = Path(place) / "count", Path(place) / "cc_controller.o"
-        source = folder / "cc_controller.c"
-        counting = fill("count_blocks.c").encode()
+        compiling = [*FLAGS, "-fsanitize-coverage=trace-pc", "-c", "-o", built]
+        linking = ["-O2", "-I", folder, "-o", program, "-x", "c", "-", "-x", "none"]
         for words in (
-            [*FLAGS, "-fsanitize-coverage=trace-pc", "-c", source, "-o", built],
-            [
-                "-O2", "-I", folder, "-o", program, "-x", "c", "-", "-x", "none", built,
-                folder / "cc_parameters.c", "-lm",
-            ],
-        ):  # fmt: skip
-            command = [gcc, *map(str, words)]
-            done = subprocess.run(command, input=counting, capture_output=True)
+            [*compiling, folder / "cc_controller.c"],
+            [*linking, built, folder / "cc_parameters.c", "-lm"],
+        ):
+            command, counting = [gcc, *map(str, words)], fill("count_blocks.c")
+            done = subprocess.run(command, input=counting.encode(), capture_output=True)
             if done.returncode:
                 return None
-        rows = swinging_readings(plan, _STEPS).tobytes()
+        rows = swinging_readings(plan, 1500).tobytes()  # as many as `lines` says
         counted = subprocess.run([program], input=rows, capture_output=True, check=True)
     return int(counted.stdout)
 

@@ -24,10 +24,7 @@ from cc_mujoco.native import internal
 
 _COLUMNS, _HOLD, _HISTORY, _PLAYS, _IS_WOUND, _NETWORK = range(6)
 """Places of `LawTables.shape` of a policy; the shape of the network is last."""
-_NUMBERS = policy.GAINS - guard.LIMITS + guard.SPRING_SIZE
-"""Place of the numbers of what is observed, those of `Past`, in `LawTables.numbers`."""
-_BEGUN = guard.MEMORY_SIZE
-_SAMPLE, _SHARE, _POLICY_SIZE = range(_BEGUN + 1, _BEGUN + 4)
+_BEGUN, _SAMPLE, _SHARE, _POLICY_SIZE = range(guard.MEMORY_SIZE, guard.MEMORY_SIZE + 4)
 """Places in the memory behind the guard: 1 once the policy has begun; samples since the
 last action; that action. Then what is measured, plays, past frames, scratch."""
 
@@ -38,6 +35,7 @@ def step_policy(data: LawData) -> float:
     columns, history, plays = shape[_COLUMNS], shape[_HISTORY], shape[_PLAYS]
     gains, spring, law, _ = begun(data, policy.GAINS, _POLICY_SIZE, 0)
     first = OWN_MEMORY + policy.GAINS + _POLICY_SIZE
+    place = policy.GAINS - guard.LIMITS + guard.SPRING_SIZE  # of the numbers of `Past`
     measured = part(memory, first, columns)
     for i in range(columns):
         measured[i] = readings[i]
@@ -45,9 +43,9 @@ def step_policy(data: LawData) -> float:
     guarded = guard.Guarded(gains, spring, law)
     policy.admit_measured(guarded, measured, part(readings, columns, wound))
     past = observation.Past(
-        tables[_NUMBERS],
-        part(tables, _NUMBERS + 1, columns),
-        part(tables, _NUMBERS + 1 + columns, plays),
+        tables[place],
+        part(tables, place + 1, columns),
+        part(tables, place + 1 + columns, plays),
         rows_of(memory, first, 1, columns),
         rows_of(memory, first + columns, 1, plays),
         tables_of(memory, first + columns + plays, 1, history, columns + 1),
@@ -60,7 +58,7 @@ def step_policy(data: LawData) -> float:
             observation.follow_past(past, 0)
         if law[_SAMPLE] == 0.0:
             scratch = first + columns + plays + history * (columns + 1)
-            place, widest = _NUMBERS + 1 + columns + plays, 0
+            place, widest = place + 1 + columns + plays, 0
             net = PackedNetwork(
                 whole_part(shape, _NETWORK, shape.size - _NETWORK),
                 part(tables, place, tables.size - place),
@@ -99,11 +97,11 @@ class SteppedPolicy(Policy):
     def law_tables(self) -> LawTables:
         (axis,), (own,), net = self.axes, self.observed, self.network.packed
         past = observation.ObservationHistory(own, 1).past
-        numbers = axis.gains[guard.LIMITS :], axis.spring, [past.ratio], past.units
-        kept = past.measured.size + past.plays.size + past.frames.size
-        first = OWN_MEMORY + policy.GAINS
+        observed = [past.ratio], past.units, past.reach
+        numbers = axis.gains[guard.LIMITS :], axis.spring, *observed, net.numbers
         counts = own.frame, own.hold, own.history, past.reach.size, int(axis.is_wound)
-        every = np.concatenate([*numbers, past.reach, net.numbers])
-        size = first + _POLICY_SIZE + kept + 2 * int(net.sizes[WIDTHS:].max())
+        first = OWN_MEMORY + policy.GAINS
+        size = past.measured.size + past.plays.size + past.frames.size
+        size += first + _POLICY_SIZE + 2 * int(net.sizes[WIDTHS:].max())
         shape, given = (*counts, *net.sizes.tolist()), (first + guard.COMMAND,)
-        return LawTables(shape, tuple(map(float, every)), size, given)
+        return LawTables(shape, tuple(np.concatenate(numbers).tolist()), size, given)

@@ -28,7 +28,7 @@ from cc_mujoco.device._sensors import WINDING_COLUMNS
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware._drive_model import Windings
 from cc_mujoco.hardware._run_log import RUN_COLUMNS, files_of
-from cc_mujoco.metrics._metric import RATIO
+from cc_mujoco.metrics._metric import Key
 from cc_mujoco.simulation import _log_columns as log_columns
 from cc_mujoco.simulation._episode_log import EpisodeLog
 
@@ -175,7 +175,7 @@ def as_episode(
         _require_ratio(own_rows, drive, scene, path)
         torque = own_rows["joint_torque_nm"] / own_rows["leverage_ratio"]
         columns |= _observed(drive, own.driven, own_rows["motor_angle_rad"], torque)
-        facts[own.axis.name] = {RATIO: 1.0 / drive.ratio}
+        facts[own.axis.name] = {Key.RATIO: 1.0 / drive.ratio}
     alone = next(iter(facts.values()))
     about = {
         "scene": scene,

@@ -19,28 +19,23 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 from cc_mujoco._validation import bounded, require_bounds
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import _pace as walking
-
-WEARER_MASS = 75.0  # mass of the scenes' wearer [kg]
-WEARER_LEG_LENGTH = round(0.530 * walking.WEARER_HEIGHT, 4)
-"""Leg length of the scenes' wearer: hip to sole, by Winter for that height [m]."""
-MIN_MASS, MAX_MASS = 40.0, 130.0  # masses of adults [kg]
-MIN_LEG_LENGTH, MAX_LEG_LENGTH = 0.75, 1.05
-"""Lengths of their legs, of heights from 1.42 to 1.98 m [m]."""
-SEGMENT_MASS_SHARES = {"thigh": 0.100, "shank": 0.0465, "foot": 0.0145}
-"""Segments of a leg, with their share of the mass of the body [-]."""
 
 
 @dataclass(frozen=True)
 class Body:
     """A wearer by size; that of the scenes changes nothing by a bit."""
 
-    mass: float = bounded(WEARER_MASS, MIN_MASS, MAX_MASS, "kg")
+    # Shares of the mass of the body [-]
+    SEGMENTS: ClassVar = {"thigh": 0.100, "shank": 0.0465, "foot": 0.0145}
+    mass: float = bounded(75.0, 40.0, 130.0, "kg")
     """Mass of the whole body [kg]."""
-    leg: float = bounded(WEARER_LEG_LENGTH, MIN_LEG_LENGTH, MAX_LEG_LENGTH, "m")
+    # By default by Winter for the height; the bounds are of 1.42 and 1.98 m.
+    leg: float = bounded(round(0.530 * walking.WEARER_HEIGHT, 4), 0.75, 1.05, "m")
     """Length of a leg from hip to sole [m]."""
 
     def __post_init__(self) -> None:
@@ -49,12 +44,12 @@ class Body:
     @property
     def longer(self) -> float:
         """Length of leg over that of the scenes' wearer [-]."""
-        return self.leg / WEARER_LEG_LENGTH
+        return self.leg / Body.leg
 
     @property
     def heavier(self) -> float:
         """Mass over that of the scenes' wearer [-]."""
-        return self.mass / WEARER_MASS
+        return self.mass / Body.mass
 
     @property
     def time(self) -> float:
@@ -69,11 +64,8 @@ class Body:
     def pace(self, speed: float | None = None) -> walking.Pace:
         """Return the pace at which the wearer of the scenes walks similarly.
 
-        Its times are to be multiplied by `time`, its moments by `moment`.
-
-        Args:
-            speed: Speed of this wearer [m/s]; by default that similar to the measured
-                walk.
+        Its times are to be multiplied by `time`, its moments by `moment`. `speed` is of
+        this wearer [m/s]; by default it is that similar to the measured walk.
 
         Raises:
             CableError: If no data cover a similar gait.
@@ -82,7 +74,7 @@ class Body:
             return walking.Pace(walking.MEASURED_SPEED)
         equivalent_speed = speed / self.time
         is_known = walking.MIN_SPEED <= equivalent_speed <= walking.MAX_SPEED
-        if not is_known and self.leg != WEARER_LEG_LENGTH:
+        if not is_known and self.leg != Body.leg:
             # Rounded inwards, so that the ends in the message can be walked.
             low = math.ceil(1e3 * walking.MIN_SPEED * self.time) / 1e3
             high = math.floor(1e3 * walking.MAX_SPEED * self.time) / 1e3

@@ -201,12 +201,8 @@ def read_torque(
     `phase` holds fractions of the cycle up to 1; `phase_percent` (or `phase [%]`) per
     cent. Without either, `time_s`, `time_ms`, `time_us` or `time_ns` is the time since
     the start of the episode. Torque is `torque_nm`, or in another unit of torque, with
-    the name of a joint before it, if any.
-
-    Args:
-        path: The file.
-        joints: Name of the joint that the torque acts on, first of several; by default
-            the file must have one column of torque.
+    the name of a joint before it, if any. It acts on the first of the `joints`; without
+    any the file must have one column of torque.
 
     Raises:
         CableError: If the file cannot be read or used; names file, column and row.

@@ -8,16 +8,17 @@
 
 The gait cycle runs from one heel strike (phase 0) to the next of the same leg. Angles
 are in the convention of the data: ankle positive in dorsiflexion, knee negative in
-flexion, hip positive in flexion. `gait_table` states the source and the fit errors.
+flexion, hip positive in flexion. `gait.csv` states the source and the fit errors.
 """
 
 from __future__ import annotations
 
+import csv
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
-from cc_mujoco.human import _gait_table as gait_table
 from cc_mujoco.human._pace import Real
 
 
@@ -52,36 +53,34 @@ class Harmonics:
         return Harmonics(tuple(turned))
 
 
-GAIT_ANGLES = {
-    "ankle": Harmonics(gait_table.ANKLE),
-    "knee": Harmonics(gait_table.KNEE),
-    "hip": Harmonics(gait_table.HIP),
-}
+def _read_profiles() -> dict[str, Harmonics]:
+    pairs: dict[str, list[tuple[float, float]]] = {}
+    with Path(__file__).with_name("gait.csv").open(encoding="utf-8") as file:
+        for row in csv.DictReader(line for line in file if line[0] != "#"):
+            pair = float(row["cosine"]), float(row["sine"])
+            pairs.setdefault(row["profile"], []).append(pair)
+    return {name: Harmonics(tuple(own)) for name, own in pairs.items()}
+
+
+_PROFILES = _read_profiles()
+
+GAIT_ANGLES = {name: _PROFILES[name] for name in ("ankle", "knee", "hip")}
 """Joint angles [rad] over the gait cycle."""
 
-GAIT_MOMENTS = {
-    "ankle": Harmonics(gait_table.ANKLE_MOMENT),
-    "knee": Harmonics(gait_table.KNEE_MOMENT),
-    "hip": Harmonics(gait_table.HIP_MOMENT),
-}
+GAIT_MOMENTS = {name: _PROFILES[f"{name}_moment"] for name in GAIT_ANGLES}
 """Moments of the muscles about the joints over the gait cycle [N m], of the same walk,
 positive as the angles are: that of the ankle is negative in plantarflexion."""
 
-GAIT_PERIOD = gait_table.PERIOD
-"""Duration of a gait cycle of the measured walk [s]."""
+GAIT_PERIOD = 1.23
+"""Duration of a gait cycle of the measured walk [s], as `scripts/fit_gait.py` prints
+it."""
 
 
 def assistance(phase: Real) -> Real:
-    """Return the plantarflexion assistance over the gait cycle, 0 to 1, elementwise.
+    """Return the plantarflexion assistance by the fraction of the gait cycle [-].
 
-    It is the square of a harmonic series, hence smooth and never negative: at most 0.01
-    where the source has none.
-
-    Args:
-        phase: Fraction of the gait cycle [-].
-
-    Returns:
-        Assistance as a fraction of its peak [-].
+    It is a fraction of its peak [-], elementwise, and the square of a harmonic series,
+    hence smooth and never negative: at most 0.01 where the source has none.
     """
-    root = Harmonics(gait_table.ASSISTANCE_ROOT)(phase)
+    root = _PROFILES["assistance_root"](phase)
     return root * root

@@ -18,12 +18,7 @@ import numpy as np
 
 from cc_mujoco.human._gait import GAIT_ANGLES
 
-_SIDES = {"l": "left", "left": "left", "r": "right", "right": "right"}
-_OTHER_AXES = {
-    *("adduction", "abduction", "rotation", "inversion", "eversion"),
-    *("x", "z", "yaw", "roll"),
-}
-"""Words of joints that turn about another axis than that of level walking."""
+SIDES = {"l": "left", "left": "left", "r": "right", "right": "right"}
 
 
 class GaitJoint(NamedTuple):
@@ -46,15 +41,16 @@ def gait_joints(joints: Mapping[str, tuple[float, float]]) -> tuple[GaitJoint, .
     by up to 0.03 rad where it stops short of them, such as a knee that cannot
     hyperextend. The driven joint is the first.
     """
-    found = []
-    lead = ""
+    other_axes = {"adduction", "abduction", "rotation", "inversion", "eversion"}
+    other_axes |= {"x", "z", "yaw", "roll"}
+    found, lead = [], ""
     for name, ends in joints.items():
         spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name)  # `LeftKnee`
         words = [word for word in re.split(r"[^a-z]+", spaced.lower()) if word]
         part = next((one for one in GAIT_ANGLES if one in name.lower()), "")
-        if not part or _OTHER_AXES.intersection(words):
+        if not part or other_axes.intersection(words):
             continue
-        side = next((_SIDES[word] for word in words if word in _SIDES), "")
+        side = next((SIDES[word] for word in words if word in SIDES), "")
         lead = lead or side
         is_other = bool(side and side != lead)
         found.append(GaitJoint(name, part, is_other, *_fit(part, ends)))

@@ -83,15 +83,10 @@ class Trajectory(ABC):
     """A recipe for a motion; subclasses are frozen dataclasses of its parameters."""
 
     def sample(self, duration: float, dt: float, rng: np.random.Generator) -> Motion:
-        """Make the motion of one episode.
+        """Return the motion at the times 0, `dt`, ..., n `dt` of one episode [s].
 
-        Args:
-            duration: Length of the episode [s], rounded to whole steps.
-            dt: Time between samples [s].
-            rng: Source of every random choice; unused by trajectories without any.
-
-        Returns:
-            The motion at times 0, dt, ..., n dt with n = round(duration / dt).
+        n is `duration` / `dt`, rounded. `rng` is the source of every random choice,
+        unused by trajectories without any.
 
         Raises:
             CableError: If `duration` or `dt` is not a positive finite number, or if

@@ -84,12 +84,9 @@ class Pace:
         return self._ratio(name)
 
     def phase(self, phase: Real) -> Real:
-        """Return the equivalent phase of the measured walk, elementwise.
+        """Return the phase of the measured walk for that at this speed, elementwise.
 
         w(p) = p + s (1 - cos 2 pi p) / 2 with s such that w(`toe_off`) = `TOE_OFF`.
-
-        Args:
-            phase: Fraction of the stride at this speed [-].
         """
         cosine = np.cos(2 * np.pi * phase)
         if not isinstance(phase, np.ndarray):

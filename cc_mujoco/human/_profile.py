@@ -19,8 +19,6 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.human._pace import TOE_OFF, Real
 from cc_mujoco.human._tasks import Task
 
-MAX_PEAK_TORQUE = 1e3  # largest peak torque [N m]
-
 
 @dataclass(frozen=True)
 class Profile(Task):
@@ -40,7 +38,7 @@ class Profile(Task):
     """Time at which the torque begins [% of the stride]."""
     peak_time: float = bounded(53.4, 0.0, 100.0, "% of the stride")
     """Time at which it is largest [% of the stride]."""
-    peak_torque: float = bounded(30.0, 0.0, MAX_PEAK_TORQUE, "N m")
+    peak_torque: float = bounded(30.0, 0.0, 1e3, "N m")
     """Largest size of the torque [N m]."""
     fall: float = bounded(11.9, 0.1, 100.0, "% of the stride")
     """Time from the peak to where it ends [% of the stride]."""

@@ -20,6 +20,7 @@ import numpy as np
 from cc_mujoco._utils import opensim_files, tables
 from cc_mujoco._utils.units import ANGLE, CLOCK, quantity_words
 from cc_mujoco.errors import CableError
+from cc_mujoco.human._gait_joints import SIDES
 from cc_mujoco.human._motion import (
     Array,
     Motion,
@@ -33,7 +34,6 @@ Entry = TypeVar("Entry")
 
 _DRIVEN_NAMES: tuple[Words, ...] = ((), ("joint",))
 """Names of the joint that the device drives, in words without `angle`."""
-_SIDES = {"r": "right", "right": "right", "l": "left", "left": "left"}
 
 
 @dataclass(frozen=True)
@@ -139,8 +139,8 @@ def match_joints(
 
 def _side_and_limb(words: Words) -> tuple[str, Words]:
     """Return the side, or "", and the other words without that for flexion."""
-    sides = [_SIDES[word] for word in words if word in _SIDES]
-    rest = tuple(w for w in words if w not in _SIDES and w not in ("flexion", "flex"))
+    sides = [SIDES[word] for word in words if word in SIDES]
+    rest = tuple(w for w in words if w not in SIDES and w not in ("flexion", "flex"))
     return sides[0] if len(sides) == 1 else "", rest
 
 
@@ -150,16 +150,11 @@ def read_trajectory(path: str | Path, joints: Sequence[str] = ()) -> Recorded:
     Time is `time_s`, `time_ms`, `time_us` or `time_ns`; it must increase from row to
     row and may start anywhere. Angles are `angle_rad`, `angle_deg`, `angle_mrad` or
     `angle_rev`, with the name of a joint before or instead of `angle`. OpenSim files
-    have their units in the header. Columns of no joint are ignored.
+    have their units in the header. The motion is as recorded, shifted to start at 0.
 
-    Args:
-        path: The file.
-        joints: Names of the device's joints, that which it drives first. By default
-            every column of angles is read, and the first or that without a name of a
-            joint is of the driven one.
-
-    Returns:
-        The motion, as recorded and shifted to start at time 0.
+    Columns are those of the device's `joints`, that which it drives first. By default
+    every column of angles is read, and the first or that without a name of a joint is
+    of the driven one.
 
     Raises:
         CableError: If the file cannot be read or used, or an angle has no unit; names

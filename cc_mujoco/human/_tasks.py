@@ -52,16 +52,12 @@ class Task(ABC):
 
     @abstractmethod
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
-        """Return the torque that the device should put into the joint.
+        """Return the torque that the device should put into the joint [N m].
 
-        Args:
-            angle: Joint angle [rad], of a task `about_reference` beyond that.
-            velocity: Joint velocity [rad/s].
-            phase: Fraction of the gait cycle or of the trajectory's period [-]; time
-                [s] for a task `of_time`.
-
-        Returns:
-            Desired torque [N m], of the shape of the arguments or one for all.
+        It is of the shape of the arguments, or one for all: angle of the joint [rad],
+        of a task `about_reference` beyond that, its velocity [rad/s], and the fraction
+        of the gait cycle or of the trajectory's period [-], of a task `of_time` the
+        time [s].
         """
 
 
@@ -289,13 +285,10 @@ class Paced(Task):
 def scale_task(task: Task, pace: Pace, size: float = 1.0) -> Task:
     """Return a task scaled to another wearer or walking speed.
 
-    `Assist` and `Swing` keep to the stride and go with the moment of their joint; tasks
-    that do not follow the gait, and profiles, stay what they are.
-
-    Args:
-        task: Task of the scenes' wearer at the measured speed.
-        pace: Pace of the wearer's walk.
-        size: Moments over those of the scenes' wearer [-], see `Body.moment`.
+    `task` is of the scenes' wearer at the measured speed, `size` the moments over those
+    of that wearer [-], see `Body.moment`. `Assist` and `Swing` keep to the stride and
+    go with the moment of their joint; tasks that do not follow the gait, and profiles,
+    stay what they are.
     """
     if pace == Pace() and size == 1.0:
         return task

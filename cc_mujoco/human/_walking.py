@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -17,8 +16,6 @@ from cc_mujoco.human._gait_joints import GaitJoint, gait_joints
 from cc_mujoco.human._motion import Array, Motion, Scripted, minimum_jerk, pointwise
 from cc_mujoco.human._pace import MEASURED_SPEED, Pace
 
-_ANKLE = gait.GAIT_ANGLES["ankle"](np.linspace(0.0, 1.0, 10_001))
-
 
 @dataclass(frozen=True)
 class Walk(Scripted):
@@ -31,7 +28,7 @@ class Walk(Scripted):
     the ground earlier or later, see `Pace`; `Walk.at` has its stride time, too.
     """
 
-    amplitude: float = math.ceil(1e3 * float(np.abs(_ANKLE).max())) / 1e3
+    amplitude: float = 0.252  # peak of the ankle in a cycle, rounded up
     period: float = bounded(gait.GAIT_PERIOD, 0.2, 20.0, "s")
     """Duration of a gait cycle at full cadence [s]."""
     start: float = bounded(1.0, 0.01, 1e4, "s")
@@ -43,12 +40,11 @@ class Walk(Scripted):
 
     @classmethod
     def at(cls, speed: float | None, body: Body = SCENE_WEARER) -> Walk:
-        """Return the walk at a speed, with the stride time that goes with it.
+        """Return the walk at a speed [m/s], with the stride time that goes with it.
 
-        Args:
-            speed: Speed of the wearer [m/s]; see `Body.pace`.
-            body: Body that walks. If its size is not that of the wearer of the scenes,
-                the `speed` of the walk is that at which the latter walks similarly.
+        For the speed see `Body.pace`. If the size of the body is not that of the wearer
+        of the scenes, the `speed` of the walk is that at which the latter walks
+        similarly.
 
         Raises:
             CableError: If no data cover walking at that speed.
@@ -59,8 +55,7 @@ class Walk(Scripted):
     def on_joints(self, joints: Mapping[str, tuple[float, float]]) -> Walk:
         """Return the walk of a device's joints; see `gait_joints`.
 
-        Args:
-            joints: Range [rad] by name, that of the driven joint first.
+        `joints` are their ranges [rad] by name, that of the driven joint first.
 
         Raises:
             CableError: If the driven joint is none that walks.

@@ -35,12 +35,11 @@ PUSH_OFF = Profile(onset=44.0, peak_time=54.0, fall=6.0)
 begins earlier, while the ankle still yields, does negative work on it; help that lasts
 longer acts on a foot in the air."""
 
-
-FOLDER = Path(assets.__file__).resolve().parent / "walking"
-"""Folder of the scene and of the policy that ships."""
-SCENE = FOLDER / "level_ground.xml"
-POLICY = FOLDER / "policy.safetensors"
-LEGS = FOLDER / "legs.xml"  # the person without ground and muscles
+SCENE, POLICY, LEGS = (
+    Path(assets.__file__).resolve().parent / "walking" / name
+    for name in ("level_ground.xml", "policy.safetensors", "legs.xml")
+)
+"""Scene, policy that ships, and the person without ground and muscles."""
 
 
 class WalkingBody:

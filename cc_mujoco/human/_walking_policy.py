@@ -35,10 +35,6 @@ from cc_mujoco.human._motion import Array
 WALKING_SIDES = ("right", "left")
 WALKING_JOINTS = ("hip", "knee", "ankle")
 MUSCLE_PERIOD = 0.004  # time between two commands to the muscles [s]
-_ROWS = 512  # rows of the table of a gait cycle
-_BINS = 50  # parts of the gait cycle for each of which a person expects a torque
-LEARNING_RATE = 0.3
-"""Part of the difference that a person learns with every stride, assumed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +102,7 @@ class WalkingPolicy:
 
     def table(self) -> Array:
         """Return control of hip, knee and ankle and the push of the ankle (rows, 4)."""
-        angle, rate, torque = self.desired(np.arange(_ROWS) / _ROWS)
+        angle, rate, torque = self.desired(np.arange(512) / 512)
         control = self.stiffness * angle + self.damping * rate + torque
         return np.column_stack((control, torque[:, 2]))
 
@@ -146,7 +142,7 @@ class WalkingController:
         each = [policies] if isinstance(policies, WalkingPolicy) else list(policies)
         own = arrays.arange(worlds) if len(each) > 1 else arrays.zeros(worlds)
         place = {key: placement[key] for key in placement if key == "device"}
-        self._arrays, self._placement = arrays, placement
+        self._arrays = arrays
         self._world = arrays.asarray(own, dtype=arrays.int64, **place)[:, None]
 
         def numbers(name: str) -> Any:
@@ -183,11 +179,8 @@ class WalkingController:
     def act(self, senses: Senses, period: float) -> Any:
         """Return the control of the muscles (worlds, legs, joints) [N m].
 
-        Muscles give the control less K angle + D rate.
-
-        Args:
-            senses: sensory signals of the present.
-            period: time since the last call [s].
+        Muscles give the control less K angle + D rate. `senses` are those of the
+        present, `period` is the time since the last call [s].
         """
         arrays, policy = self._arrays, self._policy
         swinging = 1.0 - self._leads()
@@ -201,7 +194,7 @@ class WalkingController:
         self.lead = arrays.where(self.struck, 1.0 - self.lead, self.lead)
         leads = self._leads()
         swinging = 1.0 - leads
-        rows = arrays.asarray(self.phase * _ROWS, dtype=arrays.int64)
+        rows = arrays.asarray(self.phase * self._table.shape[1], dtype=arrays.int64)
         row = self._table[self._world, rows]
         tilt = senses.pitch - policy["trunk_pitch"]
         righting = policy["trunk_damping"] * senses.pitch_rate
@@ -224,8 +217,8 @@ class WalkingController:
 class ExpectedHelp:
     """Torques that persons expect of an exoskeleton, by phase of the gait cycle.
 
-    With every strike of a foot the expectation of its leg moves by `LEARNING_RATE` to
-    the mean torque that was felt in each part of the stride.
+    With every strike of a foot the expectation of its leg moves by 0.3 of the
+    difference (assumed) to the mean torque felt in each of 50 parts of the stride.
     """
 
     def __init__(self, worlds: int, arrays: Any = np, **placement: Any) -> None:
@@ -234,12 +227,13 @@ class ExpectedHelp:
         self._arrays = arrays
         self._world = arrays.arange(worlds, **place)[:, None]
         self._leg = arrays.arange(2, **place)[None, :]
-        self._expected = arrays.zeros((worlds, 2, _BINS), **placement)
-        self._felt = arrays.zeros((worlds, 2, _BINS), **placement)
-        self._count = arrays.zeros((worlds, 2, _BINS), **placement)
+        self._expected, self._felt, self._count = (
+            arrays.zeros((worlds, 2, 50), **placement) for _ in range(3)
+        )
 
     def _bins(self, phase: Any) -> Any:
-        part = self._arrays.asarray(phase * _BINS, dtype=self._arrays.int64)
+        part = phase * self._count.shape[2]
+        part = self._arrays.asarray(part, dtype=self._arrays.int64)
         return self._world, self._leg, part
 
     def at(self, phase: Any) -> Any:
@@ -257,7 +251,7 @@ class ExpectedHelp:
         arrays = self._arrays
         mean = self._felt / arrays.clip(self._count, 1.0, None)
         news = (self._count > 0.0) & ended[:, :, None]
-        moved = self._expected + LEARNING_RATE * (mean - self._expected)
+        moved = self._expected + 0.3 * (mean - self._expected)
         self._expected = arrays.where(news, moved, self._expected)
         going = 1.0 - 1.0 * ended[:, :, None]  # 0 where a stride ended
         self._felt, self._count = self._felt * going, self._count * going

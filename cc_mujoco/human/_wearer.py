@@ -73,12 +73,8 @@ class Wearer:
         motion, h / 2 times the velocity. Both go to zero with the step: the ideal
         position source is the limit h -> 0.
 
-        Args:
-            inertia: J, least inertia that the joint moves with [kg m^2].
-            timestep: h, time step of the simulation [s].
-
-        Returns:
-            The wearer with that impedance.
+        J is the least `inertia` that the joint moves with [kg m^2], h the `timestep` of
+        the simulation [s].
 
         Raises:
             CableError: If an argument is outside its range.
@@ -94,12 +90,7 @@ class Wearer:
     def command(self, angle: Real, velocity: Real) -> Real:
         """Return the actuator's control for a reference, with velocity feed-forward.
 
-        Args:
-            angle: Reference angle [rad].
-            velocity: Reference velocity [rad/s].
-
-        Returns:
-            angle + D / K velocity [rad].
+        It is angle + D / K velocity [rad], of the reference [rad, rad/s].
         """
         return angle + self.damping / self.stiffness * velocity
 
@@ -112,14 +103,8 @@ class Wearer:
     ) -> Real:
         """Return the torque that the wearer puts into the joint [N m], elementwise.
 
-        Args:
-            reference_angle: Angle that the wearer wants [rad].
-            reference_velocity: Its time derivative [rad/s].
-            angle: Angle of the joint [rad].
-            velocity: Its time derivative [rad/s].
-
-        Returns:
-            K (reference - angle) + D (reference velocity - velocity) [N m].
+        It is K (reference - angle) + D (reference velocity - velocity), of angles [rad]
+        and velocities [rad/s] that the wearer wants and that the joint has.
         """
         error, slip = reference_angle - angle, reference_velocity - velocity
         return self.stiffness * error + self.damping * slip

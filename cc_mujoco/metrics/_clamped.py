@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from cc_mujoco.metrics._metric import RATIO, Array, LogLike
+from cc_mujoco.metrics._metric import Array, Key, LogLike
 from cc_mujoco.metrics._signals import loop_width
 
 SWING_PERIODS = 2
@@ -21,7 +21,7 @@ def held_backlash(log: LogLike) -> float:
     Against twist, motor angle times ratio minus joint angle. A cable that only pulls
     has no loop about zero, so the loop is taken about its middle.
     """
-    ratio = log.metadata[RATIO]
+    ratio = log.metadata[Key.RATIO]
     swing = (log["time_s"].size - 1) / SWING_PERIODS
     # From trough to trough, so that both crossings of the middle lie inside.
     last = slice(

@@ -18,23 +18,24 @@ Better = Literal["low", "high", ""]
 Test = Literal["episode", "backdrive", "backlash", "bandwidth", "parts"]
 """Episode that a metric is computed from; the last is none, but the parts alone."""
 
-RATIO = "ratio"
-"""Metadata key: joint angle per motor angle of an unstretched cable (signed)."""
-DRIVEN = "driven"
-"""Metadata key: names of the cables that the motor winds; all where it is missing."""
-PULL_PULL, SPRING = "pull_pull", "spring"
-"""Metadata keys: whether two cables pull against each other, and whether the task asks
-for a spring."""
-STRENGTH, SAFE_TORQUE = "strength", "safe_torque"
-"""Metadata keys: breaking load of each cable by name [N], and the largest joint torque
-that is safe [N m]."""
-CONTINUOUS_TORQUE, WINDING_RESISTANCE = "continuous_torque", "winding_resistance"
-TORQUE_CONSTANT, GEARING = "torque_constant", "gearing"
-"""Metadata keys: data sheet of the motor [N m], [ohm], [N m/A], and turns of its rotor
-per turn of its pulley."""
-PACE, MOMENT_RATIO, GAIT_JOINT = "pace", "moment_ratio", "gait_joint"
-"""Metadata keys: `Pace` of the walk, moments of the wearer over those of the wearer of
-the scene, and the `GaitJoint` that the device drives."""
+
+class Key:
+    """Keys of the metadata of an episode that metrics read."""
+
+    RATIO = "ratio"  # joint angle per motor angle of an unstretched cable (signed)
+    DRIVEN = "driven"  # names of the cables that the motor winds; all where missing
+    PULL_PULL = "pull_pull"  # whether two cables pull against each other
+    SPRING = "spring"  # whether the task asks for a spring
+    STRENGTH = "strength"  # breaking load of each cable by name [N]
+    SAFE_TORQUE = "safe_torque"  # largest joint torque that is safe [N m]
+    # Data sheet of the motor
+    CONTINUOUS_TORQUE = "continuous_torque"  # [N m]
+    WINDING_RESISTANCE = "winding_resistance"  # [ohm]
+    TORQUE_CONSTANT = "torque_constant"  # [N m/A]
+    GEARING = "gearing"  # turns of its rotor per turn of its pulley
+    PACE = "pace"  # `Pace` of the walk
+    MOMENT_RATIO = "moment_ratio"  # moments of the wearer over those of the scene's
+    GAIT_JOINT = "gait_joint"  # the `GaitJoint` that the device drives
 
 
 class LogLike(Protocol):
@@ -136,7 +137,7 @@ class Metric:
 
 def driven_cables(log: LogLike) -> tuple[str, ...]:
     """Return the names of the cables that the motor winds."""
-    return tuple(log.metadata.get(DRIVEN, log.cables))
+    return tuple(log.metadata.get(Key.DRIVEN, log.cables))
 
 
 def metadata_constant(log: LogLike, key: str) -> float:

@@ -14,24 +14,34 @@ import inspect
 import math
 import re
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from numbers import Real
+from pathlib import Path
+from typing import cast
 
 import numpy as np
 
+from cc_mujoco._utils.csv_files import read_sheet
 from cc_mujoco._utils.user_code import named_object, user_errors
 from cc_mujoco.errors import CableError, look_up
 from cc_mujoco.human import Pace
 from cc_mujoco.human._gait import GAIT_MOMENTS
 from cc_mujoco.human._gait_joints import GaitJoint
 from cc_mujoco.metrics import _clamped as clamped
-from cc_mujoco.metrics import _metric as keys
 from cc_mujoco.metrics import _torque as torque
-from cc_mujoco.metrics._clamped import CHIRP_HIGH, CHIRP_LOW
-from cc_mujoco.metrics._metric import Array, Better, LogLike, Metric, peak, rms
-from cc_mujoco.metrics._signals import MEAN_WINDOW
-from cc_mujoco.metrics._torque import RATE_WINDOW, efficiency, peak_rate
+from cc_mujoco.metrics._metric import (
+    Array,
+    Better,
+    Key,
+    LogLike,
+    Metric,
+    Test,
+    driven_cables,
+    metadata_constant,
+    peak,
+    rms,
+)
 
 ANKLE = GaitJoint("ankle", "ankle")
 """Joint whose strides are measured where the metadata name none."""
@@ -51,10 +61,10 @@ def stride_metrics(log: LogLike) -> dict[str, float]:
     all stay as they were without help, which people change; and work is not metabolic
     cost.
     """
-    if keys.PACE not in log.metadata:
+    if Key.PACE not in log.metadata:
         return {}
-    pace: Pace = log.metadata[keys.PACE]
-    size = log.metadata.get(keys.MOMENT_RATIO, 1.0)
+    pace: Pace = log.metadata[Key.PACE]
+    size = log.metadata.get(Key.MOMENT_RATIO, 1.0)
     time = log["time_s"]
     phase = np.mod(np.arctan2(log["phase_sine"], log["phase_cosine"]) / math.tau, 1.0)
     strikes = np.flatnonzero(np.diff(phase) < -0.5) + 1
@@ -64,7 +74,7 @@ def stride_metrics(log: LogLike) -> dict[str, float]:
     whole = slice(int(strikes[0]), int(strikes[-1]))
     phase, given = phase[whole], log["joint_torque_nm"][whole]
     meant = np.gradient(log["reference_angle_rad"], step)[whole]
-    joint: GaitJoint = log.metadata.get(keys.GAIT_JOINT, ANKLE)
+    joint: GaitJoint = log.metadata.get(Key.GAIT_JOINT, ANKLE)
     own = size * pace.moment(joint.part) * GAIT_MOMENTS[joint.part](pace.phase(phase))
     if joint.turned:
         own = -own
@@ -81,183 +91,117 @@ def stride_metrics(log: LogLike) -> dict[str, float]:
         "wearer_work_change": (helped - alone) / alone,
         "assistance_work": work(given, log["joint_velocity_rad_s"][whole]),
         "peak_assistance": float(np.max(helps * given)),
-        "torque_rate": peak_rate(given, step),
+        "torque_rate": torque.peak_rate(given, step),
         "swing_torque": float(np.max(np.abs(given[swing]))),
     }
 
 
-WINDING_KEYS = (keys.WINDING_RESISTANCE, keys.TORQUE_CONSTANT)
+def _stride_metric(name: str) -> Callable[[LogLike], float]:
+    return lambda log: float(stride_metrics(log).get(name, math.nan))
 
 
-def _constant(
-    name: str,
-    unit: str,
-    meaning: str,
-    better: Better = "low",
-    *needs: str,
-    whole: bool = True,
-) -> Metric:
-    compute = partial(keys.metadata_constant, key=name)
-    return Metric(name, unit, meaning, compute, better, "parts", needs, whole)
+def _built_in() -> Iterator[Metric]:
+    """Yield the metrics of `metrics.csv`, which has their words, with their formulas.
+
+    Those without a formula here are constants of a design, in the metadata by name.
+    """
+    formulas: dict[str, Callable[..., float]] = {
+        "rms_torque_error": lambda log: rms(torque.torque_error(log)),
+        "peak_torque_error": lambda log: peak(torque.torque_error(log)),
+        "torque_lag": torque.torque_lag,
+        "rms_angle_error": lambda log: rms(torque.angle_error(log)),
+        "peak_angle_error": lambda log: peak(torque.angle_error(log)),
+        "peak_joint_torque": lambda log: peak(log["joint_torque_nm"]),
+        "peak_over_safe": lambda log: (
+            peak(log["joint_torque_nm"]) / metadata_constant(log, Key.SAFE_TORQUE)
+        ),
+        "unstable": lambda log: float(
+            torque.is_unstable(log, log.metadata.get(Key.SAFE_TORQUE, math.inf))
+        ),
+        "rms_joint_torque": lambda log: rms(log["joint_torque_nm"]),
+        "peak_wearer_torque": lambda log: peak(log["wearer_torque_nm"]),
+        "wearer_power": lambda log: torque.mean_positive(
+            log["wearer_torque_nm"] * log["joint_velocity_rad_s"]
+        ),
+        "peak_torque_rate": lambda log: torque.peak_rate(
+            log["joint_torque_nm"], float(log["time_s"][1] - log["time_s"][0])
+        ),
+        "reflected_torque": lambda log: rms(log["joint_torque_nm"]),
+        "peak_motor_torque": lambda log: peak(log["motor_torque_nm"]),
+        "rms_motor_torque": lambda log: rms(log["motor_torque_nm"]),
+        "chatter": lambda log: torque.ripple(
+            log["motor_torque_nm"], torque.period_of(log)
+        ),
+        "peak_motor_power": lambda log: float(np.max(torque.motor_power(log))),
+        "thermal_load": torque.thermal_load,
+        "motor_heat": lambda log: float(np.mean(torque.motor_heat(log))),
+        "electrical_power": lambda log: torque.mean_positive(
+            torque.motor_power(log) + torque.motor_heat(log)
+        ),
+        "efficiency": lambda log: torque.efficiency(log).overall,
+        "efficiency_motor_drives": lambda log: torque.efficiency(log).motor_drives,
+        "efficiency_wearer_drives": lambda log: torque.efficiency(log).wearer_drives,
+        "motor_share": lambda log: torque.efficiency(log).motor_share,
+        "dissipated_energy_{cable}": lambda log, cable: float(
+            np.diff(log[f"dissipated_{cable}_j"]).sum()
+        ),
+        "twist_backlash": torque.twist_backlash,
+        "spring_backlash": torque.spring_backlash,
+        "held_backlash": clamped.held_backlash,
+        "slack_margin": lambda log: float(torque.least_tension(log).min()),
+        "slack_share": lambda log: float(np.mean(torque.least_tension(log) <= 0.0)),
+        "slack_under_load": torque.slack_under_load,
+        "slack_time_{cable}": torque.slack_time,
+        "peak_tension": lambda log: max(
+            torque.peak_tension(log, cable) for cable in driven_cables(log)
+        ),
+        "strength_used": torque.strength_used,
+        "failed": torque.failed,
+        "bandwidth": clamped.bandwidth,
+        "response": lambda log: float(clamped.torque_response(log)[1][0]),
+    }
+    tests: dict[str, Test] = {
+        "reflected_torque": "backdrive",
+        "held_backlash": "backlash",
+        "bandwidth": "bandwidth",
+        "response": "bandwidth",
+    }
+    winding = Key.WINDING_RESISTANCE, Key.TORQUE_CONSTANT
+    needs: dict[str, tuple[str, ...]] = {
+        "peak_over_safe": (Key.SAFE_TORQUE,),
+        "thermal_load": (Key.CONTINUOUS_TORQUE,),
+        "motor_heat": winding,
+        "electrical_power": winding,
+        "slack_under_load": (Key.PULL_PULL,),
+        "strength_used": (Key.STRENGTH,),
+        "cable_mass": ("rope_density",),
+        "mass": ("rope_density", "motor_mass"),
+        "bending_stress": ("material",),
+    }
+    strides = ("wearer_work", "wearer_work_change", "assistance_work",
+               "peak_assistance", "torque_rate", "swing_torque")  # fmt: skip
+    formulas |= {name: _stride_metric(name) for name in strides}
+    needs |= dict.fromkeys(strides, (Key.PACE,))
+    for row in read_sheet(Path(__file__).with_name("metrics.csv")).rows:
+        name, unit, better, meaning = row.cells
+        compute = formulas.get(name)
+        yield Metric(
+            name,
+            unit,
+            meaning,
+            compute or partial(metadata_constant, key=name),
+            cast("Better", better.strip("-")),
+            tests.get(name, "episode") if compute else "parts",
+            needs.get(name, ()),
+            whole=not compute and name != "reflected_inertia",
+        )
 
 
-def _stride(name: str, unit: str, meaning: str, better: Better = "low") -> Metric:
-    def compute(log: LogLike) -> float:
-        return float(stride_metrics(log).get(name, math.nan))
-
-    return Metric(name, unit, meaning, compute, better, needs=(keys.PACE,))
-
-
-METRICS: dict[str, Metric] = {
-    metric.name: metric
-    for metric in (
-        Metric("rms_torque_error", "N m", "RMS of joint torque minus desired torque",
-               lambda log: rms(log["joint_torque_nm"] - log["desired_torque_nm"])),
-        Metric("peak_torque_error", "N m", "largest |joint torque minus desired "
-               "torque|",
-               lambda log: peak(log["joint_torque_nm"] - log["desired_torque_nm"])),
-        Metric("torque_lag", "s", "delay of the joint torque after the desired torque, "
-               "by cross-correlation, negative where it leads; none where the "
-               "coefficient stays below 0.5", torque.torque_lag, better=""),
-        Metric("rms_angle_error", "rad", "RMS of joint angle minus the angle that the "
-               "wearer aims for",
-               lambda log: rms(log["joint_angle_rad"] - log["reference_angle_rad"])),
-        Metric("peak_angle_error", "rad", "largest |joint angle minus the angle that "
-               "the wearer aims for|",
-               lambda log: peak(log["joint_angle_rad"] - log["reference_angle_rad"])),
-        Metric("peak_joint_torque", "N m", "largest |joint torque|",
-               lambda log: peak(log["joint_torque_nm"]), better=""),
-        Metric("peak_over_safe", "1", "largest |joint torque| over the device's "
-               "`safe_torque`", lambda log: peak(log["joint_torque_nm"])
-               / keys.metadata_constant(log, keys.SAFE_TORQUE),
-               needs=(keys.SAFE_TORQUE,)),
-        Metric("unstable", "1", "1 where the joint torque swings about its mean over "
-               f"{1e3 * torque.SWING_WINDOW:g} ms by more, RMS, than "
-               f"{torque.SWING_SHARE:g} of the largest desired torque and "
-               f"{torque.SWING_SCALE:g} of the device's `safe_torque`, else 0",
-               lambda log: float(torque.is_unstable(
-                   log, log.metadata.get(keys.SAFE_TORQUE, math.inf)))),
-        Metric("rms_joint_torque", "N m", "RMS of the joint torque",
-               lambda log: rms(log["joint_torque_nm"]), better=""),
-        Metric("peak_wearer_torque", "N m", "largest |torque| with which the wearer "
-               "holds the joint to the motion, the limb's weight and inertia included",
-               lambda log: peak(log["wearer_torque_nm"])),
-        Metric("wearer_power", "W", "mean positive power of that torque: work of the "
-               "wearer per second",
-               lambda log: float(np.mean(np.maximum(
-                   log["wearer_torque_nm"] * log["joint_velocity_rad_s"], 0.0)))),
-        Metric("peak_torque_rate", "N m/s", "fastest change of the joint torque, over "
-               f"{1e3 * RATE_WINDOW:g} ms; jerks are uncomfortable",
-               lambda log: torque.peak_rate(
-                   log["joint_torque_nm"], float(log["time_s"][1] - log["time_s"][0]))),
-        Metric("reflected_torque", "N m", "RMS of the joint torque while the wearer "
-               "moves the device and the motor gives none",
-               lambda log: rms(log["joint_torque_nm"]), test="backdrive"),
-        Metric("peak_motor_torque", "N m", "largest |torque| at the motor pulley",
-               lambda log: peak(log["motor_torque_nm"])),
-        Metric("rms_motor_torque", "N m", "RMS of the torque at the motor pulley; a "
-               "constant torque of that size heats the winding as much",
-               lambda log: rms(log["motor_torque_nm"])),
-        Metric("chatter", "N m", "RMS of the torque at the motor pulley minus its mean "
-               f"over {1e3 * MEAN_WINDOW:g} ms", lambda log: torque.ripple(
-                   log["motor_torque_nm"], torque.period_of(log), MEAN_WINDOW)),
-        Metric("peak_motor_power", "W", "largest power that the motor gives",
-               lambda log: float(np.max(torque.motor_power(log)))),
-        Metric("thermal_load", "1", "RMS of the motor's torque per torque that it can "
-               "give for ever; above 1 it becomes too hot in the end",
-               torque.thermal_load, needs=(keys.CONTINUOUS_TORQUE,)),
-        Metric("motor_heat", "W", "mean heat of the motor's winding: resistance times "
-               "(torque over gearing and torque constant)^2",
-               lambda log: float(np.mean(torque.motor_heat(log))), needs=WINDING_KEYS),
-        Metric("electrical_power", "W", "mean power drawn from a supply that takes "
-               "none back: what the motor gives and the heat of its winding",
-               lambda log: float(np.mean(np.maximum(
-                   torque.motor_power(log) + torque.motor_heat(log), 0.0))),
-               needs=WINDING_KEYS),
-        Metric("efficiency", "1", "work delivered to the side that the task means to "
-               "receive it, over that work plus all that friction took; none where "
-               "none arrives", lambda log: efficiency(log).overall, better="high"),
-        Metric("efficiency_motor_drives", "1", "efficiency from motor to joint: "
-               "friction while the motor gives more power",
-               lambda log: efficiency(log).motor_drives, better="high"),
-        Metric("efficiency_wearer_drives", "1", "efficiency from joint to motor: "
-               "friction while the wearer gives more power",
-               lambda log: efficiency(log).wearer_drives, better="high"),
-        Metric("motor_share", "1", "part of all work put into the cables that came "
-               "from the motor", lambda log: efficiency(log).motor_share, better=""),
-        Metric("dissipated_energy_{cable}", "J", "energy that cable {cable} lost to "
-               "friction", lambda log, cable: float(
-                   np.diff(log[f"dissipated_{cable}_j"]).sum())),
-        Metric("twist_backlash", "rad", "width at zero torque of the loop of joint "
-               "torque against twist", torque.twist_backlash),
-        Metric("spring_backlash", "rad", "between the angles at which the joint torque "
-               "crosses zero on the way out and back, means over "
-               f"{1e3 * MEAN_WINDOW:g} ms; where a spring is desired",
-               torque.spring_backlash),
-        Metric("held_backlash", "rad", "joint held, motor torque swung slowly: width "
-               "at half height of the loop of joint torque against twist",
-               clamped.held_backlash, test="backlash"),
-        Metric("slack_margin", "N", "least tension anywhere in a cable; 0 is slack",
-               lambda log: float(torque.least_tension(log).min()), better="high"),
-        Metric("slack_share", "1", "part of the time in which some of a cable carries "
-               "no tension",
-               lambda log: float(np.mean(torque.least_tension(log) <= 0.0))),
-        Metric("slack_under_load", "1", "share of the time with a slack cable where "
-               f"more than {torque.TAUT_SHARE:g} of the largest torque is desired; of "
-               "two cables that pull against each other, both slack",
-               torque.slack_under_load, needs=(keys.PULL_PULL,)),
-        Metric("slack_time_{cable}", "s", "time for which some of cable {cable} hung "
-               "slack", torque.slack_time),
-        Metric("peak_tension", "N", "largest tension at an end of a cable",
-               lambda log: max(torque.peak_tension(log, c)
-                               for c in keys.driven_cables(log))),
-        Metric("strength_used", "1", "peak tension per breaking load of the cable",
-               torque.strength_used, needs=(keys.STRENGTH,)),
-        Metric("failed", "1", "episodes that diverged, or put more than the device's "
-               f"`safe_torque` into the joint for {1e3 * torque.MAX_UNSAFE_TIME:g} "
-               "ms, or tore a cable", torque.failed),
-        Metric("bandwidth", "Hz", "where the joint torque, the joint held, falls 3 dB "
-               f"below its response at {CHIRP_LOW:g} Hz; {CHIRP_HIGH:g} where it does "
-               "not, 0 where nothing arrives", clamped.bandwidth, "high", "bandwidth"),
-        Metric("response", "1", "joint torque per desired torque, the joint held, at "
-               f"{CHIRP_LOW:g} Hz, which `bandwidth` goes by; friction makes it small",
-               lambda log: float(clamped.torque_response(log)[1][0]), "high",
-               "bandwidth"),
-        _constant("reflected_inertia", "kg m^2", "inertia of rotor and motor pulley "
-              "as the joint feels it; goes with the square of the ratio", whole=False),
-        _constant("cable_mass", "kg", "mass of rope and conduit over the length of the "
-              "conduits; goes with the square of the diameter", "low", "rope_density"),
-        _constant("mass", "kg", "mass of motor, ropes, conduits and pulleys; gears, "
-              "levers, fittings and frames left out", "low", "rope_density",
-              "motor_mass"),
-        _constant("bend_ratio", "1", "diameter of the tightest bend of conduit or "
-              "pulley per diameter of the rope, D/d", "high"),
-        _constant("bending_stress", "N/m^2", "stress of a wire that goes from straight "
-              "into the tightest bend, by Reuleaux; none for fibres", "low",
-              "material"),
-        _constant("cost", "1", "cost of motor, pulleys, ropes, conduits and fittings "
-              "by the table of costs, in its money"),
-        _stride("wearer_work", "J", "positive work per stride of the muscles of the "
-                "assisted joint, if its motion and its moment in all stay those of the "
-                "measured walk: that moment less the torque of the cables; none for a "
-                "knee at another speed"),
-        _stride("wearer_work_change", "1", "wearer_work minus what it is without help, "
-                "over the latter; below 0 the wearer is helped"),
-        _stride("assistance_work", "J", "positive work per stride of the cables on the "
-                "assisted joint", "high"),
-        _stride("peak_assistance", "N m", "largest torque of the cables on the "
-                "assisted joint, in the direction of the largest that the task asks "
-                "for"),
-        _stride("torque_rate", "N m/s", "fastest change of the torque of the cables on "
-                f"the assisted joint, over {1e3 * RATE_WINDOW:g} ms"),
-        _stride("swing_torque", "N m", "largest |torque| of the cables on the assisted "
-                "joint from toe-off to heel strike, which hinders the swing"),
-    )
-}  # fmt: skip
+METRICS: dict[str, Metric] = {metric.name: metric for metric in _built_in()}
 """Every metric by name, those of the user once `find_metric` has found them."""
 
-_BUILT_IN = frozenset(METRICS)
-_ORIGINS: dict[str, str | Metric] = {}
+_built_in_names = frozenset(METRICS)
+_origins: dict[str, str | Metric] = {}
 """Metrics of the user as they were given, by name."""
 
 
@@ -279,21 +223,21 @@ def find_metric(given: str | Metric) -> Metric:
             f"metric {given!r} must be a Metric(name, unit, meaning, compute), not "
             f"{found!r}."
         )
-    if METRICS.get(found.name) is found and found.name in _BUILT_IN:
+    if METRICS.get(found.name) is found and found.name in _built_in_names:
         return found
-    if not re.fullmatch(r"[^\W\d]\w*", found.name) or found.name in _BUILT_IN:
+    if not re.fullmatch(r"[^\W\d]\w*", found.name) or found.name in _built_in_names:
         raise CableError(
             f"metric {given!r} is called {found.name!r}; it needs a name of letters, "
             "digits and _ that no metric of the package has."
         )
-    _ORIGINS[found.name] = _importable(found) or given
+    _origins[found.name] = _importable(found) or given
     METRICS[found.name] = found
     return found
 
 
 def user_metrics(names: Iterable[str]) -> tuple[str | Metric, ...]:
     """Return the `MODULE:NAME` of the user's metrics among these names."""
-    return tuple(_ORIGINS[name] for name in names if name in _ORIGINS)
+    return tuple(_origins[name] for name in names if name in _origins)
 
 
 def metric_key(given: str | Metric) -> str:
@@ -318,12 +262,6 @@ def _importable(metric: Metric) -> str:
     names = (name for name, value in inside.items() if value is metric)
     name = "" if place == "__main__" else next(names, "")
     return f"{place}:{name}" if name else ""
-
-
-def table_rows(metrics: Iterable[Metric]) -> list[list[str]]:
-    """Return name, unit, direction and meaning of metrics, below their heads."""
-    head = ["metric", "unit", "better", "meaning"]
-    return [head, *([m.name, m.unit, m.better or "-", m.meaning] for m in metrics)]
 
 
 def expand_cable_metrics(

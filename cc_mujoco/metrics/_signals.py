@@ -9,10 +9,8 @@ import numpy as np
 
 from cc_mujoco.metrics._metric import Array
 
-MEAN_WINDOW = 0.05  # window of `moving_mean` [s]
 
-
-def moving_mean(values: Array, period: float, window: float = MEAN_WINDOW) -> Array:
+def moving_mean(values: Array, period: float, window: float = 0.05) -> Array:
     """Return the mean over a window [s], where the window fits; `period` in [s]."""
     width = min(max(1, round(window / period)), len(values))
     return np.convolve(values, np.full(width, 1.0 / width), mode="valid")
@@ -89,7 +87,7 @@ def signal_lag(
     step = float(time[-1] - time[0]) / (count - 1)
     reach = max(1, min(count // 4, round(1.0 / step)))
     shifts = np.arange(-reach if signed else 0, reach + 1)
-    score = np.array([_correlation(desired, actual, k) for k in shifts.tolist()])
+    score = np.array([correlation(desired, actual, k) for k in shifts.tolist()])
     before = np.concatenate([[-1.0], score[:-1]])
     rising = score >= before
     falling = np.concatenate([score[:-1] >= score[1:], [True]])
@@ -107,7 +105,7 @@ def signal_lag(
     return float((shifts[best] + offset) * step)
 
 
-def _correlation(desired: Array, actual: Array, shift: int) -> float:
+def correlation(desired: Array, actual: Array, shift: int = 0) -> float:
     """Return the correlation of a signal with another `shift` samples later."""
     ahead, behind = max(shift, 0), max(-shift, 0)
     one = desired[behind : desired.size - ahead]

@@ -8,12 +8,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cc_mujoco.metrics import _metric as keys
-from cc_mujoco.metrics._metric import Array, LogLike, metadata_constant, rms
-from cc_mujoco.metrics._signals import loop_opening, loop_width, moving_mean, signal_lag
-
-MIN_TASK_WORK_SHARE = 0.01
-"""Part of all work that a task asks for, either way, which is next to nothing."""
+from cc_mujoco.metrics._metric import (
+    Array,
+    Key,
+    LogLike,
+    driven_cables,
+    metadata_constant,
+    rms,
+)
+from cc_mujoco.metrics._signals import (
+    correlation,
+    loop_opening,
+    loop_width,
+    moving_mean,
+    signal_lag,
+)
 
 
 @dataclass(frozen=True)
@@ -48,7 +57,8 @@ def efficiency(log: LogLike) -> Efficiency:
 
     A side that receives no work on the whole (friction takes more than the task means
     to pass on, or that side has to help) has no efficiency: NaN; nor has one for which
-    less than `MIN_TASK_WORK_SHARE` is meant, which is a tremble of the joint.
+    less than a hundredth of the work that the task asks for, either way, is meant,
+    which is a tremble of the joint.
     """
     time = log["time_s"]
     velocity = log["joint_velocity_rad_s"]
@@ -56,7 +66,7 @@ def efficiency(log: LogLike) -> Efficiency:
     joint = work_between_samples(time, log["joint_torque_nm"] * velocity)
     task_work = work_between_samples(time, log["desired_torque_nm"] * velocity)
     lost = np.zeros_like(motor)
-    for cable in keys.driven_cables(log):
+    for cable in driven_cables(log):
         lost += np.diff(log[f"dissipated_{cable}_j"])
     to_joint = _useful_work(joint, task_work)
     to_motor = _useful_work(-motor, -task_work)
@@ -78,7 +88,7 @@ def work_between_samples(time: Array, power: Array) -> Array:
 def _useful_work(arrived: Array, task_work: Array) -> float:
     """Return the work that arrived while work was desired, unless nearly none was."""
     wanted = task_work > 0
-    if not task_work[wanted].sum() > MIN_TASK_WORK_SHARE * np.abs(task_work).sum():
+    if not task_work[wanted].sum() > 0.01 * np.abs(task_work).sum():
         return 0.0
     return max(float(arrived[wanted].sum()), 0.0)
 
@@ -91,21 +101,38 @@ def _divide(part: float, whole: float) -> float:
     return float(part / whole) if whole > 0 else math.nan
 
 
-TAUT_SHARE = 0.1
-"""Share of the largest desired torque above which a cable that only pulls is taut."""
-RATE_WINDOW = 0.01  # time over which the rate of a torque is taken [s]
-SWING_WINDOW, SWING_SHARE, SWING_SCALE = 0.1, 0.25, 0.05
-"""Window of the moving mean that a swinging torque deviates from [s], and deviations
-above which it swings, see `is_unstable`."""
 MAX_UNSAFE_TIME = 0.01  # time from which a torque beyond the safe one is a failure [s]
 
 
+def torque_error(log: LogLike) -> Array:
+    """Return joint torque minus desired torque (T,) [N m]."""
+    found: Array = log["joint_torque_nm"] - log["desired_torque_nm"]
+    return found
+
+
+def angle_error(log: LogLike) -> Array:
+    """Return joint angle minus the angle that the wearer aims for (T,) [rad]."""
+    found: Array = log["joint_angle_rad"] - log["reference_angle_rad"]
+    return found
+
+
+def mean_positive(power: Array) -> float:
+    return float(np.mean(np.maximum(power, 0.0)))
+
+
 def torque_lag(log: LogLike) -> float:
-    """Return the lag of the joint torque behind the desired torque [s]."""
+    """Return the lag of the joint torque behind the desired torque [s].
+
+    NaN where the torques correlate by less than 0.8 as they are: then the one is not
+    the other early or late, but friction for example, out of phase by some 40 degrees.
+    """
     # Steps of 5 ms suffice: `signal_lag` interpolates between them.
     thin = slice(None, None, max(1, round(5e-3 / period_of(log))))
     names = ("time_s", "desired_torque_nm", "joint_torque_nm")
-    return signal_lag(*(log[name][thin] for name in names), signed=True)
+    time, desired, actual = (log[name][thin] for name in names)
+    if not correlation(desired, actual) >= 0.8:
+        return math.nan
+    return signal_lag(time, desired, actual, signed=True)
 
 
 def twist_backlash(log: LogLike) -> float:
@@ -116,7 +143,7 @@ def twist_backlash(log: LogLike) -> float:
     shows the transmission and not the virtual environment that the task displays. The
     width is `loop_width`; NaN without a ratio.
     """
-    ratio = log.metadata.get(keys.RATIO)
+    ratio = log.metadata.get(Key.RATIO)
     if ratio is None:
         return math.nan
     twist = ratio * log["motor_angle_rad"] - log["joint_angle_rad"]
@@ -125,15 +152,15 @@ def twist_backlash(log: LogLike) -> float:
 
 def spring_backlash(log: LogLike) -> float:
     """Return the distance of the zero crossings of a rendered spring's torque [rad]."""
-    if not log.metadata.get(keys.SPRING):
+    if not log.metadata.get(Key.SPRING):
         return math.nan
     names = ("joint_angle_rad", "joint_torque_nm")
     return loop_opening(*(moving_mean(log[name], period_of(log)) for name in names))
 
 
 def peak_rate(torque: Array, step: float) -> float:
-    """Return the fastest change of a torque (T,) [N m], over `RATE_WINDOW` [N m/s]."""
-    gap = max(1, round(RATE_WINDOW / step))
+    """Return the fastest change of a torque (T,) [N m], over 10 ms [N m/s]."""
+    gap = max(1, round(0.01 / step))
     if torque.size <= gap:
         return math.nan
     return float(np.max(np.abs(torque[gap:] - torque[:-gap]) / (gap * step)))
@@ -147,25 +174,25 @@ def motor_power(log: LogLike) -> Array:
 
 def motor_heat(log: LogLike) -> Array:
     """Return the heat of the winding, R (torque / (gearing k))^2 (T,) [W]."""
-    gear = metadata_constant(log, keys.GEARING) * metadata_constant(
-        log, keys.TORQUE_CONSTANT
+    gear = metadata_constant(log, Key.GEARING) * metadata_constant(
+        log, Key.TORQUE_CONSTANT
     )
     current = log["motor_torque_nm"] / gear
-    heat: Array = metadata_constant(log, keys.WINDING_RESISTANCE) * current**2
+    heat: Array = metadata_constant(log, Key.WINDING_RESISTANCE) * current**2
     return heat
 
 
 def thermal_load(log: LogLike) -> float:
     """Return the RMS torque of the rotor over its continuous torque."""
-    rated = metadata_constant(log, keys.GEARING) * metadata_constant(
-        log, keys.CONTINUOUS_TORQUE
+    rated = metadata_constant(log, Key.GEARING) * metadata_constant(
+        log, Key.CONTINUOUS_TORQUE
     )
     return rms(log["motor_torque_nm"]) / rated
 
 
 def least_tension(log: LogLike, *cables: str) -> Array:
     """Return the least tension in some cables, by default the wound (T,) [N]."""
-    names = [f"tension_{one}_nodes_n" for one in cables or keys.driven_cables(log)]
+    names = [f"tension_{one}_nodes_n" for one in cables or driven_cables(log)]
     least = [
         np.concatenate([rows.min(axis=1) for rows in log.pieces(name)])
         for name in names
@@ -182,11 +209,12 @@ def slack_time(log: LogLike, cable: str) -> float:
 
 def slack_under_load(log: LogLike) -> float:
     """Return the share of the time in which slack matters."""
-    hanging = [least_tension(log, cable) <= 0.0 for cable in keys.driven_cables(log)]
-    if log.metadata.get(keys.PULL_PULL):
+    hanging = [least_tension(log, cable) <= 0.0 for cable in driven_cables(log)]
+    if log.metadata.get(Key.PULL_PULL):
         return float(np.mean(np.all(hanging, axis=0)))
     desired = np.abs(log["desired_torque_nm"])
-    is_pulled = desired > TAUT_SHARE * desired.max()
+    # Above a tenth of the largest a cable that only pulls is taut.
+    is_pulled = desired > 0.1 * desired.max()
     return float(np.mean(np.any(hanging, axis=0) & is_pulled))
 
 
@@ -201,10 +229,10 @@ def strength_used(log: LogLike, *cables: str) -> float:
 
     NaN where the breaking load of one is unknown.
     """
-    strength: Mapping[str, float] = log.metadata.get(keys.STRENGTH, {})
+    strength: Mapping[str, float] = log.metadata.get(Key.STRENGTH, {})
     shares = [
         peak_tension(log, cable) / strength.get(cable, math.nan)
-        for cable in cables or keys.driven_cables(log)
+        for cable in cables or driven_cables(log)
     ]
     return float(np.max(shares))
 
@@ -217,9 +245,9 @@ def failed(log: LogLike) -> float:
     torque = log["joint_torque_nm"]
     if not np.all(np.isfinite(torque)):
         return 1.0
-    if keys.SAFE_TORQUE not in log.metadata:
+    if Key.SAFE_TORQUE not in log.metadata:
         return math.nan
-    safe = metadata_constant(log, keys.SAFE_TORQUE)
+    safe = metadata_constant(log, Key.SAFE_TORQUE)
     unsafe = first_unsafe_sample(torque, safe, period_of(log)) is not None
     return float(unsafe or strength_used(log, *log.cables) > 1.0)
 
@@ -227,14 +255,14 @@ def failed(log: LogLike) -> float:
 def is_unstable(log: LogLike, scale: float) -> bool:
     """Return whether the joint torque swings faster than any task demands.
 
-    Its deviation from its moving mean over `SWING_WINDOW` is, RMS, above a quarter of
-    the largest desired torque, and above a twentieth of a torque that counts for the
+    Its deviation from its moving mean over 0.1 s is, RMS, above a quarter of the
+    largest desired torque, and above a twentieth of a torque that counts for the
     device, its safe torque for example [N m]: no limit is needed.
     """
-    swing = ripple(log["joint_torque_nm"], period_of(log), SWING_WINDOW)
+    swing = ripple(log["joint_torque_nm"], period_of(log), 0.1)
     largest = float(np.abs(log["desired_torque_nm"]).max())
-    least = SWING_SCALE * scale if math.isfinite(scale) else 0.0
-    return bool(swing > max(SWING_SHARE * largest, least))
+    least = 0.05 * scale if math.isfinite(scale) else 0.0
+    return bool(swing > max(0.25 * largest, least))
 
 
 def first_unsafe_sample(torque: Array, safe: float, period: float) -> int | None:
@@ -250,7 +278,7 @@ def first_unsafe_sample(torque: Array, safe: float, period: float) -> int | None
     return int(unsafe[0]) if unsafe.size else None
 
 
-def ripple(torque: Array, period: float, window: float) -> float:
+def ripple(torque: Array, period: float, window: float = 0.05) -> float:
     """Return the RMS of a torque minus its mean over a window [s]."""
     mean = moving_mean(torque, period, window)
     first = (torque.size - mean.size) // 2

@@ -36,30 +36,12 @@ TENSION_COLORS = "viridis"
 SOFTWARE_TAG = "cc_mujoco"
 """Origin that a figure of ours states."""
 
-_STYLE: dict[Any, Any] = {
-    "axes.axisbelow": True,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "axes.titlelocation": "left",
-    "axes.titlesize": 10,
-    "axes.titleweight": "bold",
-    "axes.labelsize": 9,
-    "grid.color": "#E4E4E4",
-    "grid.linewidth": 0.6,
-    "legend.fontsize": 8,
-    "legend.frameon": False,
-    "lines.linewidth": 1.3,
-    "xtick.labelsize": 8,
-    "ytick.labelsize": 8,
-}
-
 
 def style() -> AbstractContextManager[None]:
     """Return a context in which axes are made and drawn in this package's style."""
-    import matplotlib
+    from matplotlib.style import context
 
-    return matplotlib.rc_context(_STYLE)
+    return context(Path(__file__).with_name("figures.mplstyle"))
 
 
 def figure(width: float, height: float) -> Figure:

@@ -16,12 +16,6 @@ from types import MappingProxyType
 
 from cc_mujoco.report._figures import BLUE, GREEN, GREY, ORANGE, PINK, SKY
 
-TABLE_ROWS, TABLE_COLUMNS = 5, 6
-"""Most rows and columns of a table that is not folded."""
-
-
-_MARKED = re.compile(r"`([^`]+)`|\*([^*]+)\*")
-
 
 class Html(str):
     """Text that is HTML already."""
@@ -55,27 +49,23 @@ def bullet_list(items: Iterable[Content], ranked: bool = False) -> Html:
 def table(head: Sequence[str], rows: Iterable[Sequence[Content]]) -> Html:
     """Return a table that scrolls sideways by itself where the page is narrow."""
     top = element("thead", element("tr", *(element("th", each) for each in head)))
-    body = element(
-        "tbody",
-        *(element("tr", *(element("td", cell) for cell in row)) for row in rows),
-    )
-    return element("div", element("table", top, body), class_="wide")
+    lines = (element("tr", *(element("td", cell) for cell in row)) for row in rows)
+    whole = element("table", top, element("tbody", *lines))
+    return element("div", whole, class_="wide")
 
 
 def inline_markdown(text: str) -> Html:
     """Return a text whose `code` and *emphasis* are elements."""
-    return Html(_MARKED.sub(_marked, escape(text)))
+    return Html(re.sub(r"`([^`]+)`|\*([^*]+)\*", _marked, escape(text)))
 
 
 def short_table(head: Sequence[str], rows: Iterable[Sequence[Content]]) -> Html:
-    """Return a table of at most `TABLE_ROWS` and `TABLE_COLUMNS`, all of it folded."""
+    """Return a table of at most five rows and six columns, all of it folded."""
     rows = list(rows)
-    if len(rows) <= TABLE_ROWS and len(head) <= TABLE_COLUMNS:
+    if len(rows) <= 5 and len(head) <= 6:
         return table(head, rows)
-    few = table(
-        head[:TABLE_COLUMNS], [row[:TABLE_COLUMNS] for row in rows[:TABLE_ROWS]]
-    )
-    title = f"All {len(rows)} rows" if len(rows) > TABLE_ROWS else "All columns"
+    title = f"All {len(rows)} rows" if len(rows) > 5 else "All columns"
+    few = table(head[:6], [row[:6] for row in rows[:5]])
     return join_pieces([few, folded(title, table(head, rows))])
 
 
@@ -87,21 +77,15 @@ def folded(title: Content, *content: Content) -> Html:
 def share_bar(part: float) -> Html:
     """Return a bar as long as a share of 1; nothing for a negative one."""
     width = 100.0 * min(1.0, max(0.0, part))
-    return element(
-        "span",
-        element("span", style=f"width:{width:.1f}%"),
-        class_="bar",
-        aria_hidden="true",
-    )
+    bar = element("span", style=f"width:{width:.1f}%")
+    return element("span", bar, class_="bar", aria_hidden="true")
 
 
 def embed_picture(path: Path, words: str) -> Html:
     """Return a PNG file embedded in the page, with alternative text."""
     data = base64.b64encode(path.read_bytes()).decode("ascii")
-    image = (
-        f"<img{_attributes({'src': f'data:image/png;base64,{data}', 'alt': words})}>"
-    )
-    return element("figure", Html(image), element("figcaption", words))
+    given = _attributes({"src": f"data:image/png;base64,{data}", "alt": words})
+    return element("figure", Html(f"<img{given}>"), element("figcaption", words))
 
 
 def scrolled(picture: Html) -> Html:
@@ -147,11 +131,14 @@ def page(
         for name, text in data.items()
     ]
     run = [element("script", Html(script)) for script in scripts]
-    return _PAGE.substitute(
+    common = _template("page.css").substitute(
+        blue=BLUE, green=GREEN, grey=GREY, orange=ORANGE, pink=PINK, sky=SKY
+    )
+    return _template("page.html").substitute(
         title=escape(title),
         kind=escape(kind),
         scripting=" script-src 'unsafe-inline';" if scripts else "",
-        style=_STYLE + style,
+        style=common + style,
         body=join_pieces([element("main", *content), *held, *run], Html("\n")),
     )
 
@@ -181,9 +168,3 @@ def _attributes(attributes: dict[str, str]) -> str:
 
 def _template(name: str) -> Template:
     return Template(Path(__file__).with_name(name).read_text(encoding="utf-8"))
-
-
-_PAGE = _template("page.html")
-_STYLE = _template("page.css").substitute(
-    blue=BLUE, green=GREEN, grey=GREY, orange=ORANGE, pink=PINK, sky=SKY
-)

@@ -25,7 +25,7 @@ from cc_mujoco._utils.exclusive import exclusive
 from cc_mujoco.control import Controller
 from cc_mujoco.device import Plant
 from cc_mujoco.device._axis_record import Physics
-from cc_mujoco.device._model import VARIED_FIELDS, DeviceModel, physics_of
+from cc_mujoco.device._model import DeviceModel, physics_of
 from cc_mujoco.errors import CableError
 from cc_mujoco.plugin import Reader, cables, untimed
 from cc_mujoco.simulation import _loop as loop
@@ -82,7 +82,7 @@ class Simulations:
         """
         device = exo.device
         # Different cables in one simulation's memory would be read anew in every step.
-        own = exo.plants.any or models is not None
+        own = bool(exo.plants.varied) or models is not None
         self.batch = mujoco_batch.Batch(device.model, count, threads, persistent=own)
         if models is not None:
             self.batch.set_models(models)
@@ -101,7 +101,8 @@ class Simulations:
 
     @exclusive
     def vary(self, row: int, plant: Plant) -> None:
-        for name in VARIED_FIELDS:
+        # What defines a plant
+        for name in ("plugin_attr", "actuator_gainprm", "actuator_biasprm"):
             self.batch.expand(name)[row] = getattr(self._device.model, name)
 
     @exclusive

@@ -80,7 +80,11 @@ RECORD = np.dtype(
 """Record of a simulation. `userdata[0]` of the simulation holds its address; 0 is none,
 which is also what MuJoCo makes of it when a simulation diverges."""
 
-_FIXED, _PER_CABLE, _FIELD_COUNT = len(KEPT), PER_CABLE, axis_record.FIELDS
+_FIXED, _PER_CABLE, _FIELD_COUNT = (
+    len(KEPT),
+    PER_CABLE,
+    len(axis_record.Physics._fields),
+)
 EpisodeRecord = Annotated[Any, ("EpisodeRecord", RECORD)]
 """A simulation's `RECORD`."""
 

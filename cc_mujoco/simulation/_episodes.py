@@ -21,7 +21,6 @@ from cc_mujoco.device import Plant
 from cc_mujoco.device import _observation as observation
 from cc_mujoco.device._observation import ObservationHistory, Past
 from cc_mujoco.device._sensors import BIAS, REFERENCE_COLUMN
-from cc_mujoco.device._variables import DELAY, NOISE
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import (
     BoolArray,
@@ -144,8 +143,8 @@ class Episodes:
     def _begin_sensors(self, row: int, rng: np.random.Generator) -> None:
         """Begin an episode of the sensors; draw errors of torque if there are any."""
         exo, values = self.exo, self.plants[row].values
-        noise = float(values.get(NOISE.name, 0.0))
-        delay = int(values.get(DELAY.name, 0))
+        noise = float(values.get("noise", 0.0))
+        delay = int(values.get("delay", 0))
         for n, sensors in enumerate(self._sensors):
             if noise and not sensors.errors.size:
                 errors = np.zeros((len(self.samples), exo.samples + 1))

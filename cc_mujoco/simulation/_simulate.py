@@ -26,7 +26,7 @@ from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._sensors import Sensing
 from cc_mujoco.errors import CableError, shown, with_known_names
 from cc_mujoco.human import Spring, Trajectory
-from cc_mujoco.metrics._metric import DRIVEN, RATIO, SPRING
+from cc_mujoco.metrics._metric import Key
 from cc_mujoco.simulation._episode_log import EpisodeLog, Recorder, log_file
 from cc_mujoco.simulation._log_columns import AXES, MODEL_XML, columns_for
 from cc_mujoco.simulation._loop import Columns, Observer, Single, Trace, run
@@ -350,10 +350,10 @@ def describe(
         wearer = model.wearers.get(axis.limb)
         facts[axis.name] = {
             "wearer": None if wearer is None else dataclasses.asdict(wearer),
-            RATIO: 1.0 / drive.ratio,
-            DRIVEN: list(driven),
+            Key.RATIO: 1.0 / drive.ratio,
+            Key.DRIVEN: list(driven),
             **plant.facts(axis),
-            SPRING: isinstance(task, Spring),
+            Key.SPRING: isinstance(task, Spring),
         }
     own = next(iter(facts.values())) if len(facts) == 1 else {AXES: facts}
     found = {

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+import itertools
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,15 +15,15 @@ import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
-from cc_mujoco._validation import MAX_DURATION, require_number
-from cc_mujoco.device import Nominal
+from cc_mujoco._validation import MAX_DURATION, require_dictionary, require_number
+from cc_mujoco.device import IN_EPISODES, Nominal, Plant
 from cc_mujoco.device._axis_columns import axis_columns, split_by_axis
 from cc_mujoco.device._description import Description
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._model import DeviceModel, joint_range
 from cc_mujoco.device._observation import OBSERVATION_LIMIT
-from cc_mujoco.device._ranges import Ranges
 from cc_mujoco.device._sensors import AxesMeasuring, Measuring, Sensing
+from cc_mujoco.device._variables import OF_CABLES, find
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Task, Trajectory, Walk, Wearer, scale_task, trajectory
 from cc_mujoco.human import task as find_task
@@ -333,3 +335,95 @@ def _axis_tasks(
             found = scale_task(found, source.pace)
         tasks.append(found)
     return tuple(tasks)
+
+
+class Ranges:
+    """Ranges from which the plants of episodes are drawn.
+
+        ranges = Ranges({"friction": (0.05, 0.2), "delay": (0, 3)}, device)
+        ranges.draw(rng, {"delay": 2})
+        Ranges({"bristle_length": (1e-3, 1e-2, 0.3)}, device)   # in 30 % of them
+
+    Controllers are not informed: `drive` stays that of the scene. Every cable has draws
+    of its own. What is above 0 is drawn with a uniform logarithm, whole numbers and
+    what may be 0 uniformly. What has a probability is drawn with it for all cables, or
+    is the scene's in all.
+    """
+
+    def __init__(self, given: Mapping[str, Any] | None, device: Nominal) -> None:
+        """Check the ranges.
+
+        `given` are (least, most), or (least, most, probability) of being drawn at all,
+        by name of `device.IN_EPISODES`: of all cables (`friction`) or of one
+        (`flexor.friction`).
+        """
+        self.nominal = Plant(device)
+        """The scene as it is."""
+        self._ranges: dict[str, tuple[float, float, float]] = {}
+        for name, ends in require_dictionary("randomise", given).items():
+            try:
+                if isinstance(ends, str):
+                    raise TypeError
+                low, high, *rest = ends
+                (probability,) = rest or (1.0,)
+            except (TypeError, ValueError):
+                raise CableError(
+                    f"randomise[{name!r}] must be (least, most), or (least, most, "
+                    f"probability), not {ends!r}."
+                ) from None
+            require_number(f"randomise[{name!r}][2]", probability, 0.0, 1.0, "")
+            for end in (low, high):
+                self._check("randomise", name, end)
+            if low > high:
+                raise CableError(
+                    f"randomise[{name!r}] must be (least, most), the lower number "
+                    f"first, not {ends!r}."
+                )
+            chosen = low, high, probability
+            self._ranges |= dict.fromkeys(self._each(name), chosen)
+        # Parameters may exclude each other: all corners of each cable must be possible.
+        for cable in device.cables:
+            mine = [n for n in self._ranges if n.startswith(f"{cable}.")]
+            for corner in itertools.product((0, 1), repeat=min(len(mine), 8)):
+                ends = zip(mine, corner, strict=False)
+                Plant(device, {name: self._ranges[name][end] for name, end in ends})
+
+    @property
+    def varied(self) -> tuple[str, ...]:
+        """Names of the drawn variables, `CABLE.NAME` for one of a cable."""
+        return tuple(self._ranges)
+
+    def draw(self, rng: np.random.Generator, given: Mapping[str, Any] | None) -> Plant:
+        values: dict[str, float] = {}
+        tosses: dict[str, float] = {}
+        for name, (low, high, probability) in self._ranges.items():
+            if probability < 1.0:
+                of_all = name.rpartition(".")[2]
+                if of_all not in tosses:
+                    tosses[of_all] = rng.uniform()
+                if tosses[of_all] >= probability:
+                    continue
+            if name == "delay":
+                values[name] = int(rng.integers(int(low), int(high), endpoint=True))
+            elif low > 0.0:
+                values[name] = float(np.exp(rng.uniform(math.log(low), math.log(high))))
+                values[name] = min(max(values[name], low), high)
+            else:
+                values[name] = float(rng.uniform(low, high))
+        # A value for one cable takes precedence over one for all.
+        said = require_dictionary("options", given)
+        for name in sorted(said, key=lambda name: "." in name):
+            value = said[name]
+            self._check("options", name, value)
+            values |= dict.fromkeys(self._each(name), value)
+        return Plant(self.nominal.device, values) if values else self.nominal
+
+    def _each(self, name: str) -> tuple[str, ...]:
+        """Return the names of a variation; one of all cables gives a name per cable."""
+        if "." in name or name not in OF_CABLES:
+            return (name,)
+        return tuple(f"{cable}.{name}" for cable in self.nominal.cables)
+
+    def _check(self, where: str, name: str, value: Any) -> None:
+        variable = find(name, self.nominal.cables, among=IN_EPISODES, kind="variation")
+        variable.check(value, f"{where}[{name!r}]")

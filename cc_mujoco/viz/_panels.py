@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cc_mujoco.metrics._metric import RATIO
+from cc_mujoco.metrics._metric import Key
 from cc_mujoco.report._figures import BLUE, DASH_PATTERN, GREEN, ORANGE, SKY
 from cc_mujoco.simulation._episode_log import AxisLog, EpisodeLog
 
@@ -95,7 +95,7 @@ def angles(log: EpisodeLog) -> list[Panel]:
 
 def axis_angles(log: EpisodeLog | AxisLog) -> tuple[PlotLine, ...]:
     """Return the angles of the joint, the wearer's target and the motor of an axis."""
-    ratio = log.metadata.get(RATIO)
+    ratio = log.metadata.get(Key.RATIO)
     motor = np.degrees(log["motor_angle_rad"]) * (1.0 if ratio is None else ratio)
     label = "motor" if ratio is None else "motor, referred to the joint"
     joint, aim = (np.degrees(log[f"{x}_angle_rad"]) for x in ("joint", "reference"))

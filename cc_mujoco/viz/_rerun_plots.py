@@ -11,7 +11,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from cc_mujoco.metrics._metric import RATIO, driven_cables
+from cc_mujoco.metrics._metric import Key, driven_cables
 from cc_mujoco.simulation._episode_log import EpisodeLog
 from cc_mujoco.viz._axis import plot, time_axis
 from cc_mujoco.viz._scene3d import TIMELINE, WORLD, viewpoint
@@ -50,7 +50,7 @@ class Series(NamedTuple):
 def plotted_series(log: EpisodeLog) -> Iterator[Series]:
     """Yield every line that a recording of an episode plots."""
     for axis, own in log.each_axis():
-        ratio = own.metadata.get(RATIO)
+        ratio = own.metadata.get(Key.RATIO)
         for path, name, column, color in SERIES:
             values = own[column]
             if column.endswith("_rad"):

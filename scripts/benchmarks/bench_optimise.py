@@ -16,7 +16,6 @@ import time
 import numpy as np
 import pyarrow as pa
 import tyro
-from numpy.typing import NDArray
 from tqdm import tqdm
 
 from cc_mujoco._utils.command_options import progress_options
@@ -28,8 +27,7 @@ from cc_mujoco.design import (
     read_objectives,
     study,
 )
-
-Array = NDArray[np.float64]
+from cc_mujoco.native import FloatArray as Array
 
 ENDS = {"motor_radius": "0.01:0.05", "joint_radius": "0.05:0.2", "pretension": "2:40"}
 GOALS, LIMITS = ["rms_torque_error", "peak_motor_torque"], ["slack_margin>=1"]

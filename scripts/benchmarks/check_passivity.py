@@ -31,7 +31,6 @@ from typing import Any, Literal
 
 import numpy as np
 import tyro
-from numpy.typing import NDArray
 from scipy.optimize import differential_evolution
 
 from cc_mujoco.control import CONTROLLERS
@@ -46,9 +45,9 @@ from cc_mujoco.export import (
     play,
     wearer_bounds,
 )
+from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.report import table
 
-Array = NDArray[np.float64]
 Piece = tuple[str, str, str]
 """Device or `DEVICE.AXIS`, task, controller."""
 

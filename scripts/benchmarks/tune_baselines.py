@@ -53,7 +53,7 @@ NUMBERS = {
         f"{_INVERSE}.delay_share",
         f"{_INVERSE}.max_bandwidth",
         f"{_INVERSE}.integral_share",
-        "compiled_laws.BAND_SIGMAS",
+        "law_steps.BAND_SIGMAS",
     ),
 }
 """Free numbers of each baseline, and where they are in `cc_mujoco.control`."""

@@ -9,9 +9,9 @@ from collections.abc import Callable, Mapping
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from cc_mujoco.native import FloatArray as Array
+
 Name = TypeVar("Name")
 
 

@@ -21,16 +21,14 @@ import mujoco
 import numpy as np
 import tyro
 from kept_cases import findings, kept, words
-from numpy.typing import NDArray
 from tyro.conf import Positional
 
 from cc_mujoco.datasets import Bench
 from cc_mujoco.device import load_device
 from cc_mujoco.diagnosis import diagnose
+from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.plugin import from_mjcf, settle, to_mjcf
 from cc_mujoco.report import _markdown as markdown
-
-Array = NDArray[np.float64]
 
 STEP, SUBSTEPS, LEAD = 0.002, 8, 0.5
 """Sampling and substeps of it; time from the pose of the scene to the motion [s]."""

@@ -10,30 +10,397 @@ only then compared with its label. Studies draw from disjoint seeds: `developmen
 from it was measured on `second`, and so on: changes are measured on rigs that had not
 led to them. Cases that are done are kept; the table is written anew after each.
 
-With `--bic` every case is also named in the simpler way of `lowest_bic.py`, from the
-same tuned baseline. A case that was done without keeps its record.
+With `--bic` every case is also named in the simpler way of `bic`, from the same tuned
+baseline. A case that was done without keeps its record.
 """
 
 from __future__ import annotations
 
+import math
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal, NamedTuple
 
+import numpy as np
 import tyro
-from diagnose_table import LAST, STUDIES, summary
 from kept_cases import Lines
 from tqdm import tqdm
 
 from cc_mujoco._utils.atomic_io import replacing
 from cc_mujoco._utils.command_options import progress_options
+from cc_mujoco.diagnosis import (
+    EFFECTS,
+    BaselineFit,
+    Diagnosis,
+    DiagnosisResult,
+    Problem,
+    fit,
+    overall_share,
+    screen,
+)
+from cc_mujoco.errors import CableError
+from cc_mujoco.native import FloatArray
+from cc_mujoco.report import table
+from rig.makes import MAKES
+from rig.nominal import NOMINAL, Rig, make_rig
+from rig.strength import calibrate, measure
 
-if TYPE_CHECKING:
-    from cc_mujoco.diagnosis import Diagnosis, DiagnosisResult
-    from rig.nominal import Rig
+Record = dict[str, Any]
+
+STUDIES = {
+    "development": 1000, "calibration": 2000, "final": 3000, "second": 4000,
+    "third": 5000, "fourth": 6000, "fifth": 7000, "sixth": 8000, "seventh": 9000,
+    "eighth": 10000, "ninth": 11000, "tenth": 12000,
+    "eleventh": 13000, "twelfth": 14000, "thirteenth": 15000,
+    "fourteenth": 16000, "fifteenth": 17000,
+}  # fmt: skip
+"""First seed of every study, in the order in which they were run."""
+LAST = "fourteenth"
+"""The last that was run whole, which the page of the diagnosis shows."""
+SHOWN = 1.5
+"""Error over the floor that effect-free rigs stay below: beyond it, something shows."""
+
+
+def judged(
+    kind: str,
+    hidden: Sequence[str],
+    verdict: str,
+    named: Sequence[str] = (),
+    ties: Sequence[Sequence[str]] = (),
+) -> str:
+    """Return one word for how a case went: right, tie, half, missed or wrong.
+
+    `kind` of what is hidden is named, pair, unknown or none, `ties` are groups of ids.
+    """
+    tied = [set(tie) for tie in ties]
+    if kind == "none":
+        return "right" if verdict == "none" else "wrong"
+    if kind == "unknown":
+        return {"unknown": "right", "none": "missed"}.get(verdict, "wrong")
+    sure = set(named).difference(*tied)
+    if kind == "pair":
+        if set(hidden) <= sure:
+            return "right"
+        either = sure.union(*(tie for tie in tied if len(tie) == 2))
+        if set(hidden) <= either:
+            return "tie"
+        return "half" if set(hidden) & either else "wrong"
+    if verdict == "unknown":
+        return "missed"  # whatever it added: it reports that most of the error is left
+    for tie in tied:
+        if hidden[0] in tie:
+            return "tie" if len(tie) == 2 else "missed"
+    if named and named[0] == hidden[0]:
+        return "right"
+    return "missed" if not named else "wrong"
+
+
+def went(record: Record) -> str:
+    """Return the same of a record."""
+    names = ("kind", "hidden", "verdict", "named", "ties")
+    return judged(**{name: record[name] for name in names})
+
+
+def is_right(record: Record) -> bool:
+    """Return whether a verdict is right as a whole, as its odds mean it.
+
+    Names are right if they are all that is hidden, a tie if one of its effects is.
+    """
+    hidden, verdict = set(record["hidden"]), record["verdict"]
+    if verdict == "tie":
+        return any(hidden & set(tie) for tie in record["ties"])
+    if record["kind"] in ("named", "pair"):
+        return verdict == "named" and hidden == set(record["named"])
+    return bool(verdict == record["kind"])
+
+
+def verdict_rates(records: list[Record]) -> list[list[str]]:
+    """Return rows of a table: verdict, times it was given, share that is right.
+
+    `RELIABILITY` of `_judge` is copied from it.
+    """
+    found = []
+    for verdict in ("named", "none", "tie", "unknown"):
+        right = [is_right(r) for r in records if r["verdict"] == verdict]
+        if right:
+            share = (
+                f"{_share(sum(right), len(right))} ({exact(sum(right), len(right))})"
+            )
+            found.append([verdict, str(len(right)), share])
+    return found
+
+
+def summary(records: list[Record]) -> str:
+    """Return Markdown of a study; what stands before the first fold is for the page.
+
+    Rates by kind and figures come first; rates by make and strength and all cases are
+    folded.
+    """
+    columns = {
+        "right": "right", "in a tie": "tie", "one of two": "half",
+        "missed": "missed", "wrong": "wrong",
+    }  # fmt: skip
+    kinds = [
+        kind
+        for kind in ("named", "pair", "unknown", "none")
+        if any(r["kind"] == kind for r in records)
+    ]
+    whole, rates = [], []
+    for kind in kinds:
+        by_size: dict[tuple[str, str], list[str]] = {}
+        for r in sorted(records, key=lambda r: (r["make"], r["strength"])):
+            if r["kind"] == kind:
+                size = "-" if kind == "none" else f"{r['strength']:g}"
+                by_size.setdefault((r["make"], size), []).append(went(r))
+        every = [word for words in by_size.values() for word in words]
+        whole.append([kind, *_shares(every, columns.values())])
+        for (make, size), words in by_size.items():
+            rates.append([kind, make, size, *_shares(words, columns.values())])
+    head: Sequence[str] = ("cases", *columns)
+    parts = [table(("hidden", *head), whole), *_figures(records)]
+    if any("bic" in r for r in records):
+        parts.append(comparison(records, went))
+    parts += [
+        "<details><summary>By verdict, rigs and strength</summary>",
+        table(("verdict", "given", "right"), verdict_rates(records)),
+        table(("hidden", "rigs", "R", *head), rates),
+        "</details>",
+    ]
+    cases = []
+    for r in sorted(records, key=lambda record: record["seed"]):
+        hidden = ", ".join(r["hidden"]) or "none"
+        ties = "; ".join(", ".join(tie) for tie in r["ties"])
+        cases.append(
+            (
+                hidden, r["make"], f"{r['strength']:g}", f"{r['reached']:.1f}",
+                _number(r.get("misfit", math.nan), 1), r["verdict"],
+                ", ".join(r["named"]) or "-", ties or "-",
+                _number(r.get("closed", math.nan), 2),
+            )
+        )  # fmt: skip
+    head = (
+        "hidden", "rigs", "R", "reached", "error", "verdict", "named", "ties",
+        "gap closed",
+    )  # fmt: skip
+    parts += [
+        "<details><summary>Every case: what was hidden, what was said</summary>",
+        table(head, cases),
+        "</details>",
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def _shares(words: Sequence[str], wanted: Iterable[str]) -> list[str]:
+    """Return the number of cases, and of each word, the first with its interval."""
+    whole = len(words)
+    found = [_share(words.count(word), whole) for word in wanted]
+    right = f"{found[0]} ({exact(words.count('right'), whole)})"
+    return [str(whole), right, *found[1:]]
+
+
+def _share(count: int, whole: int) -> str:
+    return f"{count / whole:.0%}" if whole else "-"
+
+
+def exact(count: int, whole: int) -> str:
+    """Return a 95 % interval [%] (C. Clopper, E. Pearson, Biometrika 26, 1934)."""
+    from scipy.stats import binomtest
+
+    low, high = binomtest(count, whole).proportion_ci(method="exact")
+    return f"{100 * low:.0f} to {100 * high:.0f}"
+
+
+def _number(value: float, digits: int) -> str:
+    return "-" if math.isnan(value) else f"{value:.{digits}f}"
+
+
+def _figures(records: list[Record]) -> list[str]:
+    """Return sentences: the gap, what intervals cover, how long it took."""
+    found = _strengths(records)
+    right = [r for r in records if r["kind"] == "named" and went(r) == "right"]
+    if right:
+        closed: dict[float, list[float]] = {}
+        for r in sorted(right, key=lambda record: record["strength"]):
+            closed.setdefault(r["strength"], []).append(r["closed"])
+        shares = [
+            f"{np.nanmedian(each):.2f} at R = {size:g} ({len(each)})"
+            for size, each in closed.items()
+        ]
+        found.append(f"Median gap closed: {', '.join(shares)}.")
+    shown = [r for r in records if r["kind"] == "named" and r.get("misfit", 0) > SHOWN]
+    if shown:
+        words = [went(r) for r in shown]
+        found.append(
+            f"Single effects at which the tuned baseline is more than {SHOWN:g} times "
+            f"the floor off: {len(shown)}, of which right "
+            f"{words.count('right') / len(words):.0%}, right or in a tie "
+            f"{(words.count('right') + words.count('tie')) / len(words):.0%}."
+        )
+    tied = [r for r in records if r.get("settled")]
+    if tied:
+        single = [r for r in tied if r["kind"] == "named"]
+        found.append(
+            f"Ties: {len(tied)}; with the proposed experiment done as well, what was "
+            f"hidden was named and no longer tied in {sum(map(_well, tied))}; of the "
+            f"{len(single)} of single effects in {sum(map(_well, single))}."
+        )
+    more = [len(set(r["named"]) - set(r["hidden"])) for r in right]
+    if more:
+        found.append(
+            "Rightly named cases in which another effect was named as well: "
+            f"{sum(count > 0 for count in more)} of {len(more)}."
+        )
+    for make in dict.fromkeys(r["make"] for r in records):
+        given = [
+            r["intervals"] for r in records if r["make"] == make and r.get("intervals")
+        ]
+        shares = []
+        for name in given[0] if given else ():
+            of = [each[name] for each in given]
+            held = sum(low <= true <= high for _, low, high, true in of)
+            shares.append(f"{name} {_share(held, len(of))} ({exact(held, len(of))})")
+        if shares:
+            found.append(
+                f"Intervals of 95 % that cover, of {len(given)} rigs ({make}): "
+                f"{', '.join(shares)}."
+            )
+    return found
+
+
+def _well(record: Record) -> bool:
+    """Return whether the proposed experiment settled a tie."""
+    last = record["settled"]
+    return last["verdict"] == "named" and set(record["hidden"]) <= set(last["named"])
+
+
+def _strengths(records: list[Record]) -> list[str]:
+    """Return sentences: what was right by strength, effect-free rigs, times."""
+    found = []
+    for kind, what in (("named", "single effects"), ("pair", "pairs")):
+        some = [r for r in records if r["kind"] == kind]
+        sizes = sorted({r["strength"] for r in some})
+        rates = []
+        for size in sizes:
+            words = [went(r) for r in some if r["strength"] == size]
+            right = words.count("right")
+            rates.append(
+                f"{right} of {len(words)} at R = {size:g} ({exact(right, len(words))}%)"
+            )
+        if rates:
+            found.append(f"Right, of {what}: {', '.join(rates)}.")
+    free = [r for r in records if r["kind"] == "none"]
+    if free:
+        errors = [r.get("misfit", math.nan) for r in free]
+        coarse = sum(r["trials"] == "restful" for r in free)
+        found.append(
+            f"Effect-free rigs are {min(errors):.2f} to {max(errors):.2f} floors off; "
+            f"{coarse} of {len(free)} have coarse encoders and long rests."
+        )
+    times: dict[str, list[float]] = {}
+    for r in sorted(records, key=lambda record: record["strength"]):
+        size = "none hidden" if r["kind"] == "none" else f"R = {r['strength']:g}"
+        times.setdefault(size, []).append(r["seconds"])
+    if times:
+        by_size = [f"{np.median(each):.0f} s ({size})" for size, each in times.items()]
+        longest = max(records, key=lambda record: record["seconds"])
+        found.append(
+            f"Median time of a diagnosis: {', '.join(by_size)}; longest "
+            f"{longest['seconds']:.0f} s ({', '.join(longest['hidden']) or 'none'}, "
+            f"R = {longest['strength']:g})."
+        )
+    return found
+
+
+EVALUATIONS = 12
+"""Simulations with new parameters per refit; screening has found a start."""
+REFITTED = 6  # effects that are refitted: those that would explain most to first order
+
+
+class Guess(NamedTuple):
+    """The name that is given to what is missing."""
+
+    named: str | None  # id of the effect, or None where nothing is found missing
+    ranking: tuple[str, ...]  # ids, the likeliest first; named or not
+    share: float  # of the squared residual that the first of the ranking explains
+
+
+def bic(
+    baseline_fit: BaselineFit,
+    evaluations: int = EVALUATIONS,
+    ids: Sequence[str] = tuple(EFFECTS),
+) -> Guess:
+    """Return the effect with the lowest BIC, named if that is below the baseline's.
+
+    A simpler way to name a missing effect, to compare `cc-mujoco diagnose` with
+    (Schwarz, Annals of Statistics 6, 1978): full refits of the likeliest effects to all
+    data, from the same tuned baseline. BIC = n ln(S/n) + k ln n with the sum of squares
+    S of n samples and k parameters, as if neighbouring samples were independent and the
+    model exact. No data is held out.
+    """
+    problem, x = baseline_fit.problem, baseline_fit.whole.x
+    counts = [record.counts for record in problem.plant.records]
+    before, baseline = _scored(problem, x)
+    scores, squares = {}, {}
+    for signature in screen(problem, x, counts, ids)[:REFITTED]:
+        wider = problem.with_effect(signature.id, signature.start)
+        start = wider.placed(x, signature.start)
+        try:
+            found = fit(wider, start, counts, evaluations)
+        except CableError:  # cannot be simulated, so it is no candidate
+            continue
+        squares[signature.id], scores[signature.id] = _scored(wider, found.x)
+    ranking = tuple(sorted(scores, key=lambda name: scores[name]))
+    if not ranking:
+        return Guess(None, (), 0.0)
+    first = ranking[0]
+    named = first if scores[first] < baseline else None
+    return Guess(named, ranking, 1.0 - squares[first] / before)
+
+
+def _scored(problem: Problem, x: FloatArray) -> tuple[float, float]:
+    """Return the sum of squared errors, and BIC."""
+    kept = [
+        error[:, record.counts].ravel()
+        for error, record in zip(problem.errors(x), problem.plant.records, strict=True)
+    ]
+    squares = float(sum(part @ part for part in kept))
+    count = sum(part.size for part in kept)
+    score = count * math.log(squares / count) + x.size * math.log(count)
+    return squares, score
+
+
+def comparison(records: Sequence[Record], judge: Callable[[Record], str]) -> str:
+    """Return a table in Markdown; both ways on the same cases, judged by one word."""
+    both = [record for record in records if "bic" in record]
+    guessed = []
+    for record in both:
+        named = [record["bic"]["named"]] if record["bic"]["named"] else []
+        verdict = "named" if named else "none"
+        guessed.append({**record, "verdict": verdict, "named": named, "ties": []})
+    rows = []
+    for method, cases in (("diagnose", both), ("lowest BIC", guessed)):
+        shares = [
+            _counted([judge(r) for r in cases if r["kind"] == kind], word)
+            for kind, word in (
+                *(("named", word) for word in ("right", "tie", "missed", "wrong")),
+                ("none", "wrong"),
+                ("unknown", "wrong"),
+            )
+        ]
+        rows.append((method, *shares))
+    head = (
+        "method", "right", "in a tie of two", "missed", "wrong",
+        "none: false alarms", "unknown: wrongly named",
+    )  # fmt: skip
+    return table(head, rows)
+
+
+def _counted(words: Sequence[str], word: str) -> str:
+    return f"{words.count(word) / len(words):.0%} of {len(words)}" if words else "-"
+
 
 PAIRS = (
     ("viscous_friction", "backlash"),
@@ -55,8 +422,6 @@ def cases(
     make: str = "bristles",
 ) -> Iterator[dict[str, Any]]:
     """Yield the cases of a study: hidden effects, strengths and seeds."""
-    from rig.makes import MAKES
-
     first = STUDIES[study]
     hidden: list[tuple[str, tuple[str, ...]]] = []
     hidden += [("named", (name,)) for name in MAKES[make].named]
@@ -76,13 +441,7 @@ def cases(
 
 def run(case: dict[str, Any], with_bic: bool = False) -> dict[str, Any]:
     """Generate, diagnose and record one case, and name it by BIC, too, if wanted."""
-    from lowest_bic import bic
     from proposal_loop import loop
-
-    from cc_mujoco.diagnosis import overall_share
-    from rig.makes import MAKES
-    from rig.nominal import make_rig
-    from rig.strength import calibrate, measure
 
     seed = case["seed"]
     rig = make_rig(seed, make=case["make"])
@@ -120,9 +479,6 @@ def run(case: dict[str, Any], with_bic: bool = False) -> dict[str, Any]:
 
 def truth_of(rig: Rig) -> dict[str, float]:
     """Return the baseline's parameters of a rig, as a lumped scene means them."""
-    from rig.makes import MAKES
-    from rig.nominal import NOMINAL
-
     # A shaft that twists is soft in series with both cables.
     shaft = getattr(MAKES[rig.make].plant_of(rig), "shaft", 0.0)
     pair = 2.0 * rig.motor_radius**2 * rig.axial_stiffness / rig.length

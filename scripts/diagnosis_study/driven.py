@@ -17,7 +17,6 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cc_mujoco.control import Controller
 from cc_mujoco.errors import CableError
@@ -32,12 +31,11 @@ from cc_mujoco.hardware import (
     TorqueTable,
     Watchdog,
 )
+from cc_mujoco.native import FloatArray as Array
 from rig.dataset import truth_of
 from rig.guides import advance, start
 from rig.nominal import Rig
 from rig.sensors import CHANNELS
-
-Array = NDArray[np.float64]
 
 STEP = 2e-4  # longest time step of the equations [s]
 LEFT_OUT = (

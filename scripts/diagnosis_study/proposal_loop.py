@@ -26,8 +26,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 import tyro
-from diagnose_benchmark import NEWER, PAIRS, judgement
-from diagnose_table import exact, is_right, judged
+from diagnose_benchmark import NEWER, PAIRS, exact, is_right, judged, judgement
 from kept_cases import Lines
 
 from cc_mujoco.assets import scene_path

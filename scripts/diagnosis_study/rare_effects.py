@@ -21,9 +21,9 @@ from typing import Literal
 import numpy as np
 import tyro
 from numpy.random import Generator, default_rng
-from numpy.typing import NDArray
 
 from cc_mujoco.diagnosis import EFFECTS, diagnose
+from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.report import _markdown as markdown
 from rig.dataset import make_dataset, make_trials, run, truth_of
 from rig.generate import facts_of, write_data
@@ -31,7 +31,6 @@ from rig.makes import MAKES
 from rig.nominal import Rig, make_rig
 from rig.sensors import BASIC, logged, sampled
 
-Array = NDArray[np.float64]
 Session = list[dict[str, Array]]
 
 TRIALS = "rich"

@@ -21,15 +21,13 @@ from typing import Any
 import numpy as np
 import tyro
 from kept_cases import findings, kept, words
-from numpy.typing import NDArray
 
 from cc_mujoco.assets import scene_path
 from cc_mujoco.datasets import Bench, Dataset, Noise, Trial, TrialFacts
 from cc_mujoco.diagnosis import repair_scene, rollout, run_inference
+from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.report import _markdown as markdown
 from rig.posts import Tendon, played
-
-Array = NDArray[np.float64]
 
 STEP, FINE = 0.002, 8
 DIGIT = 2.0 * np.pi / 2**17

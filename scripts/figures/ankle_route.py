@@ -16,11 +16,11 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from cc_mujoco import plugin
 from cc_mujoco.assets import scene_path
 from cc_mujoco.human import GAIT_ANGLES, GAIT_PERIOD, assistance
+from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.report import (
     BLACK,
     BLUE,
@@ -31,8 +31,6 @@ from cc_mujoco.report import (
     save,
     style,
 )
-
-Array = NDArray[np.float64]
 
 CABLE = "plantarflexor"
 PEAK = 40.0  # largest assistance wanted at the ankle [N m]

@@ -18,11 +18,11 @@ from typing import Any, NamedTuple
 import gymnasium
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from cc_mujoco import METRICS  # importing it registers the environments
 from cc_mujoco.control import controller
 from cc_mujoco.human import Spring
+from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.report import (
     BLUE,
     DASH_PATTERN,
@@ -35,8 +35,6 @@ from cc_mujoco.report import (
 )
 from cc_mujoco.simulation import EpisodeLog, play
 from cc_mujoco.viz import PAGE_FILE, require_ours, require_page, write_episode
-
-Array = NDArray[np.float64]
 
 LAWS = {
     "none": "no compensation",

@@ -17,13 +17,11 @@ from pathlib import Path
 import gymnasium
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 import cc_mujoco
+from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.plugin import settle
 from cc_mujoco.report import BLUE, ORANGE, figure, figure_path, save, style
-
-Array = NDArray[np.float64]
 
 FRICTION = 0.3
 PULL = 30.0  # tension at the winch [N]

@@ -5,10 +5,10 @@ from __future__ import annotations
 import csv
 import itertools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,23 +22,46 @@ Verdict = Literal["agrees", "better", "in part", "disagrees", "cannot", "misprin
 
 Progress = Callable[[float], None]  # takes the share of the work that is done, 0 to 1
 
+CLAIM_FILE = Path(__file__).with_name("claims.csv")
 POINTS = 1000  # points of a curve that are drawn and kept; longer ones are thinned
 
 
-@dataclass(frozen=True)
-class Claim:
-    """One statement of the thesis and the finding of this package."""
+class Finding(NamedTuple):
+    """Result of this package for a claim of the thesis."""
 
-    where: str  # figure, table, equation or section of the thesis
-    printed: str  # the claim, in few words, with its numbers
-    ours: str  # what we find, with numbers and units
+    ours: str  # with numbers and units
     # `agrees`; `better` where ours keeps the claim and goes beyond it; `in part`;
     # `disagrees`; `cannot` where the printed text does not give what a test needs;
     # `misprint` where a printed formula cannot be meant
     verdict: Verdict
-    why: str  # one sentence
+    why: str = ""  # one sentence; that of `claims.csv` where it has no numbers of ours
     # whether `ours` holds times or speed ratios, which differ from run to run
     timed: bool = False
+
+
+class Claim(NamedTuple):
+    """One statement of the thesis and our finding, a row of `claims.csv`."""
+
+    where: str  # figure, table, equation or section of the thesis
+    printed: str  # the claim, in few words, with its numbers
+    ours: str
+    verdict: Verdict
+    why: str
+    timed: bool = False
+
+
+def claim_table() -> list[dict[str, str]]:
+    with CLAIM_FILE.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def claims_of(experiment: str, findings: Iterable[Finding]) -> tuple[Claim, ...]:
+    """Return the claims that `claims.csv` has of an experiment, with new findings."""
+    rows = [row for row in claim_table() if row["experiment"] == experiment]
+    return tuple(
+        Claim(row["where"], row["printed"], ours, verdict, why or row["why"], timed)
+        for row, (ours, verdict, why, timed) in zip(rows, findings, strict=True)
+    )
 
 
 Curve = tuple[ArrayLike, ArrayLike] | tuple[ArrayLike, ArrayLike, str]
@@ -59,9 +82,17 @@ class Panel:
 
 
 @dataclass(frozen=True)
-class ExperimentOutcome:
-    claims: tuple[Claim, ...]  # lines of the summary table
+class Outcome:
+    # of the claims that `claims.csv` has of it, in their order
+    findings: tuple[Finding, ...]
     figures: Mapping[str, Sequence[Panel]]  # file stem to diagrams
+
+
+def passing(items: Sequence[Any], progress: Progress) -> Iterator[Any]:
+    """Yield items; tell progress the share of them that is done."""
+    for count, item in enumerate(items, start=1):
+        yield item
+        progress(count / len(items))
 
 
 def rms(values: ArrayLike) -> float:

@@ -18,7 +18,7 @@ import numpy as np
 from cc_mujoco.cable import Cable, Section, Transmission
 from cc_mujoco.metrics._signals import loop_width
 from cc_mujoco.native import FloatArray
-from thesis._outcome import Curve, Panel
+from thesis._outcome import Panel
 
 LENGTH = 2.0  # length of each conduit [m]
 STIFFNESS = 2000.0  # stiffness of a whole cable, K of Table 2.2 [N/m]; EA = K L
@@ -106,8 +106,6 @@ def blocked_loops(found: Mapping[str, Blocked], title: str) -> Panel:
     time, torque = chopped_triangle()
     late = time > 15.0
     given = torque[late]
-    curves: dict[str, Curve] = {
-        label: (given, row.joint_torque[late]) for label, row in found.items()
-    }
+    curves = {label: (given, row.joint_torque[late]) for label, row in found.items()}
     curves["ideal"] = (given, HANDLE_RADIUS / MOTOR_RADIUS * given, "--")
     return Panel(title, "motor torque [N m]", "output torque [N m]", curves)

@@ -10,7 +10,6 @@ the same code.
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import importlib
 import json
 import os
@@ -36,7 +35,15 @@ from cc_mujoco.report._figures import save, style
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from thesis._outcome import Claim, ExperimentOutcome, Progress, drawn, write_data
+from thesis._outcome import (
+    Claim,
+    Finding,
+    Outcome,
+    Progress,
+    claims_of,
+    drawn,
+    write_data,
+)
 
 FOLDER = Path(__file__).resolve().parent
 
@@ -62,6 +69,11 @@ EXPERIMENTS: dict[str, str] = {
 
 The module `thesis._experiments.NAME` has `run(progress) -> Outcome`.
 """
+TOGETHER = {
+    "pretension": "blocked", "loops": "blocked", "magnitudes": "blocked",
+    "tracking": "simulations", "spring": "simulations",
+}  # fmt: skip
+"""Modules that have several experiments, each a function of its name."""
 
 RESULT_FILE = "result.json"
 SUMMARY_FILE = "summary.md"
@@ -115,7 +127,7 @@ def reproduce(
         if fresh := claims is None:
             outcome = run(name, partial(progress, name))
             _write(out / name, outcome)
-            claims = outcome.claims
+            claims = claims_of(name, outcome.findings)
         progress(name, 1.0)
         _summarize(out)
         records.append(FinishedExperiment(name, claims, fresh))
@@ -123,10 +135,15 @@ def reproduce(
     return records
 
 
-def run(name: str, progress: Progress = lambda share: None) -> ExperimentOutcome:
-    module = importlib.import_module(f"thesis._experiments.{name}")
-    outcome: ExperimentOutcome = module.run(progress)
-    return outcome
+def function_of(name: str) -> Callable[[Progress], Outcome]:
+    module = importlib.import_module(f"thesis._experiments.{TOGETHER.get(name, name)}")
+    found: Callable[[Progress], Outcome]
+    found = getattr(module, name if name in TOGETHER else "run")
+    return found
+
+
+def run(name: str, progress: Progress = lambda share: None) -> Outcome:
+    return function_of(name)(progress)
 
 
 def table(claims: Iterable[Claim]) -> str:
@@ -136,12 +153,12 @@ def table(claims: Iterable[Claim]) -> str:
     )
 
 
-def _write(folder: Path, outcome: ExperimentOutcome) -> None:
+def _write(folder: Path, outcome: Outcome) -> None:
     with replacing_folder(folder) as place, style():
         for stem, panels in outcome.figures.items():
             save(place / f"{stem}.png", drawn(panels))
             write_data(place / f"{stem}.csv", panels)
-        claims = [dataclasses.asdict(claim) for claim in outcome.claims]
+        claims = [finding._asdict() for finding in outcome.findings]
         text = json.dumps({"made_by": _provenance(), "claims": claims}, indent=1)
         (place / RESULT_FILE).write_text(text, encoding="utf-8")
 
@@ -163,7 +180,8 @@ def _is_ours(folder: Path) -> bool:
 def _read(folder: Path) -> tuple[object, tuple[Claim, ...]] | None:
     try:
         found = parse_json((folder / RESULT_FILE).read_text(encoding="utf-8"))
-        return found["made_by"], tuple(Claim(**claim) for claim in found["claims"])
+        findings = [Finding(**claim) for claim in found["claims"]]
+        return found["made_by"], claims_of(folder.name, findings)
     except (OSError, ValueError, TypeError, KeyError):
         return None
 

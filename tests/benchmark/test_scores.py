@@ -59,6 +59,8 @@ def test_scores_measure_what_they_are_called() -> None:
     for shift in (20, -20):
         late = scored(joint_torque_nm=np.roll(torque, shift))
         assert late["torque_lag"] == pytest.approx(1e-3 * shift, abs=5e-4)
+    out_of_phase = scored(joint_torque_nm=np.gradient(torque))
+    assert math.isnan(out_of_phase["torque_lag"])
     off = scored(joint_torque_nm=torque + 0.1)
     assert off["rms_torque_error"] == pytest.approx(0.1)
     assert off["peak_torque_error"] == pytest.approx(0.1)

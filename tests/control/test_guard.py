@@ -22,8 +22,8 @@ from cc_mujoco.control import (
     PredictiveCompensation,
     controller,
 )
-from cc_mujoco.control import _compiled_laws as compiled_laws
 from cc_mujoco.control import _guard as guard
+from cc_mujoco.control import _law_steps as law_steps
 from cc_mujoco.control import _planner_memory as planner_memory
 from cc_mujoco.control._cable_model import (
     FRICTION,
@@ -129,7 +129,7 @@ def test_every_controller_that_measures_lets_go_of_what_it_should_not_pull(
         for measured in np.linspace(0.0, 1.2 * SAFE, 30):
             torque = law.torque(seen(law, float(measured)))
         if isinstance(law, PredictiveCompensation):
-            released_now = kept(law)[planner_memory.RELEASED] != guard.FREE
+            released_now = kept(law)[planner_memory.GUARD + guard.STATE] != guard.FREE
         else:
             # Motor and joint are at rest, so there is nothing to follow.
             released_now = torque == 0.0
@@ -145,34 +145,31 @@ def test_a_motor_that_is_let_go_follows_the_joint(
     torque: float, motor: float, joint: float
 ) -> None:
     """And otherwise its law is that without a guard, bit for bit."""
-    gains = compiled_laws.FeedbackGains(
+    gains = law_steps.FeedbackGains(
         ratio=2.0, low=-5.0, high=5.0, safe_torque=SAFE, settling=0.1, inertia=1e-2
     )
     read = np.array([0.0, motor, 0.0, joint, torque, 1.0])
-    memory, plain = (
-        np.zeros(compiled_laws.MEMORY_SIZE),
-        np.zeros(compiled_laws.MEMORY_SIZE),
-    )
+    memory, plain = np.zeros((2, law_steps.GUARD + guard.MEMORY_SIZE))
     spring = np.array([20.0, 0.0, 0.0])
     packed = np.array(dataclasses.astuple(gains))
-    law = compiled_laws.Law(packed, spring, memory, read)
-    compiled_laws.admit(law)
-    found = compiled_laws.proportional_integral(law)
+    law = law_steps.Law(packed, spring, memory, read)
+    law_steps.admit(law)
+    found = law_steps.proportional_integral(law)
     free = dataclasses.replace(gains, safe_torque=guard.NO_TORQUE_LIMIT)
     unguarded = np.array(dataclasses.astuple(free))
-    usual = compiled_laws.proportional_integral(
-        compiled_laws.Law(unguarded, spring, plain, read)
+    usual = law_steps.proportional_integral(
+        law_steps.Law(unguarded, spring, plain, read)
     )
     rushing = (motor - 2.0 * joint) * np.sqrt(20.0 * 1e-2)
     # By the sensor, or by the stretch of the cables, which is none.
     if not any(release_state(0.0, t, rushing, 1.0, SAFE) for t in (torque, 0.0)):
         assert found == usual
-        kept = compiled_laws.INTEGRAL_TORQUE
+        kept = law_steps.INTEGRAL_TORQUE
         assert memory[kept] == plain[kept]
     else:
         damped = 0.1 * 20.0 / 2.0**2 * (2.0 * joint - motor)
         assert found == pytest.approx(min(max(damped, -5.0), 5.0), abs=1e-12)
-        assert memory[compiled_laws.INTEGRAL_TORQUE] == 0.0
+        assert memory[law_steps.INTEGRAL_TORQUE] == 0.0
 
 
 @given(

@@ -20,7 +20,6 @@ from cc_mujoco.device import Plant, load_device
 from cc_mujoco.device._wearer_scaling import profile_of, tasks_of
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Assist, Body, Pace, Paced, Profile, Walk
-from cc_mujoco.human._body import SEGMENT_MASS_SHARES, WEARER_LEG_LENGTH, WEARER_MASS
 from cc_mujoco.human._gait import GAIT_MOMENTS
 from cc_mujoco.human._gait_joints import GaitJoint
 from cc_mujoco.human._pace import MAX_SPEED, MEASURED_SPEED, MIN_SPEED
@@ -298,8 +297,8 @@ def test_what_cannot_be_is_one_sentence(
 def test_the_size_of_the_scenes_wearer_changes_no_bit() -> None:
     measured = {"metrics": PLAIN, **QUICK}
     for scene, said in (
-        ("ankle", {"body_mass": WEARER_MASS, "leg_length": WEARER_LEG_LENGTH}),
-        ("exosuit", {"body_mass": WEARER_MASS}),
+        ("ankle", {"body_mass": Body.mass, "leg_length": Body.leg}),
+        ("exosuit", {"body_mass": Body.mass}),
     ):
         plain = study(scene, {"pretension": "5"}, **measured)
         sized = study(scene, {"pretension": "5"}, across=said, **measured)
@@ -329,8 +328,8 @@ def test_segments_go_with_the_wearer_and_what_is_worn_does_not(whole: bool) -> N
     plain = Plant("ankle").model(whole)
     size = {"body_mass": body.mass, "leg_length": body.leg}
     model = Plant("ankle", size).model(whole)
-    for name, share in SEGMENT_MASS_SHARES.items():
-        old, new, limb = plain.body(name), model.body(name), share * WEARER_MASS
+    for name, share in Body.SEGMENTS.items():
+        old, new, limb = plain.body(name), model.body(name), share * Body.mass
         worn = float(old.mass[0]) - limb
         spread = old.inertia / old.mass[0]
         spec = mujoco.MjSpec()

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 import pytest
 
 from cc_mujoco import Plant
+from cc_mujoco.cable._cable import MAX_SEGMENTS
 from cc_mujoco.design._scenarios import Across
-from cc_mujoco.device import Nominal, load_device
+from cc_mujoco.device import VARIABLES, Nominal, load_device
 from cc_mujoco.errors import CableError
+from cc_mujoco.human import Body, Pace, Profile
 
 
 def test_cables_wearer_and_sensors_are_those_of_the_values() -> None:
@@ -76,3 +80,21 @@ def test_a_plant_that_cannot_be_made_is_refused_in_a_sentence(
 ) -> None:
     with pytest.raises(CableError, match=wrong):
         getattr(Plant("wrist", values), made)()
+
+
+def test_variables_of_a_walker_are_those_of_the_walk() -> None:
+    own = {
+        field.name: field for owner in (Body, Pace, Profile) for field in fields(owner)
+    }
+    names = {"gait_speed": "speed", "body_mass": "mass", "leg_length": "leg"}
+    for name in ("onset", "peak_time", "peak_torque", "fall", *names):
+        field, variable = own[names.get(name, name)], VARIABLES[name]
+        low, high, _ = field.metadata["bounds"]
+        # A fall has no least size before it is known what it belongs to.
+        assert variable.low == (0.0 if name == "fall" else low)
+        assert variable.high == high
+        assert f"{field.default:g}" in variable.meaning
+
+
+def test_segments_of_a_design_are_those_of_a_cable() -> None:
+    assert VARIABLES["segments"].high == MAX_SEGMENTS

@@ -5,8 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import self_tuning
-from bending import PLACES, ZONES, BendingBench, Elbow, Quality, Taps
-from self_tuning import VARIANTS, along, compared
+from self_tuning import (
+    PLACES,
+    VARIANTS,
+    ZONES,
+    BendingBench,
+    Elbow,
+    Quality,
+    Taps,
+    along,
+    compared,
+)
 
 from rig import make_rig
 from rig.guides import plant_of

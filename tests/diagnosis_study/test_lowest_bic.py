@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from lowest_bic import bic, comparison
+from diagnose_benchmark import bic, comparison
 
 from cc_mujoco.diagnosis import BaselineFit, CrossValidation, Problem, Record, fit
 from cc_mujoco.diagnosis._rig.simulation import SimulatedRig, baseline_parameters

@@ -21,9 +21,9 @@ from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.hardware._references import Planned, read_plan
 from diagnosis.rigs import alone
 from rig.dataset import run, truth_of
-from rig.effects import Truth
 from rig.engine import COLUMNS
 from rig.generate import write_data
+from rig.makes import Truth
 from rig.nominal import Rig, make_rig
 from rig.sensors import BASIC, logged, sampled
 from rig.trials import Trial

@@ -13,7 +13,7 @@ import pytest
 import train_policy
 
 from cc_mujoco.control import Network, read_policy
-from cc_mujoco.device._ranges import Ranges
+from cc_mujoco.simulation._worn_device import Ranges
 
 
 def classroom(scene: str, seconds: float = 0.02) -> imitate.Classroom:

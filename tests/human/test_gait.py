@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from cc_mujoco.human import GAIT_ANGLES, GAIT_PERIOD, Walk, assistance
-from cc_mujoco.human import _gait_table as gait_table
-from cc_mujoco.human._gait import Harmonics
+from cc_mujoco.human._gait import GAIT_MOMENTS, Harmonics
 from shared_folder import SHARED
 
 ROOT = Path(__file__).parents[2]
@@ -28,6 +27,16 @@ def script() -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+def _profiles(path: Path) -> dict[str, np.ndarray]:
+    """Read a table that the script wrote, (harmonics, 2) by profile."""
+    rows = np.genfromtxt(path, delimiter=",", dtype=None, encoding="utf-8")[1:]
+    names = dict.fromkeys(row[0] for row in rows)
+    return {
+        name: np.array([row[1:] for row in rows if row[0] == name], dtype=float)
+        for name in names
+    }
 
 
 def test_harmonics_and_derivative() -> None:
@@ -93,6 +102,11 @@ def test_walk_has_the_gait_period_and_companions() -> None:
         assert joint.velocity[0] == 0
 
 
+def test_the_amplitude_of_a_walk_is_the_peak_of_the_ankle_rounded_up() -> None:
+    peak = np.abs(GAIT_ANGLES["ankle"](np.linspace(0.0, 1.0, 10_001))).max()
+    assert Walk.amplitude == np.ceil(1e3 * peak) / 1e3
+
+
 def test_walk_scales_all_joints() -> None:
     rng = np.random.default_rng(0)
     full, half = Walk(), Walk(amplitude=Walk().amplitude / 2)
@@ -104,18 +118,21 @@ def test_walk_scales_all_joints() -> None:
 @pytest.mark.shared
 def test_fit_reproduces_the_shipped_table(script: ModuleType, tmp_path: Path) -> None:
     period, table, errors = script.fit(DATA)
-    assert period == gait_table.PERIOD
+    assert period == GAIT_PERIOD
     assert errors["ankle"] < 0.5
     assert max(errors["knee"], errors["hip"]) < 0.5
     assert errors["assistance"] < 0.01
-    for name, coefficients in table.items():
-        shipped = getattr(gait_table, name.upper())
-        np.testing.assert_allclose(coefficients, shipped, atol=2e-6)
-    target = tmp_path / "table.py"
+    moments = {f"{name}_moment": own for name, own in GAIT_MOMENTS.items()}
+    for name, own in (GAIT_ANGLES | moments).items():
+        np.testing.assert_allclose(table[name], own.coefficients, atol=2e-6)
+    target = tmp_path / "table.csv"
     script.main([str(DATA), "--table", str(target)])
-    head = target.read_text(encoding="utf-8").split("PERIOD")[0]
-    shipped_text = Path(gait_table.__file__).read_text(encoding="utf-8")
-    assert shipped_text.startswith(head)
+    head, _ = target.read_text(encoding="utf-8").split("profile,")
+    assert script.TABLE.read_text(encoding="utf-8").startswith(head)
+    written, shipped = _profiles(target), _profiles(script.TABLE)
+    assert written.keys() == shipped.keys()
+    for name, found in written.items():
+        np.testing.assert_allclose(found, shipped[name], atol=2e-6)
 
 
 @pytest.mark.shared
@@ -151,19 +168,19 @@ def test_fit_recovers_a_made_up_walk(
         header="gait_cycle_fraction,assistance_normalised",
         comments="",
     )
-    target = tmp_path / "table.py"
+    target = tmp_path / "table.csv"
     script.main([str(tmp_path), "--table", str(target)])
-    assert "RMS errors: ankle 0.00, knee 0.00, hip 0.00" in capsys.readouterr().out
-    found: dict[str, object] = {}
-    exec(compile(target.read_text(encoding="utf-8"), "table", "exec"), found)
-    assert found["PERIOD"] == 1.1
+    printed = capsys.readouterr().out
+    assert "RMS errors: ankle 0.00, knee 0.00, hip 0.00" in printed
+    assert printed.startswith("period 1.1 s")
+    found = _profiles(target)
     expected = np.zeros((9, 2))
     expected[0, 0], expected[1, 0], expected[3, 1] = np.deg2rad([5, 10, 3])
-    np.testing.assert_allclose(np.array(found["ANKLE"]), expected, atol=1e-6)
+    np.testing.assert_allclose(found["ankle"], expected, atol=1e-6)
     moment = 10 * np.rad2deg(expected)
-    for name, share in (("ANKLE", 1.0), ("KNEE", 2.0), ("HIP", -1.0)):
-        fitted = np.array(found[f"{name}_MOMENT"])
+    for name, share in (("ankle", 1.0), ("knee", 2.0), ("hip", -1.0)):
+        fitted = found[f"{name}_moment"]
         np.testing.assert_allclose(fitted, share * moment, atol=1e-6)
     # sin^4 is the square of (1 - cos) / 2.
-    root = np.array(found["ASSISTANCE_ROOT"])
+    root = found["assistance_root"]
     assert np.abs(root[:2, 0]) == pytest.approx([0.5, 0.5], abs=1e-4)

@@ -42,7 +42,7 @@ def clean(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
     yield
     METRICS.clear()
     METRICS.update(before)
-    registry._ORIGINS.clear()
+    registry._origins.clear()
 
 
 def module(name: str, compute: str = PEAK, better: str = "low") -> str:

@@ -9,7 +9,7 @@ import pytest
 
 from cc_mujoco.cable import Section
 from thesis import _rig as rig
-from thesis._experiments import follower, magnitudes
+from thesis._experiments import blocked, follower
 
 
 def test_torque_is_the_chopped_triangle() -> None:
@@ -24,19 +24,19 @@ def test_torque_is_the_chopped_triangle() -> None:
 
 @pytest.mark.parametrize("friction", [0.02, 0.21])
 def test_output_feels_the_motor_when_the_first_front_arrives(friction: float) -> None:
-    cable = magnitudes.COULOMB.replace(friction=friction, segments=150)
+    cable = blocked.COULOMB.replace(friction=friction, segments=150)
     expected = rig.onset_torque(cable)
-    assert magnitudes.simulated_onset(cable) == pytest.approx(expected, rel=0.02)
+    assert blocked.simulated_onset(cable) == pytest.approx(expected, rel=0.02)
 
 
 def test_table_2_2_does_not_move_the_output_of_experiment_1() -> None:
-    assert rig.onset_torque(magnitudes.COULOMB) > 3.0 * rig.PEAK_TORQUE
+    assert rig.onset_torque(blocked.COULOMB) > 3.0 * rig.PEAK_TORQUE
     assert np.ptp(rig.blocked_output_test(rig.PRINTED_CABLE).joint_torque) < 1e-9
 
 
 def test_less_pretension_alone_stays_below_the_capstan_ratio() -> None:
-    low = rig.blocked_output_test(magnitudes.COULOMB.replace(pretension=0.2))
-    bound = math.exp(-magnitudes.COULOMB.friction * magnitudes.COULOMB.wrap)
+    low = rig.blocked_output_test(blocked.COULOMB.replace(pretension=0.2))
+    bound = math.exp(-blocked.COULOMB.friction * blocked.COULOMB.wrap)
     assert low.efficiency == pytest.approx(bound, rel=1e-3)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import re
 from pathlib import Path
 from typing import Any, cast
@@ -12,7 +11,7 @@ import pytest
 from fill_readme import between, block, claim_rows
 
 from study_marks import study_but
-from thesis._outcome import Claim
+from thesis._outcome import Claim, claim_table, claims_of
 from thesis.reproduce import EXPERIMENTS, run
 
 FOLDER = Path(__file__).parents[2] / "scripts" / "thesis"
@@ -22,8 +21,8 @@ NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e-?\d+)?")
 
 def printed(name: str) -> list[list[str]]:
     """Return the rows of one experiment in the file of all claims."""
-    with (FOLDER / "claims.csv").open(encoding="utf-8", newline="") as file:
-        return [row for row in csv.reader(file) if row[0] == name]
+    rows = [list(row.values()) for row in claim_table()]
+    return [row for row in rows if row[0] == name]
 
 
 def stated(row: list[str]) -> Claim:
@@ -66,7 +65,7 @@ def test_the_page_counts_the_claims_of_the_file() -> None:
 
 @pytest.mark.parametrize("name", study_but(2, FAST))
 def test_claims_are_those_of_a_run(name: str) -> None:
-    claims = run(name).claims
+    claims = claims_of(name, run(name).findings)
     rows = printed(name)
     assert len(rows) == len(claims)
     for row, claim in zip(rows, claims, strict=True):

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,7 +10,7 @@ import pytest
 
 from cc_mujoco.errors import CableError
 from thesis import reproduce as runner
-from thesis._outcome import Claim, ExperimentOutcome, Panel
+from thesis._outcome import Claim, Finding, Outcome, Panel
 from thesis.reproduce import reproduce
 
 CLAIM = Claim("Fig. 0", "two", "2.0 N m", "agrees", "a | b")
@@ -29,23 +27,24 @@ class Experiments:
         self.ran: list[str] = []
         self.failing = ""
 
-    def module(self, name: str) -> Any:
-        def run(progress: Any) -> ExperimentOutcome:
+    def function(self, name: str) -> Any:
+        def run(progress: Any) -> Outcome:
             if name == self.failing:
                 raise KeyboardInterrupt
             self.ran.append(name)
             progress(0.5)
-            return ExperimentOutcome((CLAIM,), {"loop": PANELS})
+            return Outcome((Finding(*CLAIM[2:5]),), {"loop": PANELS})
 
-        return SimpleNamespace(run=run)
+        return run
 
 
 @pytest.fixture
 def experiments(monkeypatch: pytest.MonkeyPatch, undrawn: None) -> Experiments:
     standing_in = Experiments()
-    for name in ("loops", "pretension"):
-        path = f"thesis._experiments.{name}"
-        monkeypatch.setitem(sys.modules, path, standing_in.module(name))
+    row = dict(zip(Claim._fields, CLAIM, strict=True))
+    rows = [{"experiment": name, **row} for name in ("loops", "pretension")]
+    monkeypatch.setattr("thesis._outcome.claim_table", lambda: rows)
+    monkeypatch.setattr(runner, "function_of", standing_in.function)
     return standing_in
 
 
@@ -142,12 +141,9 @@ def test_command_prints_a_line_for_every_claim_and_resumes(
     assert str(tmp_path / "summary.md") in lines[-1]
 
 
-def test_every_experiment_has_a_module_and_every_module_is_an_experiment() -> None:
+def test_every_experiment_has_a_function_and_every_module_is_one() -> None:
     folder = Path(runner.__file__).parent / "_experiments"
-    modules = {
-        path.stem
-        for path in folder.glob("*.py")
-        if "def run(progress: Progress) -> ExperimentOutcome:"
-        in path.read_text(encoding="utf-8")
-    }
-    assert modules == set(runner.EXPERIMENTS)
+    modules = {path.stem for path in folder.glob("*.py")} - {"__init__"}
+    assert modules == {runner.TOGETHER.get(name, name) for name in runner.EXPERIMENTS}
+    for name in runner.EXPERIMENTS:
+        assert callable(runner.function_of(name))

@@ -3,41 +3,53 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 
 from cc_mujoco.cable import Transmission
-from cc_mujoco.control import ProportionalIntegral
-from thesis._experiments import spring, tracking
+from cc_mujoco.control import Controller, ProportionalIntegral
+from thesis._experiments import simulations
 from thesis._inertia_free import InertiaFree
 
 
+class Given(Controller):
+    """Torques of a recording."""
+
+    def __init__(self, drive: Any, torques: np.ndarray) -> None:
+        super().__init__(drive)
+        self.torques = torques
+
+    def reset(self, where: Any = None) -> None:
+        self.rest = iter([*self.torques, 0.0])
+
+    def torque(self, observation: Any) -> Any:
+        return next(self.rest)
+
+
 def test_plant_is_the_transmission_driven_by_torque_and_angle() -> None:
-    drive = spring.drive()
+    drive = simulations.pull_pull()
     cable_drive = drive.cables[0]
-    time = np.arange(0.0, 1.0, tracking.PERIOD)
+    time = np.arange(0.0, 1.0, simulations.PERIOD)
     torque, angle = np.sin(7.0 * time), 0.2 * np.sin(3.0 * time)
     known = Transmission.pull_pull(cable_drive.cable, 0.1, 0.1).replay(
-        tracking.PERIOD, motor_torque=torque, joint_angle=angle
+        simulations.PERIOD, motor_torque=torque, joint_angle=angle
     )
-    device = InertiaFree(drive)
-    for i in range(time.size):
-        device.step(float(torque[i]), float(angle[i]))
-        assert device.motor_torque == pytest.approx(torque[i], abs=1e-7)
-        assert device.joint_torque == pytest.approx(known.joint_torque[i], abs=1e-6)
-        assert device.motor_angle == pytest.approx(known.motor_angle[i], abs=1e-8)
+    log = InertiaFree(drive).run(Given(drive, torque[1:]), angle, torque)
+    assert log["joint_torque_nm"][1:] == pytest.approx(known.joint_torque[1:], abs=1e-6)
+    assert log["motor_angle_rad"][1:] == pytest.approx(known.motor_angle[1:], abs=1e-8)
 
 
 def test_friction_implied_makes_the_error_that_is_printed() -> None:
-    device = tracking.drive(tracking.TENSION_RATIO)
+    device = simulations.one_cable(simulations.TENSION_RATIO)
     own = device.cables[0].cable
-    assert math.exp(own.friction * own.wrap) == pytest.approx(tracking.TENSION_RATIO)
-    assert (1.0 + 1.0) / (tracking.TENSION_RATIO + 1.0) == pytest.approx(0.9)
+    assert math.exp(own.friction * own.wrap) == pytest.approx(simulations.TENSION_RATIO)
+    assert (1.0 + 1.0) / (simulations.TENSION_RATIO + 1.0) == pytest.approx(0.9)
 
 
 def test_desired_tension_grows_with_a_slope_that_swings() -> None:
-    time, wanted = tracking.desired_tension()
+    time, wanted = simulations.desired_tension()
     assert wanted[-1] > wanted[0] > 0.0
     slope = np.gradient(wanted, time)
     assert slope.min() < 0.0 < slope.max()
@@ -47,11 +59,13 @@ def test_desired_tension_grows_with_a_slope_that_swings() -> None:
 def test_without_a_model_the_reversal_takes_many_degrees(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(spring, "DEFLECTION", 0.3)  # at the same rate
-    monkeypatch.setattr(spring, "DEFLECTION_TIME", 3.0)
-    time, angle = spring.motion()
-    assert angle.max() == spring.DEFLECTION
+    monkeypatch.setattr(simulations, "DEFLECTION", 0.3)  # at the same rate
+    monkeypatch.setattr(simulations, "DEFLECTION_TIME", 3.0)
+    time, angle = simulations.motion()
+    assert angle.max() == simulations.DEFLECTION
     assert np.ptp(np.abs(np.diff(angle))) < 1e-12
-    free = spring.render(spring.drive(), ProportionalIntegral(spring.drive()))
+    free = simulations.render(
+        simulations.pull_pull(), ProportionalIntegral(simulations.pull_pull())
+    )
     assert free.lost > np.radians(5.0)
     assert free.torque.shape == time.shape

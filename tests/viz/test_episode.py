@@ -14,7 +14,7 @@ from cc_mujoco.control import External, controller
 from cc_mujoco.device import PERFECT_SENSING, TENSION_COLUMN
 from cc_mujoco.device._sensors import MEASURED_COLUMNS, WINDING_COLUMNS
 from cc_mujoco.errors import CableError
-from cc_mujoco.metrics._metric import RATIO
+from cc_mujoco.metrics._metric import Key
 from cc_mujoco.metrics._torque import efficiency
 from cc_mujoco.simulation import play
 from cc_mujoco.simulation._log_columns import MODEL_XML
@@ -40,7 +40,7 @@ def test_log_runs_from_the_reset_to_the_end(env: Any) -> None:
     about = log.metadata
     assert (about["scene"], about["task"], about["seed"]) == ("wrist", "x", 5)
     # Motor pulley over joint pulley, thesis Table 2.2.
-    assert about[RATIO] == pytest.approx(20 / 104)
+    assert about[Key.RATIO] == pytest.approx(20 / 104)
     assert about["wearer"]["stiffness"] > 0
     assert about["cables"]["flexor"]["pretension"] == "10.0"
     assert "cc_mujoco.cable" in about[MODEL_XML]

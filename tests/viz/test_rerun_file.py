@@ -17,7 +17,7 @@ from rerun.error_utils import strict_mode
 
 import cc_mujoco.plugin  # noqa: F401  (registers the plugin)
 from cc_mujoco.metrics import METRICS, Metric, measure
-from cc_mujoco.metrics._metric import RATIO
+from cc_mujoco.metrics._metric import Key
 from cc_mujoco.simulation import EpisodeLog
 from cc_mujoco.viz import tension_colors
 from cc_mujoco.viz._conduit3d import MIN_PIECES, resample
@@ -216,7 +216,7 @@ def test_a_motor_that_shakes_is_one_state_of_its_lane() -> None:
 
 
 def test_the_motor_is_seen_at_the_scale_of_the_joint(make_log: Any) -> None:
-    log = make_log(metadata={RATIO: 0.1})
+    log = make_log(metadata={Key.RATIO: 0.1})
     lines = {"/".join(line.path): line for line in plotted_series(log)}
     angle = lines["angle/motor"]
     assert angle.name == "motor, at the joint"

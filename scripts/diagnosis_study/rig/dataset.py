@@ -10,16 +10,13 @@ import zlib
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rig.effects import Truth
+from cc_mujoco.native import FloatArray as Array
 from rig.engine import COLUMNS, Asked, integrate
-from rig.makes import MAKES
+from rig.makes import MAKES, Truth
 from rig.nominal import Rig
 from rig.sensors import BASIC, CHANNELS, logged, sampled
 from rig.trials import SETS, Trial
-
-Array = NDArray[np.float64]
 
 
 def make_trials(trials: str, seed: int) -> list[Trial]:

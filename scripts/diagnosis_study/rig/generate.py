@@ -22,18 +22,16 @@ from tempfile import mkdtemp
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from cc_mujoco.native import FloatArray as Array
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from rig.dataset import make_dataset, make_trials, truth_of
-from rig.effects import Truth
-from rig.makes import MAKES
+from rig.makes import MAKES, Truth
 from rig.nominal import NOMINAL, Rig, make_rig
 from rig.strength import calibrate, measure
 from rig.trials import SETS
-
-Array = NDArray[np.float64]
 
 FORMATS = {"time_s": "%.5f", "rad": "%.6f", "nm": "%.3f", "n": "%.1f", "a": "%.4f"}
 

@@ -13,14 +13,12 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import bessel, lfilter
 
+from cc_mujoco.native import FloatArray as Array
 from rig.engine import RECORD_TIME
 from rig.nominal import Rig
 from rig.sensors import CHANNELS, SAMPLE_RATE, Channel, column
-
-Array = NDArray[np.float64]
 
 COARSE = {"motor_angle": 15, "joint_angle": 13}  # bits of coarse encoders
 _SAMPLE_CLOCK = 1e-5  # resolution of time stamps [s]

@@ -70,22 +70,20 @@ class Rig:
     """Name of the model whose equations the rig follows, see `makes.MAKES`."""
 
 
-# Standard deviation of (truth / nominal - 1), cut at two of them.
-_SPREAD = {
-    "motor_radius": 2e-4,  # turned, and checked against the encoders
-    "joint_radius": 2e-4,
-    "length": 0.0,
-    "wrap": 0.03,
-    "axial_stiffness": 0.05,
-    "pretension": 0.02,
-    "line_density": 0.05,
-    "joint_inertia": 0.01,
-    "joint_damping": 0.1,
-    "rotor_inertia": 0.03,
+_BUILT = {
+    # turned, and checked against the encoders
+    "motor_radius": ("motor_pulley_radius_m", 2e-4),
+    "joint_radius": ("joint_pulley_radius_m", 2e-4),
+    "length": ("conduit_length_m", 0.0),
+    "wrap": ("wrap_angle_rad", 0.03),
+    "axial_stiffness": ("axial_stiffness_n", 0.05),
+    "pretension": ("pretension_n", 0.02),
+    "line_density": ("line_density_kg_per_m", 0.05),
+    "joint_inertia": ("joint_inertia_kg_m2", 0.01),
+    "joint_damping": ("joint_damping_nm_s_per_rad", 0.1),
+    "rotor_inertia": ("rotor_inertia_kg_m2", 0.03),
 }
-_FRICTION_SPREAD = 0.06
-_CABLE_MISMATCH = 0.005
-# Standard deviation (SI) of what is nominally zero, cut at two of them as well.
+"""Nominal value, and standard deviation of truth / nominal - 1, cut at two of them."""
 _OFFSETS = {
     "motor_torque_offset": 0.02,
     "joint_torque_offset": 0.02,
@@ -93,18 +91,7 @@ _OFFSETS = {
     "joint_angle_offset": 0.002,
     "joint_clock_offset": 0.0004,
 }
-_NOMINAL_OF = {
-    "motor_radius": "motor_pulley_radius_m",
-    "joint_radius": "joint_pulley_radius_m",
-    "length": "conduit_length_m",
-    "wrap": "wrap_angle_rad",
-    "axial_stiffness": "axial_stiffness_n",
-    "pretension": "pretension_n",
-    "line_density": "line_density_kg_per_m",
-    "joint_inertia": "joint_inertia_kg_m2",
-    "joint_damping": "joint_damping_nm_s_per_rad",
-    "rotor_inertia": "rotor_inertia_kg_m2",
-}
+"""Standard deviation (SI) of what is nominally zero, cut at two of them as well."""
 
 
 def make_rig(seed: int, spread: float = 1.0, make: str = "bristles") -> Rig:
@@ -119,11 +106,11 @@ def make_rig(seed: int, spread: float = 1.0, make: str = "bristles") -> Rig:
         return spread * float(np.clip(rng.standard_normal(), -2.0, 2.0))
 
     values = {
-        name: NOMINAL[_NOMINAL_OF[name]] * (1 + sd * deviate())
-        for name, sd in _SPREAD.items()
+        name: NOMINAL[nominal] * (1 + sd * deviate())
+        for name, (nominal, sd) in _BUILT.items()
     }
-    friction = NOMINAL["friction_1"] * (1 + _FRICTION_SPREAD * deviate())
-    mismatch = _CABLE_MISMATCH * deviate()
+    friction = NOMINAL["friction_1"] * (1 + 0.06 * deviate())
+    mismatch = 0.005 * deviate()
     values["friction_a"] = friction * (1 + mismatch)
     values["friction_b"] = friction * (1 - mismatch)
     values |= {name: sd * deviate() for name, sd in _OFFSETS.items()}

@@ -12,14 +12,12 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import butter, lfilter, sosfilt
 
+from cc_mujoco.native import FloatArray as Array
 from rig.engine import COLUMNS, RECORD_TIME
 from rig.nominal import Rig
 from rig.trials import LEAD
-
-Array = NDArray[np.float64]
 
 SAMPLE_RATE = 500
 CUTOFF = 150.0

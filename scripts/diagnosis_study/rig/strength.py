@@ -17,16 +17,13 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
+from cc_mujoco.native import FloatArray as Array
 from rig.dataset import make_trials, run, truth_of
-from rig.effects import Truth
-from rig.makes import MAKES
+from rig.makes import MAKES, Truth
 from rig.nominal import Rig
 from rig.sensors import SAMPLE_RATE, sampled
-
-Array = NDArray[np.float64]
 
 RESPONSES = ("motor_torque", "joint_angle", "joint_torque")
 """Channels over which the strength is computed."""

@@ -10,9 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from cc_mujoco.native import FloatArray as Array
 
 RATE = 1000
 LEAD = 0.6

@@ -24,15 +24,7 @@ from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.device._sensors import Sensors
 from cc_mujoco.estimation._fusion import TensionFusion, tension_gains
 from cc_mujoco.native import FloatArray
-from thesis._outcome import (
-    Claim,
-    Curve,
-    ExperimentOutcome,
-    Panel,
-    Progress,
-    Verdict,
-    rms,
-)
+from thesis._outcome import Finding, Outcome, Panel, Progress, rms
 from thesis._rig import PRINTED_CABLE
 from thesis.estimators._directions import (
     CONDITIONS,
@@ -180,7 +172,7 @@ def simulate_run(seconds: float = 6.0) -> _Run:
     return _Run(time, true.tension[:, -1], output, everywhere, right)
 
 
-def run(progress: Progress) -> ExperimentOutcome:
+def run(progress: Progress) -> Outcome:
     """Reproduce Figs. 3.7 and 3.8, and the consensus."""
     found = {name: sensor_votes(CABLE, name, 2000) for name in CONDITIONS}
     progress(0.2)
@@ -210,57 +202,40 @@ def run(progress: Progress) -> ExperimentOutcome:
     inside = [series.everywhere[observer_name(agility)] for agility in AGILITIES]
     middle = median_last_moving(LAST_MOVING)
     # A consensus should be worth more than one sensor at the output.
-    verdict: Verdict = "in part" if mended < RUN_NOISE else "disagrees"
+    verdict = "in part" if mended < RUN_NOISE else "disagrees"
     if printed < RUN_NOISE:
         verdict = "agrees"
     claims = (
-        Claim(
-            "Fig. 3.7",
-            "sensors that read too low take wrong directions, always after the sensor",
+        Finding(
             f"wrong {min(after):.1%} to {max(after):.0%} of segments after it, at most "
             f"{before:.2%} before; moving distally {low:.0%} of these read too low",
             "agrees" if 20.0 * before < min(after) and low > 0.95 else "in part",
             "after the sensor a wrong direction confirms itself: up to "
             f"{several:.0%} of solutions have several consistent patterns",
         ),
-        Claim(
-            "Fig. 3.8",
-            "RMS error is significantly worse extrapolated, in 4 movement conditions",
+        Finding(
             f"RMS per noise carried with true directions: {min(outer):.1f} to "
             f"{max(outer):.0f} times after the sensor, {min(inner):.2f} to "
             f"{max(inner):.2f} before",
             "agrees" if min(outer) > 1.2 * max(inner) else "in part",
-            "worst where the ends move against each other; Listing 2.2 swaps the names "
-            "of these two: + before - compresses",
         ),
-        Claim(
-            "3.2.2",
-            "a steeper tension profile makes large extrapolation errors less likely",
+        Finding(
             f"wrong segments after the sensor: {slope[0]:.2%} at mu = {SLOPES[0]:g}, "
             f"{slope[-1]:.2%} at {SLOPES[-1]:g}",
             "agrees" if slope[-1] < slope[0] else "disagrees",
-            "same noise, motion and largest tension: a steeper profile multiplies a "
-            "sensor's noise more, and a wrong direction costs more",
         ),
-        Claim(
-            "3.2.2",
-            "using only sensors that agree biases; one matrix A for all does not",
+        Finding(
             f"output off by {biased.agreeing:+.3f} N +- {biased.uncertain[0]:.3f} with "
             f"only these, {biased.shared:+.3f} N +- {biased.uncertain[1]:.3f} with all",
             "agrees" if significant and unbiased else "in part",
             f"{NOISE:g} N noise on {TENSION:g} N, consensus wrong in "
             f"{biased.consensus:.2%} of segments",
         ),
-        Claim(
-            "footnote 4",
-            "last-moving nodes 6 7 9 7 0 0 0: mean 4, which none believes; median 6",
+        Finding(
             f"mean {np.mean(LAST_MOVING):.1f}, median {middle}",
             "agrees" if middle == 6 else "disagrees",
-            "of an even number we take the lower one of the middle two",
         ),
-        Claim(
-            "3.2.2",
-            "a consensus of noisy sensors can replace known directions",
+        Finding(
             f"output RMS: vote {printed:.1f} N, all readings at once {mended:.2f} N, "
             f"kernel as observer {min(ours):.2f} to {max(ours):.2f} N; known "
             f"{rms['directions known']:.2f} N; one sensor {RUN_NOISE:g} N",
@@ -278,7 +253,7 @@ def run(progress: Progress) -> ExperimentOutcome:
         "error_matrices": [_error_matrix(name, one) for name, one in found.items()],
         "in_time": _in_time(series),
     }
-    return ExperimentOutcome(claims, figures)
+    return Outcome(claims, figures)
 
 
 def _excess_error(found: _Votes) -> tuple[float, float]:
@@ -295,7 +270,7 @@ NODES = np.arange(1, SEGMENTS + 2)
 
 def _worst_solutions(name: str, votes: _Votes) -> Panel:
     """Return Fig. 3.7: some of the worst solutions of single sensors."""
-    curves: dict[str, Curve] = {"truth": (NODES, votes.moment.tension, ".")}
+    curves = {"truth": (NODES, votes.moment.tension, ".")}
     for sensor in (1, 3, 5, 7):
         worst = int(np.argmax(np.sum(votes.wrong[:, sensor], axis=1)))
         line = votes.own.tension[worst, sensor]
@@ -325,12 +300,12 @@ def _in_time(series: _Run) -> list[Panel]:
     shown = (
         printed, "all readings at once", observer_name(AGILITIES[1]), "directions known"
     )  # fmt: skip
-    tensions: dict[str, Curve] = {"truth": (series.time, series.truth)}
+    tensions = {"truth": (series.time, series.truth)}
     tensions |= {
         f"{name}: RMS {series.rms(name):.2f} N": (series.time, series.output[name])
         for name in shown
     }
-    errors: dict[str, Curve] = {
+    errors = {
         name: (series.time, series.output[name] - series.truth) for name in shown[1:]
     }
     title = f"Output tension from 11 sensors with {RUN_NOISE:g} N noise"

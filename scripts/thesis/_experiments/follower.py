@@ -15,7 +15,7 @@ import numpy as np
 
 from cc_mujoco.cable import Cable, Conduit, Section
 from cc_mujoco.native import FloatArray
-from thesis._outcome import Claim, ExperimentOutcome, Panel, Progress
+from thesis._outcome import Finding, Outcome, Panel, Progress
 from thesis._rig import LENGTH, MOTOR_RADIUS, RECONCILED_CABLE, conduit_in_loops, drive
 
 CABLE = RECONCILED_CABLE.replace(conduit=conduit_in_loops(1))
@@ -79,7 +79,7 @@ def follow(cable: Cable, angle: FloatArray) -> FloatArray:
     return reached
 
 
-def run(progress: Progress) -> ExperimentOutcome:
+def run(progress: Progress) -> Outcome:
     angle = handle_angle()
     ratio = drive(CABLE).ratio
     ideal = share_efforts(CABLE, ratio * angle, angle)
@@ -92,29 +92,21 @@ def run(progress: Progress) -> ExperimentOutcome:
     behind = float(np.degrees(np.max(np.abs(reached - ratio * angle))))
     peak = MOTOR_RADIUS * CABLE.pretension * CABLE.friction * CABLE.wrap
     claims = (
-        Claim(
-            "2.4.5, Fig. 2.14",
-            "ideal follower: effort shared 50/50, equal profiles after scaling by R",
+        Finding(
             f"motor's share {ideal.share:.1%}, profiles {ideal.apart:.1%} RMS apart",
             "agrees" if abs(ideal.share - 0.5) < 0.005 > ideal.apart else "disagrees",
             "exact by symmetry for a uniform bend: each side gives r T0 mu L/R, "
             f"{peak * 1e3:.0f} mN m at the motor",
         ),
-        Claim(
-            "2.4.5",
-            "each source moves half of the cable and compensates half of its friction",
+        Finding(
             f"with all the bend in the motor's 0.3 m: {lopsided.share:.1%}, profiles "
             f"differ by {lopsided.apart:.0%}",
             "in part" if lopsided.apart > 0.02 else "agrees",
-            "in mass motion every part moves; symmetry, not halves, shares the effort",
         ),
-        Claim(
-            "2.4.5, Fig. 2.14",
-            "a real PI follower shares unevenly, and the model shows some of that",
+        Finding(
             f"motor's share {real.share:.0%}, profiles differ by {real.apart:.0%}; the "
             f"motor is up to {behind:.1f} deg behind",
             "agrees" if real.apart > 0.05 else "disagrees",
-            "gains and rotor inertia are ours; the follower gives what its error asks",
         ),
     )
     time = np.arange(angle.size) * DT
@@ -141,4 +133,4 @@ def run(progress: Progress) -> ExperimentOutcome:
             )
         ),
     ]  # fmt: skip
-    return ExperimentOutcome(claims, {"follower": panels})
+    return Outcome(claims, {"follower": panels})

@@ -14,7 +14,7 @@ import numpy as np
 from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.native import FloatArray
 from thesis._literal_solver import Constraint, sign_patterns, solve
-from thesis._outcome import Claim, ExperimentOutcome, Panel, Progress
+from thesis._outcome import Finding, Outcome, Panel, Progress
 from thesis._rig import PRINTED_CABLE
 
 CABLE = PRINTED_CABLE.replace(friction=0.1, static_friction=0.0)
@@ -107,7 +107,7 @@ def filter_error(printed: str = "", steps: int = 20_000) -> tuple[float, float]:
     return float(np.mean(np.square(errors))), believed
 
 
-def run(progress: Progress) -> ExperimentOutcome:
+def run(progress: Progress) -> Outcome:
     matrix = transition_matrix()
     velocity = np.linspace(-0.05, 0.05, 20_001)
     curves = {
@@ -131,61 +131,40 @@ def run(progress: Progress) -> ExperimentOutcome:
     angle, scale = segment_constants()
     short = -scale * np.expm1(-angle)
     claims = (
-        Claim(
-            "(3.11)-(3.14)",
-            "the linear system has no term in the state before: F = 0, not invertible",
+        Finding(
             f"largest entry of F {np.max(np.abs(matrix)):.1g}, "
             f"{matrix.shape[0]} x {matrix.shape[1]}",
             "agrees" if not np.any(matrix) else "disagrees",
-            "the state before only selects the signs; what it keeps is who sticks",
         ),
-        Claim(
-            "3.1.1, Figs. 3.2, 3.3",
-            "with tanh(k v) for sign(v) the Jacobian is zero but around zero velocity",
+        Finding(
             f"below {outside:.0e} beyond 10/k; half width {min(widths):.2f}/k to "
             f"{max(widths):.2f}/k for k = 100 to 10 000 s/m",
             "agrees" if outside < 1e-6 else "disagrees",
-            "closed form by implicit differentiation, both velocities (3.16), (3.17)",
         ),
-        Claim(
-            "3.1, Fig. 3.1",
-            "truth changes motion twice, a moderately noisy sensor 8 times",
+        Finding(
             f"8 changes on average at noise of {eight:.1%} of the ramp; "
             f"{counts[-1]:.0f} at {levels[-1]:.0%}",
             "agrees" if 0.0 < eight < 0.2 else "disagrees",
-            "200 samples up and down across a threshold; the noise is not printed",
         ),
-        Claim(
-            "(3.4)",
-            "P = F P F^-1 + Q",
+        Finding(
             f"error variance {wrong:.2f}, believed {believed_wrong:.2f}; with F^T "
             f"{right:.2f} and {believed:.2f}",
             "misprint"
             if abs(believed_wrong - wrong) > 5.0 * abs(believed - right)
             else "agrees",
-            "a scalar filter with F = 0.2; F^T belongs there",
         ),
-        Claim(
-            "(3.7)",
-            "K = P H^T S",
+        Finding(
             "diverges" if not np.isfinite(diverged) else f"variance {diverged:.2f}",
             "misprint" if not np.isfinite(diverged) else "agrees",
-            "the same filter; the inverse of S belongs there",
         ),
-        Claim(
-            "(3.15)",
-            "u_2 = u_1 + d (exp(c sign v) - 1)",
+        Finding(
             f"moving to the proximal end the segment would be {short * 1e3:.1f} mm "
             "shorter than unstrained at 10 N",
             "misprint" if short > 0.0 else "agrees",
-            "(2.12) has the factor sign v before the bracket, which keeps stretch > 0",
         ),
-        Claim(
-            "(3.20)",
-            "Dirac's delta is 1 at 0",
+        Finding(
             "(3.21) needs an integral of 2 over the jump of sign; a value of 1 gives 0",
             "misprint",
-            "by definition; nothing is built on it",
         ),
     )
     samples = np.arange(200)
@@ -217,4 +196,4 @@ def run(progress: Progress) -> ExperimentOutcome:
             "mean number of changes", {"mean of 400 runs": (100.0 * levels, counts)},
         ),
     ]  # fmt: skip
-    return ExperimentOutcome(claims, {"kalman": panels})
+    return Outcome(claims, {"kalman": panels})

@@ -21,15 +21,7 @@ from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.device._sensors import Sensors
 from cc_mujoco.estimation._fusion import TensionFusion, tension_gains
 from cc_mujoco.native import FloatArray
-from thesis._outcome import (
-    Claim,
-    Curve,
-    ExperimentOutcome,
-    Panel,
-    Progress,
-    rms,
-    round_down_ratio,
-)
+from thesis._outcome import Finding, Outcome, Panel, Progress, rms, round_down_ratio
 from thesis._rig import PRINTED_CABLE
 from thesis.estimators._directions import (
     CONDITIONS,
@@ -195,7 +187,7 @@ def weighted_errors(samples: int = 2000, seed: int = 42) -> dict[str, FloatArray
     equal = Sensors(NODES, (float(np.sqrt(np.mean(unequal**2))),) * len(NODES))
     learnt = _learn(unequal, seed)
     as_learnt = Sensors(NODES, tuple(learnt.tolist()))
-    rows: dict[str, list[float]] = {name: [] for name in WEIGHTS}
+    rows = {name: [] for name in WEIGHTS}
     for place, directions in enumerate(CONDITIONS.values()):
         moment = Moment.of(mesh, directions(SEGMENTS), TENSION, MOTION)
         simulated = own_errors(mesh, moment, equal, samples, seed + 10 + place)
@@ -221,7 +213,7 @@ def weighted_errors(samples: int = 2000, seed: int = 42) -> dict[str, FloatArray
     return {name: np.array(values) for name, values in rows.items()}
 
 
-def run(progress: Progress) -> ExperimentOutcome:
+def run(progress: Progress) -> Outcome:
     found = statistics()
     progress(0.4)
     drifting = drift()
@@ -245,45 +237,33 @@ def run(progress: Progress) -> ExperimentOutcome:
     progress(0.9)
     by_time, by_contrast = motion_error()
     claims = (
-        Claim(
-            "3.2.2",
-            "autocovariance least squares gives unbiased estimates",
+        Finding(
             f"largest mean error is {worst:.1f} standard errors; kept nonnegative, a "
             f"sensor without noise gets {pushed:.2g} N^2 at {LENGTHS[0]} samples",
             "in part" if worst < 4.0 and pushed > 0.0 else "disagrees",
             f"{RUNS} recordings of {len(LENGTHS)} lengths, 5 sensors; a bound at 0 "
             "makes variances near it too large on average",
         ),
-        Claim(
-            "3.2.2",
-            "the estimates necessarily converge",
+        Finding(
             f"scatter falls as samples^{slope:.2f}, to {np.mean(typical[-1]):.1%} at "
             f"{LENGTHS[-1]}; differences in time stay {np.max(high):.2g} N^2 too high",
             "agrees" if abs(slope + 0.5) < 0.1 else "in part",
             f"on a real motion, settled, within {by_time:.1%}; our differences between "
             f"sensors, of which the tension drops out, {by_contrast:.1%}",
         ),
-        Claim(
-            "3.2.2",
-            "computationally efficient",
+        Finding(
             f"more than {round_down_ratio(1e3 / drifting.microseconds)} samples of 5 "
             "sensors a millisecond, in Python",
             "agrees" if drifting.microseconds < 1000.0 else "disagrees",
-            "the problem is convex: nonnegative least squares, solved every 20 samples",
             timed=True,
         ),
-        Claim(
-            "3.2.2",
-            "sensors have varying noise that drifts; estimate it on-line as weights",
+        Finding(
             f"noise followed within {followed:.0%}, {span:.0f}-fold drift; output RMS "
             f"{off['plain mean']:.2f} N plain mean, {off['learnt noise']:.2f} N learnt "
             f"weights, {off['true noise']:.2f} N true ones",
             "agrees" if off["learnt noise"] < 0.9 * off["plain mean"] else "disagrees",
-            "5 sensors, a full cycle of drift a minute; directions known",
         ),
-        Claim(
-            "3.2.2",
-            "noise and extrapolation errors combined should give accurate estimates",
+        Finding(
             f"output RMS of 4 conditions: {_listed(both)} N; plain mean "
             f"{_listed(plain)} N; noise alone {_listed(weighted['noise'])} N",
             "agrees" if np.all(both <= 1.05 * others) else "in part",
@@ -291,8 +271,8 @@ def run(progress: Progress) -> ExperimentOutcome:
             f"at the learnt noise: {_listed(ours)} N",
         ),
     )
-    variances: dict[str, Curve] = {}
-    deviations: dict[str, Curve] = {}
+    variances = {}
+    deviations = {}
     for column, node in enumerate(NODES):
         middle = found.free[..., column].mean(axis=1)
         variances[f"node {node + 1}"] = (LENGTHS, middle, "o-")
@@ -323,7 +303,7 @@ def run(progress: Progress) -> ExperimentOutcome:
             "bar",
         ),
     ]  # fmt: skip
-    return ExperimentOutcome(claims, {"noise": panels})
+    return Outcome(claims, {"noise": panels})
 
 
 def _listed(values: FloatArray) -> str:

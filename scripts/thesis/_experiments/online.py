@@ -27,7 +27,7 @@ from cc_mujoco.estimation._fusion import tension_gains
 from cc_mujoco.estimation._tension_slope import FrictionEstimator
 from cc_mujoco.estimation._tracks import EstimateTrack
 from cc_mujoco.native import FloatArray
-from thesis._outcome import Claim, Curve, ExperimentOutcome, Panel, Progress, rms
+from thesis._outcome import Finding, Outcome, Panel, Progress, rms
 from thesis._rig import PRINTED_CABLE
 from thesis.estimators._parameters import (
     Bend,
@@ -380,7 +380,7 @@ def estimate_softening(duration: float = DRIFT_END, seed: int = 43) -> Softening
     )  # fmt: skip
 
 
-def run(progress: Progress) -> ExperimentOutcome:
+def run(progress: Progress) -> Outcome:
     instant = slopes()
     printed = laws()
     progress(0.3)
@@ -410,18 +410,16 @@ def run(progress: Progress) -> ExperimentOutcome:
         "tracking": _tracking(truth.time, friction, tracks),
         "bend_and_stiffness": [_bend(bend), _stiffness(soft)],
     }
-    return ExperimentOutcome(claims, figures)
+    return Outcome(claims, figures)
 
 
-def _claim_slopes(found: MassMotion) -> Claim:
+def _claim_slopes(found: MassMotion) -> Finding:
     ratio = found.ratio
     grows = bool(np.all(np.diff(ratio) > 0.0)) and ratio[0] < 0.9 and ratio[-1] > 1.1
     carried = ", ".join(
         f"{r:.2f} (x{m:g})" for r, m in zip(ratio, MODEL_FRICTIONS, strict=True)
     )
-    return Claim(
-        "Fig. 3.9",
-        "as mu of the model leaves the truth, its slopes leave that of a linear fit",
+    return Finding(
         f"T_1 - T_N of the model over the fit's: {carried}",
         "agrees" if grows else "disagrees",
         "one instant, 11 sensors with 1 N; even at the right mu the line differs: "
@@ -429,30 +427,24 @@ def _claim_slopes(found: MassMotion) -> Claim:
     )
 
 
-def claim_law(found: PrintedLaws) -> Claim:
+def claim_law(found: PrintedLaws) -> Finding:
     """Judge whether the update law of the thesis works, as printed or mended."""
     left = found.left
     printed, signed, summed, ours = left
     good = left[printed] < 0.25
     mended = left[summed] < 0.05
-    return Claim(
-        "3.2.3",
-        "mu = mu_0 + k mean(T_1 - T_N extrapolated less fitted), or similar, may do",
+    return Finding(
         f"error left of 100 %, at its best k: {left[printed]:.0%}; turned with motion "
         f"{left[signed]:.0%}; also integrated {left[summed]:.1%} (at rest "
         f"{found.bias:+.1%} off); ours {left[ours]:.2%}",
         "agrees" if good else "in part" if mended else "disagrees",
-        "T_1 - T_N changes sign with motion; a law proportional about mu_0 leaves over "
-        "1/2 or oscillates; ours: least squares on ln T",
     )
 
 
-def _claim_filters(one: Following, ends: Following) -> Claim:
+def _claim_filters(one: Following, ends: Following) -> Finding:
     good = all(f.settled < DRIFT_START and f.error < 0.02 for f in (one, ends))
     honest = all(f.covered > 0.85 for f in (one, ends))
-    return Claim(
-        "3.2.3",
-        "an unscented filter holds the update law implicitly; simpler ones might do",
+    return Finding(
         f"from 2 mu: 5 % in {one.settled:.2f} s (slope), {ends.settled:.2f} s "
         f"(unscented); +50 % in 3 min followed to {one.error:.2%} and {ends.error:.2%} "
         f"RMS, stated {one.stated:.2%} and {ends.stated:.2%}",
@@ -462,11 +454,9 @@ def _claim_filters(one: Following, ends: Following) -> Claim:
     )
 
 
-def _claim_bend(found: Bends) -> Claim:
+def _claim_bend(found: Bends) -> Finding:
     good = found.before < 0.03 and found.during < 0.03
-    return Claim(
-        "3.2.3",
-        "the same applies to mu/R(x), with functions of higher order",
+    return Finding(
         f"from uniform 2 x mean: RMS over x {found.before:.1%} of the mean; mu +50 % "
         f"in 3 min followed to {found.during:.1%} (stated {found.stated:.1%})",
         "agrees" if good else "in part",
@@ -475,14 +465,12 @@ def _claim_bend(found: Bends) -> Claim:
     )
 
 
-def claim_stiffness(found: Softening) -> Claim:
+def claim_stiffness(found: Softening) -> Finding:
     """Judge whether stiffness is followed in partial motion, refused in mass motion."""
     result = tracking_statistics(found.time, *found.found, found.truth)
     good = result.settled < DRIFT_START and result.error < 0.05
     guarded = abs(found.refused - 1.0) < 1e-12 and abs(found.fooled - 1.0) > 0.2
-    return Claim(
-        "3.2.3",
-        "in partial motion the one encoder suffices to adjust K_c",
+    return Finding(
         f"from 2 K_c: 5 % in {result.settled:.1f} s; -30 % in 3 min followed to "
         f"{result.error:.1%} RMS (stated {result.stated:.1%}); in mass motion it would "
         f"find {found.fooled:.2f} K_c, so it refuses",
@@ -495,15 +483,13 @@ def claim_stiffness(found: Softening) -> Claim:
 def _slopes(instant: MassMotion, printed: PrintedLaws) -> list[Panel]:
     """Return Fig. 3.9, and the laws that use it."""
     nodes = np.arange(1, instant.reading.size + 1)
-    models: dict[str, Curve] = {
+    models = {
         f"mean of models with {model:g} mu": (nodes, carried.mean(axis=0))
         for model, carried in zip(MODEL_FRICTIONS, instant.models, strict=True)
     }
     models["line fitted"] = (nodes, instant.line)
     models["sensors"] = (nodes, instant.reading, "o")
-    laws: dict[str, Curve] = {
-        name: (printed.time, track) for name, track in printed.tracks.items()
-    }
+    laws = {name: (printed.time, track) for name, track in printed.tracks.items()}
     laws["truth"] = (printed.time, np.full(printed.time.size, CABLE.friction), "--")
     return [
         Panel(
@@ -522,8 +508,8 @@ def _tracking(
     friction: FloatArray,
     tracks: dict[str, tuple[FloatArray, FloatArray]],
 ) -> list[Panel]:
-    values: dict[str, Curve] = {"truth": (time, friction)}
-    errors: dict[str, Curve] = {}
+    values = {"truth": (time, friction)}
+    errors = {}
     for name, (value, deviation) in tracks.items():
         values[name] = (time, value)
         errors[name] = (time, 100.0 * (value / friction - 1.0))
@@ -542,7 +528,7 @@ def _tracking(
 
 
 def _bend(bend: Bends) -> Panel:
-    curves: dict[str, Curve] = {}
+    curves = {}
     moments = {
         f"after {DRIFT_START:g} s": round(DRIFT_START / DT) - 1,
         "at the end, friction grown by half": -1,

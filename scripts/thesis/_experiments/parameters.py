@@ -14,7 +14,7 @@ import numpy as np
 from cc_mujoco.cable import Cable
 from cc_mujoco.estimation._calibration import Calibration, Measurement, calibrate
 from cc_mujoco.native import FloatArray
-from thesis._outcome import Claim, ExperimentOutcome, Panel, Progress
+from thesis._outcome import Finding, Outcome, Panel, Progress
 from thesis._rig import LENGTH, MOTOR_RADIUS, RECONCILED_CABLE, STIFFNESS, drive
 
 DT = 0.005
@@ -84,7 +84,7 @@ def valley(
     return found
 
 
-def run(progress: Progress) -> ExperimentOutcome:
+def run(progress: Progress) -> Outcome:
     """Fit, determine what cannot be known, and count how often the intervals hold."""
     trial = blocked_trial(CABLE, 1)
     naive = by_slope(trial)
@@ -108,49 +108,35 @@ def run(progress: Progress) -> ExperimentOutcome:
     low, high = stiffness.ci95
     traded = taut.correlation[0, 2]
     claims = (
-        Claim(
-            "2.4.2, Table 2.2",
-            "K measured in place with the output blocked: 2 kN/m",
+        Finding(
             f"slope of the loop {naive:.0f} N/m; fit {stiffness.value / LENGTH:.0f} "
             f"[{low / LENGTH:.0f}, {high / LENGTH:.0f}], true "
             f"{STIFFNESS:.0f}",
             "better" if stiffness.holds(STIFFNESS * LENGTH) else "disagrees",
-            "while part of the cable sticks the motor feels a shorter, stiffer one",
         ),
-        Claim(
-            "2.4.2",
-            "both friction coefficients tuned by hand",
+        Finding(
             f"mu_d {friction.value:.5f} +- {_width(fit, 'friction') - 1.0:.2%} from a "
             f"start of {INITIAL_GUESS.friction:g}, true {CABLE.friction:g}",
             "better" if friction.holds(CABLE.friction) else "disagrees",
             f"95 % intervals held the truth in {friction_held:.0%} (mu_d) and "
             f"{stiffness_held:.0%} (K) of {REPEATS} repeats",
         ),
-        Claim(
-            "2.4.2, (2.10)",
-            "8 free parameters; length, curvature and radii measured, the rest fitted",
+        Finding(
             f"curvature free as well: {unknown}; product "
             f"{both['friction'].value * both['wrap'].value:.4f}, true "
             f"{CABLE.friction:g}",
             "in part" if both.undetermined else "agrees",
-            "friction and wrap enter as their product alone",
         ),
-        Claim(
-            "2.4.2",
-            "T0 set by a spring, not fitted",
+        Finding(
             f"fitted beside mu_d: correlation {traded:.4f}, T0 +- "
             f"{_width(taut, 'pretension') - 1.0:.1%}; with a trial that goes slack +- "
             f"{_width(slack, 'pretension') - 1.0:.2%}",
             "agrees" if traded < -0.9 else "disagrees",
-            "a taut pull-pull pair shows T0 times mu; where slack begins shows T0",
         ),
-        Claim(
-            "2.4.2, (2.17)",
-            "mu_s is one of the 8 and was tuned to 0.63",
+        Finding(
             f"the same data ask for mu_s {static[0]:.3f} with 10 segments and "
             f"{static[1]:.3f} with 40",
             "disagrees" if static[1] > 1.2 * static[0] else "agrees",
-            "(2.17) acts across one segment: mu_s is a number of the mesh",
         ),
     )
     frictions = np.linspace(0.010, 0.022, 21)
@@ -180,7 +166,7 @@ def run(progress: Progress) -> ExperimentOutcome:
             "semilogy",
         ),
     ]  # fmt: skip
-    return ExperimentOutcome(claims, {"parameters": panels})
+    return Outcome(claims, {"parameters": panels})
 
 
 def _static_fit(segments: int) -> float:

@@ -14,15 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cc_mujoco.native import FloatArray
-from thesis._outcome import (
-    Claim,
-    Curve,
-    ExperimentOutcome,
-    Panel,
-    Progress,
-    Verdict,
-    rms,
-)
+from thesis._outcome import Finding, Outcome, Panel, Progress, rms
 from thesis.predecessors import (
     Answer,
     BristleChain,
@@ -110,7 +102,7 @@ def cost(model: PublishedModel, proximal: FloatArray) -> float:
     return best / proximal.size
 
 
-def run(progress: Progress) -> ExperimentOutcome:
+def run(progress: Progress) -> Outcome:
     proximal = motion()
     truth = Distributed(CABLE.replace(segments=REFERENCE_SEGMENTS)).replay(
         DT, proximal, SPRING
@@ -125,10 +117,10 @@ def run(progress: Progress) -> ExperimentOutcome:
         progress((place + 1) / len(asked))
     by_type = {type(judged.model): judged for judged in found}
     figures = {"capabilities": _capabilities(found), "motion": _motion(found, truth)}
-    return ExperimentOutcome(_claims(by_type), figures)
+    return Outcome(_claims(by_type), figures)
 
 
-def _claims(found: dict[type[PublishedModel], _Judged]) -> tuple[Claim, ...]:
+def _claims(found: dict[type[PublishedModel], _Judged]) -> tuple[Finding, ...]:
     capstan, kaneko, do = (
         found[kind] for kind in (StaticCapstan, LumpedMasses, ModifiedBoucWen)
     )
@@ -141,7 +133,7 @@ def _claims(found: dict[type[PublishedModel], _Judged]) -> tuple[Claim, ...]:
     palli = dahl.shows("partial motion") and lugre.shows("partial motion")
     palli_lacks = not dahl.shows("slack") and not dahl.shows("changing curvature")
     moving, starting = do.friction
-    do_tracks: Verdict = "agrees" if moving < 0.5 * starting else "in part"
+    do_tracks = "agrees" if moving < 0.5 * starting else "in part"
     same = np.max(
         np.abs(np.subtract(ours.answer.tension_distal, before.answer.tension_distal))
     )
@@ -158,55 +150,35 @@ def _claims(found: dict[type[PublishedModel], _Judged]) -> tuple[Claim, ...]:
         if kind not in (Distributed, LuGreChain)
     )
     return (
-        Claim(
-            "1.5",
-            "simulators take friction, if at all, as a ratio of tensions",
+        Finding(
             f"output tension {capstan.moving:.1f} N off while it moves and "
             f"{capstan.starting:.1f} N while part of the cable moves",
             "disagrees" if capstan.shows("partial motion") else "agrees",
-            "not a model of the thesis; its output jumps at every reversal",
         ),
-        Claim(
-            "1.5",
-            "Kaneko: no partial motion, fixed bends, spring environments, one "
-            "pretension",
+        Finding(
             "; ".join(
                 kaneko.findings[name].result
                 for name in ("partial motion", "slack", "creates no energy")
             ),
             "disagrees" if any(map(kaneko.shows, lacking)) else "agrees",
-            "linear between reversals, where its stiffness jumps under load",
         ),
-        Claim(
-            "1.5, (1.2)",
-            "Palli and Melchiorri: Dahl friction instead of Coulomb's",
+        Finding(
             f"partial motion appears; output {dahl.moving:.1g} N off in motion (LuGre "
             f"{lugre.moving:.1g} N); slack: {dahl.findings['slack'].result}",
             "agrees" if palli and palli_lacks else "in part",
-            "with bristles of 20 um it is nearly ours while the cable is taut; at rest "
-            "they hold even where bends open",
         ),
-        Claim(
-            "1.5, (1.3)-(1.5)",
-            "Do: tracks well in motion, misses partial motion",
+        Finding(
             f"fitted to the first stroke, friction is {moving:.1f} N off in motion and "
             f"{starting:.1f} N in partial motion; the output {do.moving:.1f} and "
             f"{do.starting:.1f} N",
             "disagrees" if do.shows("partial motion") else do_tracks,
-            "output and motor move alike in it; on an elastic cable the output is off "
-            "by the stretch",
         ),
-        Claim(
-            "1.5",
-            "Agrawal: distributed, but passive environment and motion from one end",
+        Finding(
             f"output tension within {same:.1g} N of ours on a spring; takes no output "
             "that someone moves, and does not slip where bends open",
             "agrees" if passive and refused and same < 0.1 else "disagrees",
-            "its front comes from the motor only; where that is enough it is our model",
         ),
-        Claim(
-            "1.5, 2.1",
-            "bidirectional motion is in no model before; any environment, any bends",
+        Finding(
             f"ours answers {sum(f.able for f in ours.findings.values())} of "
             f"{len(CAPABILITY_TESTS)} questions right",
             "agrees"
@@ -216,9 +188,7 @@ def _claims(found: dict[type[PublishedModel], _Judged]) -> tuple[Claim, ...]:
             if bidirectional
             else "answers known from capstan law, length and energy balance",
         ),
-        Claim(
-            "1.5",
-            "the distributed model before was expensive to solve",
+        Finding(
             f"time of a step, ours is 1: {costs}",
             "agrees" if before.cost > 1.5 else "disagrees",
             f"all compiled, {CABLE.segments} segments, spring at the output, one run",
@@ -229,11 +199,11 @@ def _claims(found: dict[type[PublishedModel], _Judged]) -> tuple[Claim, ...]:
 
 def _capabilities(found: list[_Judged]) -> list[Panel]:
     names = [judged.model.name for judged in found]
-    able: dict[str, Curve] = {}
+    able = {}
     for number, question in enumerate(CAPABILITY_TESTS, start=1):
         good = [j.model.name for j in found if j.shows(question)]
         able[f"{number}: {question}"] = ([number] * len(good), good, "o")
-    numbers: dict[str, Curve] = {
+    numbers = {
         "RMS error of the output in motion [N]": (
             [j.moving for j in found],
             names,

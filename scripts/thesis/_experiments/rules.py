@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cc_mujoco.cable import replay
+from cc_mujoco.cable import Replay, replay
 from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.native import FloatArray
 from thesis._literal_solver import (
@@ -21,7 +21,7 @@ from thesis._literal_solver import (
     sign_pattern_system,
     sign_patterns,
 )
-from thesis._outcome import Claim, ExperimentOutcome, Panel, Progress, rms
+from thesis._outcome import Finding, Outcome, Panel, Progress, rms
 from thesis._rig import PRINTED_CABLE
 
 CABLE = PRINTED_CABLE.replace(friction=0.1, static_friction=0.0)
@@ -56,22 +56,28 @@ def null_point_error(
     segments: tuple[int, ...] = SEGMENTS, samples: int = SAMPLES
 ) -> _Opposed:
     """Measure how the rounding of the null point to a node shows (2.1.2, 2.3.2)."""
-    proximal, distal = pull_both_ends(samples)
-    fine = replay(
-        CABLE.replace(segments=FINE_SEGMENTS), DT, u_proximal=proximal, u_distal=distal
-    )
-    exact = np.column_stack([fine.tension_proximal, fine.tension_distal])
+    ends = pull_both_ends(samples)
+    exact = _ends(_played(FINE_SEGMENTS, *ends))
     rows = []
     for n in segments:
         cable = CABLE.replace(segments=n)
-        theirs = play(cable, u_proximal=proximal, u_distal=distal)
-        ours = replay(cable, DT, u_proximal=proximal, u_distal=distal)
-        ends = np.column_stack([ours.tension_proximal, ours.tension_distal])
+        theirs = play(cable, u_proximal=ends[0], u_distal=ends[1])
+        ours = _percent(_ends(_played(n, *ends)), exact)
         work = friction_work(theirs.tension, theirs.displacement)
         fed = -np.sum(work[work < 0.0]) / np.sum(np.abs(work))
-        errors = _percent(theirs.tension[:, [0, -1]], exact), _percent(ends, exact)
-        rows.append((*errors, theirs.contradicted / samples, fed))
+        error = _percent(theirs.tension[:, [0, -1]], exact)
+        rows.append((error, ours, theirs.contradicted / samples, fed))
     return _Opposed(*np.array(rows).T)
+
+
+def _played(segments: int, proximal: FloatArray, distal: FloatArray) -> Replay:
+    """Play a motion of both ends through our kernel."""
+    cable = CABLE.replace(segments=segments)
+    return replay(cable, DT, u_proximal=proximal, u_distal=distal)
+
+
+def _ends(motion: Replay) -> FloatArray:
+    return np.column_stack([motion.tension_proximal, motion.tension_distal])
 
 
 def friction_work(tension: FloatArray, displacement: FloatArray) -> FloatArray:
@@ -147,11 +153,8 @@ def slack_error(segments: int = 20) -> float:
     """Return the difference of thesis and kernel with slack (2.1.1.2) [%]."""
     pull = -0.015 * np.sin(np.linspace(0.0, 4.0 * np.pi, SAMPLES))
     still = np.zeros_like(pull)
-    cable = CABLE.replace(segments=segments)
-    theirs = play(cable, u_proximal=pull, u_distal=still)
-    ours = replay(cable, DT, u_proximal=pull, u_distal=still)
-    ends = np.column_stack([ours.tension_proximal, ours.tension_distal])
-    return _percent(theirs.tension[:, [0, -1]], ends)
+    theirs = play(CABLE.replace(segments=segments), u_proximal=pull, u_distal=still)
+    return _percent(theirs.tension[:, [0, -1]], _ends(_played(segments, pull, still)))
 
 
 def front_speed(segments: int) -> float:
@@ -169,92 +172,63 @@ def distal_rule_as_printed(pulls: FloatArray) -> int:
     return int(np.count_nonzero(1.0 >= pulls * np.exp(angle)))
 
 
-def run(progress: Progress) -> ExperimentOutcome:
+def run(progress: Progress) -> Outcome:
     """Play every doubtful case."""
     null = null_point_error()
     progress(0.6)
     static = static_effect()
     progress(0.8)
     one_sided, mean = one_sided_velocity()
-    slack = slack_error()
-    speed = front_speed(12)
+    slack, speed = slack_error(), front_speed(12)
     pulls = np.geomspace(1.001, 1000.0, 200)
     passed = distal_rule_as_printed(pulls)
-    proximal, distal = pull_both_ends(SAMPLES)
     n = SEGMENTS[-1]
     fall = static.thesis_solver[0] / static.thesis_solver[-1]
-    cable = CABLE.replace(segments=n)
-    theirs = play(cable, u_proximal=proximal, u_distal=distal).tension[:, 0]
-    fine = replay(
-        CABLE.replace(segments=FINE_SEGMENTS), DT, u_proximal=proximal, u_distal=distal
-    )
-    claims = (
-        Claim(
-            "2.3.3",
-            "exactly one sign pattern is consistent at any time",
-            f"none is in {np.min(null.contradicted):.0%} to "
-            f"{np.max(null.contradicted):.0%} of the steps of an opposed pull, N = "
-            f"{SEGMENTS[0]} to {n}; elsewhere one is",
-            "in part" if np.max(null.contradicted) > 0.01 else "agrees",
-            "where motion turns inside a segment, either sign of it contradicts itself",
+    spread = np.max(static.memory) / np.min(static.memory) - 1.0
+    none, fed = null.contradicted, np.max(null.fed)
+    findings = (
+        Finding(
+            f"none is in {np.min(none):.0%} to {np.max(none):.0%} of the steps of an "
+            f"opposed pull, N = {SEGMENTS[0]} to {n}; elsewhere one is",
+            "in part" if np.max(none) > 0.01 else "agrees",
         ),
-        Claim(
-            "2.1.2, 2.3.2",
-            "motion from both ends is solved by the same patterns",
+        Finding(
             f"opposed pull, N = {n}: error {null.thesis_solver[-1]:.2g} % and not "
             f"falling ({null.thesis_solver[1]:.2g} % at N = {SEGMENTS[1]}); our kernel "
             f"{null.kernel[-1]:.2g} %",
             "disagrees" if null.thesis_solver[-1] > 5.0 * null.kernel[-1] else "agrees",
-            "the null point is rounded to a segment; ours is a place inside it",
         ),
-        Claim(
-            "2.7, 2.17",
-            "mu_s decides when the next node joins",
+        Finding(
             f"effect of mu_s = 3 mu_d falls {fall:.0f} times from N = {SEGMENTS[0]} to "
-            f"{n}; over 1 mm of slip it stays within {_spread(static.memory):.0%}",
+            f"{n}; over 1 mm of slip it stays within {spread:.0%}",
             "disagrees" if fall > 3.0 else "agrees",
-            "one segment holds: the finer the mesh, the less; "
-            "`critical_slip_distance` mends it",
         ),
-        Claim(
-            "2.2, (2.18)",
-            "without solving again, motion spreads at most one node a step: L/(N dt)",
-            f"{speed:.0f} node a step",
-            "agrees" if speed == 1.0 else "disagrees",
-            "both solvers here let a front pass the whole cable in one step",
-        ),
-        Claim(
-            "(2.17)",
-            "the rule holds at either end, with k-1 for k+1 at the distal one",
+        Finding(f"{speed:.0f} node a step", "agrees" if speed == 1.0 else "disagrees"),
+        Finding(
             f"as printed it lets {passed} of {len(pulls)} distal pulls pass, up to "
             f"{pulls[-1]:.0f} times the tension inside",
             "misprint" if passed == 0 else "agrees",
-            "turning the axis (footnote 3) turns the sign of the velocity as well",
         ),
-        Claim(
-            "Appendix",
-            "velocity of the proximal node feeds energy in, the mean of both does not",
+        Finding(
             f"{one_sided:.0%} of the friction work fed in, against {mean:.0%}; but in "
-            f"steps that no pattern fits {np.max(null.fed):.1%} with the mean, too",
-            "in part" if one_sided > 0.0 == mean and np.max(null.fed) > 0 else "agrees",
-            "5 segments pulled at both ends; our kernel never feeds energy in",
+            f"steps that no pattern fits {fed:.1%} with the mean, too",
+            "in part" if one_sided > 0.0 == mean and fed > 0 else "agrees",
         ),
-        Claim(
-            "2.1.1.2, footnote 4",
-            "a slack cable may be solved as if it could push, and shown with tension 0",
+        Finding(
             f"differs by {slack:.2g} % from a cable that knows slack, N = 20",
             "agrees" if slack < 1.0 else "in part",
-            "friction of a pushed cable has no cause, but here it hardly shows",
         ),
     )
-    step = np.arange(SAMPLES)
+    ends, step = pull_both_ends(SAMPLES), np.arange(SAMPLES)
+    fine = _played(FINE_SEGMENTS, *ends).tension_proximal
+    theirs = play(CABLE.replace(segments=n), u_proximal=ends[0], u_distal=ends[1])
     panels = [
         Panel(
             "Both ends pulled apart and let go, three times", "time step",
             "tension at the motor end [N]",
             {
-                f"our kernel, {FINE_SEGMENTS} segments": (step, fine.tension_proximal),
-                f"thesis's rules, {n} segments": (step, theirs),
+                f"our kernel, {FINE_SEGMENTS} segments": (step, fine),
+                f"thesis's rules, {n} segments": (step, theirs.tension[:, 0]),
             },
         ),
         Panel(
@@ -269,7 +243,7 @@ def run(progress: Progress) -> ExperimentOutcome:
         Panel(
             "Where no sign pattern is consistent", "number of segments", "share [%]",
             {
-                "steps that no pattern fits": (SEGMENTS, 100.0 * null.contradicted),
+                "steps that no pattern fits": (SEGMENTS, 100.0 * none),
                 "friction work fed in": (SEGMENTS, 100.0 * null.fed),
             },
             "bar",
@@ -285,14 +259,10 @@ def run(progress: Progress) -> ExperimentOutcome:
             "loglog",
         ),
     ]  # fmt: skip
-    return ExperimentOutcome(claims, {"rules": panels})
+    return Outcome(findings, {"rules": panels})
 
 
 def _percent(ends: FloatArray, exact: FloatArray) -> float:
     """Return the RMS error of the worse column in percent of the largest value."""
     worst = max(rms(ends[:, i] - exact[:, i]) for i in (0, 1))
     return 100.0 * worst / float(np.max(exact))
-
-
-def _spread(values: FloatArray) -> float:
-    return float(np.max(values) / np.min(values) - 1.0)

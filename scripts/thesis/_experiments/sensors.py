@@ -17,7 +17,7 @@ from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.device._sensors import Sensors
 from cc_mujoco.estimation._fusion import TensionFusion, Weights, fuse, tension_gains
 from cc_mujoco.native import FloatArray
-from thesis._outcome import Claim, Curve, ExperimentOutcome, Panel, Progress, rms
+from thesis._outcome import Finding, Outcome, Panel, Progress, rms
 from thesis._rig import PRINTED_CABLE, RECONCILED_CABLE
 
 SEGMENTS = 10
@@ -142,7 +142,7 @@ def rest_drift(run: _Run) -> float:
     return float(np.max(np.abs(np.diff(error)[still])))
 
 
-def run(progress: Progress) -> ExperimentOutcome:
+def run(progress: Progress) -> Outcome:
     """Reproduce Figs. 3.4, 3.5 and 3.6."""
     grid = error_grid()
     progress(0.6)
@@ -167,9 +167,7 @@ def run(progress: Progress) -> ExperimentOutcome:
         rms((each - series.truth)[still]) for each in (series.mean, series.best)
     )
     claims = (
-        Claim(
-            "3.2.1",
-            "the sample mean is exactly the minimum-variance unbiased estimator",
+        Finding(
             f"its error at the output is {excess - 1.0:.0%} above that of inverse-"
             f"variance weights (Table 2.2; {mild - 1.0:.1%} with mu = "
             f"{RECONCILED_CABLE.friction:g}); both unbiased",
@@ -177,34 +175,27 @@ def run(progress: Progress) -> ExperimentOutcome:
             "capstan factors scale the noise too; it would be exact only for noise in "
             f"proportion to tension; sensors all along: sinh(a)/a = {limit:.2f}",
         ),
-        Claim(
-            "Fig. 3.5",
-            "error falls with number and quality of sensors, 10,000 simulations each",
+        Finding(
             f"noise 10 % of output: {one:.1f} % with 1 sensor, {all_mean:.1f} % with "
             f"11 by the mean, {all_best:.1f} % by our weights",
             "agrees" if falls and theory < 0.05 else "in part",
             f"real simulations, within {theory:.1%} of theory; values are not printed, "
             "sensors at random nodes",
         ),
-        Claim(
-            "Fig. 3.6",
-            "estimate is like white Gaussian noise about the truth, no effects in time",
+        Finding(
             f"Ljung-Box over {LAGS} lags p = {white:.2f}; mean error {offset:.1f} of "
             f"its standard errors; size {size:.2f} of the predicted",
             "agrees" if whole else "disagrees",
             f"{series.scaled.size} moving samples of two ramps up and down",
         ),
-        Claim(
-            "Fig. 3.6",
-            "at rest the error stays that of the last moment of motion",
+        Finding(
             f"changes by {drift:.1g} N at most; RMS at rest {held:.2f} N, and "
             f"{averaged:.2f} N if readings are averaged on",
             "better" if drift < 1e-9 and averaged < held else "in part",
-            "a node at rest keeps its tension: further readings are of the same number",
         ),
     )
     counts = np.arange(1, SEGMENTS + 2)
-    curves: dict[str, Curve] = {}
+    curves = {}
     for row, noisy in enumerate(NOISE_LEVELS):
         curves[f"mean, noise {100 * noisy:g} %"] = (counts, grid.mean[row], "o-")
         weighted = (counts, grid.weighted[row], "--")
@@ -224,7 +215,7 @@ def run(progress: Progress) -> ExperimentOutcome:
             },
         ),
     ]  # fmt: skip
-    return ExperimentOutcome(claims, {"sensors": panels})
+    return Outcome(claims, {"sensors": panels})
 
 
 def _instant() -> Panel:

@@ -18,14 +18,7 @@ from cc_mujoco.cable._conduit import packed_parameters
 from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.native import FloatArray, compiled
 from thesis._literal_solver import Constraint, by_fsolve, play, sign_patterns, solve
-from thesis._outcome import (
-    Claim,
-    Curve,
-    ExperimentOutcome,
-    Panel,
-    Progress,
-    round_down_ratio,
-)
+from thesis._outcome import Finding, Outcome, Panel, Progress, passing, round_down_ratio
 from thesis._rig import PRINTED_CABLE
 
 SEGMENTS = (1, 2, 3, 5, 8, 12, 20, 30, 50, 75, 100)
@@ -50,48 +43,44 @@ def costs(segments: int, steps: int = 60, general_steps: int = 6) -> Costs:
     at = np.arange(1, 100 * steps + 1) * DT
     proximal = drag[-1] + 0.05 * at
     distal = drag[-1] + 0.03 + 0.05 * at + 0.002 * np.sin(6.0 * at)
-    rest = cable.pretension * cable.length / cable.axial_stiffness
-
     ours, ends = _time_kernel(cable, drag, proximal, distal, steps)
+    rest = cable.pretension * cable.length / cable.axial_stiffness
+    measured = [
+        [
+            Constraint("displacement", 0, near),
+            Constraint("displacement", segments, rest + far),
+        ]
+        for near, far in zip(proximal[:steps], distal[:steps], strict=True)
+    ]
 
     mesh, patterns = Mesh.of(cable), sign_patterns(segments)
     u = before.displacement[-1]
     begin = time.thread_time()
-    for row in range(steps):
-        found = solve(
-            mesh, u, _ends(proximal[row], rest + distal[row], segments), patterns
-        )
+    for constraints in measured:
+        found = solve(mesh, u, constraints, patterns)
         u = found.displacement
     enumeration = (time.thread_time() - begin) / steps
     apart = float(np.max(np.abs(found.tension[[0, -1]] / ends - 1.0)))
 
     guess = np.concatenate([before.tension[-1], before.displacement[-1]])
     begin = time.thread_time()
-    for row in range(general_steps):
-        tension, u, _ = by_fsolve(
-            mesh,
-            guess[segments + 1 :],
-            _ends(proximal[row], rest + distal[row], segments),
-            guess,
-        )
-        guess = np.concatenate([tension, u])
+    for constraints in measured[:general_steps]:
+        *found_nodes, _ = by_fsolve(mesh, guess[segments + 1 :], constraints, guess)
+        guess = np.concatenate(found_nodes)
     general = (time.thread_time() - begin) / general_steps
     return Costs(ours, enumeration, general, apart)
 
 
-def run(progress: Progress) -> ExperimentOutcome:
+def run(progress: Progress) -> Outcome:
     costs(2, steps=5, general_steps=2)  # compiles and warms up
-    rows = []
-    for place, n in enumerate(SEGMENTS):
-        rows.append(costs(n))
-        progress((place + 1) / len(SEGMENTS))
+    found = {n: costs(n) for n in passing(SEGMENTS, progress)}
     labels = {
         "fsolve": "fsolve, from the last solution",
         "enumeration": "sign enumeration (thesis)",
         "kernel": "our kernel",
     }
-    curves: dict[str, Curve] = {
-        label: (SEGMENTS, [1e3 * getattr(row, name) for row in rows], "o-")
+    curves = {
+        label: (SEGMENTS, [1e3 * getattr(row, name) for row in found.values()], "o-")
         for name, label in labels.items()
     }
     curves["one period of a 1 kHz loop"] = (SEGMENTS, np.ones(len(SEGMENTS)), "--")
@@ -99,8 +88,7 @@ def run(progress: Progress) -> ExperimentOutcome:
         "Time of one solution, every segment slipping", "number of segments",
         "time [ms]", curves, "loglog",
     )  # fmt: skip
-    claims = _claims(dict(zip(SEGMENTS, rows, strict=True)))
-    return ExperimentOutcome(claims, {"solution_time": [times]})
+    return Outcome(_findings(found), {"solution_time": [times]})
 
 
 @compiled
@@ -123,13 +111,8 @@ def _time_kernel(
     cable: Cable, drag: FloatArray, proximal: FloatArray, distal: FloatArray, steps: int
 ) -> tuple[float, FloatArray]:
     """Return the best time of a step of three, and the final end tensions."""
-    n = cable.segments
-    prm, work, state = (
-        packed_parameters(cable),
-        np.empty(kernel.work_size(n)),
-        rest_state(cable),
-    )
-    new = state.copy()
+    n, prm, state = cable.segments, packed_parameters(cable), rest_state(cable)
+    new, work = state.copy(), np.empty(kernel.work_size(n))
     step_through(prm, n, state, drag, drag + np.minimum(drag, 0.03), new, work)
     early = state.copy()
     step_through(prm, n, early, proximal[:steps], distal[:steps], new, work)
@@ -142,68 +125,45 @@ def _time_kernel(
     return best, early[[kernel.STATE_HEADER, kernel.STATE_HEADER + n]]
 
 
-def _ends(proximal: float, distal: float, n: int) -> list[Constraint]:
-    return [
-        Constraint("displacement", 0, proximal),
-        Constraint("displacement", n, distal),
-    ]
-
-
-def _claims(found: dict[int, Costs]) -> tuple[Claim, ...]:
-    most = max(found)
+def _findings(found: dict[int, Costs]) -> tuple[Finding, ...]:
+    most, fifty = max(found), found[50]
     gain = max(row.fsolve / row.enumeration for row in found.values())
     ours = min(row.enumeration / row.kernel for row in found.values())
-    total = found[50].fsolve / found[50].kernel
     many = [n for n in found if n >= 20]
-    powers = [
+    by_enumeration, by_kernel = (
         np.polyfit(np.log(many), np.log([getattr(found[n], f) for n in many]), 1)[0]
         for f in ("enumeration", "kernel")
-    ]
+    )
     late = min(n for n, row in found.items() if row.fsolve > 1e-3)
+    ratio, admissible = round_down_ratio, len(sign_patterns(5))
     return (
-        Claim(
-            "2.3.2, Fig. 2.4",
-            "sign enumeration is nearly 2 orders of magnitude faster than fsolve",
-            f"more than {round_down_ratio(gain)} times at best; our kernel is more "
-            f"than {round_down_ratio(ours)} times faster still, "
-            f"{round_down_ratio(total)} times in all at 50 segments",
+        Finding(
+            f"more than {ratio(gain)} times at best; our kernel is more than "
+            f"{ratio(ours)} times faster still, {ratio(fifty.fsolve / fifty.kernel)} "
+            "times in all at 50 segments",
             "better" if gain > 30.0 and ours > 10.0 else "disagrees",
-            "same equations, same motion, one run; NumPy and SciPy instead of MATLAB",
             timed=True,
         ),
-        Claim(
-            "2.3.2",
-            "up to 50 segments inside the 1 ms of a 1 kHz loop",
-            f"more than {round_down_ratio(1e-3 / found[50].enumeration)} steps of the "
-            f"enumeration, {round_down_ratio(1e-3 / found[50].kernel)} of the kernel",
-            "better" if found[50].enumeration < 1e-3 else "disagrees",
-            "mean of mass motion; a pattern change costs more",
+        Finding(
+            f"more than {ratio(1e-3 / fifty.enumeration)} steps of the enumeration, "
+            f"{ratio(1e-3 / fifty.kernel)} of the kernel",
+            "better" if fifty.enumeration < 1e-3 else "disagrees",
             timed=True,
         ),
-        Claim(
-            "2.3.2",
-            "fsolve cannot run one segment at 1 kHz",
+        Finding(
             f"fsolve takes more than 1 ms from {late} segments on, and more than "
-            f"{round_down_ratio(found[most].fsolve / found[1].fsolve)} times as long "
-            f"with {most} as with 1",
+            f"{ratio(found[most].fsolve / found[1].fsolve)} times as long with {most} "
+            "as with 1",
             "agrees" if late == 1 else "in part",
-            "machines have become faster; its way across the jump of the sign has not",
             timed=True,
         ),
-        Claim(
-            "2.3.2",
-            "expected cost O(n^3), worst case O(n^4)",
-            f"from 20 segments on enumeration grows as n^{powers[0]:.1f}, "
-            f"our kernel as n^{powers[1]:.1f}",
-            "better" if powers[1] < 1.5 else "disagrees",
-            "LAPACK is below its cubic regime here; marching fronts need no matrix",
+        Finding(
+            f"from 20 segments on enumeration grows as n^{by_enumeration:.1f}, our "
+            f"kernel as n^{by_kernel:.1f}",
+            "better" if by_kernel < 1.5 else "disagrees",
             timed=True,
         ),
-        Claim(
-            "2.3.2, Listing 2.2",
-            "5 segments: 3^5 = 243 combinations of signs, 4(N-1) admissible",
-            f"{3**5} and {len(sign_patterns(5))}",
-            "agrees" if len(sign_patterns(5)) == 16 else "disagrees",
-            "inertia-free motion comes from the two ends, so it turns once at most",
+        Finding(
+            f"{3**5} and {admissible}", "agrees" if admissible == 16 else "disagrees"
         ),
     )

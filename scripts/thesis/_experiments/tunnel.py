@@ -21,7 +21,7 @@ from cc_mujoco.estimation._calibration import Calibration, Measurement, calibrat
 from cc_mujoco.human import task, trajectory
 from cc_mujoco.metrics._signals import signal_lag
 from cc_mujoco.native import FloatArray
-from thesis._outcome import Claim, ExperimentOutcome, Panel, Progress, rms
+from thesis._outcome import Finding, Outcome, Panel, Progress, rms
 from thesis._rig import RECONCILED_CABLE, conduit_in_loops, drive
 
 DT = 2e-3
@@ -123,7 +123,7 @@ def binned(
     return np.array(mean), np.array(size)
 
 
-def run(progress: Progress) -> ExperimentOutcome:
+def run(progress: Progress) -> Outcome:
     """Record, compare, bin by velocity, then mend the model itself."""
     recording = record(RIG)
     found = residual(recording)
@@ -156,9 +156,7 @@ def run(progress: Progress) -> ExperimentOutcome:
     )
     phase = 360.0 * late / PERIOD
     claims = (
-        Claim(
-            "2.4.4, Fig. 2.13",
-            "RMS error 0.27 N m; a viscous term takes a third of it, to 0.19 N m",
+        Finding(
             f"{rms(found.before):.2f} to {rms(found.after):.2f} N m, "
             f"{found.removed:.0%} less",
             "in part" if 0.25 < found.removed < 0.42 else "disagrees",
@@ -166,18 +164,12 @@ def run(progress: Progress) -> ExperimentOutcome:
             "(0.27 to 0.19 is 30 %), so they show only that such friction can; viscous "
             f"friction alone cannot: the linear term would take {scan[0][3]:.0%}",
         ),
-        Claim(
-            "2.4.4, Fig. 2.13",
-            "what remains resembles Stribeck friction",
+        Finding(
             f"remaining error in motion {slow:.2f} N m RMS below 0.3 rad/s, {fast:.2f} "
             "above 0.8",
             "in part" if slow > 1.5 * fast else "disagrees",
-            "largest where the handle is slow, but the rig has Stribeck friction "
-            "because we gave it",
         ),
-        Claim(
-            "2.4.4, 2.4.6",
-            "a better friction model is needed for use in a controller",
+        Finding(
             f"refitted with a viscous term {by_viscous:.2f} N m, with Stribeck as well "
             f"{by_full:.3f} N m RMS",
             "cannot",
@@ -186,22 +178,16 @@ def run(progress: Progress) -> ExperimentOutcome:
             f"{full['stribeck_friction'].value:.3f} of {STRIBECK:g}); the thesis's "
             "recordings are not in the text",
         ),
-        Claim(
-            "2.4.4, Fig. 2.12",
-            "modelled angle within 3 degrees, in phase",
+        Finding(
             f"motor angle within {angle:.1f} deg; torques {1e3 * late:.0f} ms apart, "
             f"{phase:.0f} deg of the sweep",
             "agrees" if angle < 3.0 and phase < 10.0 else "in part",
-            "the angle differs by the stretch that the missing drag causes",
         ),
-        Claim(
-            "(2.29), 2.4.4",
-            "walls of 0.5 N m/rad from 0.05 rad, at most 0.2 N m; sweeps beyond 20 deg",
+        Finding(
             f"0.2 N m is reached at 0.45 rad; the wearer sweeps to "
             f"{np.degrees(np.max(recording.handle_angle)):.1f} deg, "
             f"{np.max(recording.motor_torque):.3f} N m",
             "agrees",
-            "rendered at the motor's pulley, so the handle feels up to 5.2 times that",
         ),
     )
     degrees = np.degrees(recording.handle_angle)
@@ -249,4 +235,4 @@ def run(progress: Progress) -> ExperimentOutcome:
             limits=(0.0, None),
         ),
     ]  # fmt: skip
-    return ExperimentOutcome(claims, {"tunnel": panels})
+    return Outcome(claims, {"tunnel": panels})

@@ -20,7 +20,7 @@ from scipy.optimize import brentq
 from cc_mujoco.cable import Cable, Section
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
-from thesis.predecessors._model import Answer, EndSpring, Moved, PublishedModel
+from thesis.predecessors._models import Answer, EndSpring, Moved, PublishedModel
 
 DT = 1e-3
 CABLE = Cable(

@@ -10,16 +10,15 @@ import pytest
 from numpy.typing import NDArray
 
 from rig import strength
-from rig.bristles import NAMED, UNKNOWN
 from rig.dataset import run, truth_of
-from rig.effects import Truth
-from rig.makes import MAKES
+from rig.makes import MAKES, Truth
 from rig.nominal import Rig, make_rig
 from rig.sensors import BASIC, CHANNELS, Chain, logged, sampled
 from rig.trials import Trial
 from study_marks import study_but
 
-EFFECTS = MAKES["bristles"].effects
+MAKE = MAKES["bristles"]
+EFFECTS = MAKE.effects
 
 FLOORS = np.array([CHANNELS[name].floor for name in BASIC])
 ISSUED = """
@@ -43,9 +42,9 @@ def plain(reversing: Trial) -> NDArray[np.float64]:
 
 
 def test_ids_are_those_of_the_verdicts_and_unknowns_say_so() -> None:
-    assert set(NAMED) == set(ISSUED)
-    assert len(UNKNOWN) >= 6
-    assert all(name.startswith("unknown_") for name in UNKNOWN)
+    assert set(MAKE.named) == set(ISSUED)
+    assert len(MAKE.unknown) >= 6
+    assert all(name.startswith("unknown_") for name in MAKE.unknown)
 
 
 @pytest.mark.parametrize("name", study_but(4, EFFECTS))

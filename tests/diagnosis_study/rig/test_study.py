@@ -8,16 +8,16 @@ from typing import Any
 
 import proposal_loop
 import pytest
-from diagnose_benchmark import cases, run
-from diagnose_table import is_right, judged, summary, went
+from diagnose_benchmark import cases, is_right, judged, run, summary, went
 from hypothesis import given
 from hypothesis import strategies as st
 
 from rig import dataset
-from rig.bristles import NAMED, UNKNOWN
+from rig.makes import MAKES
 from rig.trials import SETS, Trial
 
-KINDS = {"named": NAMED, "unknown": UNKNOWN, "none": ("none",)}
+MAKE = MAKES["bristles"]
+KINDS = {"named": MAKE.named, "unknown": MAKE.unknown, "none": ("none",)}
 FEW = ("backlash", "presliding", "joint_gravity")
 STRENGTHS = (2.0, 4.0)
 
@@ -166,7 +166,7 @@ def test_every_effect_is_hidden_at_every_strength(seeds: int) -> None:
     assert len({case["seed"] for case in found}) == len(found)
     hidden = [(case["hidden"], case["strength"]) for case in found]
     for size in STRENGTHS:
-        for name in (*NAMED, *UNKNOWN):
+        for name in MAKE.effects:
             assert hidden.count(((name,), size)) == seeds
         assert hidden.count(((), size)) >= 10 * seeds
 

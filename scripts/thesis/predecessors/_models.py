@@ -19,11 +19,12 @@ from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.optimize import least_squares
 
 from cc_mujoco.cable import Cable, rest_state
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _stepper as stepper
-from cc_mujoco.cable._conduit import node_lengths
+from cc_mujoco.cable._conduit import node_lengths, packed_parameters
 from cc_mujoco.cable._layout import tensions
 from cc_mujoco.errors import CableError
 from cc_mujoco.estimation._tracks import wrap_angles
@@ -395,3 +396,307 @@ def _front(
         if i > 0 and slip_direction * (tension[i] - line) <= 0.0:
             break
         out[i] = line
+
+
+class Bristle(NamedTuple):
+    # displacement over which friction builds up, F_c / sigma_0 [m]
+    length: float = 2e-5
+    exponent: float = 1.0  # delta_D of Dahl's law
+    excess: float = 0.0  # of static over kinetic friction, relative (LuGre)
+    stribeck_speed: float = 1e-3  # over which the excess fades [m/s] (LuGre)
+    damping: float = 0.0  # of the bristles, sigma_1 over sigma_0 [s] (LuGre)
+
+
+class _Chain(NamedTuple):
+    """Friction at the middle of every segment (n,), and springs between (n + 1,)."""
+
+    spring: FloatArray  # stiffness [N/m]
+    start: FloatArray  # tension at first [N]
+    tension: FloatArray  # of the springs [N]
+    friction: FloatArray  # [N]
+    limit: FloatArray  # friction that slides [N]
+    x: FloatArray  # displacement [m]
+    slip: FloatArray  # of a step [m]
+    speed: FloatArray  # [m/s]
+    rest: FloatArray  # force out of balance [N]
+    diagonal: FloatArray  # of the matrix [N/m]
+
+
+class BristleChain(PublishedModel):
+    """Chain with dynamic friction at its nodes (thesis 1.5, eq. 1.2); knows no slack.
+
+    Kaneko's chain of springs, with the friction of bristles at every node in place of a
+    stiffness that depends on direction. Dahl's law bends friction F from sticking to
+    sliding as the cable moves,
+
+        dF/dx = sigma_0 sgn(1 - sgn(v) F/F_c) |1 - sgn(v) F/F_c|^delta,
+
+    with F_c = mu T theta of the node, from the tension before the step. It is solved in
+    closed form over the motion of a step, so friction never passes F_c by integration.
+    Inertia of the cable is left out: at 2.5 g/m its waves pass in a few milliseconds.
+    """
+
+    name = "Palli and Melchiorri, Dahl"
+
+    def __init__(self, cable: Cable, bristle: Bristle | None = None) -> None:
+        super().__init__(cable)
+        self.bristle = bristle or Bristle()
+
+    def answer(self, motion: ReplayedMotion) -> Answer:
+        cable, load, start = self.cable, motion.stiffness, motion.start
+        n = cable.segments
+        spring = cable.axial_stiffness / node_lengths(cable)
+        if np.isfinite(load):
+            spring[n] = spring[n] * load / (spring[n] + load)
+        chain = _Chain(spring, start, start.copy(), np.diff(start), *np.zeros((6, n)))
+        grip = cable.friction * kernel.segment_angles(packed_parameters(cable), n)
+        out = np.empty((3, motion.proximal.size))
+        _play_chain(
+            chain, self.bristle, motion.proximal, motion.moved, load, grip,
+            motion.factor, motion.dt, out,
+        )  # fmt: skip
+        return Answer(*out)
+
+
+class LuGreChain(BristleChain):
+    """The chain with LuGre friction (Canudas de Wit et al. 1995).
+
+    It falls with speed, and bristles are damped.
+    """
+
+    name = "Palli and Melchiorri, LuGre"
+
+    def __init__(self, cable: Cable) -> None:
+        super().__init__(cable, Bristle(excess=0.2, damping=1e-3))
+
+
+@compiled
+def _play_chain(
+    chain: _Chain,
+    shape: Bristle,
+    proximal: FloatArray,
+    moved: FloatArray,
+    load: float,
+    grip: FloatArray,
+    factor: FloatArray,
+    dt: float,
+    out: FloatMatrix,
+) -> None:
+    """Compute the tension of both ends and place of the distal one, (3, samples).
+
+    `load` is the stiffness at the distal end, infinite where it is held or moved.
+    """
+    n, held, tension = grip.size, np.isinf(load), chain.tension
+    for row in range(proximal.size):
+        distal = moved[row] if held else 0.0
+        for j in range(n):
+            mean = 0.5 * (max(tension[j], 0.0) + max(tension[j + 1], 0.0))
+            slow = chain.speed[j] / shape.stribeck_speed
+            more = shape.excess * np.exp(-(slow**2))
+            chain.limit[j] = mean * grip[j] * factor[row] * (1.0 + more)
+            chain.slip[j] = 0.0
+        _settle(chain, shape, proximal[row], distal, dt)
+        _pull(chain, proximal[row], distal)
+        for j in range(n):
+            chain.friction[j] = _bristle(chain, shape, j, dt)[2]
+            chain.speed[j] = chain.slip[j] / dt
+        out[0, row], out[1, row] = tension[0], tension[n]
+        out[2, row] = distal if held else (chain.start[n] - tension[n]) / load
+
+
+@compiled
+def _pull(chain: _Chain, proximal: float, distal: float) -> None:
+    """Compute the tension of every spring."""
+    n, before = chain.x.size, proximal
+    for i in range(n + 1):
+        after = chain.x[i] if i < n else distal
+        chain.tension[i] = chain.start[i] + chain.spring[i] * (after - before)
+        before = after
+
+
+@compiled
+def _settle(
+    chain: _Chain, shape: Bristle, proximal: float, distal: float, dt: float
+) -> None:
+    """Move x until every segment is in balance, T_{j+1} - T_j = F_j.
+
+    Newton's method; steps are shortened where the kink of friction at rest makes them
+    overshoot.
+    """
+    n, last, pace = chain.x.size, np.inf, 1.0
+    spring, tension = chain.spring, chain.tension
+    rest, diagonal = chain.rest, chain.diagonal
+    for _ in range(200):
+        _pull(chain, proximal, distal)
+        size = 0.0
+        for j in range(n):
+            force, slope, _ = _bristle(chain, shape, j, dt)
+            rest[j] = tension[j + 1] - tension[j] - force
+            diagonal[j] = spring[j] + spring[j + 1] + slope
+            size = max(size, abs(rest[j]))
+        if size < 1e-9:
+            return
+        pace = min(1.0, 2.0 * pace) if size < last else max(0.5 * pace, 0.05)
+        last = size
+        for j in range(1, n):
+            share = spring[j] / diagonal[j - 1]
+            diagonal[j] -= share * spring[j]
+            rest[j] += share * rest[j - 1]
+        ahead = 0.0
+        for j in range(n - 1, -1, -1):
+            ahead = (rest[j] + spring[j + 1] * ahead) / diagonal[j]
+            chain.x[j] += pace * ahead
+            chain.slip[j] += pace * ahead
+
+
+@compiled
+def _bristle(
+    chain: _Chain, shape: Bristle, j: int, dt: float
+) -> tuple[float, float, float]:
+    """Return friction after a slip, its slope, and the part stored in bristles."""
+    friction, slip, limit = chain.friction[j], chain.slip[j], chain.limit[j]
+    if limit <= 0.0:
+        return 0.0, 0.0, 0.0
+    slip_direction = 1.0 if slip >= 0.0 else -1.0
+    short = 1.0 - slip_direction * friction / limit
+    side = 1.0 if short >= 0.0 else -1.0
+    size, travel, exponent = abs(short), abs(slip) / shape.length, shape.exponent
+    if exponent == 1.0:
+        size *= np.exp(-travel)
+    elif size > 0.0:
+        power = 1.0 - exponent
+        size = max(size**power - power * travel, 0.0) ** (1.0 / power)
+    stored = slip_direction * limit * (1.0 - side * size)
+    slope = limit / shape.length * side * size**exponent
+    damping = shape.damping / dt
+    force = stored + damping * (stored - friction)
+    return force, max(slope, 0.0) * (1.0 + damping), stored
+
+
+class Hysteresis(NamedTuple):
+    """Parameters of (1.3)-(1.5)."""
+
+    position: float  # k_x [N/m]
+    state: float  # k_zeta [N]
+    viscous: float  # nu [N s/m]
+    offset: float  # F_0 [N]
+    rho: float  # [1/m]
+    sigma: float  # shape, 0 or more
+    lead: float  # lambda, speed by which acceleration leads [m/s]
+    exponent: float = 1.0  # n, 1 or more
+
+
+class ModifiedBoucWen(PublishedModel):
+    r"""Do's modified Bouc-Wen friction of a whole cable (thesis 1.5, eq. 1.3-1.5).
+
+    The friction of the cable, :math:`F_f = T_p - T_d` for motion x towards the motor,
+    is one hysteresis curve in x, its velocity and the sign of its acceleration. Cable
+    stretch is not part of the model: output and motor move equally. Its parameters do
+    not describe a cable and have to be fitted to a recording. The brackets of (1.4) are
+    taken as printed, with rho in front of all terms.
+    """
+
+    name = "Do, modified Bouc-Wen"
+    refuses: ClassVar = {
+        "a locked output": "output and motor move alike in it",
+        "a moved output": "output and motor move alike in it",
+        "a tension profile": "it has no inside",
+        "bends that change": "its parameters are fitted to one",
+    }
+
+    def __init__(self, cable: Cable, hysteresis: Hysteresis) -> None:
+        super().__init__(cable)
+        self.hysteresis = hysteresis
+
+    @classmethod
+    def fitted(
+        cls,
+        cable: Cable,
+        dt: float,
+        u_proximal: ArrayLike,
+        environment: EndSpring,
+        answer: Answer,
+    ) -> ModifiedBoucWen:
+        """Fit the parameters to a recording of motor and tensions, n = 1."""
+        x = -np.asarray(u_proximal, dtype=np.float64)
+        friction = answer.tension_proximal - answer.tension_distal
+
+        def columns(shape: FloatArray) -> FloatArray:
+            rho, sigma, lead = np.exp(shape)
+            parts = _parts(x, dt, float(rho), float(sigma), float(lead), 1.0)
+            return np.column_stack([*parts, np.ones(x.size)])
+
+        def gains(shape: FloatArray) -> FloatArray:
+            return np.linalg.lstsq(columns(shape), friction, rcond=None)[0]
+
+        span = float(np.ptp(x))
+        speed = float(np.max(np.abs(np.gradient(x, dt))))
+        fit = least_squares(
+            lambda shape: columns(shape) @ gains(shape) - friction,
+            np.log([10.0 / span, 1.0, 0.01 * speed]),
+            bounds=(
+                np.log([0.1 / span, 0.05, 1e-6 * speed]),
+                np.log([1e4 / span, 20.0, speed]),
+            ),
+        )
+        position, state, viscous, offset = gains(fit.x).tolist()
+        rho, sigma, lead = np.exp(fit.x).tolist()
+        return cls(
+            cable, Hysteresis(position, state, viscous, offset, rho, sigma, lead)
+        )
+
+    def answer(self, motion: ReplayedMotion) -> Answer:
+        proximal, has = motion.proximal, self.hysteresis
+        position, state, speed = _parts(
+            -proximal, motion.dt, has.rho, has.sigma, has.lead, has.exponent
+        )
+        friction = (
+            has.position * position
+            + has.state * state
+            + has.viscous * speed
+            + has.offset
+        )
+        distal = self.cable.pretension - motion.stiffness * proximal
+        return Answer(distal + friction, distal, proximal.copy())
+
+
+def _parts(
+    x: FloatArray, dt: float, rho: float, sigma: float, lead: float, exponent: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the factors of the gains: position with (1.5), zeta, speed (samples,)."""
+    speed = np.diff(x, prepend=x[0]) / dt
+    turn = np.sign(np.diff(speed, prepend=0.0).round(12))
+    fast = np.exp(2.0 * speed)
+    position = x * (fast + np.sign(x) * turn) / (fast + 1.0)
+    zeta = np.empty(speed.size)
+    _hysteresis(speed, turn, dt, rho, sigma, lead, exponent, zeta)
+    return position, zeta, speed
+
+
+@compiled
+def _hysteresis(
+    speed: FloatArray,
+    turn: FloatArray,
+    dt: float,
+    rho: float,
+    sigma: float,
+    lead: float,
+    exponent: float,
+    out: FloatArray,
+) -> None:
+    """Compute the state zeta of (1.4) over time (samples,), by fine explicit steps."""
+    zeta = 0.0
+    for row in range(speed.size):
+        w = speed[row] + lead * turn[row]
+        travel = rho * w * dt
+        # The state changes by at most 0.05 in one step of integration.
+        steps = 1 + int(abs(travel) * (1.0 + sigma) / 0.05)
+        part = travel / steps
+        for _ in range(steps):
+            size = abs(zeta) ** (exponent - 1.0)
+            zeta += (
+                part
+                - sigma * abs(part) * size * zeta
+                + (sigma - 1.0) * part * size * abs(zeta)
+            )
+        out[row] = zeta

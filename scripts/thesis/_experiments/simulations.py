@@ -1,0 +1,304 @@
+"""Simulations 1 and 2 (4.3): control of cables without any inertia.
+
+`tracking`: one cable, its output moving, six schemes of control. Friction, path and
+motion are not printed. What is printed fixes the one number that matters: with
+feed-forward and K_p = 1 the first error is 10 %. An output that gets 1/C of the input
+x + K_p (x - T) is at T = x (1 + K_p)/(C + K_p), so C = 11/9. Gains, segments and both
+model errors are those of the thesis.
+
+`spring`: two such cables render a spring of 1 N m/rad. Pulleys, motion, stiffness and
+gains are those printed. The model-free controller of the figures, with its constant
+offset in motion, is feedback alone; feed-forward with feedback is shown in addition.
+The last of the controllers compensates stiction, which the thesis proposes
+(Listing 4.1) and does not show.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from cc_mujoco.cable import Cable, Section
+from cc_mujoco.control import (
+    Controller,
+    Feedback,
+    FeedForward,
+    ModelBased,
+    ProportionalIntegral,
+    StictionCompensation,
+)
+from cc_mujoco.device._drive import CableDrive, Drive
+from cc_mujoco.metrics._signals import signal_lag
+from cc_mujoco.native import FloatArray
+from thesis._inertia_free import InertiaFree
+from thesis._outcome import Finding, Outcome, Panel, Progress, Verdict, passing, rms
+from thesis._rig import PRINTED_CABLE
+
+PERIOD, DURATION = 1e-3, 30.0  # control period and duration of a run [s]
+TENSION_RATIO = 2.0 / 0.9 - 1.0
+"""C: input per output tension that the printed first error of 10 % implies."""
+FRICTION_ERROR = 0.03  # error of the model's friction, constant or cosine
+SETTLING_TIME = 5.0  # time after which transients of the integrator are over [s]
+SLIP_CROSSING_TIME = 0.05
+"""Time in which the slip has crossed the cable in every scheme [s]."""
+
+
+def cable(growth: float) -> Cable:
+    """Return the cable of Table 2.2, with the wrap for this tension ratio."""
+    length = PRINTED_CABLE.length
+    radius = length * PRINTED_CABLE.friction / math.log(growth)
+    return PRINTED_CABLE.replace(
+        segments=10, static_friction=0.0, conduit=(Section(length, radius),)
+    )
+
+
+def one_cable(growth: float) -> Drive:
+    """Return a drive of one cable with arms of 1 m, so that torques are tensions."""
+    drive = CableDrive(cable(growth), -1.0, -1.0)
+    return Drive(1.0, 0.0, 1000.0, PERIOD, one_way=True, cables=(drive,))
+
+
+def schemes(device: Drive) -> dict[str, Controller]:
+    def cosine(time: FloatArray) -> FloatArray:
+        return FRICTION_ERROR * np.cos(2.0 * math.pi * time / (3.0 * math.pi))
+
+    return {
+        "feed-forward": FeedForward(device),
+        "feedback": Feedback(device),
+        "feed-forward and feedback": ProportionalIntegral(device),
+        "model": ModelBased(device, settling=0.0),
+        "model, 3 % off": ModelBased(device, mismatch=FRICTION_ERROR, settling=0.0),
+        "model, 3 % cosine": ModelBased(device, mismatch=cosine, settling=0.0),
+    }
+
+
+def desired_tension() -> tuple[FloatArray, FloatArray]:
+    """Return time [s] and a tension [N] whose slope is a sine."""
+    time = np.arange(0.0, DURATION, PERIOD)
+    return time, 10.0 + time + 2.0 * np.sin(2.0 * time)
+
+
+class _Tracked(NamedTuple):
+    """Tracking by a scheme; errors are shares of the desired tension."""
+
+    tension: FloatArray  # of the output (samples,) [N]
+    error: float  # RMS since the slip has crossed the cable
+    first: float  # largest error since then
+    settled: float  # RMS once transients are over
+    delay: float  # of the fluctuation, once transients are over [s]
+
+
+def track(device: Drive, law: Controller) -> _Tracked:
+    """Play the simulation with one scheme, the output drawn in by 10 mm/s."""
+    time, wanted = desired_tension()
+    tension = InertiaFree(device).run(law, 0.01 * time, wanted)["joint_torque_nm"]
+    share = tension / wanted - 1.0
+    begun, late = time >= SLIP_CROSSING_TIME, time >= SETTLING_TIME
+
+    def swing(signal: FloatArray) -> FloatArray:
+        line = np.polynomial.Polynomial.fit(time[late], signal[late], 1)
+        return signal[late] - line(time[late])
+
+    return _Tracked(
+        tension, rms(share[begun]), float(np.max(np.abs(share[begun]))),
+        rms(share[late]), signal_lag(time[late], swing(wanted), swing(tension)),
+    )  # fmt: skip
+
+
+def tracking(progress: Progress) -> Outcome:
+    table = math.exp(PRINTED_CABLE.friction * PRINTED_CABLE.wrap)
+    devices = [one_cable(growth) for growth in (TENSION_RATIO, table)]
+    cases = [(device, *case) for device in devices for case in schemes(device).items()]
+    found = [
+        (name, track(device, law)) for device, name, law in passing(cases, progress)
+    ]
+    time, wanted = desired_tension()
+    implied, hard = dict(found[:6]), dict(found[6:])
+    panels = [
+        Panel(
+            title, "time [s]", "tension [N]",
+            {"desired": (time[shown], wanted[shown], "--")}
+            | {name: (time[shown], r.tension[shown]) for name, r in implied.items()},
+        )
+        for title, shown in (
+            ("Output tension, six schemes", slice(None)),
+            ("Without a model the output lags", slice(20_000, 24_000)),
+            ("When the controllers begin", slice(0, 150)),
+        )
+    ]  # fmt: skip
+    errors = {
+        name: (time, np.maximum(np.abs(row.tension / wanted - 1.0), 1e-6))
+        for name, row in implied.items()
+    }
+    title = "Error, share of the desired tension"
+    panels.append(Panel(title, "time [s]", "error [1]", errors, "semilogy"))
+    return Outcome(_tracking_findings(implied, hard), {"tracking": panels})
+
+
+def _tracking_findings(
+    rows: dict[str, _Tracked], hard: dict[str, _Tracked]
+) -> tuple[Finding, ...]:
+    none, alone, both, model, off, cosine = rows.values()
+    ratio = both.error / off.error
+    hard_ratio = (
+        hard["feed-forward and feedback"].settled / hard["model, 3 % off"].settled
+    )
+    in_phase = max(model.delay, off.delay) < 1e-3 < min(alone.delay, both.delay)
+    free = ", ".join(f"{row.error:.1%}" for row in (none, alone, both))
+    lags = ", ".join(f"{1e3 * r.delay:.0f}" for r in (alone, both, model, off, cosine))
+    return (
+        Finding(
+            f"RMS error of the tension {free} (feed-forward, feedback, both)",
+            "agrees" if none.error > alone.error > both.error else "disagrees",
+            f"friction takes {1 - 1 / TENSION_RATIO:.0%}; the integrator takes it over",
+        ),
+        Finding(
+            f"RMS {alone.error:.1%} and {both.error:.1%}, "
+            f"lag {1e3 * alone.delay:.0f} and {1e3 * both.delay:.0f} ms",
+            _factor_verdict(alone.error / both.error, 10.0, 2.0),
+            f"factor {alone.error / both.error:.1f}, "
+            f"and {alone.delay / both.delay:.0f} in lag",
+        ),
+        Finding(f"{both.first:.1%}, with C = {TENSION_RATIO:.2f}", "cannot"),
+        Finding(
+            f"RMS {model.error:.4%}, at most {model.first:.3%}",
+            "agrees" if model.error < 1e-3 else "disagrees",
+            f"a step of the desired tension is {PERIOD * 3.0 / 20.0:.3%} of it; slip "
+            f"crosses the cable in the first {1e3 * SLIP_CROSSING_TIME:.0f} ms, which "
+            "are not counted",
+        ),
+        Finding(
+            f"RMS {off.error:.3%} against {both.error:.2%}: factor {ratio:.0f}",
+            _factor_verdict(ratio, 5.0, 2.0),
+            "3 % of friction are little of tension; with the friction of Table 2.2 "
+            f"(C = 4.5) and after {SETTLING_TIME:.0f} s the factor is {hard_ratio:.0f}",
+        ),
+        Finding(
+            f"RMS {cosine.error:.2%}, at most {cosine.first:.2%}, against "
+            f"{both.error:.2%} and {both.first:.1%} without a model",
+            "agrees" if cosine.error < 0.2 * both.error else "in part",
+        ),
+        Finding(
+            f"lag {lags} ms (feedback, both, model, 3 % off, 3 % cosine)",
+            "agrees" if in_phase else "disagrees",
+        ),
+    )
+
+
+def _factor_verdict(ratio: float, agrees: float, partly: float) -> Verdict:
+    if ratio >= agrees:
+        return "agrees"
+    return "in part" if ratio >= partly else "disagrees"
+
+
+STIFFNESS = 1.0  # stiffness of the virtual spring [N m/rad]
+DEFLECTION, DEFLECTION_TIME = 1.5, 15.0
+"""Deflection of the joint, and time to get there [rad, s]."""
+REVERSAL_TOLERANCE = 0.01  # error at which a reversal is over [N m]
+
+
+def pull_pull() -> Drive:
+    """Return the pull-pull transmission, ratio 1, pulleys of 0.1 m."""
+    pair = (CableDrive(cable(TENSION_RATIO), way, way) for way in (-0.1, 0.1))
+    return Drive(1.0, -20.0, 20.0, PERIOD, cables=tuple(pair))
+
+
+def motion() -> tuple[FloatArray, FloatArray]:
+    time = np.arange(0.0, 2.0 * DEFLECTION_TIME, PERIOD)
+    knots = [0.0, DEFLECTION_TIME, 2.0 * DEFLECTION_TIME]
+    return time, np.interp(time, knots, [0.0, DEFLECTION, 0.0])
+
+
+class _Rendered(NamedTuple):
+    """Spring as rendered by a controller."""
+
+    torque: FloatArray  # of the cables on the joint (samples,) [N m]
+    moving: float  # RMS error later than 2 s after a change of direction [N m]
+    peak: float  # largest error after the reversal [N m]
+    # angle from the reversal until the error stays below `REVERSAL_TOLERANCE` [rad];
+    # the rest of the motion where it never does
+    lost: float
+    delay: float  # mean error in motion, over the rate of the spring's torque [s]
+
+
+def render(device: Drive, law: Controller) -> _Rendered:
+    time, angle = motion()
+    wanted = -STIFFNESS * angle
+    torque = InertiaFree(device).run(law, angle, wanted)["joint_torque_nm"]
+    error = torque - wanted
+    back = error[time >= DEFLECTION_TIME]
+    open_ = np.flatnonzero(np.abs(back) > REVERSAL_TOLERANCE)
+    lasting = PERIOD * (open_[-1] + 1) if open_.size else 0.0
+    moving = (time % DEFLECTION_TIME) >= 2.0
+    rate = STIFFNESS * DEFLECTION / DEFLECTION_TIME * PERIOD
+    return _Rendered(
+        torque, rms(error[moving]), float(np.max(np.abs(back))),
+        lasting * DEFLECTION / DEFLECTION_TIME,
+        float(np.mean((error * -np.gradient(wanted))[moving])) * PERIOD / rate**2,
+    )  # fmt: skip
+
+
+def spring(progress: Progress) -> Outcome:
+    device = pull_pull()
+    laws = {
+        "feedback": Feedback(device),
+        "feed-forward and feedback": ProportionalIntegral(device),
+        "with the model": ModelBased(device, settling=0.0),
+        "with the model and stiction compensation": StictionCompensation(
+            device, settling=0.0
+        ),
+    }
+    found = {name: render(device, laws[name]) for name in passing([*laws], progress)}
+    time, angle = motion()
+    wanted = -STIFFNESS * angle
+
+    def panel(title: str, x: FloatArray, label: str, shown: FloatArray) -> Panel:
+        curves = {"spring": (x[shown], wanted[shown], "--")}
+        curves |= {name: (x[shown], row.torque[shown]) for name, row in found.items()}
+        return Panel(title, label, "torque [N m]", curves)
+
+    always = np.ones(time.size, dtype=bool)
+    around = np.abs(time - DEFLECTION_TIME - 0.3) < 0.5
+    errors = {name: (time, row.torque - wanted) for name, row in found.items()}
+    panels = [
+        panel("Torque at the joint", time, "time [s]", always),
+        panel("Torque against angle", angle, "angle [rad]", always),
+        panel("The reversal", time, "time [s]", around),
+        Panel("Error", "time [s]", "torque [N m]", errors, limits=(-0.2, 0.2)),
+    ]
+    return Outcome(_spring_findings(*found.values()), {"spring": panels})
+
+
+def _spring_findings(
+    free: _Rendered, both: _Rendered, model: _Rendered, stiction: _Rendered
+) -> tuple[Finding, ...]:
+    lost, by_model, by_stiction, by_both = (
+        float(np.degrees(row.lost)) for row in (free, model, stiction, both)
+    )
+    below = f"error below {1e3 * REVERSAL_TOLERANCE:.0f} mN m after"
+    return (
+        Finding(
+            f"RMS error in motion {1e3 * free.moving:.1f} mN m without, "
+            f"{1e3 * model.moving:.1f} mN m with the model; "
+            f"that is {1e3 * free.delay:.0f} and {1e3 * model.delay:.0f} ms behind",
+            "agrees" if model.moving < 0.3 * free.moving else "disagrees",
+            "feedback alone, later than 2 s after a change of direction; with "
+            f"feed-forward it is {1e3 * both.moving:.1f} mN m",
+        ),
+        Finding(
+            f"largest error {free.peak:.2f} and {model.peak:.2f} N m",
+            "agrees" if 0.5 < model.peak / free.peak < 2.0 else "disagrees",
+        ),
+        Finding(
+            f"{below} {by_model:.2f} deg with, {lost:.1f} deg without",
+            "agrees" if by_model < 5.0 < lost else "disagrees",
+            f"of {np.degrees(DEFLECTION):.0f} deg; the offset of feedback alone "
+            f"stays, with feed-forward it is gone after {by_both:.1f} deg",
+        ),
+        Finding(
+            f"{below} {by_stiction:.2f} deg, at most {stiction.peak:.2f} N m",
+            "agrees" if by_stiction < 0.5 * by_model else "disagrees",
+        ),
+    )

@@ -43,7 +43,7 @@ from cc_mujoco.hardware import (
 )
 from cc_mujoco.hardware import _packet as packet
 from cc_mujoco.hardware._can_bus import CanBuses
-from cc_mujoco.hardware._rig_axes import RigAxes
+from cc_mujoco.hardware._settings import RigAxes
 from rig import make_rig
 from rig.makes import MAKES
 

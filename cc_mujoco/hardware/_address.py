@@ -11,10 +11,6 @@ from cc_mujoco.errors import CableError
 
 MAX_SHORT_ID, MAX_LONG_ID = 0x7FF, 0x1FFFFFFF
 """Greatest identifiers of 11 and of 29 bits."""
-_JOINT_NEEDED = (
-    "`joint`, a table with the `address` or `class` of what measures the joint"
-)
-"""Table that a drive needs, as errors name it."""
 
 
 @dataclass(frozen=True)
@@ -53,21 +49,17 @@ class CanAddress(CanPlace):
 class DriveAddress:
     """A motor drive that speaks its maker's protocol, beside sensors at the joint."""
 
-    protocol: str
-    """One of `DRIVE_NODES`."""
-    place: CanPlace | str
-    """The CAN bus, or the serial port."""
-    node: int
-    """Number of the drive on it."""
-    joint: Table
-    """Table with the address or class of the rig that measures the joint."""
+    protocol: str  # one of `DRIVE_NODES`
+    place: CanPlace | str  # the CAN bus, or the serial port
+    node: int  # number of the drive on it
+    joint: Table  # table with the address or class of the rig that measures the joint
     gear: float = 1.0
     """Turns of the drive's encoder per turn of the motor in the scene; a negative one
     reverses its sense [-]."""
-    zero: float = 0.0
-    """Angle of the motor in the scene where the drive's encoder reads zero [rad]."""
-    baud_rate: int = 57_600
-    """Baud rate of the serial port [1/s]."""
+    zero: float = (
+        0.0  # angle of the motor in the scene where that encoder is at 0 [rad]
+    )
+    baud_rate: int = 57_600  # of the serial port [1/s]
     torque_per_ampere: float = 0.0
     """Torque of the drive's shaft per current, of those that take a current [N m/A]."""
 
@@ -110,14 +102,16 @@ def _can(table: Table, channel: str) -> CanAddress:
 
 
 def _drive(table: Table, protocol: str, place: str) -> DriveAddress:
-    keys = ("address", "node", "gear", "zero", "joint")
+    keys, is_serial = (
+        ("address", "node", "gear", "zero", "joint"),
+        protocol == "dynamixel",
+    )
+    needed = "`joint`, a table with the `address` or `class` of what measures the joint"
     if not place:
-        kind, example = (
-            ("PORT", "/dev/ttyUSB0") if protocol == "dynamixel" else ("CHANNEL", "can0")
-        )
-        needed = f'{protocol}:{kind}, such as "{protocol}:{example}"'
-        more = "" if "joint" in table.content else f", and {_JOINT_NEEDED}"
-        raise table.wrong("address", needed + more)
+        kind, example = ("PORT", "/dev/ttyUSB0") if is_serial else ("CHANNEL", "can0")
+        more = "" if "joint" in table.content else f", and {needed}"
+        wanted = f'{protocol}:{kind}, such as "{protocol}:{example}"{more}'
+        raise table.wrong("address", wanted)
     nodes = DRIVE_NODES[protocol]
     node = _whole(table, "node", nodes, nodes.start, str(nodes.stop - 1))
     gear = table.number("gear")
@@ -127,13 +121,13 @@ def _drive(table: Table, protocol: str, place: str) -> DriveAddress:
     if "class" not in joint.content:
         if "address" not in joint.content:
             raise CableError(
-                f"{table.where} needs {_JOINT_NEEDED}: a drive reads its motor only."
+                f"{table.where} needs {needed}: a drive reads its motor only."
             )
         if (joint.text("address") or "").partition(":")[0] in DRIVE_NODES:
             raise joint.wrong("address", "that of a rig with sensors at the joint")
         address_of(joint)
     common = node, joint, gear or 1.0, table.number("zero") or 0.0
-    if protocol != "dynamixel":
+    if not is_serial:
         table.only(*keys, "interface", "bus")
         _require_bus(table, protocol, place)
         bus = {k: table.content[k] for k in ("interface", "bus") if k in table.content}

@@ -239,15 +239,7 @@ class CanLink:
     """A packet in a CAN FD frame; frames with other identifiers are left alone."""
 
     def __init__(self, address: CanAddress, buses: CanBuses | None = None) -> None:
-        """Open the bus, unless it is open already; nothing is sent yet.
-
-        Args:
-            address: Address on the bus.
-            buses: Open buses, see `CanPort`.
-
-        Raises:
-            CableError: As `CanPort`.
-        """
+        """Open the bus, unless it is one of the open `buses`, as `CanPort` does."""
         self._address = address
         self._port = CanPort(address, [address.reading_id], fd=True, buses=buses)
         self.ignored, self.where = self._port.ignored, self._port.where

@@ -77,10 +77,7 @@ MODE, POSITION, VELOCITY, FAULT_CODE = 0x000, 0x001, 0x002, 0x00F
 COMMAND, WATCHDOG_TIMEOUT, INTEGRAL_SCALE = 0x020, 0x027, 0x02B
 """Registers that are written: five from `COMMAND` on, then one each."""
 STOPPED, FAULT, PREPARING, POSITION_MODE = 0, 1, (2, 3, 4), 10
-_WRITE, _READ, _REPLY, _NOP = 0x00, 0x10, 0x20, 0x50
-_FLOAT = 0x0C
-_SIZES: tuple[int, ...] = (*range(9), 12, 16, 20, 24, 32, 48, 64)
-"""Lengths that a frame of CAN FD can have."""
+_WRITE, _READ, _REPLY, _NOP, _FLOAT = 0x00, 0x10, 0x20, 0x50, 0x0C
 
 
 def query() -> bytes:
@@ -110,7 +107,8 @@ def torque_command(torque: float) -> bytes:
 
 def padded(data: bytes) -> bytes:
     """Return the data with no-operations up to a length that a frame can have."""
-    size = next(size for size in _SIZES if size >= len(data))
+    sizes = (*range(9), 12, 16, 20, 24, 32, 48, 64)  # of CAN FD
+    size = next(size for size in sizes if size >= len(data))
     return data + bytes([_NOP]) * (size - len(data))
 
 
@@ -203,8 +201,12 @@ class Moteus(CanDrive):
 
 
 HEARTBEAT, ESTIMATES = 0x01, 0x09  # commands that the drive sends by itself
-SET_AXIS_STATE, SET_CONTROLLER_MODE = 0x07, 0x0B
-SET_INPUT_TORQUE, CLEAR_ERRORS = 0x0E, 0x18
+SET_AXIS_STATE, SET_CONTROLLER_MODE, SET_INPUT_TORQUE, CLEAR_ERRORS = (
+    7,
+    0x0B,
+    0x0E,
+    0x18,
+)
 IDLE, CLOSED_LOOP_CONTROL = 1, 8  # states of an axis
 TORQUE_CONTROL, PASSTHROUGH = 1, 1  # control mode and input mode
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from cc_mujoco.control import Controller
     from cc_mujoco.hardware import RunLog, RunOutcome
     from cc_mujoco.hardware._references import Desired, Planned
-    from cc_mujoco.hardware._rig_axes import RigAxes
+    from cc_mujoco.hardware._settings import RigAxes
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class RunRig:
 
         from cc_mujoco._validation import MAX_DURATION, require_number
         from cc_mujoco.hardware._run_log import require_free
-        from cc_mujoco.hardware._settings import read_axes
+        from cc_mujoco.hardware._settings import RigAxes, read_axes
 
         duration = 10.0 if self.duration is None else self.duration
         require_number("--duration", duration, 0.01, MAX_DURATION, "s")
@@ -65,12 +65,12 @@ class RunRig:
         require_free(self.out)
 
         from cc_mujoco.control import PredictiveCompensation
-        from cc_mujoco.hardware._rig_axes import RigAxes, laws_of
 
         axes = RigAxes(settings)
         desired = axes.desired(duration)
         law = axes.controller(self.controller)
-        if any(isinstance(one, PredictiveCompensation) for one in laws_of(law)):
+        laws = getattr(law, "laws", (law,))
+        if any(isinstance(one, PredictiveCompensation) for one in laws):
             print(
                 "cc-mujoco: warning: this controller takes the joint to be led by a "
                 "wearer; one that hangs in a loose hand it may swing up. Begin with a "
@@ -90,9 +90,8 @@ class RunRig:
 
         from cc_mujoco.control import controller
         from cc_mujoco.hardware._references import add_trial_facts, read_plan
-        from cc_mujoco.hardware._rig_axes import RigAxes
         from cc_mujoco.hardware._run_log import require_free
-        from cc_mujoco.hardware._settings import read_settings
+        from cc_mujoco.hardware._settings import RigAxes, read_settings
 
         settings = read_settings(self.rig)
         limits = settings.limits
@@ -168,7 +167,6 @@ class RunRig:
         from cc_mujoco.assets import SCENES
         from cc_mujoco.datasets._run_log import DEFAULT_LOG_NAME
         from cc_mujoco.hardware import Loop, RunLog, SystemClock, watch_for_stop
-        from cc_mujoco.hardware._run_log import BLOCK_TIME
         from cc_mujoco.hardware._run_report import ReportedRun, write_run_report
 
         period, stem = law.drive.period, name or DEFAULT_LOG_NAME
@@ -181,8 +179,8 @@ class RunRig:
         }
         with watch_for_stop() as stop:
             driven = axes.driven(axes.connect(), desired)
-            rows, names = max(1, round(BLOCK_TIME / period)), axes.log_names
-            log = RunLog(self.out, about, rows, stem, names)
+            rows = max(1, round(0.1 / period))  # of a block: a killed run loses no more
+            log = RunLog(self.out, about, rows, stem, axes.log_names)
             clock, windings = SystemClock(), axes.windings
             loop = Loop(driven, law, clock=clock, log=log, stop=stop, windings=windings)
             try:
@@ -193,11 +191,11 @@ class RunRig:
         file = first.path.parent / first.scene
         is_own = first.scene not in SCENES and file.is_file()
         scene = str(file) if is_own else first.scene
-        limits = [each.limits for each in axes.settings]
-        kept = dict(zip(axes.log_names, limits, strict=True))
-        path, is_trial = self.out / f"{stem}.csv", name is not None
-        about_run = name or what, scene, period, kept, is_trial
-        run = ReportedRun(path, loop.outcome, *about_run)
+        kept = {
+            n: own.limits for n, own in zip(axes.log_names, axes.settings, strict=True)
+        }
+        about_run = name or what, scene, period, kept, name is not None
+        run = ReportedRun(self.out / f"{stem}.csv", loop.outcome, *about_run)
         try:
             print(f"report:     {write_run_report(run)}")
         except (CableError, OSError) as error:  # a run without a page is a run

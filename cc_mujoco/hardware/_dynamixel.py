@@ -27,24 +27,24 @@ from cc_mujoco.hardware._rig import TURN, Enabling, MotorState, Now
 if TYPE_CHECKING:
     import serial
 
-HEADER = b"\xff\xff\xfd\x00"
+HEADER, _STUFFED = b"\xff\xff\xfd\x00", b"\xff\xff\xfd\xfd"
 READ, STATUS, SYNC_WRITE = 0x02, 0x55, 0x83
-OPERATING_MODE, CURRENT_LIMIT = 11, 38
-TORQUE_ENABLE, BUS_WATCHDOG, GOAL_CURRENT = 64, 98, 102
-PRESENT_VELOCITY, PRESENT_POSITION = 128, 132  # addresses in the control table
+OPERATING_MODE, CURRENT_LIMIT, TORQUE_ENABLE, BUS_WATCHDOG = 11, 38, 64, 98
+GOAL_CURRENT, PRESENT_VELOCITY, PRESENT_POSITION = 102, 128, 132
+"""Addresses in the control table."""
 CURRENT_CONTROL = 0  # operating mode
 AMPERE, VELOCITY = 2.69e-3, 0.229 * TURN / 60.0
 """Units of a current [A] and of a velocity [rad/s]."""
-COUNTS = 4096  # positions in a turn
 WATCHDOG_UNITS, WATCHDOG_TRIPPED = 3, 0xFF
 """The watchdog in units of 20 ms, and its value after it has stopped the servo."""
-REPLY_TIME = 0.01
-"""Time after which a reply comes no more [s]; until then nothing is sent."""
-MAX_FAILURES = 5
-_STUFFED = HEADER[:3] + b"\xfd"
-_SETTINGS = (OPERATING_MODE, CURRENT_LIMIT + 2 - OPERATING_MODE)
-_WHOLE = (TORQUE_ENABLE, PRESENT_POSITION + 4 - TORQUE_ENABLE)
-_MOVING = (BUS_WATCHDOG, PRESENT_POSITION + 4 - BUS_WATCHDOG)
+REPLY_TIME, MAX_FAILURES = 0.01, 5
+"""Time after which a reply comes no more [s], until when nothing is sent; number of
+errors in a row from which the port counts as gone."""
+_SETTINGS, _WHOLE, _MOVING = (
+    (OPERATING_MODE, CURRENT_LIMIT + 2 - OPERATING_MODE),
+    (TORQUE_ENABLE, PRESENT_POSITION + 4 - TORQUE_ENABLE),
+    (BUS_WATCHDOG, PRESENT_POSITION + 4 - BUS_WATCHDOG),
+)
 """First address and number of the bytes to read: before the motor is enabled, until the
 servo confirms that, and then."""
 
@@ -217,7 +217,7 @@ class Dynamixel:
         enabled = self._confirmed and not (tripped or is_off)
         velocity, position = struct.unpack_from("<ii", data, PRESENT_VELOCITY - first)
         status = Status.FAULT if error & 0x80 else self._enabling.status(enabled)
-        angle = position * TURN / COUNTS
+        angle = position * TURN / 4096  # positions in a turn
         return MotorState(self._now(), angle, velocity * VELOCITY, status)
 
     def _fail(self, done: str, error: Exception) -> NoReturn:

@@ -15,14 +15,10 @@ MAX_PERIOD, MIN_PERIOD = 1.0 / 500.0, 1.0 / 2000.0  # periods of a loop [s]
 class Limits:
     """Limits of a run, which is stopped if a measured value exceeds one."""
 
-    torque: float
-    """Largest torque of the motor, either way [N m]."""
-    torque_rate: float
-    """Largest rate of the motor's torque [N m/s]."""
-    motor_speed: float
-    """[rad/s]"""
-    joint_range: tuple[float, float]
-    """Least and greatest angle [rad]."""
+    torque: float  # largest of the motor, either way [N m]
+    torque_rate: float  # largest rate of the motor's torque [N m/s]
+    motor_speed: float  # [rad/s]
+    joint_range: tuple[float, float]  # least and greatest angle [rad]
     joint_torque: float = math.inf
     """Largest torque that the transmission puts into the joint, either way [N m]."""
     tension: float = math.inf
@@ -30,8 +26,7 @@ class Limits:
     and the joint's torque [N]."""
     soft_start: float = 1.0
     """Time over which the share of the controller grows from 0 to 1 [s]."""
-    stop_time: float = 0.1
-    """Time in which the torque goes to zero after a stop [s]."""
+    stop_time: float = 0.1  # in which the torque goes to zero after a stop [s]
 
     def __post_init__(self) -> None:
         for name in ("torque", "torque_rate", "motor_speed"):
@@ -49,10 +44,10 @@ class Limits:
                 f"{math.radians(high):.3g} rad."
             )
         for name, unit in (("joint_torque", "N m"), ("tension", "N")):
-            if not getattr(self, name) > 0.0:
+            value = getattr(self, name)
+            if not value > 0.0:
                 raise CableError(
-                    f"Limits.{name} must be above 0 {unit}, not "
-                    f"{getattr(self, name)!r}."
+                    f"Limits.{name} must be above 0 {unit}, not {value!r}."
                 )
         require_parameter(self, "soft_start", 0.0, 600.0, "s")
         require_parameter(self, "stop_time", 0.0, 10.0, "s")
@@ -83,11 +78,7 @@ class Limiter:
     """
 
     def __init__(self, limits: Limits, period: float) -> None:
-        """Begin at zero torque.
-
-        Args:
-            limits: Limits that are enforced.
-            period: Time between two torques [s].
+        """Begin at zero torque, with a period between two torques [s].
 
         Raises:
             CableError: A stop cannot be as fast as requested.

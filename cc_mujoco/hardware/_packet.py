@@ -16,11 +16,9 @@ from enum import IntFlag
 from typing import Any, NamedTuple
 
 READING_MAGIC, COMMAND_MAGIC = b"CCMR", b"CCMC"
-PROTOCOL_VERSION = 1
-_READING = struct.Struct("<4sHHIQ5d")
-_COMMAND = struct.Struct("<4sHHIQd")
-_CHECKSUM = struct.Struct("<I")
-SEQUENCE_MODULUS = 1 << 32  # sequence numbers begin again after this many
+PROTOCOL_VERSION, SEQUENCE_MODULUS = 1, 1 << 32
+"""Version; number of packets after which sequence numbers begin again."""
+_READING, _COMMAND, _CHECKSUM = map(struct.Struct, ("<4sHHIQ5d", "<4sHHIQd", "<I"))
 
 
 class Status(IntFlag):
@@ -38,20 +36,13 @@ class Status(IntFlag):
 class Readings(NamedTuple):
     """Measurements of a rig at one time; signs are those of the measured data."""
 
-    time: float
-    """Time of the rig's own clock [s]; only differences matter."""
-    motor_angle: float
-    """[rad]"""
-    motor_velocity: float
-    """[rad/s]"""
-    joint_angle: float
-    """[rad]"""
-    joint_velocity: float
-    """[rad/s]"""
-    joint_torque: float
-    """Torque that the transmission puts into the joint [N m]."""
-    status: Status | None = None
-    """None of a rig that tells none."""
+    time: float  # of the rig's own clock [s]; only differences matter
+    motor_angle: float  # [rad]
+    motor_velocity: float  # [rad/s]
+    joint_angle: float  # [rad]
+    joint_velocity: float  # [rad/s]
+    joint_torque: float  # torque that the transmission puts into the joint [N m]
+    status: Status | None = None  # None of a rig that tells none
 
 
 class Command(NamedTuple):

@@ -21,8 +21,9 @@ from cc_mujoco.hardware._packet import Command, Readings, Status
 
 Item = TypeVar("Item")
 
-MAX_PENDING = 200  # most packets or frames that are looked at in a cycle
-END_PACKETS = 10  # packets that say that the run is over; some may be lost
+MAX_PENDING, END_PACKETS = 200, 10
+"""Most packets or frames that are looked at in a cycle; packets that say that the run
+is over, of which some may be lost."""
 
 
 @runtime_checkable
@@ -75,17 +76,15 @@ def end_safely(
 
     `stop` takes the torque away; `interval` is the time after each [s].
     """
+
+    def try_stop() -> None:
+        with contextlib.suppress(OSError, CableError):
+            stop()
+        time.sleep(interval)
+
     with contextlib.ExitStack() as ending:  # goes on after any error
-        for each in reversed(close):
+        for each in (*reversed(close), *[try_stop] * END_PACKETS):
             ending.callback(each)
-        for _ in range(END_PACKETS):
-            ending.callback(_try_stop, stop, interval)
-
-
-def _try_stop(stop: Callable[[], None], interval: float) -> None:
-    with contextlib.suppress(OSError, CableError):
-        stop()
-    time.sleep(interval)
 
 
 def pending(receive: Callable[[], Item | None]) -> Iterator[Item]:

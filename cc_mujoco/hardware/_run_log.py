@@ -35,7 +35,6 @@ _AXIS_COLUMNS = RUN_COLUMNS[1:-3]
 SAMPLE_TIME = "sample_time_s"
 """Column of each of several axes: time of its reading by the clock of its own rig,
 since its first reading in the log. `time_s` is that of the first axis."""
-BLOCK_TIME = 0.1  # length of a block [s]
 
 
 class AxisRow(NamedTuple):

@@ -1,5 +1,8 @@
 """`rig.toml`: the rig, its limits and what it is to do.
 
+    axes = RigAxes(read_axes("rig.toml"))
+    law = axes_controller("pi", axes.drives, axes.prefixes)
+
 scene = "bench"                 # that the controller knows: a name or an MJCF file
 # axis = "knee"                 # that the rig drives, of a device with several; of
                                 # more than one see `[axes.NAME]` below
@@ -70,7 +73,7 @@ import dataclasses
 import itertools
 import math
 import socket
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -78,8 +81,12 @@ from typing import Any, TypeVar
 from cc_mujoco._utils import user_code
 from cc_mujoco._utils.toml_table import Table, finite, read_toml
 from cc_mujoco._utils.user_code import named_object, user_errors
-from cc_mujoco.device._device import Device
+from cc_mujoco.control import Controller, axes_controller
+from cc_mujoco.control._controller import SteppedController
+from cc_mujoco.device._axis_columns import column_prefixes, split_by_axis
+from cc_mujoco.device._device import Device, bare_model
 from cc_mujoco.device._drive import Drive
+from cc_mujoco.device._model import DeviceModel
 from cc_mujoco.errors import CableError, naming
 from cc_mujoco.hardware import _references as references
 from cc_mujoco.hardware._address import (
@@ -92,9 +99,10 @@ from cc_mujoco.hardware._address import (
 )
 from cc_mujoco.hardware._can_bus import CanBuses, CanRig
 from cc_mujoco.hardware._can_drives import Moteus, Odrive
-from cc_mujoco.hardware._drive_model import device_of, drive_of
+from cc_mujoco.hardware._drive_model import Windings, device_of, drive_of
 from cc_mujoco.hardware._dynamixel import Dynamixel
 from cc_mujoco.hardware._limits import MAX_PERIOD, MIN_PERIOD, Limits
+from cc_mujoco.hardware._loop import DrivenAxis
 from cc_mujoco.hardware._references import Stiffness
 from cc_mujoco.hardware._rig import DriveRig, MotorDrive, Rig, UdpRig
 from cc_mujoco.hardware._watchdog import Watchdog
@@ -102,7 +110,6 @@ from cc_mujoco.human import TASKS
 
 Kind = TypeVar("Kind", Limits, Watchdog, Stiffness)
 
-_TASK_KEYS = ("torque", "csv", "name", "trajectory")
 _AXIS_TABLES = ("rig", "limits", "watchdog", "task", "servo")
 
 
@@ -111,22 +118,16 @@ class Settings:
     """The contents of a `rig.toml` for one axis."""
 
     path: Path
-    scene: str
-    """Name of a device, or the file of one."""
-    period: float
-    """Period of the loop [s]."""
-    rig: Table
-    """The table `[rig]`."""
+    scene: str  # name of a device, or the file of one
+    period: float  # of the loop [s]
+    rig: Table  # the table `[rig]`, and so on
     limits: Limits
     watchdog: Watchdog
     task: Table
-    """The table `[task]`."""
     servo: Table
-    """The table `[servo]`."""
     motor_lag: float | None = None
     """Time constant of the motor's torque [s]; None is that of the scene."""
-    axis: str | None = None
-    """Name of the axis; None is the only one of the device."""
+    axis: str | None = None  # name of the axis; None is the only one of the device
     named: tuple[str, ...] = ()
     """Axes that have a table in the file, also those that are not driven."""
 
@@ -135,10 +136,7 @@ class Settings:
         return rig_address(self.rig)
 
     def connect(self, buses: CanBuses | None = None) -> Rig:
-        """Make the rig that `[rig]` names.
-
-        Args:
-            buses: Open CAN buses that it shares with other axes.
+        """Make the rig that `[rig]` names, on open CAN buses that it shares.
 
         Raises:
             CableError: It cannot be made.
@@ -189,9 +187,6 @@ class Settings:
     def firm(self, drive: Drive) -> Stiffness:
         """Return the stiffness with which the motor is held on the course of a trial.
 
-        Args:
-            drive: Drive of the rig.
-
         Raises:
             CableError: The motor's inertia is not known and `[servo]` does not say all.
         """
@@ -201,10 +196,7 @@ class Settings:
         return _construct(Stiffness, self.servo, given)
 
     def desired(self, duration: float) -> references.Desired:
-        """Make the desired torque that `[task]` names.
-
-        Args:
-            duration: Duration of the run [s].
+        """Make the desired torque that `[task]` names, for a duration of the run [s].
 
         Raises:
             CableError: It cannot be made.
@@ -223,11 +215,7 @@ class Settings:
 
 
 def read_settings(path: str | Path, allow: str | Iterable[str] = ()) -> Settings:
-    """Read a `rig.toml` that drives one axis.
-
-    Args:
-        path: Path of the file.
-        allow: See `read_axes`.
+    """Read a `rig.toml` that drives one axis, as `read_axes`.
 
     Raises:
         CableError: As `read_axes`, or it drives several.
@@ -302,11 +290,11 @@ def _axis(
     limits = _limits(table)
     with naming(table.where):
         limits.stop_steps(period)
-    dog, servo = top.table("watchdog"), top.table("servo")
+    rig, dog, task, servo = map(top.table, ("rig", "watchdog", "task", "servo"))
     _numbers(servo, Stiffness)  # refuses what it cannot have
-    rig = _rig(top.table("rig"))
+    _check_rig(rig)
     watchdog = _construct(Watchdog, dog, _numbers(dog, Watchdog))
-    task = _task(top.table("task"))
+    _check_task(task)
     return Settings(path, scene, period, rig, limits, watchdog, task, servo, lag, name)
 
 
@@ -331,26 +319,25 @@ def _limits(table: Table) -> Limits:
     return _construct(Limits, table, {**given, "joint_range": tuple(ends)})
 
 
-def _rig(table: Table) -> Table:
+def _check_rig(table: Table) -> None:
     own, address = table.text("class"), table.text("address")
     if (own is None) == (address is None):
         raise CableError(f"{table.where} needs either `address` or `class`.")
     if address is not None:
         address_of(table)
-    return table
 
 
-def _task(table: Table) -> Table:
-    table.only(*_TASK_KEYS, "amplitude")
-    given = [key for key in _TASK_KEYS if key in table.content]
+def _check_task(table: Table) -> None:
+    keys = ("torque", "csv", "name", "trajectory")
+    table.only(*keys, "amplitude")
+    given = [key for key in keys if key in table.content]
     if len(given) != 1:
-        raise CableError(f"{table.where} needs one of {', '.join(_TASK_KEYS)}.")
+        raise CableError(f"{table.where} needs one of {', '.join(keys)}.")
     if ("amplitude" in table.content) != (given == ["trajectory"]):
         raise CableError(
             f"{table.where}: `amplitude`, in N m, belongs to `trajectory` and to "
             "nothing else."
         )
-    return table
 
 
 def _require_value(table: Table, key: str, value: Any) -> Any:
@@ -363,11 +350,9 @@ def _numbers(table: Table, kind: type, *others: str) -> dict[str, float]:
     """Return the numbers of a table whose keys are the fields of a dataclass."""
     names = [field.name for field in dataclasses.fields(kind)]
     table.only(*names)
-    found = {}
-    for name in names:
-        if name in others or (value := table.number(name)) is None:
-            continue
-        found[name] = value
+    given = {name: table.number(name) for name in names if name not in others}
+    found = {name: value for name, value in given.items() if value is not None}
+    for name, value in found.items():
         if isinstance(getattr(kind, name, None), int):
             if value != math.floor(value):
                 raise table.wrong(name, "a whole number of cycles")
@@ -434,11 +419,10 @@ def _require_distinct(pair: str, mine: Address, theirs: Address) -> None:
     if isinstance(mine, UdpAddress) and isinstance(theirs, UdpAddress):
         if mine.port == theirs.port and _machine(mine) == _machine(theirs):
             raise CableError(f"{pair} have the same address.")
-    if isinstance(mine, DriveAddress) and isinstance(theirs, DriveAddress):
-        if isinstance(mine.place, str) and mine.place == theirs.place:
-            raise CableError(f"{pair} are on the same port; give each servo its own.")
-    bus, other = _bus(mine), _bus(theirs)
-    if bus is None or other is None:
+    bus, other = (a.place if isinstance(a, DriveAddress) else a for a in (mine, theirs))
+    if isinstance(bus, str) and bus == other:
+        raise CableError(f"{pair} are on the same port; give each servo its own.")
+    if not (isinstance(bus, CanPlace) and isinstance(other, CanPlace)):
         return
     if (bus.channel, bus.interface) != (other.channel, other.interface):
         return
@@ -462,11 +446,6 @@ def _require_distinct(pair: str, mine: Address, theirs: Address) -> None:
             )
 
 
-def _bus(address: Address) -> CanPlace | None:
-    place = address.place if isinstance(address, DriveAddress) else address
-    return place if isinstance(place, CanPlace) else None
-
-
 def _machine(address: UdpAddress) -> str:
     """Return the address of a machine; its name where it is unknown."""
     try:
@@ -487,3 +466,86 @@ def _user_rig(table: Table, name: str) -> Rig:
             "write(torque) and close()."
         )
     return made
+
+
+class RigAxes:
+    """Axes that a rig drives, in the order of the device."""
+
+    def __init__(self, settings: Sequence[Settings]) -> None:
+        self.device = device = settings[0].device()
+        every = device.axis_names
+
+        def place(axis: Settings) -> int:
+            return 0 if axis.axis is None else axis.device().axis_names.index(axis.axis)
+
+        self.settings = tuple(sorted(settings, key=place))
+        places = [place(each) for each in self.settings]
+        self.names = tuple(every[k] for k in places)
+        self.prefixes = column_prefixes(self.names)
+        """Beginnings of the columns of each axis, as a controller sees them."""
+        self.log_names = ("",) if len(every) == 1 else self.names
+        """Names of the axes in a log, see `RunLog`."""
+        self.drives = tuple(each.drive() for each in self.settings)
+        models = DeviceModel(device.description, bare_model(device).compile()).axes
+        self.windings = Windings([models[k] for k in places])
+        self._measuring = {
+            model.axis.joint: model.axis.name
+            for model in models
+            if model.axis.name not in self.names
+        }
+        """Axes that are not driven, by the joint that they would measure."""
+
+    def controller(self, name: str) -> Controller:
+        """Return a controller of all axes, see `control.axes_controller`."""
+        if len(self.names) == 1 and self.log_names != ("",):
+            named = split_by_axis(name, self.names)
+            name = named if isinstance(named, str) else named[self.names[0]]
+        law = axes_controller(name, self.drives, self.prefixes)
+        laws, unmeasured = getattr(law, "laws", (law,)), self.windings.unmeasured
+        for axis, one, missing in zip(self.names, laws, unmeasured, strict=False):
+            has_model = isinstance(one, SteppedController) and one.stepped.has_model
+            if not (missing and (has_model or hasattr(one, "model"))):
+                continue
+            others = [self._measuring[j] for j in missing if j in self._measuring]
+            known = len(others) == len(missing)
+            hint = f"drive {' and '.join(others)}, whose rig does; " if known else ""
+            of = f" of axis {axis}" if len(self.names) > 1 else ""
+            raise CableError(
+                f"controller {name!r}{of} needs to know how joint {', '.join(missing)} "
+                f"winds the cable too, which the rig does not measure; {hint}none, "
+                "feedback and pi need not."
+            )
+        return law
+
+    def desired(self, duration: float) -> list[references.Desired]:
+        found = []
+        for name, drive, each in zip(
+            self.names, self.drives, self.settings, strict=True
+        ):
+            found.append(each.desired(duration))
+            if not isinstance(found[-1], references.TorqueTable):
+                continue
+            try:
+                found[-1].require_within(drive, each.limits)
+            except CableError as error:
+                of = f"axis {name}: " if len(self.names) > 1 else ""
+                raise CableError(f"{of}{error}") from None
+        return found
+
+    def driven(
+        self, rigs: Sequence[Rig], desired: Sequence[references.Desired]
+    ) -> list[DrivenAxis]:
+        limits = [each.limits for each in self.settings]
+        dogs = [each.watchdog for each in self.settings]
+        return [*map(DrivenAxis, rigs, self.drives, desired, limits, dogs, self.names)]
+
+    def connect(self) -> list[Rig]:
+        """Make the rig of every axis; those on one CAN bus share it."""
+        buses: CanBuses = {}
+        rigs: list[Rig] = []
+        with contextlib.ExitStack() as closing:
+            for each in self.settings:
+                rigs.append(each.connect(buses))
+                closing.callback(rigs[-1].close)
+            closing.pop_all()
+        return rigs

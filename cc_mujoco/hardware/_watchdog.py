@@ -18,9 +18,6 @@ from cc_mujoco.hardware._limits import Limits
 from cc_mujoco.hardware._packet import Readings, Status
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled
 
-STATISTICS_TIME = 1.0
-"""Time constant of the statistics of measured and predicted torque [s]."""
-
 
 class TorqueSensor:
     """Detection of a joint torque sensor that is dead or reversed.
@@ -37,8 +34,9 @@ class TorqueSensor:
         the predicted torque [N m].
         """
         self._model = CableModel(drive)
-        self._share = -math.expm1(-drive.period / STATISTICS_TIME)
-        self._settled = max(readings, round(STATISTICS_TIME / drive.period))
+        time = 1.0  # time constant of the averages of both torques [s]
+        self._share = -math.expm1(-drive.period / time)
+        self._settled = max(readings, round(time / drive.period))
         self._readings, self._swing = readings, swing
         self._joint = 0.0
         self._count = 0
@@ -82,7 +80,7 @@ class TorqueSensor:
         )
 
     def _is_reversed(self, torque: float, predicted: float) -> str | None:
-        moments = self._moments  # exponential averages of `STATISTICS_TIME`
+        moments = self._moments  # exponential averages
         if self._count == 1:
             moments[:2] = torque, predicted
         off = np.array([torque, predicted]) - moments[:2]
@@ -120,15 +118,6 @@ def _predict_torque(
         for i in range(state.shape[1]):
             state[k, i] = new[k, i]
     return float(stepper.torque(cables, state, True, motor)[0])
-
-
-_POSSIBLE = {
-    "motor_angle": (1e6, "rad"),
-    "motor_velocity": (1e4, "rad/s"),
-    "joint_velocity": (1e3, "rad/s"),
-    "joint_torque": (1e5, "N m"),
-}
-"""Largest size and unit of a reading that is no fault, whatever the limits are."""
 
 
 @dataclass(frozen=True)
@@ -287,11 +276,17 @@ class Watch:
 
     def _impossible(self, found: Readings) -> str | None:
         limits = self._limits
-        for name in Readings._fields[:6]:
+        for name, most, unit in (  # largest size that is no fault, whatever the limits
+            ("time", math.inf, "s"),
+            ("motor_angle", 1e6, "rad"),
+            ("motor_velocity", 1e4, "rad/s"),
+            ("joint_angle", math.inf, "rad"),
+            ("joint_velocity", 1e3, "rad/s"),
+            ("joint_torque", 1e5, "N m"),
+        ):
             value = getattr(found, name)
             if not math.isfinite(value):
                 return f"the reading of {name} is {value!r}, no finite number."
-            most, unit = _POSSIBLE.get(name, (math.inf, ""))
             if abs(value) > most:
                 return (
                     f"the reading of {name} is {value:.4g} {unit}, and no device has "

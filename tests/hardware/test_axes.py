@@ -29,8 +29,8 @@ from cc_mujoco.hardware import (
 from cc_mujoco.hardware._limits import Limiter
 from cc_mujoco.hardware._references import constant_course
 from cc_mujoco.hardware._replay import as_episode, read_rows
-from cc_mujoco.hardware._rig_axes import RigAxes
 from cc_mujoco.hardware._run_log import RUN_COLUMNS, SAMPLE_TIME, run_columns
+from cc_mujoco.hardware._settings import RigAxes
 from hardware.devices import ARM, SimulatedDevice, written
 from hardware.fakes import LIMITS, PERIOD, FakeRig, Rows, SimulatedClock, drive
 from hardware.peers import Peer

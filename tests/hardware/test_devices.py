@@ -28,8 +28,8 @@ from cc_mujoco.hardware import (
 )
 from cc_mujoco.hardware._drive_model import axis_model, device_of
 from cc_mujoco.hardware._replay import as_episode, read_rows
-from cc_mujoco.hardware._rig_axes import RigAxes
 from cc_mujoco.hardware._run_log import RUN_COLUMNS
+from cc_mujoco.hardware._settings import RigAxes
 from cc_mujoco.simulation import simulate
 from hardware.devices import ARM, KNEE, SimulatedDevice, written
 from hardware.fakes import Rows

@@ -56,9 +56,7 @@ class DriveAddress:
     gear: float = 1.0
     """Turns of the drive's encoder per turn of the motor in the scene; a negative one
     reverses its sense [-]."""
-    zero: float = (
-        0.0  # angle of the motor in the scene where that encoder is at 0 [rad]
-    )
+    zero: float = 0.0  # angle of the motor in the scene where that encoder is 0 [rad]
     baud_rate: int = 57_600  # of the serial port [1/s]
     torque_per_ampere: float = 0.0
     """Torque of the drive's shaft per current, of those that take a current [N m/A]."""
@@ -102,10 +100,8 @@ def _can(table: Table, channel: str) -> CanAddress:
 
 
 def _drive(table: Table, protocol: str, place: str) -> DriveAddress:
-    keys, is_serial = (
-        ("address", "node", "gear", "zero", "joint"),
-        protocol == "dynamixel",
-    )
+    keys = ("address", "node", "gear", "zero", "joint")
+    is_serial = protocol == "dynamixel"
     needed = "`joint`, a table with the `address` or `class` of what measures the joint"
     if not place:
         kind, example = ("PORT", "/dev/ttyUSB0") if is_serial else ("CHANNEL", "can0")

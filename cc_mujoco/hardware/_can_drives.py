@@ -201,12 +201,8 @@ class Moteus(CanDrive):
 
 
 HEARTBEAT, ESTIMATES = 0x01, 0x09  # commands that the drive sends by itself
-SET_AXIS_STATE, SET_CONTROLLER_MODE, SET_INPUT_TORQUE, CLEAR_ERRORS = (
-    7,
-    0x0B,
-    0x0E,
-    0x18,
-)
+SET_AXIS_STATE, SET_CONTROLLER_MODE = 0x07, 0x0B
+SET_INPUT_TORQUE, CLEAR_ERRORS = 0x0E, 0x18
 IDLE, CLOSED_LOOP_CONTROL = 1, 8  # states of an axis
 TORQUE_CONTROL, PASSTHROUGH = 1, 1  # control mode and input mode
 

@@ -191,9 +191,8 @@ class RunRig:
         file = first.path.parent / first.scene
         is_own = first.scene not in SCENES and file.is_file()
         scene = str(file) if is_own else first.scene
-        kept = {
-            n: own.limits for n, own in zip(axes.log_names, axes.settings, strict=True)
-        }
+        limits = [each.limits for each in axes.settings]
+        kept = dict(zip(axes.log_names, limits, strict=True))
         about_run = name or what, scene, period, kept, name is not None
         run = ReportedRun(self.out / f"{stem}.csv", loop.outcome, *about_run)
         try:

@@ -518,18 +518,13 @@ class RigAxes:
         return law
 
     def desired(self, duration: float) -> list[references.Desired]:
-        found = []
-        for name, drive, each in zip(
-            self.names, self.drives, self.settings, strict=True
-        ):
-            found.append(each.desired(duration))
-            if not isinstance(found[-1], references.TorqueTable):
-                continue
-            try:
-                found[-1].require_within(drive, each.limits)
-            except CableError as error:
-                of = f"axis {name}: " if len(self.names) > 1 else ""
-                raise CableError(f"{of}{error}") from None
+        found = [each.desired(duration) for each in self.settings]
+        each_axis = zip(self.names, found, self.drives, self.settings, strict=True)
+        for name, desired, drive, own in each_axis:
+            alone = contextlib.nullcontext() if len(self.names) == 1 else None
+            if isinstance(desired, references.TorqueTable):
+                with alone or naming(f"axis {name}"):
+                    desired.require_within(drive, own.limits)
         return found
 
     def driven(

@@ -62,8 +62,9 @@ class SystemClock:
             pass
 
 
-CONNECT_TIME = 3.0  # longest time that a rig may take until its first reading [s]
-ZERO_TORQUE_CYCLES = 5  # cycles at zero torque after the ramp of a stop
+CONNECT_TIME, ZERO_TORQUE_CYCLES = 3.0, 5
+"""Longest time that a rig may take until its first reading [s]; cycles at zero torque
+after the ramp of a stop."""
 
 
 class Ending(Exception):
@@ -109,14 +110,11 @@ class TimeHistogram:
 class RunOutcome:
     """Outcome of a run."""
 
-    sentence: str = ""
-    """Why it ended."""
+    sentence: str = ""  # why it ended
     code: int = 0
     """Exit code: 0 the time was over, 3 something was amiss, 128 + number a signal."""
-    cycles: int = 0
-    """Cycles that the controller had a say in."""
-    missed: int = 0
-    """Cycles that were skipped because the host was late."""
+    cycles: int = 0  # cycles that the controller had a say in
+    missed: int = 0  # cycles that were skipped because the host was late
     limited: int = 0
     """Number of `cycles` in which a motor got all torque that its limit allows."""
     rate_limited: int = 0
@@ -126,10 +124,9 @@ class RunOutcome:
     """Cycles in which no new reading came, of several axes from at least one."""
     ignored: Counter[str] = field(default_factory=Counter)
     """Packets that were not used, by why."""
-    late: TimeHistogram = field(default_factory=TimeHistogram)
-    """Lateness of the cycles' beginnings."""
+    late: TimeHistogram = field(default_factory=TimeHistogram)  # of the beginnings
     work: TimeHistogram = field(default_factory=TimeHistogram)
-    """Time from there until the command was out."""
+    """Time from the beginning of a cycle until the command was out."""
 
     def to_json(self) -> dict[str, Any]:
         """Return the outcome as plain JSON."""
@@ -152,14 +149,10 @@ class DrivenAxis:
     """Axis of a run: its rig, drive, desired torque and limits."""
 
     rig: Rig
-    drive: Drive
-    """Prior knowledge about the axis, with the period of the loop."""
-    desired: Desired
-    """Torque at the joint."""
+    drive: Drive  # prior knowledge about the axis, with the period of the loop
+    desired: Desired  # torque at the joint
     limits: Limits
-    """Limits that are kept."""
-    watchdog: Watchdog
-    """Longest times that something may be amiss."""
+    watchdog: Watchdog  # longest times that something may be amiss
     name: str = ""
     """Name in sentences, and in the columns that a controller sees, of several axes."""
 
@@ -174,9 +167,9 @@ class _AxisState:
         self.limiter = Limiter(axis.limits, axis.drive.period)
         self.watch = Watch(axis.limits, axis.watchdog, axis.drive, unmeasured)
         self.prefix = "" if alone else f"{axis.name}."
-        self.seen: Readings | None = None  # the newest reading
-        self.fresh: Readings | None = None
-        """The reading of this cycle, None if none came."""
+        self.fresh: Readings | None = None  # that of this cycle, None if none came
+        self.seen: Readings | None = None
+        """The newest reading; there is one after `Loop._connect`."""
 
     def sentence(self, text: str) -> str:
         return f"axis {self.axis.name}: {text}" if self.prefix else text
@@ -184,11 +177,6 @@ class _AxisState:
     def read(self) -> None:
         self.fresh = self.axis.rig.read()
         self.seen = self.fresh or self.seen
-
-    def reading(self) -> Readings:
-        """Return the newest reading; there is one after `Loop._connect`."""
-        assert self.seen is not None
-        return self.seen
 
 
 class Loop:
@@ -226,15 +214,13 @@ class Loop:
         self._law, self._clock, self._log, self._stop = law, clock, log, stop
         self._windings = windings
         self._period = law.drive.period
-        alone = len(axes) == 1
         unmeasured = [axis.drive.crossed for axis in axes]
         if windings is not None:
             unmeasured = windings.unmeasured
-        pairs = zip(axes, unmeasured, strict=True)
+        pairs, alone = zip(axes, unmeasured, strict=True), len(axes) == 1
         self._axes = [_AxisState(axis, joints, alone) for axis, joints in pairs]
         self._wound: list[dict[str, float]] = [{} for _ in axes]
-        self._deadline = 0.0
-        self._late = 0.0
+        self._deadline = self._late = 0.0
         self.outcome = RunOutcome()
 
     def run(self, duration: float) -> RunOutcome:
@@ -281,35 +267,33 @@ class Loop:
             self._write([0.0] * len(self._axes))
             self._deadline += self._period
             self._clock.wait(self._deadline)
+            self._read()
             for one in self._axes:
-                with self._named(one):
-                    one.read()
                 # A first reading is looked at with those of the others.
                 one.fresh = one.seen
-        self._check(self._amiss(self._clock.now()))
+        if (amiss := self._amiss(self._clock.now())) is not None:
+            raise Ending(amiss)
 
     def _cycle(self) -> None:
         outcome = self.outcome
         self._next()
         began = self._clock.now()
-        for one in self._axes:
-            with self._named(one):
-                one.read()
+        self._read()
         outcome.without_reading += any(one.fresh is None for one in self._axes)
         before = [one.limiter.torque for one in self._axes]
         self._stop_requested()
         if (amiss := self._amiss(began)) is not None:
             self._log_without_control(before, before)
             raise Ending(amiss)
-        seen = [one.reading() for one in self._axes]
+        seen = self._readings()
         time = (outcome.cycles + outcome.missed) * self._period
         desired, wishes = self._control_torques(time, seen)
         # Whatever came while the controller was at work: a stop always wins.
         self._stop_requested()
-        pairs = zip(self._axes, wishes, strict=True)
-        torques = [one.limiter.limited(wish) for one, wish in pairs]
+        limiters = [one.limiter for one in self._axes]
+        torques = [own.limited(w) for own, w in zip(limiters, wishes, strict=True)]
         self._write(torques)
-        outcome.rate_limited += any(one.limiter.is_rate_limited for one in self._axes)
+        outcome.rate_limited += any(own.is_rate_limited for own in limiters)
         if torques != wishes:
             self._law.given(torques if len(torques) > 1 else torques[0])
         pairs = zip(self._axes, torques, strict=True)
@@ -342,16 +326,22 @@ class Loop:
             return
         rows = []
         for one, had, torque in zip(self._axes, before, torques, strict=True):
-            seen = one.seen
-            if seen is None or not all(map(math.isfinite, seen[:6])):
-                return
-            if one.watch.has_stepped:
+            seen, is_timed = one.seen, not one.watch.has_stepped
+            if not (seen and is_timed and all(map(math.isfinite, seen[:6]))):
                 return
             rows.append(AxisRow(seen, had, command=torque))
         number = self.outcome.cycles + self.outcome.missed
         # A full disk is no reason to stay.
         with contextlib.suppress(OSError, CableError):
             self._log.row(rows, self._late, 0.0, number)
+
+    def _read(self) -> None:
+        for one in self._axes:
+            with self._named(one):
+                one.read()
+
+    def _readings(self) -> list[Readings]:
+        return [one.seen for one in self._axes if one.seen is not None]
 
     def _write(self, torques: Sequence[float]) -> None:
         """Write to every rig, also where one fails; then raise the first failure."""
@@ -387,7 +377,8 @@ class Loop:
         self.outcome.late.add(self._late)
         self.outcome.missed += missed
         for one in self._axes:
-            self._check(one.watch.deadline(missed))
+            if (amiss := one.watch.deadline(missed)) is not None:
+                raise Ending(amiss)
 
     def _amiss(self, now: float) -> str | None:
         """Return a sentence on a fault in the new readings, or None."""
@@ -397,7 +388,7 @@ class Loop:
                 return one.sentence(why)
         if all(one.fresh is None for one in self._axes):
             return None
-        self._wind([one.reading() for one in self._axes])
+        self._wind(self._readings())
         for one, wound in zip(self._axes, self._wound, strict=True):
             if one.fresh is None:
                 continue
@@ -454,11 +445,6 @@ class Loop:
             yield
         except Exception as error:
             raise Ending(one.sentence(_error_text(error))) from error
-
-    @staticmethod
-    def _check(sentence: str | None) -> None:
-        if sentence is not None:
-            raise Ending(sentence)
 
 
 def _floats(torque: Any, count: int) -> list[float]:

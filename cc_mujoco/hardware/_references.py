@@ -57,10 +57,6 @@ class TorqueTable:
     def require_within(self, drive: Drive, limits: Limits) -> None:
         """Find out, before a rig is touched, whether the motor can give these torques.
 
-        Args:
-            drive: Drive of the rig, with the torques that the motor may give.
-            limits: Limits that are enforced.
-
         Raises:
             CableError: It cannot, were there no friction, or the run would be stopped.
         """
@@ -150,10 +146,8 @@ APPROACH_TIME = 1.0
 class Stiffness:
     """Stiffness with which a motor is held on its course."""
 
-    stiffness: float
-    """[N m/rad]"""
-    damping: float
-    """[N m s/rad]"""
+    stiffness: float  # [N m/rad]
+    damping: float  # [N m s/rad]
     integral: float
     """Rate at which the torque grows while there is an error [N m/(rad s)]."""
 
@@ -217,14 +211,12 @@ class Servo:
 
         The way to the course's first angle is a cosine.
         """
-        first = float(self._angles[0])
         if time < APPROACH_TIME:
             turn = math.pi * time / APPROACH_TIME
-            half = 0.5 * (first - begin)
+            half = 0.5 * (float(self._angles[0]) - begin)
             speed = half * math.pi / APPROACH_TIME * math.sin(turn)
             return begin + half * (1.0 - math.cos(turn)), speed
-        now = time - APPROACH_TIME
-        step = self._drive.period
+        now, step = time - APPROACH_TIME, self._drive.period
         angle, later = np.interp((now, now + step), self._times, self._angles)
         return float(angle), float(later - angle) / step
 

@@ -71,9 +71,7 @@ def files_of(name: str) -> tuple[str, str]:
 def require_free(folder: str | os.PathLike[str], name: str = DEFAULT_LOG_NAME) -> None:
     """Find out, before a rig is touched, whether a run may be written to a folder.
 
-    Args:
-        folder: Folder of the run.
-        name: Name of the run's files.
+    `name` is that of the run's files.
 
     Raises:
         CableError: It cannot be written, holds anything else but for a plan's trial, or
@@ -159,23 +157,18 @@ class RunLog:
     def row(
         self, axes: Sequence[AxisRow], late: float, work: float, cycle: int
     ) -> None:
-        """Append one row to the log.
+        """Append the row of a cycle.
 
-        Args:
-            axes: One `AxisRow` per axis.
-            late: Delay of the cycle's start [s].
-            work: Time from there until the command was sent [s].
-            cycle: Number of the cycle.
+        `late` is the delay of its start, `work` the time from there until the command
+        was sent [s].
         """
         if not self._starts:
             self._starts = [axis.seen.time for axis in axes]
-        pairs = zip(axes, self._starts, strict=True)
-        times = [axis.seen.time - start for axis, start in pairs]
-        row = [times[0]]
-        for time, (seen, before, *others) in zip(times, axes, strict=True):
+        row = [axes[0].seen.time - self._starts[0]]
+        for start, (seen, before, *others) in zip(self._starts, axes, strict=True):
+            time, angle, velocity, *joint, _ = seen
             if len(axes) > 1:
-                row.append(time)
-            _, angle, velocity, *joint, _ = seen
+                row.append(time - start)
             row += (angle, velocity, before, *joint, *others)
         row += (late, work, cycle)
         self._block.append(",".join(repr(float(value)) for value in row))
@@ -183,10 +176,7 @@ class RunLog:
             self.flush()
 
     def close(self, outcome: Mapping[str, Any]) -> None:
-        """End both files.
-
-        Args:
-            outcome: Outcome of the run, as JSON.
+        """End both files, with the outcome of the run as JSON.
 
         Raises:
             CableError: The rows left over, or the page, cannot be written.

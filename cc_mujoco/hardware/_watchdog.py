@@ -186,15 +186,11 @@ class Watch:
             self._cables.follow([0.0], [0.0])  # compiled before the first cycle
             self._cables.reset()
         self._twist: float | None = None
-        self._late = 0
-        self._without = 0
+        self._late = self._without = self._disabled = self._equal = 0
         self._enabled = False
-        self._disabled = 0
         self._last: Readings | None = None
-        self._equal = 0
         self._commanded = (0.0, 0.0)
-        self._still = [0, 0]
-        self._held = [0.0, 0.0]
+        self._still, self._held = [0, 0], [0.0, 0.0]
         self._times: tuple[float, float] | None = None
         self.has_stepped = False
         """True if the rig's clock has stepped: times of its readings are wrong."""
@@ -302,8 +298,7 @@ class Watch:
             ("motor_velocity", "rad/s", limits.motor_speed),
             ("joint_torque", "N m", limits.joint_torque),
         ):
-            value = getattr(found, name)
-            if abs(value) > limit:
+            if abs(value := getattr(found, name)) > limit:
                 return f"{name} is {value:.4g} {unit}, beyond its limit of {limit:g}."
         return None
 
@@ -318,8 +313,7 @@ class Watch:
             self._commanded = min(least, torque), max(most, torque)
         else:
             self._equal, self._commanded = 0, (torque, torque)
-        change = self._commanded[1] - self._commanded[0]
-        dog = self._watchdog
+        dog, change = self._watchdog, self._commanded[1] - self._commanded[0]
         changed = change >= dog.frozen_torque * self._limits.torque
         if changed and self._equal >= dog.frozen_readings:
             return (
@@ -329,8 +323,7 @@ class Watch:
         return self._frozen_encoder_fault(found, last)
 
     def _frozen_encoder_fault(self, found: Readings, last: Readings) -> str | None:
-        dog = self._watchdog
-        now = found.motor_angle, found.joint_angle
+        dog, now = self._watchdog, (found.motor_angle, found.joint_angle)
         before = last.motor_angle, last.joint_angle
         for one, scale in ((0, 1.0), (1, 1.0 / self._drive.ratio)):
             other = 1 - one
@@ -370,8 +363,7 @@ class Watch:
         twist = motor / ratio - angle
         if self._twist is None:
             self._twist = twist
-        parted = abs(twist - self._twist)
-        if parted <= self._watchdog.twist:
+        if (parted := abs(twist - self._twist)) <= self._watchdog.twist:
             return None
         return (
             f"motor and joint have gone {parted:.3g} rad apart, at the joint, "

@@ -162,8 +162,7 @@ def pack(
     `critical_slip_distance` over which it is renewed, and static friction of cables
     with bristles are left out. `changed` is scratch like `values`, `prm` is out.
     """
-    for i in range(values.size):
-        changed[i] = values[i]
+    changed[:] = values
     # At most 5, as of a `Cable`.
     changed[PLACE.friction] = min(factor * values[PLACE.friction], 5.0)
     changed[PLACE.static_friction] = min(factor * values[PLACE.static_friction], 5.0)
@@ -260,8 +259,7 @@ def follow(model: Model, motor: float, torque: float, joint: float, dt: float) -
             model.gain[k] = low / high
         elif sign != 0.0 and has_drag(cables.prm[k]):
             model.direction[k] = sign  # drag slips by, with slack at the motor
-        for i in range(state.shape[1]):
-            state[k, i] = new[k, i]
+    state[:] = new
     return found
 
 

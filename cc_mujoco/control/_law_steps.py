@@ -24,7 +24,7 @@ from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.cable._friction import PLACE
 from cc_mujoco.cable._layout import SCALARS
-from cc_mujoco.cable._parameter import Parameter, parameter, parameters_of
+from cc_mujoco.cable._parameter import parameter, parameters_of
 from cc_mujoco.control import _compensation as compensation
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control._cable_model import (
@@ -135,8 +135,7 @@ class FeedbackGains(DriveGains):
     )  # fmt: skip
 
 
-LIMITS: tuple[Parameter, ...] = parameters_of(DriveGains)
-FEEDBACK: tuple[Parameter, ...] = parameters_of(FeedbackGains)
+LIMITS, FEEDBACK = parameters_of(DriveGains), parameters_of(FeedbackGains)
 """Gains of a law without and with feedback, in order."""
 
 _FEED_FORWARD, _PROPORTIONAL, _INTEGRAL, _SETTLING, _PREVIEW, _TOLERANCE, STIFFNESS = (
@@ -144,11 +143,10 @@ _FEED_FORWARD, _PROPORTIONAL, _INTEGRAL, _SETTLING, _PREVIEW, _TOLERANCE, STIFFN
 )
 """Their places behind `DriveLimits`; the spring of the cables is last."""
 
-FIRST_STEP, JOINT_ANGLE, SPRING = 0, 1, 2
+FIRST_STEP, JOINT_ANGLE, SPRING, OWN_MEMORY = 0, 1, 2, 2 + guard.SPRING_SIZE
 """Places in the memory: whether no step was taken yet, angle of the joint since the
-start as the model finds it [rad], all cables as a spring there (`guard.STIFFNESS`)."""
-OWN_MEMORY = SPRING + guard.SPRING_SIZE
-"""Numbers before those that are a controller's own."""
+start as the model finds it [rad], all cables as a spring there (`guard.STIFFNESS`),
+numbers that are a controller's own."""
 INTEGRAL_TORQUE, MOTOR_DIRECTION, GUARD = range(3)
 """Places of those of a law with feedback: torque of the integral [N m]; direction in
 which the motor shall turn; first of the numbers of the guard."""
@@ -296,16 +294,13 @@ def wrong_parameters(
 
 @compiled
 def store_limits(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> None:
-    for i in range(guard.LIMITS):
-        memory[OWN_MEMORY + i] = parameters[i]
+    memory[OWN_MEMORY : OWN_MEMORY + guard.LIMITS] = parameters[: guard.LIMITS]
 
 
 @compiled
 def store_gains(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> None:
-    for i in range(CABLES - GAINS):
-        memory[GAINS + i] = parameters[i]
-    for i in range(guard.SPRING_SIZE):
-        memory[SPRING + i] = parameters[STIFFNESS + i]
+    memory[GAINS:CABLES] = parameters[: CABLES - GAINS]
+    memory[SPRING:OWN_MEMORY] = parameters[STIFFNESS : STIFFNESS + guard.SPRING_SIZE]
 
 
 @compiled
@@ -376,8 +371,7 @@ def _admitted(data: LawData) -> Law:
     law = _law_of(data.memory)
     if data.memory[FIRST_STEP] != 0.0:
         law.memory[:] = 0.0
-    for i in range(guard.READINGS):
-        law.seen[i] = data.readings[i]
+    law.seen[: guard.READINGS] = data.readings[: guard.READINGS]
     admit(law)
     return law
 
@@ -596,16 +590,15 @@ def begun(data: LawData, gains: int, size: int, first: int) -> Law:
     the guard.
     """
     memory = data.memory
-    for i in range(guard.LIMITS, gains):
-        memory[OWN_MEMORY + i] = data.tables[i - guard.LIMITS]
+    spring = part(data.tables, gains - guard.LIMITS, guard.SPRING_SIZE)
+    behind = part(memory, OWN_MEMORY + guard.LIMITS, gains - guard.LIMITS)
+    behind[:] = data.tables[: gains - guard.LIMITS]
     numbers = part(memory, OWN_MEMORY + gains, size)
     if memory[FIRST_STEP] != 0.0:
         numbers[:] = 0.0
         memory[FIRST_STEP] = 0.0
     seen = part(numbers, first + guard.SEEN, guard.READINGS)
-    for i in range(guard.READINGS):
-        seen[i] = data.readings[i]
-    spring = part(data.tables, gains - guard.LIMITS, guard.SPRING_SIZE)
+    seen[:] = data.readings[: guard.READINGS]
     return Law(part(memory, OWN_MEMORY, gains), spring, numbers, seen)
 
 
@@ -689,8 +682,7 @@ def step_inverse(data: LawData) -> float:
     return float(limited)
 
 
-STATES = 4
-STRETCH, SPEED, LOAD, LACK = range(STATES)
+STRETCH, SPEED, LOAD, LACK, STATES = range(5)
 """Motor angle less ratio times joint angle; its rate; torque on the motor and torque at
 the joint that the linear model lacks."""
 
@@ -726,8 +718,7 @@ def _advance(
         new[i] = model[i, STATES] * torque
         for j in range(STATES):
             new[i] += model[i, j] * state[j]
-    for i in range(STATES):
-        state[i] = new[i]
+    state[:] = new
 
 
 @internal
@@ -780,7 +771,6 @@ def step_gaussian(data: LawData) -> float:
     hold = tuned.rigidity / ratio**2 * wanted - ahead[LOAD]
     off = regulator[0] * (ahead[STRETCH] - wanted) + regulator[1] * ahead[SPEED]
     torque = guard.passed(own, tuned.release, hold - off)
-    for i in range(applied.size - 1):
-        applied[i] = applied[i + 1]
+    applied[: applied.size - 1] = applied[1:]
     applied[applied.size - 1] = torque
     return float(torque)

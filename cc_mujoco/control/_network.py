@@ -202,8 +202,5 @@ def _all_shares(
     net: PackedNetwork, rows: FloatMatrix, work: FloatMatrix, shares: FloatMatrix
 ) -> None:
     for row in range(rows.shape[0]):
-        for i in range(rows.shape[1]):
-            work[0, i] = rows[row, i]
-        last = shares_of(net, work)
-        for i in range(shares.shape[1]):
-            shares[row, i] = work[last, i]
+        work[0, : rows.shape[1]] = rows[row]
+        shares[row] = work[shares_of(net, work), : shares.shape[1]]

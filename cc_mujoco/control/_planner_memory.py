@@ -31,7 +31,7 @@ from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.cable._parameter import Parameter, parameters_of
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control._law_steps import LAW_INPUTS, DriveGains, gain
-from cc_mujoco.native import FloatArray, FloatCube, FloatMatrix, internal
+from cc_mujoco.native import FloatArray, FloatCube, FloatMatrix
 
 PLANNER_INPUTS = (LAW_INPUTS[0], LAW_INPUTS[2], *LAW_INPUTS[4:])
 """Columns that the controller reads: angles of motor and joint, torques."""
@@ -203,10 +203,3 @@ class Planner(NamedTuple):
     spent: FloatArray  # steps of the cables' model for the plans so far (1,)
     given: FloatArray  # parameters behind those of the tuning, see `_law_steps`
     end: int  # place behind all of them in the memory of the controller
-
-
-@internal
-def copy_states(source: FloatMatrix, target: FloatMatrix) -> None:
-    for k in range(source.shape[0]):
-        for i in range(source.shape[1]):
-            target[k, i] = source[k, i]

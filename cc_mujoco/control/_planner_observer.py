@@ -24,7 +24,7 @@ from cc_mujoco.cable._layout import (
 )
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control import _planner_memory as at
-from cc_mujoco.control._planner_memory import Planner, copy_states
+from cc_mujoco.control._planner_memory import Planner
 from cc_mujoco.control._rollout import MAX_EVALUATIONS
 from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 
@@ -74,7 +74,7 @@ def _reset(planner: Planner, seen: FloatArray) -> None:
     for hypothesis in range(2):
         memory[at.MODEL_LOAD + hypothesis] = memory[at.LOAD]
         memory[at.MODEL_ROTOR + hypothesis * at.OBSERVER_SIZE + at.ANGLE] = motor
-    copy_states(planner.state, planner.other)
+    planner.other[:] = planner.state
     memory[at.STARTED], memory[at.OTHER_JOINT] = 1.0, planner.joint[0]
 
 
@@ -217,7 +217,7 @@ def _follow(
                 to = joint + side * shift
                 stepper.move(cables, state, motor, to, dt, new, planner.work)
         joint = to
-    copy_states(new, state)
+    state[:] = new
     return joint
 
 
@@ -268,8 +268,7 @@ def _observe_rotor(planner: Planner, motor: float, mean_load: float) -> None:
     if rotors[best, errors] + 2e-4**2 < 0.7 * rotors[believed, errors]:
         believed = best
     memory[at.BELIEVED_DELAY] = believed
-    for i in range(at.DISTURBANCE + 1):
-        memory[i] = rotors[believed, i]
+    memory[: at.DISTURBANCE + 1] = rotors[believed, : at.DISTURBANCE + 1]
 
 
 @internal

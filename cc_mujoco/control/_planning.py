@@ -21,7 +21,7 @@ from cc_mujoco.control import _planner_memory as at
 from cc_mujoco.control import _rollout as rollout
 from cc_mujoco.control._cholesky import solve_active
 from cc_mujoco.control._compensation import has_drag
-from cc_mujoco.control._planner_memory import Planner, copy_states
+from cc_mujoco.control._planner_memory import Planner
 from cc_mujoco.control._planner_observer import (
     learn,
     observe,
@@ -168,8 +168,7 @@ def optimise_commands(planner: Planner, push: FloatArray, load: float) -> None:
             break
         is_settled = cost - found < 1e-6 * cost
         cost = found
-        for k in range(n):
-            x[k] = trial[k]
+        x[:] = trial
         if is_settled:
             break
     command, motor = ahead[at.COMMAND], start
@@ -234,7 +233,7 @@ def _predict(planner: Planner, joint: float, applied: FloatArray) -> float:
         stepper.move(
             cables, state, ahead[at.ANGLE], joint, dt, planner.new, planner.work
         )
-        copy_states(planner.new, state)
+        state[:] = planner.new
     return joint
 
 
@@ -281,7 +280,7 @@ def _plan(
     count, steps = planner.path.size, tune[at.SPAN] / tune[at.PERIOD]
     cautious, kept = caution, (1.0 - tune[at.CREEP]) ** steps
     cost = 0.0
-    copy_states(planner.present, planner.rolled)
+    planner.rolled[:] = planner.present
     motor = ahead[at.ANGLE]
     for i in range(count):
         push[i] = gains[i, 0] * motor + gains[i, 1] * ahead[at.VELOCITY]
@@ -306,7 +305,7 @@ def _plan(
         motor = rollout.find_motor_angle(
             search, motor, sense, where, where - last, desired
         )
-        copy_states(new, planner.rolled)
+        planner.rolled[:] = new
         last = where
         cost += (rollout.joint_torque(cables, new, motor) - desired) ** 2
         for j in range(count):
@@ -336,7 +335,7 @@ def _simulate_plan(
     count, span = planner.path.size, tune[at.SPAN]
     steps = span / tune[at.PERIOD]
     angle, velocity = ahead[at.ANGLE], ahead[at.VELOCITY]
-    copy_states(planner.present, planner.rolled)
+    planner.rolled[:] = planner.present
     kept = (1.0 - tune[at.CREEP]) ** steps
     limit = max(abs(tune[at.LOW]), abs(tune[at.HIGH])) / tune[at.INERTIA]
     planner.spent[0] += count
@@ -348,7 +347,7 @@ def _simulate_plan(
         caution *= kept
         desired -= caution
         stepper.move(cables, planner.rolled, angle, where, span, new, planner.work)
-        copy_states(new, planner.rolled)
+        planner.rolled[:] = new
         cost += (rollout.joint_torque(cables, new, angle) - desired) ** 2
         planner.path[i] = angle
         planner.load[i] = stepper.torque(cables, new, False, angle)[0]
@@ -377,10 +376,9 @@ def motor_torque(planner: Planner, seen: FloatArray) -> float:
     turned = observe(planner, read)
     state = planner.other if own[at.BRISTLED] != 0.0 else planner.state
     learn(cables, state, own, tune)
-    for i in range(own.size):
-        ahead[i] = own[i]
+    ahead[:] = own
     delay = int(own[at.BELIEVED_DELAY])
-    copy_states(state, planner.present)
+    planner.present[:] = state
     turned = _predict(planner, turned, applied[applied.size - delay :])
     _anticipate_joint(ahead, tune)
     before = ahead[at.DIRECTION]
@@ -404,8 +402,7 @@ def motor_torque(planner: Planner, seen: FloatArray) -> float:
             own[at.CAUTION] = tune[at.CAUTION_SHARE] * width
     own[at.DIRECTION] = sense
     if not np.isinf(cost):
-        for i in range(last):
-            planner.plan[i] = best[i]
+        planner.plan[:last] = best[:last]
         planner.plan[last] = 0.0
     planner.plan[last] += 1.0
     angle, velocity = ahead[at.ANGLE], ahead[at.VELOCITY]
@@ -436,8 +433,7 @@ def motor_torque(planner: Planner, seen: FloatArray) -> float:
     most = tune[at.RATE] * dt
     torque = min(max(torque, own[at.COMMAND] - most), own[at.COMMAND] + most)
     torque = min(max(torque, tune[at.LOW]), tune[at.HIGH])
-    for i in range(applied.size - 1):
-        applied[i] = applied[i + 1]
+    applied[: applied.size - 1] = applied[1:]
     applied[applied.size - 1] = torque
     if own[at.BRISTLED] != 0.0:
         set_bristles(cables, 0.0)

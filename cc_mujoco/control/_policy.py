@@ -236,8 +236,7 @@ def admit_measured(
     `winding` are `device.WINDING_COLUMNS`, or nothing of a round pulley.
     """
     seen = own.memory[guard.SEEN : guard.SEEN + guard.READINGS]
-    for i in range(guard.READINGS):
-        seen[i] = measured[i]
+    seen[:] = measured[: guard.READINGS]
     if winding.size > 0:
         seen[guard.JOINT], seen[guard.JOINT_SPEED] = winding[0], winding[1]
         seen[guard.TORQUE] /= winding[2]

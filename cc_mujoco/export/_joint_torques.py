@@ -73,8 +73,7 @@ def own_readings(
     """Write to the memory the readings in the order of each axis' law."""
     count, axes, joints = shape[0], shape[1], shape[2]
     rows = whole_rows_of(shape, 3, _ROWS, axes)  # behind the three numbers
-    for i in range(count):
-        memory[i] = readings[i]
+    memory[:count] = readings[:count]
     if joints > 0:
         place = count + joints * axes
         ratios = rows_of(memory, count, joints, axes)

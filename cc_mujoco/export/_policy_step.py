@@ -37,8 +37,7 @@ def step_policy(data: LawData) -> float:
     first = OWN_MEMORY + policy.GAINS + _POLICY_SIZE
     place = policy.GAINS - guard.LIMITS + guard.SPRING_SIZE  # of the numbers of `Past`
     measured = part(memory, first, columns)
-    for i in range(columns):
-        measured[i] = readings[i]
+    measured[:] = readings[:columns]
     wound = len(WINDING_COLUMNS) if shape[_IS_WOUND] != 0 else 0
     guarded = guard.Guarded(gains, spring, law)
     policy.admit_measured(guarded, measured, part(readings, columns, wound))

@@ -114,9 +114,7 @@ def _predict_torque(
 ) -> float:
     """Move cables by both ends; return their torque at the joint [N m]."""
     stepper.move(cables, state, motor, joint, dt, new, work)
-    for k in range(state.shape[0]):
-        for i in range(state.shape[1]):
-            state[k, i] = new[k, i]
+    state[:] = new
     return float(stepper.torque(cables, state, True, motor)[0])
 
 

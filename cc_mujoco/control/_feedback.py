@@ -40,9 +40,6 @@ from cc_mujoco.native import FloatArray
 
 _DELAY_SHARE = 0.35
 """Share of what a delay allows that damping and proportional gain take."""
-_DEAD_SIGMAS = 6.0
-"""Error at no desired torque that a single cable does not answer, in standard
-deviations of the torque sensor: three times those of its bias in the benchmark."""
 
 
 class FeedForward(SteppedController):
@@ -267,6 +264,9 @@ class TunedFeedback(ProportionalIntegral):
     """Share of the friction of slipping cables that is fed forward."""
     slip_speed = 0.3
     """Speed of the joint at which the sense of slip is hardly in doubt [rad/s]."""
+    single_dead_sigmas = 6.0
+    """Error at no desired torque that a single cable does not answer, in standard
+    deviations of the torque sensor: three times those of its bias in the benchmark."""
 
     def __init__(self, drive: Drive) -> None:
         """Prepare for the first episode.
@@ -280,8 +280,7 @@ class TunedFeedback(ProportionalIntegral):
         found = loop_gains(drive, self.integral_share)
         super().__init__(drive, found.proportional, found.integral)
         self.settling = found.settling
-        self.dead_sigmas = _DEAD_SIGMAS if drive.one_way else 0.0
-        """Error at no desired torque that is none, over the sensor's noise."""
+        self.dead_sigmas = self.single_dead_sigmas if drive.one_way else 0.0
 
     def law_tables(self) -> LawTables:
         cables, noise = cable_table(self.drive.cables), self.drive.torque_noise

@@ -19,11 +19,11 @@ from cc_mujoco.estimation import _recursive as recursive
 from cc_mujoco.estimation import _tension_slope as tension_slope
 from cc_mujoco.native import FloatArray, FloatMatrix, IntMatrix, internal
 
-READING_INTERVAL = 5  # steps between two readings that are used
-MIN_BELIEVED_FRICTION = 1e-3  # least assumed friction coefficient
+READING_INTERVAL, MIN_BELIEVED_FRICTION, FIRST_VARIANCE = 5, 1e-3, 0.2 * 0.2
+"""Steps between two readings that are used; least friction coefficient that is assumed;
+variance of the coefficient before any reading."""
 ESTIMATE_SIZE, COEFFICIENT, VARIANCE = 4, recursive.ESTIMATE, recursive.VARIANCE
 """Size of the estimate of the friction of a cable; places of coefficient, variance."""
-FIRST_VARIANCE = 0.2 * 0.2  # variance of the friction coefficient before any reading
 
 
 class Taps(NamedTuple):

@@ -44,16 +44,15 @@ from cc_mujoco.native import FloatArray, compiled, internal
 
 NO_TORQUE_LIMIT, NO_SPEED_LIMIT, NO_POWER_LIMIT = 1e9, 1e9, 1e12
 """Safe torque [N m], speed [rad/s] and power [W] of a joint without known ones."""
-MAX_ANSWER_TIME = 1.0
-"""Longest time from a reading to the answer of the motor that is distinguished [s]."""
+MAX_ANSWER_TIME, RIDE_TIME = 1.0, 0.005
+"""Longest time from a reading to the answer of the motor that is distinguished; time
+for which the last good reading stands in for missing ones [s]."""
 MAX_READING = 1e6
 """Largest plausible reading [rad, rad/s, N m, N]: a larger one would be learned and
 never forgotten."""
 RELEASE_TIME, MAX_DAMPING_SHARE = 0.03, 0.8
 """Time in which a motor that is let go takes the speed of the joint [s]; its greatest
 damping over the one at the edge of stability, late as it acts."""
-RIDE_TIME = 0.005
-"""Time for which the last good reading stands in for missing ones [s]."""
 
 
 class _Thresholds(NamedTuple):

@@ -37,8 +37,7 @@ from cc_mujoco.control._rollout import joint_torque
 from cc_mujoco.device._drive import CableDrive, Drive
 from cc_mujoco.errors import CableError, look_up
 
-CABLE_INVERSE = "cable_inverse"
-FITTED = (*MODELS, CABLE_INVERSE)
+FITTED = (*MODELS, "cable_inverse")
 """Controllers with parameters of a trial."""
 
 
@@ -61,10 +60,10 @@ def fit_hysteresis(
     found: dict[str, dict[str, Any]] = {}
     for name in names:
         look_up("fitted controller", name, dict.fromkeys(FITTED))
-        if name == CABLE_INVERSE:
-            found[name] = dataclasses.asdict(fit_cable(trial, drive))
-        else:
+        if name in MODELS:
             found[name] = MODELS[name].fit(trial).to_dict()
+        else:
+            found[name] = dataclasses.asdict(fit_cable(trial, drive))
     return found
 
 
@@ -80,8 +79,7 @@ def known_parameters(drive: Drive, name: str) -> Mapping[str, Any]:
 class HysteresisInverse(PositionController):
     """Inverse of a model of hysteresis; subclasses name it."""
 
-    model_name: ClassVar[str]
-    """Key of `FITTED`."""
+    model_name: ClassVar[str]  # one of `FITTED`
 
     def __init__(self, drive: Drive, bandwidth: float = BANDWIDTH) -> None:
         """Prepare for the first episode with the parameters of `Drive.hysteresis`.
@@ -273,15 +271,15 @@ class _CableCourses:
 class CableInverse(HysteresisInverse):
     """Inverse of the model of distributed friction, fitted to a trial."""
 
-    model_name = CABLE_INVERSE
+    model_name = "cable_inverse"
 
     def model_of(self, drive: Drive) -> _CableCourses:
         require_cables(drive)
-        given = known_parameters(drive, CABLE_INVERSE)
+        given = known_parameters(drive, self.model_name)
         kinds = {field.name for field in dataclasses.fields(CableParameters)}
         if set(given) != kinds:
             raise CableError(
-                f"{CABLE_INVERSE!r} needs the parameters {', '.join(sorted(kinds))}, "
+                f"{self.model_name!r} needs the parameters {', '.join(sorted(kinds))}, "
                 f"not {', '.join(sorted(given))}."
             )
         return _CableCourses(drive, CableParameters(**given))

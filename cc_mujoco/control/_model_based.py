@@ -28,11 +28,6 @@ from cc_mujoco.native import FloatArray
 
 Mismatch = float | Callable[[Any], Any]
 
-_FEED_FORWARD_GAINS = frozenset(
-    {"feed_forward", "stiffness", "rest_torque", "wrap_friction"}
-)
-"""Not read by a law with a model."""
-
 
 class ModelBased(ProportionalIntegral):
     r"""Model-based: friction of the moving cables is fed forward; with PI feedback.
@@ -53,11 +48,15 @@ class ModelBased(ProportionalIntegral):
     inertia and needs none of this.
     """
 
+    unread_gains = frozenset(
+        {"feed_forward", "stiffness", "rest_torque", "wrap_friction"}
+    )
+    """Gains that a law with a model does not read."""
     stepped = SteppedLaw(
         law_steps.step_model_based,
         law_steps.store_model,
         has_model=True,
-        unread=_FEED_FORWARD_GAINS | {"preview", "tolerance"},
+        unread=unread_gains | {"preview", "tolerance"},
         gains=law_steps.FEEDBACK,
     )
     kind = law_steps.MODEL
@@ -155,7 +154,9 @@ class StictionCompensation(ModelBased):
     """
 
     stepped = dataclasses.replace(
-        ModelBased.stepped, step=law_steps.step_stiction, unread=_FEED_FORWARD_GAINS
+        ModelBased.stepped,
+        step=law_steps.step_stiction,
+        unread=ModelBased.unread_gains,
     )
     kind = law_steps.STICTION
 

@@ -28,7 +28,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from cc_mujoco.cable import _stepper as stepper
-from cc_mujoco.cable._parameter import Parameter, parameters_of
+from cc_mujoco.cable._parameter import parameters_of
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control._law_steps import LAW_INPUTS, DriveGains, gain
 from cc_mujoco.native import FloatArray, FloatCube, FloatMatrix
@@ -38,18 +38,16 @@ PLANNER_INPUTS = (LAW_INPUTS[0], LAW_INPUTS[2], *LAW_INPUTS[4:])
 ANGLE, VELOCITY, DISTURBANCE, LOAD = 0, 1, 2, 3
 JOINT, DESIRED_TORQUE, DIRECTION, STARTED, FILTERED_TORQUE = 4, 7, 10, 11, 12
 BELIEVED_DELAY, ENERGY, BIAS, MOTOR_TORQUE, COMMAND = 13, 14, 15, 16, 17
-JOINT_SHIFT, TAUT_SHIFT = 18, 19
-OTHER_JOINT, MODEL_ERROR, BRISTLED = 22, 23, 25
+JOINT_SHIFT, TAUT_SHIFT, OTHER_JOINT, MODEL_ERROR, BRISTLED = 18, 19, 22, 23, 25
 ROTOR_ERROR, MODEL_LOAD, MODEL_ROTOR, CAUTION, GUARD = 26, 28, 30, 38, 39
 FRICTION = GUARD + guard.MEMORY_SIZE
 """Places in the memory; behind the last there is a number for every cable. Numbers of
 the model with bristles are one place behind those of the model, shifts two, the
 observer of the rotor `OBSERVER_SIZE`."""
 
-OBSERVER_ERROR, OBSERVER_SIZE = 3, 4
+OBSERVER_ERROR, OBSERVER_SIZE, WORK_ROWS = 3, 4, 9
 """Place of the mean squared error of an observer of the rotor, behind angle, velocity
-and unexplained torque; size of an observer."""
-WORK_ROWS = 9  # vectors of a plan of commands
+and unexplained torque; size of an observer; vectors of a plan of commands."""
 
 
 @dataclass(frozen=True)
@@ -144,7 +142,7 @@ class Tuning(DriveGains):
     )  # fmt: skip
 
 
-TUNING: tuple[Parameter, ...] = parameters_of(Tuning)
+TUNING = parameters_of(Tuning)
 """Numbers of a tuning, in order; the spring of the cables is behind them."""
 RATIO, LOW, HIGH, PERIOD, INERTIA = 0, 1, 2, 3, 5
 (
@@ -162,8 +160,7 @@ class Tables(NamedTuple):
     # Accelerations of a plan per angle, velocity and wanted angles of the motor.
     gains: FloatCube  # (delays, knots, 2 + knots)
     unexplained: FloatArray  # gain of the unexplained torque (delays,)
-    # Weight of a squared acceleration to a squared angle in the cost of a plan.
-    weight: FloatArray  # (delays,) [s^4]
+    weight: FloatArray  # of a squared acceleration to a squared angle (delays,) [s^4]
 
 
 class Planner(NamedTuple):

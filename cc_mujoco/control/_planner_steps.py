@@ -29,6 +29,7 @@ from cc_mujoco.control import _planner_memory as planner_memory
 from cc_mujoco.control import _planning as planning
 from cc_mujoco.control._cable_model import add_preload, pack, stiffness
 from cc_mujoco.control._law_steps import (
+    OWN_MEMORY,
     LawData,
     longest_cable,
     part,
@@ -37,19 +38,18 @@ from cc_mujoco.control._law_steps import (
     whole_part,
     whole_rows_of,
 )
-from cc_mujoco.control._planner_memory import Planner
+from cc_mujoco.control._planner_memory import STIFFNESS, Planner
 from cc_mujoco.native import FloatArray, IntArray, compiled, internal
 
-_TUNING_START = law_steps.OWN_MEMORY
-TUNING_SIZE = len(planner_memory.TUNING)
-"""Parameters before those of the cables."""
-_SPRING = _TUNING_START + planner_memory.STIFFNESS
-CHANGED = _SPRING + guard.SPRING_SIZE
-"""Place of whether parameters or path were changed since the last step."""
-LAW = CHANGED + 1
-"""Place of the numbers of `_planner_memory`, followed by the states of the cables."""
-INPUT_COUNT = len(planner_memory.PLANNER_INPUTS)
-"""Numbers that are read."""
+_TUNING, _SPRING, CHANGED, LAW = (
+    OWN_MEMORY,
+    OWN_MEMORY + STIFFNESS,
+    OWN_MEMORY + STIFFNESS + guard.SPRING_SIZE,
+    OWN_MEMORY + STIFFNESS + guard.SPRING_SIZE + 1,
+)
+"""Places in the memory: of the tuning; of the spring; of whether parameters or path
+were changed since the last step; of the numbers of `_planner_memory`, followed by the
+states of the cables."""
 
 
 @internal
@@ -115,7 +115,7 @@ def _planner(data: LawData) -> Planner:
             tables_of(tables, 0, delays, knots, 2 + knots),
             part(tables, plan_size, delays), part(tables, plan_size + delays, delays),
         ),
-        part(memory, _TUNING_START, TUNING_SIZE + guard.SPRING_SIZE),
+        part(memory, _TUNING, CHANGED - _TUNING),
         part(memory, law_steps.JOINT_ANGLE, 1),
         part(memory, LAW, kept), rotors, part(memory, LAW + kept, delays),
         plans[0], plans[1], plans[2],
@@ -131,10 +131,9 @@ def _planner(data: LawData) -> Planner:
 @compiled
 def store_plan(memory: FloatArray, shape: IntArray, parameters: FloatArray) -> None:
     """Take the tuning, the cables and the deviations of the sensors."""
-    first = places(shape)[0] - TUNING_SIZE
-    for i in range(parameters.size):
-        place = _TUNING_START if i < TUNING_SIZE else first
-        memory[place + i] = parameters[i]
+    given, _, _ = places(shape)
+    memory[_TUNING:_SPRING] = parameters[:STIFFNESS]
+    memory[given : given + parameters.size - STIFFNESS] = parameters[STIFFNESS:]
     memory[CHANGED] = 1.0
 
 
@@ -188,7 +187,7 @@ def _planned(planner: Planner, data: LawData) -> float:
     if is_fresh:
         stepper.set_rest(cables, readings[0], 0.0, planner.state)
         planner.joint[0], memory[law_steps.FIRST_STEP] = 0.0, 0.0
-    return planning.motor_torque(planner, part(readings, 0, INPUT_COUNT))
+    return planning.motor_torque(planner, readings)
 
 
 @internal
@@ -219,7 +218,8 @@ def step_sensed(data: LawData) -> float:
             rows_of(planner.given, place, count, sensors),
             tables[tables.size - 1],
         )
-        tensions = rows_of(data.readings, INPUT_COUNT, count, sensors)
+        first = len(planner_memory.PLANNER_INPUTS)
+        tensions = rows_of(data.readings, first, count, sensors)
         friction_slope.learn(
             planner.cables, planner.state, taps, tensions, known, scratch
         )

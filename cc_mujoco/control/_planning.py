@@ -34,7 +34,6 @@ _RATE_TERMS = tuple(
     place for place, term, _ in law.DRAG_TERMS if "rate" in term.depends_on
 )
 """Parameters of friction that depends on speed."""
-_LINEARIZATIONS = 2  # linearisations of the load in a plan of commands
 
 
 class _Motor(NamedTuple):
@@ -294,8 +293,8 @@ def _plan(
         tune[at.SLACK] if has_drag(cables.prm[0]) else 0.0, drags,
     )  # fmt: skip
     last = joint
-    simulated = 1 + _LINEARIZATIONS if tune[at.RATE] < np.inf else 1
-    most = rollout.MAX_EVALUATIONS * (2 if drags else 1) + simulated * count
+    linearizations = 2 if tune[at.RATE] < np.inf else 0  # of the load
+    most = rollout.MAX_EVALUATIONS * (2 if drags else 1) + (1 + linearizations) * count
     for i in range(count):
         if planner.spent[0] + most > tune[at.ITERATIONS]:
             return np.inf
@@ -314,10 +313,10 @@ def _plan(
         planner.holding[i] = stepper.torque(cables, new, False, motor)[0]
     found = _simulate_plan(planner, joint, caution, cost, push)
     push[count] = np.nan
-    if tune[at.RATE] < np.inf:
+    if linearizations > 0:
         load = stepper.torque(cables, planner.present, False, ahead[at.ANGLE])[0]
         if not is_within(planner, push, load):
-            for _ in range(_LINEARIZATIONS):
+            for _ in range(linearizations):
                 optimise_commands(planner, push, load)
                 found = _simulate_plan(planner, joint, caution, cost, push)
     return 0.5 * found / count
@@ -358,7 +357,7 @@ def _simulate_plan(
 def motor_torque(planner: Planner, seen: FloatArray) -> float:
     """Return the torque of the motor of one device [N m].
 
-    `seen` has motor angle, joint angle, joint torque and desired torque (4,).
+    `seen` begins with motor angle, joint angle, joint torque and desired torque.
     """
     cables, tune, own = planner.cables, planner.tune, planner.memory
     applied, ahead, dt = planner.applied, planner.ahead, planner.tune[at.PERIOD]

@@ -39,7 +39,7 @@ NUMBERS = {
     "pi_tuned": (
         "feedback._DELAY_SHARE",
         f"{_TUNED}.integral_share",
-        "feedback._DEAD_SIGMAS",
+        f"{_TUNED}.single_dead_sigmas",
     ),
     "pi_feed_forward": tuple(
         f"{_FORWARD}.{name}"

@@ -35,7 +35,7 @@ from cc_mujoco.cable._cable import Cable
 from cc_mujoco.cable._parameter import Term
 from cc_mujoco.device._sensors import Sensors
 from cc_mujoco.errors import CableError
-from cc_mujoco.estimation._recursive import RecursiveLeastSquares
+from cc_mujoco.estimation._recursive import RecursiveEstimate
 from cc_mujoco.estimation._tracks import (
     EstimateTrack,
     NoisySensors,
@@ -204,7 +204,7 @@ class SlopeEstimator(NoisySensors):
         cable: Cable,
         sensors: Sensors,
         design: FloatArray,
-        fit: RecursiveLeastSquares,
+        fit: RecursiveEstimate,
         memory: float,
     ) -> None:
         """Start from the guess of the fit.
@@ -301,7 +301,7 @@ class FrictionEstimator(SlopeEstimator):
         require_number("memory", memory, 1.0, 1e12, "samples")
         angle = wrap_angles(cable)
         require_bend_between(cable, sensors)
-        fit = RecursiveLeastSquares([guess], [spread], memory, [drift])
+        fit = RecursiveEstimate(guess, spread, memory, drift)
         super().__init__(cable, sensors, angle[:, None], fit, memory)
 
     @property

@@ -18,7 +18,6 @@ from cc_mujoco.cable._cable import PARAMETERS, Cable
 from cc_mujoco.cable._conduit import node_places
 from cc_mujoco.device._sensors import Sensors
 from cc_mujoco.errors import CableError
-from cc_mujoco.estimation._recursive import RecursiveLeastSquares
 from cc_mujoco.estimation._tension_slope import SlopeEstimator, require_slope
 from cc_mujoco.estimation._tracks import (
     EstimateTrack,
@@ -27,6 +26,7 @@ from cc_mujoco.estimation._tracks import (
     wrap_angles,
 )
 from cc_mujoco.native import FloatArray
+from thesis.estimators._recursive import RecursiveLeastSquares
 
 _BOUNDS = next(p for p in PARAMETERS if p.name == "friction")
 

@@ -82,9 +82,8 @@ class CableModel:
     def follow(self, motor_angle: ArrayLike, joint_torque: ArrayLike) -> None:
         """Update by the measurements of the next instant, a number or (rows,) each.
 
-        Args:
-            motor_angle: [rad]; of a round pulley only its changes matter.
-            joint_torque: torque of the cables on the joint [N m].
+        They are the motor angle [rad], of which only changes matter on a round pulley,
+        and the torque of the cables on the joint [N m].
         """
         angle = np.ascontiguousarray(motor_angle, dtype=float)
         torque = np.ascontiguousarray(joint_torque, dtype=float)

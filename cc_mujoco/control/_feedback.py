@@ -100,13 +100,9 @@ class ProportionalIntegral(SteppedController):
         integral: float = 2.0,
         feed_forward: bool = True,
     ) -> None:
-        """Prepare for the first episode.
+        """Prepare for the first episode, with the gains K_p [-] and K_i [1/s].
 
-        Args:
-            drive: The device to be driven.
-            proportional: Kp [-].
-            integral: Ki [1/s].
-            feed_forward: Whether the desired torque is fed forward.
+        With `feed_forward` the desired torque is fed forward.
 
         Raises:
             CableError: If a gain is negative or not a number.
@@ -271,11 +267,8 @@ class TunedFeedback(ProportionalIntegral):
     def __init__(self, drive: Drive) -> None:
         """Prepare for the first episode.
 
-        Args:
-            drive: The device; its `cables` and the motor's inertia must be known.
-
         Raises:
-            CableError: They are not known.
+            CableError: `cables` or the motor's inertia are not known.
         """
         found = loop_gains(drive, self.integral_share)
         super().__init__(drive, found.proportional, found.integral)

@@ -49,13 +49,9 @@ class HysteresisTrial:
         ratio: float,
         samples: int = 1500,
     ) -> HysteresisTrial:
-        """Return a trial of measured angles, thinned to about a number of samples.
+        """Return a trial of measured angles (n,) [rad], thinned to about some samples.
 
-        Args:
-            motor_angle: (n,) [rad].
-            joint_angle: (n,) [rad].
-            ratio: Motor angle per joint angle of an unstretched cable [-].
-            samples: About as many are kept.
+        `ratio` is the motor angle per joint angle of an unstretched cable [-].
 
         Raises:
             CableError: There are too few samples, they are not finite, or one of the

@@ -44,15 +44,10 @@ FITTED = (*MODELS, "cable_inverse")
 def fit_hysteresis(
     trial: HysteresisTrial, drive: Drive, names: Iterable[str] = FITTED
 ) -> dict[str, dict[str, Any]]:
-    """Fit the models of position controllers to a trial.
+    """Fit the models of position controllers, names of `FITTED`, to a trial.
 
-    Args:
-        trial: Slow course of motor and joint.
-        drive: The device; `cable_inverse` needs its cables.
-        names: Names of the controllers, see `FITTED`.
-
-    Returns:
-        Parameters by the name of the controller, for `Drive.hysteresis`.
+    Return parameters by the name of the controller, for `Drive.hysteresis`. Of the
+    device `cable_inverse` needs the cables.
 
     Raises:
         CableError: A name is unknown, or a model cannot be fitted.
@@ -297,12 +292,9 @@ class DistalFeedback(HysteresisInverse):
     def __init__(
         self, drive: Drive, bandwidth: float = BANDWIDTH, gain: float = 20.0
     ) -> None:
-        """Prepare for the first episode.
+        """Prepare with an integral gain of the joint angle's error [1/s].
 
-        Args:
-            drive: The device to be driven, with a sensor at the joint.
-            bandwidth: Bandwidth of the servo, see `PositionController` [rad/s].
-            gain: Integral gain of the joint angle's error [1/s].
+        For the bandwidth of the servo [rad/s] see `PositionController`.
 
         Raises:
             CableError: The joint is not measured, or the gain is out of range.

@@ -98,12 +98,8 @@ class Network:
     ) -> Network:
         """Return the network of PyTorch layers, for example a `torch.nn.Sequential`.
 
-        Args:
-            layers: `Linear`, with one kind of activation between them.
-            mean: Mean of the observations; see the class.
-            deviation: Divisor of the difference; see the class.
-            squashed: See the class.
-            far: Bound of the quotient; see the class.
+        They are `Linear`, with one kind of activation between them; see the class for
+        the other arguments.
 
         Raises:
             CableError: If activations differ or are not in `ACTIVATIONS`.
@@ -143,8 +139,7 @@ class Network:
     def __call__(self, observation: Array) -> Array:
         """Return the share of each motor's torque, within [-1, 1], (..., motors).
 
-        Args:
-            observation: (size,), or (n, size) of n environments, each by itself.
+        The observation is (size,), or (n, size) of n environments, each by itself.
 
         Raises:
             CableError: If it has another size.

@@ -24,11 +24,7 @@ from cc_mujoco.errors import CableError
 
 
 def write_onnx(policy: str | os.PathLike[str], path: str | os.PathLike[str]) -> None:
-    """Write a policy as an ONNX file.
-
-    Args:
-        policy: File of the policy, see `write_policy`.
-        path: Path of the file; ends in `.onnx`.
+    """Write the file of a policy, see `write_policy`, as an ONNX file `*.onnx`.
 
     Raises:
         CableError: The policy cannot be read, or the package `onnx` is not installed.

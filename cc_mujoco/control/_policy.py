@@ -110,12 +110,9 @@ class Policy(Controller):
         path: str | os.PathLike[str],
         prefixes: Sequence[str] = ("",),
     ) -> None:
-        """Load the policy.
+        """Load the policy of a file for the only axis of a device, or for every axis.
 
-        Args:
-            drives: The device to be driven: its only axis, or every axis.
-            path: The file.
-            prefixes: Beginnings of the columns of each axis.
+        `prefixes` are the beginnings of the columns of each axis.
 
         Raises:
             CableError: If the file cannot be read, or has a policy of another device or
@@ -314,13 +311,10 @@ def write_policy(
     network: Network,
     observed: Observed | Sequence[Observed],
 ) -> None:
-    """Write a policy's file.
+    """Write a policy's file `*.safetensors`.
 
-    Args:
-        path: Path of the file; ends in `.safetensors`.
-        network: The policy.
-        observed: Observations of the only axis, or of every axis:
-            `WornDevice.observed` of its environment.
+    `observed` are the observations of the only axis, or of every axis:
+    `WornDevice.observed` of its environment.
 
     Raises:
         CableError: If the network is not for as many numbers as are observed, or as

@@ -45,11 +45,7 @@ class PositionController(Controller):
     """
 
     def __init__(self, drive: Drive, bandwidth: float = BANDWIDTH) -> None:
-        """Prepare for the first episode.
-
-        Args:
-            drive: The device to be driven; its inertia must be known.
-            bandwidth: Bandwidth of the servo, without delay [rad/s].
+        """Prepare for the first episode, with a bandwidth of the servo [rad/s].
 
         Raises:
             CableError: The bandwidth is out of range, or the inertia is not known.
@@ -84,9 +80,8 @@ class PositionController(Controller):
     def motor_angle(self, joint: Array, observation: Mapping[str, Any]) -> Array:
         """Return the angle of the motor from its start (n,) [rad].
 
-        Args:
-            joint: Desired joint angle from its start (n,) [rad].
-            observation: Measurements of this instant, arrays or numbers.
+        `joint` is the desired joint angle from its start (n,) [rad]; the observation
+        has the measurements of this instant, arrays or numbers.
         """
 
     def torque(self, observation: Mapping[str, Any]) -> Any:

@@ -300,10 +300,8 @@ class PredictiveCompensation(SteppedController):
     def rebend(self, angles: Sequence[FloatArray]) -> None:
         """Set another path of the conduits in the model, until all are reset.
 
+        It is given by the wrap angles of the segments of every cable (segments,) [rad].
         The length of the path stays; friction is scaled as it was.
-
-        Args:
-            angles: wrap angles of the segments of every cable (segments,) [rad].
 
         Raises:
             CableError: other shapes, or an angle that is negative or not finite.

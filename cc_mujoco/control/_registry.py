@@ -384,16 +384,10 @@ def default_controller(device: Description, task: Any = None) -> str:
 def axes_controller(
     given: Law | Mapping[str, Law], drives: Sequence[Drive], prefixes: Sequence[str]
 ) -> Controller:
-    """Make the controller of a device.
+    """Make the controller of a device; with one axis it is that of the axis.
 
-    Args:
-        given: For all axes, or by the name of an axis: a mapping, or a text such as
-            `hip=predictive,ankle=pi`.
-        drives: Drives of every axis.
-        prefixes: Beginnings of the columns of each axis.
-
-    Returns:
-        The controller; of a device with one axis that of the axis.
+    It is given for all axes, or by the name of an axis: a mapping, or a text such as
+    `hip=predictive,ankle=pi`. Drives and beginnings of columns are those of every axis.
 
     Raises:
         CableError: There is no such controller or axis, or an axis has none; or a

@@ -63,15 +63,11 @@ class FusedFeedback(ProportionalIntegral):
     def __init__(
         self, drive: Drive, proportional: float = 1.0, integral: float = 2.0
     ) -> None:
-        """Prepare for the first episode.
-
-        Args:
-            drive: The device, with cables and at least one sensor along each.
-            proportional: Kp [-].
-            integral: Ki [1/s].
+        """Prepare for the first episode, with the gains K_p [-] and K_i [1/s].
 
         Raises:
-            CableError: If cables or sensors are not known, or a gain is negative.
+            CableError: If cables, or a sensor along each, are not known, or a gain is
+                negative.
         """
         super().__init__(drive, proportional, integral)
         _require_sensors(drive, 1)

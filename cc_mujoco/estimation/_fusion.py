@@ -51,15 +51,10 @@ UNKNOWN_DEVIATION = 1e6  # standard deviation of an unknown tension [N]
 
 
 class Fused(NamedTuple):
-    """Tension of every node and the standard deviation of its error.
+    """Tension of every node and the standard deviation of its error."""
 
-    Attributes:
-        tension: (..., n + 1) [N].
-        deviation: (..., n + 1) [N].
-    """
-
-    tension: FloatArray
-    deviation: FloatArray
+    tension: FloatArray  # (..., n + 1) [N]
+    deviation: FloatArray  # (..., n + 1) [N]
 
 
 def tension_gains(
@@ -188,13 +183,10 @@ class TensionFusion(NoisySensors):
         deviation: float = UNKNOWN_DEVIATION,
         shape: tuple[int, ...] = (),
     ) -> None:
-        """Reset the state.
+        """Reset the state, for readings to come with these leading axes.
 
-        Args:
-            tension: tension of the nodes at the start, a number or (..., n + 1) [N];
-                default the pretension.
-            deviation: standard deviation of its errors [N], independent of each other.
-            shape: leading axes of readings to come.
+        The nodes start with a tension, a number or (..., n + 1) [N], by default the
+        pretension, whose errors have a standard deviation [N] and are independent.
 
         Raises:
             CableError: a tension that is none of every node, a deviation that is
@@ -221,14 +213,10 @@ class TensionFusion(NoisySensors):
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
     def update(self, reading: ArrayLike, direction: ArrayLike) -> FloatArray:
-        """Take the readings of the next instant.
+        """Return the tension of every node (..., n + 1) [N] at the next instant.
 
-        Args:
-            reading: reading of every sensor (..., m) [N].
-            direction: slip of every segment, -1, 0 or 1, (..., n).
-
-        Returns:
-            Tension of every node (..., n + 1) [N], also kept as `tension`.
+        It is also kept as `tension`. The reading is of every sensor (..., m) [N], the
+        direction the slip of every segment, -1, 0 or 1, (..., n).
 
         Raises:
             CableError: shapes that fit neither the sensors nor the cable, a reading
@@ -257,14 +245,9 @@ class TensionFusion(NoisySensors):
         return self.tension
 
     def over(self, reading: ArrayLike, direction: ArrayLike) -> Fused:
-        """Run over a recording, from the present estimate on.
+        """Return arrays (samples, ..., n + 1) of a recording, from the present on.
 
-        Args:
-            reading: (samples, ..., m) [N].
-            direction: (samples, ..., n).
-
-        Returns:
-            Arrays (samples, ..., n + 1).
+        Readings are (samples, ..., m) [N], directions (samples, ..., n).
 
         Raises:
             CableError: unequal numbers of samples, or as `update`.

@@ -315,10 +315,7 @@ class FrictionEstimator(SlopeEstimator):
         return float(self._fit.deviation[0])
 
     def rebend(self, angles: ArrayLike) -> None:
-        """Take other wrap angles from now on: the path changed, and was measured.
-
-        Args:
-            angles: angles of every segment (n,) [rad].
+        """Take other wrap angles (n,) [rad] from now on: the path was measured anew.
 
         Raises:
             CableError: another shape, or an angle that is negative or not finite.
@@ -332,14 +329,10 @@ class FrictionEstimator(SlopeEstimator):
 
     @exclusive
     def update(self, reading: ArrayLike, direction: ArrayLike) -> float:
-        """Take the readings of the next instant.
+        """Return the estimate with the readings of the next instant.
 
-        Args:
-            reading: reading of every sensor (m,) [N].
-            direction: slip of every segment, -1, 0 or 1, (n,).
-
-        Returns:
-            The estimate.
+        The reading is of every sensor (m,) [N], the direction the slip of every
+        segment, -1, 0 or 1, (n,).
 
         Raises:
             CableError: shapes that fit neither the sensors nor the cable, a reading
@@ -349,11 +342,7 @@ class FrictionEstimator(SlopeEstimator):
         return self.friction
 
     def over(self, reading: ArrayLike, direction: ArrayLike) -> EstimateTrack:
-        """Run over a recording, from the present estimate on.
-
-        Args:
-            reading: (samples, m) [N].
-            direction: (samples, n).
+        """Run over a recording (samples, m) [N] and (samples, n), from the present on.
 
         Raises:
             CableError: unequal numbers of samples, or as `update`.

@@ -18,15 +18,10 @@ from cc_mujoco.native import FloatArray
 
 
 class EstimateTrack(NamedTuple):
-    """Estimates followed over a recording.
+    """Estimates followed over a recording."""
 
-    Attributes:
-        value: after every sample (samples,), of p parameters (samples, p).
-        deviation: standard deviation of their errors, in the same shape.
-    """
-
-    value: FloatArray
-    deviation: FloatArray
+    value: FloatArray  # after every sample (samples,), of p parameters (samples, p)
+    deviation: FloatArray  # standard deviation of their errors, in the same shape
 
 
 def wrap_angles(cable: Cable) -> FloatArray:

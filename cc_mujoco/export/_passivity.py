@@ -39,10 +39,8 @@ from cc_mujoco.simulation._worn_device import WornDevice
 
 Array = NDArray[np.float64]
 
-MOVE_TIME, SETTLE_TIME, HOLD_TIME = 0.4, 0.6, 1.0
-"""Time of the move, of its transient, and of the measurement [s]."""
-
-EPISODE_TIME = MOVE_TIME + SETTLE_TIME + HOLD_TIME
+MOVE_TIME, SETTLE_TIME, EPISODE_TIME = 0.4, 0.6, 2.0
+"""Time of the move, of its transient, and of all with the measurement [s]."""
 
 LIMB_RANGES = {
     "wrist": (0.2, 30.0, 0.04),
@@ -80,12 +78,9 @@ PASSIVITY_TASKS = "spring", "transparent"
 class Limb:
     """A wearer at a joint."""
 
-    stiffness: float
-    """[N m/rad]."""
-    damping: float
-    """[N m s/rad]."""
-    inertia: float
-    """Added inertia [kg m^2]."""
+    stiffness: float  # [N m/rad]
+    damping: float  # [N m s/rad]
+    inertia: float  # added inertia [kg m^2]
 
 
 @dataclass(frozen=True)
@@ -126,12 +121,10 @@ class WearerEnergy(NamedTuple):
     begun: Array
     """Most such energy from the beginning on, at rest, his own move included [J]: more
     than all that he put in and friction took."""
-    velocity: Array
-    """RMS velocity of the joint while he held still [rad/s]."""
-    stroke: Array
-    """Range from the least to the greatest angle meanwhile [rad]."""
+    velocity: Array  # RMS velocity of the joint while he held still [rad/s]
+    stroke: Array  # range from the least to the greatest angle meanwhile [rad]
     frequency: Array
-    """Peak of the spectrum of that velocity [Hz]; in steps of 1 / `HOLD_TIME`."""
+    """Peak of the spectrum of that velocity [Hz]; in steps of 1 Hz."""
 
 
 def extracted_energy(
@@ -178,8 +171,8 @@ def evaluate_ports(columns: dict[str, Array], step: float, skip: int) -> WearerE
     spectrum = np.abs(np.fft.rfft(velocity - velocity.mean(axis=0), axis=0))
     peak = np.argmax(spectrum, axis=0)
     return WearerEnergy(
-        extracted_energy(still[0], still[1], still[2], still[3], step, skip),
-        extracted_energy(series[0], series[1], series[2], series[3], step, skip),
+        extracted_energy(*still, step, skip),
+        extracted_energy(*series, step, skip),
         np.sqrt(np.mean(velocity**2, axis=0)),
         np.ptp(angle, axis=0),
         np.fft.rfftfreq(len(velocity), step)[peak],
@@ -208,12 +201,10 @@ def wearer_bounds(device: str | Path | Device, axis: str | None = None) -> Array
 
 
 def limb_of(place: Array, inertia: float) -> Limb:
-    """Return the wearer at a place in the box.
+    """Return the wearer at a place in the box, at a joint of an inertia [kg m^2].
 
-    Args:
-        place: logarithms of stiffness [N m/rad], damping over critical, and added
-            inertia [kg m^2], (3,).
-        inertia: inertia of the joint [kg m^2].
+    The place are logarithms of stiffness [N m/rad], damping over critical, and added
+    inertia [kg m^2], (3,).
     """
     stiffness, ratio, added = (float(x) for x in np.exp(place))
     return Limb(stiffness, 2.0 * ratio * math.sqrt(stiffness * inertia), added)
@@ -367,16 +358,11 @@ def _control(
     return AxesController(list(map(controller, names, drives)), prefixes)
 
 
-MAX_ACTIVE_SHARE = 0.1
-"""Energy that a controller may put into a wearer who holds still, over what the virtual
-spring of `task_of` holds at the end of his move [-]."""
-
-
 class Activity(NamedTuple):
     """Energy that a controller puts into the worst of a few wearers who hold still."""
 
     energy: float  # [J]
-    allowed: float  # [J]; see `MAX_ACTIVE_SHARE`
+    allowed: float  # a tenth of what the virtual spring holds after his move [J]
     limb: Limb
 
 
@@ -418,4 +404,4 @@ def _activity(
     worst = int(np.argmax(found.held))
     held = 0.5 * spring_stiffness(own) * (0.5 * own.reach) ** 2
     limb = dataclasses.astuple(limbs[worst])
-    return float(found.held[worst]), MAX_ACTIVE_SHARE * held, limb
+    return float(found.held[worst]), 0.1 * held, limb  # see `Activity.allowed`

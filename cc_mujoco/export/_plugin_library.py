@@ -24,11 +24,7 @@ PLUGIN_SOURCE = "cc_mujoco_cable.c"
 def write_plugin(folder: str | os.PathLike[str]) -> Path:
     """Write the engine plugin as a shared library for MuJoCo 3.17 and newer.
 
-    Args:
-        folder: Folder to write to; it must have no file of that name.
-
-    Returns:
-        The path of the library.
+    Return its path in the folder.
 
     Raises:
         CableError: There is no C compiler, it fails, the folder cannot be written, or
@@ -44,13 +40,7 @@ def write_plugin(folder: str | os.PathLike[str]) -> Path:
 
 
 def write_plugin_source(folder: str | os.PathLike[str]) -> Path:
-    """Write the engine plugin as C99 with a CMake file.
-
-    Args:
-        folder: Folder to write to; it must have no files of these names.
-
-    Returns:
-        The path of the source.
+    """Write the engine plugin as C99 with a CMake file; return the path of the source.
 
     Raises:
         CableError: The folder cannot be written, or a file is there already.

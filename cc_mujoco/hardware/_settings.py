@@ -233,14 +233,9 @@ def read_settings(path: str | Path, allow: str | Iterable[str] = ()) -> Settings
 def read_axes(
     path: str | Path, allow: str | Iterable[str] = ()
 ) -> tuple[Settings, ...]:
-    """Read a `rig.toml`.
+    """Return the settings of every axis that a `rig.toml` drives.
 
-    Args:
-        path: Path of the file.
-        allow: `MODULE:NAME` of code that it may name.
-
-    Returns:
-        The settings of every axis that it drives.
+    `allow` is the `MODULE:NAME` of code that it may name.
 
     Raises:
         CableError: It cannot be read, lacks a key, or has one or a value that cannot

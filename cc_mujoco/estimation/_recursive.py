@@ -101,7 +101,7 @@ class RecursiveEstimate:
     @property
     def deviation(self) -> FloatArray:
         """Standard deviation of the error of `value` (1,)."""
-        return np.sqrt(np.maximum(self._known[VARIANCE : VARIANCE + 1], 0.0))
+        return np.asarray(np.sqrt(np.maximum(self._known[VARIANCE:][:1], 0.0)))
 
     def update(self, information: FloatArray, target: FloatArray) -> None:
         r"""Take the equation :math:`\Phi\theta = y` of a sample, noise of variance 1.

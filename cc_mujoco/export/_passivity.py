@@ -171,8 +171,8 @@ def evaluate_ports(columns: dict[str, Array], step: float, skip: int) -> WearerE
     spectrum = np.abs(np.fft.rfft(velocity - velocity.mean(axis=0), axis=0))
     peak = np.argmax(spectrum, axis=0)
     return WearerEnergy(
-        extracted_energy(*still, step, skip),
-        extracted_energy(*series, step, skip),
+        extracted_energy(still[0], still[1], still[2], still[3], step, skip),
+        extracted_energy(series[0], series[1], series[2], series[3], step, skip),
         np.sqrt(np.mean(velocity**2, axis=0)),
         np.ptp(angle, axis=0),
         np.fft.rfftfreq(len(velocity), step)[peak],

@@ -108,7 +108,7 @@ def torque_command(torque: float) -> bytes:
 def padded(data: bytes) -> bytes:
     """Return the data with no-operations up to a length that a frame can have."""
     sizes = (*range(9), 12, 16, 20, 24, 32, 48, 64)  # of CAN FD
-    size = next(size for size in sizes if size >= len(data))
+    size: int = next(size for size in sizes if size >= len(data))
     return data + bytes([_NOP]) * (size - len(data))
 
 

@@ -52,12 +52,10 @@ class Listing:
         from cc_mujoco.device._device_files import is_device_file
 
         groups = _groups()
-        if self.word in groups:
-            _print_meanings({self.word: groups[self.word]})
-            return
-        native_library.library()  # of which models of devices have a need
-        devices = {name: _plays(find_device(name)) for name in SCENES}
-        groups = {"devices": devices} | groups
+        if self.word not in groups:
+            native_library.library()  # of which models of devices have a need
+            devices = {name: _plays(find_device(name)) for name in SCENES}
+            groups = {"devices": devices} | groups
         if not self.word:
             for group, own in groups.items():
                 print(f"{group}:")

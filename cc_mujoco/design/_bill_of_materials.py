@@ -33,7 +33,6 @@ PARTS = dict(motor="piece", pulley="piece", rope="m", conduit="m", fittings="cab
 """Parts that every table has, and what a cost is per."""
 
 _ALLOWED = PARTS | dict.fromkeys(MOTORS, "piece") | dict.fromkeys(MATERIALS, "m")
-_HEAD = ["part", "per", "cost"]
 
 
 def inertias_of(plant: Plant, model: mujoco.MjModel) -> list[dict[str, float]]:
@@ -89,11 +88,11 @@ def read_costs(path: str | Path = EXAMPLE) -> dict[str, float]:
     """Costs by part, in whatever money the table is in."""
     path = Path(path)
     sheet = read_sheet(path, "the costs")
-    if sheet.names != _HEAD:
-        raise CableError(f"{path} must begin with the line {','.join(_HEAD)}.")
+    if sheet.names != ["part", "per", "cost"]:
+        raise CableError(f"{path} must begin with the line part,per,cost.")
     found: dict[str, float] = {}
     for _, row in sheet.rows:
-        if len(row) != len(_HEAD):
+        if len(row) != 3:
             raise CableError(f"{path}: the line {','.join(row)!r} must have 3 cells.")
         part, per, amount = row
         if part not in _ALLOWED:

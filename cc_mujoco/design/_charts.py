@@ -136,7 +136,7 @@ def heat_maps(study: RankedStudy) -> Figure | None:
 
 
 def _heat_map(axes: Axes, study: RankedStudy, one: Sensitivity) -> None:
-    across, up = sorted(one.total, key=lambda n: one.total[n], reverse=True)[:2]
+    across, up = one.ranked[:2]
     ticks: Mapping[str, Sequence[object]]
     if one.surface is None:
         values = _means(study.plan, column(study.table, one.metric), across, up)

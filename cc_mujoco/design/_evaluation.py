@@ -68,34 +68,30 @@ class NoMotion(Trajectory):
 
 
 @dataclass(frozen=True)
-class _HeldTorque(Task):
+class SineTorque(Task):
+    """A desired torque that swings as a sine, `SWING_PERIODS` times."""
+
     of_phase = True
     amplitude: float  # signed [N m]
     bias: float  # constant part [N m]; a cable that only pulls needs one
 
-
-@dataclass(frozen=True)
-class SineTorque(_HeldTorque):
-    """A desired torque that swings as a sine, `SWING_PERIODS` times."""
-
     def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
-        wave = self.bias + self.amplitude * np.sin(
-            2.0 * math.pi * SWING_PERIODS * phase
-        )
+        wave = self.bias + self.amplitude * np.sin(self._turn(phase))
         torque: Real = 0.0 * angle + wave
         return torque
 
+    def _turn(self, phase: Any) -> Any:
+        return 2.0 * math.pi * SWING_PERIODS * phase
+
 
 @dataclass(frozen=True)
-class ChirpTorque(_HeldTorque):
+class ChirpTorque(SineTorque):
     """A desired torque whose frequency grows exponentially with the phase."""
 
-    def torque(self, angle: Real, velocity: Real, phase: Real) -> Real:
+    def _turn(self, phase: Any) -> Any:
         octaves = math.log(CHIRP_HIGH / CHIRP_LOW)
         cycles = CHIRP_LOW * CHIRP_TIME * np.expm1(octaves * phase) / octaves
-        wave = self.bias + self.amplitude * np.sin(2.0 * math.pi * cycles)
-        torque: Real = 0.0 * angle + wave
-        return torque
+        return 2.0 * math.pi * cycles
 
 
 class DesignResult(NamedTuple):

@@ -6,7 +6,6 @@ from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -290,14 +289,10 @@ def _ranking(found: RankedStudy, count: int) -> str:
 
 def _sensitivity(one: Sensitivity) -> str:
     rows = []
-    for name in sorted(one.total, key=lambda n: one.total[n], reverse=True):
-        means, text = one.effects[name][1], one.value_texts(name, "{:.4g}".format)
-        ends = map(int, (np.argmin(means), np.argmax(means)))
+    for name in one.ranked:
         first = report_text.index_text(one.first[name], one.errors[0].get(name))
         total = report_text.index_text(one.total[name], one.errors[1].get(name))
-        rows.append(
-            (name, first, total, *(f"{means[k]:.4g} at {text[k]}" for k in ends))
-        )
+        rows.append((name, first, total, *one.extremes(name, "{:.4g}".format)))
     unit = metric_of(one.metric).unit
     head = ("variable", "first order", "total", f"least mean [{unit}]",
             f"greatest mean [{unit}]")  # fmt: skip

@@ -171,13 +171,11 @@ def answer_sentence(found: RankedStudy) -> str:
     best = found.best
     if best is None:
         return "No design is good enough."
-    first = "The best design" if len(found.rows) > 1 else "The only design"
-    if len(found.goals) > 1:
-        first = "The best compromise"
-        if len(found.rows) == 1:
-            first = "The only design"
-        elif int(found.front.sum()) == 1:
-            first = "Best in all objectives of those tried"
+    first = "The best design" if len(found.goals) == 1 else "The best compromise"
+    if len(found.rows) == 1:
+        first = "The only design"
+    elif len(found.goals) > 1 and int(found.front.sum()) == 1:
+        first = "Best in all objectives of those tried"
     gives = _quantities(best, [goal.name for goal in found.goals])
     setting = _quantities(best, found.varied)
     which = f"design {best['design']}" + (f", {setting}" if setting else "")
@@ -441,13 +439,10 @@ def deciding_variables(found: RankedStudy) -> Html:
         return parts[0]
     for one in known:
         rows = []
-        for name in sorted(one.total, key=lambda name: -one.total[name]):
-            means, text = one.effects[name][1], one.value_texts(name, format_cell)
-            low, high = int(np.argmin(means)), int(np.argmax(means))
-            ends = [f"{format_cell(float(means[k]))} at {text[k]}" for k in (low, high)]
-            if means[low] == means[high]:  # the surface does without it
+        for name in one.ranked:
+            ends, share = one.extremes(name, format_cell), one.total[name]
+            if not np.ptp(one.effects[name][1]):  # the surface does without it
                 ends = ["-", "-"]
-            share = one.total[name]
             share_text = index_text(share, one.errors[1].get(name), ".0%")
             bar = join_pieces([share_text, share_bar(share)])
             rows.append([plain_name(name), bar, *ends])

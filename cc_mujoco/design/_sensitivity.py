@@ -87,6 +87,17 @@ class Sensitivity:
         """Return the values of a variable in its effect, numbers by `text`."""
         return self.levels.get(name) or [*map(text, self.effects[name][0].tolist())]
 
+    def extremes(self, name: str, text: Callable[[float], str]) -> list[str]:
+        """Return the least and the greatest mean along a variable, and where."""
+        means, values = self.effects[name][1], self.value_texts(name, text)
+        ends = int(np.argmin(means)), int(np.argmax(means))
+        return [f"{text(float(means[k]))} at {values[k]}" for k in ends]
+
+    @property
+    def ranked(self) -> list[str]:
+        """Names of the variables by falling share."""
+        return sorted(self.total, key=lambda name: -self.total[name])
+
 
 def sensitivity(plan: Plan, table: pa.Table, metric: str) -> Sensitivity | None:
     """Return the sensitivity of a metric, or None if it cannot be determined.

@@ -215,13 +215,12 @@ def compare(
     names = [*study.about["variables"]]
     if len(study.protocol["controllers"]) > 1:
         names.append(CONTROLLER_COLUMN)
-    pairs = [Pair(column_title(name), *(each[name] for each in rows)) for name in names]
-    pairs += [
-        Pair(f"case: {column_title(name)}", *(each[name] for each in cases))
-        for name in cases[0]
+    columns = [
+        *((column_title(name), name, rows) for name in names),
+        *((f"case: {column_title(name)}", name, cases) for name in cases[0]),
+        *((column_title(name), name, rows) for name in study.protocol["metrics"]),
     ]
-    metrics = study.protocol["metrics"]
-    return pairs + [Pair(column_title(n), *(each[n] for each in rows)) for n in metrics]
+    return [Pair(title, one[n], other[n]) for title, n, (one, other) in columns]
 
 
 def require_ours(out: str | Path) -> None:

@@ -233,23 +233,22 @@ def _period(keys: Keys, timestep: float, scene: str) -> float:
 
 
 def _ends(arms: Arms, cables: Mapping[str, Cable]) -> dict[str, tuple[_End, _End]]:
-    model, found = arms.model, {}
-    for name, instance in instances(model).items():
+    model, used, found = arms.model, instances(arms.model), {}
+    for name in cables:
+        if name not in used:
+            raise CableError(
+                f"cable {name!r} is used by no actuator; it must be used by two, first "
+                "the proximal and then the distal end."
+            )
         ends = []
-        for actuator in np.flatnonzero(model.actuator_plugin == instance).tolist():
+        for actuator in np.flatnonzero(model.actuator_plugin == used[name]).tolist():
             out = int(model.actuator_outadr[actuator])
             row = arms.most[out]
             moved = np.flatnonzero(row > 1e-9 * max(float(row.max()), 1e-12))
             joints = tuple(dict.fromkeys(model.dof_jntid[moved].tolist()))
             ends.append(_End(actuator, out, joints))
         found[name] = (ends[0], ends[1])
-    for name in cables:
-        if name not in found:
-            raise CableError(
-                f"cable {name!r} is used by no actuator; it must be used by two, first "
-                "the proximal and then the distal end."
-            )
-    return {name: found[name] for name in cables}
+    return found
 
 
 def _axis_tables(table: Table, motors: Iterable[str]) -> dict[str, Table]:
@@ -294,12 +293,11 @@ def _axes(scene: _Scene, file: Table) -> list[_Found]:
             f"the proximal end of cable {first!r}, an actuator <motor> with a "
             "`ctrlrange`."
         )
-    given = _axis_tables(file, wound)
     # The order of the file, then that of the scene.
-    where = f"scene {scene.name}, motor"
-    tables = {n: Table(f"{where} {n!r}", {}) for n in wound if n not in given}
-    each = (given | tables).items()
-    found = [_axis(scene, name, wound[name], own) for name, own in each]
+    tables = _axis_tables(file, wound)
+    for name in wound:
+        tables.setdefault(name, Table(f"scene {scene.name}, motor {name!r}", {}))
+    found = [_axis(scene, name, wound[name], own) for name, own in tables.items()]
     found = _separated(found, scene.cables)
     names = [one.axis.name for one in found]
     for twice in names:
@@ -630,19 +628,17 @@ def _movers(scene: _Scene, axes: Sequence[Axis], keys: Keys) -> dict[str, str]:
     every = wearers.get("*")  # of every joint that nothing else moves
     found: dict[str, str] = {}
     for joint in joints:
-        one = wearers.get(joint)
-        label = f"wearer.{joint}"
+        one, label = wearers.get(joint), f"wearer.{joint}"
         existing = _springs(model, joint)
-        if one is None and not existing and (joint in driven or every is not None):
-            if joint in driven and _is_moved(scene.arms, joint):
-                keys.sources[label] = SCENE
-                continue  # muscles or other actuators move the body by themselves
-            one = every or Table(label, {})
-        if one is None:
-            if existing:
-                found[joint] = existing[0]
-                keys.sources[label] = SCENE
+        if one is None and existing:
+            found[joint], keys.sources[label] = existing[0], SCENE
             continue
+        if one is None and joint in driven and _is_moved(scene.arms, joint):
+            keys.sources[label] = SCENE
+            continue  # muscles or other actuators move the body by themselves
+        if one is None and joint not in driven and every is None:
+            continue
+        one = one or every or Table(label, {})
         keys.given(label, one.content or None, None)
         if one.content.get("none", False):
             if len(one.content) > 1:

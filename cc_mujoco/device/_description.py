@@ -18,7 +18,6 @@ Every key is optional; `_derivation` finds or assumes what is missing.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -177,23 +176,22 @@ class Description:
             CableError: There is none by that name, or none is named and there are
                 several.
         """
-        if name is None and len(self.axes) == 1:
+        named = {axis.name: axis for axis in self.axes}
+        if name is None and len(named) == 1:
             return self.axes[0]
-        names = [axis.name for axis in self.axes]
         if name is None:
             raise CableError(
-                f"device {self.scene!r} has the axes {', '.join(names)}; name one."
+                f"device {self.scene!r} has the axes {', '.join(named)}; name one."
             )
-        for axis in self.axes:
-            if axis.name == name:
-                return axis
-        raise CableError.unknown(f"axis of device {self.scene!r}", name, names)
+        if name not in named:
+            raise CableError.unknown(f"axis of device {self.scene!r}", name, named)
+        return named[name]
 
     def rivals(self, axis: Axis) -> tuple[str, ...]:
         """Return the cables of other axes that drive the joint of this one."""
-        others = [one for one in self.axes if one.motor != axis.motor]
-        rivals = [one.cables for one in others if one.joint == axis.joint]
-        return tuple(itertools.chain.from_iterable(rivals))
+        others = (one for one in self.axes if one.motor != axis.motor)
+        rivals = (one for one in others if one.joint == axis.joint)
+        return tuple(cable for one in rivals for cable in one.cables)
 
     @property
     def prefixes(self) -> tuple[str, ...]:

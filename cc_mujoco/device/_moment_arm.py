@@ -80,13 +80,13 @@ class Winding(NamedTuple):
 
         `motor` is the displacement of the proximal end per motor angle, signed [m/rad].
         """
-        others = self.places[: self.own] + self.places[self.own + 1 :]
-        places = dict(zip(self.others(model), others, strict=True))
-        shared = [joint for joint in places if joint in joints]
-        names = [RATIO_COLUMN.format(joint=joint) for joint in shared]
-        named = zip(names, shared, strict=True)
-        readings = ((name, places[joint], 1.0 / motor) for name, joint in named)
-        return self._replace(shared=tuple(readings))
+        places = self.places[: self.own] + self.places[self.own + 1 :]
+        shared = tuple(
+            (RATIO_COLUMN.format(joint=joint), place, 1.0 / motor)
+            for joint, place in zip(self.others(model), places, strict=True)
+            if joint in joints
+        )
+        return self._replace(shared=shared)
 
     def others(self, model: mujoco.MjModel) -> tuple[str, ...]:
         """Return the names of the other joints that wind the cable."""
@@ -141,9 +141,10 @@ def open_winding(
         low, high = own.range[0] - 0.1 * span, own.range[1] + 0.1 * span
     data = mujoco.MjData(model)
 
-    def length(qpos: Array) -> float:
+    def length(qpos: Array, angle: float) -> float:
         """Return the length of the tendon from the mouth to its end [m]."""
         data.qpos[:] = qpos
+        data.qpos[place] = angle
         mujoco.mj_fwdPosition(model, data)
         start = int(data.ten_wrapadr[tendon])
         points = data.wrap_xpos.reshape(-1, 3)[start : start + data.ten_wrapnum[tendon]]
@@ -151,18 +152,11 @@ def open_winding(
         guided = np.linalg.norm(np.diff(points[: at + 1], axis=0), axis=1).sum()
         return float(data.ten_length[tendon] - guided)
 
-    first = length(model.qpos0)
-    for qpos in _poses(model):
-        still = qpos.copy()
-        still[place] = neutral
-        if abs(length(still) - first) > 1e-6:
-            return None
+    first = length(model.qpos0, neutral)
+    if any(abs(length(qpos, neutral) - first) > 1e-6 for qpos in _poses(model)):
+        return None
     angles = np.union1d(np.linspace(low, high, 401), [neutral])
-    lengths = np.empty(len(angles))
-    for row, angle in enumerate(angles.tolist()):
-        qpos = model.qpos0.copy()
-        qpos[place] = angle
-        lengths[row] = length(qpos)
+    lengths = np.array([length(model.qpos0, angle) for angle in angles.tolist()])
     slope = np.gradient(lengths, angles)
     arm = float(np.interp(neutral, angles, slope))
     if not arm:

@@ -105,12 +105,12 @@ class Plant:
     @property
     def wearers(self) -> dict[str, Wearer]:
         """Wearer at the joints that the cables drive, by joint."""
-        factor, nominal = float(self.values.get("wearer", 1.0)), self.device.wearers
-        limbs = [axis.limb for axis in self.description.axes if axis.limb in nominal]
-        own = {limb: nominal[limb] for limb in limbs}
-        return {
-            n: Wearer(factor * w.stiffness, factor * w.damping) for n, w in own.items()
-        }
+        factor, found = float(self.values.get("wearer", 1.0)), {}
+        for limb in (axis.limb for axis in self.description.axes):
+            if (nominal := self.device.wearers.get(limb)) is not None:
+                damping = factor * nominal.damping
+                found[limb] = Wearer(factor * nominal.stiffness, damping)
+        return found
 
     @property
     def delay(self) -> int:
@@ -149,10 +149,8 @@ class Plant:
         values = self._of_axis(axis)
         if "motor" in values:
             return MOTORS[str(values["motor"])]
-        resistance, constant, continuous, mass = (
-            float(values.get(name, math.nan)) for name in (*GEARED[1:], "motor_mass")
-        )
-        return Motor("", resistance, constant, continuous, mass)
+        names = (*GEARED[1:], "motor_mass")
+        return Motor("", *(float(values.get(name, math.nan)) for name in names))
 
     def gearing(self, axis: Axis) -> float:
         """Return rotor turns per turn of the pulley; NaN where unknown."""
@@ -479,7 +477,14 @@ class Plant:
             end.gear = [math.copysign(radius, end.gear[0]), 0, 0, 0, 0, 0]
             return
         lever = self._lever(cable)
-        place = _lever_direction(spec, lever)
+        last = spec.site(lever[-1])
+        offset = np.array(last.pos)
+        joints = last.parent.joints
+        for hinge in [j for j in joints if j.type == mujoco.mjtJoint.mjJNT_HINGE][:1]:
+            offset = offset - hinge.pos
+            offset -= (offset @ hinge.axis) * np.array(hinge.axis)
+        # The coordinate of its body in which the lever is farthest from the joint
+        place = int(np.abs(offset).argmax())
         for name in lever:
             site = spec.site(name)
             moved = np.array(site.pos)
@@ -496,17 +501,6 @@ def facts_of(axis: Axis, strength: Mapping[str, float]) -> dict[str, Any]:
     if math.isfinite(axis.safe_torque):
         found[Key.SAFE_TORQUE] = axis.safe_torque
     return found
-
-
-def _lever_direction(spec: mujoco.MjSpec, lever: tuple[str, ...]) -> int:
-    """Return the coordinate of its body in which a lever is farthest from the joint."""
-    site = spec.site(lever[-1])
-    offset = np.array(site.pos)
-    hinges = [j for j in site.parent.joints if j.type == mujoco.mjtJoint.mjJNT_HINGE]
-    for hinge in hinges[:1]:
-        offset = offset - hinge.pos
-        offset -= (offset @ hinge.axis) * np.array(hinge.axis)
-    return int(np.abs(offset).argmax())
 
 
 def _require_guided(name: str, cable: Cable, own: Mapping[str, Value]) -> None:

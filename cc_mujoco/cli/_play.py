@@ -62,7 +62,6 @@ class Play:
     """Code that files may name, once each; code that only a file names is refused."""
 
     def run(self) -> None:
-        """Play and write; print a table and how to open the recording."""
         if self.replay is not None:
             self._show_log(self.replay)
         elif self.live:

@@ -174,10 +174,7 @@ def _means(plan: Plan, y: Array, across: str, up: str) -> Array:
 def _surface_grid(
     study: RankedStudy, one: Sensitivity, surface: Surface, across: str, up: str
 ) -> tuple[Array, dict[str, Sequence[object]]]:
-    """Return the surface (up, across) with the other variables at mid-range.
-
-    Blank beyond the designs that have the number.
-    """
+    """Return the surface (up, across), others mid-range, blank beyond known designs."""
     names, axes = study.varied, study.plan.ranges
     # Cells along each side of the heat map of a surface
     shares = {name: axes[name].shares(41) for name in (across, up)}

@@ -38,7 +38,6 @@ class WhatIf:
     """Code that files may name, once each; code that only a file names is refused."""
 
     def run(self) -> None:
-        """Run what is not done yet; print the best designs and where the rest is."""
         with options.progress_word("checking the device and its designs"):
             plan, folder = self._plan()
         from tqdm import tqdm

@@ -49,10 +49,7 @@ class Range:
         return [float(value) for value in _between(self.ends, self.log, share)]
 
     def code(self, given: Sequence[Value]) -> NDArray[np.float64]:
-        """Return values on a scale from 0 to 1 (n,), texts by their place.
-
-        The scale of a logarithmic range is that of ratios.
-        """
+        """Return values from 0 to 1 (n,), texts by place, logarithmic ones by ratio."""
         if self.ends is None and any(isinstance(each, str) for each in self.levels):
             place = {level: i for i, level in enumerate(self.levels)}
             return np.array([place[value] for value in given]) / (len(place) - 1.0)
@@ -118,10 +115,7 @@ def grid(ranges: Mapping[str, Range]) -> list[dict[str, Value]]:
 def latin_hypercube(
     ranges: Mapping[str, Range], count: int, seed: int
 ) -> list[dict[str, Value]]:
-    """Return a Latin hypercube of `count` designs.
-
-    The range of each variable is cut into `count` parts, of which each is used once.
-    """
+    """Return `count` designs that use each of `count` parts of every range once."""
     from scipy.stats import qmc
 
     require_count(count)

@@ -246,10 +246,7 @@ class _Scores:
 def _facts(
     protocol: EpisodeProtocol, plant: Plant, strides: Mapping[str, GaitJoint]
 ) -> list[dict[str, Any]]:
-    """Return the constants of each axis of a plant that metrics need.
-
-    `strides` has parts in a walk by axis, empty where no stride is measured.
-    """
+    """Return the constants of each axis; `strides` has parts in a walk by axis."""
     found = []
     for axis in plant.description.axes:
         task = protocol.task
@@ -378,7 +375,6 @@ class DesignJob:
 def _main_episode(
     protocol: EpisodeProtocol, designs: Sequence[Mapping[str, Value]] = ({},)
 ) -> Episode:
-    """Return the main episode of designs that are tried together, unpowered."""
     device = protocol.device
     return Episode(
         device.description,

@@ -278,7 +278,6 @@ def run_batches(
     execution: whatif.Execution,
     progress: Progress,
 ) -> None:
-    """Simulate batches of a plan and keep their results."""
     if not batches:
         return
     plan = store.plan
@@ -351,11 +350,7 @@ def _distribution(optuna: Any, values: Range) -> Any:
 
 
 def _design_of_trial(plan: Plan, parameters: Mapping[str, Any]) -> Design:
-    """Return the design of a sampler's trial.
-
-    What decides before any simulation whether a design can be is no concern of the
-    sampler's: see `_fit_profile`.
-    """
+    """Return the design of a sampler's trial, its profile made to fit."""
     found: Design = {}
     between: dict[str, tuple[float, float, bool]] = {}
     for name, values in plan.ranges.items():

@@ -46,8 +46,6 @@ OBJECTIVE_TOLERANCE = 0.01
 
 @dataclass(frozen=True)
 class Slope:
-    """Change of a metric with a variable."""
-
     metric: str
     variable: str
     low: Value  # value of the variable below the best one; the best where there is none
@@ -60,8 +58,6 @@ class Slope:
 
 @dataclass(frozen=True)
 class Price:
-    """Possible gain near the best design."""
-
     objective: str  # name of the metric
     limit: pareto.MetricLimit | None  # the relaxed one; None if all stay as they are
     price: float  # shadow price, objective per unit of the limit; NaN without a limit
@@ -84,11 +80,7 @@ class Around:
 def analyse_best_design(
     plan: Plan, table: pa.Table, run: Callable[[Plan], pa.Table]
 ) -> Around | None:
-    """Look around the best design of a study that keeps the limits.
-
-    Returns None where no design is good, or none could move. `run` carries a plan out;
-    see `carry_out`.
-    """
+    """Look around the best design; None where none is good or could move."""
     if not plan.objectives:
         raise CableError("what is around the best design needs an objective.")
     cost = pareto.objective_costs(table, plan.objectives, plan.limits)
@@ -187,11 +179,7 @@ def _metric_slope(
 def _prices(
     plan: Plan, base: Design, centre: Mapping[str, object], slopes: Sequence[Slope]
 ) -> list[Price]:
-    """Price each objective, as things are and with each limit relaxed.
-
-    The linear program around the best design has steps in units of `TRUST_REGION`
-    times the range.
-    """
+    """Price each objective by steps in `TRUST_REGION`, and with each limit relaxed."""
     from scipy.optimize import linprog
 
     change = {(s.metric, s.variable): s.change for s in slopes}
@@ -269,8 +257,6 @@ MIN_RANGE_SHARE = 0.05
 
 @dataclass(frozen=True)
 class TimestepChange:
-    """Change of a number of a design."""
-
     metric: str
     design: int
     value: float  # in the study
@@ -280,15 +266,12 @@ class TimestepChange:
 
 @dataclass(frozen=True)
 class Halved:
-    """Designs at half the time step."""
-
     timestep: float  # that half [s]
     designs: tuple[int, ...]  # numbers of the designs, the best first
     changes: tuple[TimestepChange, ...]  # largest of every metric, in falling order
 
     @property
     def unsettled(self) -> tuple[TimestepChange, ...]:
-        """Changes that are worth a word."""
         return tuple(one for one in self.changes if one.share > TOLERATED_CHANGE)
 
 

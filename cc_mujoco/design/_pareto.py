@@ -22,8 +22,6 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Objective:
-    """A metric that should be high, or low."""
-
     name: str
     high: bool
 
@@ -38,8 +36,6 @@ class Objective:
 
 @dataclass(frozen=True)
 class MetricLimit:
-    """A metric that must not be above a number, or not below it."""
-
     name: str
     bound: float
     least: bool  # true if the number is the least

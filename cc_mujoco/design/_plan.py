@@ -267,10 +267,7 @@ def require_optuna() -> Any:
 def _make_protocol(
     spec: StudySpec, goals: Sequence[Objective], named: Iterable[str]
 ) -> EpisodeProtocol:
-    """Return the protocol of designs.
-
-    The objectives determine the worst case; `named` are the variables of designs.
-    """
+    """Return the protocol of designs, whose variables are `named`."""
     if not isinstance(spec.scene, (str, Path)):
         raise CableError(
             "a study needs the name or the file of a device, as its workers load it "

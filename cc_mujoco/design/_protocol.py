@@ -88,16 +88,12 @@ class EpisodeProtocol:
         return device
 
     def find_metrics(self) -> None:
-        """Register the metrics of the user in `METRICS` of this process."""
         for given in self.own:
             find_metric(given)
 
     @property
     def code_names(self) -> tuple[str, ...]:
-        """Names of all that `code_provenance` must know, but for tables.
-
-        A table goes with the protocol.
-        """
+        """Names that `code_provenance` must know; tables go with the protocol."""
         played = []
         several = self.task.values() if isinstance(self.task, Mapping) else [self.task]
         for given in (self.trajectory, *several):
@@ -255,10 +251,7 @@ def by_axis(protocol: EpisodeProtocol) -> dict[str, str]:
 def over_axes(
     protocol: EpisodeProtocol, found: Mapping[str, float]
 ) -> dict[str, float]:
-    """Return the metrics of the worst axis, from those of every axis.
-
-    `found` is by `AXIS.METRIC`; an axis may lack one that it cannot have.
-    """
+    """Return metrics of the worst axis; axes may lack `AXIS.METRIC` in `found`."""
     worst = {}
     for name in protocol.metrics:
         each = [found[n] for a in protocol.axes if (n := f"{a}.{name}") in found]

@@ -75,8 +75,6 @@ PRICES_NOTE = (
 
 
 class RankedStudy:
-    """A finished study and what its designs are ranked by."""
-
     def __init__(
         self,
         plan: Plan,
@@ -100,7 +98,6 @@ class RankedStudy:
 
     @cached_property
     def sensitivities(self) -> list[Sensitivity]:
-        """Sensitivities of the metrics that have one."""
         metrics = self.protocol.metrics
         found = (sensitivity(self.plan, self.table, name) for name in metrics)
         return [one for one in found if one is not None]
@@ -116,11 +113,7 @@ class RankedStudy:
 
 
 def goals_of(plan: Plan, table: pa.Table) -> tuple[pareto.Objective, ...]:
-    """Return the objectives that rank designs.
-
-    Without any they are those of `DEFAULT_OBJECTIVES` that have numbers, and else the
-    first metrics that do.
-    """
+    """Return the objectives given, or usual ones of those that have numbers."""
     if plan.objectives:
         return plan.objectives
     measured = plan.protocol.metrics
@@ -134,10 +127,7 @@ def goals_of(plan: Plan, table: pa.Table) -> tuple[pareto.Objective, ...]:
 
 
 def header(found: RankedStudy, picture: Html, folder: Path) -> Html:
-    """State the answer, show it, and give the next command; then the question.
-
-    `folder` is that of the study.
-    """
+    """State the answer, the next command and the question; `folder` is of the study."""
     meaning = found.protocol.device.description.meaning
     title = element("h1", f"What if? {meaning[:1].upper()}{meaning[1:]}")
     goals = list_words(list(map(_wish, found.goals)))
@@ -167,7 +157,6 @@ def _wish(goal: pareto.Objective) -> str:
 
 
 def answer_sentence(found: RankedStudy) -> str:
-    """State the best design and what it gives."""
     best = found.best
     if best is None:
         return "No design is good enough."
@@ -331,7 +320,6 @@ def material_sentence(plan: Plan) -> str:
 
 
 def timestep_sentence(half: follow_up.Halved) -> str:
-    """State how half the time step changes the numbers."""
     step = f"half the time step, {1e3 * half.timestep:g} ms"
     if not half.unsettled:
         many = f"{len(half.designs)} designs from the best to the worst"
@@ -357,7 +345,6 @@ def timestep_sentence(half: follow_up.Halved) -> str:
 
 
 def _better_neighbour(found: RankedStudy, price: follow_up.Price) -> str:
-    """State that a design near the best was better, and which one."""
     (goal,) = (goal for goal in found.goals if goal.name == price.objective)
     gain = goal.cost({goal.name: price.now}) - goal.cost({goal.name: price.found})
     better = gain > follow_up.OBJECTIVE_TOLERANCE * abs(price.now)
@@ -460,7 +447,6 @@ def deciding_variables(found: RankedStudy) -> Html:
 
 
 def limit_slack(found: RankedStudy) -> Html | None:
-    """State the slack of the limits, and which of them are active."""
     if not found.limits:
         return None
     kept = [pareto.within_limits(found.table, [limit]) for limit in found.limits]
@@ -548,7 +534,6 @@ def failure_reasons(found: RankedStudy) -> list[str]:
 
 
 def failures(found: RankedStudy) -> Html | None:
-    """List the designs without numbers, by reason."""
     sentences = [*failure_reasons(found), *controllers_out(found)]
     for name in found.protocol.metrics:
         lacking = sum(row[name] is None and not row["failed"] for row in found.rows)

@@ -289,10 +289,7 @@ def _describe_difference(key: str, found: object, value: object) -> str:
 def _columns(
     results: Sequence[DesignResult], protocol: EpisodeProtocol
 ) -> dict[str, pa.Array]:
-    """Return the columns of metrics (null without a number), controllers and failures.
-
-    The controller is named if there are several.
-    """
+    """Return columns of metrics, null without a number, controllers and failures."""
     columns = {}
     for name in protocols.number_columns(protocol):
         values = [row.metrics[name] for row in results]
@@ -310,7 +307,7 @@ def _columns(
 
 
 def failure_columns(protocol: EpisodeProtocol) -> dict[str, str]:
-    """Return the columns of failures of controllers, empty for a single controller."""
+    """Return the controllers by their columns of failures; {} for one."""
     laws = protocol.controllers if len(protocol.controllers) > 1 else ()
     return {f"{FAILED_COLUMN}@{law}": law for law in laws}
 

@@ -100,10 +100,7 @@ class Sensitivity:
 
 
 def sensitivity(plan: Plan, table: pa.Table, metric: str) -> Sensitivity | None:
-    """Return the sensitivity of a metric, or None if it cannot be determined.
-
-    It cannot where the metric does not vary, or too few designs have it.
-    """
+    """Return the sensitivity of a metric; None if it does not vary or few have it."""
     y = np.asarray(table[metric].to_numpy(zero_copy_only=False), dtype=np.float64)
     varied = plan.varied
     good = np.isfinite(y)
@@ -268,11 +265,7 @@ def _pair_effects(
 
 
 def fit(x: Array, y: Array) -> Surface | None:
-    """Fit a surface, or None where there are too few designs or nothing predicts them.
-
-    To a metric `y` (designs,) of the variables `x` (designs, variables) on their
-    scales.
-    """
+    """Fit `y` (n,) over `x` (n, variables); None if too few, or nothing predicts it."""
     rng = np.random.default_rng(0)
     # At most 1000 designs are fitted.
     shuffled = rng.permutation(len(y))[:1000]

@@ -202,11 +202,7 @@ class Pair(NamedTuple):
 def compare(
     study: FinishedStudy, row: int, against: int, case: int | None = None
 ) -> list[Pair]:
-    """Variables, cases and metrics of two designs, as the table of the study has them.
-
-    `row` and `against` are numbers of designs, column `design` of its table; `case` is
-    as in `show`.
-    """
+    """Return what the table has of two rows, by number; `case` is as in `show`."""
     if row == against:
         raise CableError(f"design {row} is compared with itself; name another one.")
     study.find_user_metrics()

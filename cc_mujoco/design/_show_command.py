@@ -39,7 +39,6 @@ class WhatIfShow:
     """Code that files may name, once each; code that only a file names is refused."""
 
     def run(self) -> None:
-        """Play and write; print a table and how to open the recording."""
         if self.against is None:
             self._show()
         else:

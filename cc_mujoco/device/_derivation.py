@@ -429,10 +429,7 @@ def _require_hinge(model: mujoco.MjModel, joint: int, what: str) -> None:
 
 
 def _torque_limit(scene: _Scene, motor: int, keys: Keys) -> float:
-    """Return the largest torque of a motor [N m]; writes a given one into the scene.
-
-    A `<dcmotor>` becomes a `<motor>`, as its amplifier controls the current.
-    """
+    """Return the largest torque of a motor [N m]; a given one goes into the scene."""
     model = scene.model
     name, gain = model.actuator(motor).name, float(model.actuator_gainprm[motor, 0])
     gear = float(model.actuator_gear[motor, 0])

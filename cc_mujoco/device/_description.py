@@ -40,16 +40,11 @@ PERIOD = 1e-3
 class Slip:
     """Friction of an axis' cables, from which a safe torque is assumed."""
 
-    friction: float = 0.0
-    """Friction coefficient times wrap."""
-    rest: float = 0.0
-    """Torque of the pretension of cables that hold each other taut [N m]."""
+    friction: float = 0.0  # friction coefficient times wrap
+    rest: float = 0.0  # torque of the pretension that holds two cables taut [N m]
 
     def held(self, torque: float) -> float:
-        """Return the torque of a motor that winds against a torque at the joint [N m].
-
-        It is that at the joint without friction.
-        """
+        """Return the torque of a motor that winds against a frictionless one [N m]."""
         taut = torque + self.rest * self.friction
         return max(torque * math.exp(self.friction), taut)
 
@@ -71,14 +66,10 @@ class Cuff:
     the frame to the limb: torque = stiffness deflection + damping its rate.
     """
 
-    stiffness: float
-    """Above 0 [N m/rad]."""
-    damping: float
-    """At least 0 [N m s/rad]."""
-    inertia: float
-    """Inertia of the frame about the axis [kg m^2]."""
-    tendon: str
-    """Tendon that is the spring and the damper."""
+    stiffness: float  # above 0 [N m/rad]
+    damping: float  # at least 0 [N m s/rad]
+    inertia: float  # inertia of the frame about the axis [kg m^2]
+    tendon: str  # tendon that is the spring and the damper
 
 
 @dataclass(frozen=True)

@@ -306,10 +306,7 @@ def _merged(content: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, A
 
 
 def _resolved(table: Table, folder: Path) -> Table:
-    """Return a description whose motion and torques are files beside it.
-
-    Code that it names stays unless a call has allowed it, see `named_in_file`.
-    """
+    """Return a description whose motion and torques are paths of files beside it."""
 
     def beside(given: Any, key: str, free: Container[str]) -> Any:
         if not isinstance(given, str):

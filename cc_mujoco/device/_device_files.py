@@ -90,10 +90,7 @@ def hysteresis_of(table: Table) -> dict[str, Parameters]:
 def write_hysteresis(
     path: str | os.PathLike[str], axis: str, parameters: Mapping[str, Mapping[str, Any]]
 ) -> None:
-    """Write the file of an axis, which must not be there.
-
-    `parameters` are those of `control.fit_hysteresis`.
-    """
+    """Write what `control.fit_hysteresis` found of an axis into a new file."""
     place = Path(path)
     if place.exists():
         raise CableError(

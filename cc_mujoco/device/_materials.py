@@ -26,8 +26,7 @@ class Figure:
     low: float
     typical: float
     high: float
-    sources: tuple[str, ...]
-    """Words of `design/material_sources.csv`."""
+    sources: tuple[str, ...]  # words of `design/material_sources.csv`
 
     @classmethod
     def one(cls, value: float, source: str) -> Figure:
@@ -43,18 +42,12 @@ class Material:
 
     name: str
     meaning: str
-    friction: Figure
-    """Kinetic friction coefficient between the two [1]."""
-    modulus: Figure
-    """Effective modulus of the rope [N/m^2]."""
-    density: Figure
-    """Density of the rope [kg/m^3]."""
-    strength: Figure
-    """Breaking load of the rope per area [N/m^2]."""
-    hottest: Figure | None
-    """Highest service temperature [degC]; None where none was found."""
-    wires: int = 0
-    """Wires side by side across the rope; 0 where it is of fibres."""
+    friction: Figure  # kinetic friction coefficient between the two [1]
+    modulus: Figure  # effective modulus of the rope [N/m^2]
+    density: Figure  # density of the rope [kg/m^3]
+    strength: Figure  # breaking load of the rope per area [N/m^2]
+    hottest: Figure | None  # highest service temperature [degC]; None if unknown
+    wires: int = 0  # wires side by side across the rope; 0 where it is of fibres
 
     def axial_stiffness(self, diameter: float) -> float:
         """Return EA [N] of a rope of this diameter [m]."""

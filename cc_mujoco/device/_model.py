@@ -379,7 +379,6 @@ def physics_of(data: mujoco.MjData) -> Physics:
 
 
 def _require_parts(description: Description, model: mujoco.MjModel) -> None:
-    """Refuse a model that is no variant of the scene."""
     joints = {model.joint(j).name for j in range(model.njnt)}
     actuators = {model.actuator(a).name for a in range(model.nu)}
     for axis in description.axes:

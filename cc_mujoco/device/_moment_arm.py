@@ -76,10 +76,7 @@ class Winding(NamedTuple):
     def sharing(
         self, model: mujoco.MjModel, joints: Container[str], motor: float
     ) -> Winding:
-        """Return this winding, with readings of the joints that other axes drive.
-
-        `motor` is the displacement of the proximal end per motor angle, signed [m/rad].
-        """
+        """Return this winding with `shared`, by the arm at the motor [m/rad]."""
         places = self.places[: self.own] + self.places[self.own + 1 :]
         shared = tuple(
             (RATIO_COLUMN.format(joint=joint), place, 1.0 / motor)
@@ -184,10 +181,7 @@ class MeasuredWinding:
     def read(
         self, angles: Sequence[float], velocities: Sequence[float]
     ) -> dict[str, float]:
-        """Return `WINDING_COLUMNS` in a pose.
-
-        Angles [rad] and velocities [rad/s] of `joints`, as the scene counts them.
-        """
+        """Return `WINDING_COLUMNS` by angles [rad] and rates of `joints` [rad/s]."""
         model, data = self._model, self._data
         data.qpos[self._angles] = angles
         data.qvel[self._velocities] = velocities
@@ -200,10 +194,7 @@ class MeasuredWinding:
 
 
 def winding_of(model: mujoco.MjModel, end: int, joint: str) -> Winding | None:
-    """Return the winding of a distal end, by its index in `actuator_length`.
-
-    None where a round pulley on the joint would do the same.
-    """
+    """Return the winding of a distal end, by its index; None if a round pulley."""
     data, dof = mujoco.MjData(model), int(model.joint(joint).dofadr[0])
     mujoco.mj_fwdPosition(model, data)
     start, count = int(data.moment_rowadr[end]), int(data.moment_rownnz[end])
@@ -225,10 +216,7 @@ def winding_of(model: mujoco.MjModel, end: int, joint: str) -> Winding | None:
 
 
 class Arms:
-    """Moment arms of all actuators of a model over the ranges of its joints.
-
-    Arms are displacements per angle or length of a joint [m/rad, m/m or 1].
-    """
+    """Moment arms of all actuators over the ranges of the joints [m/rad, m/m or 1]."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
         """Sweep the joints together, from the neutral pose."""

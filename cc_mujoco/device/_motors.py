@@ -16,16 +16,11 @@ class Motor:
     """A motor by its data sheet, NaN where unknown."""
 
     name: str = ""
-    resistance: float = math.nan
-    """Resistance of the winding between its terminals, at 25 degC [ohm]."""
-    torque_constant: float = math.nan
-    """Torque of the rotor per current [N m/A]."""
-    continuous_torque: float = math.nan
-    """Torque of the rotor that it can give for ever [N m]."""
-    mass: float = math.nan
-    """Without a gear [kg]."""
-    rotor_inertia: float = math.nan
-    """Inertia of the rotor [kg m^2]."""
+    resistance: float = math.nan  # of the winding at 25 degC, at its terminals [ohm]
+    torque_constant: float = math.nan  # torque of the rotor per current [N m/A]
+    continuous_torque: float = math.nan  # that the rotor can give for ever [N m]
+    mass: float = math.nan  # without a gear [kg]
+    rotor_inertia: float = math.nan  # inertia of the rotor [kg m^2]
     source: str = ""
 
 

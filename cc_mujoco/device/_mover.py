@@ -44,7 +44,6 @@ class Mover(NamedTuple):
 
     @classmethod
     def of(cls, model: mujoco.MjModel, name: str) -> Mover:
-        """Read an actuator with affine bias at a joint."""
         actuator = int(model.actuator(name).id)
         gear = float(model.actuator_gear[actuator, 0])
         gain = float(model.actuator_gainprm[actuator, 0])
@@ -83,7 +82,6 @@ class MotorLimits(NamedTuple):
 
     @classmethod
     def of(cls, model: mujoco.MjModel, actuator: int) -> MotorLimits:
-        """Read the limits of control, of force and of the joint."""
         gain = float(model.actuator_gainprm[actuator, 0])
         gear = float(model.actuator_gear[actuator, 0])
         low, high = _control_range(model, actuator)

@@ -229,7 +229,6 @@ def begin_past(past: Past, row: int) -> None:
 
 @internal
 def act_past(past: Past, row: int, share: float) -> None:
-    """Record the action after the present frame of a row."""
     width, frames = past.units.size, past.frames
     for k in range(frames.shape[1] - 1, 0, -1):
         for place in range(width + 1):
@@ -242,7 +241,6 @@ def act_past(past: Past, row: int, share: float) -> None:
 
 @internal
 def follow_past(past: Past, row: int) -> None:
-    """Let the plays of a row follow the measurements."""
     for play in range(past.reach.size):
         angle, reach = _play_angle(past, row, play), past.reach[play]
         near = max(past.plays[row, play], angle - reach)

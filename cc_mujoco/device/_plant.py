@@ -149,8 +149,10 @@ class Plant:
         values = self._of_axis(axis)
         if "motor" in values:
             return MOTORS[str(values["motor"])]
-        names = (*GEARED[1:], "motor_mass")
-        return Motor("", *(float(values.get(name, math.nan)) for name in names))
+        resistance, constant, continuous, mass = (
+            float(values.get(name, math.nan)) for name in (*GEARED[1:], "motor_mass")
+        )
+        return Motor("", resistance, constant, continuous, mass)
 
     def gearing(self, axis: Axis) -> float:
         """Return rotor turns per turn of the pulley; NaN where unknown."""
@@ -372,10 +374,7 @@ class Plant:
                 )
 
     def _pulley_inertias(self) -> list[tuple[str, float, list[tuple[float, float]]]]:
-        """Return joint, inertia [kg m^2] and radii of the scene's pulleys, [m].
-
-        The radii are that of the scene and that of the plant, for each cable on it.
-        """
+        """Return joint, inertia [kg m^2], scene's and plant's radii [m] of pulleys."""
         scene, found = self.scene, []
         for axis in self.description.axes:
             discs = (axis.drum, axis.motor_pulley), (axis.joint, axis.joint_pulley)

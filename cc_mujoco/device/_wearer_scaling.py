@@ -39,10 +39,7 @@ def speed_of(design: Mapping[str, Value]) -> float | None:
 
 
 def profile_of(design: Mapping[str, Value]) -> Profile | None:
-    """Return the assistance profile that a design sets, or None.
-
-    A peak torque that is not said goes with the size and the pace of the wearer.
-    """
+    """Return the profile that a design sets, or None; its peak goes with the wearer."""
     said = {name: float(design[name]) for name in PROFILE if name in design}
     if not said:
         return None

@@ -365,10 +365,7 @@ def _object(
     base: type[Any],
     wrap: Callable[[str, Any], Any],
 ) -> Any:
-    """Return an object of `base`, or that of a text `MODULE:NAME`; else None.
-
-    `wrap` makes an object of a user's class report errors by file and line.
-    """
+    """Return an object of `base`, or of `MODULE:NAME` in a `wrap`; else None."""
     if isinstance(given, base):
         return given
     if not isinstance(given, str):

@@ -120,10 +120,7 @@ class SampledMotion:
         rng: np.random.Generator,
         rows: int,
     ) -> None:
-        """Draw all that is random; arguments as of `Trajectory.sample`.
-
-        A motion of no more than `rows` samples is sampled once, into memory.
-        """
+        """Draw all that is random; more than `rows` samples are made when asked for."""
         self._source, self._dt = source, dt
         self._steps = _sample_steps(duration, dt)
         self._rng = copy.deepcopy(rng)
@@ -142,7 +139,6 @@ class SampledMotion:
 
 
 def _sample_steps(duration: float, dt: float) -> int:
-    """Return the number of whole steps of an episode; refuse one that has none."""
     for name, value in (("duration", duration), ("dt", dt)):
         if not (math.isfinite(value) and value > 0):
             raise CableError(

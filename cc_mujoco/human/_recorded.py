@@ -183,10 +183,7 @@ def read_trajectory(path: str | Path, joints: Sequence[str] = ()) -> Recorded:
 def _angle_columns(
     path: Path, names: Sequence[str], joints: Sequence[str]
 ) -> dict[str, str]:
-    """Return the columns of angles by joint, that of the driven joint first.
-
-    One must be of the driven joint, all have a unit, and no two are of one joint.
-    """
+    """Return the columns of angles by joint, that of the driven joint first."""
     with_unit: dict[Words, list[str]] = {}
     without: dict[Words, list[str]] = {}
     for name in names:

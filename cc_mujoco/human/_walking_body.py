@@ -64,7 +64,6 @@ class WalkingBody:
         self.weight = float(model.body_mass.sum()) * 9.81  # [N]
 
     def set_muscles(self, model: mujoco.MjModel, policy: WalkingPolicy) -> None:
-        """Give the muscles the stiffness and damping of a policy."""
         model.actuator_biasprm[self.muscles, 1] = -policy.stiffness
         model.actuator_biasprm[self.muscles, 2] = -policy.damping
 
@@ -82,7 +81,6 @@ class WalkingBody:
         data.qpos[self._height] -= soles.min()
 
     def senses(self, each: Sequence[mujoco.MjData]) -> Senses:
-        """Return the sensory signals of the persons in some data."""
         qpos = np.array([data.qpos for data in each])
         qvel = np.array([data.qvel for data in each])
         loads = np.array([data.sensordata[self._loads] for data in each])
@@ -91,7 +89,6 @@ class WalkingBody:
         return Senses(qpos[:, self.qpos], *pitch, qvel[:, self._forward], load)
 
     def has_fallen(self, data: mujoco.MjData) -> bool:
-        """Return whether the person cannot go on."""
         drop, pitch = data.qpos[self._height], data.qpos[self._pitch]
         return not (abs(drop) < self.MAX_DROP and abs(pitch) < self.MAX_PITCH)
 

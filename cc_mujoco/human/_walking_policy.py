@@ -114,8 +114,7 @@ class Senses(NamedTuple):
     pitch: Any  # pitch of the trunk (worlds,), positive forwards [rad]
     pitch_rate: Any  # its rate (worlds,) [rad/s]
     speed: Any  # speed of the trunk (worlds,) [m/s]
-    load: Any
-    """Force of the ground on the feet over the body's weight (worlds, legs) [-]."""
+    load: Any  # force of the ground on the feet over the weight (worlds, legs) [-]
 
 
 class WalkingController:

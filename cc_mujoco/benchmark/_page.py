@@ -1,20 +1,37 @@
-"""Files of a benchmark: results, figures, tables and a page on the best controllers."""
+"""Files of a benchmark: results, figures, tables and a page on the best controllers.
+
+Figures show error against effort, over the cycle, and by condition.
+"""
 
 from __future__ import annotations
 
+import math
 import os
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from cc_mujoco._utils.atomic_io import MANIFEST, replacing, write_manifest
 from cc_mujoco._utils.provenance import versions
-from cc_mujoco.benchmark import _figures as figures
 from cc_mujoco.benchmark import _report as text
 from cc_mujoco.benchmark import _results as stored
 from cc_mujoco.benchmark import _runner as runner
+from cc_mujoco.benchmark._conditions import REFERENCES, SCALE_CONTROLLER, is_walk
+from cc_mujoco.benchmark._results import DeviceResults, Results
 from cc_mujoco.benchmark._runner import BenchmarkPlan
+from cc_mujoco.device._axis_columns import axis_columns
+from cc_mujoco.device._sensors import REFERENCE_COLUMN
 from cc_mujoco.report import _html as html
-from cc_mujoco.report._figures import save, style
+from cc_mujoco.report._figures import BLACK, COLORS, GREY, figure, save, style
 from cc_mujoco.report._html import Html
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
 
 CAPTIONS = {
     "pareto": "Normalised error against effort and chatter, mean over conditions and "
@@ -29,7 +46,7 @@ CAPTIONS = {
 def write(
     out: str | os.PathLike[str],
     plan: BenchmarkPlan,
-    results: stored.Results,
+    results: Results,
     baseline: str = text.DEFAULT_BASELINE,
 ) -> str:
     """Write `results.parquet`, figures, `table.md`, `report.html`; return a summary."""
@@ -37,10 +54,11 @@ def write(
     makers = plan.made_by()
     stored.write_results(out / runner.RESULTS_FILE, results, plan.suite, makers)
     (out / MANIFEST).unlink(missing_ok=True)  # until all is written
+    drawings = {"pareto": pareto, "robustness": robustness, "cycle": cycle}
     for own in stored.by_device(results):
-        for stem in CAPTIONS:
+        for stem, draw in drawings.items():
             with style():
-                save(out / f"{own.label}-{stem}.png", getattr(figures, stem)(own))
+                save(out / f"{own.label}-{stem}.png", draw(own))
     pages = {
         runner.TABLES_FILE: text.all_tables(results, baseline, plan.left_out()),
         runner.REPORT_FILE: _report_page(out, plan, results, baseline),
@@ -53,15 +71,13 @@ def write(
 
 
 def _report_page(
-    folder: Path, plan: BenchmarkPlan, results: stored.Results, baseline: str
+    folder: Path, plan: BenchmarkPlan, results: Results, baseline: str
 ) -> str:
     """Return the page of a benchmark, whose figures are in `folder`."""
     devices = {f"device{n}": own for n, own in enumerate(stored.by_device(results))}
-    titles = {
-        k: f"{own.label[:1].upper()}{own.label[1:]}" for k, own in devices.items()
-    }
-    parts: dict[str, Html] = {}
+    titles, parts = {}, {}
     for key, own in devices.items():
+        titles[key] = f"{own.label[:1].upper()}{own.label[1:]}"
         parts[key] = _device(folder, own, baseline, key == "device0")
     titles |= {"all": "All controllers and references", "words": "What the names mean"}
     titles |= {"times": text.TIMES_TITLE, "made": "How this was made"}
@@ -74,7 +90,14 @@ def _report_page(
     lines = [line.removeprefix("- ") for line in text.definitions(results).splitlines()]
     words = html.bullet_list(map(html.inline_markdown, lines))
     parts["words"] = html.folded("References and scores", words)
-    parts["made"] = _provenance()
+    listed = ", ".join(f"{name} {number}" for name, number in versions().items())
+    machine = stored.describe_machine()
+    parts["made"] = html.paragraph(
+        html.element("code", runner.RESULTS_FILE),
+        f" beside this page has a row per episode. {listed}. "
+        f"{machine['processors']} processors ({machine['processor']}), "
+        f"{machine['system']}.",
+    )
     best = html.inline_markdown(text.best_sentence(results, baseline))
     command = html.element("code", text.next_command(results))
     header = html.element(
@@ -89,25 +112,24 @@ def _report_page(
     return html.page(title, "named", header, html.sections(titles, parts))
 
 
-def _device(
-    folder: Path, own: stored.DeviceResults, baseline: str, first: bool
-) -> Html:
-    ranks = text.ranks_table(own.rms, baseline)
+def _device(folder: Path, own: DeviceResults, baseline: str, first: bool) -> Html:
+    (heading, ranks), *others = text.device_tables(own, baseline)
+    conditions, scores, plants = (_folded_table(*other) for other in others)
     return html.join_pieces(
         [
-            html.paragraph(text.RANKS_HEADING),
+            html.paragraph(heading),
             html.short_table(*_marked(ranks)),
             *([] if first else [_figure(folder, own, "pareto")]),
             _figure(folder, own, "robustness"),
-            _folded_table(text.CONDITIONS_HEADING, text.conditions_table(own)),
-            _folded_table(text.SCORES_HEADING, text.scores_table(own)),
+            conditions,
+            scores,
             html.folded("Error over the cycle", _figure(folder, own, "cycle")),
-            _folded_table(text.PLANTS_HEADING, text.plants_table(own)),
+            plants,
         ]
     )
 
 
-def _figure(folder: Path, own: stored.DeviceResults, stem: str) -> Html:
+def _figure(folder: Path, own: DeviceResults, stem: str) -> Html:
     return html.embed_picture(folder / f"{own.label}-{stem}.png", CAPTIONS[stem])
 
 
@@ -122,12 +144,146 @@ def _marked(cells: text.Cells) -> tuple[list[Html], list[list[Html]]]:
     return head, rows
 
 
-def _provenance() -> Html:
-    listed = ", ".join(f"{name} {number}" for name, number in versions().items())
-    machine = stored.describe_machine()
-    return html.paragraph(
-        html.element("code", runner.RESULTS_FILE),
-        f" beside this page has a row per episode. {listed}. "
-        f"{machine['processors']} processors ({machine['processor']}), "
-        f"{machine['system']}.",
-    )
+def pareto(own: DeviceResults) -> Figure:
+    """Draw normalised error against effort and chatter, with the best joined."""
+    errors, looks = own.errors, _line_styles(own.errors)
+    costs = {
+        "rms_motor_torque": "effort: RMS torque of the motor [N m]",
+        "chatter": "chatter: RMS of the same less its mean over 50 ms [N m]",
+    }
+    passive = [law for law in errors if law in ("unplugged", "motor-off")]
+    drawing = _figure_for_phone(6.6)
+    panels = drawing.subplots(2, 1)
+    for axes, (cost, label) in zip(panels, costs.items(), strict=True):
+        points = {
+            law: (own.mean_score(law, cost), float(np.mean(values)))
+            for law, values in errors.items()
+            if law not in passive
+        }
+        points = {law: p for law, p in points.items() if math.isfinite(p[0])}
+        entries = [point for law, point in points.items() if law not in REFERENCES]
+        front = [
+            one
+            for one in entries
+            if not any(p != one and p[0] <= one[0] and p[1] <= one[1] for p in entries)
+        ]
+        line = np.array(sorted(front))
+        axes.plot(line[:, 0], line[:, 1], color=GREY, lw=0.8, zorder=1)
+        for law, point in points.items():
+            about = looks[law] | {"linestyle": "", "markersize": 6}
+            axes.plot(*point, label=law, clip_on=False, **about)
+        for law in passive:  # whose motor does nothing
+            about = looks[law] | {"marker": "", "lw": 0.9}
+            axes.axhline(float(np.mean(errors[law])), label=law, **about)
+        axes.set(xlabel=label, ylabel="normalised error", ylim=(0.0, None))
+    panels[0].set(title=f"{own.label}: error against effort")
+    panels[1].set(title="and against chatter")
+    labels = panels[0].get_legend_handles_labels()
+    drawing.legend(*labels, loc="outside lower center", ncols=3)
+    return drawing
+
+
+def cycle(own: DeviceResults) -> Figure:
+    """Draw the error over the gait, or after a reversal, in the ordinary condition."""
+    looks = _line_styles(own.rms)
+    shown = {c.controller: (c, r.trace) for c, r in own.played if r.trace}
+    trace, angle = next((each for _, each in shown.values()), {}), "joint_angle_rad"
+    prefixes = [n.removesuffix(angle) for n in trace if n.endswith(angle)] or [""]
+    drawing = _figure_for_phone(2.7 * len(prefixes) + 0.9)
+    panels = drawing.subplots(len(prefixes), 1, squeeze=False)[:, 0]
+    label = "time since the joint last reversed [s]"
+    is_angle = any(REFERENCE_COLUMN in trace for _, trace in shown.values())
+    for axes, prefix in zip(panels, prefixes, strict=True):
+        for law, (cell, trace) in shown.items():
+            gait = is_walk(cell.condition.trajectory)
+            most = 1.0 if gait else 0.6  # a cycle, or [s] after a reversal
+            label = "phase of the gait" if gait else label
+            columns = axis_columns(trace, prefix, prefixes)
+            place = columns["phase"] if gait else _since_reversal(columns)
+            rms = _binned_rms(place / most, columns)
+            at = most * (np.arange(rms.size) + 0.5) / rms.size
+            axes.plot(at, rms, label=law, **looks[law] | {"marker": "", "lw": 1.1})
+        name = ", ".join((own.label, *([prefix.rstrip(".")] if prefix else [])))
+        y_label = "RMS error [rad]" if is_angle else "RMS error [N m]"
+        axes.set(xlabel=label, ylabel=y_label, ylim=(0.0, None))
+        axes.set_title(f"{name}: error over the cycle")
+    if shown:
+        labels = panels[-1].get_legend_handles_labels()
+        drawing.legend(*labels, loc="outside lower center", ncols=3)
+    return drawing
+
+
+def robustness(own: DeviceResults) -> Figure:
+    """Draw the normalised error of every controller in every condition as a heat map.
+
+    Rows are conditions, columns controllers. Colours are logarithmic about the error of
+    `none`, which is 1. It is legible on the screen of a telephone.
+    """
+    shown = [law for law in own.errors if law not in (*REFERENCES, SCALE_CONTROLLER)]
+    shown = shown or [SCALE_CONTROLLER]
+    conditions = list(own.rms[SCALE_CONTROLLER])
+    means = np.array([own.errors[law].mean(axis=1) for law in shown]).T
+    drawing = _figure_for_phone(0.21 * len(conditions) + 1.7)
+    axes = drawing.add_subplot()
+    logarithms, decades = np.log10(np.maximum(means, 1e-9)), 1.5  # either side of 1
+    ends = -decades, decades
+    picture = axes.imshow(logarithms, cmap="RdBu_r", clim=ends, aspect="auto")
+    axes.grid(visible=False)
+    axes.set_xticks(range(len(shown)), shown, rotation=60, ha="right")
+    axes.set_yticks(range(len(conditions)), conditions)
+    axes.set_title(f"{own.label}: error over that of none", loc="left")
+    size = 8 if len(shown) <= 6 else 48 / len(shown)
+    for (row, column), mean in np.ndenumerate(means):
+        pale = abs(math.log10(max(mean, 1e-9))) < 0.6 * decades
+        text = f"{mean:.2f}" if mean < 9.995 else f"{mean:.0f}"
+        shown_text = text if mean >= 1.0 else text.removeprefix("0")
+        drawn = axes.text(column, row, shown_text, ha="center", va="center")
+        drawn.set(size=max(size, 5.0), color=BLACK if pale else "white")
+    bar = drawing.colorbar(picture, location="bottom", aspect=40, pad=0.02)
+    ticks = [-1.0, -0.5, 0.0, 0.5, 1.0]
+    bar.set_ticks(ticks, labels=[f"{10.0**tick:.2g}" for tick in ticks])
+    bar.outline.set_visible(False)
+    return drawing
+
+
+def _figure_for_phone(height: float) -> Figure:
+    return figure(4.9, height)  # wide [inch]: legible at 390 pixels
+
+
+def _since_reversal(trace: Mapping[str, Array]) -> Array:
+    found = np.full(trace["time_s"].size, np.inf)
+    for seed in np.unique(trace["seed"]):
+        own = trace["seed"] == seed
+        time, angle = trace["time_s"][own], trace["joint_angle_rad"][own]
+        way = np.sign(np.gradient(angle))
+        turned = np.concatenate([[True], way[1:] * way[:-1] < 0.0])
+        found[own] = time - np.maximum.accumulate(np.where(turned, time, 0.0))
+    return found
+
+
+def _binned_rms(place: Array, trace: Mapping[str, Array], count: int = 30) -> Array:
+    """Return the RMS error in bins from 0 to 1 (count,), NaN in empty ones."""
+    # Motions grow in the first second.
+    counted = (trace["time_s"] >= 1.0) & (place < 1.0)
+    bins = (place[counted] * count).astype(int)
+    pair = "joint_torque_nm", "desired_torque_nm"
+    if REFERENCE_COLUMN in trace:
+        pair = "joint_angle_rad", REFERENCE_COLUMN
+    error = (trace[pair[0]] - trace[pair[1]])[counted]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        square = np.bincount(bins, error**2, count) / np.bincount(bins, None, count)
+    return np.asarray(np.sqrt(square))
+
+
+def _line_styles(laws: Iterable[str]) -> dict[str, dict[str, Any]]:
+    laws = list(laws)
+    dashes, markers = (":", "--", "-.", (0, (5, 1))), ("v", "^", "D", "s")
+    found: dict[str, dict[str, Any]] = {}
+    for place, law in enumerate(name for name in laws if name in REFERENCES):
+        look = {"linestyle": dashes[place % 4], "marker": markers[place % 4]}
+        found[law] = look | {"color": GREY}
+    for place, law in enumerate(name for name in laws if name not in REFERENCES):
+        # Seven colours; the next seven have squares in place of circles.
+        color, marker = COLORS[place % 7], "s" if place // 7 % 2 else "o"
+        found[law] = {"linestyle": "-", "marker": marker, "color": color}
+    return found

@@ -42,16 +42,6 @@ OVERVIEW_HEADING = (
     "episodes, if any:"
 )
 """Heading of `overview_table`."""
-RANKS_HEADING = (
-    "Ranks; a controller is better than another where the interval of their "
-    "difference leaves out 0, for all pairs at once:"
-)
-CONDITIONS_HEADING = "Normalised error by condition, mean over seeds:"
-SCORES_HEADING = "All scores, mean over conditions and seeds:"
-PLANTS_HEADING = (
-    "Plants sampled in the ordinary condition, in brackets the values that "
-    "controllers assume:"
-)
 TIMES_TITLE = "Computing time of a step of one device"
 
 
@@ -75,21 +65,17 @@ def all_tables(
         *left_out_sentences(left_out),
     ]
     for own in (first, *others):
+        tables = [(head, table(*cells)) for head, cells in device_tables(own, baseline)]
+        ranks, (conditions, errors), (scores, found), plants = tables
         parts += [
             f"## {own.label}",
             *([] if own is first else [_picture(own, "pareto")]),
-            RANKS_HEADING,
-            table(*ranks_table(own.rms, baseline)),
+            *ranks,
             _fold(
                 "Conditions, scores and plants",
-                CONDITIONS_HEADING,
-                _picture(own, "robustness"),
-                table(*conditions_table(own)),
-                SCORES_HEADING,
-                _picture(own, "cycle"),
-                table(*scores_table(own)),
-                PLANTS_HEADING,
-                table(*plants_table(own)),
+                *(conditions, _picture(own, "robustness"), errors),
+                *(scores, _picture(own, "cycle"), found),
+                *plants,
             ),
         ]
     head, rows = times_table(results)
@@ -97,6 +83,27 @@ def all_tables(
         parts += [f"## {TIMES_TITLE}", table(head, rows)]
     parts += ["## Definitions", _fold("References and scores", definitions(results))]
     return "\n\n".join(parts) + "\n"
+
+
+def device_tables(own: DeviceResults, baseline: str) -> list[tuple[str, Cells]]:
+    """Return headings and tables of a device: ranks, conditions, scores and plants."""
+    return [
+        (
+            "Ranks; a controller is better than another where the interval of their "
+            "difference leaves out 0, for all pairs at once:",
+            ranks_table(own.rms, baseline),
+        ),
+        (
+            "Normalised error by condition, mean over seeds:",
+            conditions_table(own),
+        ),
+        ("All scores, mean over conditions and seeds:", scores_table(own)),
+        (
+            "Plants sampled in the ordinary condition, in brackets the values that "
+            "controllers assume:",
+            plants_table(own),
+        ),
+    ]
 
 
 def summary(results: Results, baseline: str = DEFAULT_BASELINE) -> str:

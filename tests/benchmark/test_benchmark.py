@@ -26,10 +26,9 @@ from cc_mujoco.benchmark import (
     play_group,
     run,
 )
-from cc_mujoco.benchmark import _figures as drawing
+from cc_mujoco.benchmark import _page as drawing
 from cc_mujoco.benchmark._conditions import MODEL_ERRORS, TRANSMISSIONS
-from cc_mujoco.benchmark._figures import pareto
-from cc_mujoco.benchmark._page import CAPTIONS, write
+from cc_mujoco.benchmark._page import CAPTIONS, pareto, write
 from cc_mujoco.benchmark._plant import sample_plants
 from cc_mujoco.benchmark._results import by_device, read_results
 from cc_mujoco.cable import Cable

@@ -12,7 +12,7 @@ import pytest
 
 from cc_mujoco import cli
 from cc_mujoco.benchmark import REFERENCES, SCORES, SUITES
-from cc_mujoco.benchmark import _figures as drawing
+from cc_mujoco.benchmark import _page as drawing
 from cc_mujoco.benchmark._page import CAPTIONS
 from cc_mujoco.report import figure
 from page_blocks import BLOCKS

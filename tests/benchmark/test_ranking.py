@@ -22,7 +22,7 @@ from cc_mujoco.benchmark import (
     normalise_errors,
     rank_controllers,
 )
-from cc_mujoco.benchmark import _figures as drawing
+from cc_mujoco.benchmark import _page as drawing
 from cc_mujoco.benchmark._page import CAPTIONS, write
 from cc_mujoco.benchmark._ranking import MAX_NORMALISED_ERROR, bootstrap_means
 from cc_mujoco.benchmark._report import best_sentence, comparison, next_command

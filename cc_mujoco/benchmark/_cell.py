@@ -51,37 +51,24 @@ from cc_mujoco.simulation._worn_device import WornDevice
 
 Array = NDArray[np.float64]
 
-_TORQUE_NAMES = ("rms_torque_error", "peak_torque_error", "torque_lag",
-                 "spring_backlash")  # fmt: skip
-_MOTOR_NAMES = ("rms_motor_torque", "peak_motor_torque", "chatter")
 
-SCORES = tuple(
-    METRICS[name]
-    for name in (*_TORQUE_NAMES, *_MOTOR_NAMES, "slack_under_load", "failed")
+def _metrics(names: str) -> tuple[Metric, ...]:
+    return tuple(METRICS[name] for name in names.split())
+
+
+SCORES = _metrics(
+    "rms_torque_error peak_torque_error torque_lag spring_backlash rms_motor_torque "
+    "peak_motor_torque chatter slack_under_load failed"
 )
 """All scores of an episode, in the order of tables; the nearer to 0, the better."""
-
-ANGLE_SCORES = tuple(
-    METRICS[name]
-    for name in ("rms_angle_error", "peak_angle_error", *_MOTOR_NAMES, "failed")
+ANGLE_SCORES = _metrics(
+    "rms_angle_error peak_angle_error rms_motor_torque peak_motor_torque chatter failed"
 )
 """Scores of an episode whose task commands an angle."""
-
 SAFETY_SCORES = (METRICS["peak_over_safe"], *SCORES)
 """Scores of an episode with a fault of a sensor or a strap."""
-
 EVERY_SCORE = tuple(dict.fromkeys((*ANGLE_SCORES[:2], *SAFETY_SCORES)))
 """All, in the order of tables."""
-
-ERRORS = "peak_over_safe", "rms_torque_error", "rms_angle_error"
-"""Scores by which controllers are ranked: of a fault, of a torque, or of a commanded
-angle."""
-
-TRACE_COLUMNS = ("joint_angle_rad", "joint_torque_nm", "desired_torque_nm")
-PHASE_COLUMNS = ("phase_sine", "phase_cosine")
-AXIS_COLUMNS = (*TRACE_COLUMNS, *PHASE_COLUMNS, "motor_torque_nm")
-"""Recorded columns of every axis."""
-CABLE_COLUMNS = ("least_tension_n", "tension_n")  # recorded columns of all cables
 
 
 @dataclass(frozen=True)
@@ -134,9 +121,8 @@ class CellSetup(NamedTuple):
 
     draws: list[Draw]
     batch: Batch
-    drives: Sequence[
-        tuple[Drive, ...]
-    ]  # every axis of each plant, as controllers know it
+    # every axis of each plant, as controllers know it
+    drives: Sequence[tuple[Drive, ...]]
     law: Controller
     sensors: AxesMeasuring | faults.FaultySensors
     torque_noise: float  # standard deviation of the device's joint torque sensor [N m]
@@ -286,13 +272,13 @@ def play_group(cells: Sequence[Cell]) -> list[CellResult]:
     """
     made = prepare_episodes(cells)
     batch = made.batch
-    names = [*AXIS_COLUMNS]
+    names = ["joint_angle_rad", "joint_torque_nm", "desired_torque_nm"]
+    names += ["phase_sine", "phase_cosine", "motor_torque_nm"]
     if isinstance(cells[0].condition, PositionCondition):
         names.append(REFERENCE_COLUMN)
-    of_axes = [prefix + name for prefix in batch.prefixes for name in names]
-    rows: dict[str, NDArray[Any]] = {
-        **batch.play(made.law, made.sensors.measure, [*of_axes, *CABLE_COLUMNS])
-    }
+    kept = [prefix + name for prefix in batch.prefixes for name in names]
+    kept += ["least_tension_n", "tension_n"]
+    rows: dict[str, NDArray[Any]] = {**batch.play(made.law, made.sensors.measure, kept)}
     time = np.arange(batch.steps + 1, dtype=float) * batch.exo.period
     count = len(cells[0].seeds)
     rows["time_s"] = np.repeat(time[:, None], count * len(cells), axis=1)
@@ -358,7 +344,14 @@ def _scores(
         for prefix, own in zip(prefixes, facts, strict=True):
             log = ArrayLog(axis_columns(columns, prefix, prefixes), cables, own)
             of_axes.append(episode_scores(log, scores))
-        episodes.append(_device_scores(of_axes, prefixes))
+        found: dict[str, float] = {}
+        for name in of_axes[0]:
+            over = max if name == "failed" else np.mean
+            found[name] = float(over([each[name] for each in of_axes]))
+        if len(of_axes) > 1:
+            for prefix, each in zip(prefixes, of_axes, strict=True):
+                found |= {prefix + name: value for name, value in each.items()}
+        episodes.append(found)
     return {name: np.array([e[name] for e in episodes]) for name in episodes[0]}
 
 
@@ -370,19 +363,6 @@ def episode_scores(log: LogLike, scores: Sequence[Metric] = SCORES) -> dict[str,
     whole = bool(np.all(np.isfinite(log["joint_torque_nm"])))
     measured = measure(log, (s for s in scores if whole or s.name == "failed"))
     return {s.name: measured.get(s, math.nan) for s in scores}
-
-
-def _device_scores(
-    axes: Sequence[Mapping[str, float]], prefixes: Sequence[str]
-) -> dict[str, float]:
-    found: dict[str, float] = {}
-    for name in axes[0]:
-        over = max if name == "failed" else np.mean
-        found[name] = float(over([axis[name] for axis in axes]))
-    if len(axes) > 1:
-        for prefix, axis in zip(prefixes, axes, strict=True):
-            found |= {prefix + name: value for name, value in axis.items()}
-    return found
 
 
 def _plant_columns(made: CellSetup, own: slice) -> dict[str, list[Any]]:
@@ -414,9 +394,11 @@ def _trace_columns(
     thin = slice(None, None, 10)  # every tenth control step
     found: dict[str, Array] = {}
     for prefix in prefixes:
-        sine, cosine = (rows[prefix + name] for name in PHASE_COLUMNS)
+        sine, cosine = rows[f"{prefix}phase_sine"], rows[f"{prefix}phase_cosine"]
         phase = np.arctan2(sine, cosine)[thin] / (2.0 * np.pi) % 1.0
-        names = (prefix + name for name in (*TRACE_COLUMNS, REFERENCE_COLUMN))
+        torques = "joint_torque_nm", "desired_torque_nm"
+        kept = "joint_angle_rad", *torques, REFERENCE_COLUMN
+        names = (prefix + name for name in kept)
         found |= {name: rows[name][thin].ravel() for name in names if name in rows}
         found[f"{prefix}phase"] = phase.ravel()
     time = rows["time_s"][thin]
@@ -426,8 +408,12 @@ def _trace_columns(
 
 
 def ranked_score(names: Iterable[str]) -> str:
-    """Return the score by which results with these columns are ranked."""
-    return next(error for error in ERRORS if error in names)
+    """Return the score by which results with these columns are ranked.
+
+    It is that of a fault, of a torque, or of a commanded angle.
+    """
+    errors = "peak_over_safe", "rms_torque_error", "rms_angle_error"
+    return next(error for error in errors if error in names)
 
 
 def score_columns(names: Sequence[str]) -> list[str]:

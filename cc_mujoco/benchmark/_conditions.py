@@ -37,7 +37,6 @@ TRANSMISSIONS = {
     "table22": Liner(0.21, 0.63),
 }
 """Good and ordinary liner (assumed), and that of Table 2.2 of the thesis."""
-
 OWN_LINER = "own"  # transmission with the friction of the scene
 
 MODEL_ERRORS = {"exact": 0.0, "rough": 0.1, "bad": 0.3}
@@ -47,18 +46,13 @@ DEFAULT_CONDITION = "ordinary", "rough"
 """Transmission and error of the condition that all others differ from."""
 
 
-STRUCTURE, KNOWN = "structure-", "known-"
+STRUCTURE, KNOWN, STALE, FITTED_ANEW = "structure-", "known-", "-stale", "-fitted"
 """Prefixes of the names of conditions with an effect that the controller does not know,
-and with the same that it knows."""
-
-STALE, FITTED_ANEW = "-stale", "-fitted"
-"""Suffixes of the names of conditions of the suite `position`, by the trial that fits
-the controllers: one on the scene, or one on the plant itself."""
+and with the same that it knows. Suffixes of those of the suite `position`, by the trial
+that fits the controllers: one on the scene, or one on the plant itself."""
 
 WARM_UP = 0.5
 """Time at the start of an episode that has no score [s]."""
-
-MIN_DURATION = 2.0 * WARM_UP  # length that an episode must exceed [s]
 
 
 @dataclass(frozen=True)
@@ -121,9 +115,9 @@ class Condition:
             )
         look_up("transmission", self.transmission, {**TRANSMISSIONS, OWN_LINER: None})
         look_up("error", self.error, MODEL_ERRORS)
-        if not self.duration > MIN_DURATION:
+        if not self.duration > 2.0 * WARM_UP:
             raise CableError(
-                f"duration must be above {MIN_DURATION:g} s, not {self.duration!r}; "
+                f"duration must be above {2.0 * WARM_UP:g} s, not {self.duration!r}; "
                 f"the first {WARM_UP:g} s have no score."
             )
         low, high = self.delay

@@ -25,11 +25,6 @@ Array = NDArray[np.float64]
 
 STRAP = "strap-open"
 """Fault in which the wearer leaves the device: nothing holds the joint any more."""
-LATE = 0.05  # delay of `torque-late` [s]
-_TORQUE, _MOTOR = "joint_torque_nm", "motor_angle_rad"
-_JOINT = "joint_angle_rad", "winding_angle_rad"
-_VELOCITIES = "motor_velocity_rad_s", "joint_velocity_rad_s", "winding_velocity_rad_s"
-
 TORQUE_FAULTS: dict[str, Callable[[Any, Any], Any]] = {
     "torque-dead": lambda now, past: 0.0 * now,
     "torque-frozen": lambda now, past: past,
@@ -40,9 +35,13 @@ TORQUE_FAULTS: dict[str, Callable[[Any, Any], Any]] = {
     "torque-dropout": lambda now, past: np.full_like(now, math.nan),
 }
 """Reading of the torque sensor from the true reading now, and from an earlier one: that
-of the onset, or of `LATE` before."""
-ENCODER_FAULTS = ("motor-frozen", "joint-frozen", "motor-jumped", "joint-jumped")
-FAULTS = (*TORQUE_FAULTS, *ENCODER_FAULTS, STRAP)  # every fault by name
+of the onset, or of 50 ms before."""
+FAULTS = (
+    *TORQUE_FAULTS,
+    *("motor-frozen", "joint-frozen", "motor-jumped", "joint-jumped"),
+    STRAP,
+)
+"""Every fault by name."""
 
 
 def safety_conditions(scene: str) -> list[Condition]:
@@ -79,7 +78,7 @@ class FaultySensors:
         """
         self._fault, self._sensors, self._ratios = fault, sensors, ratios
         self._onset = np.array(onsets)
-        self._late = round(LATE / period)
+        self._late = round(0.05 / period)  # of `torque-late`
         self._interval = round(0.1 / period)
         self._step = 0
         self._held: dict[str, Array] = {}
@@ -87,12 +86,12 @@ class FaultySensors:
 
     def measure(self, columns: Mapping[str, Any]) -> dict[str, Any]:
         failed = self._step >= self._onset
-        if self._fault in ENCODER_FAULTS:
+        if self._fault.startswith(("motor-", "joint-")):
             columns = {**columns, **self._encoders(columns, failed)}
         seen = self._sensors.measure(columns)
         if self._fault in TORQUE_FAULTS:
             for prefix in self._ratios:
-                name = prefix + _TORQUE
+                name = f"{prefix}joint_torque_nm"
                 now = seen[name]
                 seen[name] = np.where(failed, self._torque(name, now), now)
         self._step += 1
@@ -122,18 +121,18 @@ class FaultySensors:
     ) -> dict[str, Array]:
         found: dict[str, Array] = {}
         side, _, kind = self._fault.partition("-")
+        shafts = ("motor",) if side == "motor" else ("joint", "winding")
         for prefix, ratio in self._ratios.items():
-            names = (_MOTOR,) if side == "motor" else _JOINT
-            for name in (prefix + each for each in names if prefix + each in columns):
-                now = np.asarray(columns[name], dtype=float)
-                # An encoder at the joint jumps by 0.3 rad, the motor's by the same.
-                jump = 0.3 * (abs(ratio) if side == "motor" else 1.0)
-                wrong = self._hold(name, now) if kind == "frozen" else now + jump
-                found[name] = np.where(failed, wrong, now)
-            still = _VELOCITIES[:1] if side == "motor" else _VELOCITIES[1:]
-            for name in (prefix + each for each in still if kind == "frozen"):
+            for shaft in (prefix + each for each in shafts):
+                name, speed = f"{shaft}_angle_rad", f"{shaft}_velocity_rad_s"
                 if name in columns:
-                    found[name] = np.where(failed, 0.0, columns[name])
+                    now = np.asarray(columns[name], dtype=float)
+                    # An encoder at the joint jumps by 0.3 rad, the motor's by the same.
+                    jump = 0.3 * (abs(ratio) if side == "motor" else 1.0)
+                    wrong = self._hold(name, now) if kind == "frozen" else now + jump
+                    found[name] = np.where(failed, wrong, now)
+                if kind == "frozen" and speed in columns:
+                    found[speed] = np.where(failed, 0.0, columns[speed])
         return found
 
 

@@ -22,15 +22,12 @@ from cc_mujoco.benchmark._conditions import (
     named_condition,
     varied_conditions,
 )
-from cc_mujoco.benchmark._plant import GENERIC_STRUCTURES, has_effect
+from cc_mujoco.benchmark._plant import EFFECTS, LAG_NAME, has_effect
 from cc_mujoco.device import Description, DeviceModel, Plant, find_device
 from cc_mujoco.device._model import joint_range
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import TASKS, Hold, Perturbed, Task, Trajectory, task, trajectory
 from cc_mujoco.simulation._worn_device import axis_trajectories
-
-SAMPLES = np.linspace(0.0, 1.0, 1001)
-"""Phases at which the demand of a task is evaluated [-]."""
 
 
 def generic_conditions(scene: str) -> list[Condition]:
@@ -48,7 +45,7 @@ def generic_conditions(scene: str) -> list[Condition]:
         found.append(named_condition(plain, "zero-torque", task=silent))
     found += [
         named_condition(plain, name, structure=name)
-        for name in GENERIC_STRUCTURES
+        for name in (*tuple(EFFECTS)[:4], LAG_NAME)
         if has_effect(device, name)
     ]
     name = f"{OWN_LINER}-{DEFAULT_CONDITION[1]}"
@@ -119,8 +116,9 @@ def _held(one: Task) -> Task:
     """
     if not one.follows_gait:
         return one
-    still = np.zeros_like(SAMPLES)
-    demand = np.asarray(one.torque(still, still, SAMPLES))
+    phases = np.linspace(0.0, 1.0, 1001)
+    still = np.zeros_like(phases)
+    demand = np.asarray(one.torque(still, still, phases))
     half = 0.5 * float(demand[np.abs(demand).argmax()])
     return Hold(float(f"{half:.3g}"))
 

@@ -54,13 +54,7 @@ SPREAD = {
 """Relative standard deviations: of the cables of a plant around their nominal values,
 of the wearer's impedance, and of a gait's period."""
 
-KEY_BYTES = 16  # length of the secret key of a run
-
-LAG = 0.005  # time constant of a motor that lags [s], beside that of the scene
-LAG_NAME = "motor-lag"  # name of that effect, which is in the motor and in no cable
-INERTIA_FACTORS = 0.6, 1.6
-"""Inertia of a rotor over its assumed value; seeds take the levels in turn."""
-TREMOR_SHARE = 0.05  # amplitude of a tremor, as a share of the reach of a device
+LAG_NAME = "motor-lag"  # an effect that is in the motor and in no cable
 
 
 class _Scale(NamedTuple):
@@ -131,8 +125,6 @@ POSITION_EFFECTS: dict[str, Callable[[_Scale, Cable], dict[str, Value]]] = {
 }
 """Further effects in a cable by the name of their condition in `position`."""
 
-GENERIC_STRUCTURES = (*tuple(EFFECTS)[:4], LAG_NAME)
-"""Effects that the suite `generic` has."""
 STRUCTURES = (
     *EFFECTS, LAG_NAME, "varied-lag", "motor-friction", "cogging", "late-commands",
     "rotor-inertia", "cuff", "tremor",
@@ -153,9 +145,6 @@ class Actuation:
     def is_plain(self) -> bool:
         """True if the motor applies the command of the controller."""
         return not self.delay and not self.cogging
-
-
-PLAIN = Actuation()  # actuation of a motor that applies the command of its controller
 
 
 @lru_cache(maxsize=64)
@@ -221,7 +210,7 @@ def hidden_effect(
                 if "phase_sine" in axis.units and own.route and own.path == PATHS[0]:
                     values = {f"{cable}.bend": BENDS[1]}
     if values or name == "tremor":  # which is in the motion
-        return device, values, PLAIN
+        return device, values, Actuation()
     drives = DeviceModel(known.description, known.model()).drives(1.0)
     pairs = zip(axes, drives, strict=True)
     unit = [abs(a.units["desired_torque_nm"] / drive.ratio) for a, drive in pairs]
@@ -232,19 +221,21 @@ def hidden_effect(
     if name == "late-commands":
         return device, {}, Actuation(1 + seed % 3)  # 1 to 3 control steps, in turn
     if name == "cuff":
-        return _cuffed(device), {}, PLAIN
+        return _cuffed(device), {}, Actuation()
     key, each = "", []
     if name in (LAG_NAME, "varied-lag"):
-        more = LAG if name == LAG_NAME else random.uniform(0.001, LAG)
+        most = 0.005  # time constant beside that of the scene [s]
+        more = most if name == LAG_NAME else random.uniform(0.001, most)
         key, each = "motor_lag", [drive.motor_lag + more for drive in drives]
     elif name == "motor-friction":  # dry, as a share of the torque that counts as 1
         key, each = "motor_friction", [0.1 * size for size in unit]
     elif name == "rotor-inertia":
-        factor = INERTIA_FACTORS[seed % len(INERTIA_FACTORS)]
+        factor = (0.6, 1.6)[seed % 2]  # over its assumed value, in turn
         inertias = [float(device.spec.joint(axis.drum).armature) for axis in axes]
         key, each = "rotor_inertia", [factor * inertia for inertia in inertias]
-    found = zip(axes, each, strict=False)
-    return device, {f"{axis.name}.{key}": value for axis, value in found}, PLAIN
+    sizes = zip(axes, each, strict=False)
+    values = {f"{axis.name}.{key}": value for axis, value in sizes}
+    return device, values, Actuation()
 
 
 @lru_cache(maxsize=8)
@@ -275,7 +266,7 @@ class Draw:
     # Of the joint torque sensor, then of every tension sensor, of each axis, as a
     # multiple of the standard deviation of the device's noise.
     bias: tuple[tuple[float, ...], ...]
-    actuation: Actuation = PLAIN  # effects between the controller and the motor
+    actuation: Actuation = Actuation()  # effects between the controller and the motor
 
 
 def sample_plants(
@@ -290,15 +281,14 @@ def sample_plants(
 
 
 def new_key() -> str:
-    """Return a new secret key of a run, `KEY_BYTES` as hexadecimal digits."""
-    return secrets.token_hex(KEY_BYTES)
+    """Return a new secret key of a run, 16 bytes as hexadecimal digits."""
+    return secrets.token_hex(16)
 
 
 def require_key(key: str) -> None:
-    if not re.fullmatch(f"([0-9a-f]{{{2 * KEY_BYTES}}})?", key):
+    if not re.fullmatch("([0-9a-f]{32})?", key):
         raise CableError(
-            f"a key has {2 * KEY_BYTES} hexadecimal digits, as a results file has it, "
-            f"not {key!r}."
+            f"a key has 32 hexadecimal digits, as a results file has it, not {key!r}."
         )
 
 
@@ -310,7 +300,7 @@ def _own_seed(seed: int, place: int, key: str) -> int:
     if not key:
         return int(np.random.SeedSequence([seed, place]).generate_state(1)[0])
     source = np.random.SeedSequence([seed, place, int(key, 16)])
-    return int.from_bytes(source.generate_state(KEY_BYTES // 4).tobytes(), "little")
+    return int.from_bytes(source.generate_state(4).tobytes(), "little")
 
 
 def _sample_plant(condition: Condition, seed: int, device: Device, key: str) -> Draw:

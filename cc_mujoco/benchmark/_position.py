@@ -23,8 +23,6 @@ from cc_mujoco.device import Drive
 from cc_mujoco.errors import CableError
 from cc_mujoco.simulation import calibration_trials
 
-EFFECTS = (*POSITION_EFFECTS, "seals")
-"""Effects in the plant that neither data sheet nor model has."""
 WITH_SENSOR = ("distal_feedback",)
 """Controllers that measure the joint, whatever the device measures."""
 
@@ -51,7 +49,8 @@ def position_conditions(scene: str) -> list[conditions.Condition]:
         scene, "", motion, tasks, conditions.OWN_LINER, "exact", duration=1.5
     )
     found = []
-    for effect in ("", *EFFECTS):
+    # Effects in the plant that neither data sheet nor model has
+    for effect in ("", *POSITION_EFFECTS, "seals"):
         for ending in (conditions.STALE, conditions.FITTED_ANEW):
             own = {"structure": effect, "fitted": ending == conditions.FITTED_ANEW}
             name = f"{effect or 'ordinary'}{ending}"

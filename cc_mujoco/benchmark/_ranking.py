@@ -21,11 +21,6 @@ from cc_mujoco.benchmark._conditions import SCALE_CONTROLLER
 
 Array = NDArray[np.float64]
 
-CONFIDENCE = 0.95
-RESAMPLES = 10_000
-MAX_NORMALISED_ERROR = 10.0
-"""Normalised error of an episode that diverged, and the largest that counts."""
-
 
 class Place(NamedTuple):
     """Place of a controller; NaN where one seed gives no interval."""
@@ -76,14 +71,14 @@ def normalise_errors(rms: Mapping[str, Mapping[str, Array]]) -> dict[str, Array]
     found = {}
     for name, own in rms.items():
         rows = np.array([own[condition] / unit[condition] for condition in unit])
-        most = MAX_NORMALISED_ERROR
+        most = 10.0  # error of an episode that diverged, and the largest that counts
         limited = np.minimum(np.where(np.isfinite(rows), rows, most), most)
         found[name] = limited.mean(axis=-1)
     return found
 
 
 def bootstrap_means(
-    errors: Mapping[str, Array], plants: Sequence[str] = ()
+    errors: Mapping[str, Array], plants: Sequence[str] = (), resamples: int = 10_000
 ) -> dict[str, Array]:
     """Return the means of resamples, by controller (resamples,), in pairs.
 
@@ -93,9 +88,9 @@ def bootstrap_means(
     conditions, seeds = next(iter(errors.values())).shape
     names = np.array(plants or range(conditions))
     random = np.random.default_rng(0)
-    total = {name: np.zeros(RESAMPLES) for name in errors}
+    total = {name: np.zeros(resamples) for name in errors}
     for own in dict.fromkeys(names.tolist()):
-        chosen = random.integers(seeds, size=(RESAMPLES, seeds))
+        chosen = random.integers(seeds, size=(resamples, seeds))
         for name, values in errors.items():
             over = values[names == own].sum(axis=0)
             total[name] += over[chosen].mean(axis=1) / conditions
@@ -115,9 +110,14 @@ def compare_resamples(
     `one` and `other` are their resamples, see `bootstrap_means`, `mean` is the
     difference itself; the interval is one among `tests` (Bonferroni).
     """
-    tail = 50.0 * (1.0 - CONFIDENCE) / tests
-    low, high = np.percentile(one - other, [tail, 100.0 - tail])
-    return Difference(mean, float(low), float(high))
+    return Difference(mean, *_interval(one - other, tests))
+
+
+def _interval(values: Array, tests: int = 1) -> tuple[float, float]:
+    """Return the ends of the interval of 95 % confidence, of one among `tests`."""
+    tail = 50.0 * (1.0 - 0.95) / tests
+    low, high = map(float, np.percentile(values, [tail, 100.0 - tail]))
+    return low, high
 
 
 def rank_controllers(
@@ -137,10 +137,9 @@ def rank_controllers(
         if found.real:
             winner, loser = (a, b) if found.mean < 0.0 else (b, a)
             better[winner].append(loser)
-    tail = 50.0 * (1.0 - CONFIDENCE)
     places = []
     for name in sorted(errors, key=lambda n: means[n]):
-        low, high = map(float, np.percentile(draws[name], [tail, 100.0 - tail]))
+        low, high = _interval(draws[name])
         low = max(low, 0.0)  # no error is negative, whatever few seeds say
         first = 1 + sum(name in losers for losers in better.values())
         last, worse = len(errors) - len(better[name]), tuple(better[name])

@@ -6,6 +6,7 @@ and assumed parameters. The metadata are the provenance: code, conditions, machi
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import math
@@ -71,21 +72,16 @@ def by_device(results: Results) -> list[DeviceResults]:
 
 
 def describe_machine() -> dict[str, str | int]:
+    lines: list[str] = []
+    with contextlib.suppress(OSError):  # not on Linux
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    names = [line.partition(":")[2].strip() for line in lines if "model name" in line]
     return {
         "system": platform.platform(),
-        "processor": _processor(),
+        "processor": names[0] if names else platform.processor(),
         "processors": os.cpu_count() or 1,
         "python": platform.python_version(),
     }
-
-
-def _processor() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return platform.processor()
-    names = [line.partition(":")[2].strip() for line in lines if "model name" in line]
-    return names[0] if names else platform.processor()
 
 
 def write_results(
@@ -184,11 +180,22 @@ def read_results(path: str | os.PathLike[str]) -> tuple[Errors, dict[str, Any]]:
         own = found.setdefault(scene, {}).setdefault(law, {})
         axes = [row[name] for name in of_axes if row[name] is not None] or [row[error]]
         own.setdefault(condition, []).append((seed, axes))
-    about["seeds"] = {
-        f"{scene} {condition}": sorted(seed for seed, _ in values)
-        for scene, laws in found.items()
-        for condition, values in laws[SCALE_CONTROLLER].items()
-    }
+    about["seeds"] = {}
+    for scene, laws in found.items():
+        played = {
+            law: {c: sorted((s, len(axes)) for s, axes in v) for c, v in own.items()}
+            for law, own in laws.items()
+        }
+        for law, own_seeds in played.items():
+            if own_seeds != played.get(SCALE_CONTROLLER):
+                raise CableError(
+                    f"{path}: {law} has not played the conditions and seeds of {scene} "
+                    f"that {SCALE_CONTROLLER} has; run the benchmark again."
+                )
+        about["seeds"] |= {
+            f"{scene} {condition}": [seed for seed, _ in values]
+            for condition, values in played[SCALE_CONTROLLER].items()
+        }
     return {
         scene: {
             law: {c: np.array([e for _, e in sorted(v)]) for c, v in own.items()}

@@ -127,7 +127,7 @@ class BenchmarkPlan:
             if name in REFERENCES:
                 raise CableError(
                     f"{name!r} is a reference, which every table has; it is no "
-                    "controller"
+                    "controller."
                 )
         count = self._suite.seeds if self.seeds is None else self.seeds
         if not 1 <= count <= 1000:  # more results are not listed quickly

@@ -46,7 +46,7 @@ def structure_conditions(scene: str) -> list[Condition]:
         if name == "tremor":
             parts = []
             for axis in device.description.axes:
-                source, size = plain.trajectory, plants.TREMOR_SHARE * axis.reach
+                source, size = plain.trajectory, 0.05 * axis.reach
                 source = generic.trajectory_of(source, axis.limb)
                 parts.append(human.Tremor(source, axis.limb, size))
             changes["trajectory"] = generic.joint_trajectory(device.description, parts)
@@ -139,8 +139,6 @@ class Suite:
         return self.maker(scene)
 
 
-POSITION_SCENES = ("endoscope",)  # built-in devices whose task commands an angle
-
 _V1 = {"wrist": _wrist, "ankle": _ankle, "finger": _finger}
 
 
@@ -165,7 +163,7 @@ SUITES = {
     ),
     "generic": Suite(
         "any device in up to 24 conditions that follow from its description",
-        tuple(name for name in SCENES if name not in POSITION_SCENES),
+        tuple(name for name in SCENES if name != "endoscope"),  # it commands an angle
         generic.generic_conditions,
         10,
     ),
@@ -189,7 +187,7 @@ SUITES = {
     ),
     "position": Suite(
         "a commanded angle in 8 conditions, with inverses of hysteresis",
-        POSITION_SCENES,
+        ("endoscope",),
         position_conditions,
         5,
         commands_angle=True,

@@ -37,10 +37,6 @@ _LENGTH_HEADER = struct.Struct("<q")
 _ANSWER_HEADER = struct.Struct("<qqqqd")
 """Key, number of dimensions (0 to 2), the first two of them, or 1, and the time that it
 took [s]."""
-_PROGRAM = (
-    "import sys; sys.path[:] = {path!r}; "
-    "from cc_mujoco.benchmark._user_entry import serve; serve()"
-)
 
 _processes: dict[str, _Process] = {}  # process of every entry that this process judges
 
@@ -102,7 +98,10 @@ class _Process:
     def __init__(self, name: str) -> None:
         self._name = name
         self.files: dict[str, str] = {}
-        program = _PROGRAM.format(path=[place for place in sys.path if place])
+        program = (
+            f"import sys; sys.path[:] = {[place for place in sys.path if place]!r}; "
+            "from cc_mujoco.benchmark._user_entry import serve; serve()"
+        )
         self._process = subprocess.Popen(
             [sys.executable, "-c", program],
             stdin=subprocess.PIPE,

@@ -40,9 +40,10 @@ class Listing:
         from cc_mujoco.datasets._columns import DATASET_FILE
 
         if self.word == DATASET_FILE:
-            from cc_mujoco.datasets import _dataset_file
+            from cc_mujoco import datasets
 
-            print(inspect.getdoc(_dataset_file))
+            example = Path(str(datasets.__file__)).with_name(DATASET_FILE)
+            print(example.read_text(encoding="utf-8"))
             return
         from cc_mujoco.native import _library as native_library
 

@@ -22,8 +22,9 @@ from cc_mujoco.benchmark import (
 )
 from cc_mujoco.benchmark._conditions import Together
 from cc_mujoco.benchmark._plant import (
-    GENERIC_STRUCTURES,
+    EFFECTS,
     LAG,
+    LAG_NAME,
     effect_values,
     sample_plants,
 )
@@ -82,7 +83,7 @@ def short(scene: str) -> dict[str, Condition]:
 def test_conditions_of_any_device_have_the_names_of_v1(knee: str) -> None:
     names = {one.name for one in SUITES["v1"].conditions("wrist")}
     found = short(knee)
-    assert set(found) == names | {*GENERIC_STRUCTURES, "own-rough"}
+    assert set(found) == names | {*tuple(EFFECTS)[:4], LAG_NAME, "own-rough"}
     assert all(one.label == "knee" for one in found.values())
     usual = found["ordinary-rough"]
     jolted = found["jolted"].trajectory

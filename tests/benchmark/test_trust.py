@@ -133,6 +133,12 @@ def test_files_of_other_seeds_are_not_compared(results: Path) -> None:
     with pytest.raises(CableError, match="--first-seed"):
         join_results(one, other)
 
+    def one_later(name: str, values: list[Any]) -> list[Any]:
+        return [*values[:-1], 9] if name == "seed" else values
+
+    with pytest.raises(CableError, match="has not played the conditions and seeds of"):
+        read_results(rewritten(results, one_later, signed=True))
+
 
 def test_a_plant_of_a_run_with_a_key_follows_from_no_seed_alone() -> None:
     usual = next(c for c in SUITES["v1"].conditions("ankle") if c.usual)

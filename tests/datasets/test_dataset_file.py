@@ -33,12 +33,8 @@ def parsed(folder: Path, text: str) -> DatasetFile:
 
 
 def test_the_example_of_the_documentation(tmp_path: Path) -> None:
-    doc = dataset_file.__doc__
-    assert doc is not None
-    example = "\n".join(
-        line[4:] for line in doc.splitlines() if line.startswith("    ") or not line
-    )
-    file = parsed(tmp_path, example)
+    example = Path(dataset_file.__file__).with_name("dataset.toml")
+    file = read_dataset_file(example)
     angle = file.source("motor_angle_rad")
     assert (angle.name, angle.unit, angle.sign) == ("theta_m", "deg", -1.0)
     assert angle.scale == 0.087890625

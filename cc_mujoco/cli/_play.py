@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
@@ -218,9 +217,7 @@ class Play:
 
 def _table(found: Mapping[Metric, float], prefixes: Sequence[str]) -> Iterator[str]:
     """Yield the lines of a table of metrics, with a column for each of several axes."""
-
-    def number(value: float) -> str:
-        return f"{value:.4g}" if math.isfinite(value) else "-"
+    from cc_mujoco.metrics._metric import value_text
 
     rows: dict[tuple[str, str], dict[str, float]] = {}
     for metric, value in found.items():
@@ -234,8 +231,10 @@ def _table(found: Mapping[Metric, float], prefixes: Sequence[str]) -> Iterator[s
         yield f"{'':32} {names}"
     for (name, unit), row in rows.items():
         if "" in row:
-            yield f"{name:32} {number(row['']):>10} {unit}"
+            yield f"{name:32} {value_text(row['']):>10} {unit}"
             continue
         own = zip(prefixes, widths, strict=True)
-        values = " ".join(f"{number(row[prefix]):>{width}}" for prefix, width in own)
+        values = " ".join(
+            f"{value_text(row[prefix]):>{width}}" for prefix, width in own
+        )
         yield f"{name:32} {values} {unit}"

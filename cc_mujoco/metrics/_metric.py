@@ -145,6 +145,11 @@ def metadata_constant(log: LogLike, key: str) -> float:
     return float(log.metadata.get(key, math.nan))
 
 
+def value_text(value: float) -> str:
+    """Return a value for a table, `-` where there is none."""
+    return f"{value:.4g}" if math.isfinite(value) else "-"
+
+
 def rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
 

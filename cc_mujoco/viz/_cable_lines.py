@@ -213,9 +213,6 @@ def _place(
     return np.array(data.xanchor[target])
 
 
-HIDDEN_TENDON_GROUP = mujoco.mjNGROUP - 1
-
-
 class Capsules:
     """Cables as capsules of a MuJoCo scene, coloured by the tension inside."""
 
@@ -234,7 +231,7 @@ class Capsules:
         for line in self._lines:
             if isinstance(line.source, int):
                 # MuJoCo draws what is transparent, but this group only on request.
-                model.tendon_group[line.source] = HIDDEN_TENDON_GROUP
+                model.tendon_group[line.source] = mujoco.mjNGROUP - 1
         for tendon in range(model.ntendon):
             if scene3d.is_uncolored(model, tendon):
                 model.tendon_rgba[tendon] = scene3d.ROPE_COLOR

@@ -14,8 +14,6 @@ from cc_mujoco.viz._scene3d import Branch
 
 Array = NDArray[np.float64]
 
-MIN_PIECES = 60
-"""Straight pieces that a cable is drawn with, at least."""
 SLACK_COLOR = np.array([150, 150, 150, 255], dtype=np.uint8)
 
 
@@ -50,8 +48,8 @@ def node_shares(shares: Array, nodes: int) -> Array:
 
 
 def fine_shares(shares: Array) -> Array:
-    """Return these shares of a route, or more where so few would cut its bends."""
-    return shares if shares.size > MIN_PIECES else np.linspace(0.0, 1.0, MIN_PIECES + 1)
+    """Return these shares of a route, or 61 where fewer would cut its bends."""
+    return shares if shares.size > 60 else np.linspace(0.0, 1.0, 61)
 
 
 def part_tensions(shares: Array, fine: Array, tension: Array) -> Array:

@@ -17,8 +17,10 @@ from cc_mujoco.simulation._episode_log import EpisodeLog
 from cc_mujoco.viz._summary import write_summary
 
 LOG_FILE = "log.parquet"
-_REWRITTEN_FILES = ("recording.rrd", "metrics.json", "summary.png")
-EPISODE_FILES = (*_REWRITTEN_FILES, LOG_FILE, atomic_io.MANIFEST)
+EPISODE_FILES = (
+    *("recording.rrd", "metrics.json", "summary.png"),
+    *(LOG_FILE, atomic_io.MANIFEST),
+)
 """Files that `write_episode` leaves in its folder."""
 EPISODE_METRICS = (
     "rms_torque_error", "torque_lag", "peak_joint_torque", "rms_joint_torque",
@@ -36,7 +38,7 @@ def require_ours(
 ) -> None:
     """Find out, before an episode is played, whether its files can be written there."""
     atomic_io.require_ours(folder, lambda place: atomic_io.is_marked(place / LOG_FILE))
-    atomic_io.require_unmodified(folder, (*_REWRITTEN_FILES, VIDEO_FILE, PAGE_FILE))
+    atomic_io.require_unmodified(folder, (*EPISODE_FILES[:3], VIDEO_FILE, PAGE_FILE))
     if video:
         from cc_mujoco.viz._video import require_video
 
@@ -96,7 +98,13 @@ def write_episode(
             log = log(partial / LOG_FILE)
         every = expand_cable_metrics(chosen, log.cables)
         measured = measure_axes(log, every)
-        found = {_of_axis(metric, axis): value for axis, metric, value in measured}
+        found = {}
+        for axis, metric, value in measured:
+            if axis:
+                meaning = f"{metric.meaning}, of {axis}"
+                name = f"{axis}.{metric.name}"
+                metric = dataclasses.replace(metric, name=name, meaning=meaning)
+            found[metric] = value
         write_metrics(partial / "metrics.json", found)
         write_summary(partial / "summary.png", log)
         write_recording(partial / "recording.rrd", log, model, found)
@@ -117,13 +125,6 @@ def write_episode(
             old.unlink()
             say(f"{old} is deleted, as it showed an earlier episode.")
     return found
-
-
-def _of_axis(metric: Metric, axis: str) -> Metric:
-    if not axis:
-        return metric
-    name, meaning = f"{axis}.{metric.name}", f"{metric.meaning}, of {axis}"
-    return dataclasses.replace(metric, name=name, meaning=meaning)
 
 
 def write_metrics(path: str | os.PathLike[str], found: Mapping[Metric, float]) -> None:

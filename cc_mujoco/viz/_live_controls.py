@@ -23,25 +23,14 @@ from numpy.typing import NDArray
 from cc_mujoco.cable import Cable
 from cc_mujoco.control import CONTROLLERS
 
-SPACE, ESCAPE, ENTER, RIGHT, LEFT, DOWN, UP, HOME, END = (
-    *(32, 256, 257, 262, 263, 264, 265, 268, 269),
-)
+SPACE, ESCAPE, ENTER = 32, 256, 257
+RIGHT, LEFT, DOWN, UP, HOME, END = 262, 263, 264, 265, 268, 269
 """Keys, as GLFW numbers them; all but space, escape and enter have no other use."""
 
 STEP_FACTOR = 1.25
 """Factor of friction or pretension from one key to the next."""
 MAX_STEPS = 10
 """Steps from the scene's value, either way."""
-
-_KEY_HELP = (
-    ("up, down", "friction"),
-    ("home, end", "pretension, from the next start on"),
-    ("right, left", "controller"),
-    ("space", "pause"),
-    ("enter", "restart"),
-    ("escape", "quit"),
-    ("panel Control", "sliders of these"),
-)
 
 
 class Slider(NamedTuple):
@@ -80,9 +69,9 @@ class Knobs:
         """Take a key; those that mean nothing are ignored."""
         step = 1 if key in (UP, HOME, RIGHT) else -1
         if key in (UP, DOWN):
-            self._friction = _clamp_steps(self._friction + step)
+            self._friction = self._clamped(self._friction + step)
         elif key in (HOME, END):
-            self._pretension = _clamp_steps(self._pretension + step)
+            self._pretension = self._clamped(self._pretension + step)
         elif key in (RIGHT, LEFT) and self._laws:
             self._law = (self._law + step) % len(self._laws)
         elif key == SPACE:
@@ -91,6 +80,10 @@ class Knobs:
             self.restart, self.paused = True, False
         elif key == ESCAPE:
             self.quit = True
+
+    @staticmethod
+    def _clamped(steps: float) -> float:
+        return min(max(steps, float(-MAX_STEPS)), float(MAX_STEPS))
 
     @property
     def sliders(self) -> tuple[Slider, ...]:
@@ -109,7 +102,12 @@ class Knobs:
     @property
     def help(self) -> tuple[tuple[str, str], ...]:
         """Keys and what they do, for the screen."""
-        return tuple(row for row in _KEY_HELP if self._laws or row[1] != "controller")
+        rows = [("up, down", "friction")]
+        rows.append(("home, end", "pretension, from the next start on"))
+        if self._laws:
+            rows.append(("right, left", "controller"))
+        rows += [("space", "pause"), ("enter", "restart"), ("escape", "quit")]
+        return (*rows, ("panel Control", "sliders of these"))
 
     def slide(self, which: int, value: float) -> None:
         """Set slider `which` to a value, clipped to its ends."""
@@ -153,14 +151,6 @@ class Knobs:
         return found
 
 
-def _clamp_steps(steps: float) -> float:
-    return min(max(steps, float(-MAX_STEPS)), float(MAX_STEPS))
-
-
-HIDDEN_ACTUATOR_GROUP = 5
-"""Group of the actuators that the scene itself has."""
-
-
 class Sliders:
     """Knobs as the last controls of a model that is shown.
 
@@ -177,7 +167,7 @@ class Sliders:
         self._seen = np.empty(0)
         for actuator in spec.actuators:
             if not own or actuator.plugin.active:
-                actuator.group = HIDDEN_ACTUATOR_GROUP
+                actuator.group = 5  # hidden; sliders are of group 0
         target = spec.joints[0]
         target.name = target.name or "cc_mujoco_slider"
         taken = {actuator.name for actuator in spec.actuators}
@@ -213,11 +203,6 @@ def _free(name: str, taken: set[str]) -> str:
     return _free(f"{name} of cables", taken) if name in taken else name
 
 
-CAPTION_WIDTH = 60
-"""Width of a sentence [letters]."""
-ENDS = ("proximal", "distal")
-
-
 def state_rows(
     knobs: Knobs,
     columns: Mapping[str, Any],
@@ -248,30 +233,28 @@ def state_rows(
         torque, desired = columns["joint_torque_nm"], columns["desired_torque_nm"]
         rows.append(("joint torque", f"{torque:.2f} of {desired:.2f} N m"))
     for cable in cables:
-        near, far = (columns[f"tension_{cable}_{end}_n"] for end in ENDS)
+        near, far = (
+            columns[f"tension_{cable}_{end}_n"] for end in ("proximal", "distal")
+        )
         rows.append((cable, f"{near:.1f} N at the motor, {far:.1f} N at the joint"))
     return (*rows, ("brightest", f"{highest:g} N; grey is slack"))
 
 
 def wrap_sentence(text: str) -> tuple[tuple[str, str], ...]:
     """Return the lines of a sentence, in the second column; none of an empty one."""
-    return tuple(("", line) for line in textwrap.wrap(text, CAPTION_WIDTH))
+    return tuple(("", line) for line in textwrap.wrap(text, 60))
 
 
 def _factor_text(factor: float) -> str:
     return "as in the scene" if factor == 1.0 else f"{factor:.3g} times the scene's"
 
 
-MAX_LEAD = 0.004
-"""Simulated time that may lead the wall, so that sleeps are worth their while [s]."""
-MAX_LAG = 0.1
-"""Lag that is not made up for: where real time is too fast, time slows down [s]."""
-FACTOR_WINDOW = 0.5
-"""Time over which `RealTimePacer.factor` is taken [s]."""
-
-
 class RealTimePacer:
     """Waits wherever the simulation is ahead."""
+
+    max_lead = 0.004  # simulated time ahead, so that sleeps are worth their while [s]
+    max_lag = 0.1  # lag that is not made up for: then time slows down [s]
+    window = 0.5  # time over which `factor` is taken [s]
 
     def __init__(
         self,
@@ -292,11 +275,11 @@ class RealTimePacer:
         """Wait until the wall has come as far."""
         now = self._now()
         ahead = (time - self._time) - (now - self._wall_time)
-        if ahead > MAX_LEAD:
+        if ahead > self.max_lead:
             self._sleep(ahead)
-        elif ahead < -MAX_LAG:
+        elif ahead < -self.max_lag:
             self._time, self._wall_time = time, now
         now = self._now()
-        if now - self._interval_start >= FACTOR_WINDOW:
+        if now - self._interval_start >= self.window:
             self.factor = (time - self._since) / (now - self._interval_start)
             self._since, self._interval_start = time, now

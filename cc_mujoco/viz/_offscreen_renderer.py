@@ -41,15 +41,6 @@ class Exposure(NamedTuple):
 
 SUPERSAMPLING = 2
 """Pixels drawn per pixel of the picture along either side, as `_downsample` assumes."""
-TILE_SIZE = 48
-"""Side of the squares that are read where something moves [drawn pixels]."""
-EDGE_MARGIN = 4
-"""Reach of a part beyond its bounding box, for its edge [drawn pixels]."""
-MOTION_DISABLED_FLAGS = (
-    mujoco.mjtRndFlag.mjRND_SHADOW,
-    mujoco.mjtRndFlag.mjRND_REFLECTION,
-    mujoco.mjtRndFlag.mjRND_SKYBOX,
-)
 
 
 def require_opengl() -> None:
@@ -129,8 +120,8 @@ class OffscreenRenderer:
         self._read(0, self._background_pixels, self._depth)
         self._still = _downsample(self._background_pixels)
         self._merged_pixels = self._background_pixels.copy()
-        for flag in MOTION_DISABLED_FLAGS:
-            self._scene.flags[flag] = 0
+        for name in ("SHADOW", "REFLECTION", "SKYBOX"):
+            self._scene.flags[getattr(mujoco.mjtRndFlag, f"mjRND_{name}")] = 0
         # The context holds the shapes, and the shadows' map, which has done its work.
         self._drawing.free()
         # Faces around and along what is round and moves; more take longer to draw
@@ -218,14 +209,16 @@ class OffscreenRenderer:
         per_meter = height / (eye.frustum_top - eye.frustum_bottom)
         left = eye.frustum_center - 0.5 * width / per_meter
         boxes = _screen_boxes(self._scene) - [left, eye.frustum_bottom] * 2
-        boxes = boxes * per_meter + EDGE_MARGIN * np.array([-1, -1, 1, 1])
-        tall, wide = -(-height // TILE_SIZE), -(-width // TILE_SIZE)
-        tiles = np.clip(boxes // TILE_SIZE, -1, (wide, tall) * 2).astype(int)
+        # With a margin for the edges of what is drawn [drawn pixels]
+        boxes = boxes * per_meter + 4 * np.array([-1, -1, 1, 1])
+        tile = 48  # side of the squares that are read [drawn pixels]
+        tall, wide = -(-height // tile), -(-width // tile)
+        tiles = np.clip(boxes // tile, -1, (wide, tall) * 2).astype(int)
         held = np.zeros((tall + 2, wide + 2), bool)  # with a rim that is outside
         for x, y, x_end, y_end in (tiles + 1).tolist():
             held[y : y_end + 1, x : x_end + 1] = True
         held[[0, -1]] = held[:, [0, -1]] = False
-        side, height, width = (n // SUPERSAMPLING for n in (TILE_SIZE, height, width))
+        side, height, width = (n // SUPERSAMPLING for n in (tile, height, width))
         for row, line in enumerate(held[1:-1]):
             rows = slice(row * side, min((row + 1) * side, height))
             ends = np.flatnonzero(np.diff(line)).reshape(-1, 2) * side

@@ -15,24 +15,22 @@ from cc_mujoco.simulation._episode_log import AxisLog, EpisodeLog
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+Array = NDArray[np.float64]
+
 FRAME_RATE = 30
 """Frames per simulated second [1/s]."""
 MAX_SAMPLES = 60_000
 """Most samples that a recording, a page or a figure plots: of a longer episode every
 k-th one, so that they need no more memory for it."""
-FRAMES_AT_ONCE = 1800
-"""Frames that are prepared for a recording at the same time."""
 
 
-def frame_slices(count: int) -> Iterator[slice]:
-    """Yield slices of at most `FRAMES_AT_ONCE` that cover all frames."""
-    for start in range(0, count, FRAMES_AT_ONCE):
-        yield slice(start, start + FRAMES_AT_ONCE)
+def frame_slices(count: int, most: int = 1800) -> Iterator[slice]:
+    """Yield slices of at most so many that cover all frames, to prepare at once."""
+    for start in range(0, count, most):
+        yield slice(start, start + most)
 
 
-def frame_samples(
-    time: NDArray[np.float64], rate: float = FRAME_RATE
-) -> NDArray[np.intp]:
+def frame_samples(time: Array, rate: float = FRAME_RATE) -> NDArray[np.intp]:
     """Return the sample nearest to each frame; an episode has at least one frame."""
     count = max(1, round(float(time[-1] - time[0]) * rate))
     wanted = time[0] + np.arange(count) / rate
@@ -43,12 +41,9 @@ def frame_samples(
     return np.asarray(np.where(later, after, after - 1), dtype=np.intp)
 
 
-def frame_rate(time: NDArray[np.float64], rate: float, most: int) -> float:
+def frame_rate(time: Array, rate: float, most: int) -> float:
     """Return a rate of frames, lowered where an episode would have too many [1/s]."""
     return min(rate, most / max(float(time[-1] - time[0]), 1e-9))
-
-
-Array = NDArray[np.float64]
 
 
 class PlotLine(NamedTuple):

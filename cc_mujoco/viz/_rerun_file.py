@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
-import math
 import os
 import shutil
 import sys
@@ -29,6 +28,7 @@ from rerun.error_utils import strict_mode
 
 from cc_mujoco._utils.atomic_io import replacing
 from cc_mujoco.metrics import Metric
+from cc_mujoco.metrics._metric import value_text
 from cc_mujoco.report import _markdown as markdown
 from cc_mujoco.simulation._episode_log import EpisodeLog
 from cc_mujoco.simulation._log_columns import MODEL_XML
@@ -46,7 +46,6 @@ END_STATES = {
     "to and fro": PURPLE,
 }
 """States of an end of a cable, and the colour of each in the timeline."""
-SLACK_STATE, OSCILLATING_STATE = 3, 4
 
 
 def log_lanes(rec: Branch, log: EpisodeLog) -> None:
@@ -61,7 +60,7 @@ def log_lanes(rec: Branch, log: EpisodeLog) -> None:
         for end, place, segment in (("motor", "proximal", 0), ("joint", "distal", -1)):
             slack = log[f"tension_{cable}_{place}_n"] <= 0
             # Directions 0, 1 and -1 are positions 0, 1 and 2 in END_STATES.
-            state = np.where(slack, SLACK_STATE, slip[:, segment] % 3)
+            state = np.where(slack, 3, slip[:, segment] % 3)
             changed, state = state_changes(time, state)
             path = rr.new_entity_path(["slip", cable, f"{end}_end"])
             rec.log(path, look, static=True)
@@ -86,18 +85,12 @@ def state_changes(
     kept = np.ones(len(begun), dtype=bool)
     for first, last in edges.tolist():
         if last - first >= 4:
-            found[first] = OSCILLATING_STATE
+            found[first] = 4  # "to and fro"
             kept[first + 1 : last] = False
     return begun[kept], found[kept]
 
 
 Array = NDArray[np.float64]
-
-FRAMES_PER_SECOND = 60.0
-"""Frame rate of the drawing in space; time series keep every sample."""
-WINDOWS = sys.platform == "win32"
-PIPE_BYTES = 1 << 20
-"""Part of a recording that is moved to its file at once."""
 
 
 def write_recording(
@@ -142,7 +135,8 @@ def recording(
     with replacing(path) as partial, strict():
         own: Any = {"recording_id": identity, "send_properties": False}
         rec = rr.RecordingStream("cc_mujoco", **own)
-        with _saved_on_windows(rec, partial) if WINDOWS else _saved(rec, partial):
+        saved = _saved_on_windows if sys.platform == "win32" else _saved
+        with saved(rec, partial):
             rec.send_blueprint(blueprint, make_active=False, make_default=True)
             yield rec
 
@@ -156,10 +150,10 @@ def _saved(rec: rr.RecordingStream, path: Path) -> Iterator[None]:
         with open(pipe, "rb", buffering=0) as source:
             try:
                 with path.open("wb") as file:
-                    shutil.copyfileobj(source, file, PIPE_BYTES)
+                    shutil.copyfileobj(source, file, 1 << 20)
             except OSError as error:
                 failures.append(error)
-                while source.read(PIPE_BYTES):  # else Rerun would wait for a reader
+                while source.read(1 << 20):  # else Rerun would wait for a reader
                     pass
 
     reading, writing = os.pipe()
@@ -201,9 +195,9 @@ def recording_id(log: EpisodeLog) -> str:
     return digest.hexdigest()[:32]
 
 
-def _rate(time: NDArray[np.float64]) -> float:
-    # At most 18 000 frames in space: a longer episode shows fewer per second.
-    return frame_rate(time, FRAMES_PER_SECOND, 18_000)
+def _rate(time: Array) -> float:
+    # At most 18 000 frames in space: a longer episode shows fewer than 60 per second.
+    return frame_rate(time, 60.0, 18_000)
 
 
 def _log_series(rec: Branch, log: EpisodeLog) -> None:
@@ -262,10 +256,7 @@ def _about(log: EpisodeLog, metrics: Mapping[Metric, float]) -> rr.TextDocument:
             value = ", ".join(f"{name} {entry}" for name, entry in value.items())
         if key != MODEL_XML:
             facts.append((key, str(value)))
-    results = []
-    for metric, value in metrics.items():
-        number = f"{value:.4g}" if math.isfinite(value) else "-"
-        results.append((metric.name, number, metric.unit, metric.meaning))
+    results = [(m.name, value_text(v), m.unit, m.meaning) for m, v in metrics.items()]
     parts = (
         "# Episode",
         markdown.table(("", ""), facts),
@@ -282,7 +273,7 @@ def _thinning(log: EpisodeLog) -> list[str]:
     """Return a sentence on what a recording of a long episode leaves out."""
     time = log["time_s"]
     rate, shown = _rate(time), len(log.thinned(MAX_SAMPLES))
-    if rate == FRAMES_PER_SECOND and shown == len(log):
+    if rate == 60.0 and shown == len(log):
         return []
     return [
         f"The episode is long: of its samples one in {-(-len(log) // shown)} is "

@@ -17,8 +17,10 @@ from cc_mujoco.viz._axis import plot, time_axis
 from cc_mujoco.viz._scene3d import TIMELINE, WORLD, viewpoint
 
 # Okabe and Ito's colours, as in the summary figure.
-BLUE, ORANGE, GREEN, PURPLE = 0x0072B2FF, 0xD55E00FF, 0x009E73FF, 0xCC79A7FF
-SKY, YELLOW = 0x56B4E9FF, 0xE69F00FF
+BLUE, ORANGE, GREEN, PURPLE, SKY, YELLOW = (
+    *(0x0072B2FF, 0xD55E00FF, 0x009E73FF),
+    *(0xCC79A7FF, 0x56B4E9FF, 0xE69F00FF),
+)
 
 SERIES = (
     ("torque/joint", "delivered", "joint_torque_nm", BLUE),
@@ -35,8 +37,6 @@ CABLE_SERIES = (
     ("tension/{}/joint_end", "tension_{}_distal_n", 1),
     ("moving/{}", "moving_{}_fraction", 0),
 )
-CABLE_COLORS = ((BLUE, SKY), (ORANGE, YELLOW), (GREEN, PURPLE))
-"""Motor end and joint end of the first, second, ... cable of an axis."""
 
 
 class Series(NamedTuple):
@@ -60,12 +60,14 @@ def plotted_series(log: EpisodeLog) -> Iterator[Series]:
                 name, values = f"{name}, at the joint", ratio * values
             kind, line = path.split("/")
             yield Series((kind, *([axis] if axis else []), line), name, values, color)
+    # Motor end and joint end of the first, second, ... cable of an axis
+    ends = (BLUE, SKY), (ORANGE, YELLOW), (GREEN, PURPLE)
     places = {cable: number for number, cable in enumerate(log.cables)}
     if log.axes:  # the plots of each show its own cables
         for _, own in log.each_axis():
             places |= {cable: n for n, cable in enumerate(driven_cables(own))}
     for cable in log.cables:
-        colors = CABLE_COLORS[places[cable] % len(CABLE_COLORS)]
+        colors = ends[places[cable] % 3]
         for path, column, shade in CABLE_SERIES:
             parts = tuple(part.format(cable) for part in path.split("/"))
             name = ", ".join(parts[1:]).replace("_", " ")
@@ -80,20 +82,21 @@ def blueprint(log: EpisodeLog, model: mujoco.MjModel) -> rrb.Blueprint:
     """Lay out an episode that is logged at the root."""
     scene = scene_view(log, model)
     about = rrb.TextDocumentView(origin="/about", name="About")
+    heights = (6, 4, 6, 6, 7)  # of the plots of an axis and of its cables
     if log.axes:
         tabs = []
         left = dict.fromkeys(log.cables)
         for axis, own in log.each_axis():
             cables = driven_cables(own)
             parts = [*_axis_plots(log, axis), *_cable_plots(log, cables)]
-            tabs.append(rrb.Vertical(*parts, row_shares=ROW_SHARES, name=axis))
+            tabs.append(rrb.Vertical(*parts, row_shares=heights, name=axis))
             left = {cable: None for cable in left if cable not in cables}
         if left:
             tabs.append(rrb.Vertical(*_cable_plots(log, [*left]), name="other cables"))
         plots: rrb.Tabs | rrb.Vertical = rrb.Tabs(*tabs)
     else:
         parts = [*_axis_plots(log, ""), *_cable_plots(log, log.cables)]
-        plots = rrb.Vertical(*parts, row_shares=ROW_SHARES)
+        plots = rrb.Vertical(*parts, row_shares=heights)
     return playing(rrb.Horizontal(rrb.Tabs(scene, about), plots, column_shares=[1, 1]))
 
 
@@ -101,10 +104,6 @@ def playing(content: rrb.Container) -> rrb.Blueprint:
     """Return a layout of which only the content is seen, and which plays at once."""
     time = rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="playing")
     return rrb.Blueprint(content, time, collapse_panels=True)
-
-
-ROW_SHARES = (6, 4, 6, 6, 7)
-"""Heights of the plots of an axis and of its cables."""
 
 
 def _axis_plots(log: EpisodeLog, axis: str) -> list[View]:

@@ -51,11 +51,7 @@ class Branch:
 
 Array = NDArray[np.float64]
 
-WORLD = "world"
-TIMELINE = "sim_time"
-
-DEFAULT_RGBA = (0.5, 0.5, 0.5, 1.0)
-_SHAPE = mujoco.mjtGeom
+WORLD, TIMELINE = "world", "sim_time"
 
 
 def log_static(rec: Branch, model: mujoco.MjModel) -> None:
@@ -153,7 +149,7 @@ def _name(model: mujoco.MjModel, kind: mujoco.mjtObj, index: int) -> str:
 
 def own_color(model: mujoco.MjModel, rgba: Array, material: int) -> Array:
     """Return the colour that MuJoCo draws: the material's unless the thing has one."""
-    if material < 0 or not np.allclose(rgba, DEFAULT_RGBA):
+    if material < 0 or not _is_default(rgba):
         return np.array(rgba, dtype=float)
     color = np.array(model.mat_rgba[material], dtype=float)
     texture = int(model.mat_texid[material, mujoco.mjtTextureRole.mjTEXROLE_RGB])
@@ -166,30 +162,30 @@ def own_color(model: mujoco.MjModel, rgba: Array, material: int) -> Array:
 
 
 def _shape(model: mujoco.MjModel, geom: int, rgba: Array) -> Any:
-    kind, size = model.geom_type[geom], model.geom_size[geom]
+    kind, size, shape = model.geom_type[geom], model.geom_size[geom], mujoco.mjtGeom
     look: dict[str, Any] = {"colors": [rgba], "fill_mode": "solid"}
     round_look: dict[str, Any] = {"lengths": [2 * size[1]], "radii": [size[0]]} | look
-    if kind == _SHAPE.mjGEOM_PLANE:
+    if kind == shape.mjGEOM_PLANE:
         # A side of size 0 is infinite and drawn as large as fits.
         x, y = (half if half > 0 else 2 * model.stat.extent for half in size[:2])
         corners = [[-x, -y, 0], [x, -y, 0], [x, y, 0], [-x, y, 0]]
         triangles = [[0, 1, 2], [0, 2, 3]]
         mesh: Any = {"vertex_positions": corners, "triangle_indices": triangles}
         return rr.Mesh3D(**mesh, vertex_normals=[[0, 0, 1]] * 4, albedo_factor=rgba)
-    if kind == _SHAPE.mjGEOM_MESH:
+    if kind == shape.mjGEOM_MESH:
         points, faces = mesh_arrays(model, geom)
         mesh = {"vertex_positions": points, "triangle_indices": faces}
         return rr.Mesh3D(**mesh, albedo_factor=rgba)
-    if kind == _SHAPE.mjGEOM_SPHERE:
+    if kind == shape.mjGEOM_SPHERE:
         return rr.Ellipsoids3D(half_sizes=[[size[0]] * 3], **look)
-    if kind == _SHAPE.mjGEOM_ELLIPSOID:
+    if kind == shape.mjGEOM_ELLIPSOID:
         return rr.Ellipsoids3D(half_sizes=[size], **look)
-    if kind == _SHAPE.mjGEOM_CYLINDER:
+    if kind == shape.mjGEOM_CYLINDER:
         return rr.Cylinders3D(**round_look)
-    if kind == _SHAPE.mjGEOM_CAPSULE:
+    if kind == shape.mjGEOM_CAPSULE:
         # Rerun's capsule starts at its origin, MuJoCo's is centred on it.
         return rr.Capsules3D(translations=[[0.0, 0.0, -size[1]]], **round_look)
-    if kind == _SHAPE.mjGEOM_BOX:
+    if kind == shape.mjGEOM_BOX:
         return rr.Boxes3D(half_sizes=[size], **look)
     # Height fields and signed distance fields: their bounding box.
     center, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
@@ -259,8 +255,13 @@ def tendon_color(model: mujoco.MjModel, tendon: int) -> Array:
 
 def is_uncolored(model: mujoco.MjModel, tendon: int) -> bool:
     """Return whether a tendon has neither a colour nor a material."""
-    plain = np.allclose(model.tendon_rgba[tendon], DEFAULT_RGBA)
-    return bool(plain and model.tendon_matid[tendon] < 0)
+    is_default = _is_default(model.tendon_rgba[tendon])
+    return is_default and bool(model.tendon_matid[tendon] < 0)
+
+
+def _is_default(rgba: Array) -> bool:
+    """Return whether a colour is the grey of what has none of its own."""
+    return np.allclose(rgba, (0.5, 0.5, 0.5, 1.0))
 
 
 def tendon_paths(

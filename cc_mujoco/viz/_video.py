@@ -12,7 +12,7 @@ import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -34,15 +34,21 @@ if TYPE_CHECKING:
 
 Picture = NDArray[np.uint8]
 
-FRAME_SIZE = (720, 1280)
-"""Height and width of a frame [pixels]."""
-SCENE_RECTANGLE = (44, 632, 0, 760)
-"""Position of the scene in the picture: top, height, left, width [pixels]."""
-DPI = 100
-PLOT_SPAN = (836, 1256)
-"""First and last column of the plots [pixels]."""
-CURSOR_WIDTH = 2
-"""Width of the line at the moment shown [pixels]."""
+
+class _Layout(NamedTuple):
+    """Places in a frame [pixels]."""
+
+    size: tuple[int, int] = (720, 1280)  # height and width
+    scene: tuple[int, int, int, int] = (44, 632, 0, 760)  # top, height, left, width
+    plots: tuple[int, int] = (836, 1256)  # first and last column
+    cursor: int = 2  # width of the line at the moment shown
+
+
+LAYOUT = _Layout()
+CODEC, PIXEL_FORMAT = "libx264", "yuv420p"
+"""Codec, and format that every player knows. The size stays, so that nothing is lost
+where colours are taken from every other pixel without a filter, in two thirds of the
+time."""
 
 
 class Strips:
@@ -56,34 +62,30 @@ class Strips:
         self._start, self._end = float(log["time_s"][0]), float(log["time_s"][-1])
         self._whole, self.rows = _draw_surroundings(log, highest, 1.0)
         self._faded_frame, _ = _draw_surroundings(log, highest, 0.25)
-        self._frame, self._column = self._faded_frame.copy(), SCENE_RECTANGLE[3]
+        self._frame, self._column = self._faded_frame.copy(), LAYOUT.scene[3]
 
     def column(self, time: float) -> int:
         """Return the column of a frame at which the plots show this time [s]."""
         share = (time - self._start) / max(self._end - self._start, 1e-9)
-        return round(PLOT_SPAN[0] + share * (PLOT_SPAN[1] - PLOT_SPAN[0]))
+        return round(LAYOUT.plots[0] + share * (LAYOUT.plots[1] - LAYOUT.plots[0]))
 
     def frame(self, scene: Picture, time: float) -> Picture:
         """Put a frame (720, 1280, 3) together, which the next call changes.
 
-        `scene` is its picture, of the size in `SCENE_RECTANGLE`, at `time` [s].
+        `scene` is its picture, of the size in `LAYOUT.scene`, at `time` [s].
         """
         frame, column = self._frame, self.column(time)
         low, high = sorted((self._column, column))
-        low, high = low - CURSOR_WIDTH, high + CURSOR_WIDTH
+        low, high = low - LAYOUT.cursor, high + LAYOUT.cursor
         frame[:, low:column] = self._whole[:, low:column]
         frame[:, column:high] = self._faded_frame[:, column:high]
         self._column = column
-        half = CURSOR_WIDTH // 2
+        half = LAYOUT.cursor // 2
         for top, bottom in self.rows:
             frame[top:bottom, column - half : column + half] = 0
-        top, height, left, width = SCENE_RECTANGLE
+        top, height, left, width = LAYOUT.scene
         frame[top : top + height, left : left + width] = scene
         return frame
-
-
-MOST_PLOTS = 7
-"""Plots that fit beside a scene."""
 
 
 def _draw_surroundings(
@@ -93,9 +95,9 @@ def _draw_surroundings(
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    height, width = FRAME_SIZE
+    height, width = LAYOUT.size
     with style():
-        figure = Figure(figsize=(width / DPI, height / DPI), dpi=DPI)
+        figure = Figure(figsize=(width / 100, height / 100), dpi=100)
         canvas = FigureCanvasAgg(figure)
         top = 1 - 22 / height
         figure.text(14 / width, top, episode_title(log), fontsize=11, va="center")
@@ -112,7 +114,7 @@ def _draw_scale(figure: Figure, highest: float) -> None:
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
-    height, width = FRAME_SIZE
+    height, width = LAYOUT.size
     axes = figure.add_axes((120 / width, 22 / height, 400 / width, 10 / height))
     colors = ScalarMappable(Normalize(0.0, highest), TENSION_COLORS)
     figure.colorbar(colors, cax=axes, orientation="horizontal")
@@ -123,16 +125,16 @@ def _draw_scale(figure: Figure, highest: float) -> None:
 
 
 def _draw_plots(figure: Figure, log: EpisodeLog, opacity: float) -> list[Axes]:
-    height, width = FRAME_SIZE
+    height, width = LAYOUT.size
     shown = panels.torques(log) + panels.tensions(log)
-    if len(shown) > MOST_PLOTS:  # of several axes, the torques at the joints
-        shown = panels.torques(log)[::2][:MOST_PLOTS]
+    if len(shown) > 7:  # more than fit: of several axes, the torques at the joints
+        shown = panels.torques(log)[::2][:7]
     top, bottom, between = 44, 52, 34
     each = (height - top - bottom - between * (len(shown) - 1)) / len(shown)
     time, plots = log["time_s"], []
     for number, (name, unit, lines) in enumerate(shown):
         low = height - top - each - number * (each + between)
-        left, right = (column / width for column in PLOT_SPAN)
+        left, right = (column / width for column in LAYOUT.plots)
         axes = figure.add_axes((left, low / height, right - left, each / height))
         axes.axhline(0.0, color=GREY, linewidth=0.6)
         draw_lines(axes, time, lines, alpha=opacity)
@@ -151,16 +153,6 @@ def _draw_plots(figure: Figure, log: EpisodeLog, opacity: float) -> list[Axes]:
         plots.append(axes)
     plots[-1].set_xlabel("time [s]")
     return plots
-
-
-CODEC = "libx264"
-ENCODER_OPTIONS = {"preset": "veryfast", "crf": "20", "threads": "1"}
-"""Encoder settings: fast, with sharp lines and letters; runs parallel to rendering."""
-PIXEL_FORMAT = "yuv420p"
-"""Pixel format, which every player knows. The size stays, so that nothing is lost where
-colours are taken from every other pixel without a filter, in two thirds of the time."""
-FRAMES_AT_ONCE = 600
-"""Frames whose tensions are in memory at the same time."""
 
 
 def require_video() -> None:
@@ -185,7 +177,7 @@ def write_video(
     samples = panels.frame_samples(log["time_s"])
     highest = highest_tension(log)
     strips = Strips(log.thinned(panels.MAX_SAMPLES), highest)
-    _, height, _, width = SCENE_RECTANGLE
+    _, height, _, width = LAYOUT.scene
     poses = log.rows("qpos", np.linspace(0, len(log) - 1, 40).astype(int))
     look = highest, poses, (height, width)
     # The index in front, so that a page can show it while it arrives.
@@ -196,8 +188,10 @@ def write_video(
         av.open(os.fspath(partial), "w", **how) as film,
         ThreadPoolExecutor(1) as other,  # finishes a frame while the next is drawn
     ):
-        stream = film.add_stream(CODEC, rate=FRAME_RATE, options=ENCODER_OPTIONS)
-        stream.height, stream.width = FRAME_SIZE
+        # Fast, with sharp lines and letters, in parallel to rendering
+        own = {"preset": "veryfast", "crf": "20", "threads": "1"}
+        stream = film.add_stream(CODEC, rate=FRAME_RATE, options=own)
+        stream.height, stream.width = LAYOUT.size
         stream.pix_fmt = PIXEL_FORMAT
 
         def encode(number: int, exposure: offscreen.Exposure, time: float) -> None:
@@ -223,8 +217,8 @@ def _shown(
     log: EpisodeLog, samples: NDArray[np.intp]
 ) -> Iterator[tuple[float, NDArray[np.float64], dict[str, NDArray[np.float64]]]]:
     """Yield time, pose and tensions at the nodes of the cables of some samples."""
-    for start in range(0, len(samples), FRAMES_AT_ONCE):
-        some = samples[start : start + FRAMES_AT_ONCE]
+    for part in panels.frame_slices(len(samples), 600):
+        some = samples[part]
         time, qpos = log.rows("time_s", some), log.rows("qpos", some)
         nodes = {c: log.rows(f"tension_{c}_nodes_n", some) for c in log.cables}
         for row in range(len(some)):

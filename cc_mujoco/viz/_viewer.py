@@ -35,12 +35,8 @@ Array = NDArray[np.float64]
 Rows = tuple[tuple[str, str], ...]
 """Lines of two columns."""
 
-DISPLAY_VARIABLES = ("DISPLAY", "WAYLAND_DISPLAY")
-"""Variables of which one is set where X or Wayland has a screen."""
 MIN_FRAME_TIME = 1.0 / 60.0
 """Least time from frame to frame [s]."""
-LAST_FRAME_TIMEOUT = 2.0
-"""Longest wait for the last frame [s]."""
 
 
 class Frame(NamedTuple):
@@ -56,7 +52,8 @@ def require_screen(what: str = "--live") -> None:
 
     `what` is the command or option that needs it, for the message.
     """
-    if sys.platform == "linux" and not any(map(os.environ.get, DISPLAY_VARIABLES)):
+    displays = map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))
+    if sys.platform == "linux" and not any(displays):
         raise CableError(
             f"{what} needs a screen, and neither DISPLAY nor WAYLAND_DISPLAY is set; "
             "--video and --html of `cc-mujoco play` need none."
@@ -164,11 +161,12 @@ class Screen:
 
     def __exit__(self, *_: object) -> None:
         self._left.set()
-        self._draw_thread.join(LAST_FRAME_TIMEOUT)
+        longest = 2.0  # wait for the last frame [s]
+        self._draw_thread.join(longest)
         self._viewer.close()
         # GLFW ends with the program, and must not while a window is drawn to.
         for thread in self._windows:
-            thread.join(LAST_FRAME_TIMEOUT)
+            thread.join(longest)
 
     @property
     def open(self) -> bool:

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from cc_mujoco._utils.atomic_io import replacing
 from cc_mujoco.errors import CableError
 from cc_mujoco.metrics import Metric
+from cc_mujoco.metrics._metric import value_text
 from cc_mujoco.report import _html as html
 from cc_mujoco.report._figures import TENSION_COLORS
 from cc_mujoco.simulation._episode_log import EpisodeLog
@@ -34,11 +35,6 @@ from cc_mujoco.viz._conduit3d import SLACK_COLOR
 from cc_mujoco.viz._panels import FRAME_RATE, MAX_SAMPLES, Panel, highest_tension
 from cc_mujoco.viz._summary import episode_title
 from cc_mujoco.viz._web_scene import encode_array, web_scene
-
-MAX_PLOT_SAMPLES = 10_000
-"""Most samples of each line of a plot; of more, evenly chosen ones are shown."""
-DATA_ID = "episode"
-"""Id of the element that holds the data."""
 
 
 def require_page() -> None:
@@ -60,7 +56,8 @@ def write_page(
     rate = plots.frame_rate(log["time_s"], FRAME_RATE, 6_000)
     samples = plots.frame_samples(log["time_s"], rate)
     panels = [*plots.torques(log), *plots.angles(log), *plots.tensions(log)]
-    every = math.ceil(len(log) / MAX_PLOT_SAMPLES)
+    every = math.ceil(len(log) / 10_000)  # samples of a line: of more, every k-th
+    shares = _shares(log, count, every, rate)
     time = log["time_s"]
     data = {
         "time": encode_array(time[::every]),
@@ -70,16 +67,29 @@ def write_page(
         "highest": highest,
         "colors": _colors(),
     }
-    style, script = (
+    style, script, template = (
         Path(__file__).with_name(f"web_page.{kind}").read_text(encoding="utf-8")
-        for kind in ("css", "js")
+        for kind in ("css", "js", "html")
     )
     shown = json.dumps(data, separators=(",", ":"), allow_nan=False)
-    body = _body(log, panels, metrics, highest, _shares(log, count, every, rate))
-    own: Any = {"style": style, "scripts": (library, script), "data": {DATA_ID: shown}}
-    text = html.page(episode_title(log), "episode", body, **own)
+    title, figures = escape(episode_title(log)), "".join(map(_figure, panels))
+    colors, slack = ",".join(color for _, color in _colors()[2:]), _rgb(SLACK_COLOR)
+    gradient = f"linear-gradient(90deg,{colors})"
+    text = {"title": title, "plots": figures, "gradient": gradient, "slack": slack}
+    text |= {"highest": f"{highest:.3g}", "shares": escape(shares)}
+    body = html.Html(Template(template.replace("\n", "")).substitute(text))
+    if metrics:
+        body = html.join_pieces(
+            [body, html.element("h2", "Results"), _results(metrics)]
+        )
+    own: Any = {
+        "style": style,
+        "scripts": (library, script),
+        "data": {"episode": shown},
+    }
+    page = html.page(episode_title(log), "episode", body, **own)
     with replacing(path) as partial:
-        partial.write_text(text, encoding="utf-8")
+        partial.write_text(page, encoding="utf-8")
 
 
 def _panel(panel: Panel, time: NDArray[np.float64], every: int) -> dict[str, Any]:
@@ -119,59 +129,25 @@ def _shares(log: EpisodeLog, count: int, every: int, rate: float) -> str:
     return text
 
 
-_BODY = Template(
-    '<h1>$title</h1><p id="wrong">This page needs JavaScript and WebGL.</p>'
-    '<div class="play"><div class="stage"><div id="scene"></div><p class="key">'
-    'Tension: 0 <span class="scale" style="background:$gradient"></span> $highest N  '
-    '<span class="scale slack" style="background:$slack"></span> slack</p>'
-    '<div class="controls">'
-    '<button id="play" type="button" aria-label="play">▶</button>'
-    '<input id="moment" type="range" min="0" max="1" step="any" value="0" '
-    'aria-label="time"></input><output id="clock">0.00 s</output>'
-    '<select id="speed" aria-label="speed"><option value="1">1x</option>'
-    '<option value="0.5">0.5x</option><option value="0.2">0.2x</option>'
-    '<option value="0.05">0.05x</option></select></div></div>'
-    '<div class="plots">$plots</div></div><p class="small">Drag the scene to turn it; '
-    "click into a plot to go there. $shares</p>"
-)
-_KEY = Template(
-    '<span><i class="$look" style="color:$color"></i> $label <b></b></span>'
-)
-_FIGURE = Template(
-    '<section><div class="key"><h3>$title [$unit]</h3>$keys</div>'
-    '<div class="frame"><div class="plot"></div><div class="cursor"></div></div>'
-    "</section>"
-)
+def _figure(panel: Panel) -> str:
+    keys = ""
+    for line in panel.lines:
+        look = "dashed" if line.dashed else "line"
+        keys += f'<span><i class="{look}" style="color:{line.color}"></i> '
+        keys += f"{escape(line.label)} <b></b></span>"
+    return (
+        f'<section><div class="key"><h3>{escape(panel.title)} [{panel.unit}]</h3>'
+        f'{keys}</div><div class="frame"><div class="plot"></div>'
+        '<div class="cursor"></div></div></section>'
+    )
 
 
-def _body(
-    log: EpisodeLog,
-    panels: list[Panel],
-    metrics: Mapping[Metric, float],
-    highest: float,
-    shares: str,
-) -> html.Html:
-    figures = []
-    for panel in panels:
-        keys, title = "", escape(panel.title)
-        for line in panel.lines:
-            look, label = "dashed" if line.dashed else "line", escape(line.label)
-            keys += _KEY.substitute(look=look, color=line.color, label=label)
-        figures.append(_FIGURE.substitute(title=title, unit=panel.unit, keys=keys))
-    colors = ",".join(color for _, color in _colors()[2:])
-    gradient, slack = f"linear-gradient(90deg,{colors})", _rgb(SLACK_COLOR)
-    scale = {"gradient": gradient, "highest": f"{highest:.3g}", "slack": slack}
-    title, parts = escape(episode_title(log)), "".join(figures)
-    body = _BODY.substitute(title=title, plots=parts, shares=escape(shares), **scale)
-    if not metrics:
-        return html.Html(body)
-    rows = []
-    for metric, value in metrics.items():
-        number = f"{value:.4g}" if math.isfinite(value) else "-"
-        name = metric.name.replace("_", " ")
-        rows.append((name, number, metric.unit, metric.meaning))
-    results = html.table(("", "", "unit", "meaning"), rows)
-    return html.join_pieces([html.Html(body), html.element("h2", "Results"), results])
+def _results(metrics: Mapping[Metric, float]) -> html.Html:
+    rows = [
+        (m.name.replace("_", " "), value_text(value), m.unit, m.meaning)
+        for m, value in metrics.items()
+    ]
+    return html.table(("", "", "unit", "meaning"), rows)
 
 
 def _plotly() -> str:

@@ -17,8 +17,6 @@ from cc_mujoco.viz._conduit3d import resample
 
 Array = NDArray[np.float64]
 
-SHAPE = mujoco.mjtGeom
-
 
 class TriangleMesh(NamedTuple):
     """Triangles of a geom or cable, in its own frame."""
@@ -34,27 +32,28 @@ def geom_mesh(model: mujoco.MjModel, geom: int, reach: float) -> TriangleMesh:
     there is to see [m] is half the side at which a larger plane is cut off, and decides
     how finely a round shape is drawn.
     """
+    shape = mujoco.mjtGeom
     kind, (x, y, z) = model.geom_type[geom], model.geom_size[geom]
-    if kind == SHAPE.mjGEOM_MESH:
+    if kind == shape.mjGEOM_MESH:
         points, faces = scene3d.mesh_arrays(model, geom)
         return TriangleMesh(points.astype(np.float64), faces.astype(np.int32))
-    if kind == SHAPE.mjGEOM_PLANE:
+    if kind == shape.mjGEOM_PLANE:
         x, y = (min(half, reach) if half > 0 else reach for half in (x, y))
         corners = np.array([[-x, -y, 0], [x, -y, 0], [x, y, 0], [-x, y, 0]])
         return TriangleMesh(corners, np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32))
-    if kind == SHAPE.mjGEOM_SPHERE:
+    if kind == shape.mjGEOM_SPHERE:
         return _ball(np.array([x, x, x]), reach)
-    if kind == SHAPE.mjGEOM_ELLIPSOID:
+    if kind == shape.mjGEOM_ELLIPSOID:
         return _ball(np.array([x, y, z]), reach)
-    if kind == SHAPE.mjGEOM_CAPSULE:
+    if kind == shape.mjGEOM_CAPSULE:
         dome = _dome() * x
         dome[:, 1] += y
         return _revolve([np.concatenate([(dome * [1, -1])[::-1], dome])], x / reach)
-    if kind == SHAPE.mjGEOM_CYLINDER:
+    if kind == shape.mjGEOM_CYLINDER:
         low, high = [x, -y], [x, y]
         sides = ([[0, -y], low], [low, high], [high, [0, y]])
         return _revolve([np.array(side) for side in sides], x / reach)
-    if kind == SHAPE.mjGEOM_BOX:
+    if kind == shape.mjGEOM_BOX:
         return _box(np.zeros(3), model.geom_size[geom])
     return _box(model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:])
 

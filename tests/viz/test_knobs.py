@@ -11,7 +11,6 @@ from cc_mujoco.cable import Cable
 from cc_mujoco.control import CONTROLLERS
 from cc_mujoco.viz import _live_controls as keys
 from cc_mujoco.viz._live_controls import (
-    CAPTION_WIDTH,
     MAX_STEPS,
     STEP_FACTOR,
     Knobs,
@@ -150,7 +149,7 @@ def test_the_font_of_the_screen_has_all_letters(knobs: Knobs) -> None:
 def test_a_long_sentence_has_several_lines() -> None:
     assert wrap_sentence("") == ()
     lines = [line for _, line in wrap_sentence("a word " * 30)]
-    assert len(lines) > 1 and max(map(len, lines)) <= CAPTION_WIDTH
+    assert len(lines) > 1 and max(map(len, lines)) <= 60
 
 
 def test_a_slider_is_a_factor_and_stays_within_its_ends(knobs: Knobs) -> None:

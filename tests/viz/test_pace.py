@@ -6,7 +6,10 @@ import math
 
 import pytest
 
-from cc_mujoco.viz._live_controls import FACTOR_WINDOW, MAX_LAG, MAX_LEAD, RealTimePacer
+from cc_mujoco.viz._live_controls import RealTimePacer
+
+MAX_LEAD, MAX_LAG = RealTimePacer.max_lead, RealTimePacer.max_lag
+WINDOW = RealTimePacer.window
 
 STEP = 0.001
 
@@ -42,7 +45,7 @@ def test_quick_steps_wait_for_the_wall() -> None:
     assert math.isnan(pace.factor)
     end = played(wall, pace, 0.2 * STEP, 0.0, 2000)
     assert wall.time - 50.0 == pytest.approx(end, abs=2 * MAX_LEAD)
-    assert pace.factor == pytest.approx(1.0, abs=2 * MAX_LEAD / FACTOR_WINDOW)
+    assert pace.factor == pytest.approx(1.0, abs=2 * MAX_LEAD / WINDOW)
     assert wall.naps < 2000 * STEP / MAX_LEAD + 2  # and not after every step
 
 
@@ -56,7 +59,10 @@ def test_slow_steps_never_wait_and_the_factor_says_so() -> None:
 
 
 def test_a_short_lag_is_made_up_for_and_a_long_one_is_not() -> None:
-    for lag, lost in ((0.5 * MAX_LAG, 0.0), (20.0 * MAX_LAG, 20.0 * MAX_LAG)):
+    for lag, lost in (
+        (0.5 * MAX_LAG, 0.0),
+        (20.0 * MAX_LAG, 20.0 * MAX_LAG),
+    ):
         wall = Wall()
         pace = RealTimePacer(wall.now, wall.sleep)
         pace.begin(0.0)
@@ -75,4 +81,4 @@ def test_a_pause_is_not_made_up_for() -> None:
     before = wall.time
     played(wall, pace, 0.2 * STEP, end, 1000)
     assert wall.time - before == pytest.approx(1.0, abs=2 * MAX_LEAD)
-    assert pace.factor == pytest.approx(1.0, abs=2 * MAX_LEAD / FACTOR_WINDOW)
+    assert pace.factor == pytest.approx(1.0, abs=2 * MAX_LEAD / WINDOW)

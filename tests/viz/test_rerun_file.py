@@ -20,7 +20,7 @@ from cc_mujoco.metrics import METRICS, Metric, measure
 from cc_mujoco.metrics._metric import Key
 from cc_mujoco.simulation import EpisodeLog
 from cc_mujoco.viz import tension_colors
-from cc_mujoco.viz._conduit3d import MIN_PIECES, resample
+from cc_mujoco.viz._conduit3d import resample
 from cc_mujoco.viz._rerun_file import (
     END_STATES,
     recording,
@@ -264,14 +264,14 @@ def test_conduit_follows_its_route_and_carries_the_tension(
     _, colors = column(path, "/world/conduit/flexor", "LineStrips3D:colors")
     at = np.searchsorted(log["time_s"], times - 1e-6)
     points = np.array(strips)  # (T, pieces, 2 ends, 3)
-    assert points.shape[1:] == (MIN_PIECES, 2, 3)
+    assert points.shape[1:] == (60, 2, 3)
     assert points[:, 0, 0] == pytest.approx(np.tile([0, 0.1, 0.3], (len(at), 1)))
     angle = log["qpos"][at, 1]
     tip = 0.1 * np.cos(angle) - 0.05 * np.sin(angle)
     assert points[:, -1, 1, 0] == pytest.approx(tip, abs=1e-6)
     nodes = log["tension_flexor_nodes_n"][at]
     # 8 segments of equal length; a piece has the tension of its middle.
-    middle = 8 * (np.arange(MIN_PIECES) + 0.5) / MIN_PIECES
+    middle = 8 * (np.arange(60) + 0.5) / 60
     middle = np.array([np.interp(middle, np.arange(9), row) for row in nodes])
     expected = tension_colors(middle, float(nodes.max())).astype(np.uint32)
     packed = expected @ np.array([1 << 24, 1 << 16, 1 << 8, 1], dtype=np.uint32)
@@ -289,7 +289,7 @@ def test_a_conduit_that_stays_is_stored_once(
         tmp_path / "run.rrd", "/world/conduit/flexor", "LineStrips3D:strips"
     )
     assert times == log["time_s"][:1]
-    assert np.array(strips).shape == (1, MIN_PIECES, 2, 3)
+    assert np.array(strips).shape == (1, 60, 2, 3)
 
 
 def test_about_shows_metadata_and_results(

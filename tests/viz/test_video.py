@@ -19,7 +19,7 @@ from cc_mujoco.viz import OffscreenRenderer
 from cc_mujoco.viz import _offscreen_renderer as offscreen_renderer
 from cc_mujoco.viz import _video as video
 from cc_mujoco.viz._episode_files import VIDEO_FILE
-from cc_mujoco.viz._video import PLOT_SPAN, SCENE_RECTANGLE, Strips
+from cc_mujoco.viz._video import LAYOUT, Strips
 
 SECONDS = 0.2
 
@@ -65,7 +65,7 @@ def test_play_leaves_30_frames_a_second_and_takes_an_old_video_away(
     frames = pictures(tmp_path / "here" / VIDEO_FILE)
     assert len(frames) == round(30 * SECONDS)
     assert {frame.shape for frame in frames} == {(720, 1280, 3)}
-    top, height, left, width = SCENE_RECTANGLE
+    top, height, left, width = LAYOUT.scene
     scenes = [f[top : top + height, left : left + width] for f in frames]
     # The colours of the conduits, if nothing else.
     moved = np.abs(scenes[0].astype(int) - scenes[-1])
@@ -100,22 +100,20 @@ def test_the_file_is_whole_or_not_there(
 def test_the_moment_is_marked_where_the_time_axis_has_it(make_log: Any) -> None:
     log = make_log()
     strips = Strips(log, 20.0)
-    _, height, _, width = SCENE_RECTANGLE
+    _, height, _, width = LAYOUT.scene
     scene = np.full((height, width, 3), 7, np.uint8)
     assert (
         strips.column(log["time_s"][0]),
         strips.column(log["time_s"][-1]),
-    ) == PLOT_SPAN
+    ) == LAYOUT.plots
     assert len(strips.rows) == 2 + len(log.cables)
     before = None
     for time in (0.5, 1.4, 2.3):
         frame = strips.frame(scene, time)
         share = time / log["time_s"][-1]
-        expected = PLOT_SPAN[0] + share * (PLOT_SPAN[1] - PLOT_SPAN[0])
+        expected = LAYOUT.plots[0] + share * (LAYOUT.plots[1] - LAYOUT.plots[0])
         assert cursor(frame, strips) == pytest.approx(expected, abs=1.5)
-        assert (
-            frame[SCENE_RECTANGLE[0] : SCENE_RECTANGLE[0] + height, :width] == 7
-        ).all()
+        assert (frame[LAYOUT.scene[0] : LAYOUT.scene[0] + height, :width] == 7).all()
         # Lines before the moment are darker than the same ones after it.
         ink = int(255 * frame.size - frame.sum(dtype=np.int64))
         assert before is None or ink > before

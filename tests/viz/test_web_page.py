@@ -20,7 +20,7 @@ from cc_mujoco.report._html import page
 from cc_mujoco.simulation import EpisodeLog
 from cc_mujoco.viz import PAGE_FILE
 from cc_mujoco.viz import _episode_files as episode_files
-from cc_mujoco.viz._web_page import DATA_ID, MAX_PLOT_SAMPLES, write_page
+from cc_mujoco.viz._web_page import write_page
 
 plotly = pytest.importorskip("plotly.offline")
 
@@ -57,7 +57,7 @@ def unpacked(field: dict[str, Any]) -> Any:
 
 
 def read(path: Path) -> Any:
-    return json.loads(Elements(path.read_text("utf-8")).held[DATA_ID])
+    return json.loads(Elements(path.read_text("utf-8")).held["episode"])
 
 
 @pytest.fixture(scope="module")
@@ -147,7 +147,7 @@ def test_the_data_of_a_page_are_small(
 def test_of_a_long_episode_even_samples_are_shown(
     make_log: Any, model: mujoco.MjModel, tmp_path: Path
 ) -> None:
-    time = np.linspace(0.0, 1.0, 2 * MAX_PLOT_SAMPLES + 1)
+    time = np.linspace(0.0, 1.0, 20_001)
     log = make_log(rows=len(time), nq=model.nq, time_s=time)
     write_page(tmp_path / PAGE_FILE, log, model)
     data = read(tmp_path / PAGE_FILE)

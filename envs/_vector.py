@@ -22,7 +22,7 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.human import Trajectory, Wearer
 from cc_mujoco.simulation import _worn_device as worn_device
 from cc_mujoco.simulation._batch import Simulations, Worlds
-from cc_mujoco.simulation._episodes import REWARD, REWARD_TERMS, TERMS, Episodes
+from cc_mujoco.simulation._episodes import REWARD, REWARD_TERMS, Episodes
 from cc_mujoco.simulation._worn_device import DrivenEnvironment, TaskChoice
 
 from ._info import LazyInfo
@@ -188,7 +188,7 @@ class DeviceVectorEnv(
         self._begin(np.flatnonzero(masked), options)
         self._over[masked] = False
         self._was_reset = True
-        terms = np.zeros((TERMS, self.num_envs))
+        terms = np.zeros((len(REWARD_TERMS) + 1, self.num_envs))
         return self._episodes.observation(), self._info(terms, masked.copy())
 
     def _mask(self, given: Any) -> NDArray[np.bool_]:

@@ -37,8 +37,6 @@ from cc_mujoco.simulation._worn_device import WornDevice
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
-
 
 class Worlds(Protocol):
     """Simulations of n devices of one layout, as an environment advances them.
@@ -118,7 +116,8 @@ class Simulations:
         data = self._data if same else mujoco.MjData(device.model)
         device.start(data, script.angles, script.part(0).commands[0])
         prepare(data)
-        mujoco.mj_getState(device.model, data, self.batch.state[row], _STATE)
+        kind = mujoco.mjtState.mjSTATE_INTEGRATION.value
+        mujoco.mj_getState(device.model, data, self.batch.state[row], kind)
         if self.physics is self._bound:
             # MuJoCo has no results for the batch where a start followed its last step.
             self._was_reset.take(self._bound)
@@ -353,22 +352,19 @@ class Batch:
         return self._read(self.simulations.physics)
 
     def _read(self, now: Physics) -> Columns:
-        self._columns = columns = self._measurable(now)
-        if self._alone:
-            return {name: value[0] for name, value in columns.items()}
-        return columns
-
-    def _measurable(self, now: Physics) -> Columns:
         state, count = now.plugin_state, self.going.size
         columns = self.wiring.columns(self.wiring.read(now, self._samples))
         if self._whole:
             columns |= self.exo.device.read_cables(now.qpos.copy(), state.copy())
-            return columns
-        least = np.empty((count, len(self.cables)))
-        for place, name in enumerate(self._tensions):
-            columns[name] = nodes = state[:, self._nodes[place]]
-            nodes.min(axis=1, out=least[:, place])
-        columns["least_tension_n"] = least
-        columns["tension_n"] = np.abs(now.actuator_force[:, self._outputs])
-        columns["dissipated_j"] = state[:, self._energies]
+        else:
+            least = np.empty((count, len(self.cables)))
+            for place, name in enumerate(self._tensions):
+                columns[name] = nodes = state[:, self._nodes[place]]
+                nodes.min(axis=1, out=least[:, place])
+            columns["least_tension_n"] = least
+            columns["tension_n"] = np.abs(now.actuator_force[:, self._outputs])
+            columns["dissipated_j"] = state[:, self._energies]
+        self._columns = columns
+        if self._alone:
+            return {name: value[0] for name, value in columns.items()}
         return columns

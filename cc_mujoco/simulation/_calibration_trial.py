@@ -21,12 +21,9 @@ from cc_mujoco.errors import CableError
 from cc_mujoco.human import Loops, Position
 from cc_mujoco.simulation._simulate import simulate
 
-DURATION = 12.0
-"""Length of a trial [s]."""
-
 
 def calibration_trials(
-    plants: Sequence[str | Path | Device | Plant], duration: float = DURATION
+    plants: Sequence[str | Path | Device | Plant], duration: float = 12.0
 ) -> list[HysteresisTrial]:
     """Play a slow course of the joint in loops of many sizes.
 
@@ -56,14 +53,14 @@ def calibration_trials(
     course = Loops(min(1.15 * axis.reach, room), axis.centre)
     sensing = dataclasses.replace(description.sensing, joint_sensor=True)
     played: Any = {"trajectory": course, "task": Position(), "duration": duration}
-    logs = simulate(made, _uncalibrated, sensing=sensing, **played)
+
+    def uncalibrated(drive: Drive) -> DistalFeedback:
+        # Integral gain of the feedback that leads the joint through the trial [1/s]
+        return DistalFeedback(dataclasses.replace(drive, hysteresis={}), gain=30.0)
+
+    logs = simulate(made, uncalibrated, sensing=sensing, **played)
     ratio = model.axes[0].ratio
     return [
         HysteresisTrial.of(log["motor_angle_rad"], log["joint_angle_rad"], ratio)
         for log in logs
     ]
-
-
-def _uncalibrated(drive: Drive) -> DistalFeedback:
-    # Integral gain of the feedback that leads the joint through the trial [1/s]
-    return DistalFeedback(dataclasses.replace(drive, hysteresis={}), gain=30.0)

@@ -38,13 +38,10 @@ UNPOWERED = -1
 """Law of a motor that gives no torque; others are places in `_controller.STEPS`."""
 
 KEPT = (*axis_record.READING_COLUMNS[: axis_record.WINDING_ANGLE], "desired_torque_nm")
-"""Columns that are kept of every control step, before those of each cable."""
+"""Columns that are kept of every control step. Those of each cable follow: tension at
+both ends, energy that friction took, least tension."""
 READ_COLUMNS = (*axis_record.READING_COLUMNS, "desired_torque_nm")
 """Columns that a law may read."""
-_DESIRED = axis_record.READINGS
-PER_CABLE = 4
-"""Columns of each cable: tension at both ends, energy that friction took, least
-tension."""
 
 RECORD = np.dtype(
     [
@@ -80,11 +77,7 @@ RECORD = np.dtype(
 """Record of a simulation. `userdata[0]` of the simulation holds its address; 0 is none,
 which is also what MuJoCo makes of it when a simulation diverges."""
 
-_FIXED, _PER_CABLE, _FIELD_COUNT = (
-    len(KEPT),
-    PER_CABLE,
-    len(axis_record.Physics._fields),
-)
+_FIELD_COUNT = len(axis_record.Physics._fields)
 EpisodeRecord = Annotated[Any, ("EpisodeRecord", RECORD)]
 """A simulation's `RECORD`."""
 
@@ -117,15 +110,16 @@ def _torque(record: EpisodeRecord) -> float:
 
 @internal
 def _observe(record: EpisodeRecord, data: MjData, step: int) -> None:
-    cables, rows = record.cables, record.steps + 1
-    columns = floats(record.columns, (_FIXED + _PER_CABLE * cables) * rows)
-    at, found = np.empty(_FIELD_COUNT, np.int64), np.empty(_DESIRED + 1)
+    cables, rows, fixed = record.cables, record.steps + 1, len(KEPT)
+    columns = floats(record.columns, (fixed + 4 * cables) * rows)
+    desired = axis_record.READINGS
+    at, found = np.empty(_FIELD_COUNT, np.int64), np.empty(desired + 1)
     axis_record.fields_of(data, at)
     axis_record.read_axis(axis_record.axis_at(record.axis), at, found)
-    found[_DESIRED] = _desired_torque(record, step, found[axis_record.JOINT_ANGLE])
-    for i in range(_FIXED - 1):
+    found[desired] = _desired_torque(record, step, found[axis_record.JOINT_ANGLE])
+    for i in range(fixed - 1):
         columns[i * rows + step] = found[i]
-    columns[(_FIXED - 1) * rows + step] = found[_DESIRED]
+    columns[(fixed - 1) * rows + step] = found[desired]
     readings = words(record.readings, 5 * cables)
     state = data.plugin_state.ctypes.data
     for k in range(cables):
@@ -136,18 +130,18 @@ def _observe(record: EpisodeRecord, data: MjData, step: int) -> None:
             least = min(least, nodes[i])
         energy = axis_record.real(state, readings[own + 2])
         proximal, distal = readings[own + 3], readings[own + 4]
-        place = _FIXED + 2 * k
+        place = fixed + 2 * k
         columns[place * rows + step] = abs(data.actuator_force[proximal])
         columns[(place + 1) * rows + step] = abs(data.actuator_force[distal])
-        columns[(_FIXED + 2 * cables + k) * rows + step] = energy
-        columns[(_FIXED + 3 * cables + k) * rows + step] = least
+        columns[(fixed + 2 * cables + k) * rows + step] = energy
+        columns[(fixed + 3 * cables + k) * rows + step] = least
     count, taps = record.source_count, words(record.taps, record.tap_count)
     sources, seen = words(record.sources, count), floats(record.seen, count + taps.size)
     leverage = found[axis_record.LEVERAGE] if record.is_round != 0 else 1.0
     for i in range(count):
         source = sources[i]
         seen[i] = found[source]
-        if source == axis_record.JOINT_TORQUE or source == _DESIRED:
+        if source == axis_record.JOINT_TORQUE or source == desired:
             seen[i] = found[source] / leverage
     for i in range(taps.size):
         seen[count + i] = max(axis_record.real(state, taps[i]), 0.0)

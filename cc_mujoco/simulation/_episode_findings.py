@@ -24,25 +24,6 @@ from cc_mujoco.metrics._metric import LogLike
 from cc_mujoco.metrics._torque import MAX_UNSAFE_TIME, is_unstable
 from cc_mujoco.simulation._episode_log import EpisodeLog
 
-STABLE_CONTROLLER = "pi_tuned"
-"""Controller whose gains follow from the device."""
-FALL_SHARE = 0.3
-"""Relative loss of height by which a free body counts as fallen."""
-MIN_TIME_SHARE = 0.02
-"""Least part of an episode for which a state must last to be a finding."""
-
-
-LET_GO = {
-    guard.RELEASED: "let joint {0!r} go, as its torque, or that with which the cables "
-    "would stop its motor, came too close to the safe {1:g} N m",
-    guard.BRAKED: "braked joint {0!r}, as it was too fast or its sensors were silent",
-    guard.STOPPED: "stopped the motor of joint {0!r}, which then follows the joint, as "
-    "it was unsafe, or as motor and cables contradict the torque measured there",
-    guard.LIMP: "left joint {0!r} without torque, as an angle measured there is not "
-    "credible",
-}
-"""Action of a guard in a state, of a joint and its safe torque [N m], and the cause."""
-
 
 class Guards:
     """Watch over the guards of the controller of a device in an episode."""
@@ -79,7 +60,22 @@ class Guards:
             when = f"at {begun[0]:.4g} s"
             if state < guard.STOPPED:
                 when = f"{often} ({share:.2g} % of the time), first {when}"
-            yield f"the guard {LET_GO[state].format(limb, safe[limb])}: {when}."
+            yield f"the guard {_action(state, limb, safe[limb])}: {when}."
+
+
+def _action(state: float, limb: str, safe: float) -> str:
+    """Return what a guard did to a joint of a safe torque [N m], and the cause."""
+    return {
+        guard.RELEASED: f"let joint {limb!r} go, as its torque, or that with which the "
+        f"cables would stop its motor, came too close to the safe {safe:g} N m",
+        guard.BRAKED: f"braked joint {limb!r}, as it was too fast or its sensors were "
+        "silent",
+        guard.STOPPED: f"stopped the motor of joint {limb!r}, which then follows the "
+        "joint, as it was unsafe, or as motor and cables contradict the torque "
+        "measured there",
+        guard.LIMP: f"left joint {limb!r} without torque, as an angle measured there "
+        "is not credible",
+    }[state]
 
 
 def episode_findings(
@@ -91,8 +87,8 @@ def episode_findings(
         yield from _unsafe(own["joint_torque_nm"], time, axis, at)
         if is_unstable(own, axis.safe_torque):
             advice = ""
-            if STABLE_CONTROLLER not in controller:
-                whose = f"{name}={STABLE_CONTROLLER}" if name else STABLE_CONTROLLER
+            if "pi_tuned" not in controller:  # whose gains follow from the device
+                whose = f"{name}=pi_tuned" if name else "pi_tuned"
                 advice = f"; try --controller {whose}"
             yield f"{controller} is unstable on this device: it swings{at}{advice}."
         yield from _off_motion(own, axis, at)
@@ -123,7 +119,7 @@ def _off_motion(own: LogLike, axis: Axis, at: str) -> Iterator[str]:
         return
     # A joint that deviates from its motion by half of the reach does not follow it.
     share = float(np.mean(gap > 0.5 * axis.reach))
-    if share > MIN_TIME_SHARE:
+    if share > 0.02:
         yield (
             f"the wearer is off the motion{at} {100.0 * share:.2g} % of the time, by "
             f"up to {gap.max():.3g} rad; the device pulls harder than the wearer holds."
@@ -140,7 +136,7 @@ def _at_stop(
     # A hundredth of a joint's range at either end counts as its stop.
     room = 0.01 * (high - low)
     share = float(np.mean((angle < low + room) | (angle > high - room)))
-    if share > MIN_TIME_SHARE:
+    if share > 0.02:
         yield (
             f"joint {axis.limb!r} is at a stop {100.0 * share:.2g} % of the time; its "
             f"range is {low:.3g} to {high:.3g} rad."
@@ -153,11 +149,11 @@ def _falls(log: EpisodeLog, model: mujoco.MjModel) -> Iterator[str]:
     for joint in free.tolist():
         height = np.asarray(poses)[:, int(model.jnt_qposadr[joint]) + 2]
         lost = height[0] - height
-        fallen = lost > FALL_SHARE * abs(float(height[0]))
+        fallen = lost > 0.3 * abs(float(height[0]))
         if height[0] > 0.0 and fallen.any():
             body = model.body(int(model.jnt_bodyid[joint])).name
             yield (
                 f"the free body {body!r} fell: from {height[0]:.3g} m at the start to "
-                f"{height.min():.3g} m, beyond {100 * FALL_SHARE:g} % at "
+                f"{height.min():.3g} m, beyond 30 % at "
                 f"{log['time_s'][np.argmax(fallen)]:.4g} s."
             )

@@ -36,17 +36,10 @@ from cc_mujoco.simulation._worn_device import WornDevice
 
 Mask = NDArray[np.bool_]
 
-EFFORT_COST = 0.05
-"""Reward lost by full motor torque [1/s]."""
-
-MAX_ERROR_COST = 10.0
-"""Most that an error of torque costs [1/s]."""
-
 REWARD_TERMS = ("reward_tracking", "reward_effort", "reward_smoothness")
 """Keys of the terms of the reward in `info`."""
 
-TERMS = 1 + len(REWARD_TERMS)
-_TRACKING, _EFFORT, _SMOOTHNESS, REWARD = range(TERMS)
+_TRACKING, _EFFORT, _SMOOTHNESS, REWARD = range(4)
 """Places of the terms of a reward, and of their sum."""
 
 
@@ -86,7 +79,7 @@ class Episodes:
         self._actions = np.zeros((count, len(exo.observed)))
         self._costs = np.zeros(count)
         self._action_shape = self._actions.shape[0 if is_vector else 1 :]
-        self._effort = -EFFORT_COST * exo.period
+        self._effort = -0.05 * exo.period  # reward lost by full motor torque
         self._observed = np.zeros((count, sum(one.size for one in self._histories)))
         self._all, self._none = np.ones(count, np.bool_), np.zeros(count, np.bool_)
         self._table = np.zeros((0, 0))
@@ -128,7 +121,7 @@ class Episodes:
             fresh[row] = True
         self.samples[fresh] = 0
         self._actions[fresh] = 0.0
-        self._look(self._none, fresh, np.zeros((TERMS, len(fresh))))
+        self._look(self._none, fresh, np.zeros((4, len(fresh))))
 
     def _apply_plant(self, row: int, plant: Plant) -> None:
         """Give a row its plant, and the model that is started from."""
@@ -172,7 +165,7 @@ class Episodes:
         """
         exo, worlds = self.exo, self.worlds
         going = self._all if going is None else going
-        terms = np.zeros((TERMS, len(going)))
+        terms = np.zeros((4, len(going)))
         actions = self._numbers(action)
         costs = self._effort, -exo.smoothness
         if not _charge(actions, self._actions, going, *costs, terms):
@@ -320,7 +313,7 @@ def _sense(
         observation.follow_past(past, row)
         observation.write_row(past, row, observed, first)
         error = abs(table[sensors.actual, row] - table[sensors.wanted, row])
-        cost = min(error / sensors.scale, MAX_ERROR_COST)
+        cost = min(error / sensors.scale, 10.0)  # [1/s]
         costs[row] = cost if n == 0 else costs[row] + cost
         if n == axes - 1:
             reward = -costs[row] / axes

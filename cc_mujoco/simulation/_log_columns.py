@@ -26,15 +26,13 @@ class LogColumn:
     """NumPy name of the element type."""
 
 
-MODEL_XML = "model_xml"
-"""Metadata key: the MJCF of the model."""
+MODEL_XML, AXES = "model_xml", "axes"
+"""Metadata keys: the MJCF of the model, and the facts of each axis by name, of a device
+with several."""
 
-AXES = "axes"
-"""Metadata key: the facts of each axis by name, of a device with several."""
-
-TIME_COLUMN = LogColumn("time_s", "s", "simulated time")
-POSE_COLUMN = LogColumn(
-    "qpos", "mixed", "generalized coordinates (rad, m)", listed=True
+TIME_COLUMN, POSE_COLUMN = (
+    LogColumn("time_s", "s", "simulated time"),
+    LogColumn("qpos", "mixed", "generalized coordinates (rad, m)", listed=True),
 )
 
 AXIS_COLUMNS = (

@@ -37,12 +37,9 @@ from cc_mujoco.simulation._worn_device import TaskChoice, WornDevice
 
 Array = NDArray[np.float64]
 
-_ONE = threading.Lock()
+_one = threading.Lock()
 TICK_STEPS = 200
 """Control steps between two calls of a tick."""
-
-CABLE_NAMES = ("tension_n", "dissipated_j", "least_tension_n")
-"""Columns of all cables that change from step to step; `KEPT` are those of an axis."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +89,7 @@ class Rollout:
 def attended(plant: Plant) -> mujoco.MjModel:
     """Compile the bare model of a plant that may be played inside MuJoCo's steps."""
     spec = plant.spec()
-    with _ONE:  # two threads would register the plugin twice
+    with _one:  # two threads would register the plugin twice
         compiled.attend(spec)  # at last, as a copy loses what no element refers to
     return spec.compile()
 
@@ -131,8 +128,8 @@ def play(
             if step % TICK_STEPS == 0:
                 tick(step / exo.steps)
 
-        kept = (*names, *CABLE_NAMES)
-        columns = batch.play(law, measuring.measure, kept, report)
+        names += ["tension_n", "dissipated_j", "least_tension_n"]
+        columns = batch.play(law, measuring.measure, names, report)
         for column, values in columns.items():
             columns[column] = np.ascontiguousarray(np.moveaxis(values, 0, -1))
     # These are the same for all designs.
@@ -190,7 +187,7 @@ def _play_inside(
     """
     exo, count = batch.exo, len(batch.devices)
     simulations, failed, going = batch.simulations, batch.failed, batch.going
-    width = len(compiled.KEPT) + compiled.PER_CABLE * len(batch.cables)
+    width = len(compiled.KEPT) + 4 * len(batch.cables)
     kept = np.full((count, width, exo.steps + 1), np.nan)
     records = np.zeros(count, compiled.RECORD)
     common, desired = _shared_record(batch)
@@ -237,7 +234,7 @@ def _play_inside(
             fail(row, simulations.why(row, first * exo.period), first)
     columns = {name: kept[:, place] for place, name in enumerate(compiled.KEPT)}
     first = len(compiled.KEPT)
-    for name, each in zip(CABLE_NAMES, (2, 1, 1), strict=True):
+    for name, each in ("tension_n", 2), ("dissipated_j", 1), ("least_tension_n", 1):
         columns[name] = kept[:, first : first + each * len(batch.cables)]
         first += each * len(batch.cables)
     return columns

@@ -28,9 +28,6 @@ from cc_mujoco.simulation._worn_device import WornDevice
 from cc_mujoco.warp import attach, without_plugin
 from cc_mujoco.warp._kernels import write_rows
 
-_ACTUATORS = ("actuator_gainprm", "actuator_biasprm")
-"""Fields of a model that define how a wearer moves a joint."""
-
 
 class WarpWorlds:
     """Simulations of n devices of one layout, advanced together by mujoco_warp.
@@ -57,7 +54,9 @@ class WarpWorlds:
             raise _refusal(device, error) from None
         plugins = [actuator.plugin.plugin_name for actuator in spec.actuators]
         cabled = self._cabled = np.array([name == PLUGIN for name in plugins], np.bool_)
-        for name in _ACTUATORS:
+        # Fields that define how a wearer moves a joint
+        impedances = "actuator_gainprm", "actuator_biasprm"
+        for name in impedances:
             getattr(plain, name)[~cabled] = getattr(model, name)[~cabled]
         try:
             self.model = mjw.put_model(plain)
@@ -70,7 +69,7 @@ class WarpWorlds:
         self._control = np.zeros((self._skip, count, model.nu), np.float32)
         self._controls = wp.zeros(self._control.shape, dtype=float)
         self._impedances = {}
-        for name in _ACTUATORS:
+        for name in impedances:
             value = np.repeat(getattr(plain, name)[None], count, axis=0)
             dtype = getattr(self.model, name).dtype
             setattr(self.model, name, wp.array(value, dtype=dtype))
@@ -137,7 +136,12 @@ class WarpWorlds:
 
     def _advance(self, control: Array, going: Mask) -> None:
         if self._plants:
-            self._give_plants()
+            for name in self.cables.names:
+                own = {row: plant.cables[name] for row, plant in self._plants.items()}
+                self.cables.assign(name, own)
+            for name, value in self._impedances.items():
+                getattr(self.model, name).assign(value)
+            self._plants.clear()
         if self._fresh.any():
             self._reset(self._fresh)
             rows = np.flatnonzero(self._fresh)
@@ -162,14 +166,6 @@ class WarpWorlds:
         for step in range(self._skip):
             wp.copy(self.data.ctrl, self._controls[step])
             mjw.step(self.model, self.data)
-
-    def _give_plants(self) -> None:
-        for name in self.cables.names:
-            own = {row: plant.cables[name] for row, plant in self._plants.items()}
-            self.cables.assign(name, own)
-        for name, value in self._impedances.items():
-            getattr(self.model, name).assign(value)
-        self._plants.clear()
 
     def _reset(self, mask: Mask) -> None:
         """Reset some worlds; the others keep their bits."""

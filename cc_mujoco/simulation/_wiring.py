@@ -46,11 +46,9 @@ Python alone knows."""
 
 TASK_CODES: dict[type[Task], int] = {Tunnel: TUNNEL, Spring: SPRING}
 
-_REFERENCE, _CLOCK, _SINE, _COSINE, _DEMAND = range(MARKS)
-_DESIRED = axis_record.READINGS
-_MOTION = "desired_torque_nm", "phase_sine", "phase_cosine", "reference_angle_rad"
-"""Columns of an axis that follow those of its reading."""
-_WIDTH = axis_record.READINGS + len(_MOTION)
+_DESIRED, _WIDTH = axis_record.READINGS, axis_record.READINGS + 4
+"""Place of the desired torque among the columns of an axis, and their number but for
+those of arms that it shares: sine and cosine of the phase and reference follow."""
 
 _tunnel, _spring = internal(tunnel_torque), internal(spring_torque)
 
@@ -93,7 +91,8 @@ class Wiring:
         starts = []
         for axis, prefix in zip(first.axes, first.prefixes, strict=True):
             starts.append(len(self.names))
-            own = (*axis_record.READING_COLUMNS, *_MOTION, *axis.ratio_columns)
+            own = [*axis_record.READING_COLUMNS, "desired_torque_nm", "phase_sine"]
+            own += ["phase_cosine", "reference_angle_rad", *axis.ratio_columns]
             self.names += [prefix + name for name in own]
         others = [n for n, code in enumerate(codes) if code == OTHER]
         after = len(self.names)
@@ -273,22 +272,22 @@ def _read(
             axis = axis_record.axis_at(
                 axes + axis_record.AXIS_SIZE * (row % devices * count + n)
             )
-            mark = floats(marks + 8 * MARKS * n, MARKS)
+            mark = floats(marks + 8 * MARKS * n, MARKS)  # in the order of `MARKS`
             axis_record.read_axis(axis, at, found)
             for i in range(axis_record.READINGS):
                 table[first + i, row] = found[i]
             table[first + _DESIRED, row] = desired_torque(
-                codes[n], parameters[n], found[axis_record.JOINT_ANGLE], mark[_DEMAND]
+                codes[n], parameters[n], found[axis_record.JOINT_ANGLE], mark[4]
             )
-            table[first + _DESIRED + 1, row] = mark[_SINE]
-            table[first + _DESIRED + 2, row] = mark[_COSINE]
-            table[first + _DESIRED + 3, row] = mark[_REFERENCE]
+            table[first + _DESIRED + 1, row] = mark[2]
+            table[first + _DESIRED + 2, row] = mark[3]
+            table[first + _DESIRED + 3, row] = mark[0]
             shared = axis.shared
             arms = words(axis.shared_arms, shared)
             scales = floats(axis.shared_scales, shared)
             for i in range(shared):
                 arm = axis_record.real(at[axis_record.MOMENT], arms[i])
                 table[first + _WIDTH + i, row] = scales[i] * arm
-            table[clocks + n, row] = mark[_CLOCK]
+            table[clocks + n, row] = mark[1]
             first = first + _WIDTH + shared
     return True

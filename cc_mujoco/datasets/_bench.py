@@ -116,7 +116,7 @@ class Bench:
     @property
     def profile(self) -> Lever | MomentArm | None:
         """The arm at the joint by its angle; None where a pulley keeps its radius."""
-        return MomentArm(*self.arm) if self.arm else self.lever
+        return MomentArm(self.arm) if self.arm else self.lever
 
     @property
     def tied(self) -> bool:

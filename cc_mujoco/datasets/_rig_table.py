@@ -11,6 +11,7 @@ from numpy.polynomial import Polynomial
 
 from cc_mujoco._utils.toml_table import Table
 from cc_mujoco.datasets import _channels as channels
+from cc_mujoco.datasets._moment_arm import Lever
 from cc_mujoco.datasets._trials import Constant
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
@@ -166,10 +167,13 @@ def fit_angle_pairs(
 
 @dataclass(frozen=True)
 class MomentArm:
-    """Moment arm 1 + a q + b q^2 at a joint angle q, over that at 0."""
+    """Moment arm 1 + a q + b q^2 + ... at a joint angle q, over that at 0.
 
-    slope: float  # a [1/rad]
-    curve: float  # b [1/rad^2]
+    At a lever it is that of the lever times this.
+    """
+
+    coefficients: tuple[float, ...]  # a, b, ... [1/rad, 1/rad^2, ...]
+    lever: Lever | None = None
 
     @property
     def joint(self) -> FloatArray:
@@ -179,12 +183,19 @@ class MomentArm:
 
     def turned(self, joint: FloatArray) -> FloatArray:
         """Return a pulley's angle that takes as much cable as the joint (samples,)."""
-        share = Polynomial((1.0, self.slope, self.curve))
-        return np.asarray(share.integ()(joint))
+        if self.lever is None:
+            return np.asarray(Polynomial((1.0, *self.coefficients)).integ()(joint))
+        angles = self.lever.joint
+        arm = self.share(angles)
+        middle = 0.5 * (arm[1:] + arm[:-1]) * np.diff(angles)
+        taken = np.concatenate([[0.0], np.cumsum(middle)])
+        rest = np.interp(0.0, angles, taken)
+        return np.asarray(np.interp(joint, angles, taken - rest))
 
     def share(self, joint: FloatArray) -> FloatArray:
         """Return the arm over that at 0 (samples,)."""
-        return np.asarray(Polynomial((1.0, self.slope, self.curve))(joint))
+        lever = 1.0 if self.lever is None else self.lever.share(joint)
+        return np.asarray(lever * Polynomial((1.0, *self.coefficients))(joint))
 
 
 def known_arm(constants: Mapping[str, Constant]) -> tuple[float, ...]:

@@ -28,7 +28,6 @@ from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.polynomial import Polynomial
 
 from cc_mujoco.cable import Cable, Driven, Transmission
 from cc_mujoco.cable._coupled_route import CoupledCables, CoupledPath
@@ -43,6 +42,7 @@ from cc_mujoco.datasets._coupled_route import RecordedPath
 from cc_mujoco.datasets._load_cells import SingleCell
 from cc_mujoco.datasets._moment_arm import Lever
 from cc_mujoco.datasets._quantization import reconstruct_angle
+from cc_mujoco.datasets._rig_table import MomentArm
 from cc_mujoco.datasets._trials import Constant, Dataset, Trial
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis.effects._effect import (
@@ -390,14 +390,12 @@ class Setting(NamedTuple):
     late: float  # delay of the recorded joint angle [s]
     offset: float  # of the joint's angle [rad]
     substeps: int  # simulation steps per sample
-    lever: Lever | None = None  # in place of the joint's pulley, or None
+    # Arm at the joint by its angle; None where a pulley keeps its radius
+    profile: Lever | MomentArm | None = None
     courses: tuple[CoupledPath, ...] = ()  # of led cables, see `Bench.courses`
     share: float = 1.0  # of the courses' distal displacements
-    # Coefficients of the joint's moment arm over the nominal one, 1 + a q + b q^2 +
-    # ..., or none
-    arm: tuple[float, ...] = ()
-    # The same at the motor, where q is the angle by which a cable is wound on: that of
-    # the motor, and its negative for the antagonist
+    # Coefficients of `MomentArm` at the motor, where the angle is that by which a cable
+    # is wound on: that of the motor, and its negative for the antagonist
     motor_arm: tuple[float, ...] = ()
 
     def following(self, joint: FloatArray) -> FloatArray:
@@ -406,23 +404,7 @@ class Setting(NamedTuple):
 
     def turned(self, joint: FloatArray) -> FloatArray:
         """Return the pulley angle that takes as much cable as the joint (samples,)."""
-        if not self.arm:
-            return joint if self.lever is None else self.lever.turned(joint)
-        if self.lever is None:
-            return Polynomial((1.0, *self.arm)).integ()(joint)
-        angles = self.lever.joint
-        arm = self.moment_share(angles)
-        middle = 0.5 * (arm[1:] + arm[:-1]) * np.diff(angles)
-        taken = np.concatenate([[0.0], np.cumsum(middle)])
-        rest = np.interp(0.0, angles, taken)
-        return np.asarray(np.interp(joint, angles, taken - rest))
-
-    def moment_share(self, joint: FloatArray) -> FloatArray:
-        """Return the arm at the joint over the nominal one at 0 (samples,)."""
-        own = np.ones(1) if self.lever is None else self.lever.share(joint)
-        if self.arm:
-            own = own * Polynomial((1.0, *self.arm))(joint)
-        return own
+        return joint if self.profile is None else self.profile.turned(joint)
 
 
 class Played(NamedTuple):
@@ -489,8 +471,8 @@ def replay(record: Record, setting: Setting) -> Played:
         pulleys = Transmission(setting.cables, *radii, backlash=setting.backlash)
         pulley_angle = setting.turned(turned)
         torques = pulleys.replay(dt, motor_angle=motor, joint_angle=pulley_angle)
-        if setting.lever is not None or setting.arm:
-            share = setting.moment_share(turned)
+        if setting.profile is not None:
+            share = setting.profile.share(turned)
             torques = replace(torques, joint_torque=torques.joint_torque * share)
     keep = slice(LEAD_SAMPLES * substeps, None, substeps)
     ends = torques.motor_torque[keep].copy(), torques.joint_torque[keep].copy()
@@ -510,16 +492,18 @@ def _wound(setting: Setting, dt: float, motor: FloatArray, joint: FloatArray) ->
             "a drum whose radius changes cannot be simulated together with play or an "
             "eccentric pulley"
         )
-    arm = Polynomial((1.0, *setting.motor_arm))
+    arm = MomentArm(setting.motor_arm)
     pulleys = Transmission(setting.cables, setting.motor_radius, setting.joint_radius)
     signs = (1.0, -1.0)[: len(setting.cables)]
-    wound = [sign * arm.integ()(sign * motor) for sign in signs]
+    wound = [sign * arm.turned(sign * motor) for sign in signs]
     turned = setting.turned(joint)
     parts = [pulleys.replay(dt, motor_angle=w, joint_angle=turned) for w in wound]
     proximal = np.array([p.tension_proximal[k] for k, p in enumerate(parts)])
     distal = np.array([p.tension_distal[k] for k, p in enumerate(parts)])
-    levers = np.array([sign * arm(sign * motor) for sign in signs])
-    lever = setting.joint_radius * setting.moment_share(joint)
+    levers = np.array([sign * arm.share(sign * motor) for sign in signs])
+    lever: FloatArray | float = setting.joint_radius
+    if setting.profile is not None:
+        lever = lever * setting.profile.share(joint)
     return replace(
         parts[0],
         motor_torque=setting.motor_radius * np.sum(levers * proximal, axis=0),

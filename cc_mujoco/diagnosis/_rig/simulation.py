@@ -31,7 +31,7 @@ import numpy as np
 
 from cc_mujoco.cable import PARAMETERS, Cable, Parameter
 from cc_mujoco.datasets._bench import Bench
-from cc_mujoco.datasets._rig_table import LOAD_CONSTANTS, RATIO_KEY
+from cc_mujoco.datasets._rig_table import LOAD_CONSTANTS, RATIO_KEY, MomentArm
 from cc_mujoco.datasets._trials import TORQUE_SENSORS, Constant, Instrument, Instruments
 from cc_mujoco.diagnosis._rig.records import (
     Indices,
@@ -492,7 +492,8 @@ class SimulatedRig:
     ) -> Setting:
         """Return the replay setting of the cables for these values, see `cables`."""
         radii, whole = self.radii(values), {**self._absent, **values}
-        acting = [EFFECTS[name] for name in effects]
+        acting, lever = [EFFECTS[name] for name in effects], self.bench.lever
+        arm = _moment_arm((e.joint_arm for e in acting), whole, self.bench.arm)
         return Setting(
             self.cables(values, effects, pretension, conditions),
             *radii,
@@ -500,10 +501,9 @@ class SimulatedRig:
             late=values.get("clock_offset", 0.0) + values.get(JOINT_DELAY, 0.0),
             offset=values.get("joint_angle_offset", 0.0),
             substeps=self.substeps,
-            lever=self.bench.lever,
+            profile=MomentArm(arm, lever) if arm else lever,
             courses=self.bench.courses(self.segments),
             share=radii[1] / self.bench.drawn_radius if self.bench.led else 1.0,
-            arm=_moment_arm((e.joint_arm for e in acting), whole, self.bench.arm),
             motor_arm=_moment_arm((e.motor_arm for e in acting), whole),
         )
 
@@ -611,7 +611,7 @@ class SimulatedRig:
             joint = joint - (tuned - usual)
         # A lever has its arm by the joint's own angle, and so have weights and springs.
         # With pulleys, the offset is the motor's zero as much as the joint's.
-        there = joint_angle + (setting.offset if setting.lever is not None else 0.0)
+        there = joint_angle + (setting.offset if self.bench.lever is not None else 0.0)
         return Signals(
             dt=record.dt,
             time=record.start + record.dt * np.arange(motor.size, dtype=np.float64),
@@ -655,7 +655,7 @@ def _moment_arm(
     values: Values,
     known: tuple[float, ...] = (),
 ) -> tuple[float, ...]:
-    """Return the sum of the coefficients of a moment arm, see `Setting.arm`."""
+    """Return the sum of the coefficients of a `MomentArm`, () where it stays."""
     found = [change(values) for change in changes if change is not None]
     rows = zip_longest(*found, known, fillvalue=0.0)
     total = tuple(float(sum(row)) for row in rows)

@@ -1,20 +1,8 @@
-r"""Verdict on the search, its reasons, and its probability.
+"""Verdict on the search, its reasons, and its probability.
 
-*Stretch*: a cable that comes off, a clamp that slips or a sensor that freezes is no
-effect of the library: it begins at a moment. It hides in the RMS error of all data, and
-large errors count less in fits.
-
-*Identifiability*: the torque change by an effect of plausible size is compared with the
-noise and with the change by each parameter of the accepted model. If tuning of one
-parameter cancels the effect, the two are confounded. If that parameter was tuned
-farther from the scene than its uncertainty allows, the effect is a possible cause. The
-remaining model error is not counted as noise.
-
-*Probability*: each comparison of two models has odds Phi(z) to Phi(-z), see
-`candidates`; effects whose forms meet have the discrepancy f = m E. The odds of a
-verdict follow from those against each alternative and from how often such verdicts are
-right on sealed rigs (`RELIABILITY`, `validation.md`), which counts what no comparison
-shows: effects that the library does not have.
+The rules are in `concepts.md`: verdict, identifiability, odds. A cable that comes off,
+a clamp that slips or a sensor that freezes is no effect of the library, as it begins at
+a moment: it hides in the RMS error of all data, and large errors count less in fits.
 """
 
 from __future__ import annotations
@@ -713,27 +701,18 @@ def _describe_implausible(found: Search) -> str:
     return f"; {list_words(statements)}" if statements else ""
 
 
-RELIABILITY: Mapping[Verdict, float] = {
-    "named": 0.95,
-    "tie": 0.89,
-    "none": 0.94,
-    "unknown": 0.91,
+STUDIED: Mapping[Verdict, tuple[float, float]] = {
+    "named": (0.95, 19.4),
+    "tie": (0.89, 19.4),
+    "none": (0.94, 1.7),
+    "unknown": (0.91, 39.3),
 }
-"""Share of right verdicts on the 247 rigs of the fourteenth sealed set.
+"""Share of right verdicts, and the largest error over the floor that they left.
 
-`scripts/diagnosis_study/diagnose_benchmark.py` prints it by verdict. On new rigs with
-the standard trials verdicts were right at least as often (`validation.md`).
-"""
-
-STUDIED_ERROR: Mapping[Verdict, float] = {
-    "named": 19.4,
-    "tie": 19.4,
-    "none": 1.7,
-    "unknown": 39.3,
-}
-"""Largest error over the noise floor that such verdicts left on study rigs.
-
-Beyond it no rate is known. See `validation.md`.
+The share is that of the 247 rigs of the fourteenth sealed set, printed by
+`scripts/diagnosis_study/diagnose_benchmark.py`; on new rigs with the standard trials
+verdicts were right at least as often. Beyond the error no rate is known
+(`validation.md`).
 """
 
 
@@ -759,7 +738,7 @@ def belief_in_verdict(
     The probability is NaN where no study rig left as much. `ties` has the effect in the
     model first; `left` is the error of the model over the noise.
     """
-    reliable, most = RELIABILITY[kind], STUDIED_ERROR[kind]
+    reliable, most = STUDIED[kind]
     if left > most:
         return VerdictOdds(
             math.nan,

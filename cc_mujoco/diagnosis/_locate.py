@@ -2,21 +2,14 @@
 
 The first sentence, which always exists, names the torque in error and the structure
 that explains most of it; the others give each structure by itself, with its test
-statistic.
+statistic. `concepts.md` has the tests.
 
-*Periods* (ripple of a motor, teeth of a gear, a bump): the error, less smooth functions
-of angle, speed and torque, is fitted by a sine of every order (periods per turn) that
-the range of the angle resolves: once with a constant amplitude and once with an
-amplitude proportional to the torque. The squared error that a sine explains, over that
-of the adjacent orders, is exponentially distributed where none is periodic (Fisher,
-Proc. R. Soc. A 125, 1929). A reversal or another sharp feature raises all orders
-equally; a ripple raises one. Errors that depend on the motion are not random, so a
-period must also explain a share of the error on samples to which it was not fitted.
-
-*Maps* show the mean error along speed, load, angle and time. The share that an axis
-explains is that of a mean per bin, found on one half of the stretches and tested on the
-other. Chance is the share with the error shifted in time against the axis, which keeps
-the autocorrelation of both (never a permutation of samples).
+The squared error that a sine of an angle explains, over that of the adjacent orders
+(periods per turn), is exponentially distributed where nothing is periodic (Fisher,
+Proc. R. Soc. A 125, 1929): a reversal raises all orders equally, a ripple raises one.
+The share that an axis of a map explains is that of a mean per bin, found on one half of
+the stretches and tested on the other; chance is the share with the error shifted in
+time against the axis, which keeps the autocorrelation of both.
 """
 
 from __future__ import annotations
@@ -55,6 +48,7 @@ from cc_mujoco.diagnosis._verdict import (
     TrialTrace,
     Where,
 )
+from cc_mujoco.diagnosis.effects._drive_effects import acceleration
 from cc_mujoco.native import FloatArray
 from cc_mujoco.report._html import list_words
 
@@ -284,10 +278,6 @@ def _speed(trace: TrialTrace) -> FloatArray:
     return np.gradient(trace.motor_angle, trace.time)
 
 
-def _acceleration(angle: FloatArray, time: FloatArray) -> FloatArray:
-    return np.gradient(np.gradient(angle, time), time)
-
-
 def _travel(trace: TrialTrace) -> FloatArray:
     """Return the signed distance since the last reversal, small ones left out."""
     speed = _speed(trace)
@@ -306,8 +296,8 @@ def _travel(trace: TrialTrace) -> FloatArray:
 _AXES: tuple[tuple[str, str, Callable[[TrialTrace], FloatArray]], ...] = (
     ("motor speed", "rad/s", _speed),
     ("absolute motor speed", "rad/s", lambda t: np.abs(_speed(t))),
-    ("motor acceleration", "rad/s^2", lambda t: _acceleration(t.motor_angle, t.time)),
-    ("joint acceleration", "rad/s^2", lambda t: _acceleration(t.joint_angle, t.time)),
+    ("motor acceleration", "rad/s^2", lambda t: acceleration(t.motor_angle, t.time)),
+    ("joint acceleration", "rad/s^2", lambda t: acceleration(t.joint_angle, t.time)),
     ("motor angle", "rad", lambda t: t.motor_angle),
     ("joint angle", "rad", lambda t: t.joint_angle),
     ("", "N m", lambda t: list(t.measured.values())[-1]),

@@ -437,7 +437,6 @@ def gaps(
 ) -> dict[str, Gap]:
     """Return the gap of each channel on the held-out samples."""
     records = problem.plant.records
-    records = problem.plant.records
     tests = zip(*(fold.test for fold in division), strict=True)
     masks = [np.any(own, axis=0) for own in tests]
     found = {}

@@ -5,22 +5,13 @@ for a bench of `Limit.tension`, `Limit.radius`, `Limit.length` and `Limit.stiffn
 another rig forces scale with the tension, torques with tension and radius, stretches
 with the stretch of the cable.
 
-Three things make a parameter uncertain: noise, disagreement between parts of the data,
-and errors of form that all parts share.
-
-*Disagreement* between parts of the data exceeds that by noise. Every trial is left out
-in turn, by one Gauss-Newton step from the fit: its Jacobian and residuals are at hand,
-so nothing is fitted again. The move of a parameter is divided by the move that noise
-would make, so that a trial which alone determines a parameter counts as one of many,
-whatever its leverage: the parameter moves far without it, and noise would do that, too.
-
-*Form*: a rig has what its scene has not, such as ends and seals that give or hold a
-little (the effects of ordinary size), and forms that are not those of the library. All
-trials share that, so they agree about parameters that are off. But a wrong model errs
-in directions beside those of its parameters as well, and there the residuals show it:
-the sizes that they show of effects of which a rig has none, or hardly any, are the size
-of such errors, as negative controls measure a bias (Schuemie et al., Stat. Med. 33,
-2014).
+Noise, disagreement between trials and errors of form make a parameter uncertain
+(`concepts.md`, Intervals). A trial is left out by a Gauss-Newton step, so nothing is
+fitted again; moves are divided by those that noise would make, so a trial which alone
+determines a parameter counts as one of many. Trials that share an error of form agree
+about parameters that are off; but a wrong model errs in other directions as well, and
+there the residuals show the size of such errors, as negative controls measure a bias
+(Schuemie et al., Stat. Med. 33, 2014).
 """
 
 from __future__ import annotations

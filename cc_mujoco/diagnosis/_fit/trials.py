@@ -4,16 +4,10 @@ A cable that was tightened or laid anew between trials is no effect of the libra
 trials then contradict each other, and no added effect explains them all.
 
 Around a fitted model one parameter gets a value of its own in every trial, while all
-others are fitted to all trials. The derivatives of the fit serve for that, so it costs
-a few replays. A trend of these values is tested by weighted regression, in which trials
-may scatter beyond their own uncertainty (DerSimonian and Laird 1986), with Student's t
-(Hartung and Knapp 2001).
-
-An effect that is part of the mechanism has one size on all occasions; an error of form
-that it stands in for changes with load, pose and pretension. So the size of every
-accepted effect is fitted to each occasion by itself while all other parameters are
-shared. An occasion could show the effect if the standard error there is below a third
-of the shared size, and shows it if 95 % of its size is on the same side of 0.
+others are fitted to all trials; the derivatives of the fit serve for that, so it costs
+a few replays. An effect that is part of the mechanism has one size on all occasions; an
+error of form that it stands in for changes with load, pose and pretension, which the
+size fitted to each occasion shows.
 """
 
 from __future__ import annotations
@@ -399,6 +393,10 @@ def trial_trends(
 
 
 def _trend(name: str, at: FloatArray, change: FloatArray, error: FloatArray) -> Trend:
+    """Test a trend by weighted regression with Student's t (Hartung and Knapp 2001).
+
+    Trials may scatter beyond their own uncertainty (DerSimonian and Laird 1986).
+    """
     from scipy.stats import t as student
 
     design = np.stack([np.ones(at.size), at - at.mean()], axis=1)

@@ -39,14 +39,14 @@ class Excerpt(NamedTuple):
     error: float  # RMS error of the baseline in it, over that of all trials [1]
 
 
-def worst_excerpt(evidence: Evidence) -> Excerpt | None:
-    found = _windows(evidence)
-    return max(found, key=lambda excerpt: excerpt.error, default=None)
-
-
-def ordinary_excerpt(evidence: Evidence) -> Excerpt | None:
-    found = sorted(_windows(evidence), key=lambda excerpt: excerpt.error)
-    return found[len(found) // 2] if found else None
+def excerpts(evidence: Evidence) -> tuple[Excerpt, Excerpt] | None:
+    """Return the stretch in which the baseline errs most, and an ordinary one."""
+    windows = _windows(evidence)
+    if not windows:
+        return None
+    most = max(windows, key=lambda excerpt: excerpt.error)
+    ranked = sorted(windows, key=lambda excerpt: excerpt.error)
+    return most, ranked[len(ranked) // 2]
 
 
 def model_changed(evidence: Evidence) -> bool:
@@ -174,17 +174,20 @@ def draw_figures(diagnosis: Diagnosis, evidence: Evidence) -> dict[str, Figure]:
         "maps": draw_maps(shown_maps(evidence), both) if evidence.maps else None,
         "isolability": draw_isolability(evidence.isolability, 7.2),
     }
-    most, usual = worst_excerpt(evidence), ordinary_excerpt(evidence)
-    if most is not None:
+    if shown := excerpts(evidence):
+        most, usual = shown
         found["traces"] = draw_excerpt(most, both)
-    if most is not None and usual is not None and most != usual:
-        found["traces_ordinary"] = draw_excerpt(usual, both)
+        found["traces_ordinary"] = draw_excerpt(usual, both) if most != usual else None
     return {stem: one for stem in FIGURE_STEMS if (one := found.get(stem)) is not None}
+
+
+def ranked_maps(evidence: Evidence) -> list[Map]:
+    return sorted(evidence.maps, key=lambda each: -np.nan_to_num(each.share))
 
 
 def shown_maps(evidence: Evidence) -> list[Map]:
     """Return the maps to draw, by share: those beyond chance, or else the best two."""
-    ranked = sorted(evidence.maps, key=lambda each: -np.nan_to_num(each.share))
+    ranked = ranked_maps(evidence)
     real = [each for each in ranked if each.share > each.chance]
     return real[:4] or ranked[:2]
 

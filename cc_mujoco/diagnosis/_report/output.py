@@ -196,13 +196,12 @@ def _page(diagnosis: Diagnosis, evidence: Evidence, figures: Path) -> str:
     def fold(title: str, content: Html | None) -> Html:
         return html.folded(title, content) if content else Html()
 
-    most, usual = drawings.worst_excerpt(evidence), drawings.ordinary_excerpt(evidence)
-    seconds = []
-    if most is not None:
-        seconds.append(drawn("traces", sections.excerpt_caption(most, True)))
-    if usual is not None:
+    seconds = None
+    if shown := drawings.excerpts(evidence):
+        most, usual = shown
+        worst = drawn("traces", sections.excerpt_caption(most, True))
         ordinary = drawn("traces_ordinary", sections.excerpt_caption(usual, False))
-        seconds.append(fold("Ordinary seconds", ordinary))
+        seconds = html.join_pieces([worst, fold("Ordinary seconds", ordinary)])
     maps = drawn(
         "maps", "Mean error, measured minus simulated, over what it lies along."
     )
@@ -219,10 +218,7 @@ def _page(diagnosis: Diagnosis, evidence: Evidence, figures: Path) -> str:
     inputs = fold("Inputs, versions and settings", listed)
     parts = {  # in their usual order
         "unknown": ("What is known of it", sections.unknown(diagnosis)),
-        "traces": (
-            "Measured and simulated",
-            html.join_pieces(seconds) if seconds else None,
-        ),
+        "traces": ("Measured and simulated", seconds),
         "gap": ("How large the gap is", sections.gap(diagnosis)),
         "occasions": ("What changed between occasions", sections.occasions(diagnosis)),
         "trials": ("How far off every trial is", sections.trials(diagnosis)),
@@ -445,9 +441,7 @@ def rollout_difference(result: DiagnosisResult, path: Path) -> tuple[str, float,
     problem = result.problem
     assert problem is not None
     records, lever = problem.plant.records, result.bench.lever
-    last = simulation.occasions_of(records)[
-        -1
-    ]  # the scene is that of the last occasion
+    last = simulation.occasions_of(records)[-1]  # of which the scene is
     first = next(k for k, each in enumerate(records) if each.occasion == last)
     record = records[first]
     values = problem.values(result.x)

@@ -104,7 +104,7 @@ def _about(evidence: Evidence) -> rr.TextDocument:
             share_of(each.share),
             share_of(each.chance),
         )
-        for each in _ranked(evidence)
+        for each in drawings.ranked_maps(evidence)
     ]
     pairs = [
         (words.effect_name(one), words.effect_name(other), f"{cosine:.2f}")
@@ -129,18 +129,14 @@ def _blueprint(evidence: Evidence) -> rrb.Blueprint:
     about = rrb.TextDocumentView(origin="/about", name="About")
     tabs: list[rrb.Container | rrb.View] = [_trial_tab(t) for t in evidence.traces]
     if evidence.maps:
-        views = map(_map_view, _ranked(evidence))
+        views = map(_map_view, drawings.ranked_maps(evidence))
         tabs.append(rrb.Grid(*views, name="Maps of the error"))
-    most = drawings.worst_excerpt(evidence)
+    shown = drawings.excerpts(evidence)
     trials = [trace.trial for trace in evidence.traces]
-    first = trials.index(most.trace.trial) if most is not None else 0
+    first = trials.index(shown[0].trace.trial) if shown else 0
     whole = rrb.Tabs(*tabs, about, active_tab=first)
     panel = rrb.TimePanel(state="collapsed", timeline=TIMELINE)
     return rrb.Blueprint(whole, panel, collapse_panels=True)
-
-
-def _ranked(evidence: Evidence) -> list[Map]:
-    return sorted(evidence.maps, key=lambda each: -np.nan_to_num(each.share))
 
 
 def _trial_tab(trace: TrialTrace) -> rrb.Vertical:

@@ -1,20 +1,10 @@
-r"""Effects that could explain the error: screening, acceptance and ties.
+"""Effects that could explain the error: screening, acceptance and ties.
 
-The signature of an effect is its change of the simulated torques, less the part that
-the free parameters could make as well (the score test of its presence). It costs a
-simulation or two. It shows how much of the error an effect could explain, whether these
-data could show it at all, and which effects are confounded.
-
-Two models are compared by the difference D of their held-out squared errors. Its
-standard deviation has two parts: s by noise, from blocks of a second, and a model
-discrepancy f, which all seconds share and no noise shows:
-
-    z = D / sqrt(s^2 + f^2),    f = min(c E, L)
-
-E is the error before the round, L the error that the better model leaves, and c is
-`Limit.form_error_share`: a right effect leaves as much on rigs of other forms. The odds
-of the better model are Phi(z) to Phi(-z). An effect is accepted from z = 2, odds 98:2;
-so it lowers the error by at least 2 c = 10 %, however long the recording.
+The signature of an effect, its change of the simulated torques less the part that the
+free parameters could make as well (the score test of its presence), costs a simulation
+or two. It shows how much of the error an effect could explain, whether these data could
+show it at all, and which effects are confounded. `concepts.md` has the odds of two
+models, the rule of acceptance and that of ties.
 """
 
 from __future__ import annotations

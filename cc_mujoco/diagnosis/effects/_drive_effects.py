@@ -73,8 +73,8 @@ def _rotate_phase(phase: float, angle: float) -> float:
     return math.remainder(phase + angle, 2.0 * math.pi)
 
 
-def acceleration(angle: FloatArray, dt: float) -> FloatArray:
-    """Return the second derivative (samples,) [rad/s^2]."""
+def acceleration(angle: FloatArray, dt: float | FloatArray) -> FloatArray:
+    """Return the second derivative (samples,) [rad/s^2]; `dt` may be the times."""
     return np.gradient(np.gradient(angle, dt), dt)
 
 

@@ -14,8 +14,7 @@ import pytest
 
 from cc_mujoco import diagnosis
 from cc_mujoco.diagnosis._judge import (
-    RELIABILITY,
-    STUDIED_ERROR,
+    STUDIED,
     Stretch,
     _worded,
     belief_in_verdict,
@@ -77,12 +76,14 @@ def test_rates_are_those_of_the_page() -> None:
     page = Path(diagnosis.__file__).with_name("validation.md").read_text("utf-8")
     odds = page[page.index("## Odds") : page.index("## Noise floor")]
     rates = re.findall(r"`(\w+)`\s+(\d+) %", odds)
-    assert {name: int(rate) / 100 for name, rate in rates} == RELIABILITY
+    right = {name: rate for name, (rate, _) in STUDIED.items()}
+    assert {name: int(rate) / 100 for name, rate in rates} == right
     far = re.search(r"above (\d+) of (\d+)", odds)
     assert far is not None
     assert (int(far[1]), int(far[2])) == (Limit.far_off_right, Limit.far_off_names)
     most = re.findall(r"`(\w+)` (?:verdicts )?left at most (\d+\.\d)", odds)
-    assert {name: float(size) for name, size in most} == STUDIED_ERROR
+    left = {name: size for name, (_, size) in STUDIED.items()}
+    assert {name: float(size) for name, size in most} == left
 
 
 @pytest.mark.parametrize("rest", [1.0, 2.0])
@@ -93,12 +94,12 @@ def test_what_happened_once_has_no_rate(rest: float, by_trial: str) -> None:
     assert not one_time(None, "")
 
 
-@pytest.mark.parametrize("kind", STUDIED_ERROR)
+@pytest.mark.parametrize("kind", STUDIED)
 @pytest.mark.parametrize("factor", [0.99, 1.01, 50.0])
 def test_no_rate_is_given_beyond_what_study_rigs_left(
     kind: Verdict, factor: float
 ) -> None:
-    left = factor * STUDIED_ERROR[kind]
+    left = factor * STUDIED[kind][1]
     nothing: Any = SimpleNamespace(rounds=())
     found = belief_in_verdict(nothing, kind, [], [], left)
     known = factor < 1.0
@@ -135,5 +136,5 @@ def test_a_name_that_leaves_more_is_never_all_of_it(kind: Verdict) -> None:
 def test_what_compares_no_models_has_a_rate_and_no_odds(kind: Verdict) -> None:
     nothing: Any = SimpleNamespace(rounds=())
     said = belief_in_verdict(nothing, kind, [], [], 1.0).statement
-    rate = f"{100.0 * RELIABILITY[kind]:.0f} %"
+    rate = f"{100.0 * STUDIED[kind][0]:.0f} %"
     assert f"{rate} of such verdicts were right" in said and "dds" not in said

@@ -18,11 +18,10 @@ from cc_mujoco.diagnosis._report.drawings import (
     draw_excerpt,
     draw_figures,
     draw_isolability,
+    excerpts,
     invisible_effects,
     model_changed,
-    ordinary_excerpt,
     shown_maps,
-    worst_excerpt,
 )
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis._verdict import Evidence, Isolability, TrialTrace
@@ -117,7 +116,7 @@ def test_worst_excerpt_holds_the_burst_of_error(
     channel = "joint_torque_nm"
     measured = {**hit.measured, channel: hit.measured[channel] + 9.0 * burst}
     traces[index] = replace(hit, measured=measured)
-    found = worst_excerpt(Evidence(tuple(traces), (), isolability()))
+    found, _ = excerpts(Evidence(tuple(traces), (), isolability())) or (None, None)
     assert found is not None and found.trace is traces[index]
     time = found.trace.time[found.part]
     assert time[0] <= start + 0.15 <= time[-1] + 1e-9
@@ -128,8 +127,10 @@ def test_run_in_is_never_shown_however_wrong() -> None:
     hit = trace("a", 20.0, True)
     wrong = {k: v + 50.0 * (hit.time < 1.0) for k, v in hit.measured.items()}
     one = Evidence((replace(hit, measured=wrong),), (), isolability())
-    for found in (worst_excerpt(one), ordinary_excerpt(one)):
-        assert found is not None and found.trace.time[found.part][0] >= 1.0
+    shown = excerpts(one)
+    assert shown is not None
+    for found in shown:
+        assert found.trace.time[found.part][0] >= 1.0
 
 
 def test_stretches_of_one_trial_may_differ_in_length() -> None:
@@ -144,7 +145,9 @@ def test_stretches_of_one_trial_may_differ_in_length() -> None:
 def test_readings_that_are_missing_do_not_count_and_leave_a_break() -> None:
     hit = trace("a", 20.0, True)
     lost = {k: np.where(hit.time > 10, np.nan, v) for k, v in hit.measured.items()}
-    found = worst_excerpt(Evidence((replace(hit, measured=lost),), (), isolability()))
+    found, _ = excerpts(
+        Evidence((replace(hit, measured=lost),), (), isolability())
+    ) or (None, None)
     assert found is not None and np.isfinite(found.error)
     kept = (hit.time < 15) | (hit.time > 16)
     cut = TrialTrace(
@@ -156,7 +159,7 @@ def test_readings_that_are_missing_do_not_count_and_leave_a_break() -> None:
         {k: v[kept] for k, v in hit.after.items()},
         hit.counts[kept],
     )
-    found = worst_excerpt(Evidence((cut,), (), isolability()))
+    found, _ = excerpts(Evidence((cut,), (), isolability())) or (None, None)
     assert found is not None
     with style():
         whole = found._replace(part=slice(0, len(cut.time)))
@@ -167,7 +170,7 @@ def test_readings_that_are_missing_do_not_count_and_leave_a_break() -> None:
 def test_a_trial_of_which_nothing_counts_has_no_excerpt() -> None:
     hit = trace("a", 5.0, True)
     empty = replace(hit, counts=np.zeros_like(hit.counts))
-    assert worst_excerpt(Evidence((empty,), (), isolability())) is None
+    assert excerpts(Evidence((empty,), (), isolability())) is None
 
 
 def test_alike_effects_stand_side_by_side() -> None:

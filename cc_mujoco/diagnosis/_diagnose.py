@@ -1,7 +1,8 @@
 """Workflow of a diagnosis: from a scene and data to verdict, report and repair.
 
 Five questions follow each other: `fit_scene`, `search_effects`, `judge`, `propose` and
-`locate_error`. Each is one function, whose result has all that the next ones take.
+`locate_error`. Each is one function, whose result has all that the next ones take; the
+last two complete the diagnosis of `judge`.
 """
 
 from __future__ import annotations
@@ -167,22 +168,16 @@ def run_inference(
     if isinstance(fitted, Diagnosis):
         return DiagnosisResult(fitted, bench)
     found = search_effects(fitted, progress)
-    judged = judge(found)
-    proposal = propose(found)
-    located = locate_error(found, judged)
+    diagnosis, motion = propose(found, judge(found))
+    diagnosis, evidence = locate_error(found, diagnosis)
     progress(0.95, "writing it down")
     baseline = fitted.problem
     counts = [record.counts for record in found.problem.plant.records]
     values = {p.name: found.estimated[p.name] for p in baseline.tuned}
     open_ones = undetermined(baseline, fitted.whole.x, counts)
-    told: Any = {key: getattr(located, key) for key in ("where", "trials", "question")}
-    told |= {"baseline": Baseline(values, open_ones)}
-    told |= {"statement": judged.statement + proposal.statement}
-    diagnosis = replace(judged, next_experiment=proposal.experiment, **told)
-    evidence, motion = located.evidence, proposal.motion
-    return DiagnosisResult(
-        diagnosis, bench, evidence, found.problem, found.x, fitted, motion
-    )
+    diagnosis = replace(diagnosis, baseline=Baseline(values, open_ones))
+    model = found.problem, found.x
+    return DiagnosisResult(diagnosis, bench, evidence, *model, fitted, motion)
 
 
 def _paths(

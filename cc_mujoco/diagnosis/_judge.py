@@ -90,7 +90,7 @@ class Stretch(NamedTuple):
 def worst_stretch(problem: Problem, x: FloatArray, torques: Arrays) -> Stretch | None:
     """Return the stretch that exceeds its limit by most, or None.
 
-    Its size, and the misfit of all other data, are those of a fit without it. `torques`
+    Its size and the misfit of all other data are those of a fit without it. `torques`
     are predictions (rows, samples) of every record [N m].
     """
     worst: tuple[float, int, int, slice] | None = None
@@ -541,9 +541,9 @@ def verdict_of(
 ) -> tuple[Verdict, str]:
     """Return the verdict as one word and as a few sentences.
 
-    `deviating` are parameters tuned far beyond their priors, `stretch` is one of a
-    trial beyond its own limit, and `unhooked` the error of the worst trial with the
-    cables off, over the noise.
+    `deviating` are parameters tuned far beyond their priors, `stretch` exceeds its
+    limit, `unhooked` is the error of the worst trial with the cables off, over the
+    noise.
     """
     if found.effects:
         kind, statement = _verdict(found, stretch, unhooked)
@@ -734,9 +734,8 @@ def belief_in_verdict(
 ) -> VerdictOdds:
     """Return the probability that a verdict is right, and its alternatives.
 
-    A name is right if its effect is the one that acts, a tie if one of its effects is.
-    The probability is NaN where no study rig left as much. `ties` has the effect in the
-    model first; `left` is the error of the model over the noise.
+    A name is right if its effect acts, a tie if one of its effects does. `ties` has the
+    effect in the model first; `left` is the model's error over the noise.
     """
     reliable, most = STUDIED[kind]
     if left > most:

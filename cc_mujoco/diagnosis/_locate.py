@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -44,7 +44,6 @@ from cc_mujoco.diagnosis._verdict import (
     Isolability,
     Map,
     Model,
-    TrialError,
     TrialTrace,
     Where,
 )
@@ -249,8 +248,7 @@ def _smooth_functions(samples: Samples, angle: FloatArray) -> FloatArray:
 def _background(taken: FloatArray) -> FloatArray:
     """Return the mean of the spectrum around each order, by medians (orders,).
 
-    The larger side counts, since errors grow towards low orders. It is infinite where
-    the lower side is unknown.
+    The larger side counts, as errors grow towards low orders; infinite without a lower.
     """
     below = _lower_medians(taken)
     above = _lower_medians(taken[::-1])[::-1]
@@ -373,10 +371,7 @@ def _map(
 
 
 def _means(sums: FloatArray, count: NDArray[np.intp]) -> FloatArray:
-    """Return the mean error by bin (bins,), NaN where there is no sample.
-
-    Sums of the errors and counts of the samples are by half and bin (2, bins).
-    """
+    """Return the mean error by bin (bins,), NaN without samples, of (2, bins) sums."""
     whole = count.sum(axis=0).astype(float)
     whole[whole == 0.0] = np.nan
     return np.asarray(sums.sum(axis=0) / whole)
@@ -409,15 +404,8 @@ def describe_map(drawn: Map) -> str:
     )
 
 
-@dataclass(frozen=True)
-class Located:
-    evidence: Evidence  # signals and maps that the report draws
-    where: tuple[Where, ...]  # locations, the main one first
-    trials: tuple[TrialError, ...]  # errors of every trial
-    question: str  # about a trial that contradicts the others, or ""
-
-
-def locate_error(found: Found, judged: Diagnosis) -> Located:
+def locate_error(found: Found, judged: Diagnosis) -> tuple[Diagnosis, Evidence]:
+    """Return the diagnosis with where the error lies, and what the report draws."""
     fitted = found.fitted
     baseline, model = (fitted.problem, fitted.whole.x), (found.problem, found.x)
     # Where nothing explains the error, an added effect only stands in for it.
@@ -437,7 +425,8 @@ def locate_error(found: Found, judged: Diagnosis) -> Located:
     drawn = error_maps(shown, fitted.settings.seed)
     places = error_places(found, drawn, differences)
     errors = trials.trial_errors(fitted.problem, before, after, model)
-    return Located(Evidence(shown, drawn, isolability), places, errors, question)
+    located = replace(judged, where=places, trials=errors, question=question)
+    return located, Evidence(shown, drawn, isolability)
 
 
 def error_places(
@@ -445,8 +434,7 @@ def error_places(
 ) -> tuple[Where, ...]:
     """Return the locations of the error of the baseline, the main sentence first.
 
-    Errors are those of fits to all data: errors of held-out trials contain those of
-    their parameters.
+    Errors of fits to all data: those of held-out trials contain their parameters'.
     """
     problem = result.fitted.problem
     before = problem.torques(result.fitted.whole.x)

@@ -46,11 +46,9 @@ def find_holds(trial: Trial) -> list[slice]:
 def noise_of(dataset: Dataset, file: DatasetFile) -> dict[str, Noise]:
     """Return the noise of every channel: declared, from holds or from differences.
 
-    From holds it is the median standard deviation about straight lines of half their
-    least length, so that a torque that relaxes or a hand that trembles is not noise.
-    From differences it is the median size of third differences: a signal that is smooth
-    over four samples is not noise. It is at least that of quantisation, and a millionth
-    of the channel's range.
+    From holds it is the median deviation about short straight lines, as a torque may
+    relax and a hand tremble; else from third differences. It is at least that of
+    quantisation, and a millionth of the channel's range.
     """
     still = {trial.name: find_holds(trial) for trial in dataset.trials}
     found: dict[str, Noise] = {}
@@ -133,8 +131,7 @@ def wrong_repeats(trials: Sequence[Trial]) -> list[DataFinding]:
 def repeat_scatter(trials: Sequence[Trial], channels: Sequence[str]) -> Scatter:
     """Return the deviation of one repetition, and the trials it is from.
 
-    It comes from trials declared as repeats, else from the periods of periodic trials.
-    NaN samples do not count.
+    It comes from declared repeats, else from periods; NaN samples do not count.
     """
     pairs = [
         ({original.name, trial.name}, pair)

@@ -90,8 +90,7 @@ def sliding_torque_ratio(
     """Return motor over joint torque during sliding, and their correlation.
 
     Friction that grows with load tilts the slope up one way and down the other; their
-    geometric mean is the ratio without friction. At reversals torques change together
-    or against each other as the ends move, which says nothing of signs.
+    geometric mean is the ratio without friction.
     """
     usual = math.sqrt(float(np.mean(omega**2)))
     ways, settled = _sliding(omega, usual, step)
@@ -141,7 +140,7 @@ def _work_per_travel(
     """Return works per travel, their standard deviation, and the transmitted power.
 
     The stored energy is fitted as a function of the state, so that cycles need not be
-    closed. Linear terms in the angles take up constant offsets of the torques.
+    closed; linear terms in the angles take up offsets of the torques.
     """
     motor, joint = shown
     angles = trial.motor_angle[used], trial.joint_angle[used]
@@ -172,11 +171,7 @@ _MIN_TORQUE_CORRELATION = 0.7
 
 
 class Group(NamedTuple):
-    """Trials whose angles and torques agree in sign, judged together.
-
-    A short trial says little of power; trials of different loads show together what
-    none shows alone.
-    """
+    """Trials whose angles and torques agree in sign, judged together."""
 
     trials: list[Trial]
     mechanics: Mechanics
@@ -339,8 +334,7 @@ def check_units(group: Group) -> Findings:
 def check_sizes(trials: Sequence[Trial], known: Sequence[Mechanics]) -> Findings:
     """Find trials with torques hundreds of times as large as in the others.
 
-    A free joint carries next to nothing, so a loaded trial may well leap over the
-    others in one torque; but then its other torque is of a like size.
+    A loaded trial may leap over others with a free joint, but then in both torques.
     """
     if any(t.motor_torque is None or t.joint_torque is None for t in trials):
         return []
@@ -557,10 +551,8 @@ def check_alignment(trial: Trial, alone: bool = False) -> Findings:
 def check_lead(trials: Sequence[Trial], bench: Bench) -> Findings:
     """Find channels that come late, and angles that belong to the other side.
 
-    The speeds of both angles, and the rates of each torque and of the lead, are
-    correlated over `MAX_DELAY` either way. Friction delays torques as well, by a time
-    that differs between motions, so only a delay that all trials share counts. Where
-    other joints move the cables nothing is checked.
+    Speeds, and rates of torques and lead, are correlated over `MAX_DELAY` either way.
+    Only a delay of torques that all trials share counts, as friction delays them, too.
     """
     hooked = [trial for trial in trials if not trial.facts.unhooked]
     if bench.others or not hooked:
@@ -646,9 +638,9 @@ def _fits_by_lag(
 ) -> FloatArray | None:
     """Return the fit of a channel by lag, None where a trial is too short.
 
-    The fit is -ln(1 - R²) of a regression of the reference: the lead on both torques,
-    as the mean tension is between those at the ends, or one angle on the other. Rates
-    are compared, and no torque may enter with a negative sign.
+    It is -ln(1 - R²) of a regression of rates: of the lead on both torques, neither
+    with a negative sign, as the mean tension is between those at the ends; or of the
+    angles.
     """
     reach = round(MAX_DELAY / trial.step)
     parts = [part for part in trial.segments if part.stop - part.start > 2 * reach]
@@ -690,8 +682,7 @@ def _mean_rate(signal: FloatArray, step: float) -> FloatArray:
 def _lead_correlation(trial: Trial, bench: Bench) -> float:
     """Return the correlation of motor lead and transmitted torque, 0 if unknown.
 
-    Different clocks and offsets make a lead as well, and are taken out. A wrong ratio
-    may, too, so only a correlation with and without it counts.
+    Clocks and offsets are taken out; it counts with and without a wrong ratio.
     """
     parts = [p for p in trial.segments if p.stop - p.start >= 200]
     if trial.motor_torque is None or trial.joint_torque is None or not parts:

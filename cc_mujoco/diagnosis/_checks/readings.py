@@ -77,9 +77,7 @@ def check_motions(trials: Sequence[Trial]) -> Findings:
 def check_ratio(trial: Trial, ratio: float, several: bool = False) -> Findings:
     """Compare the measured ratio of the angles with the `ratio` of a scene.
 
-    `trial` is the one that comes closest to the scene; `ratio` is motor angle per joint
-    angle of the ideal transmission. `several` trials rule out that the motor was held
-    by a soft cable, or had play, in all.
+    `trial` comes closest to the scene; `several` rule out that the motor was held.
     """
     known = mechanics.measure_mechanics(trial)
     if abs(known.follows) < 0.6:
@@ -111,8 +109,7 @@ def check_ratio(trial: Trial, ratio: float, several: bool = False) -> Findings:
 def check_bench(trials: Sequence[Trial], bench: Bench) -> Findings:
     """Compare trials with a scene: the ratio of the angles, the size of the torques.
 
-    A cable that winds up moves the joint less than its pulleys would, so the trial that
-    comes closest to the scene counts.
+    A cable that winds up moves the joint less, so the closest trial counts.
     """
     checks = [_check_overload, _check_known_range]
     findings: Findings = []
@@ -139,8 +136,7 @@ def check_bench(trials: Sequence[Trial], bench: Bench) -> Findings:
 def _check_inverse(trials: Sequence[tuple[Trial, Mechanics]], ratio: float) -> Findings:
     """Find trials in which the angles turn by the inverse ratio of a scene.
 
-    A joint that turns further than its pulleys is impossible. One that turns less may
-    be held by a soft cable, which all trials or the torques must rule out.
+    A soft cable may hold a joint that turns less, unless all trials or torques agree.
     """
     if abs(math.log(ratio)) < Limit.unequal:
         return []

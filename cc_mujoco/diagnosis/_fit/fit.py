@@ -67,8 +67,8 @@ def prepare_start(
     """Return the start, and records with the samples that count by its values.
 
     `bench` is that of the scene, with what `[rig]` declares. Estimates by which no
-    motion would carry the cable along, though by the scene it does, are not used: they
-    fit something that the scene lacks.
+    motion would carry the cable along fit something that the scene lacks, and are not
+    used.
     """
     records, filtering = prepare(dataset, bench)
     start = _estimate_start(dataset, bench, records)
@@ -211,8 +211,7 @@ class _Grid:
     def best(self, declared: bool) -> dict[str, float]:
         """Return the best values; none where the scene's are not much worse.
 
-        A pretension that nobody declared may be wrong, too. Its prior is a tenth, so
-        one that the data contradict distorts the fit of all else.
+        An undeclared pretension may be wrong, too, and distorts the fit of all else.
         """
         free = ("friction", "axial_stiffness")
         if self._scene.pretension == 0.0:
@@ -234,11 +233,10 @@ class _Grid:
     def _fitted(
         self, names: Sequence[str], coarse: bool = False
     ) -> tuple[dict[str, float], float]:
-        """Return the best fit of the baseline with the parameters of these names free.
+        """Return values and cost of the best fit with these parameters free.
 
-        It comes as values and cost. There are no values where the scene's own are not
-        much worse than the best point, or where the residuals say that none of these
-        values explain the data. If `coarse`, the grid has only the stiffness of the
+        There are none where the scene's own are not much worse than the best point, or
+        where none explain the data. If `coarse`, the grid has only the stiffness of the
         line.
         """
         tried = {name: each for name, each in self._points.items() if name in names}
@@ -312,8 +310,7 @@ def refinement_change(
 ) -> tuple[float, SimulatedRig | None]:
     """Return the RMS change over the floor by a finer plant, and that plant.
 
-    Segments or steps are halved, whichever changes more; the parameters stay, and
-    errors are by Huber as in fits. The plant is None where neither may be halved.
+    Segments or steps are halved, whichever changes more; None where neither may be.
     """
     plant = problem.plant
     seen = [k for k, mask in enumerate(masks) if mask.any()]
@@ -612,8 +609,8 @@ def check_effects(
 ) -> tuple[str, ...]:
     """Return a sentence for each effect that the data cannot show.
 
-    An effect is refused if it is not off where its sizes are 0, if its torques are not
-    finite, or if they have no derivative with respect to a size at 0.
+    Refused are those that are not off where their sizes are 0, or have no finite
+    torques or derivatives there.
     """
     notes = []
     effects = plant.library.effects
@@ -693,10 +690,9 @@ def unit_or_sign_error(
 ) -> str:
     """Return in what the torques contradict this scene by unit or sign, or "".
 
-    A generic scene may be off by any factor. Only the factor of a unit is reported, and
-    only if no other friction, stiffness or pretension explains the readings. `start` is
-    the plant with estimates in place of values that the data contradict; `values` are
-    those that come with the estimates.
+    A generic scene may be off by any factor; only that of a unit counts, if no other
+    values explain the readings: those of `start`, a plant with estimates in place of
+    what the data contradict, with `values` that come with them.
     """
     wrong: list[str] = []
     units: set[str] = set()

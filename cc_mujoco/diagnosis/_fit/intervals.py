@@ -62,9 +62,8 @@ def doubtful_effects(
 ) -> list[str]:
     """Return the effects of a model that may have size 0 given all others.
 
-    Their joint interval of the sizes contains 0, by the F distribution. For a single
-    size it is the reported interval. `covariance` (parameters, parameters) of the
-    places has `freedom` (parameters,) degrees of freedom.
+    The joint interval of their sizes contains 0 (F distribution). `covariance` of the
+    places (parameters, parameters) has `freedom` (parameters,) degrees of freedom.
     """
     from scipy.special import fdtri
 
@@ -96,11 +95,7 @@ def doubtful_effects(
 
 
 def is_ordinary(problem: Problem, x: FloatArray, name: str) -> bool:
-    """Return whether an effect of a model is no larger than any rig may have.
-
-    The conduit of a scene holds its cable evenly from end to end; conduits of rigs do
-    not, and good sensors see it.
-    """
+    """Return whether an effect is no larger than any rig may have."""
     values = problem.values(x)
     sizes = {"": 0.0}
     for parameter in problem.plant.library.effects[name].parameters:
@@ -173,12 +168,10 @@ def noise_covariance(problem: Problem, x: FloatArray, masks: Masks) -> Spread:
 def fit_covariance(problem: Problem, x: FloatArray, masks: Masks) -> Spread:
     """Return the covariance of a fit by noise, disagreement of trials and form.
 
-    A model that is a little wrong fits every trial differently, and all of them a
-    little off, which noise does not show. Noise makes B; a parameter about which trials
-    disagree by a factor f of that (`disagreement`) has f B_kk; and errors that all
-    trials share add their shifts (`form_error`). Only the second comes from so few
-    numbers that it takes Student's t: its degrees of freedom are over the square of its
-    share of the variance (Satterthwaite, Biometrics Bulletin 2, 1946).
+    Noise makes B; a parameter about which trials disagree by a factor f of that has
+    f B_kk, known with few degrees of freedom; errors that all trials share add their
+    shifts. The freedom is over the square of that share of the variance (Satterthwaite,
+    Biometrics Bulletin 2, 1946).
     """
     fresh = replace(problem, slopes=TorqueDerivatives())
     slopes = jacobian(fresh, x, masks)
@@ -197,11 +190,7 @@ def fit_covariance(problem: Problem, x: FloatArray, masks: Masks) -> Spread:
 
 
 def estimates(problem: Problem, x: FloatArray, spread: Spread) -> dict[str, Estimate]:
-    """Return the value and interval of every parameter.
-
-    An interval over more than six powers of ten says nothing and is NaN: the data do
-    not determine that parameter.
-    """
+    """Return the value and interval of every parameter; NaN over six powers of ten."""
     found = {}
     deviations = np.sqrt(np.diag(spread.covariance)).tolist()
     uncertain = zip(x.tolist(), deviations, spread.freedom.tolist(), strict=True)
@@ -253,19 +242,17 @@ def undetermined(problem: Problem, x: FloatArray, masks: Masks) -> tuple[str, ..
 def form_error(
     slopes: FloatArray, residual: FloatArray, spread: FloatArray, controls: FloatArray
 ) -> FloatArray:
-    r"""Covariance (parameters, parameters) by errors of form, beside that of noise.
+    """Return the covariance (parameters, parameters) by errors of form, beside noise.
 
-    The error is taken as a sum of the controls' signatures, isotropic in their span:
-    with an orthonormal basis Q of it, r = J b + Q c + noise, c of variance v each. Of
-    that the residuals of a fit keep M Q c, M = I - J H^-1 J^T. So their square along
-    the q directions of M Q has the mean q + v tr(Q^T M Q), which gives v (moments, as
-    of DerSimonian and Laird, Control. Clin. Trials 7, 1986), and the fit is off by
-    H^-1 J^T Q c. Along no direction is v more than the largest of the controls makes:
-    what is larger than any rig has is no form but something that is missing.
+    The error is a sum of the controls' signatures with an orthonormal basis Q: r = J b
+    + Q c + noise, c of variance v each. Of that the residuals of a fit keep M Q c, M =
+    I - J H^-1 J^T, whose square along the q directions of M Q has the mean q + v
+    tr(Q^T M Q); that gives v (moments, as of DerSimonian and Laird, Control. Clin.
+    Trials 7, 1986). The fit is off by H^-1 J^T Q c. Along no direction is v more than
+    the largest of the controls makes: what is larger is missing, and no form.
 
-    `slopes` (data, parameters) are J, those of priors left out, `residual` (data,) in
-    units of their noise, `spread` H^-1, priors included, and `controls` (data,
-    controls) changes of the residuals by each, as large as a rig may have it.
+    `slopes` (data, parameters) are J without priors, `residual` (data,) in units of the
+    noise, `spread` H^-1 with priors, `controls` (data, controls) changes by each.
     """
     nothing = np.zeros_like(spread)
     size = np.linalg.norm(controls, axis=0)
@@ -321,18 +308,16 @@ class Disagreement(NamedTuple):
 def disagreement(
     slopes: FloatArray, residual: FloatArray, parts: NDArray[np.int64]
 ) -> Disagreement:
-    r"""Return moves of a least-squares fit whose parts are left out in turn.
+    """Return moves of a least-squares fit whose parts are left out in turn.
 
-    With J the Jacobian of the residuals r, H = J^T J, and H_g, s_g = J_g^T r_g those of
-    a part, the fit moves by d_g = (H - H_g)^-1 s_g without it (Cook 1977), of which
-    noise makes the variance (H - H_g)^-1 - H^-1. The factor is the mean of
-    d_g^2 / variance, an overdispersion as of Birge (Phys. Rev. 40, 1932), and of
-    Hartung and Knapp (Stat. Med. 20, 2001) where trials give one number each. Its
-    freedom is Satterthwaite's, G^2 over the sum of the squared correlations of the
-    moves (Bell and McCaffrey, Survey Methodology 28, 2002): G - 1 for G equal parts.
+    With H = J^T J and H_g, s_g = J_g^T r_g of a part, the fit moves by d_g = (H -
+    H_g)^-1 s_g without it (Cook 1977), of which noise makes the variance (H - H_g)^-1 -
+    H^-1. The factor is the mean of d_g^2 / variance (Birge, Phys. Rev. 40, 1932;
+    Hartung and Knapp, Stat. Med. 20, 2001), its freedom G^2 over the sum of the squared
+    correlations of the moves (Bell and McCaffrey, Survey Methodology 28, 2002).
 
     `slopes` (residuals, parameters) are J, priors last, `residual` (residuals,) in
-    units of their noise; `parts` (data,) number the part of each, without the priors.
+    units of the noise; `parts` (data,) number the part of each, without the priors.
     """
     whole = least_squares.covariance(slopes)
     every = [np.flatnonzero(parts == part) for part in np.unique(parts)]

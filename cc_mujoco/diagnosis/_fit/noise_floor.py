@@ -125,10 +125,8 @@ def _cell_noise(
 def _unexplained(plant: SimulatedRig, clean: Arrays, noise: Arrays) -> FloatArray:
     """Return the variance between repetitions beyond noise (rows,).
 
-    It is that of the model's residuals: a servo never repeats a motion to the digit,
-    and the model must explain the torques of another motion. But it is no more than the
-    variance of the readings: a wrong model makes newtons of a digit. Noise counts where
-    motions were repeated, as the share that reaches the torques depends on the motion.
+    It is that of the model's residuals, as a servo never repeats a motion to the digit,
+    but no more than that of the readings, as a wrong model makes newtons of a digit.
     """
     names, found = plant.instruments.channels, []
     for torques in clean, [np.zeros(torque.shape) for torque in clean]:
@@ -201,8 +199,8 @@ def resample_angles(
 ) -> Record:
     """Return the record as it might be read another time, with shifted digits.
 
-    Rounding is no white noise: at rest and in slow creep the angle wanders inside a
-    digit, and no filter takes that out.
+    At rest and in slow creep an angle wanders inside a digit, which passes every
+    filter.
     """
     angles = [record.motor_angle, record.joint_angle]
     thin = round(record.dt / record.step)

@@ -89,11 +89,7 @@ class TorqueDerivatives:
         pairs = list(zip(records, torques, strict=True))
 
         def take(first: int, places: Sequence[int], again: bool) -> None:
-            """Compute finite differences for parameters `first` onward.
-
-            Either for those that need a replay (`again`), or for those that change only
-            the readout.
-            """
+            """Difference the parameters from `first` on that need a replay, or not."""
             wanted = {k: steps[k] for k in range(first, x.size) if inner[k] is again}
             if not wanted:
                 return
@@ -167,8 +163,8 @@ def residual_slopes(
 ) -> list[tuple[FloatArray, NDArray[np.bool_]]]:
     """Return changes of residuals (2, samples) per torque [1/N m], and counted samples.
 
-    They are of every record with such samples, of which `torques` are given; without
-    them no error counts as large, so that no sample loses weight.
+    `torques` are of every record with such samples; without them no error counts as
+    large.
     """
     seen = [k for k, mask in enumerate(masks) if mask.any()]
     delta, found = Limit.huber_delta, []
@@ -215,9 +211,8 @@ def tuned_effect_parameter(
 ) -> Tuned:
     """Return a parameter of an effect as a tuned parameter of the fit.
 
-    Half of the largest plausible size is its prior's deviation: where the data leave a
-    direction open, say an offset of both torques against that of an angle, it stays
-    small.
+    The prior's deviation is half of the largest plausible size: where the data leave a
+    direction open, it stays small.
     """
     described, size = parameter.parameter, parameter.typical
     low, high = described.low, described.high
@@ -270,8 +265,7 @@ class Problem:
     def with_inflated_noise(self, x: FloatArray, masks: Masks) -> Problem:
         """Return the problem with a floor at which usual errors are not outliers.
 
-        Where the sensors are much better than the model, Huber's loss would treat
-        nearly every error as an outlier, and fits would follow the many small ones
+        Where sensors are much better than the model, Huber's loss follows small errors
         only.
         """
         kept = np.abs(kept_samples(self.plainly(x), masks))
@@ -284,9 +278,8 @@ class Problem:
     def with_updated_floor(self, x: FloatArray, masks: Masks) -> Problem:
         """Return the problem with floor and weight by the errors of this model.
 
-        Errors of the baseline are large where an effect is missing: by its floor
-        numerical errors look harmless, and by its weight the data have next to no
-        influence.
+        By those of the baseline, large where an effect is missing, the data hardly
+        count.
         """
         problem = self.with_inflated_noise(x, masks)
         return replace(problem, weight=independence_weight(problem.errors(x), masks))
@@ -374,10 +367,7 @@ class Problem:
         return replace(slim, slopes=TorqueDerivatives())
 
     def errors(self, x: FloatArray, masks: Masks | None = None) -> list[FloatArray]:
-        """Return Huber's errors relative to the floor, (2, samples) per record.
-
-        They are NaN in records of which no sample is set, where masks are given.
-        """
+        """Return Huber's errors over the floor (2, samples), NaN without samples."""
         found = [np.full(floor.shape, np.nan) for floor in self.floor]
         seen = [k for k in range(len(found)) if masks is None or masks[k].any()]
         for k, error in zip(seen, self.plainly(x, seen), strict=True):
@@ -414,10 +404,7 @@ def kept_samples(parts: Iterable[FloatArray], masks: Masks) -> FloatArray:
 
 
 def huber_residual(error: FloatArray) -> FloatArray:
-    """Return the errors whose squares grow linearly beyond `Limit.huber_delta` (Huber).
-
-    A few large errors must not dominate the fit.
-    """
+    """Return the errors whose squares grow linearly beyond `Limit.huber_delta`."""
     size, delta = np.abs(error), Limit.huber_delta
     root = np.sqrt(np.maximum(2.0 * delta * size - delta**2, 0.0))
     return np.where(size <= delta, error, np.sign(error) * root)
@@ -499,8 +486,7 @@ def fit(
 def fit_until_settled(problem: Problem, start: FloatArray, masks: Masks) -> Fit:
     """Fit until the errors, not a limit of evaluations, determine the end.
 
-    Along a flat valley (friction against pretension, where no trial goes slack) a
-    thousandth of the cost is standard deviations away from the least.
+    Along a flat valley a thousandth of the cost is standard deviations from the least.
     """
     found = fit(problem, start, masks)
     least = Limit.cost_tolerance
@@ -531,8 +517,7 @@ def divided_samples(division: Folds) -> Masks:
 def interleaved_folds(records: Sequence[Record]) -> tuple[Fold, ...]:
     """Return two halves that predict each other, every other stretch of every record.
 
-    Both halves see every trial, so that no result depends on which half holds, say, the
-    only trial with slack. Trials that the dataset reserves for tests are left out.
+    Both see every trial, say the only one with slack, but for those reserved for tests.
     """
     halves = []
     for record in records:
@@ -547,10 +532,8 @@ def interleaved_folds(records: Sequence[Record]) -> tuple[Fold, ...]:
 def trial_folds(records: Sequence[Record]) -> tuple[Fold, ...]:
     """Return folds of whole trials: the reserved ones, or a third in turn.
 
-    Trials that repeat each other stay together. Trials of a kind (see `trial_kinds`)
-    are spread over the folds, and one that is the only one of its kind is in every
-    training part: the others cannot predict it, nor fix what it alone determines. Fewer
-    trials than parts: `interleaved_folds`.
+    Repeats stay together, trials of a kind are spread, and the only one of its kind is
+    in every training part: others cannot predict it. Of fewer, `interleaved_folds`.
     """
     if any(record.split == "test" for record in records):
         free = tuple(record.free for record in records)
@@ -574,11 +557,7 @@ def trial_folds(records: Sequence[Record]) -> tuple[Fold, ...]:
 
 
 def trial_kinds(records: Sequence[Record]) -> dict[str, tuple[object, ...]]:
-    """Return the kind of every group of repeated trials.
-
-    A kind is the held side, pretension (in steps of 20 %), tilt, known weights,
-    exchanged sensors, load cell and occasion.
-    """
+    """Return the kind of every group of repeated trials: their held side and facts."""
     used = [record for record in records if record.counts.any()]
     spans = np.array([[np.ptp(r.motor_angle), np.ptp(r.joint_angle)] for r in used])
     moved = spans > Limit.held_share * spans.max(axis=0, initial=0.0)
@@ -637,10 +616,7 @@ class CrossValidation(NamedTuple):
         return self.misfit_by(self.problem.inflation)
 
     def misfit_by(self, inflation: float) -> float:
-        """Compute the misfit with errors by Huber over a floor of another inflation.
-
-        Misfits are compared by one; see `Problem.with_updated_floor`.
-        """
+        """Return the misfit over a floor of another inflation, to be compared."""
         ratio = self.problem.inflation / inflation
         if ratio == 1.0:
             return math.sqrt(self.held_out_mse / self.noise_mse)
@@ -664,10 +640,7 @@ def cross_validate(problem: Problem, folds: Folds, starts: Arrays) -> CrossValid
 
 
 def blocks(crossed: CrossValidation, parts: Arrays | None = None) -> FloatArray:
-    """Return sums of held-out squares in blocks of a second (blocks,).
-
-    `parts` are (2, samples) of every record; by default they are the errors.
-    """
+    """Return sums of squares of errors, or `parts`, in blocks of a second (blocks,)."""
     masks = [np.isfinite(error[0]) for error in crossed.errors]
     kept = zip(crossed.errors if parts is None else parts, masks, strict=True)
     squares = [np.where(mask, part, 0.0) ** 2 for part, mask in kept]
@@ -685,11 +658,7 @@ def block_sums(problem: Problem, masks: Masks, parts: Arrays) -> FloatArray:
 
 
 def excess(crossed: CrossValidation) -> float:
-    """Return the excess of held-out errors over noise, in standard errors.
-
-    The standard error is that of blocks: a few bad moments, say one stick that broke at
-    another time, do not make a model wrong.
-    """
+    """Return the excess of held-out errors over noise, in standard errors of blocks."""
     beyond = blocks(crossed) - blocks(crossed, crossed.problem.noise_over_floor)
     return float(beyond.sum() / max(block_sum_deviation(beyond), 1e-300))
 

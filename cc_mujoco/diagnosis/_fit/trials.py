@@ -50,9 +50,8 @@ def trial_errors(
 ) -> tuple[TrialError, ...]:
     """Return the errors of every trial that has counted samples, in order.
 
-    `before` and `after` are (2, samples) torques of the baseline and of the extended
-    model for every record [N m]; `final` is that model and its parameters, for the
-    shares of slack.
+    `before` and `after` are (2, samples) torques of both models for every record [N m];
+    `final` is the extended one and its parameters, for the shares of slack.
     """
     found, records, (model, x) = [], problem.plant.records, final
     values, plant = model.values(x), model.plant
@@ -152,9 +151,8 @@ def find_outlier_trial(
 ) -> Odd | None:
     """Return the trial that contradicts the others, if there is one.
 
-    A constant of its own brings it to the level of the others. A trial with the widest
-    motion suffers most from whatever the model lacks. `tuned` has the error of every
-    trial by the tuned scene over the floor, see `misfits`; None if that is the model.
+    A constant of its own brings it to their level. `tuned` has the error of every trial
+    by the tuned scene, see `misfits`; None if that is the model.
     """
     places = _record_indices(problem)
     if len(places) < Limit.min_outlier_trials:
@@ -425,8 +423,7 @@ def _trend(name: str, at: FloatArray, change: FloatArray, error: FloatArray) -> 
 class _ByTrial:
     """Model at the place of its fit, whose parameters trials may have of their own.
 
-    `group` names what counts as a trial, for example the occasion of a record; those
-    with the cables off are left out unless `unhooked`.
+    `group` names what counts as a trial; those with the cables off count if `unhooked`.
     """
 
     def __init__(
@@ -733,8 +730,7 @@ def agreement_shares(compared: Occasions) -> dict[str, float]:
 def describe_change(tuned: Tuned, earlier: Estimate) -> tuple[Estimate, str]:
     """Return the change to the later occasion, and the same in words.
 
-    `tuned` is a change, see `change_name`; its estimate is the earlier occasion over
-    the later one, or less it.
+    The estimate of `tuned` is the earlier occasion over the later one, or less it.
     """
     low, high = earlier.ci95
     shown = change = Estimate(-earlier.value, earlier.unit, (-high, -low))

@@ -233,8 +233,8 @@ def fit_loss(
 ) -> LossFit:
     """Fit the loss of a transmission.
 
-    `load_noise` is the standard deviation of the torque without loss [N m],
-    `gain_uncertainty` that of the ratio of both gains, infinite if unknown.
+    `load_noise` is the deviation of the torque without loss [N m], `gain_uncertainty`
+    that of the ratio of both gains, infinite if unknown.
     """
     if len({each.sign for each in strokes}) < 2:
         return LossFit(
@@ -430,8 +430,7 @@ class _Profile(NamedTuple):
 def _breakaway(profile: _Profile, random: Generator) -> tuple[Estimate | None, float]:
     """Return the largest relative excess of the loss, and its travel.
 
-    The bin is chosen by one half of the reversals and evaluated by the other, both ways
-    round: the largest of several means would be too large.
+    One half of the reversals chooses the bin, the other one evaluates it, both ways.
     """
     count = len(profile.excess)
     if count < Limit.min_reversals:
@@ -498,11 +497,7 @@ def _undetermined(law: _Law, doubt: float, breakaway_at: float) -> tuple[str, ..
 
 
 def diagnose_loss(dataset: Dataset, bench: Bench, seed: int = 0) -> Diagnosis:
-    """Return the loss by direction and load, and effects that these data cannot show.
-
-    The dataset must have both torques and the joint's angle of one occasion, and the
-    path of the cables must not depend on the joint.
-    """
+    """Return the loss by direction and load, and what these data cannot show."""
     where, known = dataset.path or "these trials", dataset.instruments
     if bench.led or bench.others:
         raise CableError(

@@ -68,11 +68,7 @@ class _Stretch(NamedTuple):
 
 
 def diagnose_motion(dataset: Dataset, bench: Bench) -> Diagnosis:
-    """Return how the joint follows the motor, and effects that these data cannot show.
-
-    Only the ratio of the bench counts. Data in which other joints move the cables, or
-    the motor hardly moves, are refused.
-    """
+    """Return how the joint follows the motor, and what these data cannot show."""
     if bench.led:
         raise CableError(
             f"scene {bench.path} has a cable whose path its joint moves, which takes a "
@@ -189,10 +185,7 @@ def _start(stretches: Sequence[_Stretch]) -> tuple[float, float, float, float]:
 
 
 def _counted(stretch: _Stretch, play: float) -> _Stretch:
-    """Return the stretch from where the motor has moved well beyond the play.
-
-    The motion before the stretch is unknown, and the joint follows late.
-    """
+    """Return the stretch from where the motor has moved well beyond the play."""
     motor = stretch.motor
     reach = np.maximum.accumulate(motor) - np.minimum.accumulate(motor)
     counts = reach > Limit.range_over_play * play

@@ -23,7 +23,7 @@ from cc_mujoco.diagnosis._rig.simulation import occasions_of
 from cc_mujoco.diagnosis._search.candidates import are_confusable, tie_reason
 from cc_mujoco.diagnosis._search.search import Found, Search
 from cc_mujoco.diagnosis._thresholds import Limit
-from cc_mujoco.diagnosis._verdict import NextExperiment
+from cc_mujoco.diagnosis._verdict import Diagnosis, NextExperiment
 from cc_mujoco.diagnosis.effects import EFFECTS
 from cc_mujoco.native import FloatArray
 from cc_mujoco.report._html import list_words
@@ -54,7 +54,6 @@ class CataloguedTrial:
     standard: bool = False
 
     def cell_on(self, bench: Bench, pretension: float | None) -> SingleCell | None:
-        """Return its load cell on a rig of this pretension [N], None without one."""
         cell = self.load_cell
         return SingleCell.of(cell, bench, pretension) if cell else None
 
@@ -85,9 +84,8 @@ def motions(
     """Return trials within these limits, and two of a larger swing.
 
     They go to and fro about `middle_angle` by at most `swing` to either side [rad], at
-    most at `rate` [rad/s]. The joint turns a known `load` in every trial [N m/rad].
-    Some trials take torque sensors; each of the `cells`, channels of load cells in
-    single cables, has its own.
+    most at `rate` [rad/s], against a known `load` if any [N m/rad]; each of the
+    `cells`, channels of load cells in single cables, has its own.
     """
     from scipy.ndimage import gaussian_filter1d
 
@@ -255,8 +253,7 @@ def motions(
 def middle_angle(bench: Bench, swing: float) -> float:
     """Return the motor angle about which the motor can swing to both sides [rad].
 
-    There the joint is in the middle of its named trajectories, or as near to it as the
-    scene knows the joint.
+    The joint is in the middle of its named trajectories there, or as near as is known.
     """
     low, high = np.sort(bench.following(np.array(bench.span)))
     if high - low < 2.0 * swing:
@@ -268,10 +265,7 @@ def middle_angle(bench: Bench, swing: float) -> float:
 def trial_table(
     name: str, motion: CataloguedTrial, tension: float, occasion: str = ""
 ) -> list[str]:
-    """Return the lines of a trial in `dataset.toml`.
-
-    `tension` is the pretension of the trial [N], 0 with the cables off.
-    """
+    """Return the lines of a trial of pretension `tension` [N] in `dataset.toml`."""
     known = [f"pretension = {tension:g}"] if tension else []
     if occasion:
         known.append(f'occasion = "{occasion}"')
@@ -309,10 +303,10 @@ class Rivals(NamedTuple):
 
     @property
     def fitted(self) -> list[tuple[Problem, FloatArray]]:
-        """The two models and the places of their fits, weighted by their own errors.
+        """Two models and the places of their fits, weighted by their own errors.
 
-        By the errors of the model before, old and new data would count for as little as
-        while neither effect was known.
+        By the errors of the model before, data would count as little as while neither
+        effect was known.
         """
         found = []
         for model in self.models:
@@ -322,18 +316,19 @@ class Rivals(NamedTuple):
 
 
 class Proposal(NamedTuple):
-    experiment: NextExperiment | None = None
-    motion: CataloguedTrial | None = None  # of the trial
-    statement: str = ""  # sentence on what decides a tie that no trial separates
+    experiment: NextExperiment
+    motion: CataloguedTrial  # of the trial
 
 
-def propose(found: Found) -> Proposal:
-    """Propose the trial that separates the first tie; none without a tie."""
+def propose(
+    found: Found, judged: Diagnosis
+) -> tuple[Diagnosis, CataloguedTrial | None]:
+    """Return the diagnosis with the trial that separates its first tie, if any."""
     if not found.ties:
-        return Proposal()
+        return judged, None
     tie = found.ties[0]
     if (best := best_trial(_tied_refits(found.search, tie))) is not None:
-        return best
+        return replace(judged, next_experiment=best.experiment), best.motion
     declared = {  # facts of `[rig]` that remove or bound an effect
         "joint_gravity": "balanced",
         "joint_stiffness": "joint_spring",
@@ -344,10 +339,8 @@ def propose(found: Found) -> Proposal:
     decide = "on such motions either gives the same torques"
     if facts:
         decide = f"declare what is known of them ([rig] {list_words(facts, 'or')})"
-    return Proposal(
-        statement=" No trial of the catalogue that is not among these would separate "
-        f"them: {decide}."
-    )
+    none = " No trial of the catalogue that is not among these would separate them"
+    return replace(judged, statement=f"{judged.statement}{none}: {decide}."), None
 
 
 def _tied_refits(found: Search, tie: Sequence[str]) -> Rivals:
@@ -372,13 +365,11 @@ def _tied_refits(found: Search, tie: Sequence[str]) -> Rivals:
 def best_trial(rivals: Rivals) -> Proposal | None:
     """Return the trial that distinguishes two fitted rivals, or None.
 
-    If one of them were true, the other would be fitted again, to the old data and the
-    new; only the difference that remains then counts. A difference that comes from
-    friction, say, which the two estimate differently, settles nothing; nor does one
-    within the form error of effects. A trial is proposed only if it is clearly no
-    chance, if the rule that found the tie would find none with it, and if the data have
-    no such trial yet. Where no trial settles the tie whichever effect is true, one is
-    proposed that does if the effect that fits better now is true.
+    If one of them were true, the other would be fitted again, to old and new data: only
+    the difference that then remains beyond the form error of effects counts. A trial is
+    proposed if that is no chance, if the rule that found the tie would find none with
+    it, and if the data have no such trial yet; where none settles the tie whichever
+    effect is true, one that does if the effect that fits better now is true.
     """
     fitted = rivals.fitted
     problem = fitted[0][0]
@@ -470,11 +461,10 @@ def recorded(
 ) -> set[str]:
     """Return the descriptions of the motions that the data contain.
 
-    The notes of such a trial name the motion, or it has the same pretension, tilt,
-    weights and sensors, its motor and joint move as far, and its motor follows the
-    motion, begun at any time. With the cables off it is enough that the joint moves
-    half as far. Of several motions it is the one with the most similar lag of the
-    joint.
+    The notes of such a trial name the motion, or it has the same facts, its motor and
+    joint move as far, and its motor follows the motion, begun at any time; with the
+    cables off the joint moves half as far. Of several motions it is the one with the
+    most similar lag of the joint.
     """
     known = [r.pretension for r in records if r.pretension]
     usual = float(np.median(known)) if known else 1.0
@@ -531,9 +521,8 @@ def separates_rivals(
 ) -> bool:
     """Return whether two effects would not be in a tie with one trial more.
 
-    `true` is the index of the effect that is true, `made` (rows, samples) its change
-    there over the floor, `left` (rows, samples) the error of the other one, fitted
-    again.
+    `true` is the index of the true effect, `made` its change (rows, samples) there over
+    the floor, `left` (rows, samples) the error of the other one, fitted again.
     """
     model, other = rivals.models[true], rivals.models[1 - true]
     names = rivals.ids[true], rivals.ids[1 - true]
@@ -568,10 +557,10 @@ def _row_medians(each: Arrays) -> FloatArray:
 
 
 def form_error(shown: Arrays, without: Arrays, noise: FloatArray) -> FloatArray:
-    """Compute the model-form error of an effect, relative to the noise (rows, 1).
+    """Return the model-form error of an effect, relative to the noise (rows, 1).
 
-    `shown` are torques of a trial (rows, samples) by each model [N m], `without` those
-    without the effect; `noise` is (rows, 1) of the torques [N m].
+    `shown` are torques of a trial (rows, samples) by each model, `without` those
+    without the effect, `noise` (rows, 1) is theirs [N m].
     """
     pairs = zip(shown, without, strict=True)
     parts = [(torque - rest) / noise for torque, rest in pairs]
@@ -582,10 +571,7 @@ def form_error(shown: Arrays, without: Arrays, noise: FloatArray) -> FloatArray:
 def motion_record(
     motion: CataloguedTrial, bench: Bench, rows: int, tension: float
 ) -> Record:
-    """Return a motion as a record of `rows` torques, which are 0.
-
-    `tension` is the pretension of the data [N].
-    """
+    """Return a motion as a record of `rows` torques, all 0, at a `tension` [N]."""
     size = min(motion.motor.size, motion.joint.size)
     angles = np.array([motion.motor[:size], motion.joint[:size]])
     pretension = tension * motion.pretension
@@ -636,12 +622,11 @@ def refit_difference(
     known: FloatArray,
     difference: FloatArray,
 ) -> FloatArray:
-    """Compute the rest of a difference after a refit of a model (2, samples).
+    """Return the rest of a difference after a refit within bounds (2, samples).
 
-    Parameters stay within their bounds, as they do in fits. `record` is the new trial,
-    as the model predicts it; `noise` is (2, 1) of the torques [N m], `known` the
-    (residuals, parameters) Jacobian on the present data and priors, `difference` (2,
-    samples) of the signals, relative to the noise.
+    `record` is the new trial as the model predicts it, `noise` (2, 1) of the torques [N
+    m], `known` (residuals, parameters) the Jacobian on present data and priors,
+    `difference` (2, samples) is relative to the noise.
     """
     from scipy.optimize import lsq_linear
 

@@ -95,11 +95,9 @@ def planned(
 ) -> TrialPlan:
     """Return the smallest set of trials that leaves no effect untestable or tied.
 
-    It has the standard trials, and those with the cables off last: mounting them again
-    changes the pretension. `swing` is the largest angle of the motor to either side
-    [rad], `rate` its largest speed [rad/s]; `noise` is of the channels where it is
-    known, `ids` are the effects to consider (default all), `cells` the channels of load
-    cells in single cables.
+    It has the standard trials, and those with the cables off last, as mounting changes
+    the pretension. `swing` is the motor's largest angle to either side [rad], `rate`
+    its largest speed [rad/s], `cells` are channels of load cells in single cables.
     """
     load = None
     if instruments.joint == "known load":
@@ -179,9 +177,7 @@ def _gram_matrices(
 ) -> tuple[list[FloatArray], list[tuple[str, float]]]:
     """Return the Gram matrix of changes in each record, and amplitudes of effects.
 
-    Its columns are those of the baseline's parameters, then those of the amplitudes
-    (id of the effect and plausible size, which makes the change). The priors of the
-    baseline are divided among the records.
+    The baseline's parameters come first, whose priors are divided among the records.
     """
     records = problem.plant.records
     masks = [record.counts for record in records]
@@ -352,10 +348,7 @@ def _read_declarations(path: Path) -> str:
 
 
 def _require_possible(bench: Bench, reach: float) -> None:
-    """Require that the joint can follow the reach of the motor.
-
-    A larger one exceeds a turn of the joint, as in degrees, or the range of a lever.
-    """
+    """Require that the joint can follow the reach of the motor, as not in degrees."""
     most, limit = math.tau * bench.joint_radius / bench.motor_radius, ""
     if reach * bench.motor_radius / bench.joint_radius > math.tau:
         limit = (
@@ -384,8 +377,8 @@ def _half_range(bench: Bench) -> float:
 def _reach(bench: Bench, speed: float) -> float:
     """Return the largest angle of the motor to either side in a plan [rad].
 
-    The joint stays within the range of its named trajectories, and the motor can go
-    that far within a second.
+    The joint stays within its named trajectories, and the motor can go that far within
+    a second.
     """
     if math.isinf(bench.reach):
         half = math.inf if bench.lever is None else _half_range(bench)

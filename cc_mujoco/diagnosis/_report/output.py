@@ -70,11 +70,7 @@ class Earlier(NamedTuple):
 
     @classmethod
     def of(cls, folder: str | os.PathLike[str]) -> Earlier:
-        """Read the inputs from the files of a diagnosis.
-
-        A file that has changed since is refused: its verdict would be that of other
-        data.
-        """
+        """Read the inputs from the files of a diagnosis; none may have changed."""
         place = Path(folder) / VERDICT_FILE
         try:
             verdict = parse_json(place.read_text(encoding="utf-8"))
@@ -126,8 +122,8 @@ class Earlier(NamedTuple):
     def with_more(self, data: Sequence[str | os.PathLike[str]]) -> Path | None:
         """Return one `dataset.toml` for the earlier and the new trials.
 
-        For the trial that the earlier diagnosis proposed it is the one written with it.
-        Another one next to the new trials would be ignored and is refused.
+        For the trial that was proposed it is the one written with it; another one next
+        to the new trials would be ignored and is refused.
         """
         files = data_files(data)
         own = find_dataset_file(files)
@@ -260,9 +256,8 @@ OPTIONAL_FILES = (
 def require_ours(out: Path, scene: Path, data: Sequence[Path]) -> None:
     """Require that at most an earlier diagnosis of these data is replaced.
 
-    The folder must not hold the scene, the diagnosis of trials none of which is among
-    the data, or a repaired scene that was changed since; see also
-    `_utils.atomic_io.require_ours`.
+    The folder must not hold the scene, the diagnosis of other trials, or a repaired
+    scene that was changed since; see also `_utils.atomic_io.require_ours`.
     """
     names = (VERDICT_FILE, REPORT_PAGE, *OPTIONAL_FILES)
     if scene.resolve() in {(out / name).resolve() for name in names}:
@@ -373,8 +368,7 @@ def write_proposed(
 ) -> None:
     """Write a proposed trial as a plan of one trial.
 
-    The text of `dataset_toml`, the file of the other trials or empty, comes first, so
-    that one file has the facts of all.
+    The text of `dataset_toml` comes first, so that one file has the facts of all.
     """
     known = Path(dataset_toml).read_text(encoding="utf-8") if dataset_toml else ""
     facts = [*([known.rstrip(), ""] if known.strip() else []), *planned.facts, ""]

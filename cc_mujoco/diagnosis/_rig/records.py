@@ -125,9 +125,8 @@ def load_torque(
 ) -> FloatArray:
     """Return the torque that moves a load (samples,) [N m].
 
-    `angle` is that of the joint (samples,), smooth [rad]; `values` those of
-    `RIG_CONSTANTS` in SI units, without parts that the load does not have; `tilt` the
-    angle by which the rig was turned about the joint's axis [rad].
+    `angle` is that of the joint (samples,), smooth [rad]; `values` are `RIG_CONSTANTS`
+    in SI units; `tilt` the angle by which the rig was turned [rad].
     """
     speed = np.gradient(angle, step)
     stretch = angle - values.get("load_rest_angle", 0.0)
@@ -148,9 +147,8 @@ def load_noise(
 ) -> float:
     """Return the standard deviation of a load's torque due to angle noise [N m].
 
-    Where the angle is rounded, its error is slow and passes every filter. `deviation`
-    is that of the angle [rad], `rate` in samples per second; `bands` are the cut-offs
-    of torques and angles [Hz].
+    `deviation` is of the angle [rad], `rate` in samples per second; `bands` cut torques
+    and angles off [Hz]. The error of a rounded angle is slow and passes every filter.
     """
     values = load_values(constants)
     noise = deviation * np.random.default_rng(0).standard_normal(8192)
@@ -348,10 +346,9 @@ def _record(
 def play_filter(angle: FloatArray, width: float) -> FloatArray:
     """Return the angle without movements smaller than `width` (samples,) [rad].
 
-    The angle is followed with this much play, forwards and backwards in time; the mean
-    of both has no lag in steady motion, and stands still where only noise moves the
-    angle. The play would cut it short where the motion turns, and friction answers
-    there: at a turn the play is added back to both, as far as the turn's own level.
+    It is followed with this much play forwards and backwards in time, whose mean has no
+    lag and stands still by noise; at a turn the play is added back, as friction answers
+    there.
     """
     if width == 0.0:
         return angle
@@ -483,9 +480,7 @@ def replay(record: Record, setting: Setting) -> Played:
 def _wound(setting: Setting, dt: float, motor: FloatArray, joint: FloatArray) -> Driven:
     """Replay both angles through cables on a drum whose radius changes.
 
-    Each cable is subject to the angle of a round pulley that winds as much, so it is
-    played twice and the part of one cable taken from each. Cables that share play or
-    leave an eccentric pulley are refused.
+    Each cable is played by a round pulley that winds as much, so both are played twice.
     """
     if setting.backlash or any(c.eccentricity or c.ovality for c in setting.cables):
         raise CableError(
@@ -519,12 +514,11 @@ def with_lead_in(
     following: Callable[[FloatArray], FloatArray],
     substeps: int,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return both angles after a lead-in, refined to `substeps` per sample.
+    """Return both angles (samples,) after a lead-in, refined to `substeps` per sample.
 
-    It begins at the pose 0, where the cables are in pretension and to which wrap and
-    pulleys refer, takes both ends to where the joint is, then the motor to its place.
-    The angles are (samples,) [rad]; `following` is the motor angle at which the cables
-    keep their length, by that of the joint.
+    It begins at the pose 0 in pretension, takes both ends to where the joint is, then
+    the motor to its place; `following` is the motor angle that keeps the cables'
+    length.
     """
     count = Limit.ramp_samples
     there = np.linspace(0.0, 1.0, count + 1) * joint[0]

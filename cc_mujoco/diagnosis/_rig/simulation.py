@@ -321,10 +321,9 @@ def baseline_parameters(
     instruments: Instruments = TORQUE_SENSORS,
     guessed: Collection[str] = (),
 ) -> tuple[Tuned, ...]:
-    """Return the parameters of the baseline for these data.
+    """Return the parameters of the baseline; the data show `guessed` ones.
 
-    `bench` has the values of the constants, see `Bench.known`; their uncertainties are
-    those of `constants`. Parameters that are `guessed` are estimated from the data.
+    `bench` has the values of the constants, `constants` their uncertainties.
     """
     cable = bench.cables[0]
     step = records[0].step
@@ -514,10 +513,9 @@ class SimulatedRig:
         pretension: float | None = None,
         conditions: TrialConditions = USUAL_CONDITIONS,
     ) -> tuple[Cable, ...]:
-        """Return the cables with these parameter values.
+        """Return the cables with these values of the first; others keep their ratios.
 
-        Values are those of the first cable; another keeps its ratio to that. A
-        `pretension` of a trial replaces the scene's [N].
+        A `pretension` of a trial replaces the scene's [N].
         """
         first = self.bench.cables[0]
         tension = values.get("pretension", first.pretension)
@@ -576,8 +574,7 @@ class SimulatedRig:
     def _torques(self, record: Record, setting: Setting, values: Values) -> Signals:
         """Return both torques before any effect outside the cables.
 
-        The readings were converted to torques by the declared values, so deviations of
-        tuned values are applied relative to these.
+        Readings were converted by declared values, relative to which tuned ones act.
         """
         played = cached_replay(record, setting)
         joint_angle, motor, joint = played.joint_angle, played.motor, played.joint

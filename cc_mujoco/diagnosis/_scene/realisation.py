@@ -241,10 +241,7 @@ def bias(spec: MjSpec, bench: Bench, values: Values) -> None:
 
 
 def delay(spec: MjSpec, bench: Bench, values: Values) -> None:
-    """Delay readings; for one that comes early, delay everything else.
-
-    In MuJoCo a sensor is late by a time step or more; by less than half, it is not.
-    """
+    """Delay readings; for one that comes early, delay everything else."""
     side = values["joint_delay"]
     motor, joint = values["motor_torque_delay"], values["joint_torque_delay"]
     late = {MOTOR_ANGLE: 0.0, JOINT_ANGLE: side}
@@ -534,7 +531,7 @@ def realisations() -> dict[str, _Realisation]:
     whole = dict(REALISATIONS)
     for effect in EFFECTS.values():
         if effect.edit_spec is not None:
-            whole[effect.id] = _Realisation(effect.mujoco, effect.edit_spec)
+            whole[effect.id] = _Realisation(effect.scene_note, effect.edit_spec)
         if effect.id in whole:
             names = tuple(parameter.name for parameter in effect.parameters)
             whole[effect.id] = replace(whole[effect.id], parameters=names)

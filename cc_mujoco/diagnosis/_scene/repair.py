@@ -530,8 +530,7 @@ def _instrumented_model(
 ) -> tuple[MjModel, Bench | None]:
     """Return the compiled scene with instruments; the scene itself is not changed.
 
-    For a lever, which cannot have them, return the scene without the cables of other
-    axes, and its bench.
+    A lever cannot have them: then the scene without other axes' cables, and its bench.
     """
     if isinstance(scene, MjSpec):
         return scene.copy().compile(), None

@@ -50,8 +50,6 @@ class Changes:
     """Torque changes due to effects, kept by record for models that are alike.
 
     They hold while the model's torques change by at most `Limit.max_model_change`.
-    Rounds of a search, its repetition on parts of the data and the final checks share
-    them.
     """
 
     def __init__(self) -> None:
@@ -99,8 +97,7 @@ class _Place:
     def start(self, name: str, number: int) -> dict[str, float]:
         """Return a start of an effect, with the shape that the cables have already.
 
-        Two effects may share a length of slip: with another one the added effect would
-        change the torques, however small it is.
+        Two effects may share a length of slip, which a small effect must not change.
         """
         plant, values = self.problem.plant, self.problem.values(self.x)
         effect = plant.library.effects[name]
@@ -277,11 +274,10 @@ def effect_amplitudes(effect: Effect) -> list[EffectParameter]:
 def changes_by_effects(
     problem: Problem, x: FloatArray, masks: Masks, ids: Sequence[str], changes: Changes
 ) -> dict[str, FloatArray]:
-    """Compute the changes of the residuals (residuals, amplitudes) by each effect.
+    """Return the changes of the residuals (residuals, amplitudes) by each effect.
 
     They are those of typical sizes, at the first start, as if the model explained the
-    data: large errors take no weight from a sample. Effects that cannot be simulated
-    are left out.
+    data; effects that cannot be simulated are left out.
     """
     place = _Place(problem, x, masks, changes, explained=True)
     library = problem.plant.library.effects
@@ -297,9 +293,8 @@ def bounded_least_squares(
 ) -> FloatArray:
     """Solve bounded least squares approximately: violated bounds become active.
 
-    Where columns resemble each other one may run beyond its bound to make up for
-    another; the other reaches its optimum without that only when it is solved for
-    again.
+    Of columns that resemble each other one may run beyond its bound to make up for
+    another, which is then solved for again.
     """
     found = np.zeros(low.size)
     open_ = np.ones(low.size, dtype=bool)
@@ -355,9 +350,8 @@ def comparison_z(
 ) -> float:
     """Return z of the difference of two models, by squared errors in blocks (blocks,).
 
-    `better` has the smaller sum; `before` is the squared error of the model without
-    either. The discrepancy is `share` over `before`; by default c, at most the rest of
-    the better.
+    `better` has the smaller sum, `before` is the squared error without either. The
+    discrepancy is `share` over `before`; by default c, at most the rest of the better.
     """
     difference = worse - better
     noise = fitting.block_sum_deviation(difference)
@@ -401,10 +395,9 @@ def rejection_reason(crossed: CrossValidation, name: str, gain: float, z: float)
 def decide(
     now: CrossValidation, candidates: list[Candidate], signatures: Sequence[Signature]
 ) -> Round:
-    """Return the next round of the search.
+    """Return the round that adds the best acceptable candidate, with its rivals.
 
-    It names the best acceptable candidate (`added` is None if none is acceptable) and
-    every rival that the data cannot distinguish from it. Sorts `candidates` in place.
+    `candidates` are sorted in place.
     """
     candidates.sort(key=lambda candidate: -candidate.reduction)
     able = [candidate for candidate in candidates if not candidate.reason]
@@ -442,8 +435,8 @@ def tie_reason(
 ) -> Literal["", "noise", "form"]:
     """Return why two effects are tied; "" if the data distinguish them.
 
-    The data do where one effect explains them and the other does not, even if few
-    moments show it, say those of little tension; but not of effects whose forms meet.
+    They do where one effect explains them and the other does not, even if few moments
+    show it, unless the forms of both meet.
     """
     one, two = (EFFECTS[name] for name in names)
     far = other.misfit > Limit.max_explained_error and not one.forms_meet(two)
@@ -461,8 +454,7 @@ def parted_by_form(
 ) -> bool:
     """Decide whether two effects differ by no more than forms do, in every trial.
 
-    Such a difference may be significant, as it is not noise; but a spring may soften,
-    and a rubber band pulls like a weight.
+    Such a difference may be significant: a spring may soften, and pull like a weight.
     """
     sums: dict[str, FloatArray] = {}
     for place, record in enumerate(now.problem.plant.records):

@@ -123,8 +123,8 @@ def search(
 ) -> Search:
     """Add effects while each is accepted, then drop those that became redundant.
 
-    If the user interrupts it, it ends with the effects added until then. Effects that
-    are `rare` compete where an effect of `ids` is accepted that they resemble.
+    An interrupted search ends with the effects added until then; `rare` ones compete
+    where an effect of `ids` is accepted that they resemble.
     """
     return drop_redundant(_Additions(progress).made(baseline, ids, rare))
 
@@ -244,10 +244,9 @@ class _Additions:
     def _best_form(self, now: CrossValidation, signature: Signature) -> Candidate:
         """Return the effect refitted in the form that does best on held-out data.
 
-        Other forms are tried where the one that screens best is accepted. Where that
-        leaves the error unexplained, so are the sizes that the effect starts with, if
-        they are several: far from the truth a size by first order may lead to another
-        minimum.
+        Other forms are tried where the one that screens best is accepted, and the
+        effect's own sizes where that leaves the error unexplained: far from the truth a
+        size by first order may lead to another minimum.
         """
 
         def refitted(start: dict[str, float]) -> Candidate:
@@ -318,11 +317,7 @@ def _forget_derivatives(known: Sequence[CrossValidation]) -> None:
 def search_rare(
     found: Search, rare: Sequence[str], progress: Progress = no_progress
 ) -> Search:
-    """Return the search repeated with rare effects, where they explain more.
-
-    They compete with the effects that were refitted before. They are searched only
-    where the error is not explained without them.
-    """
+    """Return the search repeated with rare effects, where others explain too little."""
     explained = found.after.misfit <= Limit.max_explained_error
     if not rare or found.interrupted or explained:
         return found
@@ -345,9 +340,8 @@ def with_own_noise_floor(
 ) -> CrossValidation:
     """Return the model by its own floor and weight, simulated finely enough for it.
 
-    By the floor of a much worse model the priors outweigh the data and shrink what was
-    added; while a refit halves the floor, it is taken anew. If the `whole` search has
-    the same model of all data, its floor and simulation serve.
+    By the floor of a much worse model the priors outweigh the data, so it is taken anew
+    while a refit halves it; or from the `whole` search, if that has the same model.
     """
     division = crossed.division
     for model in [whole.after, *(s.before for s in whole.rounds)] if whole else []:
@@ -482,11 +476,9 @@ def _drop_doubtful(
     """Return the model of the search without effects that may be absent.
 
     With it come where it was fitted to all data, the spread of that place and its
-    predictions of held-out data.
-
-    An effect may be absent if its interval contains 0. Where several can replace each
-    other, the one without which the rest explain most is dropped. All are dropped where
-    held-out data do not support them.
+    held-out predictions. An effect may be absent if its interval contains 0; of several
+    that can replace each other the one without which the rest explain most is dropped,
+    and all where held-out data do not support them.
     """
     problem = found.after.problem
     counts = [record.counts for record in problem.plant.records]
@@ -521,8 +513,7 @@ def _drop_doubtful(
 def final_search(found: Search, problem: Problem, x: FloatArray) -> Search:
     """Return a search that ends with the rest of its model, fitted at `x`.
 
-    Three effects may each be redundant given the two others. Once one of them is
-    dropped, the shares and the error are computed again.
+    Each of three effects may be redundant given the two others.
     """
     if problem.effects == found.after.problem.effects:
         return found
@@ -582,10 +573,9 @@ def only_refines(
 ) -> bool:
     """Return whether an effect of a model only refines the others.
 
-    An effect that closes little of the gap is a finding nevertheless where it explains
-    half of the squared error that the model would have without it, and that is clearly
-    more than noise; unless a larger effect is easily confused with it, whose form it
-    may mend.
+    One that closes little of the gap is a finding where it explains half of the squared
+    error left without it, clearly more than noise, unless a larger one is confused with
+    it, whose form it may mend.
     """
     if shares[name] >= min(Limit.max_refinement_share, max(shares.values())):
         return False
@@ -628,7 +618,7 @@ def count_votes(
 ) -> Agreement:
     """Return the agreement of the parts with the effects of the whole.
 
-    `own` has the effects each is tied with there, by id; `named` the groups that a part
+    `own` has what each effect is tied with there, by id; `named` the groups that a part
     cannot distinguish, for each effect that it names.
     """
     shares, rivals = {}, {}
@@ -656,9 +646,8 @@ def count_votes(
 def split_trials(records: Sequence[Record]) -> list[Masks]:
     """Return halves of the trials that are not reserved: first and last, every other.
 
-    Trials are in the order of their names, which usually follow load and speed;
-    repetitions stay together. Only the tilt of the rig distinguishes a weight from a
-    spring, so a half without any trial of a tilt has them all.
+    Names usually follow load and speed; repetitions stay together. Only the tilt
+    distinguishes a weight from a spring, so a half without any of a tilt has them all.
     """
     tilts = {r.group: r.tilt for r in records if r.free.any()}
     groups = sorted(tilts)

@@ -64,9 +64,8 @@ def usual_effects() -> tuple[str, ...]:
 def effects_in_use(given: Iterable[Any]) -> Iterator[tuple[str, ...]]:
     """Put effects in `EFFECTS` while the block runs; yield their ids.
 
-    `given` are ids of the library, `FILE.py:CLASS` or `MODULE:CLASS`, classes as
-    described in `_effect`, or effects. An effect whose id or parameter has the
-    name of another one's is refused.
+    `given` are ids of the library, `FILE.py:CLASS` or `MODULE:CLASS`, classes as in
+    `_effect`, or effects; an id or parameter of another one's name is refused.
     """
     if isinstance(given, str) or inspect.isclass(given):
         given = [given]

@@ -119,9 +119,6 @@ DRIVE_EFFECTS = (
         starts=({"backlash": 0.01}, {"backlash": 0.05}),
         required_excitation="reversals of torque at several loads",
         confounded_with=("presliding", "end_compliance"),
-        mujoco=(
-            "pulley on a hinge of its own, coupled by a fixed tendon with two limits"
-        ),
         source="Nordin and Gutman, Automatica 38, 2002",
         cables=_soft_play,
         forms=("hard", "soft"),
@@ -178,7 +175,6 @@ DRIVE_EFFECTS = (
         ),
         required_excitation="slow motion over several poles",
         confounded_with=("pulley_eccentricity",),
-        mujoco="cogging of a `dcmotor` actuator on the motor, in the sum of its torque",
         source="MuJoCo dcmotor cogging",
         torques=_cogging,
     ),
@@ -199,7 +195,6 @@ DRIVE_EFFECTS = (
         confounded_with=(
             "joint_stiffness", "torque_sensor_gain", "torque_sensor_offset",
         ),
-        mujoco="cogging of a `dcmotor` actuator on the joint, one period per turn",
         source="statics",
         torques=_gravity,
     ),
@@ -221,7 +216,6 @@ DRIVE_EFFECTS = (
         ),
         required_excitation="joint angles over half a radian",
         confounded_with=("joint_gravity", "torque_sensor_gain", "torque_sensor_offset"),
-        mujoco="`stiffness` and `springref` of the joint",
         source="statics",
         torques=_spring,
         form_of=("joint_gravity",),
@@ -241,7 +235,6 @@ DRIVE_EFFECTS = (
         ),
         required_excitation="accelerations over a decade",
         confounded_with=("sensor_delay", "joint_stiffness"),
-        mujoco="`armature` of the joint, shown by a weightless body that rides along",
         source="dynamics",
         torques=lambda s, v: s.added(
             joint=-v["joint_inertia"] * acceleration(s.joint_angle, s.dt)
@@ -260,7 +253,6 @@ DRIVE_EFFECTS = (
         ),
         required_excitation="accelerations over a decade",
         confounded_with=("sensor_delay", "viscous_friction"),
-        mujoco="`armature` of the motor, shown by a weightless body that rides along",
         source="dynamics",
         torques=lambda s, v: s.added(
             motor=v["motor_inertia"] * acceleration(s.motor_angle, s.dt)
@@ -475,7 +467,6 @@ SENSOR_EFFECTS = (
         ),
         required_excitation="loads that hold still",
         confounded_with=("joint_gravity", "joint_stiffness"),
-        mujoco="weights of the sensors that a torque is the sum of",
         source="calibration",
         torques=_gain,
         sensor=True,
@@ -506,7 +497,6 @@ SENSOR_EFFECTS = (
             "loads of both signs; for a drift, trials much longer than a cycle"
         ),
         confounded_with=("asymmetric_friction", "joint_gravity"),
-        mujoco="a `clock` sensor in the sum that is the torque",
         source="calibration",
         torques=lambda s, v: s.added(
             v["motor_torque_bias"] + v["motor_torque_drift"] * s.time,
@@ -530,7 +520,6 @@ SENSOR_EFFECTS = (
         ),
         required_excitation="fast and slow motion",
         confounded_with=("viscous_friction", "joint_inertia", "motor_inertia"),
-        mujoco="`delay` of the sensors that a torque is the sum of",
         source="signal chain",
         torques=_delay,
         sensor=True,

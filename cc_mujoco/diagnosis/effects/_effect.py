@@ -60,8 +60,6 @@ ANTAGONIST = "antagonist"
 """Part of a parameter name that marks the second cable of a pair."""
 WIND_UP_BOUNDS = (1e-5, 0.1)
 """Angles over which dry friction of a motor or a joint may build up [rad]."""
-PLUGIN_KEYS = "keys of the cable plugin"
-"""Realisation in MuJoCo of effects in the cables."""
 
 
 class EffectParameter(NamedTuple):
@@ -218,7 +216,7 @@ class Effect:
     # Values from which it is screened and fitted, typical ones unless given; several
     # where the fit depends on an unknown scale
     starts: tuple[Values, ...] = ({},)
-    mujoco: str = PLUGIN_KEYS  # how a scene has it
+    scene_note: str = ""  # how `edit_spec` adds it, for the comment of a written scene
     # The cables with the effect; an effect of the conduit that says nothing else sets
     # its parameters on every cable
     cables: Callable[[Cables, Values, RigGeometry], Cables] | None = None
@@ -324,9 +322,8 @@ def clamp_to_bounds(name: str, value: float) -> float:
 def dry_friction(angle: FloatArray, wind_up: float) -> FloatArray:
     """Return dry friction over its largest value, against motion (samples,) [-1 to 1].
 
-    A bristle holds the surface, as in the cables' presliding: it bends with the angle,
-    and slides where it is bent by the wind-up [rad], above 0. It is straight at the
-    first sample.
+    A bristle, straight at the first sample, bends with the angle and slides where it is
+    bent by the wind-up [rad].
     """
     return (angle - follow_with_play(angle, wind_up)) / wind_up
 
@@ -508,7 +505,6 @@ def _effect(made: Any, name: str, rare: bool) -> Effect:
         starts = tuple({**start, form_key(name): float(k)} for start, k in every)
     methods = (getattr(made, method, None) for method in (*CHANGES, "edit_spec"))
     signals, cables, joint_arm, motor_arm, editing = methods
-    in_keys = changes == ["cables"]
     return Effect(
         id=name,
         title=getattr(made, "title", "") or _first_line(kind, name),
@@ -518,10 +514,7 @@ def _effect(made: Any, name: str, rare: bool) -> Effect:
         starts=starts,
         required_excitation=needs,
         confounded_with=tuple(getattr(made, "confused_with", ())),
-        mujoco=getattr(made, "scene_note", "")
-        or (PLUGIN_KEYS if in_keys else "as its class edits the scene")
-        if editing or in_keys
-        else "",
+        scene_note=getattr(made, "scene_note", "") or "as its class edits the scene",
         source=getattr(made, "source", f"class {kind.__qualname__}"),
         cables=_guarded(name, cables, _check_cables),
         torques=_guarded(name, signals, _check_signals),

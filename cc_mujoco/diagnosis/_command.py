@@ -93,7 +93,6 @@ class Diagnose:
             NOT_IN_SCENE_PREFIX,
             continue_command,
         )
-        from cc_mujoco.diagnosis._verdict import next_folder
 
         with tqdm(
             total=1.0,
@@ -139,7 +138,7 @@ class Diagnose:
         if found.next_experiment is not None:
             planned = found.next_experiment
             print(f"  to separate them: {planned.description}")
-            folder = self.out / next_folder(planned)
+            folder = self.out / planned.folder
             print(f"  record it as {planned.trial} (`cc-mujoco run --plan {folder}`),")
             if found.occasions:
                 last = found.occasions.names[-1]

@@ -36,7 +36,7 @@ from cc_mujoco.diagnosis._phrases import (
 from cc_mujoco.diagnosis._rig import simulation
 from cc_mujoco.diagnosis._rig.records import Arrays
 from cc_mujoco.diagnosis._search import candidates as screening
-from cc_mujoco.diagnosis._search.candidates import Changes, Round
+from cc_mujoco.diagnosis._search.candidates import Candidate, Changes, Round
 from cc_mujoco.diagnosis._search.search import Found, Search
 from cc_mujoco.diagnosis._thresholds import Limit
 from cc_mujoco.diagnosis._verdict import (
@@ -498,7 +498,7 @@ def judge(found: Found) -> Diagnosis:
         not_testable=untestable_effects(shown_by, hidden),
         gap=found.held.gap,
         problems=problems,
-        runner_ups=tuple(map(_runner_ups, search.rounds)),
+        runner_ups=tuple(tuple(map(_runner_up, r.candidates)) for r in search.rounds),
         question=question,
         deviating=beyond,
         confounded=hidden,
@@ -512,14 +512,11 @@ def judge(found: Found) -> Diagnosis:
     )
 
 
-def _runner_ups(step: Round) -> tuple[RunnerUp, ...]:
-    found = []
-    for c in step.candidates:
-        values = c.crossed.problem.values(c.crossed.fits[0].x)
-        own = c.crossed.problem.plant.library.effects[c.id].parameters
-        sizes = {p.name: values.get(p.name, 0.0) for p in own}
-        found.append(RunnerUp(c.id, c.reduction, c.z, not c.reason, c.reason, sizes))
-    return tuple(found)
+def _runner_up(c: Candidate) -> RunnerUp:
+    values = c.crossed.problem.values(c.crossed.fits[0].x)
+    own = c.crossed.problem.plant.library.effects[c.id].parameters
+    sizes = {p.name: values.get(p.name, 0.0) for p in own}
+    return RunnerUp(c.id, c.reduction, c.z, not c.reason, c.reason, sizes)
 
 
 def one_time(stretch: Stretch | None, by_trial: str) -> bool:

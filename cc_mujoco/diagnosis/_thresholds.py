@@ -10,7 +10,7 @@ class Limit:
 
     # Decisions, set so that rigs without any effect give `none`.
     # Form error of an effect over its explained error, in every trial: right names
-    # leave that much on rigs of other forms. A smaller difference parts no lookalikes
+    # leave as much on rigs of other forms, and less parts no lookalikes
     form_error_share = 0.05
     max_explained_error = 2.4  # Error over the floor of a model that explains the data
     min_z = 2.0  # Least z of a comparison with the model without the effect
@@ -63,9 +63,8 @@ class Limit:
 
     # Fit of the baseline, noise floor and intervals.
     max_numerical_error = 0.35  # Harmless RMS change by a finer simulation, in floors
-    # Harmless change over the RMS error of the model. Halved steps show half of an
-    # error of first order, so at most 9 % of the squared error is numerical, less than
-    # any effect takes
+    # Harmless change over the RMS error of the model: halved steps show half of it, so
+    # 9 % of the squared error is numerical at most, less than any effect takes
     max_numerical_share = 0.15
     max_cable_segments = 64  # Most segments per cable
     max_substeps = 8  # Most simulation steps per sample
@@ -124,8 +123,7 @@ class Limit:
     min_trend_share = 0.3  # of the error that constants by trial have to take
     missed_sigmas = 2.0  # First-order change that no step reaches where a fit fails
     # Share of the squared error beyond the floor from which on constants by trial
-    # without a trend are the verdict; of single effects that are hidden in rigs they
-    # take 4 %
+    # without a trend are the verdict; of single hidden effects they take 4 %
     random_share = 0.9
     rival_margin = 0.02  # Share of the error by which another constant may do worse
     # The same share from which on constants without a trend are reported: other effects
@@ -135,8 +133,7 @@ class Limit:
     outlier_ratio = 2.0  # Its error over that of the rest fitted without it
     outlier_floor_ratio = 3.0  # Error of a trial that stands out, over the noise floor
     # Error that such a trial may keep with a constant of its own, over that of the
-    # rest: an error that no constant mends is one of the model, and is largest where
-    # the motion is largest
+    # rest: one that no constant mends is the model's, the largest in large motions
     max_remaining_ratio = 1.25
     max_exchanged_share = 0.2  # of its error that remains once torques were exchanged
     tilt_grid_points = 8  # Angles that are tried before the best is refined
@@ -162,9 +159,8 @@ class Limit:
 
     # Verdict.
     min_clarity = 3.0  # Size over its uncertainty at which a planned trial shows it
-    # Threshold of visibility: squared RMS change by a plausible effect, in noise
-    # floors. At the floor, such an effect explains as much of the error as acceptance
-    # requires
+    # Visible squared RMS change by a plausible effect, in noise floors: at the floor it
+    # explains as much of the error as acceptance requires
     min_visible_change = 0.1
     max_prior_sigmas = 3.0  # beyond which a tuned parameter contradicts its prior
     # Standard deviation of the joint's zero where the cable's arm depends on it [rad].
@@ -187,9 +183,8 @@ class Limit:
     # Discrepancy of effects whose forms meet, a weight and a spring, over the error
     # before the round (m)
     meeting_form_share = 0.25
-    # Names on study rigs that left more than `max_explained_error`, those that were
-    # right and all of them, see `validation.md`. So few count by the rule of
-    # succession, (k + 1) / (n + 2)
+    # Names on study rigs that left more than `max_explained_error`, right ones and all
+    # (`validation.md`), which count by the rule of succession, (k + 1) / (n + 2)
     far_off_right = 4
     far_off_names = 4
     min_shown = 0.02  # Least probability of an alternative that is listed

@@ -163,10 +163,10 @@ class NextExperiment:
     trial: str = ""  # name for the recording
     facts: tuple[str, ...] = ()  # lines of `dataset.toml` for it
 
-
-def next_folder(planned: NextExperiment) -> str:
-    """Return the folder of a proposed trial, inside that of the diagnosis."""
-    return f"next_{planned.trial}"
+    @property
+    def folder(self) -> str:
+        """Name of its folder, inside that of the diagnosis."""
+        return f"next_{self.trial}"
 
 
 @dataclass(frozen=True)

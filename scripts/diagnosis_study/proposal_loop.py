@@ -108,7 +108,6 @@ def loop(
     """Diagnose a rig, record up to `proposals` proposed trials, diagnose again."""
     from cc_mujoco.diagnosis import infer
     from cc_mujoco.diagnosis._report.output import write_proposed
-    from cc_mujoco.diagnosis._verdict import next_folder
 
     bench = Bench.of(scene_path("bench"))
     data = make_dataset(rig, amounts, recorded, seed)
@@ -124,7 +123,7 @@ def loop(
         steps.append(Step(result, planned.description if planned else "", spent))
         if planned is None or motion is None or len(steps) > proposals:
             return steps
-        plan = folder / next_folder(planned)
+        plan = folder / planned.folder
         write_proposed(plan, planned, motion, str(place / "dataset.toml"))
         trial, cell, facts = planned_trial(plan)
         names = (*BASIC, CELLS[cell]) if cell else BASIC

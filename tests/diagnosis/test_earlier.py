@@ -17,7 +17,7 @@ from cc_mujoco.datasets._dataset_file import read_dataset_file
 from cc_mujoco.diagnosis._phrases import continue_command
 from cc_mujoco.diagnosis._propose.experiment import CataloguedTrial, trial_table
 from cc_mujoco.diagnosis._report.output import VERDICT_FILE, Earlier, write_proposed
-from cc_mujoco.diagnosis._verdict import NextExperiment, next_folder
+from cc_mujoco.diagnosis._verdict import NextExperiment
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware._references import add_trial_facts, read_plan
 
@@ -128,7 +128,7 @@ def test_a_proposed_trial_is_played_and_continued(
     planned = NextExperiment("cables off", ("a", "b"), "", "trial_03", facts)
     known = tmp_path / "dataset.toml"
     known.write_text("[trials.a]\npretension = 9\n", encoding="utf-8")
-    folder = diagnosed / next_folder(planned)
+    folder = diagnosed / planned.folder
     write_proposed(folder, planned, motion, str(known))
     (trial,) = read_plan(folder)
     assert (trial.name, trial.notes) == ("trial_03", "cables off")

@@ -721,12 +721,6 @@ def compare_occasions(
     return Occasions(names, tuple(changes), tuple(sizes), statement)
 
 
-def agreement_shares(compared: Occasions) -> dict[str, float]:
-    effects = dict.fromkeys(each.effect for each in compared.sizes)
-    agreed = {e: [s.agree for s in compared.sizes if s.effect == e] for e in effects}
-    return {effect: sum(own) / len(own) for effect, own in agreed.items()}
-
-
 def describe_change(tuned: Tuned, earlier: Estimate) -> tuple[Estimate, str]:
     """Return the change to the later occasion, and the same in words.
 

@@ -243,7 +243,9 @@ def fit_loss(
             "of the torque constant and the zeros of both torques change the ratio of "
             "the torques in the same way; record both directions",
         )
-    usual = _usual_travel(strokes)
+    travels = np.sort([float(each.travel[-1]) for each in strokes])
+    covered = np.cumsum(travels)  # the median of travel, not of strokes
+    usual = float(travels[np.searchsorted(covered, 0.5 * covered[-1])])
     settling, before = 0.3 * usual, math.nan
     for _ in range(4):
         blocks = _blocks(strokes, settling)
@@ -348,13 +350,6 @@ def _columns(stroke: Stroke) -> FloatArray:
     columns[:, POSITIVE if stroke.sign > 0.0 else NEGATIVE] = -stroke.sign
     columns[:, DRAG], columns[:, INERTIA] = -stroke.speed, -stroke.acceleration
     return columns
-
-
-def _usual_travel(strokes: Sequence[Stroke]) -> float:
-    """Return the median travel of strokes, weighted by travel [rad]."""
-    travels = np.sort([float(each.travel[-1]) for each in strokes])
-    covered = np.cumsum(travels)
-    return float(travels[np.searchsorted(covered, 0.5 * covered[-1])])
 
 
 def _blocks(strokes: Sequence[Stroke], settling: float) -> list[_Block]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import itertools
 import math
 from collections.abc import Collection, Sequence
@@ -129,29 +128,24 @@ def motions(
     still = np.zeros(time.size)
 
     def play(
-        words: str,
-        motor: FloatArray,
-        joint: FloatArray | None = None,
-        pretension: float = 1.0,
-        **more: Any,
+        words: str, motor: FloatArray, joint: FloatArray | None = None, **more: Any
     ) -> CataloguedTrial:
         """Return a trial about the middle, whose joint goes along or has a motion."""
-        along = free(motor) if joint is None else joint
-        return CataloguedTrial(
-            words, motor_middle + motor, joint_middle + along, pretension, **more
-        )
+        along = joint_middle + (free(motor) if joint is None else joint)
+        return CataloguedTrial(words, motor_middle + motor, along, **more)
 
     def hold(words: str, motor: FloatArray, pretension: float = 1.0) -> CataloguedTrial:
         """Return a trial with the joint locked; a lone cable is pulled to one side."""
         if len(bench.cables) == 1:
             motor = 0.5 * (motor - motor.min())
-        return play(f"joint locked, {words}", motor, still, pretension)
+        return play(f"joint locked, {words}", motor, still, pretension=pretension)
 
     if load is not None:
         stiffness = len(bench.cables) * cable.axial_stiffness / cable.length
         kept = 1.0 / (1.0 + load / (stiffness * bench.joint_radius**2))
+        turning = "joint turning its load"
         return [
-            play(f"joint turning its load, {how}", each, free(kept * each), share)
+            play(f"{turning}, {how}", each, free(kept * each), pretension=share)
             for how, each, share in (
                 ("triangles at five speeds", ladder, 1.0),
                 ("chirp from 0.1 to 3 Hz", chirp, 1.0),
@@ -274,14 +268,11 @@ def trial_table(
 
 
 def write_motion(path: Path, motion: CataloguedTrial) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        rows = csv.writer(file)
-        rows.writerow(("time_s", "motor_angle_rad", "joint_angle_rad"))
-        angles = zip(motion.motor, motion.joint, strict=False)
-        rows.writerows(
-            (f"{MOTION_STEP * k:.3f}", f"{motor:.6f}", f"{joint:.6f}")
-            for k, (motor, joint) in enumerate(angles)
-        )
+    time = MOTION_STEP * np.arange(motion.motor.size)
+    table = np.column_stack([time, motion.motor, motion.joint])
+    how: Any = {"fmt": ("%.3f", "%.6f", "%.6f"), "delimiter": ",", "newline": "\r\n"}
+    names = "time_s,motor_angle_rad,joint_angle_rad"
+    np.savetxt(path, table, header=names, comments="", **how)
 
 
 def catalogue(problem: Problem) -> list[CataloguedTrial]:

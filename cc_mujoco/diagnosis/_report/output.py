@@ -40,12 +40,7 @@ from cc_mujoco.diagnosis._rig.records import low_pass, shift_signal
 from cc_mujoco.diagnosis._scene import realisation
 from cc_mujoco.diagnosis._scene.repair import repair_scene, rollout
 from cc_mujoco.diagnosis._scene.repair import write as write_scene
-from cc_mujoco.diagnosis._verdict import (
-    Diagnosis,
-    Evidence,
-    NextExperiment,
-    next_folder,
-)
+from cc_mujoco.diagnosis._verdict import Diagnosis, Evidence, NextExperiment
 from cc_mujoco.diagnosis.effects import EFFECTS
 from cc_mujoco.diagnosis.effects._drive_effects import JOINT_DELAY
 from cc_mujoco.errors import CableError
@@ -356,8 +351,7 @@ def write(
         raise CableError(f"{error} The verdict is in {out / VERDICT_FILE}.") from error
     planned = diagnosis.next_experiment
     if result.motion is not None and planned is not None:
-        folder = out / next_folder(planned)
-        write_proposed(folder, planned, result.motion, dataset.path)
+        write_proposed(out / planned.folder, planned, result.motion, dataset.path)
     for name in set(OPTIONAL_FILES) - there:  # of a diagnosis with another verdict
         (out / name).unlink(missing_ok=True)
     return diagnosis

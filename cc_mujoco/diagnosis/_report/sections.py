@@ -31,7 +31,7 @@ from cc_mujoco.diagnosis._phrases import (
 )
 from cc_mujoco.diagnosis._report import drawings
 from cc_mujoco.diagnosis._report.drawings import Excerpt
-from cc_mujoco.diagnosis._verdict import Diagnosis, Evidence, RunnerUp, next_folder
+from cc_mujoco.diagnosis._verdict import Diagnosis, Evidence, RunnerUp
 from cc_mujoco.estimation._least_squares import Estimate
 from cc_mujoco.report._html import (
     Html,
@@ -256,7 +256,7 @@ def _experiment_step(diagnosis: Diagnosis) -> Html:
     return _step_item(
         title,
         f"{capitalise(planned.description.rstrip('.'))}. It shows whether it is "
-        f"{either}. Folder {next_folder(planned)} has the motion and the lines of "
+        f"{either}. Folder {planned.folder} has the motion and the lines of "
         f"dataset.toml; {then}.",
     )
 

@@ -452,7 +452,11 @@ def search_effects(fitted: BaselineFit, progress: Progress) -> Found:
     problem, x, spread, held = _drop_doubtful(fitted, found, progress)
     estimated = intervals.estimates(problem, x, spread)
     compared = trials.compare_occasions(problem, x, estimated)
-    shares = trials.agreement_shares(compared) if compared else agreed.shares
+    shares = agreed.shares
+    if compared:
+        effects = {size.effect for size in compared.sizes}
+        agree = {e: [s.agree for s in compared.sizes if s.effect == e] for e in effects}
+        shares = {effect: sum(own) / len(own) for effect, own in agree.items()}
     found = final_search(found, problem, x)
     added = [step.added for step in found.rounds if step.added]
     groups = {}
@@ -463,11 +467,11 @@ def search_effects(fitted: BaselineFit, progress: Progress) -> Found:
         rivals = tuple(dict.fromkeys((*rivals, *more)))
         if len(rivals) > 1:
             groups[rivals[0]] = rivals
-    effects = _found_effects(found, problem, x, estimated, shares, groups)
-    missing = [effect.id for effect in effects if effect.missing]
+    named = _found_effects(found, problem, x, estimated, shares, groups)
+    missing = [effect.id for effect in named if effect.missing]
     ties = tuple(rivals for name, rivals in groups.items() if name in missing)
     model, off = (problem, x, held, estimated), trials.misfits(problem, x)
-    return Found(fitted, found, *model, effects, ties, compared, by_trial, off)
+    return Found(fitted, found, *model, named, ties, compared, by_trial, off)
 
 
 def _drop_doubtful(

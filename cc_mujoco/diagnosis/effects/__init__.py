@@ -83,7 +83,9 @@ def effects_in_use(given: Iterable[Any]) -> Iterator[tuple[str, ...]]:
                     raise CableError.unknown("effect", each, EFFECTS)
                 requested.append(each)
                 continue
-            effect = _loaded(each)
+            if isinstance(each, str):
+                each = named_object("effect", each, "class")
+            effect = each if isinstance(each, Effect) else effect_of_class(each)
             _require_new(effect)
             EFFECTS[effect.id] = effect
             added.append(effect.id)
@@ -92,12 +94,6 @@ def effects_in_use(given: Iterable[Any]) -> Iterator[tuple[str, ...]]:
     finally:
         for name in added:
             del EFFECTS[name]
-
-
-def _loaded(given: Any) -> Effect:
-    if isinstance(given, str):
-        given = named_object("effect", given, "class")
-    return given if isinstance(given, Effect) else effect_of_class(given)
 
 
 def _require_new(effect: Effect) -> None:

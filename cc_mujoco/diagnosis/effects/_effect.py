@@ -345,11 +345,6 @@ def _follow_with_play(angle: FloatArray, width: float, out: FloatArray) -> None:
 
 CHANGES = ("signals", "cables", "joint_arm", "motor_arm")
 """Methods that change a simulation, of which an effect has at least one."""
-_METHODS = ("parameters", *CHANGES, "edit_spec")
-_BOUND = 1e4
-"""Bound of a size that has none, over its typical value."""
-_MAX_STARTS = 16
-_PLACES = get_args(Place)
 
 
 @dataclass(frozen=True)
@@ -376,7 +371,7 @@ class Size:
 
     def described(self) -> EffectParameter:
         """Return the parameter as fits have it."""
-        most = _BOUND * abs(self.typical)
+        most = 1e4 * abs(self.typical)
         low = -most if self.low is None else self.low
         high = most if self.high is None else self.high
         if not (math.isfinite(self.typical) and self.typical != 0.0):
@@ -475,8 +470,8 @@ def _effect(made: Any, name: str, rare: bool) -> Effect:
         )
     for method in vars(kind):
         public = not method.startswith("_") and inspect.isfunction(vars(kind)[method])
-        if public and method not in _METHODS:
-            raise CableError.unknown(f"method of effect {name!r}", method, _METHODS)
+        if public and method not in _ARGUMENTS:
+            raise CableError.unknown(f"method of effect {name!r}", method, _ARGUMENTS)
     if not callable(getattr(made, "parameters", None)):
         raise CableError("it has no method `parameters`, which lists Size and Shape")
     changes = [method for method in CHANGES if hasattr(made, method)]
@@ -496,8 +491,8 @@ def _effect(made: Any, name: str, rare: bool) -> Effect:
     if sensor or "cables" in changes:
         usual = "sensor" if sensor else "conduit"
     where: Place = getattr(made, "where", usual)
-    if where not in _PLACES:
-        raise CableError.unknown("where", where, _PLACES)
+    if where not in get_args(Place):
+        raise CableError.unknown("where", where, get_args(Place))
     parameters, starts = _parameters(made)
     forms = tuple(getattr(made, "forms", ()))
     if forms:
@@ -550,10 +545,11 @@ def _parameters(made: Any) -> tuple[tuple[EffectParameter, ...], tuple[Values, .
     choices = [e.values if isinstance(e, Shape) else (e.typical,) for e in listed]
     every = itertools.product(*choices)
     combined = [dict(zip(names, values, strict=True)) for values in every]
-    if len(combined) > _MAX_STARTS:
+    most = 16
+    if len(combined) > most:
         raise CableError(
-            f"its shapes have {len(combined)} combinations of starts; at most "
-            f"{_MAX_STARTS} are tried"
+            f"its shapes have {len(combined)} combinations of starts; at most {most} "
+            "are tried"
         )
     return described, tuple(combined)
 

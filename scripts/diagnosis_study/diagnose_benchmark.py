@@ -120,7 +120,7 @@ def is_right(record: Record) -> bool:
 def verdict_rates(records: list[Record]) -> list[list[str]]:
     """Return rows of a table: verdict, times it was given, share that is right.
 
-    `RELIABILITY` of `_judge` is copied from it.
+    `STUDIED` of `_judge` is copied from it.
     """
     found = []
     for verdict in ("named", "none", "tie", "unknown"):

@@ -21,7 +21,7 @@ import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import FrameType
-from typing import Any, Protocol
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -50,31 +50,13 @@ from rig.makes import MAKES
 PERIOD = 0.002  # time between two readings, by default [s]
 LONGEST = 600.0  # time for which a device is played [s]
 STATE = (
-    "motor_angle_rad",
-    "motor_velocity_rad_s",
-    "joint_angle_rad",
-    "joint_velocity_rad_s",
-)
+    "motor_angle_rad", "motor_velocity_rad_s", "joint_angle_rad", "joint_velocity_rad_s"
+)  # fmt: skip
 """Columns of an axis that its encoders read."""
 
 
-class End(Protocol):
-    """The rig's end of a link; nothing of it waits."""
-
-    name: str
-
-    def receive(self) -> tuple[bytes, Sender] | None:
-        """Return the next packet and its sender, None if there is none."""
-
-    def send(self, data: bytes, to: Sender) -> None:
-        """Send a packet; it may be lost."""
-
-    def close(self) -> None:
-        """Leave."""
-
-
 class CanEnd:
-    """The other end of the address that a host has."""
+    """The other end of the address that a host has; as `UdpEnd`, nothing waits."""
 
     def __init__(self, address: CanAddress, buses: CanBuses | None = None) -> None:
         self.name = f"can:{address.channel}"
@@ -93,18 +75,6 @@ class CanEnd:
 
     def close(self) -> None:
         self._link.close()
-
-
-class Played(Protocol):
-    """Simulated motors, cables and joints of a rig."""
-
-    period: float  # length of a step [s]
-
-    def advance(self, torques: Sequence[float]) -> None:
-        """Go on by a period with a torque of every motor [N m]."""
-
-    def readings(self, statuses: Sequence[Status]) -> list[Readings]:
-        """Return the readings of the instruments of every axis."""
 
 
 class SwungBench:
@@ -191,7 +161,7 @@ class WornRig:
         return found
 
 
-def serve(ends: Sequence[End], played: Played) -> None:
+def serve(ends: Sequence[Any], played: Any) -> None:
     """Play until the process is terminated."""
     hosts = [ServedHost() for _ in ends]
     count, late = 0, 0
@@ -217,9 +187,9 @@ def serve(ends: Sequence[End], played: Played) -> None:
                 end.send(packet.pack_reading(count, stamp, seen), host.address)
 
 
-def ends_of(axes: Sequence[Settings]) -> list[End]:
+def ends_of(axes: Sequence[Settings]) -> list[Any]:
     buses: CanBuses = {}
-    found: list[End] = []
+    found: list[Any] = []
     for each in axes:
         address = each.address()
         if isinstance(address, CanAddress):
@@ -257,7 +227,6 @@ def main() -> None:
             )
         axes = RigAxes(read_axes(given.rig)) if given.rig else None
         print("a rig gets ready, which takes some seconds", flush=True)
-        played: Played
         if axes is not None and len(axes.device.axis_names) > 1:
             worn = Worn(axes.device)
             played = WornRig(worn, axes.names, given.seed, given.period)

@@ -42,26 +42,6 @@ def played(
     return found
 
 
-def print_row(name: str, found: dict[str, list[float]]) -> None:
-    cells = [
-        f"{scores[0]:.3g}" + (f" ({scores[-1]} failed)" if scores[-1] else "")
-        for scores in found.values()
-    ]
-    print(f"| {name} | {' | '.join(cells)} | {of_the_best(found):.2f} |", flush=True)
-
-
-def of_the_best(found: dict[str, list[float]]) -> float:
-    first, *others = (scores[0] for scores in found.values())
-    return first / min(others)
-
-
-def keep(path: Path, rows: list[tuple[str | float, ...]]) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        to = csv.writer(file, lineterminator="\n")
-        to.writerow(["scene", "condition", "controller", *SCORES, "failed"])
-        to.writerows(rows)
-
-
 def main(
     suite: Literal["v2", "v2-known"] = "v2",
     scenes: tuple[str, ...] = ("wrist", "ankle", "finger"),
@@ -89,12 +69,20 @@ def main(
             for one in SUITES[suite].conditions(scene)
         ]
         for name, found in played(wanted, controllers, numbers).items():
-            print_row(name, found)
-            shares.append(of_the_best(found))
+            errors = [scores[0] for scores in found.values()]
+            shares.append(errors[0] / min(errors[1:]))
+            cells = [
+                f"{error:.3g}" + (f" ({failed} failed)" if failed else "")
+                for error, *_, failed in found.values()
+            ]
+            print(f"| {name} | {' | '.join(cells)} | {shares[-1]:.2f} |", flush=True)
             for law, scores in found.items():
                 kept.append((scene, name, law, *(f"{one:.4g}" for one in scores)))
         if out is not None:
-            keep(out, kept)
+            with out.open("w", newline="", encoding="utf-8") as file:
+                to = csv.writer(file, lineterminator="\n")
+                to.writerow(["scene", "condition", "controller", *SCORES, "failed"])
+                to.writerows(kept)
         print(f"\nmedian {np.median(shares):.2f}, worst {max(shares):.2f}", flush=True)
 
 

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
-from collections.abc import Iterator
 from functools import reduce
 from typing import Any, Literal
 
@@ -31,31 +30,27 @@ SCENES = "wrist", "ankle", "finger", "exosuit"
 DURATION = 1.6  # length of an episode [s]
 STEP = 0.7  # factor of a number from one try to the next
 SCORES = "rms_torque_error", "chatter"
-_TUNED = "feedback.TunedFeedback"
-_FORWARD = "feedback.FrictionFeedForward"
-_GAUSSIAN = "baselines.LinearQuadraticGaussian"
-_INVERSE = "baselines.BacklashInverse"
 NUMBERS = {
     "pi_tuned": (
-        "feedback._DELAY_SHARE",
-        f"{_TUNED}.integral_share",
-        f"{_TUNED}.single_dead_sigmas",
+        "feedback._DELAY_SHARE", "feedback.TunedFeedback.integral_share",
+        "feedback.TunedFeedback.single_dead_sigmas",
     ),
     "pi_feed_forward": tuple(
-        f"{_FORWARD}.{name}"
+        f"feedback.FrictionFeedForward.{name}"
         for name in ("integral_share", "friction_share", "slip_speed")
     ),
     "lqg": tuple(
-        f"{_GAUSSIAN}.{name}"
+        f"baselines.LinearQuadraticGaussian.{name}"
         for name in ("effort", "single_effort", "load_walk", "lack_walk")
     ),
     "inverse": (
-        f"{_INVERSE}.delay_share",
-        f"{_INVERSE}.max_bandwidth",
-        f"{_INVERSE}.integral_share",
+        *(
+            f"baselines.BacklashInverse.{name}"
+            for name in ("delay_share", "max_bandwidth", "integral_share")
+        ),
         "law_steps.BAND_SIGMAS",
     ),
-}
+}  # fmt: skip
 """Free numbers of each baseline, and where they are in `cc_mujoco.control`."""
 
 
@@ -86,13 +81,6 @@ def place(number: str) -> tuple[Any, str]:
     return reduce(getattr, inner, owner), name
 
 
-def tries(first: float, factor: float) -> Iterator[float]:
-    """Yield ever smaller or larger numbers, of two digits."""
-    while True:
-        first = float(f"{factor * first:.2g}")
-        yield first
-
-
 def tune(law: str, wanted: list[Condition]) -> None:
     """Print the numbers of a baseline that are tried, and those that are best."""
     start = scores(law, wanted)
@@ -107,7 +95,9 @@ def tune(law: str, wanted: list[Condition]) -> None:
         for factor in (STEP, 1.0 / STEP):
             if best[number] != first:
                 break
-            for tried in tries(first, factor):
+            tried = first
+            while True:
+                tried = float(f"{factor * tried:.2g}")
                 setattr(owner, name, tried)
                 error, chatter = over(scores(law, wanted))
                 print(

@@ -6,20 +6,18 @@ from turns import by_turns, spread
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TypeVar
+from typing import Any
 
 import numpy as np
 
 from cc_mujoco.native import FloatArray as Array
 
-Name = TypeVar("Name")
-
 
 def by_turns(
-    contestants: Mapping[Name, Callable[[], float]], rounds: int, first: int = 0
-) -> dict[Name, Array]:
+    contestants: Mapping[Any, Callable[[], float]], rounds: int, first: int = 0
+) -> dict[Any, Array]:
     """Return the cost of each one's turns (rounds,), after `first` rounds more."""
-    found: dict[Name, list[float]] = {name: [] for name in contestants}
+    found: dict[Any, list[float]] = {name: [] for name in contestants}
     for _ in range(first + rounds):
         for name, turn in contestants.items():
             found[name].append(turn())

@@ -15,7 +15,7 @@ over the floor, motor and joint, is printed by the pace of the faster end and by
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -58,14 +58,6 @@ def fitted(dataset: Dataset) -> BaselineFit:
     bench = Bench.of(scene_path("bench")).known(dataset.constants)
     records, filtering = prepare(dataset, bench)
     return fit_baseline(dataset, plant_of(dataset, bench, records), filtering, 0)
-
-
-def misfit_of(make: str, seed: int) -> float:
-    """Return the RMS held-out error of the baseline over that of noise."""
-    rig = make_rig(seed, make=make)
-    trials = MAKES[make].trials(rig)
-    data = make_dataset(rig, {}, trials, seed)
-    return fitted(written(data, trials, seed)).crossed.misfit
 
 
 PACES = {"rest": 0.005, "creep": 0.06, "slow": 0.5, "fast": np.inf}
@@ -124,18 +116,6 @@ def _moments(record: Record, clean: Record) -> Mapping[str, NDArray[np.bool_]]:
     return {**paces, record.trial: record.counts, "all": record.counts}
 
 
-def print_by_motion(makes: Sequence[str], seeds: Iterable[int]) -> None:
-    """Print noise over the floor by pace and trial, of all rigs together."""
-    total: dict[str, Array] = {}
-    for seed in seeds:
-        for make in makes:
-            for name, sums in squares(make, seed).items():
-                total[name] = total.get(name, 0.0) + sums
-    for name, (noise, floor) in total.items():
-        motor, joint = np.sqrt(noise / floor)
-        print(f"{name:9} {motor:.2f} {joint:.2f}")
-
-
 def main(
     make: tuple[Literal[tuple(MAKES)], ...] = tuple(MAKES),
     rigs: int = 10,
@@ -151,12 +131,20 @@ def main(
         step: from seed to seed.
     """
     seeds = range(seed, seed + step * rigs, step)
-    if by_motion:
-        print_by_motion(make, seeds)
-        return
-    for one in seeds:
-        for kind in make:
-            print(f"{kind:9} {one:5} {misfit_of(kind, one):.2f} floors", flush=True)
+    total: dict[str, Array] = {}
+    for kind, one in ((kind, one) for one in seeds for kind in make):
+        if by_motion:
+            for name, sums in squares(kind, one).items():
+                total[name] = total.get(name, 0.0) + sums
+            continue
+        rig = make_rig(one, make=kind)
+        trials = MAKES[kind].trials(rig)
+        data = make_dataset(rig, {}, trials, one)
+        misfit = fitted(written(data, trials, one)).crossed.misfit
+        print(f"{kind:9} {one:5} {misfit:.2f} floors", flush=True)
+    for name, (noise, floor) in total.items():
+        motor, joint = np.sqrt(noise / floor)
+        print(f"{name:9} {motor:.2f} {joint:.2f}")
 
 
 if __name__ == "__main__":

@@ -63,24 +63,21 @@ def clean_dataset(
     seed: int,
     names: tuple[str, ...] = BASIC,
 ) -> list[Array]:
-    """Return what a logger without noise would store: (samples, names) per trial."""
-    truth = truth_of(rig, effects, seed)
-    return [_sampled(truth, rig, trial, names) for trial in trials]
-
-
-def _sampled(truth: Truth, rig: Rig, trial: Trial, names: tuple[str, ...]) -> Array:
-    """Return what a logger without noise would store of one trial.
+    """Return what a logger without noise would store: (samples, names) per trial.
 
     Sensors that have changed places read each other's torque, and are then named by it.
     """
-    records, order = run(truth, rig, trial), list(range(len(names)))
-    if trial.swapped:
-        torques = ("motor_torque", "joint_torque")
-        one, other = (COLUMNS.index(name) for name in torques)
-        records[:, [one, other]] = records[:, [other, one]]
-        one, other = (names.index(name) for name in torques)
-        order[one], order[other] = other, one
-    return sampled(records, rig, truth.chain, names)[:, order]
+    truth, torques = truth_of(rig, effects, seed), ("motor_torque", "joint_torque")
+    found = []
+    for trial in trials:
+        records, order = run(truth, rig, trial), list(range(len(names)))
+        if trial.swapped:
+            one, other = (COLUMNS.index(name) for name in torques)
+            records[:, [one, other]] = records[:, [other, one]]
+            one, other = (names.index(name) for name in torques)
+            order[one], order[other] = other, one
+        found.append(sampled(records, rig, truth.chain, names)[:, order])
+    return found
 
 
 def make_dataset(

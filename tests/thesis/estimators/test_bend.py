@@ -9,7 +9,7 @@ from cc_mujoco.cable import Section
 from cc_mujoco.device import Sensors
 from cc_mujoco.errors import CableError
 from estimation.runs import CABLE, Run, drifting, played, rms, strokes
-from thesis.estimators import BendEstimator
+from thesis.estimators._parameters import BendEstimator
 
 PATH = (Section(0.5, 0.2), Section(0.5, 0.8), Section(0.5, 0.3), Section(0.5, 0.5))
 WINDING = CABLE.replace(conduit=PATH, segments=20)

@@ -12,10 +12,10 @@ from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.device import Sensors
 from cc_mujoco.estimation._fusion import tension_gains
 from thesis._literal_solver import Constraint, sign_patterns, solve
-from thesis.estimators import SensorConsensus
 from thesis.estimators._directions import (
     CONDITIONS,
     Moment,
+    SensorConsensus,
     excess_moment,
     fuse_correlated,
     likeliest_pattern,

@@ -9,9 +9,10 @@ from cc_mujoco.cable import Cable, Section
 from cc_mujoco.cable._segments import Mesh
 from cc_mujoco.device import Sensors
 from cc_mujoco.estimation._fusion import tension_gains
-from thesis.estimators import SensorNoise, autocovariance_least_squares
 from thesis.estimators._sensor_noise import (
     LinearModel,
+    SensorNoise,
+    autocovariance_least_squares,
     autocovariances,
     difference_variance,
     innovations,

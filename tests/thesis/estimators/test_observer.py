@@ -6,7 +6,7 @@ import numpy as np
 
 from cc_mujoco.cable import Cable, Section, replay
 from cc_mujoco.device import Sensors
-from thesis.estimators import CableObserver
+from thesis.estimators._directions import CableObserver
 
 CABLE = Cable(friction=0.21, conduit=(Section(2.0, 0.28),), segments=10, pretension=20)
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from estimation.runs import CABLE, DT, Run, drifting, played, rms, strokes
-from thesis.estimators import UnscentedEstimator
 from thesis.estimators._unscented import (
     History,
+    UnscentedEstimator,
     kalman_gain,
     linearize,
     sigma_points,

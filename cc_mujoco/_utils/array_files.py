@@ -28,8 +28,6 @@ _NUMERIC_KINDS = "biuf"  # kinds of NumPy
 
 
 class _Array(NamedTuple):
-    """An array of a file, in memory or not yet."""
-
     data: Any  # array or HDF5 dataset
     # whether its axes are stored in the opposite order, as MATLAB does
     turned: bool = False
@@ -63,7 +61,6 @@ def read_columns(
 def _columns(
     path: Path, arrays: Mapping[str, _Array]
 ) -> dict[str, tuple[_Array, int | None]]:
-    """Return the array and index of every column, by its name."""
     columns: dict[str, tuple[_Array, int | None]] = {}
     matlab = path.suffix.lower() == MATLAB_ENDING
     for place, array in arrays.items():
@@ -112,7 +109,6 @@ def _h5py(path: Path) -> Any:
 
 
 def _matlab_arrays(path: Path) -> dict[str, _Array]:
-    """Return the arrays of a MATLAB file (4 to 7.2), including fields of structs."""
     from scipy.io import loadmat
     from scipy.io.matlab import MatlabFunction, MatlabOpaque
 
@@ -141,7 +137,6 @@ def _matlab_arrays(path: Path) -> dict[str, _Array]:
 
 
 def _hdf5_arrays(file: Any, matlab: bool) -> dict[str, _Array]:
-    """Return the arrays of an HDF5 file, including those in groups."""
     found: dict[str, _Array] = {}
 
     def look(name: str, item: Any) -> None:

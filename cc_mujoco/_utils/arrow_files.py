@@ -30,7 +30,6 @@ _BOOLEAN_VALUES = {"true": "1", "false": "0"}
 
 
 def column_names(path: Path) -> list[str]:
-    """Return the names of the columns of a file, in order."""
     with one_sentence(path, kind=pa.ArrowException):
         if path.suffix.lower() == PARQUET_ENDING:
             return [str(name) for name in pq.ParquetFile(path).schema_arrow.names]
@@ -96,7 +95,6 @@ def _layout(path: Path) -> Layout:
 def _csv_batches(
     path: Path, form: Layout, names: list[str], texts: Iterable[str] = ()
 ) -> Iterator[pa.RecordBatch]:
-    """Yield the columns of a CSV file as numbers, some as text."""
     # Names of their own, for the file's may be there twice.
     own = [name if name in names else f"#{k}" for k, name in enumerate(form.names)]
     kinds = dict.fromkeys(names, pa.float64()) | dict.fromkeys(texts, pa.string())

@@ -65,7 +65,6 @@ def require_own_file(path: Path, ours: Callable[[Path], bool]) -> None:
 
 
 def checksum_line(path: Path) -> str:
-    """Return the checksum line of a file that a user may change."""
     with path.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256")
     return f"{path.name} as written: {digest.hexdigest()}"
@@ -103,7 +102,6 @@ def require_unmodified(
 
 
 def is_marked(path: Path) -> bool:
-    """Return whether this is a Parquet file of ours."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -200,7 +198,6 @@ def _host() -> str:
 
 
 def _is_dead(process: str) -> bool:
-    """Return whether no process of this machine has this number."""
     if not process.isdecimal() or sys.platform == "win32":  # where a signal 0 kills
         return False
     try:

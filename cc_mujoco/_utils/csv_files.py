@@ -29,8 +29,6 @@ _DECIMAL_COMMA = re.compile(r"\s*[-+]?\d*,\d+(?:[eE][-+]?\d+)?\s*|\s*[-+]?\d+,\s
 
 
 class Layout(NamedTuple):
-    """Form of a CSV file."""
-
     encoding: str  # encoding of the text
     top: int  # lines before the first line of data
     separator: str  # separator of cells
@@ -46,8 +44,6 @@ class Row(NamedTuple):
 
 
 class Sheet(NamedTuple):
-    """Contents of a CSV file."""
-
     path: Path  # path of the file
     top: int  # number of the line that names the columns, from 1
     names: list[str]  # names of the columns

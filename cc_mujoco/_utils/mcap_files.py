@@ -34,7 +34,6 @@ def column_names(path: Path) -> list[str]:
 def read_columns(
     path: Path, names: Iterable[str], _switches: Iterable[str] = ()
 ) -> dict[str, FloatArray]:
-    """Return columns of a file (rows,) by name."""
     table = _table(path)
     return {name: table[name].copy() for name in names}
 
@@ -48,7 +47,6 @@ def _table(path: Path) -> dict[str, FloatArray]:
 
 @lru_cache(maxsize=4)
 def _read_table(path: Path, _modified: int, _size: int) -> dict[str, FloatArray]:
-    """Return all columns of a file as it is now."""
     times: list[float] = []
     cells: dict[str, dict[int, float]] = {}  # by column and row
     undecoded: set[str] = set()
@@ -100,7 +98,6 @@ def _messages(path: Path) -> Iterator[tuple[str, str, int, Any]]:
 
 
 def _numbers(name: str, value: Any) -> Iterator[tuple[str, float]]:
-    """Yield the numbers of a message with the names of their columns."""
     if isinstance(value, bool | int | float):
         yield name, float(value)
     elif isinstance(value, str | bytes) or value is None:

@@ -34,7 +34,6 @@ _UNITS = {
 
 
 def _header(path: Path) -> tuple[list[str], int]:
-    """Return the columns of an OpenSim file, and the lines above its data."""
     degrees, ended, suffix = {"yes": "_deg", "no": "_rad"}, False, ""
     with path.open(encoding="utf-8-sig") as file:
         for count, line in enumerate(file, start=1):
@@ -61,14 +60,12 @@ def _header(path: Path) -> tuple[list[str], int]:
 
 
 def column_names(path: Path) -> list[str]:
-    """Return the names of the columns of a file, with their units."""
     return _header(path)[0]
 
 
 def read_columns(
     path: Path, wanted: Iterable[str], _switches: Iterable[str] = ()
 ) -> dict[str, FloatArray]:
-    """Return columns of a file (rows,) by name."""
     names, top = _header(path)
     rows: list[list[float]] = []
     with path.open(encoding="utf-8-sig") as file:

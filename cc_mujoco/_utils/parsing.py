@@ -38,7 +38,6 @@ def parse_json(text: str | bytes) -> Any:
 
 
 def unreadable(what: str | Path, error: OSError) -> CableError:
-    """Return the error for a file that the system does not let us read."""
     return CableError(f"cannot read {what}: {error.strerror or error}.")
 
 

@@ -46,7 +46,6 @@ DECLARED = "CC_MUJOCO_FILES"
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of the packages that decide the numbers."""
     packages = ("cc_mujoco", "mujoco", "gymnasium", "numpy", "scipy")
     return {name: importlib.import_module(name).__version__ for name in packages}
 
@@ -70,7 +69,6 @@ def source_files() -> dict[str, Path]:
 
 @cache
 def sources() -> str:
-    """Return a digest of the library's sources, scenes and tables."""
     digest = hashlib.sha256()
     for name, path in sorted(source_files().items()):
         content = path.read_bytes()
@@ -97,7 +95,6 @@ def code_provenance(
 
 
 def file_digests(files: Iterable[Path], folder: Path) -> dict[str, str]:
-    """Return digests of the user's files by their names relative to a folder."""
     return {
         Path(os.path.relpath(path, folder)).as_posix(): _digest(str(path))
         for path in files
@@ -128,7 +125,6 @@ def with_provenance(table: Any, about: Mapping[str, Any]) -> Any:
 
 
 def read_provenance(table: Any) -> Any:
-    """Return the provenance that `with_provenance` put into a table, or None."""
     with contextlib.suppress(ValueError):
         return parse_json((table.schema.metadata or {}).get(METADATA_KEY, b"null"))
     return None
@@ -168,7 +164,6 @@ def _library_folders() -> tuple[str, ...]:
 
 
 def _user_file_digests(controller: str) -> dict[str, str]:
-    """Return digests of a controller's user files, by relocatable names."""
     if controller.endswith(POLICY_ENDING):
         first = os.path.abspath(controller)
         base = os.path.dirname(first)
@@ -199,7 +194,6 @@ def _module(path: str) -> ModuleType | None:
 
 
 def _declared(path: str) -> list[str]:
-    """Return the files that a user's module declares."""
     files = getattr(_module(path), DECLARED, ())
     if isinstance(files, str | os.PathLike) or not all(
         isinstance(each, str | os.PathLike) for each in files

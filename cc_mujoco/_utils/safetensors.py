@@ -21,7 +21,6 @@ Array = NDArray[np.float64]
 
 
 def to_bytes(tensors: Mapping[str, Any], metadata: Mapping[str, str]) -> bytes:
-    """Return the content of a file with arrays and texts by name."""
     header: dict[str, Any] = {"__metadata__": dict(metadata)}
     parts, start = [], 0
     for name, tensor in tensors.items():

@@ -41,7 +41,6 @@ def is_table(name: str | Path) -> bool:
 
 
 def _reader(path: Path) -> Any:
-    """Return the module that reads a file."""
     for reader in _FORMATS:
         if path.suffix.lower() in reader.ENDINGS:
             return reader
@@ -51,7 +50,6 @@ def _reader(path: Path) -> Any:
 
 
 def column_names(path: Path) -> list[str]:
-    """Return the names of the columns of a file, in order."""
     with _readable(path):
         names: list[str] = _reader(path).column_names(path)
     return names
@@ -120,7 +118,6 @@ def _missing_quantity(
 
 
 def unit_names(stem: str, measured: Kind) -> str:
-    """Return the names of a column in every unit, for a sentence."""
     return " or ".join(f"{stem}_{unit.lower()}" for unit in measured.factors)
 
 
@@ -175,7 +172,6 @@ def read_course(
 
 
 def _require_range(path: Path, column: Column, values: FloatArray) -> None:
-    """Refuse numbers that are missing or beyond the limit of a column."""
     wrong = np.flatnonzero(~(np.isfinite(values) & (np.abs(values) <= column.limit)))
     if not wrong.size:
         return

@@ -92,12 +92,10 @@ def named_in_file(
 
 
 def without_mark(text: str) -> str:
-    """Return a text of `named_in_file` as the file has it."""
     return _REFUSED.sub("", text)
 
 
 def _parts(text: str) -> list[str]:
-    """Return the names in a text: those behind `=` and between commas."""
     parts = [part.strip() for part in text.split(",")]
     return [re.sub(r"^[\w-]+=", "", part) for part in parts]
 
@@ -192,7 +190,6 @@ def user_errors(what: str, *kinds: type[BaseException]) -> Iterator[None]:
 
 
 def _own_frames(frames: traceback.StackSummary) -> list[traceback.FrameSummary]:
-    """Return the frames in code of the user."""
     package = str(Path(__file__).resolve().parents[1])
     return [
         frame

@@ -104,7 +104,6 @@ def answer_piece(makers: bytes, job: bytes, piece: bytes | None) -> Answer:
 
 @lru_cache(maxsize=8)
 def _refusal_reason(makers: bytes, job: bytes) -> str:
-    """Return why this process cannot take part, or ""."""
     theirs = pickle.loads(makers)
     other = provenance_differences({**theirs, "files": {}}, code_provenance())
     if not other:

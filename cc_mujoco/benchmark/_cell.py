@@ -190,7 +190,6 @@ def changed(plant: Plant, reference: conditions.Reference | None) -> Plant:
 
 
 def prepare_episodes(cells: Sequence[Cell]) -> CellSetup:
-    """Prepare the episodes of a group, a row for each cell and seed."""
     one = cells[0]
     at, reference = one.condition, conditions.REFERENCES.get(one.controller)
     draws: list[Draw] = []
@@ -299,7 +298,6 @@ def play_group(cells: Sequence[Cell]) -> list[CellResult]:
 
 
 def _apply_ideal_torque(made: CellSetup, rows: Mapping[str, NDArray[Any]]) -> None:
-    """Apply the desired torque to the joint, with delay and motor limits."""
     for drive, prefix in zip(made.drives[0], made.batch.prefixes, strict=True):
         desired = rows[f"{prefix}desired_torque_nm"]
         for row, drawn in enumerate(made.draws):
@@ -417,7 +415,6 @@ def ranked_score(names: Iterable[str]) -> str:
 
 
 def score_columns(names: Sequence[str]) -> list[str]:
-    """Return the names that are scores, of a device or an axis."""
     known = {score.name for score in EVERY_SCORE}
     return [name for name in names if name.rpartition(".")[2] in known]
 

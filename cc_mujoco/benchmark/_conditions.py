@@ -25,8 +25,6 @@ from cc_mujoco.errors import CableError, look_up
 
 
 class Liner(NamedTuple):
-    """Friction coefficients of a cable in its liner."""
-
     friction: float  # kinetic [-]
     static_friction: float  # break-away, across a segment as in the thesis [-]
 
@@ -57,8 +55,6 @@ WARM_UP = 0.5
 
 @dataclass(frozen=True)
 class Together(human.Trajectory):
-    """Motion of several joints, each by its own trajectory."""
-
     parts: tuple[tuple[str, human.Trajectory], ...]  # joints and their trajectories
 
     def _motion(
@@ -147,7 +143,6 @@ class Condition:
 
 
 def is_walk(source: human.Trajectory) -> bool:
-    """Return whether a trajectory is a walk, jolted or not."""
     while isinstance(source, human.Disturbed):
         source = source.base
     if isinstance(source, Together):
@@ -172,7 +167,6 @@ def plant_key(name: str) -> str:
 
 
 def crossed_conditions(plain: Condition) -> list[Condition]:
-    """Return the conditions of every transmission and every error of the model."""
     return [
         named_condition(plain, f"{liner}-{error}", transmission=liner, error=error)
         for liner in TRANSMISSIONS

@@ -61,8 +61,6 @@ def fault_onsets(seeds: Sequence[int], period: float) -> list[int]:
 
 
 class FaultySensors:
-    """Sensors of many devices, of which one kind fails."""
-
     def __init__(
         self,
         fault: str,

@@ -73,7 +73,6 @@ def write(
 def _report_page(
     folder: Path, plan: BenchmarkPlan, results: Results, baseline: str
 ) -> str:
-    """Return the page of a benchmark, whose figures are in `folder`."""
     devices = {f"device{n}": own for n, own in enumerate(stored.by_device(results))}
     titles, parts = {}, {}
     for key, own in devices.items():
@@ -145,7 +144,6 @@ def _marked(cells: text.Cells) -> tuple[list[Html], list[list[Html]]]:
 
 
 def pareto(own: DeviceResults) -> Figure:
-    """Draw normalised error against effort and chatter, with the best joined."""
     errors, looks = own.errors, _line_styles(own.errors)
     costs = {
         "rms_motor_torque": "effort: RMS torque of the motor [N m]",

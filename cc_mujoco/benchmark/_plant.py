@@ -68,7 +68,6 @@ class _Scale(NamedTuple):
 
 
 def _concentrated(own: _Scale, cable: Cable) -> dict[str, Value]:
-    """Return a conduit with the whole wrap in the last 15 % before the joint."""
     if cable.path != PATHS[0] or not cable.wrap:
         return {}  # the scene draws what bends an open cable
     straight, bent = 0.85 * cable.length, 0.15 * cable.length
@@ -143,7 +142,6 @@ class Actuation:
 
     @property
     def is_plain(self) -> bool:
-        """True if the motor applies the command of the controller."""
         return not self.delay and not self.cogging
 
 

@@ -29,8 +29,6 @@ WITH_SENSOR = ("distal_feedback",)
 
 @dataclass(frozen=True)
 class PositionCondition(conditions.Condition):
-    """Condition whose task commands an angle."""
-
     fitted: bool = False  # true if a trial on the plant itself fits the controller
 
     @property
@@ -59,7 +57,6 @@ def position_conditions(scene: str) -> list[conditions.Condition]:
 
 
 def nominal_drive(condition: conditions.Condition) -> Drive:
-    """Return the drive of a device by the data sheet and the trial of the scene."""
     model = device_model(condition.scene)
     drive = model.drives(model.description.period)[0]
     return dataclasses.replace(drive, commands_angle=True)
@@ -69,7 +66,6 @@ def nominal_drive(condition: conditions.Condition) -> Drive:
 def fresh_fits(
     condition: PositionCondition, seeds: tuple[int, ...], key: str = ""
 ) -> tuple[Mapping[str, Mapping[str, Any]], ...]:
-    """Return the parameters from trials on the plants, one set for each seed."""
     nominal = nominal_drive(condition)
     plants = [drawn.plant for drawn in sample_plants(condition, seeds, key)]
     trials = calibration_trials(plants, 4.0)  # [s]

@@ -35,8 +35,6 @@ class Place(NamedTuple):
 
 
 class Difference(NamedTuple):
-    """Difference of the mean of one controller less that of another."""
-
     mean: float
     low: float
     high: float

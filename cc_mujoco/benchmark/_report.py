@@ -120,7 +120,6 @@ def summary(results: Results, baseline: str = DEFAULT_BASELINE) -> str:
 
 
 def best_sentence(results: Results, baseline: str = DEFAULT_BASELINE) -> str:
-    """Name the best controllers of the first devices, and the number of seeds."""
     errors = rms_errors(results)
     parts = [_best_at(scene, own, baseline) for scene, own in errors.items()]
     shown = parts[:5]
@@ -146,7 +145,6 @@ def _best_at(scene: str, rms: Mapping[str, Mapping[str, Array]], baseline: str) 
 
 
 def next_command(results: Results) -> str:
-    """Return the command that plays the best controller on the first device."""
     first = by_device(results)[0]
     scene, best = first.played[0][0].condition.scene, rank_entries(first.rms)[0]
     return shlex.join(["cc-mujoco", "play", scene, "--controller", best.name])
@@ -198,7 +196,6 @@ def reference_definitions(names: Container[str]) -> list[str]:
 
 
 def definitions(results: Results) -> str:
-    """Define every reference and every score of results, a line each."""
     laws = {cell.controller for cell, _ in results}
     scores = results[0][1].scores
     lines = reference_definitions(laws)
@@ -213,7 +210,6 @@ def definitions(results: Results) -> str:
 
 
 def comparison(errors: Errors, differing: list[str]) -> str:
-    """Return the ranks of two files of results together, device by device."""
     parts = ["# Two results compared"]
     if differing:
         parts.append(f"What made them differs in {', '.join(differing)}.")
@@ -241,13 +237,11 @@ def overview_table(results: Results) -> Cells:
 
 
 def entry_errors(rms: Mapping[str, Mapping[str, Array]]) -> dict[str, Array]:
-    """Return the normalised errors of the controllers without the references."""
     errors = ranking.normalise_errors(rms)
     return {name: own for name, own in errors.items() if name not in REFERENCES}
 
 
 def rank_entries(rms: Mapping[str, Mapping[str, Array]]) -> list[Place]:
-    """Return the places of the controllers without the references, the best first."""
     return ranking.rank_controllers(entry_errors(rms), plant_names(rms))
 
 

@@ -44,8 +44,6 @@ def rms_errors(results: Results) -> Errors:
 
 
 class DeviceResults:
-    """Results of one device."""
-
     def __init__(self, label: str, played: Results) -> None:
         self.label, self.played = label, played
         # By controller and condition (seeds, axes), by controller (conditions, seeds).
@@ -53,7 +51,6 @@ class DeviceResults:
         self.errors = normalise_errors(self.rms)
 
     def finite_scores(self, law: str, name: str) -> Array:
-        """Return a score of a controller in all conditions and seeds that have it."""
         values = [r.scores[name] for c, r in self.played if c.controller == law]
         known = np.concatenate(values)
         return known[np.isfinite(known)]
@@ -128,7 +125,6 @@ def write_results(
 
 
 def _digest(table: pa.Table, about: Mapping[str, Any]) -> str:
-    """Return the digest of all rows and of their provenance without the digest."""
     digest = hashlib.sha256()
     made = {name: value for name, value in about.items() if name != "digest"}
     digest.update(json.dumps(made, sort_keys=True).encode())

@@ -93,8 +93,6 @@ class Entry(Controller):
 
 
 class _Process:
-    """The process of an entry, from the side of the judge."""
-
     def __init__(self, name: str) -> None:
         self._name = name
         self.files: dict[str, str] = {}
@@ -151,7 +149,6 @@ class _Process:
 
 
 def serve() -> None:
-    """Run the process of an entry: answer requests until the judge has ended."""
     questions = os.fdopen(os.dup(0), "rb")
     answers = os.fdopen(os.dup(1), "wb")
     # What the entry prints would be taken for answers.

@@ -433,7 +433,6 @@ class Bench:
 
 
 def _require_axis(source: str | Path) -> None:
-    """Require that a scene whose cables connect different joints has a single axis."""
     try:
         device = load_device(source).description
     except CableError:

@@ -16,29 +16,15 @@ from cc_mujoco._utils.units import Kind, last_word
 from cc_mujoco._utils.units import unit_of as unit_of
 from cc_mujoco.errors import CableError
 
-TIME = "time_s"
-VALID = "valid"
-TEMPERATURE = "temperature_c"
-MOTOR_ANGLE, MOTOR_TORQUE = "motor_angle_rad", "motor_torque_nm"
+TIME, VALID, TEMPERATURE = "time_s", "valid", "temperature_c"
+MOTOR_ANGLE, JOINT_ANGLE = ANGLES = "motor_angle_rad", "joint_angle_rad"
+MOTOR_TORQUE, JOINT_TORQUE = TORQUES = "motor_torque_nm", "joint_torque_nm"
 MOTOR_CURRENT = "motor_current_a"
-JOINT_ANGLE, JOINT_TORQUE = "joint_angle_rad", "joint_torque_nm"
 
-ANGLES = (MOTOR_ANGLE, JOINT_ANGLE)
-TORQUES = (MOTOR_TORQUE, JOINT_TORQUE)
 MAIN_CHANNELS = (MOTOR_ANGLE, MOTOR_TORQUE, JOINT_ANGLE, JOINT_TORQUE)
 REQUIRED_CHANNELS = (TIME, *MAIN_CHANNELS)
 
-TENSION_TEMPLATE = "tension_<cable>_<proximal|distal>_n"
-_TENSION_PATTERN = re.compile(r"tension_(?:(.+)_)?(proximal|distal)_n")
-
-
 CURRENT = Kind("current", "A", {"A": 1.0, "mA": 1e-3})
-TEMPERATURE_KIND = Kind("temperature", "degC", {"degC": 1.0})
-MASK = Kind("mask", "1", {"1": 1.0})
-FURTHER = Kind("reading", "1", {"1": 1.0})
-"""Kind of a column that is no channel and is requested."""
-_FURTHER_PREFIX = "column "
-
 _KINDS = {
     TIME: CLOCK,
     MOTOR_ANGLE: ANGLE,
@@ -46,38 +32,31 @@ _KINDS = {
     MOTOR_CURRENT: CURRENT,
     JOINT_ANGLE: ANGLE,
     JOINT_TORQUE: TORQUE,
-    TEMPERATURE: TEMPERATURE_KIND,
-    VALID: MASK,
+    TEMPERATURE: Kind("temperature", "degC", {"degC": 1.0}),
+    VALID: Kind("mask", "1", {"1": 1.0}),
 }
-
-_UNIT_HINTS = {
-    "mm cm": "a length; over the radius of its pulley it is an angle in rad",
-    "rpm rps": "a speed; its integral over time is an angle",
-    "kg lb lbs": "a mass; its weight is a force, in kgf or in lbf",
-    "ma amp": "a current; times the torque constant it is a motor's torque: call it "
-    "motor_current_a or motor_current_ma and declare [rig] torque_constant",
-    "mv volt": "a voltage; apply the calibration of its sensor first",
-    " ".join(FORCE.factors).lower(): "a force; times the radius of its pulley it is a "
-    "torque",
-}
-"""Hint by unit suffixes: the quantity of the reading, and its conversion."""
 
 
 def kind_of(channel: str) -> Kind:
     if is_further(channel):
-        return FURTHER
+        return Kind("reading", "1", {"1": 1.0})
     if is_tension(channel):
         return FORCE
     if is_other_angle(channel):
         return ANGLE
     if channel not in _KINDS:
-        raise CableError.unknown("channel", channel, [*_KINDS, TENSION_TEMPLATE])
+        raise CableError.unknown(
+            "channel", channel, [*_KINDS, "tension_<cable>_<proximal|distal>_n"]
+        )
     return _KINDS[channel]
 
 
+def _tension(column: str) -> re.Match[str] | None:
+    return re.fullmatch(r"tension_(?:(.+)_)?(proximal|distal)_n", column)
+
+
 def is_tension(column: str) -> bool:
-    """Return whether the name of a column is that of a measured end tension."""
-    return _TENSION_PATTERN.fullmatch(column) is not None
+    return _tension(column) is not None
 
 
 def other_angle(joint: str) -> str:
@@ -92,23 +71,22 @@ def is_other_angle(channel: str) -> bool:
 
 def cable_end(tension: str) -> tuple[str, str]:
     """Return the cable and the end of a tension channel; "" for the only cable."""
-    found = _TENSION_PATTERN.fullmatch(tension)
+    found = _tension(tension)
     assert found is not None
     return found[1] or "", found[2]
 
 
 def further(column: str) -> str:
     """Return the channel of a column that is none of a rig's and is requested."""
-    return f"{_FURTHER_PREFIX}{column}"
+    return f"column {column}"
 
 
 def is_further(channel: str) -> bool:
-    """Return whether a channel is a column that is requested."""
-    return channel.startswith(_FURTHER_PREFIX)
+    return channel.startswith("column ")
 
 
 def further_column(channel: str) -> str:
-    return channel.removeprefix(_FURTHER_PREFIX)
+    return channel.removeprefix("column ")
 
 
 def bare_name(column: str) -> str:
@@ -117,9 +95,8 @@ def bare_name(column: str) -> str:
 
 
 def spellings(channel: str) -> dict[str, str]:
-    """Return the possible column names of a channel, with their units."""
     measured = kind_of(channel)
-    if measured in (TEMPERATURE_KIND, MASK, FURTHER):
+    if len(measured.factors) == 1:
         return {channel: measured.unit}
     stem = channel[: channel.rindex("_")]
     return {f"{stem}_{unit.lower()}": unit for unit in measured.factors}
@@ -139,7 +116,15 @@ def tension_channel(column: str) -> str:
 
 def explain_unknown_column(column: str) -> str:
     """Return the quantity of a column without a channel by its unit, and advice."""
+    hints = {
+        "mm cm": "a length; over the radius of its pulley it is an angle in rad",
+        "rpm rps": "a speed; its integral over time is an angle",
+        "kg lb lbs": "a mass; its weight is a force, in kgf or in lbf",
+        "ma amp": "a current; times the torque constant it is a motor's torque: call "
+        "it motor_current_a or motor_current_ma and declare [rig] torque_constant",
+        "mv volt": "a voltage; apply the calibration of its sensor first",
+        " ".join(FORCE.factors).lower(): "a force; times the radius of its pulley it "
+        "is a torque",
+    }
     unit = last_word(column)
-    return next(
-        (hint for units, hint in _UNIT_HINTS.items() if unit in units.split()), ""
-    )
+    return next((hint for units, hint in hints.items() if unit in units.split()), "")

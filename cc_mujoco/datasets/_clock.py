@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,8 +29,21 @@ from cc_mujoco.datasets._quantization import interpolate_readings, resolution
 from cc_mujoco.datasets._reading import Recording
 from cc_mujoco.datasets._trials import FloatArray, TrialFacts
 
-MAX_MISSING_SHARE = 0.3
-_MIN_RUN = 20  # rows in order that are a recording of their own
+
+class _Limits(NamedTuple):
+    """Requirements on the times of a recording."""
+
+    missing: float = 0.3  # largest share of times, or of a channel's readings
+    run: int = 20  # rows in order that are a recording of their own
+    rate: float = 25.0  # data below are of no use [Hz]
+    low_rate: float = 100.0  # data below are of limited use [Hz]
+    time: float = 0.2  # shortest stretch [s]
+    samples: int = 20  # and its least number of samples
+
+
+_LIMITS = _Limits()
+GAP_FACTOR = 3.0
+"""An interval longer than this multiple of the usual one is a gap."""
 
 
 def sort_rows(recording: Recording) -> Recording | None:
@@ -72,7 +86,7 @@ def _row_order(
 
     rows = np.flatnonzero(~np.isnan(time))
     if lost := len(time) - len(rows):
-        if lost > MAX_MISSING_SHARE * len(time) or len(rows) < 2:
+        if lost > _LIMITS.missing * len(time) or len(rows) < 2:
             report("error", f"lacks {lost} of {len(time)} times; every row needs one.")
             return None
         report("warning", f"lacks {lost} times; their rows are left out.")
@@ -99,7 +113,7 @@ def _row_order(
             report("error", problem + advice)
             return None
         order = np.argsort(time[rows], kind="stable")
-        far = int(np.abs(order - np.arange(len(rows))).max()) >= _MIN_RUN
+        far = int(np.abs(order - np.arange(len(rows))).max()) >= _LIMITS.run
         advice = "; the rows were put in the order of their times."
         report("doubt" if far else "warning", problem + advice)
         rows = rows[order]
@@ -124,9 +138,8 @@ def _row_order(
 
 
 def _covers_time_twice(time: FloatArray, back: NDArray[np.intp]) -> bool:
-    """Return whether two runs of rows in order cover the same time."""
     edges = np.concatenate([[0], back + 1, [len(time)]])
-    runs = [time[a:b] for a, b in itertools.pairwise(edges) if b - a >= _MIN_RUN]
+    runs = [time[a:b] for a, b in itertools.pairwise(edges) if b - a >= _LIMITS.run]
     runs.sort(key=lambda run: float(run[0]))
     for before, after in itertools.pairwise(runs):
         start, stop = after[0], min(before[-1], after[-1])
@@ -144,18 +157,8 @@ def _covers_time_twice(time: FloatArray, back: NDArray[np.intp]) -> bool:
     return False
 
 
-GAP_FACTOR = 3.0
-"""An interval longer than this multiple of the usual one is a gap."""
-MIN_RATE, LOW_RATE = 25.0, 100.0
-"""Rates below which data are of no use, and of limited use [Hz]."""
-MIN_SEGMENT_TIME, MIN_SEGMENT_SAMPLES = 0.2, 20
-"""Shortest stretch [s], and its least number of samples."""
-
-
 @dataclass
 class SampledTrack:
-    """Evenly sampled stretches of a recording."""
-
     time: FloatArray  # (samples,) [s]
     values: dict[str, FloatArray]  # (samples,) by channel, finite in segments
     segments: tuple[slice, ...]  # stretches in order
@@ -165,7 +168,6 @@ class SampledTrack:
 
     @property
     def counts(self) -> list[int]:
-        """Number of samples of each segment."""
         return [part.stop - part.start for part in self.segments]
 
     def thinned(
@@ -178,7 +180,6 @@ class SampledTrack:
 
 
 def _slices(counts: Iterable[int]) -> tuple[slice, ...]:
-    """Return the slices of parts that follow each other, by their sizes."""
     ends = itertools.accumulate(counts, initial=0)
     return tuple(slice(a, b) for a, b in itertools.pairwise(ends))
 
@@ -194,7 +195,7 @@ def find_segments(
         recording.findings.append(warning(remark, recording.name))
     if recording.rows < 2:
         rows = "one row of data" if recording.rows else "no rows of data"
-        problem = f" has {rows}; a trial needs at least {MIN_SEGMENT_TIME} s."
+        problem = f" has {rows}; a trial needs at least {_LIMITS.time} s."
         recording.report("error", problem)
         return None
     time = recording.values[TIME]
@@ -203,11 +204,11 @@ def find_segments(
     rate = 1.0 / step
     other_unit = _suggest_time_unit(recording, file, rate, lasts)
     pace = f": {rate:.4g} samples per second"
-    if rate < MIN_RATE:
+    if rate < _LIMITS.rate:
         pace += " are too few to see friction at reversals; record at 200 or more"
         more = f", or {other_unit}" if other_unit else ""
         recording.report("error", f"{pace}{more}.", TIME)
-    elif rate < LOW_RATE:
+    elif rate < _LIMITS.low_rate:
         pace += " blur what happens at reversals; 200 or more are better."
         recording.report("warning", pace, TIME)
     digits = {
@@ -217,23 +218,22 @@ def find_segments(
     }
     values = _on_one_clock(recording, file, digits)
     good = _counted_samples(recording, values, facts)
-    fewest = max(MIN_SEGMENT_SAMPLES, round(MIN_SEGMENT_TIME * rate))
+    fewest = max(_LIMITS.samples, round(_LIMITS.time * rate))
     segments = _counted_runs(good, _gaps(recording, time, step), fewest)
     if not segments:
-        problem = f"lasts {lasts:.3g} s; a trial needs at least {MIN_SEGMENT_TIME} s."
+        problem = f"lasts {lasts:.3g} s; a trial needs at least {_LIMITS.time} s."
         if other_unit:
             problem = (
                 f"lasts {lasts:.3g} s with {len(time)} samples, {rate:.3g} per second; "
                 f"{other_unit}."
             )
-        elif lasts >= MIN_SEGMENT_TIME and len(time) < MIN_SEGMENT_SAMPLES:
+        elif lasts >= _LIMITS.time and len(time) < _LIMITS.samples:
             problem = (
-                f"has {len(time)} samples; "
-                f"a trial needs at least {MIN_SEGMENT_SAMPLES}."
+                f"has {len(time)} samples; a trial needs at least {_LIMITS.samples}."
             )
-        elif lasts >= MIN_SEGMENT_TIME:
+        elif lasts >= _LIMITS.time:
             problem = (
-                f"has no stretch of {MIN_SEGMENT_TIME} s without a gap or a missing "
+                f"has no stretch of {_LIMITS.time} s without a gap or a missing "
                 "reading; record without interruption."
             )
         recording.report("error", f" {problem}")
@@ -252,7 +252,7 @@ def _suggest_time_unit(
     for unit, factor in CLOCK.factors.items():
         scale = factor / now
         # No rig samples at 5 kHz.
-        likely = MIN_RATE < rate / scale < 5e3 and scale * lasts >= MIN_SEGMENT_TIME
+        likely = _LIMITS.rate < rate / scale < 5e3 and scale * lasts >= _LIMITS.time
         if scale != 1.0 and likely:
             if set(recording.paths.values()) - {recording.path}:
                 return f"check the `unit` of its files in [files]; {unit!r} would do"
@@ -266,7 +266,6 @@ def _suggest_time_unit(
 def _on_one_clock(
     recording: Recording, file: DatasetFile, digits: dict[str, float]
 ) -> dict[str, FloatArray]:
-    """Return values at the common times, interpolated for delays and other clocks."""
     time = recording.values[TIME]
     values = {}
     for channel, value in recording.values.items():
@@ -333,7 +332,7 @@ def _counted_samples(
         if channel == TEMPERATURE or is_further(channel):
             del values[channel]
             advice = "it is left out."
-        elif lost > MAX_MISSING_SHARE * total:
+        elif lost > _LIMITS.missing * total:
             severity, advice = "error", "repair the sensor or leave the trial out."
         problem = f" lacks {lost} of {total} usable readings; {advice}"
         recording.report(severity, problem, channel)
@@ -415,32 +414,29 @@ def _resample_evenly(recording: Recording, track: SampledTrack) -> SampledTrack:
     return SampledTrack(np.concatenate(grids), values, parts, step, track.digits)
 
 
-MAX_TRIAL_SAMPLES = 60_000
-"""Largest number of samples of a trial: two minutes at `MIN_AVERAGED_RATE`."""
-MIN_AVERAGED_RATE = 500.0
-"""Lower bound of the sampling rate after averaging [Hz]."""
-WINDOW_COUNT = 12
-"""Evenly spread stretches that are kept where averaging is not enough."""
+def decimate(
+    recording: Recording, track: SampledTrack, most: int = 60_000
+) -> SampledTrack:
+    """Average neighbours, then keep evenly spread stretches, to few samples.
 
-
-def decimate(recording: Recording, track: SampledTrack) -> SampledTrack:
-    """Average neighbours, then keep evenly spread stretches, to few samples."""
+    By default two minutes at 500 Hz, which is the lowest rate after averaging.
+    """
     before, rate = sum(track.counts), 1.0 / track.step
-    if before <= MAX_TRIAL_SAMPLES:
+    if before <= most:
         return track
     remarks = []
-    block = int(min(-(-before // MAX_TRIAL_SAMPLES), rate // MIN_AVERAGED_RATE))
+    block = int(min(-(-before // most), rate // 500.0))
     if block > 1:
         track = _average_neighbours(track, block)
         remarks.append(
             f"every {block} samples were averaged, to {1.0 / track.step:.5g} Hz"
         )
-    if sum(track.counts) > MAX_TRIAL_SAMPLES:
-        length = MAX_TRIAL_SAMPLES // WINDOW_COUNT
-        track = _even_windows(track, length)
+    if sum(track.counts) > most:
+        count = 12
+        length = most // count
+        track = _even_windows(track, length, count)
         remarks.append(
-            f"{WINDOW_COUNT} evenly spread stretches of {length * track.step:.4g} s "
-            "are used"
+            f"{count} evenly spread stretches of {length * track.step:.4g} s are used"
         )
     done = " and ".join(remarks)
     recording.report("warning", f" has {before} samples at {rate:.5g} Hz; {done}.")
@@ -448,7 +444,6 @@ def decimate(recording: Recording, track: SampledTrack) -> SampledTrack:
 
 
 def _average_neighbours(track: SampledTrack, block: int) -> SampledTrack:
-    """Return means over blocks of samples, never across the end of a segment."""
     blocks = [count // block for count in track.counts]
     whole = [
         slice(part.start, part.start + count * block)
@@ -462,12 +457,12 @@ def _average_neighbours(track: SampledTrack, block: int) -> SampledTrack:
     return replace(track.thinned(means, blocks), step=track.step * block)
 
 
-def _even_windows(track: SampledTrack, length: int) -> SampledTrack:
-    """Return the first `length` samples of each of `WINDOW_COUNT` equal parts."""
+def _even_windows(track: SampledTrack, length: int, count: int) -> SampledTrack:
+    """Return the first `length` samples of each of `count` equal parts."""
     rows = np.concatenate([np.arange(part.start, part.stop) for part in track.segments])
     segment = np.repeat(np.arange(len(track.segments)), track.counts)
     pieces: list[NDArray[np.intp]] = []
-    for cut in np.linspace(0, rows.size, WINDOW_COUNT + 1).astype(int)[:-1]:
+    for cut in np.linspace(0, rows.size, count + 1).astype(int)[:-1]:
         window = slice(cut, cut + length)
         ends = np.flatnonzero(np.diff(segment[window])) + 1
         pieces += np.split(rows[window], ends)

@@ -16,15 +16,6 @@ from cc_mujoco.errors import CableError, naming
 
 DATASET_FILE = "dataset.toml"
 
-_SIDE_WORDS = {
-    "motor": ("motor", "drive", "actuator", "proximal", "input", "pulley"),
-    "joint": (
-        *("joint", "handle", "output", "distal", "load", "finger", "wrist"),
-        *("elbow", "shoulder", "hip", "knee", "ankle"),
-    ),
-}
-"""Words in names of columns that speak of either end of a cable."""
-
 
 def stamp_columns(names: Sequence[str]) -> dict[str, tuple[str, str]]:
     """Return the columns of seconds and nanoseconds of message stamps, by stem."""
@@ -39,7 +30,6 @@ def stamp_columns(names: Sequence[str]) -> dict[str, tuple[str, str]]:
 
 
 def columns_named(name: str, names: Sequence[str]) -> list[str]:
-    """Return the columns of exactly this name, else those of this last name."""
     if name in names:
         return [name]
     return [full for full in names if channels.bare_name(full) == name]
@@ -53,7 +43,6 @@ def find_column(where: str, what: str, name: str, names: Sequence[str]) -> str:
 
 
 def _only_column(where: str, places: Sequence[str], channel: str) -> str | None:
-    """Return the one column that may be a channel, None if none is."""
     distinct = list(dict.fromkeys(places))
     if len(distinct) > 1:
         raise CableError(
@@ -64,7 +53,6 @@ def _only_column(where: str, places: Sequence[str], channel: str) -> str | None:
 
 
 def time_column(where: str, names: Sequence[str], given: PartFile) -> tuple[str, str]:
-    """Return the column and unit of the times of a file."""
     if given.time is not None:
         places = [find_column(where, channels.TIME, given.time, names)]
     else:
@@ -119,7 +107,6 @@ def channel_sources(
 
 
 def _spelled_columns(channel: str, names: Sequence[str]) -> list[str]:
-    """Return the columns that have one of a channel's own names."""
     own = channels.spellings(channel)
     return [full for word in own for full in columns_named(word, names)]
 
@@ -184,11 +171,11 @@ def _missing_column(
 
 
 def _names_other_side(column: str, channel: str) -> bool:
-    """Return whether the name of a column speaks of the other end of the cable only."""
-    word = column.lower()
-    named = [s for s, words in _SIDE_WORDS.items() if any(w in word for w in words)]
-    own = channel.partition("_")[0]
-    return own in _SIDE_WORDS and bool(named) and own not in named
+    joint = "joint handle output distal load finger wrist elbow shoulder hip knee ankle"
+    sides = {"motor": "motor drive actuator proximal input pulley", "joint": joint}
+    word, own = column.lower(), channel.partition("_")[0]
+    named = [s for s, words in sides.items() if any(w in word for w in words.split())]
+    return own in sides and bool(named) and own not in named
 
 
 def _nearest_name(name: str, names: Sequence[str], cutoff: float = 0.6) -> str:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import Any, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple, cast
 
 import mujoco
 import numpy as np
@@ -33,16 +33,12 @@ Leading = Literal["", "bent", "open", "mixed"]
 """Part of a cable that the joint moves: "" for its end only, "bent" for the bends of
 its conduit, "open" for an entirely open path, "mixed" for one with a conduit."""
 OPEN_PATHS = ("open", "mixed")
-ANGLE_COUNT = 2001
-"""Number of joint angles at which a path is sampled."""
 
 
 def path_motion(cable: Cable) -> Leading:
     """Return which parts of a cable a joint may move."""
-    if cable.path == "mixed":
-        return "mixed"
-    if cable.path == "open":
-        return "open"
+    if cable.path in ("mixed", "open"):
+        return cast("Leading", cable.path)
     return "bent" if cable.bend == "route" else ""
 
 
@@ -57,7 +53,7 @@ def tied_joint(
     joint = single_hinge(
         model, moving_joints(model, name), f"{where} lies along a path that", driven
     )
-    angles = swept_angles(model, joint, ANGLE_COUNT)
+    angles = swept_angles(model, joint, 2001)
     reach = compute_path_table(model, name, joint, angles).reach
     arms = np.gradient(reach, angles)
     arm = float(np.interp(0.0, angles, arms))
@@ -83,8 +79,6 @@ def other_movers(model: mujoco.MjModel, name: str, joint: str, where: str) -> li
 
 
 class PullingCable(NamedTuple):
-    """Cable of another axis that pulls at the joint of an axis."""
-
     name: str  # name of the cable
     others: tuple[str, ...]  # joints that move its path besides that joint
     friction: float  # coefficient of friction
@@ -106,8 +100,6 @@ def pulling_cables(
 
 
 class CoupledScene(NamedTuple):
-    """Scene whose paths are tabulated."""
-
     path: str  # MJCF file of the scene
     sha256: str  # digest of its text
     names: tuple[str, ...]  # names of its cables
@@ -134,6 +126,8 @@ class RecordedPath:
     angles: FloatArray
     # rows in which the joints go to the first sample, and stay there as long
     ramp: int = 0
+    # step of the driven joint's deviations from its recorded angle [rad]
+    aside: ClassVar[float] = 0.02
     _known: dict[tuple[int, int], tuple[CoupledPath, ...]] = field(
         default_factory=dict, init=False
     )
@@ -145,7 +139,6 @@ class RecordedPath:
         return np.concatenate([ahead, np.ones(self.ramp + self.joint.size)])
 
     def thinned(self, every: int) -> RecordedPath:
-        """Return the path with one in `every` samples."""
         joint, angles = self.joint[::every].copy(), self.angles[:, ::every].copy()
         return replace(self, joint=joint, angles=angles)
 
@@ -156,10 +149,10 @@ class RecordedPath:
 
     def along(self, joint: FloatArray, segments: int) -> tuple[CoupledPath, ...]:
         """Return the paths of cables, by row, for a motion near the recorded one."""
-        aside = np.clip(joint - self.joint, -_MAX_ASIDE, _MAX_ASIDE)
+        aside = np.clip(joint - self.joint, -0.5, 0.5)
         aside = np.concatenate([np.full(2 * self.ramp, aside[0]), aside])
-        steps = np.floor(aside / _ASIDE_STEP).astype(int)
-        share = aside / _ASIDE_STEP - steps
+        steps = np.floor(aside / self.aside).astype(int)
+        share = aside / self.aside - steps
         parts = [(k, np.flatnonzero(steps == k)) for k in np.unique(steps).tolist()]
 
         def joined(cable: int, ahead: int) -> CoupledPath:
@@ -167,7 +160,7 @@ class RecordedPath:
                 [(r, self._tabulated(segments, k + ahead)[cable]) for k, r in parts]
             )
 
-        turn = _ASIDE_STEP * self._share
+        turn = self.aside * self._share
         return tuple(
             _between(joined(cable, 0), joined(cable, 1), share, turn)
             for cable in range(len(self.scene.names))
@@ -183,7 +176,7 @@ class RecordedPath:
             for name, angle in zip(self.others, self.angles, strict=True):
                 rest = float(model.qpos0[model.joint(name).qposadr[0]])
                 angles[name] = rest + self.with_lead_in(angle - rest)
-            turned = self.with_lead_in(self.joint + _ASIDE_STEP * step)
+            turned = self.with_lead_in(self.joint + self.aside * step)
             poses = _poses(model, scene, turned, angles)
             found = (
                 compute_recorded_path(model, name, scene.joint, poses)
@@ -251,14 +244,11 @@ def pulling_torque(
     )
 
 
-_MAX_ASIDE, _ASIDE_STEP = 0.5, 0.02
-"""Range and step of the driven joint's deviations from its recorded angle [rad]."""
 _BY_ROW = ("wrap", "contact", "gained", "distal", "length")
 """Arrays of a path by row, besides the slopes."""
 
 
 def _joined(parts: Sequence[tuple[NDArray[np.intp], CoupledPath]]) -> CoupledPath:
-    """Return the path that has these rows of several others."""
     first = parts[0][1]
     if len(parts) == 1:
         return first
@@ -321,7 +311,7 @@ def path_tables(scene: CoupledScene, segments: int) -> tuple[CoupledPath, ...]:
     """Return the paths of the cables of a scene at the angles of the data."""
     model = _model_of(scene, segments)
     ends = sorted((scene.sign * scene.low, scene.sign * scene.high))
-    angles = np.linspace(ends[0], ends[1], ANGLE_COUNT)
+    angles = np.linspace(ends[0], ends[1], 2001)
     found = (
         compute_path_table(model, name, scene.joint, angles) for name in scene.names
     )

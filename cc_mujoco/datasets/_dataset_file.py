@@ -105,7 +105,6 @@ class DatasetFile:
 
     @property
     def has_known_load(self) -> bool:
-        """Return whether `[rig]` declares the load that the joint turns."""
         return any(name in self.rig for name in LOAD_CONSTANTS)
 
     def facts_of(
@@ -159,7 +158,6 @@ class DatasetFile:
         return absent
 
     def _trial_of(self, path: Path) -> str:
-        """Name of the trial in this file, which may be one of several."""
         for trial, parts in self.files.items():
             for part in parts.values():
                 if found := part.match_wildcard(path):
@@ -190,7 +188,6 @@ def read_dataset_file(path: str | Path) -> DatasetFile:
 
 
 def _is_measured(table: Table, channel: str) -> bool:
-    """Return the value of `measured`, true unless it is declared."""
     value = table.flag("measured") is not False
     if value or channel in (*channels.TORQUES, channels.MOTOR_ANGLE):
         return value
@@ -204,7 +201,6 @@ def _is_measured(table: Table, channel: str) -> bool:
 
 
 def _source(table: Table, channel: str) -> Source:
-    """Return one table of `[columns]`."""
     with naming(table.where):
         units = channels.kind_of(channel).factors
     if channel == channels.VALID:
@@ -239,7 +235,6 @@ def _source(table: Table, channel: str) -> Source:
 
 
 def _files(table: Table, trial: str) -> dict[str, PartFile]:
-    """Read one table of `[files]`: the files of a trial by their names there."""
     if len(table.content) < 2:
         raise CableError(
             f"{table.where} must name two files or more; one file needs no table."
@@ -266,7 +261,6 @@ def _files(table: Table, trial: str) -> dict[str, PartFile]:
 
 
 def _facts(table: Table) -> dict[str, Any]:
-    """Return one table of `[trials]`: the facts that it gives."""
     table.only(*TrialFacts.__dataclass_fields__)
     known: dict[str, Any] = {
         "split": table.choice("split", get_args(Split)),
@@ -304,7 +298,6 @@ def _facts(table: Table) -> dict[str, Any]:
 
 
 def _time_stretches(table: Table) -> tuple[tuple[float, float], ...] | None:
-    """Return the stretches of time, or None if they are not there."""
     right = "a list of [from, to] in seconds, from before to"
     stretches = table.pairs("valid", right)
     if stretches is None:
@@ -341,8 +334,6 @@ def _matches(path: Path, name: str, pattern: str) -> bool:
 
 @dataclass(frozen=True)
 class TrialFile:
-    """One of the files of a trial."""
-
     key: str  # name in `dataset.toml`; empty if the trial is this file
     path: Path  # the file
     times: PartFile  # source of its times
@@ -351,7 +342,6 @@ class TrialFile:
 def group_files(
     files: Iterable[Path], file: DatasetFile
 ) -> tuple[list[Path], dict[str, tuple[TrialFile, ...]]]:
-    """Return the single-file trials, and the trials in several files by name."""
     alone: list[Path] = []
     found: dict[tuple[str, Path, str], dict[str, TrialFile]] = {}
     for path in files:

@@ -12,15 +12,15 @@ from cc_mujoco.datasets._columns import DATASET_FILE
 from cc_mujoco.datasets._data_findings import DataFinding, error
 from cc_mujoco.datasets._trials import Dataset, Trial
 from cc_mujoco.errors import CableError
+from cc_mujoco.report._html import list_words
 
 MOTION_FILE = "motion_{}.csv"
 """File that holds the motion of a planned trial, by its number of two digits."""
 
-_ENDINGS = f"{', '.join(tables.ENDINGS[:-1])} or {tables.ENDINGS[-1]}"
-
 
 def data_files(paths: Iterable[str | os.PathLike[str]]) -> list[Path]:
     """Return the data files in these files and folders, each once, sorted by name."""
+    endings = list_words(tables.ENDINGS, "or")
     found: dict[Path, Path] = {}
     given = [Path(path) for path in paths]
     for path in given:
@@ -29,9 +29,7 @@ def data_files(paths: Iterable[str | os.PathLike[str]]) -> list[Path]:
         elif not path.exists():
             raise CableError(f"{path} does not exist; give data files or folders.")
         elif path.suffix.lower() not in tables.ENDINGS:
-            raise CableError(
-                f"{path} is no data file; its name must end in {_ENDINGS}."
-            )
+            raise CableError(f"{path} is no data file; its name must end in {endings}.")
         else:
             files = [path]
         for file in files:
@@ -40,7 +38,7 @@ def data_files(paths: Iterable[str | os.PathLike[str]]) -> list[Path]:
         places = ", ".join(str(path) for path in given) or "nothing"
         raise CableError(
             f"there is no data file in {places}; trials are files whose names end in "
-            f"{_ENDINGS}."
+            f"{endings}."
         )
     return list(found.values())
 
@@ -55,7 +53,6 @@ def nearby_data_files(files: Iterable[Path], dataset_file: str) -> Iterator[Path
 
 
 def trial_names(files: Iterable[Path]) -> dict[Path, str]:
-    """Return the shortest distinct names of the trials in these files."""
     files = list(files)
     for depth in range(1, 1 + max((len(path.parts) for path in files), default=0)):
         ends = [Path(*path.parts[-depth:]) for path in files]
@@ -66,7 +63,6 @@ def trial_names(files: Iterable[Path]) -> dict[Path, str]:
 
 
 def find_dataset_file(files: Iterable[Path]) -> Path | None:
-    """Return the `dataset.toml` in the folder of the data files, or None."""
     folders = dict.fromkeys(_folder_of(path) for path in files)
     found = [folder / DATASET_FILE for folder in folders]
     found = [path for path in found if path.is_file()]
@@ -86,7 +82,6 @@ def _folder_of(path: Path) -> Path:
 
 
 def _is_data(path: Path, folder: Path) -> bool:
-    """Return whether a path inside a folder is a data file that is not hidden."""
     hidden = any(part.startswith(".") for part in path.relative_to(folder).parts)
     return not hidden and path.is_file() and path.suffix.lower() in tables.ENDINGS
 
@@ -113,7 +108,6 @@ def occasion_of(path: Path, folders: Mapping[str, Path]) -> str:
 
 
 def check_occasions(trials: Sequence[Trial]) -> list[DataFinding]:
-    """Return an error if the occasion of some trials only is known."""
     unknown = [trial for trial in trials if not trial.facts.occasion]
     if not unknown or len(unknown) == len(trials):
         return []

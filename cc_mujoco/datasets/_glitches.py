@@ -7,6 +7,7 @@ least squares would follow a few such readings rather than the thousands beside 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,20 +18,25 @@ from cc_mujoco.datasets._reading import Recording
 from cc_mujoco.datasets._trials import FloatArray
 
 _LOADS = channels.TORQUE, channels.FORCE, channels.CURRENT
-_CHANGE_QUANTILE, _CHANGE_RATIO = 0.98, 8.0
-"""A glitch leaves the line through its neighbours by so many usual large changes from
-one reading to the next. White noise does so once in 10^100 readings."""
-_MIN_RANGE_SHARE, _MIN_DIGITS = 0.05, 10.0
-"""Least size over the range of nearly all readings, and over their digit."""
-_BESIDE, _BESIDE_QUANTILE = 10, 0.7
-"""Readings on either side, and the share of their changes, that are calm."""
-_MIN_READINGS = 50
-_MAX_COUNTED = 100_000
-"""Most readings from which sizes are estimated."""
+
+
+class _Thresholds(NamedTuple):
+    """Properties of a reading that no motion explains."""
+
+    # It leaves the line through its neighbours by so many usual large changes from one
+    # reading to the next. White noise does so once in 10^100 readings.
+    change: float = 8.0
+    digits: float = 10.0  # and by so many quantisation steps
+    beside: int = 10  # readings on either side that are calm
+    calm_quantile: float = 0.7  # of their changes
+    readings: int = 50  # fewer tell nothing
+    counted: int = 100_000  # most readings from which sizes are estimated
+
+
+_LEAST = _Thresholds()
 
 
 def drop_glitches(recording: Recording) -> Recording:
-    """Return a recording whose glitches are missing readings, and report them."""
     changed = {}
     for channel, readings in recording.values.items():
         kind = channels.kind_of(channel)
@@ -76,20 +82,20 @@ def drop_glitches(recording: Recording) -> Recording:
 
 def _usual_change(readings: FloatArray) -> float:
     """Return a usual large change from one reading to the next, infinite if unknown."""
-    change = np.abs(np.diff(readings))[:: max(1, readings.size // _MAX_COUNTED)]
+    change = np.abs(np.diff(readings))[:: max(1, readings.size // _LEAST.counted)]
     change = change[np.isfinite(change)]
-    return float(np.quantile(change, _CHANGE_QUANTILE)) if change.size else np.inf
+    return float(np.quantile(change, 0.98)) if change.size else np.inf
 
 
 def _least_size(readings: FloatArray) -> float:
     """Return the least size of what no motion explains, infinite for few readings."""
-    known = readings[:: max(1, readings.size // _MAX_COUNTED)]
+    known = readings[:: max(1, readings.size // _LEAST.counted)]
     known = known[np.isfinite(known)]
-    if known.size < _MIN_READINGS:
+    if known.size < _LEAST.readings:
         return np.inf
     low, high = np.quantile(known, (0.01, 0.99))
-    change = _CHANGE_RATIO * _usual_change(readings)
-    return max(change, _MIN_RANGE_SHARE * float(high - low))
+    change = _LEAST.change * _usual_change(readings)
+    return max(change, 0.05 * float(high - low))  # range of nearly all readings
 
 
 def _lone(readings: FloatArray) -> NDArray[np.intp]:
@@ -108,7 +114,7 @@ def _lone(readings: FloatArray) -> NDArray[np.intp]:
     rows = np.flatnonzero(found)
     if not rows.size:
         return rows
-    least = max(least, _MIN_DIGITS * resolution(readings))
+    least = max(least, _LEAST.digits * resolution(readings))
     return rows[[_is_lone(readings, int(row), least) for row in rows]]
 
 
@@ -122,26 +128,25 @@ def leaps(readings: FloatArray) -> NDArray[np.intp]:
     rows = np.flatnonzero(change > least)
     if not rows.size:
         return rows
-    least = max(least, _MIN_DIGITS * resolution(readings))
+    least = max(least, _LEAST.digits * resolution(readings))
     return rows[[_is_calm_beside(change, int(row), least) for row in rows]] + 1
 
 
 def _is_calm_beside(change: FloatArray, row: int, least: float) -> bool:
-    """Return whether one change is large and those beside it are not."""
-    start = max(row - _BESIDE, 0)
-    beside = np.delete(change[start : row + _BESIDE + 1], row - start)
-    usual = float(np.nanquantile(beside, _BESIDE_QUANTILE))
-    return float(change[row]) > max(least, _CHANGE_RATIO * usual)
+    start = max(row - _LEAST.beside, 0)
+    beside = np.delete(change[start : row + _LEAST.beside + 1], row - start)
+    usual = float(np.nanquantile(beside, _LEAST.calm_quantile))
+    return float(change[row]) > max(least, _LEAST.change * usual)
 
 
 def _is_lone(readings: FloatArray, row: int, least: float) -> bool:
     """Return whether readings beside a row are calm; a transient rings on."""
-    start = max(row - _BESIDE, 0)
-    change = np.abs(np.diff(readings[start : row + _BESIDE + 1]))
-    usual = float(np.nanquantile(change, _BESIDE_QUANTILE))
-    beside = np.delete(readings[start : row + _BESIDE + 1], row - start)
+    start = max(row - _LEAST.beside, 0)
+    change = np.abs(np.diff(readings[start : row + _LEAST.beside + 1]))
+    usual = float(np.nanquantile(change, _LEAST.calm_quantile))
+    beside = np.delete(readings[start : row + _LEAST.beside + 1], row - start)
     off = abs(float(readings[row]) - float(np.nanmedian(beside)))
-    return off > max(least, _CHANGE_RATIO * usual)
+    return off > max(least, _LEAST.change * usual)
 
 
 def _impacts(
@@ -166,7 +171,7 @@ def _frozen(readings: FloatArray) -> list[slice]:
     The first of equal readings counts as measured unless the load jumped to it. Runs at
     an extreme without a jump are clipped, which another check finds. An angle may rest.
     """
-    if np.count_nonzero(np.isfinite(readings)) < _MIN_READINGS:
+    if np.count_nonzero(np.isfinite(readings)) < _LEAST.readings:
         return []
     same = np.diff(readings) == 0.0
     edges = np.flatnonzero(np.diff(same, prepend=False, append=False)).reshape(-1, 2)

@@ -21,7 +21,6 @@ END_OF_TORQUE = {channels.MOTOR_TORQUE: "proximal", channels.JOINT_TORQUE: "dist
 def check_cells(
     torque: str, trials: Sequence[Trial], bench: Bench | None
 ) -> tuple[Instrument | None, list[DataFinding]]:
-    """Return the load cells of all cables at one end, or their faults."""
     cells = [cells_at_end(torque, trial) for trial in trials]
     first = trials[0]
     if bench is None:
@@ -52,7 +51,6 @@ def check_cells(
 
 
 def _cell_names(end: str, bench: Bench) -> list[tuple[str, ...]]:
-    """Return possible names of the load cells of every cable, the agonist's first."""
     alone = (f"tension_{end}_n",) if len(bench.names) == 1 else ()
     return [(f"tension_{name}_{end}_n", *alone) for name in bench.names]
 
@@ -141,7 +139,6 @@ def cells_at_end(torque: str, trial: Trial) -> list[str]:
 def compare_with_sensor(
     torque: str, trials: Sequence[Trial], bench: Bench | None
 ) -> list[DataFinding]:
-    """Return findings on load cells at the same end as a torque sensor."""
     having = [
         trial
         for trial in trials

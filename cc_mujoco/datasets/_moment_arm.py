@@ -16,9 +16,6 @@ import numpy as np
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
 
-LEVER_ANGLE_COUNT = 4001
-_MAX_ANGLE = 3.0
-
 
 @dataclass(frozen=True, eq=False)
 class Lever:
@@ -73,7 +70,6 @@ def lever_of(
 def single_hinge(
     model: mujoco.MjModel, moved: Sequence[str], what: str, driven: str = ""
 ) -> str:
-    """Return the one hinge among the joints that move something, or the driven one."""
     if driven in moved:
         moved = [driven]
     if len(moved) != 1:
@@ -91,12 +87,10 @@ def single_hinge(
     return moved[0]
 
 
-def swept_angles(
-    model: mujoco.MjModel, joint: str, count: int = LEVER_ANGLE_COUNT
-) -> FloatArray:
+def swept_angles(model: mujoco.MjModel, joint: str, count: int = 4001) -> FloatArray:
     """Return scene angles over a joint's range, including 0 (count,) [rad]."""
     index = model.joint(joint).id
-    low, high = -_MAX_ANGLE, _MAX_ANGLE
+    low, high = -3.0, 3.0
     if model.jnt_limited[index]:
         low, high = model.jnt_range[index]
     return np.linspace(min(low, 0.0), max(high, 0.0), count)
@@ -141,7 +135,6 @@ def _tendon_arms(model: mujoco.MjModel, data: mujoco.MjData, row: int) -> FloatA
 
 
 def _moving_dofs(model: mujoco.MjModel, data: mujoco.MjData, row: int) -> list[int]:
-    """Return the degrees of freedom that change a tendon's length in any pose."""
     random = np.random.default_rng(0)
     most = np.zeros(model.nv)
     for _ in range(8):

@@ -26,8 +26,6 @@ from cc_mujoco.errors import CableError
 
 
 class Stream(NamedTuple):
-    """Readings of a channel at their times."""
-
     time: FloatArray  # (rows,) [s]
     values: FloatArray  # (rows,) in the channel's unit
     path: Path  # the file
@@ -254,8 +252,6 @@ def _merge_streams(
 
 @dataclass
 class _Table:
-    """File that is being read."""
-
     part: TrialFile  # the file
     names: list[str]  # names of its columns, and of the stamps that two columns make up
     time: str  # the column of its times
@@ -268,7 +264,6 @@ class _Table:
 
     @classmethod
     def of(cls, part: TrialFile, file: DatasetFile) -> _Table:
-        """Return a file with its columns identified and nothing read yet."""
         names = tables.column_names(part.path)
         names += [stem for stem in columns.stamp_columns(names) if stem not in names]
         source, given = file.source(channels.TIME), part.times
@@ -280,7 +275,6 @@ class _Table:
         return cls(part, names, time, channels.CLOCK.factors[unit], offset)
 
     def streams(self, file: DatasetFile) -> dict[str, Stream]:
-        """Read the channels."""
         path = self.part.path
         clocks = {
             channel: columns.find_column(
@@ -357,7 +351,6 @@ class _Table:
 
 
 def _require_common_zero(where: str, tabled: Sequence[_Table], name: str) -> None:
-    """Refuse clocks that may count from different zeros."""
     unknown = []
     for table in tabled:
         known = table.stamps[np.isfinite(table.stamps)]

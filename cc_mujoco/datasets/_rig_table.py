@@ -16,9 +16,11 @@ from cc_mujoco.datasets._trials import Constant
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
 
-_LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
-_DIMENSIONLESS = {"1": 1.0}
-_INERTIA_UNITS = {"kg m^2": 1.0, "kg cm^2": 1e-4, "g cm^2": 1e-7}
+_LENGTH_UNITS, _DIMENSIONLESS, _INERTIA_UNITS = (
+    {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
+    {"1": 1.0},
+    {"kg m^2": 1.0, "kg cm^2": 1e-4, "g cm^2": 1e-7},
+)
 RIG_CONSTANTS: dict[str, dict[str, float]] = {
     "motor_radius": _LENGTH_UNITS,
     "joint_radius": _LENGTH_UNITS,
@@ -52,51 +54,59 @@ its distance from the axis, that hangs straight down at `load_hanging_angle`. No
 the angles is negative."""
 LOAD_CONSTANTS = ("load_stiffness", "load_inertia", "load_damping", "load_weight")
 """Those that make a joint's torque of its motion; with their angles."""
-RIG_STATEMENTS = {"zeroed": True, "balanced": True, "joint_spring": False}
-"""Facts that `[rig]` may state and their only value: the other one says nothing. They
-are constants of value 1 (true) or 0 (false)."""
-RIG_ANGLES = ("exit_angle", "load_rest_angle", "load_hanging_angle")
-UNTUNED_CONSTANTS = (
-    "exit_angle", "gear_ratio", "gear_efficiency", "rotor_inertia",
-    "load_hanging_angle", "gain_uncertainty",
-)  # fmt: skip
-"""Those that a diagnosis does not tune."""
 
 
 def read_rig(table: Table) -> dict[str, Constant]:
-    """Return the table `[rig]`."""
+    """Return the table `[rig]`.
+
+    Facts that it states are constants of value 1 (true) or 0 (false).
+    """
+    # Facts and their only value: the other one says nothing.
+    statements = {"zeroed": True, "balanced": True, "joint_spring": False}
+    angles = "exit_angle", "load_rest_angle", "load_hanging_angle"
     constants = {}
     for name, given in table.content.items():
-        if name in RIG_STATEMENTS:
-            only = RIG_STATEMENTS[name]
+        if name in statements:
+            only = statements[name]
             if table.flag(name) is not only:
                 right = f"{str(only).lower()}; leave it out where that is not known"
                 raise table.wrong(name, right)
             constants[name] = Constant(float(only))
             continue
         if name == "angle_pairs":
-            constants |= _angle_pairs(table)
+            right = "a list of [motor, joint] angles in radians"
+            pairs = table.pairs("angle_pairs", right)
+            if not pairs:
+                raise table.wrong("angle_pairs", right)
+            if "joint_radius" in table.content:
+                raise CableError(
+                    f"{table.where}: `angle_pairs` give the radius at the joint; leave "
+                    "`joint_radius` out."
+                )
+            constants |= fit_angle_pairs(pairs, f"{table.where}, angle_pairs")
             continue
         if name not in RIG_CONSTANTS:
-            known = [*RIG_CONSTANTS, *RIG_STATEMENTS, "angle_pairs"]
+            known = [*RIG_CONSTANTS, *statements, "angle_pairs"]
             raise CableError.unknown(f"constant in {table.where}", name, known)
         units = RIG_CONSTANTS[name]
         is_table = isinstance(given, dict)
         inner = Table(f"{table.where}, {name}", given if is_table else {"value": given})
         inner.only("value", "uncertainty", "unit")
-        value = inner.number("value", -math.inf if name in RIG_ANGLES else 0.0)
+        value = inner.number("value", -math.inf if name in angles else 0.0)
         if value is None:
             raise CableError(f"{inner.where} needs a `value`.")
-        if value == 0.0 and name not in ("friction", *RIG_ANGLES, "load_damping"):
+        if value == 0.0 and name not in ("friction", *angles, "load_damping"):
             raise inner.wrong("value", "more than 0")
         factor = units[inner.choice("unit", units) or next(iter(units))]
         doubt = inner.number("uncertainty", 0.0) or 0.0
-        if doubt > value > 0.0 and name not in RIG_ANGLES:
+        if doubt > value > 0.0 and name not in angles:
             right = "one standard deviation in the unit of the value, and no larger"
             raise inner.wrong("uncertainty", right)
         if value == 0.0 and doubt > 0.0 and name in LOAD_CONSTANTS:
             raise inner.wrong("value", "more than 0 where it has an uncertainty")
-        if doubt > 0.0 and name in UNTUNED_CONSTANTS:
+        untuned = ["exit_angle", "gear_ratio", "gear_efficiency", "rotor_inertia"]
+        untuned += ["load_hanging_angle", "gain_uncertainty"]
+        if doubt > 0.0 and name in untuned:
             raise CableError(
                 f"{inner.where}: `uncertainty` cannot be used; a diagnosis takes this "
                 "constant for exact."
@@ -108,21 +118,6 @@ def read_rig(table: Table) -> dict[str, Constant]:
     return constants
 
 
-def _angle_pairs(table: Table) -> dict[str, Constant]:
-    right = "a list of [motor, joint] angles in radians"
-    pairs = table.pairs("angle_pairs", right)
-    if not pairs:
-        raise table.wrong("angle_pairs", right)
-    if "joint_radius" in table.content:
-        raise CableError(
-            f"{table.where}: `angle_pairs` give the radius at the joint; leave "
-            "`joint_radius` out."
-        )
-    return fit_angle_pairs(pairs, f"{table.where}, angle_pairs")
-
-
-MIN_PAIRS = 5
-"""Pairs from which an arm can be fitted and its error estimated."""
 RATIO_KEY, SLOPE_KEY, CURVE_KEY = "lever_ratio", "lever_slope", "lever_curve"
 """Constants that stand for the pairs: R/r, a [1/rad] and b [1/rad^2]."""
 
@@ -138,10 +133,11 @@ def fit_angle_pairs(
     (m, q) gives R/r, a and b.
     """
     motor, joint = np.array(pairs, dtype=np.float64).T
-    if len(pairs) < MIN_PAIRS or len(set(joint.tolist())) < MIN_PAIRS:
+    count = len(set(joint.tolist()))
+    if len(pairs) < 5 or count < 5:  # fewer tell of no error
         raise CableError(
-            f"{where} has {len(set(joint.tolist()))} different joint angles; give "
-            f"{MIN_PAIRS} pairs [motor, joint] or more, over the whole range."
+            f"{where} has {count} different joint angles; give 5 pairs [motor, joint] "
+            "or more, over the whole range."
         )
     degree = 3 if len(pairs) >= 7 else 2  # fewer tell of no curve
     design = np.vander(joint, degree + 1, increasing=True)

@@ -13,27 +13,23 @@ from cc_mujoco._utils.atomic_io import is_marked
 from cc_mujoco._utils.parsing import parse_json, parse_toml
 from cc_mujoco.assets import SCENES
 
-DEFAULT_LOG_NAME = "log"
-"""Name of a run's files unless it has one of its own."""
-RUN_MARK = {"cc_mujoco": "run"}
-"""In every such page; other files of that name are not of ours."""
+DEFAULT_LOG_NAME, RUN_MARK = "log", {"cc_mujoco": "run"}
+"""Name of a run's files unless it has one of its own, and what is in every such page;
+other files of that name are not of ours."""
 
 
 def page_of(rows: Path) -> Path:
-    """Return the path of the run record that belongs to the rows of a run."""
     return rows.with_name(
         "run.json" if rows.stem == DEFAULT_LOG_NAME else f"{rows.stem}.json"
     )
 
 
 def beside(rows: Path, name: str) -> Path:
-    """Return the path of a file that is made of the rows of a run."""
     start = "" if rows.stem == DEFAULT_LOG_NAME else f"{rows.stem}_"
     return rows.with_name(start + name)
 
 
 def truncation_reason(rows: Path) -> str:
-    """Return the reason why a run ended early; empty if it did not or is unknown."""
     page = _read_page(rows)
     return str(page.get("outcome", "")) if page.get("exit_code") != 0 else ""
 
@@ -60,7 +56,6 @@ def is_log(path: Path) -> bool:
 
 
 def _read_page(rows: Path) -> dict[str, Any]:
-    """Return the contents of the run record, if it is one of this package."""
     try:
         page = parse_json(page_of(rows).read_text(encoding="utf-8"))
     except (OSError, ValueError):

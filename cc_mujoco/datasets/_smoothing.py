@@ -14,17 +14,13 @@ from cc_mujoco.datasets._trials import FloatArray
 
 SIGMAS_PER_MEDIAN = 1.4826
 """Standard deviation of normal noise over the median of its size."""
-VELOCITY_WINDOW = 0.05
-"""Stretch of time over which a speed is estimated [s]."""
-_POLYNOMIAL_ORDER = 2
-_MIN_WINDOW = 5
 
 
 def velocity(
     angle: FloatArray,
     step: float,
     segments: Iterable[slice] | None = None,
-    span: float = VELOCITY_WINDOW,
+    span: float = 0.05,
 ) -> FloatArray:
     """Return the rate of change by a zero-phase Savitzky-Golay filter of second order.
 
@@ -43,9 +39,9 @@ def velocity(
     speed = np.full(len(angle), np.nan)
     for part in [slice(0, len(angle))] if segments is None else segments:
         count = len(angle[part])
-        window = max(_MIN_WINDOW, 2 * (round(span / step) // 2) + 1)
+        window = max(5, 2 * (round(span / step) // 2) + 1)
         window = min(window, 2 * ((count - 1) // 2) + 1)
-        if window > _POLYNOMIAL_ORDER:
+        if window > 2:
             speed[part] = _local_slopes(angle[part], window // 2) / step
     return speed
 
@@ -60,7 +56,7 @@ def _local_slopes(values: FloatArray, half: int) -> FloatArray:
     found = np.empty(len(values))
     weights = place / float(place @ place)
     found[half : len(values) - half] = np.correlate(values, weights, "valid")
-    powers = np.vander(place / half, _POLYNOMIAL_ORDER + 1, increasing=True)
+    powers = np.vander(place / half, 3, increasing=True)
     for window, kept, inside in (
         (slice(0, 2 * half + 1), slice(0, half), place[:half]),
         (slice(-2 * half - 1, None), slice(len(values) - half, None), place[-half:]),
@@ -70,13 +66,11 @@ def _local_slopes(values: FloatArray, half: int) -> FloatArray:
     return found
 
 
-def velocity_noise(
-    deviation: float, step: float, span: float = VELOCITY_WINDOW
-) -> float:
+def velocity_noise(deviation: float, step: float, span: float = 0.05) -> float:
     """Return the standard deviation of `velocity` inside a stretch, for white noise.
 
     `deviation` is that of the angle readings [rad], `step` between samples and `span`
     of the window are in seconds.
     """
-    half = max(_MIN_WINDOW // 2, round(span / step) // 2)
+    half = max(2, round(span / step) // 2)
     return deviation / step * math.sqrt(3.0 / (half * (half + 1) * (2 * half + 1)))

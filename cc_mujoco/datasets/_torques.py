@@ -32,19 +32,10 @@ from cc_mujoco.datasets._trials import (
 )
 from cc_mujoco.report._html import list_words
 
-_LEAD_ROWS = 100
-"""Rows from the pose of the scene to the first sample."""
-_INSTRUMENT_NAMES: dict[Instrument, str] = {
-    "load cells": "load cells",
-    "motor current": "the motor's current",
-    "known load": "a known load",
-}
-
 
 def add_derived_torques(
     trials: Sequence[Trial], file: DatasetFile, bench: Bench | None
 ) -> tuple[list[Trial], Instruments, list[DataFinding]]:
-    """Give trials the torques that follow from something else."""
     found: list[Instrument | None] = []
     findings: list[DataFinding] = []
     made = list(trials)
@@ -70,7 +61,10 @@ def add_derived_torques(
             else:
                 source = "the motion of the joint, declared in [rig]"
                 source = made[0].labels.get(torque, source)
-                message += f" follows from {_INSTRUMENT_NAMES[instrument]}: {source}."
+                names = {"motor current": "the motor's current"}
+                names["known load"] = "a known load"
+                instead = names.get(instrument, instrument)
+                message += f" follows from {instead}: {source}."
             findings.append(warning(message))
     instruments = Instruments(*found)
     if trials and not instruments.rows and not errors(findings):
@@ -108,7 +102,6 @@ def derived_noise(
     constants: Mapping[str, Constant],
     bench: Bench | None,
 ) -> dict[str, Noise]:
-    """Return the noise of torques from the noise of their source channels."""
     found: dict[str, Noise] = {}
     for torque, instrument in zip(channels.TORQUES, instruments, strict=True):
         if instrument == "load cells" and bench is not None:
@@ -190,7 +183,6 @@ def _with_current_torque(trial: Trial, constants: Mapping[str, Constant]) -> Tri
 def _with_torque(
     trial: Trial, torque: str, values: FloatArray | None, parts: Sequence[str] = ()
 ) -> Trial:
-    """Return a trial with a torque that was computed from these channels."""
     label = " and ".join(trial.labels.get(name, name) for name in parts)
     labels = {**trial.labels, torque: label} if parts else trial.labels
     if torque == channels.MOTOR_TORQUE:
@@ -238,7 +230,8 @@ class OtherAxes:
             finding = error(message, recording.name, channels.JOINT_TORQUE)
             recording.findings.append(finding)
             return
-        lead = np.linspace(0.0, 1.0, _LEAD_ROWS + 1)[:-1]
+        rows = 100  # from the pose of the scene to the first sample
+        lead = np.linspace(0.0, 1.0, rows + 1)[:-1]
 
         def led(name: str) -> FloatArray:
             signal = values[name]
@@ -247,13 +240,13 @@ class OtherAxes:
             return np.concatenate([lead * filled[0], filled])
 
         proximal, distal = (
-            np.concatenate([np.full(_LEAD_ROWS, values[name][0]), values[name]])
+            np.concatenate([np.full(rows, values[name][0]), values[name]])
             if name in values
             else None
             for name in names
         )
         low, high = (
-            bound[_LEAD_ROWS:]
+            bound[rows:]
             for bound in pulling_torque(
                 bench.coupled,
                 cable,

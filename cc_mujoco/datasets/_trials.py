@@ -186,7 +186,6 @@ class Trial:
 
     @property
     def _signals(self) -> dict[str, FloatArray]:
-        """The measured channels by name, time aside."""
         signals = {
             channels.MOTOR_ANGLE: self.motor_angle if self.motor_angle.size else None,
             channels.MOTOR_TORQUE: self.motor_torque,

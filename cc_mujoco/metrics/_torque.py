@@ -183,7 +183,6 @@ def motor_heat(log: LogLike) -> Array:
 
 
 def thermal_load(log: LogLike) -> float:
-    """Return the RMS torque of the rotor over its continuous torque."""
     rated = metadata_constant(log, Key.GEARING) * metadata_constant(
         log, Key.CONTINUOUS_TORQUE
     )
@@ -202,13 +201,11 @@ def least_tension(log: LogLike, *cables: str) -> Array:
 
 
 def slack_time(log: LogLike, cable: str) -> float:
-    """Return for how many seconds some of a cable carried no tension."""
     slack = (least_tension(log, cable) <= 0.0).astype(float)
     return float(work_between_samples(log["time_s"], slack).sum())
 
 
 def slack_under_load(log: LogLike) -> float:
-    """Return the share of the time in which slack matters."""
     hanging = [least_tension(log, cable) <= 0.0 for cable in driven_cables(log)]
     if log.metadata.get(Key.PULL_PULL):
         return float(np.mean(np.all(hanging, axis=0)))

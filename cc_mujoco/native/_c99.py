@@ -130,8 +130,6 @@ class Value:
 
 @dataclass
 class Function:
-    """A translated function."""
-
     name: str  # in C
     signature: FunctionTypes  # types of arguments and result
     text: str = ""  # its definition
@@ -183,7 +181,6 @@ class CLibrary:
         return known
 
     def translate(self) -> list[Function]:
-        """Return required functions and their callees, each after its callees."""
         errors = []
         while self._waiting:
             function = self._waiting.pop()
@@ -257,7 +254,6 @@ class CLibrary:
         return Value(text, kind, table=name)
 
     def text(self) -> str:
-        """Return all functions, those that are seen outside last."""
         return "\n".join([self.inner_text(), *self.exports.values()])
 
     def inner_text(self) -> str:
@@ -269,7 +265,6 @@ class CLibrary:
 
 
 def _names(base: str) -> Iterator[str]:
-    """Yield names to choose the first free one from."""
     yield base
     yield from (f"{base}_{k}" for k in count(2))
 
@@ -320,7 +315,6 @@ def _is_whole(node: ast.expr) -> bool:
 
 
 def _variables(node: ast.AST, loops: frozenset[str] = frozenset()) -> Iterator[str]:
-    """Yield the names that are used outside of loops that count with them."""
     if isinstance(node, ast.Name):
         if node.id not in loops or isinstance(node.ctx, ast.Store):
             yield node.id
@@ -478,7 +472,6 @@ class _CWriter(Writer):
         self.emit("}")
 
     def _begin(self, head: str, node: ast.If | ast.While) -> None:
-        """Add a block under a condition."""
         test = self._scalar(node.test, "the truth of an array").text
         self.emit(f"{head} ({test}) {{")
         self.block(node.body)
@@ -513,7 +506,6 @@ class _CWriter(Writer):
         self.emit("}")
 
     def _is_steady(self, node: ast.expr, body: list[ast.stmt]) -> bool:
-        """Return whether an expression keeps its value while a loop runs."""
         stored = {
             n.id
             for n in ast.walk(ast.Module(body, []))
@@ -580,7 +572,6 @@ class _CWriter(Writer):
                 self._set(one.id, item, given)
 
     def _allocate(self, name: str, call: ast.expr) -> bool:
-        """Make a local array; return whether the call makes one."""
         maker = self.scope.lookup(call.func) if isinstance(call, ast.Call) else None
         if maker is not np.empty and maker is not np.zeros:
             return False

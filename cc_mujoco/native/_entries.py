@@ -33,7 +33,6 @@ CC_EXPORT void cc_use_python(void *const *found)
 
 
 def entries_text(library: CLibrary, functions: dict[str, Function]) -> str:
-    """Return the functions in C that Python calls, but for those that return views."""
     called = {
         name: function
         for name, function in functions.items()
@@ -79,7 +78,6 @@ def _entry(library: CLibrary, function: Function) -> str:
 
 
 def _part_count(kind: Kind) -> int:
-    """Return how many arrays and fields are read of an argument, at most."""
     if isinstance(kind, Structure):
         return sum(1 + _part_count(each) for _, each in kind.fields)
     return int(isinstance(kind, Array))

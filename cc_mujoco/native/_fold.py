@@ -91,7 +91,6 @@ def _separate(node: ast.Assign) -> list[ast.stmt] | None:
 
 
 def is_number(found: Any) -> bool:
-    """Return whether an object is a constant of compiled code."""
     return isinstance(found, bool | int | float) and not isinstance(found, LoadedInt)
 
 
@@ -124,7 +123,6 @@ def fold(
 def _single_constants(
     node: ast.FunctionDef, parameters: set[str]
 ) -> dict[str, ast.Constant]:
-    """Return the local names that are assigned once, a constant."""
     stores: dict[str, int] = {}
     values: dict[str, ast.Constant] = {}
     for found in ast.walk(node):
@@ -204,7 +202,6 @@ class _Folder(ast.NodeTransformer):
         return node
 
     def _unroll(self, node: ast.For, items: tuple[Any, ...]) -> list[ast.stmt]:
-        """Repeat a loop over a constant tuple for each of its entries."""
         target = node.target
         names = target.elts if isinstance(target, ast.Tuple) else [target]
         repeated: list[ast.stmt] = []

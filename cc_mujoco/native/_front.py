@@ -126,7 +126,6 @@ class _Lowering:
                     yield _set(one, _loaded(part))
 
     def _loop_over(self, node: ast.For, items: ast.Tuple) -> Iterator[ast.stmt]:
-        """Loop over the places of tuples, one for each target."""
         target = node.target
         targets = target.elts if isinstance(target, ast.Tuple) else [target]
         rows = [
@@ -149,7 +148,6 @@ def _set(target: ast.expr, value: ast.expr) -> ast.stmt:
 
 
 def _loaded(target: ast.expr) -> ast.expr:
-    """Return the expression that reads what a target writes."""
     node = copy.deepcopy(target)
     node.ctx = ast.Load()  # type: ignore[attr-defined]
     return node
@@ -167,7 +165,6 @@ class Writer(ast.NodeVisitor):
         self.lines.append("    " * self.depth + text)
 
     def block(self, body: list[ast.stmt]) -> None:
-        """Add the lines of a block, one step further in."""
         self.depth += 1
         for statement in body:
             self.visit(statement)
@@ -178,11 +175,9 @@ class Writer(ast.NodeVisitor):
         return self.source.refusal(node, f"{what + ': ' if what else ''}`{text}`")
 
     def generic_visit(self, node: ast.AST) -> Any:
-        """Refuse a node that this language has not."""
         raise self.refuse(node)
 
 
 def name_of(function: Any) -> str:
-    """Return the name of a function or class in another language."""
     module = function.__module__.rpartition(".")[2].lstrip("_")
     return f"{module}_{function.__name__.lstrip('_')}"

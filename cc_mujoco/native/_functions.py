@@ -37,7 +37,6 @@ from cc_mujoco.native._kinds import (
 def own_entries(
     functions: tuple[tuple[str, types.FunctionType], ...],
 ) -> dict[str, Callable[..., Any]]:
-    """Return the functions of one module of another package in C, by their keys."""
     first = functions[0][1]
     made = CLibrary({}, Path(first.__code__.co_filename).parent)
     called = {key: made.require(function) for key, function in functions}

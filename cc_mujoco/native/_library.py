@@ -58,7 +58,6 @@ _does_without = False
 
 
 def entry(key: str) -> Callable[..., Any] | None:
-    """Return a function of the library that Python calls, None where there is none."""
     return _entries().get(key)
 
 
@@ -100,7 +99,6 @@ class _Method(ctypes.Structure):
 
 
 def library() -> ctypes.CDLL:
-    """Return the native library of this code, compiled if need be."""
     with _lock:
         return _library()
 
@@ -300,7 +298,6 @@ def _tree_digest(content: bytes) -> str:
 
 
 def compiler() -> list[str]:
-    """Return the command of a C compiler, that of the variable `CC` first."""
     given = os.environ.get("CC", "")
     try:
         chosen = shlex.split(given, posix=os.name != "nt")
@@ -341,7 +338,6 @@ def build_library(place: Path) -> Path:
 
 
 def identity() -> Iterator[str]:
-    """Yield the lines in C that tell which code a library was made of."""
     for name, text in (
         (DIGEST_NAME, digest()),
         ("cc_mujoco_sources", sources_digest()),

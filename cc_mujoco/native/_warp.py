@@ -37,8 +37,6 @@ _ANNOTATIONS = {
 
 @dataclass(frozen=True)
 class WarpSource:
-    """Source of Warp functions."""
-
     # Python source; it expects `wp`, `Real`, and the functions of `warp/_build.py` in
     # its namespace.
     source: str
@@ -46,7 +44,6 @@ class WarpSource:
 
 
 def translate(functions: Iterable[Any], known: Known) -> WarpSource:
-    """Translate compiled functions and all that they call."""
     library = _Library(known)
     for function in functions:
         library.require(function)
@@ -54,7 +51,6 @@ def translate(functions: Iterable[Any], known: Known) -> WarpSource:
 
 
 def _field_types(record: Any) -> dict[str, str]:
-    """Return the annotations of a named tuple, as they are written."""
     return {
         field: getattr(kind, "__forward_arg__", kind)
         for field, kind in record.__annotations__.items()
@@ -66,8 +62,6 @@ def _is_record(found: Any) -> bool:
 
 
 class _Library:
-    """Functions in Warp, each once."""
-
     def __init__(self, known: Known) -> None:
         self._known = known
         self._sources: dict[types.FunctionType, ReadFunction] = {}
@@ -120,7 +114,6 @@ class _Library:
         return self._sources[function]
 
     def _constant_result(self, found: Any) -> ast.Constant | None:
-        """Return what a compiled function always returns, else None."""
         function = python_function(found)
         if function is None:
             return None

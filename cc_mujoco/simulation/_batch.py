@@ -157,7 +157,6 @@ class Simulations:
         return fell
 
     def why(self, row: int, time: float) -> str:
-        """Describe why a simulation fell at a time [s]."""
         if error := self.batch.error(int(row)):
             return f"MuJoCo raised at {time:.3f} s: {error}"
         first = int(np.flatnonzero(self.batch.warning[row, :, 1])[0])

@@ -26,8 +26,6 @@ from cc_mujoco.simulation._episode_log import EpisodeLog
 
 
 class Guards:
-    """Watch over the guards of the controller of a device in an episode."""
-
     def __init__(self, law: Controller, description: Description) -> None:
         laws = law.laws if isinstance(law, AxesController) else (law,)
         each = zip(description.axes, laws, strict=False)
@@ -40,7 +38,6 @@ class Guards:
         self._last = [guard.FREE] * len(self._watched)
 
     def look(self, time: float) -> None:
-        """Note the states of a control step at a time [s]."""
         self._steps += 1
         for n, (axis, law) in enumerate(self._watched):
             state = float(law.guard_states().max(initial=guard.FREE))
@@ -52,7 +49,6 @@ class Guards:
             self._last[n] = state
 
     def findings(self) -> Iterator[str]:
-        """Yield a sentence for every joint and state other than `guard.FREE`."""
         safe = {axis.limb: axis.safe_torque for axis, _ in self._watched}
         for (limb, state), begun in self._begun.items():
             share = 100.0 * self._count[limb, state] / self._steps

@@ -84,7 +84,6 @@ class EpisodeLog:
 
     @classmethod
     def _over(cls, columns: _Columns, metadata: Mapping[str, Any]) -> EpisodeLog:
-        """Return a log over columns that are checked already."""
         log = cls.__new__(cls)
         log._take_names(columns)
         log._columns, log.metadata = columns, dict(metadata)
@@ -253,8 +252,6 @@ class _Columns(Mapping[str, NDArray[Any]]):
 
 
 class _Arrays(_Columns):
-    """Columns in memory."""
-
     def __init__(self, arrays: Mapping[str, NDArray[Any]], count: int) -> None:
         super().__init__(arrays, count)
         self._arrays = arrays
@@ -267,8 +264,6 @@ class _Arrays(_Columns):
 
 
 class _FileColumns(_Columns):
-    """Columns of a file, each read when it is accessed."""
-
     def __init__(self, path: str | os.PathLike[str]) -> None:
         import pyarrow as pa
         import pyarrow.parquet as pq

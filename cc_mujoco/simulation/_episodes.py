@@ -124,7 +124,6 @@ class Episodes:
         self._look(self._none, fresh, np.zeros((4, len(fresh))))
 
     def _apply_plant(self, row: int, plant: Plant) -> None:
-        """Give a row its plant, and the model that is started from."""
         nominal = self.exo.plants.nominal
         if plant is not self._current_plant:
             self.exo.device.apply_plant(plant)
@@ -218,7 +217,6 @@ class Episodes:
         return self._observed.astype(np.float32)
 
     def snapshot(self) -> tuple[NDArray[Any], ...]:
-        """Return what `columns` needs of now."""
         physics = self.worlds.physics
         return self._table, physics.qpos.copy(), physics.plugin_state.copy()
 

@@ -231,7 +231,6 @@ class Author:
         moved: Mapping[str, Motion],
         motions: Sequence[Motion],
     ) -> ScriptPart:
-        """Return the part of a script that has these motions; see `_motions`."""
         device, commands = self._device, np.zeros((motions[0].time.size, len(movers)))
         for place, (joint, mover) in enumerate(movers.items()):
             part = moved.get(joint)

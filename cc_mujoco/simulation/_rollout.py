@@ -44,8 +44,6 @@ TICK_STEPS = 200
 
 @dataclass(frozen=True)
 class Episode:
-    """Episode that all designs of a batch play."""
-
     description: Description
     trajectory: str | Trajectory
     task: TaskChoice

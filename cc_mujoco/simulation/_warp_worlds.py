@@ -168,7 +168,6 @@ class WarpWorlds:
             mjw.step(self.model, self.data)
 
     def _reset(self, mask: Mask) -> None:
-        """Reset some worlds; the others keep their bits."""
         mjw.reset_data(self.model, self.data, wp.array(mask, dtype=bool))
         self.cables.reset(mask)
 

@@ -108,7 +108,6 @@ class Wiring:
         return self._address + axis_record.AXIS_SIZE * self._axes * row
 
     def seat(self, row: int, script: Script) -> None:
-        """Assign a script to a row and rewind it."""
         self.scripts[row] = script
         self._take_part(row, 0)
 

@@ -36,7 +36,6 @@ TaskChoice = str | Path | Task | Mapping[str, str | Path | Task] | None
 
 
 def refuse_unknown(unknown: Mapping[str, Any], env: type) -> None:
-    """Refuse arguments that an environment does not have, and list those it has."""
     for name in unknown:
         parameters = inspect.signature(env).parameters.values()
         there = [p.name for p in parameters if p.kind is not p.VAR_KEYWORD]
@@ -262,7 +261,6 @@ class DrivenEnvironment:
 
     @property
     def drives(self) -> tuple[Drive, ...]:
-        """Knowledge that controllers may have of each axis."""
         return self.exo.drives
 
     def action(self, torque: Any) -> NDArray[np.float32]:
@@ -301,7 +299,6 @@ def _axis_seeds(seeds: int | Sequence[int], axis: int) -> Any:
 def axis_trajectories(
     device: DeviceModel, given: str | Path | Trajectory | None
 ) -> tuple[Trajectory, ...]:
-    """Return the trajectory of every axis; equal ones are one motion."""
     description = device.description
     chosen = description.trajectory if given is None else given
     # The phase of a walk is that of the first axis.

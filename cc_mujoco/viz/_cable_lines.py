@@ -123,7 +123,6 @@ def cable_lines(model: mujoco.MjModel, cables: Iterable[str]) -> list[CableLine]
 
 
 def line_notes(model: mujoco.MjModel, cables: Iterable[str]) -> Iterator[str]:
-    """Yield a sentence for each cable that is not drawn along a route of its own."""
     described = plugin.from_mjcf(model)
     for cable in cables:
         if cable not in described or described[cable].route:

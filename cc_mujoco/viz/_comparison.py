@@ -73,7 +73,6 @@ def draw_side_by_side(episodes: Sequence[LabelledEpisode]) -> Figure:
 def write_side_by_side(
     path: str | os.PathLike[str], episodes: Sequence[LabelledEpisode], about: str
 ) -> None:
-    """Write a `.rrd` file that holds all episodes, each under its name."""
     digest = hashlib.sha256(about.encode())
     for episode in episodes:
         digest.update(f"{episode.name}/{recording_id(episode.log)}/".encode())

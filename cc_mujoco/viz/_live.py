@@ -63,8 +63,6 @@ def live(
 
 
 class Exchangeable(Controller):
-    """The controller of the moment."""
-
     def __init__(
         self, drives: Sequence[Drive], prefixes: Sequence[str], name: str
     ) -> None:
@@ -118,7 +116,6 @@ class Show:
         return self._knobs.quit or not self._window.open
 
     def episode(self) -> None:
-        """Play one episode; show an error on the screen and wait."""
         exo = self._exo
         sensing = exo.description.sensing
         measuring = exo.controller_sensors(sensing, exo.drives, self._seed)

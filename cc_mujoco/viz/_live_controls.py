@@ -101,7 +101,6 @@ class Knobs:
 
     @property
     def help(self) -> tuple[tuple[str, str], ...]:
-        """Keys and what they do, for the screen."""
         rows = [("up, down", "friction")]
         rows.append(("home, end", "pretension, from the next start on"))
         if self._laws:
@@ -267,7 +266,6 @@ class RealTimePacer:
         """Ratio of simulated to real time of late; NaN before there is any."""
 
     def begin(self, time: float) -> None:
-        """Restart the pace here, after an interruption."""
         self._time = self._since = time
         self._wall_time = self._interval_start = self._now()
 

@@ -257,6 +257,5 @@ def _screen_boxes(scene: mujoco.MjvScene) -> Array:
 
 
 def _downsample(fine: Picture) -> Picture:
-    """Make one pixel of `SUPERSAMPLING` by `SUPERSAMPLING`."""
     wide = fine[::2].astype(np.uint16) + fine[1::2]
     return ((wide[:, ::2] + wide[:, 1::2] + 2) >> 2).astype(np.uint8)

@@ -55,7 +55,6 @@ class PlotLine(NamedTuple):
 
 
 def draw_lines(axes: Axes, time: Array, lines: Iterable[PlotLine], **look: Any) -> None:
-    """Draw lines over time (T,) [s] with further options of Matplotlib's `plot`."""
     for line in lines:
         own: Any = {"linestyle": (0, DASH_PATTERN) if line.dashed else "-"} | look
         axes.plot(time, line.values, label=line.label, color=line.color, **own)

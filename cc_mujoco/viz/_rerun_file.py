@@ -270,7 +270,6 @@ def _about(log: EpisodeLog, metrics: Mapping[Metric, float]) -> rr.TextDocument:
 
 
 def _thinning(log: EpisodeLog) -> list[str]:
-    """Return a sentence on what a recording of a long episode leaves out."""
     time = log["time_s"]
     rate, shown = _rate(time), len(log.thinned(MAX_SAMPLES))
     if rate == 60.0 and shown == len(log):

@@ -48,7 +48,6 @@ class Series(NamedTuple):
 
 
 def plotted_series(log: EpisodeLog) -> Iterator[Series]:
-    """Yield every line that a recording of an episode plots."""
     for axis, own in log.each_axis():
         ratio = own.metadata.get(Key.RATIO)
         for path, name, column, color in SERIES:
@@ -79,7 +78,6 @@ View = rrb.View | rrb.Container
 
 
 def blueprint(log: EpisodeLog, model: mujoco.MjModel) -> rrb.Blueprint:
-    """Lay out an episode that is logged at the root."""
     scene = scene_view(log, model)
     about = rrb.TextDocumentView(origin="/about", name="About")
     heights = (6, 4, 6, 6, 7)  # of the plots of an axis and of its cables

@@ -254,7 +254,6 @@ def tendon_color(model: mujoco.MjModel, tendon: int) -> Array:
 
 
 def is_uncolored(model: mujoco.MjModel, tendon: int) -> bool:
-    """Return whether a tendon has neither a colour nor a material."""
     is_default = _is_default(model.tendon_rgba[tendon])
     return is_default and bool(model.tendon_matid[tendon] < 0)
 

@@ -51,7 +51,6 @@ def draw_summary(log: EpisodeLog) -> Figure:
 
 
 def episode_title(log: EpisodeLog) -> str:
-    """Return scene, trajectory, task, controller and seed of an episode as a line."""
     about = log.metadata
     parts = [str(about[key]) for key in ("scene", "trajectory", "task") if key in about]
     if "controller" in about:

@@ -70,8 +70,6 @@ def view(scene: str, *, screen: Callable[..., Any] = Screen) -> None:
 
 
 class Viewing:
-    """A scene that is simulated as keys and sliders demand."""
-
     def __init__(self, path: Path, spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
         self._name, self._model = path.name, model
         self._data = mujoco.MjData(model)
@@ -83,7 +81,6 @@ class Viewing:
         self._friction, self._laid = 1.0, 1.0
 
     def run(self, screen: Callable[..., Any]) -> None:
-        """Simulate until the window is closed."""
         pretensions = [cable.pretension for cable in self._cables.values()]
         highest = round_up_tension(max(pretensions, default=1.0))
         knobs, names = self._knobs, tuple(self._cables)
@@ -115,7 +112,6 @@ class Viewing:
         self._note = ""
 
     def _write_cables(self) -> None:
-        """Give the cables the friction and the pretension of the moment."""
         self._friction = self._knobs.friction
         options = self._knobs.options(self._laid)
         for name, cable in self._cables.items():

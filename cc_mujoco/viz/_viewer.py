@@ -40,8 +40,6 @@ MIN_FRAME_TIME = 1.0 / 60.0
 
 
 class Frame(NamedTuple):
-    """Content of the window at one time."""
-
     qpos: Array  # pose (nq,)
     tensions: Mapping[str, Array]  # at the nodes of each cable (n,) [N]
     texts: tuple[Rows, Rows]  # at the top left and at the bottom left

@@ -119,7 +119,6 @@ def _rgb(color: NDArray[np.uint8]) -> str:
 
 
 def _shares(log: EpisodeLog, count: int, every: int, rate: float) -> str:
-    """Return sentences on the samples of an episode, and on those that are shown."""
     text = f"{count} samples over {log['time_s'][-1]:g} s."
     every *= -(-count // len(log))
     if every > 1:

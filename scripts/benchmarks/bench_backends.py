@@ -61,12 +61,10 @@ def differences(count: int, given: dict[str, Any]) -> dict[str, list[float]]:
         for backend in ("mujoco", "warp", "mujoco")
     ]
     reset = [env.reset(seed=0) for env in envs]
-    for seen, _ in reset[1:]:
-        np.testing.assert_array_equal(seen, reset[0][0])
+    for observed, _ in reset[1:]:
+        np.testing.assert_array_equal(observed, reset[0][0])
     info, first = reset[0][1], envs[0]
-    sums: dict[str, Array] = {}
-    worst: dict[str, Array] = {}
-    largest: dict[str, float] = {}
+    seen = {name: [] for name in COLUMNS}
     shift, noise = np.arange(count)[:, None], np.random.default_rng(0)
     for step in range(first.exo.steps):
         wave = 0.1 * np.sin(4.0 * step * first.exo.period + shift)
@@ -78,19 +76,14 @@ def differences(count: int, given: dict[str, Any]) -> dict[str, list[float]]:
         ]
         info = infos[0]
         for name in COLUMNS:
-            values = [gathered(one, name) for one in infos]
-            error = np.abs(np.stack([values[1] - values[0], values[2] - values[0]]))
-            square = (error**2).reshape(2, -1).mean(axis=1)
-            sums[name] = sums.get(name, np.zeros(2)) + square
-            most = error.reshape(2, -1).max(axis=1)
-            worst[name] = np.maximum(worst.get(name, most), most)
-            size = float(np.abs(values[0]).max())
-            largest[name] = max(largest.get(name, 0.0), size)
+            seen[name].append([gathered(one, name) for one in infos])
     found = {}
-    for name in COLUMNS:
-        rms = np.sqrt(sums[name] / first.exo.steps) / largest[name]
-        most = worst[name] / largest[name]
-        found[name] = [rms[0], most[0], rms[1], most[1]]
+    for name, rows in seen.items():
+        values = np.array(rows)
+        error = np.abs(values[:, 1:] - values[:, :1]) / np.abs(values[:, 0]).max()
+        rms = np.sqrt(np.mean(error**2, axis=(0, 2, 3)))
+        worst = error.max(axis=(0, 2, 3))
+        found[name] = [rms[0], worst[0], rms[1], worst[1]]
     return found
 
 

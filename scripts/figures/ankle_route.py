@@ -11,8 +11,8 @@ last gait cycle and prints what differs.
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -40,9 +40,8 @@ CYCLES = 3
 MOVERS = {"ankle": "wearer", "hip": "wearer_hip", "knee": "wearer_knee"}
 
 
-@dataclass(frozen=True)
-class Cycle:
-    """The last gait cycle; one entry per time step."""
+class Cycle(NamedTuple):
+    """The last gait cycle; arrays have one entry per time step."""
 
     phase: Array  # fraction of the cycle
     wrap: Array  # wrap angle of the conduit [rad]
@@ -118,10 +117,8 @@ def draw(path: Path, fixed: Cycle, moving: Cycle) -> None:
     with style():
         drawing = figure(7.2, 7.0)
         axes = drawing.subplots(3, 1, sharex=True)
-        for name, cycle, color in (
-            ("fixed route", fixed, BLUE),
-            ("moving route", moving, ORANGE),
-        ):
+        both = {"fixed route": (fixed, BLUE), "moving route": (moving, ORANGE)}
+        for name, (cycle, color) in both.items():
             percent = 100.0 * cycle.phase
             axes[0].plot(percent, cycle.wrap, color=color, label=name)
             axes[1].plot(percent, cycle.heel / cycle.motor, color=color)

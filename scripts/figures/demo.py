@@ -13,7 +13,7 @@ import argparse
 import shutil
 import sys
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import gymnasium
 import mujoco
@@ -45,25 +45,6 @@ CABLE, SPRING = "flexor", Spring(2.5)
 BEGIN = 0.5  # time from which on torques are judged [s]
 
 
-class Played(NamedTuple):
-    """Result of one controller, (samples,) each."""
-
-    time: Array
-    desired: Array
-    torque: Array
-    proximal: Array
-    distal: Array
-    joint: Array
-    lost: float  # energy that friction turned into heat [J]
-    peak: float  # largest torque at the motor pulley [N m]
-    chatter: float  # RMS of the motor's torque minus its mean over 50 ms [N m]
-
-    @property
-    def error(self) -> float:
-        """RMS of the torque error over that of the desired torque."""
-        return relative_error(self.time, self.desired, self.torque)
-
-
 def relative_error(time: Array, desired: Array, reached: Array) -> float:
     """Return the RMS error over the RMS of what is desired, from `BEGIN` on."""
     late = time >= BEGIN
@@ -84,14 +65,20 @@ def episode(law: str, duration: float) -> tuple[EpisodeLog, mujoco.MjModel]:
     return log, env.unwrapped.model
 
 
-def judged(log: EpisodeLog) -> Played:
-    lost = [log[f"dissipated_{name}_j"] for name in log.cables]
-    return Played(
-        log["time_s"], log["desired_torque_nm"], log["joint_torque_nm"],
-        log[f"tension_{CABLE}_proximal_n"], log[f"tension_{CABLE}_distal_n"],
-        log["joint_angle_rad"], float(sum(each[-1] - each[0] for each in lost)),
-        METRICS["peak_motor_torque"].compute(log), METRICS["chatter"].compute(log),
-    )  # fmt: skip
+class Played:
+    """Result of one controller; arrays are (samples,)."""
+
+    def __init__(self, log: EpisodeLog) -> None:
+        self.time, self.desired = log["time_s"], log["desired_torque_nm"]
+        self.torque, self.joint = log["joint_torque_nm"], log["joint_angle_rad"]
+        self.proximal = log[f"tension_{CABLE}_proximal_n"]
+        self.distal = log[f"tension_{CABLE}_distal_n"]
+        self.error = relative_error(self.time, self.desired, self.torque)
+        lost = [log[f"dissipated_{name}_j"] for name in log.cables]
+        # Energy that friction turned into heat [J].
+        self.lost = float(sum(each[-1] - each[0] for each in lost))
+        self.peak = METRICS["peak_motor_torque"].compute(log)
+        self.chatter = METRICS["chatter"].compute(log)
 
 
 def words(found: dict[str, Played]) -> list[str]:
@@ -156,11 +143,11 @@ def main() -> None:
         require_ours(record)
         require_page()
     *others, last = LAWS
-    found = {law: judged(episode(law, arguments.duration)[0]) for law in others}
+    found = {law: Played(episode(law, arguments.duration)[0]) for law in others}
     log, model = episode(last, arguments.duration)
     if record is not None:
         write_episode(record, log, model, html=True)
-    found[last] = judged(log)
+    found[last] = Played(log)
     draw(found, out)
     print()
     for sentence in words(found):
@@ -168,14 +155,10 @@ def main() -> None:
     print(f"\nsee:        {out}")
     if record is not None:
         print(f"in motion:  {record / PAGE_FILE}, in any browser ({last})")
-        print(f"closely:    {_rerun()} {record / 'recording.rrd'}")
-
-
-def _rerun() -> str:
-    """Return the command, as it works where `.venv` is not active, too."""
-    return (
-        "rerun" if shutil.which("rerun") else str(Path(sys.executable).parent / "rerun")
-    )
+        # As it works where `.venv` is not active, too.
+        beside = str(Path(sys.executable).parent / "rerun")
+        rerun = "rerun" if shutil.which("rerun") else beside
+        print(f"closely:    {rerun} {record / 'recording.rrd'}")
 
 
 if __name__ == "__main__":

@@ -51,18 +51,13 @@ def drawn(name: str) -> Figure:
         return pyplot.gcf()
 
 
-def picture(figure: Figure) -> Image.Image:
-    file = io.BytesIO()
-    figure.savefig(file, format="png")
-    return Image.open(file).convert("RGB")
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("names", nargs="*", help=", ".join(NAMES))
     for name in parser.parse_args().names or NAMES:
-        path = EXAMPLES / f"{name}.webp"
-        picture(drawn(name)).save(path, quality=80, method=6)
+        path, file = EXAMPLES / f"{name}.webp", io.BytesIO()
+        drawn(name).savefig(file, format="png")
+        Image.open(file).convert("RGB").save(path, quality=80, method=6)
         print(f"wrote {path}")
 
 

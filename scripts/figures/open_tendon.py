@@ -11,7 +11,6 @@ at the winch, and prints what differs.
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass
 from pathlib import Path
 
 import gymnasium
@@ -37,13 +36,6 @@ JOINTS = {"joint0": (0.6, 1.0), "joint1": (0.8, 1.7)}
 SECONDS = 2.0
 
 
-@dataclass(frozen=True)
-class Swing:
-    time: Array  # [s]
-    torque: Array  # of the cord on each joint [N m], (steps, 2)
-    single: Array  # the same with one tension along all of the cord
-
-
 def arm() -> mujoco.MjModel:
     assets = Path(gymnasium.__file__).parent / "envs" / "mujoco" / "assets"
     spec = mujoco.MjSpec.from_file(str(assets / "reacher.xml"))
@@ -66,8 +58,12 @@ def arm() -> mujoco.MjModel:
     return spec.compile()
 
 
-def swing(model: mujoco.MjModel) -> Swing:
-    """Simulate prescribed joints and a free winch."""
+def swing(model: mujoco.MjModel) -> tuple[Array, Array, Array]:
+    """Simulate prescribed joints and a free winch.
+
+    Returns the time [s], and the torque of the cord on each joint, as it is and with
+    one tension along all of the cord, (steps, 2) each [N m].
+    """
     data = mujoco.MjData(model)
     places = [int(model.joint(name).qposadr[0]) for name in JOINTS]
     dofs = [int(model.joint(name).dofadr[0]) for name in JOINTS]
@@ -97,18 +93,18 @@ def swing(model: mujoco.MjModel) -> Swing:
         arms[data.moment_colind[part]] = data.actuator_moment[part]
         single[k] = -data.actuator("cord_proximal").force[0] * arms[dofs]
         mujoco.mj_step(model, data)
-    return Swing(time, torque, single)
+    return time, torque, single
 
 
-def draw(path: Path, seen: Swing) -> None:
+def draw(path: Path, time: Array, torque: Array, single: Array) -> None:
     with style():
         drawing = figure(7.0, 4.6)
         axes = drawing.subplots(2, 1, sharex=True)
         for axis, name, right, wrong in zip(
-            axes, ("Shoulder", "Elbow"), seen.torque.T, seen.single.T, strict=True
+            axes, ("Shoulder", "Elbow"), torque.T, single.T, strict=True
         ):
-            axis.plot(seen.time, right, color=BLUE, label="each piece its own")
-            axis.plot(seen.time, wrong, color=ORANGE, label="one tension")
+            axis.plot(time, right, color=BLUE, label="each piece its own")
+            axis.plot(time, wrong, color=ORANGE, label="one tension")
             axis.set(title=name, ylabel="torque [N m]")
         axes[1].set(xlabel="time [s]", xlim=(0, SECONDS))
         axes[0].legend()
@@ -119,10 +115,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("out", type=figure_path)
     out = parser.parse_args().out
-    seen = swing(arm())
-    draw(out, seen)
-    error = np.sqrt(np.mean((seen.single - seen.torque) ** 2, axis=0))
-    error /= np.abs(seen.torque).max(axis=0)
+    time, torque, single = swing(arm())
+    draw(out, time, torque, single)
+    error = np.sqrt(np.mean((single - torque) ** 2, axis=0))
+    error /= np.abs(torque).max(axis=0)
     print(
         "With one tension, that at the winch, the torque at the shoulder is off by "
         f"{error[0]:.0%} and at the elbow by {error[1]:.0%} (RMS over the largest)."

@@ -76,7 +76,6 @@ class Blocked(NamedTuple):
     joint_torque: FloatArray  # on the lock (samples,) [N m]
     efficiency: float  # largest output torque over that of an ideal transmission
     backlash: float  # width of the loop at zero output, in motor torque [N m]
-    friction_work: float  # energy lost in a cycle [J]
 
 
 def blocked_output_test(cable: Cable) -> Blocked:
@@ -88,8 +87,6 @@ def blocked_output_test(cable: Cable) -> Blocked:
     )
     late = time >= time[-1] / 2.0  # past the first loading
     output = found.joint_torque
-    lost = float(np.sum(found.dissipated[:, -1] - found.dissipated[:, late][:, 0]))
-    cycles = time[late].size * DT / (4.0 * PEAK_TORQUE / TORQUE_RATE + 2.0 * DWELL_TIME)
     # An output that stays below a thousandth of the ideal one is none.
     moves = np.max(np.abs(output[late])) > 1e-3 * transmission.ratio * PEAK_TORQUE
     return Blocked(
@@ -97,7 +94,6 @@ def blocked_output_test(cable: Cable) -> Blocked:
         output,
         float(np.max(np.abs(output[late]))) / (transmission.ratio * PEAK_TORQUE),
         loop_width(torque[late], output[late]) if moves else math.nan,
-        lost / cycles,
     )
 
 

@@ -29,13 +29,7 @@ from cc_mujoco.device._description import Axis, Description
 from cc_mujoco.device._device import Device, Nominal, find_device
 from cc_mujoco.device._materials import ENDS, MATERIALS, Material
 from cc_mujoco.device._motors import MOTORS, Motor
-from cc_mujoco.device._variables import (
-    Value,
-    of_owner,
-    owner_axes,
-    read_values,
-    split,
-)
+from cc_mujoco.device._variables import Value, of_owner, owner_axes, read_values, split
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Body, Wearer
 from cc_mujoco.metrics._metric import Key

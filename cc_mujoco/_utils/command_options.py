@@ -22,6 +22,7 @@ def option_help(metavar: str | None = None) -> object:
 PROGRESS_INTERVAL = 10.0
 """Time between two bars in a file or a pipe, and before the first [s]."""
 
+Scene = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")]
 Name = Annotated[str | None, option_help("NAME")]
 Names = Annotated[tuple[str, ...], option_help("[NAME ...]")]
 Added = Annotated[

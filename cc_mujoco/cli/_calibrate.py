@@ -6,9 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import tyro
-
-from cc_mujoco._utils.command_options import Name, Names, option_help
+from cc_mujoco._utils.command_options import Name, Names, Scene, option_help
 from cc_mujoco.errors import CableError
 
 if TYPE_CHECKING:
@@ -22,7 +20,7 @@ class Calibrate:
     The commands read the file beside the scene. It is never overwritten.
     """
 
-    scene: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")]
+    scene: Scene
     """A device: a built-in name (`cc-mujoco list`), or your MJCF file."""
     trial: Annotated[Path | None, option_help("FILE")] = None
     """Measured trial: a table with columns motor_angle_rad, joint_angle_rad and perhaps

@@ -6,9 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import tyro
-
-from cc_mujoco._utils.command_options import option_help
+from cc_mujoco._utils.command_options import Scene, option_help
 
 if TYPE_CHECKING:
     from cc_mujoco.device import Device
@@ -21,7 +19,7 @@ class ShowDevice:
     A description that is there already is read and never overwritten.
     """
 
-    scene: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")]
+    scene: Scene
     """An MJCF file with a motor and a cable, its description, or a built-in device."""
     out: Annotated[Path | None, option_help("FILE")] = None
     """Description to write; by default SCENE.device.toml, if that is not there."""

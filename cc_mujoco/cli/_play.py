@@ -10,8 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import tyro
-
 from cc_mujoco._utils import command_options as options
 from cc_mujoco.errors import CableError
 
@@ -24,7 +22,7 @@ if TYPE_CHECKING:
 class Play:
     """Play an episode; write its recording, log, metrics and figure."""
 
-    scene: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")]
+    scene: options.Scene
     """A device: a built-in name (`cc-mujoco list`), or your MJCF file."""
     replay: Annotated[Path | None, options.option_help("LOG")] = None
     """Instead of an episode: show a log of `cc-mujoco run`; SCENE may be a file."""

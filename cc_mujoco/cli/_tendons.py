@@ -5,9 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-import tyro
-
-from cc_mujoco._utils.command_options import Flag, Names, option_help
+from cc_mujoco._utils.command_options import Flag, Names, Scene, option_help
 
 
 @dataclass(frozen=True)
@@ -17,7 +15,7 @@ class ShowTendons:
     The scene needs no cables: so friction can be judged before it is added.
     """
 
-    scene: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")]
+    scene: Scene
     """An MJCF file, the description of a device, or the name of a scene."""
     tendon: Names = ()
     """Tendons to show; by default all."""

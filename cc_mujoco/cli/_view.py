@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
 
-import tyro
+from cc_mujoco._utils.command_options import Scene
 
 
 @dataclass(frozen=True)
 class View:
     """Simulate a scene of your own in MuJoCo's viewer, in real time, with sliders."""
 
-    scene: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")]
+    scene: Scene
     """An MJCF file with cables, the description of a device, or the name of a scene."""
 
     def run(self) -> None:

@@ -160,9 +160,8 @@ class _Scores:
         self._protocol, self._axes = protocol, plants[0].description.axes
         laws, names = protocol.controllers, protocol.metrics
         self.tried = [_Tried({law: {} for law in laws}, {}) for _ in plants]
-        strides: Mapping[str, GaitJoint] = {}
-        if any(map(is_stride_metric, names)):
-            strides = joints_of_gait(protocol.device)
+        walks = any(map(is_stride_metric, names))
+        strides = joints_of_gait(protocol.device) if walks else {}
         self._facts = [_facts(protocol, plant, strides) for plant in plants]
         self._cables = tuple(plants[0].cables)
         if all(metric_of(name).test != "parts" for name in names):

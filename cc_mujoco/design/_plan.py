@@ -219,10 +219,12 @@ def _plan_search(spec: StudySpec, evaluations: int) -> Plan:
     protocol.across.require_disjoint(vary)
     device = protocol.device
     ranges = {name: read_range(name, v, device) for name, v in vary.items()}
-    walkers = {n: r for n, r in ranges.items() if n in wearers.WALKER}
-    ends = {n: Range(r.ends or (min(r.levels), max(r.levels)))
-            for n, r in walkers.items()}  # fmt: skip
-    _require_strides(protocol, grid(ends))
+    walkers = {
+        n: Range(r.ends or (min(r.levels), max(r.levels)))
+        for n, r in ranges.items()
+        if n in wearers.WALKER
+    }
+    _require_strides(protocol, grid(walkers))
     if isinstance(evaluations, int) and evaluations < 1:
         raise CableError(f"a search must try at least 1 design, not {evaluations}.")
     require_count(evaluations)

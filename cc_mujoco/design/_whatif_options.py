@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
+from cc_mujoco._utils.command_options import Flag
 from cc_mujoco._workers import WORKER_TIMEOUT
 
 if TYPE_CHECKING:
@@ -119,9 +120,7 @@ class Execution:
     """tcp://HOST:PORT of a Dask scheduler, whose workers simulate instead."""
     worker_timeout: float = WORKER_TIMEOUT
     """Seconds after which that is given up if the scheduler has no workers."""
-    again: Annotated[
-        tyro.conf.FlagCreatePairsOff[bool], tyro.conf.arg(help_behavior_hint="")
-    ] = False
+    again: Flag = False
     """Simulate also what an earlier run has finished, and replace its table."""
 
 

@@ -329,12 +329,3 @@ def _resolved(table: Table, folder: Path) -> Table:
     if axes is not None:
         content = {**content, "axis": resolved(axes, "task", TASKS)}
     return Table(table.where, content)
-
-
-def bare_model(device: Device) -> mujoco.MjSpec:
-    """Return the scene of a device without visuals, with its own cables."""
-    spec = device.stripped(stripping.route_tendons(device.cables.values())).copy()
-    for name, cable in device.cables.items():
-        plugin.to_mjcf(spec, name, stripping.remaining_cable(spec, cable))
-    stripping.reserve_memory(spec, device.cables.values())
-    return spec

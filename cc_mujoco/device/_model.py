@@ -20,7 +20,7 @@ from cc_mujoco.cable._cable import PATHS
 from cc_mujoco.device import Plant
 from cc_mujoco.device._axis_record import AXIS, Physics
 from cc_mujoco.device._description import Axis, Description
-from cc_mujoco.device._device import Device, bare_model, frame_skip
+from cc_mujoco.device._device import Device, frame_skip
 from cc_mujoco.device._drive import CableDrive, Drive
 from cc_mujoco.device._moment_arm import (
     TabledWinding,
@@ -368,7 +368,7 @@ def load(device: Device, drawn: bool = True) -> mujoco.MjModel:
 
     What is only seen, and `drawn`, takes up to half of the time of a step.
     """
-    spec = device.spec.copy() if drawn else bare_model(device)
+    spec = device.spec.copy() if drawn else Plant(device).spec()
     make_room(spec)
     return spec.compile()
 

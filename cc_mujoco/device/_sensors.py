@@ -107,18 +107,13 @@ class Sensors:
         Raises:
             CableError: a place off the cable.
         """
-        from cc_mujoco.cable import Cable
-
-        require_kind("cable", cable, Cable)
-        places = np.ravel(numbers("positions", positions))
+        own, places = _node_places(cable), np.ravel(numbers("positions", positions))
         for position in places:
             if not 0.0 <= position <= cable.length:
                 raise CableError(
                     f"a sensor is at {position:g} m; the cable has {cable.length:g} m"
                 )
-        from cc_mujoco.cable._conduit import node_places
-
-        index = np.interp(places, node_places(cable), np.arange(cable.segments + 1))
+        index = np.interp(places, own, np.arange(cable.segments + 1))
         nodes = tuple(round(i) for i in index.tolist())
         return cls(nodes, _per_sensor(deviation, len(nodes)))
 
@@ -129,10 +124,7 @@ class Sensors:
         Raises:
             CableError: no cable, or deviations that are not positive.
         """
-        from cc_mujoco.cable import Cable
-
-        require_kind("cable", cable, Cable)
-        nodes = range(cable.segments + 1)
+        nodes = range(len(_node_places(cable)))
         return cls(tuple(nodes), _per_sensor(deviation, len(nodes)))
 
     def on(self, cable: Cable) -> NDArray[np.intp]:
@@ -148,6 +140,15 @@ class Sensors:
                     f"{cable.segments}"
                 )
         return np.array(self.nodes)
+
+
+def _node_places(cable: Cable) -> Array:
+    """Return the places of the nodes of a cable (n + 1,) [m]."""
+    from cc_mujoco.cable import Cable
+    from cc_mujoco.cable._conduit import node_places
+
+    require_kind("cable", cable, Cable)
+    return node_places(cable)
 
 
 def _per_sensor(deviation: ArrayLike, count: int) -> tuple[float, ...]:
@@ -205,9 +206,12 @@ class Sensing:
         changed: dict[str, Any] = {"delay": self.delay, "sensors": ()}
         if self.joint_sensor:
             deviations = (max(self.tension_noise, 1e-6),) * 3
-            cables = [one.cable for one in drive.cables]
-            nodes = [(0, _middle_node(cable), cable.segments) for cable in cables]
-            changed["sensors"] = tuple(Sensors(three, deviations) for three in nodes)
+            for cable in (one.cable for one in drive.cables):
+                half = 0.5 * cable.length * (1.0 + 1e-9)
+                # The middle is the last node of the proximal half.
+                middle = np.searchsorted(_node_places(cable), half, side="right") - 1
+                nodes = 0, int(middle), cable.segments
+                changed["sensors"] += (Sensors(nodes, deviations),)
             changed["torque_noise"] = self.torque_noise
         return dataclasses.replace(drive, joint_sensor=self.joint_sensor, **changed)
 
@@ -215,14 +219,6 @@ class Sensing:
         """Return the fields as plain JSON; an infinite `cutoff` is null."""
         fields = dataclasses.asdict(self)
         return {n: v if math.isfinite(v) else None for n, v in fields.items()}
-
-
-def _middle_node(cable: Cable) -> int:
-    """Return the last node of the proximal half."""
-    from cc_mujoco.cable._conduit import node_places
-
-    half = 0.5 * cable.length * (1.0 + 1e-9)
-    return int(np.searchsorted(node_places(cable), half, side="right")) - 1
 
 
 BIAS = 2.0

@@ -8,8 +8,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from cc_mujoco.assets import SCENES
+from cc_mujoco.device import Plant
 from cc_mujoco.device._derivation import known_torque_noise
-from cc_mujoco.device._device import Device, bare_model, find_device
+from cc_mujoco.device._device import Device, find_device
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._model import AxisModel, DeviceModel
 from cc_mujoco.device._moment_arm import MeasuredWinding
@@ -31,7 +32,7 @@ def axis_model(device: Device, axis: str | None = None) -> AxisModel:
     """Return an axis of a device on its model, by its name unless there is one axis."""
     description = device.description
     place = description.axes.index(description.axis(axis))
-    return DeviceModel(description, bare_model(device).compile()).axes[place]
+    return DeviceModel(description, Plant(device).model()).axes[place]
 
 
 def drive_of(

@@ -40,7 +40,7 @@ from cc_mujoco.errors import CableError, look_up, naming
 from cc_mujoco.human._motion import Array, Motion, Trajectory
 from cc_mujoco.human._pace import Real
 from cc_mujoco.human._perturbed import Disturbed
-from cc_mujoco.human._recorded import Recorded, match_joints, read_trajectory
+from cc_mujoco.human._recorded import Recorded, match_joints, no_column, read_trajectory
 from cc_mujoco.human._scripted import TRAJECTORIES
 from cc_mujoco.human._tasks import TASKS, Task
 from cc_mujoco.human._walking import Walk
@@ -260,11 +260,7 @@ def _torque_column(
     if not columns:
         name = f"{joints[0]}_torque_nm or torque_nm" if joints else "torque_nm"
         where = f" on joint {joints[0]!r}" if joints else ""
-        raise CableError(
-            f"{path} has no column of the torque{where}, only "
-            f"{', '.join(names[:12])}{', ...' if len(names) > 12 else ''}; "
-            f"name it {name}."
-        )
+        raise no_column(path, names, f"the torque{where}", name)
     if len(columns) > 1:
         raise CableError(
             f"{path} has several columns of torque, {' and '.join(columns)}; keep one "

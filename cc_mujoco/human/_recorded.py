@@ -204,13 +204,14 @@ def _angle_columns(
         if joint not in found:
             raise _no_unit(path, bare[0])
     if joints[0] not in found:
-        ways = tables.unit_names("angle", ANGLE)
-        raise CableError(
-            f"{path} has no column of the angle of joint {joints[0]!r}, only "
-            f"{', '.join(names[:12])}{', ...' if len(names) > 12 else ''}; name it "
-            f"{joints[0]}_angle_deg, or {ways}."
-        )
+        ways = f"{joints[0]}_angle_deg, or {tables.unit_names('angle', ANGLE)}"
+        raise no_column(path, names, f"the angle of joint {joints[0]!r}", ways)
     return {joint: _only(path, columns) for joint, columns in found.items()}
+
+
+def no_column(path: Path, names: Sequence[str], what: str, ways: str) -> CableError:
+    listed = f"{', '.join(names[:12])}{', ...' if len(names) > 12 else ''}"
+    return CableError(f"{path} has no column of {what}, only {listed}; name it {ways}.")
 
 
 def _names_angle(column: str) -> bool:

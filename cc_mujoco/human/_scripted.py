@@ -65,7 +65,7 @@ class Chirp(Scripted):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _require_band(self)
+        _require_order(self, "low", "high", "Hz")
 
     @pointwise
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
@@ -100,7 +100,7 @@ class Multisine(Scripted):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _require_band(self)
+        _require_order(self, "low", "high", "Hz")
         lines = self._lines().size
         if not 1 <= lines <= 1000:
             raise CableError(
@@ -163,12 +163,16 @@ def _sum_of_cosines(turn: Array, lines: Array, weights: Array, phases: Array) ->
     return total
 
 
-def _require_band(owner: Chirp | Multisine) -> None:
-    if owner.high <= owner.low:
+def _require_order(
+    owner: Scripted, low: str, high: str, unit: str, or_equal: bool = False
+) -> None:
+    """Refuse a parameter `high` that is not above `low`, or at least that."""
+    least, most = getattr(owner, low), getattr(owner, high)
+    if most < least or (most == least and not or_equal):
         where = type(owner).__name__
         raise CableError(
-            f"{where}.high must be above {where}.low = {owner.low:g} Hz, "
-            f"not {owner.high:g} Hz."
+            f"{where}.{high} must be {'at least' if or_equal else 'above'} "
+            f"{where}.{low} = {least:g} {unit}, not {most:g} {unit}."
         )
 
 
@@ -305,7 +309,7 @@ class Reach(Scripted):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _require_range(self)
+        _require_order(self, "fastest", "slowest", "s", or_equal=True)
 
     @pointwise
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
@@ -335,7 +339,7 @@ class Reversals(Scripted):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _require_range(self)
+        _require_order(self, "fastest", "slowest", "s", or_equal=True)
 
     @pointwise
     def _motion(self, time: Array, duration: float, rng: np.random.Generator) -> Motion:
@@ -351,15 +355,6 @@ class Reversals(Scripted):
             clock += span
             side = -side
         return _join_moves(time, duration, moves)
-
-
-def _require_range(owner: Reach | Reversals) -> None:
-    if owner.slowest < owner.fastest:
-        where = type(owner).__name__
-        raise CableError(
-            f"{where}.slowest must be at least {where}.fastest = {owner.fastest:g} s, "
-            f"not {owner.slowest:g} s."
-        )
 
 
 def _join_moves(

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from cc_mujoco.cable._cable import BREAK_AWAY, TERMS
 from cc_mujoco.device import Device, Plant
 from cc_mujoco.device._axis_record import Physics
-from cc_mujoco.device._device import bare_model
 from cc_mujoco.device._model import Array, DeviceModel, physics_of
 from cc_mujoco.device._variables import split
 from cc_mujoco.errors import CableError
@@ -46,7 +45,7 @@ class WarpWorlds:
 
         A scene with parts that mujoco_warp or its cables lack is refused.
         """
-        spec, self._device = bare_model(device), exo.device
+        spec, self._device = Plant(device).spec(), exo.device
         model = self._device.model
         try:
             plain = without_plugin(spec).compile()

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from cc_mujoco.cable._layout import tensions
 from cc_mujoco.control import _law_steps as law_steps
 from cc_mujoco.control import axes_controller
-from cc_mujoco.device import DeviceModel, find_device
-from cc_mujoco.device._device import bare_model
+from cc_mujoco.device import DeviceModel, Plant, find_device
 from cc_mujoco.device._sensors import WINDING_COLUMNS
 from cc_mujoco.errors import CableError
 from cc_mujoco.export import EXPORT_FILES, ExportPlan, write
@@ -303,9 +302,9 @@ def test_what_cannot_be_exported_of_several_axes_is_one_sentence(
     tmp_path: Path,
 ) -> None:
     scene = written(tmp_path, ARM)
-    drives = DeviceModel(
-        find_device(scene).description, bare_model(find_device(scene)).compile()
-    ).drives(1e-3)
+    drives = DeviceModel(find_device(scene).description, Plant(scene).model()).drives(
+        1e-3
+    )
     names = "shoulder.", "elbow."
     for given, cables, prefixes, says in (
         ("policy.safetensors", names, names, "drives several axes at once"),

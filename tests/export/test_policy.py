@@ -16,8 +16,7 @@ import pytest
 from cc_mujoco.control import Network, controller, read_policy, write_policy
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control._network import ACTIVATIONS
-from cc_mujoco.device import DeviceModel, Drive, Observed, find_device
-from cc_mujoco.device._device import bare_model
+from cc_mujoco.device import DeviceModel, Drive, Observed, Plant, find_device
 from cc_mujoco.device._sensors import WINDING_COLUMNS
 from cc_mujoco.errors import CableError
 from cc_mujoco.export._command import Export
@@ -45,7 +44,7 @@ def network(observed: Observed, activation: str, squashed: bool) -> Network:
 
 def drive_of(scene: str) -> Drive:
     device = find_device(scene)
-    made = DeviceModel(device.description, bare_model(device).compile())
+    made = DeviceModel(device.description, Plant(device).model())
     return made.drives(device.description.period)[0]
 
 

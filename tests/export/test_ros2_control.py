@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 
 from cc_mujoco.control import axes_controller
-from cc_mujoco.device import DeviceModel, find_device
-from cc_mujoco.device._device import bare_model
+from cc_mujoco.device import DeviceModel, Plant, find_device
 from cc_mujoco.errors import CableError
 from cc_mujoco.export import ExportPlan, require_ros2_states
 from cc_mujoco.export._command import Export
@@ -122,7 +121,7 @@ def test_the_plugin_gives_the_torques_of_the_library(
         law, numbers, "-lm",
     )  # fmt: skip
     device = find_device(package.parent / "device.xml")
-    made = DeviceModel(device.description, bare_model(device).compile())
+    made = DeviceModel(device.description, Plant(device).model())
     drives = made.drives(device.description.period)
     law = axes_controller("pi", drives, made.prefixes)
     silence = round(0.1 / drives[0].period)
@@ -166,7 +165,7 @@ def test_cables_on_a_lever_are_refused_with_a_model(tmp_path: Path) -> None:
 
 def test_readings_without_a_state_are_refused() -> None:
     device = find_device("wrist")
-    made = DeviceModel(device.description, bare_model(device).compile())
+    made = DeviceModel(device.description, Plant(device).model())
     drive = made.drives(device.description.period)[0]
     plan = ExportPlan.of("pi", [drive], made.driven)
     require_ros2_states(plan)

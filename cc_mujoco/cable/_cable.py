@@ -73,6 +73,19 @@ ALLOWED = {
 """Values of the keys that are no scalar parameters, in words."""
 
 
+MAX_SPRING_LOSS = 0.6
+"""Largest loss of a spring at an end: it slides back at a tenth of its tension."""
+_HARDENING = Term(
+    "C dT/du = 1 + h T", "Fung, Am. J. Physiol. 213, 1967 (soft tissue)", "elasticity",
+    ("load",),
+)  # fmt: skip
+_LOSS = Term(
+    "a bristle in parallel holds 3/2 of the loss of the tension of the spring",
+    "Iwan, J. Appl. Mech. 33, 1966, with a limit that grows with the load",
+    "elasticity", ("load", "history"),
+)  # fmt: skip
+
+
 class Section(NamedTuple):
     """Conduit of constant bend: length [m] and bend radius [m], inf where straight."""
 
@@ -215,6 +228,32 @@ class Cable:
         unit="m/N", bounds=(0.0, 1.0), default=0.0,
         meaning="the same at the proximal end",
         term=Term("u_proximal -= C T_proximal", "springs in series", "elasticity"),
+    )  # fmt: skip
+    end_hardening: float = parameter(
+        unit="1/N", bounds=(0.0, 10.0), default=0.0,
+        meaning=(
+            "h: the spring at the distal end is 1 + h T times as stiff at a tension T, "
+            "as textile and skin are; 0 is off"
+        ),
+        term=_HARDENING,
+    )  # fmt: skip
+    end_loss: float = parameter(
+        unit="1", bounds=(0.0, MAX_SPRING_LOSS), default=0.0,
+        meaning=(
+            "share of the work that the spring at the distal end takes up and does not "
+            "give back; 0 is off"
+        ),
+        term=_LOSS,
+    )  # fmt: skip
+    proximal_hardening: float = parameter(
+        unit="1/N", bounds=(0.0, 10.0), default=0.0,
+        meaning="`end_hardening` of the spring at the proximal end",
+        term=_HARDENING,
+    )  # fmt: skip
+    proximal_loss: float = parameter(
+        unit="1", bounds=(0.0, MAX_SPRING_LOSS), default=0.0,
+        meaning="`end_loss` of the spring at the proximal end",
+        term=_LOSS,
     )  # fmt: skip
     bristle_length: float = parameter(
         unit="m", bounds=(0.0, 1.0), default=0.0,
@@ -476,6 +515,12 @@ class Cable:
         object.__setattr__(self, "guides", _valid_guides(self.guides, self.path))
         if self.clearance > 0.0 and self.path != PATHS[0]:
             raise self._refusal("clearance", "0 (off) where `path` is not 'guided'")
+        for end in "end", "proximal":
+            spring = f"{end}_compliance"
+            for name in f"{end}_hardening", f"{end}_loss":
+                if getattr(self, name) != 0.0 and getattr(self, spring) == 0.0:
+                    allowed = f"0 (off) where `{spring}` is 0"
+                    raise self._refusal(name, allowed)
         for name in OF_A_CONDUIT if self.path == "open" else ():
             if getattr(self, name) != 0.0:
                 raise CableError(

@@ -22,6 +22,7 @@ from cc_mujoco._utils.arguments import MAX_FORCE, numbers, require_kind
 from cc_mujoco._utils.exclusive import exclusive
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as layout
+from cc_mujoco.cable import _nodes as nodes
 from cc_mujoco.cable._cable import PARAMETERS, Cable, Section
 from cc_mujoco.cable._friction import drag, holding_coefficient, ratio
 from cc_mujoco.cable._mesh import lay_segments, segment_wraps
@@ -101,6 +102,7 @@ def rest_state(cable: Cable, tension: ArrayLike | None = None) -> FloatArray:
             )
         _require_held_by_friction(cable, node)
         state[kernel.STATE_HEADER : kernel.STATE_HEADER + n + 1] = node
+        nodes.rest_springs(prm, n, state)
         state[3] = kernel.total_stretch(prm, n, state)
     return state
 

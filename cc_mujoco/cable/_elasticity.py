@@ -1,4 +1,4 @@
-"""Tension and stretch of a piece of cable: linear, or softer until it is taut.
+"""Tension and stretch of a piece of cable: linear, softer until it is taut, or soft.
 
 What the strands give until they lie close, and what the cable gives in a bend that is
 wider than it, add to the stretch of what is taut,
@@ -11,6 +11,16 @@ the outer wall of a bend of angle theta, taut cable at the inner one, a path tha
 shorter by the clearance c times theta; T_c takes half of it. A slack cable, of negative
 tension, goes on as it is at 0. Tension follows from stretch alone, so no path of motion
 leaves anything behind.
+
+Textile and skin that hold the end of a cable are a spring of compliance C that hardens
+by h, X(T) = C ln(1 + h T) / h, with a bristle in parallel,
+
+    stretch(T) += X(T) / 3 + 2/3 X(T_held),    T <= T_held <= T / (1 - 3/2 loss).
+
+The tension T_held at which the bristle stands follows T no more than these limits ask
+for. Loading takes the left one, where the stretch is X(T), unloading the right one. So
+a cycle from 0 to any tension and back loses `loss` times the work that went in, and
+after a turn the spring is three times as stiff as before it.
 """
 
 from __future__ import annotations
@@ -21,27 +31,93 @@ from typing import NamedTuple
 from cc_mujoco.native import internal
 
 _MAX_ROUNDS = 60
+_PROMPT = 1.0 / 3.0
+"""Share of the stretch of a hysteretic spring that follows its tension at once."""
 
 
 class Piece(NamedTuple):
-    """Elastic element: a linear stretch (`taut` T) plus two terms that saturate."""
+    """Elastic element: a linear stretch (`taut` T), two terms that saturate, a spring.
 
-    taut: float  # compliance at large tensions, that of the spring included [m/N]
+    `taut` has the spring at its end in it where that is linear.
+    """
+
+    taut: float  # compliance at large tensions [m/N]
     bedding: float  # final stretch of bedding [m]
     half: float  # tension that takes half of it [N]
     clearance: float  # final stretch of clearance in bends [m]
     seating: float  # tension that takes half of it [N]
+    spring: float  # compliance of the spring at no tension, 0 without [m/N]
+    hardening: float  # its h [1/N]
+    returned: float  # tension of unloading by that of loading at the same stretch
+    held: float  # tension T_held of its bristle [N]
 
 
 @internal
 def compliance_at(piece: Piece, tension: float) -> float:
-    """Return the derivative of the stretch by the tension [m/N]."""
+    """Return the derivative of the stretch by the tension [m/N].
+
+    Where loading turns into unloading it is that of loading.
+    """
     pull = max(tension, 0.0)
-    return (
+    smooth = (
         piece.taut
         + _slope(piece.bedding, piece.half, pull, pull)
         + _slope(piece.clearance, piece.seating, pull, pull)
     )
+    return smooth if piece.spring == 0.0 else smooth + spring_slope(piece, tension)
+
+
+@internal
+def spring_slope(piece: Piece, tension: float) -> float:
+    """Return the derivative of the stretch of the spring by the tension [m/N]."""
+    if tension <= 0.0:
+        return piece.spring
+    if tension >= piece.held:
+        return _hardened_slope(piece, tension)
+    prompt = _PROMPT * _hardened_slope(piece, tension)
+    if tension >= piece.returned * piece.held:
+        return prompt
+    held = tension / piece.returned
+    return prompt + (1.0 - _PROMPT) * _hardened_slope(piece, held) / piece.returned
+
+
+@internal
+def returned_share(loss: float) -> float:
+    """Return the tension of unloading by that of loading, of a spring's loss."""
+    return 1.0 - loss / (1.0 - _PROMPT)
+
+
+@internal
+def held_tension(piece: Piece, tension: float) -> float:
+    """Return T_held of the bristle of a spring after it came to a tension [N]."""
+    pull = max(tension, 0.0)
+    return min(max(piece.held, pull), pull / piece.returned)
+
+
+@internal
+def _hardened_slope(piece: Piece, pull: float) -> float:
+    return piece.spring / (1.0 + piece.hardening * pull)
+
+
+@internal
+def _hardened_between(piece: Piece, before: float, after: float) -> float:
+    """Return X(`after`) - X(`before`) of two tensions >= 0 [m]."""
+    more = (after - before) / (1.0 + piece.hardening * before)
+    if piece.hardening == 0.0:
+        return piece.spring * more
+    return piece.spring * math.log1p(piece.hardening * more) / piece.hardening
+
+
+@internal
+def spring_between(piece: Piece, before: float, after: float) -> float:
+    """Stretch of the spring between two tensions [m]; where slack, as at 0."""
+    if piece.spring == 0.0:
+        return 0.0
+    start, end = max(before, 0.0), max(after, 0.0)
+    first, last = held_tension(piece, before), held_tension(piece, after)
+    slack = piece.spring * (min(after, 0.0) - min(before, 0.0))
+    prompt = _PROMPT * _hardened_between(piece, start, end)
+    return slack + prompt + (1.0 - _PROMPT) * _hardened_between(piece, first, last)
 
 
 @internal
@@ -54,11 +130,14 @@ def _slope(most: float, half: float, before: float, after: float) -> float:
 def compliance_between(piece: Piece, before: float, after: float) -> float:
     """Stretch between two different tensions by their difference [m/N]."""
     if before > 0.0 and after > 0.0:
-        return (
+        smooth = (
             piece.taut
             + _slope(piece.bedding, piece.half, before, after)
             + _slope(piece.clearance, piece.seating, before, after)
         )
+        if piece.spring == 0.0:
+            return smooth
+        return smooth + spring_between(piece, before, after) / (after - before)
     return (stretch_of(piece, after) - stretch_of(piece, before)) / (after - before)
 
 
@@ -66,9 +145,21 @@ def compliance_between(piece: Piece, before: float, after: float) -> float:
 def stretch_of(piece: Piece, tension: float) -> float:
     """Stretch [m] at a tension [N]."""
     if tension <= 0.0:
-        return tension * compliance_at(piece, 0.0)
+        return tension * _slack_compliance(piece)
     ending = piece.bedding / (tension + piece.half)
-    return tension * (piece.taut + ending + piece.clearance / (tension + piece.seating))
+    smooth = piece.taut + ending + piece.clearance / (tension + piece.seating)
+    return tension * smooth + spring_between(piece, 0.0, tension)
+
+
+@internal
+def _slack_compliance(piece: Piece) -> float:
+    """Return the compliance of a slack piece, as the first newton finds it [m/N]."""
+    return (
+        piece.taut
+        + _slope(piece.bedding, piece.half, 0.0, 0.0)
+        + _slope(piece.clearance, piece.seating, 0.0, 0.0)
+        + piece.spring
+    )
 
 
 @internal
@@ -80,7 +171,9 @@ def tension_of(piece: Piece, stretch: float) -> float:
     one amount alone would leave.
     """
     if stretch <= 0.0:
-        return stretch / compliance_at(piece, 0.0)
+        return stretch / _slack_compliance(piece)
+    if piece.spring > 0.0:
+        return _tension_with_spring(piece, stretch)
     if piece.clearance == 0.0:
         return _root(piece.taut, piece.bedding, piece.half, stretch)
     if piece.bedding == 0.0:
@@ -90,6 +183,35 @@ def tension_of(piece: Piece, stretch: float) -> float:
     for _ in range(_MAX_ROUNDS):
         off = stretch - stretch_of(piece, tension)
         risen = tension + off / compliance_at(piece, tension)
+        if not risen > tension:
+            break
+        tension = risen
+    return tension
+
+
+@internal
+def _tension_with_spring(piece: Piece, stretch: float) -> float:
+    """Return the tension [N] at a stretch > 0 [m] of a piece with a soft spring.
+
+    The stretch is concave between the tensions at which the bristle begins to slide:
+    Newton's steps rise to the root from the lower one.
+    """
+    sliding = piece.returned * piece.held
+    tension, slope = 0.0, 1.0 / piece.returned  # of T_held by the tension
+    if stretch >= stretch_of(piece, piece.held):
+        tension, slope = piece.held, 1.0
+    elif stretch >= stretch_of(piece, sliding):
+        tension, slope = sliding, 0.0
+    for _ in range(_MAX_ROUNDS):
+        held = slope * tension if slope > 0.0 else piece.held
+        rate = (
+            piece.taut
+            + _slope(piece.bedding, piece.half, tension, tension)
+            + _slope(piece.clearance, piece.seating, tension, tension)
+            + _PROMPT * _hardened_slope(piece, tension)
+            + (1.0 - _PROMPT) * slope * _hardened_slope(piece, held)
+        )
+        risen = tension + (stretch - stretch_of(piece, tension)) / rate
         if not risen > tension:
             break
         tension = risen
@@ -109,12 +231,51 @@ def _root(taut: float, most: float, half: float, stretch: float) -> float:
 
 @internal
 def energy_at(piece: Piece, tension: float) -> float:
-    """Return the elastic energy [J] at a tension [N]; none where slack."""
+    """Return the elastic energy [J] at a tension [N]; none where slack.
+
+    Of a spring with a bristle it is what unloading gives back.
+    """
     if tension <= 0.0:
         return 0.0
     stored = piece.bedding * piece.half * _stored(tension / piece.half)
     seated = piece.clearance * piece.seating * _stored(tension / piece.seating)
-    return 0.5 * piece.taut * tension**2 + stored + seated
+    total = 0.5 * piece.taut * tension**2 + stored + seated
+    if piece.spring > 0.0:
+        total += _PROMPT * _hardened_energy(piece, tension)
+        bristle = _hardened_energy(piece, held_tension(piece, tension))
+        total += (1.0 - _PROMPT) * piece.returned * bristle
+    return total
+
+
+@internal
+def _hardened_energy(piece: Piece, tension: float) -> float:
+    """Return the work of loading the spring without its bristle [J]."""
+    x = piece.hardening * tension
+    if x < 1e-3:
+        # Series of x - ln(1 + x), which loses its digits here.
+        small = 0.5 - x * (1.0 / 3.0 - x * (0.25 - x * 0.2))
+        return piece.spring * tension * tension * small
+    return piece.spring * (x - math.log1p(x)) / piece.hardening**2
+
+
+@internal
+def bristle_heat(piece: Piece, before: float, after: float) -> float:
+    """Return the heat of the bristle between two tensions [J].
+
+    All of it is of loading, for what is stored is what unloading gives back.
+    """
+    if piece.returned == 1.0:
+        return 0.0
+    more = _hardened_energy(piece, held_tension(piece, after))
+    more -= _hardened_energy(piece, held_tension(piece, before))
+    return (1.0 - _PROMPT) * (1.0 - piece.returned) * max(more, 0.0)
+
+
+@internal
+def work_between(piece: Piece, before: float, after: float) -> float:
+    """Return the work that stretches a piece from one tension to another [J]."""
+    gained = energy_at(piece, after) - energy_at(piece, before)
+    return gained + bristle_heat(piece, before, after)
 
 
 @internal

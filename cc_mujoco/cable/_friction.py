@@ -60,7 +60,7 @@ _VARYING_TERMS = _term_indices(
     lambda term: (
         term.acts_on != "pulley"
         and bool(term.depends_on)
-        and (term.acts_on, term.depends_on) != ("elasticity", ("load",))
+        and (term.acts_on, term.depends_on[0]) != ("elasticity", "load")
     )
 )
 _SCALING_TERMS = _term_indices(

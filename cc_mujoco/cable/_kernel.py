@@ -94,6 +94,7 @@ def stored_energy(prm: FloatArray, n: int, state: FloatArray) -> float:
 
     That of the rope on the drums of a path that lengthens counts from its mounting.
     """
+    nodes.recall_springs(prm, state)
     total = nodes.elastic_energy(prm, n, at.tensions(state, n))
     if prm[PLACE.bristle_length] > 0.0:
         force, stretched = at.bristle_forces(state, n), at.bristle_stretches(state, n)
@@ -198,6 +199,7 @@ def begin_step(
     # Until what changes the tensions before the ends move is done, they hold.
     yield_proximal, yield_distal = prm[at.YIELD_PROXIMAL], prm[at.YIELD_DISTAL]
     prepare.expect_yielding(prm, 0.0, 0.0)
+    nodes.recall_springs(prm, state)
     if not (np.isfinite(proximal_value) and np.isfinite(distal_value)):
         return NOT_FINITE
     is_constant_coulomb = prm[at.CONSTANT_COULOMB] != 0.0
@@ -359,6 +361,8 @@ def finish_step(
             new_state[end] = value + ratio * (new_state[end] - value)
             paid = sense * (new_state[end] - state[end])
             new_state[2] += drum.turn(prm, n, state, new_state, end, paid, ratio)
+    if nodes.is_curved(prm):
+        new_state[2] += nodes.slide_springs(prm, n, new_state)
 
 
 @compiled

@@ -16,13 +16,15 @@ State vector:
     4                  time since the start [s], while a term depends on the state
     5                  way of the distal end since the start [m], under this condition
     6                  heat of friction in the conduit [J], while friction depends on it
-    7 : 8 + n          tension of node i [N]; negative where slack
-    8 + n : 8 + 2 n    slip of segment j since it last stuck or turned [m], 0 = at rest
-    8 + 2 n : 8 + 3 n  remembered slip speed of segment j [m/s]
-    8 + 3 n : 8 + 4 n  friction of segment j that its bristles hold [N]
-    8 + 4 n : 8 + 5 n  stretch of these bristles [m]
-    8 + 5 n : 8 + 6 n  age of the contacts of segment j, see `_friction.age_after_step`
-    8 + 6 n :          rope on the drum of either end, see `_drum.py`; 0 where the path
+    7, 8               tension that the springs at both ends hold the stretch of [N],
+                       while they are hysteretic, see `_elasticity.Piece`
+    9 : 10 + n         tension of node i [N]; negative where slack
+    then n each        slip of segment j since it last stuck or turned [m], 0 = at rest
+                       remembered slip speed of segment j [m/s]
+                       friction of segment j that its bristles hold [N]
+                       stretch of these bristles [m]
+                       age of the contacts of segment j, see `_friction.age_after_step`
+    10 + 6 n :         rope on the drum of either end, see `_drum.py`; 0 where the path
                        cannot lengthen, but for the wrap angle of the rest pose [rad]
                        where clearance needs it, see `rest_wrap`
 """
@@ -36,16 +38,17 @@ SCALARS = len(PARAMETERS)
 """Numbers that a packed cable begins with, in the order of `PARAMETERS`."""
 (
     BENDS_CHANGE, STATE_DEPENDENT, CONSTANT_COULOMB, LENGTH, GUIDED, PATH_LENGTHENS,
-    YIELD_PROXIMAL, YIELD_DISTAL,
-) = range(SCALARS, SCALARS + 8)  # fmt: skip
+    YIELD_PROXIMAL, YIELD_DISTAL, CURVED, HELD_PROXIMAL, HELD_DISTAL,
+) = range(SCALARS, SCALARS + 11)  # fmt: skip
 """Behind them: whether bends may change, the two questions of `_friction.py`, length,
-number of segments inside a conduit, whether the path itself may lengthen, and the
-compliance of the supports of the ends [m/N]."""
-_ROWS_START = SCALARS + 8
+number of segments inside a conduit, whether the path itself may lengthen, the
+compliance of the supports of the ends [m/N], whether the stiffness of a node depends on
+its tension, and entries 7 and 8 of the state before the step [N]."""
+_ROWS_START = SCALARS + 11
 
-STATE_HEADER = 7
+STATE_HEADER = 9
 """Numbers before the tensions."""
-TIME, TRAVEL, HEAT = 4, 5, 6
+TIME, TRAVEL, HEAT, HELD_TENSIONS = 4, 5, 6, 7
 _SEGMENT_STATE = 5
 DRUM_LAYERS = 6
 """Strains that the rope on a drum may have."""

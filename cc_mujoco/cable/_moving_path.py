@@ -43,7 +43,8 @@ _FLOW_TOLERANCE = 1e-15
 @internal
 def _cable_per_length(prm: FloatArray) -> elastic.Piece:
     taut, bedding = 1.0 / prm[PLACE.axial_stiffness], prm[PLACE.bedding_strain]
-    return elastic.Piece(taut, bedding, prm[PLACE.bedding_tension], 0.0, 1.0)
+    half = prm[PLACE.bedding_tension]
+    return elastic.Piece(taut, bedding, half, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0)
 
 
 @internal
@@ -175,10 +176,10 @@ def _bend_of_slack(length: float, ratio: float) -> float:
 
 @internal
 def _spring(prm: FloatArray, n: int, i: int) -> float:
-    """Return the compliance of the spring at a node [m/N]."""
+    """Return the compliance of the linear spring at a node [m/N]."""
     if i == n:
-        return float(prm[PLACE.end_compliance])
-    return float(prm[PLACE.proximal_compliance]) if i == 0 else 0.0
+        return nodes.linear_compliance(prm, 1)
+    return nodes.linear_compliance(prm, 0) if i == 0 else 0.0
 
 
 @internal
@@ -197,11 +198,13 @@ def _tension_by_law(
     else:
         length *= start * start
     unit, tension = _cable_per_length(prm), after
+    own = nodes.node_piece(prm, n, i)
     for _ in range(_MAX_ROUNDS):
         strain = max(stretch_ratio(prm, tension), start * (1.0 - _MAX_NODE_SHARE))
         off = length / start - length / strain + spring * (tension - before) - moved
+        off += elastic.spring_between(own, before, tension)
         slope = length * elastic.compliance_at(unit, tension) / (strain * strain)
-        tension -= off / (slope + spring)
+        tension -= off / (slope + spring + elastic.spring_slope(own, tension))
     return tension
 
 

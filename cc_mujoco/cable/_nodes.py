@@ -16,7 +16,37 @@ from cc_mujoco.native import FloatArray, compiled, internal
 @internal
 def is_curved(prm: FloatArray) -> bool:
     """Return whether the stiffness of a node depends on its tension."""
-    return float(prm[PLACE.bedding_strain]) > 0.0 or float(prm[PLACE.clearance]) > 0.0
+    return float(prm[at.CURVED]) != 0.0
+
+
+@internal
+def is_curved_by(values: FloatArray) -> bool:
+    """Return whether parameters make the stiffness of a node depend on its tension."""
+    if values[PLACE.bedding_strain] > 0.0 or values[PLACE.clearance] > 0.0:
+        return True
+    return is_soft(values, 0) or is_soft(values, 1)
+
+
+@internal
+def is_soft(values: FloatArray, end: int) -> bool:
+    """Return whether the spring at an end (0, 1) hardens or has hysteresis."""
+    if end == 1:
+        return float(values[PLACE.end_hardening] + values[PLACE.end_loss]) > 0.0
+    return float(values[PLACE.proximal_hardening] + values[PLACE.proximal_loss]) > 0.0
+
+
+@internal
+def spring_compliance(values: FloatArray, end: int) -> float:
+    """Return the compliance of the spring at an end (0, 1) at no tension [m/N]."""
+    return float(
+        values[PLACE.end_compliance if end == 1 else PLACE.proximal_compliance]
+    )
+
+
+@internal
+def linear_compliance(values: FloatArray, end: int) -> float:
+    """Return the compliance of the spring at an end [m/N], 0 where it is not linear."""
+    return 0.0 if is_soft(values, end) else spring_compliance(values, end)
 
 
 @internal
@@ -27,34 +57,81 @@ def node_piece(prm: FloatArray, n: int, i: int) -> elastic.Piece:
         turn += 0.5 * angle[i - 1]
     if i < n:
         turn += 0.5 * angle[i]
-    length = at.node_length(prm, n)[i]
-    return _piece(prm, at.node_compliance(prm, n)[i], length, turn)
+    length, taut = at.node_length(prm, n)[i], at.node_compliance(prm, n)[i]
+    if i == n and is_soft(prm, 1):
+        return _piece(prm, taut, length, turn, 1, prm[at.HELD_DISTAL])
+    if i == 0 and is_soft(prm, 0):
+        return _piece(prm, taut, length, turn, 0, prm[at.HELD_PROXIMAL])
+    return _piece(prm, taut, length, turn, -1, 0.0)
 
 
 @internal
-def _piece(prm: FloatArray, taut: float, length: float, turn: float) -> elastic.Piece:
-    """Return a piece of cable of a length [m] in a bend [rad]."""
+def _piece(
+    prm: FloatArray, taut: float, length: float, turn: float, end: int, held: float
+) -> elastic.Piece:
+    """Return a piece of cable of a length [m] in a bend [rad].
+
+    At its `end` (0, 1; -1: none) is a spring whose bristle stands at `held` [N].
+    """
+    spring, hardening, loss = 0.0, 0.0, 0.0
+    if end == 1:
+        hardening, loss = prm[PLACE.end_hardening], prm[PLACE.end_loss]
+    elif end == 0:
+        hardening, loss = prm[PLACE.proximal_hardening], prm[PLACE.proximal_loss]
+    if end >= 0:
+        spring = spring_compliance(prm, end)
     return elastic.Piece(
         taut, length * prm[PLACE.bedding_strain], prm[PLACE.bedding_tension],
-        turn * prm[PLACE.clearance], prm[PLACE.seating_tension],
+        turn * prm[PLACE.clearance], prm[PLACE.seating_tension], spring, hardening,
+        elastic.returned_share(loss), held,
     )  # fmt: skip
+
+
+@internal
+def recall_springs(prm: FloatArray, state: FloatArray) -> None:
+    """Take over where the bristles of the springs at both ends stand."""
+    if not is_curved(prm):
+        return
+    prm[at.HELD_PROXIMAL] = state[at.HELD_TENSIONS]
+    prm[at.HELD_DISTAL] = state[at.HELD_TENSIONS + 1]
+
+
+@internal
+def rest_springs(prm: FloatArray, n: int, state: FloatArray) -> None:
+    """Lay the bristles of the springs where loading to the tensions leaves them."""
+    tension = at.tensions(state, n)
+    state[at.HELD_TENSIONS] = max(tension[0], 0.0) if is_soft(prm, 0) else 0.0
+    state[at.HELD_TENSIONS + 1] = max(tension[n], 0.0) if is_soft(prm, 1) else 0.0
+
+
+@internal
+def slide_springs(prm: FloatArray, n: int, state: FloatArray) -> float:
+    """Let the bristles of the springs follow the new tensions; return the heat [J]."""
+    tension, heat = at.tensions(state, n), 0.0
+    for end in range(2):
+        if is_soft(prm, end):
+            own = node_piece(prm, n, n * end)
+            heat += elastic.bristle_heat(own, own.held, tension[n * end])
+            state[at.HELD_TENSIONS + end] = elastic.held_tension(own, tension[n * end])
+    return heat
 
 
 @internal
 def half_piece(prm: FloatArray, n: int, j: int) -> elastic.Piece:
     """Return half of the contact length of segment j."""
     length, turn = at.contact_length(prm, n)[j], at.segment_angles(prm, n)[j]
-    return _piece(prm, at.half_compliance(prm, n)[j], 0.5 * length, 0.5 * turn)
+    half = at.half_compliance(prm, n)[j]
+    return _piece(prm, half, 0.5 * length, 0.5 * turn, -1, 0.0)
 
 
 @internal
 def set_node(prm: FloatArray, n: int, i: int) -> None:
-    """Pack the taut stiffness and compliance of a node, with its springs."""
+    """Pack the taut stiffness and compliance of a node, with its linear springs."""
     spring = 0.0
     if i == n:
-        spring = prm[PLACE.end_compliance] + prm[at.YIELD_DISTAL]
+        spring = linear_compliance(prm, 1) + prm[at.YIELD_DISTAL]
     elif i == 0:
-        spring = prm[PLACE.proximal_compliance] + prm[at.YIELD_PROXIMAL]
+        spring = linear_compliance(prm, 0) + prm[at.YIELD_PROXIMAL]
     stiffness = 1.0 / (at.node_length(prm, n)[i] / prm[PLACE.axial_stiffness] + spring)
     at.node_stiffness(prm, n)[i] = stiffness
     at.node_compliance(prm, n)[i] = 1.0 / stiffness
@@ -104,7 +181,7 @@ def stretch_between(
 def mean_tension(prm: FloatArray, n: int, i: int, before: float, after: float) -> float:
     """Return the mean tension of node i between two tensions [N].
 
-    It is stored energy difference over stretch difference; a slack node stores none.
+    It is the work of stretching over the stretch; a slack node takes none.
     """
     low, high = min(before, after), max(before, after)
     if high <= 0.0:
@@ -115,8 +192,8 @@ def mean_tension(prm: FloatArray, n: int, i: int, before: float, after: float) -
     if is_straight:
         return 0.5 * high * (high / (high - low))
     own = node_piece(prm, n, i)
-    gained = elastic.energy_at(own, high) - elastic.energy_at(own, low)
-    return gained / (elastic.stretch_of(own, high) - elastic.stretch_of(own, low))
+    gained = elastic.work_between(own, before, after)
+    return gained / (elastic.stretch_of(own, after) - elastic.stretch_of(own, before))
 
 
 @internal
@@ -125,9 +202,28 @@ def rest_stretch(prm: FloatArray, wrap: float, tension: float) -> float:
 
     `wrap` is that of all its bends [rad], which matters to clearance alone.
     """
-    springs = prm[PLACE.end_compliance] + prm[PLACE.proximal_compliance]
+    springs = linear_compliance(prm, 1) + linear_compliance(prm, 0)
     taut = prm[at.LENGTH] / prm[PLACE.axial_stiffness] + springs
-    return elastic.stretch_of(_piece(prm, taut, prm[at.LENGTH], wrap), tension)
+    own = _piece(prm, taut, prm[at.LENGTH], wrap, -1, 0.0)
+    return elastic.stretch_of(own, tension) + soft_rest_stretch(prm, tension)
+
+
+@internal
+def rest_spring_stretch(prm: FloatArray, tension: float) -> float:
+    """Stretch of the springs at both ends [m], loaded to a tension [N]."""
+    linear = linear_compliance(prm, 0) + linear_compliance(prm, 1)
+    return linear * tension + soft_rest_stretch(prm, tension)
+
+
+@internal
+def soft_rest_stretch(prm: FloatArray, tension: float) -> float:
+    """Stretch [m] of the springs that are not linear, loaded to a tension [N]."""
+    total = 0.0
+    for end in range(2):
+        if is_soft(prm, end):
+            own = _piece(prm, 0.0, 0.0, 0.0, end, 0.0)
+            total += elastic.spring_between(own, 0.0, tension)
+    return total
 
 
 @internal
@@ -148,6 +244,7 @@ def total_stretch(prm: FloatArray, n: int, state: FloatArray) -> float:
     """Stretch of all nodes [m], which `state[3]` follows."""
     total = 0.0
     tension = at.tensions(state, n)
+    recall_springs(prm, state)
     for i in range(n + 1):
         total += elastic.stretch_of(node_piece(prm, n, i), tension[i])
     return total

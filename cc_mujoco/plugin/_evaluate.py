@@ -12,7 +12,7 @@ from cc_mujoco.cable import _moving_path as moving_path
 from cc_mujoco.cable import _nodes as nodes
 from cc_mujoco.cable import _open_path as open_path
 from cc_mujoco.cable._cable import MAX_SECTIONS
-from cc_mujoco.cable._friction import INDEX, PLACE
+from cc_mujoco.cable._friction import PLACE
 from cc_mujoco.native import FloatArray
 from cc_mujoco.plugin import _attachments as attachments
 from cc_mujoco.plugin import _config as config
@@ -23,8 +23,6 @@ from cc_mujoco.plugin._ffi import copy, floats, internal, same
 from cc_mujoco.plugin._instance_data import Block
 from cc_mujoco.plugin._mj_struct import MjData, MjModel
 from cc_mujoco.plugin._routing import follow, seats_with_route
-
-_SPRINGS = INDEX["proximal_compliance"], INDEX["end_compliance"]
 
 
 @internal
@@ -262,12 +260,13 @@ def keep_mounted_rope(block: Block, model: MjModel, state: int) -> None:
         length = layout.total(open_path.lengths(blocks.shape(block, 0), n))
         out = max(paid[0], 0.0) + max(paid[1], 0.0)
         rope = (layout.total(open_path.lengths(first, n)) + out) / mounted
-        rope -= (prm[_SPRINGS[0]] + prm[_SPRINGS[1]]) * prm[PLACE.pretension]
+        rope -= nodes.rest_spring_stretch(prm, prm[PLACE.pretension])
         wound = max(-paid[0], 0.0) + max(-paid[1], 0.0)
     else:
         whole[3] = rope
     tension = _even_tension(prm, n, length, rope, wound)
     layout.tensions(whole, n)[:] = tension
+    nodes.rest_springs(prm, n, whole)
     if blocks.is_open(block):
         for end in range(2):
             ratio = mounted if paid[end] > 0.0 else _wound_ratio(prm, tension)
@@ -316,10 +315,10 @@ def _is_longer(
         wrap = layout.total(layout.segment_angles(prm, n))
         return nodes.rest_stretch(prm, wrap, tension) >= rope
     ratio = moving_path.stretch_ratio(prm, tension)
-    springs = prm[_SPRINGS[0]] + prm[_SPRINGS[1]]
+    springs = nodes.rest_spring_stretch(prm, tension)
     # A rope that drums have wound up entirely is this part of its path long.
     left = max(rope - wound / _wound_ratio(prm, tension), 1e-3 * path)
-    return ratio > 0.0 and ratio * (left + springs * tension) >= path
+    return ratio > 0.0 and ratio * (left + springs) >= path
 
 
 @internal

@@ -82,10 +82,13 @@ def known_values(
     # They depend on which terms are on, not on their sizes.
     constant: Any = law.is_constant_coulomb
     dependent: Any = law.is_state_dependent
+    curved: Any = nodes.is_curved_by
     if constant.py_func(values):
         packed[at.CONSTANT_COULOMB] = 1.0
     if not dependent.py_func(values):
         packed[at.STATE_DEPENDENT] = 0.0
+    if not curved.py_func(values):
+        packed[at.CURVED] = 0.0
     if not yields:
         packed |= {at.YIELD_PROXIMAL: 0.0, at.YIELD_DISTAL: 0.0}
     kinds = {"proximal_kind": kernel.POSITION, "distal_kind": kernel.POSITION}

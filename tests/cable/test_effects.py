@@ -18,9 +18,17 @@ from cable.test_kernel_physics import (
     wander,
     work_in,
 )
-from cc_mujoco.cable import Conduit, Section, packed_parameters, replay, rest_state
+from cc_mujoco.cable import (
+    Cable,
+    Conduit,
+    Section,
+    packed_parameters,
+    replay,
+    rest_state,
+)
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable._reading import guided_compliance, read_states
+from cc_mujoco.errors import CableError
 
 
 def ends(seed, samples=2000, size=0.01):
@@ -394,6 +402,78 @@ def test_clearance_of_the_thesis_hardware_is_millimetres_of_lost_motion(
         for c in (taut, wide)
     ]
     assert ways[1] - ways[0] == pytest.approx(lost, abs=1e-4)
+
+
+ANCHORS = ("end", "proximal")
+
+
+@pytest.mark.parametrize("loss", [0.0, 0.3, 0.6])
+@pytest.mark.parametrize("hardening", [0.0, 1e-6, 0.05])
+@pytest.mark.parametrize("end", ANCHORS)
+def test_a_soft_end_follows_its_loop(end, hardening, loss):
+    """Loading, part of the way back and again up, back to slack, and a smaller loop.
+
+    Left is X(T) = C ln(1 + h T)/h. Of it a third follows T, two thirds a tension that
+    stays while T falls to 1 - 3/2 loss of it.
+    """
+    compliance = 3e-4
+    soft = {
+        f"{end}_compliance": compliance,
+        f"{end}_hardening": hardening,
+        f"{end}_loss": loss,
+    }
+    cable = STRAIGHT.replace(friction=0.0, pretension=0.0, segments=5, **soft)
+    corners = [0.0, 80.0, 30.0, 100.0, 0.0, 40.0, 0.0]
+    pull = np.concatenate([np.linspace(a, b, 400) for a, b in pairwise(corners)])
+    still = np.zeros(pull.size)
+    if end == "end":
+        motion = replay(cable, 1e-3, u_proximal=still, tension_distal=pull)
+        way = motion.u_distal
+    else:
+        motion = replay(cable, 1e-3, tension_proximal=pull, u_distal=still)
+        way = -motion.u_proximal
+
+    def left(tension):
+        if hardening == 0.0:
+            return compliance * tension
+        return compliance * np.log1p(hardening * tension) / hardening
+
+    held, kept = np.zeros(pull.size), 1.0 - 1.5 * loss
+    for k in range(1, pull.size):
+        held[k] = min(max(held[k - 1], pull[k]), pull[k] / kept)
+    wanted = left(pull) / 3.0 + left(held) * 2.0 / 3.0
+    wanted += pull * cable.length / cable.axial_stiffness
+    assert way == pytest.approx(wanted, abs=1e-9)
+    # The smaller loop loses the declared share of what it took.
+    up, loop = slice(-800, -400), slice(-801, None)
+    own = way - pull * cable.length / cable.axial_stiffness
+    lost = np.trapezoid(pull[loop], own[loop])
+    assert lost == pytest.approx(loss * np.trapezoid(pull[up], own[up]), abs=1e-5)
+    heat = motion.dissipated[-1] - motion.dissipated[-801]
+    assert heat == pytest.approx(lost, rel=1e-4, abs=1e-6)
+    assert motion.stored[-1] == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("end", ANCHORS)
+def test_a_spring_that_neither_hardens_nor_loses_is_linear(end):
+    proximal, distal = ends(5, size=8e-3)
+    soft = BENT.replace(**{f"{end}_compliance": 2e-4})
+    linear = replay(soft, 1e-3, u_proximal=proximal, u_distal=distal)
+    for name in f"{end}_hardening", f"{end}_loss":
+        hardly = replay(
+            soft.replace(**{name: 1e-9}), 1e-3, u_proximal=proximal, u_distal=distal
+        )
+        for one, other in (
+            (hardly.tension_proximal, linear.tension_proximal),
+            (hardly.tension_distal, linear.tension_distal),
+        ):
+            assert one == pytest.approx(other, abs=1e-3 * other.max())
+
+
+def test_a_spring_needs_a_compliance_to_harden():
+    allowed = r"`end_hardening` is 0.1; it must be 0 .off. where `end_compliance` is 0"
+    with pytest.raises(CableError, match=allowed):
+        Cable(end_hardening=0.1)
 
 
 @pytest.mark.parametrize("give", [{"bedding_strain": 5e-3}, {"clearance": 2e-3}])

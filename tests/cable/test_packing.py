@@ -45,6 +45,9 @@ def test_parameters_fill_their_vector_once(n: int) -> None:
             layout.PATH_LENGTHENS,
             layout.YIELD_PROXIMAL,
             layout.YIELD_DISTAL,
+            layout.CURVED,
+            layout.HELD_PROXIMAL,
+            layout.HELD_DISTAL,
         ]
     ]
     rows = [layout.scalars(prm), flags, *(row(prm, n) for row in ROWS_OF_PARAMETERS)]

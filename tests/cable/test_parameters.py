@@ -35,6 +35,8 @@ def cables():
         if p.name not in ("static_friction", "pretension")
     }
     scalars["pretension"] = st.floats(1e-9, 1e6)
+    for name in "end_compliance", "proximal_compliance":
+        scalars[name] = st.floats(1e-9, 1.0)
     return st.builds(
         Cable,
         **scalars,

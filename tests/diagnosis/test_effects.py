@@ -56,7 +56,9 @@ def test_the_library_has_the_ids_that_verdicts_promise() -> None:
 def test_every_term_of_a_cable_can_be_named() -> None:
     given, rig = (Cable(), Cable()), RigGeometry(0.02, 0.05, math.pi)
     named = {"friction", "static_friction"}  # of the baseline
-    named.add("clearance")  # of the scene: it is measured, and never looked for
+    # Of the scene: these are measured, and never looked for.
+    named |= {"clearance", "end_hardening", "end_loss"}
+    named |= {"proximal_hardening", "proximal_loss"}
     for effect in EFFECTS.values():
         for cable in (
             effect.cables(given, effect.starts[-1], rig) if effect.cables else ()

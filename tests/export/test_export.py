@@ -361,6 +361,10 @@ TERMS_ON = {
     "friction_asymmetry": 0.2,
     "end_compliance": 1e-4,
     "proximal_compliance": 5e-5,
+    "end_hardening": 0.02,
+    "proximal_hardening": 0.05,
+    "end_loss": 0.3,
+    "proximal_loss": 0.2,
     "bristle_length": 1e-3,
     "tension_exponent": -0.2,
     "ageing_friction": 0.1,
@@ -389,9 +393,12 @@ def test_every_term_of_the_cables_is_in_the_exported_controller(
 ) -> None:
     readings, _ = episode("wrist", "stiction")
     drive = device("wrist").drive
+    on = {term: TERMS_ON[term]}
+    end, _, kind = term.partition("_")
+    if kind in ("hardening", "loss"):
+        on[f"{end}_compliance"] = TERMS_ON[f"{end}_compliance"]
     row = tuple(
-        dataclasses.replace(one, cable=one.cable.replace(**{term: TERMS_ON[term]}))
-        for one in drive.cables
+        dataclasses.replace(one, cable=one.cable.replace(**on)) for one in drive.cables
     )
     drive = dataclasses.replace(drive, cables=row)
     exported = Library(*made("wrist", "stiction"))

@@ -11,6 +11,7 @@ import mujoco.rollout
 import numpy as np
 import pytest
 
+from cc_mujoco.cable._layout import STATE_HEADER
 from cc_mujoco.plugin import cables, read, settle
 from plugin.open_scenes import atwood, end, winch
 from plugin.test_moving_route import INTEGRATORS, LIMB, RATES, drive, run
@@ -48,7 +49,7 @@ def test_repeats_resets_copies_and_goes_on_from_a_saved_state(
     d = mujoco.MjData(m)
     whole = run(m, d, controls)
     assert np.all(np.isfinite(whole))
-    assert np.ptp(whole[:, -m.npluginstate + 8]) > 5.0
+    assert np.ptp(whole[:, -m.npluginstate + STATE_HEADER + 1]) > 5.0
     mujoco.mj_resetData(m, d)
     run(m, d, controls[:80])
     twin = copy.copy(d)

@@ -37,13 +37,18 @@ def test_every_function_is_in_the_subset():
         assert needed in names
 
 
+ENDS = ("end", "proximal")
+
+
 @pytest.mark.parametrize("terms", study_but(12, TERMS_ON))
 def test_terms_that_are_off_leave_nothing(terms):
     on = {"friction", *TERMS_ON[terms]} & set(TERMS)
     library = translate(FUNCTIONS, known_values(frozenset(on), False, True))
     ast.parse(library.source)
     assert ("_presliding.preslide" in library.names) == ("bristle_length" in on)
-    assert ("_elasticity.tension_of" in library.names) == ("bedding_strain" in on)
+    soft = {f"{end}_{kind}" for end in ENDS for kind in ("hardening", "loss")}
+    curved = {"bedding_strain", "clearance"} | soft
+    assert ("_elasticity.tension_of" in library.names) == bool(curved & on)
     assert ("_pre_step.relax_stress" in library.names) == ("stress_relaxation" in on)
     clamps = {"clamp_creep_proximal", "clamp_creep_distal"}
     assert ("_pre_step.slide_in_clamps" in library.names) == bool(clamps & on)

@@ -21,6 +21,8 @@ LIBRARY_FUNCTIONS = (
     "drift", "heating", "stress_relaxation",
 )  # fmt: skip
 """Terms whose step calls exp, log or pow, which two libraries may round differently."""
+ITERATED = ("soft_anchors",)
+"""Those whose rounding decides which of some rounds is good to 1e-5, too."""
 SINGLE_STEPS = {"stribeck": 1e-2}
 """Largest RMS error of long motions where the onset of slip depends on single steps."""
 
@@ -35,10 +37,17 @@ def right(runs: Runs) -> np.ndarray:
     return by_native(runs)
 
 
+def largest_error(term: str) -> float:
+    """Return the largest error of a tension in double precision."""
+    if term in ITERATED:
+        return 1e-6
+    return 1e-10 if term in LIBRARY_FUNCTIONS else 0.0
+
+
 def test_double_precision_has_the_bits_of_c(runs, right):
     found = errors(by_warp(runs, wp.float64, GUIDED_TERMS), right)
     for term, off in zip(runs.terms, np.abs(found).max(axis=(1, 2)), strict=True):
-        assert off <= (1e-10 if term in LIBRARY_FUNCTIONS else 0.0), term
+        assert off <= largest_error(term), term
     assert set(runs.terms) == set(CABLES)
 
 
@@ -66,7 +75,7 @@ def test_a_kernel_of_one_term_is_that_of_all(term):
     draws = [CABLES[term](np.random.default_rng(seed)) for seed in range(9)]
     used = {"friction"} | {n for n in TERMS if any(draw.get(n) for draw in draws)}
     double = errors(by_warp(runs, wp.float64, frozenset(used), True), right)
-    assert np.abs(double).max() <= (1e-10 if term in LIBRARY_FUNCTIONS else 0.0)
+    assert np.abs(double).max() <= largest_error(term)
     single = errors(by_warp(runs, wp.float32, frozenset(used), True), right)
     check_single_precision(runs, single, SINGLE_STEPS)
 

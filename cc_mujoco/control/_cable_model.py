@@ -177,18 +177,22 @@ def pack(
 def joint_stiffness(cables: Sequence[CableDrive]) -> float:
     """Return the stiffness of all cables of a device at its joint [N m/rad].
 
-    That of taut cables: a cable with much clearance in its bends is softer, which
-    warns.
+    That of taut cables between hard ends: much clearance in bends or soft springs at
+    the ends make one softer, which warns.
     """
     for cable in (one.cable for one in cables):
         taut, seated = cable.length / cable.axial_stiffness, cable.seating_tension
         play = cable.clearance * cable.wrap * seated
-        softer = 1.0 + play / (cable.pretension + seated) ** 2 / taut
-        if softer > 1.5:  # it is softer the slacker it hangs
+        give = play / (cable.pretension + seated) ** 2
+        give += cable.end_compliance / (1.0 + cable.end_hardening * cable.pretension)
+        hardened = 1.0 + cable.proximal_hardening * cable.pretension
+        softer = 1.0 + (give + cable.proximal_compliance / hardened) / taut
+        if softer > 1.51:  # it is softer the slacker it hangs
             warnings.warn(
-                f"controllers and their guards take cables for taut, but `clearance` "
-                f"makes one {softer:.1f} times softer at its pretension of "
-                f"{cable.pretension:g} N; they may let go of the joint at once.",
+                f"controllers and their guards take cables for taut between hard ends, "
+                f"but `clearance` or springs at its ends make one {softer:.1f} times "
+                f"softer at its pretension of {cable.pretension:g} N; they may let go "
+                "of the joint at once.",
                 CableWarning,
                 stacklevel=2,
             )

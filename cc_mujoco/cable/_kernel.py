@@ -94,8 +94,7 @@ def stored_energy(prm: FloatArray, n: int, state: FloatArray) -> float:
 
     That of the rope on the drums of a path that lengthens counts from its mounting.
     """
-    nodes.recall_springs(prm, state)
-    total = nodes.elastic_energy(prm, n, at.tensions(state, n))
+    total = nodes.elastic_energy(prm, n, state)
     if prm[PLACE.bristle_length] > 0.0:
         force, stretched = at.bristle_forces(state, n), at.bristle_stretches(state, n)
         for j in range(n):

@@ -51,7 +51,18 @@ def linear_compliance(values: FloatArray, end: int) -> float:
 
 @internal
 def node_piece(prm: FloatArray, n: int, i: int) -> elastic.Piece:
-    """Return node i, with the spring at its end."""
+    """Return node i, with the spring at its end as it was before the step."""
+    return _held_piece(prm, n, i, prm[at.HELD_DISTAL if i == n else at.HELD_PROXIMAL])
+
+
+@internal
+def piece_now(prm: FloatArray, n: int, state: FloatArray, i: int) -> elastic.Piece:
+    """Return node i, with the spring at its end as it is in a state."""
+    return _held_piece(prm, n, i, state[at.HELD_TENSIONS + (1 if i == n else 0)])
+
+
+@internal
+def _held_piece(prm: FloatArray, n: int, i: int, held: float) -> elastic.Piece:
     angle, turn = at.segment_angles(prm, n), 0.0
     if i > 0:
         turn += 0.5 * angle[i - 1]
@@ -59,9 +70,9 @@ def node_piece(prm: FloatArray, n: int, i: int) -> elastic.Piece:
         turn += 0.5 * angle[i]
     length, taut = at.node_length(prm, n)[i], at.node_compliance(prm, n)[i]
     if i == n and is_soft(prm, 1):
-        return _piece(prm, taut, length, turn, 1, prm[at.HELD_DISTAL])
+        return _piece(prm, taut, length, turn, 1, held)
     if i == 0 and is_soft(prm, 0):
-        return _piece(prm, taut, length, turn, 0, prm[at.HELD_PROXIMAL])
+        return _piece(prm, taut, length, turn, 0, held)
     return _piece(prm, taut, length, turn, -1, 0.0)
 
 
@@ -90,8 +101,6 @@ def _piece(
 @internal
 def recall_springs(prm: FloatArray, state: FloatArray) -> None:
     """Take over where the bristles of the springs at both ends stand."""
-    if not is_curved(prm):
-        return
     prm[at.HELD_PROXIMAL] = state[at.HELD_TENSIONS]
     prm[at.HELD_DISTAL] = state[at.HELD_TENSIONS + 1]
 
@@ -227,15 +236,15 @@ def soft_rest_stretch(prm: FloatArray, tension: float) -> float:
 
 
 @internal
-def elastic_energy(prm: FloatArray, n: int, tension: FloatArray) -> float:
+def elastic_energy(prm: FloatArray, n: int, state: FloatArray) -> float:
     """Return the elastic energy of the cable and its end springs [J]."""
-    stiffness = at.node_stiffness(prm, n)
+    stiffness, tension = at.node_stiffness(prm, n), at.tensions(state, n)
     total = 0.0
     for i in range(n + 1):
         if not is_curved(prm):
             total += 0.5 * max(tension[i], 0.0) ** 2 / stiffness[i]
         else:
-            total += elastic.energy_at(node_piece(prm, n, i), tension[i])
+            total += elastic.energy_at(piece_now(prm, n, state, i), tension[i])
     return total
 
 
@@ -244,9 +253,8 @@ def total_stretch(prm: FloatArray, n: int, state: FloatArray) -> float:
     """Stretch of all nodes [m], which `state[3]` follows."""
     total = 0.0
     tension = at.tensions(state, n)
-    recall_springs(prm, state)
     for i in range(n + 1):
-        total += elastic.stretch_of(node_piece(prm, n, i), tension[i])
+        total += elastic.stretch_of(piece_now(prm, n, state, i), tension[i])
     return total
 
 

@@ -224,6 +224,8 @@ def extremes():
         if p.name not in ("static_friction", "pretension")
     }
     scalars["pretension"] = st.floats(1e-9, 1e6)
+    for name in "end_compliance", "proximal_compliance":  # others need one
+        scalars[name] = st.floats(1e-12, 1.0)
     conduit = st.lists(sections(1e-4), min_size=1, max_size=4)
     return st.fixed_dictionaries(
         {**scalars, "conduit": conduit, "segments": st.integers(1, 40)}

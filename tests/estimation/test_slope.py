@@ -71,6 +71,7 @@ def test_stiffness_is_told_only_where_it_stays(on: dict[str, float]) -> None:
     cable = CABLE.replace(**on)
     changes = any(
         name.startswith(("bedding", "clearance", "stress", "bristle", "clamp"))
+        or name.endswith(("hardening", "loss"))
         for name in on
     )
     assert refuses(lambda c: StiffnessEstimator(c, EVERY), cable) == changes

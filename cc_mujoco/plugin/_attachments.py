@@ -56,7 +56,7 @@ def is_length(metres: float) -> bool:
 
 
 @internal
-def _holding_joint(model: MjModel, actuator: int) -> int:
+def holding_joint(model: MjModel, actuator: int) -> int:
     if model.actuator_trntype[actuator] != mjtTrn.mjTRN_JOINT:
         return -1
     return int(model.actuator_trnid[actuator, 0])
@@ -104,7 +104,7 @@ def explain(message: ffi.Message, model: MjModel, instance: int) -> None:
     blamed, why = first, _misfit(model, first)
     if why.size == 0:
         blamed, why = second, _misfit(model, second)
-    is_joint = _holding_joint(model, first) >= 0
+    is_joint = holding_joint(model, first) >= 0
     if (
         why.size == 0
         and model.actuator_trntype[first] == model.actuator_trntype[second]
@@ -123,7 +123,7 @@ def explain(message: ffi.Message, model: MjModel, instance: int) -> None:
 @internal
 def _misfit(model: MjModel, actuator: int) -> ffi.Bytes:
     """Return why an actuator is no end, as the end of a sentence, or an empty text."""
-    joint, tendon = _holding_joint(model, actuator), holding_tendon(model, actuator)
+    joint, tendon = holding_joint(model, actuator), holding_tendon(model, actuator)
     kind = model.jnt_type[joint] if joint >= 0 else -1
     turns = kind == mjtJoint.mjJNT_HINGE
     moves = turns or kind == mjtJoint.mjJNT_SLIDE
@@ -438,7 +438,7 @@ def keep_awake(model: MjModel, instance: int, route: int, mouth: int) -> int:
     _, first, second = find_actuators(model, instance)
     found = -1
     for actuator in (first, second):
-        joint = _holding_joint(model, actuator)
+        joint = holding_joint(model, actuator)
         if joint >= 0:
             found = max(found, _keep_tree_awake(model, model.jnt_bodyid[joint]))
         else:
@@ -502,7 +502,7 @@ def only_pays_out(model: MjModel, instance: int, actuator: int) -> bool:
     in its `ctrlrange`, a motor of one sign. The antagonist of a cable that it winds up
     may be so.
     """
-    joint = _holding_joint(model, actuator)
+    joint = holding_joint(model, actuator)
     if joint < 0:
         return False
     rest = model.qpos0[model.jnt_qposadr[joint]]
@@ -514,7 +514,7 @@ def only_pays_out(model: MjModel, instance: int, actuator: int) -> bool:
             sense = 0.0
     driven = False
     for other in range(model.nactuator):
-        if _holding_joint(model, other) != joint:
+        if holding_joint(model, other) != joint:
             continue
         kind = model.actuator_plugin[other]
         if kind == instance:
@@ -555,7 +555,7 @@ def ends_swapped(model: MjModel, instance: int) -> bool:
     _, first, second = find_actuators(model, instance)
     written = config.key_text(mj_struct.attributes(model, instance), config.KEY.route)
     route = find_route(model, instance, written) if written.size > 0 else -1
-    joint, other = _holding_joint(model, first), _holding_joint(model, second)
+    joint, other = holding_joint(model, first), holding_joint(model, second)
     if route < 0 or joint < 0 or other < 0:
         return False
     start, last = model.tendon_adr[route], mj_struct.path_end(model, route) - 1

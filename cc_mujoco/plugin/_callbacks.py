@@ -211,6 +211,7 @@ def _check(model: MjModel, data: MjData, block: Block) -> None:
         messages.issue_once(message, model)
     if blocks.is_open(block):
         messages.warn_no_effect(model, instance, block)
+        messages.warn_soft_on_drum(model, block)
     if block.route >= 0:
         guides.warn_missed(model, data, instance, block.route)
     messages.warn_cannot_pull(model, instance)

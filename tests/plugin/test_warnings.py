@@ -88,6 +88,17 @@ def test_friction_on_a_path_without_a_bend_is_warned_of() -> None:
     assert len(warned(over("straight", **(DRUMS | {"friction": 0.0})))) == 1
 
 
+@pytest.mark.parametrize("ends", [DRUMS, {"motor": DRUMS["motor"]}, {}])
+@pytest.mark.parametrize("pretension", [5.0, 39.0, 41.0, 400.0])
+def test_soft_rope_on_a_drum_is_warned_of(
+    pretension: float, ends: dict[str, tuple[str, float]]
+) -> None:
+    said = warned(over("geom", pretension=pretension, ends="explicit", **ends))
+    soft = [line for line in said if "its pretension stretches it by" in line]
+    assert len(soft) == (bool(ends) and pretension > 40.0)
+    assert all(f"by {pretension / 20.0:.3f} %, and rope" in line for line in soft)
+
+
 @pytest.mark.parametrize("gap", [0.0, 1e-3])
 def test_sites_in_one_place_are_warned_of_as_a_small_gap_is(gap: float) -> None:
     name = next(_names)

@@ -157,7 +157,7 @@ class _Scores:
         models: Sequence[mujoco.MjModel],
     ) -> None:
         """Measure the parts of the plants if a metric needs them."""
-        self._protocol, self._axes = protocol, plants[0].description.axes
+        self._protocol = protocol
         laws, names = protocol.controllers, protocol.metrics
         self.tried = [_Tried({law: {} for law in laws}, {}) for _ in plants]
         walks = any(map(is_stride_metric, names))
@@ -185,7 +185,7 @@ class _Scores:
                 failed = dict.fromkeys(laws, where + why)
                 one.failed.update(failed | one.failed)
                 continue
-            logs = [self._log(played, row, n) for n in range(len(self._axes))]
+            logs = [self._log(played, row, n) for n in range(len(played.axes))]
             found = self._measured(test, logs)
             for name in laws:
                 one.rows[name] |= found
@@ -224,20 +224,24 @@ class _Scores:
             columns[f"tension_{cable}_nodes_n"] = np.maximum(least[place], 0.0)[:, None]
         ratio, driven = float(played.ratio[row, axis]), played.driven[axis]
         known = {Key.RATIO: ratio, Key.DRIVEN: driven}
-        return ArrayLog(columns, self._cables, known | self._facts[row][axis])
+        known |= self._facts[row][axis]
+        if math.isfinite(played.axes[axis].safe_torque):
+            known[Key.SAFE_TORQUE] = played.axes[axis].safe_torque
+        return ArrayLog(columns, self._cables, known)
 
     def _unsafe_reason(self, played: Rollout, row: int) -> str:
         """Return why the torque of a design is a failure; empty where it is none."""
         time = played.columns["time_s"][row]
-        for axis, prefix in zip(self._axes, played.prefixes, strict=True):
+        for axis, prefix in zip(played.axes, played.prefixes, strict=True):
             torque = played.columns[f"{prefix}joint_torque_nm"][row]
             safe, period = axis.safe_torque, float(time[1] - time[0])
             first = first_unsafe_sample(torque, safe, period)
             if first is not None:
                 where = f" of axis {axis.name}" if prefix else ""
+                assumed = "assumed " if axis.safe_is_assumed else ""
                 return (
-                    f"the joint torque{where} exceeds the safe {safe:g} N m at "
-                    f"{time[first]:.3f} s"
+                    f"the joint torque{where} exceeds the {assumed}safe {safe:g} N m "
+                    f"at {time[first]:.3f} s"
                 )
         return ""
 

@@ -254,12 +254,20 @@ def is_unstable(log: LogLike, scale: float) -> bool:
 
     Its deviation from its moving mean over 0.1 s is, RMS, above a quarter of the
     largest desired torque, and above a twentieth of a torque that counts for the
-    device, its safe torque for example [N m]: no limit is needed.
+    device, its safe torque for example [N m]: no limit is needed. And it goes to and
+    fro by as much, four times within 0.6 s; a pulse that overshoots does so twice.
     """
-    swing = ripple(log["joint_torque_nm"], period_of(log), 0.1)
+    period = period_of(log)
+    deviation = mean_deviation(log["joint_torque_nm"], period, 0.1)
     largest = float(np.abs(log["desired_torque_nm"]).max())
     least = 0.05 * scale if math.isfinite(scale) else 0.0
-    return bool(swing > max(0.25 * largest, least))
+    swing = max(0.25 * largest, least)
+    if not rms(deviation) > swing:
+        return False
+    beyond = np.flatnonzero(np.abs(deviation) > swing)
+    side = deviation[beyond] > 0.0
+    passes = beyond[1:][side[1:] != side[:-1]] * period
+    return bool((passes[3:] - passes[:-3] < 0.6).any())
 
 
 def first_unsafe_sample(torque: Array, safe: float, period: float) -> int | None:
@@ -277,9 +285,15 @@ def first_unsafe_sample(torque: Array, safe: float, period: float) -> int | None
 
 def ripple(torque: Array, period: float, window: float = 0.05) -> float:
     """Return the RMS of a torque minus its mean over a window [s]."""
+    return rms(mean_deviation(torque, period, window))
+
+
+def mean_deviation(torque: Array, period: float, window: float) -> Array:
+    """Return a torque minus its mean over a window [s], where the window fits."""
     mean = moving_mean(torque, period, window)
     first = (torque.size - mean.size) // 2
-    return rms(torque[first : first + mean.size] - mean)
+    deviation: Array = torque[first : first + mean.size] - mean
+    return deviation
 
 
 def period_of(log: LogLike) -> float:

@@ -22,7 +22,7 @@ from cc_mujoco.control import AdaptiveModel, Controller, controller
 from cc_mujoco.control._controller import STEPS, SteppedController, stepped_law
 from cc_mujoco.control._registry import Unpowered, batched_controller
 from cc_mujoco.device import Plant
-from cc_mujoco.device._description import Description
+from cc_mujoco.device._description import Axis, Description
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._model import DeviceModel
 from cc_mujoco.device._sensors import PERFECT_SENSING
@@ -74,6 +74,8 @@ class Rollout:
         ratio: joint angle per motor angle of an unstretched cable, (n, axes).
         driven: names of the cables that each motor winds.
         prefixes: beginnings of the columns of each axis.
+        axes: axes with the safe torques that guards kept: an assumed one leaves room
+            for the task.
         failed: why the simulation of a design failed, empty where it did not, (n,).
     """
 
@@ -81,6 +83,7 @@ class Rollout:
     ratio: Array
     driven: tuple[tuple[str, ...], ...]
     prefixes: tuple[str, ...]
+    axes: tuple[Axis, ...]
     failed: tuple[str, ...]
 
 
@@ -139,7 +142,8 @@ def play(
             mark = np.ascontiguousarray(batch.script.marks[:, MARKS * axis + place])
             columns[prefix + column] = np.broadcast_to(mark, shape)
     tick(1.0)
-    return Rollout(columns, ratio, driven, prefixes, tuple(batch.failed))
+    axes = exo.description.axes
+    return Rollout(columns, ratio, driven, prefixes, axes, tuple(batch.failed))
 
 
 def _compiled_laws(

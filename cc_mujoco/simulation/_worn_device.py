@@ -111,7 +111,8 @@ class WornDevice:
         sources = axis_trajectories(self.device, trajectory)
         self.tasks = _axis_tasks(description, task, sources)
         """Task of every axis."""
-        self.description = _with_safe_torques(description, self.tasks)
+        drives = self.device.drives(self.period)
+        self.description = _with_safe_torques(description, self.tasks, drives)
         own: dict[str, Any] = {"hold": hold, "history": history, "memory": memory}
         observed = []
         for axis, one in zip(self.device.axes, self.tasks, strict=True):
@@ -268,16 +269,20 @@ class DrivenEnvironment:
         return self.exo.action(torque)
 
 
-def _with_safe_torques(description: Description, tasks: Sequence[Task]) -> Description:
+def _with_safe_torques(
+    description: Description, tasks: Sequence[Task], drives: Sequence[Drive]
+) -> Description:
     """Return the description with assumed safe torques that leave room for the tasks.
 
-    One that a description gives stays what it is.
+    One that a description gives stays what it is. No demand counts for more than the
+    motor gives without friction: a limit that is never reached guards nobody.
     """
     axes = []
-    for axis, task in zip(description.axes, tasks, strict=True):
+    for axis, task, drive in zip(description.axes, tasks, drives, strict=True):
         if axis.safe_is_assumed and not task.commands_angle:
             speed = axis.units["joint_velocity_rad_s"]
             demand = peak_demand(task, axis.centre, axis.reach, speed)
+            demand = min(demand, max(map(abs, drive.reach)))
             safe = max(axis.safe_torque, axis.slip.safe_torque(demand))
             axis = dataclasses.replace(axis, safe_torque=safe)
         axes.append(axis)

@@ -16,6 +16,8 @@ import gymnasium
 import numpy as np
 import pyarrow as pa
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from cc_mujoco import cli
 from cc_mujoco.control import CONTROLLERS, Controller, Network, write_policy
@@ -32,7 +34,7 @@ from cc_mujoco.device._sensors import MEASURED_COLUMNS
 from cc_mujoco.errors import CableError
 from cc_mujoco.human import Hold, Sine, read_trajectory, task
 from cc_mujoco.metrics import METRICS
-from cc_mujoco.simulation import EpisodeLog
+from cc_mujoco.simulation import EpisodeLog, simulate
 from study_marks import study_but
 
 UNASKED = tuple(
@@ -44,6 +46,7 @@ VARY = {
     "motor_radius": [0.02, 0.03],
     "motor_torque": "0.05,1",
 }
+KNEE = str(Path(__file__).parents[2] / "scripts" / "examples" / "knee_exo.xml")
 SHORT: dict[str, Any] = {"duration": 0.15, "metrics": EPISODE, "trajectory": "sine"}
 
 
@@ -616,6 +619,27 @@ def test_a_design_that_pulls_harder_than_is_safe_has_failed(drag: float) -> None
     else:
         assert result.failed == ""
     assert math.isnan(result.metrics["rms_torque_error"]) == bool(result.failed)
+
+
+@settings(max_examples=5, deadline=None)
+@given(demand=st.floats(8.0, 30.0))
+def test_the_assumed_safe_torque_of_a_design_is_that_of_its_task(demand: float) -> None:
+    """As in `play`; a task above the limit of the device's own task failed."""
+    spec = StudySpec(
+        KNEE,
+        {"friction": [0.05]},
+        task=f"hold:{demand}",
+        duration=0.5,
+        metrics=("rms_torque_error", "peak_over_safe", "peak_joint_torque"),
+    )
+    plan = make_plan(spec)
+    (result,) = evaluate(plan.protocol, plan.designs)
+    assert result.failed == ""
+    with_task = simulate(KNEE, "pi_tuned", task=f"hold:{demand}", duration=0.1)
+    safe = with_task.metadata["safe_torque"]
+    assert safe >= 1.9 * demand  # two digits
+    found = result.metrics
+    assert found["peak_over_safe"] * safe == pytest.approx(found["peak_joint_torque"])
 
 
 def test_a_long_wait_is_estimated_before_it_begins() -> None:

@@ -8,12 +8,16 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from cc_mujoco import METRICS, Device, simulate
 from cc_mujoco.control import CONTROLLERS, controller
 from cc_mujoco.control._controller import SteppedController
 from cc_mujoco.control._registry import law_drives
 from cc_mujoco.device import Plant, find_device
+from cc_mujoco.metrics._metric import ArrayLog
+from cc_mujoco.metrics._torque import is_unstable
 from cc_mujoco.simulation import EpisodeLog, columns_for
 from cc_mujoco.simulation._batch import Batch
 from cc_mujoco.simulation._episode_findings import Guards, episode_findings
@@ -28,6 +32,7 @@ MODEL = mujoco.MjModel.from_xml_string(
     <body><joint name="{AXIS.limb}" range="-60 60"/><geom size="0.1"/></body>
     </body></worldbody></mujoco>"""
 )
+KNEE_MODEL = Plant(KNEE).model()
 TIME = np.arange(2000) * 1e-3
 ZERO = np.zeros(TIME.size)
 
@@ -72,6 +77,30 @@ def test_an_unstable_controller_is_named_with_one_that_is_tuned(
     assert ("try" in sentence) == (controller == "pi")
 
 
+@given(
+    width=st.floats(0.01, 0.2), over=st.floats(0.0, 0.9), seconds=st.floats(0.3, 2.0)
+)
+def test_a_pulse_that_overshoots_is_no_swing(
+    width: float, over: float, seconds: float
+) -> None:
+    time = np.arange(round(1e3 * seconds)) * 1e-3
+    pulse = 0.5 * AXIS.safe_torque * np.exp(-(((time - 0.6 * seconds) / width) ** 2))
+    torque = {"joint_torque_nm": (1.0 + over) * pulse, "desired_torque_nm": pulse}
+    assert not is_unstable(
+        ArrayLog({"time_s": time} | torque, (), {}), AXIS.safe_torque
+    )
+
+
+@given(frequency=st.floats(6.0, 100.0), share=st.floats(0.25, 0.9))
+def test_a_torque_that_goes_to_and_fro_swings_however_fast(
+    frequency: float, share: float
+) -> None:
+    time = np.arange(round(1e3 * max(0.3, 5.0 / frequency))) * 1e-3
+    torque = share * AXIS.safe_torque * np.sin(2.0 * np.pi * frequency * time)
+    columns = {"joint_torque_nm": torque, "desired_torque_nm": 0.0 * torque}
+    assert is_unstable(ArrayLog({"time_s": time} | columns, (), {}), AXIS.safe_torque)
+
+
 def test_a_wearer_off_the_motion_is_said_with_share_and_size() -> None:
     angle = ZERO.copy()
     angle[:500] = 0.75 * AXIS.reach
@@ -102,6 +131,23 @@ def test_large_torque_fails_an_episode_of_a_device_without_a_safe_torque() -> No
     torque = np.full(len(log), 62.0)
     wild = EpisodeLog({**log.columns, "joint_torque_nm": torque}, log.metadata)
     assert METRICS["failed"].compute(wild) == 1.0
+
+
+@settings(max_examples=15, deadline=None)
+@given(demand=st.floats(0.1, 1e4), spring=st.booleans())
+def test_an_assumed_safe_torque_leaves_room_for_what_the_motor_can_give_of_a_task(
+    demand: float, spring: bool
+) -> None:
+    plant = Plant(KNEE)
+    (axis,) = plant.description.axes
+    task = f"spring:{demand}" if spring else f"hold:{demand}"
+    exo = WornDevice(plant.description, KNEE_MODEL, task=task, duration=0.1)
+    (found,), (drive,) = exo.description.axes, exo.drives
+    most = max(map(abs, drive.reach))
+    assert found.safe_torque == drive.safe_torque
+    assert axis.safe_torque <= found.safe_torque <= axis.slip.safe_torque(most)
+    if not spring:
+        assert found.safe_torque >= 1.9 * min(demand, most)  # two digits
 
 
 LOST = {"joint_torque_nm": "stopped the motor", "motor_angle_rad": "without torque"}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, TypeVar, cast
 
@@ -12,6 +12,7 @@ Entry = TypeVar("Entry")
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 RENAMED = {
+    "--motion": "--trajectory",
     "--scene": "the first word, SCENE",
     "--threads": "--workers",
     "motion": "trajectory",
@@ -106,16 +107,25 @@ def require_new_name(name: str) -> None:
         raise CableError(f"{name} is now {RENAMED[name]}.")
 
 
+def refuse_unknown(named: Iterable[str], allowed: Collection[str]) -> None:
+    """Refuse arguments that are not allowed, and list those that are.
+
+    Raises:
+        CableError: There is one; names what a renamed one is now.
+    """
+    for name in named:
+        require_new_name(name)
+        if name not in allowed:
+            raise CableError.unknown("argument", name, allowed)
+
+
 def with_known_names(function: Function) -> Function:
     """Return a function that refuses unknown arguments in a sentence."""
     allowed = tuple(inspect.signature(function).parameters)
 
     @functools.wraps(function)
     def call(*arguments: Any, **named: Any) -> Any:
-        for name in named:
-            require_new_name(name)
-            if name not in allowed:
-                raise CableError.unknown("argument", name, allowed)
+        refuse_unknown(named, allowed)
         return function(*arguments, **named)
 
     return cast("Function", call)

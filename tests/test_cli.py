@@ -542,6 +542,7 @@ def test_only_options_of_the_command_are_proposed(
         proposed = re.search(r"did you mean (--[\w-]+)", capsys.readouterr().err)
         assert proposed is None or proposed[1] in options(name)
     for old, new in {
+        "--motion": "--trajectory",
         "--threads": "--workers",
         "--scene": "the first word, SCENE",
     }.items():

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import pytest
 
 import cc_mujoco
 from cc_mujoco import human
+from cc_mujoco.envs import IDS
 from cc_mujoco.errors import MANY, CableError
 
 
@@ -37,10 +41,18 @@ def test_where_there_are_no_names_that_is_said() -> None:
 
 
 def test_old_names_are_refused_with_the_new_ones(tmp_path: Path) -> None:
-    with pytest.raises(CableError, match="motion is now trajectory"):
-        cc_mujoco.simulate("wrist", motion="sine")  # type: ignore[call-overload]
-    with pytest.raises(CableError, match="'trajctory': did you mean 'trajectory'"):
-        cc_mujoco.simulate("wrist", trajctory="sine")  # type: ignore[call-overload]
+    takers: list[Callable[..., object]] = [
+        partial(cc_mujoco.simulate, "wrist"),
+        partial(cc_mujoco.study, "wrist", {"loops": [1]}),
+        partial(cc_mujoco.optimise, "wrist", {"loops": "1:3"}, ["slack_margin"]),
+        *(partial(gymnasium.make, name) for name in IDS),
+        *(partial(gymnasium.make_vec, name, 2) for name in IDS),
+    ]
+    for take in takers:
+        with pytest.raises(CableError, match="motion is now trajectory"):
+            take(motion="sine")
+        with pytest.raises(CableError, match="'trajctory': did you mean 'trajectory'"):
+            take(trajctory="sine")
     with pytest.raises(CableError, match="read_motion is now read_trajectory"):
         human.read_motion  # noqa: B018
     for data in (["run.csv"], str(tmp_path)):

@@ -45,7 +45,7 @@ from cc_mujoco.design._protocol import number_columns
 from cc_mujoco.design._results_store import Store
 from cc_mujoco.device import Plant, Value
 from cc_mujoco.device._wearer_scaling import PROFILE, pace_of
-from cc_mujoco.errors import CableError
+from cc_mujoco.errors import CableError, refuse_unknown
 from cc_mujoco.human import Profile
 from cc_mujoco.simulation._rollout import attended, play
 
@@ -82,7 +82,10 @@ def study(
         CableError: something about the study is impossible, or `out` holds what other
             code made; raised before it runs.
     """
-    how = {field.name for field in dataclasses.fields(whatif.Execution)} & set(fields)
+    how = {field.name for field in dataclasses.fields(whatif.Execution)}
+    what = {field.name for field in dataclasses.fields(whatif.StudySpec)}
+    refuse_unknown(fields, how | what)
+    how &= set(fields)
     execution = whatif.Execution(**{name: fields.pop(name) for name in how})
     spec = scene if isinstance(scene, whatif.StudySpec) else whatif.StudySpec(scene)
     chosen = {"vary": vary, "designs": designs}

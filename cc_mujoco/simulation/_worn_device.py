@@ -15,6 +15,7 @@ import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
+from cc_mujoco import errors
 from cc_mujoco._validation import MAX_DURATION, require_dictionary, require_number
 from cc_mujoco.device import IN_EPISODES, Nominal, Plant
 from cc_mujoco.device._axis_columns import axis_columns, split_by_axis
@@ -36,10 +37,9 @@ TaskChoice = str | Path | Task | Mapping[str, str | Path | Task] | None
 
 
 def refuse_unknown(unknown: Mapping[str, Any], env: type) -> None:
-    for name in unknown:
-        parameters = inspect.signature(env).parameters.values()
-        there = [p.name for p in parameters if p.kind is not p.VAR_KEYWORD]
-        raise CableError.unknown("argument", name, there)
+    parameters = inspect.signature(env).parameters.values()
+    there = [p.name for p in parameters if p.kind is not p.VAR_KEYWORD]
+    errors.refuse_unknown(unknown, there)
 
 
 class WornDevice:

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import gymnasium
 import mujoco
 
 from cc_mujoco._utils import atomic_io, provenance, user_code
@@ -31,8 +30,8 @@ from cc_mujoco.metrics import find_metric
 from cc_mujoco.report import _figures as figures
 from cc_mujoco.report import _markdown as markdown
 from cc_mujoco.simulation._episode_log import EpisodeLog
-from cc_mujoco.simulation._log_columns import AXES, MODEL_XML
-from cc_mujoco.simulation._simulate import play
+from cc_mujoco.simulation._simulate import simulate
+from cc_mujoco.simulation._worn_device import WornDevice
 
 TABLE, PICTURE, RECORDING = "comparison.md", "comparison.png", "comparison.rrd"
 FILES = (TABLE, PICTURE, RECORDING)
@@ -126,21 +125,15 @@ def show(
             )
     study.find_user_metrics()
     plant = Plant(device, {**design, **study.case(row, case)})
-    model = plant.model(whole=True)
     task: Any = protocol["task"]
     if len(axes) > 1:
         task = tasks_of_axes(task, device.description)
-    env: Any = gymnasium.make(
-        "cc_mujoco/Device-v1",
-        disable_env_checker=True,
-        device=device,
-        model=model,
-        trajectory=trajectory_of(plant.values, protocol["trajectory"]),
-        task=tasks_of([plant.values], task, device.description),
-        duration=protocol["duration"],
-        frame_skip=device.frame_skip,
-    )
-    exo = env.unwrapped.exo
+    played: dict[str, Any] = {
+        "trajectory": trajectory_of(plant.values, protocol["trajectory"]),
+        "task": tasks_of([plant.values], task, device.description),
+        "duration": protocol["duration"],
+    }
+    exo = WornDevice(device.description, plant.model(), **played)
     drives = [PERFECT_SENSING.equip(drive) for drive in exo.drives]
     laws, prefixes = protocol["controllers"], exo.device.prefixes
     made_laws = {name: axes_controller(name, drives, prefixes) for name in laws}
@@ -158,23 +151,17 @@ def show(
             f"made otherwise: it differs in {', '.join(changed)}; `cc-mujoco whatif` "
             "with --again makes it anew."
         )
-    log = play(
-        env,
+    about = names | {"controller": chosen, "design": row, "variables": plant.values}
+    log = simulate(
+        plant,
         made_laws[chosen],
-        sensing=PERFECT_SENSING,
+        **played,
         seed=protocol["seed"],
-        about=names | {"controller": chosen, "design": row, "variables": plant.values},
+        sensing=PERFECT_SENSING,
+        about=about,
         progress=progress,
     )
-    facts = {axis.name: plant.facts(axis) for axis in device.description.axes}
-    known: dict[str, Any] = {}
-    if len(facts) == 1:
-        (known,) = facts.values()
-    else:
-        there = log.metadata[AXES]
-        known[AXES] = {name: {**there[name], **own} for name, own in facts.items()}
-    about_log = {**log.metadata, **known, MODEL_XML: plant.xml()}
-    return EpisodeLog(log.columns, about_log), model
+    return log, plant.model(whole=True)
 
 
 class Pair(NamedTuple):

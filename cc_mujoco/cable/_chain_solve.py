@@ -38,6 +38,15 @@ class Chain(NamedTuple):
     distal_q: float
 
 
+class Motion(NamedTuple):
+    """What moves in a step: a guess, or the solution."""
+
+    direction: FloatArray  # way in which each segment slips, 0 where it rests (n,)
+    slack: FloatArray  # not 0 where a node is slack (n + 1,)
+    shift: FloatArray  # displacement of each segment in this step [m] (n,)
+    node: FloatArray  # tension of each node [N] (n + 1,)
+
+
 @internal
 def slipping(chain: Chain, s: int, slip_direction: float) -> tuple[float, float, float]:
     """Return `gain`, `offset` and `own` of segment s where it slips.
@@ -53,23 +62,15 @@ def slipping(chain: Chain, s: int, slip_direction: float) -> tuple[float, float,
 
 @internal
 def solve(
-    n: int,
-    chain: Chain,
-    gain: FloatArray,
-    offset: FloatArray,
-    own: FloatArray,
-    slack: FloatArray,
-    shift: FloatArray,
-    node: FloatArray,
-    work: FloatArray,
+    n: int, chain: Chain, lines: FloatArray, motion: Motion, work: FloatArray
 ) -> None:
-    """Compute displacements and tensions of a step.
+    """Compute displacements and tensions of a step with known slack nodes.
 
-    Nodes are `slack` where not 0. Friction of the segments is a ratio of tensions
-    `gain`, `offset` [N], and `own` stiffness against displacement [N/m], inf at rest.
-    Out: `shift` (n,), slip in this step [m], and the tensions `node`. `work` holds
-    (2 n,).
+    Friction of the segments is in `lines` (3 n,): a ratio of tensions, an offset [N],
+    and an own stiffness against displacement [N/m], inf at rest. `work` holds (2 n,).
     """
+    gain, offset, own = lines[:n], lines[n : 2 * n], lines[2 * n : 3 * n]
+    slack, shift, node = motion.slack, motion.shift, motion.node
     tension, stiffness = chain.tension, chain.stiffness
     p, q = work[:n], work[n : 2 * n]  # T = p + q w on the left of each segment
     p[0], q[0] = chain.proximal_p, chain.proximal_q
@@ -135,14 +136,12 @@ def lay_evenly(
 
 
 @internal
-def lay_slack(
-    n: int, chain: Chain, free: FloatArray, slack: FloatArray, shift: FloatArray
-) -> None:
-    """Lay all slack cable evenly that nothing holds; arguments as in `solve`.
+def lay_slack(n: int, chain: Chain, free: FloatArray, motion: Motion) -> None:
+    """Lay all slack cable evenly that nothing holds.
 
     `free` is not 0 where a segment has no friction without tension (n,).
     """
-    tension = chain.tension
+    tension, slack, shift = chain.tension, motion.slack, motion.shift
     first = 0
     while first < n:
         last = first

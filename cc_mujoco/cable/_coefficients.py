@@ -12,19 +12,18 @@ from cc_mujoco.cable import _nodes as nodes
 from cc_mujoco.cable import _nonlinear_elasticity as nonlinear_elasticity
 from cc_mujoco.cable._friction import PLACE
 from cc_mujoco.cable._fronts import overcome_direction
+from cc_mujoco.cable._layout import Step
 from cc_mujoco.cable._pre_step import loses_stretch
 from cc_mujoco.native import FloatArray, internal
 
 
 @internal
-def write_holds(
-    prm: FloatArray, n: int, state: FloatArray, work: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def write_holds(prm: FloatArray, n: int, step: Step) -> tuple[FloatArray, FloatArray]:
     """Write and return H of segments whose friction is constant, towards both ends."""
     growth, hold = at.constant_growth(prm, n), at.constant_hold(prm, n)
-    slips = at.slips(state, n)
-    distal = at.row(work, n, at.HOLD_DISTAL)
-    proximal = at.row(work, n, at.HOLD_PROXIMAL)
+    slips = at.slips(step.state, n)
+    distal = at.row(step.work, n, at.HOLD_DISTAL)
+    proximal = at.row(step.work, n, at.HOLD_PROXIMAL)
     for j in range(n):
         # A segment that goes on slipping the same way has already broken away.
         distal[j] = growth[j] if slips[j] > 0.0 else hold[j]
@@ -34,16 +33,12 @@ def write_holds(
 
 @internal
 def write_coefficients(
-    prm: FloatArray,
-    n: int,
-    state: FloatArray,
-    tension: FloatArray,
-    dt: float,
-    work: FloatArray,
+    prm: FloatArray, n: int, step: Step, tension: FloatArray
 ) -> None:
     """Write the coefficients of every segment for this step, see `_friction.py`."""
+    state, work, dt = step.state, step.work, step.dt
     if prm[at.CONSTANT_COULOMB] != 0.0:
-        write_holds(prm, n, state, work)
+        write_holds(prm, n, step)
         at.row(work, n, at.GROWTH)[:] = at.constant_growth(prm, n)
         at.row(work, n, at.GROWTH_PROXIMAL)[:] = at.constant_growth(prm, n)
         at.row(work, n, at.DRAG)[:] = at.constant_drag(prm, n)
@@ -134,9 +129,7 @@ def friction_holds(
 
 
 @internal
-def update_viscosity(
-    prm: FloatArray, n: int, node: FloatArray, dt: float, work: FloatArray
-) -> bool:
+def update_viscosity(prm: FloatArray, n: int, step: Step, node: FloatArray) -> bool:
     """Take the viscosity of grease at other slip speeds; return if they were right.
 
     Implicit in the slip of the step, so grease takes energy whatever dt, and after any
@@ -145,13 +138,13 @@ def update_viscosity(
     the law by 1e-5 of the largest tension.
     """
     values = at.scalars(prm)
-    shift, guess = at.row(work, n, at.SHIFT), at.row(work, n, at.SPEED)
+    shift, guess = at.row(step.work, n, at.SHIFT), at.row(step.work, n, at.SPEED)
     length, largest = at.contact_length(prm, n), 0.0
     for i in range(n + 1):
         largest = max(largest, node[i])
     error = 0.0
     for j in range(n):
-        speed = abs(shift[j]) / dt
+        speed = abs(shift[j]) / step.dt
         taken = law.grease_viscosity(values, guess[j])
         right = law.grease_viscosity(values, speed)
         error += abs(right - taken) * speed * length[j]
@@ -180,19 +173,11 @@ def written_size(prm: FloatArray, n: int) -> int:
 
 @internal
 def commit(
-    prm: FloatArray,
-    n: int,
-    state: FloatArray,
-    tension: FloatArray,
-    proximal_kind: int,
-    proximal_value: float,
-    distal_kind: int,
-    distal_value: float,
-    dt: float,
-    new_state: FloatArray,
-    work: FloatArray,
-) -> None:
+    prm: FloatArray, n: int, tension: FloatArray, proximal_kind: int, distal_kind: int,
+    step: Step,
+) -> None:  # fmt: skip
     """Write ends, slack, slip memory and dissipated energy of the step."""
+    state, new_state, work = step.state, step.new_state, step.work
     stiffness = at.node_stiffness(prm, n)
     shift = at.row(work, n, at.SHIFT)
     node = at.tensions(new_state, n)
@@ -210,8 +195,8 @@ def commit(
             node[i] = min(strained, 0.0) if node[i] <= 0.0 else strained
     for end in range(2):
         i = n * end
-        behind = shift[n - 1] if end == 1 else proximal_value - state[0]
-        ahead = distal_value - state[1] if end == 1 else shift[0]
+        behind = shift[n - 1] if end == 1 else step.proximal - state[0]
+        ahead = step.distal - state[1] if end == 1 else shift[0]
         strained = tension[i] + stiffness[i] * (ahead - behind)
         if is_curved:
             strained = nodes.tension_after_stretch(
@@ -221,13 +206,13 @@ def commit(
             strained = min(strained, 0.0)
         node[i] = strained
     if proximal_kind == POSITION:
-        new_state[0] = proximal_value
+        new_state[0] = step.proximal
     else:
         node[0] = proximal
         stretched = nodes.stretch_between(prm, n, 0, tension[0], node[0])
         new_state[0] = state[0] + shift[0] - stretched
     if distal_kind == POSITION:
-        new_state[1] = distal_value
+        new_state[1] = step.distal
     else:
         node[n] = distal
         stretched = nodes.stretch_between(prm, n, n, tension[n], node[n])
@@ -236,7 +221,7 @@ def commit(
     slipped, has_bristles = shift, prm[PLACE.bristle_length] > 0.0
     if has_bristles:
         slipped = at.row(work, n, at.SLIPPED)
-        _commit_bristles(prm, n, state, tension, new_state, work)
+        _commit_bristles(prm, n, step, tension)
     lengthens = prm[at.PATH_LENGTHENS] != 0.0
     if lengthens or loses_stretch(prm):
         # The cable slips as its path lengthens, so friction was that of before.
@@ -263,13 +248,13 @@ def commit(
         if has_bristles:
             lost += at.row(work, n, at.RELEASED_ENERGY)[j]
         low = high
-    _commit_slip(prm, n, state, slipped, dt, new_state)
+    _commit_slip(prm, n, step, slipped)
     lost = max(lost, 0.0)
     if prm[at.CONSTANT_COULOMB] == 0.0:
-        new_state[at.TIME] = state[at.TIME] + dt
+        new_state[at.TIME] = state[at.TIME] + step.dt
         new_state[at.TRAVEL] = state[at.TRAVEL] + (new_state[1] - state[1])
         new_state[at.HEAT] = law.heat_after_step(
-            at.scalars(prm), state[at.HEAT], lost, dt
+            at.scalars(prm), state[at.HEAT], lost, step.dt
         )
     new_state[2] += lost + max(mixed, 0.0)
     if lengthens:
@@ -278,16 +263,9 @@ def commit(
 
 
 @internal
-def _commit_slip(
-    prm: FloatArray,
-    n: int,
-    state: FloatArray,
-    slipped: FloatArray,
-    dt: float,
-    new_state: FloatArray,
-) -> None:
+def _commit_slip(prm: FloatArray, n: int, step: Step, slipped: FloatArray) -> None:
     """Write what the segments remember of their slip: distance, speed and age."""
-    values = at.scalars(prm)
+    state, new_state, dt, values = step.state, step.new_state, step.dt, at.scalars(prm)
     remembers = prm[PLACE.stribeck_friction] > 0.0 or prm[PLACE.grease_drag] > 0.0
     before, slip = at.slips(state, n), at.slips(new_state, n)
     speeds, ages = at.slip_speeds(state, n), at.contact_ages(state, n)
@@ -306,15 +284,9 @@ def _commit_slip(
 
 
 @internal
-def _commit_bristles(
-    prm: FloatArray,
-    n: int,
-    state: FloatArray,
-    tension: FloatArray,
-    new_state: FloatArray,
-    work: FloatArray,
-) -> None:
+def _commit_bristles(prm: FloatArray, n: int, step: Step, tension: FloatArray) -> None:
     """Write force and stretch of the bristles, and the energy that they released."""
+    state, new_state, work = step.state, step.new_state, step.work
     shift, slipped = at.row(work, n, at.SHIFT), at.row(work, n, at.SLIPPED)
     held, spring = at.row(work, n, at.HELD), at.row(work, n, at.SPRING)
     forces, stretches = at.bristle_forces(state, n), at.bristle_stretches(state, n)

@@ -100,26 +100,20 @@ def rest_state(cable: Cable, tension: ArrayLike | None = None) -> FloatArray:
             raise CableError(
                 f"initial tension is {node.min():g} N; it is never less than 0"
             )
-        _require_held_by_friction(cable, node)
+        hold = holding_coefficient(prm[: len(PARAMETERS)])
+        length = layout.contact_length(prm, n)
+        for j, angle in enumerate(kernel.segment_angles(prm, n)):
+            low, high = sorted((float(node[j]), float(node[j + 1])))
+            free = drag(prm[: len(PARAMETERS)], float(length[j]), 1.0, j, n)
+            if high > (ratio(hold, float(angle)) * low + free) * (1.0 + 1e-9):
+                raise CableError(
+                    f"initial tension jumps from {node[j]:g} N to {node[j + 1]:g} N "
+                    f"between nodes {j} and {j + 1}, more than friction holds"
+                )
         state[kernel.STATE_HEADER : kernel.STATE_HEADER + n + 1] = node
         nodes.rest_springs(prm, n, state)
         state[3] = kernel.total_stretch(prm, n, state)
     return state
-
-
-def _require_held_by_friction(cable: Cable, node: FloatArray) -> None:
-    n = cable.segments
-    prm = packed_parameters(cable)
-    hold = holding_coefficient(prm[: len(PARAMETERS)])
-    length = layout.contact_length(prm, n)
-    for j, angle in enumerate(kernel.segment_angles(prm, n)):
-        low, high = sorted((float(node[j]), float(node[j + 1])))
-        free = drag(prm[: len(PARAMETERS)], float(length[j]), 1.0, j, n)
-        if high > (ratio(hold, float(angle)) * low + free) * (1.0 + 1e-9):
-            raise CableError(
-                f"initial tension jumps from {node[j]:g} N to {node[j + 1]:g} N "
-                f"between nodes {j} and {j + 1}, more than friction holds"
-            )
 
 
 class Conduit:
@@ -195,29 +189,24 @@ class Conduit:
             CableError: not exactly one quantity per end, tension at both ends, or a
                 value that is not finite or negative.
         """
-        proximal_kind, proximal_value = _prescribed(
-            "proximal", u_proximal, tension_proximal
-        )
-        distal_kind, distal_value = _prescribed("distal", u_distal, tension_distal)
-        _check_ends(proximal_kind, distal_kind, dt)
-        for end, kind, value in (
-            ("proximal", proximal_kind, proximal_value),
-            ("distal", distal_kind, distal_value),
-        ):
+        proximal = _prescribed("proximal", u_proximal, tension_proximal)
+        distal = _prescribed("distal", u_distal, tension_distal)
+        _check_ends(proximal[0], distal[0], dt)
+        for end, (kind, value) in (("proximal", proximal), ("distal", distal)):
             if value.shape or (kind == kernel.TENSION and value < 0.0):
                 raise CableError(
                     f"the {end} end is driven to {shown(value)}; it must be "
                     "one number, of a tension 0 or more"
                 )
+        ends = proximal[0], float(proximal[1]), distal[0], float(distal[1])
         status = kernel.step(
-            self._prm, self.cable.segments, self._state, proximal_kind,
-            float(proximal_value), distal_kind, float(distal_value), float(dt),
-            self._next, self._work,
+            self._prm, self.cable.segments, self._state, *ends, float(dt), self._next,
+            self._work,
         )  # fmt: skip
         if status != kernel.OK or not np.all(np.isfinite(self._next)):
             raise CableError(
-                f"ends of the cable are driven to {proximal_value:g} and "
-                f"{distal_value:g}, where its numbers overflow"
+                f"ends of the cable are driven to {ends[1]:g} and {ends[3]:g}, where "
+                "its numbers overflow"
             )
         self._state, self._next = self._next, self._state
 
@@ -333,14 +322,12 @@ def replay(
         CableError: no cable, not exactly one quantity per end, tension at both, unequal
             lengths, values that are not finite or too large, or negative tensions.
     """
-    proximal_kind, proximal_given = _prescribed(
-        "proximal", u_proximal, tension_proximal
-    )
-    distal_kind, distal_given = _prescribed("distal", u_distal, tension_distal)
+    proximal_kind, proximal = _prescribed("proximal", u_proximal, tension_proximal)
+    distal_kind, distal = _prescribed("distal", u_distal, tension_distal)
     _check_ends(proximal_kind, distal_kind, dt)
     require_kind("cable", cable, Cable)
-    proximal = _series("proximal", proximal_kind, proximal_given)
-    distal = _series("distal", distal_kind, distal_given)
+    proximal = _series("proximal", proximal_kind, proximal)
+    distal = _series("distal", distal_kind, distal)
     if proximal.size != distal.size:
         raise CableError(
             f"the proximal end has {proximal.size} samples and the distal end "

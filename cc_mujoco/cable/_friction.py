@@ -33,18 +33,8 @@ DRAG_TERMS = tuple(
     if each.term is not None and each.term.acts_on == "drag"
 )
 """Parameters of friction that needs no tension: place, term and unit."""
-
-
-MAX_EXPONENT = 30.0
-"""Largest mu times wrap angle of one segment; beyond it (a ratio of 1e13) it is cut."""
-
 MIN_GREASE_SPEED = 1e-6
 """Slip speed [m/s] below which the drag of grease is in proportion to it."""
-
-MIN_BRISTLE_LENGTH = 1e-9
-"""Length [m] that shorter bristles have, too; they are Coulomb friction by then."""
-MIN_BRISTLE_STIFFNESS = 1e-12
-"""Stiffness [N/m] below which bristles give none, as those of a slack cable."""
 
 
 def _term_indices(holds: Callable[[Term], bool]) -> tuple[tuple[int, int], ...]:
@@ -73,8 +63,8 @@ _SCALING_TERMS = _term_indices(
 
 @compiled
 def ratio(coefficient: float, angle: float) -> float:
-    """Return the tension ratio exp(mu a) of one segment, cut at `MAX_EXPONENT`."""
-    return math.exp(min(coefficient * angle, MAX_EXPONENT))
+    """Return the tension ratio exp(mu a) of one segment, cut at 1e13."""
+    return math.exp(min(coefficient * angle, 30.0))
 
 
 @internal
@@ -214,9 +204,10 @@ def bristle_stiffness(
     values: FloatArray, coefficient: float, angle: float, mean: float, drag: float
 ) -> float:
     """Return the stiffness of the bristles of a segment of tension `mean` [N/m]."""
-    length = max(values[PLACE.bristle_length], MIN_BRISTLE_LENGTH)
+    # Shorter bristles are Coulomb friction; those of a slack cable give no stiffness.
+    length = max(values[PLACE.bristle_length], 1e-9)
     stiffness: float = (coefficient * angle * mean + drag) / length
-    return stiffness if stiffness > MIN_BRISTLE_STIFFNESS else 0.0
+    return stiffness if stiffness > 1e-12 else 0.0
 
 
 @internal

@@ -98,18 +98,9 @@ def _carry(front: _Front, near: int, far: int, chain: CoulombChain, way: int) ->
 
 @internal
 def _null_slip(
-    p: float,
-    q: float,
-    distal_p: float,
-    distal_q: float,
-    slip_direction: float,
-    proximal: float,
-    distal: float,
-    growth: float,
-    drag: float,
-    end_stiffness: float,
+    left: _Front, right: _Front, chain: CoulombChain, s: int, slip_direction: float
 ) -> float:
-    """Return the slip of the centre of the segment with the null point.
+    """Return the slip of the centre of segment s, which has the null point.
 
     With the null point at fraction (1 - z)/2 of the segment, net friction is z times
     its limit and the centre slips by z times the lengthening, in this step, of the half
@@ -118,9 +109,12 @@ def _null_slip(
     to the centre (z = 0) would cost first-order accuracy.
 
     `slip_direction` is +1 where the ends are pulled apart, -1 where they are pushed
-    together, `proximal` and `distal` the tensions before the step, `end_stiffness` that
-    of half a segment.
+    together.
     """
+    p, q = left.e[s] / left.c[s], 1.0 / left.c[s]
+    distal_p, distal_q = right.e[s + 1] / right.c[s + 1], 1.0 / right.c[s + 1]
+    proximal, distal = chain.tension[s], chain.tension[s + 1]
+    growth, drag, end_stiffness = chain.growth[s], chain.drag[s], 1.0 / chain.half[s]
     slip, share = 0.0, 0.0
     per_tension = (growth - 1.0) / (growth + 1.0)
     constant = 2.0 * drag / (growth + 1.0)
@@ -154,7 +148,7 @@ def _null_slip(
     limit = per_tension * (p + distal_p) + constant
     least = (distal_p - p - limit) / (both + tilt)
     most = (distal_p - p + limit) / (both - tilt)
-    return min(max(slip, least), most)
+    return float(min(max(slip, least), most))
 
 
 @compiled
@@ -174,7 +168,7 @@ def march(
     holds (8 (n + 1),).
     """
     m = n + 1
-    tension, compliance, half = chain.tension, chain.compliance, chain.half
+    tension, compliance = chain.tension, chain.compliance
     growth, drag = chain.growth, chain.drag
     hold_distal, hold_proximal = chain.hold_distal, chain.hold_proximal
     left = _front(work[: 4 * m], m)  # of the proximal end
@@ -274,12 +268,8 @@ def march(
         )  # fmt: skip
         moved = 0
         while turning:
-            at_null = _null_slip(
-                left.e[i] / left.c[i], 1.0 / left.c[i],
-                right.e[j] / right.c[j], 1.0 / right.c[j],
-                1.0 if distal > 0.0 else -1.0,
-                tension[i], tension[j], growth[i], drag[i], 1.0 / half[i],
-            )  # fmt: skip
+            way = 1.0 if distal > 0.0 else -1.0
+            at_null = _null_slip(left, right, chain, i, way)
             # A neighbour that would slip against its front has the null point.
             beyond = 0
             if j < n:

@@ -29,30 +29,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco.cable._chain_solve import Chain, break_away, lay_slack, slipping, solve
+from cc_mujoco.cable import _chain_solve as chains
+from cc_mujoco.cable._chain_solve import Chain, Motion
 from cc_mujoco.cable._fronts import LIMIT_TOLERANCE, overcome_direction
 from cc_mujoco.native import FloatArray, compiled, internal
-
-_QUICK_ROUNDS = 6
-"""Rounds after which nodes change only where all segments are right."""
-_MAX_ROUNDS = 12
-"""Rounds after which `solve_with_slack` leaves a step to `_graph.py`: 3 % of random
-steps that follow each other (`tests/cable/test_solvers.py`)."""
 
 
 @internal
 def solve_marked(
-    n: int,
-    chain: Chain,
-    slip_direction: FloatArray,
-    slack: FloatArray,
-    shift: FloatArray,
-    node: FloatArray,
-    lines: FloatArray,
-    work: FloatArray,
+    n: int, chain: Chain, motion: Motion, lines: FloatArray, work: FloatArray
 ) -> None:
     """Solve a step whose slip and slack nodes are known, and lay the slack cable."""
     drag, viscosity = chain.drag, chain.viscosity
+    slip_direction, slack, node = motion.direction, motion.slack, motion.node
     lies = False
     for s in range(n - 1, -1, -1):
         if slack[s + 1] != 0.0 and drag[s] == 0.0 and viscosity[s] == 0.0:
@@ -65,8 +54,8 @@ def solve_marked(
         if slip_direction[s] == 0.0:
             own[s] = np.inf
             continue
-        gain[s], offset[s], own[s] = slipping(chain, s, slip_direction[s])
-    solve(n, chain, gain, offset, own, slack, shift, node, work)
+        gain[s], offset[s], own[s] = chains.slipping(chain, s, slip_direction[s])
+    chains.solve(n, chain, lines, motion, work)
     for i in range(n + 1):
         node[i] = max(node[i], 0.0)
     if not lies:
@@ -74,32 +63,28 @@ def solve_marked(
     free = gain
     for s in range(n):
         free[s] = 1.0 if drag[s] == 0.0 and viscosity[s] == 0.0 else 0.0
-    lay_slack(n, chain, free, slack, shift)
+    chains.lay_slack(n, chain, free, motion)
 
 
 @internal
 def solve_with_slack(
-    n: int,
-    chain: Chain,
-    slip_direction: FloatArray,
-    slack: FloatArray,
-    shift: FloatArray,
-    node: FloatArray,
-    lines: FloatArray,
-    work: FloatArray,
+    n: int, chain: Chain, motion: Motion, lines: FloatArray, work: FloatArray
 ) -> bool:
     """Solve one step in which any node may be or become slack; return if found.
 
-    `slip_direction` (n,) and `slack` (n + 1,) are the guess on input. Where correcting
+    The direction of slip and the slack nodes are the guess on input. Where correcting
     all at once turns in a circle, nodes wait for the segments.
     """
     tension, stiffness = chain.tension, chain.stiffness
     drag, viscosity = chain.drag, chain.viscosity
-    for rounds in range(_MAX_ROUNDS):
+    slip_direction, slack = motion.direction, motion.slack
+    shift, node = motion.shift, motion.node
+    # 3 % of random steps that follow each other take more (`test_solvers.py`).
+    for rounds in range(12):
         for s in range(n):
             if slack[s] != 0.0 and drag[s] == 0.0 and viscosity[s] == 0.0:
                 slack[s + 1] = 1.0
-        solve_marked(n, chain, slip_direction, slack, shift, node, lines, work)
+        solve_marked(n, chain, motion, lines, work)
         right = True
         for s in range(n):
             way = slip_direction[s]
@@ -118,7 +103,7 @@ def solve_with_slack(
             elif shift[s] * way < 0.0:
                 slip_direction[s] = 0.0
                 right = False
-        may_change = right or rounds < _QUICK_ROUNDS
+        may_change = right or rounds < 6
         for i in range(n + 1):
             if not np.isfinite(node[i]):
                 return False
@@ -169,12 +154,7 @@ def _evaluate_graph(
 
 @internal
 def _read_solution(
-    n: int,
-    label: FloatArray,
-    passed: int,
-    count: int,
-    slip_direction: FloatArray,
-    slack: FloatArray,
+    n: int, label: FloatArray, passed: int, count: int, motion: Motion
 ) -> None:
     """Read off which way each segment slips and which nodes are slack.
 
@@ -182,6 +162,7 @@ def _read_solution(
     was dropped on the way. A knot keeps its meaning while it is carried along: left of
     it segment s is held, or slips left, or node s is slack.
     """
+    slip_direction, slack = motion.direction, motion.slack
     for s in range(n):
         slip_direction[s] = 1.0
         slack[s] = 0.0
@@ -200,19 +181,14 @@ def _read_solution(
 
 
 @internal
-def solve_by_graph(
-    n: int, chain: Chain, shift: FloatArray, node: FloatArray, work: FloatArray
-) -> None:
-    """Solve one step from any state, coefficients fixed; arguments as in `sweep`."""
+def solve_by_graph(n: int, chain: Chain, motion: Motion, work: FloatArray) -> None:
+    """Solve one step from any state, coefficients fixed; `work` as in `sweep`."""
     hold_distal, hold_proximal = chain.hold_distal, chain.hold_proximal
     proximal_p, proximal_q = chain.proximal_p, chain.proximal_q
     distal_p, distal_q = chain.distal_p, chain.distal_q
     size = 2 * n + 3
     # Knots, and what it means to be left of one, see `_read_solution`.
     x, y, label = work[:size], work[size : 2 * size], work[2 * size : 3 * size]
-    marks, rest = work[3 * size : 3 * size + 2 * n + 1], work[3 * size + 2 * n + 1 :]
-    slip_direction, slack = marks[:n], marks[n:]
-    lines = work[: 3 * n]
     proximal, distal = 0.0, proximal_q
     x[0], y[0], label[0] = 0.0, proximal_p, -1.0
     if proximal_q > 0.0:
@@ -274,8 +250,8 @@ def solve_by_graph(
     passed = 0
     while passed < count and y[passed] + distal_q * x[passed] < distal_p:
         passed += 1
-    _read_solution(n, label, passed, count, slip_direction, slack)
-    solve_marked(n, chain, slip_direction, slack, shift, node, lines, rest)
+    _read_solution(n, label, passed, count, motion)
+    solve_marked(n, chain, motion, work[: 3 * n], work[3 * size + 2 * n + 1 :])
 
 
 @compiled
@@ -289,7 +265,7 @@ def sweep(
     node: FloatArray,
     work: FloatArray,
 ) -> None:
-    """Solve one step from any state; arguments as in `_chain_solve.solve`.
+    """Solve one step from any state; `shift` and `node` as in `Motion`, out.
 
     `last` is how each segment slipped in the step before (n,). `growth_distal` and
     `growth_proximal` are E of slip that way. `work` holds (11 n + 11,). What segments
@@ -298,16 +274,14 @@ def sweep(
     tension, stiffness, drag = chain.tension, chain.stiffness, chain.drag
     size = 6 * n + 9  # what comes before it is free outside of the graph
     marks, rest = work[size : size + 2 * n + 1], work[size + 2 * n + 1 :]
-    slip_direction, slack, lines = marks[:n], marks[n:], work[: 3 * n]
+    motion, lines = Motion(marks[:n], marks[n:], shift, node), work[: 3 * n]
     for i in range(n + 1):
-        slack[i] = 1.0 if tension[i] <= 0.0 else 0.0
+        motion.slack[i] = 1.0 if tension[i] <= 0.0 else 0.0
     for s in range(n):
-        slip_direction[s] = np.sign(last[s])
+        motion.direction[s] = np.sign(last[s])
     for _ in range(n + 1):
-        if not solve_with_slack(
-            n, chain, slip_direction, slack, shift, node, lines, rest
-        ):
-            solve_by_graph(n, chain, shift, node, work)
+        if not solve_with_slack(n, chain, motion, lines, rest):
+            solve_by_graph(n, chain, motion, work)
         # A segment that breaks away follows the kinetic law: solve again with it. Slip
         # of rounding alone is none, or one that is about to slip would have.
         broke = False
@@ -315,7 +289,7 @@ def sweep(
             load = node[s] + node[s + 1] + drag[s]
             if abs(shift[s]) * stiffness[s] <= LIMIT_TOLERANCE * load:
                 shift[s] = 0.0
-            elif break_away(chain, s, shift[s], growth_distal, growth_proximal):
+            elif chains.break_away(chain, s, shift[s], growth_distal, growth_proximal):
                 broke = True
         if not broke:
             break

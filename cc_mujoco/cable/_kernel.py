@@ -43,6 +43,7 @@ from cc_mujoco.cable._friction import PLACE
 from cc_mujoco.cable._fronts import CoulombChain, march
 from cc_mujoco.cable._graph import sweep
 from cc_mujoco.cable._layout import STATE_HEADER as STATE_HEADER
+from cc_mujoco.cable._layout import Step
 from cc_mujoco.cable._layout import node_stiffness as node_stiffness
 from cc_mujoco.cable._layout import parameter_size as parameter_size
 from cc_mujoco.cable._layout import segment_angles as segment_angles
@@ -67,8 +68,6 @@ OK, NOT_FINITE, MARCHED, UNSOLVED = 0, 1, 2, 3
 `begin_step` returns MARCHED where only `finish_step` is left, UNSOLVED where
 `solve_step` comes before it, and the final status elsewhere.
 """
-
-_MAX_ROUNDS = 60
 
 
 @compiled
@@ -113,15 +112,9 @@ def _stick_all(n: int, new_state: FloatArray) -> None:
 
 
 @internal
-def _solve(
-    prm: FloatArray,
-    n: int,
-    state: FloatArray,
-    chain: Chain,
-    node: FloatArray,
-    work: FloatArray,
-) -> None:
+def _solve(prm: FloatArray, n: int, step: Step, chain: Chain, node: FloatArray) -> None:
     """Solve the step with the coefficients in `work`, whatever slips and from where."""
+    state, work = step.state, step.work
     shift, slipped = at.row(work, n, at.SHIFT), at.row(work, n, at.SLIPPED)
     growth = at.row(work, n, at.GROWTH)
     growth_proximal = at.row(work, n, at.GROWTH_PROXIMAL)
@@ -160,11 +153,9 @@ def _end_relation(
 
 
 @internal
-def _tension_to_move(
-    prm: FloatArray, n: int, state: FloatArray, work: FloatArray
-) -> FloatArray:
+def _tension_to_move(prm: FloatArray, n: int, step: Step) -> FloatArray:
     """Return the node tensions from which the ends move, see `_pre_step.py`."""
-    tension = at.tensions(state, n)
+    tension = at.tensions(step.state, n)
     if (
         before.loses_stretch(prm)
         or before.seats_anew(prm)
@@ -172,38 +163,39 @@ def _tension_to_move(
         or prm[at.YIELD_PROXIMAL] > 0.0
         or prm[at.YIELD_DISTAL] > 0.0
     ):
-        tension = at.node_row(work, n, before.TENSION_ROW)
+        tension = at.node_row(step.work, n, before.TENSION_ROW)
     return tension
 
 
 @internal
+def step_of(
+    state: FloatArray, new_state: FloatArray, work: FloatArray, dt: float,
+    proximal: float, distal: float,
+) -> Step:  # fmt: skip
+    """Return these as a `Step`, for kernels of Warp."""
+    return Step(state, new_state, work, dt, proximal, distal)
+
+
+@internal
 def begin_step(
-    prm: FloatArray,
-    n: int,
-    state: FloatArray,
-    proximal_kind: int,
-    proximal_value: float,
-    distal_kind: int,
-    distal_value: float,
-    dt: float,
-    new_state: FloatArray,
-    work: FloatArray,
+    prm: FloatArray, n: int, proximal_kind: int, distal_kind: int, step: Step
 ) -> int:
     """Change the tensions before the ends move, and march the fronts where they apply.
 
-    Arguments as in `step`, of which this is the first part. Returns its status.
+    The first part of `step`. Returns its status.
     """
+    state, new_state, work = step.state, step.new_state, step.work
     whole = new_state[: at.state_size(n)]
     whole[:] = state[: at.state_size(n)]
     # Until what changes the tensions before the ends move is done, they hold.
     yield_proximal, yield_distal = prm[at.YIELD_PROXIMAL], prm[at.YIELD_DISTAL]
     prepare.expect_yielding(prm, 0.0, 0.0)
     nodes.recall_springs(prm, state)
-    if not (np.isfinite(proximal_value) and np.isfinite(distal_value)):
+    if not (np.isfinite(step.proximal) and np.isfinite(step.distal)):
         return NOT_FINITE
     is_constant_coulomb = prm[at.CONSTANT_COULOMB] != 0.0
     by_position = proximal_kind == POSITION and distal_kind == POSITION
-    proximal_moved, distal_moved = proximal_value - state[0], distal_value - state[1]
+    proximal_moved, distal_moved = step.proximal - state[0], step.distal - state[1]
     still = by_position and proximal_moved == 0.0 and distal_moved == 0.0
     changes, lengthens = prm[at.BENDS_CHANGE] != 0.0, prm[at.PATH_LENGTHENS] != 0.0
     if is_constant_coulomb and still and not changes:
@@ -213,17 +205,15 @@ def begin_step(
     hold_distal, hold_proximal = growth, growth
     tension = at.tensions(state, n)
     if before.loses_stretch(prm) or before.seats_anew(prm):
-        tension, lost = before.begin_losses(n, state, work)
+        tension, lost = before.begin_losses(n, step)
         if before.seats_anew(prm):
             before.seat_anew(prm, n, state, tension)
         if prm[PLACE.stress_relaxation] > 0.0:
-            before.relax_stress(prm, n, state, dt, new_state, tension, lost)
+            before.relax_stress(prm, n, step, tension, lost)
         if before.clamps_slide(prm):
-            before.slide_in_clamps(prm, n, dt, new_state, tension, lost)
+            before.slide_in_clamps(prm, n, step, tension, lost)
     if lengthens:
-        tension = before.stretch_by_path(
-            prm, n, state, tension, proximal_moved, distal_moved, work
-        )
+        tension = before.stretch_by_path(prm, n, step, tension)
     yielding = yield_proximal > 0.0 or yield_distal > 0.0
     if yielding and lengthens:
         # The springs are of unstretched rope, as the nodes.
@@ -231,11 +221,11 @@ def begin_step(
         yield_distal /= drum.passing_ratio(prm, n, state, 1, -distal_moved)
     if yielding:
         tension = before.add_end_springs(
-            prm, n, state, tension, yield_proximal, yield_distal, new_state, work
+            prm, n, step, tension, yield_proximal, yield_distal
         )
     quick = is_constant_coulomb and by_position
     if quick and prm[PLACE.static_friction] > 0.0:
-        hold_distal, hold_proximal = write_holds(prm, n, state, work)
+        hold_distal, hold_proximal = write_holds(prm, n, step)
     if quick and changes:
         # The fronts presume that friction holds the tensions before the step.
         quick = friction_holds(n, tension, hold_distal, hold_proximal, drag)
@@ -276,20 +266,12 @@ def begin_step(
 
 @internal
 def solve_step(
-    prm: FloatArray,
-    n: int,
-    state: FloatArray,
-    proximal_kind: int,
-    proximal_value: float,
-    distal_kind: int,
-    distal_value: float,
-    dt: float,
-    new_state: FloatArray,
-    work: FloatArray,
+    prm: FloatArray, n: int, proximal_kind: int, distal_kind: int, step: Step
 ) -> None:
     """Find displacements and tensions where `begin_step` returned UNSOLVED."""
-    tension, node = _tension_to_move(prm, n, state, work), at.tensions(new_state, n)
-    proximal_moved, distal_moved = proximal_value - state[0], distal_value - state[1]
+    state, work = step.state, step.work
+    tension, node = _tension_to_move(prm, n, step), at.tensions(step.new_state, n)
+    proximal_moved, distal_moved = step.proximal - state[0], step.distal - state[1]
     greased, is_curved = prm[PLACE.grease_drag] > 0.0, nodes.is_curved(prm)
     if greased:
         guess, speed = at.row(work, n, at.SPEED), at.slip_speeds(state, n)
@@ -298,21 +280,21 @@ def solve_step(
     stiffness = at.node_stiffness(prm, n)
     if is_curved:
         stiffness = nonlinear_elasticity.tangent_stiffness(prm, n, tension, work)
-    for _ in range(_MAX_ROUNDS if is_curved or greased else 1):
-        write_coefficients(prm, n, state, tension, dt, work)
+    for _ in range(60 if is_curved or greased else 1):
+        write_coefficients(prm, n, step, tension)
         proximal_p, proximal_q = _end_relation(
-            proximal_kind, proximal_value, -proximal_moved, tension[0], stiffness[0]
+            proximal_kind, step.proximal, -proximal_moved, tension[0], stiffness[0]
         )
         distal_p, distal_q = _end_relation(
-            distal_kind, distal_value, distal_moved, tension[n], stiffness[n]
+            distal_kind, step.distal, distal_moved, tension[n], stiffness[n]
         )
         chain = Chain(
             tension, stiffness, at.row(work, n, at.HOLD_DISTAL),
             at.row(work, n, at.HOLD_PROXIMAL), at.row(work, n, at.DRAG),
             at.row(work, n, at.VISCOSITY), proximal_p, proximal_q, distal_p, distal_q,
         )  # fmt: skip
-        _solve(prm, n, state, chain, node, work)
-        settled = not greased or update_viscosity(prm, n, node, dt, work)
+        _solve(prm, n, step, chain, node)
+        settled = not greased or update_viscosity(prm, n, step, node)
         if is_curved and not nonlinear_elasticity.relinearize(
             prm, n, tension, proximal_kind == TENSION, proximal_moved,
             distal_kind == TENSION, distal_moved, at.row(work, n, at.SHIFT), node,
@@ -325,37 +307,25 @@ def solve_step(
 
 @internal
 def finish_step(
-    prm: FloatArray,
-    n: int,
-    state: FloatArray,
-    proximal_kind: int,
-    proximal_value: float,
-    distal_kind: int,
-    distal_value: float,
-    dt: float,
-    new_state: FloatArray,
-    work: FloatArray,
+    prm: FloatArray, n: int, proximal_kind: int, distal_kind: int, step: Step
 ) -> None:
-    """Write the new state out of displacements and tensions; last part of `step`."""
+    """Write the new state out of displacements and tensions; the last part."""
+    state, new_state = step.state, step.new_state
     yield_proximal, yield_distal = prm[at.YIELD_PROXIMAL], prm[at.YIELD_DISTAL]
-    commit(
-        prm, n, state, _tension_to_move(prm, n, state, work), proximal_kind,
-        proximal_value, distal_kind, distal_value, dt, new_state, work,
-    )  # fmt: skip
+    tension = _tension_to_move(prm, n, step)
+    commit(prm, n, tension, proximal_kind, distal_kind, step)
     if before.loses_stretch(prm):
-        new_state[2] += before.heat_of_losses(prm, n, state, new_state, work)
+        new_state[2] += before.heat_of_losses(prm, n, step)
     if yield_proximal > 0.0 or yield_distal > 0.0:
-        before.remove_end_springs(
-            prm, n, state, yield_proximal, yield_distal, new_state
-        )
+        before.remove_end_springs(prm, n, step, yield_proximal, yield_distal)
     if prm[at.PATH_LENGTHENS] != 0.0:
         moving_path.apply_material_law(
             prm, n, at.tensions(state, n), at.tensions(new_state, n)
         )
         for end in range(2):
-            sense, value = 1.0, proximal_value
+            sense, value = 1.0, step.proximal
             if end == 1:
-                sense, value = -1.0, distal_value
+                sense, value = -1.0, step.distal
             ratio = drum.passing_ratio(prm, n, state, end, sense * (value - state[end]))
             new_state[end] = value + ratio * (new_state[end] - value)
             paid = sense * (new_state[end] - state[end])
@@ -384,19 +354,11 @@ def step(
     not both TENSION. `dt` [s] matters only to rate-dependent terms. Out: `new_state`,
     which must not overlap `state`. `work` holds `work_size(n)`.
     """
-    status = begin_step(
-        prm, n, state, proximal_kind, proximal_value, distal_kind, distal_value, dt,
-        new_state, work,
-    )  # fmt: skip
+    own = Step(state, new_state, work, dt, proximal_value, distal_value)
+    status = begin_step(prm, n, proximal_kind, distal_kind, own)
     if status == OK or status == NOT_FINITE:
         return status
     if status == UNSOLVED:
-        solve_step(
-            prm, n, state, proximal_kind, proximal_value, distal_kind, distal_value, dt,
-            new_state, work,
-        )  # fmt: skip
-    finish_step(
-        prm, n, state, proximal_kind, proximal_value, distal_kind, distal_value, dt,
-        new_state, work,
-    )  # fmt: skip
+        solve_step(prm, n, proximal_kind, distal_kind, own)
+    finish_step(prm, n, proximal_kind, distal_kind, own)
     return OK

@@ -31,6 +31,8 @@ State vector:
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from cc_mujoco.cable._cable import PARAMETERS
 from cc_mujoco.native import FloatArray, compiled, internal
 
@@ -243,3 +245,14 @@ def node_row(work: FloatArray, n: int, i: int) -> FloatArray:
     """Return row i of the scratch memory of the nodes (n + 1,)."""
     start = _SOLVER_WORK * (n + 1) + _STEP_WORK * n + i * (n + 1)
     return work[start : start + n + 1]
+
+
+class Step(NamedTuple):
+    """One step of a cable, and what is prescribed at its ends."""
+
+    state: FloatArray  # before it
+    new_state: FloatArray  # out
+    work: FloatArray  # scratch
+    dt: float  # time since `state` [s]
+    proximal: float  # displacement [m] or tension [N] of that end after the step
+    distal: float

@@ -9,7 +9,7 @@ on straight sections, and a tight bend at an end of the conduit, where every rev
 begins, would get too few. Half of the segments follow the length here and half the wrap
 angle: with x the place along a conduit of length L and wrap angle W, their density is
 
-    rho(x) = min((1 + kappa(x) L / W) / 2, MAX_REFINEMENT times the mean of rho).
+    rho(x) = min((1 + kappa(x) L / W) / 2, `MAX_REFINEMENT` times the mean of rho).
 
 Only the shape of the conduit counts. Other friction, or all bends tighter by the same
 factor, leave the nodes where they are, so that a fit never moves them. A conduit of
@@ -28,7 +28,6 @@ from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
 
 MAX_REFINEMENT = 8.0
 """Times that a segment may be shorter than the mean."""
-_MAX_ROUNDS, _CONVERGED_SHARE = 50, 1.0 - 1e-12
 
 
 @internal
@@ -56,13 +55,13 @@ def lay_segments(sections: FloatMatrix, n: int, edges: FloatArray) -> None:
             edges[j] = j * step
         return
     mean, total = 1.0, 0.0
-    for _ in range(_MAX_ROUNDS):
+    for _ in range(50):
         total = 0.0
         for s in range(sections.shape[0]):
             total += sections[s, 0] * _segment_density(
                 sections[s, 1], length, wrap, mean
             )
-        if total / length > _CONVERGED_SHARE * mean:
+        if total / length > (1.0 - 1e-12) * mean:
             break
         mean = total / length
     j, start, below = 1, 0.0, 0.0

@@ -41,36 +41,18 @@ import math
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.cable import _moving_path as moving_path
 from cc_mujoco.cable import _pack as pack
-from cc_mujoco.cable._path_geometry import (
-    CENTRE,
-    FIRST,
-    KIND,
-    LAST,
-    MIN_PIECE_LENGTH,
-    PLACE_SIZE,
-    SITE,
-    SPHERE,
-    TOUCHED,
-    Point,
-    angle_between,
-    arc,
-    between,
-    cross,
-    direction_to,
-    dot,
-    in_geom_frame,
-    place_vector,
-)
+from cc_mujoco.cable import _path_geometry as geometry
+from cc_mujoco.cable._path_geometry import Point, direction_to, dot, place_vector
 from cc_mujoco.native import FloatArray, compiled, internal
 
-_CONTACT, _EXTENT = 1, 2
-_LENGTH, _TOTAL, _TOUCH, _LENGTH_BEFORE = 3, 4, 5, 6
-_TOUCH_POINT, _TOUCH_DIRECTION = 7, 10
-_ROWS = _TOUCH_DIRECTION + 3
+(
+    _CONTACT, _EXTENT, _LENGTH, _TOTAL, _TOUCH, _LENGTH_BEFORE, _TOUCH_POINT,
+    _TOUCH_DIRECTION, _ROWS,
+) = 1, 2, 3, 4, 5, 6, 7, 10, 13  # fmt: skip
 """Rows of a shape, for every node; those of a span are at its first node. From
 `_LENGTH` on they are remembered: length of the node, length of the span, what is
 touched, length before the geom, and, in the frame of the geom, place of the point
-touched first and direction in which the path arrives there."""
+touched first and direction in which the path arrives there. How many there are."""
 _AS_REFERENCE, _NOT_TOUCHING, _STRAIGHT = 0.0, -1.0, 1.0
 """Values that `_TOUCH` may have, beside `SPHERE` and `CYLINDER`."""
 ROLLING = -1.0
@@ -133,15 +115,6 @@ def fewest_segments(number: int, mouth: int) -> int:
 
 
 @internal
-def _geoms_behind(places: FloatArray, number: int, mouth: int) -> int:
-    count = 0
-    for k in range(mouth, number):
-        if places[PLACE_SIZE * k + KIND] != SITE:
-            count += 1
-    return count
-
-
-@internal
 def _part_size(total: int, parts: int, i: int) -> int:
     """Return the size of part i of a whole number that is shared out."""
     return total // parts + (1 if i < total % parts else 0)
@@ -151,7 +124,7 @@ def _part_size(total: int, parts: int, i: int) -> int:
 def _angle(a: Point, b: Point) -> float:
     """Return the angle between two directions [rad]; 0 where one is none."""
     if dot(a, a) > 0.0 and dot(b, b) > 0.0:
-        return angle_between(a, b)
+        return geometry.angle_between(a, b)
     return 0.0
 
 
@@ -166,18 +139,18 @@ def _surface_travel(
     """
     p, q, axis = first, last, Point(0.0, 0.0, 1.0)
     along = 0.0
-    if touch != SPHERE:
+    if touch != geometry.SPHERE:
         along = 0.5 * (u.z + v.z) * (q.z - p.z)
         p, q = Point(first.x, first.y, 0.0), Point(last.x, last.y, 0.0)
-    normal = cross(p, q)
+    normal = geometry.cross(p, q)
     size = math.sqrt(dot(normal, normal))
     if not size > 0.0:
         return along
-    if touch == SPHERE:
+    if touch == geometry.SPHERE:
         axis = Point(normal.x / size, normal.y / size, normal.z / size)
     turned = math.atan2(dot(axis, normal), dot(p, q))
     # Directions have a part across the surface where the path touches it from inside.
-    arm = 0.5 * (dot(u, cross(axis, p)) + dot(v, cross(axis, q)))
+    arm = 0.5 * (dot(u, geometry.cross(axis, p)) + dot(v, geometry.cross(axis, q)))
     return along + arm * turned
 
 
@@ -199,9 +172,11 @@ def measure(
     radius of a site [m]. `shape`, of `shape_size(n)`, is filled in with that of the
     segments and nodes behind the conduit.
     """
-    place = max(mouth, 1)  # of the first guide
-    reach = 0.0
-    wraps = _geoms_behind(places, number, mouth)
+    first = max(mouth, 1)  # place of the first guide
+    reach, wraps = 0.0, 0  # geoms behind the mouth
+    for k in range(mouth, number):
+        if places[geometry.PLACE_SIZE * k + geometry.KIND] != geometry.SITE:
+            wraps += 1
     spare = n - guided - fewest_segments(number, mouth) + wraps
     spans = number - 1 - mouth - wraps
     turn, contact = angles(shape, n), contacts(shape, n)
@@ -209,46 +184,45 @@ def measure(
     total, touch = _row(shape, n, _TOTAL), _row(shape, n, _TOUCH)
     for i in range(_EXTENT * (n + 1), _ROWS * (n + 1)):
         shape[i] = 0.0
-    seen, span = 0, 0  # geoms and spans
-    j = guided
-    k = 0
+    seen, span, j, k = 0, 0, guided, 0  # geoms and spans so far, node, place
     arriving = Point(0.0, 0.0, 0.0)
     while k < number - 1:
-        kind, ahead, touched = places[PLACE_SIZE * (k + 1) + KIND], k + 1, False
-        if kind != SITE:
-            ahead = k + 2
-            touched = places[PLACE_SIZE * (k + 1) + TOUCHED] != 0.0
-        a, b = place_vector(places, k, FIRST), place_vector(places, ahead, FIRST)
+        place = geometry.PLACE_SIZE * (k + 1)
+        kind, ahead, touched = places[place + geometry.KIND], k + 1, False
+        if kind != geometry.SITE:
+            ahead, touched = k + 2, places[place + geometry.TOUCHED] != 0.0
+        a = place_vector(places, k, geometry.FIRST)
+        b = place_vector(places, ahead, geometry.FIRST)
         leaving, straight = direction_to(a, b)
         behind, p = leaving, a
         left, right, around, corner = straight, 0.0, 0.0, 0.0
         if touched:
-            p = place_vector(places, k + 1, FIRST)
-            q = place_vector(places, k + 1, LAST)
+            p = place_vector(places, k + 1, geometry.FIRST)
+            q = place_vector(places, k + 1, geometry.LAST)
             leaving, left = direction_to(a, p)
             behind, right = direction_to(q, b)
             chord, distance = direction_to(p, q)
-            if left <= MIN_PIECE_LENGTH:
+            if left <= geometry.MIN_PIECE_LENGTH:
                 leaving = behind
-                if distance > MIN_PIECE_LENGTH:
+                if distance > geometry.MIN_PIECE_LENGTH:
                     leaving = chord
-            if distance > MIN_PIECE_LENGTH:
-                around, corner = arc(places, k + 1, leaving)
+            if distance > geometry.MIN_PIECE_LENGTH:
+                around, corner = geometry.arc(places, k + 1, leaving)
             else:
                 corner = _angle(leaving, behind)
-            if right <= MIN_PIECE_LENGTH:
+            if right <= geometry.MIN_PIECE_LENGTH:
                 behind = leaving
         if k >= mouth:
             if k > 0:
-                guide, turned = guides[k - place], _angle(arriving, leaving)
+                guide, turned = guides[k - first], _angle(arriving, leaving)
                 # The arc of a guide: what it cuts off the corner is neglected.
                 turn[j] = turned if guide != ROLLING else 0.0
                 contact[j] = turned * guide if guide > 0.0 else 0.0
                 j += 1
             m, rolls = 0, False
-            if kind != SITE:
+            if kind != geometry.SITE:
                 m = _part_size(spare, wraps, seen)
-                rolls = guides[k + 1 - place] == ROLLING
+                rolls = guides[k + 1 - first] == ROLLING
                 seen += 1
             elif wraps == 0:
                 m = _part_size(spare, spans, span)
@@ -265,15 +239,15 @@ def measure(
                 length[j + m] = MIN_NODE_LENGTH + right + half
                 touch[j] = kind
                 _row(shape, n, _LENGTH_BEFORE)[j] = left
-                arm = between(place_vector(places, k + 1, CENTRE), p)
-                own = in_geom_frame(places, k + 1, arm)
+                arm = geometry.between(place_vector(places, k + 1, geometry.CENTRE), p)
+                own = geometry.in_geom_frame(places, k + 1, arm)
                 _store_vector(shape, n, _TOUCH_POINT, j, own)
-                own = in_geom_frame(places, k + 1, leaving)
+                own = geometry.in_geom_frame(places, k + 1, leaving)
                 _store_vector(shape, n, _TOUCH_DIRECTION, j, own)
             else:
                 for i in range(m + 1):
                     length[j + i] = MIN_NODE_LENGTH + straight / (float(m) + 1.0)
-                touch[j] = _NOT_TOUCHING if kind != SITE else _STRAIGHT
+                touch[j] = _NOT_TOUCHING if kind != geometry.SITE else _STRAIGHT
             j += m
         # Sites in one place have no path between them, and rub as one.
         if dot(behind, behind) > 0.0:
@@ -500,10 +474,9 @@ def pull_forces(
     if mouth > 0:
         j += 1
     while k < number - 1:
-        ahead, touched = k + 1, False
-        if places[PLACE_SIZE * (k + 1) + KIND] != SITE:
-            ahead = k + 2
-            touched = places[PLACE_SIZE * (k + 1) + TOUCHED] != 0.0
+        place, ahead, touched = geometry.PLACE_SIZE * (k + 1), k + 1, False
+        if places[place + geometry.KIND] != geometry.SITE:
+            ahead, touched = k + 2, places[place + geometry.TOUCHED] != 0.0
         left, right = 0.0, 0.0
         if k >= mouth:
             m = int(extent[j]) - 1
@@ -512,10 +485,11 @@ def pull_forces(
                 left = right = 0.5 * (left + right)
             j += m + 1
         left, right = left + tied, right + tied
-        a, b = place_vector(places, k, FIRST), place_vector(places, ahead, FIRST)
+        a = place_vector(places, k, geometry.FIRST)
+        b = place_vector(places, ahead, geometry.FIRST)
         if touched:
-            p = place_vector(places, k + 1, FIRST)
-            q = place_vector(places, k + 1, LAST)
+            p = place_vector(places, k + 1, geometry.FIRST)
+            q = place_vector(places, k + 1, geometry.LAST)
             _store_pull(forces, 6 * k, a, p, left, aside)
             _store_pull(forces, 6 * k + 3, q, b, right, aside)
         else:
@@ -529,12 +503,8 @@ def _store_pull(
 ) -> None:
     """Write the force with which a piece draws its first point to its second."""
     d, length = direction_to(first, second)
-    if length <= MIN_PIECE_LENGTH:
-        d = Point(
-            1.0 if aside == 0 else 0.0,
-            1.0 if aside == 1 else 0.0,
-            1.0 if aside == 2 else 0.0,
-        )
+    if length <= geometry.MIN_PIECE_LENGTH:
+        d = Point(float(aside == 0), float(aside == 1), float(aside == 2))
     forces[i] = tension * d.x
     forces[i + 1] = tension * d.y
     forces[i + 2] = tension * d.z

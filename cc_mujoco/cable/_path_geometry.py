@@ -23,10 +23,10 @@ from typing import NamedTuple
 
 from cc_mujoco.native import FloatArray, internal
 
-KIND, TOUCHED, FIRST, LAST, CENTRE, AXES = 0, 1, 2, 5, 8, 11
+KIND, TOUCHED, FIRST, LAST, CENTRE, AXES, PLACE_SIZE = 0, 1, 2, 5, 8, 11, 20
 """Numbers of a place: what it is; whether the path touches it, of a geom; where that
-begins, the point of a site; where it ends; centre and three axes of the geom."""
-PLACE_SIZE = 20
+begins, the point of a site; where it ends; centre and three axes of the geom. How many
+they are."""
 SITE, SPHERE, CYLINDER = 0.0, 2.0, 3.0
 """Kinds of a place."""
 MIN_PIECE_LENGTH = 1e-9
@@ -44,15 +44,10 @@ class Point(NamedTuple):
 
 
 @internal
-def vector_at(row: FloatArray, i: int) -> Point:
-    """Return the vector whose three numbers begin at i."""
-    return Point(row[i], row[i + 1], row[i + 2])
-
-
-@internal
 def place_vector(places: FloatArray, k: int, what: int) -> Point:
     """Return a vector of place k, for example `FIRST`."""
-    return vector_at(places, PLACE_SIZE * k + what)
+    i = PLACE_SIZE * k + what
+    return Point(places[i], places[i + 1], places[i + 2])
 
 
 @internal
@@ -139,37 +134,37 @@ def arc(places: FloatArray, k: int, d: Point) -> tuple[float, float]:
     return length, 0.0
 
 
+class _Bent(NamedTuple):
+    """Segments of a conduit along a path."""
+
+    angles: FloatArray  # out
+    lengths: FloatArray
+    n: int
+    scale: float  # metres of segments per metre of path
+
+
 @internal
 def _distribute_angle(
-    out: FloatArray,
-    n: int,
-    length: FloatArray,
-    scale: float,
-    begin: float,
-    end: float,
-    angle: float,
-    j: int,
-    stop: float,
+    bent: _Bent, begin: float, end: float, angle: float, j: int, stop: float
 ) -> tuple[int, float]:
     """Add an angle evenly over the path from `begin` to `end` [m].
 
-    `scale` is metres of segments, of `length` each, per metre of path; what lies
-    outside goes to the nearest end. Nothing begins before segment j, which ends at
-    `stop`; the same of the next part of the path is returned.
+    What lies outside goes to the nearest end. Nothing begins before segment j, which
+    ends at `stop`; the same of the next part of the path is returned.
     """
-    last, here, until, left = n - 1, j, stop, angle
-    a = max(begin * scale, 0.0)
-    b = max(end * scale, a)
+    last, here, until, left = bent.n - 1, j, stop, angle
+    a = max(begin * bent.scale, 0.0)
+    b = max(end * bent.scale, a)
     while here < last and until <= a:
         here += 1
-        until += length[here]
+        until += bent.lengths[here]
     while here < last and until < b:
         part = left * (until - a) / (b - a)
-        out[here] += part
+        bent.angles[here] += part
         left, a = left - part, until
         here += 1
-        until += length[here]
-    out[here] += left
+        until += bent.lengths[here]
+    bent.angles[here] += left
     return here, until
 
 
@@ -193,7 +188,7 @@ def bend(
         whole += segments[j]
     if not total > 0.0:
         return
-    scale = whole / total
+    bent = _Bent(out, segments, n, whole / total)
     p = place_vector(places, 0, FIRST)
     d, directed = Point(0.0, 0.0, 0.0), False  # in which the path arrives at p
     reached = 0.0  # length of the path up to p
@@ -215,20 +210,16 @@ def bend(
             if side == 1 and directed:
                 length, turned = arc(places, k, d)
                 # What the site before turns is yet to be spread, over what lies before.
-                _distribute_angle(
-                    out, n, segments, scale, reached, reached + length, turned, at, stop
-                )
+                _distribute_angle(bent, reached, reached + length, turned, at, stop)
                 directed = False
             else:
                 if directed:
                     middle = 0.5 * (corner + reached)
-                    at, stop = _distribute_angle(
-                        out, n, segments, scale, begin, middle, angle, at, stop
-                    )
+                    at, stop = _distribute_angle(bent, begin, middle, angle, at, stop)
                     angle = angle_between(d, way)
                     corner, begin = reached, middle
                 d, directed = way, True
             p = q
             reached += length
     middle = 0.5 * (corner + reached)
-    _distribute_angle(out, n, segments, scale, begin, middle, angle, at, stop)
+    _distribute_angle(bent, begin, middle, angle, at, stop)

@@ -15,6 +15,7 @@ from cc_mujoco.cable import _moving_path as moving_path
 from cc_mujoco.cable import _nodes as nodes
 from cc_mujoco.cable import _pack as pack
 from cc_mujoco.cable._friction import PLACE
+from cc_mujoco.cable._layout import Step
 from cc_mujoco.native import FloatArray, internal
 
 TENSION_ROW, LOST_ROW = 0, 3
@@ -47,28 +48,24 @@ def seat_anew(prm: FloatArray, n: int, state: FloatArray, tension: FloatArray) -
 
 
 @internal
-def begin_losses(
-    n: int, state: FloatArray, work: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def begin_losses(n: int, step: Step) -> tuple[FloatArray, FloatArray]:
     """Return scratch with the node tensions, and with no stretch lost yet."""
-    old, tension = at.tensions(state, n), at.node_row(work, n, TENSION_ROW)
-    lost = at.node_row(work, n, LOST_ROW)
+    old, tension = at.tensions(step.state, n), at.node_row(step.work, n, TENSION_ROW)
+    lost = at.node_row(step.work, n, LOST_ROW)
     for i in range(n + 1):
         tension[i], lost[i] = old[i], 0.0
     return tension, lost
 
 
 @internal
-def heat_of_losses(
-    prm: FloatArray, n: int, state: FloatArray, new_state: FloatArray, work: FloatArray
-) -> float:
+def heat_of_losses(prm: FloatArray, n: int, step: Step) -> float:
     """Return the energy that went with the stretch that nodes lost [J].
 
     At the mean tension of the step, in which the ends move too. Where the path
     lengthens, rope is longer before it is stretched; so it is where the conduit slides.
     """
-    before, after = at.tensions(state, n), at.tensions(new_state, n)
-    lost, total = at.node_row(work, n, LOST_ROW), 0.0
+    before, after = at.tensions(step.state, n), at.tensions(step.new_state, n)
+    lost, total = at.node_row(step.work, n, LOST_ROW), 0.0
     for i in range(n + 1):
         if lost[i] != 0.0:
             mean = nodes.mean_tension(prm, n, i, before[i], after[i])
@@ -78,25 +75,19 @@ def heat_of_losses(
 
 @internal
 def relax_stress(
-    prm: FloatArray,
-    n: int,
-    state: FloatArray,
-    dt: float,
-    new_state: FloatArray,
-    tension: FloatArray,
-    lost: FloatArray,
+    prm: FloatArray, n: int, step: Step, tension: FloatArray, lost: FloatArray
 ) -> None:
     """Lengthen all parts of the cable equally, by `tension` and `lost` of its nodes."""
-    time, scale = state[at.TIME], prm[PLACE.relaxation_time]
+    time, scale = step.state[at.TIME], prm[PLACE.relaxation_time]
     before = 1.0 + prm[PLACE.stress_relaxation] * math.expm1(-time / scale)
-    after = 1.0 + prm[PLACE.stress_relaxation] * math.expm1(-(time + dt) / scale)
-    rest, wrap = prm[PLACE.pretension], state[at.rest_wrap(n)]
+    after = 1.0 + prm[PLACE.stress_relaxation] * math.expm1(-(time + step.dt) / scale)
+    rest, wrap = prm[PLACE.pretension], step.state[at.rest_wrap(n)]
     grown = nodes.rest_stretch(prm, wrap, rest * before)
     grown -= nodes.rest_stretch(prm, wrap, rest * after)
     for i in range(n + 1):
         lost[i] = at.node_length(prm, n)[i] / prm[at.LENGTH] * grown
         tension[i] = nodes.tension_after_stretch(prm, n, i, tension[i], -lost[i])
-    new_state[3] -= grown
+    step.new_state[3] -= grown
 
 
 @internal
@@ -114,19 +105,14 @@ def loses_stretch(prm: FloatArray) -> bool:
 
 @internal
 def slide_in_clamps(
-    prm: FloatArray,
-    n: int,
-    dt: float,
-    new_state: FloatArray,
-    tension: FloatArray,
-    lost: FloatArray,
+    prm: FloatArray, n: int, step: Step, tension: FloatArray, lost: FloatArray
 ) -> None:
     """Shorten the path at both ends by the creep of the clamps.
 
     The rate is that of the tension which is left at the end of the step with the
     stiffness of the end's node before it, so no step takes it below `clamp_force`.
     """
-    stiffness = at.node_stiffness(prm, n)
+    stiffness, dt = at.node_stiffness(prm, n), step.dt
     for end in range(2):
         i = n * end
         creep = prm[PLACE.clamp_creep_proximal]
@@ -141,24 +127,15 @@ def slide_in_clamps(
             lost[i] += slid
             tension[i] = nodes.tension_after_stretch(prm, n, i, tension[i], -slid)
             if prm[at.PATH_LENGTHENS] == 0.0:
-                new_state[3] -= slid
+                step.new_state[3] -= slid
 
 
 @internal
-def stretch_by_path(
-    prm: FloatArray,
-    n: int,
-    state: FloatArray,
-    old: FloatArray,
-    proximal: float,
-    distal: float,
-    work: FloatArray,
-) -> FloatArray:
-    """Stretch every node by its path's lengthening; return the tension of the nodes.
-
-    `proximal` and `distal` are the motions of the ends in this step [m].
-    """
-    tension, gained = at.node_row(work, n, TENSION_ROW), at.lengthening(prm, n)
+def stretch_by_path(prm: FloatArray, n: int, step: Step, old: FloatArray) -> FloatArray:
+    """Stretch every node by its path's lengthening; return the tension of the nodes."""
+    state = step.state
+    proximal, distal = step.proximal - state[0], step.distal - state[1]  # of the ends
+    tension, gained = at.node_row(step.work, n, TENSION_ROW), at.lengthening(prm, n)
     for i in range(n + 1):
         moved = gained[i]
         if i == 0:
@@ -173,21 +150,16 @@ def stretch_by_path(
 
 @internal
 def add_end_springs(
-    prm: FloatArray,
-    n: int,
-    state: FloatArray,
-    old: FloatArray,
-    yield_proximal: float,
+    prm: FloatArray, n: int, step: Step, old: FloatArray, yield_proximal: float,
     yield_distal: float,
-    new_state: FloatArray,
-    work: FloatArray,
-) -> FloatArray:
+) -> FloatArray:  # fmt: skip
     """Add springs at both ends for the rest of a step; return the node tensions.
 
     A spring is at rest at the tension before the step, or at none where the cable is
     slack, for nothing pushes.
     """
-    tension, before = at.node_row(work, n, TENSION_ROW), at.tensions(state, n)
+    tension = at.node_row(step.work, n, TENSION_ROW)
+    before, new_state = at.tensions(step.state, n), step.new_state
     for i in range(n + 1):
         tension[i] = old[i]
     own_proximal = nodes.node_stretch(prm, n, 0, old[0])
@@ -208,15 +180,11 @@ def add_end_springs(
 
 @internal
 def remove_end_springs(
-    prm: FloatArray,
-    n: int,
-    state: FloatArray,
-    yield_proximal: float,
-    yield_distal: float,
-    new_state: FloatArray,
+    prm: FloatArray, n: int, step: Step, yield_proximal: float, yield_distal: float
 ) -> None:
     """Remove the springs of `add_end_springs` and update the positions of the ends."""
-    before, now = at.tensions(state, n), at.tensions(new_state, n)
+    new_state = step.new_state
+    before, now = at.tensions(step.state, n), at.tensions(new_state, n)
     whole_proximal = nodes.node_stretch(prm, n, 0, now[0])
     whole_distal = nodes.node_stretch(prm, n, n, now[n])
     pack.expect_yielding(prm, 0.0, 0.0)

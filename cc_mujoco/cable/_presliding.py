@@ -21,18 +21,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from cc_mujoco.cable._chain_solve import Chain, break_away, lay_slack, slipping, solve
+from cc_mujoco.cable import _chain_solve as chains
+from cc_mujoco.cable._chain_solve import Chain, Motion
 from cc_mujoco.native import FloatArray, compiled, internal
 
-_MAX_ROUNDS = 20
-"""Rounds after which the step is left to `_graph.sweep`. No step of 160 random motions
-settles later; one that never does costs a controller's period."""
-_QUICK_ROUNDS = 12
-"""Rounds after which the guess is made by `_find_choices`."""
-_ALTERNATIONS = 400
 _ROUNDING = 1e-12
-_MIN_STIFFNESS_RATIO = 1e-9
-"""Stiffness, over that of a node, of a segment that nothing else would determine."""
 
 
 @internal
@@ -53,7 +46,7 @@ def _segment_line(
     """
     if direction == 0.0:
         return 1.0, held[s], spring[s] + chain.viscosity[s]
-    return slipping(chain, s, direction)
+    return chains.slipping(chain, s, direction)
 
 
 @internal
@@ -68,22 +61,17 @@ def _node_tension(i: int, n: int, chain: Chain, shift: FloatArray) -> float:
 
 @internal
 def _solve_choices(
-    n: int,
-    chain: Chain,
-    held: FloatArray,
-    spring: FloatArray,
-    direction: FloatArray,
-    slack_before: FloatArray,
-    slack_behind: FloatArray,
-    shift: FloatArray,
+    n: int, chain: Chain, held: FloatArray, spring: FloatArray, motion: Motion,
     work: FloatArray,
-) -> None:
-    """Solve for the displacements by elimination, given `_find_choices`."""
-    tension, stiffness = chain.tension, chain.stiffness
-    ratio, right = work[:n], work[n : 2 * n]
+) -> None:  # fmt: skip
+    """Solve for the displacements by elimination, with `work` of `_find_choices`."""
+    tension, stiffness, shift = chain.tension, chain.stiffness, motion.shift
+    slack_before, slack_behind = work[:n], work[n : 2 * n]
+    ratio, right = work[2 * n : 3 * n], work[3 * n : 4 * n]
     for s in range(n):
-        gain, offset, own = _segment_line(chain, s, direction[s], held, spring)
-        low, diagonal, high = 0.0, max(own, _MIN_STIFFNESS_RATIO * stiffness[s]), 0.0
+        gain, offset, own = _segment_line(chain, s, motion.direction[s], held, spring)
+        # A segment that nothing else would determine has some stiffness.
+        low, diagonal, high = 0.0, max(own, 1e-9 * stiffness[s]), 0.0
         constant = -offset
         if slack_before[s] == 0.0:
             p, q = chain.proximal_p, chain.proximal_q
@@ -110,15 +98,9 @@ def _solve_choices(
 
 @internal
 def _find_choices(
-    n: int,
-    chain: Chain,
-    held: FloatArray,
-    spring: FloatArray,
-    shift: FloatArray,
-    direction: FloatArray,
-    slack: FloatArray,
+    n: int, chain: Chain, held: FloatArray, spring: FloatArray, motion: Motion,
     work: FloatArray,
-) -> None:
+) -> None:  # fmt: skip
     """Find which way each segment slips and which nodes are slack.
 
     With tensions cut off at zero, the law of a segment reads
@@ -129,19 +111,14 @@ def _find_choices(
     segment is slack; the minimum whether the segment slips towards distal, and whether
     the node behind it is slack. The minimum chooses anew only when the choices of the
     maximum have settled; the displacements then move one way only, so no choice
-    returns. `work` holds (4 n,).
-
-    Other arguments are those of `preslide`. Written are `shift`, `direction` (which way
-    each segment slips, 0 where it does not) and `slack` (not 0 where a node is slack).
+    returns. `work` holds (4 n,); other arguments are those of `preslide`.
     """
+    shift, direction, slack = motion.shift, motion.direction, motion.slack
     slack_before, slack_behind = work[:n], work[n : 2 * n]
     for s in range(n):
         slack_before[s], slack_behind[s] = slack[s], slack[s + 1]
-    for _ in range(_ALTERNATIONS):
-        _solve_choices(
-            n, chain, held, spring, direction, slack_before, slack_behind, shift,
-            work[2 * n :],
-        )  # fmt: skip
+    for _ in range(400):
+        _solve_choices(n, chain, held, spring, motion, work)
         settled = True
         for minimum in range(2):
             if minimum == 1 and not settled:
@@ -203,6 +180,7 @@ def preslide(
     of its bristles. `work` holds (8 n + 1,). Return whether a solution was found.
     """
     slip_direction, slack = work[:n], work[n : 2 * n + 1]
+    motion = Motion(slip_direction, slack, shift, node)
     lines, rest = work[2 * n + 1 : 5 * n + 1], work[5 * n + 1 :]
     gain, offset, own = lines[:n], lines[n : 2 * n], lines[2 * n :]
     free = rest[2 * n :]
@@ -213,19 +191,19 @@ def preslide(
         if slipped[s] != 0.0:
             slip_direction[s] = 1.0 if slipped[s] > 0.0 else -1.0
     settled = False
-    for rounds in range(_MAX_ROUNDS):
-        if rounds >= _QUICK_ROUNDS:
-            _find_choices(
-                n, chain, held, spring, shift, slip_direction, slack, work[2 * n + 1 :]
-            )
+    # No step of 160 random motions settles later; one that never does costs a
+    # controller's period.
+    for rounds in range(20):
+        if rounds >= 12:
+            _find_choices(n, chain, held, spring, motion, work[2 * n + 1 :])
         for s in range(n):
             gain[s], offset[s], own[s] = _segment_line(
                 chain, s, slip_direction[s], held, spring
             )
-        solve(n, chain, gain, offset, own, slack, shift, node, rest)
+        chains.solve(n, chain, lines, motion, rest)
         for s in range(n):
             free[s] = 1.0 if own[s] == 0.0 and offset[s] == 0.0 else 0.0
-        lay_slack(n, chain, free, slack, shift)
+        chains.lay_slack(n, chain, free, motion)
         largest = 0.0
         for i in range(n + 1):
             largest = max(largest, abs(node[i]))
@@ -262,7 +240,8 @@ def preslide(
             continue
         # A segment that slips follows the kinetic law: solve again with it.
         for s in range(n):
-            if break_away(chain, s, slip_direction[s], growth_distal, growth_proximal):
+            way = slip_direction[s]
+            if chains.break_away(chain, s, way, growth_distal, growth_proximal):
                 settled = False
         if settled:
             break

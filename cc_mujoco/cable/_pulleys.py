@@ -176,7 +176,12 @@ class Transmission:
                 f"{distal.size}; both must have the same number"
             )
         TIME_STEP.check(dt)
-        cables = self._stepped()
+        # Winding the motor draws the agonist towards proximal, lets the other one out.
+        ways = (-1.0, 1.0)[: len(self.cables)]
+        arm = self.motor_radius / self.gear_ratio
+        arms = arm, self.motor_radius, self.joint_radius
+        near, gear, far = ([way * radius for way in ways] for radius in arms)
+        cables = stepper.make_cables(self.cables, near, far, gear)
         count, most = len(self.cables), max(each.segments for each in self.cables)
         out = np.empty((2 + 4 * count, proximal.size))
         state, new = np.zeros((2, count, kernel.state_size(most)))
@@ -185,19 +190,11 @@ class Transmission:
             dt, state, new, np.empty(kernel.work_size(most)), out,
         )  # fmt: skip
         require_no_overflow(out, proximal, distal)
-        motor, joint = out[:2]
-        lever, near, far, dissipated = out[2:].reshape(4, count, -1)
-        arm = self.motor_radius / self.gear_ratio
-        motor_torque = _net_tension(near * lever) * arm
-        joint_torque = _net_tension(far) * self.joint_radius
-        return Driven(motor, motor_torque, joint, joint_torque, near, far, dissipated)
-
-    def _stepped(self) -> stepper.Cables:
-        # Winding the motor draws the agonist towards proximal, lets the other one out.
-        ways = (-1.0, 1.0)[: len(self.cables)]
-        arms = self.motor_radius / self.gear_ratio, self.motor_radius, self.joint_radius
-        proximal, gear, distal = ([way * arm for way in ways] for arm in arms)
-        return stepper.make_cables(self.cables, proximal, distal, gear)
+        lever, proximal, distal, lost = out[2:].reshape(4, count, -1)
+        motor_torque = _net_tension(proximal * lever) * arm
+        joint_torque = _net_tension(distal) * self.joint_radius
+        torques = motor_torque, out[1], joint_torque
+        return Driven(out[0], *torques, proximal, distal, lost)
 
 
 def _net_tension(tension: FloatArray) -> FloatArray:

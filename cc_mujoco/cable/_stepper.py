@@ -25,18 +25,9 @@ from cc_mujoco.cable import _root as root
 from cc_mujoco.cable._cable import Cable
 from cc_mujoco.cable._conduit import packed_parameters
 from cc_mujoco.cable._layout import node_stiffness, tensions
-from cc_mujoco.native import FloatArray, FloatMatrix, compiled, internal
+from cc_mujoco.native import FloatArray, FloatMatrix, compiled
 
 Counts = NDArray[np.int64]
-
-MAX_EVALUATIONS = 200
-"""Most evaluations of a balance; some five are usual."""
-
-BALANCE_TOLERANCE = 1e-12
-"""Tolerance of a balance of torques, relative to what the tensions make."""
-
-_MAX_STEP_GROWTH = 10.0
-"""Most by which a step towards a balance is longer than the one before it."""
 
 
 class Cables(NamedTuple):
@@ -152,16 +143,6 @@ def torque(
     return total, size
 
 
-@internal
-def _is_direct(cables: Cables, distal: bool, load: Load) -> bool:
-    """Return whether the load is nothing but the tension of one cable's end."""
-    if cables.n.size > 1 or load.stiffness > 0.0:
-        return False
-    if not (np.isinf(load.low) and np.isinf(load.high)):
-        return False
-    return distal or eccentric.is_round(cables.prm[0])
-
-
 @compiled
 def balance(
     cables: Cables,
@@ -185,10 +166,12 @@ def balance(
     """
     arm = cables.distal if distal else cables.proximal
     wanted, pull = load.torque, max(-load.torque / arm[0], 0.0)
+    prm, n, single = cables.prm[0], cables.n[0], False
     if cables.n.size == 1 and load.stiffness == 0.0:
         wanted = -arm[0] * pull
-    if _is_direct(cables, distal, load):
-        prm, n = cables.prm[0], cables.n[0]
+        single = np.isinf(load.low) and np.isinf(load.high)
+    # The load is nothing but the tension of one cable's end.
+    if single and (distal or eccentric.is_round(prm)):
         if distal:
             u_proximal, _ = proximal_displacement(cables, 0, fixed)
             kernel.step(
@@ -209,13 +192,13 @@ def balance(
     at, reach = min(max(start, load.low), load.high), 0.0
     before, f_before = at, 0.0
     bracket = root.UNKNOWN
-    for _ in range(MAX_EVALUATIONS):
+    for _ in range(200):  # some five are usual
         motor = fixed if distal else at
         move(cables, state, motor, at if distal else fixed, dt, new, work)
         found, size = torque(cables, new, distal, motor)
         aim = wanted + load.stiffness * at
         error = sign * (found - aim)
-        if abs(error) <= BALANCE_TOLERANCE * (size + abs(aim)):
+        if abs(error) <= 1e-12 * (size + abs(aim)):
             break
         if at <= load.low if error > 0.0 else at >= load.high:
             break
@@ -229,7 +212,7 @@ def balance(
             # No cable is stiffer than at its end, so the first step falls short. The
             # next are secant steps through the last two points, limited where one is
             # slack.
-            ahead = _MAX_STEP_GROWTH * reach
+            ahead = 10.0 * reach
             if reach > 0.0 and (error - f_before) * (at - before) > 0.0:
                 ahead = min(ahead, abs(error * (at - before) / (error - f_before)))
             reach = max(ahead, abs(error) / stiffest)

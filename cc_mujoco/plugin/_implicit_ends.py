@@ -71,16 +71,11 @@ from cc_mujoco.cable import _layout as layout
 from cc_mujoco.cable._newmark import NEWMARK, NEWMARK_RK4
 from cc_mujoco.native import FloatArray, internal
 from cc_mujoco.plugin import _attachments as attachments
+from cc_mujoco.plugin import _evaluate as evaluating
 from cc_mujoco.plugin import _ffi as ffi
 from cc_mujoco.plugin import _instance_data as blocks
 from cc_mujoco.plugin import _path as path
-from cc_mujoco.plugin._evaluate import (
-    evaluate,
-    follow_paths,
-    is_rk4,
-    origin,
-    packed_block_of,
-)
+from cc_mujoco.plugin._evaluate import evaluate, is_rk4
 from cc_mujoco.plugin._instance_data import MAX_DOFS, Block
 from cc_mujoco.plugin._mj_struct import MjData, MjModel, disabled
 
@@ -246,10 +241,10 @@ def _smooth_forces(
             given_force = _limited_force(model, data, actuator, output)
             add_moment(data, output, share * given_force, acted)
     for instance in range(model.nplugin):
-        block = packed_block_of(model, data, instance, kind)
+        block = evaluating.packed_block_of(model, data, instance, kind)
         if block == 0:
             continue
-        begin, n = origin(block, model, data, instance)[0], block.segments
+        begin, n = evaluating.origin(block, model, data, instance)[0], block.segments
         node = layout.tensions(blocks.kernel_state(begin, n), n)
         if block.tied[0] == 0:
             lever = blocks.winding(model, data, block)[1]
@@ -480,7 +475,7 @@ def predict_ends(
     """
     own = _prediction(lead, model.nv)
     if lead.known_step == _UNKNOWN:
-        follow_paths(model, data, block.instance, lead.evaluation_count)
+        evaluating.follow_paths(model, data, block.instance, lead.evaluation_count)
         _predict_acceleration(model, data, lead, own)
     _predict_ends(model, data, block, lead.known_step, own, out)
     out[8] = 1.0

@@ -16,13 +16,8 @@ import numpy as np
 from cc_mujoco._utils.arguments import require_kind
 from cc_mujoco.errors import look_up
 from cc_mujoco.native import FloatArray
+from cc_mujoco.plugin import _readings as readings
 from cc_mujoco.plugin._mjcf import instances
-from cc_mujoco.plugin._readings import (
-    held_instance,
-    numbers_of,
-    require_data_of,
-    route_tendon,
-)
 from cc_mujoco.plugin._registration import plugin_function
 
 
@@ -74,8 +69,8 @@ def settle(
     keeps = look_up("rope", rope, {"remount": 0, "keep": 1})
     require_kind("model", model, mujoco.MjModel)
     require_kind("data", data, mujoco.MjData)
-    require_data_of(model, data)
-    held = [held_instance(model, data, name) for name in instances(model)]
+    readings.require_data_of(model, data)
+    held = [readings.held_instance(model, data, name) for name in instances(model)]
     mujoco.mj_fwdPosition(model, data)
     lay = plugin_function("settle")
     for instance in held:
@@ -116,13 +111,16 @@ def step_limits(
     everywhere = data is None
     if data is None:
         data = mujoco.MjData(model)
-    require_data_of(model, data)
-    held = {name: held_instance(model, data, name) for name in instances(model)}
+    readings.require_data_of(model, data)
+    for name in instances(model):
+        readings.held_instance(model, data, name)
     mujoco.mj_fwdPosition(model, data)
-    found = {name: _limits_here(model, data, own) for name, own in held.items()}
+    found = {
+        name: _limits_here(model, data, own) for name, own in instances(model).items()
+    }
     for name, limits in found.items():
         if everywhere and math.isfinite(limits.pieces):
-            poses = sweep(model, model.qpos0, route_tendon(model, name))
+            poses = sweep(model, model.qpos0, readings.route_tendon(model, name))
             pieces = shortest_piece_step(model, data, name, poses)
             found[name] = limits._replace(pieces=pieces)
     return found
@@ -139,7 +137,7 @@ def shortest_piece_step(
     from cc_mujoco.plugin._tendon_survey import piece_timesteps
 
     found = math.inf
-    alone = piece_timesteps(model, data, route_tendon(model, name), 1.0, poses)
+    alone = piece_timesteps(model, data, readings.route_tendon(model, name), 1.0, poses)
     # With what all cables do to each other only where it is shortest without.
     for pose in (poses[0], *poses[np.argsort(alone)[:5]]):
         data.qpos[:] = pose
@@ -151,4 +149,4 @@ def shortest_piece_step(
 def _limits_here(
     model: mujoco.MjModel, data: mujoco.MjData, instance: int
 ) -> StepLimits:
-    return StepLimits(*numbers_of("limits", model, data, instance, 3).tolist())
+    return StepLimits(*readings.numbers_of("limits", model, data, instance, 3).tolist())

@@ -25,9 +25,9 @@ from cc_mujoco.native._fold import Known
 from cc_mujoco.native._warp import translate
 
 FUNCTIONS: tuple[Any, ...] = (
-    kernel.step, kernel.begin_step, kernel.solve_step, kernel.finish_step,
-    pack.initialize, pack.pack_mesh, pack.expect_yielding, nodes.end_stiffness,
-    eccentric.wound_length, eccentric.lever_ratio,
+    kernel.step, kernel.step_of, kernel.begin_step, kernel.solve_step,
+    kernel.finish_step, pack.initialize, pack.pack_mesh, pack.expect_yielding,
+    nodes.end_stiffness, eccentric.wound_length, eccentric.lever_ratio,
 )  # fmt: skip
 """Compiled functions that kernels call."""
 PATH_FUNCTIONS: tuple[Any, ...] = (

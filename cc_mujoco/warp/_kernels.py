@@ -20,13 +20,10 @@ from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _layout as at
 from cc_mujoco.warp._build import GUIDED, Paths, functions
 
-_TENSIONS = at.STATE_HEADER
 OPTIONS: Any = {"fuse_fp": False, "max_unroll": 1}
 """Options of all kernels: rounding as written, and loops that stay loops."""
-_OK, _NOT_FINITE, _UNSOLVED, _DONE = (
-    kernel.OK, kernel.NOT_FINITE, kernel.UNSOLVED, -1,
-)  # fmt: skip
-"""Status of a cable; of one whose forces are written it is `_DONE`."""
+_DONE = -1
+"""Status of a cable whose forces are written."""
 ATTEMPTS = 3
 """Most attempts at a step in which an end may become taut or slack."""
 RESET = 2
@@ -83,7 +80,6 @@ def kernels(
     terms: frozenset[str], implicit: bool, paths: Paths = GUIDED
 ) -> SimpleNamespace:
     own = functions(wp.float32, terms, implicit, paths)
-    begin_step, finish_step = own.begin_step, own.finish_step
     has_pulley = not terms.isdisjoint(["eccentricity", "ovality"])
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
@@ -154,6 +150,14 @@ def kernels(
             )  # fmt: skip
 
     @wp.func
+    def step_of(rows: CableRows, row: int, h: float):
+        return own.step_of(
+            rows.state[rows.now[row], row], rows.state[1 - rows.now[row], row],
+            rows.work[row % rows.work.shape[0]], h, rows.trial[row, 0],
+            rows.trial[row, 1],
+        )  # fmt: skip
+
+    @wp.func
     def try_fronts(rows: CableRows, row: int, n: int, h: float, attempt: int):
         if attempt == 0:
             for i in range(4):
@@ -161,20 +165,13 @@ def kernels(
                 rows.trial[row, 4 + i] = 0.0
         if wp.static(implicit):
             own.expect_yielding(rows.prm[row], rows.trial[row, 2], rows.trial[row, 3])
-        rows.status[row] = begin_step(
-            rows.prm[row], n, rows.state[rows.now[row], row], 0, rows.trial[row, 0], 0,
-            rows.trial[row, 1], h, rows.state[1 - rows.now[row], row],
-            rows.work[row % rows.work.shape[0]],
-        )  # fmt: skip
+        step = step_of(rows, row, h)
+        rows.status[row] = own.begin_step(rows.prm[row], n, 0, 0, step)
 
     @wp.func
     def solve_rest(rows: CableRows, row: int, n: int, h: float):
-        if rows.status[row] == _UNSOLVED:
-            own.solve_step(
-                rows.prm[row], n, rows.state[rows.now[row], row], 0, rows.trial[row, 0],
-                0, rows.trial[row, 1], h, rows.state[1 - rows.now[row], row],
-                rows.work[row % rows.work.shape[0]],
-            )  # fmt: skip
+        if rows.status[row] == kernel.UNSOLVED:
+            own.solve_step(rows.prm[row], n, 0, 0, step_of(rows, row, h))
 
     @wp.func
     def asks_again(rows: CableRows, row: int, n: int, attempt: int):
@@ -185,8 +182,8 @@ def kernels(
         for end in range(2):
             doubt = float(rows.trial[row, 4 + end])
             passes = float(0.0)
-            before = rows.state[now, row, _TENSIONS + end * n]
-            after = rows.state[1 - now, row, _TENSIONS + end * n]
+            before = rows.state[now, row, at.STATE_HEADER + end * n]
+            after = rows.state[1 - now, row, at.STATE_HEADER + end * n]
             if attempt == 0:
                 sense = 1.0 - 2.0 * float(end)
                 gained = wp.max(after, 0.0) - wp.max(before, 0.0)
@@ -237,19 +234,15 @@ def kernels(
         """Take the last part; apply the tensions unless there is another attempt."""
         row, n = cable * rows.worlds + world, rows.segments[cable]
         now, status = rows.now[row], rows.status[row]
-        if status != _OK and status != _NOT_FINITE:
-            finish_step(
-                rows.prm[row], n, rows.state[now, row], 0, rows.trial[row, 0], 0,
-                rows.trial[row, 1], h, rows.state[1 - now, row],
-                rows.work[row % rows.work.shape[0]],
-            )  # fmt: skip
+        if status != kernel.OK and status != kernel.NOT_FINITE:
+            own.finish_step(rows.prm[row], n, 0, 0, step_of(rows, row, h))
         if wp.static(implicit):
-            if status != _NOT_FINITE and rows.looks[cable] != 0:
+            if status != kernel.NOT_FINITE and rows.looks[cable] != 0:
                 if asks_again(rows, row, n, attempt):
                     return
         for end in range(2):
-            tension = wp.max(rows.state[1 - now, row, _TENSIONS + end * n], 0.0)
-            if status == _NOT_FINITE:
+            tension = wp.max(rows.state[1 - now, row, at.STATE_HEADER + end * n], 0.0)
+            if status == kernel.NOT_FINITE:
                 tension = wp.nan
             rows.tensions[world, cable, end] = tension
             pull = -tension

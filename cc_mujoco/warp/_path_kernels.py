@@ -12,16 +12,13 @@ from types import SimpleNamespace
 import warp as wp
 
 from cc_mujoco.cable import _layout as at
+from cc_mujoco.cable import _path_geometry as geometry
 from cc_mujoco.warp._build import Paths, functions
 from cc_mujoco.warp._kernels import OPTIONS, RESET, CableRows
 from cc_mujoco.warp._place_kernels import (
-    FIRST,
-    LAST,
-    SITE,
-    SIZE,
-    TOUCHED,
     Links,
     Pose,
+    place_vector,
     read_places,
     vector_of,
 )
@@ -192,7 +189,7 @@ def path_kernels(terms: frozenset[str], yields: bool, kind: Paths) -> SimpleName
                     gear = gears[world % gears.shape[0], rows.actuators[cable, end]][0]
                     if end == 1:
                         gear = -gear
-                    place = wp.static(at.STATE_HEADER) + end * n
+                    place = at.STATE_HEADER + end * n
                     tied += gear * wp.max(rows.state[which, row, place], 0.0)
         places, forces = paths.places[row], paths.forces[row]
         origin = vector_of(paths.near[row], 0)
@@ -201,26 +198,26 @@ def path_kernels(terms: frozenset[str], yields: bool, kind: Paths) -> SimpleName
             places, number, paths.mouths[cable], paths.shape[row], n, guided,
             own.tensions(rows.state[which, row], n), tied, -1, forces,
         )  # fmt: skip
-        k = int(0)
+        k, start = int(0), paths.starts[cable]
         while k < number - 1:
-            place = paths.starts[cable] + k
-            here, i = vector_of(places, SIZE * k + FIRST), 6 * k
-            body = int(paths.bodies[place])
-            if paths.kinds[place + 1] != SITE:
+            here, i = place_vector(places, k, geometry.FIRST), 6 * k
+            body = int(paths.bodies[start + k])
+            if paths.kinds[start + k + 1] != geometry.SITE:
                 k += 1
-                if places[SIZE * k + TOUCHED] != 0.0:
-                    on = int(paths.bodies[place + 1])
+                if places[geometry.PLACE_SIZE * k + geometry.TOUCHED] != 0.0:
+                    on = int(paths.bodies[start + k])
                     _draw(
                         paths, row, here, body,
-                        vector_of(places, SIZE * k + FIRST), on,
+                        place_vector(places, k, geometry.FIRST), on,
                         vector_of(forces, i), origin, centres[world], motions[world],
                     )  # fmt: skip
-                    here, body, i = vector_of(places, SIZE * k + LAST), on, i + 3
+                    here, body = place_vector(places, k, geometry.LAST), on
+                    i += 3
             k += 1
             _draw(
-                paths, row, here, body, vector_of(places, SIZE * k + FIRST),
-                paths.bodies[paths.starts[cable] + k], vector_of(forces, i),
-                origin, centres[world], motions[world],
+                paths, row, here, body, place_vector(places, k, geometry.FIRST),
+                paths.bodies[start + k], vector_of(forces, i), origin, centres[world],
+                motions[world],
             )  # fmt: skip
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)

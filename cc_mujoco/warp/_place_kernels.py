@@ -16,12 +16,6 @@ import warp as wp
 
 from cc_mujoco.cable import _path_geometry as geometry
 
-SIZE, TOUCHED, FIRST, LAST, SITE = (
-    geometry.PLACE_SIZE, geometry.TOUCHED, geometry.FIRST, geometry.LAST,
-    geometry.SITE,
-)  # fmt: skip
-"""Numbers of a place, for kernels."""
-
 
 @wp.struct
 class Links:
@@ -70,6 +64,11 @@ class Pose:
 @wp.func
 def vector_of(row: wp.array(dtype=float), i: int):
     return wp.vec3(row[i], row[i + 1], row[i + 2])
+
+
+@wp.func
+def place_vector(places: wp.array(dtype=float), k: int, what: int):
+    return vector_of(places, geometry.PLACE_SIZE * k + what)
 
 
 @wp.func
@@ -193,7 +192,7 @@ def _attached(
 def _on_surface(kind: float, radius: float, axis: wp.vec3, arm: wp.vec3):
     """Return the point of a sphere or a cylinder that is closest to one near it."""
     along = wp.vec3(0.0, 0.0, 0.0)
-    if kind != wp.static(geometry.SPHERE):
+    if kind != geometry.SPHERE:
         along = wp.dot(arm, axis) * axis
     return along + radius * wp.normalize(arm - along)
 
@@ -223,22 +222,22 @@ def read_places(
     points, wrapped = pose.wrap_xpos[world], pose.wrap_obj[world]
     point = int(pose.ten_wrapadr[world, tendon])
     for k in range(number):
-        place, i = start + k, SIZE * k
+        place, i = start + k, geometry.PLACE_SIZE * k
         kind, thing = kinds[place], objects[place]
         places[i] = kind
-        if kind == SITE:
+        if kind == geometry.SITE:
             own = pose.site_pos[world % pose.site_pos.shape[0], thing]
             at = _attached(links, pose, tendon, world, place, own, near)
-            _write_vector(places, i + FIRST, at)
+            _write_vector(places, i + geometry.FIRST, at)
             point += 1
         else:
-            places[i + TOUCHED] = 0.0
+            places[i + geometry.TOUCHED] = 0.0
             pair = wrapped[point // 2]
             touched = pair[1]
             if point % 2 == 0:
                 touched = pair[0]
             if touched == thing:
-                places[i + TOUCHED] = 1.0
+                places[i + geometry.TOUCHED] = 1.0
                 own = pose.geom_pos[world % pose.geom_pos.shape[0], thing]
                 centre = _attached(links, pose, tendon, world, place, own, near)
                 frame = wp.transpose(pose.geom_xmat[world, thing])
@@ -248,10 +247,10 @@ def read_places(
                     arm -= pose.geom_xpos[world, thing]
                     arm = _on_surface(kind, radius, frame[2], arm)
                     # The last point follows the first one.
-                    _write_vector(places, i + FIRST + 3 * side, centre + arm)
+                    _write_vector(places, i + geometry.FIRST + 3 * side, centre + arm)
                 point += 2
-                _write_vector(places, i + wp.static(geometry.CENTRE), centre)
-                axes = i + wp.static(geometry.AXES)
+                _write_vector(places, i + geometry.CENTRE, centre)
+                axes = i + geometry.AXES
                 _write_vector(places, axes, frame[0])
                 _write_vector(places, axes + 3, frame[1])
                 _write_vector(places, axes + 6, frame[2])

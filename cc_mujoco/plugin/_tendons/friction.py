@@ -37,16 +37,11 @@ from cc_mujoco.cable._cable import (
     Section,
 )
 from cc_mujoco.errors import CableError, CableWarning, look_up
+from cc_mujoco.plugin import _spec as specs
 from cc_mujoco.plugin._mjcf import to_mjcf
 from cc_mujoco.plugin._path import ARC_SEGMENTS
 from cc_mujoco.plugin._readings import tendon_turn
 from cc_mujoco.plugin._settle import step_limits
-from cc_mujoco.plugin._spec import (
-    compile_spec,
-    find_element,
-    muted_warnings,
-    require_spec,
-)
 from cc_mujoco.plugin._tendons import account as accounts
 from cc_mujoco.plugin._tendons import burden as burdens
 from cc_mujoco.plugin._tendons import winch as winching
@@ -142,7 +137,7 @@ def add_friction(
             because its sites zig-zag, the time step bears only a soft tendon, or
             `qpos0` violates its `range`.
     """
-    require_spec(spec)
+    specs.require_spec(spec)
     for key in parameters:
         if key not in _ALLOWED_KEYS:
             raise CableError.unknown("cable parameter", key, _ALLOWED_KEYS)
@@ -150,7 +145,7 @@ def add_friction(
     start, named = spec.copy(), dict[Any, str]()
     if len(start.tendons) != len(spec.tendons):
         # A copy omits dangling references; compiling the original reports them.
-        compile_spec(spec)
+        specs.compile_spec(spec)
     for which in tendon if several else (tendon,):  # type: ignore[union-attr]
         name = _name_of(start, which)
         if name not in named.values():
@@ -173,8 +168,8 @@ def add_friction(
             )
         given = {key: value for key, value in own.items() if value is not None}
         requests.append((name, *ends, given))
-    with muted_warnings():
-        original = compile_spec(start.copy())
+    with specs.muted_warnings():
+        original = specs.compile_spec(start.copy())
         takeovers = [
             _Takeover(burdens.find_burden(start, original, name), *request)
             for name, *request in requests
@@ -185,7 +180,7 @@ def add_friction(
             if isinstance(which, int):
                 spec.tendons[which].name = name
         if spec.keys:
-            compile_spec(spec)  # from now on its keyframes follow what is added
+            specs.compile_spec(spec)  # from now on its keyframes follow what is added
         _write_branches(spec, takeovers)
         if winches := [x.winch for x in takeovers if x.winch is not None]:
             winching.write_winches(spec, original, winches, moved)
@@ -248,7 +243,7 @@ class _Takeover:
 
 def _name_of(spec: mujoco.MjSpec, which: Any) -> str:
     """Return the name of a tendon given by its name or index; give it one without."""
-    found = find_element("tendon", which, spec.tendons)
+    found = specs.find_element("tendon", which, spec.tendons)
     if not found.name:
         name, names = f"tendon_{which}", {tendon.name for tendon in spec.tendons}
         while name in names:
@@ -318,7 +313,7 @@ def _plan(
                 cable.replace(axial_stiffness=stiffness) for cable in takeover.cables
             ]
     _write_cables(tried, takeovers)
-    return moved, compile_spec(tried)
+    return moved, specs.compile_spec(tried)
 
 
 def _write_branches(spec: mujoco.MjSpec, takeovers: list[_Takeover]) -> None:
@@ -480,7 +475,7 @@ def _find_bearable(spec: mujoco.MjSpec, takeovers: list[_Takeover]) -> None:
     """
     tried = spec.copy()
     _write_cables(tried, takeovers)
-    model = compile_spec(tried)
+    model = specs.compile_spec(tried)
     data = mujoco.MjData(model)
     names = [cable.route for takeover in takeovers for cable in takeover.cables]
     shortest = dict.fromkeys(names, math.inf)

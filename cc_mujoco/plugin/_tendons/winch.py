@@ -33,14 +33,8 @@ import numpy as np
 from cc_mujoco.errors import CableError
 from cc_mujoco.native import FloatArray
 from cc_mujoco.plugin._spec import add_element, compile_spec
-from cc_mujoco.plugin._tendons.burden import (
-    CARRIED,
-    Burden,
-    can_push,
-    keep_constraints,
-    kind_of,
-    slacken,
-)
+from cc_mujoco.plugin._tendons import burden as burdens
+from cc_mujoco.plugin._tendons.burden import Burden
 
 _HINGE, _SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
 _GAIN, _BIAS = mujoco.mjtGain, mujoco.mjtBias
@@ -181,7 +175,7 @@ def _stable_winch(
     if "frictionloss" in burden.fields:
         mass_share = 0.1
     # Inertia that bears an explicit drag c at a step h, as a share of c h.
-    muscles = any(kind_of(original, i) == "muscle" for i in burden.actuators)
+    muscles = any(burdens.kind_of(original, i) == "muscle" for i in burden.actuators)
     margin = 0.6 if muscles else 1.0
     inertias, damping = [], []
     for branch, mass in zip(burden.branches, trial.inertias, strict=True):
@@ -293,7 +287,7 @@ def write_winches(
     for winch in winches:
         _write_winch(spec, original, winch)
     model = compile_spec(spec.copy()) if model is None else model
-    keep_constraints(spec, model, original, [winch.burden for winch in winches])
+    burdens.keep_constraints(spec, model, original, [winch.burden for winch in winches])
     _pose_keyframes(spec, original, winches)
     return model
 
@@ -322,7 +316,7 @@ def _write_winch(
             damping=[damping * lever**2, 0.0, 0.0],
         )  # fmt: skip
     own = spec.tendon(burden.tendon)
-    taken = {field: copy.copy(getattr(own, field)) for field in CARRIED}
+    taken = {field: copy.copy(getattr(own, field)) for field in burdens.CARRIED}
     taken["springlength"] = burden.rest
     clamp = None if probing else _pull_range(original, burden)
     if clamp is not None:
@@ -334,7 +328,7 @@ def _write_winch(
     sum_of = add_element(spec, "tendon", name=burden.winch, **taken)
     for name, branch in zip(winch.names, burden.branches, strict=True):
         sum_of.wrap_joint(name, winch.lever / branch.divisor)
-    slacken(spec, burden.tendon)
+    burdens.slacken(spec, burden.tendon)
     for place in burden.actuators:
         _move_actuator(spec.actuators[place], original, place, burden.winch)
     if probing:
@@ -368,7 +362,7 @@ def _move_actuator(
 
 
 def _pull_range(original: mujoco.MjModel, burden: Burden) -> tuple[float, float] | None:
-    if not can_push(original, burden):
+    if not burdens.can_push(original, burden):
         return None
     out = original.actuator_outadr[list(burden.actuators)]
     gears = original.actuator_gear[out, 0]

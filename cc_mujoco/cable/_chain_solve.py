@@ -39,7 +39,7 @@ class Chain(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """What moves in a step: a guess, or the solution."""
+    """Motion of a chain in a step: a guess, or the solution."""
 
     direction: FloatArray  # way in which each segment slips, 0 where it rests (n,)
     slack: FloatArray  # not 0 where a node is slack (n + 1,)

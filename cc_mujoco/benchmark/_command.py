@@ -101,10 +101,14 @@ class Benchmark:
         from cc_mujoco.benchmark._report import DEFAULT_BASELINE
         from cc_mujoco.benchmark._runner import REPORT_FILE, RESULTS_FILE
         from cc_mujoco.benchmark._suites import SUITES, default_suite
+        from cc_mujoco.benchmark._user_entry import blank_command_line
 
         suite = self.suite or default_suite(self.scene)
         laws = self.controllers or look_up("suite", suite, SUITES).controllers
-        key = self.key or (new_key() if any(map(is_user_controller, laws)) else "")
+        key = self.key
+        if any(map(is_user_controller, laws)):
+            blank_command_line("--key", "--seeds", "--first-seed")
+            key = key or new_key()
         about = {f: getattr(self, f) for f in ("conditions", "seeds", "first_seed")}
         plan = BenchmarkPlan(
             laws, suite, self.scene, **about, duration=self.duration, key=key

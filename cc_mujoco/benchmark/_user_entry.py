@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import atexit
 import contextlib
+import ctypes
 import json
 import os
 import pickle
@@ -54,6 +55,26 @@ def controller_provenance(*names: str) -> dict[str, Any]:
     for name in filter(registry.runs_code, names):
         found["files"] |= _processes[name].files
     return found
+
+
+def blank_command_line(*options: str) -> None:
+    """Overwrite the values of options in the command line of this process.
+
+    Every process of the same user can read it, an entry too; on other systems than
+    Linux it stays what it is.
+    """
+    if sys.platform != "linux":
+        return
+    with open("/proc/self/stat", "rb") as file:
+        fields = file.read().rpartition(b")")[2].split()
+    start, end = int(fields[45]), int(fields[46])  # of its words, as bytes
+    place, last = start, b""
+    for word in ctypes.string_at(start, end - start).split(b"\0"):
+        option, _, value = word.partition(b"=")
+        secret = value if os.fsdecode(option) in options else word
+        if secret is value or os.fsdecode(last) in options:
+            ctypes.memset(place + len(word) - len(secret), ord("*"), len(secret))
+        place, last = place + len(word) + 1, word
 
 
 class Entry(Controller):

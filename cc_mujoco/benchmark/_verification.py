@@ -76,7 +76,7 @@ def verify(path: str | os.PathLike[str], count: int) -> str:
                     )
         compared += len(own)
     return (
-        f"{count} random rows of {len(rows)}, and with them all {compared} of their "
+        f"{count} random rows of {len(rows)}, and with them all {compared} rows of "
         f"{len(cells)} cells, are what a replay gives, bit for bit."
     )
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -157,6 +159,32 @@ def test_a_plant_of_a_run_with_a_key_follows_from_no_seed_alone() -> None:
     for wrong in ("5", key.upper() + "0", "g" * 32):
         with pytest.raises(CableError, match="32 hexadecimal digits"):
             dataclasses.replace(SHORT, key=wrong).cells()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="others have no /proc")
+@pytest.mark.parametrize("joined", [False, True], ids=["words", "joined"])
+def test_no_entry_reads_seeds_or_key_off_the_command_line(joined: bool) -> None:
+    secret = {"--key": new_key(), "--first-seed": "83017", "--seeds": "250"}
+    given = [part for pair in secret.items() for part in pair]
+    if joined:
+        given = [f"{name}={value}" for name, value in secret.items()]
+    judge = (
+        "import sys; from cc_mujoco.benchmark import _user_entry as entry; "
+        f"entry.blank_command_line(*{[*secret]}); print(sys.argv[1:], flush=True); "
+        "input()"
+    )
+    command = [sys.executable, "-c", judge, "wrist", *given, "--out", "runs/ü"]
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdin is not None and process.stdout is not None
+        own = process.stdout.readline()
+        seen = Path(f"/proc/{process.pid}/cmdline").read_bytes().decode()
+        process.stdin.write("\n")
+    assert repr(given).strip("[]") in own  # it still has its own words
+    words = seen.partition("wrist")[2]
+    assert words.endswith("--out\0runs/ü\0") and all(name in words for name in secret)
+    assert not any(value in words for value in secret.values())
 
 
 @pytest.mark.usefixtures("undrawn")

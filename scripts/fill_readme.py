@@ -25,21 +25,9 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
+from cc_mujoco import benchmark
 from cc_mujoco._utils.atomic_io import replacing
 from cc_mujoco._utils.command_options import progress_options
-from cc_mujoco.benchmark import (
-    DEFAULT_BASELINE,
-    OVERVIEW_HEADING,
-    REFERENCES,
-    SCORES,
-    BenchmarkPlan,
-    Results,
-    overview_table,
-    ranks_table,
-    reference_definitions,
-    rms_errors,
-    run,
-)
 from cc_mujoco.cable import PARAMETERS
 from cc_mujoco.cable import _parameter as of_parameters
 from cc_mujoco.device import MATERIALS
@@ -101,10 +89,14 @@ def claim_rows(claims: Mapping[str, Sequence[Claim]]) -> list[list[str]]:
     return rows
 
 
-def tables(results: Results) -> str:
+def tables(results: benchmark.Results) -> str:
     """Return the Markdown of a benchmark: overview, without intervals, references."""
-    references = reference_definitions(REFERENCES)
-    whole = [OVERVIEW_HEADING, table(*overview_table(results)), "\n".join(references)]
+    references = benchmark.reference_definitions(benchmark.REFERENCES)
+    whole = [
+        benchmark.OVERVIEW_HEADING,
+        table(*benchmark.overview_table(results)),
+        "\n".join(references),
+    ]
     left_out = r" \([\d.]+ to [\d.]+\)| with its 95 % interval"
     return re.sub(left_out, "", "\n\n".join(whole))
 
@@ -191,9 +183,9 @@ def structure(path: Path) -> str:
     )
 
 
-def write_results(results: Results) -> None:
+def write_results(results: benchmark.Results) -> None:
     """Write scores by condition, and ranks, as CSV beside the page."""
-    names = [score.name for score in SCORES]
+    names = [score.name for score in benchmark.SCORES]
     conditions = [["scene", "condition", "controller", *names]]
     for cell, played in results:
         scores = (played.scores[name] for name in names)
@@ -202,8 +194,8 @@ def write_results(results: Results) -> None:
         at = cell.condition
         conditions.append([at.label, at.name, cell.controller, *means])
     ranks = [["scene", "rank", "controller", "error", "less_pi", "better_than"]]
-    for scene, errors in rms_errors(results).items():
-        _, *ranked = plain(ranks_table(errors, DEFAULT_BASELINE))
+    for scene, errors in benchmark.rms_errors(results).items():
+        _, *ranked = plain(benchmark.ranks_table(errors, benchmark.DEFAULT_BASELINE))
         ranks += [[scene, *row] for row in ranked]
     for stem, lines in (("v1-conditions", conditions), ("v1-ranks", ranks)):
         write_csv(PAGES["benchmark"].with_name(f"{stem}.csv"), lines)
@@ -214,11 +206,11 @@ def write_csv(path: Path, rows: Sequence[Sequence[str]]) -> None:
         csv.writer(to, lineterminator="\n").writerows(rows)
 
 
-def played(folder: Path, seeds: int | None) -> Results:
+def played(folder: Path, seeds: int | None) -> benchmark.Results:
     """Play what of the suite is not played yet, and return all of it."""
-    plan = BenchmarkPlan(ENTRIES, seeds=seeds)
+    plan = benchmark.BenchmarkPlan(ENTRIES, seeds=seeds)
     with tqdm(total=len(plan.cells()), unit="cell", **progress_options()) as bar:
-        return run(
+        return benchmark.run(
             plan, folder, workers=0, progress=lambda done: bar.update(done - bar.n)
         )
 

@@ -32,15 +32,8 @@ import numpy as np
 import train_policy
 from numpy.typing import NDArray
 
+from cc_mujoco import control
 from cc_mujoco.benchmark import STRUCTURES, SUITES, effect_values
-from cc_mujoco.control import (
-    Controller,
-    Network,
-    PlantsController,
-    PredictiveCompensation,
-    axes_controller,
-    write_policy,
-)
 from cc_mujoco.device import IN_EPISODES, CableDrive, Device
 from cc_mujoco.device._observation import ObservationHistory
 from cc_mujoco.device._sensors import BIAS, AxesMeasuring
@@ -104,7 +97,7 @@ def teacher(
     law: str = TEACHER,
     hold: int = HOLD,
     bandwidth: float = BANDWIDTH,
-) -> Controller:
+) -> control.Controller:
     """Return a controller that knows the plants that an environment has now.
 
     An action is held for `hold` samples; `bandwidth` is of the plans of `predictive`.
@@ -125,9 +118,11 @@ def teacher(
         ]
         for plant in env.plants
     ]
-    planned = functools.partial(PredictiveCompensation, bandwidth=bandwidth)
+    planned = functools.partial(control.PredictiveCompensation, bandwidth=bandwidth)
     prefixes, given = exo.device.prefixes, planned if law == TEACHER else law
-    made = PlantsController([axes_controller(given, own, prefixes) for own in drives])
+    made = control.PlantsController(
+        [control.axes_controller(given, own, prefixes) for own in drives]
+    )
     made.reset()
     return made
 
@@ -141,7 +136,7 @@ class Classroom:
         seed: int,
         history: int = HISTORY,
         hold: int = HOLD,
-        teach: Callable[..., Controller] = teacher,
+        teach: Callable[..., control.Controller] = teacher,
     ) -> None:
         """Reset the environment; `teach` makes the teacher, see `teacher`.
 
@@ -285,8 +280,8 @@ class Student:
             losses += loss.item()
         return losses / steps
 
-    def network(self) -> Network:
-        found = Network.of_layers(
+    def network(self) -> control.Network:
+        found = control.Network.of_layers(
             self._layers, self._mean.astype(float), self._deviation.astype(float)
         )
         weights, biases = list(found.weights), list(found.biases)
@@ -319,7 +314,7 @@ def train(options: argparse.Namespace) -> None:
         taught = np.concatenate([taught, *(own[1] for own in lessons)])
     steps = FINAL * options.updates
     student.fit(seen, taught, steps, (rates[-1], 0.0), BATCH)
-    write_policy(
+    control.write_policy(
         options.out / f"{options.seed}.safetensors",
         student.network(),
         rooms[0].observed,

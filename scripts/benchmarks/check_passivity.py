@@ -33,18 +33,8 @@ import numpy as np
 import tyro
 from scipy.optimize import differential_evolution
 
+from cc_mujoco import export
 from cc_mujoco.control import CONTROLLERS
-from cc_mujoco.export import (
-    LIMB_RANGES,
-    PASSIVITY_REFERENCES,
-    PASSIVITY_TASKS,
-    WearerEnergy,
-    first_places,
-    inertia_of,
-    limb_of,
-    play,
-    wearer_bounds,
-)
 from cc_mujoco.native import FloatArray as Array
 from cc_mujoco.report import table
 
@@ -53,12 +43,12 @@ Piece = tuple[str, str, str]
 
 
 def search(
-    evaluate: Callable[[Array], WearerEnergy],
+    evaluate: Callable[[Array], export.WearerEnergy],
     bounds: Array,
     generations: int = 5,
     crowd: int = 24,
     seed: int = 0,
-) -> tuple[Array, WearerEnergy]:
+) -> tuple[Array, export.WearerEnergy]:
     """Look for who gets the most energy while he holds still.
 
     The wearers of a crowd, at places (wearers, k) within the bounds (k, 2), are
@@ -66,9 +56,9 @@ def search(
     (tried, k), and what became of the wearers there.
     """
     low, high = bounds.T
-    first = low + first_places(len(bounds), crowd, seed) * (high - low)
+    first = low + export.first_places(len(bounds), crowd, seed) * (high - low)
     tried: list[Array] = []
-    results: list[WearerEnergy] = []
+    results: list[export.WearerEnergy] = []
 
     def loss(places: Array) -> Array:
         tried.append(places.T.copy())
@@ -86,7 +76,7 @@ def search(
         vectorized=True,
         rng=seed,
     )
-    return np.vstack(tried), WearerEnergy(
+    return np.vstack(tried), export.WearerEnergy(
         *(np.concatenate(parts) for parts in zip(*results, strict=True))
     )
 
@@ -95,17 +85,17 @@ def searched(piece: Piece, generations: int, crowd: int) -> list[dict[str, Any]]
     name, task, law = piece
     scene, _, own = name.partition(".")
     axis = own or None
-    inertia = inertia_of(scene, axis)
+    inertia = export.inertia_of(scene, axis)
 
-    def played(places: Array) -> WearerEnergy:
-        limbs = [limb_of(place, inertia) for place in places]
-        return play(scene, law, task, limbs, axis=axis)
+    def played(places: Array) -> export.WearerEnergy:
+        limbs = [export.limb_of(place, inertia) for place in places]
+        return export.play(scene, law, task, limbs, axis=axis)
 
-    bounds = wearer_bounds(scene, axis)
+    bounds = export.wearer_bounds(scene, axis)
     tried, found = search(played, bounds, generations, crowd)
-    limbs = [limb_of(place, inertia) for place in tried]
+    limbs = [export.limb_of(place, inertia) for place in tried]
     # A wearer of little damping swings on by himself.
-    swings = play(scene, "ideal", task, limbs, axis=axis).velocity
+    swings = export.play(scene, "ideal", task, limbs, axis=axis).velocity
     return [
         {
             "scene": name,
@@ -155,9 +145,9 @@ def _limb(one: dict[str, Any]) -> str:
 
 
 def main(
-    scenes: tuple[Literal[tuple(LIMB_RANGES)], ...] = tuple(LIMB_RANGES),
-    tasks: tuple[Literal[tuple(PASSIVITY_TASKS)], ...] = ("spring",),
-    controllers: tuple[str, ...] = (*PASSIVITY_REFERENCES, *CONTROLLERS),
+    scenes: tuple[Literal[tuple(export.LIMB_RANGES)], ...] = tuple(export.LIMB_RANGES),
+    tasks: tuple[Literal[tuple(export.PASSIVITY_TASKS)], ...] = ("spring",),
+    controllers: tuple[str, ...] = (*export.PASSIVITY_REFERENCES, *CONTROLLERS),
     generations: int = 5,
     crowd: int = 24,
     jobs: int = 1,

@@ -27,18 +27,10 @@ import tyro
 from driven import Array, Bench, Lockstep, Swing, errors, play, rms
 from kept_cases import complete, findings
 
+from cc_mujoco import hardware
 from cc_mujoco.assets import scene_path
 from cc_mujoco.control import controller
 from cc_mujoco.diagnosis import diagnose
-from cc_mujoco.hardware import (
-    APPROACH_TIME,
-    Limits,
-    RunLog,
-    Servo,
-    Stiffness,
-    TorqueTable,
-    drive_of,
-)
 from cc_mujoco.report import table
 from rig.dataset import make_trials
 from rig.engine import COMMAND_TIME
@@ -51,7 +43,7 @@ PERIOD, TRIAL_PERIOD = 0.0005, 0.001
 """Periods of the loop in the task and in the trials [s]."""
 SECONDS, SETTLED = 12.0, 2.0
 """Length of the task, and time from which its error counts [s]."""
-LIMITS = Limits(
+LIMITS = hardware.Limits(
     torque=10.0,
     torque_rate=1000.0,
     motor_speed=30.0,
@@ -69,7 +61,7 @@ EFFECTS = (
 )  # fmt: skip
 
 
-def task() -> tuple[TorqueTable, Swing]:
+def task() -> tuple[hardware.TorqueTable, Swing]:
     """Return the desired torque of two sines, and the motion of the hand."""
     times = np.arange(0.0, SECONDS, 0.002)
     torques = 1.5 * np.sin(2.2 * times) + 0.8 * np.sin(5.65 * times + 1.0)
@@ -78,7 +70,7 @@ def task() -> tuple[TorqueTable, Swing]:
         size = 0.3 * min(1.0, now)
         return size * math.sin(math.pi * now), size * math.pi * math.cos(math.pi * now)
 
-    return TorqueTable(times, torques), swing
+    return hardware.TorqueTable(times, torques), swing
 
 
 def rougher(rig: Rig, factor: float) -> Rig:
@@ -101,11 +93,11 @@ class Case:
 
     def error(self, law: str, scene: str, run: str) -> dict[str, Any]:
         """Return the RMS error of the true torque in the task [N m] and its outcome."""
-        drive = drive_of(scene, self.folder, PERIOD, LIMITS.torque)
+        drive = hardware.drive_of(scene, self.folder, PERIOD, LIMITS.torque)
         desired, swing = task()
         bench = Bench(self.rig, self.hidden, PERIOD)
         lockstep = Lockstep(bench, self.seed, swing)
-        log = RunLog(self.folder / run, {"controller": law}, 200)
+        log = hardware.RunLog(self.folder / run, {"controller": law}, 200)
         made = controller(law, drive)
         outcome = play(lockstep, made, desired, LIMITS, SECONDS, log)
         log.close(outcome.to_json())
@@ -120,20 +112,22 @@ class Case:
         data = self.folder / "data"
         # A hand that pushes against the motor demands more.
         limits = dataclasses.replace(LIMITS, torque=20.0)
-        drive = drive_of("bench", self.folder, TRIAL_PERIOD, limits.torque)
+        drive = hardware.drive_of("bench", self.folder, TRIAL_PERIOD, limits.torque)
         for number, trial in enumerate(make_trials("rich", self.seed)):
             bench = Bench(
                 self.rig, self.hidden, TRIAL_PERIOD, tightness=trial.tightness,
                 hand=trial.environment,
             )  # fmt: skip
             times = COMMAND_TIME * np.arange(len(trial.command))
-            firm = Stiffness.of(drive)
+            firm = hardware.Stiffness.of(drive)
             if trial.servo == COMPLIANT:  # the hand drives
                 firm = dataclasses.replace(firm, stiffness=COMPLIANT[0], integral=0.0)
-            servo = Servo(drive, times, trial.command[:, 0], firm)
+            servo = hardware.Servo(drive, times, trial.command[:, 0], firm)
             lockstep = Lockstep(bench, 100 * self.seed + number, led(times, trial))
-            log = RunLog(data, {"motion": trial.motion}, 200, f"trial_{number:02d}")
-            seconds = APPROACH_TIME + float(times[-1])
+            log = hardware.RunLog(
+                data, {"motion": trial.motion}, 200, f"trial_{number:02d}"
+            )
+            seconds = hardware.APPROACH_TIME + float(times[-1])
             none = controller("none", drive)
             outcome = play(lockstep, none, servo, limits, seconds, log)
             log.close(outcome.to_json())
@@ -168,7 +162,7 @@ def led(times: Array, trial: Trial) -> Swing:
     """Return the motion in a trial of what holds the joint."""
 
     def swing(now: float) -> tuple[float, float]:
-        at = now - APPROACH_TIME
+        at = now - hardware.APPROACH_TIME
         angle = float(np.interp(at, times, trial.target[:, 0]))
         return angle, float(np.interp(at, times, trial.target[:, 1], 0.0, 0.0))
 

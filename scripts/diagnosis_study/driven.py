@@ -18,19 +18,9 @@ from typing import Any
 
 import numpy as np
 
+from cc_mujoco import hardware
 from cc_mujoco.control import Controller
 from cc_mujoco.errors import CableError
-from cc_mujoco.hardware import (
-    AxisRow,
-    DrivenAxis,
-    Limits,
-    Loop,
-    Readings,
-    RunOutcome,
-    Status,
-    TorqueTable,
-    Watchdog,
-)
 from cc_mujoco.native import FloatArray as Array
 from rig.dataset import truth_of
 from rig.guides import advance, start
@@ -61,7 +51,9 @@ class Instruments:
         noisy = value + channel.noise * self._random.standard_normal()
         return float(channel.resolution * round(noisy / channel.resolution))
 
-    def readings(self, state: Array, torque: float, status: Status) -> Readings:
+    def readings(
+        self, state: Array, torque: float, status: hardware.Status
+    ) -> hardware.Readings:
         motor = self._read("motor_angle", state[0])
         joint = self._read("joint_angle", state[2])
         last = self._last or (motor, joint)
@@ -71,7 +63,7 @@ class Instruments:
         self._last = motor, joint
         shown = self._read("joint_torque", torque)
         speed, joint_speed = self._speeds
-        return Readings(0.0, motor, speed, joint, joint_speed, shown, status)
+        return hardware.Readings(0.0, motor, speed, joint, joint_speed, shown, status)
 
 
 class Bench:
@@ -149,7 +141,7 @@ class Lockstep:
         self._instruments = Instruments(seed, bench.period)
         self._swing = swing
         self._torque = 0.0
-        self._new: Readings | None = None
+        self._new: hardware.Readings | None = None
 
     def now(self) -> float:
         return len(self.torques) * self.bench.period
@@ -159,10 +151,12 @@ class Lockstep:
             self.bench.advance(self._torque, *self._swing(self.now()))
             torque = self.bench.joint_torque
             self.torques.append(torque)
-            found = self._instruments.readings(self.bench.state, torque, Status.ENABLED)
+            found = self._instruments.readings(
+                self.bench.state, torque, hardware.Status.ENABLED
+            )
             self._new = found._replace(time=self.now())
 
-    def read(self) -> Readings | None:
+    def read(self) -> hardware.Readings | None:
         found, self._new = self._new, None
         return found
 
@@ -179,7 +173,7 @@ class Commands:
     def __init__(self) -> None:
         self.torques: list[float] = []
 
-    def row(self, axes: Sequence[AxisRow], *_: float) -> None:
+    def row(self, axes: Sequence[hardware.AxisRow], *_: float) -> None:
         self.torques.append(axes[0].command)
 
 
@@ -187,19 +181,21 @@ def play(
     rig: Lockstep,
     law: Controller,
     desired: Any,
-    limits: Limits,
+    limits: hardware.Limits,
     seconds: float,
     log: Any = None,
-    watchdog: Watchdog | None = None,
-) -> RunOutcome:
+    watchdog: hardware.Watchdog | None = None,
+) -> hardware.RunOutcome:
     """Run a controller on the rig through the loop of `cc-mujoco run`; log its rows."""
-    axis = DrivenAxis(rig, law.drive, desired, limits, watchdog or Watchdog())
-    loop = Loop([axis], law, clock=rig, log=Commands() if log is None else log)
+    axis = hardware.DrivenAxis(
+        rig, law.drive, desired, limits, watchdog or hardware.Watchdog()
+    )
+    loop = hardware.Loop([axis], law, clock=rig, log=Commands() if log is None else log)
     return loop.run(seconds)
 
 
 def errors(
-    rig: Lockstep, desired: TorqueTable, seconds: float, settled: float
+    rig: Lockstep, desired: hardware.TorqueTable, seconds: float, settled: float
 ) -> Array:
     """Return the errors of the joint's true torque in a task, once settled [N m]."""
     # The first period passes before the first cycle.

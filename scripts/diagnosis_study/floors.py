@@ -24,17 +24,9 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 
+from cc_mujoco import diagnosis
 from cc_mujoco.assets import scene_path
 from cc_mujoco.datasets import Bench, Dataset, Noise
-from cc_mujoco.diagnosis import (
-    BaselineFit,
-    Record,
-    fit_baseline,
-    huber_residual,
-    load,
-    plant_of,
-    prepare,
-)
 from rig.dataset import clean_dataset, make_dataset, make_trials
 from rig.generate import facts_of, write_data
 from rig.makes import MAKES
@@ -51,13 +43,15 @@ def written(data: list[dict[str, Array]], trials: str, seed: int) -> Dataset:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "data"
         write_data(path, data, facts_of(trials, seed))
-        return load([path])[0]
+        return diagnosis.load([path])[0]
 
 
-def fitted(dataset: Dataset) -> BaselineFit:
+def fitted(dataset: Dataset) -> diagnosis.BaselineFit:
     bench = Bench.of(scene_path("bench")).known(dataset.constants)
-    records, filtering = prepare(dataset, bench)
-    return fit_baseline(dataset, plant_of(dataset, bench, records), filtering, 0)
+    records, filtering = diagnosis.prepare(dataset, bench)
+    return diagnosis.fit_baseline(
+        dataset, diagnosis.plant_of(dataset, bench, records), filtering, 0
+    )
 
 
 PACES = {"rest": 0.005, "creep": 0.06, "slow": 0.5, "fast": np.inf}
@@ -82,7 +76,7 @@ def squares(make: str, seed: int) -> dict[str, Array]:
     )
     none = {name: Noise(1e-12, 0.0, "declared") for name in dataset.noise}
     without = replace(dataset, trials=exact, noise=none)
-    true, _ = prepare(without, problem.plant.bench)
+    true, _ = diagnosis.prepare(without, problem.plant.bench)
     values = problem.values(baseline.whole.x)
     played = problem.plant.simulate(values)
     meant = problem.plant.limited(true).simulate(values)
@@ -91,7 +85,7 @@ def squares(make: str, seed: int) -> dict[str, Array]:
         off = record.measured - clean.measured - (played[k] - meant[k])
         parts = np.array(
             [
-                huber_residual(off / problem.floor[k]),
+                diagnosis.huber_residual(off / problem.floor[k]),
                 problem.sensed[k] / problem.floor[k],
             ]
         )
@@ -101,7 +95,9 @@ def squares(make: str, seed: int) -> dict[str, Array]:
     return found
 
 
-def _moments(record: Record, clean: Record) -> Mapping[str, NDArray[np.bool_]]:
+def _moments(
+    record: diagnosis.Record, clean: diagnosis.Record
+) -> Mapping[str, NDArray[np.bool_]]:
     size = max(1, round(0.1 / record.dt))
     steady = np.ones(size) / size
     speed = np.max(

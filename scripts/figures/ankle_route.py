@@ -17,20 +17,10 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from cc_mujoco import plugin
+from cc_mujoco import plugin, report
 from cc_mujoco.assets import scene_path
 from cc_mujoco.human import GAIT_ANGLES, GAIT_PERIOD, assistance
 from cc_mujoco.native import FloatArray as Array
-from cc_mujoco.report import (
-    BLACK,
-    BLUE,
-    DASH_PATTERN,
-    ORANGE,
-    figure,
-    figure_path,
-    save,
-    style,
-)
 
 CABLE = "plantarflexor"
 PEAK = 40.0  # largest assistance wanted at the ankle [N m]
@@ -114,10 +104,13 @@ def walk(model: mujoco.MjModel) -> Cycle:
 
 
 def draw(path: Path, fixed: Cycle, moving: Cycle) -> None:
-    with style():
-        drawing = figure(7.2, 7.0)
+    with report.style():
+        drawing = report.figure(7.2, 7.0)
         axes = drawing.subplots(3, 1, sharex=True)
-        both = {"fixed route": (fixed, BLUE), "moving route": (moving, ORANGE)}
+        both = {
+            "fixed route": (fixed, report.BLUE),
+            "moving route": (moving, report.ORANGE),
+        }
         for name, (cycle, color) in both.items():
             percent = 100.0 * cycle.phase
             axes[0].plot(percent, cycle.wrap, color=color, label=name)
@@ -125,7 +118,7 @@ def draw(path: Path, fixed: Cycle, moving: Cycle) -> None:
             axes[2].plot(percent, cycle.torque, color=color)
         wanted = PEAK * assistance(fixed.phase)
         axes[2].plot(
-            100.0 * fixed.phase, wanted, color=BLACK, dashes=DASH_PATTERN,
+            100.0 * fixed.phase, wanted, color=report.BLACK, dashes=report.DASH_PATTERN,
             label="wanted",
         )  # fmt: skip
         axes[0].set(title="Wrap angle of the conduit", ylabel="wrap [rad]")
@@ -140,12 +133,12 @@ def draw(path: Path, fixed: Cycle, moving: Cycle) -> None:
         )
         axes[0].legend()
         axes[2].legend()
-        save(path, drawing)
+        report.save(path, drawing)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("out", type=figure_path)
+    parser.add_argument("out", type=report.figure_path)
     out = parser.parse_args().out
     fixed, moving = (walk(scene(bend)) for bend in ("fixed", "route"))
     draw(out, fixed, moving)

@@ -27,23 +27,10 @@ import pyarrow as pa
 from scipy.stats import spearmanr
 from tqdm import tqdm
 
+from cc_mujoco import report
 from cc_mujoco._utils.command_options import progress_options
 from cc_mujoco.design import StudySpec, episodes, make_plan, study
 from cc_mujoco.device import Plant, load_device
-from cc_mujoco.report import (
-    BLACK,
-    BLUE,
-    COLORS,
-    DASH_PATTERN,
-    GREY,
-    ORANGE,
-    TENSION_COLORS,
-    figure,
-    figure_path,
-    save,
-    set_ticks,
-    style,
-)
 from cc_mujoco.simulation import attended
 from cc_mujoco.simulation._rollout import play
 
@@ -68,9 +55,9 @@ def loops(studied: Study, out: Path) -> str:
         metrics=["held_backlash"],
     )
     backlash = np.degrees(grid(table, "held_backlash", LINERS.size, LOOPS.size))
-    drawing = figure(10.5, 4.2)
+    drawing = report.figure(10.5, 4.2)
     curves, chart = drawing.subplots(1, 2)
-    for k, color in zip((0, 2, 4, 6), COLORS, strict=False):
+    for k, color in zip((0, 2, 4, 6), report.COLORS, strict=False):
         curves.plot(LOOPS, backlash[k], "o-", color=color, markersize=3,
                     label=f"friction {LINERS[k]:g}")  # fmt: skip
     curves.set(
@@ -81,11 +68,11 @@ def loops(studied: Study, out: Path) -> str:
     )
     curves.legend()
     image = chart.pcolormesh(
-        LOOPS, LINERS, backlash, shading="gouraud", cmap=TENSION_COLORS
+        LOOPS, LINERS, backlash, shading="gouraud", cmap=report.TENSION_COLORS
     )
     lines = chart.contour(LOOPS, LINERS, backlash, (1, 2, 3, 5), colors="white")
     chart.clabel(lines, fmt=lambda value: f"{value:g} deg", fontsize=8)
-    chart.plot(1.0, LINERS[0], "o", color=BLACK, markersize=5, clip_on=False)
+    chart.plot(1.0, LINERS[0], "o", color=report.BLACK, markersize=5, clip_on=False)
     chart.annotate("Experiment 1b,\none loop", (1.0, 0.015), (1.08, 0.021),
                    color="white", fontsize=8)  # fmt: skip
     chart.grid(False)
@@ -95,7 +82,7 @@ def loops(studied: Study, out: Path) -> str:
         ylabel="friction of the liner",
     )
     drawing.colorbar(image, ax=chart, label="backlash [deg]")
-    save(out, drawing)
+    report.save(out, drawing)
     one, three = (int(np.argmin(np.abs(LOOPS - n))) for n in (1.0, 3.0))
     high = int(np.flatnonzero(np.isfinite(backlash[:, three]))[-1])
     growth = backlash[:, three] / backlash[:, one]
@@ -144,9 +131,9 @@ def pretension(studied: Study, out: Path) -> str:
         float(np.interp(n, PRETENSION, row))
         for n, row in zip(least, reflected, strict=True)
     ]
-    drawing = figure(11.5, 4.0)
+    drawing = report.figure(11.5, 4.0)
     unpowered, slack, both = drawing.subplots(1, 3)
-    for k, color in enumerate(COLORS[: len(FRICTION)]):
+    for k, color in enumerate(report.COLORS[: len(FRICTION)]):
         looks = {"color": color, "markersize": 3}
         label = f"friction {FRICTION[k]:g}"
         unpowered.loglog(PRETENSION, reflected[k], "o-", label=label, **looks)
@@ -154,7 +141,9 @@ def pretension(studied: Study, out: Path) -> str:
         both.semilogx(reflected[k], margin[k], "o-", **looks)
         both.plot(price[k], RESERVE, "s", color=color)
     for axes in (slack, both):
-        axes.axhline(RESERVE, color=GREY, dashes=DASH_PATTERN, linewidth=0.8)
+        axes.axhline(
+            RESERVE, color=report.GREY, dashes=report.DASH_PATTERN, linewidth=0.8
+        )
         axes.set_yscale("symlog", linthresh=0.1)
         axes.set_ylim(-0.02, 80.0)
         axes.set_yticks([0, 0.1, 1, 10], ["slack", "0.1", "1", "10"])
@@ -165,10 +154,10 @@ def pretension(studied: Study, out: Path) -> str:
     slack.set(title="Powered, it goes slack", xlabel="pretension [N]")
     both.set(title=f"The price of a reserve of {RESERVE:g} N", xlabel=torque)
     for axis in (unpowered.yaxis, both.xaxis):
-        set_ticks(axis, (0.03, 0.1, 0.3, 1, 3))
+        report.set_ticks(axis, (0.03, 0.1, 0.3, 1, 3))
     for axis in (unpowered.xaxis, slack.xaxis):
-        set_ticks(axis, (1, 2, 5, 10, 20, 50))
-    save(out, drawing)
+        report.set_ticks(axis, (1, 2, 5, 10, 20, 50))
+    report.save(out, drawing)
     slopes = [
         np.polyfit(np.log(PRETENSION[5:]), np.log(row[5:]), 1)[0] for row in reflected
     ]
@@ -198,11 +187,15 @@ def ratio(studied: Study, out: Path) -> str:
     vary = {"joint_radius": LEVER, "motor_radius": DRUM}
     table = studied(scene="ankle", vary=vary, **WALK)
     found = [grid(table, name, LEVER.size, DRUM.size) for name in RATIO_PANELS]
-    drawing = figure(10.0, 7.4)
+    drawing = report.figure(10.0, 7.4)
     panels = drawing.subplots(2, 2).ravel()
     for axes, values, title in zip(panels, found, RATIO_PANELS.values(), strict=True):
         image = axes.pcolormesh(
-            1e3 * DRUM, 1e3 * LEVER, values, shading="nearest", cmap=TENSION_COLORS
+            1e3 * DRUM,
+            1e3 * LEVER,
+            values,
+            shading="nearest",
+            cmap=report.TENSION_COLORS,
         )
         for gear in (2, 3, 5, 10):
             x = np.array([9.0, 53.0])
@@ -210,7 +203,7 @@ def ratio(studied: Study, out: Path) -> str:
             at = min(50.0, 184.0 / gear)
             axes.text(at, gear * at, f"{gear}", color="white", fontsize=8,
                       ha="right", va="bottom")  # fmt: skip
-        axes.plot(25.0, 120.0, "o", color=BLACK, markersize=4)
+        axes.plot(25.0, 120.0, "o", color=report.BLACK, markersize=4)
         axes.grid(False)
         axes.set(title=title, xlabel="radius of the drum [mm]",
                  ylabel="lever at the heel [mm]", xlim=(7.5, 52.5),
@@ -220,7 +213,7 @@ def ratio(studied: Study, out: Path) -> str:
         "Ankle assistance: lines of equal ratio; the dot is the scene", x=0.012,
         ha="left", fontsize=11,
     )  # fmt: skip
-    save(out, drawing)
+    report.save(out, drawing)
     torque, power, tension, error = found
     gear = LEVER[:, None] / DRUM
     steep = np.polyfit(np.log(gear).ravel(), np.log(torque).ravel(), 1)[0]
@@ -292,7 +285,7 @@ def route(studied: Study, out: Path) -> str:
     )
     shape = len(ROUTES), len(ROUTE_FRICTION)
     found = {name: grid(table, name, *shape) for name in ROUTE_PANELS}
-    drawing = figure(13.0, 3.6)
+    drawing = report.figure(13.0, 3.6)
     panels = drawing.subplots(1, len(found), sharey=True)
     places = np.arange(len(ROUTES))
     least, usual, most = (f"friction {friction:g}" for friction in ROUTE_FRICTION)
@@ -300,10 +293,10 @@ def route(studied: Study, out: Path) -> str:
         panels, found.values(), ROUTE_PANELS.values(), strict=True
     ):
         low, middle, high = values.T
-        axes.barh(places, middle, color=BLUE, height=0.6)
-        axes.hlines(places, low, high, color=GREY, linewidth=1.2)
-        axes.plot(low, places, "|", color=ORANGE, markersize=9, label=least)
-        axes.plot(high, places, "x", color=ORANGE, markersize=6, label=most)
+        axes.barh(places, middle, color=report.BLUE, height=0.6)
+        axes.hlines(places, low, high, color=report.GREY, linewidth=1.2)
+        axes.plot(low, places, "|", color=report.ORANGE, markersize=9, label=least)
+        axes.plot(high, places, "x", color=report.ORANGE, markersize=6, label=most)
         axes.set(title=title, xlim=(0.0, None))
         axes.grid(False, axis="y")
     labels = [f"{r.name}\n{r.length:.2g} m, {r.wrap:.2g} rad" for r in ROUTES]
@@ -312,7 +305,7 @@ def route(studied: Study, out: Path) -> str:
     handles = panels[0].get_legend_handles_labels()
     drawing.legend(*handles, loc="outside upper right", ncols=2, fontsize=8)
     drawing.suptitle(f"Bars: {usual}", x=0.012, ha="left")
-    save(out, drawing)
+    report.save(out, drawing)
     return "\n".join(
         f"{r.name}, friction {friction:g}: "
         + ", ".join(f"{name} {values[row, k]:.3g}" for name, values in found.items())
@@ -327,12 +320,12 @@ CHARTS = {"loops": loops, "pretension": pretension, "ratio": ratio, "route": rou
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("chart", choices=CHARTS)
-    parser.add_argument("--out", type=figure_path, help="runs/whatif_CHART.png")
+    parser.add_argument("--out", type=report.figure_path, help="runs/whatif_CHART.png")
     parser.add_argument("--threads", type=int, default=0)
     given = parser.parse_args()
     out = given.out or Path("runs", f"whatif_{given.chart}.png")
     out.parent.mkdir(parents=True, exist_ok=True)
-    with tqdm(unit="design", **progress_options()) as bar, style():
+    with tqdm(unit="design", **progress_options()) as bar, report.style():
 
         def studied(**how: Any) -> pa.Table:
             return study(

@@ -26,16 +26,7 @@ from cc_mujoco.estimation._fusion import TensionFusion, tension_gains
 from cc_mujoco.native import FloatArray
 from thesis._outcome import Finding, Outcome, Panel, Progress, rms
 from thesis._rig import PRINTED_CABLE
-from thesis.estimators._directions import (
-    CONDITIONS,
-    CableObserver,
-    Moment,
-    OwnSolutions,
-    SensorConsensus,
-    majority_directions,
-    median_last_moving,
-    own_solutions,
-)
+from thesis.estimators import _directions as directions
 
 SEGMENTS = 10
 CABLE = PRINTED_CABLE.replace(static_friction=0.0, segments=SEGMENTS)
@@ -50,9 +41,9 @@ LAST_MOVING = (6, 7, 9, 7, 0, 0, 0)  # values of footnote 4
 
 
 class _Votes(NamedTuple):
-    moment: Moment  # the truth
+    moment: directions.Moment  # the truth
     reading: FloatArray  # (samples, m) [N]
-    own: OwnSolutions  # what each sensor makes of it
+    own: directions.OwnSolutions  # what each sensor makes of it
 
     @property
     def rms(self) -> FloatArray:
@@ -70,17 +61,21 @@ def sensor_votes(
 ) -> _Votes:
     """Let a sensor at each node solve the cable, from the true state before."""
     mesh, nodes = Mesh.of(cable), np.arange(SEGMENTS + 1)
-    moment = Moment.of(mesh, CONDITIONS[condition](SEGMENTS), TENSION, MOTION)
+    moment = directions.Moment.of(
+        mesh, directions.CONDITIONS[condition](SEGMENTS), TENSION, MOTION
+    )
     random = np.random.default_rng(38)
     reading = moment.tension + noise * random.normal(size=(samples, nodes.size))
     parts = [
-        own_solutions(
+        directions.own_solutions(
             mesh, moment.before, np.full(len(part), moment.displacement[0]), part,
             nodes, first=moment.pattern,
         )
         for part in np.array_split(reading, -(-samples // CHUNK_SIZE))
     ]  # fmt: skip
-    own = OwnSolutions(*(np.concatenate(values) for values in zip(*parts, strict=True)))
+    own = directions.OwnSolutions(
+        *(np.concatenate(values) for values in zip(*parts, strict=True))
+    )
     return _Votes(moment, reading, own)
 
 
@@ -109,7 +104,7 @@ def bias(cable: Cable, condition: str, samples: int, noise: float) -> Bias:
     """Return the effect of omitting sensors that disagree (plain means, as printed)."""
     found = sensor_votes(cable, condition, samples, noise)
     mesh, nodes = Mesh.of(cable), np.arange(SEGMENTS + 1)
-    pattern = majority_directions(found.own.pattern, found.moment.pattern)
+    pattern = directions.majority_directions(found.own.pattern, found.moment.pattern)
     gain = tension_gains(mesh, pattern, nodes, through_rest=True)[..., -1]
     shared = np.mean(gain * found.reading, axis=1) - found.moment.tension[-1]
     agrees = np.all(found.own.pattern == pattern[:, None, :], axis=2)
@@ -155,8 +150,8 @@ def simulate_run(seconds: float = 6.0) -> _Run:
     known = TensionFusion(RUN_CABLE, sensors)
     output = {"one sensor, at the output": reading[:, -1]}
     everywhere, right = {}, {}
-    consensus = partial(SensorConsensus, RUN_CABLE, sensors)
-    observer = partial(CableObserver, RUN_CABLE, sensors, DT)
+    consensus = partial(directions.SensorConsensus, RUN_CABLE, sensors)
+    observer = partial(directions.CableObserver, RUN_CABLE, sensors, DT)
     estimators: dict[str, Any] = {
         "vote, as printed": consensus(choice="vote", threshold=0.0),
         "vote, silent within 3 deviations": consensus(choice="vote"),
@@ -174,7 +169,7 @@ def simulate_run(seconds: float = 6.0) -> _Run:
 
 def run(progress: Progress) -> Outcome:
     """Reproduce Figs. 3.7 and 3.8, and the consensus."""
-    found = {name: sensor_votes(CABLE, name, 2000) for name in CONDITIONS}
+    found = {name: sensor_votes(CABLE, name, 2000) for name in directions.CONDITIONS}
     progress(0.2)
     wrong = {k: side_means(np.mean(v.wrong, axis=0)) for k, v in found.items()}
     ratio = {k: _excess_error(v) for k, v in found.items()}
@@ -200,7 +195,7 @@ def run(progress: Progress) -> Outcome:
     printed, mended = rms["vote, as printed"], rms["all readings at once"]
     ours = [rms[observer_name(agility)] for agility in AGILITIES]
     inside = [series.everywhere[observer_name(agility)] for agility in AGILITIES]
-    middle = median_last_moving(LAST_MOVING)
+    middle = directions.median_last_moving(LAST_MOVING)
     # A consensus should be worth more than one sensor at the output.
     verdict = "in part" if mended < RUN_NOISE else "disagrees"
     if printed < RUN_NOISE:

@@ -20,15 +20,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cc_mujoco import control
 from cc_mujoco.cable import Cable, Section
-from cc_mujoco.control import (
-    Controller,
-    Feedback,
-    FeedForward,
-    ModelBased,
-    ProportionalIntegral,
-    StictionCompensation,
-)
 from cc_mujoco.device._drive import CableDrive, Drive
 from cc_mujoco.metrics._signals import signal_lag
 from cc_mujoco.native import FloatArray
@@ -60,17 +53,19 @@ def one_cable(growth: float) -> Drive:
     return Drive(1.0, 0.0, 1000.0, PERIOD, one_way=True, cables=(drive,))
 
 
-def schemes(device: Drive) -> dict[str, Controller]:
+def schemes(device: Drive) -> dict[str, control.Controller]:
     def cosine(time: FloatArray) -> FloatArray:
         return FRICTION_ERROR * np.cos(2.0 * math.pi * time / (3.0 * math.pi))
 
     return {
-        "feed-forward": FeedForward(device),
-        "feedback": Feedback(device),
-        "feed-forward and feedback": ProportionalIntegral(device),
-        "model": ModelBased(device, settling=0.0),
-        "model, 3 % off": ModelBased(device, mismatch=FRICTION_ERROR, settling=0.0),
-        "model, 3 % cosine": ModelBased(device, mismatch=cosine, settling=0.0),
+        "feed-forward": control.FeedForward(device),
+        "feedback": control.Feedback(device),
+        "feed-forward and feedback": control.ProportionalIntegral(device),
+        "model": control.ModelBased(device, settling=0.0),
+        "model, 3 % off": control.ModelBased(
+            device, mismatch=FRICTION_ERROR, settling=0.0
+        ),
+        "model, 3 % cosine": control.ModelBased(device, mismatch=cosine, settling=0.0),
     }
 
 
@@ -90,7 +85,7 @@ class _Tracked(NamedTuple):
     delay: float  # of the fluctuation, once transients are over [s]
 
 
-def track(device: Drive, law: Controller) -> _Tracked:
+def track(device: Drive, law: control.Controller) -> _Tracked:
     """Play the simulation with one scheme, the output drawn in by 10 mm/s."""
     time, wanted = desired_tension()
     tension = InertiaFree(device).run(law, 0.01 * time, wanted)["joint_torque_nm"]
@@ -223,7 +218,7 @@ class _Rendered(NamedTuple):
     delay: float  # mean error in motion, over the rate of the spring's torque [s]
 
 
-def render(device: Drive, law: Controller) -> _Rendered:
+def render(device: Drive, law: control.Controller) -> _Rendered:
     time, angle = motion()
     wanted = -STIFFNESS * angle
     torque = InertiaFree(device).run(law, angle, wanted)["joint_torque_nm"]
@@ -243,10 +238,10 @@ def render(device: Drive, law: Controller) -> _Rendered:
 def spring(progress: Progress) -> Outcome:
     device = pull_pull()
     laws = {
-        "feedback": Feedback(device),
-        "feed-forward and feedback": ProportionalIntegral(device),
-        "with the model": ModelBased(device, settling=0.0),
-        "with the model and stiction compensation": StictionCompensation(
+        "feedback": control.Feedback(device),
+        "feed-forward and feedback": control.ProportionalIntegral(device),
+        "with the model": control.ModelBased(device, settling=0.0),
+        "with the model and stiction compensation": control.StictionCompensation(
             device, settling=0.0
         ),
     }

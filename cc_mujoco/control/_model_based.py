@@ -172,15 +172,8 @@ class StictionCompensation(ModelBased):
     ) -> None:
         """Prepare for the first episode.
 
-        Args:
-            drive: The device to be driven; its `cables` must be known.
-            proportional: Kp [-].
-            integral: Ki [1/s].
-            mismatch: See `ModelBased`.
-            settling: See `ModelBased`.
-            preview: h [s].
-            tolerance: Torque at the joint below which the sense does not turn [N m];
-                1 % of the greatest by default.
+        `preview` is h [s], `tolerance` the torque at the joint below which the sense
+        does not turn [N m], by default 1 % of the greatest; others as of `ModelBased`.
 
         Raises:
             CableError: As `ModelBased`, or a preview or tolerance that is negative.
@@ -225,13 +218,7 @@ class DisturbanceObserver(ModelBased):
     ) -> None:
         """Prepare for the first episode.
 
-        Args:
-            drive: The device to be driven; its `cables` must be known.
-            proportional: Kp [-].
-            integral: Ki [1/s].
-            mismatch: See `ModelBased`.
-            settling: See `ModelBased`.
-            cutoff: Cutoff frequency of the low-pass [Hz].
+        `cutoff` is the frequency of the low-pass [Hz]; others as of `ModelBased`.
 
         Raises:
             CableError: As `ModelBased`, or a cut-off that is not positive.

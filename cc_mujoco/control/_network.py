@@ -42,27 +42,17 @@ _ACTIVATION, _SQUASHED, WIDTHS = range(3)
 class Network:
     """A multilayer perceptron from an observation (size,) to shares of the torques.
 
-    Attributes:
-        weights: weights of each layer, (out, in); the last has an output for each
-            motor.
-        biases: biases of each layer, (out,).
-        activation: key of `ACTIVATIONS`, after every layer but the last.
-        squashed: whether the hyperbolic tangents of the last outputs are the action.
-        mean: offset subtracted from the observation, (size,).
-        deviation: divisor of the difference, (size,).
-        far: bound at which the quotient is clipped.
-
     Raises:
         CableError: If the layers do not fit each other.
     """
 
-    weights: tuple[Array, ...]
-    biases: tuple[Array, ...]
-    activation: str
-    squashed: bool
-    mean: Array
-    deviation: Array
-    far: float = np.inf
+    weights: tuple[Array, ...]  # of each layer, (out, in); the last has the motors
+    biases: tuple[Array, ...]  # of each layer, (out,)
+    activation: str  # one of `ACTIVATIONS`, after every layer but the last
+    squashed: bool  # whether hyperbolic tangents of the last outputs are the action
+    mean: Array  # offset subtracted from the observation, (size,)
+    deviation: Array  # divisor of the difference, (size,)
+    far: float = np.inf  # bound at which the quotient is clipped
 
     def __post_init__(self) -> None:
         """Refuse layers that do not fit."""

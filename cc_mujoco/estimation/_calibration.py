@@ -44,41 +44,18 @@ SIDE_QUANTITIES = ("motor_angle", "motor_torque", "joint_angle", "joint_torque")
 RADII = tuple(parameter.name for parameter in PULLEYS[:2])
 WRAP_SCALE = "wrap"
 """Parameter that scales all wrap angles of the conduits; 1 keeps the given angles."""
-
-_FREE = {
-    parameter.name: replace(parameter, low=max(parameter.low, 1e-12), scale="log")
-    for parameter in (
-        *PARAMETERS,
-        *PULLEYS[:2],
-        Parameter(
-            WRAP_SCALE, "1", "scale of all wrap angles of the conduits", 1e-3, 1e3
-        ),
-    )
-}
-"""Parameters that can be fitted, by name, within positive bounds."""
-
-_START_SPREAD = math.log(3.0)
 _POOR_MISFIT = 3.0
 """Misfit above which the model or its start is wrong, so that no interval holds."""
 
 
 @dataclass(frozen=True)
 class Measurement:
-    """One recorded motion, from rest.
+    """One recorded motion, from rest: quantities of `SIDE_QUANTITIES`, (samples,)."""
 
-    Attributes:
-        dt: time between samples [s].
-        inputs: one quantity of `SIDE_QUANTITIES` for the motor and one for the joint,
-            (samples,).
-        outputs: measured quantities of `SIDE_QUANTITIES` other than the inputs,
-            (samples,).
-        noise: standard deviation of every output.
-    """
-
-    dt: float
-    inputs: Mapping[str, FloatArray]
-    outputs: Mapping[str, FloatArray]
-    noise: Mapping[str, float]
+    dt: float  # time between samples [s]
+    inputs: Mapping[str, FloatArray]  # one of the motor and one of the joint
+    outputs: Mapping[str, FloatArray]  # others, as measured
+    noise: Mapping[str, float]  # standard deviation of every output
 
     def __post_init__(self) -> None:
         for label in ("inputs", "outputs", "noise"):
@@ -118,22 +95,15 @@ class Measurement:
 
 @dataclass(frozen=True)
 class Calibration:
-    """Result of a fit.
+    """Result of a fit."""
 
-    Attributes:
-        estimates: estimate of every free parameter by name.
-        transmission: transmission with the estimated values.
-        correlation: correlation of the logarithms of the parameters (free, free).
-        undetermined: one sentence for every undetermined combination.
-        misfit: RMS residual over the noise, per output; near 1 where the model is
-            right. Above 3 no interval holds, and `calibrate` warns.
-    """
-
-    estimates: Mapping[str, Estimate]
-    transmission: Transmission
-    correlation: FloatArray
-    undetermined: tuple[str, ...]
+    estimates: Mapping[str, Estimate]  # of every free parameter, by name
+    transmission: Transmission  # with the estimated values
+    correlation: FloatArray  # of the logarithms of the parameters (free, free)
+    undetermined: tuple[str, ...]  # a sentence for every undetermined combination
     misfit: Mapping[str, float]
+    """RMS residual over the noise, per output; near 1 where the model is right. Above 3
+    no interval holds, and `calibrate` warns."""
 
     def __getitem__(self, name: str) -> Estimate:
         return look_up("estimate", name, self.estimates)
@@ -197,7 +167,7 @@ def calibrate(
         trials, transmission, [_log_parameter(name, transmission) for name in free]
     )
     rng = np.random.default_rng(seed)
-    places = rng.uniform(-_START_SPREAD, _START_SPREAD, (starts, len(free)))
+    places = rng.uniform(-math.log(3.0), math.log(3.0), (starts, len(free)))
     places = np.clip(places, [p.low for p in model.free], [p.high for p in model.free])
     costs = [float(np.sum(model.residual(place) ** 2)) for place in places]
     chosen = [np.zeros(len(free)), *places[np.argsort(costs)[:2]]]
@@ -219,12 +189,13 @@ def calibrate(
 
 def _log_parameter(name: str, transmission: Transmission) -> Tuned:
     """Return a free parameter of the fit, as a logarithm relative to its value."""
-    parameter = look_up("parameter", name, _FREE)
-    if name == WRAP_SCALE:
-        value = 1.0
-    else:
-        owner = transmission if name in RADII else transmission.cables[0]
-        value = float(getattr(owner, name))
+    wrap = Parameter(WRAP_SCALE, "1", "scale of all wrap angles", 1e-3, 1e3)
+    known = {own.name: own for own in (*PARAMETERS, *PULLEYS[:2], wrap)}
+    parameter = look_up("parameter", name, known)
+    least = max(parameter.low, 1e-12)  # logarithms need positive bounds
+    parameter = replace(parameter, low=least, scale="log")
+    owner = transmission if name in RADII else transmission.cables[0]
+    value = 1.0 if name == WRAP_SCALE else float(getattr(owner, name))
     if not value > 0.0:
         raise CableError(
             f"parameter `{name}` starts at {value:g}; a fit needs a start "
@@ -291,10 +262,7 @@ class _Model:
             self.changed(logs),
             spread / np.outer(sigma, sigma),
             tuple(map(self.sentence, undetermined)),
-            {
-                k: float(np.sqrt(np.mean(np.concatenate(v) ** 2)))
-                for k, v in misfit.items()
-            },
+            {k: math.sqrt(np.mean(np.concatenate(v) ** 2)) for k, v in misfit.items()},
         )
 
     def sentence(self, shares: FloatArray) -> str:

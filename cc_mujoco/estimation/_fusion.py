@@ -138,10 +138,7 @@ class TensionFusion(NoisySensors):
     """Estimate of all tensions of a cable whose directions of slip are known.
 
     One object serves one cable or many: readings and directions may have leading axes,
-    which `reset` declares.
-
-    Attributes:
-        tension: tension of every node (..., n + 1) [N].
+    which `reset` declares. `tension` is that of every node (..., n + 1) [N].
     """
 
     def __init__(

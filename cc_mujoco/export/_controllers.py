@@ -154,14 +154,10 @@ class ExportPlan:
         prefixes: Sequence[str] = ("",),
         iterations: float = math.inf,
     ) -> ExportPlan:
-        """Plan a controller with its default gains.
+        """Plan a controller of `control.axes_controller` with its default gains.
 
-        Args:
-            given: Name of the controller, as of `control.axes_controller`.
-            drives: Drives of every axis.
-            cables: Names of the cables of every axis.
-            prefixes: Beginnings of the columns of each axis.
-            iterations: See `PredictiveCompensation`.
+        Drives, names of cables and beginnings of columns are those of every axis; for
+        `iterations` see `PredictiveCompensation`.
 
         Raises:
             CableError: There is no such controller, it cannot be exported, it needs

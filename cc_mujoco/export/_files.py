@@ -280,13 +280,9 @@ def write(
 ) -> None:
     """Write a controller as C99, with all that a C compiler needs.
 
-    Args:
-        folder: Folder to write to; an earlier export is replaced unless a user
-            changed it.
-        plan: The controller.
-        what: Controller and scene in words, for the header.
-        notes: Further lines of the header.
-        ros2_control: Whether to write a package of ROS 2 around it.
+    An earlier export in the folder is replaced unless a user changed it. The header
+    says `what` it is, controller and scene, and the notes; with `ros2_control` a
+    package of ROS 2 is written around it.
 
     Raises:
         CableError: It cannot be written there.

@@ -46,7 +46,7 @@ def drive_of(
     torque_rate: float = math.inf,
     motor_lag: float | None = None,
 ) -> Drive:
-    """Return the drive of an axis of a device.
+    """Return the drive of an axis, readings a period late, without tension sensors.
 
     Args:
         scene: Name of a built-in scene, a file, or a device; see `device_of`.
@@ -54,14 +54,9 @@ def drive_of(
         period: Period of the loop [s].
         torque: Limit of the motor's torque, either way [N m].
         axis: Name of the axis; the only one by default.
-        joint_torque: Limit of the joint's torque [N m], besides the safe one of the
-            device.
+        joint_torque: Limit of the joint's torque [N m], besides the device's safe one.
         torque_rate: Limit of the motor torque's rate [N m/s].
-        motor_lag: Time constant of the motor's torque [s]; that of the scene's motor by
-            default.
-
-    Returns:
-        The drive, readings a period late and without tension sensors.
+        motor_lag: Time constant of the motor's torque [s]; by default the scene's.
 
     Raises:
         CableError: There is no such scene or axis, or the scene is no device.

@@ -200,9 +200,8 @@ class Loop:
 
         Args:
             axes: Driven axes, at least one; of several each has a name.
-            law: The controller, with the period of the loop. Of several axes it sees
-                columns that begin with the name of the axis, as that of
-                `control.axes_controller`, and returns the torque of every motor.
+            law: The controller, with the period of the loop. Of several axes it is as
+                that of `control.axes_controller`, with the names of the axes.
             clock: Clock that the cycles follow.
             log: Takes the rows.
             stop: Called twice a cycle; returns whether to end, and why.

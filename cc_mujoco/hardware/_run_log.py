@@ -116,14 +116,10 @@ class RunLog:
         name: str = DEFAULT_LOG_NAME,
         axes: Sequence[str] = ("",),
     ) -> None:
-        """Begin both files.
+        """Begin both files of this name in a folder, which is made if needed.
 
-        Args:
-            folder: Folder of the run; made if needed.
-            about: The settings of the run, as JSON.
-            rows: Number of rows of a block.
-            name: Name of the files.
-            axes: Names of the axes that are driven; an empty one of a device with one.
+        `about` has the settings of the run as JSON, `rows` is the number of rows of a
+        block; the name of a device's only axis is empty.
 
         Raises:
             CableError: As `require_free`.

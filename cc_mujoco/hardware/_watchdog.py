@@ -153,12 +153,8 @@ class Watch:
     ) -> None:
         """Begin with the first cycle.
 
-        Args:
-            limits: Limits of what is measured.
-            watchdog: Longest times of every fault.
-            drive: Drive of the rig.
-            unmeasured: Joints that wind its cables and that the rig does not measure;
-                all but the driven one by default.
+        `unmeasured` are joints that wind the cables and that the rig does not measure;
+        all but the driven one by default.
 
         Raises:
             CableError: Tension is limited, and the model cannot tell it, or the cables

@@ -16,13 +16,14 @@ was taken, scratch, and what is known of the friction of every cable.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from cc_mujoco.cable import _kernel as kernel
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.cable._friction import PLACE
-from cc_mujoco.cable._layout import SCALARS
-from cc_mujoco.control import _friction_slope as friction_slope
+from cc_mujoco.cable._layout import SCALARS, segment_angles, slips
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control import _law_steps as law_steps
 from cc_mujoco.control import _planner_memory as planner_memory
@@ -39,7 +40,16 @@ from cc_mujoco.control._law_steps import (
     whole_rows_of,
 )
 from cc_mujoco.control._planner_memory import STIFFNESS, Planner
-from cc_mujoco.native import FloatArray, IntArray, compiled, internal
+from cc_mujoco.estimation import _recursive as recursive
+from cc_mujoco.estimation import _tension_slope as tension_slope
+from cc_mujoco.native import (
+    FloatArray,
+    FloatMatrix,
+    IntArray,
+    IntMatrix,
+    compiled,
+    internal,
+)
 
 _TUNING, _SPRING, CHANGED, LAW = (
     OWN_MEMORY,
@@ -50,6 +60,19 @@ _TUNING, _SPRING, CHANGED, LAW = (
 """Places in the memory: of the tuning; of the spring; of whether parameters or path
 were changed since the last step; of the numbers of `_planner_memory`, followed by the
 states of the cables."""
+READING_INTERVAL, MIN_BELIEVED_FRICTION, FIRST_VARIANCE = 5, 1e-3, 0.2 * 0.2
+"""Steps between two tension readings that are used; least friction coefficient that is
+assumed; variance of the coefficient before any reading."""
+COEFFICIENT, ESTIMATE_SIZE = recursive.ESTIMATE, 4
+"""Place and size of the estimate of the friction of a cable, see `update_estimate`."""
+
+
+class Taps(NamedTuple):
+    """Tension sensors along all cables, as many along each."""
+
+    nodes: IntMatrix  # (cables, sensors)
+    noise: FloatMatrix  # standard deviations (cables, sensors) [N]
+    fading: float  # share of the information that fades with each reading
 
 
 @internal
@@ -78,7 +101,7 @@ def places(shape: IntArray) -> tuple[int, int, int]:
     size += 3 * (knots + 1) + (4 + planner_memory.WORK_ROWS + knots) * knots
     size += kernel.work_size(most) + 1
     if sensors > 0:
-        size += 3 + most + 4 * sensors + cables * friction_slope.ESTIMATE_SIZE
+        size += 3 + most + 4 * sensors + cables * ESTIMATE_SIZE
     return int(given), int(first), int(size)
 
 
@@ -191,13 +214,54 @@ def _planned(planner: Planner, data: LawData) -> float:
 
 
 @internal
+def _learn_friction(
+    planner: Planner,
+    taps: Taps,
+    readings: FloatMatrix,
+    known: FloatMatrix,
+    scratch: FloatArray,
+) -> None:
+    """Update the estimates `known` (cables, `ESTIMATE_SIZE`) by the readings of a step.
+
+    Readings are tensions (cables, sensors) [N], whose equations are those of
+    `estimation._tension_slope`; the scratch has 4 sensors + 2 numbers and the segments
+    of the longest cable.
+    """
+    cables, m = planner.cables, taps.noise.shape[1]
+    design, rows = rows_of(scratch, 0, m, 1), rows_of(scratch, m, m, 1)
+    right, clear = part(scratch, 2 * m, m), part(scratch, 3 * m, m)
+    information, target = rows_of(scratch, 4 * m, 1, 1), part(scratch, 4 * m + 1, 1)
+    for k in range(cables.n.size):
+        n = cables.n[k]
+        angles, slip = segment_angles(cables.prm[k], n), slips(planner.state[k], n)
+        sign = part(scratch, 4 * m + 2, n)
+        for i in range(n):
+            sign[i] = np.sign(slip[i])
+        for j in range(m):
+            design[j, 0] = 0.0
+            for i in range(taps.nodes[k, j]):
+                design[j, 0] += angles[i]
+        nodes, noise = taps.nodes[k], taps.noise[k]
+        equations = tension_slope.SlopeEquations(
+            design, nodes, noise, rows, right, clear, information, target
+        )
+        believed = part(known[k], COEFFICIENT, 1)
+        _, count = tension_slope.run_equations(equations, believed, readings[k], sign)
+        gained, least = information[0, 0], 1.0 / FIRST_VARIANCE
+        if count > 0 and gained > 0.0:
+            recursive.update_estimate(
+                known[k], least, taps.fading, 0.0, gained, target[0]
+            )
+
+
+@internal
 def step_sensed(data: LawData) -> float:
     memory, shape, tables = data.memory, data.sizes, data.tables
     planner, sensors = _planner(data), _sensor_count(shape)
     count, since = planner.cables.n.size, planner.end
     scratch = part(memory, since + 1, longest_cable(shape) + 4 * sensors + 2)
     place = since + 1 + scratch.size
-    known = rows_of(memory, place, count, friction_slope.ESTIMATE_SIZE)
+    known = rows_of(memory, place, count, ESTIMATE_SIZE)
     is_fresh, place = memory[law_steps.FIRST_STEP] != 0.0, 0
     if is_fresh:
         memory[since] = 0.0
@@ -205,25 +269,23 @@ def step_sensed(data: LawData) -> float:
         believed = planner.given[place + 2 + PLACE.friction]
         if is_fresh:
             known[k, :] = 0.0
-            known[k, friction_slope.COEFFICIENT] = believed
-            known[k, friction_slope.VARIANCE] = friction_slope.FIRST_VARIANCE
-        found = known[k, friction_slope.COEFFICIENT]
-        found = max(found, friction_slope.MIN_BELIEVED_FRICTION)
+            known[k, COEFFICIENT] = believed
+            known[k, recursive.VARIANCE] = FIRST_VARIANCE
+        found = known[k, COEFFICIENT]
+        found = max(found, MIN_BELIEVED_FRICTION)
         planner.friction[1, k] = found / believed
         place += 2 + SCALARS + 2 * shape[1 + count + k]
     torque = _planned(planner, data)
     if memory[since] == 0.0:
-        taps = friction_slope.Taps(
+        taps = Taps(
             whole_rows_of(shape, 4 + 2 * count, count, sensors),
             rows_of(planner.given, place, count, sensors),
             tables[tables.size - 1],
         )
         first = len(planner_memory.PLANNER_INPUTS)
         tensions = rows_of(data.readings, first, count, sensors)
-        friction_slope.learn(
-            planner.cables, planner.state, taps, tensions, known, scratch
-        )
+        _learn_friction(planner, taps, tensions, known, scratch)
     memory[since] += 1.0
-    if memory[since] == friction_slope.READING_INTERVAL:
+    if memory[since] == READING_INTERVAL:
         memory[since] = 0.0
     return torque

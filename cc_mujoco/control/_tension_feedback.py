@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from cc_mujoco._utils.arguments import require_kind
 from cc_mujoco._validation import require_number
 from cc_mujoco.cable._segments import Mesh
-from cc_mujoco.control import _friction_slope as friction_slope
 from cc_mujoco.control import _guard as guard
 from cc_mujoco.control import _planner_steps as planner_steps
 from cc_mujoco.control._cable_model import CableModel
@@ -136,7 +135,7 @@ class AdaptiveModel(PredictiveCompensation):
             drive: The device, with cables and at least two sensors along each. Friction
                 that it believes to be none is 0.001.
             memory: Readings after which one has faded to 1/e; one in
-                `_friction_slope.READING_INTERVAL` steps is read.
+                `_planner_steps.READING_INTERVAL` steps is read.
             **settings: See `PredictiveCompensation`; `learning` is 0.
 
         Raises:
@@ -157,7 +156,7 @@ class AdaptiveModel(PredictiveCompensation):
             )
         for own, one in zip(drive.sensors, drive.cables, strict=True):
             require_bend_between(one.cable, own)
-        self.taps = friction_slope.Taps(
+        self.taps = planner_steps.Taps(
             np.array([own.nodes for own in drive.sensors], dtype=np.int64),
             np.array([own.deviation for own in drive.sensors]),
             1.0 - math.exp(-1.0 / memory),
@@ -174,12 +173,12 @@ class AdaptiveModel(PredictiveCompensation):
 
     def friction(self) -> NDArray[np.float64]:
         """Return the estimated friction (rows, cables), empty at the start."""
-        cables, size = len(self.drive.cables), friction_slope.ESTIMATE_SIZE
+        cables, size = len(self.drive.cables), planner_steps.ESTIMATE_SIZE
         if not len(self._memory):
             return np.zeros((0, cables))
         end = self._tables.size
         kept = self._memory[:, end - cables * size : end]
-        return kept[:, friction_slope.COEFFICIENT :: size].copy()
+        return kept[:, planner_steps.COEFFICIENT :: size].copy()
 
     def measured(self, observation: Mapping[str, Any]) -> FloatArray:
         """Return the measurements (rows, readings), the tensions behind the others.
@@ -203,7 +202,7 @@ def _with_minimum_friction(one: CableDrive) -> CableDrive:
     """Return the drive with enough Coulomb friction to scale and to estimate."""
     cable = one.cable
     require_slope(cable)
-    least, still = friction_slope.MIN_BELIEVED_FRICTION, cable.static_friction
+    least, still = planner_steps.MIN_BELIEVED_FRICTION, cable.static_friction
     if cable.friction >= least:
         return one
     still = max(still, least) if still > 0.0 else still

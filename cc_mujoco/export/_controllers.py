@@ -20,7 +20,7 @@ from cc_mujoco._utils.provenance import POLICY_ENDING, is_user_controller
 from cc_mujoco.cable import PARAMETERS
 from cc_mujoco.cable._cable import TERMS
 from cc_mujoco.control import CONTROLLERS, PredictiveCompensation
-from cc_mujoco.control import _friction_slope as friction_slope
+from cc_mujoco.control import _planner_steps as planner_steps
 from cc_mujoco.control import _registry as registry
 from cc_mujoco.control._controller import LawTables, SteppedLaw, stepped_law
 from cc_mujoco.control._decoupling import Coupling
@@ -59,7 +59,7 @@ class AxisPlan:
     other_columns: tuple[str, ...]
     """Columns from which the torques that it reads are computed."""
     cables: tuple[str, ...]  # names of the cables that the controller has a model of
-    taps: friction_slope.Taps | None = None
+    taps: planner_steps.Taps | None = None
     """Tension sensors, of a controller that reads them."""
     prefix: str = ""
     """Beginning of the names of readings and gains, of a device with several axes."""
@@ -293,7 +293,7 @@ def _bounds(parameter: Any) -> tuple[float, float]:
 
 
 def _sensor_parameters(
-    cables: Sequence[str], taps: friction_slope.Taps, values: Iterator[float]
+    cables: Sequence[str], taps: planner_steps.Taps, values: Iterator[float]
 ) -> Iterator[Field]:
     least = math.nextafter(0.0, 1.0)
     for cable, nodes in zip(cables, taps.nodes.tolist(), strict=True):
@@ -323,7 +323,7 @@ def _cable_parameters(
         if own.cable.path == "open" and parameter.name.startswith("seal_"):
             high = 0.0
         if law.needs_slope and parameter.name == "friction":
-            low = friction_slope.MIN_BELIEVED_FRICTION
+            low = planner_steps.MIN_BELIEVED_FRICTION
         meaning = parameter.meaning
         if parameter.name in still:
             low, high, meaning = value, value, meaning + "; fixed by the export"

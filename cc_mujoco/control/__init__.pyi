@@ -9,9 +9,6 @@ from ._feedback import FrictionFeedForward as FrictionFeedForward
 from ._feedback import ProportionalIntegral as ProportionalIntegral
 from ._feedback import TunedFeedback as TunedFeedback
 from ._hysteresis import HysteresisTrial as HysteresisTrial
-from ._hysteresis_inverse import FITTED as FITTED
-from ._hysteresis_inverse import DistalFeedback as DistalFeedback
-from ._hysteresis_inverse import fit_hysteresis as fit_hysteresis
 from ._model_based import DisturbanceObserver as DisturbanceObserver
 from ._model_based import ModelBased as ModelBased
 from ._model_based import StictionCompensation as StictionCompensation
@@ -20,8 +17,11 @@ from ._onnx import write_onnx as write_onnx
 from ._policy import Policy as Policy
 from ._policy import read_policy as read_policy
 from ._policy import write_policy as write_policy
+from ._position import FITTED as FITTED
+from ._position import DistalFeedback as DistalFeedback
 from ._position import IdealRatio as IdealRatio
 from ._position import PositionController as PositionController
+from ._position import fit_hysteresis as fit_hysteresis
 from ._predictive import PredictiveCompensation as PredictiveCompensation
 from ._registry import CONTROLLERS as CONTROLLERS
 from ._registry import POSITION_CONTROLLERS as POSITION_CONTROLLERS

@@ -33,13 +33,12 @@ from cc_mujoco._utils import user_code
 from cc_mujoco._utils.provenance import POLICY_ENDING, is_user_controller
 from cc_mujoco.control import _baselines as baselines
 from cc_mujoco.control import _feedback as feedback
-from cc_mujoco.control import _hysteresis_inverse as hysteresis_inverse
 from cc_mujoco.control import _model_based as model_based
+from cc_mujoco.control import _position as position
 from cc_mujoco.control import _tension_feedback as tension_feedback
 from cc_mujoco.control._controller import Controller, limit_torques
 from cc_mujoco.control._decoupling import Coupling
 from cc_mujoco.control._policy import Policy
-from cc_mujoco.control._position import IdealRatio
 from cc_mujoco.control._predictive import PredictiveCompensation
 from cc_mujoco.device._axis_columns import axis_columns, split_by_axis
 from cc_mujoco.device._description import Description
@@ -68,13 +67,13 @@ CONTROLLERS: dict[str, type[Controller]] = {
 """Every controller of torque with its default gains, to be called with a `Drive`."""
 
 POSITION_CONTROLLERS: dict[str, type[Controller]] = {
-    "none": IdealRatio,
-    "linear": hysteresis_inverse.LinearFit,
-    "backlash_inverse": hysteresis_inverse.SmoothBacklashInverse,
-    "prandtl_ishlinskii": hysteresis_inverse.PrandtlIshlinskiiInverse,
-    "bouc_wen": hysteresis_inverse.BoucWenFeedForward,
-    "cable_inverse": hysteresis_inverse.CableInverse,
-    "distal_feedback": hysteresis_inverse.DistalFeedback,
+    "none": position.IdealRatio,
+    "linear": position.LinearFit,
+    "backlash_inverse": position.SmoothBacklashInverse,
+    "prandtl_ishlinskii": position.PrandtlIshlinskiiInverse,
+    "bouc_wen": position.BoucWenFeedForward,
+    "cable_inverse": position.CableInverse,
+    "distal_feedback": position.DistalFeedback,
 }
 """Every controller of a joint angle, for a drive that commands one."""
 

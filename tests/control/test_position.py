@@ -34,7 +34,7 @@ from cc_mujoco.control._hysteresis import (
     SmoothBacklash,
     inverse_plays,
 )
-from cc_mujoco.control._hysteresis_inverse import CableParameters, course_of, fit_cable
+from cc_mujoco.control._position import CableParameters, course_of, fit_cable
 from cc_mujoco.device import Device, Drive, find_device
 from cc_mujoco.device._device_files import write_hysteresis
 from cc_mujoco.device._drive import CableDrive

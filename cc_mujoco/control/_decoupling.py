@@ -234,8 +234,7 @@ class Coupling:
     def __init__(self, drives: Sequence[Drive], prefixes: Sequence[str]) -> None:
         """Prepare; refuse axes whose torques the joints cannot distinguish."""
         self._drives, self._prefixes = tuple(drives), tuple(prefixes)
-        both = zip(drives, prefixes, strict=True)
-        names = [drive.joint or prefix for drive, prefix in both]
+        names = [one.joint or p for one, p in zip(drives, prefixes, strict=True)]
         self.joints = list(dict.fromkeys(names))
         """Joints whose torques are desired, in the order of the axes."""
         self._own = [self.joints.index(name) for name in names]
@@ -261,10 +260,8 @@ class Coupling:
         self.noise = np.abs(own) * np.sqrt(np.linalg.inv(mixing) ** 2 @ noise**2)
         """Noise of the torque of each cable at its own joint (axes,) [N m]."""
         # Torques of motors that hold the pretension of their cables [N m].
-        ends = [drive.cables[0] if drive.cables else None for drive in drives]
-        held = [
-            abs(end.proximal) * end.cable.pretension if end else 0.0 for end in ends
-        ]
+        ends = [drive.cables[:1] for drive in drives]
+        held = [sum(abs(c.proximal) * c.cable.pretension for c in end) for end in ends]
         pulled = antagonists(neutral, one_way)
         safe, scales = np.full((2, len(self.joints)), math.inf)
         for place, drive in zip(self._own, drives, strict=True):

@@ -63,7 +63,7 @@ class HysteresisTrial:
                 "a trial needs as many motor angles as joint angles, (n,) each, not "
                 f"{both[0].shape} and {both[1].shape}."
             )
-        if both[0].size < 50 or not all(np.isfinite(b).all() for b in both):
+        if both[0].size < 50 or not np.isfinite(both).all():
             raise CableError(
                 "a trial needs at least 50 samples of finite numbers; "
                 f"this has {both[0].size}."

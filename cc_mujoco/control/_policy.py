@@ -89,11 +89,10 @@ class PolicyAxis:
     def unguarded(self) -> tuple[str, ...]:
         """Columns of an observation that the guard does not read."""
         columns = self.observed.columns
-        others = tuple(columns[guard.READINGS :])
-        if not self.is_wound:
-            return others
-        joint = columns[JOINT_ANGLE], columns[JOINT_VELOCITY]
-        return (*joint, WINDING_COLUMNS[2], *others)
+        joint: tuple[str, ...] = ()
+        if self.is_wound:
+            joint = columns[JOINT_ANGLE], columns[JOINT_VELOCITY], WINDING_COLUMNS[2]
+        return (*joint, *columns[guard.READINGS :])
 
 
 class Policy(Controller):
@@ -123,11 +122,9 @@ class Policy(Controller):
         self._prefixes = tuple(prefixes)
         self.network, self.observed = read_policy(path)
         name = os.fspath(path)
-        if len(self.observed) != len(self._drives):
-            its, here = (
-                "one axis" if len(one) == 1 else f"{len(one)} axes"
-                for one in (self.observed, self._drives)
-            )
+        counts = len(self.observed), len(self._drives)
+        if counts[0] != counts[1]:
+            its, here = ("one axis" if n == 1 else f"{n} axes" for n in counts)
             raise CableError(
                 f"policy {name!r} drives {its} at once, and is given {here}: play it "
                 "as the one controller of the device of its training."
@@ -187,9 +184,8 @@ class Policy(Controller):
                 heard &= guard.is_heard(readings(own, others)).all(axis=1)
         rows, started = np.flatnonzero(heard), heard.copy()
         for (axis, own), taken in zip(each, measured, strict=True):
-            winding = np.zeros((count, 0))
-            if axis.is_wound:
-                winding = readings(own, WINDING_COLUMNS)
+            wound = axis.is_wound
+            winding = readings(own, WINDING_COLUMNS) if wound else np.zeros((count, 0))
             _admit_all(axis.gains, axis.spring, axis.memory, taken, winding, rows)
             started &= axis.memory[:, guard.STARTED] != 0.0
         self._decide(measured, rows, started)

@@ -39,7 +39,6 @@ from cc_mujoco.control._controller import Controller, readings, total_delay
 from cc_mujoco.control._hysteresis import (
     MODELS,
     Array,
-    HysteresisModel,
     HysteresisTrial,
     Line,
 )
@@ -136,8 +135,7 @@ class PositionController(Controller):
         """
         period, omega, inertia = self.drive.period, self.bandwidth, self.drive.inertia
         before, rate, left, leaving, total = self._memory
-        demanded_rate = (wanted - before) / period
-        most = self._acceleration * period
+        demanded_rate, most = (wanted - before) / period, self._acceleration * period
         rate = np.clip(demanded_rate, rate - most, rate + most)
         # The part that is too fast remains, and decays without overshoot.
         left = left + (demanded_rate - rate) * period
@@ -437,11 +435,9 @@ class DistalFeedback(HysteresisInverse):
         self.gain = gain
         self._correction = np.zeros(0)
 
-    def model_of(self, drive: Drive) -> HysteresisModel:
-        if self.model_name not in drive.hysteresis:
-            return Line(1.0, 0.0)
-        found: HysteresisModel = super().model_of(drive)
-        return found
+    def model_of(self, drive: Drive) -> Any:
+        known = self.model_name in drive.hysteresis
+        return super().model_of(drive) if known else Line(1.0, 0.0)
 
     def begin(self, rows: NDArray[np.intp], count: int) -> None:
         super().begin(rows, count)

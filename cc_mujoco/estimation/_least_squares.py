@@ -68,12 +68,11 @@ class Tuned(NamedTuple):
 
     def place(self, value: float) -> float:
         """Return the place of the fit of this value, within the bounds."""
+        found = -math.inf
         if not self.factor:
             found = (value - self.start) / self.scale
         elif value > 0.0:
             found = math.log(value / self.start) / self.scale
-        else:
-            found = -math.inf
         return min(max(found, self.low), self.high)
 
 

@@ -188,12 +188,10 @@ def wearer_bounds(device: str | Path | Device, axis: str | None = None) -> Array
     if name in LIMB_RANGES:
         soft, stiff, heavy = LIMB_RANGES[name]
     else:
+        # Natural frequencies of 2 and 60 rad/s with the inertia of the joint, of a knee
+        # a few N m/rad to more than a thousand; at most three times it is added.
         inertia = inertia_of(found, axis)
-        # Natural frequencies with the inertia of the joint [rad/s]: of a knee a few
-        # N m/rad to more than a thousand.
-        soft, stiff = (inertia * frequency**2 for frequency in (2.0, 60.0))
-        # To any other device at most three times the joint's inertia is added.
-        heavy = 3.0 * inertia
+        soft, stiff, heavy = inertia * 2.0**2, inertia * 60.0**2, 3.0 * inertia
     # Damping over what is critical with the limb's own inertia: with 0.1 to 1 the
     # stiffnesses of ankle and hip have about the dampings that were measured. At least
     # a hundredth of the greatest inertia is added.

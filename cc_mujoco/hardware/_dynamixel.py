@@ -155,8 +155,8 @@ class Dynamixel:
         return newest
 
     def write(self, torque: float) -> None:
-        waits = self._requested is not None
-        if waits and self._now() - self._requested_at < REPLY_TIME:
+        waited = self._now() - self._requested_at
+        if self._requested is not None and waited < REPLY_TIME:
             raise OSError("the servo's reply is still under way")
         if self._mode != CURRENT_CONTROL:
             writes = [(TORQUE_ENABLE, b"\0")]  # the mode changes only without torque
@@ -170,8 +170,7 @@ class Dynamixel:
         writes = [(GOAL_CURRENT, self._current(torque))]
         self._enabling.request()
         if not self._confirmed and self._enabling.status(False) is None:
-            writes.append((BUS_WATCHDOG, bytes([WATCHDOG_UNITS])))
-            writes.append((TORQUE_ENABLE, b"\1"))
+            writes += (BUS_WATCHDOG, bytes([WATCHDOG_UNITS])), (TORQUE_ENABLE, b"\1")
         self._send(writes, _MOVING if self._confirmed else _WHOLE)
 
     def stop(self) -> None:

@@ -87,16 +87,10 @@ class Limiter:
         self._max_torque_step = limits.torque_rate * period
         self._share = min(1.0, period / limits.soft_start) if limits.soft_start else 1.0
         self._stop_steps = limits.stop_steps(period)
-        self._cycles = 0
-        self._stop_rate = 0.0
+        self._cycles, self._stop_rate = 0, 0.0
         self.torque = 0.0  # the last that was given out [N m]
         self.is_rate_limited = False
         """True if the limit of the rate kept it from where it was to go."""
-
-    @property
-    def share(self) -> float:
-        """Share of the controller in the last torque, 1 after the soft start."""
-        return min(1.0, self._cycles * self._share)
 
     def limited(self, wish: float) -> float:
         """Return the next torque [N m], towards what the controller requests.
@@ -108,7 +102,8 @@ class Limiter:
             raise CableError(f"the controller gave {wish!r} N m.")
         self._cycles += 1
         self._stop_rate = 0.0
-        return self._towards(self.share * wish)
+        share = min(1.0, self._cycles * self._share)  # of the soft start
+        return self._towards(share * wish)
 
     def stopping(self) -> float:
         """Return the next torque of a ramp to zero within `stop_time` [N m]."""

@@ -93,9 +93,8 @@ def read_rows(path: Path) -> dict[str, Array]:
     except (OSError, UnicodeDecodeError, pa.ArrowInvalid) as error:
         reason = " ".join(str(error).split())
         raise CableError(f"cannot read {path} as the log of a run: {reason}") from None
-    required = ["time_s"]
-    for prefix in _prefixes(names):
-        required += [prefix + name for name in REQUIRED_COLUMNS]
+    prefixes = _prefixes(names)
+    required = ["time_s", *(p + name for p in prefixes for name in REQUIRED_COLUMNS)]
     missing = [name for name in required if name not in names]
     if missing:
         raise CableError(
@@ -133,18 +132,17 @@ def as_episode(
     The ratio of the device must be that of the angles, and the run must have measured
     the joints that wind its cables.
     """
-    device = find_device(scene)
+    device, prefixes = find_device(scene), _prefixes(rows)
     description = device.description
     model = device.spec.copy().compile()
     made = DeviceModel(description, model)
-    names = [prefix.rstrip(".") or None for prefix in _prefixes(rows)]
-    places = [description.axes.index(description.axis(name)) for name in names]
-    driven = [made.axes[place] for place in places]
+    named = [description.axis(prefix.rstrip(".") or None) for prefix in prefixes]
+    driven = [made.axes[description.axes.index(axis)] for axis in named]
     time = rows["time_s"]
     count, period = time.size, float(np.median(np.diff(time)))
     windings = Windings(driven)
-    each = [{n: rows[p + n] for n in REQUIRED_COLUMNS} for p in _prefixes(rows)]
-    found = {own.axis.name: part for own, part in zip(driven, each, strict=True)}
+    each = [{n: rows[p + n] for n in REQUIRED_COLUMNS} for p in prefixes]
+    found = {axis.name: part for axis, part in zip(named, each, strict=True)}
     for missing in windings.unmeasured:
         if missing:
             raise CableError(
@@ -159,10 +157,6 @@ def as_episode(
         for column in log_columns.AXIS_COLUMNS:
             columns[start + column.name] = own_rows.get(column.name, nothing)
     qpos = np.tile(model.qpos0, (count, 1))
-    for own in driven:
-        own_rows = found[own.axis.name]
-        qpos[:, own.places.motor_q] += own.sense * own_rows["motor_angle_rad"]
-        qpos[:, own.places.joint_q] = own_rows["joint_angle_rad"]
     columns[log_columns.POSE_COLUMN.name] = qpos
     for name, cable in device.cables.items():
         nodes = np.full((count, cable.segments + 1), np.nan)  # unless it was driven
@@ -171,6 +165,8 @@ def as_episode(
     facts: dict[str, dict[str, float]] = {}
     for own in driven:
         own_rows = found[own.axis.name]
+        qpos[:, own.places.motor_q] += own.sense * own_rows["motor_angle_rad"]
+        qpos[:, own.places.joint_q] = own_rows["joint_angle_rad"]
         drive = own.drive(device.cables, device.name, period)
         _require_ratio(own_rows, drive, scene, path)
         torque = own_rows["joint_torque_nm"] / own_rows["leverage_ratio"]

@@ -300,13 +300,9 @@ class DriveRig:
         amiss = (joint.status or Status.NONE) & (Status.FAULT | Status.STOPPED)
         if amiss:
             status = amiss | (status or Status.NONE)
-        return Readings(
-            motor.time,
-            motor.angle / self._gear + self._zero,
-            motor.velocity / self._gear,
-            *joint[3:6],
-            status,
-        )
+        angle = motor.angle / self._gear + self._zero
+        speed = motor.velocity / self._gear
+        return Readings(motor.time, angle, speed, *joint[3:6], status)
 
     def write(self, torque: float) -> None:
         """Command a torque of the motor [N m]; see `Rig`.

@@ -170,8 +170,7 @@ def _next(run: ReportedRun, axis: str) -> Html:
 
 def _used(name: str, rows: Mapping[str, Array], limits: Limits) -> Html:
     low, high = limits.joint_range
-    angle = rows["joint_angle_rad"]
-    least, most = angle.min(), angle.max()
+    least, most = np.min(rows["joint_angle_rad"]), np.max(rows["joint_angle_rad"])
 
     def row(title: str, column: str, limit: float, unit: str) -> list[str]:
         largest = float(np.abs(rows[column]).max())

@@ -38,12 +38,9 @@ class TorqueSensor:
         self._share = -math.expm1(-drive.period / time)
         self._settled = max(readings, round(time / drive.period))
         self._readings, self._swing = readings, swing
-        self._joint = 0.0
-        self._count = 0
+        self._count = self._equal = 0
+        self._joint, self._last, self._range = 0.0, math.nan, (0.0, 0.0)
         self._moments = np.zeros(5)
-        self._last = math.nan
-        self._equal = 0
-        self._range = (0.0, 0.0)
         self._predicted(0.0, 0.0)
         self._model.reset()
 

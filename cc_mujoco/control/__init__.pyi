@@ -13,9 +13,9 @@ from ._model_based import DisturbanceObserver as DisturbanceObserver
 from ._model_based import ModelBased as ModelBased
 from ._model_based import StictionCompensation as StictionCompensation
 from ._network import Network as Network
-from ._onnx import write_onnx as write_onnx
 from ._policy import Policy as Policy
 from ._policy import read_policy as read_policy
+from ._policy import write_onnx as write_onnx
 from ._policy import write_policy as write_policy
 from ._position import FITTED as FITTED
 from ._position import DistalFeedback as DistalFeedback

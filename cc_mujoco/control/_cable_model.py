@@ -88,7 +88,7 @@ class CableModel:
         angle = np.ascontiguousarray(motor_angle, dtype=float)
         torque = np.ascontiguousarray(joint_torque, dtype=float)
         self.ready(angle)
-        for row, model in enumerate(self._models):
+        for row, model in enumerate(self.models):
             self.joint[row] = follow(
                 model, angle[row], torque[row], self.joint[row], self.drive.period
             )
@@ -115,7 +115,7 @@ class CableModel:
 
     def motor_torque(self) -> FloatArray:
         """Return the model's torque of the motor on the cables (rows,) [N m]."""
-        return np.array([motor_torque(model) for model in self._models])
+        return np.array([motor_torque(model) for model in self.models])
 
     def _allocate(self, rows: int) -> None:
         cables, size = self.new.shape
@@ -127,7 +127,7 @@ class CableModel:
         self._fresh: NDArray[np.bool_] = np.ones(rows, dtype=np.bool_)
         scratch = np.empty((SCRATCH_ROWS, cables))
         each = zip(self.state, self.arm, self.slip_direction, self.gain, strict=True)
-        self._models = [
+        self.models = [
             Model(self.cables, *own, scratch, self.new, self.work) for own in each
         ]
 

@@ -113,7 +113,7 @@ class Export:
         from cc_mujoco._utils.atomic_io import require_ours
         from cc_mujoco._utils.provenance import POLICY_ENDING
         from cc_mujoco.control import write_onnx
-        from cc_mujoco.control._onnx import is_policy
+        from cc_mujoco.control._policy import is_onnx_policy
 
         if not self.controller.endswith(POLICY_ENDING):
             raise CableError(
@@ -121,7 +121,7 @@ class Export:
                 f"not for controller {self.controller!r}."
             )
         path = self.out / "policy.onnx"
-        require_ours(self.out, lambda _: is_policy(path))
+        require_ours(self.out, lambda _: is_onnx_policy(path))
         self.out.mkdir(parents=True, exist_ok=True)
         write_onnx(self.controller, path)
         print(path)

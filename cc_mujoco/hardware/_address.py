@@ -67,9 +67,10 @@ DRIVE_NODES = {"odrive": range(63), "moteus": range(1, 128), "dynamixel": range(
 """Numbers that a drive may have on its bus, by protocol."""
 
 
-def address_of(table: Table) -> Address:
-    """Return the address in a table that has the key `address`."""
-    address = table.text("address") or ""
+def address_of(table: Table) -> Address | None:
+    """Return the address in a table, or None if it has none but names a class."""
+    if (address := table.text("address")) is None:
+        return None
     protocol, colon, place = address.partition(":")
     if protocol == "can" and colon:
         return _can(table, place)

@@ -134,7 +134,7 @@ class Settings:
 
     def address(self) -> Address | None:
         """Return the address of the rig, None for a rig with a class of its own."""
-        return rig_address(self.rig)
+        return address_of(self.rig)
 
     def connect(self, buses: CanBuses | None = None) -> Rig:
         """Make the rig that `[rig]` names, on open CAN buses that it shares.
@@ -319,8 +319,7 @@ def _check_rig(table: Table) -> None:
     own, address = table.text("class"), table.text("address")
     if (own is None) == (address is None):
         raise CableError(f"{table.where} needs either `address` or `class`.")
-    if address is not None:
-        address_of(table)
+    address_of(table)  # refuses what it cannot be
 
 
 def _check_task(table: Table) -> None:
@@ -361,14 +360,9 @@ def _construct(kind: type[Kind], table: Table, given: dict[str, Any]) -> Kind:
         return kind(**given)
 
 
-def rig_address(table: Table) -> Address | None:
-    """Return the address in a table, or None if it names a class."""
-    return address_of(table) if "address" in table.content else None
-
-
 def connect_rig(table: Table, buses: CanBuses) -> Rig:
     """Make the rig of a table, on open `buses` if it shares one; nothing is sent."""
-    address = rig_address(table)
+    address = address_of(table)
     if address is None:
         return _user_rig(table, table.code("class") or "")
     with naming(table.where):
@@ -405,8 +399,8 @@ def require_distinct(pair: str, one: Table, other: Table) -> None:
 
 def _addresses(rig: Table) -> list[Address]:
     """Return the addresses of a rig, and of its sensors at the joint."""
-    address = rig_address(rig)
-    joint = rig_address(address.joint) if isinstance(address, DriveAddress) else None
+    address = address_of(rig)
+    joint = address_of(address.joint) if isinstance(address, DriveAddress) else None
     return [each for each in (address, joint) if each is not None]
 
 

@@ -11,12 +11,13 @@ import numpy as np
 from cc_mujoco._validation import bounded, require_bounds
 from cc_mujoco.cable import _stepper as stepper
 from cc_mujoco.control._cable_model import CableModel
+from cc_mujoco.control._compensation import Model
 from cc_mujoco.device._drive import Drive
 from cc_mujoco.device._sensors import WINDING_COLUMNS
 from cc_mujoco.errors import CableError
 from cc_mujoco.hardware._limits import Limits
 from cc_mujoco.hardware._packet import Readings, Status
-from cc_mujoco.native import FloatArray, FloatMatrix, compiled
+from cc_mujoco.native import compiled
 
 
 class TorqueSensor:
@@ -55,10 +56,7 @@ class TorqueSensor:
         """Return the torque of the cables at the joint after a step [N m]."""
         model = self._model
         model.ready(np.array([motor]))
-        return _predict_torque(
-            model.cables, model.state[0], motor, joint, model.drive.period, model.new,
-            model.work,
-        )  # fmt: skip
+        return _predict_torque(model.models[0], motor, joint, model.drive.period)
 
     def _is_dead(self, torque: float, predicted: float) -> str | None:
         if torque != self._last:
@@ -100,17 +98,10 @@ class TorqueSensor:
 
 
 @compiled
-def _predict_torque(
-    cables: stepper.Cables,
-    state: FloatMatrix,
-    motor: float,
-    joint: float,
-    dt: float,
-    new: FloatMatrix,
-    work: FloatArray,
-) -> float:
+def _predict_torque(model: Model, motor: float, joint: float, dt: float) -> float:
     """Move cables by both ends; return their torque at the joint [N m]."""
-    stepper.move(cables, state, motor, joint, dt, new, work)
+    cables, state, new = model.cables, model.state, model.new
+    stepper.move(cables, state, motor, joint, dt, new, model.work)
     state[:] = new
     return float(stepper.torque(cables, state, True, motor)[0])
 
@@ -119,8 +110,7 @@ def _predict_torque(
 class Watchdog:
     """Longest times that something may be amiss, in cycles in a row."""
 
-    missed_readings: int = bounded(10, 1, 1e6, "cycles")
-    """Cycles without a new reading."""
+    missed_readings: int = bounded(10, 1, 1e6, "cycles")  # without a new reading
     missed_deadlines: int = bounded(10, 1, 1e6, "cycles")
     """Cycles that were skipped because the host was late."""
     frozen_readings: int = bounded(20, 1, 1e6, "cycles")
